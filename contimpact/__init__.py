@@ -1,0 +1,1 @@
+"""Continuation of periodic orbits in impacting systems, ghosts included."""

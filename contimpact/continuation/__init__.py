@@ -1,0 +1,1 @@
+"""Pseudo-arclength continuation with events. Knows no mechanics."""

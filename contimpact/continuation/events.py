@@ -1,0 +1,255 @@
+"""Test functions: the protocol, the crossing rule, and location with a bracketed fallback."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from .arclength import EPSILON, Settings, correct, inner, length, point_after
+from .branch import Event, Missed, Point
+from .problem import Array, Problem
+
+CLOSEST_BRANCHES = 1e-4
+"""Branches closer to each other than this part of a step are taken to cross."""
+
+ACCEPTED_ERROR = 1e-7
+"""Newton on an extended system counts if its error is below this part of the parameter's scale."""
+
+
+@dataclass(frozen=True)
+class Segment:
+    """Two neighbouring points of a walk, and what is needed to go between them."""
+
+    problem: Problem
+    left: Point
+    right: Point
+    scale: Array
+    settings: Settings
+
+    def at(self, fraction: float) -> Point | None:
+        """Return the point of the branch at a fraction of the way, or None if it is not reached."""
+        chord = self.right.unknowns - self.left.unknowns
+        span = self.right.arclength - self.left.arclength
+        guess = _hermite(self.left, self.right, span, fraction)
+        result = correct(self.problem, guess, chord / self.scale**2, self.scale, self.settings)
+        if result.evaluation is None:
+            return None
+        return self.point(result.evaluation, result.iterations)
+
+    def point(self, evaluation: Any, iterations: int) -> Point | None:
+        """Return an evaluation as a point of this segment, with its tangent and arclength."""
+        span = self.right.arclength - self.left.arclength
+        travelled = self.fraction(evaluation.unknowns) * span
+        return point_after(self.left, evaluation, iterations, self.scale, travelled)
+
+    def fraction(self, unknowns: Array) -> float:
+        """Return how far along the chord a point lies: 0 at the left end, 1 at the right end."""
+        chord = self.right.unknowns - self.left.unknowns
+        return inner(unknowns - self.left.unknowns, chord, self.scale) / inner(
+            chord, chord, self.scale
+        )
+
+    def connected(self) -> bool:
+        """Whether both ends lie on one branch, where their orientations differ.
+
+        Bisection on the orientation closes on a branch point if there is one; if the right end lies
+        on another branch, the two sides stay apart or no point is reached between them.
+        """
+        left, right, a, b = self.left, self.right, 0.0, 1.0
+        chord = length(right.unknowns - left.unknowns, self.scale)
+        while b - a > CLOSEST_BRANCHES:
+            middle = self.at(0.5 * (a + b))
+            if middle is None:
+                return False
+            if (middle.orientation >= 0.0) == (self.left.orientation >= 0.0):
+                left, a = middle, 0.5 * (a + b)
+            else:
+                right, b = middle, 0.5 * (a + b)
+            if length(right.unknowns - left.unknowns, self.scale) > 4.0 * (b - a) * chord:
+                return False
+        return True
+
+    def holds(self, unknowns: Array) -> bool:
+        """Whether a point lies on the branch between both ends, within a step of the chord."""
+        chord = self.right.unknowns - self.left.unknowns
+        fraction = self.fraction(unknowns)
+        off = unknowns - self.left.unknowns - fraction * chord
+        slack = 1e-9
+        near = length(off, self.scale) <= 0.5 * length(chord, self.scale) + slack
+        return near and -slack <= fraction <= 1.0 + slack
+
+
+@dataclass(frozen=True)
+class Located:
+    """A solution of a test function's equations: where, and how well."""
+
+    unknowns: Array
+    residual: float
+    error: float
+    details: Mapping[str, Any] = field(default_factory=dict)
+
+
+class TestFunction(ABC):
+    """A function of points whose zeros are events.
+
+    Implementers give `kind`, `values`, and, where they can, `locate`; `accept` may turn a located
+    zero down, and `details` describe one found by bracketing.
+    """
+
+    __test__ = False  # not a test case
+    kind: str
+
+    @abstractmethod
+    def values(self, point: Point) -> Array:
+        """Return the function's values, shape (q,), the same q along a branch.
+
+        Not-a-number says that a value does not exist here; it never takes part in a crossing.
+        """
+
+    def locate(self, problem: Problem, guess: Point, index: int) -> Located | None:
+        """Solve the exact extended system from a nearby point; None if that fails."""
+        return None
+
+    def accept(self, event: Event) -> bool:
+        """Whether a located zero is an event of this kind."""
+        return True
+
+    def details(self, point: Point, index: int) -> Mapping[str, Any]:
+        """Return what to record of a zero found by bracketing."""
+        return {"index": index}
+
+
+class UserFunction(TestFunction):
+    """A user's own function of the point, located by bracketing.
+
+    Parameters
+    ----------
+    kind : str
+        Name of its events.
+    function : callable ``function(point) -> float``
+    """
+
+    def __init__(self, kind: str, function: Callable[[Point], float]) -> None:
+        self.kind, self.function = kind, function
+
+    def values(self, point: Point) -> Array:
+        return np.atleast_1d(np.asarray(self.function(point), dtype=float))
+
+
+def crossings(left: Array, right: Array) -> list[int]:
+    """Return the indices that change sign between two points.
+
+    Zero counts as positive: a zero exactly on a point is found from one side only, once.
+    """
+    both = ~(np.isnan(left) | np.isnan(right))
+    return np.nonzero(both & ((left >= 0.0) != (right >= 0.0)))[0].tolist()
+
+
+def find_events(
+    tests: list[TestFunction], segment: Segment, left: list[Array], right: list[Array]
+) -> tuple[list[Event], list[Missed]]:
+    """Locate every crossing on a segment, in order along it."""
+    events: list[Event] = []
+    missed: list[Missed] = []
+    for test, a, b in zip(tests, left, right, strict=True):
+        for index in crossings(a, b):
+            event = locate(test, segment, index, float(a[index]), float(b[index]))
+            if isinstance(event, Missed):
+                missed.append(event)
+            elif test.accept(event):
+                events.append(event)
+    return sorted(events, key=lambda e: e.point.arclength), missed
+
+
+def locate(
+    test: TestFunction, segment: Segment, index: int, left: float, right: float
+) -> Event | Missed:
+    """Locate one crossing: Newton on the extended system, from ever closer points.
+
+    The first guess is linear interpolation. If Newton fails or leaves the segment, the bracket is
+    narrowed along the branch and Newton tried again; a bracket narrowed to rounding is itself the
+    answer.
+    """
+    a, b, fa, fb = 0.0, 1.0, left, right
+    guess: Point | None = None
+    for attempt in range(60):
+        fraction = _next_fraction(a, b, fa, fb, attempt)
+        guess = segment.at(fraction)
+        if guess is None:
+            return _missed(test, segment, "no point of the branch was reached inside the bracket")
+        if attempt % 8 == 0:
+            event = _by_newton(test, segment, guess, index)
+            if event is not None:
+                return event
+        value = float(test.values(guess)[index])
+        if np.isnan(value):
+            return _missed(test, segment, "the test function has no value inside the bracket")
+        if (value >= 0.0) == (fa >= 0.0):
+            a, fa = fraction, value
+        else:
+            b, fb = fraction, value
+        if b - a <= 8.0 * EPSILON or value == 0.0:
+            break
+    assert guess is not None
+    shrunk = min(abs(fa), abs(fb)) <= 1e-3 * min(abs(left), abs(right))
+    if not shrunk:
+        return _missed(test, segment, "the test function jumps without passing through zero")
+    return _by_bracket(test, segment, guess, index, b - a)
+
+
+def _next_fraction(a: float, b: float, fa: float, fb: float, attempt: int) -> float:
+    """Secant point kept off the ends of the bracket; a bisection every third time."""
+    if attempt % 3 == 2 or fa == fb:
+        return 0.5 * (a + b)
+    margin = 0.01 * (b - a)
+    return min(max(a + (b - a) * fa / (fa - fb), a + margin), b - margin)
+
+
+def _by_newton(test: TestFunction, segment: Segment, guess: Point, index: int) -> Event | None:
+    located = test.locate(segment.problem, guess, index)
+    if located is None or not segment.holds(located.unknowns):
+        return None
+    if not located.error <= ACCEPTED_ERROR * segment.scale[-1]:
+        return None
+    point = segment.point(segment.problem.evaluate(located.unknowns), guess.iterations)
+    if point is None:
+        return None
+    return Event(
+        test.kind, point, located.residual, located.error, "newton",
+        {"index": index, **located.details},
+    )  # fmt: skip
+
+
+def _by_bracket(
+    test: TestFunction, segment: Segment, point: Point, index: int, width: float
+) -> Event:
+    """The event at a point a bracket of relative width `width` has closed on.
+
+    A point solves F = 0 to its residual; its place along the branch is known to the width, and to
+    the rounding of the point itself.
+    """
+    travelled = abs(segment.right.parameter - segment.left.parameter)
+    residual = float(np.max(np.abs(point.evaluation.residual)))
+    error = (
+        width * travelled
+        + 8.0 * EPSILON * abs(point.parameter)
+        + residual * float(segment.scale[-1])
+    )
+    return Event(test.kind, point, residual, error, "bracket", test.details(point, index))
+
+
+def _missed(test: TestFunction, segment: Segment, reason: str) -> Missed:
+    return Missed(test.kind, (segment.left.parameter, segment.right.parameter), reason)
+
+
+def _hermite(left: Point, right: Point, span: float, fraction: float) -> Array:
+    """The cubic through both ends with their tangents."""
+    s, t = fraction, 1.0 - fraction
+    return (
+        left.unknowns * t * t * (1.0 + 2.0 * s) + right.unknowns * s * s * (1.0 + 2.0 * t)
+        + span * s * t * (t * left.tangent - s * right.tangent)
+    )  # fmt: skip

@@ -1,0 +1,241 @@
+"""The loop: predict, correct, accept or shrink, locate events, until the branch ends."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from . import arclength
+from .arclength import Settings
+from .branch import End, EndKind, Event, Missed, Point, Walk
+from .events import Segment, TestFunction, find_events
+from .problem import Array, Evaluation, Problem
+
+SAME_SOLUTION = 1e-7
+
+
+def walk(
+    problem: Problem, start: Array, direction: int, *, parameter: str,
+    limits: tuple[float, float], tests: Sequence[TestFunction] = (),
+    settings: Settings | None = None, tangent: Array | None = None,
+    callback: Callable[[Point], bool | None] | None = None,
+) -> Walk:  # fmt: skip
+    """Follow a branch from a point in one direction until it ends.
+
+    Parameters
+    ----------
+    problem : Problem
+    start : ndarray of shape (n + 1,)
+        A point near the branch; it is corrected at its own parameter value.
+    direction : {+1, -1}
+        The way the parameter first changes, or, where `tangent` is given, its sign.
+    parameter : str
+        Name of the free parameter, for messages.
+    limits : (low, high)
+        Range of the parameter; the branch ends exactly on a limit it reaches.
+    tests : sequence of TestFunction
+        Events to locate; what is not named is not evaluated.
+    settings : Settings, optional
+    tangent : ndarray of shape (n + 1,), optional
+        Direction to leave in.
+    callback : callable, optional
+        Called with every accepted point; a true value stops the walk.
+
+    Returns
+    -------
+    Walk
+        All points and events found, however it ended.
+    """
+    settings = settings or Settings()
+    return _Walker(problem, parameter, limits, list(tests), settings, callback).run(
+        np.asarray(start, dtype=float), direction, tangent
+    )
+
+
+@dataclass
+class _Step:
+    """What one attempt at a step gave: a point, perhaps the last one, or why it was refused."""
+
+    point: Point | None
+    reason: str = ""
+    ending: EndKind | None = None
+    turned: float = 0.0
+    first_correction: float = 0.0
+
+
+@dataclass
+class _Walker:
+    problem: Problem
+    parameter: str
+    limits: tuple[float, float]
+    tests: list[TestFunction]
+    settings: Settings
+    callback: Callable[[Point], bool | None] | None
+    points: list[Point] = field(default_factory=list)
+    events: list[Event] = field(default_factory=list)
+    missed: list[Missed] = field(default_factory=list)
+    iterations: int = 0
+    rejected: int = 0
+    seconds_in_events: float = 0.0
+    scale: Array = field(default_factory=lambda: np.ones(1))
+    values: list[Array] = field(default_factory=list)
+
+    def run(self, start: Array, direction: int, tangent: Array | None) -> Walk:
+        self.scale = self.problem.scale(start, self.limits[1] - self.limits[0])
+        reason = self.begin(start, direction, tangent)
+        if reason:
+            kind = EndKind.SINGULAR if self.points else EndKind.CORRECTOR
+            return self.finished(self.end(kind, start[-1], why=reason))
+        step = self.settings.step
+        while len(self.points) < self.settings.max_points:
+            here = self.points[-1]
+            attempt, step = self.advance(here, step)
+            if attempt.point is None:
+                return self.finished(self.refusal(attempt.reason))
+            self.accept(here, attempt.point)
+            stop = self.callback is not None and self.callback(attempt.point)
+            if ending := attempt.ending or (EndKind.STOPPED if stop else None):
+                return self.finished(self.end(ending))
+            turned, correction = attempt.turned, attempt.first_correction
+            step = arclength.next_step(step, turned, correction, self.settings)
+        return self.finished(self.end(EndKind.POINTS, limit=self.settings.max_points))
+
+    def accept(self, here: Point, new: Point) -> None:
+        """Put a point down, and the events between it and the one before."""
+        before = time.perf_counter()
+        values = [test.values(new) for test in self.tests]
+        found, missed = find_events(self.tests, self.segment(here, new), self.values, values)
+        self.events += found
+        self.missed += missed
+        self.values = values
+        if new.arclength > here.arclength:
+            self.points.append(new)
+        self.seconds_in_events += time.perf_counter() - before
+
+    def begin(self, start: Array, direction: int, tangent: Array | None) -> str:
+        """Put the first point down; returns why it could not be, or nothing."""
+        fixed = np.zeros(len(start))
+        fixed[-1] = 1.0
+        row = fixed if tangent is None else tangent / self.scale**2
+        result = arclength.correct(self.problem, start, row, self.scale, self.settings)
+        self.iterations += result.iterations
+        if result.evaluation is None:
+            return result.reason
+        if tangent is None:
+            tangent = arclength.first_tangent(result.evaluation.jacobian, self.scale)
+            if tangent is None:
+                self.points.append(Point(result.evaluation, fixed, 0.0, 0.0, result.iterations))
+                return "two directions leave the first point"
+            direction = direction if tangent[-1] >= 0.0 else -direction
+        else:
+            tangent = tangent / arclength.length(tangent, self.scale)
+        towards = Point(result.evaluation, direction * tangent, 0.0, 0.0, result.iterations)
+        first = self.after(towards, result.evaluation, result.iterations)
+        if first is None:
+            return "the tangent is not defined"
+        self.points.append(first)
+        self.values = [test.values(first) for test in self.tests]
+        return ""
+
+    def advance(self, here: Point, step: float) -> tuple[_Step, float]:
+        """Try steps of decreasing length until one is accepted or the floor is reached."""
+        while True:
+            attempt = self.attempt(here, step)
+            if attempt.point is not None:
+                return attempt, step
+            self.rejected += 1
+            if step <= self.settings.min_step:
+                return attempt, step
+            step = max(0.5 * step, self.settings.min_step)
+
+    def attempt(self, here: Point, step: float) -> _Step:
+        """Predict along the tangent, correct, and accept if the branch was not left."""
+        guess = here.unknowns + step * here.tangent
+        row = here.tangent / self.scale**2
+        result = arclength.correct(self.problem, guess, row, self.scale, self.settings)
+        self.iterations += result.iterations
+        if result.evaluation is None:
+            return _Step(None, result.reason)
+        new = self.after(here, result.evaluation, result.iterations)
+        if new is None:
+            return _Step(None, "the tangent is not defined")
+        turned = arclength.angle(here.tangent, new.tangent, self.scale)
+        if turned > self.settings.max_angle:
+            return _Step(None, f"the branch turns by {turned:.3g} rad")
+        flipped = (new.orientation >= 0.0) != (here.orientation >= 0.0)
+        if flipped and not self.segment(here, new).connected():
+            return _Step(None, "the branch turns away from the step")
+        ending = None
+        if not self.limits[0] <= new.parameter <= self.limits[1]:
+            new, ending = self.on_limit(here, new), EndKind.RANGE
+        elif closing := self.closing(here, new):
+            new, ending = closing, EndKind.CLOSED
+        reason = "" if new else "no solution was found on the limit of the range"
+        return _Step(new, reason, ending, turned, result.first_step)
+
+    def on_limit(self, here: Point, beyond: Point) -> Point | None:
+        """The point of the branch on the limit that was passed."""
+        low, high = self.limits
+        limit = low if beyond.parameter < low else high
+        fraction = (limit - here.parameter) / (beyond.parameter - here.parameter)
+        guess = here.unknowns + fraction * (beyond.unknowns - here.unknowns)
+        guess[-1] = limit
+        fixed = np.zeros(len(guess))
+        fixed[-1] = 1.0
+        result = arclength.correct(self.problem, guess, fixed, self.scale, self.settings)
+        self.iterations += result.iterations
+        if result.evaluation is None:
+            return None
+        return self.after(here, result.evaluation, result.iterations)
+
+    def closing(self, here: Point, new: Point) -> Point | None:
+        """The start again, if this step passed it in the direction it was left in."""
+        first = self.points[0]
+        if len(self.points) < 4:
+            return None
+        scale = self.scale
+        before = self.problem.difference(here.unknowns, first.unknowns)
+        after = self.problem.difference(new.unknowns, first.unknowns)
+        stepped = arclength.length(new.unknowns - here.unknowns, scale)
+        passes = (
+            arclength.inner(before, first.tangent, scale) < 0.0
+            <= arclength.inner(after, first.tangent, scale)
+        )  # fmt: skip
+        if not passes or arclength.length(after, scale) > 1.5 * stepped:
+            return None
+        guess = here.unknowns - before  # the start, in the clock of this end
+        row = first.tangent / scale**2
+        result = arclength.correct(self.problem, guess, row, scale, self.settings)
+        if result.evaluation is None:
+            return None
+        apart = self.problem.difference(result.evaluation.unknowns, first.unknowns)
+        if arclength.length(apart, scale) > SAME_SOLUTION:
+            return None
+        return self.after(here, result.evaluation, result.iterations)
+
+    def after(self, here: Point, evaluation: Evaluation, iterations: int) -> Point | None:
+        return arclength.point_after(here, evaluation, iterations, self.scale)
+
+    def segment(self, left: Point, right: Point) -> Segment:
+        return Segment(self.problem, left, right, self.scale, self.settings)
+
+    def refusal(self, reason: str) -> End:
+        """The end of a branch on which no further step was accepted."""
+        if reason.startswith(("the branch turns", "Newton", "no convergence")):
+            return self.end(EndKind.STEP, floor=self.settings.min_step)
+        if "singular" in reason or "tangent" in reason:
+            return self.end(EndKind.SINGULAR, why=reason)
+        return self.end(EndKind.CORRECTOR, why=reason)
+
+    def end(self, kind: EndKind, value: float | None = None, **details: object) -> End:
+        value = self.points[-1].parameter if value is None else float(value)
+        return End.of(kind, self.parameter, value, **details)
+
+    def finished(self, end: End) -> Walk:
+        return Walk(
+            self.points, self.events, end, self.missed, self.iterations, self.rejected,
+            self.seconds_in_events,
+        )  # fmt: skip

@@ -1,0 +1,1 @@
+"""Impacting systems and their periodic orbits. Knows no continuation."""

@@ -1,0 +1,228 @@
+"""SymPy formulas of a model -> the Python source of one kernel.
+
+Importing this module imports SymPy; `contimpact.mechanics.kernels` does so only when a kernel is
+not in its cache. A kernel is straight-line arithmetic on floats, so it runs as it stands, on NumPy
+arrays, and under a compiler for the plain subset of Python.
+"""
+
+from __future__ import annotations
+
+import textwrap
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import sympy
+from sympy.printing.pycode import PythonCodePrinter
+
+from .model import Formulas, Model
+
+
+class _Printer(PythonCodePrinter):
+    """Prints bare names: kernels find ``sin`` and ``stumpff3`` in their own namespace."""
+
+    def __init__(self) -> None:
+        super().__init__({"fully_qualified_modules": False})
+
+    def _print_Stumpff(self, expr: Any) -> str:
+        order, argument = expr.args
+        return f"stumpff{order}({self._print(argument)})"
+
+    def _print_Float(self, expr: Any) -> str:
+        return repr(float(expr))
+
+    def _print_Rational(self, expr: Any) -> str:
+        return f"{expr.p}/{expr.q}" if expr.q != 1 else f"{expr.p}"
+
+
+class KernelWriter:
+    """Writes the kernels of one model, differentiated in one parameter.
+
+    Parameters
+    ----------
+    model : Model
+    parameter : str
+        Name of the free parameter lambda.
+    """
+
+    def __init__(self, model: Model, parameter: str) -> None:
+        self.model, self.parameter = model, parameter
+        self.symbols = {name: sympy.Symbol(name, real=True) for name in model.values}
+        self.free = self.symbols[parameter]
+        self.formulas: Formulas = model.formulas(self.symbols)
+        size = model.DEGREES_OF_FREEDOM
+        self.t0, self.t1, self.turn, self.dt, self.phase = sympy.symbols(
+            "t0 t1 turn dt phase", real=True
+        )
+        section = ["v"] if size == 1 else [n for i in range(size) for n in (f"x{i}_", f"v{i}_")][1:]
+        self.start = sympy.symbols([f"{n}0" for n in section], real=True)
+        self.end = sympy.symbols([f"{n}1" for n in section], real=True)
+
+    def write(self, name: str) -> str:
+        """Return the source of the kernel `name`: ``setup``, ``harmonics``, ``flight_<a>_<b>``,
+        ``second_<a>_<b>`` or ``motion_<a>``."""
+        kind, *walls = name.split("_")
+        writers: dict[str, Callable[..., str]] = {
+            "setup": self.setup,
+            "harmonics": self.harmonics,
+            "flight": self.flight,
+            "second": self.second,
+            "motion": self.motion,
+        }
+        return writers[kind](name, *walls)
+
+    # The state at an impact, and the flight that leaves it.
+
+    def before(self, wall: str, section: Sequence[Any]) -> tuple[list[Any], list[Any]]:
+        """Positions and velocities before an impact, from its section coordinates."""
+        position = [self.formulas.walls[wall], *section[1::2]]
+        velocity = [section[0], *section[2::2]]
+        return position, velocity
+
+    def leave(self, wall: str) -> tuple[list[Any], list[Any], list[Any]]:
+        """Start positions, mean velocities and end velocities of the flight leaving `wall`."""
+        position, velocity = self.before(wall, self.start)
+        after = list(self.formulas.reset(wall, position, velocity))
+        mean, end = self.formulas.flight(self.phase, position, after, self.dt)
+        return position, list(mean), list(end)
+
+    def residual(self, a: str, b: str) -> list[Any]:
+        """Arrival minus embedding, gap coordinate first.
+
+        Between two impacts on one wall the gap equation is divided by the flight's duration: the
+        flight of zero duration would solve it whatever the state.
+        """
+        position, mean, velocity = self.leave(a)
+        target_position, target_velocity = self.before(b, self.end)
+        rows: list[Any] = []
+        for i, (x, u, v, xb, vb) in enumerate(
+            zip(position, mean, velocity, target_position, target_velocity, strict=True)
+        ):
+            same_wall = i == 0 and a == b
+            rows += [u if same_wall else x + self.dt * u - xb, v - vb]
+        return rows
+
+    # Derivatives: phase = t0 - turn*T(lambda) and dt = t1 - t0, with `turn` a whole number.
+
+    def by_start_time(self, e: Any) -> Any:
+        return sympy.diff(e, self.phase) - sympy.diff(e, self.dt)
+
+    def by_end_time(self, e: Any) -> Any:
+        return sympy.diff(e, self.dt)
+
+    def by_parameter(self, e: Any) -> Any:
+        drift = self.turn * sympy.diff(self.formulas.period, self.free)
+        return sympy.diff(e, self.free) - drift * sympy.diff(e, self.phase)
+
+    def derivatives(self, e: Any) -> list[Any]:
+        """By (t0, y0, t1, y1, lambda)."""
+        return [
+            self.by_start_time(e), *(sympy.diff(e, y) for y in self.start),
+            self.by_end_time(e), *(sympy.diff(e, y) for y in self.end),
+            self.by_parameter(e),
+        ]  # fmt: skip
+
+    # The kernels.
+
+    def flight(self, name: str, a: str, b: str) -> str:
+        rows = self.residual(a, b)
+        gradients = [self.derivatives(e) for e in rows]
+        m = len(rows)
+        outputs = [
+            *rows,
+            *(g for gradient in gradients for g in gradient[:m]),
+            *(g for gradient in gradients for g in gradient[m : 2 * m]),
+            *(gradient[2 * m] for gradient in gradients),
+        ]
+        about = f"""Flight from wall {a} to wall {b}: residual and first derivatives.
+
+        Returns {m} residuals (arrival minus embedding), their {m}x{m} derivatives by the start
+        (t0, {self._names(self.start)}), by the end (t1, {self._names(self.end)}), row by row, and
+        by {self.parameter}."""
+        return self._function(name, self._ends(), about, outputs, reduce=True)
+
+    def second(self, name: str, a: str, b: str) -> str:
+        rows = self.residual(a, b)
+        m = len(rows)
+        along = sympy.symbols(f"q0:{2 * m + 1}", real=True)
+        slopes = [
+            sum((q * g for q, g in zip(along, self.derivatives(e), strict=True)), sympy.Integer(0))
+            for e in rows
+        ]
+        outputs = [g for slope in slopes for g in self.derivatives(slope)]
+        about = f"""Flight from wall {a} to wall {b}: second derivatives along a direction.
+
+        The direction q is (t0, {self._names(self.start)}, t1, {self._names(self.end)},
+        {self.parameter}). Returns, for each of the {m} residuals, the gradient of its derivative
+        along q by the same {2 * m + 1} variables."""
+        return self._function(name, [*self._ends(), *along], about, outputs, reduce=True)
+
+    def motion(self, name: str, a: str) -> str:
+        position, mean, velocity = self.leave(a)
+        now = [x + self.dt * u for x, u in zip(position, mean, strict=True)]
+        acceleration = self.formulas.acceleration(self.phase + self.dt, now, velocity)
+        outputs = [self.dt * mean[0], velocity[0], acceleration[0]]
+        about = f"""Flight after wall {a}: the gap coordinate at the time dt after leaving.
+
+        Returns its displacement from the wall, its velocity and its acceleration."""
+        return self._function(name, [self.t0, *self.start, self.dt], about, outputs, reduce=True)
+
+    def setup(self, name: str) -> str:
+        period = self.formulas.period
+        outputs = [
+            period,
+            sympy.diff(period, self.free),
+            sympy.diff(period, self.free, 2),
+            *(self.formulas.walls[w.name] for w in self.model.WALLS),
+            *(self.formulas.derived[n] for n in self.model.DERIVED),
+            *(sympy.diff(self.formulas.derived[n], self.free) for n in self.model.DERIVED),
+        ]
+        about = f"""What depends on the parameters alone.
+
+        Returns the forcing period and its first two derivatives by {self.parameter}, the
+        positions of the walls {", ".join(w.name for w in self.model.WALLS)}, and the derived
+        parameters ({", ".join(self.model.DERIVED) or "none"}) followed by their derivatives by
+        {self.parameter}."""
+        return self._function(name, [], about, outputs)
+
+    def harmonics(self, name: str) -> str:
+        given = self.formulas.harmonics
+        constant, series = given if given is not None else (sympy.nan, [])
+        outputs = [constant, *(sympy.sympify(n) for term in series for n in term)]
+        about = """Acceleration in flight where it depends on time alone.
+
+        Returns its mean and then k, a_k, b_k for each harmonic a_k cos + b_k sin of 2 pi k t/T;
+        a mean that is not a number says that the acceleration depends on the state."""
+        return self._function(name, [], about, outputs)
+
+    # Printing.
+
+    def _ends(self) -> list[Any]:
+        return [self.t0, *self.start, self.t1, *self.end]
+
+    def _names(self, symbols: Sequence[Any]) -> str:
+        return ", ".join(str(s) for s in symbols)
+
+    def _function(
+        self, name: str, arguments: Sequence[Any], about: str, outputs: Sequence[Any],
+        reduce: bool = False,
+    ) -> str:  # fmt: skip
+        printer = _Printer()
+        signature = self._names([*arguments, *self.symbols.values()])
+        lines = []
+        if reduce:
+            lines.append(f"turn = floor(t0/({printer.doprint(self.formulas.period)}))")
+            lines.append(f"phase = t0 - turn*({printer.doprint(self.formulas.period)})")
+            if self.t1 in arguments:
+                lines.append("dt = t1 - t0")
+        shared, reduced = sympy.cse(
+            [sympy.sympify(e) for e in outputs],
+            symbols=sympy.numbered_symbols("w"), optimizations="basic", order="none",
+        )  # fmt: skip
+        lines += [f"{s} = {printer.doprint(e)}" for s, e in shared]
+        results = ",\n    ".join(printer.doprint(e) for e in reduced)
+        doc = textwrap.indent(textwrap.dedent("        " + about), "    ").strip()
+        body = "\n".join(f"    {line}" for line in lines)
+        return (
+            f'def {name}({signature}):\n    """{doc}\n    """\n{body}\n'
+            f"    return (\n    {results},\n    )\n"
+        )

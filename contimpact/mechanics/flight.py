@@ -1,0 +1,319 @@
+"""The gaps along a flight: where it comes nearest to a wall, and whether the orbit is physical.
+
+Extrema are isolated, not sampled. Between two zeros of the acceleration the velocity is monotone
+and has at most one zero, which a bracketed Newton iteration finds to rounding; that zero is an
+extremum of every gap. The zeros of the acceleration follow from its harmonics where it depends on
+time alone, and otherwise from a Chebyshev interpolant resolved to rounding.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from .kernels import Kernels
+from .model import Wall
+
+Array = np.ndarray[Any, Any]
+
+_DEGREES = (16, 32, 64, 128, 256, 512)
+
+
+@dataclass(frozen=True)
+class Touch:
+    """A local minimum of the gap to a wall inside a flight."""
+
+    flight: int
+    wall: str
+    time: float
+    gap: float
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """Whether an orbit is physical; if not, the first reason found. `smallest_gap` is not a
+    number where no flight comes nearer to a wall than at its ends."""
+
+    physical: bool
+    reason: str | None
+    smallest_gap: float
+
+
+@dataclass(frozen=True)
+class Extremum:
+    """A turning point of the gap coordinate: after the time `dt`, displaced from the wall left."""
+
+    dt: float
+    displacement: float
+    maximum: bool
+
+
+def time_zeros(harmonics: Sequence[float], period: float) -> list[float] | None:
+    """Return where in [0, period) the acceleration changes sign, or None if it depends on more.
+
+    Parameters
+    ----------
+    harmonics : sequence of float
+        What the kernel ``harmonics`` returns: mean, then k, a_k, b_k for each harmonic.
+    period : float
+    """
+    mean, terms = harmonics[0], harmonics[1:]
+    if math.isnan(mean):
+        return None
+    series = [(int(terms[i]), terms[i + 1], terms[i + 2]) for i in range(0, len(terms), 3)]
+    if not series:
+        return []
+    if len(series) == 1 and series[0][0] == 1:
+        _, a, b = series[0]
+        size = math.hypot(a, b)
+        if not abs(mean) < size:
+            return []
+        middle, half = math.atan2(b, a), math.acos(-mean / size)
+        angles = [middle - half, middle + half]
+    else:
+        angles = _trigonometric_zeros(mean, series)
+    return sorted((angle % (2.0 * math.pi)) * period / (2.0 * math.pi) for angle in angles)
+
+
+def _trigonometric_zeros(mean: float, series: Sequence[tuple[int, float, float]]) -> list[float]:
+    """Angles of the roots on the unit circle of sum_k c_k z^k, polished by Newton."""
+    highest = max(k for k, _, _ in series)
+    coefficients = np.zeros(2 * highest + 1, dtype=complex)
+    coefficients[highest] = mean
+    for k, a, b in series:
+        coefficients[highest + k] += 0.5 * (a - 1j * b)
+        coefficients[highest - k] += 0.5 * (a + 1j * b)
+    roots = np.roots(coefficients[::-1])
+    angles = np.angle(roots[np.abs(np.abs(roots) - 1.0) < 1e-4]).tolist()
+    polished = []
+    for angle in angles:
+        for _ in range(3):
+            value = mean + sum(
+                a * math.cos(k * angle) + b * math.sin(k * angle) for k, a, b in series
+            )
+            slope = sum(
+                k * (b * math.cos(k * angle) - a * math.sin(k * angle)) for k, a, b in series
+            )
+            step = value / slope if slope else 0.0
+            angle -= step if abs(step) < 1e-3 else 0.0
+        polished.append(angle)
+    return polished
+
+
+def chebyshev_zeros(function: Callable[[Array], Array], length: float) -> list[float]:
+    """Return the zeros in (0, length) of a smooth function, from its Chebyshev interpolant.
+
+    The degree is doubled until the last coefficients are rounding; a function that is not
+    resolved by the highest degree is cut in halves.
+    """
+    from numpy.polynomial import chebyshev
+
+    for degree in _DEGREES:
+        nodes = np.cos(np.pi * (np.arange(degree + 1) + 0.5) / (degree + 1))
+        values = np.broadcast_to(function(0.5 * length * (nodes + 1.0)), nodes.shape)
+        coefficients = _chebyshev_coefficients(values)
+        size = float(np.max(np.abs(coefficients)))
+        if size == 0.0:
+            return []
+        if np.max(np.abs(coefficients[-3:])) < 1e-14 * size:
+            kept = np.nonzero(np.abs(coefficients) > 1e-15 * size)[0][-1] + 1
+            roots = chebyshev.chebroots(coefficients[:kept]) if kept > 1 else np.array([])
+            near = (np.abs(roots.imag) < 1e-6) & (np.abs(roots.real) <= 1.0)
+            return sorted((0.5 * length * (roots.real[near] + 1.0)).tolist())
+    half = 0.5 * length
+    return chebyshev_zeros(function, half) + [
+        half + root for root in chebyshev_zeros(lambda t: function(half + t), half)
+    ]
+
+
+def _chebyshev_coefficients(values: Array) -> Array:
+    """Chebyshev coefficients of the interpolant through values at the Chebyshev roots."""
+    n = len(values)
+    angles = np.pi * (np.arange(n) + 0.5) / n
+    coefficients = 2.0 / n * np.cos(np.outer(np.arange(n), angles)) @ values
+    coefficients[0] *= 0.5
+    return coefficients
+
+
+def extrema(
+    motion: Callable[[float], tuple[float, float, float]], length: float,
+    speed_at_end: float, breaks: Sequence[float],
+) -> list[Extremum]:  # fmt: skip
+    """Return the turning points of a flight, in order.
+
+    Parameters
+    ----------
+    motion : callable ``motion(dt) -> (displacement, velocity, acceleration)``
+    length : float
+        Duration of the flight.
+    speed_at_end : float
+        Velocity before the impact that ends it.
+    breaks : sequence of float
+        Zeros of the acceleration in (0, length), in order.
+    """
+    found = []
+    _, speed, acceleration = motion(0.0)
+    rising = speed > 0.0 or (speed == 0.0 and acceleration > 0.0)
+    left = 0.0
+    for right in (*breaks, length):
+        next_speed = speed_at_end if right == length else motion(right)[1]
+        next_rising = next_speed > 0.0 or (next_speed == 0.0 and rising)
+        if next_rising != rising:
+            dt = _velocity_zero(motion, left, speed, right, next_speed)
+            found.append(Extremum(dt, motion(dt)[0], maximum=rising))
+        left, speed, rising = right, next_speed, next_rising
+    return found
+
+
+def _velocity_zero(motion, left, speed_left, right, speed_right):
+    """Newton's iteration kept inside a bracket on which the velocity is monotone."""
+    t = left + (right - left) * speed_left / (speed_left - speed_right)
+    for _ in range(80):
+        _, speed, acceleration = motion(t)
+        if speed == 0.0:
+            return t
+        if (speed > 0.0) == (speed_left > 0.0) and speed_left != 0.0:
+            left = t
+        else:
+            right = t
+        step = speed / acceleration if acceleration != 0.0 else math.inf
+        new = t - step
+        if not left < new < right:
+            new = 0.5 * (left + right)
+        if abs(new - t) <= 2e-16 * max(abs(t), abs(right)):
+            return new
+        t = new
+    return t
+
+
+@dataclass(frozen=True)
+class FlightGaps:
+    """The nearest touches of one flight, by wall, and whether the flight runs forward in time."""
+
+    duration: float
+    touches: tuple[Touch | None, ...]
+
+
+def flight_gaps(
+    kernels: Kernels, walls: str, values: Sequence[float], impacts: Array, span: float
+) -> list[FlightGaps]:
+    """Return the nearest interior touch of each wall on each flight of an orbit.
+
+    A flight that leaves its wall outwards, or reaches the next from outside, does so because an
+    impact runs the wrong way; that excursion belongs to the impact and is not a touch.
+
+    Parameters
+    ----------
+    kernels : Kernels
+    walls : str
+        The word.
+    values : sequence of float
+        Parameter values, in the model's order.
+    impacts : ndarray of shape (N, m)
+        Times and section coordinates.
+    span : float
+        Period of the orbit.
+    """
+    setup = kernels.setup(*values)
+    period, named = setup[0], kernels.model.WALLS
+    positions = dict(zip((w.name for w in named), setup[3:], strict=False))
+    sides = {w.name: w for w in named}
+    zeros = time_zeros(kernels.harmonics(*values), period)
+    rows = impacts.tolist()
+    rows.append([rows[0][0] + span, *rows[0][1:]])
+    result = []
+    for k, wall in enumerate(walls):
+        following = walls[(k + 1) % len(walls)]
+        leave, arrive = rows[k], rows[k + 1]
+        length = arrive[0] - leave[0]
+        if not length > 0.0:
+            result.append(FlightGaps(length, (None,) * len(named)))
+            continue
+        kernel = kernels.motion(wall)
+
+        def motion(dt, kernel=kernel, leave=leave):
+            return kernel(*leave, dt, *values)
+
+        breaks = _breaks(kernels, kernel, zeros, period, leave, length, values)
+        turns = extrema(motion, length, arrive[1], breaks)
+        turns = _without_wrong_way(turns, motion(0.0)[1], sides[wall], arrive[1], sides[following])
+        touches = tuple(
+            _nearest(k, leave[0], w, positions[w.name] - positions[wall], turns) for w in named
+        )
+        result.append(FlightGaps(length, touches))
+    return result
+
+
+def _breaks(kernels, kernel, zeros, period, leave, length, values):
+    """Zeros of the acceleration inside a flight, as times after leaving."""
+    if zeros is None:
+        vectorised = kernels.vectorised(kernel)
+        return chebyshev_zeros(lambda dt: vectorised(*leave, dt, *values)[2], length)
+    phase = leave[0] - math.floor(leave[0] / period) * period
+    turns = range(int(length // period) + 2)
+    times = (zero + turn * period - phase for turn in turns for zero in zeros)
+    return [t for t in times if 0.0 < t < length]
+
+
+def _without_wrong_way(turns, speed_out: float, left: Wall, speed_in: float, reached: Wall):
+    """Leave out the excursions beyond a wall that belong to an impact running the wrong way."""
+    if turns and speed_out * left.side > 0.0 and turns[0].maximum == (left.side > 0):
+        turns = turns[1:]
+    if turns and speed_in * reached.side < 0.0 and turns[-1].maximum == (reached.side > 0):
+        turns = turns[:-1]
+    return turns
+
+
+def _nearest(flight: int, start: float, wall: Wall, distance: float, turns) -> Touch | None:
+    """The smallest gap to a wall among the turning points towards it."""
+    best = None
+    for turn in turns:
+        if turn.maximum == (wall.side > 0):
+            gap = wall.side * (distance - turn.displacement)
+            if best is None or gap < best.gap:
+                best = Touch(flight, wall.name, start + turn.dt, gap)
+    return best
+
+
+def judge(
+    word: str, named: Sequence[Wall], impacts: Array, gaps: Sequence[FlightGaps],
+    forgive_touch: tuple[int, str] | None = None, forgive_impact: int | None = None,
+) -> Verdict:  # fmt: skip
+    """Decide whether an orbit is physical.
+
+    Parameters
+    ----------
+    word : str
+    named : sequence of Wall
+    impacts : ndarray of shape (N, m)
+    gaps : sequence of FlightGaps
+    forgive_touch : (flight, wall), optional
+        A touch that is not held against the orbit: the grazing event itself.
+    forgive_impact : int, optional
+        An impact whose direction is not held against it: the zero velocity itself.
+    """
+    n = len(word)
+    smallest = math.nan
+    reason = None
+    sides = {w.name: w.side for w in named}
+    for k, flight in enumerate(gaps):
+        places = f"flight {k} ({word[k]} to {word[(k + 1) % n]})"
+        if flight.duration < 0.0:
+            reason = reason or f"impacts out of order: {places} lasts {flight.duration:.6g}"
+        for touch in flight.touches:
+            if touch is None or (k, touch.wall) == forgive_touch:
+                continue
+            smallest = touch.gap if math.isnan(smallest) else min(smallest, touch.gap)
+            if touch.gap < 0.0 and reason is None:
+                reason = (
+                    f"{places} passes wall {touch.wall} by {-touch.gap:.6g} at t = {touch.time:.6g}"
+                )
+    for k, (wall, speed) in enumerate(zip(word, impacts[:, 1].tolist(), strict=True)):
+        if speed * sides[wall] < 0.0 and k != forgive_impact:
+            reason = f"impact {k} on wall {wall} runs the wrong way: velocity {speed:.6g}"
+            break
+    return Verdict(reason is None, reason, smallest)

@@ -1,0 +1,226 @@
+"""What an impacting system must say of itself: parameters, walls, reset and a closed-form flight.
+
+A system is a subclass of `Model` in a file of its own under `contimpact/systems`. Its numbers are
+plain Python; its formulas are SymPy and are asked for only when a kernel has to be generated.
+"""
+
+from __future__ import annotations
+
+import copy
+import hashlib
+import inspect
+import math
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, ClassVar, Self
+
+from ..errors import InputError
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """A physical parameter: its default, unit and the values it may take.
+
+    `default` is None where the user must give a value. `split` names finer parameters that may be
+    given instead of this one (``r`` or ``r_B`` and ``r_T``).
+    """
+
+    name: str
+    unit: str
+    meaning: str
+    default: float | None = None
+    lower: float = -math.inf
+    upper: float = math.inf
+    above_lower: bool = False
+    split: tuple[str, ...] = ()
+
+    @property
+    def accepted(self) -> str:
+        """The values it may take, in words."""
+        if math.isinf(self.lower) and math.isinf(self.upper):
+            return "a finite number"
+        if math.isinf(self.upper):
+            return f"a number {'>' if self.above_lower else '>='} {self.lower:.6g}"
+        return f"a number from {self.lower:.6g} to {self.upper:.6g}"
+
+    def check(self, value: Any, where: str) -> float:
+        """Return the value as a float, or raise `InputError` naming `where`."""
+        if isinstance(value, bool) or not isinstance(value, int | float):
+            raise InputError(where, f"found {value!r}", f"give {self.accepted}")
+        value = float(value)
+        inside = self.lower <= value <= self.upper and not (
+            self.above_lower and value == self.lower
+        )
+        if not (math.isfinite(value) and inside):
+            unit = f" ({self.unit})" if self.unit else ""
+            raise InputError(
+                where, f"{self.meaning} is {value!r}", f"it must be {self.accepted}{unit}"
+            )
+        return value
+
+
+@dataclass(frozen=True)
+class Wall:
+    """A wall, at a fixed value of the gap coordinate x_0.
+
+    `side` is +1 where the body stays below the wall (x_0 <= position), -1 where it stays above.
+    """
+
+    name: str
+    side: int
+
+
+@dataclass(frozen=True)
+class Formulas:
+    """A system's mathematics in SymPy.
+
+    Positions and velocities are sequences with one entry per degree of freedom; entry 0 is the gap
+    coordinate, which the walls limit.
+
+    Attributes
+    ----------
+    period : sympy.Expr
+        Forcing period T, in the parameters.
+    walls : mapping of str to sympy.Expr
+        Position of each wall.
+    derived : mapping of str to sympy.Expr
+        Derived parameters, for reports.
+    reset : callable ``(wall, x, v) -> v_plus``
+        Velocities after an impact at `wall`; positions do not change.
+    flight : callable ``(t0, x0, v0, dt) -> (u, v1)``
+        Free flight from the state (x0, v0) at time t0: mean velocities u = (x1 - x0)/dt and
+        velocities v1 after the time dt, in forms that do not cancel as dt goes to zero.
+    acceleration : callable ``(t, x, v) -> a``
+        The equations of motion in free flight.
+    harmonics : tuple of (constant, [(k, a_k, b_k), ...]), optional
+        Where the acceleration of the gap coordinate in flight depends on time alone:
+        constant + sum of a_k cos(2 pi k t/T) + b_k sin(2 pi k t/T).
+    """
+
+    period: Any
+    walls: Mapping[str, Any]
+    reset: Callable[[str, Sequence[Any], Sequence[Any]], Sequence[Any]]
+    flight: Callable[[Any, Sequence[Any], Sequence[Any], Any], tuple[Sequence[Any], Sequence[Any]]]
+    acceleration: Callable[[Any, Sequence[Any], Sequence[Any]], Sequence[Any]]
+    derived: Mapping[str, Any] = field(default_factory=dict)
+    harmonics: tuple[Any, Sequence[tuple[int, Any, Any]]] | None = None
+
+
+class Model(ABC):
+    """An impacting system at given parameter values.
+
+    Subclasses set the class attributes and write `formulas`. Instances are not changed after
+    construction; `replace` gives a neighbour.
+
+    Parameters
+    ----------
+    **given
+        Values of `PARAMETERS` (floats) and of `OPTIONS` (text that shapes the formulas).
+
+    Raises
+    ------
+    InputError
+        For an unknown, missing, contradictory or inadmissible value.
+    """
+
+    SYSTEM: ClassVar[str]
+    PARAMETERS: ClassVar[tuple[Parameter, ...]]
+    WALLS: ClassVar[tuple[Wall, ...]]
+    DERIVED: ClassVar[tuple[str, ...]] = ()
+    OPTIONS: ClassVar[Mapping[str, str]] = {}
+    DEGREES_OF_FREEDOM: ClassVar[int] = 1
+
+    def __init__(self, **given: Any) -> None:
+        self.options = {name: str(given.pop(name, text)) for name, text in self.OPTIONS.items()}
+        self._declared = {p.name: p for p in _resolved(self.PARAMETERS, given)}
+        self.values = {
+            name: p.check(given.pop(name, p.default), name) for name, p in self._declared.items()
+        }
+
+    @abstractmethod
+    def formulas(self, symbols: Mapping[str, Any]) -> Formulas:
+        """Return the system's mathematics in the given parameter symbols."""
+
+    @property
+    def unknowns_per_impact(self) -> int:
+        """Unknowns of one impact: its time and its section coordinates before impact."""
+        return 2 * self.DEGREES_OF_FREEDOM
+
+    @property
+    def declared(self) -> Mapping[str, Parameter]:
+        """The parameters this instance has, by name."""
+        return self._declared
+
+    def replace(self, **changes: float) -> Self:
+        """Return the same system with some parameter values changed.
+
+        Raises
+        ------
+        InputError
+            For a name the system does not have or a value it does not admit.
+        """
+        for name in changes:
+            self.require(name, name)
+        neighbour = copy.copy(self)
+        neighbour.values = self.values | {
+            name: self._declared[name].check(value, name) for name, value in changes.items()
+        }
+        return neighbour
+
+    def require(self, name: str, where: str) -> Parameter:
+        """Return the declaration of a parameter, or raise `InputError`."""
+        if name not in self._declared:
+            raise InputError(
+                where, f"{self.SYSTEM} has no parameter {name!r}",
+                f"it has {', '.join(self._declared)}",
+            )  # fmt: skip
+        return self._declared[name]
+
+    @property
+    def identity(self) -> str:
+        """What the formulas depend on: the class, its file's text, the parameters and options."""
+        kind = type(self)
+        source = inspect.getsourcefile(kind)
+        text = Path(source).read_bytes() if source else repr(id(kind)).encode()
+        digest = hashlib.sha256(text).hexdigest()
+        return repr((kind.__qualname__, digest, tuple(self.values), tuple(self.options.items())))
+
+    def __repr__(self) -> str:
+        shown = self.options | {name: f"{value:.12g}" for name, value in self.values.items()}
+        inside = ", ".join(
+            f"{name}={value!r}" if name in self.options else f"{name}={value}"
+            for name, value in shown.items()
+        )
+        return f"{type(self).__name__}({inside})"
+
+
+def _resolved(parameters: Sequence[Parameter], given: Mapping[str, Any]) -> list[Parameter]:
+    """The parameters in force once the split ones are decided; refuses what does not fit."""
+    known = {name for p in parameters for name in (p.name, *p.split)}
+    for name in given:
+        if name not in known:
+            raise InputError(name, "no such parameter", f"accepted are {', '.join(sorted(known))}")
+    resolved = []
+    for p in parameters:
+        finer = [name for name in p.split if name in given]
+        if finer and p.name in given:
+            raise InputError(
+                p.name, f"given together with {' and '.join(finer)}",
+                f"give either {p.name} or {' and '.join(p.split)}",
+            )  # fmt: skip
+        in_force = [p]
+        if finer:
+            in_force = [
+                Parameter(
+                    n, p.unit, f"{p.meaning} ({n})", p.default, p.lower, p.upper, p.above_lower
+                )
+                for n in p.split
+            ]
+        for q in in_force:
+            if q.default is None and q.name not in given:
+                instead = f" (or {' and '.join(p.split)})" if p.split and not finer else ""
+                raise InputError(q.name, "missing", f"give {q.meaning}{instead}, {q.accepted}")
+        resolved += in_force
+    return resolved

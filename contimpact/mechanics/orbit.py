@@ -1,0 +1,277 @@
+r"""The orbit problem: a word's flights, closed after p periods, and their linearisation.
+
+Unknowns z = (t_1, y_1, ..., t_N, y_N, lambda): each impact's time and section coordinates before
+impact, and the free parameter last. Flight k leaves impact k and arrives at impact k + 1; the last
+one arrives at impact 1, pT later. Its residual and derivatives come from the kernel of its two
+walls:
+
+.. math:: R_k(t_k, y_k, t_{k+1}, y_{k+1}, \lambda) = 0, \qquad
+          A_k = \partial R_k / \partial(t_k, y_k), \quad
+          B_k = \partial R_k / \partial(t_{k+1}, y_{k+1}), \quad
+          L_k = \partial R_k / \partial\lambda .
+
+The Jacobian is cyclic (N = 3)::
+
+    [ A1 B1    | L1 ]
+    [    A2 B2 | L2 ]
+    [ B3    A3 | L3 ]
+
+Because the times of impacts are unknowns, nothing is divided by an impact velocity and the problem
+is regular where one vanishes.
+"""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from . import stability
+from .flight import FlightGaps, Verdict, flight_gaps, judge
+from .kernels import Kernels
+from .model import Model
+from .word import Word
+
+Array = np.ndarray[Any, Any]
+
+
+class OrbitProblem:
+    """The equations of one word in one free parameter.
+
+    Parameters
+    ----------
+    model : Model
+        Gives the values of all parameters but the free one.
+    word : Word
+    kernels : Kernels
+        Kernels of that model; they name the free parameter.
+
+    Attributes
+    ----------
+    kernel_evaluations : int
+        Flights evaluated so far.
+    """
+
+    def __init__(self, model: Model, word: Word, kernels: Kernels) -> None:
+        self.model, self.word, self.kernels = model, word, kernels
+        self.parameter = kernels.parameter
+        self.m = model.unknowns_per_impact
+        self.n = self.m * len(word)
+        names = list(model.values)
+        self._values = list(model.values.values())
+        self._free = names.index(self.parameter)
+        following = word.walls[1:] + word.walls[0]
+        self.kinds = tuple(zip(word.walls, following, strict=True))
+        self._flights = [kernels.flight(a, b) for a, b in self.kinds]
+        self.kernel_evaluations = 0
+        # positions of the blocks A and B in the flattened n x (n + 1) Jacobian
+        rows = np.arange(self.n).reshape(-1, self.m, 1) * (self.n + 1)
+        columns = np.arange(self.n).reshape(-1, 1, self.m)
+        self._at_start = (rows + columns).ravel()
+        self._at_end = (rows + np.roll(columns, -1, axis=0)).ravel()
+
+    def values(self, unknowns: Array) -> list[float]:
+        """Return all parameter values at a point, in the model's order."""
+        values = self._values.copy()
+        values[self._free] = float(unknowns[-1])
+        return values
+
+    def model_at(self, unknowns: Array) -> Model:
+        """Return the model at a point's parameter value."""
+        return self.model.replace(**{self.parameter: float(unknowns[-1])})
+
+    def impacts(self, unknowns: Array) -> Array:
+        """Return the (N, m) times and section coordinates of a point."""
+        return unknowns[:-1].reshape(-1, self.m)
+
+    def evaluate(self, unknowns: Array) -> Linearisation:
+        """Evaluate residual and blocks at a point.
+
+        Raises
+        ------
+        ArithmeticError, ValueError
+            Where a formula has no value (a parameter outside its domain, an overflow).
+        """
+        m, n = self.m, self.n
+        z = unknowns.tolist()
+        p = self.values(unknowns)
+        period, period_slope = self.kernels.setup(*p)[:2]
+        span = self.word.period * period
+        residual: list[float] = []
+        start: list[float] = []
+        end: list[float] = []
+        by_parameter: list[float] = []
+        for k, flight in enumerate(self._flights):
+            i = m * k
+            j = i + m
+            arrival = z[j : j + m] if j < n else [z[0] + span, *z[1:m]]
+            out = flight(*z[i:j], *arrival, *p)
+            residual += out[:m]
+            start += out[m : m + m * m]
+            end += out[m + m * m : m + 2 * m * m]
+            by_parameter += out[m + 2 * m * m :]
+        self.kernel_evaluations += len(self._flights)
+        drift = self.word.period * period_slope  # the arrival at t_1 + pT moves with T(lambda)
+        for row in range(m):
+            by_parameter[n - m + row] += drift * end[m * (n - m + row)]
+        return Linearisation(
+            self, unknowns, np.array(residual), np.array(start).reshape(-1, m, m),
+            np.array(end).reshape(-1, m, m), np.array(by_parameter),
+        )  # fmt: skip
+
+    def second_along(self, unknowns: Array, direction: Array, mu: float = 1.0) -> Array:
+        """Return the gradient by z of the cyclic matrix times a direction, an (n, n + 1) matrix.
+
+        Parameters
+        ----------
+        unknowns, direction : ndarray of shape (n + 1,)
+            The direction is q = (q_1, ..., q_N, q_lambda).
+        mu : float
+            In the last flight the arrival moves by mu q_1. With mu = 1 the result is the
+            derivative of the Jacobian along q.
+        """
+        m, n = self.m, self.n
+        z, q = unknowns.tolist(), direction.tolist()
+        p = self.values(unknowns)
+        period, slope, curvature = self.kernels.setup(*p)[:3]
+        turns = self.word.period
+        gradient = np.zeros((n, n + 1))
+        for k, (a, b) in enumerate(self.kinds):
+            i = m * k
+            j = i + m
+            arrival, moved = z[j : j + m], q[j : j + m]
+            if j == n:
+                arrival = [z[0] + turns * period, *z[1:m]]
+                moved = [mu * c for c in q[:m]]
+                moved[0] += turns * slope * q[n]
+            out = self.kernels.second(a, b)(*z[i:j], *arrival, *q[i:j], *moved, q[n], *p)
+            block = np.array(out, dtype=float).reshape(m, 2 * m + 1)
+            rows = slice(i, i + m)
+            gradient[rows, i:j] += block[:, :m]
+            gradient[rows, j % n : j % n + m] += block[:, m : 2 * m]
+            gradient[rows, n] += block[:, 2 * m]
+            if j == n:  # the arrival t_1 + pT moves with T(lambda), and its rate with T'(lambda)
+                gradient[rows, n] += turns * slope * block[:, m]
+                if curvature:
+                    ends = self.kernels.flight(a, b)(*z[i:j], *arrival, *p)[m + m * m :: m][:m]
+                    gradient[rows, n] += turns * curvature * q[n] * np.array(ends)
+        self.kernel_evaluations += len(self.kinds)
+        return gradient
+
+    def unknowns_of(self, times: Any, sections: Any, value: float | None = None) -> Array:
+        """Return z from impact times (N,), section coordinates (N, m - 1) and lambda."""
+        times = np.asarray(times, dtype=float).reshape(-1, 1)
+        sections = np.asarray(sections, dtype=float).reshape(len(times), -1)
+        value = self._values[self._free] if value is None else value
+        return np.append(np.hstack([times, sections]).ravel(), value)
+
+    def scale(self, unknowns: Array, span: float) -> Array:
+        """Return natural sizes of the unknowns, by which arclength is measured.
+
+        Times are measured in periods, section coordinates in the largest of the orbit, both
+        averaged over the impacts; the parameter in `span`.
+        """
+        impacts = self.impacts(unknowns)
+        period = self.kernels.setup(*self.values(unknowns))[0]
+        sizes = np.max(np.abs(impacts[:, 1:]), axis=0)
+        one = np.concatenate([[period], np.where(sizes > 0, sizes, 1.0)])
+        return np.append(np.tile(one, len(self.word)) * np.sqrt(len(self.word)), span)
+
+    def difference(self, one: Array, other: Array) -> Array:
+        """Return one - other as orbits: zero up to whole periods and rotations of the word."""
+        period = self.kernels.setup(*self.values(one))[0]
+        span = self.word.period * period
+        best: Array | None = None
+        for shift in self.word.rotations():
+            moved = np.roll(self.impacts(other), -shift, axis=0).copy()
+            if shift:
+                moved[len(self.word) - shift :, 0] += span
+            gap = self.impacts(one) - moved
+            gap[:, 0] -= period * np.round(np.mean(gap[:, 0]) / period)
+            candidate = np.append(gap.ravel(), one[-1] - other[-1])
+            if best is None or np.linalg.norm(candidate) < np.linalg.norm(best):
+                best = candidate
+        assert best is not None
+        return best
+
+
+class Linearisation:
+    """Residual and blocks at one point; what follows from them is computed when asked for.
+
+    Attributes
+    ----------
+    unknowns : ndarray of shape (n + 1,)
+    residual : ndarray of shape (n,)
+    start, end : ndarray of shape (N, m, m)
+        The blocks A_k and B_k.
+    by_parameter : ndarray of shape (n,)
+    """
+
+    def __init__(
+        self, problem: OrbitProblem, unknowns: Array, residual: Array, start: Array, end: Array,
+        by_parameter: Array,
+    ) -> None:  # fmt: skip
+        self.problem, self.unknowns = problem, unknowns
+        self.residual, self.start, self.end = residual, start, end
+        self.by_parameter = by_parameter
+
+    @functools.cached_property
+    def jacobian(self) -> Array:
+        """The (n, n + 1) Jacobian."""
+        matrix = self.cyclic(1.0)
+        matrix[:, -1] = self.by_parameter
+        return matrix
+
+    def cyclic(self, mu: float) -> Array:
+        """The (n, n + 1) cyclic matrix with the last coupling multiplied by mu; last column 0."""
+        n = self.problem.n
+        matrix = np.zeros(n * (n + 1))
+        end = self.end.ravel()
+        if mu != 1.0:
+            end = end.copy()
+            end[-(self.problem.m**2) :] *= mu
+        matrix[self.problem._at_start] = self.start.ravel()
+        matrix[self.problem._at_end] += end
+        return matrix.reshape(n, n + 1)
+
+    @functools.cached_property
+    def multipliers(self) -> Array:
+        """Multipliers, largest first; infinite where an impact velocity vanishes."""
+        return stability.multipliers(self.start, self.end)
+
+    @functools.cached_property
+    def n_unstable(self) -> int:
+        """Number of multipliers outside the unit circle."""
+        return stability.count_unstable(self.multipliers)
+
+    @functools.cached_property
+    def gaps(self) -> list[FlightGaps]:
+        """The interior touches of every flight."""
+        problem = self.problem
+        values = problem.values(self.unknowns)
+        span = problem.word.period * problem.kernels.setup(*values)[0]
+        return flight_gaps(
+            problem.kernels, problem.word.walls, values, problem.impacts(self.unknowns), span
+        )
+
+    @functools.cached_property
+    def verdict(self) -> Verdict:
+        """Whether the orbit is physical, and if not why and where."""
+        return self.judge()
+
+    def judge(self, **forgiven: Any) -> Verdict:
+        """As `verdict`, with a touch or an impact forgiven; see `flight.judge`."""
+        problem = self.problem
+        impacts = problem.impacts(self.unknowns)
+        return judge(problem.word.walls, problem.model.WALLS, impacts, self.gaps, **forgiven)
+
+    @functools.cached_property
+    def derived(self) -> Mapping[str, float]:
+        """Derived parameters at this point."""
+        problem = self.problem
+        names = problem.model.DERIVED
+        out = problem.kernels.setup(*problem.values(self.unknowns))
+        first = 3 + len(problem.model.WALLS)
+        return dict(zip(names, out[first : first + len(names)], strict=True))

@@ -1,0 +1,130 @@
+r"""Multipliers and determinants of the periodic pencil A_k dz_k + B_k dz_{k+1} = 0.
+
+No block is inverted: B_k is singular where the velocity of impact k + 1 vanishes. A multiplier mu
+makes the cyclic matrix with its last coupling multiplied by mu singular. Neighbouring flights are
+merged by orthogonal elimination of the impact between them,
+
+.. math:: [W_1\; W_2] \begin{bmatrix} B_1 \\ A_2 \end{bmatrix} = 0 \quad\Rightarrow\quad
+          (W_1 A_1)\,\delta z_1 + (W_2 B_2)\,\delta z_3 = 0,
+
+until one m x m pencil P + mu Q is left (the inverse-free collapse of Benner and Byers, Linear
+Algebra Appl. 2001).
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+
+Array = np.ndarray[Any, Any]
+
+UNIT_CIRCLE_ROUNDING = 1e-10
+"""A multiplier this little outside the unit circle is on it, within rounding."""
+
+
+def collapse(start: Array, end: Array) -> tuple[Array, Array]:
+    """Merge the flights of a cycle into one pencil P + mu Q.
+
+    Parameters
+    ----------
+    start, end : ndarray of shape (N, m, m)
+        The blocks A_k and B_k.
+
+    Returns
+    -------
+    P, Q : ndarray of shape (m, m)
+    """
+    while len(start) > 1:
+        pairs = len(start) // 2
+        first, second = slice(0, 2 * pairs, 2), slice(1, 2 * pairs, 2)
+        m = start.shape[1]
+        stacked = np.concatenate([end[first], start[second]], axis=1)
+        null = np.linalg.qr(stacked, mode="complete")[0][:, :, m:].transpose(0, 2, 1)
+        merged_start = null[:, :, :m] @ start[first]
+        merged_end = null[:, :, m:] @ end[second]
+        start = np.concatenate([merged_start, start[2 * pairs :]])
+        end = np.concatenate([merged_end, end[2 * pairs :]])
+    return start[0], end[0]
+
+
+def multipliers(start: Array, end: Array) -> Array:
+    """Return the m multipliers of a cycle, largest first.
+
+    Parameters
+    ----------
+    start, end : ndarray of shape (N, m, m)
+
+    Notes
+    -----
+    For m = 2 the larger multiplier comes from the collapsed pencil and the smaller from the
+    product of all, prod det A_k / det B_k, which keeps its relative accuracy.
+    """
+    p, q = collapse(start, end)
+    if p.shape != (2, 2):
+        return _general(p, q)
+    quadratic = float(np.linalg.det(q))
+    linear = float(p[0, 0] * q[1, 1] + q[0, 0] * p[1, 1] - p[0, 1] * q[1, 0] - q[0, 1] * p[1, 0])
+    constant = float(np.linalg.det(p))
+    product = determinant(start, end)
+    discriminant = linear * linear - 4.0 * quadratic * constant
+    if discriminant < 0.0:
+        real = -0.5 * linear / quadratic
+        square = product if math.isfinite(product) else constant / quadratic
+        imaginary = math.sqrt(max(square - real * real, 0.0))
+        return np.array([complex(real, imaginary), complex(real, -imaginary)])
+    larger = -0.5 * (linear + math.copysign(math.sqrt(discriminant), linear))
+    if larger == 0.0:
+        return np.zeros(2, dtype=complex)
+    big = larger / quadratic if quadratic != 0.0 else math.inf
+    usable = math.isfinite(product) and math.isfinite(big) and big != 0.0
+    small = product / big if usable else constant / larger
+    return np.array([big, small], dtype=complex)
+
+
+def determinant(start: Array, end: Array) -> float:
+    """Return the product of all multipliers, prod det A_k / det B_k (m is even).
+
+    Not a number where an impact velocity is zero.
+    """
+    ratio = 1.0
+    numerators, denominators = np.linalg.det(start).tolist(), np.linalg.det(end).tolist()
+    for numerator, denominator in zip(numerators, denominators, strict=True):
+        if denominator == 0.0:
+            return math.nan
+        ratio *= numerator / denominator
+    return ratio
+
+
+def count_unstable(values: Array) -> int:
+    """Return how many multipliers lie outside the unit circle."""
+    return int(np.count_nonzero(np.abs(values) > 1.0 + UNIT_CIRCLE_ROUNDING))
+
+
+def neimark_sacker(start: Array, end: Array) -> float:
+    """Return a pole-free function that vanishes where two multipliers have the product 1.
+
+    With homogeneous multipliers alpha/beta of the collapsed pencil, the product over pairs of
+    alpha_i alpha_j - beta_i beta_j, each pair on the unit scale.
+    """
+    p, q = collapse(start, end)
+    if p.shape == (2, 2):
+        above, below = float(np.linalg.det(p)), float(np.linalg.det(q))
+        return (above - below) / max(abs(above), abs(below), 1e-300)
+    values = _general(p, q)
+    result = 1.0 + 0.0j
+    for i in range(len(values)):
+        for j in range(i):
+            product = values[i] * values[j]
+            result *= (product - 1.0) / (1.0 + abs(product)) if np.isfinite(product) else 1.0
+    return float(result.real)
+
+
+def _general(p: Array, q: Array) -> Array:
+    from scipy.linalg import eigvals
+
+    above, below = eigvals(p, -q, homogeneous_eigvals=True)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        values = np.where(below == 0.0, np.inf + 0.0j, above / below)
+    return np.asarray(values[np.argsort(-np.abs(values))], dtype=complex)

@@ -1,0 +1,98 @@
+r"""Stumpff functions: cosines, sines and what is left of them, without cancellation.
+
+.. math:: c_k(q) = \sum_{j \ge 0} \frac{(-q)^j}{(2j + k)!}
+
+so that :math:`c_0(x^2) = \cos x`, :math:`c_1(x^2) = \sin x / x`,
+:math:`c_3(x^2) = (x - \sin x)/x^3`, and for negative arguments the hyperbolic functions. They are
+entire, which makes one formula serve a linear flight below, at and above critical damping, and
+short flights as well as long ones.
+Identities used: :math:`c_k = 1/k! - q\,c_{k+2}`, :math:`c_2(q) = c_1(q/4)^2/2` and
+:math:`c_k' = (k\,c_{k+2} - c_{k+1})/2` (Stiefel and Scheifele, Linear and Regular Celestial
+Mechanics, 1971, sec. 11).
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+HIGHEST = 9
+_SERIES_BELOW = 4.0
+_TERMS = 12
+_SERIES = tuple(
+    tuple(1.0 / math.factorial(2 * j + k) for j in reversed(range(_TERMS)))
+    for k in range(HIGHEST + 1)
+)
+_INVERSE_FACTORIAL = tuple(1.0 / math.factorial(k) for k in range(HIGHEST + 1))
+
+
+def stumpff0(q):
+    return math.cos(math.sqrt(q)) if q >= 0 else math.cosh(math.sqrt(-q))
+
+
+def stumpff1(q):
+    if q == 0:
+        return 1.0
+    x = math.sqrt(abs(q))
+    return math.sin(x) / x if q > 0 else math.sinh(x) / x
+
+
+def stumpff2(q):
+    half = stumpff1(0.25 * q)
+    return 0.5 * half * half
+
+
+def _higher(k, lower):
+    """c_k for k > 2: its series near zero, the recurrence from c_{k-2} away from it."""
+    series, start = _SERIES[k], _INVERSE_FACTORIAL[k - 2]
+
+    def function(q):
+        if -_SERIES_BELOW < q < _SERIES_BELOW:
+            total = 0.0
+            for coefficient in series:
+                total = coefficient - q * total
+            return total
+        return (start - lower(q)) / q
+
+    function.__name__ = function.__qualname__ = f"stumpff{k}"
+    return function
+
+
+stumpff3 = _higher(3, stumpff1)
+stumpff4 = _higher(4, stumpff2)
+stumpff5 = _higher(5, stumpff3)
+stumpff6 = _higher(6, stumpff4)
+stumpff7 = _higher(7, stumpff5)
+stumpff8 = _higher(8, stumpff6)
+stumpff9 = _higher(9, stumpff7)
+
+SCALAR = {f"stumpff{k}": globals()[f"stumpff{k}"] for k in range(HIGHEST + 1)}
+
+
+def _array_stumpff(k):
+    """The same function for arrays of any shape."""
+
+    def function(q):
+        q = np.asarray(q, dtype=float)
+        x = np.sqrt(np.abs(q))
+        if k == 0:
+            return np.where(q >= 0, np.cos(x), np.cosh(np.where(q < 0, x, 0.0)))
+        if k == 1:
+            divisor = np.where(x == 0, 1.0, x)
+            hyperbolic = np.sinh(np.where(q < 0, x, 0.0))
+            return np.where(x == 0, 1.0, np.where(q >= 0, np.sin(x), hyperbolic) / divisor)
+        if k == 2:
+            return 0.5 * ARRAY["stumpff1"](0.25 * q) ** 2
+        near = np.where(np.abs(q) < _SERIES_BELOW, q, 0.0)
+        total = np.zeros_like(near)
+        for coefficient in _SERIES[k]:
+            total = coefficient - near * total
+        far = np.where(np.abs(q) < _SERIES_BELOW, 1.0, q)
+        recurrence = (_INVERSE_FACTORIAL[k - 2] - ARRAY[f"stumpff{k - 2}"](q)) / far
+        return np.where(np.abs(q) < _SERIES_BELOW, total, recurrence)
+
+    return function
+
+
+ARRAY = {f"stumpff{k}": _array_stumpff(k) for k in range(HIGHEST + 1)}

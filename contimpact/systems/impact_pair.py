@@ -1,0 +1,99 @@
+r"""The inclined impact pair: a ball flying between the two ends of a forced capsule.
+
+.. math:: \ddot Z = f(t) + \bar g, \quad |Z| \le d/2, \quad
+          \dot Z^+ = -r \dot Z^- \text{ at } Z = \pm d/2,
+
+with the bottom B at Z = +d/2, the top T at Z = -d/2, forcing period 2,
+:math:`d = M\omega^2 s/(A\pi^2)` and :math:`\bar g = M g \sin\beta / A`. Equations (4)-(6) of the
+paper on vibro-impact pairs, with the signs under which its captions hold.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from typing import Any, ClassVar
+
+from ..mechanics.model import Formulas, Model, Parameter, Wall
+
+
+class ImpactPair(Model):
+    """The impact pair; times in half forcing periods, velocities dimensionless and before impact.
+
+    Parameters
+    ----------
+    beta : float
+        Inclination, rad.
+    r, or r_B and r_T : float
+        Restitution at both ends, or at the bottom and the top, from 0 to 1.
+    A : float
+        Forcing amplitude, N.
+    s : float
+        Capsule length, m.
+    M : float, default 0.1245
+        Capsule mass, kg.
+    omega : float, default 5 pi
+        Forcing frequency, rad/s.
+    g : float, default 9.8
+        Gravity, m/s^2.
+    forcing : str, default ``"cos(pi*t)"``
+        f(t), of period 2.
+    """
+
+    SYSTEM = "impact-pair"
+    WALLS = (Wall("B", side=+1), Wall("T", side=-1))
+    DERIVED = ("d", "gbar")
+    OPTIONS: ClassVar = {"forcing": "cos(pi*t)"}
+    PARAMETERS = (
+        Parameter("beta", "rad", "the inclination", lower=-math.pi / 2, upper=math.pi / 2),
+        Parameter("r", "", "the restitution coefficient", lower=0, upper=1, split=("r_B", "r_T")),
+        Parameter("A", "N", "the forcing amplitude", lower=0, above_lower=True),
+        Parameter("s", "m", "the capsule length", lower=0, above_lower=True),
+        Parameter("M", "kg", "the capsule mass", 0.1245, lower=0, above_lower=True),
+        Parameter("omega", "rad/s", "the forcing frequency", 5 * math.pi, 0.0, above_lower=True),
+        Parameter("g", "m/s^2", "gravity", 9.8, lower=0),
+    )
+
+    def formulas(self, symbols: Mapping[str, Any]) -> Formulas:
+        """Equations (6)-(8): flight under gravity and a sum of harmonics."""
+        import sympy
+
+        from ..mechanics.symbolic import fourier_series, harmonic_means
+
+        beta, amplitude, s, mass, omega, g = (
+            symbols[name] for name in ("beta", "A", "s", "M", "omega", "g")
+        )
+        restitution = {
+            wall.name: symbols.get("r", symbols.get(f"r_{wall.name}")) for wall in self.WALLS
+        }
+        period = sympy.Integer(2)
+        mean, harmonics = fourier_series(self.options["forcing"], "forcing", period)
+        length = mass * omega**2 * s / (amplitude * sympy.pi**2)
+        gravity = mass * g * sympy.sin(beta) / amplitude
+        constant = gravity + mean
+
+        def reset(wall, x, v):
+            return [-restitution[wall] * v[0]]
+
+        def flight(t0, x0, v0, dt):
+            means = [harmonic_means(a, b, k * sympy.pi, t0, dt) for k, a, b in harmonics]
+            once = sum((m[0] for m in means), sympy.Integer(0))
+            twice = sum((m[1] for m in means), sympy.Integer(0))
+            return [v0[0] + dt * (constant / 2 + twice)], [v0[0] + dt * (constant + once)]
+
+        def acceleration(t, x, v):
+            waves = (
+                a * sympy.cos(k * sympy.pi * t) + b * sympy.sin(k * sympy.pi * t)
+                for k, a, b in harmonics
+            )
+            return [constant + sum(waves, sympy.Integer(0))]
+
+        return Formulas(
+            period=period,
+            walls={"B": length / 2, "T": -length / 2},
+            derived={"d": length, "gbar": gravity},
+            reset=reset,
+            flight=flight,
+            acceleration=acceleration,
+            harmonics=(constant, harmonics),
+        )

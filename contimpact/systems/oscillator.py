@@ -1,0 +1,109 @@
+r"""The linear oscillator with one stop: :math:`\ddot x + c\dot x + kx = a\cos\omega t`, x <= sigma.
+
+Impacts at the stop S reverse the velocity with restitution r. The forcing period is 2 pi/omega.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from typing import Any
+
+from ..errors import InputError
+from ..mechanics.model import Formulas, Model, Parameter, Wall
+
+
+class Oscillator(Model):
+    """A forced, damped linear oscillator against a stop; any units that fit each other.
+
+    Parameters
+    ----------
+    a : float
+        Forcing amplitude per unit mass.
+    omega : float
+        Forcing frequency.
+    c : float
+        Damping per unit mass: below, at or above critical, or negative.
+    k : float
+        Stiffness per unit mass.
+    sigma : float
+        Position of the stop.
+    r : float
+        Restitution, from 0 to 1.
+    """
+
+    SYSTEM = "oscillator"
+    WALLS = (Wall("S", side=+1),)
+    PARAMETERS = (
+        Parameter("a", "", "the forcing amplitude"),
+        Parameter("omega", "", "the forcing frequency", lower=0, above_lower=True),
+        Parameter("c", "", "the damping"),
+        Parameter("k", "", "the stiffness", lower=0, above_lower=True),
+        Parameter("sigma", "", "the position of the stop"),
+        Parameter("r", "", "the restitution coefficient", lower=0, upper=1),
+    )
+
+    def __init__(self, **given: Any) -> None:
+        super().__init__(**given)
+        if self.values["c"] == 0 and math.isclose(
+            self.values["k"], self.values["omega"] ** 2, rel_tol=1e-15
+        ):
+            raise InputError(
+                "omega", "an undamped oscillator at resonance has no periodic response",
+                "give c != 0 or omega^2 != k",
+            )  # fmt: skip
+
+    def formulas(self, symbols: Mapping[str, Any]) -> Formulas:
+        """Steady response plus a transient in Stumpff functions, for any damping."""
+        import sympy
+
+        from ..mechanics.symbolic import Stumpff
+
+        a, omega, c, k, sigma, r = (symbols[n] for n in ("a", "omega", "c", "k", "sigma", "r"))
+        zeta = c / 2
+        denominator = (k - omega**2) ** 2 + (c * omega) ** 2
+        in_phase, quadrature = a * (k - omega**2) / denominator, a * c * omega / denominator
+
+        def steady(t):
+            return in_phase * sympy.cos(omega * t) + quadrature * sympy.sin(omega * t)
+
+        def steady_rate(t):
+            return omega * (quadrature * sympy.cos(omega * t) - in_phase * sympy.sin(omega * t))
+
+        def flight(t0, x0, v0, dt):
+            # With A, B the free motions from unit displacement and from unit velocity,
+            #   x1 - x0 = [p(t1) - p(t0)] + (x0 - p0)(A - 1) + (v0 - p0') B,
+            # each bracket divided by dt in closed form; y = zeta dt and q = (k - zeta^2) dt^2,
+            #   B = dt e^-y c1(q),
+            #   1 - A = dt^2 e^-y [zeta^2 (c2 + y c3)(-y^2) + (k - zeta^2)(c2 + y c3)(q)].
+            y, q = zeta * dt, (k - zeta**2) * dt**2
+            decay = sympy.exp(-y)
+
+            def c_(order, argument):
+                return Stumpff(sympy.Integer(order), argument)
+
+            unit_velocity = decay * c_(1, q)  # B/dt
+            fall = decay * (
+                zeta**2 * (c_(2, -(y**2)) + y * c_(3, -(y**2)))
+                + (k - zeta**2) * (c_(2, q) + y * c_(3, q))
+            )  # (1 - A)/dt^2
+            half = omega * dt / 2
+            middle = t0 + dt / 2
+            steady_mean = c_(1, half**2) * steady_rate(middle)  # [p(t1) - p(t0)]/dt
+            offset, rate = x0[0] - steady(t0), v0[0] - steady_rate(t0)
+            mean = steady_mean - offset * dt * fall + rate * unit_velocity
+            # A' = -k B and B' = e^-y (c0 - y c1)(q)
+            speed = (
+                steady_rate(t0 + dt)
+                - offset * k * dt * unit_velocity
+                + rate * decay * (c_(0, q) - y * c_(1, q))
+            )
+            return [mean], [speed]
+
+        return Formulas(
+            period=2 * sympy.pi / omega,
+            walls={"S": sigma},
+            reset=lambda wall, x, v: [-r * v[0]],
+            flight=flight,
+            acceleration=lambda t, x, v: [a * sympy.cos(omega * t) - c * v[0] - k * x[0]],
+        )
