@@ -1,1 +1,42 @@
-"""Continuation of periodic orbits in impacting systems, ghosts included."""
+"""Continuation of periodic orbits in impacting systems, ghosts included.
+
+The names below are loaded when they are first used; importing the package imports nothing else.
+"""
+
+from __future__ import annotations
+
+import importlib
+from typing import Any
+
+__version__ = "0.1.0"
+
+_PLACES = {
+    "InputError": "errors",
+    "ImpactPair": "systems.impact_pair",
+    "Oscillator": "systems.oscillator",
+    "Orbit": "mechanics.search",
+    "find_orbits": "mechanics.search",
+    "Settings": "continuation.arclength",
+    "continue_orbit": "orbit_branch",
+    "follow": "explore",
+    "load_scene": "scene",
+    "read_scene": "scene",
+    "Branch": "diagram",
+    "Diagram": "diagram",
+    "Entry": "diagram",
+    "load_diagram": "catalogue",
+    "write_diagram": "catalogue",
+    "plot_diagram": "plot",
+}
+
+__all__ = ["__version__", *_PLACES]
+
+
+def __getattr__(name: str) -> Any:
+    if name not in _PLACES:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    return getattr(importlib.import_module(f"{__name__}.{_PLACES[name]}"), name)
+
+
+def __dir__() -> list[str]:
+    return sorted(__all__)

@@ -433,6 +433,8 @@ def critical(kind: str, multipliers: Any) -> list[int]:
     target = {"FB": 1.0, "BP": 1.0, "PD": -1.0}.get(kind)
     if target is not None:
         return [int(np.argmin(np.abs(multipliers - target)))]
+    if kind == "V":  # the return map's derivative is infinite there
+        return [int(np.argmax(np.abs(multipliers)))]
     if kind == "NS":
         return np.argsort(np.abs(np.abs(multipliers) - 1.0))[:2].tolist()
     return []

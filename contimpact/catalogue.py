@@ -1,0 +1,335 @@
+"""Writing a diagram to a folder and reading it back.
+
+The files are contracts with a schema name and number in each: ``catalogue.json``, the same flat in
+``events.csv``, ``branches/<id>-<word>.csv``, and ``manifest.json``. Floating-point numbers are
+written so that they read back to the same bits; what is not a finite number is null in JSON.
+"""
+
+from __future__ import annotations
+
+import csv
+import dataclasses
+import io
+import json
+import math
+import os
+import platform
+import sys
+import tempfile
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from . import __version__
+from .continuation.branch import End, EndKind
+from .diagram import Branch, Diagram, Entry
+from .errors import InputError
+
+CATALOGUE = "contimpact.catalogue/1"
+MANIFEST = "contimpact.manifest/1"
+BRANCH = "contimpact.branch/1"
+
+EVENT_COLUMNS = (
+    "id", "kind", "ghost", "label", "branch", "word", "period", "notation", "becomes", "wall",
+    "flight", "impact", "touch_time", "parameter", "n_unstable", "stable", "physical", "reason",
+    "residual", "error", "method",
+)  # fmt: skip
+
+
+# Folders and files.
+
+
+def prepare_folder(folder: str | Path) -> Path:
+    """Make a folder for output and make sure that it can be written.
+
+    Raises
+    ------
+    InputError
+        If it cannot.
+    """
+    folder = Path(folder)
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        with tempfile.TemporaryFile(dir=folder):
+            pass
+    except OSError as error:
+        raise InputError(
+            str(folder), f"cannot be written ({error.strerror or error})", "give another folder"
+        ) from None
+    return folder
+
+
+def write_text(path: Path, text: str) -> None:
+    """Write a file whole or not at all."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    handle, temporary = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.")
+    try:
+        with os.fdopen(handle, "w", encoding="utf-8", newline="") as file:
+            file.write(text)
+        os.chmod(temporary, 0o644)
+        os.replace(temporary, path)
+    except BaseException:
+        Path(temporary).unlink(missing_ok=True)
+        raise
+
+
+def write_diagram(diagram: Diagram, folder: str | Path) -> list[str]:
+    """Write catalogue, events and branches of a diagram.
+
+    Parameters
+    ----------
+    diagram : Diagram
+    folder : str or Path
+        Made if it is not there. Branch files of an earlier diagram are replaced.
+
+    Returns
+    -------
+    list of str
+        The files written, relative to the folder.
+
+    Raises
+    ------
+    InputError
+        If the folder cannot be written.
+    """
+    folder = prepare_folder(folder)
+    _forget_branches(folder)
+    files = {f"branches/{b.id}-{b.word[:40]}.csv": branch_text(b) for b in diagram.branches}
+    files["catalogue.json"] = catalogue_text(diagram)
+    files["events.csv"] = events_text(diagram)
+    for name, text in files.items():
+        write_text(folder / name, text)
+    return sorted(files)
+
+
+def _forget_branches(folder: Path) -> None:
+    """Remove the branch files an earlier catalogue in this folder speaks of."""
+    try:
+        earlier = json.loads((folder / "catalogue.json").read_text(encoding="utf-8"))
+        names = [f"{b['id']}-{b['word'][:40]}.csv" for b in earlier["branches"]]
+    except (OSError, ValueError, KeyError, TypeError):
+        return
+    for name in names:
+        if Path(name).name == name:
+            (folder / "branches" / name).unlink(missing_ok=True)
+
+
+# The catalogue.
+
+
+def catalogue_text(diagram: Diagram) -> str:
+    """Return ``catalogue.json``."""
+    content = {
+        "schema": CATALOGUE,
+        "scene": diagram.name,
+        "branches": [_branch_record(branch) for branch in diagram.branches],
+        "entries": [dataclasses.asdict(entry) for entry in diagram.entries],
+    }
+    return json_text(content)
+
+
+def _branch_record(branch: Branch) -> dict[str, Any]:
+    return {
+        "id": branch.id,
+        "word": branch.word,
+        "period": branch.period,
+        "notation": branch.notation,
+        "parameter": branch.parameter,
+        "from": branch.origin,
+        "points": len(branch),
+        "ends": [_end_record(branch, end) for end in branch.ends],
+        "missed": list(branch.missed),
+    }
+
+
+def _end_record(branch: Branch, end: End) -> dict[str, Any]:
+    return {"kind": end.kind.name.lower(), branch.parameter: end.value, "message": end.message}
+
+
+def events_text(diagram: Diagram) -> str:
+    """Return ``events.csv``: a row per entry; impacts and multipliers are spread over columns."""
+    rows = [_flat(entry) for entry in diagram.entries]
+    columns = list(EVENT_COLUMNS)
+    for row in rows:
+        columns += [name for name in row if name not in columns]
+    return _csv_text(columns, ([row.get(name) for name in columns] for row in rows))
+
+
+def _flat(entry: Entry) -> dict[str, Any]:
+    row: dict[str, Any] = {name: getattr(entry, name) for name in EVENT_COLUMNS}
+    row |= entry.parameters
+    for k, impact in enumerate(entry.impacts, start=1):
+        row |= {f"{name}{k}": value for name, value in impact.items()}
+    for k, mu in enumerate(entry.multipliers, start=1):
+        real, imaginary = mu or (None, None)
+        row |= {f"multiplier{k}_re": real, f"multiplier{k}_im": imaginary}
+    return row
+
+
+# Branches.
+
+
+def branch_text(branch: Branch) -> str:
+    """Return a branch's CSV: a comment line with all that is not a column, then the table."""
+    head = {
+        "schema": BRANCH,
+        "id": branch.id,
+        "word": branch.word,
+        "period": branch.period,
+        "notation": branch.notation,
+        "system": branch.system,
+        "options": dict(branch.options),
+        "parameter": branch.parameter,
+        "from": branch.origin,
+        "ends": [_end_record(branch, end) for end in branch.ends],
+        "missed": list(branch.missed),
+        "events": [dataclasses.asdict(entry) for entry in branch.events],
+    }
+    rows = zip(*(values.tolist() for values in branch.columns.values()), strict=True)
+    return f"# {_plain_json(head)}\n" + _csv_text(list(branch.columns), rows)
+
+
+def read_branch(path: str | Path) -> Branch:
+    """Read a branch's CSV back into the same `Branch`.
+
+    Raises
+    ------
+    InputError
+        If the file is missing, not of this schema, or damaged.
+    """
+    path = Path(path)
+    try:
+        lines = path.read_text(encoding="utf-8").split("\n", 1)
+        head = json.loads(lines[0].removeprefix("# "))
+        if head["schema"] != BRANCH:
+            raise InputError(str(path), f"its schema is {head['schema']!r}", f"give {BRANCH!r}")
+        table = list(csv.reader(io.StringIO(lines[1])))
+        columns = {
+            name: _column(name, [row[i] for row in table[1:]]) for i, name in enumerate(table[0])
+        }
+        parameter = head["parameter"]
+        ends = [
+            End(EndKind[e["kind"].upper()], float(e[parameter]), e["message"]) for e in head["ends"]
+        ]
+        return Branch(
+            head["id"], head["word"], head["period"], head["notation"], head["system"],
+            head["options"], parameter, columns, (ends[0], ends[1]),
+            [_entry(record) for record in head["events"]], head["missed"], head["from"],
+        )  # fmt: skip
+    except OSError as error:
+        raise InputError(
+            str(path), f"cannot be read ({error.strerror})", "give a branch's CSV"
+        ) from None
+    except InputError:
+        raise
+    except (ValueError, KeyError, IndexError, TypeError, AttributeError) as error:
+        raise InputError(
+            str(path), f"damaged ({type(error).__name__}: {error})", f"give a file of {BRANCH!r}"
+        ) from None
+
+
+def _column(name: str, texts: Sequence[str]) -> np.ndarray[Any, Any]:
+    if name == "reason":
+        return np.array(texts, dtype=object)
+    if name in ("n_unstable", "physical", "iterations"):
+        return np.array([int(text) for text in texts], dtype=np.int64)
+    return np.array([float(text) for text in texts])
+
+
+def _entry(record: Mapping[str, Any]) -> Entry:
+    multipliers = [None if mu is None else (mu[0], mu[1]) for mu in record["multipliers"]]
+    return Entry(**{**record, "multipliers": multipliers, "opens": tuple(record["opens"])})
+
+
+def load_diagram(folder: str | Path) -> Diagram:
+    """Read a folder written by `write_diagram`.
+
+    Raises
+    ------
+    InputError
+        If there is no catalogue, its schema is another one, or a file is missing or damaged.
+    """
+    folder = Path(folder)
+    catalogue = read_json(folder / "catalogue.json", CATALOGUE, "a folder made by contimpact run")
+    names = [f"{b['id']}-{b['word'][:40]}.csv" for b in catalogue["branches"]]
+    return Diagram(catalogue["scene"], [read_branch(folder / "branches" / name) for name in names])
+
+
+def read_json(path: Path, schema: str, wanted: str) -> dict[str, Any]:
+    """Read a JSON file of a schema, or raise `InputError`."""
+    try:
+        content = json.loads(path.read_text(encoding="utf-8"))
+    except OSError as error:
+        raise InputError(
+            str(path), f"cannot be read ({error.strerror})", f"give {wanted}"
+        ) from None
+    except ValueError as error:
+        raise InputError(str(path), f"not JSON ({error})", f"give {wanted}") from None
+    found = content.get("schema") if isinstance(content, dict) else None
+    if found != schema:
+        raise InputError(str(path), f"its schema is {found!r}", f"this version reads {schema!r}")
+    return content
+
+
+# The manifest.
+
+
+def manifest_text(
+    scene: Mapping[str, Any], given: Mapping[str, Any], left_out: Sequence[str],
+    statistics: Mapping[str, Any], files: Sequence[str],
+) -> str:  # fmt: skip
+    """Return ``manifest.json``: what was asked, what ran, what it cost, what was left out."""
+    versions = {"contimpact": __version__, "python": platform.python_version()}
+    for name in ("numpy", "scipy", "sympy", "matplotlib"):
+        if name in sys.modules:
+            versions[name] = sys.modules[name].__version__
+    return json_text(
+        {
+            "schema": MANIFEST,
+            "versions": versions,
+            "scene": {"given": given, "resolved": scene},
+            **statistics,
+            "left_out": list(left_out),
+            "files": sorted(files),
+        }
+    )
+
+
+# Text.
+
+
+def json_text(content: Any) -> str:
+    """Return readable JSON with no number that is not finite."""
+    return json.dumps(_finite(content), indent=1, allow_nan=False, ensure_ascii=False) + "\n"
+
+
+def _plain_json(content: Any) -> str:
+    return json.dumps(_finite(content), allow_nan=False, ensure_ascii=False)
+
+
+def _finite(value: Any) -> Any:
+    if isinstance(value, float):
+        return value if math.isfinite(value) else None
+    if isinstance(value, Mapping):
+        return {name: _finite(v) for name, v in value.items()}
+    if isinstance(value, list | tuple):
+        return [_finite(v) for v in value]
+    return value
+
+
+def _csv_text(columns: Sequence[str], rows: Any) -> str:
+    buffer = io.StringIO()
+    writer = csv.writer(buffer, lineterminator="\n")
+    writer.writerow(columns)
+    writer.writerows([_cell(value) for value in row] for row in rows)
+    return buffer.getvalue()
+
+
+def _cell(value: Any) -> Any:
+    if isinstance(value, bool):
+        return int(value)
+    if isinstance(value, float):
+        return repr(value)
+    return value

@@ -1,0 +1,234 @@
+"""The command line: ``contimpact check``, ``run`` and ``plot``.
+
+Exit status: 0 on success, 2 on input that cannot be used (one message on standard error), 1 on a
+computation that failed; what was computed is written all the same.
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+import time
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from . import __version__
+from .errors import InputError
+
+if TYPE_CHECKING:
+    from .diagram import Diagram
+    from .scene import Scene
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run the command line; returns the exit status."""
+    options = _parser().parse_args(arguments)
+    try:
+        return int(options.command(options))
+    except InputError as error:
+        print(f"contimpact: {error}", file=sys.stderr)
+        return 2
+    except KeyboardInterrupt:
+        print("contimpact: interrupted", file=sys.stderr)
+        return 1
+    except BrokenPipeError:
+        return 1
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(
+        prog="contimpact",
+        description="Continuation of periodic orbits in impacting systems, ghosts included.",
+    )
+    parser.add_argument("--version", action="version", version=f"contimpact {__version__}")
+    commands = parser.add_subparsers(required=True, metavar="COMMAND")
+
+    check = commands.add_parser("check", help="validate a scene and say what would run")
+    check.add_argument("scene", metavar="SCENE", help="a scene file (TOML)")
+    check.set_defaults(command=_check)
+
+    run = commands.add_parser("run", help="follow a scene's branches and write the results")
+    run.add_argument("scene", metavar="SCENE", help="a scene file (TOML)")
+    run.add_argument("-o", "--output", metavar="DIR", required=True, help="folder to write to")
+    run.add_argument("-q", "--quiet", action="store_true", help="print nothing but errors")
+    run.add_argument("--no-plot", action="store_true", help="leave the diagram out")
+    run.set_defaults(command=_run)
+
+    plot = commands.add_parser("plot", help="draw the diagram of a folder written by run")
+    plot.add_argument("folder", metavar="DIR", help="folder written by run")
+    plot.add_argument("-o", "--output", metavar="FILE", help="file to write (svg, png or pdf)")
+    plot.add_argument("-x", metavar="NAME", help="parameter on the x axis")
+    plot.add_argument("--xlim", nargs=2, type=float, metavar=("LOW", "HIGH"))
+    plot.add_argument("--ylim", nargs=2, type=float, metavar=("LOW", "HIGH"))
+    plot.set_defaults(command=_plot)
+    return parser
+
+
+def _check(options: argparse.Namespace) -> int:
+    from .explore import orbits_at_start
+    from .mechanics.kernels import Kernels
+    from .scene import load_scene
+
+    scene = load_scene(options.scene)
+    kernels = Kernels(scene.model, scene.parameter)
+    letters = [w.name for w in scene.model.WALLS]
+    derived = kernels.setup(*scene.model.values.values())[3 + len(letters) :]
+    print(f"scene {scene.name}: {scene.source}" if scene.source else f"scene {scene.name}")
+    print(f"  model    {scene.model!r}")
+    for name, value in zip(scene.model.DERIVED, derived, strict=False):
+        print(f"           {name} = {value:.12g}")
+    low, high = scene.range
+    print(f"  follow   {scene.parameter} from {scene.start:.12g} within [{low:.12g}, {high:.12g}]")
+    for word in scene.orbits:
+        found = orbits_at_start(scene, kernels, word)
+        unphysical = sum(not orbit.physical for orbit in found)
+        print(
+            f"  orbits   {word.notation(letters)} (word {word}): {len(found)} at the start"
+            + (f", {unphysical} of them unphysical" if unphysical else "")
+        )
+    print(f"  events   {', '.join(scene.events) or 'none'}")
+    for name, values in scene.values.items():
+        print(f"           {name} = {', '.join(f'{v:.12g}' for v in values)}")
+    for text in scene.left_out():
+        print(f"  left out {text}")
+    return 0
+
+
+def _run(options: argparse.Namespace) -> int:
+    from .scene import load_scene
+
+    began = time.perf_counter()
+    scene = load_scene(options.scene)
+    existed = Path(options.output).exists()
+    from .catalogue import prepare_folder, write_diagram
+
+    folder = prepare_folder(options.output)
+    progress = _progress(options.quiet)
+    try:
+        from .explore import follow
+
+        diagram = follow(scene, progress)
+    except BaseException:
+        if not existed:
+            _remove_if_empty(folder)
+        raise
+    finally:
+        progress("")
+    export = time.perf_counter()
+    files = write_diagram(diagram, folder)
+    seconds = dict(diagram.statistics["seconds"])
+    seconds["export"] = time.perf_counter() - export
+    left_out = scene.left_out()
+    if options.no_plot:
+        left_out.append("diagram: --no-plot was given, matplotlib is not imported")
+    elif scene.plot.formats:
+        drawing = time.perf_counter()
+        files += _save_plot(scene, diagram, folder)
+        seconds["plot"] = time.perf_counter() - drawing
+    seconds["total"] = time.perf_counter() - began
+    _write_manifest(scene, diagram, folder, left_out, seconds, files)
+    if not options.quiet:
+        _summary(scene, diagram, folder, seconds["total"])
+    return 0
+
+
+def _remove_if_empty(folder: Path) -> None:
+    try:
+        folder.rmdir()
+    except OSError:
+        pass
+
+
+def _save_plot(scene: Scene, diagram: Diagram, folder: Path) -> list[str]:
+    from .plot import save_diagram
+
+    plot = scene.plot
+    return save_diagram(
+        diagram, folder, plot.formats, x=plot.x, xlim=plot.xlim, ylim=plot.ylim,
+        unit=_unit(scene, plot.x),
+    )  # fmt: skip
+
+
+def _unit(scene: Scene, x: str) -> str:
+    declared = scene.model.declared.get(x)
+    return declared.unit if declared else ""
+
+
+def _write_manifest(
+    scene: Scene, diagram: Diagram, folder: Path, left_out: list[str],
+    seconds: dict[str, float], files: list[str],
+) -> None:  # fmt: skip
+    from .catalogue import manifest_text, write_text
+
+    statistics = {**diagram.statistics, "seconds": seconds}
+    text = manifest_text(scene.resolved(), scene.given, left_out, statistics, files)
+    write_text(folder / "manifest.json", text)
+
+
+def _summary(scene: Scene, diagram: Diagram, folder: Path, total: float) -> None:
+    for branch in diagram.branches:
+        values = branch[branch.parameter]
+        print(
+            f"{branch.id}  {branch.notation:8} {len(branch)} points, {branch.parameter} from "
+            f"{values.min():.6g} to {values.max():.6g}"
+        )
+        for end in dict.fromkeys(end.message for end in branch.ends):
+            print(f"      {end}")
+        for entry in branch.events:
+            derived = "".join(
+                f", {n} = {entry.parameters[n]:.12g}" for n in scene.model.DERIVED[:1]
+            )
+            print(
+                f"  {entry.id:4} {entry.label:16} {entry.parameter} = {entry.value:.12g}{derived}"
+                f"  (error {entry.error:.0e})"
+            )
+        for text in branch.missed:
+            print(f"  not located: {text}")
+    print(f"written to {folder} in {total:.2f} s")
+
+
+def _plot(options: argparse.Namespace) -> int:
+    from .catalogue import MANIFEST, load_diagram, read_json
+    from .scene import FORMATS, read_scene
+
+    folder = Path(options.folder)
+    diagram = load_diagram(folder)
+    manifest = read_json(folder / "manifest.json", MANIFEST, "a folder made by contimpact run")
+    scene = read_scene(manifest["scene"]["resolved"])
+    plot = scene.plot
+    chosen: dict[str, Any] = {
+        "x": options.x or plot.x,
+        "xlim": options.xlim or (plot.xlim if not options.x else None),
+        "ylim": options.ylim or plot.ylim,
+    }
+    columns = diagram.branches[0].columns if diagram.branches else {}
+    if chosen["x"] not in columns:
+        raise InputError("-x", f"no column {chosen['x']!r}", f"accepted are {', '.join(columns)}")
+    target = Path(options.output) if options.output else folder / "diagram.png"
+    kind = target.suffix.removeprefix(".")
+    if kind not in FORMATS:
+        raise InputError(str(target), f"format {kind!r}", f"accepted are {', '.join(FORMATS)}")
+    from .plot import plot_diagram
+
+    figure = plot_diagram(diagram, unit=_unit(scene, chosen["x"]), **chosen).figure
+    try:
+        figure.savefig(target)
+    except OSError as error:
+        raise InputError(
+            str(target), f"cannot be written ({error.strerror})", "give another file"
+        ) from None
+    print(f"written to {target}")
+    return 0
+
+
+def _progress(quiet: bool) -> Callable[[str], None]:
+    """One line on standard error, rewritten in place, if that is a terminal."""
+    if quiet or not sys.stderr.isatty():
+        return lambda text: None
+
+    def show(text: str) -> None:
+        sys.stderr.write(f"\r\x1b[K{text[:100]}")
+        sys.stderr.flush()
+
+    return show

@@ -1,0 +1,275 @@
+"""Results as data: branches as tables, entries of the catalogue, and the diagram that holds both."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from .continuation.branch import End, Point
+from .mechanics.orbit import Linearisation
+
+Array = np.ndarray[Any, Any]
+
+
+@dataclass(frozen=True)
+class Entry:
+    """An event on a branch, as the catalogue records it; the attributes are its keys.
+
+    Attributes
+    ----------
+    id, branch : str
+        Its own name and its branch's.
+    kind : str
+        FB, BP, PD, NS, G, V, T, UZ, or a user's name.
+    label : str
+        As in Table 1 of the paper: ``PD``, ``~PD``, ``G[1:1->2:1]``.
+    ghost : bool
+        Whether the orbit that carries it is unstable or unphysical for another reason than the
+        event; `n_unstable`, `stable`, `physical` and `reason` likewise leave the event out.
+    word, period, notation
+        The orbit.
+    becomes : str or None
+        The word beyond a grazing or a zero velocity, with its period.
+    flight, impact, wall, touch_time
+        Where it happens, as far as that applies.
+    requested : mapping or None
+        For UZ, the name and value asked for.
+    parameters : mapping of str to float
+        All parameters and derived parameters.
+    impacts : sequence of mappings
+        Wall, time, velocity (and other section coordinates) of each impact; the first time is in
+        [0, T).
+    multipliers : sequence of (real, imaginary)
+        None in the place of an infinite multiplier.
+    residual, error : float
+        Of the equations it was located with; estimated error of the followed parameter.
+    method : str
+        ``newton`` on the extended system, or ``bracket``.
+    arclength : float
+        Where it lies on its branch.
+    opens : sequence of str
+        Branches that start here.
+    """
+
+    id: str
+    kind: str
+    ghost: bool
+    label: str
+    branch: str
+    word: str
+    period: int
+    notation: str
+    becomes: str | None
+    wall: str | None
+    flight: int | None
+    impact: int | None
+    touch_time: float | None
+    requested: Mapping[str, float] | None
+    parameter: str
+    parameters: Mapping[str, float]
+    impacts: Sequence[Mapping[str, Any]]
+    multipliers: Sequence[tuple[float, float] | None]
+    n_unstable: int
+    stable: bool
+    physical: bool
+    reason: str | None
+    residual: float
+    error: float
+    method: str
+    arclength: float
+    opens: Sequence[str] = ()
+
+    @property
+    def value(self) -> float:
+        """Value of the followed parameter."""
+        return self.parameters[self.parameter]
+
+    def __repr__(self) -> str:
+        return f"<{self.label} on {self.branch} at {self.parameter} = {self.value:.12g}>"
+
+
+@dataclass(frozen=True, eq=False)
+class Branch:
+    """A branch of periodic orbits, as a table.
+
+    Attributes
+    ----------
+    id : str
+    word, period, notation
+        The orbits on it.
+    system, options
+        The model, and the texts that shape its formulas.
+    parameter : str
+        The followed parameter.
+    columns : mapping of str to ndarray
+        One value per point: ``arclength`` (in the branch's metric), every parameter and derived
+        parameter, ``t1``, ``v1``, ... (impact times and velocities before impact, in the model's
+        clock), ``multiplier1_re``, ``multiplier1_im``, ..., ``n_unstable``, ``physical``,
+        ``reason``, ``smallest_gap``, ``residual``, ``iterations``. ``branch["s"]`` is a shorthand.
+    ends : (End, End)
+        How it ends, at its first and at its last point.
+    events : sequence of Entry
+        In order of arclength.
+    missed : sequence of str
+        Sign changes of test functions that could not be located.
+    origin : str or None
+        The entry it starts from.
+    """
+
+    id: str
+    word: str
+    period: int
+    notation: str
+    system: str
+    options: Mapping[str, str]
+    parameter: str
+    columns: Mapping[str, Array]
+    ends: tuple[End, End]
+    events: Sequence[Entry] = ()
+    missed: Sequence[str] = ()
+    origin: str | None = None
+
+    def __getitem__(self, column: str) -> Array:
+        return self.columns[column]
+
+    def __len__(self) -> int:
+        return len(self.columns["arclength"])
+
+    def __eq__(self, other: object) -> bool:
+        if not isinstance(other, Branch) or list(self.columns) != list(other.columns):
+            return NotImplemented if not isinstance(other, Branch) else False
+        same = all(
+            np.array_equal(values, other[name], equal_nan=values.dtype.kind == "f")
+            for name, values in self.columns.items()
+        )
+        names = (f.name for f in dataclasses.fields(self) if f.name != "columns")
+        return same and all(getattr(self, name) == getattr(other, name) for name in names)
+
+    __hash__ = None  # type: ignore[assignment]
+
+    @property
+    def stable(self) -> Array:
+        """Whether no multiplier lies outside the unit circle, point by point."""
+        return np.asarray(self["n_unstable"] == 0)
+
+    @property
+    def physical(self) -> Array:
+        """Whether the orbit is physical, point by point."""
+        return np.asarray(self["physical"] == 1)
+
+    @property
+    def velocities(self) -> Array:
+        """Velocities before impact, shape (points, N)."""
+        return np.column_stack([self[f"v{k + 1}"] for k in range(len(self.word))])
+
+    @property
+    def times(self) -> Array:
+        """Impact times, shape (points, N)."""
+        return np.column_stack([self[f"t{k + 1}"] for k in range(len(self.word))])
+
+    @property
+    def multipliers(self) -> Array:
+        """Multipliers, shape (points, m), complex."""
+        count = sum(name.endswith("_re") for name in self.columns)
+        return np.column_stack(
+            [
+                self[f"multiplier{k}_re"] + 1j * self[f"multiplier{k}_im"]
+                for k in range(1, count + 1)
+            ]
+        )
+
+    def to_dataframe(self) -> Any:
+        """Return the columns as a pandas DataFrame; pandas must be installed."""
+        import pandas
+
+        return pandas.DataFrame(dict(self.columns))
+
+    def __repr__(self) -> str:
+        values = self[self.parameter]
+        lines = [
+            f"Branch {self.id}: {self.notation} ({self.word}), {len(self)} points, "
+            f"{self.parameter} from {values.min():.9g} to {values.max():.9g}",
+            f"  start: {self.ends[0].message}",
+            *(
+                f"  {e.label:16} {e.parameter} = {e.value:.15g} +- {e.error:.1g}"
+                for e in self.events
+            ),
+            f"  end:   {self.ends[1].message}",
+            *(f"  not located: {text}" for text in self.missed),
+        ]
+        return "\n".join(lines)
+
+
+@dataclass(frozen=True)
+class Diagram:
+    """All branches of a scene, with what it cost to compute them.
+
+    Attributes
+    ----------
+    name : str
+        The scene's.
+    branches : sequence of Branch
+    statistics : mapping
+        Seconds per stage, counts, kernels loaded and generated.
+    """
+
+    name: str
+    branches: Sequence[Branch]
+    statistics: Mapping[str, Any] = field(default_factory=dict, compare=False)
+
+    @property
+    def entries(self) -> list[Entry]:
+        """The events of all branches."""
+        return [entry for branch in self.branches for entry in branch.events]
+
+    def __repr__(self) -> str:
+        return "\n".join([f"Diagram {self.name}", *map(repr, self.branches)])
+
+
+def tabulate(points: Sequence[Point]) -> dict[str, Array]:
+    """Return the columns of a branch from its points."""
+    rows = [_row(point) for point in points]
+    columns: dict[str, Array] = {}
+    for name in rows[0]:
+        values = [row[name] for row in rows]
+        kind: Any = {str: object, int: np.int64}.get(type(values[0]), float)
+        columns[name] = np.array(values, dtype=kind)
+    return columns
+
+
+def _row(point: Point) -> dict[str, Any]:
+    here: Linearisation = point.evaluation  # type: ignore[assignment]
+    problem = here.problem
+    row: dict[str, Any] = {"arclength": point.arclength}
+    row |= all_parameters(here)
+    for k, impact in enumerate(problem.impacts(here.unknowns).tolist(), start=1):
+        row |= {
+            f"{name}{k}": value for name, value in zip(coordinates(problem.m), impact, strict=True)
+        }
+    for k, mu in enumerate(here.multipliers.tolist(), start=1):
+        row |= {f"multiplier{k}_re": mu.real, f"multiplier{k}_im": mu.imag}
+    verdict = here.verdict
+    return row | {
+        "n_unstable": here.n_unstable,
+        "physical": int(verdict.physical),
+        "reason": verdict.reason or "",
+        "smallest_gap": verdict.smallest_gap,
+        "residual": float(np.max(np.abs(here.residual))),
+        "iterations": point.iterations,
+    }
+
+
+def all_parameters(here: Linearisation) -> dict[str, float]:
+    """Return every parameter and derived parameter at a point, by name."""
+    problem = here.problem
+    values = problem.values(here.unknowns)
+    return dict(zip(problem.model.values, values, strict=True)) | dict(here.derived)
+
+
+def coordinates(m: int) -> list[str]:
+    """Return the names of an impact's time and section coordinates."""
+    return ["t", "v", *(f"{n}{i}_" for i in range(1, m // 2) for n in ("x", "v"))]

@@ -1,0 +1,142 @@
+"""What an event is called and whether it is a ghost, as in Table 1 of the paper.
+
+An event is a ghost when the orbit that carries it is unstable, or unphysical, for a reason other
+than the event itself: of its multipliers the critical one is left out, of its gaps the touch.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from .bifurcations import critical
+from .continuation.branch import Event
+from .diagram import Entry, all_parameters, coordinates
+from .mechanics import stability
+from .mechanics.flight import Verdict
+from .mechanics.orbit import Array, Linearisation, OrbitProblem
+from .mechanics.word import Word
+
+LABELLED = ("FB", "BP", "PD", "NS", "G", "V", "T")
+
+
+def entry_of(event: Event, identity: str, branch: str) -> Entry:
+    """Return the catalogue entry of an event."""
+    here: Linearisation = event.point.evaluation  # type: ignore[assignment]
+    problem = here.problem
+    word, details = problem.word, event.details
+    letters = [w.name for w in problem.model.WALLS]
+    becomes = next_word(event)
+    multipliers, n_unstable = apart_from_event(event)
+    verdict = forgiven(event)
+    ghost = n_unstable > 0 or not verdict.physical
+    return Entry(
+        id=identity,
+        kind=event.kind,
+        ghost=ghost,
+        label=label(event.kind, ghost, word, becomes, letters),
+        branch=branch,
+        word=word.walls,
+        period=word.period,
+        notation=word.notation(letters),
+        becomes=str(becomes) if becomes else None,
+        wall=details.get("wall"),
+        flight=details.get("flight"),
+        impact=details.get("impact"),
+        touch_time=_shifted(problem, here.unknowns, details.get("touch_time")),
+        requested=details.get("requested"),
+        parameter=problem.parameter,
+        parameters=all_parameters(here),
+        impacts=impacts_of(problem, here.unknowns),
+        multipliers=[
+            (mu.real, mu.imag) if np.isfinite(mu) else None for mu in multipliers.tolist()
+        ],
+        n_unstable=n_unstable,
+        stable=n_unstable == 0,
+        physical=verdict.physical,
+        reason=verdict.reason,
+        residual=event.residual,
+        error=event.error,
+        method=event.method,
+        arclength=event.point.arclength,
+    )
+
+
+def renamed(entry: Entry, **changes: Any) -> Entry:
+    """Return an entry with some of its keys changed."""
+    return dataclasses.replace(entry, **changes)
+
+
+def next_word(event: Event) -> Word | None:
+    """Return the word beyond a grazing or a zero velocity, None for other kinds."""
+    word: Word = event.point.evaluation.problem.word  # type: ignore[attr-defined]
+    if event.kind == "G":
+        return word.insert(event.details["flight"], event.details["wall"])
+    if event.kind == "V" and len(word) > 1:
+        return word.drop(event.details["impact"])
+    return None
+
+
+def label(kind: str, ghost: bool, word: Word, becomes: Word | None, letters: Sequence[str]) -> str:
+    """Return the label of an event: ``~G[2:1->2:2]``."""
+    mark = "~" if ghost and kind in LABELLED else ""
+    if becomes is None:
+        return mark + kind
+    return f"{mark}{kind}[{word.notation(letters)}->{becomes.notation(letters)}]"
+
+
+def apart_from_event(event: Event) -> tuple[Array, int]:
+    """Return the orbit's multipliers, and how many outside the unit circle are not the event's.
+
+    At a zero velocity the multipliers are those of the orbit without that impact: the same orbit,
+    whose own have no pole.
+    """
+    here: Linearisation = event.point.evaluation  # type: ignore[assignment]
+    if event.kind == "V" and len(here.problem.word) > 1:
+        start, end = _without_impact(here, event.details["impact"])
+        multipliers = stability.multipliers(start, end)
+        return multipliers, stability.count_unstable(multipliers)
+    others = np.delete(here.multipliers, critical(event.kind, here.multipliers))
+    return here.multipliers, stability.count_unstable(others)
+
+
+def forgiven(event: Event) -> Verdict:
+    """Return the verdict on the orbit, the event itself not held against it."""
+    here: Linearisation = event.point.evaluation  # type: ignore[assignment]
+    if event.kind == "G":
+        return here.judge(forgive_touch=(event.details["flight"], event.details["wall"]))
+    if event.kind == "V":
+        return here.judge(forgive_impact=event.details["impact"])
+    return here.verdict
+
+
+def _without_impact(here: Linearisation, impact: int) -> tuple[Array, Array]:
+    """The blocks of the same orbit with one impact of zero velocity left out."""
+    problem = here.problem
+    shorter = OrbitProblem(problem.model, problem.word.drop(impact), problem.kernels)
+    kept = np.delete(problem.impacts(here.unknowns), impact, axis=0)
+    there = shorter.evaluate(np.append(kept.ravel(), here.unknowns[-1]))
+    return there.start, there.end
+
+
+def impacts_of(problem: OrbitProblem, unknowns: Array) -> list[dict[str, Any]]:
+    """Return the impacts as records, the first one's time in [0, T)."""
+    names = ["time", "velocity", *coordinates(problem.m)[2:]]
+    rows = problem.impacts(unknowns).tolist()
+    for row in rows:
+        row[0] = _shifted(problem, unknowns, row[0])
+    return [
+        {"wall": wall} | dict(zip(names, row, strict=True))
+        for wall, row in zip(problem.word.walls, rows, strict=True)
+    ]
+
+
+def _shifted(problem: OrbitProblem, unknowns: Array, time: Any) -> Any:
+    """A time in the clock in which the first impact comes in [0, T)."""
+    if time is None:
+        return None
+    period = problem.kernels.setup(*problem.values(unknowns))[0]
+    return time - float(np.floor(unknowns[0] / period)) * period

@@ -1,0 +1,180 @@
+"""From an orbit to its branch: both walks, joined and tabulated."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from .bifurcations import test_functions
+from .continuation.arclength import Settings
+from .continuation.branch import Point, Walk, joined
+from .continuation.events import TestFunction, UserFunction
+from .continuation.walk import SAME_SOLUTION, walk
+from .diagram import Branch, tabulate
+from .errors import InputError
+from .ghosts import entry_of
+from .mechanics.kernels import Kernels
+from .mechanics.orbit import OrbitProblem
+from .mechanics.search import Orbit, settle
+
+EVENTS = ("FB", "BP", "PD", "G", "V", "T")
+"""Kinds of events looked for where nothing else is said."""
+
+UserEvent = tuple[str, Callable[[Orbit], float]]
+Callback = Callable[[Point], bool | None]
+
+
+def continue_orbit(
+    orbit: Orbit, parameter: str | None = None, range: tuple[float, float] | None = None, *,
+    events: Sequence[str | UserEvent] = EVENTS,
+    values: Mapping[str, Sequence[float]] | None = None,
+    settings: Settings | None = None, callback: Callback | None = None, name: str = "b1",
+) -> Branch:  # fmt: skip
+    """Follow a periodic orbit in one parameter, in both directions.
+
+    Parameters
+    ----------
+    orbit : Orbit
+        From `find_orbits`.
+    parameter : str, optional
+        The parameter to follow; by default the one the orbit was found with.
+    range : (low, high)
+        Its range, which holds the orbit's value.
+    events : sequence
+        Kinds of events (FB, BP, PD, NS, G, V, T, UZ), and pairs of a name and a function of the
+        `Orbit` whose zeros are to be located.
+    values : mapping of str to sequence of float, optional
+        Values of the parameter, or of a derived one, to hit exactly (as UZ).
+    settings : Settings, optional
+    callback : callable, optional
+        Called with every accepted point; a true value stops the walk in that direction.
+    name : str
+        The branch's name.
+
+    Returns
+    -------
+    Branch
+
+    Raises
+    ------
+    InputError
+        For a parameter the model does not have, or a range it does not admit.
+    """
+    problem = orbit.problem
+    parameter = parameter or problem.parameter
+    unknowns = orbit.unknowns
+    if parameter != problem.parameter:
+        model = orbit.model
+        problem = OrbitProblem(model, orbit.word, Kernels(model, parameter))
+        unknowns = np.append(unknowns[:-1], model.values[parameter])
+    limits = checked_range(problem, range, float(unknowns[-1]))
+    kinds = [kind for kind in events if isinstance(kind, str)]
+    if values and "UZ" not in kinds:
+        kinds.append("UZ")
+    tests = test_functions(problem, kinds, values or {})
+    tests += [_user(kind) for kind in events if not isinstance(kind, str)]
+    run = both_ways(problem, unknowns, limits, tests, settings or Settings(), callback)
+    return run.branch(name)
+
+
+def checked_range(
+    problem: OrbitProblem, limits: tuple[float, float] | None, start: float
+) -> tuple[float, float]:
+    """Return the range as floats, or raise `InputError` if it does not fit."""
+    declared = problem.model.require(problem.parameter, "parameter")
+    if limits is None or len(limits) != 2:
+        raise InputError("range", f"found {limits!r}", "give (low, high)")
+    low, high = (declared.check(float(limit), "range") for limit in limits)
+    if not low < high or not low <= start <= high:
+        raise InputError(
+            "range", f"({low:.12g}, {high:.12g}) does not hold the start "
+            f"{problem.parameter} = {start:.12g}", "give low < high around the start",
+        )  # fmt: skip
+    return low, high
+
+
+def _user(given: UserEvent) -> TestFunction:
+    kind, function = given
+    return UserFunction(kind, lambda point: function(_orbit(point)))
+
+
+def _orbit(point: Point) -> Orbit:
+    here: Any = point.evaluation
+    return Orbit(here.problem, here)
+
+
+@dataclass(frozen=True)
+class Run:
+    """A branch just walked: its points, not yet tabulated."""
+
+    problem: OrbitProblem
+    walks: tuple[Walk, Walk]
+    points: Sequence[Point]
+
+    def branch(self, name: str, origin: str | None = None, first_entry: int = 1) -> Branch:
+        """Tabulate it."""
+        backward, forward = self.walks
+        problem = self.problem
+        _, events = joined(backward, forward)
+        entries = [entry_of(e, f"e{first_entry + i}", name) for i, e in enumerate(events)]
+        missed = [
+            f"{m.kind} between {problem.parameter} = {m.parameters[0]:.12g} and "
+            f"{m.parameters[1]:.12g}: {m.reason}"
+            for m in (*backward.missed, *forward.missed)
+        ]
+        return Branch(
+            id=name,
+            word=problem.word.walls,
+            period=problem.word.period,
+            notation=problem.word.notation([w.name for w in problem.model.WALLS]),
+            system=problem.model.SYSTEM,
+            options=problem.model.options,
+            parameter=problem.parameter,
+            columns=tabulate(self.points),
+            ends=(backward.end, forward.end),
+            events=entries,
+            missed=missed,
+            origin=origin,
+        )
+
+    def holds(self, unknowns: np.ndarray[Any, Any]) -> bool:
+        """Whether an orbit of the same word lies on this branch."""
+        value = unknowns[-1]
+        for left, right in zip(self.points, self.points[1:], strict=False):
+            span = right.parameter - left.parameter
+            if (left.parameter - value) * (right.parameter - value) > 0.0 or span == 0.0:
+                continue
+            between = (value - left.parameter) / span
+            guess = left.unknowns + between * (right.unknowns - left.unknowns)
+            guess[-1] = value
+            here = settle(self.problem, guess)
+            if here is not None:
+                apart = self.problem.difference(here.unknowns, unknowns)
+                if np.max(np.abs(apart)) < SAME_SOLUTION:
+                    return True
+        return False
+
+
+def both_ways(
+    problem: OrbitProblem, unknowns: np.ndarray[Any, Any], limits: tuple[float, float],
+    tests: list[TestFunction], settings: Settings, callback: Callback | None = None,
+) -> Run:  # fmt: skip
+    """Walk from an orbit in both directions; a closed branch is walked once."""
+
+    def go(direction: int) -> Walk:
+        return walk(
+            problem, unknowns, direction, parameter=problem.parameter, limits=limits,
+            tests=tests, settings=settings, callback=callback,
+        )  # fmt: skip
+
+    forward = go(+1)
+    if forward.end.kind.name == "CLOSED":
+        backward = dataclasses.replace(forward, points=forward.points[:1], events=(), missed=())
+    else:
+        backward = go(-1)
+    points, _ = joined(backward, forward)
+    return Run(problem, (backward, forward), points)

@@ -1,0 +1,371 @@
+"""Scenes: what to follow, read from TOML and validated.
+
+Every mistake is refused with the path of its key, what was found and what would do. The format is
+a contract, documented key by key in the documentation's page on scenes.
+"""
+
+from __future__ import annotations
+
+import difflib
+import math
+import tomllib
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass, field, fields
+from pathlib import Path
+from typing import Any
+
+from .bifurcations import KINDS
+from .continuation.arclength import Settings
+from .errors import InputError
+from .expressions import number
+from .mechanics.model import Model
+from .mechanics.word import Word, parse_word
+from .orbit_branch import EVENTS
+from .systems import system
+
+FORMATS = ("svg", "png", "pdf")
+SCENE_SETTINGS = Settings(max_step=0.03)
+"""Numerics of a scene that says nothing else; steps short enough for a smooth picture."""
+
+
+@dataclass(frozen=True)
+class PlotOptions:
+    """How the diagram is drawn: the parameter on the x axis, limits, formats to write."""
+
+    x: str
+    xlim: tuple[float, float] | None = None
+    ylim: tuple[float, float] | None = None
+    formats: tuple[str, ...] = ("svg", "png")
+
+
+@dataclass(frozen=True)
+class Scene:
+    """A validated scene.
+
+    Attributes
+    ----------
+    name, source : str
+    model : Model
+        At the start's parameter values.
+    parameter : str
+        The followed parameter.
+    range : (low, high)
+    orbits : sequence of Word
+    events : sequence of str
+        Kinds to look for.
+    values : mapping of str to sequence of float
+        Values to hit exactly, by parameter.
+    settings : Settings
+    seed, starts, rounds : int
+        Of the search for orbits.
+    plot : PlotOptions
+    given : mapping
+        The scene as it was written.
+    """
+
+    name: str
+    source: str
+    model: Model
+    parameter: str
+    range: tuple[float, float]
+    orbits: tuple[Word, ...]
+    events: tuple[str, ...] = EVENTS
+    values: Mapping[str, Sequence[float]] = field(default_factory=dict)
+    settings: Settings = SCENE_SETTINGS
+    seed: int = 0
+    starts: int = 256
+    rounds: int = 8
+    plot: PlotOptions = field(default_factory=lambda: PlotOptions("s"))
+    given: Mapping[str, Any] = field(default_factory=dict)
+
+    @property
+    def start(self) -> float:
+        """Value of the followed parameter at the start."""
+        return self.model.values[self.parameter]
+
+    def resolved(self) -> dict[str, Any]:
+        """Return the scene with every default filled in, as plain data."""
+        return {
+            "name": self.name,
+            "source": self.source,
+            "model": {
+                "system": self.model.SYSTEM,
+                **self.model.options,
+                "parameters": dict(self.model.values),
+            },
+            "follow": {
+                "parameter": self.parameter,
+                "range": list(self.range),
+                "orbits": [str(word) for word in self.orbits],
+            },
+            "detect": {
+                "events": list(self.events),
+                "values": {name: list(values) for name, values in self.values.items()},
+            },
+            "numerics": {
+                **asdict(self.settings), "seed": self.seed, "starts": self.starts,
+                "rounds": self.rounds,
+            },
+            "plot": {name: value for name, value in asdict(self.plot).items() if value is not None},
+        }  # fmt: skip
+
+    def left_out(self) -> list[str]:
+        """Return what the scene does not ask for, in words."""
+        unasked = [kind for kind in KINDS if kind not in self.events]
+        words = []
+        if unasked:
+            words.append(f"events {', '.join(unasked)}: not asked for, not evaluated")
+        if not set(self.events) & {"FB", "BP", "PD"}:
+            words.append("second derivatives: no event needs them, not generated")
+        if not self.plot.formats:
+            words.append("diagram: plot.formats is empty, matplotlib is not imported")
+        return words
+
+
+def load_scene(path: str | Path) -> Scene:
+    """Read and validate a scene file.
+
+    Raises
+    ------
+    InputError
+        If the file cannot be read or the scene is not valid.
+    """
+    path = Path(path)
+    try:
+        text = path.read_bytes().decode("utf-8")
+    except FileNotFoundError:
+        raise InputError(str(path), "no such file", "give the path of a scene.toml") from None
+    except IsADirectoryError:
+        raise InputError(
+            str(path), "a folder", f"give the file in it: {path / 'scene.toml'}"
+        ) from None
+    except UnicodeDecodeError as error:
+        raise InputError(str(path), f"not UTF-8 ({error})", "save it as UTF-8 text") from None
+    except OSError as error:
+        raise InputError(str(path), f"cannot be read ({error.strerror})", "check it") from None
+    try:
+        return read_scene(tomllib.loads(text))
+    except tomllib.TOMLDecodeError as error:
+        raise InputError(str(path), f"not TOML: {error}", "see the scene format") from None
+    except RecursionError:
+        raise InputError(str(path), "nested too deeply", "see the scene format") from None
+
+
+def read_scene(given: Mapping[str, Any]) -> Scene:
+    """Validate a scene given as nested mappings.
+
+    Raises
+    ------
+    InputError
+        If it is not valid.
+    """
+    top = _Table(given, "")
+    name = top.text("name")
+    if not name or any(c in name for c in "/\\\0\n"):
+        raise InputError("name", f"found {name!r}", "give a name without slashes or line breaks")
+    source = top.text("source", "")
+    model = _model(top.table("model"))
+    follow = top.table("follow")
+    parameter = follow.text("parameter")
+    if parameter in model.DERIVED:
+        raise InputError(
+            "follow.parameter", f"{parameter} is derived from other parameters",
+            f"follow one of {', '.join(model.values)}",
+        )  # fmt: skip
+    declared = model.require(parameter, "follow.parameter")
+    low, high = (declared.check(v, "follow.range") for v in follow.pair("range"))
+    start = model.values[parameter]
+    if not low <= start <= high:
+        raise InputError(
+            "follow.range", f"[{low:.12g}, {high:.12g}] does not hold the start "
+            f"{parameter} = {start:.12g}",
+            f"widen it or change model.parameters.{parameter}",
+        )  # fmt: skip
+    letters = [w.name for w in model.WALLS]
+    orbits = tuple(
+        dict.fromkeys(
+            parse_word(text, letters, f"follow.orbits[{i}]")
+            for i, text in enumerate(follow.texts("orbits"))
+        )
+    )
+    if not orbits:
+        raise InputError("follow.orbits", "empty", "name at least one orbit, such as '1:1'")
+    follow.finish()
+    events, values = _detect(top.table("detect", optional=True), model, parameter)
+    settings, search = _numerics(top.table("numerics", optional=True))
+    plot = _plot(top.table("plot", optional=True), model, parameter)
+    top.finish()
+    return Scene(
+        name, source, model, parameter, (low, high), orbits, events, values, settings,
+        plot=plot, given=given, **search,
+    )  # fmt: skip
+
+
+def _model(table: _Table) -> Model:
+    kind = system(table.text("system"), "model.system")
+    options = {name: table.text(name, default) for name, default in kind.OPTIONS.items()}
+    given = table.table("parameters")
+    values = {name: given.number(name) for name in list(given.data)}
+    table.finish()
+    try:
+        return kind(**values, **options)
+    except InputError as error:
+        inside = "model" if error.where in options else "model.parameters"
+        raise error.within(inside) from None
+
+
+def _detect(
+    table: _Table, model: Model, parameter: str
+) -> tuple[tuple[str, ...], dict[str, list[float]]]:
+    events = table.texts("events", list(EVENTS))
+    for i, kind in enumerate(events):
+        if kind not in KINDS:
+            raise InputError(
+                f"detect.events[{i}]", f"no event kind {kind!r}", f"accepted are {', '.join(KINDS)}"
+            )
+    requested = table.table("values", optional=True)
+    values = {}
+    for name in list(requested.data):
+        if name not in (parameter, *model.DERIVED):
+            raise InputError(
+                f"detect.values.{name}", "it does not vary along the branches",
+                f"accepted are {', '.join((parameter, *model.DERIVED))}",
+            )  # fmt: skip
+        values[name] = requested.numbers(name)
+    if values and "UZ" not in events:
+        events.append("UZ")
+    if "UZ" in events and not values:
+        raise InputError(
+            "detect.events", "UZ without values to hit", f"give detect.values.{parameter} = [...]"
+        )
+    table.finish()
+    return tuple(dict.fromkeys(events)), values
+
+
+def _numerics(table: _Table) -> tuple[Settings, dict[str, int]]:
+    defaults = asdict(SCENE_SETTINGS)
+    chosen = {}
+    for key in fields(Settings):
+        whole = isinstance(defaults[key.name], int)
+        read = table.whole if whole else table.number
+        chosen[key.name] = read(key.name, defaults[key.name])
+    search = {
+        "seed": table.whole("seed", 0, least=0),
+        "starts": table.whole("starts", 256),
+        "rounds": table.whole("rounds", 8),
+    }
+    table.finish()
+    try:
+        return Settings(**chosen), search
+    except InputError as error:
+        raise error.within("numerics") from None
+
+
+def _plot(table: _Table, model: Model, parameter: str) -> PlotOptions:
+    x = table.text("x", parameter)
+    if x not in (parameter, *model.DERIVED):
+        raise InputError(
+            "plot.x", f"{x!r} does not vary along the branches",
+            f"accepted are {', '.join((parameter, *model.DERIVED))}",
+        )  # fmt: skip
+    limits = {
+        key: table.pair(key) if key in table.data else None for key in ("xlim", "ylim")
+    }  # fmt: skip
+    formats = table.texts("formats", ["svg", "png"])
+    for i, kind in enumerate(formats):
+        if kind not in FORMATS:
+            raise InputError(
+                f"plot.formats[{i}]", f"found {kind!r}", f"accepted are {', '.join(FORMATS)}"
+            )
+    table.finish()
+    return PlotOptions(x, limits["xlim"], limits["ylim"], tuple(dict.fromkeys(formats)))
+
+
+_REQUIRED: Any = object()
+
+
+class _Table:
+    """One table of a scene: hands out its keys by type, and refuses those nobody asked for."""
+
+    def __init__(self, data: Mapping[str, Any], path: str) -> None:
+        self.data, self.path = data, path
+        self.asked: list[str] = []
+
+    def place(self, key: str) -> str:
+        return f"{self.path}.{key}" if self.path else key
+
+    def take(self, key: str, default: Any, wanted: str) -> Any:
+        self.asked.append(key)
+        if key in self.data:
+            return self.data[key]
+        if default is _REQUIRED:
+            raise InputError(self.place(key), "missing", f"give {wanted}")
+        return default
+
+    def refuse(self, key: str, found: Any, wanted: str) -> InputError:
+        return InputError(self.place(key), f"found {found!r}", f"give {wanted}")
+
+    def text(self, key: str, default: Any = _REQUIRED) -> str:
+        value = self.take(key, default, "a text")
+        if not isinstance(value, str):
+            raise self.refuse(key, value, "a text in quotes")
+        return value
+
+    def texts(self, key: str, default: Any = _REQUIRED) -> list[str]:
+        value = self.take(key, default, "a list of texts")
+        if not isinstance(value, list) or not all(isinstance(v, str) for v in value):
+            raise self.refuse(key, value, "a list of texts in quotes")
+        return list(value)
+
+    def number(self, key: str, default: Any = _REQUIRED) -> float:
+        value = self.take(key, default, "a number, or an expression in quotes")
+        return self.as_number(value, key)
+
+    def as_number(self, value: Any, key: str) -> float:
+        if isinstance(value, str):
+            return number(value, self.place(key))
+        if isinstance(value, bool) or not isinstance(value, int | float):
+            raise self.refuse(key, value, "a number, or an expression in quotes")
+        try:
+            value = float(value)
+        except OverflowError:
+            value = math.inf
+        if not math.isfinite(value):
+            raise self.refuse(key, value, "a finite number")
+        return value
+
+    def numbers(self, key: str) -> list[float]:
+        value = self.take(key, _REQUIRED, "a list of numbers")
+        if not isinstance(value, list):
+            raise self.refuse(key, value, "a list of numbers")
+        return [self.as_number(v, f"{key}[{i}]") for i, v in enumerate(value)]
+
+    def pair(self, key: str) -> tuple[float, float]:
+        wanted = "two numbers, the lower one first"
+        if key not in self.data:
+            self.take(key, _REQUIRED, wanted)
+        values = self.numbers(key)
+        if len(values) != 2 or not values[0] < values[1]:
+            raise self.refuse(key, self.data[key], wanted)
+        return values[0], values[1]
+
+    def whole(self, key: str, default: Any = _REQUIRED, least: int = 1) -> int:
+        value = self.take(key, default, "a whole number")
+        if isinstance(value, bool) or not isinstance(value, int) or value < least:
+            raise self.refuse(key, value, f"a whole number >= {least}")
+        return value
+
+    def table(self, key: str, optional: bool = False) -> _Table:
+        value = self.take(key, {} if optional else _REQUIRED, f"a table [{self.place(key)}]")
+        if not isinstance(value, dict):
+            raise self.refuse(key, value, f"a table [{self.place(key)}]")
+        return _Table(value, self.place(key))
+
+    def finish(self) -> None:
+        for key in self.data:
+            if key not in self.asked:
+                near = difflib.get_close_matches(key, self.asked, 1)
+                hint = f" (did you mean {near[0]!r}?)" if near else ""
+                raise InputError(
+                    self.place(key), f"unknown key{hint}", f"accepted are {', '.join(self.asked)}"
+                )
