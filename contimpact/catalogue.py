@@ -231,7 +231,7 @@ def read_branch(path: str | Path) -> Branch:
 
 
 def _column(name: str, texts: Sequence[str]) -> np.ndarray[Any, Any]:
-    if name == "reason":
+    if name in ("reason", "event"):
         return np.array(texts, dtype=object)
     if name in ("n_unstable", "physical", "iterations"):
         return np.array([int(text) for text in texts], dtype=np.int64)

@@ -7,6 +7,7 @@ computation that failed; what was computed is written all the same.
 from __future__ import annotations
 
 import argparse
+import contextlib
 import sys
 import time
 from collections.abc import Callable, Sequence
@@ -134,10 +135,8 @@ def _run(options: argparse.Namespace) -> int:
 
 
 def _remove_if_empty(folder: Path) -> None:
-    try:
+    with contextlib.suppress(OSError):
         folder.rmdir()
-    except OSError:
-        pass
 
 
 def _save_plot(scene: Scene, diagram: Diagram, folder: Path) -> list[str]:

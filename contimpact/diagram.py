@@ -1,4 +1,4 @@
-"""Results as data: branches as tables, entries of the catalogue, and the diagram that holds both."""
+"""Results as data: branches as tables, entries of the catalogue, the diagram of both."""
 
 from __future__ import annotations
 
@@ -109,7 +109,8 @@ class Branch:
         One value per point: ``arclength`` (in the branch's metric), every parameter and derived
         parameter, ``t1``, ``v1``, ... (impact times and velocities before impact, in the model's
         clock), ``multiplier1_re``, ``multiplier1_im``, ..., ``n_unstable``, ``physical``,
-        ``reason``, ``smallest_gap``, ``residual``, ``iterations``. ``branch["s"]`` is a shorthand.
+        ``reason``, ``smallest_gap``, ``residual``, ``iterations``, and ``event``: the name of the
+        entry a row belongs to, empty for the points of the walk. ``branch["s"]`` is a shorthand.
     ends : (End, End)
         How it ends, at its first and at its last point.
     events : sequence of Entry
@@ -230,9 +231,20 @@ class Diagram:
         return "\n".join([f"Diagram {self.name}", *map(repr, self.branches)])
 
 
-def tabulate(points: Sequence[Point]) -> dict[str, Array]:
-    """Return the columns of a branch from its points."""
-    rows = [_row(point) for point in points]
+def tabulate(points: Sequence[Point], entries: Sequence[tuple[Point, str]]) -> dict[str, Array]:
+    """Return the columns of a branch: a row per point, and one for each event between points.
+
+    Parameters
+    ----------
+    points : sequence of Point
+    entries : sequence of (Point, str)
+        The events' points and names, in order of arclength.
+    """
+    taken = {point.arclength for point in points}
+    between = [(point, name) for point, name in entries if point.arclength not in taken]
+    between = list({point.arclength: (point, name) for point, name in between}.values())
+    marked = sorted([*((p, "") for p in points), *between], key=lambda pair: pair[0].arclength)
+    rows = [_row(point) | {"event": name} for point, name in marked]
     columns: dict[str, Array] = {}
     for name in rows[0]:
         values = [row[name] for row in rows]

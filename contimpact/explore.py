@@ -43,6 +43,9 @@ def follow(scene: Scene, progress: Callable[[str], None] | None = None) -> Diagr
     return _Follower(scene, progress or (lambda text: None)).run()
 
 
+STAGES = ("kernels", "search", "walk", "events", "tables")
+
+
 @dataclass
 class _Follower:
     scene: Scene

@@ -121,6 +121,7 @@ class Run:
         problem = self.problem
         _, events = joined(backward, forward)
         entries = [entry_of(e, f"e{first_entry + i}", name) for i, e in enumerate(events)]
+        marks = [(event.point, entry.id) for event, entry in zip(events, entries, strict=True)]
         missed = [
             f"{m.kind} between {problem.parameter} = {m.parameters[0]:.12g} and "
             f"{m.parameters[1]:.12g}: {m.reason}"
@@ -134,7 +135,7 @@ class Run:
             system=problem.model.SYSTEM,
             options=problem.model.options,
             parameter=problem.parameter,
-            columns=tabulate(self.points),
+            columns=tabulate(self.points, marks),
             ends=(backward.end, forward.end),
             events=entries,
             missed=missed,

@@ -21,7 +21,7 @@ from .diagram import Branch, Diagram, Entry
 COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7")
 """One for each wall; from the Okabe-Ito cycle, told apart by most colour-blind readers."""
 
-STYLES = {"stable": "-", "unstable": (0, (5, 2)), "unphysical": (0, (1, 1.6))}
+STYLES: dict[str, Any] = {"stable": "-", "unstable": (0, (5, 2)), "unphysical": (0, (1, 1.6))}
 MARKERS = {"FB": "^", "BP": "D", "PD": "s", "NS": "*", "G": "o", "V": "v", "T": "X", "UZ": "|"}
 LABEL_ROWS = 5
 
@@ -72,9 +72,7 @@ def plot_diagram(
     if labels:
         _draw_labels(ax, [e for e in shown if e.kind != "UZ"], column)
     ax.set_xlabel(_symbol(column) + (f" ({unit})" if unit else ""))
-    ax.set_ylabel(
-        r"velocity before impact, $\dot{Z}_k$" if "B" in walls else "velocity before impact"
-    )
+    ax.set_ylabel("velocity before impact")
     _draw_legend(ax, walls, colours, shown)
     return ax
 
@@ -92,8 +90,13 @@ def save_diagram(
 
 
 def _draw_branch(ax: Any, branch: Branch, x: str, colours: dict[str, str]) -> None:
-    """Draw runs of equal status, each joined to the next at their common point."""
+    """Draw runs of equal status, each joined to the next at their common point.
+
+    The status changes at events, so a piece that starts at one takes it from its other end.
+    """
     status = np.where(branch.physical, np.where(branch.stable, 0, 1), 2)
+    at_event = np.nonzero(branch["event"][:-1] != "")[0]
+    status[at_event] = status[at_event + 1]
     names = list(STYLES)
     for k, wall in enumerate(branch.word):
         speed = branch[f"v{k + 1}"]
@@ -147,7 +150,7 @@ def _draw_labels(ax: Any, entries: list[Entry], x: str) -> None:
             linewidth=0.5, zorder=0,
         )  # fmt: skip
         ax.annotate(
-            text, (entry.parameters[x], 1.0), (0, 3 + 13 * row), xycoords=transform,
+            text, (entry.parameters[x], 1.0), (0, 4 + 13 * row), xycoords=transform,
             textcoords="offset points", ha="center", va="bottom", fontsize=8,
         )  # fmt: skip
 
@@ -173,10 +176,8 @@ def _draw_legend(ax: Any, walls: list[str], colours: dict[str, str], entries: li
         Line2D([], [], color="0.3", linestyle=style, label=name) for name, style in STYLES.items()
     ]
     for kind in dict.fromkeys(e.kind for e in entries):
-        handles.append(
-            Line2D([], [], color="0.3", linestyle="none", marker=MARKERS.get(kind, "P"), markersize=5,
-                   label=kind)
-        )  # fmt: skip
+        marker = MARKERS.get(kind, "P")
+        handles.append(Line2D([], [], color="0.3", ls="none", marker=marker, ms=5, label=kind))
     if any(e.ghost for e in entries):
         handles.append(
             Line2D([], [], color="0.3", linestyle="none", marker="o", markerfacecolor="white",

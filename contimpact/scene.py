@@ -244,7 +244,7 @@ def _detect(
 
 def _numerics(table: _Table) -> tuple[Settings, dict[str, int]]:
     defaults = asdict(SCENE_SETTINGS)
-    chosen = {}
+    chosen: dict[str, Any] = {}
     for key in fields(Settings):
         whole = isinstance(defaults[key.name], int)
         read = table.whole if whole else table.number
