@@ -32,9 +32,9 @@ MANIFEST = "contimpact.manifest/1"
 BRANCH = "contimpact.branch/1"
 
 EVENT_COLUMNS = (
-    "id", "kind", "ghost", "label", "branch", "word", "period", "notation", "becomes", "wall",
-    "flight", "impact", "touch_time", "parameter", "n_unstable", "stable", "physical", "reason",
-    "residual", "error", "method",
+    "id", "kind", "ghost", "label", "why", "branch", "word", "period", "notation", "becomes",
+    "order", "criticality", "slope", "wall", "flight", "impact", "touch_time", "parameter",
+    "n_unstable", "stable", "physical", "reason", "residual", "error", "method", "arclength",
 )  # fmt: skip
 
 
@@ -138,6 +138,7 @@ def _branch_record(branch: Branch) -> dict[str, Any]:
         "notation": branch.notation,
         "parameter": branch.parameter,
         "from": branch.origin,
+        "meetings": list(branch.meetings),
         "points": len(branch),
         "ends": [_end_record(branch, end) for end in branch.ends],
         "missed": list(branch.missed),
@@ -183,6 +184,7 @@ def branch_text(branch: Branch) -> str:
         "options": dict(branch.options),
         "parameter": branch.parameter,
         "from": branch.origin,
+        "meetings": list(branch.meetings),
         "ends": [_end_record(branch, end) for end in branch.ends],
         "missed": list(branch.missed),
         "events": [dataclasses.asdict(entry) for entry in branch.events],
@@ -217,6 +219,7 @@ def read_branch(path: str | Path) -> Branch:
             head["id"], head["word"], head["period"], head["notation"], head["system"],
             head["options"], parameter, columns, (ends[0], ends[1]),
             [_entry(record) for record in head["events"]], head["missed"], head["from"],
+            head["meetings"],
         )  # fmt: skip
     except OSError as error:
         raise InputError(
@@ -239,8 +242,11 @@ def _column(name: str, texts: Sequence[str]) -> np.ndarray[Any, Any]:
 
 
 def _entry(record: Mapping[str, Any]) -> Entry:
-    multipliers = [None if mu is None else (mu[0], mu[1]) for mu in record["multipliers"]]
-    return Entry(**{**record, "multipliers": multipliers, "opens": tuple(record["opens"])})
+    lists = {
+        name: [None if mu is None else (mu[0], mu[1]) for mu in record[name]]
+        for name in ("multipliers", "multipliers_before", "multipliers_after")
+    }
+    return Entry(**{**record, **lists, "opens": tuple(record["opens"])})
 
 
 def load_diagram(folder: str | Path) -> Diagram:

@@ -32,8 +32,16 @@ class Entry:
         event; `n_unstable`, `stable`, `physical` and `reason` likewise leave the event out.
     word, period, notation
         The orbit.
+    why : str or None
+        Why it is a ghost.
     becomes : str or None
         The word beyond a grazing or a zero velocity, with its period.
+    order : int or None
+        For G, how many impacts are added.
+    criticality : str or None
+        ``supercritical`` or ``subcritical``, for G and PD, where it can be told.
+    slope : float or None
+        For G, the derivative of the new impact's velocity, towards its wall, by the parameter.
     flight, impact, wall, touch_time
         Where it happens, as far as that applies.
     requested : mapping or None
@@ -45,6 +53,8 @@ class Entry:
         [0, T).
     multipliers : sequence of (real, imaginary)
         None in the place of an infinite multiplier.
+    multipliers_before, multipliers_after
+        The same at the neighbouring points of the branch.
     residual, error : float
         Of the equations it was located with; estimated error of the followed parameter.
     method : str
@@ -59,11 +69,15 @@ class Entry:
     kind: str
     ghost: bool
     label: str
+    why: str | None
     branch: str
     word: str
     period: int
     notation: str
     becomes: str | None
+    order: int | None
+    criticality: str | None
+    slope: float | None
     wall: str | None
     flight: int | None
     impact: int | None
@@ -73,6 +87,8 @@ class Entry:
     parameters: Mapping[str, float]
     impacts: Sequence[Mapping[str, Any]]
     multipliers: Sequence[tuple[float, float] | None]
+    multipliers_before: Sequence[tuple[float, float] | None]
+    multipliers_after: Sequence[tuple[float, float] | None]
     n_unstable: int
     stable: bool
     physical: bool
@@ -119,6 +135,8 @@ class Branch:
         Sign changes of test functions that could not be located.
     origin : str or None
         The entry it starts from.
+    meetings : sequence of str
+        Further entries from which switching led to this branch.
     """
 
     id: str
@@ -133,6 +151,7 @@ class Branch:
     events: Sequence[Entry] = ()
     missed: Sequence[str] = ()
     origin: str | None = None
+    meetings: Sequence[str] = ()
 
     def __getitem__(self, column: str) -> Array:
         return self.columns[column]

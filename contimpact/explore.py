@@ -1,24 +1,38 @@
-"""A scene's whole diagram: its orbits, their branches, and what they cost."""
+"""A scene's whole diagram: its orbits, their branches, and those born on them, each once.
+
+Branches are followed breadth first: the scene's orbits, then what is born at their events, physical
+events before unphysical ones, down to the scene's depth and within its budget. A branch that is
+already known (the word rotated, time shifted by whole periods, or the image under the model's
+symmetry) is not followed twice; the second way to it is recorded as a meeting.
+"""
 
 from __future__ import annotations
 
+import dataclasses
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
 
 from .bifurcations import test_functions
-from .continuation.branch import Point
-from .diagram import Branch, Diagram
+from .continuation.branch import End, EndKind, Event, Point, Walk
+from .continuation.walk import walk
+from .diagram import Branch, Diagram, Entry
 from .errors import InputError
 from .mechanics.kernels import Kernels
-from .mechanics.orbit import OrbitProblem
+from .mechanics.orbit import Array, OrbitProblem
+from .mechanics.recognition import mirrored, repeats, rotated_to
 from .mechanics.search import Orbit, find_orbits
 from .mechanics.word import Word
 from .orbit_branch import Run, both_ways
 from .scene import Scene
+from .switching import Start, switch
+
+STAGES = ("kernels", "search", "walk", "events", "switching", "tables")
+SURVEYED = 9
+"""Parameter values at which a survey looks for more orbits."""
 
 
 def follow(scene: Scene, progress: Callable[[str], None] | None = None) -> Diagram:
@@ -40,72 +54,280 @@ def follow(scene: Scene, progress: Callable[[str], None] | None = None) -> Diagr
     InputError
         If an orbit the scene names does not exist at its start.
     """
-    return _Follower(scene, progress or (lambda text: None)).run()
+    return _Explorer(scene, progress or (lambda text: None)).run()
 
 
-STAGES = ("kernels", "search", "walk", "events", "tables")
+@dataclass(frozen=True)
+class _Birth:
+    """A branch waiting to be followed: where it starts, and the entry it is born at."""
+
+    event: Event
+    entry: Entry
+    depth: int
 
 
 @dataclass
-class _Follower:
+class _Explorer:
     scene: Scene
     progress: Callable[[str], None]
     runs: list[Run] = field(default_factory=list)
     branches: list[Branch] = field(default_factory=list)
-    seconds: dict[str, float] = field(
-        default_factory=lambda: dict.fromkeys(
-            ("kernels", "search", "walk", "events", "tables"), 0.0
-        )
-    )
+    waiting: list[_Birth] = field(default_factory=list)
+    opens: dict[str, list[str]] = field(default_factory=dict)
+    meetings: dict[str, list[str]] = field(default_factory=dict)
+    notes: list[str] = field(default_factory=list)
+    probes: int = 0
+    seconds: dict[str, float] = field(default_factory=lambda: dict.fromkeys(STAGES, 0.0))
 
     def run(self) -> Diagram:
         scene = self.scene
         began = time.perf_counter()
         self.kernels = Kernels(scene.model, scene.parameter)
-        for word in scene.orbits:
-            OrbitProblem(scene.model, word, self.kernels)
+        self.problems = {word: self.problem(word) for word in scene.orbits}
+        self.symmetry = scene.model.symmetry(
+            scene.parameter, self.kernels.harmonics(*scene.model.values.values())
+        )
         self.seconds["kernels"] += time.perf_counter() - began
-        started = [(word, self.orbits_of(word)) for word in scene.orbits]
-        for word, orbits in started:
-            for orbit in orbits:
-                if not any(
-                    run.problem.word == word and run.holds(orbit.unknowns) for run in self.runs
-                ):
-                    self.follow_from(orbit)
-        return Diagram(scene.name, self.branches, self.statistics())
+        started = [orbit for word in scene.orbits for orbit in self.orbits_at_start(word)]
+        for orbit in started:
+            self.follow_orbit(orbit)
+        self.follow_births()
+        if scene.survey:
+            self.survey()
+            self.follow_births()
+        return Diagram(scene.name, self.finished_branches(), self.statistics())
 
-    def orbits_of(self, word: Word) -> list[Orbit]:
+    def problem(self, word: Word) -> OrbitProblem:
+        return OrbitProblem(self.scene.model, word, self.kernels)
+
+    # Orbits found by search.
+
+    def orbits_at_start(self, word: Word) -> list[Orbit]:
         began = time.perf_counter()
         self.progress(f"looking for {word} at {self.scene.parameter} = {self.scene.start:.9g}")
         found = orbits_at_start(self.scene, self.kernels, word)
         self.seconds["search"] += time.perf_counter() - began
         return found
 
-    def follow_from(self, orbit: Orbit) -> None:
-        scene, problem = self.scene, orbit.problem
-        name = f"b{len(self.branches) + 1}"
-        shown = problem.word.notation([w.name for w in scene.model.WALLS])
+    def follow_orbit(self, orbit: Orbit) -> None:
+        """Follow an orbit both ways, unless it lies on a branch already known."""
+        if self.known(orbit.problem, orbit.unknowns) is not None or not self.in_budget():
+            return
+        name = self.next_name()
+        tests = self.tests(orbit.problem)
+        settings = self.settings()
+        report = self.reporter(orbit.problem, name)
+        scene = self.scene
+        began = time.perf_counter()
+        run = both_ways(orbit.problem, orbit.unknowns, scene.range, tests, settings, report)
+        self.keep(run, name, None, 0, began)
+
+    def survey(self) -> None:
+        """Look for more orbits of every word met so far, at values across the range."""
+        words = dict.fromkeys(run.problem.word for run in self.runs)
+        scene = self.scene
+        for value in np.linspace(*scene.range, SURVEYED + 2)[1:-1].tolist():
+            model = scene.model.replace(**{scene.parameter: value})
+            for word in words:
+                self.progress(f"survey: {word} at {scene.parameter} = {value:.6g}")
+                began = time.perf_counter()
+                found = find_orbits(model, word, kernels=self.kernels, **search_options(scene))
+                self.seconds["search"] += time.perf_counter() - began
+                for orbit in found:
+                    self.follow_orbit(orbit)
+
+    # Branches born at events.
+
+    def follow_births(self) -> None:
+        while self.waiting and self.in_budget():
+            depth = min(birth.depth for birth in self.waiting)
+            order = [b for b in self.waiting if b.depth == depth]
+            birth = next((b for b in order if b.entry.physical), order[0])
+            self.waiting.remove(birth)
+            self.follow_birth(birth)
+        if self.waiting:
+            self.notes.append(
+                f"{len(self.waiting)} events were not switched at: the budget of "
+                f"{self.scene.max_branches} branches or {self.scene.max_points} points was used up"
+            )
+            self.waiting = []
+
+    def follow_birth(self, birth: _Birth) -> None:
+        """Follow the branch born at an event; if it is known, record the meeting."""
+        began = time.perf_counter()
+        start = switch(birth.event)
+        if start is None:
+            self.notes.append(f"{birth.entry.id} ({birth.entry.label}): nothing starts there")
+            return
+        known = self.first_step_known(start)
+        self.seconds["switching"] += time.perf_counter() - began
+        if known is not None:
+            self.record(birth.entry, known)
+            return
+        name = self.next_name()
+        began = time.perf_counter()
+        forward = self.walk_from(start, +1, name)
+        backward = None
+        if start.both_ways and forward.end.kind is not EndKind.CLOSED:
+            backward = self.walk_from(start, -1, name, beside=forward)
+        entry = birth.entry
+        born = End.of(
+            EndKind.BORN, self.scene.parameter, entry.value, entry=entry.id, parent=entry.branch
+        )
+        if backward is None:
+            if forward.end.kind is EndKind.CLOSED:
+                born = forward.end
+            backward = Walk(forward.points[:1], (), born)
+        self.keep(Run.of(start.problem, backward, forward), name, entry, birth.depth, began)
+
+    def first_step_known(self, start: Start) -> str | None:
+        """The known branch the first step from a start leads to, if any."""
+        self.probes += 1
+        probe = walk(
+            start.problem, start.unknowns, +1, parameter=self.scene.parameter,
+            limits=self.scene.range, settings=dataclasses.replace(self.settings(), max_points=2),
+            tangent=start.tangent, branching=start.branching,
+        )  # fmt: skip
+        return self.known(start.problem, probe.points[-1].unknowns) if probe.points else None
+
+    def walk_from(
+        self, start: Start, direction: int, name: str, beside: Walk | None = None
+    ) -> Walk:
+        """Walk one way from a start, until the branch ends or falls back to a shorter period."""
+        problem = start.problem
+        report = self.reporter(problem, name)
+        first: list[bool] = [beside is not None and self.symmetry is not None]
+
+        def stop(point: Point, events: Sequence[Event]) -> tuple[End, Point] | None:
+            if first[0] and beside is not None:
+                first[0] = False
+                if self.on_image(problem, point.unknowns, beside):
+                    known = f"{name} (its mirror image)"
+                    return self.met(known, point), point
+            for event in events:
+                if event.kind == "BP" and repeats(problem, event.point.unknowns, 1e-6):
+                    shorter = self.shorter_branch(problem, event.point.unknowns)
+                    return self.met(shorter, event.point), event.point
+            return None
+
+        return walk(
+            problem, start.unknowns, direction, parameter=self.scene.parameter,
+            limits=self.scene.range, tests=self.tests(problem), settings=self.settings(),
+            tangent=start.tangent, branching=start.branching, callback=report, stop=stop,
+        )  # fmt: skip
+
+    def met(self, known: str, point: Point) -> End:
+        return End.of(EndKind.KNOWN, self.scene.parameter, point.parameter, known=known)
+
+    def on_image(self, problem: OrbitProblem, unknowns: Array, beside: Walk) -> bool:
+        """Whether an orbit's mirror image lies on a walk."""
+        assert self.symmetry is not None
+        image, moved = mirrored(problem, unknowns, self.symmetry)
+        aligned = rotated_to(image, moved, problem.word)
+        run = Run(problem, (beside, beside), beside.points, ())
+        return aligned is not None and run.holds(aligned)
+
+    def shorter_branch(self, problem: OrbitProblem, unknowns: Array) -> str:
+        """The branch of the orbit of half the period that this one has become."""
+        word = problem.word
+        half = self.problem(Word(word.walls[: len(word) // 2], word.period // 2))
+        rows = problem.impacts(unknowns)[: len(word) // 2]
+        name = self.known(half, np.append(rows.ravel(), unknowns[-1]))
+        return name or f"of {half.word}"
+
+    # Recognition.
+
+    def known(self, problem: OrbitProblem, unknowns: Array) -> str | None:
+        """The branch an orbit lies on, itself or its mirror image."""
+        images = [(problem, unknowns)]
+        if self.symmetry is not None:
+            images.append(mirrored(problem, unknowns, self.symmetry))
+        for name, run in zip(self.names(), self.runs, strict=True):
+            for image, moved in images:
+                aligned = rotated_to(image, moved, run.problem.word)
+                if aligned is not None and run.holds(aligned):
+                    return name
+        return None
+
+    def record(self, entry: Entry, branch: str) -> None:
+        """Note that switching at an entry leads to a branch."""
+        self.opens.setdefault(entry.id, []).append(branch)
+        self.meetings.setdefault(branch, []).append(entry.id)
+
+    # Bookkeeping.
+
+    def names(self) -> list[str]:
+        return [branch.id for branch in self.branches]
+
+    def next_name(self) -> str:
+        return f"b{len(self.branches) + 1}"
+
+    def points(self) -> int:
+        return sum(len(run.points) for run in self.runs)
+
+    def in_budget(self) -> bool:
+        return len(self.runs) < self.scene.max_branches and self.points() < self.scene.max_points
+
+    def settings(self) -> Any:
+        left = max(self.scene.max_points - self.points(), 2)
+        settings = self.scene.settings
+        return dataclasses.replace(settings, max_points=min(settings.max_points, left))
+
+    def tests(self, problem: OrbitProblem) -> list[Any]:
+        """The scene's test functions; words that repeat also look where they fall back."""
+        kinds = list(self.scene.events)
+        if len(problem.word.rotations()) > 1 and "BP" not in kinds:
+            kinds.append("BP")
+        return test_functions(problem, kinds, self.scene.values)
+
+    def reporter(self, problem: OrbitProblem, name: str) -> Callable[[Point], None]:
+        shown = problem.word.notation([w.name for w in self.scene.model.WALLS])
         count = 0
 
         def report(point: Point) -> None:
             nonlocal count
             count += 1
             if count % 20 == 0:
-                self.progress(
-                    f"{name} {shown}: {count} points, {scene.parameter} = {point.parameter:.6g}"
-                )
+                place = f"{self.scene.parameter} = {point.parameter:.6g}"
+                self.progress(f"{name} {shown}: {count} points, {place}")
 
-        began = time.perf_counter()
-        tests = test_functions(problem, scene.events, scene.values)
-        run = both_ways(problem, orbit.unknowns, scene.range, tests, scene.settings, report)
+        return report
+
+    def keep(self, run: Run, name: str, entry: Entry | None, depth: int, began: float) -> None:
+        """Tabulate a branch and queue what is born on it."""
+        walked = time.perf_counter()
         in_events = sum(w.seconds_in_events for w in run.walks)
         self.seconds["events"] += in_events
-        walked = time.perf_counter()
         self.seconds["walk"] += walked - began - in_events
-        self.runs.append(run)
         first = 1 + sum(len(branch.events) for branch in self.branches)
-        self.branches.append(run.branch(name, first_entry=first))
+        origin = entry.id if entry else None
+        branch = run.branch(name, origin, first, kinds=self.scene.events)
+        self.runs.append(run)
+        self.branches.append(branch)
+        if entry is not None:
+            self.opens.setdefault(entry.id, []).append(name)
+        if depth < self.scene.depth:
+            events = (e for e in run.events if e.kind in self.scene.events)
+            self.waiting += [
+                _Birth(event, e, depth + 1)
+                for event, e in zip(events, branch.events, strict=True)
+                if event.kind in self.scene.switch and e.id != origin
+            ]
         self.seconds["tables"] += time.perf_counter() - walked
+
+    def finished_branches(self) -> list[Branch]:
+        """The branches, their entries told what they open."""
+        return [
+            dataclasses.replace(
+                branch,
+                events=[
+                    dataclasses.replace(e, opens=tuple(self.opens.get(e.id, ())))
+                    for e in branch.events
+                ],
+                meetings=self.meetings.get(branch.id, []),
+            )
+            for branch in self.branches
+        ]
 
     def statistics(self) -> dict[str, Any]:
         walks = [w for run in self.runs for w in run.walks]
@@ -113,13 +335,21 @@ class _Follower:
         return {
             "seconds": self.seconds,
             "counts": {
-                "points": sum(len(run.points) for run in self.runs),
+                "branches": len(self.runs),
+                "points": self.points(),
                 "corrector_iterations": sum(w.corrector_iterations for w in walks),
                 "rejected_steps": sum(w.rejected_steps for w in walks),
+                "switches_tried": self.probes,
                 "kernel_evaluations": sum(p.kernel_evaluations for p in problems.values()),
             },
             "kernels": {"loaded": self.kernels.loaded, "generated": self.kernels.generated},
+            "notes": self.notes,
         }
+
+
+def search_options(scene: Scene) -> dict[str, Any]:
+    """Return the scene's options of `find_orbits`."""
+    return {"rng": scene.seed, "starts": scene.starts, "rounds": scene.rounds}
 
 
 def orbits_at_start(scene: Scene, kernels: Kernels, word: Word) -> list[Orbit]:
@@ -130,7 +360,7 @@ def orbits_at_start(scene: Scene, kernels: Kernels, word: Word) -> list[Orbit]:
     InputError
         If there is none; it says what was tried and what exists nearby.
     """
-    options: Any = {"rng": scene.seed, "starts": scene.starts, "rounds": scene.rounds}
+    options = search_options(scene)
     found = find_orbits(scene.model, word, kernels=kernels, **options)
     if found:
         return found

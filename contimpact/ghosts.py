@@ -6,25 +6,26 @@ than the event itself: of its multipliers the critical one is left out, of its g
 
 from __future__ import annotations
 
-import dataclasses
 from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 
+from . import criticality
 from .bifurcations import critical
-from .continuation.branch import Event
+from .continuation.branch import Event, Point
 from .diagram import Entry, all_parameters, coordinates
 from .mechanics import stability
 from .mechanics.flight import Verdict
 from .mechanics.orbit import Array, Linearisation, OrbitProblem
 from .mechanics.word import Word
+from .switching import grown_word, switch
 
 LABELLED = ("FB", "BP", "PD", "NS", "G", "V", "T")
 
 
-def entry_of(event: Event, identity: str, branch: str) -> Entry:
-    """Return the catalogue entry of an event."""
+def entry_of(event: Event, identity: str, branch: str, before: Point, after: Point) -> Entry:
+    """Return the catalogue entry of an event, given the branch's points around it."""
     here: Linearisation = event.point.evaluation  # type: ignore[assignment]
     problem = here.problem
     word, details = problem.word, event.details
@@ -33,16 +34,21 @@ def entry_of(event: Event, identity: str, branch: str) -> Entry:
     multipliers, n_unstable = apart_from_event(event)
     verdict = forgiven(event)
     ghost = n_unstable > 0 or not verdict.physical
+    side, slope = _criticality(event, before, after)
     return Entry(
         id=identity,
         kind=event.kind,
         ghost=ghost,
         label=label(event.kind, ghost, word, becomes, letters),
+        why=_why(n_unstable, verdict),
         branch=branch,
         word=word.walls,
         period=word.period,
         notation=word.notation(letters),
         becomes=str(becomes) if becomes else None,
+        order=len(becomes) - len(word) if becomes and event.kind == "G" else None,
+        criticality=side,
+        slope=slope,
         wall=details.get("wall"),
         flight=details.get("flight"),
         impact=details.get("impact"),
@@ -51,9 +57,9 @@ def entry_of(event: Event, identity: str, branch: str) -> Entry:
         parameter=problem.parameter,
         parameters=all_parameters(here),
         impacts=impacts_of(problem, here.unknowns),
-        multipliers=[
-            (mu.real, mu.imag) if np.isfinite(mu) else None for mu in multipliers.tolist()
-        ],
+        multipliers=_pairs(multipliers),
+        multipliers_before=_pairs(before.evaluation.multipliers),  # type: ignore[attr-defined]
+        multipliers_after=_pairs(after.evaluation.multipliers),  # type: ignore[attr-defined]
         n_unstable=n_unstable,
         stable=n_unstable == 0,
         physical=verdict.physical,
@@ -65,16 +71,36 @@ def entry_of(event: Event, identity: str, branch: str) -> Entry:
     )
 
 
-def renamed(entry: Entry, **changes: Any) -> Entry:
-    """Return an entry with some of its keys changed."""
-    return dataclasses.replace(entry, **changes)
+def _pairs(multipliers: Array) -> list[tuple[float, float] | None]:
+    return [(m.real, m.imag) if np.isfinite(m) else None for m in multipliers.tolist()]
+
+
+def _why(n_unstable: int, verdict: Verdict) -> str | None:
+    """Why an event is a ghost, or None."""
+    reasons = []
+    if n_unstable:
+        reasons.append(f"unstable: {n_unstable} multiplier{'s' * (n_unstable > 1)} outside")
+    if verdict.reason:
+        reasons.append(f"unphysical: {verdict.reason}")
+    return "; ".join(reasons) or None
+
+
+def _criticality(event: Event, before: Point, after: Point) -> tuple[str | None, float | None]:
+    if event.kind not in ("G", "PD"):
+        return None, None
+    start = switch(event)
+    if start is None:
+        return None, None
+    if event.kind == "PD":
+        return criticality.of_doubling(event, start, before, after), None
+    return criticality.of_grazing(event, start), criticality.velocity_slope(event, start)
 
 
 def next_word(event: Event) -> Word | None:
     """Return the word beyond a grazing or a zero velocity, None for other kinds."""
     word: Word = event.point.evaluation.problem.word  # type: ignore[attr-defined]
     if event.kind == "G":
-        return word.insert(event.details["flight"], event.details["wall"])
+        return grown_word(event)
     if event.kind == "V" and len(word) > 1:
         return word.drop(event.details["impact"])
     return None

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import bisect
 import dataclasses
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
@@ -11,7 +12,7 @@ import numpy as np
 
 from .bifurcations import test_functions
 from .continuation.arclength import Settings
-from .continuation.branch import Point, Walk, joined
+from .continuation.branch import Event, Point, Walk, joined
 from .continuation.events import TestFunction, UserFunction
 from .continuation.walk import SAME_SOLUTION, walk
 from .diagram import Branch, tabulate
@@ -109,18 +110,29 @@ def _orbit(point: Point) -> Orbit:
 
 @dataclass(frozen=True)
 class Run:
-    """A branch just walked: its points, not yet tabulated."""
+    """A branch just walked: its points and events in order, not yet tabulated."""
 
     problem: OrbitProblem
     walks: tuple[Walk, Walk]
     points: Sequence[Point]
+    events: Sequence[Event]
 
-    def branch(self, name: str, origin: str | None = None, first_entry: int = 1) -> Branch:
-        """Tabulate it."""
+    @classmethod
+    def of(cls, problem: OrbitProblem, backward: Walk, forward: Walk) -> Run:
+        """Join two walks that left one point."""
+        return cls(problem, (backward, forward), *joined(backward, forward))
+
+    def branch(
+        self, name: str, origin: str | None = None, first_entry: int = 1,
+        kinds: Sequence[str] | None = None,
+    ) -> Branch:  # fmt: skip
+        """Tabulate it, with the events of the given kinds."""
         backward, forward = self.walks
         problem = self.problem
-        _, events = joined(backward, forward)
-        entries = [entry_of(e, f"e{first_entry + i}", name) for i, e in enumerate(events)]
+        events = [e for e in self.events if kinds is None or e.kind in kinds]
+        entries = [
+            entry_of(e, f"e{first_entry + i}", name, *self.around(e)) for i, e in enumerate(events)
+        ]
         marks = [(event.point, entry.id) for event, entry in zip(events, entries, strict=True)]
         missed = [
             f"{m.kind} between {problem.parameter} = {m.parameters[0]:.12g} and "
@@ -141,6 +153,13 @@ class Run:
             missed=missed,
             origin=origin,
         )
+
+    def around(self, event: Event) -> tuple[Point, Point]:
+        """The points before and after an event."""
+        lengths = [point.arclength for point in self.points]
+        after = bisect.bisect_right(lengths, event.point.arclength)
+        before = bisect.bisect_left(lengths, event.point.arclength) - 1
+        return self.points[max(before, 0)], self.points[min(after, len(self.points) - 1)]
 
     def holds(self, unknowns: np.ndarray[Any, Any]) -> bool:
         """Whether an orbit of the same word lies on this branch."""
@@ -177,5 +196,4 @@ def both_ways(
         backward = dataclasses.replace(forward, points=forward.points[:1], events=(), missed=())
     else:
         backward = go(-1)
-    points, _ = joined(backward, forward)
-    return Run(problem, (backward, forward), points)
+    return Run.of(problem, backward, forward)

@@ -21,6 +21,7 @@ from .expressions import number
 from .mechanics.model import Model
 from .mechanics.word import Word, parse_word
 from .orbit_branch import EVENTS
+from .switching import SWITCHES
 from .systems import system
 
 FORMATS = ("svg", "png", "pdf")
@@ -51,6 +52,14 @@ class Scene:
         The followed parameter.
     range : (low, high)
     orbits : sequence of Word
+    switch : sequence of str
+        Kinds of events at which to switch to the branch born there.
+    depth : int
+        How many switches deep.
+    max_branches, max_points : int
+        Budget of the whole diagram.
+    survey : bool
+        Whether to look for more orbits of each word across the range.
     events : sequence of str
         Kinds to look for.
     values : mapping of str to sequence of float
@@ -69,6 +78,11 @@ class Scene:
     parameter: str
     range: tuple[float, float]
     orbits: tuple[Word, ...]
+    switch: tuple[str, ...] = ()
+    depth: int = 1
+    max_branches: int = 50
+    max_points: int = 20000
+    survey: bool = False
     events: tuple[str, ...] = EVENTS
     values: Mapping[str, Sequence[float]] = field(default_factory=dict)
     settings: Settings = SCENE_SETTINGS
@@ -97,6 +111,11 @@ class Scene:
                 "parameter": self.parameter,
                 "range": list(self.range),
                 "orbits": [str(word) for word in self.orbits],
+                "switch": list(self.switch),
+                "depth": self.depth,
+                "max_branches": self.max_branches,
+                "max_points": self.max_points,
+                "survey": self.survey,
             },
             "detect": {
                 "events": list(self.events),
@@ -117,6 +136,8 @@ class Scene:
             words.append(f"events {', '.join(unasked)}: not asked for, not evaluated")
         if not set(self.events) & {"FB", "BP", "PD"}:
             words.append("second derivatives: no event needs them, not generated")
+        if not self.switch:
+            words.append("switching: follow.switch is empty")
         if not self.plot.formats:
             words.append("diagram: plot.formats is empty, matplotlib is not imported")
         return words
@@ -190,14 +211,21 @@ def read_scene(given: Mapping[str, Any]) -> Scene:
     )
     if not orbits:
         raise InputError("follow.orbits", "empty", "name at least one orbit, such as '1:1'")
+    reach = _reach(follow)
     follow.finish()
     events, values = _detect(top.table("detect", optional=True), model, parameter)
+    for i, kind in enumerate(reach["switch"]):
+        if kind not in events:
+            raise InputError(
+                f"follow.switch[{i}]", f"{kind} is not among the events looked for",
+                f"add it to detect.events, which has {', '.join(events) or 'none'}",
+            )  # fmt: skip
     settings, search = _numerics(top.table("numerics", optional=True))
     plot = _plot(top.table("plot", optional=True), model, parameter)
     top.finish()
     return Scene(
-        name, source, model, parameter, (low, high), orbits, events, values, settings,
-        plot=plot, given=given, **search,
+        name, source, model, parameter, (low, high), orbits, events=events, values=values,
+        settings=settings, plot=plot, given=given, **search, **reach,
     )  # fmt: skip
 
 
@@ -212,6 +240,24 @@ def _model(table: _Table) -> Model:
     except InputError as error:
         inside = "model" if error.where in options else "model.parameters"
         raise error.within(inside) from None
+
+
+def _reach(follow: _Table) -> dict[str, Any]:
+    """How far to follow what is born on the branches."""
+    switch = follow.texts("switch", [])
+    for i, kind in enumerate(switch):
+        if kind not in SWITCHES:
+            raise InputError(
+                f"follow.switch[{i}]", f"cannot switch at {kind!r}",
+                f"accepted are {', '.join(SWITCHES)}",
+            )  # fmt: skip
+    return {
+        "switch": tuple(dict.fromkeys(switch)),
+        "depth": follow.whole("depth", 1, least=0),
+        "max_branches": follow.whole("max_branches", 50),
+        "max_points": follow.whole("max_points", 20000, least=2),
+        "survey": follow.truth("survey", False),
+    }
 
 
 def _detect(
@@ -242,14 +288,14 @@ def _detect(
     return tuple(dict.fromkeys(events)), values
 
 
-def _numerics(table: _Table) -> tuple[Settings, dict[str, int]]:
+def _numerics(table: _Table) -> tuple[Settings, dict[str, Any]]:
     defaults = asdict(SCENE_SETTINGS)
     chosen: dict[str, Any] = {}
     for key in fields(Settings):
         whole = isinstance(defaults[key.name], int)
         read = table.whole if whole else table.number
         chosen[key.name] = read(key.name, defaults[key.name])
-    search = {
+    search: dict[str, Any] = {
         "seed": table.whole("seed", 0, least=0),
         "starts": table.whole("starts", 256),
         "rounds": table.whole("rounds", 8),
@@ -348,6 +394,12 @@ class _Table:
         if len(values) != 2 or not values[0] < values[1]:
             raise self.refuse(key, self.data[key], wanted)
         return values[0], values[1]
+
+    def truth(self, key: str, default: bool) -> bool:
+        value = self.take(key, default, "true or false")
+        if not isinstance(value, bool):
+            raise self.refuse(key, value, "true or false")
+        return value
 
     def whole(self, key: str, default: Any = _REQUIRED, least: int = 1) -> int:
         value = self.take(key, default, "a whole number")

@@ -66,6 +66,7 @@ class EndKind(enum.Enum):
         "to go on"
     )
     KNOWN = "met branch {known} at {parameter} = {value:.12g}"
+    BORN = "born at {entry} of branch {parent} at {parameter} = {value:.12g}"
     STOPPED = "stopped at {parameter} = {value:.12g} on request"
 
 

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from .arclength import EPSILON, Settings, correct, inner, length, point_after
+from .arclength import EPSILON, Settings, angle, correct, inner, length, point_after
 from .branch import Event, Missed, Point
 from .problem import Array, Problem
 
@@ -40,11 +40,19 @@ class Segment:
             return None
         return self.point(result.evaluation, result.iterations)
 
-    def point(self, evaluation: Any, iterations: int) -> Point | None:
-        """Return an evaluation as a point of this segment, with its tangent and arclength."""
+    def point(self, evaluation: Any, iterations: int) -> Point:
+        """Return an evaluation as a point of this segment, with its tangent and arclength.
+
+        At a branch point the tangent is not defined; there it is the left end's.
+        """
         span = self.right.arclength - self.left.arclength
         travelled = self.fraction(evaluation.unknowns) * span
-        return point_after(self.left, evaluation, iterations, self.scale, travelled)
+        point = point_after(self.left, evaluation, iterations, self.scale, travelled)
+        turned = np.inf if point is None else angle(point.tangent, self.left.tangent, self.scale)
+        if point is not None and turned <= 2.0 * self.settings.max_angle:
+            return point
+        there = self.left.arclength + travelled
+        return Point(evaluation, self.left.tangent, 0.0, there, iterations)
 
     def fraction(self, unknowns: Array) -> float:
         """Return how far along the chord a point lies: 0 at the left end, 1 at the right end."""
@@ -216,8 +224,6 @@ def _by_newton(test: TestFunction, segment: Segment, guess: Point, index: int) -
     if not located.error <= ACCEPTED_ERROR * segment.scale[-1]:
         return None
     point = segment.point(segment.problem.evaluate(located.unknowns), guess.iterations)
-    if point is None:
-        return None
     return Event(
         test.kind, point, located.residual, located.error, "newton",
         {"index": index, **located.details},

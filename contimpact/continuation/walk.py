@@ -15,13 +15,17 @@ from .events import Segment, TestFunction, find_events
 from .problem import Array, Evaluation, Problem
 
 SAME_SOLUTION = 1e-7
+NO_CROSSING = 1e-9
+"""A test function below this at a branch point a walk starts from vanishes because of it."""
+
+Stop = Callable[[Point, Sequence[Event]], "tuple[End, Point] | None"]
 
 
 def walk(
     problem: Problem, start: Array, direction: int, *, parameter: str,
     limits: tuple[float, float], tests: Sequence[TestFunction] = (),
-    settings: Settings | None = None, tangent: Array | None = None,
-    callback: Callable[[Point], bool | None] | None = None,
+    settings: Settings | None = None, tangent: Array | None = None, branching: bool = False,
+    callback: Callable[[Point], bool | None] | None = None, stop: Stop | None = None,
 ) -> Walk:  # fmt: skip
     """Follow a branch from a point in one direction until it ends.
 
@@ -41,8 +45,14 @@ def walk(
     settings : Settings, optional
     tangent : ndarray of shape (n + 1,), optional
         Direction to leave in.
+    branching : bool
+        Whether `start` is a branch point, where `tangent` is one direction of several and test
+        functions that vanish are not crossings.
     callback : callable, optional
         Called with every accepted point; a true value stops the walk.
+    stop : callable ``stop(point, events) -> (End, Point) or None``, optional
+        Called with every accepted point and the events just before it; may end the walk, at the
+        point it returns.
 
     Returns
     -------
@@ -50,9 +60,8 @@ def walk(
         All points and events found, however it ended.
     """
     settings = settings or Settings()
-    return _Walker(problem, parameter, limits, list(tests), settings, callback).run(
-        np.asarray(start, dtype=float), direction, tangent
-    )
+    walker = _Walker(problem, parameter, limits, list(tests), settings, callback, stop, branching)
+    return walker.run(np.asarray(start, dtype=float), direction, tangent)
 
 
 @dataclass
@@ -74,6 +83,8 @@ class _Walker:
     tests: list[TestFunction]
     settings: Settings
     callback: Callable[[Point], bool | None] | None
+    stop: Stop | None
+    branching: bool
     points: list[Point] = field(default_factory=list)
     events: list[Event] = field(default_factory=list)
     missed: list[Missed] = field(default_factory=list)
@@ -95,7 +106,10 @@ class _Walker:
             attempt, step = self.advance(here, step)
             if attempt.point is None:
                 return self.finished(self.refusal(attempt.reason))
-            self.accept(here, attempt.point)
+            found = self.accept(here, attempt.point)
+            if self.stop is not None and (stopped := self.stop(attempt.point, found)):
+                end, self.points[-1] = stopped
+                return self.finished(end)
             stop = self.callback is not None and self.callback(attempt.point)
             if ending := attempt.ending or (EndKind.STOPPED if stop else None):
                 return self.finished(self.end(ending))
@@ -103,8 +117,8 @@ class _Walker:
             step = arclength.next_step(step, turned, correction, self.settings)
         return self.finished(self.end(EndKind.POINTS, limit=self.settings.max_points))
 
-    def accept(self, here: Point, new: Point) -> None:
-        """Put a point down, and the events between it and the one before."""
+    def accept(self, here: Point, new: Point) -> list[Event]:
+        """Put a point down, and the events between it and the one before; returns these."""
         before = time.perf_counter()
         values = [test.values(new) for test in self.tests]
         found, missed = find_events(self.tests, self.segment(here, new), self.values, values)
@@ -114,6 +128,7 @@ class _Walker:
         if new.arclength > here.arclength:
             self.points.append(new)
         self.seconds_in_events += time.perf_counter() - before
+        return found
 
     def begin(self, start: Array, direction: int, tangent: Array | None) -> str:
         """Put the first point down; returns why it could not be, or nothing."""
@@ -132,12 +147,16 @@ class _Walker:
             direction = direction if tangent[-1] >= 0.0 else -direction
         else:
             tangent = tangent / arclength.length(tangent, self.scale)
-        towards = Point(result.evaluation, direction * tangent, 0.0, 0.0, result.iterations)
-        first = self.after(towards, result.evaluation, result.iterations)
-        if first is None:
-            return "the tangent is not defined"
+        first = Point(result.evaluation, direction * tangent, np.nan, 0.0, result.iterations)
+        if not self.branching:
+            regular = self.after(first, result.evaluation, result.iterations)
+            if regular is None:
+                return "the tangent is not defined"
+            first = regular
         self.points.append(first)
         self.values = [test.values(first) for test in self.tests]
+        if self.branching:
+            self.values = [np.where(np.abs(v) < NO_CROSSING, np.nan, v) for v in self.values]
         return ""
 
     def advance(self, here: Point, step: float) -> tuple[_Step, float]:
@@ -165,7 +184,8 @@ class _Walker:
         turned = arclength.angle(here.tangent, new.tangent, self.scale)
         if turned > self.settings.max_angle:
             return _Step(None, f"the branch turns by {turned:.3g} rad")
-        flipped = (new.orientation >= 0.0) != (here.orientation >= 0.0)
+        known = not np.isnan(here.orientation)
+        flipped = known and (new.orientation >= 0.0) != (here.orientation >= 0.0)
         if flipped and not self.segment(here, new).connected():
             return _Step(None, "the branch turns away from the step")
         ending = None

@@ -108,6 +108,18 @@ class Formulas:
     harmonics: tuple[Any, Sequence[tuple[int, Any, Any]]] | None = None
 
 
+@dataclass(frozen=True)
+class Symmetry:
+    """A map of orbits to orbits: walls exchanged, time shifted, section coordinates multiplied.
+
+    `shift` is in forcing periods, `sign` is +1 or -1.
+    """
+
+    walls: Mapping[str, str]
+    shift: float
+    sign: float
+
+
 class Model(ABC):
     """An impacting system at given parameter values.
 
@@ -142,6 +154,18 @@ class Model(ABC):
     @abstractmethod
     def formulas(self, symbols: Mapping[str, Any]) -> Formulas:
         """Return the system's mathematics in the given parameter symbols."""
+
+    def symmetry(self, parameter: str, harmonics: Sequence[float]) -> Symmetry | None:
+        """Return the symmetry the model has at every value of the followed parameter, if any.
+
+        Parameters
+        ----------
+        parameter : str
+            The followed parameter.
+        harmonics : sequence of float
+            What the kernel ``harmonics`` returns at the model's values.
+        """
+        return None
 
     @property
     def unknowns_per_impact(self) -> int:

@@ -17,6 +17,7 @@ from ..errors import InputError
 from .kernels import Kernels
 from .model import Model
 from .orbit import Array, Linearisation, OrbitProblem
+from .recognition import repeats
 from .word import Word, parse_word
 
 ITERATIONS = 40
@@ -187,7 +188,7 @@ def _keep(found: list[Orbit], problem: OrbitProblem, unknowns: Array) -> None:
     impacts = problem.impacts(here.unknowns)
     span = problem.word.period * problem.kernels.setup(*problem.values(here.unknowns))[0]
     durations = np.diff(np.append(impacts[:, 0], impacts[0, 0] + span))
-    if np.min(durations) <= 1e-9 * span or _repeats(problem, impacts, span):
+    if np.min(durations) <= 1e-9 * span or repeats(problem, here.unknowns, SAME_ORBIT):
         return
     for orbit in found:
         if np.max(np.abs(problem.difference(here.unknowns, orbit.unknowns))) < SAME_ORBIT:
@@ -201,20 +202,6 @@ def _reduced(problem: OrbitProblem, unknowns: Array) -> Array:
     shifted = unknowns.copy()
     shifted[: -1 : problem.m] -= np.floor(unknowns[0] / period) * period
     return shifted
-
-
-def _repeats(problem: OrbitProblem, impacts: Array, span: float) -> bool:
-    """Whether the orbit is one of fewer periods, run several times."""
-    n, p = len(problem.word), problem.word.period
-    for shift in problem.word.rotations()[1:]:
-        if p * shift % n:
-            continue
-        moved = np.roll(impacts, -shift, axis=0).copy()
-        moved[n - shift :, 0] += span
-        moved[:, 0] -= span * shift / n
-        if np.max(np.abs(moved - impacts)) < SAME_ORBIT:
-            return True
-    return False
 
 
 # The vectorised iteration: arrays have one row per start.

@@ -11,10 +11,10 @@ paper on vibro-impact pairs, with the signs under which its captions hold.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any, ClassVar
 
-from ..mechanics.model import Formulas, Model, Parameter, Wall
+from ..mechanics.model import Formulas, Model, Parameter, Symmetry, Wall
 
 
 class ImpactPair(Model):
@@ -53,6 +53,15 @@ class ImpactPair(Model):
         Parameter("omega", "rad/s", "the forcing frequency", 5 * math.pi, 0.0, above_lower=True),
         Parameter("g", "m/s^2", "gravity", 9.8, lower=0),
     )
+
+    def symmetry(self, parameter: str, harmonics: Sequence[float]) -> Symmetry | None:
+        """The ends exchanged half a period later: level capsule, equal ends, odd harmonics only."""
+        mean, orders = harmonics[0], harmonics[1::3]
+        broken_by = {"beta", "r_B", "r_T"} | ({"g"} if self.values["beta"] != 0 else set())
+        equal = "r" in self.values or self.values["r_B"] == self.values["r_T"]
+        if mean == 0 and equal and all(k % 2 for k in orders) and parameter not in broken_by:
+            return Symmetry({"B": "T", "T": "B"}, shift=0.5, sign=-1.0)
+        return None
 
     def formulas(self, symbols: Mapping[str, Any]) -> Formulas:
         """Equations (6)-(8): flight under gravity and a sum of harmonics."""
