@@ -26,6 +26,7 @@ from . import __version__
 from .continuation.branch import End, EndKind
 from .diagram import Branch, Diagram, Entry
 from .errors import InputError
+from .reading import read
 
 CATALOGUE = "contimpact.catalogue/1"
 MANIFEST = "contimpact.manifest/1"
@@ -126,6 +127,7 @@ def catalogue_text(diagram: Diagram) -> str:
         "scene": diagram.name,
         "branches": [_branch_record(branch) for branch in diagram.branches],
         "entries": [dataclasses.asdict(entry) for entry in diagram.entries],
+        "reading": read(diagram).as_record(),
     }
     return json_text(content)
 
@@ -155,7 +157,7 @@ def events_text(diagram: Diagram) -> str:
     columns = list(EVENT_COLUMNS)
     for row in rows:
         columns += [name for name in row if name not in columns]
-    return _csv_text(columns, ([row.get(name) for name in columns] for row in rows))
+    return csv_text(columns, ([row.get(name) for name in columns] for row in rows))
 
 
 def _flat(entry: Entry) -> dict[str, Any]:
@@ -190,7 +192,7 @@ def branch_text(branch: Branch) -> str:
         "events": [dataclasses.asdict(entry) for entry in branch.events],
     }
     rows = zip(*(values.tolist() for values in branch.columns.values()), strict=True)
-    return f"# {_plain_json(head)}\n" + _csv_text(list(branch.columns), rows)
+    return f"# {_plain_json(head)}\n" + csv_text(list(branch.columns), rows)
 
 
 def read_branch(path: str | Path) -> Branch:
@@ -325,7 +327,8 @@ def _finite(value: Any) -> Any:
     return value
 
 
-def _csv_text(columns: Sequence[str], rows: Any) -> str:
+def csv_text(columns: Sequence[str], rows: Any) -> str:
+    """Return a table as CSV; numbers read back to the same bits, None is an empty cell."""
     buffer = io.StringIO()
     writer = csv.writer(buffer, lineterminator="\n")
     writer.writerow(columns)

@@ -1,4 +1,4 @@
-"""The command line: ``contimpact check``, ``run`` and ``plot``.
+"""The command line: ``contimpact check``, ``run``, ``plot`` and ``catalogue``.
 
 Exit status: 0 on success, 2 on input that cannot be used (one message on standard error), 1 on a
 computation that failed; what was computed is written all the same.
@@ -55,6 +55,11 @@ def _parser() -> argparse.ArgumentParser:
     run.add_argument("-q", "--quiet", action="store_true", help="print nothing but errors")
     run.add_argument("--no-plot", action="store_true", help="leave the diagram out")
     run.set_defaults(command=_run)
+
+    merge = commands.add_parser("catalogue", help="merge the catalogues of several folders")
+    merge.add_argument("folders", metavar="DIR", nargs="+", help="folders written by run")
+    merge.add_argument("-o", "--output", metavar="DIR", required=True, help="folder to write to")
+    merge.set_defaults(command=_catalogue)
 
     plot = commands.add_parser("plot", help="draw the diagram of a folder written by run")
     plot.add_argument("folder", metavar="DIR", help="folder written by run")
@@ -166,6 +171,8 @@ def _write_manifest(
 
 
 def _summary(scene: Scene, diagram: Diagram, folder: Path, total: float) -> None:
+    from .reading import read
+
     for branch in diagram.branches:
         values = branch[branch.parameter]
         print(
@@ -184,7 +191,23 @@ def _summary(scene: Scene, diagram: Diagram, folder: Path, total: float) -> None
             )
         for text in branch.missed:
             print(f"  not located: {text}")
+    if text := str(read(diagram)):
+        print(text)
+    for note in diagram.statistics["notes"]:
+        print(note)
     print(f"written to {folder} in {total:.2f} s")
+
+
+def _catalogue(options: argparse.Namespace) -> int:
+    from .catalogue import prepare_folder
+    from .merge import merge, write_merged
+
+    merged = merge(options.folders)
+    folder = prepare_folder(options.output)
+    files = write_merged(merged, folder)
+    count, scenes = len(merged["entries"]), len(merged["sources"])
+    print(f"{count} entries of {scenes} scenes written to {folder}: {', '.join(files)}")
+    return 0
 
 
 def _plot(options: argparse.Namespace) -> int:

@@ -170,6 +170,11 @@ class _Explorer:
         backward = None
         if start.both_ways and forward.end.kind is not EndKind.CLOSED:
             backward = self.walk_from(start, -1, name, beside=forward)
+            if backward.end.kind is EndKind.KNOWN and len(backward.points) <= 2:
+                first = forward.points[0]
+                backward = Walk(
+                    forward.points[:1], (), self.met(f"{name} (its mirror image)", first)
+                )
         entry = birth.entry
         born = End.of(
             EndKind.BORN, self.scene.parameter, entry.value, entry=entry.id, parent=entry.branch

@@ -40,18 +40,21 @@ class Segment:
             return None
         return self.point(result.evaluation, result.iterations)
 
-    def point(self, evaluation: Any, iterations: int) -> Point:
-        """Return an evaluation as a point of this segment, with its tangent and arclength.
-
-        At a branch point the tangent is not defined; there it is the left end's.
-        """
+    def point(self, evaluation: Any, iterations: int) -> Point | None:
+        """Return an evaluation as a point of this segment, None where it has no tangent."""
         span = self.right.arclength - self.left.arclength
         travelled = self.fraction(evaluation.unknowns) * span
-        point = point_after(self.left, evaluation, iterations, self.scale, travelled)
-        turned = np.inf if point is None else angle(point.tangent, self.left.tangent, self.scale)
-        if point is not None and turned <= 2.0 * self.settings.max_angle:
-            return point
-        there = self.left.arclength + travelled
+        return point_after(self.left, evaluation, iterations, self.scale, travelled)
+
+    def event_point(self, evaluation: Any, iterations: int) -> Point:
+        """As `point`; at a branch point, where no tangent is defined, with the left end's."""
+        point = self.point(evaluation, iterations)
+        if point is not None:
+            turned = angle(point.tangent, self.left.tangent, self.scale)
+            if turned <= 2.0 * self.settings.max_angle:
+                return point
+        span = self.right.arclength - self.left.arclength
+        there = self.left.arclength + self.fraction(evaluation.unknowns) * span
         return Point(evaluation, self.left.tangent, 0.0, there, iterations)
 
     def fraction(self, unknowns: Array) -> float:
@@ -223,7 +226,7 @@ def _by_newton(test: TestFunction, segment: Segment, guess: Point, index: int) -
         return None
     if not located.error <= ACCEPTED_ERROR * segment.scale[-1]:
         return None
-    point = segment.point(segment.problem.evaluate(located.unknowns), guess.iterations)
+    point = segment.event_point(segment.problem.evaluate(located.unknowns), guess.iterations)
     return Event(
         test.kind, point, located.residual, located.error, "newton",
         {"index": index, **located.details},

@@ -1,0 +1,109 @@
+"""Catalogues of several scenes in one table, with where each entry comes from."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+from .catalogue import CATALOGUE, MANIFEST, csv_text, json_text, read_json, write_text
+from .errors import InputError
+
+CATALOGUES = "contimpact.catalogues/1"
+TABLE = ("scene", "id", "label", "ghost", "why", "criticality", "branch", "word", "period")
+
+
+def merge(folders: Sequence[str | Path]) -> dict[str, Any]:
+    """Merge the catalogues of several output folders.
+
+    Parameters
+    ----------
+    folders : sequence of str or Path
+        Written by ``contimpact run``.
+
+    Returns
+    -------
+    dict
+        ``sources`` (scene, where its numbers are from, versions, digest of the catalogue) and
+        ``entries``, each with its scene.
+
+    Raises
+    ------
+    InputError
+        If a folder has no catalogue, its schema is not this version's, or two different catalogues
+        go by the same scene name.
+    """
+    sources: list[dict[str, Any]] = []
+    entries: list[dict[str, Any]] = []
+    for folder in map(Path, folders):
+        path = folder / "catalogue.json"
+        content = read_json(path, CATALOGUE, "a folder made by contimpact run")
+        digest = hashlib.sha256(path.read_bytes()).hexdigest()
+        scene = content["scene"]
+        same = next((s for s in sources if s["scene"] == scene), None)
+        if same is not None:
+            if same["sha256"] != digest:
+                raise InputError(
+                    str(folder), f"a second, different catalogue of the scene {scene!r}",
+                    "give each scene a name of its own",
+                )  # fmt: skip
+            continue
+        sources.append({"scene": scene, "folder": folder.name, "sha256": digest, **_origin(folder)})
+        entries += [{"scene": scene, **entry} for entry in content["entries"]]
+    return {"schema": CATALOGUES, "sources": sources, "entries": entries}
+
+
+def _origin(folder: Path) -> dict[str, Any]:
+    """What the manifest says of a catalogue; nothing if the folder has none."""
+    path = folder / "manifest.json"
+    if not path.exists():
+        return {"source": None, "versions": None}
+    manifest = read_json(path, MANIFEST, "a folder made by contimpact run")
+    return {
+        "source": manifest["scene"]["resolved"]["source"],
+        "versions": manifest["versions"],
+    }
+
+
+def write_merged(merged: dict[str, Any], folder: Path) -> list[str]:
+    """Write ``catalogue.json``, ``.csv`` and ``.md`` of merged catalogues; returns their names."""
+    texts = {
+        "catalogues.json": json_text(merged),
+        "catalogues.csv": csv_text(*_table(merged)),
+        "catalogues.md": _markdown(*_table(merged)),
+    }
+    for name, text in texts.items():
+        write_text(folder / name, text)
+    return list(texts)
+
+
+def _table(merged: dict[str, Any]) -> tuple[list[str], list[list[Any]]]:
+    entries = merged["entries"]
+    parameters = list(dict.fromkeys(name for e in entries for name in e["parameters"]))
+    columns = [*TABLE, "parameter", "value", "error", *parameters]
+    rows = [
+        [
+            *(e[name] for name in TABLE), e["parameter"], e["parameters"][e["parameter"]],
+            e["error"], *(e["parameters"].get(name) for name in parameters),
+        ]
+        for e in entries
+    ]  # fmt: skip
+    return columns, rows
+
+
+def _markdown(columns: list[str], rows: list[list[Any]]) -> str:
+    shown = [i for i, name in enumerate(columns) if name not in ("why", "word", "period")]
+    lines = ["| " + " | ".join(columns[i] for i in shown) + " |", "|" + "---|" * len(shown)]
+    lines += ["| " + " | ".join(_cell(row[i]) for i in shown) + " |" for row in rows]
+    return "\n".join(lines) + "\n"
+
+
+def _cell(value: Any) -> str:
+    if value is None:
+        return ""
+    if isinstance(value, bool):
+        return "yes" if value else "no"
+    if isinstance(value, float):
+        return f"{value:.12g}"
+    return str(value).replace("|", "\\|").replace("~", "\\~")
