@@ -150,7 +150,7 @@ def _save_plot(scene: Scene, diagram: Diagram, folder: Path) -> list[str]:
     plot = scene.plot
     return save_diagram(
         diagram, folder, plot.formats, x=plot.x, xlim=plot.xlim, ylim=plot.ylim,
-        unit=_unit(scene, plot.x),
+        unphysical=plot.unphysical, unit=_unit(scene, plot.x),
     )  # fmt: skip
 
 
@@ -223,6 +223,7 @@ def _plot(options: argparse.Namespace) -> int:
         "x": options.x or plot.x,
         "xlim": options.xlim or (plot.xlim if not options.x else None),
         "ylim": options.ylim or plot.ylim,
+        "unphysical": plot.unphysical,
     }
     columns = diagram.branches[0].columns if diagram.branches else {}
     if chosen["x"] not in columns:

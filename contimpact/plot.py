@@ -12,6 +12,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
+import matplotlib
 import matplotlib.figure
 import numpy as np
 from matplotlib.lines import Line2D
@@ -22,6 +23,7 @@ COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7")
 """One for each wall; from the Okabe-Ito cycle, told apart by most colour-blind readers."""
 
 STYLES: dict[str, Any] = {"stable": "-", "unstable": (0, (5, 2)), "unphysical": (0, (1, 1.6))}
+WIDTHS = {"stable": 1.6, "unstable": 1.1, "unphysical": 0.9}
 MARKERS = {"FB": "^", "BP": "D", "PD": "s", "NS": "*", "G": "o", "V": "v", "T": "X", "UZ": "|"}
 LABEL_ROWS = 5
 
@@ -29,7 +31,7 @@ LABEL_ROWS = 5
 def plot_diagram(
     diagram: Diagram, ax: Any = None, *, x: str | None = None,
     xlim: tuple[float, float] | None = None, ylim: tuple[float, float] | None = None,
-    labels: bool = True, unit: str = "",
+    unphysical: str = "period-1", labels: bool = True, unit: str = "",
 ) -> Any:  # fmt: skip
     """Draw a diagram.
 
@@ -41,6 +43,9 @@ def plot_diagram(
     x : str, optional
         The column on the x axis; the followed parameter by default.
     xlim, ylim : (low, high), optional
+    unphysical : {"period-1", "all", "none"}
+        On which branches unphysical orbits and their events are drawn: those of period T, all,
+        or none.
     labels : bool
         Whether to label events above the frame.
     unit : str
@@ -55,10 +60,11 @@ def plot_diagram(
         ax = figure.add_subplot()
     walls = list(dict.fromkeys(wall for branch in diagram.branches for wall in sorted(branch.word)))
     colours = dict(zip(walls, COLOURS, strict=False))
+    everything = {"all": 10**9, "period-1": 1, "none": 0}[unphysical]
     for branch in diagram.branches:
-        _draw_branch(ax, branch, x or branch.parameter, colours)
+        _draw_branch(ax, branch, x or branch.parameter, colours, ghosts=branch.period <= everything)
     ax.axhline(0.0, color="0.75", linewidth=0.6, zorder=0)
-    entries = diagram.entries
+    entries = [e for e in diagram.entries if e.physical or e.period <= everything]
     column = x or (diagram.branches[0].parameter if diagram.branches else "")
     if xlim:
         ax.set_xlim(*xlim)
@@ -83,13 +89,14 @@ def save_diagram(
     """Draw a diagram to files ``diagram.<format>``; returns their names."""
     ax = plot_diagram(diagram, **options)
     names = [f"diagram.{kind}" for kind in formats]
-    for name in names:
-        metadata = {"Date": None} if name.endswith("svg") else None
-        ax.figure.savefig(folder / name, metadata=metadata)
+    with matplotlib.rc_context({"svg.hashsalt": diagram.name}):  # the same bytes every time
+        for name in names:
+            metadata = {"Date": None} if name.endswith("svg") else None
+            ax.figure.savefig(folder / name, metadata=metadata)
     return names
 
 
-def _draw_branch(ax: Any, branch: Branch, x: str, colours: dict[str, str]) -> None:
+def _draw_branch(ax: Any, branch: Branch, x: str, colours: dict[str, str], ghosts: bool) -> None:
     """Draw runs of equal status, each joined to the next at their common point.
 
     The status changes at events, so a piece that starts at one takes it from its other end.
@@ -104,9 +111,11 @@ def _draw_branch(ax: Any, branch: Branch, x: str, colours: dict[str, str]) -> No
         for first, last in zip([0, *edges], [*edges, len(status)], strict=True):
             piece = slice(first, min(last + 1, len(status)))
             style = names[status[first]]
+            if style == "unphysical" and not ghosts:
+                continue
             ax.plot(
                 branch[x][piece], speed[piece], linestyle=STYLES[style], color=colours[wall],
-                linewidth=1.5 if style == "stable" else 1.1,
+                linewidth=WIDTHS[style], alpha=0.7 if style == "unphysical" else 1.0,
             )  # fmt: skip
 
 
@@ -142,7 +151,7 @@ def _draw_labels(ax: Any, entries: list[Entry], x: str) -> None:
     for entry in sorted(unique.values(), key=lambda e: e.parameters[x]):
         text = label_text(entry)
         place = (entry.parameters[x] - low) / (high - low)
-        half = 0.008 * max(len(re.sub(r"[\\${}^_]|mathrm|widetilde", "", text)), 3)
+        half = 0.009 * max(len(re.sub(r"[\\${}^_,]|mathrm|widetilde", "", text)) * 0.75, 3)
         row = next((i for i, edge in enumerate(taken) if edge < place - half), LABEL_ROWS - 1)
         taken[row] = place + half
         ax.plot(
@@ -150,7 +159,7 @@ def _draw_labels(ax: Any, entries: list[Entry], x: str) -> None:
             linewidth=0.5, zorder=0,
         )  # fmt: skip
         ax.annotate(
-            text, (entry.parameters[x], 1.0), (0, 4 + 13 * row), xycoords=transform,
+            text, (entry.parameters[x], 1.0), (0, 4 + 15 * row), xycoords=transform,
             textcoords="offset points", ha="center", va="bottom", fontsize=8,
         )  # fmt: skip
 

@@ -25,17 +25,20 @@ from .switching import SWITCHES
 from .systems import system
 
 FORMATS = ("svg", "png", "pdf")
+SHOWN = ("period-1", "all", "none")
 SCENE_SETTINGS = Settings(max_step=0.03)
 """Numerics of a scene that says nothing else; steps short enough for a smooth picture."""
 
 
 @dataclass(frozen=True)
 class PlotOptions:
-    """How the diagram is drawn: the parameter on the x axis, limits, formats to write."""
+    """How the diagram is drawn: the parameter on the x axis, limits, on which branches unphysical
+    orbits are shown (``period-1``, ``all``, ``none``), formats to write."""
 
     x: str
     xlim: tuple[float, float] | None = None
     ylim: tuple[float, float] | None = None
+    unphysical: str = "period-1"
     formats: tuple[str, ...] = ("svg", "png")
 
 
@@ -317,6 +320,11 @@ def _plot(table: _Table, model: Model, parameter: str) -> PlotOptions:
     limits = {
         key: table.pair(key) if key in table.data else None for key in ("xlim", "ylim")
     }  # fmt: skip
+    unphysical = table.text("unphysical", "period-1")
+    if unphysical not in SHOWN:
+        raise InputError(
+            "plot.unphysical", f"found {unphysical!r}", f"accepted are {', '.join(SHOWN)}"
+        )
     formats = table.texts("formats", ["svg", "png"])
     for i, kind in enumerate(formats):
         if kind not in FORMATS:
@@ -324,7 +332,7 @@ def _plot(table: _Table, model: Model, parameter: str) -> PlotOptions:
                 f"plot.formats[{i}]", f"found {kind!r}", f"accepted are {', '.join(FORMATS)}"
             )
     table.finish()
-    return PlotOptions(x, limits["xlim"], limits["ylim"], tuple(dict.fromkeys(formats)))
+    return PlotOptions(x, limits["xlim"], limits["ylim"], unphysical, tuple(dict.fromkeys(formats)))
 
 
 _REQUIRED: Any = object()
