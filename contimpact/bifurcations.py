@@ -1,22 +1,20 @@
-r"""The bifurcations of periodic orbits as test functions: where mechanics and continuation meet.
+"""The bifurcations of periodic orbits as test functions: where mechanics and continuation meet.
 
-======  =====================================================  ==================================
-kind    test function                                          extended system
-======  =====================================================  ==================================
-FB      parameter component of the tangent                     F = 0, C(1) q = 0, l.q = 1
-BP      determinant of the Jacobian bordered by the tangent    F + nu psi = 0, J'psi = 0, |psi|=1
-PD      determinant of C(-1)                                   F = 0, C(-1) q = 0, l.q = 1
-NS      product of two multipliers minus one, pole-free        (bracketed)
-G       smallest interior gap of each flight and wall          F = 0, flight to a touch at tau = 0
-V       velocity of each impact, towards its wall              F = 0, v_k = 0
-T       duration of each flight                                F = 0, t_{k+1} - t_k = 0
-UZ      a parameter or derived parameter minus a value         F = 0, value reached
-======  =====================================================  ==================================
+======  =================================================================================
+kind    test function
+======  =================================================================================
+FB      parameter component of the tangent
+BP      determinant of the Jacobian bordered by the tangent
+PD      determinant of the cyclic block matrix with its last coupling multiplied by -1
+NS      product of two multipliers minus one, without poles
+G       smallest interior gap of each flight and wall
+V       velocity of each impact, towards its wall
+T       duration of each flight
+UZ      a parameter or derived parameter minus a value
+======  =================================================================================
 
-C(mu) is the cyclic block matrix of the orbit with its last coupling multiplied by mu; J is the
-Jacobian including the free parameter. Determinants are scaled row by row and have no pole where an
-impact velocity vanishes. FB and PD are solved in the standard extended systems of Seydel (1979), BP
-in that of Moore (1980).
+Determinants are scaled row by row and have no pole where an impact velocity vanishes. Events are
+solved in the systems of `contimpact.extended`; NS is located by bracketing.
 """
 
 from __future__ import annotations
@@ -26,100 +24,39 @@ from typing import Any
 
 import numpy as np
 
-from .continuation.arclength import bordered, scaled_determinant
+from .continuation.arclength import scaled_determinant
 from .continuation.branch import Event, Point
 from .continuation.events import Located, TestFunction
 from .errors import InputError
+from .extended import Crossing, ExtendedSystem, Reached, SingularCycle, Touching, solve
 from .mechanics import stability
-from .mechanics.orbit import Linearisation, OrbitProblem
+from .mechanics.orbit import Array, OrbitProblem
 
-Array = np.ndarray[Any, Any]
-EPSILON = float(np.finfo(float).eps)
-NEWTON_ITERATIONS = 12
+UNFOLDED = 1e-10
+"""With a nu below this, two branches cross, within rounding."""
 
 
-def newton(
-    system: Callable[[Array], tuple[Array, Array, Array]], guess: Array, parameter: int
-) -> tuple[Array, float, float] | None:
-    """Solve a square system to rounding.
-
-    Parameters
-    ----------
-    system : callable ``system(x) -> (residual, jacobian, rounding)``
-        `rounding` bounds the rounding error of each residual.
-    guess : ndarray of shape (q,)
-    parameter : int
-        Position of the parameter among the unknowns.
-
-    Returns
-    -------
-    x, residual, error
-        The solution, its largest residual, and the estimated error of the parameter: the parameter
-        row of the inverse Jacobian against the residual and its rounding. None if the iteration
-        fails.
-    """
-    x, best = guess, None
-    try:
-        for _ in range(NEWTON_ITERATIONS):
-            residual, jacobian, rounding = system(x)
-            size = float(np.max(np.abs(residual)))
-            if not np.isfinite(size) or (
-                best is not None and size >= 0.5 * best[1] and best[1] < 1e-10
-            ):
-                break
-            row = np.linalg.solve(jacobian.T, np.eye(len(x))[parameter])
-            best = (x, size, float(np.abs(row) @ (np.abs(residual) + rounding)))
-            x = x - np.linalg.solve(jacobian, residual)
-    except (ArithmeticError, ValueError, np.linalg.LinAlgError):
+def located(
+    system: ExtendedSystem, guess: Point, details: Callable[[Any], Mapping[str, Any]] | None = None
+) -> Located | None:
+    """Solve an extended system from a point; None if that fails."""
+    solution = solve(system, guess.evaluation)  # type: ignore[arg-type]
+    if solution is None:
         return None
-    return best if best is not None and best[1] < 1e-10 else None
+    told = details(solution) if details else {}
+    return Located(solution.unknowns, solution.residual, solution.error, told)
 
 
-def rounding_of(here: Linearisation) -> Array:
-    """Bound the rounding of each residual by that of its arguments."""
-    return EPSILON * (np.abs(here.jacobian) @ np.abs(here.unknowns) + 1e-300)
-
-
-class SingularCycle(TestFunction):
-    """Where C(mu) is singular: FB for mu = 1, PD for mu = -1."""
-
-    mu: float
-
-    def locate(self, problem: Any, guess: Point, index: int) -> Located | None:
-        n = problem.n
-        matrix = guess.evaluation.cyclic(self.mu)[:, :-1]  # type: ignore[attr-defined]
-        null = np.linalg.svd(matrix)[2][-1]
-
-        def system(x: Array) -> tuple[Array, Array, Array]:
-            z, q = x[: n + 1], x[n + 1 :]
-            here = problem.evaluate(z)
-            cycle = here.cyclic(self.mu)[:, :-1]
-            jacobian = np.zeros((2 * n + 1, 2 * n + 1))
-            jacobian[:n, : n + 1] = here.jacobian
-            jacobian[n : 2 * n, : n + 1] = problem.second_along(z, np.append(q, 0.0), self.mu)
-            jacobian[n : 2 * n, n + 1 :] = cycle
-            jacobian[2 * n, n + 1 :] = null
-            residual = np.concatenate([here.residual, cycle @ q, [null @ q - 1.0]])
-            rounding = np.concatenate(
-                [rounding_of(here), 2.0 * EPSILON * (np.abs(cycle) @ np.abs(q)), [EPSILON]]
-            )
-            return residual, jacobian, rounding
-
-        solved = newton(system, np.concatenate([guess.unknowns, null]), n)
-        if solved is None:
-            return None
-        x, residual, error = solved
-        return Located(x[: n + 1], residual, error)
-
-
-class Fold(SingularCycle):
+class Fold(TestFunction):
     """FB: the parameter turns back along the branch."""
 
     kind = "FB"
-    mu = 1.0
 
     def values(self, point: Point) -> Array:
         return point.tangent[-1:]
+
+    def locate(self, problem: Any, guess: Point, index: int) -> Located | None:
+        return located(SingularCycle(problem, 1.0), guess)
 
     def accept(self, event: Event) -> bool:
         """A branch that passes a branch point sideways turns there too, but is not folded."""
@@ -129,15 +66,17 @@ class Fold(SingularCycle):
         return size == 0.0 or abs(float(left[:, -1] @ here.by_parameter)) > 1e-4 * size
 
 
-class PeriodDoubling(SingularCycle):
+class PeriodDoubling(TestFunction):
     """PD: a multiplier passes -1."""
 
     kind = "PD"
-    mu = -1.0
 
     def values(self, point: Point) -> Array:
         matrix = point.evaluation.cyclic(-1.0)[:, :-1]  # type: ignore[attr-defined]
         return np.array([scaled_determinant(matrix)])
+
+    def locate(self, problem: Any, guess: Point, index: int) -> Located | None:
+        return located(SingularCycle(problem, -1.0), guess)
 
 
 class BranchPoint(TestFunction):
@@ -149,37 +88,8 @@ class BranchPoint(TestFunction):
         return np.array([point.orientation])
 
     def locate(self, problem: Any, guess: Point, index: int) -> Located | None:
-        n = problem.n
-        left = np.linalg.svd(guess.evaluation.jacobian)[0][:, -1]
-
-        def system(x: Array) -> tuple[Array, Array, Array]:
-            z, nu, psi = x[: n + 1], x[n + 1], x[n + 2 :]
-            here = problem.evaluate(z)
-            hessian = np.column_stack([problem.second_along(z, e).T @ psi for e in np.eye(n + 1)])
-            jacobian = np.zeros((2 * n + 2, 2 * n + 2))
-            jacobian[:n, : n + 1] = here.jacobian
-            jacobian[:n, n + 1] = psi
-            jacobian[:n, n + 2 :] = nu * np.eye(n)
-            jacobian[n : 2 * n + 1, : n + 1] = hessian
-            jacobian[n : 2 * n + 1, n + 2 :] = here.jacobian.T
-            jacobian[2 * n + 1, n + 2 :] = 2.0 * psi
-            residual = np.concatenate(
-                [here.residual + nu * psi, here.jacobian.T @ psi, [psi @ psi - 1.0]]
-            )
-            rounding = np.concatenate(
-                [
-                    rounding_of(here),
-                    2.0 * EPSILON * (np.abs(here.jacobian).T @ np.abs(psi)),
-                    [EPSILON],
-                ]
-            )
-            return residual, jacobian, rounding
-
-        solved = newton(system, np.concatenate([guess.unknowns, [0.0], left]), n)
-        if solved is None or abs(solved[0][n + 1]) > 1e-10:
-            return None
-        x, residual, error = solved
-        return Located(x[: n + 1], residual, error)
+        found = located(Crossing(problem), guess, lambda solution: {"nu": float(solution.own[0])})
+        return found if found is not None and abs(found.details["nu"]) < UNFOLDED else None
 
 
 class NeimarkSacker(TestFunction):
@@ -223,49 +133,15 @@ class Grazing(TestFunction):
         touch = self.touch(guess, index)
         if touch is None:
             return None
-        n, m = problem.n, problem.m
-        own = slice(m * flight, m * flight + m)
-        free = [i for i in range(m) if i != 1]  # of the touch, all but its zero velocity
-        kernel = problem.kernels.flight(problem.word.walls[flight], wall)
-
-        def split(x: Array) -> tuple[Array, Array]:
-            at_touch = np.zeros(m)
-            at_touch[free] = x[n + 1 :]
-            return x[: n + 1], at_touch
-
-        def system(x: Array) -> tuple[Array, Array, Array]:
-            z, at_touch = split(x)
-            here = problem.evaluate(z)
-            out = np.array(kernel(*z[own].tolist(), *at_touch.tolist(), *problem.values(z)))
-            problem.kernel_evaluations += 1
-            start, end = out[m : m + 2 * m * m].reshape(2, m, m)
-            jacobian = np.zeros((n + m, n + m))
-            jacobian[:n, : n + 1] = here.jacobian
-            jacobian[n:, own] = start
-            jacobian[n:, n] = out[m + 2 * m * m :]
-            jacobian[n:, n + 1 :] = end[:, free]
-            residual = np.concatenate([here.residual, out[:m]])
-            rounding = EPSILON * (np.abs(jacobian) @ np.abs(x))
-            return residual, jacobian, rounding
-
-        first = np.zeros(len(free))
-        first[0] = touch.time
-        guess_all = np.concatenate([guess.unknowns, first])
-        if m > 2:  # the other coordinates at the touch, from the (near) linear flight equations
-            residual, jacobian, _ = system(guess_all)
-            guess_all[n + 2 :] -= np.linalg.lstsq(jacobian[n:, n + 2 :], residual[n:], rcond=None)[
-                0
-            ]
-        solved = newton(system, guess_all, n)
-        if solved is None:
+        system = Touching(problem, flight, wall, touch.time)
+        found = located(
+            system, guess, lambda s: self._described(flight, wall, system.touch(s.own)[0])
+        )
+        if found is None:
             return None
-        x, size, error = solved
-        z, at_touch = split(x)
-        impacts = problem.impacts(z)[:, 0]
-        arrival = impacts[flight + 1] if flight + 1 < len(impacts) else np.inf
-        if not impacts[flight] < at_touch[0] < arrival:
-            return None
-        return Located(z, size, error, self._described(flight, wall, at_touch[0]))
+        times = problem.impacts(found.unknowns)[:, 0]
+        arrival = times[flight + 1] if flight + 1 < len(times) else np.inf
+        return found if times[flight] < found.details["touch_time"] < arrival else None
 
     def details(self, point: Point, index: int) -> Mapping[str, Any]:
         flight, wall = self.places[index]
@@ -294,18 +170,8 @@ class ScalarTest(TestFunction):
         return len(problem.word)
 
     def locate(self, problem: Any, guess: Point, index: int) -> Located | None:
-        def system(x: Array) -> tuple[Array, Array, Array]:
-            here = problem.evaluate(x)
-            value, gradient = self.scalar(problem, x, index)
-            jacobian = bordered(here.jacobian, gradient)
-            residual = np.append(here.residual, value)
-            return residual, jacobian, EPSILON * (np.abs(jacobian) @ np.abs(x))
-
-        solved = newton(system, guess.unknowns, problem.n)
-        if solved is None:
-            return None
-        x, residual, error = solved
-        return Located(x, residual, error, self.described(problem, index))
+        system = Reached(problem, lambda orbit, z: self.scalar(orbit, z, index))
+        return located(system, guess, lambda solution: self.described(problem, index))
 
     def described(self, problem: Any, index: int) -> dict[str, Any]:
         """What to record of a zero."""
