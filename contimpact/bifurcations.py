@@ -62,8 +62,9 @@ class Fold(TestFunction):
         """A branch that passes a branch point sideways turns there too, but is not folded."""
         here: Any = event.point.evaluation
         left, _, _ = np.linalg.svd(here.cyclic(1.0)[:, :-1])
-        size = float(np.linalg.norm(here.by_parameter))
-        return size == 0.0 or abs(float(left[:, -1] @ here.by_parameter)) > 1e-4 * size
+        column = here.by_parameter[:, 0]
+        size = float(np.linalg.norm(column))
+        return size == 0.0 or abs(float(left[:, -1] @ column)) > 1e-4 * size
 
 
 class PeriodDoubling(TestFunction):

@@ -35,19 +35,19 @@ class _Printer(PythonCodePrinter):
 
 
 class KernelWriter:
-    """Writes the kernels of one model, differentiated in one parameter.
+    """Writes the kernels of one model, differentiated in its free parameters.
 
     Parameters
     ----------
     model : Model
-    parameter : str
-        Name of the free parameter lambda.
+    parameters : sequence of str
+        Names of the free parameters: one, or two for curves.
     """
 
-    def __init__(self, model: Model, parameter: str) -> None:
-        self.model, self.parameter = model, parameter
+    def __init__(self, model: Model, parameters: Sequence[str]) -> None:
+        self.model, self.parameters = model, tuple(parameters)
         self.symbols = {name: sympy.Symbol(name, real=True) for name in model.values}
-        self.free = self.symbols[parameter]
+        self.free = [self.symbols[name] for name in self.parameters]
         self.formulas: Formulas = model.formulas(self.symbols)
         size = model.DEGREES_OF_FREEDOM
         self.t0, self.t1, self.turn, self.dt, self.phase = sympy.symbols(
@@ -109,16 +109,16 @@ class KernelWriter:
     def by_end_time(self, e: Any) -> Any:
         return sympy.diff(e, self.dt)
 
-    def by_parameter(self, e: Any) -> Any:
-        drift = self.turn * sympy.diff(self.formulas.period, self.free)
-        return sympy.diff(e, self.free) - drift * sympy.diff(e, self.phase)
+    def by_parameter(self, e: Any, free: Any) -> Any:
+        drift = self.turn * sympy.diff(self.formulas.period, free)
+        return sympy.diff(e, free) - drift * sympy.diff(e, self.phase)
 
     def derivatives(self, e: Any) -> list[Any]:
-        """By (t0, y0, t1, y1, lambda)."""
+        """By (t0, y0, t1, y1, free parameters)."""
         return [
             self.by_start_time(e), *(sympy.diff(e, y) for y in self.start),
             self.by_end_time(e), *(sympy.diff(e, y) for y in self.end),
-            self.by_parameter(e),
+            *(self.by_parameter(e, free) for free in self.free),
         ]  # fmt: skip
 
     # The kernels.
@@ -131,19 +131,20 @@ class KernelWriter:
             *rows,
             *(g for gradient in gradients for g in gradient[:m]),
             *(g for gradient in gradients for g in gradient[m : 2 * m]),
-            *(gradient[2 * m] for gradient in gradients),
+            *(g for gradient in gradients for g in gradient[2 * m :]),
         ]
         about = f"""Flight from wall {a} to wall {b}: residual and first derivatives.
 
         Returns {m} residuals (arrival minus embedding), their {m}x{m} derivatives by the start
         (t0, {self._names(self.start)}), by the end (t1, {self._names(self.end)}), row by row, and
-        by {self.parameter}."""
+        by {", ".join(self.parameters)}."""
         return self._function(name, self._ends(), about, outputs, reduce=True)
 
     def second(self, name: str, a: str, b: str) -> str:
         rows = self.residual(a, b)
         m = len(rows)
-        along = sympy.symbols(f"q0:{2 * m + 1}", real=True)
+        size = 2 * m + len(self.free)
+        along = sympy.symbols(f"q0:{size}", real=True)
         slopes = [
             sum((q * g for q, g in zip(along, self.derivatives(e), strict=True)), sympy.Integer(0))
             for e in rows
@@ -152,8 +153,8 @@ class KernelWriter:
         about = f"""Flight from wall {a} to wall {b}: second derivatives along a direction.
 
         The direction q is (t0, {self._names(self.start)}, t1, {self._names(self.end)},
-        {self.parameter}). Returns, for each of the {m} residuals, the gradient of its derivative
-        along q by the same {2 * m + 1} variables."""
+        {", ".join(self.parameters)}). Returns, for each of the {m} residuals, the gradient of its
+        derivative along q by the same {size} variables."""
         return self._function(name, [*self._ends(), *along], about, outputs, reduce=True)
 
     def motion(self, name: str, a: str) -> str:
@@ -167,21 +168,30 @@ class KernelWriter:
         return self._function(name, [self.t0, *self.start, self.dt], about, outputs, reduce=True)
 
     def setup(self, name: str) -> str:
-        period = self.formulas.period
+        period, derived = (
+            self.formulas.period,
+            [self.formulas.derived[n] for n in self.model.DERIVED],
+        )
+        first, *further = self.free
         outputs = [
             period,
-            sympy.diff(period, self.free),
-            sympy.diff(period, self.free, 2),
+            sympy.diff(period, first),
+            sympy.diff(period, first, 2),
             *(self.formulas.walls[w.name] for w in self.model.WALLS),
-            *(self.formulas.derived[n] for n in self.model.DERIVED),
-            *(sympy.diff(self.formulas.derived[n], self.free) for n in self.model.DERIVED),
+            *derived,
+            *(sympy.diff(e, first) for e in derived),
         ]
+        for free in further:
+            outputs += [sympy.diff(period, free), sympy.diff(period, free, 2)]
+            outputs += [sympy.diff(period, first, free), *(sympy.diff(e, free) for e in derived)]
+        named = ", ".join(self.model.DERIVED) or "none"
         about = f"""What depends on the parameters alone.
 
-        Returns the forcing period and its first two derivatives by {self.parameter}, the
+        Returns the forcing period and its first two derivatives by {self.parameters[0]}, the
         positions of the walls {", ".join(w.name for w in self.model.WALLS)}, and the derived
-        parameters ({", ".join(self.model.DERIVED) or "none"}) followed by their derivatives by
-        {self.parameter}."""
+        parameters ({named}) followed by their derivatives by {self.parameters[0]}. With a second
+        free parameter mu these follow: the period's derivatives by mu, mu twice, and both, and the
+        derived parameters' by mu."""
         return self._function(name, [], about, outputs)
 
     def harmonics(self, name: str) -> str:

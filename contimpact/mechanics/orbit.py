@@ -1,7 +1,7 @@
 r"""The orbit problem: a word's flights, closed after p periods, and their linearisation.
 
 Unknowns z = (t_1, y_1, ..., t_N, y_N, lambda): each impact's time and section coordinates before
-impact, and the free parameter last. Flight k leaves impact k and arrives at impact k + 1; the last
+impact, and the free parameter last (two of them on curves). Flight k leaves impact k and arrives at impact k + 1; the last
 one arrives at impact 1, pT later. Its residual and derivatives come from the kernel of its two
 walls:
 
@@ -23,7 +23,7 @@ is regular where one vanishes.
 from __future__ import annotations
 
 import functools
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -38,7 +38,7 @@ Array = np.ndarray[Any, Any]
 
 
 class OrbitProblem:
-    """The equations of one word in one free parameter.
+    """The equations of one word in one free parameter, or two.
 
     Parameters
     ----------
@@ -46,10 +46,14 @@ class OrbitProblem:
         Gives the values of all parameters but the free one.
     word : Word
     kernels : Kernels
-        Kernels of that model; they name the free parameter.
+        Kernels of that model; they name the free parameters.
 
     Attributes
     ----------
+    m, n : int
+        Unknowns per impact and of all impacts.
+    free : int
+        Number of free parameters.
     kernel_evaluations : int
         Flights evaluated so far.
     """
@@ -61,13 +65,14 @@ class OrbitProblem:
         self.n = self.m * len(word)
         names = list(model.values)
         self._values = list(model.values.values())
-        self._free = names.index(self.parameter)
+        self.free = len(kernels.parameters)
+        self._free = [names.index(name) for name in kernels.parameters]
         following = word.walls[1:] + word.walls[0]
         self.kinds = tuple(zip(word.walls, following, strict=True))
         self._flights = [kernels.flight(a, b) for a, b in self.kinds]
         self.kernel_evaluations = 0
-        # positions of the blocks A and B in the flattened n x (n + 1) Jacobian
-        rows = np.arange(self.n).reshape(-1, self.m, 1) * (self.n + 1)
+        # positions of the blocks A and B in the flattened n x (n + free) Jacobian
+        rows = np.arange(self.n).reshape(-1, self.m, 1) * (self.n + self.free)
         columns = np.arange(self.n).reshape(-1, 1, self.m)
         self._at_start = (rows + columns).ravel()
         self._at_end = (rows + np.roll(columns, -1, axis=0)).ravel()
@@ -75,16 +80,18 @@ class OrbitProblem:
     def values(self, unknowns: Array) -> list[float]:
         """Return all parameter values at a point, in the model's order."""
         values = self._values.copy()
-        values[self._free] = float(unknowns[-1])
+        for place, value in zip(self._free, unknowns[-self.free :].tolist(), strict=True):
+            values[place] = value
         return values
 
     def model_at(self, unknowns: Array) -> Model:
-        """Return the model at a point's parameter value."""
-        return self.model.replace(**{self.parameter: float(unknowns[-1])})
+        """Return the model at a point's parameter values."""
+        free = unknowns[-self.free :].tolist()
+        return self.model.replace(**dict(zip(self.kernels.parameters, free, strict=True)))
 
     def impacts(self, unknowns: Array) -> Array:
         """Return the (N, m) times and section coordinates of a point."""
-        return unknowns[:-1].reshape(-1, self.m)
+        return unknowns[: -self.free].reshape(-1, self.m)
 
     def evaluate(self, unknowns: Array) -> Linearisation:
         """Evaluate residual and blocks at a point.
@@ -97,8 +104,8 @@ class OrbitProblem:
         m, n = self.m, self.n
         z = unknowns.tolist()
         p = self.values(unknowns)
-        period, period_slope = self.kernels.setup(*p)[:2]
-        span = self.word.period * period
+        setup = self.kernels.setup(*p)
+        span = self.word.period * setup[0]
         residual: list[float] = []
         start: list[float] = []
         end: list[float] = []
@@ -113,20 +120,37 @@ class OrbitProblem:
             end += out[m + m * m : m + 2 * m * m]
             by_parameter += out[m + 2 * m * m :]
         self.kernel_evaluations += len(self._flights)
-        drift = self.word.period * period_slope  # the arrival at t_1 + pT moves with T(lambda)
-        for row in range(m):
-            by_parameter[n - m + row] += drift * end[m * (n - m + row)]
+        for i, drift in enumerate(self._period_slopes(setup)):
+            for row in range(n - m, n):  # the arrival at t_1 + pT moves with T(lambda)
+                by_parameter[self.free * row + i] += self.word.period * drift * end[m * row]
         return Linearisation(
             self, unknowns, np.array(residual), np.array(start).reshape(-1, m, m),
-            np.array(end).reshape(-1, m, m), np.array(by_parameter),
+            np.array(end).reshape(-1, m, m), np.array(by_parameter).reshape(n, -1),
         )  # fmt: skip
 
+    def _period_slopes(self, setup: Sequence[float]) -> list[float]:
+        """The derivatives of the forcing period by the free parameters."""
+        if self.free == 1:
+            return [setup[1]]
+        return [setup[1], setup[self._second_setup()]]
+
+    def _period_curvatures(self, setup: Sequence[float]) -> Array:
+        """The second derivatives of the forcing period by the free parameters."""
+        if self.free == 1:
+            return np.array([[setup[2]]])
+        _, twice, mixed = setup[self._second_setup() :][:3]
+        return np.array([[setup[2], mixed], [mixed, twice]])
+
+    def _second_setup(self) -> int:
+        """Where the kernel ``setup`` begins to speak of a second free parameter."""
+        return 3 + len(self.model.WALLS) + 2 * len(self.model.DERIVED)
+
     def second_along(self, unknowns: Array, direction: Array, mu: float = 1.0) -> Array:
-        """Return the gradient by z of the cyclic matrix times a direction, an (n, n + 1) matrix.
+        """Return the gradient by z of the cyclic matrix times a direction, an (n, n + free) matrix.
 
         Parameters
         ----------
-        unknowns, direction : ndarray of shape (n + 1,)
+        unknowns, direction : ndarray of shape (n + free,)
             The direction is q = (q_1, ..., q_N, q_lambda).
         mu : float
             In the last flight the arrival moves by mu q_1. With mu = 1 the result is the
@@ -135,28 +159,29 @@ class OrbitProblem:
         m, n = self.m, self.n
         z, q = unknowns.tolist(), direction.tolist()
         p = self.values(unknowns)
-        period, slope, curvature = self.kernels.setup(*p)[:3]
-        turns = self.word.period
-        gradient = np.zeros((n, n + 1))
+        setup = self.kernels.setup(*p)
+        slopes = self.word.period * np.array(self._period_slopes(setup))
+        curvatures = self.word.period * self._period_curvatures(setup)
+        gradient = np.zeros((n, n + self.free))
         for k, (a, b) in enumerate(self.kinds):
             i = m * k
             j = i + m
             arrival, moved = z[j : j + m], q[j : j + m]
             if j == n:
-                arrival = [z[0] + turns * period, *z[1:m]]
+                arrival = [z[0] + self.word.period * setup[0], *z[1:m]]
                 moved = [mu * c for c in q[:m]]
-                moved[0] += turns * slope * q[n]
-            out = self.kernels.second(a, b)(*z[i:j], *arrival, *q[i:j], *moved, q[n], *p)
-            block = np.array(out, dtype=float).reshape(m, 2 * m + 1)
+                moved[0] += float(slopes @ direction[n:])
+            out = self.kernels.second(a, b)(*z[i:j], *arrival, *q[i:j], *moved, *q[n:], *p)
+            block = np.array(out, dtype=float).reshape(m, -1)
             rows = slice(i, i + m)
             gradient[rows, i:j] += block[:, :m]
             gradient[rows, j % n : j % n + m] += block[:, m : 2 * m]
-            gradient[rows, n] += block[:, 2 * m]
+            gradient[rows, n:] += block[:, 2 * m :]
             if j == n:  # the arrival t_1 + pT moves with T(lambda), and its rate with T'(lambda)
-                gradient[rows, n] += turns * slope * block[:, m]
-                if curvature:
+                gradient[rows, n:] += np.outer(block[:, m], slopes)
+                if np.any(curvatures):
                     ends = self.kernels.flight(a, b)(*z[i:j], *arrival, *p)[m + m * m :: m][:m]
-                    gradient[rows, n] += turns * curvature * q[n] * np.array(ends)
+                    gradient[rows, n:] += np.outer(ends, curvatures @ direction[n:])
         self.kernel_evaluations += len(self.kinds)
         return gradient
 
@@ -164,14 +189,14 @@ class OrbitProblem:
         """Return z from impact times (N,), section coordinates (N, m - 1) and lambda."""
         times = np.asarray(times, dtype=float).reshape(-1, 1)
         sections = np.asarray(sections, dtype=float).reshape(len(times), -1)
-        value = self._values[self._free] if value is None else value
-        return np.append(np.hstack([times, sections]).ravel(), value)
+        free = [self._values[place] for place in self._free] if value is None else [value]
+        return np.append(np.hstack([times, sections]).ravel(), free)
 
-    def scale(self, unknowns: Array, span: float) -> Array:
+    def scale(self, unknowns: Array, span: Any) -> Array:
         """Return natural sizes of the unknowns, by which arclength is measured.
 
         Times are measured in periods, section coordinates in the largest of the orbit, both
-        averaged over the impacts; the parameter in `span`.
+        averaged over the impacts; the free parameters in `span`.
         """
         impacts = self.impacts(unknowns)
         period = self.kernels.setup(*self.values(unknowns))[0]
@@ -190,7 +215,7 @@ class OrbitProblem:
                 moved[len(self.word) - shift :, 0] += span
             gap = self.impacts(one) - moved
             gap[:, 0] -= period * np.round(np.mean(gap[:, 0]) / period)
-            candidate = np.append(gap.ravel(), one[-1] - other[-1])
+            candidate = np.append(gap.ravel(), one[-self.free :] - other[-self.free :])
             if best is None or np.linalg.norm(candidate) < np.linalg.norm(best):
                 best = candidate
         assert best is not None
@@ -202,11 +227,11 @@ class Linearisation:
 
     Attributes
     ----------
-    unknowns : ndarray of shape (n + 1,)
+    unknowns : ndarray of shape (n + free,)
     residual : ndarray of shape (n,)
     start, end : ndarray of shape (N, m, m)
         The blocks A_k and B_k.
-    by_parameter : ndarray of shape (n,)
+    by_parameter : ndarray of shape (n, free)
     """
 
     def __init__(
@@ -219,22 +244,23 @@ class Linearisation:
 
     @functools.cached_property
     def jacobian(self) -> Array:
-        """The (n, n + 1) Jacobian."""
+        """The (n, n + free) Jacobian."""
         matrix = self.cyclic(1.0)
-        matrix[:, -1] = self.by_parameter
+        matrix[:, self.problem.n :] = self.by_parameter
         return matrix
 
     def cyclic(self, mu: float) -> Array:
-        """The (n, n + 1) cyclic matrix with the last coupling multiplied by mu; last column 0."""
-        n = self.problem.n
-        matrix = np.zeros(n * (n + 1))
+        """The (n, n + free) cyclic matrix, its last coupling multiplied by mu; the columns of the
+        parameters are zero."""
+        n, free = self.problem.n, self.problem.free
+        matrix = np.zeros(n * (n + free))
         end = self.end.ravel()
         if mu != 1.0:
             end = end.copy()
             end[-(self.problem.m**2) :] *= mu
         matrix[self.problem._at_start] = self.start.ravel()
         matrix[self.problem._at_end] += end
-        return matrix.reshape(n, n + 1)
+        return matrix.reshape(n, n + free)
 
     @functools.cached_property
     def multipliers(self) -> Array:
