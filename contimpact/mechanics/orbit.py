@@ -1,9 +1,9 @@
 r"""The orbit problem: a word's flights, closed after p periods, and their linearisation.
 
 Unknowns z = (t_1, y_1, ..., t_N, y_N, lambda): each impact's time and section coordinates before
-impact, and the free parameter last (two of them on curves). Flight k leaves impact k and arrives at impact k + 1; the last
-one arrives at impact 1, pT later. Its residual and derivatives come from the kernel of its two
-walls:
+impact, and the free parameter last (two of them on curves). Flight k leaves impact k and arrives at
+impact k + 1; the last one arrives at impact 1, pT later. Its residual and derivatives come from the
+kernel of its two walls:
 
 .. math:: R_k(t_k, y_k, t_{k+1}, y_{k+1}, \lambda) = 0, \qquad
           A_k = \partial R_k / \partial(t_k, y_k), \quad
