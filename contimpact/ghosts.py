@@ -6,7 +6,7 @@ than the event itself: of its multipliers the critical one is left out, of its g
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -31,8 +31,8 @@ def entry_of(event: Event, identity: str, branch: str, before: Point, after: Poi
     word, details = problem.word, event.details
     letters = [w.name for w in problem.model.WALLS]
     becomes = next_word(event)
-    multipliers, n_unstable = apart_from_event(event)
-    verdict = forgiven(event)
+    multipliers, n_unstable = apart_from_event(event.kind, here, details)
+    verdict = forgiven(event.kind, here, details)
     ghost = n_unstable > 0 or not verdict.physical
     side, slope = _criticality(event, before, after)
     return Entry(
@@ -114,28 +114,28 @@ def label(kind: str, ghost: bool, word: Word, becomes: Word | None, letters: Seq
     return f"{mark}{kind}[{word.notation(letters)}->{becomes.notation(letters)}]"
 
 
-def apart_from_event(event: Event) -> tuple[Array, int]:
+def apart_from_event(
+    kind: str, here: Linearisation, details: Mapping[str, Any]
+) -> tuple[Array, int]:
     """Return the orbit's multipliers, and how many outside the unit circle are not the event's.
 
     At a zero velocity the multipliers are those of the orbit without that impact: the same orbit,
     whose own have no pole.
     """
-    here: Linearisation = event.point.evaluation  # type: ignore[assignment]
-    if event.kind == "V" and len(here.problem.word) > 1:
-        start, end = _without_impact(here, event.details["impact"])
+    if kind == "V" and len(here.problem.word) > 1:
+        start, end = _without_impact(here, details["impact"])
         multipliers = stability.multipliers(start, end)
         return multipliers, stability.count_unstable(multipliers)
-    others = np.delete(here.multipliers, critical(event.kind, here.multipliers))
+    others = np.delete(here.multipliers, critical(kind, here.multipliers))
     return here.multipliers, stability.count_unstable(others)
 
 
-def forgiven(event: Event) -> Verdict:
+def forgiven(kind: str, here: Linearisation, details: Mapping[str, Any]) -> Verdict:
     """Return the verdict on the orbit, the event itself not held against it."""
-    here: Linearisation = event.point.evaluation  # type: ignore[assignment]
-    if event.kind == "G":
-        return here.judge(forgive_touch=(event.details["flight"], event.details["wall"]))
-    if event.kind == "V":
-        return here.judge(forgive_impact=event.details["impact"])
+    if kind == "G":
+        return here.judge(forgive_touch=(details["flight"], details["wall"]))
+    if kind == "V":
+        return here.judge(forgive_impact=details["impact"])
     return here.verdict
 
 
@@ -144,7 +144,7 @@ def _without_impact(here: Linearisation, impact: int) -> tuple[Array, Array]:
     problem = here.problem
     shorter = OrbitProblem(problem.model, problem.word.drop(impact), problem.kernels)
     kept = np.delete(problem.impacts(here.unknowns), impact, axis=0)
-    there = shorter.evaluate(np.append(kept.ravel(), here.unknowns[-1]))
+    there = shorter.evaluate(np.append(kept.ravel(), here.unknowns[-problem.free :]))
     return there.start, there.end
 
 
