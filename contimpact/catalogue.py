@@ -18,7 +18,7 @@ import sys
 import tempfile
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -28,9 +28,14 @@ from .diagram import Branch, Diagram, Entry
 from .errors import InputError
 from .reading import read
 
+if TYPE_CHECKING:
+    from .competition import Region
+    from .curves import Curve
+
 CATALOGUE = "contimpact.catalogue/1"
 MANIFEST = "contimpact.manifest/1"
 BRANCH = "contimpact.branch/1"
+CURVE = "contimpact.curve/1"
 
 EVENT_COLUMNS = (
     "id", "kind", "ghost", "label", "why", "branch", "word", "period", "notation", "becomes",
@@ -98,6 +103,8 @@ def write_diagram(diagram: Diagram, folder: str | Path) -> list[str]:
     folder = prepare_folder(folder)
     _forget_branches(folder)
     files = {f"branches/{b.id}-{b.word[:40]}.csv": branch_text(b) for b in diagram.branches}
+    for curve in diagram.curves:
+        files[f"curves/{curve.id}-{curve.kind}-{curve.word[:40]}.csv"] = curve_text(curve)
     files["catalogue.json"] = catalogue_text(diagram)
     files["events.csv"] = events_text(diagram)
     for name, text in files.items():
@@ -112,9 +119,12 @@ def _forget_branches(folder: Path) -> None:
         names = [f"{b['id']}-{b['word'][:40]}.csv" for b in earlier["branches"]]
     except (OSError, ValueError, KeyError, TypeError):
         return
+    curves = earlier.get("curves", [])
+    names += [f"{c['id']}-{c['kind']}-{c['word'][:40]}.csv" for c in curves]
     for name in names:
         if Path(name).name == name:
-            (folder / "branches" / name).unlink(missing_ok=True)
+            for inside in ("branches", "curves"):
+                (folder / inside / name).unlink(missing_ok=True)
 
 
 # The catalogue.
@@ -129,6 +139,9 @@ def catalogue_text(diagram: Diagram) -> str:
         "entries": [dataclasses.asdict(entry) for entry in diagram.entries],
         "reading": read(diagram).as_record(),
     }
+    if diagram.curves:
+        content["curves"] = [_curve_record(curve) for curve in diagram.curves]
+        content["competition"] = [dataclasses.asdict(region) for region in _competition(diagram)]
     return json_text(content)
 
 
@@ -145,6 +158,47 @@ def _branch_record(branch: Branch) -> dict[str, Any]:
         "ends": [_end_record(branch, end) for end in branch.ends],
         "missed": list(branch.missed),
     }
+
+
+def _curve_record(curve: Curve) -> dict[str, Any]:
+    first, second = curve.parameters
+    return {
+        "id": curve.id,
+        "kind": curve.kind,
+        "label": curve.label,
+        "word": curve.word,
+        "period": curve.period,
+        "notation": curve.notation,
+        "parameters": [first, second],
+        "fixed": dict(curve.fixed),
+        "from": curve.origin,
+        "points": len(curve),
+        "ends": [
+            {
+                "kind": end.kind.name.lower(),
+                **{name: float(curve[name][row]) for name in curve.parameters},
+                "message": end.message,
+            }
+            for end, row in zip(curve.ends, (0, -1), strict=True)
+        ],
+        "missed": list(curve.missed),
+        "codimension2": [dataclasses.asdict(point) for point in curve.points],
+    }
+
+
+def _competition(diagram: Diagram) -> list[Region]:
+    from .competition import regions
+
+    first = diagram.curves[0].parameters[0]
+    along = "d" if "d" in diagram.curves[0].columns else first
+    return regions(diagram.curves, along)
+
+
+def curve_text(curve: Curve) -> str:
+    """Return a curve's CSV: a comment line with its record, then the table."""
+    head = {"schema": CURVE, **_curve_record(curve)}
+    rows = zip(*(values.tolist() for values in curve.columns.values()), strict=True)
+    return f"# {_plain_json(head)}\n" + csv_text(list(curve.columns), rows)
 
 
 def _end_record(branch: Branch, end: End) -> dict[str, Any]:

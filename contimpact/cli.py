@@ -130,7 +130,7 @@ def _run(options: argparse.Namespace) -> int:
         left_out.append("diagram: --no-plot was given, matplotlib is not imported")
     elif scene.plot.formats:
         drawing = time.perf_counter()
-        files += _save_plot(scene, diagram, folder)
+        files += _save_plots(scene, diagram, folder)
         seconds["plot"] = time.perf_counter() - drawing
     seconds["total"] = time.perf_counter() - began
     _write_manifest(scene, diagram, folder, left_out, seconds, files)
@@ -144,11 +144,16 @@ def _remove_if_empty(folder: Path) -> None:
         folder.rmdir()
 
 
-def _save_plot(scene: Scene, diagram: Diagram, folder: Path) -> list[str]:
+def _save_plots(scene: Scene, diagram: Diagram, folder: Path) -> list[str]:
     from .plot import save_diagram
 
     plot = scene.plot
-    return save_diagram(
+    files = []
+    if diagram.curves:
+        from .plot_curves import save_curves
+
+        files += save_curves(diagram.curves, folder, plot.formats)
+    return files + save_diagram(
         diagram, folder, plot.formats, x=plot.x, xlim=plot.xlim, ylim=plot.ylim,
         unphysical=plot.unphysical, unit=_unit(scene, plot.x),
     )  # fmt: skip
@@ -193,6 +198,8 @@ def _summary(scene: Scene, diagram: Diagram, folder: Path, total: float) -> None
             print(f"  not located: {text}")
     if text := str(read(diagram)):
         print(text)
+    for curve in diagram.curves:
+        print("".join(f"{n} = {v:.6g}  " for n, v in curve.fixed.items()) + repr(curve))
     for note in diagram.statistics["notes"]:
         print(note)
     print(f"written to {folder} in {total:.2f} s")

@@ -5,12 +5,15 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from .continuation.branch import End, Point
 from .mechanics.orbit import Linearisation
+
+if TYPE_CHECKING:
+    from .curves import Curve
 
 Array = np.ndarray[Any, Any]
 
@@ -233,12 +236,15 @@ class Diagram:
     name : str
         The scene's.
     branches : sequence of Branch
+    curves : sequence of Curve
+        Of bifurcations in two parameters.
     statistics : mapping
         Seconds per stage, counts, kernels loaded and generated.
     """
 
     name: str
     branches: Sequence[Branch]
+    curves: Sequence[Curve] = ()
     statistics: Mapping[str, Any] = field(default_factory=dict, compare=False)
 
     @property
@@ -247,7 +253,9 @@ class Diagram:
         return [entry for branch in self.branches for entry in branch.events]
 
     def __repr__(self) -> str:
-        return "\n".join([f"Diagram {self.name}", *map(repr, self.branches)])
+        return "\n".join(
+            [f"Diagram {self.name}", *map(repr, self.branches), *map(repr, self.curves)]
+        )
 
 
 def tabulate(points: Sequence[Point], entries: Sequence[tuple[Point, str]]) -> dict[str, Array]:

@@ -54,7 +54,12 @@ def follow(scene: Scene, progress: Callable[[str], None] | None = None) -> Diagr
     InputError
         If an orbit the scene names does not exist at its start.
     """
-    return _Explorer(scene, progress or (lambda text: None)).run()
+    diagram = _Explorer(scene, progress or (lambda text: None)).run()
+    if scene.curves is None:
+        return diagram
+    from .explore_curves import with_curves
+
+    return with_curves(scene, diagram, progress)
 
 
 @dataclass(frozen=True)
@@ -95,7 +100,7 @@ class _Explorer:
         if scene.survey:
             self.survey()
             self.follow_births()
-        return Diagram(scene.name, self.finished_branches(), self.statistics())
+        return Diagram(scene.name, self.finished_branches(), statistics=self.statistics())
 
     def problem(self, word: Word) -> OrbitProblem:
         return OrbitProblem(self.scene.model, word, self.kernels)

@@ -30,6 +30,9 @@ import numpy as np
 from .mechanics.orbit import Array, Linearisation, OrbitProblem
 
 EPSILON = float(np.finfo(float).eps)
+CURVES = ("FB", "BP", "PD", "G", "V")
+"""Kinds of events that have curves in two parameters."""
+
 NEWTON_ITERATIONS = 12
 CONVERGED = 1e-10
 

@@ -10,7 +10,7 @@ import difflib
 import math
 import tomllib
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, field, fields
+from dataclasses import asdict, dataclass, field, fields, replace
 from pathlib import Path
 from typing import Any
 
@@ -18,12 +18,14 @@ from .bifurcations import KINDS
 from .continuation.arclength import Settings
 from .errors import InputError
 from .expressions import number
+from .extended import CURVES
 from .mechanics.model import Model
 from .mechanics.word import Word, parse_word
 from .orbit_branch import EVENTS
 from .switching import SWITCHES
 from .systems import system
 
+CURVE_SETTINGS = Settings(tolerance=1e-13, max_step=0.05, max_points=1000)
 FORMATS = ("svg", "png", "pdf")
 SHOWN = ("period-1", "all", "none")
 SCENE_SETTINGS = Settings(max_step=0.03)
@@ -40,6 +42,34 @@ class PlotOptions:
     ylim: tuple[float, float] | None = None
     unphysical: str = "period-1"
     formats: tuple[str, ...] = ("svg", "png")
+
+
+@dataclass(frozen=True)
+class CurveOptions:
+    """Which curves to follow in a second parameter.
+
+    Attributes
+    ----------
+    parameter : str
+    range : (low, high)
+    kinds : sequence of str
+        Kinds of the entries at which curves start.
+    unphysical : bool
+        Whether also entries of unphysical orbits have their curves followed.
+    values : sequence of float
+        Values of the second parameter to hit exactly.
+    family : (name, values) or None
+        A third parameter, and the values of it for which everything is repeated.
+    settings : Settings
+    """
+
+    parameter: str
+    range: tuple[float, float]
+    kinds: tuple[str, ...]
+    unphysical: bool = False
+    values: tuple[float, ...] = ()
+    family: tuple[str, tuple[float, ...]] | None = None
+    settings: Settings = CURVE_SETTINGS
 
 
 @dataclass(frozen=True)
@@ -71,6 +101,7 @@ class Scene:
     seed, starts, rounds : int
         Of the search for orbits.
     plot : PlotOptions
+    curves : CurveOptions or None
     given : mapping
         The scene as it was written.
     """
@@ -93,6 +124,7 @@ class Scene:
     starts: int = 256
     rounds: int = 8
     plot: PlotOptions = field(default_factory=lambda: PlotOptions("s"))
+    curves: CurveOptions | None = None
     given: Mapping[str, Any] = field(default_factory=dict)
 
     @property
@@ -128,8 +160,26 @@ class Scene:
                 **asdict(self.settings), "seed": self.seed, "starts": self.starts,
                 "rounds": self.rounds,
             },
+            **({"curves": self._resolved_curves()} if self.curves else {}),
             "plot": {name: value for name, value in asdict(self.plot).items() if value is not None},
         }  # fmt: skip
+
+    def _resolved_curves(self) -> dict[str, Any]:
+        curves = self.curves
+        assert curves is not None
+        family = {} if curves.family is None else {curves.family[0]: list(curves.family[1])}
+        settings = curves.settings
+        return {
+            "parameter": curves.parameter,
+            "range": list(curves.range),
+            "kinds": list(curves.kinds),
+            "unphysical": curves.unphysical,
+            "values": list(curves.values),
+            "step": settings.step,
+            "max_step": settings.max_step,
+            "max_points": settings.max_points,
+            "family": family,
+        }
 
     def left_out(self) -> list[str]:
         """Return what the scene does not ask for, in words."""
@@ -139,6 +189,8 @@ class Scene:
             words.append(f"events {', '.join(unasked)}: not asked for, not evaluated")
         if not set(self.events) & {"FB", "BP", "PD"}:
             words.append("second derivatives: no event needs them, not generated")
+        if self.curves is None:
+            words.append("curves: no [curves]")
         if not self.switch:
             words.append("switching: follow.switch is empty")
         if not self.plot.formats:
@@ -225,10 +277,15 @@ def read_scene(given: Mapping[str, Any]) -> Scene:
             )  # fmt: skip
     settings, search = _numerics(top.table("numerics", optional=True))
     plot = _plot(top.table("plot", optional=True), model, parameter)
+    curves = None
+    if "curves" in given:
+        curves = _curves(top.table("curves"), model, parameter, events)
+    top.asked.append("curves")
     top.finish()
     return Scene(
         name, source, model, parameter, (low, high), orbits, events=events, values=values,
         settings=settings, plot=plot, given=given, **search, **reach,
+        curves=curves,
     )  # fmt: skip
 
 
@@ -289,6 +346,61 @@ def _detect(
         )
     table.finish()
     return tuple(dict.fromkeys(events)), values
+
+
+def _curves(table: _Table, model: Model, first: str, events: Sequence[str]) -> CurveOptions:
+    name = table.text("parameter")
+    declared = model.require(name, "curves.parameter")
+    if name == first:
+        raise InputError("curves.parameter", f"{name} is followed already", "give another one")
+    low, high = (declared.check(v, "curves.range") for v in table.pair("range"))
+    if not low <= model.values[name] <= high:
+        raise InputError(
+            "curves.range", f"[{low:.12g}, {high:.12g}] does not hold {name} = "
+            f"{model.values[name]:.12g}", f"widen it or change model.parameters.{name}",
+        )  # fmt: skip
+    kinds = table.texts("kinds", ["PD", "G"])
+    for i, kind in enumerate(kinds):
+        if kind not in CURVES or kind not in events:
+            looked_for = [k for k in CURVES if k in events]
+            raise InputError(
+                f"curves.kinds[{i}]", f"found {kind!r}",
+                f"accepted are those of {', '.join(CURVES)} that detect.events names: "
+                f"{', '.join(looked_for) or 'none'}",
+            )  # fmt: skip
+    unphysical = table.truth("unphysical", False)
+    values = tuple(table.numbers("values")) if "values" in table.data else ()
+    table.asked.append("values")
+    family = _family(table.table("family", optional=True), model, (first, name))
+    steps: dict[str, Any] = {
+        k: table.number(k, getattr(CURVE_SETTINGS, k)) for k in ("step", "max_step")
+    }
+    limit = table.whole("max_points", CURVE_SETTINGS.max_points, least=2)
+    table.finish()
+    try:
+        settings = replace(CURVE_SETTINGS, max_points=limit, **steps)
+    except InputError as error:
+        raise error.within("curves") from None
+    return CurveOptions(
+        name, (low, high), tuple(dict.fromkeys(kinds)), unphysical, values, family, settings
+    )
+
+
+def _family(
+    table: _Table, model: Model, taken: tuple[str, str]
+) -> tuple[str, tuple[float, ...]] | None:
+    """One parameter and the values it takes."""
+    if not table.data:
+        return None
+    name = next(iter(table.data))
+    declared = model.require(name, f"curves.family.{name}")
+    if name in taken:
+        raise InputError(f"curves.family.{name}", "it is followed already", "give another one")
+    values = tuple(declared.check(v, f"curves.family.{name}") for v in table.numbers(name))
+    table.finish()
+    if not values:
+        raise InputError(f"curves.family.{name}", "empty", "give at least one value")
+    return name, values
 
 
 def _numerics(table: _Table) -> tuple[Settings, dict[str, Any]]:

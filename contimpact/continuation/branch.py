@@ -67,6 +67,10 @@ class EndKind(enum.Enum):
     )
     KNOWN = "met branch {known} at {parameter} = {value:.12g}"
     BORN = "born at {entry} of branch {parent} at {parameter} = {value:.12g}"
+    UNFOLDED = (
+        "the crossing of branches is unfolded at {parameter} = {value:.12g}: beyond, the branches "
+        "pass each other"
+    )
     STOPPED = "stopped at {parameter} = {value:.12g} on request"
 
 

@@ -1,0 +1,96 @@
+"""Which bifurcation comes first: the competition of curves in two parameters.
+
+For a family member and a word, every curve is read as the derived parameter (d, or the branch's
+parameter) over the second one. As d falls, the orbit meets the curve with the largest d first;
+where curves cross, the order changes.
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from .curves import Curve
+
+
+@dataclass(frozen=True)
+class Region:
+    """A range of the second parameter in which one bifurcation comes first as d falls.
+
+    Attributes
+    ----------
+    fixed : mapping of str to float
+        The family's parameter.
+    notation : str
+        The orbit.
+    second : str
+    low, high : float
+    first : str
+        Label of the bifurcation that comes first.
+    """
+
+    fixed: Mapping[str, float]
+    notation: str
+    second: str
+    low: float
+    high: float
+    first: str
+
+
+def regions(curves: Sequence[Curve], along: str) -> list[Region]:
+    """Return the regions of all members and words.
+
+    Parameters
+    ----------
+    curves : sequence of Curve
+    along : str
+        The column that falls, such as ``d``.
+    """
+    groups: dict[Any, list[Curve]] = {}
+    for curve in curves:
+        key = (tuple(curve.fixed.items()), curve.word, curve.period)
+        groups.setdefault(key, []).append(curve)
+    return [region for group in groups.values() for region in _regions(group, along)]
+
+
+def _regions(group: Sequence[Curve], along: str) -> list[Region]:
+    second = group[0].parameters[1]
+    crossings = [
+        p.parameters[second] for c in group for p in c.points if p.kind in ("PD-G", "G-PD")
+    ]
+    low = min(float(c[second].min()) for c in group)
+    high = max(float(c[second].max()) for c in group)
+    edges = sorted({low, high, *(round(x, 12) for x in crossings), *_ends(group, second)})
+    found: list[Region] = []
+    for left, right in itertools.pairwise(edges):
+        label = _first_at(group, second, along, 0.5 * (left + right))
+        if label is None:
+            continue
+        if found and found[-1].first == label and found[-1].high == left:
+            left = found.pop().low
+        found.append(Region(group[0].fixed, group[0].notation, second, left, right, label))
+    return found
+
+
+def _ends(group: Sequence[Curve], second: str) -> list[float]:
+    return [float(curve[second][row]) for curve in group for row in (0, -1)]
+
+
+def _first_at(group: Sequence[Curve], second: str, along: str, value: float) -> str | None:
+    best, label = -np.inf, None
+    for curve in group:
+        for height in heights(curve, second, along, value):
+            if height > best:
+                best, label = height, curve.label
+    return label
+
+
+def heights(curve: Curve, second: str, along: str, value: float) -> list[float]:
+    """Return the values of a column wherever a curve passes a value of the second parameter."""
+    x, y = curve[second] - value, curve[along]
+    rows = np.nonzero((x[:-1] >= 0.0) != (x[1:] >= 0.0))[0]
+    return [float(y[i] + (y[i + 1] - y[i]) * x[i] / (x[i] - x[i + 1])) for i in rows]

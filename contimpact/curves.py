@@ -1,0 +1,427 @@
+"""Curves of bifurcations in two parameters, followed with the same continuer as branches.
+
+A curve is the solution set of an extended system (`contimpact.extended`) with two free parameters:
+the branch's own, lambda, and a second one, mu, along which the walk is limited. Its unknowns are
+the orbit, lambda, what the system adds, and mu last.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from .continuation.arclength import Settings
+from .continuation.branch import End, EndKind, Event, Point, Walk, joined
+from .continuation.events import TestFunction
+from .continuation.walk import walk
+from .diagram import Entry, all_parameters, coordinates
+from .errors import InputError
+from .extended import CURVES, Crossing, ExtendedSystem, Reached, SingularCycle, Touching
+from .ghosts import apart_from_event, forgiven, impacts_of
+from .mechanics.kernels import Kernels
+from .mechanics.model import Model
+from .mechanics.orbit import Array, Linearisation, OrbitProblem
+from .mechanics.word import Word
+
+CURVE_SETTINGS = Settings(tolerance=1e-13, max_step=0.05, max_points=1000)
+UNFOLDED = 1e-8
+
+
+class CurveProblem:
+    """An extended system with two free parameters, as a problem to continue.
+
+    Parameters
+    ----------
+    kind : str
+        One of `CURVES`.
+    system : ExtendedSystem
+        On an `OrbitProblem` with two free parameters.
+    details : mapping
+        Where on the orbit it happens (flight, wall, impact).
+    first_span : float
+        Natural size of the first parameter.
+    """
+
+    def __init__(
+        self, kind: str, system: ExtendedSystem, details: Mapping[str, Any], first_span: float
+    ) -> None:
+        self.kind, self.system, self.details = kind, system, dict(details)
+        self.orbit = system.problem
+        self.first_span = first_span
+
+    def packed(self, orbit: Array, own: Array) -> Array:
+        """Return the curve's unknowns: mu goes last."""
+        return np.concatenate([orbit[:-1], own, orbit[-1:]])
+
+    def unpacked(self, unknowns: Array) -> tuple[Array, Array]:
+        """Return the orbit's unknowns with both parameters, and the system's own."""
+        inner = self.orbit.n + 1
+        return np.append(unknowns[:inner], unknowns[-1]), unknowns[inner:-1]
+
+    def evaluate(self, unknowns: Array) -> CurvePoint:
+        """Evaluate the system."""
+        orbit, own = self.unpacked(unknowns)
+        here = self.orbit.evaluate(orbit)
+        at = self.system.assemble(here, own)
+        inner = self.orbit.n + 1
+        columns = [*range(inner), *range(inner + 1, at.jacobian.shape[1]), inner]
+        return CurvePoint(self, unknowns, at.residual, at.jacobian[:, columns], here, own)
+
+    def scale(self, unknowns: Array, span: float) -> Array:
+        """Return natural sizes: those of the orbit, one for unit vectors, times for touches."""
+        orbit, own = self.unpacked(unknowns)
+        sizes = self.orbit.scale(orbit, [self.first_span, span])
+        others = np.ones(len(own))
+        if self.kind == "G":
+            others[0] = sizes[0]
+        return self.packed(sizes, others)
+
+    def difference(self, one: Array, other: Array) -> Array:
+        """Return one - other, orbits compared as orbits."""
+        orbit, own = self.unpacked(one)
+        orbit_other, own_other = self.unpacked(other)
+        return self.packed(self.orbit.difference(orbit, orbit_other), own - own_other)
+
+
+@dataclass(frozen=True)
+class CurvePoint:
+    """A curve's system at one point, with the orbit's linearisation."""
+
+    problem: CurveProblem
+    unknowns: Array
+    residual: Array
+    jacobian: Array
+    orbit: Linearisation
+    own: Array
+
+    @property
+    def details(self) -> dict[str, Any]:
+        """Where on the orbit it happens, the time of a touch included."""
+        told = dict(self.problem.details)
+        if self.problem.kind == "G":
+            told["touch_time"] = float(self.own[0])
+        return told
+
+
+@dataclass(frozen=True, eq=False)
+class Curve:
+    """A curve of bifurcations, as a table.
+
+    Attributes
+    ----------
+    id, kind, label : str
+        Its name, the kind of bifurcation, and the label of the entry it was started from.
+    word, period, notation
+        The orbits on it.
+    parameters : (str, str)
+        The branch's parameter and the second one.
+    columns : mapping of str to ndarray
+        As of a branch; `n_unstable`, `physical` and `reason` leave the bifurcation itself out.
+    ends : (End, End)
+    points : sequence of Codim2
+        The points of codimension two on it, in order.
+    origin : str
+        The entry it was started from.
+    missed : sequence of str
+    fixed : mapping of str to float
+        Values of a family's parameters.
+    evaluations : int
+        Flights evaluated to follow it.
+    """
+
+    id: str
+    kind: str
+    label: str
+    word: str
+    period: int
+    notation: str
+    parameters: tuple[str, str]
+    columns: Mapping[str, Array]
+    ends: tuple[End, End]
+    points: Sequence[Codim2]
+    origin: str
+    missed: Sequence[str] = ()
+    fixed: Mapping[str, float] = field(default_factory=dict)
+    evaluations: int = 0
+
+    def __getitem__(self, column: str) -> Array:
+        return self.columns[column]
+
+    def __len__(self) -> int:
+        return len(self.columns["arclength"])
+
+    @property
+    def ghost(self) -> Array:
+        """Whether the bifurcation is a ghost, point by point."""
+        return np.asarray((self["n_unstable"] > 0) | (self["physical"] == 0))
+
+    def __repr__(self) -> str:
+        first, second = self.parameters
+        values = self[second]
+        lines = [
+            f"Curve {self.id}: {self.label} in ({first}, {second}), {len(self)} points, {second} "
+            f"from {values.min():.9g} to {values.max():.9g}",
+            *(f"  end: {end.message}" for end in self.ends),
+            *(
+                f"  {p.kind:6} {first} = {p.parameters[first]:.12g}, "
+                f"{second} = {p.parameters[second]:.12g}: {p.changes}"
+                for p in self.points
+            ),
+        ]
+        return "\n".join(lines)
+
+
+@dataclass(frozen=True)
+class Codim2:
+    """A point of codimension two on a curve, as the catalogue records it.
+
+    Attributes
+    ----------
+    id, curve, kind : str
+        PD-G, FB-G, BP-G, G-FB, G-PD, CP (cusp), GPD, DG (touch with zero acceleration), R1, R2, ...
+    changes : str
+        What changes there.
+    parameters : mapping of str to float
+    impacts : sequence of mappings
+    residual, error : float
+        Of the curve's equations; estimated error of the second parameter.
+    """
+
+    id: str
+    curve: str
+    kind: str
+    changes: str
+    parameters: Mapping[str, float]
+    impacts: Sequence[Mapping[str, Any]]
+    residual: float
+    error: float
+
+
+# Starting.
+
+
+def curve_problem(
+    model: Model, entry: Entry, second: str, kernels: Kernels, first_span: float
+) -> tuple[CurveProblem, Array]:
+    """Return the problem of the curve through a catalogue entry, and where it starts.
+
+    Raises
+    ------
+    InputError
+        If events of this kind have no curves.
+    """
+    if entry.kind not in CURVES:
+        raise InputError(
+            "curves", f"{entry.kind} has no curve", f"accepted are {', '.join(CURVES)}"
+        )
+    base = model.replace(**{name: entry.parameters[name] for name in model.values})
+    problem = OrbitProblem(base, Word(entry.word, entry.period), kernels)
+    names = ["time", "velocity", *coordinates(problem.m)[2:]]
+    rows = [[impact[name] for name in names] for impact in entry.impacts]
+    free = [entry.parameters[name] for name in kernels.parameters]
+    orbit = np.append(np.array(rows).ravel(), free)
+    system, details = _system(problem, entry)
+    curve = CurveProblem(entry.kind, system, details, first_span)
+    return curve, curve.packed(orbit, system.start(problem.evaluate(orbit)))
+
+
+def _system(problem: OrbitProblem, entry: Entry) -> tuple[ExtendedSystem, dict[str, Any]]:
+    if entry.kind == "G":
+        assert entry.flight is not None
+        assert entry.wall is not None
+        assert entry.touch_time is not None
+        touching = Touching(problem, entry.flight, entry.wall, entry.touch_time)
+        return touching, {"flight": entry.flight, "wall": entry.wall}
+    if entry.kind == "V":
+        assert entry.impact is not None
+        place = problem.m * entry.impact + 1
+
+        def velocity(_: OrbitProblem, z: Array) -> tuple[float, Array]:
+            return float(z[place]), np.eye(len(z))[place]
+
+        return Reached(problem, velocity), {"impact": entry.impact, "wall": entry.wall}
+    if entry.kind == "BP":
+        return Crossing(problem), {}
+    return SingularCycle(problem, 1.0 if entry.kind == "FB" else -1.0), {}
+
+
+def follow_curve(
+    model: Model, entry: Entry, second: str, first_range: tuple[float, float],
+    second_range: tuple[float, float], *, name: str = "c1", values: Sequence[float] = (),
+    settings: Settings = CURVE_SETTINGS, kernels: Kernels | None = None,
+    detect: bool = True, callback: Callable[[Point], bool | None] | None = None,
+) -> Curve:  # fmt: skip
+    """Follow the curve of a bifurcation through a catalogue entry, in both directions.
+
+    Parameters
+    ----------
+    model : Model
+        The system; parameter values are taken from the entry.
+    entry : Entry
+        Of a kind in `CURVES`, real or ghost, from a diagram just computed or loaded.
+    second : str
+        The second parameter.
+    first_range, second_range : (low, high)
+        Ranges of the entry's own parameter and of the second one.
+    name : str
+        The curve's name.
+    values : sequence of float
+        Values of the second parameter to hit exactly; rows marked UZ in the column ``event``.
+    settings : Settings
+    kernels : Kernels, optional
+        Kernels with both parameters free, if some are at hand.
+    detect : bool
+        Whether to look for points of codimension two.
+    callback : callable, optional
+        Called with every accepted point.
+
+    Returns
+    -------
+    Curve
+
+    Raises
+    ------
+    InputError
+        For a parameter the model does not have, or ranges that do not hold the entry.
+    """
+    from .codimension import codimension_two
+
+    first = entry.parameter
+    kernels = kernels or Kernels(model, first, second)
+    for parameter, limits in ((first, first_range), (second, second_range)):
+        model.require(parameter, "parameter")
+        if not limits[0] <= entry.parameters[parameter] <= limits[1]:
+            raise InputError(
+                f"range of {parameter}",
+                f"{limits} does not hold {entry.parameters[parameter]:.12g}", "widen it",
+            )  # fmt: skip
+    problem, start = curve_problem(model, entry, second, kernels, first_range[1] - first_range[0])
+    before = problem.orbit.kernel_evaluations
+    tests: list[TestFunction] = [FirstLimit(first_range), SecondValue(values)]
+    tests += codimension_two(problem) if detect else []
+
+    def go(direction: int) -> Walk:
+        return walk(
+            problem, start, direction, parameter=second, limits=second_range, tests=tests,
+            settings=settings, callback=callback, stop=_leaving(first, entry.kind),
+        )  # fmt: skip
+
+    forward = go(+1)
+    closed = forward.end.kind is EndKind.CLOSED
+    backward = Walk(forward.points[:1], (), forward.end) if closed else go(-1)
+    return _curve(name, entry, problem, backward, forward, before)
+
+
+def _leaving(first: str, kind: str) -> Callable[[Point, Sequence[Event]], tuple[End, Point] | None]:
+    """End a walk where the first parameter leaves its range, or a crossing of branches unfolds."""
+
+    def stop(point: Point, events: Sequence[Event]) -> tuple[End, Point] | None:
+        for event in events:
+            if event.kind == FirstLimit.kind:
+                value = float(event.point.evaluation.orbit.unknowns[-2])  # type: ignore[attr-defined]
+                return End.of(EndKind.RANGE, first, value), event.point
+        here: Any = point.evaluation
+        if kind == "BP" and abs(here.own[0]) > UNFOLDED:
+            return End.of(EndKind.UNFOLDED, first, float(here.orbit.unknowns[-2])), point
+        return None
+
+    return stop
+
+
+class FirstLimit(TestFunction):
+    """The first parameter leaves its range."""
+
+    kind = "limit"
+
+    def __init__(self, limits: tuple[float, float]) -> None:
+        self.limits = limits
+
+    def values(self, point: Point) -> Array:
+        value = point.evaluation.orbit.unknowns[-2]  # type: ignore[attr-defined]
+        return np.array([value - self.limits[0], self.limits[1] - value])
+
+
+class SecondValue(TestFunction):
+    """The second parameter takes a value that was asked for."""
+
+    kind = "UZ"
+
+    def __init__(self, wanted: Sequence[float]) -> None:
+        self.wanted = np.array(wanted, dtype=float)
+
+    def values(self, point: Point) -> Array:
+        return point.parameter - self.wanted
+
+
+# Tabulating.
+
+
+def _curve(
+    name: str, entry: Entry, problem: CurveProblem, backward: Walk, forward: Walk, before: int
+) -> Curve:
+    first, *others = problem.orbit.kernels.parameters
+    second = others[0]
+    points, events = joined(backward, forward)
+    special = [e for e in events if e.kind not in (FirstLimit.kind, "UZ")]
+    codim2 = [_codim2(e, f"{name}.{i}", name) for i, e in enumerate(special, start=1)]
+    marks = [(e.point, "UZ") for e in events if e.kind == "UZ"]
+    marks += [(e.point, p.id) for e, p in zip(special, codim2, strict=True)]
+    missed = [
+        f"{m.kind} between {second} = {m.parameters[0]:.12g} and {m.parameters[1]:.12g}: {m.reason}"
+        for m in (*backward.missed, *forward.missed)
+    ]
+    return Curve(
+        name, entry.kind, entry.label.removeprefix("~"), entry.word, entry.period, entry.notation,
+        (first, second), _columns(points, marks),
+        (backward.end, forward.end), codim2, entry.id, missed,
+        evaluations=problem.orbit.kernel_evaluations - before,
+    )  # fmt: skip
+
+
+def _codim2(event: Event, identity: str, curve: str) -> Codim2:
+    here: Any = event.point.evaluation
+    return Codim2(
+        identity, curve, event.kind, str(event.details.get("changes", "")),
+        all_parameters(here.orbit), impacts_of(here.orbit.problem, here.orbit.unknowns),
+        event.residual, event.error,
+    )  # fmt: skip
+
+
+def _columns(points: Sequence[Point], marks: Sequence[tuple[Point, str]]) -> dict[str, Array]:
+    named = [*((p, "") for p in points), *marks]
+    named = list({(p.arclength, mark): (p, mark) for p, mark in named}.values())
+    named.sort(key=lambda pair: pair[0].arclength)
+    rows = [_row(point) | {"event": mark} for point, mark in named]
+    columns = {}
+    for name, first in rows[0].items():
+        kind: Any = {str: object, int: np.int64}.get(type(first), float)
+        columns[name] = np.array([row[name] for row in rows], dtype=kind)
+    return columns
+
+
+def _row(point: Point) -> dict[str, Any]:
+    here: CurvePoint = point.evaluation  # type: ignore[assignment]
+    orbit, kind = here.orbit, here.problem.kind
+    row: dict[str, Any] = {"arclength": point.arclength} | all_parameters(orbit)
+    names = coordinates(orbit.problem.m)
+    for k, impact in enumerate(orbit.problem.impacts(orbit.unknowns).tolist(), start=1):
+        row |= {f"{name}{k}": value for name, value in zip(names, impact, strict=True)}
+    multipliers, n_unstable = apart_from_event(kind, orbit, here.details)
+    for k, mu in enumerate(multipliers.tolist(), start=1):
+        row |= {f"multiplier{k}_re": mu.real, f"multiplier{k}_im": mu.imag}
+    verdict = forgiven(kind, orbit, here.details)
+    return row | {
+        "n_unstable": n_unstable,
+        "physical": int(verdict.physical),
+        "reason": verdict.reason or "",
+        "residual": float(np.max(np.abs(here.residual))),
+    }
+
+
+def with_fixed(curve: Curve, fixed: Mapping[str, float]) -> Curve:
+    """Return a curve that knows the values of its family's parameters."""
+    return dataclasses.replace(curve, fixed=dict(fixed))
