@@ -49,9 +49,15 @@ def _parser() -> argparse.ArgumentParser:
     check.add_argument("scene", metavar="SCENE", help="a scene file (TOML)")
     check.set_defaults(command=_check)
 
-    run = commands.add_parser("run", help="follow a scene's branches and write the results")
-    run.add_argument("scene", metavar="SCENE", help="a scene file (TOML)")
-    run.add_argument("-o", "--output", metavar="DIR", required=True, help="folder to write to")
+    run = commands.add_parser("run", help="follow the branches of scenes and write the results")
+    run.add_argument("scenes", metavar="SCENE", nargs="+", help="scene files (TOML)")
+    run.add_argument(
+        "-o",
+        "--output",
+        metavar="DIR",
+        required=True,
+        help="folder to write to; with several scenes, each has a folder of its name in it",
+    )
     run.add_argument("-q", "--quiet", action="store_true", help="print nothing but errors")
     run.add_argument("--no-plot", action="store_true", help="leave the diagram out")
     run.set_defaults(command=_run)
@@ -104,12 +110,20 @@ def _check(options: argparse.Namespace) -> int:
 def _run(options: argparse.Namespace) -> int:
     from .scene import load_scene
 
-    began = time.perf_counter()
-    scene = load_scene(options.scene)
-    existed = Path(options.output).exists()
+    scenes = [load_scene(path) for path in options.scenes]
+    names = [scene.name for scene in scenes]
+    if twice := next((name for name in names if names.count(name) > 1), None):
+        raise InputError("SCENE", f"two scenes are called {twice!r}", "give each its own name")
+    folders = [Path(options.output) / (name if len(names) > 1 else "") for name in names]
+    return max(_run_one(*pair, options) for pair in zip(scenes, folders, strict=True))
+
+
+def _run_one(scene: Scene, target: Path, options: argparse.Namespace) -> int:
     from .catalogue import prepare_folder, write_diagram
 
-    folder = prepare_folder(options.output)
+    began = time.perf_counter()
+    existed = target.exists()
+    folder = prepare_folder(target)
     progress = _progress(options.quiet)
     try:
         from .explore import follow
@@ -136,6 +150,9 @@ def _run(options: argparse.Namespace) -> int:
     _write_manifest(scene, diagram, folder, left_out, seconds, files)
     if not options.quiet:
         _summary(scene, diagram, folder, seconds["total"])
+    if failure := diagram.statistics["failure"]:
+        print(f"contimpact: {failure}; what was computed is in {folder}", file=sys.stderr)
+        return 1
     return 0
 
 

@@ -183,7 +183,7 @@ class DoublingTurns(OnCurve):
         scale = doubled.scale(start, here.problem.first_span)
         step = np.concatenate([here.own, -here.own, [0.0]])
         step *= amplitude / length(step, scale)
-        settings = Settings(tolerance=1e-14)
+        settings = Settings(tolerance=1e-13)
         result = correct(doubled, start + step, step / scale**2, scale, settings)
         problem.kernel_evaluations += doubled.kernel_evaluations
         if result.evaluation is None:

@@ -1,8 +1,8 @@
 """Which bifurcation comes first: the competition of curves in two parameters.
 
 For a family member and a word, every curve is read as the derived parameter (d, or the branch's
-parameter) over the second one. As d falls, the orbit meets the curve with the largest d first;
-where curves cross, the order changes.
+parameter) over the second one. As d falls, the orbit meets the curve with the largest d first that
+is no ghost; where curves cross, the order changes.
 """
 
 from __future__ import annotations
@@ -83,14 +83,18 @@ def _ends(group: Sequence[Curve], second: str) -> list[float]:
 def _first_at(group: Sequence[Curve], second: str, along: str, value: float) -> str | None:
     best, label = -np.inf, None
     for curve in group:
-        for height in heights(curve, second, along, value):
+        for height in real_heights(curve, second, along, value):
             if height > best:
                 best, label = height, curve.label
     return label
 
 
-def heights(curve: Curve, second: str, along: str, value: float) -> list[float]:
-    """Return the values of a column wherever a curve passes a value of the second parameter."""
-    x, y = curve[second] - value, curve[along]
+def real_heights(curve: Curve, second: str, along: str, value: float) -> list[float]:
+    """Return a column's values wherever a curve that is no ghost passes a parameter's value."""
+    x, y, ghost = curve[second] - value, curve[along], curve.ghost
     rows = np.nonzero((x[:-1] >= 0.0) != (x[1:] >= 0.0))[0]
-    return [float(y[i] + (y[i + 1] - y[i]) * x[i] / (x[i] - x[i + 1])) for i in rows]
+    return [
+        float(y[i] + (y[i + 1] - y[i]) * x[i] / (x[i] - x[i + 1]))
+        for i in rows
+        if not (ghost[i] and ghost[i + 1])
+    ]

@@ -302,6 +302,8 @@ def follow_curve(
     problem, start = curve_problem(model, entry, second, kernels, first_range[1] - first_range[0])
     before = problem.orbit.kernel_evaluations
     tests: list[TestFunction] = [FirstLimit(first_range), SecondValue(values)]
+    if entry.kind == "G":
+        tests.append(TouchLimit())
     tests += codimension_two(problem) if detect else []
 
     def go(direction: int) -> Walk:
@@ -321,9 +323,10 @@ def _leaving(first: str, kind: str) -> Callable[[Point, Sequence[Event]], tuple[
 
     def stop(point: Point, events: Sequence[Event]) -> tuple[End, Point] | None:
         for event in events:
-            if event.kind == FirstLimit.kind:
+            if event.kind in (FirstLimit.kind, TouchLimit.kind):
                 value = float(event.point.evaluation.orbit.unknowns[-2])  # type: ignore[attr-defined]
-                return End.of(EndKind.RANGE, first, value), event.point
+                reason = EndKind.RANGE if event.kind == FirstLimit.kind else EndKind.TOUCH
+                return End.of(reason, first, value), event.point
         here: Any = point.evaluation
         if kind == "BP" and abs(here.own[0]) > UNFOLDED:
             return End.of(EndKind.UNFOLDED, first, float(here.orbit.unknowns[-2])), point
@@ -343,6 +346,24 @@ class FirstLimit(TestFunction):
     def values(self, point: Point) -> Array:
         value = point.evaluation.orbit.unknowns[-2]  # type: ignore[attr-defined]
         return np.array([value - self.limits[0], self.limits[1] - value])
+
+
+class TouchLimit(TestFunction):
+    """The touch of a grazing reaches the impact at either end of its flight."""
+
+    kind = "touch"
+
+    def values(self, point: Point) -> Array:
+        here: Any = point.evaluation
+        problem = here.orbit.problem
+        times = problem.impacts(here.orbit.unknowns)[:, 0]
+        flight = here.problem.details["flight"]
+        if flight + 1 < len(times):
+            arrival = times[flight + 1]
+        else:
+            period = problem.kernels.setup(*problem.values(here.orbit.unknowns))[0]
+            arrival = times[0] + problem.word.period * period
+        return np.array([here.own[0] - times[flight], arrival - here.own[0]])
 
 
 class SecondValue(TestFunction):
@@ -366,7 +387,8 @@ def _curve(
     first, *others = problem.orbit.kernels.parameters
     second = others[0]
     points, events = joined(backward, forward)
-    special = [e for e in events if e.kind not in (FirstLimit.kind, "UZ")]
+    limits = (FirstLimit.kind, TouchLimit.kind, "UZ")
+    special = [e for e in events if e.kind not in limits]
     codim2 = [_codim2(e, f"{name}.{i}", name) for i, e in enumerate(special, start=1)]
     marks = [(e.point, "UZ") for e in events if e.kind == "UZ"]
     marks += [(e.point, p.id) for e, p in zip(special, codim2, strict=True)]

@@ -53,9 +53,14 @@ def follow(scene: Scene, progress: Callable[[str], None] | None = None) -> Diagr
     ------
     InputError
         If an orbit the scene names does not exist at its start.
+
+    Notes
+    -----
+    An interruption or a numerical failure ends the computation early; what was computed is
+    returned, and ``statistics["failure"]`` says what happened.
     """
     diagram = _Explorer(scene, progress or (lambda text: None)).run()
-    if scene.curves is None:
+    if scene.curves is None or diagram.statistics["failure"]:
         return diagram
     from .explore_curves import with_curves
 
@@ -82,6 +87,7 @@ class _Explorer:
     meetings: dict[str, list[str]] = field(default_factory=dict)
     notes: list[str] = field(default_factory=list)
     probes: int = 0
+    failure: str | None = None
     seconds: dict[str, float] = field(default_factory=lambda: dict.fromkeys(STAGES, 0.0))
 
     def run(self) -> Diagram:
@@ -94,12 +100,17 @@ class _Explorer:
         )
         self.seconds["kernels"] += time.perf_counter() - began
         started = [orbit for word in scene.orbits for orbit in self.orbits_at_start(word)]
-        for orbit in started:
-            self.follow_orbit(orbit)
-        self.follow_births()
-        if scene.survey:
-            self.survey()
+        try:
+            for orbit in started:
+                self.follow_orbit(orbit)
             self.follow_births()
+            if scene.survey:
+                self.survey()
+                self.follow_births()
+        except KeyboardInterrupt:
+            self.failure = "interrupted"
+        except (ArithmeticError, np.linalg.LinAlgError) as error:
+            self.failure = f"the computation failed ({type(error).__name__}: {error})"
         return Diagram(scene.name, self.finished_branches(), statistics=self.statistics())
 
     def problem(self, word: Word) -> OrbitProblem:
@@ -354,6 +365,7 @@ class _Explorer:
             },
             "kernels": {"loaded": self.kernels.loaded, "generated": self.kernels.generated},
             "notes": self.notes,
+            "failure": self.failure,
         }
 
 

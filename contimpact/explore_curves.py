@@ -58,15 +58,21 @@ class _CurveExplorer:
         self.kernels = Kernels(scene.model, scene.parameter)
         self.pairs = Kernels(scene.model, scene.parameter, options.parameter)
         self.branches = list(self.diagram.branches)
-        for fixed, model, branches in self.members():
-            for branch in branches:
-                for entry in branch.events:
+        failure = None
+        try:
+            for fixed, model, branches in self.members():
+                for entry in (entry for branch in branches for entry in branch.events):
                     if entry.kind in options.kinds and (entry.physical or options.unphysical):
                         self.follow(entry, model, fixed)
+        except KeyboardInterrupt:
+            failure = "interrupted"
+        except (ArithmeticError, np.linalg.LinAlgError) as error:
+            failure = f"the computation failed ({type(error).__name__}: {error})"
         statistics = dict(self.diagram.statistics)
         statistics["seconds"] = {
             **statistics.get("seconds", {}), "curves": time.perf_counter() - began,
         }  # fmt: skip
+        statistics["failure"] = failure
         counts = dict(statistics.get("counts", {}))
         counts["curve_points"] = sum(len(curve) for curve in self.curves)
         counts["curve_kernel_evaluations"] = sum(c.evaluations for c in self.curves)

@@ -45,8 +45,9 @@ def plot_curves(curves: Sequence[Curve], axes: Any = None, *, along: str | None 
     if axes is None:
         axes = _panels(len(members))
     axes = list(np.ravel(axes))
+    labels = list(dict.fromkeys(c.label for c in curves))
     for ax, fixed in zip(axes, members, strict=False):
-        _draw_member(ax, [c for c in curves if dict(c.fixed) == fixed], fixed, along)
+        _draw_member(ax, [c for c in curves if dict(c.fixed) == fixed], fixed, along, labels)
     _draw_legend(axes[0], curves)
     return axes
 
@@ -72,17 +73,19 @@ def _panels(count: int) -> Any:
     return axes[:count]
 
 
-def _draw_member(ax: Any, curves: Sequence[Curve], fixed: Mapping[str, float], along: str) -> None:
+def _draw_member(
+    ax: Any, curves: Sequence[Curve], fixed: Mapping[str, float], along: str, labels: Sequence[str]
+) -> None:
     second = curves[0].parameters[1]
     for curve in curves:
-        _draw_curve(ax, curve, second, along)
+        _draw_curve(ax, curve, second, along, labels)
         for point in curve.points:
             ax.plot(
                 point.parameters[second], point.parameters[along], linestyle="none", color="k",
                 marker=MARKERS.get(point.kind, "P"), markersize=4.5, zorder=5,
             )  # fmt: skip
     for region in regions(curves, along):
-        _draw_region(ax, region)
+        _draw_region(ax, region, labels)
     ax.set_xlabel(f"${_symbol(second)}$")
     ax.set_ylabel(f"${_symbol(along)}$")
     ax.label_outer()
@@ -91,7 +94,7 @@ def _draw_member(ax: Any, curves: Sequence[Curve], fixed: Mapping[str, float], a
         ax.set_title(title, fontsize=9)
 
 
-def _draw_curve(ax: Any, curve: Curve, second: str, along: str) -> None:
+def _draw_curve(ax: Any, curve: Curve, second: str, along: str, labels: Sequence[str]) -> None:
     """Draw runs of equal status; a piece that starts at a marked point takes it from its end."""
     ghost = curve.ghost.copy()
     marked = np.nonzero(curve["event"][:-1] != "")[0]
@@ -100,23 +103,29 @@ def _draw_curve(ax: Any, curve: Curve, second: str, along: str) -> None:
     for first, last in zip([0, *edges], [*edges, len(ghost)], strict=True):
         piece = slice(first, min(last + 1, len(ghost)))
         ax.plot(
-            curve[second][piece], curve[along][piece], color=COLOURS[curve.kind],
+            curve[second][piece], curve[along][piece], color=_colour(curve.label, labels),
             linestyle=(0, (1, 1.4)) if ghost[first] else "-", linewidth=WIDTHS[curve.kind],
         )  # fmt: skip
 
 
-def _draw_region(ax: Any, region: Region) -> None:
+def _draw_region(ax: Any, region: Region, labels: Sequence[str]) -> None:
     """A band along the x axis in the colour of what comes first."""
-    kind = region.first.split("[")[0]
-    ax.axvspan(
-        region.low, region.high, ymin=0.0, ymax=0.03, color=COLOURS[kind], alpha=0.6, linewidth=0
-    )
+    colour = _colour(region.first, labels)
+    ax.axvspan(region.low, region.high, ymin=0, ymax=0.03, color=colour, alpha=0.6, linewidth=0)
+
+
+def _colour(label: str, labels: Sequence[str]) -> str:
+    """The kind's colour; a second grazing is black."""
+    kind = label.split("[")[0]
+    same = [other for other in labels if other.split("[")[0] == kind]
+    return COLOURS[kind] if label == same[0] else "k"
 
 
 def _draw_legend(ax: Any, curves: Sequence[Curve]) -> None:
+    labels = list(dict.fromkeys(c.label for c in curves))
     handles = []
     for kind, label in dict.fromkeys((c.kind, c.label) for c in curves):
-        handles.append(Line2D([], [], color=COLOURS[kind], lw=WIDTHS[kind], label=label))
+        handles.append(Line2D([], [], color=_colour(label, labels), lw=WIDTHS[kind], label=label))
     handles.append(Line2D([], [], color="0.3", linestyle=(0, (1, 1.4)), label="ghost"))
     kinds = {"G-PD": "PD-G"}
     for kind in dict.fromkeys(kinds.get(p.kind, p.kind) for c in curves for p in c.points):

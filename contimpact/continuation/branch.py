@@ -71,6 +71,7 @@ class EndKind(enum.Enum):
         "the crossing of branches is unfolded at {parameter} = {value:.12g}: beyond, the branches "
         "pass each other"
     )
+    TOUCH = "the touch reaches an impact of its own flight at {parameter} = {value:.12g}"
     STOPPED = "stopped at {parameter} = {value:.12g} on request"
 
 
