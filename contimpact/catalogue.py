@@ -88,7 +88,7 @@ def write_diagram(diagram: Diagram, folder: str | Path) -> list[str]:
     ----------
     diagram : Diagram
     folder : str or Path
-        Made if it is not there. Branch files of an earlier diagram are replaced.
+        Made if it is not there. Files of an earlier diagram are replaced.
 
     Returns
     -------
@@ -100,11 +100,18 @@ def write_diagram(diagram: Diagram, folder: str | Path) -> list[str]:
     InputError
         If the folder cannot be written.
     """
+    names = [branch.id for branch in diagram.branches]
+    if twice := next((name for name in names if names.count(name) > 1), None):
+        raise InputError(
+            "branches",
+            f"two branches are called {twice!r}",
+            "give each its own name when following",
+        )
     folder = prepare_folder(folder)
-    _forget_branches(folder)
-    files = {f"branches/{b.id}-{b.word[:40]}.csv": branch_text(b) for b in diagram.branches}
+    _forget(folder)
+    files = {_branch_file(b.id, b.word): branch_text(b) for b in diagram.branches}
     for curve in diagram.curves:
-        files[f"curves/{curve.id}-{curve.kind}-{curve.word[:40]}.csv"] = curve_text(curve)
+        files[_curve_file(curve.id, curve.kind, curve.word)] = curve_text(curve)
     files["catalogue.json"] = catalogue_text(diagram)
     files["events.csv"] = events_text(diagram)
     for name, text in files.items():
@@ -112,19 +119,29 @@ def write_diagram(diagram: Diagram, folder: str | Path) -> list[str]:
     return sorted(files)
 
 
-def _forget_branches(folder: Path) -> None:
-    """Remove the branch files an earlier catalogue in this folder speaks of."""
-    try:
-        earlier = json.loads((folder / "catalogue.json").read_text(encoding="utf-8"))
-        names = [f"{b['id']}-{b['word'][:40]}.csv" for b in earlier["branches"]]
-    except (OSError, ValueError, KeyError, TypeError):
-        return
-    curves = earlier.get("curves", [])
-    names += [f"{c['id']}-{c['kind']}-{c['word'][:40]}.csv" for c in curves]
+def _forget(folder: Path) -> None:
+    """Remove the files that an earlier run wrote to this folder, by its manifest and catalogue."""
+    names: list[str] = []
+    for record in ("manifest.json", "catalogue.json"):
+        try:
+            earlier = json.loads((folder / record).read_text(encoding="utf-8"))
+            names += earlier.get("files", [])
+            names += [_branch_file(b["id"], b["word"]) for b in earlier.get("branches", [])]
+            names += [_curve_file(c["id"], c["kind"], c["word"]) for c in earlier.get("curves", [])]
+        except (OSError, ValueError, KeyError, TypeError, AttributeError):
+            continue
     for name in names:
-        if Path(name).name == name:
-            for inside in ("branches", "curves"):
-                (folder / inside / name).unlink(missing_ok=True)
+        path = folder / name
+        if path.resolve().is_relative_to(folder.resolve()):
+            path.unlink(missing_ok=True)
+
+
+def _branch_file(identity: str, word: str) -> str:
+    return f"branches/{identity}-{word[:40]}.csv"
+
+
+def _curve_file(identity: str, kind: str, word: str) -> str:
+    return f"curves/{identity}-{kind}-{word[:40]}.csv"
 
 
 # The catalogue.
@@ -275,7 +292,7 @@ def read_branch(path: str | Path) -> Branch:
             head["id"], head["word"], head["period"], head["notation"], head["system"],
             head["options"], parameter, columns, (ends[0], ends[1]),
             [_entry(record) for record in head["events"]], head["missed"], head["from"],
-            head["meetings"],
+            head.get("meetings", []),
         )  # fmt: skip
     except OSError as error:
         raise InputError(
@@ -298,11 +315,27 @@ def _column(name: str, texts: Sequence[str]) -> np.ndarray[Any, Any]:
 
 
 def _entry(record: Mapping[str, Any]) -> Entry:
-    lists = {
-        name: [None if mu is None else (mu[0], mu[1]) for mu in record[name]]
-        for name in ("multipliers", "multipliers_before", "multipliers_after")
-    }
-    return Entry(**{**record, **lists, "opens": tuple(record["opens"])})
+    """An entry from its record; keys of later versions are passed over, missing ones empty."""
+    known: dict[str, Any] = {f.name: record.get(f.name) for f in dataclasses.fields(Entry)}
+    for name in ("multipliers", "multipliers_before", "multipliers_after"):
+        known[name] = [None if mu is None else (mu[0], mu[1]) for mu in known[name] or ()]
+    known["opens"] = tuple(known["opens"] or ())
+    if known["id"] is None or known["parameters"] is None:
+        raise ValueError("an entry without id or parameters")
+    return Entry(**known)
+
+
+def load_entries(folder: str | Path) -> list[Entry]:
+    """Read the entries of a saved catalogue, to start branches and curves from.
+
+    Raises
+    ------
+    InputError
+        If there is no catalogue of this schema.
+    """
+    path = Path(folder) / "catalogue.json"
+    content = read_json(path, CATALOGUE, "a folder made by contimpact run")
+    return [_entry(record) for record in content["entries"]]
 
 
 def load_diagram(folder: str | Path) -> Diagram:
@@ -315,8 +348,8 @@ def load_diagram(folder: str | Path) -> Diagram:
     """
     folder = Path(folder)
     catalogue = read_json(folder / "catalogue.json", CATALOGUE, "a folder made by contimpact run")
-    names = [f"{b['id']}-{b['word'][:40]}.csv" for b in catalogue["branches"]]
-    return Diagram(catalogue["scene"], [read_branch(folder / "branches" / name) for name in names])
+    names = [_branch_file(b["id"], b["word"]) for b in catalogue["branches"]]
+    return Diagram(catalogue["scene"], [read_branch(folder / name) for name in names])
 
 
 def read_json(path: Path, schema: str, wanted: str) -> dict[str, Any]:

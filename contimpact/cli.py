@@ -1,4 +1,4 @@
-"""The command line: ``contimpact check``, ``run``, ``plot`` and ``catalogue``.
+"""The command line: ``contimpact check``, ``run``, ``simulate``, ``plot`` and ``catalogue``.
 
 Exit status: 0 on success, 2 on input that cannot be used (one message on standard error), 1 on a
 computation that failed; what was computed is written all the same.
@@ -20,6 +20,7 @@ from .errors import InputError
 if TYPE_CHECKING:
     from .diagram import Diagram
     from .scene import Scene
+    from .simulation import Simulation
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -61,6 +62,16 @@ def _parser() -> argparse.ArgumentParser:
     run.add_argument("-q", "--quiet", action="store_true", help="print nothing but errors")
     run.add_argument("--no-plot", action="store_true", help="leave the diagram out")
     run.set_defaults(command=_run)
+
+    simulate = commands.add_parser("simulate", help="simulate a scene's attractors")
+    simulate.add_argument("scene", metavar="SCENE", help="a scene file (TOML) with [simulate]")
+    simulate.add_argument("-o", "--output", metavar="DIR", required=True, help="folder to write to")
+    simulate.add_argument("-q", "--quiet", action="store_true", help="print nothing but errors")
+    simulate.add_argument("--no-plot", action="store_true", help="leave pictures out")
+    simulate.add_argument(
+        "--resume", action="store_true", help="go on from what an interrupted run has left in DIR"
+    )
+    simulate.set_defaults(command=_simulate)
 
     merge = commands.add_parser("catalogue", help="merge the catalogues of several folders")
     merge.add_argument("folders", metavar="DIR", nargs="+", help="folders written by run")
@@ -156,6 +167,71 @@ def _run_one(scene: Scene, target: Path, options: argparse.Namespace) -> int:
     return 0
 
 
+def _simulate(options: argparse.Namespace) -> int:
+    from .scene import load_scene
+
+    began = time.perf_counter()
+    scene = load_scene(options.scene)
+    if scene.simulate is None:
+        raise InputError(options.scene, "no table [simulate]", "add one, see the scene format")
+    from .catalogue import manifest_text, prepare_folder, write_text
+    from .simulation import simulate, write_simulation
+
+    folder = prepare_folder(options.output)
+    progress = _progress(options.quiet)
+    result = simulate(scene, folder, resume=options.resume, progress=progress)
+    files = write_simulation(result, folder)
+    left_out = scene.left_out()
+    if options.no_plot or not scene.plot.formats or result.interrupted:
+        why = "the run was interrupted" if result.interrupted else "not asked for"
+        left_out.append(f"pictures: {why}, matplotlib is not imported")
+    else:
+        from .plot_attractors import save_simulation
+
+        drawing = time.perf_counter()
+        files += save_simulation(result, folder, scene.plot)
+        result.seconds["plot"] = time.perf_counter() - drawing
+    result.seconds["total"] = time.perf_counter() - began
+    statistics = {
+        "seconds": result.seconds, "counts": result.counts, "interrupted": result.interrupted,
+        "resumed": result.resumed,
+    }  # fmt: skip
+    text = manifest_text(scene.resolved(), scene.given, left_out, statistics, files)
+    write_text(folder / "manifest.json", text)
+    if not options.quiet:
+        _simulated(result, folder)
+    if result.interrupted:
+        print(
+            f"contimpact: interrupted ({result.interrupted}); what was done is written to "
+            f"{folder}, go on with --resume", file=sys.stderr,
+        )  # fmt: skip
+        return 1
+    return 0
+
+
+def _simulated(result: Simulation, folder: Path) -> None:
+    """Say what was found."""
+    print(repr(result.sweep))
+    for transition in result.transitions:
+        low, high = sorted((transition.before.value, transition.after.value))
+        print(
+            f"  {transition.label:24} {transition.direction:4} {result.scene.parameter} from "
+            f"{low:.9g} to {high:.9g}"
+        )
+        for e in transition.explanations:
+            print(f"      {e.role} {e.label} ({e.entry}) at {e.value:.12g}")
+    if result.coverage is not None:
+        print(f"{len(result.coverage.matches)} attractors lie on branches")
+        for u in result.coverage.uncovered:
+            print(f"  {u.count} of {u.notation} from {u.low:.6g} to {u.high:.6g}: {u.why}")
+    for basin in result.basins:
+        shares = zip(basin.attractors, basin.shares, strict=True)
+        parts = ", ".join(f"{a.notation} {share:.1%}" for a, share in shares)
+        value = basin.parameters[result.scene.parameter]
+        print(f"basins at {result.scene.parameter} = {value:.6g}: {parts}")
+    print(f"written to {folder} in {result.seconds['total']:.2f} s")
+
+
 def _remove_if_empty(folder: Path) -> None:
     with contextlib.suppress(OSError):
         folder.rmdir()
@@ -167,7 +243,7 @@ def _save_plots(scene: Scene, diagram: Diagram, folder: Path) -> list[str]:
     plot = scene.plot
     files = []
     if diagram.curves:
-        from .plot_curves import save_curves
+        from .curve_diagram import save_curves
 
         files += save_curves(diagram.curves, folder, plot.formats)
     return files + save_diagram(
@@ -250,8 +326,9 @@ def _plot(options: argparse.Namespace) -> int:
         "unphysical": plot.unphysical,
     }
     columns = diagram.branches[0].columns if diagram.branches else {}
-    if chosen["x"] not in columns:
-        raise InputError("-x", f"no column {chosen['x']!r}", f"accepted are {', '.join(columns)}")
+    numbers = [n for n in columns if n in (*scene.model.values, *scene.model.DERIVED, "arclength")]
+    if chosen["x"] not in numbers:
+        raise InputError("-x", f"no column {chosen['x']!r}", f"accepted are {', '.join(numbers)}")
     target = Path(options.output) if options.output else folder / "diagram.png"
     kind = target.suffix.removeprefix(".")
     if kind not in FORMATS:

@@ -10,7 +10,7 @@ G-FB   G, V         determinant of C(1) of the orbit that grazes (the old branch
                     parameter rate of the branch with one impact more (its fold is born)
 DG     G, V         acceleration at the touch
 CP     FB           psi . F_zz[q, q], oriented by psi . F_lambda > 0: a cusp
-GPD    PD           lambda - lambda_0 over the squared amplitude of the doubled orbit
+GPD    PD           lambda - lambda_0 over the squared amplitude of the doubled orbit, in the limit
 R1, R2 FB, PD       product of two multipliers minus one: a second one at 1, or at -1
 ====== ============ ======================================================================
 
@@ -24,16 +24,13 @@ from typing import Any
 
 import numpy as np
 
-from .continuation.arclength import Settings, correct, length, scaled_determinant
+from .continuation.arclength import scaled_determinant
 from .continuation.branch import Point
 from .continuation.events import TestFunction
+from .criticality import doubling_bend
 from .curves import CurvePoint, CurveProblem
 from .mechanics import stability
-from .mechanics.kernels import Kernels
 from .mechanics.orbit import Array, Linearisation, OrbitProblem
-from .mechanics.word import Word
-
-AMPLITUDES = (2e-2, 1e-2)
 
 
 class OnCurve(TestFunction):
@@ -159,36 +156,8 @@ class DoublingTurns(OnCurve):
     kind = "GPD"
     changes = "the period doubling changes between supercritical and subcritical"
 
-    def __init__(self, problem: CurveProblem) -> None:
-        orbit = problem.orbit
-        self.kernels = Kernels(orbit.model, orbit.kernels.parameter)
-        self.word = Word(orbit.word.walls * 2, orbit.word.period * 2)
-
     def of(self, here: CurvePoint) -> Any:
-        """Extrapolate (lambda - lambda_0)/a^2 to amplitude zero."""
-        far, near = (self.bend(here, amplitude) for amplitude in AMPLITUDES)
-        ratio = (AMPLITUDES[0] / AMPLITUDES[1]) ** 2
-        return (ratio * near - far) / (ratio - 1.0)
-
-    def bend(self, here: CurvePoint, amplitude: float) -> float:
-        orbit, problem = here.orbit, here.orbit.problem
-        model = problem.model_at(orbit.unknowns)
-        doubled = OrbitProblem(model, self.word, self.kernels)
-        rows = problem.impacts(orbit.unknowns)
-        later = rows.copy()
-        span = problem.word.period * problem.kernels.setup(*problem.values(orbit.unknowns))[0]
-        later[:, 0] += span
-        value = float(orbit.unknowns[-2])
-        start = np.append(np.vstack([rows, later]).ravel(), value)
-        scale = doubled.scale(start, here.problem.first_span)
-        step = np.concatenate([here.own, -here.own, [0.0]])
-        step *= amplitude / length(step, scale)
-        settings = Settings(tolerance=1e-13)
-        result = correct(doubled, start + step, step / scale**2, scale, settings)
-        problem.kernel_evaluations += doubled.kernel_evaluations
-        if result.evaluation is None:
-            return np.nan
-        return float(result.evaluation.unknowns[-1] - value) / amplitude**2
+        return doubling_bend(here.orbit)
 
 
 class Resonance(OnCurve):
@@ -215,7 +184,7 @@ def codimension_two(problem: CurveProblem) -> list[TestFunction]:
     if kind == "FB":
         tests += [Cusp(), Resonance(kind)]
     if kind == "PD":
-        tests += [DoublingTurns(problem), Resonance(kind)]
+        tests += [DoublingTurns(), Resonance(kind)]
     return tests
 
 

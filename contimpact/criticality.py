@@ -11,21 +11,27 @@ both exact, from the tangents: at a touch the gap does not depend on its time, a
 position residual of the flight to the touch.
 
 A period doubling is supercritical where the doubled orbit exists for values at which the old one
-has a multiplier beyond -1. The doubled branch leaves as lambda = lambda_0 + c a^2; the sign of c is
-that of its first points, at two amplitudes a.
+has a multiplier beyond -1. With z = z_0 + a q + a^2 w + ... on one half of the doubled orbit and
+z_0 - a q + a^2 w + ... on the other, lambda = lambda_0 + c a^2 solves the equations to third order:
+
+.. math:: C(1) w_0 = -\tfrac12 B[q,q], \quad C(1) z_\lambda = -F_\lambda, \quad
+          c = -\frac{\psi \cdot (B[q, w_0] + T[q,q,q]/6)}
+                    {\psi \cdot (B[q, z_\lambda] + F_{z\lambda} q)},
+
+with psi the left null vector of C(-1), B and T the second and third derivatives of F, the
+directions q continued with the factor -1 over the period (Lyapunov and Schmidt; see Golubitsky and
+Schaeffer 1985).
 """
 
 from __future__ import annotations
 
 import numpy as np
 
-from .continuation.arclength import Settings, correct, length
 from .continuation.branch import Event, Point
 from .mechanics.orbit import Linearisation
 from .switching import Start
 
 SUPER, SUB = "supercritical", "subcritical"
-AMPLITUDES = (1e-2, 3e-3)
 
 
 def velocity_slope(event: Event, start: Start) -> float | None:
@@ -54,42 +60,48 @@ def of_grazing(event: Event, start: Start) -> str | None:
     return SUB if (old > 0.0) == (new > 0.0) else SUPER
 
 
-def of_doubling(event: Event, start: Start, before: Point, after: Point) -> str | None:
+def of_doubling(event: Event, before: Point, after: Point) -> str | None:
     """Return whether a period doubling is super- or subcritical; None if it cannot be told.
 
     Parameters
     ----------
     event : Event
-    start : Start
-        Of the doubled branch.
     before, after : Point
         The branch's points around the event, between which it does not fold.
     """
     value = event.parameter
-    if (before.parameter - value) * (after.parameter - value) >= 0.0:
+    bend = doubling_bend(event.point.evaluation)  # type: ignore[arg-type]
+    if not bend or (before.parameter - value) * (after.parameter - value) >= 0.0:
         return None
-    sides = [_doubled_side(start, amplitude) for amplitude in AMPLITUDES]
-    if sides[0] != sides[1] or sides[0] == 0:
-        return None
-    there, other = (
-        (before, after) if (before.parameter - value) * sides[0] > 0.0 else (after, before)
-    )
+    before_is_there = (before.parameter - value) * bend > 0.0
+    there, other = (before, after) if before_is_there else (after, before)
     unstable = [p.evaluation.n_unstable for p in (there, other)]  # type: ignore[attr-defined]
     if unstable[0] == unstable[1]:
         return None
     return SUPER if unstable[0] > unstable[1] else SUB
 
 
-def _doubled_side(start: Start, amplitude: float) -> int:
-    """The sign of lambda - lambda_0 on the doubled branch at an amplitude, 0 if not reached."""
-    value = float(start.unknowns[-1])
-    scale = start.problem.scale(start.unknowns, max(abs(value), 1.0))
-    step = amplitude * start.tangent / length(start.tangent, scale)
-    settings = Settings(tolerance=1e-13)
-    result = correct(start.problem, start.unknowns + step, step / scale**2, scale, settings)
-    if result.evaluation is None:
-        return 0
-    return int(np.sign(result.evaluation.unknowns[-1] - value))
+def doubling_bend(here: Linearisation) -> float:
+    """Return c of lambda = lambda_0 + c a^2 on the branch born at a period doubling.
+
+    Parameters
+    ----------
+    here : Linearisation
+        The orbit at its period doubling. Its first free parameter is lambda.
+    """
+    problem, n = here.problem, here.problem.n
+    left, _, right = np.linalg.svd(here.cyclic(-1.0)[:, :n])
+    psi, q = left[:, -1], right[-1]
+    along = np.concatenate([q, np.zeros(problem.free)])
+    mixed = problem.second_along(here.unknowns, along, -1.0)
+    squared = problem.second_along(here.unknowns, along, -1.0, beside=-1.0)[:, :n] @ q
+    cubed = problem.third_along(here.unknowns, q, -1.0)
+    periodic = here.cyclic(1.0)[:, :n]
+    bent, moved = np.linalg.solve(
+        periodic, np.column_stack([-0.5 * squared, -here.by_parameter[:, 0]])
+    ).T
+    crossing = psi @ (mixed[:, :n] @ moved + mixed[:, n])
+    return float(-psi @ (mixed[:, :n] @ bent + cubed / 6.0) / crossing)
 
 
 def _touch_row(start: Start, event: Event) -> np.ndarray:

@@ -18,6 +18,10 @@ if TYPE_CHECKING:
 Array = np.ndarray[Any, Any]
 
 
+LABELLED = ("FB", "BP", "PD", "NS", "G", "V", "T")
+"""Kinds of events that can be ghosts by name; requested values and users' events are not marked."""
+
+
 @dataclass(frozen=True)
 class Entry:
     """An event on a branch, as the catalogue records it; the attributes are its keys.
@@ -64,6 +68,9 @@ class Entry:
         ``newton`` on the extended system, or ``bracket``.
     arclength : float
         Where it lies on its branch.
+    tangent : sequence of float or None
+        For BP, the branch's direction: by the time and section coordinates of each impact in turn,
+        and by the parameter.
     opens : sequence of str
         Branches that start here.
     """
@@ -100,6 +107,7 @@ class Entry:
     error: float
     method: str
     arclength: float
+    tangent: Sequence[float] | None = None
     opens: Sequence[str] = ()
 
     @property
@@ -258,26 +266,38 @@ class Diagram:
         )
 
 
-def tabulate(points: Sequence[Point], entries: Sequence[tuple[Point, str]]) -> dict[str, Array]:
+def tabulate(points: Sequence[Point], entries: Sequence[tuple[Point, Entry]]) -> dict[str, Array]:
     """Return the columns of a branch: a row per point, and one for each event between points.
 
     Parameters
     ----------
     points : sequence of Point
-    entries : sequence of (Point, str)
-        The events' points and names, in order of arclength.
+    entries : sequence of (Point, Entry)
+        The events' points, in order of arclength. Their rows have the entry's verdicts, which
+        leave the event itself out.
     """
     taken = {point.arclength for point in points}
-    between = [(point, name) for point, name in entries if point.arclength not in taken]
-    between = list({point.arclength: (point, name) for point, name in between}.values())
-    marked = sorted([*((p, "") for p in points), *between], key=lambda pair: pair[0].arclength)
-    rows = [_row(point) | {"event": name} for point, name in marked]
+    rows = [_row(point) | {"event": ""} for point in points]
+    for point, entry in entries:
+        if point.arclength not in taken:
+            taken.add(point.arclength)
+            rows.append(_row(point) | _verdict_of(entry))
+    rows.sort(key=lambda row: row["arclength"])
     columns: dict[str, Array] = {}
     for name in rows[0]:
         values = [row[name] for row in rows]
         kind: Any = {str: object, int: np.int64}.get(type(values[0]), float)
         columns[name] = np.array(values, dtype=kind)
     return columns
+
+
+def _verdict_of(entry: Entry) -> dict[str, Any]:
+    return {
+        "n_unstable": entry.n_unstable,
+        "physical": int(entry.physical),
+        "reason": entry.reason or "",
+        "event": entry.id,
+    }
 
 
 def _row(point: Point) -> dict[str, Any]:

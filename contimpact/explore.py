@@ -94,7 +94,10 @@ class _Explorer:
         scene = self.scene
         began = time.perf_counter()
         self.kernels = Kernels(scene.model, scene.parameter)
-        self.problems = {word: self.problem(word) for word in scene.orbits}
+        try:
+            self.problems = {word: self.problem(word) for word in scene.orbits}
+        except InputError as error:  # an option's text, read when its formulas are needed
+            raise (error.within("model") if error.where in scene.model.options else error) from None
         self.symmetry = scene.model.symmetry(
             scene.parameter, self.kernels.harmonics(*scene.model.values.values())
         )

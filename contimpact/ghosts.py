@@ -14,14 +14,14 @@ import numpy as np
 from . import criticality
 from .bifurcations import critical
 from .continuation.branch import Event, Point
-from .diagram import Entry, all_parameters, coordinates
+from .diagram import LABELLED, Entry, all_parameters, coordinates
 from .mechanics import stability
 from .mechanics.flight import Verdict
+from .mechanics.kernels import Kernels
+from .mechanics.model import Model
 from .mechanics.orbit import Array, Linearisation, OrbitProblem
 from .mechanics.word import Word
 from .switching import grown_word, switch
-
-LABELLED = ("FB", "BP", "PD", "NS", "G", "V", "T")
 
 
 def entry_of(event: Event, identity: str, branch: str, before: Point, after: Point) -> Entry:
@@ -68,7 +68,34 @@ def entry_of(event: Event, identity: str, branch: str, before: Point, after: Poi
         error=event.error,
         method=event.method,
         arclength=event.point.arclength,
+        tangent=event.point.tangent.tolist() if event.kind == "BP" else None,
     )
+
+
+def event_of(entry: Entry, model: Model, kernels: Kernels) -> Event:
+    """Return the event a catalogue entry records, to switch at it.
+
+    Parameters
+    ----------
+    entry : Entry
+    model : Model
+        The system; parameter values are taken from the entry.
+    kernels : Kernels
+        Of the model, with the entry's parameter free.
+    """
+    at = model.replace(**{name: entry.parameters[name] for name in model.values})
+    problem = OrbitProblem(at, Word(entry.word, entry.period), kernels)
+    names = ["time", "velocity", *coordinates(problem.m)[2:]]
+    rows = [[impact[name] for name in names] for impact in entry.impacts]
+    times, sections = np.split(np.array(rows), [1], axis=1)
+    here = problem.evaluate(problem.unknowns_of(times, sections))
+    kept = {"flight": entry.flight, "wall": entry.wall, "impact": entry.impact}
+    details: dict[str, Any] = {name: value for name, value in kept.items() if value is not None}
+    if entry.touch_time is not None:
+        details["touch_time"] = entry.touch_time
+    tangent = np.array(entry.tangent) if entry.tangent is not None else np.zeros(problem.n + 1)
+    point = Point(here, tangent, 0.0, entry.arclength, 0)
+    return Event(entry.kind, point, entry.residual, entry.error, entry.method, details)
 
 
 def _pairs(multipliers: Array) -> list[tuple[float, float] | None]:
@@ -86,13 +113,11 @@ def _why(n_unstable: int, verdict: Verdict) -> str | None:
 
 
 def _criticality(event: Event, before: Point, after: Point) -> tuple[str | None, float | None]:
-    if event.kind not in ("G", "PD"):
-        return None, None
-    start = switch(event)
+    if event.kind == "PD":
+        return criticality.of_doubling(event, before, after), None
+    start = switch(event) if event.kind == "G" else None
     if start is None:
         return None, None
-    if event.kind == "PD":
-        return criticality.of_doubling(event, start, before, after), None
     return criticality.of_grazing(event, start), criticality.velocity_slope(event, start)
 
 

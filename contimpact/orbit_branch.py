@@ -12,15 +12,17 @@ import numpy as np
 
 from .bifurcations import test_functions
 from .continuation.arclength import Settings
-from .continuation.branch import Event, Point, Walk, joined
+from .continuation.branch import End, EndKind, Event, Point, Walk, joined
 from .continuation.events import TestFunction, UserFunction
 from .continuation.walk import SAME_SOLUTION, walk
-from .diagram import Branch, tabulate
+from .diagram import Branch, Entry, tabulate
 from .errors import InputError
-from .ghosts import entry_of
+from .ghosts import entry_of, event_of
 from .mechanics.kernels import Kernels
+from .mechanics.model import Model
 from .mechanics.orbit import OrbitProblem
 from .mechanics.search import Orbit, settle
+from .switching import SWITCHES, switch
 
 EVENTS = ("FB", "BP", "PD", "G", "V", "T")
 """Kinds of events looked for where nothing else is said."""
@@ -73,13 +75,82 @@ def continue_orbit(
         problem = OrbitProblem(model, orbit.word, Kernels(model, parameter))
         unknowns = np.append(unknowns[:-1], model.values[parameter])
     limits = checked_range(problem, range, float(unknowns[-1]))
+    tests = _tests(problem, events, values)
+    run = both_ways(problem, unknowns, limits, tests, settings or Settings(), callback)
+    return run.branch(name)
+
+
+def continue_born(
+    entry: Entry, model: Model, range: tuple[float, float], *,
+    events: Sequence[str | UserEvent] = EVENTS,
+    values: Mapping[str, Sequence[float]] | None = None,
+    settings: Settings | None = None, callback: Callback | None = None, name: str = "b1",
+) -> Branch | None:  # fmt: skip
+    """Follow the branch born at an event of another one, from a catalogue just made or loaded.
+
+    Parameters
+    ----------
+    entry : Entry
+        A G, V, PD or BP.
+    model : Model
+        The system; parameter values are taken from the entry.
+    range : (low, high)
+        Of the entry's parameter.
+    events, values, settings, callback, name
+        As of `continue_orbit`.
+
+    Returns
+    -------
+    Branch or None
+        None where nothing starts: the only impact was dropped, or the event is degenerate.
+
+    Raises
+    ------
+    InputError
+        For an event of another kind, or a range that does not fit.
+    """
+    if entry.kind not in SWITCHES:
+        accepted = f"accepted are {', '.join(SWITCHES)}"
+        raise InputError("entry", f"nothing is born at {entry.kind}", accepted)
+    start = switch(event_of(entry, model, Kernels(model, entry.parameter)))
+    if start is None:
+        return None
+    problem = start.problem
+    limits = checked_range(problem, range, entry.value)
+    tests = _tests(problem, events, values)
+
+    def go(direction: int) -> Walk:
+        return walk(
+            problem, start.unknowns, direction, parameter=entry.parameter, limits=limits,
+            tests=tests, settings=settings, tangent=start.tangent, branching=start.branching,
+            callback=callback,
+        )  # fmt: skip
+
+    forward = go(+1)
+    if start.both_ways:
+        backward = go(-1)
+    else:
+        born = {"entry": entry.id, "parent": entry.branch}
+        end = End.of(EndKind.BORN, entry.parameter, entry.value, **born)
+        backward = Walk(forward.points[:1], (), end)
+    return Run.of(problem, backward, forward).branch(name, entry.id)
+
+
+def _tests(
+    problem: OrbitProblem, events: Sequence[str | UserEvent],
+    values: Mapping[str, Sequence[float]] | None,
+) -> list[TestFunction]:  # fmt: skip
+    if isinstance(events, str):
+        raise InputError(
+            "events", f"found the text {events!r}", f"give a list, such as [{events!r}]"
+        )
     kinds = [kind for kind in events if isinstance(kind, str)]
     if values and "UZ" not in kinds:
         kinds.append("UZ")
+    if "UZ" in kinds and not values:
+        raise InputError("events", "UZ without values to hit", "give values={name: [...]}")
     tests = test_functions(problem, kinds, values or {})
-    tests += [_user(kind) for kind in events if not isinstance(kind, str)]
-    run = both_ways(problem, unknowns, limits, tests, settings or Settings(), callback)
-    return run.branch(name)
+    return tests + [_user(kind) for kind in events if not isinstance(kind, str)]
 
 
 def checked_range(
@@ -89,7 +160,7 @@ def checked_range(
     declared = problem.model.require(problem.parameter, "parameter")
     if limits is None or len(limits) != 2:
         raise InputError("range", f"found {limits!r}", "give (low, high)")
-    low, high = (declared.check(float(limit), "range") for limit in limits)
+    low, high = (declared.check(limit, "range") for limit in limits)
     if not low < high or not low <= start <= high:
         raise InputError(
             "range", f"({low:.12g}, {high:.12g}) does not hold the start "
@@ -100,7 +171,16 @@ def checked_range(
 
 def _user(given: UserEvent) -> TestFunction:
     kind, function = given
-    return UserFunction(kind, lambda point: function(_orbit(point)))
+
+    def value(point: Point) -> float:
+        found = np.asarray(function(_orbit(point)), dtype=float)
+        if found.size != 1:
+            raise InputError(
+                f"event {kind}", f"its function returned {found!r}", "return one number"
+            )
+        return float(found.reshape(()))
+
+    return UserFunction(kind, value)
 
 
 def _orbit(point: Point) -> Orbit:
@@ -133,7 +213,7 @@ class Run:
         entries = [
             entry_of(e, f"e{first_entry + i}", name, *self.around(e)) for i, e in enumerate(events)
         ]
-        marks = [(event.point, entry.id) for event, entry in zip(events, entries, strict=True)]
+        marks = [(event.point, entry) for event, entry in zip(events, entries, strict=True)]
         missed = [
             f"{m.kind} between {problem.parameter} = {m.parameters[0]:.12g} and "
             f"{m.parameters[1]:.12g}: {m.reason}"

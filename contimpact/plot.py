@@ -17,7 +17,7 @@ import matplotlib.figure
 import numpy as np
 from matplotlib.lines import Line2D
 
-from .diagram import Branch, Diagram, Entry
+from .diagram import LABELLED, Branch, Diagram, Entry
 
 COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7")
 """One for each wall; from the Okabe-Ito cycle, told apart by most colour-blind readers."""
@@ -55,9 +55,7 @@ def plot_diagram(
     -------
     matplotlib.axes.Axes
     """
-    if ax is None:
-        figure = matplotlib.figure.Figure(figsize=(7.2, 4.8), dpi=150, layout="constrained")
-        ax = figure.add_subplot()
+    ax = ax or new_figure().add_subplot()
     walls = list(dict.fromkeys(wall for branch in diagram.branches for wall in sorted(branch.word)))
     colours = dict(zip(walls, COLOURS, strict=False))
     everything = {"all": 10**9, "period-1": 1, "none": 0}[unphysical]
@@ -77,7 +75,7 @@ def plot_diagram(
         _draw_event(ax, entry, column, colours)
     if labels:
         _draw_labels(ax, [e for e in shown if e.kind != "UZ"], column)
-    ax.set_xlabel(_symbol(column) + (f" ({unit})" if unit else ""))
+    ax.set_xlabel(symbol(column) + (f" ({unit})" if unit else ""))
     ax.set_ylabel("velocity before impact")
     _draw_legend(ax, walls, colours, shown)
     return ax
@@ -88,12 +86,29 @@ def save_diagram(
 ) -> list[str]:
     """Draw a diagram to files ``diagram.<format>``; returns their names."""
     ax = plot_diagram(diagram, **options)
-    names = [f"diagram.{kind}" for kind in formats]
-    with matplotlib.rc_context({"svg.hashsalt": diagram.name}):  # the same bytes every time
+    return save_figure(ax.figure, folder, "diagram", formats, diagram.name)
+
+
+def new_figure(width: float = 7.2, height: float = 4.8) -> Any:
+    """Return an empty figure of a size in inches."""
+    return matplotlib.figure.Figure(figsize=(width, height), dpi=150, layout="constrained")
+
+
+def save_figure(
+    figure: Any, folder: Path, stem: str, formats: Sequence[str], salt: str
+) -> list[str]:
+    """Save a figure as ``<stem>.<format>``, the same bytes every time; returns the names."""
+    names = [f"{stem}.{kind}" for kind in formats]
+    with matplotlib.rc_context({"svg.hashsalt": salt}):
         for name in names:
             metadata = {"Date": None} if name.endswith("svg") else None
-            ax.figure.savefig(folder / name, metadata=metadata)
+            figure.savefig(folder / name, metadata=metadata)
     return names
+
+
+def legend_mark(**style: Any) -> Any:
+    """Return a line or marker for a legend."""
+    return Line2D([], [], **style)
 
 
 def _draw_branch(ax: Any, branch: Branch, x: str, colours: dict[str, str], ghosts: bool) -> None:
@@ -166,6 +181,8 @@ def _draw_labels(ax: Any, entries: list[Entry], x: str) -> None:
 
 def label_text(entry: Entry) -> str:
     """Return an entry's label set as in Table 1: a tilde over ghosts, words raised and lowered."""
+    if entry.kind not in LABELLED:
+        return entry.kind.replace("\\", "/").replace("$", r"\$")
     name = rf"\mathrm{{{entry.kind}}}"
     if entry.ghost:
         name = rf"\widetilde{{{name}}}"
@@ -174,7 +191,8 @@ def label_text(entry: Entry) -> str:
     return f"${name}$"
 
 
-def _symbol(name: str) -> str:
+def symbol(name: str) -> str:
+    """Return a parameter's name as it is set in labels."""
     greek = {"beta": r"$\beta$", "omega": r"$\omega$", "sigma": r"$\sigma$", "gbar": r"$\bar{g}$"}
     return greek.get(name, f"${name}$")
 

@@ -12,7 +12,7 @@ import tomllib
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field, fields, replace
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from .bifurcations import KINDS
 from .continuation.arclength import Settings
@@ -24,6 +24,10 @@ from .mechanics.word import Word, parse_word
 from .orbit_branch import EVENTS
 from .switching import SWITCHES
 from .systems import system
+
+if TYPE_CHECKING:
+    from .energy import Membrane
+    from .simulate_options import SimulateOptions
 
 CURVE_SETTINGS = Settings(tolerance=1e-13, max_step=0.05, max_points=1000)
 FORMATS = ("svg", "png", "pdf")
@@ -102,6 +106,10 @@ class Scene:
         Of the search for orbits.
     plot : PlotOptions
     curves : CurveOptions or None
+    simulate : SimulateOptions or None
+        What ``contimpact simulate`` computes; ``contimpact run`` does not look at it.
+    energy : Membrane or None
+        What output voltages are computed from, if they are.
     given : mapping
         The scene as it was written.
     """
@@ -125,6 +133,8 @@ class Scene:
     rounds: int = 8
     plot: PlotOptions = field(default_factory=lambda: PlotOptions("s"))
     curves: CurveOptions | None = None
+    simulate: SimulateOptions | None = None
+    energy: Membrane | None = None
     given: Mapping[str, Any] = field(default_factory=dict)
 
     @property
@@ -161,7 +171,13 @@ class Scene:
                 "rounds": self.rounds,
             },
             **({"curves": self._resolved_curves()} if self.curves else {}),
-            "plot": {name: value for name, value in asdict(self.plot).items() if value is not None},
+            **({"simulate": self.simulate.resolved()} if self.simulate else {}),
+            **({"energy": asdict(self.energy)} if self.energy else {}),
+            "plot": {
+                name: list(value) if isinstance(value, tuple) else value
+                for name, value in asdict(self.plot).items()
+                if value is not None
+            },
         }  # fmt: skip
 
     def _resolved_curves(self) -> dict[str, Any]:
@@ -281,11 +297,12 @@ def read_scene(given: Mapping[str, Any]) -> Scene:
     if "curves" in given:
         curves = _curves(top.table("curves"), model, parameter, events)
     top.asked.append("curves")
+    simulate, energy = _simulate(top, model, parameter, (low, high))
     top.finish()
     return Scene(
         name, source, model, parameter, (low, high), orbits, events=events, values=values,
         settings=settings, plot=plot, given=given, **search, **reach,
-        curves=curves,
+        curves=curves, simulate=simulate, energy=energy,
     )  # fmt: skip
 
 
@@ -386,6 +403,23 @@ def _curves(table: _Table, model: Model, first: str, events: Sequence[str]) -> C
     )
 
 
+def _simulate(
+    top: _Table, model: Model, parameter: str, limits: tuple[float, float]
+) -> tuple[SimulateOptions | None, Membrane | None]:
+    """The tables [simulate] and [energy]; what reads them is imported only if they are there."""
+    simulate = energy = None
+    if "simulate" in top.data:
+        from .simulate_options import read_simulate
+
+        simulate = read_simulate(top.table("simulate"), model, parameter, limits)
+    if "energy" in top.data:
+        from .simulate_options import read_energy
+
+        energy = read_energy(top.table("energy"), model)
+    top.asked += ["simulate", "energy"]
+    return simulate, energy
+
+
 def _family(
     table: _Table, model: Model, taken: tuple[str, str]
 ) -> tuple[str, tuple[float, ...]] | None:
@@ -406,9 +440,9 @@ def _family(
 def _numerics(table: _Table) -> tuple[Settings, dict[str, Any]]:
     defaults = asdict(SCENE_SETTINGS)
     chosen: dict[str, Any] = {}
+    readers: dict[type, Any] = {int: table.whole, float: table.number, str: table.text}
     for key in fields(Settings):
-        whole = isinstance(defaults[key.name], int)
-        read = table.whole if whole else table.number
+        read = readers[type(defaults[key.name])]
         chosen[key.name] = read(key.name, defaults[key.name])
     search: dict[str, Any] = {
         "seed": table.whole("seed", 0, least=0),
@@ -465,7 +499,9 @@ class _Table:
         if key in self.data:
             return self.data[key]
         if default is _REQUIRED:
-            raise InputError(self.place(key), "missing", f"give {wanted}")
+            near = difflib.get_close_matches(key, [k for k in self.data if k not in self.asked], 1)
+            found = f"missing (there is an unknown {near[0]!r})" if near else "missing"
+            raise InputError(self.place(key), found, f"give {wanted}")
         return default
 
     def refuse(self, key: str, found: Any, wanted: str) -> InputError:

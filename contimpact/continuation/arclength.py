@@ -17,10 +17,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..errors import InputError
+from . import linear
 from .branch import Point
 from .problem import Array, Evaluation, Problem
 
 EPSILON = float(np.finfo(float).eps)
+PREDICTORS = ("tangent", "secant")
 
 
 @dataclass(frozen=True)
@@ -39,6 +41,9 @@ class Settings:
         Largest angle between the tangents of neighbouring points, rad.
     max_points : int
         Points of one walk.
+    predictor : {"tangent", "secant"}
+        Direction in which the next point is guessed: along the tangent, or along the chord from
+        the point before.
     """
 
     tolerance: float = 1e-12
@@ -48,6 +53,7 @@ class Settings:
     max_step: float = 0.1
     max_angle: float = 0.2
     max_points: int = 2000
+    predictor: str = "tangent"
 
     def __post_init__(self) -> None:
         for name in ("tolerance", "step", "min_step", "max_step", "max_angle"):
@@ -58,6 +64,10 @@ class Settings:
             value = getattr(self, name)
             if not (isinstance(value, int) and value >= 1):
                 raise InputError(name, f"found {value!r}", "give a whole number >= 1")
+        if self.predictor not in PREDICTORS:
+            raise InputError(
+                "predictor", f"found {self.predictor!r}", f"accepted are {', '.join(PREDICTORS)}"
+            )
         if not self.min_step <= self.step <= self.max_step:
             raise InputError(
                 "step",
@@ -118,7 +128,7 @@ def correct(
         if iteration == settings.max_iterations:
             break
         try:
-            step = np.linalg.solve(
+            step = linear.solve(
                 bordered(here.jacobian, row), np.append(-here.residual, row @ (guess - z))
             )
         except np.linalg.LinAlgError:
@@ -150,7 +160,7 @@ def next_tangent(jacobian: Array, previous: Array, scale: Array) -> Array | None
     right = np.zeros(len(row))
     right[-1] = 1.0
     try:
-        tangent = np.linalg.solve(bordered(jacobian, row), right)
+        tangent = linear.solve(bordered(jacobian, row), right)
     except np.linalg.LinAlgError:
         return None
     size = length(tangent, scale)
@@ -162,8 +172,8 @@ def scaled_determinant(matrix: Array) -> float:
     norms = np.linalg.norm(matrix, axis=1)
     if not np.all(norms > 0.0):
         return 0.0
-    sign, logarithm = np.linalg.slogdet(matrix / norms[:, None])
-    return float(sign * np.exp(max(float(logarithm), -700.0)))
+    sign, logarithm = linear.log_determinant(matrix / norms[:, None])
+    return float(sign * np.exp(max(logarithm, -700.0)))
 
 
 def point_after(

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -15,6 +15,12 @@ from .problem import Array, Problem
 
 CLOSEST_BRANCHES = 1e-4
 """Branches closer to each other than this part of a step are taken to cross."""
+
+SUSPICIOUS = 0.25
+"""A step is cut where a test function's extremum inside may be below this part of its ends."""
+
+DEEPEST = 6
+"""How often a suspicious step is halved."""
 
 ACCEPTED_ERROR = 1e-7
 """Newton on an extended system counts if its error is below this part of the parameter's scale."""
@@ -63,6 +69,10 @@ class Segment:
         return inner(unknowns - self.left.unknowns, chord, self.scale) / inner(
             chord, chord, self.scale
         )
+
+    def halves(self, middle: Point) -> tuple[Segment, Segment]:
+        """Return the segments on both sides of a point between."""
+        return replace(self, right=middle), replace(self, left=middle)
 
     def connected(self) -> bool:
         """Whether both ends lie on one branch, where their orientations differ.
@@ -160,10 +170,33 @@ def crossings(left: Array, right: Array) -> list[int]:
     return np.nonzero(both & ((left >= 0.0) != (right >= 0.0)))[0].tolist()
 
 
+@dataclass(frozen=True)
+class Before:
+    """The test functions one point before a segment, to see how they bend."""
+
+    arclength: float
+    values: list[Array]
+
+
 def find_events(
-    tests: list[TestFunction], segment: Segment, left: list[Array], right: list[Array]
-) -> tuple[list[Event], list[Missed]]:
-    """Locate every crossing on a segment, in order along it."""
+    tests: list[TestFunction], segment: Segment, left: list[Array], right: list[Array],
+    before: Before | None = None, depth: int = DEEPEST,
+) -> tuple[list[Event], list[Missed]]:  # fmt: skip
+    """Locate every crossing on a segment, in order along it.
+
+    Two crossings of one function leave its sign as it was. Where the parabola through three points
+    does not exclude them, or a value appears or vanishes beyond zero, the segment is halved and
+    both halves searched.
+    """
+    if depth and before is not None and _may_hide(segment, before, left, right):
+        middle = segment.at(0.5)
+        if middle is not None and segment.left.arclength < middle.arclength:
+            between = [test.values(middle) for test in tests]
+            first, second = segment.halves(middle)
+            here = Before(segment.left.arclength, left)
+            found = find_events(tests, first, left, between, before, depth - 1)
+            more = find_events(tests, second, between, right, here, depth - 1)
+            return found[0] + more[0], found[1] + more[1]
     events: list[Event] = []
     missed: list[Missed] = []
     for test, a, b in zip(tests, left, right, strict=True):
@@ -174,6 +207,41 @@ def find_events(
             elif test.accept(event):
                 events.append(event)
     return sorted(events, key=lambda e: e.point.arclength), missed
+
+
+def _may_hide(segment: Segment, before: Before, left: list[Array], right: list[Array]) -> bool:
+    """Whether some test function may cross zero on a segment without changing its sign."""
+    behind = segment.left.arclength - before.arclength
+    ahead = segment.right.arclength - segment.left.arclength
+    if not (behind > 0.0 and ahead > 0.0):
+        return False
+    return any(
+        bool(np.any(_dips(a, b, c, behind, ahead) | _appears_beyond(a, b, c, behind, ahead)))
+        for a, b, c in zip(before.values, left, right, strict=True)
+    )
+
+
+def _dips(a: Array, b: Array, c: Array, behind: float, ahead: float) -> Array:
+    """Whether the parabola through three values comes close to zero between the last two."""
+    with np.errstate(all="ignore"):
+        rate, next_rate = (b - a) / behind, (c - b) / ahead
+        bend = (next_rate - rate) / (behind + ahead)
+        slope = rate + bend * behind
+        vertex = -slope / (2.0 * bend)
+        lowest = b + 0.5 * slope * vertex
+        inside = (
+            (vertex > -0.25 * ahead) & (vertex < 1.25 * ahead) & (np.sign(bend) * np.sign(b) > 0.0)
+        )
+        near = np.sign(b) * lowest < SUSPICIOUS * np.minimum(np.abs(b), np.abs(c))
+    return inside & near & ((b >= 0.0) == (c >= 0.0))
+
+
+def _appears_beyond(a: Array, b: Array, c: Array, behind: float, ahead: float) -> Array:
+    """Whether a value appears already beyond zero, or vanishes on its way there."""
+    appears = np.isnan(b) & (c < 0.0)
+    with np.errstate(all="ignore"):
+        vanishes = np.isnan(c) & ((b < 0.0) | (b + (b - a) * ahead / behind < 0.0))
+    return appears | vanishes
 
 
 def locate(

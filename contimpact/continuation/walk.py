@@ -11,7 +11,7 @@ import numpy as np
 from . import arclength
 from .arclength import Settings
 from .branch import End, EndKind, Event, Missed, Point, Walk
-from .events import Segment, TestFunction, find_events
+from .events import Before, Segment, TestFunction, find_events
 from .problem import Array, Evaluation, Problem
 
 SAME_SOLUTION = 1e-7
@@ -93,6 +93,7 @@ class _Walker:
     seconds_in_events: float = 0.0
     scale: Array = field(default_factory=lambda: np.ones(1))
     values: list[Array] = field(default_factory=list)
+    before: Before | None = None
 
     def run(self, start: Array, direction: int, tangent: Array | None) -> Walk:
         self.scale = self.problem.scale(start, self.limits[1] - self.limits[0])
@@ -121,7 +122,9 @@ class _Walker:
         """Put a point down, and the events between it and the one before; returns these."""
         before = time.perf_counter()
         values = [test.values(new) for test in self.tests]
-        found, missed = find_events(self.tests, self.segment(here, new), self.values, values)
+        segment = self.segment(here, new)
+        found, missed = find_events(self.tests, segment, self.values, values, self.before)
+        self.before = Before(here.arclength, self.values)
         self.events += found
         self.missed += missed
         self.values = values
@@ -155,6 +158,8 @@ class _Walker:
             first = regular
         self.points.append(first)
         self.values = [test.values(first) for test in self.tests]
+        if tangent is not None and not self.branching:  # on a zero, within rounding: exactly on it
+            self.values = [np.where(np.abs(v) < 1e-12, 0.0, v) for v in self.values]
         if self.branching:
             self.values = [np.where(np.abs(v) < NO_CROSSING, np.nan, v) for v in self.values]
         return ""
@@ -171,8 +176,8 @@ class _Walker:
             step = max(0.5 * step, self.settings.min_step)
 
     def attempt(self, here: Point, step: float) -> _Step:
-        """Predict along the tangent, correct, and accept if the branch was not left."""
-        guess = here.unknowns + step * here.tangent
+        """Predict, correct, and accept if the branch was not left."""
+        guess = here.unknowns + step * self.direction(here)
         row = here.tangent / self.scale**2
         result = arclength.correct(self.problem, guess, row, self.scale, self.settings)
         self.iterations += result.iterations
@@ -195,6 +200,13 @@ class _Walker:
             new, ending = closing, EndKind.CLOSED
         reason = "" if new else "no solution was found on the limit of the range"
         return _Step(new, reason, ending, turned, result.first_step)
+
+    def direction(self, here: Point) -> Array:
+        """The unit vector along which the next point is guessed."""
+        if self.settings.predictor == "tangent" or len(self.points) < 2:
+            return here.tangent
+        chord = here.unknowns - self.points[-2].unknowns
+        return chord / arclength.length(chord, self.scale)
 
     def on_limit(self, here: Point, beyond: Point) -> Point | None:
         """The point of the branch on the limit that was passed."""

@@ -59,13 +59,14 @@ class KernelWriter:
 
     def write(self, name: str) -> str:
         """Return the source of the kernel `name`: ``setup``, ``harmonics``, ``flight_<a>_<b>``,
-        ``second_<a>_<b>`` or ``motion_<a>``."""
+        ``second_<a>_<b>``, ``third_<a>_<b>`` or ``motion_<a>``."""
         kind, *walls = name.split("_")
         writers: dict[str, Callable[..., str]] = {
             "setup": self.setup,
             "harmonics": self.harmonics,
             "flight": self.flight,
             "second": self.second,
+            "third": self.third,
             "motion": self.motion,
         }
         return writers[kind](name, *walls)
@@ -156,6 +157,27 @@ class KernelWriter:
         {", ".join(self.parameters)}). Returns, for each of the {m} residuals, the gradient of its
         derivative along q by the same {size} variables."""
         return self._function(name, [*self._ends(), *along], about, outputs, reduce=True)
+
+    def third(self, name: str, a: str, b: str) -> str:
+        rows = self.residual(a, b)
+        size = 2 * len(rows)
+        along = sympy.symbols(f"q0:{size}", real=True)
+        m = len(rows)
+        duration = sympy.Symbol("duration")  # the rate of dt along q
+        rates = [
+            (self.phase, along[0]),
+            (self.dt, duration),
+            *zip(self.start, along[1:m], strict=True),
+        ]
+        rates += zip(self.end, along[m + 1 :], strict=True)
+        for _ in range(3):
+            rows = [sum((q * sympy.diff(e, x) for x, q in rates), sympy.S.Zero) for e in rows]
+        rows = [e.subs(duration, along[m] - along[0]) for e in rows]
+        about = f"""Flight from wall {a} to wall {b}: third derivatives along a direction.
+
+        The direction q is (t0, {self._names(self.start)}, t1, {self._names(self.end)}). Returns,
+        for each residual, its third derivative along q."""
+        return self._function(name, [*self._ends(), *along], about, rows, reduce=True)
 
     def motion(self, name: str, a: str) -> str:
         position, mean, velocity = self.leave(a)

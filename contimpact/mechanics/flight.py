@@ -163,17 +163,21 @@ def extrema(
         next_speed = speed_at_end if right == length else motion(right)[1]
         next_rising = next_speed > 0.0 or (next_speed == 0.0 and rising)
         if next_rising != rising:
-            dt = _velocity_zero(motion, left, speed, right, next_speed)
+            dt = velocity_zero(motion, (), (), left, speed, right, next_speed)
             found.append(Extremum(dt, motion(dt)[0], maximum=rising))
         left, speed, rising = right, next_speed, next_rising
     return found
 
 
-def _velocity_zero(motion, left, speed_left, right, speed_right):
-    """Newton's iteration kept inside a bracket on which the velocity is monotone."""
+def velocity_zero(motion, head, values, left, speed_left, right, speed_right):
+    """Return where the velocity changes sign between `left` and `right`, where it is monotone.
+
+    Newton's iteration kept inside a bracket. `motion` is called as
+    ``motion(*head, dt, *values) -> (displacement, velocity, acceleration)``.
+    """
     t = left + (right - left) * speed_left / (speed_left - speed_right)
     for _ in range(80):
-        _, speed, acceleration = motion(t)
+        _, speed, acceleration = motion(*head, t, *values)
         if speed == 0.0:
             return t
         if (speed > 0.0) == (speed_left > 0.0) and speed_left != 0.0:
@@ -188,6 +192,107 @@ def _velocity_zero(motion, left, speed_left, right, speed_right):
             return new
         t = new
     return t
+
+
+def wall_arrival(motion, head, values, left, speed_left, right, speed_right, wall, rising):
+    """Return time and velocity at which a monotone displacement reaches a wall.
+
+    Newton's iteration kept inside a bracket, from the end with the larger speed: between two zeros
+    of the acceleration the displacement is convex or concave, and from that end the iteration is
+    monotone.
+
+    Parameters
+    ----------
+    motion, head, values
+        As in `velocity_zero`.
+    left, right : float
+        Times before and after the arrival.
+    speed_left, speed_right : float
+        Velocities there.
+    wall : float
+        Displacement of the wall.
+    rising : bool
+        Whether the displacement grows towards it.
+
+    Returns
+    -------
+    dt, speed : float
+        The velocity does not run away from the wall, not even by rounding.
+    """
+    t = left if abs(speed_left) > abs(speed_right) else right
+    speed = 0.0
+    for _ in range(100):
+        x, speed, acceleration = motion(*head, t, *values)
+        if (x < wall) == rising:
+            left = t
+        else:
+            right = t
+        step = (x - wall) / speed if speed != 0.0 else math.inf
+        # the next error of Newton's iteration is about step^2 acceleration/(2 speed)
+        after = step * step * abs(acceleration)
+        small = abs(step) <= 1e-8 * right and after <= 1e-17 * right * abs(speed)
+        if small or abs(step) <= 2e-16 * right:
+            t, speed = t - step, speed - acceleration * step
+            break
+        if right - left <= 2e-16 * right:
+            break
+        t = t - step
+        if not left < t < right:
+            t = 0.5 * (left + right)
+    if (speed > 0.0) != rising:
+        speed = 0.0
+    return t, speed
+
+
+def first_hit(motion, head, values, breaks, left, speed_left, rising, low, high):
+    """Return the first arrival at a wall, with certainty.
+
+    Between two zeros of the acceleration the velocity is monotone, so it has at most one zero
+    there; between the turning points the displacement is monotone, so that comparing it with the
+    walls at the ends of each piece misses nothing. A touch counts as an arrival.
+
+    Parameters
+    ----------
+    motion, head, values
+        As in `velocity_zero`; displacements are measured from where the flight starts.
+    breaks : sequence of float
+        Zeros of the acceleration after `left`, in order; further times among them do no harm.
+    left, speed_left : float
+        Time so far without a hit, and the velocity then.
+    rising : bool
+        Direction of motion then; it decides where the velocity is zero.
+    low, high : float
+        Displacements of the walls below and above; infinite where there is none.
+
+    Returns
+    -------
+    side : int
+        +1 at the wall above, -1 at the one below, 0 for no hit up to the last break.
+    dt, speed : float
+        Time and velocity before the impact; without a hit, at the last break.
+    rising : bool
+        Direction of motion at that time.
+    """
+    for right in breaks:
+        x, speed_right, _ = motion(*head, right, *values)
+        if speed_right != 0.0 and (speed_right > 0.0) != rising:
+            turn = velocity_zero(motion, head, values, left, speed_left, right, speed_right)
+            x_turn = motion(*head, turn, *values)[0]
+            wall = high if rising else low
+            if (x_turn >= wall) if rising else (x_turn <= wall):
+                arrival = wall_arrival(
+                    motion, head, values, left, speed_left, turn, 0.0, wall, rising
+                )
+                return (1 if rising else -1), *arrival, rising
+            left, speed_left, rising = turn, 0.0, not rising
+        wall = high if rising else low
+        if (x >= wall) if rising else (x <= wall):
+            arrival = wall_arrival(
+                motion, head, values, left, speed_left, right, speed_right, wall, rising
+            )
+            return (1 if rising else -1), *arrival, rising
+        left, speed_left = right, speed_right
+    return 0, left, speed_left, rising
 
 
 @dataclass(frozen=True)

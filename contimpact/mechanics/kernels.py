@@ -88,6 +88,10 @@ class Kernels:
         """``second(t0, *y0, t1, *y1, *q, *p)``: second derivatives along q."""
         return self.kernel(f"second_{a}_{b}")
 
+    def third(self, a: str, b: str) -> Kernel:
+        """``third(t0, *y0, t1, *y1, *q, *p)``: third derivatives along q."""
+        return self.kernel(f"third_{a}_{b}")
+
     def motion(self, a: str) -> Kernel:
         """``motion(t0, *y0, dt, *p)``: displacement, velocity, acceleration after wall a."""
         return self.kernel(f"motion_{a}")

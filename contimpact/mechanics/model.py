@@ -10,6 +10,9 @@ import copy
 import hashlib
 import inspect
 import math
+import numbers
+import os
+import time
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -47,7 +50,7 @@ class Parameter:
 
     def check(self, value: Any, where: str) -> float:
         """Return the value as a float, or raise `InputError` naming `where`."""
-        if isinstance(value, bool) or not isinstance(value, int | float):
+        if isinstance(value, bool) or not isinstance(value, numbers.Real):
             raise InputError(where, f"found {value!r}", f"give {self.accepted}")
         value = float(value)
         inside = self.lower <= value <= self.upper and not (
@@ -206,8 +209,10 @@ class Model(ABC):
     def identity(self) -> str:
         """What the formulas depend on: the class, its file's text, the parameters and options."""
         kind = type(self)
-        source = inspect.getsourcefile(kind)
-        text = Path(source).read_bytes() if source else repr(id(kind)).encode()
+        try:
+            text = Path(inspect.getsourcefile(kind) or "").read_bytes()
+        except (OSError, TypeError):  # defined in an interactive session
+            text = repr((id(kind), os.getpid(), time.time_ns())).encode()
         digest = hashlib.sha256(text).hexdigest()
         return repr((kind.__qualname__, digest, tuple(self.values), tuple(self.options.items())))
 

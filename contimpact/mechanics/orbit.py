@@ -145,7 +145,9 @@ class OrbitProblem:
         """Where the kernel ``setup`` begins to speak of a second free parameter."""
         return 3 + len(self.model.WALLS) + 2 * len(self.model.DERIVED)
 
-    def second_along(self, unknowns: Array, direction: Array, mu: float = 1.0) -> Array:
+    def second_along(
+        self, unknowns: Array, direction: Array, mu: float = 1.0, beside: float = 1.0
+    ) -> Array:
         """Return the gradient by z of the cyclic matrix times a direction, an (n, n + free) matrix.
 
         Parameters
@@ -155,6 +157,8 @@ class OrbitProblem:
         mu : float
             In the last flight the arrival moves by mu q_1. With mu = 1 the result is the
             derivative of the Jacobian along q.
+        beside : float
+            The same factor for the direction the result is multiplied with.
         """
         m, n = self.m, self.n
         z, q = unknowns.tolist(), direction.tolist()
@@ -175,7 +179,9 @@ class OrbitProblem:
             block = np.array(out, dtype=float).reshape(m, -1)
             rows = slice(i, i + m)
             gradient[rows, i:j] += block[:, :m]
-            gradient[rows, j % n : j % n + m] += block[:, m : 2 * m]
+            gradient[rows, j % n : j % n + m] += (
+                beside * block[:, m : 2 * m] if j == n else block[:, m : 2 * m]
+            )
             gradient[rows, n:] += block[:, 2 * m :]
             if j == n:  # the arrival t_1 + pT moves with T(lambda), and its rate with T'(lambda)
                 gradient[rows, n:] += np.outer(block[:, m], slopes)
@@ -184,6 +190,32 @@ class OrbitProblem:
                     gradient[rows, n:] += np.outer(ends, curvatures @ direction[n:])
         self.kernel_evaluations += len(self.kinds)
         return gradient
+
+    def third_along(self, unknowns: Array, direction: Array, mu: float = 1.0) -> Array:
+        """Return the third derivative of the residual along a direction, shape (n,).
+
+        Parameters
+        ----------
+        unknowns : ndarray of shape (n + free,)
+        direction : ndarray of shape (n,)
+            (q_1, ..., q_N); parameters are held.
+        mu : float
+            In the last flight the arrival moves by mu q_1.
+        """
+        m, n = self.m, self.n
+        z, q = unknowns.tolist(), direction.tolist()
+        p = self.values(unknowns)
+        span = self.word.period * self.kernels.setup(*p)[0]
+        result: list[float] = []
+        for k, (a, b) in enumerate(self.kinds):
+            i = m * k
+            j = i + m
+            last = j == n
+            arrival = [z[0] + span, *z[1:m]] if last else z[j : j + m]
+            moved = [mu * c for c in q[:m]] if last else q[j : j + m]
+            result += self.kernels.third(a, b)(*z[i:j], *arrival, *q[i:j], *moved, *p)
+        self.kernel_evaluations += len(self.kinds)
+        return np.array(result)
 
     def unknowns_of(self, times: Any, sections: Any, value: float | None = None) -> Array:
         """Return z from impact times (N,), section coordinates (N, m - 1) and lambda."""

@@ -7,7 +7,7 @@ that impacts stay in order. Rounds of starts are repeated until several in a row
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -20,7 +20,7 @@ from .orbit import Array, Linearisation, OrbitProblem
 from .recognition import repeats
 from .word import Word, parse_word
 
-ITERATIONS = 40
+ITERATIONS = 25
 SAME_ORBIT = 1e-7
 
 
@@ -76,6 +76,16 @@ class Orbit:
     def physical(self) -> bool:
         """Whether the orbit stays within the walls with its impacts in order."""
         return self.linearisation.verdict.physical
+
+    @property
+    def derived(self) -> Mapping[str, float]:
+        """Derived parameters."""
+        return self.linearisation.derived
+
+    @property
+    def smallest_gap(self) -> float:
+        """Smallest gap inside a flight; not a number if no flight turns towards a wall."""
+        return self.linearisation.verdict.smallest_gap
 
     @property
     def reason(self) -> str | None:
@@ -144,6 +154,9 @@ def find_orbits(
     InputError
         If the word cannot be read or the parameter is unknown.
     """
+    for name, count in (("starts", starts), ("rounds", rounds)):
+        if count < 1:
+            raise InputError(name, f"found {count!r}", "give a whole number >= 1")
     letters = [w.name for w in model.WALLS]
     word = word if isinstance(word, Word) else parse_word(word, letters)
     kernels = kernels or Kernels(model, parameter or next(iter(model.values)))

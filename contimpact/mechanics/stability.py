@@ -7,8 +7,8 @@ merged by orthogonal elimination of the impact between them,
 .. math:: [W_1\; W_2] \begin{bmatrix} B_1 \\ A_2 \end{bmatrix} = 0 \quad\Rightarrow\quad
           (W_1 A_1)\,\delta z_1 + (W_2 B_2)\,\delta z_3 = 0,
 
-until one m x m pencil P + mu Q is left (the inverse-free collapse of Benner and Byers, Linear
-Algebra Appl. 2001).
+until one m x m pencil P + mu Q is left (the inverse-free collapse of Benner and Byers, Numer.
+Linear Algebra Appl. 2001).
 """
 
 from __future__ import annotations

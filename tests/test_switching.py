@@ -1,0 +1,299 @@
+"""Branches born at events: starts, directions, and the whole of Figs. 7 and 8."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from contimpact.bifurcations import test_functions as functions
+from contimpact.continuation.arclength import Settings
+from contimpact.diagram import Branch
+from contimpact.explore import follow
+from contimpact.mechanics.search import find_orbits
+from contimpact.orbit_branch import both_ways, continue_born, continue_orbit
+from contimpact.scene import read_scene
+from contimpact.switching import switch, touches_at
+from contimpact.systems.impact_pair import ImpactPair
+
+
+def scene(**changes):
+    given = {
+        "name": "t",
+        "model": {
+            "system": "impact-pair",
+            "parameters": {"beta": "pi/6", "r": 0.3, "A": 5.0, "s": 0.34},
+        },
+        "follow": {
+            "parameter": "s", "range": [0.08, 1.05], "orbits": ["1:1"],
+            "switch": ["G", "PD"], "depth": 2,
+        },
+        "detect": {"events": ["FB", "PD", "G"]},
+        "plot": {"x": "d"},
+    }  # fmt: skip
+    for table, values in changes.items():
+        given[table] = {**given.get(table, {}), **values}
+    return read_scene(given)
+
+
+@pytest.fixture(scope="module")
+def fig7():
+    return follow(scene())
+
+
+@pytest.fixture(scope="module")
+def fig8():
+    return follow(
+        scene(
+            model={"parameters": {"beta": "pi/6", "r": 0.25, "A": 7.2, "s": 0.5}},
+            follow={"parameter": "A", "range": [1.4, 23.0]},
+        )
+    )
+
+
+def find(diagram, label, branch_notation):
+    found = [e for e in diagram.entries if e.label == label and e.notation == branch_notation]
+    assert found, f"{label} on {branch_notation}"
+    return found
+
+
+@pytest.mark.parametrize(
+    ("label", "notation", "d"),
+    [
+        ("PD", "1:1", 0.23850682149),
+        ("~G[1:1->2:1]", "1:1", 0.20445492649),
+        ("FB", "2:1", 0.22216730993),
+        ("G[2:1->3:1]", "2:1", 0.17369915135),
+        ("~PD", "2:1", 0.14022934446),
+    ],
+)
+def test_everything_of_fig7_follows_from_the_1_1_orbit(fig7, label, notation, d):
+    values = [e.parameters["d"] for e in find(fig7, label, notation)]
+    # the reference values have eleven digits
+    assert min(abs(v - d) for v in values) < 1e-11
+
+
+def test_the_doubled_branch_of_fig7_has_its_own_grazing(fig7):
+    grazings = [e for e in fig7.entries if e.notation == "1:1/2T" and e.kind == "G"]
+    real = [e for e in grazings if not e.ghost]
+    assert [e.criticality for e in real] == ["supercritical"]
+    # the onset of complex motion is seen in simulations at d = 0.227 or so
+    assert real[0].parameters["d"] == pytest.approx(0.2274, abs=1e-4)
+
+
+@pytest.mark.parametrize(
+    ("label", "notation", "d"),
+    [
+        ("G[1:1->2:1]", "1:1", 0.21377314088),
+        ("~PD", "1:1", 0.19453108003),
+        ("FB", "2:1", 0.22172669232),
+        ("PD", "2:1", 0.12742085846),
+        ("~G[2:1->2:2]", "2:1", 0.11477162872),
+    ],
+)
+def test_everything_of_fig8_follows_from_the_1_1_orbit(fig8, label, notation, d):
+    values = [e.parameters["d"] for e in find(fig8, label, notation)]
+    assert min(abs(v - d) for v in values) < 1e-11
+
+
+def test_fig8_reaches_the_2_2_branch(fig8):
+    assert "2:2" in [b.notation for b in fig8.branches]
+
+
+@pytest.mark.parametrize("name", ["fig7", "fig8"])
+def test_branches_and_entries_know_each_other(name, request):
+    diagram = request.getfixturevalue(name)
+    entries = {e.id: e for e in diagram.entries}
+    assert len(entries) == len(diagram.entries)
+    for branch in diagram.branches[1:]:
+        assert branch.id in entries[branch.origin].opens
+        for meeting in branch.meetings:
+            assert branch.id in entries[meeting].opens
+    assert diagram.branches[0].origin is None
+
+
+@pytest.mark.parametrize("name", ["fig7", "fig8"])
+def test_new_branches_start_on_the_orbit_of_their_event(name, request):
+    """Times and velocities of the parent are among those of the new branch, to 1e-10."""
+    diagram = request.getfixturevalue(name)
+    entries = {e.id: e for e in diagram.entries}
+    for branch in diagram.branches[1:]:
+        entry = entries[branch.origin]
+        row = start_row(branch, entry)
+        period = 2.0
+        phases = branch.times[row] % (period * branch.period)
+        for impact in entry.impacts:
+            near = np.abs(branch.velocities[row] - impact["velocity"]) < 1e-10
+            turn = np.abs((phases - impact["time"]) / period)
+            assert np.any(near & (np.abs(turn - np.round(turn)) * period < 1e-10))
+        assert abs(branch[branch.parameter][row] - entry.value) < 1e-10
+        if entry.kind == "G":
+            assert np.min(np.abs(branch.velocities[row])) < 1e-10
+        steps = np.abs(np.diff(branch["arclength"]))[[max(row - 1, 0), min(row, len(branch) - 2)]]
+        assert np.min(steps) <= 0.03 * 1.01
+
+
+def start_row(branch: Branch, entry) -> int:
+    speeds = np.sort([i["velocity"] for i in entry.impacts] * (branch.period // entry.period))
+    if entry.kind == "G":
+        speeds = np.sort(np.append(speeds, 0.0))
+    return int(np.argmin(np.abs(np.sort(branch.velocities, axis=1) - speeds).max(axis=1)))
+
+
+def test_grazing_branches_have_a_physical_and_an_unphysical_side(fig7):
+    for branch in fig7.branches:
+        entry = next((e for e in fig7.entries if e.id == branch.origin), None)
+        if entry is None or entry.kind != "G" or not entry.physical:
+            continue
+        row = start_row(branch, entry)
+        sides = {bool(branch.physical[row - 1]), bool(branch.physical[row + 1])}
+        assert sides == {True, False}
+
+
+def test_no_branch_is_followed_twice(fig7):
+    """Rotations of words, shifted times: no two branches share an orbit."""
+    seen = {}
+    for branch in fig7.branches:
+        key = min(branch.word[i:] + branch.word[:i] for i in range(len(branch.word)))
+        middle = len(branch) // 2
+        here = (
+            round(float(branch["s"][middle]), 9),
+            tuple(sorted(branch.velocities[middle].round(7))),
+        )
+        assert here not in seen.get(key, set())
+        seen.setdefault(key, set()).add(here)
+
+
+def test_a_zero_velocity_leads_back_to_the_grazing_branch():
+    """The V of 2:1 is the G of 1:1: a meeting, with the same parameter value."""
+    diagram = follow(
+        scene(
+            follow={"switch": ["G", "V"], "depth": 2},
+            detect={"events": ["FB", "PD", "G", "V"]},
+        )
+    )
+    grazing = find(diagram, "~G[1:1->2:1]", "1:1")[0]
+    zeros = [
+        e for e in diagram.entries if e.kind == "V" and e.notation == "2:1" and e.becomes == "BT"
+    ]
+    matching = [e for e in zeros if abs(e.value - grazing.value) < 1e-12]
+    assert matching
+    assert matching[0].label == "~V[2:1->1:1]"
+    assert matching[0].ghost == grazing.ghost
+    assert diagram.branches[0].id in matching[0].opens
+
+
+def test_doubled_orbits_fall_back_onto_the_branch_they_came_from():
+    """Followed in r at beta = pi/3, A = 3.89, 1:1 doubles twice: one bubble joins both events."""
+    diagram = follow(
+        scene(
+            model={"parameters": {"beta": "pi/3", "r": 0.2, "A": 1.55625 / 0.4, "s": 0.5}},
+            follow={"parameter": "r", "range": [0.05, 0.9], "switch": ["PD"], "depth": 1},
+            detect={"events": ["FB", "PD"]},
+        )
+    )
+    first, second = (e for e in diagram.branches[0].events if e.kind == "PD")
+    assert first.criticality == second.criticality == "supercritical"
+    assert first.opens == second.opens == ("b2",)
+    bubble = diagram.branches[1]
+    assert bubble.notation == "1:1/2T"
+    assert bubble.ends[1].kind.name == "KNOWN"
+    assert bubble.ends[1].value == pytest.approx(second.value, abs=1e-9)
+    assert bubble.meetings == [second.id]
+
+
+def test_symmetric_pair_pitchfork_is_followed_once():
+    diagram = follow(
+        scene(
+            model={"parameters": {"beta": 0.0, "r": 0.3, "A": 5.0, "s": 0.4}},
+            follow={"range": [0.2, 1.2], "switch": ["BP", "G"], "depth": 1},
+            detect={"events": ["FB", "BP", "G"]},
+        )
+    )
+    point = next(e for e in diagram.entries if e.kind == "BP")
+    assert point.parameters["d"] == pytest.approx(0.2270368473, abs=1e-10)
+    (born,) = [b for b in diagram.branches if b.origin == point.id]
+    assert "mirror" in born.ends[0].message
+    # the branch leaves with the parameter at rest, and with unequal times
+    row = int(np.argmin(np.abs(born["s"] - point.value)))
+    assert born["arclength"][row] == 0.0
+    gaps = np.diff(born.times, axis=1)[:, 0]
+    assert abs(gaps[row] - 1.0) < 1e-9
+    assert abs(gaps[-1] - 1.0) > 0.1
+
+
+def test_touches_on_two_flights_of_a_symmetric_orbit_are_inserted_together():
+    model = ImpactPair(beta=0.0, r=0.3, A=5.0, s=0.4)
+    orbit = next(o for o in find_orbits(model, "1:1", parameter="s") if o.physical)
+    tests = functions(orbit.problem, ["G"], {})
+    run = both_ways(orbit.problem, orbit.unknowns, (0.1, 0.4), tests, Settings())
+    events = [e for e in run.events if e.kind == "G"]
+    assert len(events) == 2
+    assert abs(events[0].parameter - events[1].parameter) < 1e-13
+    for event in events:
+        assert len(touches_at(event)) == 2
+        start = switch(event)
+        assert len(start.problem.word) == 4
+        assert np.max(np.abs(start.problem.evaluate(start.unknowns).residual)) < 1e-13
+
+
+@pytest.mark.parametrize("r", [0.2954, 0.2956])
+def test_near_coincidence_of_doubling_and_grazing(r):
+    """At beta = pi/9, A = 5 the PD and the G of 1:1 cross at r = 0.295513665."""
+    model = ImpactPair(beta=math.pi / 9, r=r, A=5.0, s=0.36)
+    orbit = next(o for o in find_orbits(model, "1:1", parameter="s") if o.physical)
+    branch = continue_orbit(orbit, range=(0.2, 0.6), events=("PD", "G"))
+    by_kind = {e.kind: e for e in branch.events if e.physical or e.kind == "PD"}
+    doubling, grazing = by_kind["PD"], by_kind["G"]
+    assert abs(doubling.parameters["d"] - grazing.parameters["d"]) < 1e-4
+    doubling_first = r > 0.295513665
+    assert (doubling.parameters["d"] > grazing.parameters["d"]) == doubling_first
+    assert grazing.ghost == doubling_first
+    assert doubling.ghost != doubling_first
+
+
+def test_continue_born_follows_from_an_entry(fig7):
+    entry = find(fig7, "~G[1:1->2:1]", "1:1")[0]
+    model = ImpactPair(beta=math.pi / 6, r=0.3, A=5.0, s=0.34)
+    branch = continue_born(entry, model, (0.08, 1.05), events=("FB", "PD", "G"))
+    known = next(b for b in fig7.branches if b.notation == "2:1")
+    assert branch.notation == "2:1"
+    ours = sorted(e.value for e in branch.events)
+    theirs = sorted(e.value for e in known.events)
+    np.testing.assert_allclose(ours, theirs, rtol=0, atol=1e-12)
+
+
+def test_twice_gives_the_same_catalogue():
+    from contimpact.catalogue import catalogue_text
+
+    assert catalogue_text(follow(scene())) == catalogue_text(follow(scene()))
+
+
+def test_budget_is_kept_and_reported():
+    diagram = follow(scene(follow={"max_branches": 3}))
+    assert len(diagram.branches) == 3
+    assert any("budget" in note for note in diagram.statistics["notes"])
+
+
+def test_survey_finds_branches_the_start_does_not_reach():
+    found = follow(
+        scene(
+            model={"parameters": {"beta": "pi/2", "r": 0.7, "A": 2.0, "s": 0.5}},
+            follow={
+                "parameter": "A", "range": [1.2, 12.0], "switch": [], "depth": 0,
+                "survey": True,
+            },
+            detect={"events": ["FB"]},
+            numerics={"starts": 64, "rounds": 3},
+        )
+    )  # fmt: skip
+    without = follow(
+        scene(
+            model={"parameters": {"beta": "pi/2", "r": 0.7, "A": 2.0, "s": 0.5}},
+            follow={"parameter": "A", "range": [1.2, 12.0], "switch": [], "depth": 0},
+            detect={"events": ["FB"]},
+            numerics={"starts": 64, "rounds": 3},
+        )
+    )
+    assert len(found.branches) > len(without.branches)
