@@ -310,6 +310,8 @@ class _Explorer:
 
         def report(point: Point) -> None:
             nonlocal count
+            here: Any = point.evaluation
+            here.gaps  # noqa: B018  physicality is decided at every point: part of the walk
             count += 1
             if count % 20 == 0:
                 place = f"{self.scene.parameter} = {point.parameter:.6g}"

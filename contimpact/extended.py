@@ -23,7 +23,6 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
@@ -227,18 +226,22 @@ def solve(system: ExtendedSystem, here: Linearisation) -> Solution | None:
     """
     problem, orbit = system.problem, len(here.unknowns)
     x, best = np.concatenate([here.unknowns, system.start(here)]), None
-    pick = np.eye(len(x))[orbit - 1]
     try:
+        at = system.assemble(here, x[orbit:])
         for _ in range(NEWTON_ITERATIONS):
-            at: Any = system.assemble(problem.evaluate(x[:orbit]), x[orbit:])
             size = float(np.max(np.abs(at.residual)))
-            stalled = best is not None and size >= 0.5 * best.residual < 0.5 * CONVERGED
-            if stalled or not np.isfinite(size):
+            if not np.isfinite(size) or (
+                best is not None and size >= 0.5 * best[0] < 0.5 * CONVERGED
+            ):
                 break
-            row = np.linalg.solve(at.jacobian.T, pick)
-            error = float(np.abs(row) @ (np.abs(at.residual) + at.rounding))
-            best = Solution(x[:orbit], x[orbit:], size, error)
+            best = (size, x, at)
             x = x - np.linalg.solve(at.jacobian, at.residual)
+            at = system.assemble(problem.evaluate(x[:orbit]), x[orbit:])
+        if best is None or best[0] >= CONVERGED:
+            return None
+        size, x, at = best
+        row = np.linalg.solve(at.jacobian.T, np.eye(len(x))[orbit - 1])
     except (ArithmeticError, ValueError, np.linalg.LinAlgError):
         return None
-    return best if best is not None and best.residual < CONVERGED else None
+    error = float(np.abs(row) @ (np.abs(at.residual) + at.rounding))
+    return Solution(x[:orbit], x[orbit:], size, error)

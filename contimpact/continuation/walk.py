@@ -49,7 +49,8 @@ def walk(
         Whether `start` is a branch point, where `tangent` is one direction of several and test
         functions that vanish are not crossings.
     callback : callable, optional
-        Called with every accepted point; a true value stops the walk.
+        Called with every accepted point, before events are looked for; a true value stops the
+        walk.
     stop : callable ``stop(point, events) -> (End, Point) or None``, optional
         Called with every accepted point and the events just before it; may end the walk, at the
         point it returns.
@@ -107,11 +108,11 @@ class _Walker:
             attempt, step = self.advance(here, step)
             if attempt.point is None:
                 return self.finished(self.refusal(attempt.reason))
+            stop = self.callback is not None and self.callback(attempt.point)
             found = self.accept(here, attempt.point)
             if self.stop is not None and (stopped := self.stop(attempt.point, found)):
                 end, self.points[-1] = stopped
                 return self.finished(end)
-            stop = self.callback is not None and self.callback(attempt.point)
             if ending := attempt.ending or (EndKind.STOPPED if stop else None):
                 return self.finished(self.end(ending))
             turned, correction = attempt.turned, attempt.first_correction
@@ -226,9 +227,10 @@ class _Walker:
     def closing(self, here: Point, new: Point) -> Point | None:
         """The start again, if this step passed it in the direction it was left in."""
         first = self.points[0]
-        if len(self.points) < 4:
-            return None
         scale = self.scale
+        reach = 1.5 * abs(new.parameter - here.parameter) + SAME_SOLUTION * scale[-1]
+        if len(self.points) < 4 or abs(new.parameter - first.parameter) > reach:
+            return None
         before = self.problem.difference(here.unknowns, first.unknowns)
         after = self.problem.difference(new.unknowns, first.unknowns)
         stepped = arclength.length(new.unknowns - here.unknowns, scale)

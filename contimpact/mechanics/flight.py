@@ -20,7 +20,10 @@ from .model import Wall
 
 Array = np.ndarray[Any, Any]
 
-_DEGREES = (16, 32, 64, 128, 256, 512)
+NEWTON_DONE = 1e-9
+"""A Newton step below this part of the bracket is the last: the next would be its square."""
+
+_DEGREES = (16, 32, 64)
 
 
 @dataclass(frozen=True)
@@ -108,7 +111,8 @@ def chebyshev_zeros(function: Callable[[Array], Array], length: float) -> list[f
     """Return the zeros in (0, length) of a smooth function, from its Chebyshev interpolant.
 
     The degree is doubled until the last coefficients are rounding; a function that is not
-    resolved by the highest degree is cut in halves.
+    resolved by the highest degree is cut in halves. Every cut is returned too, so that none of the
+    pieces between the times returned holds a zero, not even one lost by rounding at the cut.
     """
     from numpy.polynomial import chebyshev
 
@@ -125,9 +129,8 @@ def chebyshev_zeros(function: Callable[[Array], Array], length: float) -> list[f
             near = (np.abs(roots.imag) < 1e-6) & (np.abs(roots.real) <= 1.0)
             return sorted((0.5 * length * (roots.real[near] + 1.0)).tolist())
     half = 0.5 * length
-    return chebyshev_zeros(function, half) + [
-        half + root for root in chebyshev_zeros(lambda t: function(half + t), half)
-    ]
+    later = chebyshev_zeros(lambda t: function(half + t), half)
+    return [*chebyshev_zeros(function, half), half, *(half + root for root in later)]
 
 
 def _chebyshev_coefficients(values: Array) -> Array:
@@ -175,7 +178,8 @@ def velocity_zero(motion, head, values, left, speed_left, right, speed_right):
     Newton's iteration kept inside a bracket. `motion` is called as
     ``motion(*head, dt, *values) -> (displacement, velocity, acceleration)``.
     """
-    t = left + (right - left) * speed_left / (speed_left - speed_right)
+    length = right - left
+    t = left + length * speed_left / (speed_left - speed_right)
     for _ in range(80):
         _, speed, acceleration = motion(*head, t, *values)
         if speed == 0.0:
@@ -188,7 +192,7 @@ def velocity_zero(motion, head, values, left, speed_left, right, speed_right):
         new = t - step
         if not left < new < right:
             new = 0.5 * (left + right)
-        if abs(new - t) <= 2e-16 * max(abs(t), abs(right)):
+        if abs(new - t) <= NEWTON_DONE * length:  # the next step would be its square
             return new
         t = new
     return t

@@ -36,17 +36,31 @@ def collapse(start: Array, end: Array) -> tuple[Array, Array]:
     -------
     P, Q : ndarray of shape (m, m)
     """
+    return _collapsed(start, end)[:2]
+
+
+def _collapsed(start: Array, end: Array) -> tuple[Array, Array, float]:
+    """P and Q, and the factor that the merging has put between their determinants and the flights'.
+
+    With O the orthogonal matrix of which [W1 W2]' is the last m columns, and R of the same
+    elimination, the minors of an orthogonal matrix give det W2 = det O det B_1 / det R and
+    det W1 = det O det A_2 / det R: det Q is the product of all det B_k times the factor, and
+    det P that of all det A_k, without the cancellation of a determinant that is nearly zero.
+    """
+    factor = 1.0
     while len(start) > 1:
         pairs = len(start) // 2
         first, second = slice(0, 2 * pairs, 2), slice(1, 2 * pairs, 2)
         m = start.shape[1]
         stacked = np.concatenate([end[first], start[second]], axis=1)
-        null = np.linalg.qr(stacked, mode="complete")[0][:, :, m:].transpose(0, 2, 1)
+        turned, triangle = np.linalg.qr(stacked, mode="complete")
+        null = turned[:, :, m:].transpose(0, 2, 1)
+        factor *= float(np.prod(np.linalg.det(turned) / np.linalg.det(triangle[:, :m])))
         merged_start = null[:, :, :m] @ start[first]
         merged_end = null[:, :, m:] @ end[second]
         start = np.concatenate([merged_start, start[2 * pairs :]])
         end = np.concatenate([merged_end, end[2 * pairs :]])
-    return start[0], end[0]
+    return start[0], end[0], factor
 
 
 def multipliers(start: Array, end: Array) -> Array:
@@ -61,10 +75,13 @@ def multipliers(start: Array, end: Array) -> Array:
     For m = 2 the larger multiplier comes from the collapsed pencil and the smaller from the
     product of all, prod det A_k / det B_k, which keeps its relative accuracy.
     """
-    p, q = collapse(start, end)
+    p, q, factor = _collapsed(start, end)
     if p.shape != (2, 2):
         return _general(p, q)
     quadratic = float(np.linalg.det(q))
+    if math.isfinite(factor) and factor != 0.0:
+        exact = factor * float(np.prod(np.linalg.det(end)))
+        quadratic = exact if exact != 0.0 or quadratic == 0.0 else quadratic
     linear = float(p[0, 0] * q[1, 1] + q[0, 0] * p[1, 1] - p[0, 1] * q[1, 0] - q[0, 1] * p[1, 0])
     constant = float(np.linalg.det(p))
     product = determinant(start, end)

@@ -1,0 +1,211 @@
+"""Which attractors the branches explain, and what would follow those that none does.
+
+An attractor lies on a branch if the branch has its word and period and, solved for at the
+attractor's parameter value from the neighbouring points, its velocities and phases. The branch says
+what it is; the simulation, which shares no solver with it, says that it is there.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass
+from typing import Any
+
+import numpy as np
+
+from .attractor import Attractor, Kind
+from .diagram import Branch, Diagram
+from .mechanics.kernels import Kernels
+from .mechanics.orbit import OrbitProblem
+from .mechanics.search import settle
+from .mechanics.word import Word
+from .sweep import Row, Sweep
+
+Array = np.ndarray[Any, Any]
+
+MATCH = 1e-7
+"""An attractor whose velocities and phases are this near to a branch's orbit lies on it."""
+
+
+@dataclass(frozen=True)
+class Match:
+    """An attractor and the branch it lies on; `distance` is the largest difference."""
+
+    direction: str
+    value: float
+    notation: str
+    word: str
+    period: int
+    branch: str
+    distance: float
+
+
+@dataclass(frozen=True)
+class Uncovered:
+    """Attractors of one word, side by side in a sweep, that no branch explains.
+
+    Attributes
+    ----------
+    kind, notation, word, period
+        What they are.
+    low, high : float
+        Values of the parameter between which they were met.
+    count : int
+    why : str
+    scene : str or None
+        Tables of a scene that would follow them, in TOML; None for what is no periodic orbit.
+    """
+
+    kind: str
+    notation: str
+    word: str | None
+    period: int | None
+    low: float
+    high: float
+    count: int
+    why: str
+    scene: str | None
+
+
+@dataclass(frozen=True)
+class Coverage:
+    """Attractors on branches, and the others."""
+
+    matches: Sequence[Match]
+    uncovered: Sequence[Uncovered]
+
+    def as_record(self) -> dict[str, Any]:
+        """Return plain data."""
+        return asdict(self)
+
+
+def cover(sweep: Sweep, diagram: Diagram, kernels: Kernels | None = None) -> Coverage:
+    """Match the attractors of a sweep with the branches of a diagram.
+
+    Parameters
+    ----------
+    sweep : Sweep
+    diagram : Diagram
+        Followed in the same parameter, at the same values of the others.
+    kernels : Kernels, optional
+
+    Returns
+    -------
+    Coverage
+    """
+    kernels = kernels or Kernels(sweep.model, sweep.parameter)
+    matches: list[Match] = []
+    rest: list[Row] = []
+    for row in sweep.rows:
+        match = _match(row, sweep, diagram, kernels)
+        if match is not None:
+            matches.append(match)
+        else:
+            rest.append(row)
+    return Coverage(matches, _uncovered(rest, sweep))
+
+
+def _match(row: Row, sweep: Sweep, diagram: Diagram, kernels: Kernels) -> Match | None:
+    attractor = row.attractor
+    if attractor.kind is not Kind.PERIODIC or attractor.word is None or attractor.period is None:
+        return None
+    best: Match | None = None
+    for branch in diagram.branches:
+        same_period = branch.period == attractor.period
+        if not same_period or not _cyclic(branch.word, attractor.word):
+            continue
+        for orbit in orbits_on(branch, sweep, row.value, kernels):
+            distance = _distance(attractor, branch.word, orbit)
+            if distance < MATCH and (best is None or distance < best.distance):
+                best = Match(
+                    row.direction, row.value, attractor.notation, attractor.word,
+                    attractor.period, branch.id, distance,
+                )  # fmt: skip
+    return best
+
+
+def _cyclic(one: str, other: str) -> bool:
+    return len(one) == len(other) and one in other * 2
+
+
+def orbits_on(branch: Branch, sweep: Sweep, value: float, kernels: Kernels) -> list[Array]:
+    """Return the orbits of a branch at a parameter value.
+
+    Each is solved for at that value from the line between the neighbouring points.
+
+    Returns
+    -------
+    list of ndarray of shape (N, 2)
+        Times and velocities.
+    """
+    parameters = branch[branch.parameter]
+    offset = parameters - value
+    rows = np.nonzero((offset[:-1] <= 0.0) != (offset[1:] <= 0.0))[0].tolist()
+    rows += [k for k in (0, len(parameters) - 1) if offset[k] == 0.0]
+    model = sweep.model.replace(**{sweep.parameter: value})
+    problem = OrbitProblem(model, Word(branch.word, branch.period), kernels)
+    found = []
+    for row in rows:
+        after = min(row + 1, len(parameters) - 1)
+        step = parameters[after] - parameters[row]
+        part = (value - parameters[row]) / step if step else 0.0
+        points = [np.column_stack([branch.times[k], branch.velocities[k]]) for k in (row, after)]
+        guess = points[0] + part * (points[1] - points[0])
+        here = settle(problem, np.append(guess.ravel(), value))
+        if here is not None:
+            found.append(problem.impacts(here.unknowns))
+    return found
+
+
+def _distance(attractor: Attractor, word: str, orbit: Array) -> float:
+    """Largest difference in phase (in periods) or velocity, over the rotations of the word."""
+    letters = attractor.word or ""
+    best = math.inf
+    for shift in range(len(word)):
+        if word[shift:] + word[:shift] != letters:
+            continue
+        times, speeds = np.roll(orbit, -shift, axis=0).T
+        phases = (times - attractor.times) / attractor.forcing_period
+        apart = np.max(np.abs(phases - np.round(phases)))
+        best = min(best, float(max(apart, np.max(np.abs(speeds - attractor.velocities)))))
+    return best
+
+
+def _uncovered(rows: Sequence[Row], sweep: Sweep) -> list[Uncovered]:
+    """Group rows by what they are; the middle one of each group starts the scene."""
+    groups: dict[str, list[Row]] = {}
+    for row in rows:
+        groups.setdefault(row.attractor.label, []).append(row)
+    found = []
+    for group in groups.values():
+        group = sorted(group, key=lambda row: row.value)
+        middle = group[len(group) // 2]
+        a = middle.attractor
+        periodic = a.kind is Kind.PERIODIC
+        why = "no branch has this orbit" if periodic else f"{a.kind.value}: no orbit of finite word"
+        found.append(
+            Uncovered(
+                a.kind.value, a.notation, a.word, a.period, group[0].value, group[-1].value,
+                len(group), why, scene_fragment(middle, sweep) if periodic else None,
+            )
+        )  # fmt: skip
+    return found
+
+
+def scene_fragment(row: Row, sweep: Sweep) -> str:
+    """Return the tables [model] and [follow] of a scene that follows an attractor, in TOML."""
+    attractor, model = row.attractor, sweep.model
+    values: Mapping[str, float] = {**model.values, sweep.parameter: row.value}
+    others = [other.value for other in sweep.rows]
+    low, high = min(others), max(others)
+    word = Word(attractor.word or "", attractor.period or 1)
+    options = [f'{name} = "{text}"' for name, text in model.options.items()]
+    return "\n".join(
+        [
+            "[model]", f'system = "{model.SYSTEM}"', *options, "", "[model.parameters]",
+            *(f"{name} = {value!r}" for name, value in values.items()), "",
+            "[follow]", f'parameter = "{sweep.parameter}"', f"range = [{low!r}, {high!r}]",
+            f'orbits = ["{word}"]', "",
+        ]
+    )  # fmt: skip

@@ -1,0 +1,201 @@
+r"""The output voltage of the energy harvester, impact by impact and on average.
+
+The ball deforms the dielectric membrane it hits; the voltage the membrane gives grows with the
+square of its area. Formulas of Table A1 and equations (9) of the paper on vibro-impact pairs, with
+
+.. math:: V_k = \frac{A\pi}{M\omega}\dot Z_k, \quad
+          \delta_k = \Bigl[\frac{\nu+1}{2K} m V_k^2\Bigr]^{1/(\nu+1)}, \quad
+          U_k = \Bigl[\Bigl(\frac{A_k}{\pi R_c^2}\Bigr)^2 - 1\Bigr] U_{in},
+
+written so that nothing cancels at low velocities. The paper does not give the mass m of the ball.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, fields
+from typing import Any
+
+import numpy as np
+
+from .attractor import Attractor, Kind
+from .diagram import Branch
+from .errors import InputError
+
+Array = np.ndarray[Any, Any]
+
+STEEL = 7850.0
+"""Density of steel, kg/m^3; the ball is taken to be of steel where nothing else is said."""
+RADIUS = 5.0e-3
+
+
+@dataclass(frozen=True)
+class Membrane:
+    """Membranes and ball of the energy harvester.
+
+    Attributes
+    ----------
+    m : float
+        Mass of the ball, kg. Not in the paper; by default that of a steel ball of the paper's
+        radius, 4.11 g. Voltages depend on it.
+    U_in : float
+        Input voltage, V.
+    R_c : float
+        Radius of the undeformed membrane, m.
+    R_b : float
+        Radius of the ball, m; smaller than R_c.
+    K, nu : float
+        Coefficient and exponent of the membrane's elastic force K delta^nu, in N and m.
+
+    Raises
+    ------
+    InputError
+        If a value is not positive, or the ball not smaller than the membrane.
+    """
+
+    m: float = STEEL * 4.0 / 3.0 * math.pi * RADIUS**3
+    U_in: float = 2000.0
+    R_c: float = 6.3e-3
+    R_b: float = RADIUS
+    K: float = 4.0847e5
+    nu: float = 2.6
+
+    def __post_init__(self) -> None:
+        for key in fields(self):
+            value = getattr(self, key.name)
+            if not (math.isfinite(value) and value > 0.0):
+                raise InputError(key.name, f"found {value!r}", "give a number > 0")
+        if not self.R_b < self.R_c:
+            raise InputError(
+                "R_b", f"{self.R_b!r} is not below R_c = {self.R_c!r}",
+                "give a ball smaller than the membrane",
+            )  # fmt: skip
+
+    def voltage(self, velocity: Any) -> Array:
+        """Return the net output voltage of impacts.
+
+        Parameters
+        ----------
+        velocity : array_like
+            Dimensional velocities before impact, m/s.
+
+        Returns
+        -------
+        ndarray
+            U_k in V, zero for an impact without velocity.
+        """
+        speed = np.asarray(velocity, dtype=float)
+        depth = ((self.nu + 1.0) / (2.0 * self.K) * self.m * speed**2) ** (1.0 / (self.nu + 1.0))
+        # with e = delta (2 R_b - delta), h = R_b - delta, q = sqrt(R_c^2 - e) the cone touches the
+        # ball where sin alpha = e/(R_c R_b + h q), and the area exceeds that at rest by the factor
+        # 1 + x, x = (1 - cos alpha)(R_c^2 - R_b^2 (1 - cos alpha))/(R_c^2 cos alpha)
+        e = depth * (2.0 * self.R_b - depth)
+        h = self.R_b - depth
+        q = np.sqrt(self.R_c**2 - e)
+        cosine = (self.R_b * h + self.R_c * q) / (self.R_c**2 + h**2)
+        sine = (self.R_c * self.R_b - h * q) / (self.R_c**2 + h**2)
+        shallow = h > 0.0
+        divisor = np.where(shallow, self.R_c * self.R_b + h * q, 1.0)
+        sine = np.where(shallow, e / divisor, sine)
+        missing = np.where(cosine > 0.0, sine**2 / (1.0 + np.abs(cosine)), 1.0 - cosine)
+        x = missing * (self.R_c**2 - self.R_b**2 * missing) / (self.R_c**2 * cosine)
+        return np.asarray(self.U_in * x * (2.0 + x))
+
+
+def velocity_scale(parameters: Mapping[str, float]) -> float:
+    """Return A pi/(M omega), the dimensional velocity of one unit of the impact pair's, m/s.
+
+    Raises
+    ------
+    InputError
+        If the parameters are not those of an impact pair.
+    """
+    try:
+        amplitude, mass, omega = (parameters[name] for name in ("A", "M", "omega"))
+    except KeyError as error:
+        raise InputError(
+            "energy", f"the system has no parameter {error}", "use the impact pair"
+        ) from None
+    return amplitude * math.pi / (mass * omega)
+
+
+@dataclass(frozen=True, eq=False)
+class Energy:
+    """Output voltages of a motion.
+
+    Attributes
+    ----------
+    impacts : ndarray of shape (N,)
+        U_k, V.
+    per_impact, per_time : float
+        The means of equations (9), V, the second per unit of dimensionless time. Where impacts
+        accumulate there are infinitely many of them, and the mean per impact is zero.
+    """
+
+    impacts: Array
+    per_impact: float
+    per_time: float
+
+
+def of_impacts(
+    membrane: Membrane, parameters: Mapping[str, float], velocities: Any, span: float
+) -> Energy:
+    """Return the voltages of the impacts made in a time `span`.
+
+    Parameters
+    ----------
+    membrane : Membrane
+    parameters : mapping of str to float
+        Of the impact pair.
+    velocities : array_like of shape (N,)
+        Dimensionless, before impact.
+    span : float
+        Dimensionless time in which they happen.
+    """
+    voltages = membrane.voltage(velocity_scale(parameters) * np.asarray(velocities))
+    total = float(np.sum(voltages))
+    mean = total / len(voltages) if len(voltages) else 0.0
+    return Energy(voltages, mean, total / span)
+
+
+def of_attractor(membrane: Membrane, attractor: Attractor) -> Energy:
+    """Return the voltages of an attractor, over its period or over the end of its run."""
+    if attractor.kind in (Kind.RESTING, Kind.NO_IMPACT):
+        return Energy(np.zeros(0), 0.0, 0.0)
+    hits = ~attractor.released
+    if attractor.period is not None:
+        span = attractor.period * attractor.forcing_period
+    else:  # from the first impact to the last, without the first
+        span = float(attractor.times[-1] - attractor.times[0])
+        hits = hits & (np.arange(len(hits)) > 0)
+    found = of_impacts(membrane, attractor.parameters, attractor.velocities[hits], span)
+    if attractor.kind is Kind.STICKING:
+        return Energy(found.impacts, 0.0, found.per_time)
+    return found
+
+
+def along(membrane: Membrane, branch: Branch, forcing_period: float = 2.0) -> dict[str, Array]:
+    """Return the voltages along a branch, unphysical orbits included.
+
+    Returns
+    -------
+    dict of str to ndarray
+        ``U1``, ``U2``, ... of each impact, ``U_I`` per impact, ``U_T`` per time; one value for
+        each point.
+    """
+    names = [name for name in ("A", "M", "omega") if name in branch.columns]
+    if len(names) < 3:
+        raise InputError("energy", f"branch {branch.id} is of {branch.system}", "use impact-pair")
+    scale = branch["A"] * math.pi / (branch["M"] * branch["omega"])
+    voltages = membrane.voltage(scale[:, None] * branch.velocities)
+    columns = {f"U{k + 1}": voltages[:, k] for k in range(voltages.shape[1])}
+    total = voltages.sum(axis=1)
+    columns["U_I"] = total / voltages.shape[1]
+    columns["U_T"] = total / (branch.period * forcing_period)
+    return columns
+
+
+def columns_of(energies: Sequence[Energy]) -> int:
+    """Return how many voltages the longest of these has."""
+    return max((len(energy.impacts) for energy in energies), default=0)

@@ -1,0 +1,434 @@
+r"""Orbits, multipliers and events to thirty digits and more: what the doubles are compared with.
+
+The generated kernels are evaluated in mpmath's arithmetic: their source is compiled again with
+mpmath's functions and with quotients of whole numbers kept exact. Parameters are the model's
+doubles, taken as exact. Every system is written down anew from residuals and blocks alone: the
+second derivatives of the library, its Jacobians and its step control have no part in what a solution
+is. Only the step of Newton's iteration is computed in double precision, so that an iteration
+contracts by about the condition number times 1e-16 until the digits asked for stand.
+"""
+
+from __future__ import annotations
+
+import ast
+import inspect
+import types
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import mpmath
+import numpy as np
+
+from .mechanics.kernels import SCALAR_NAMES, Kernel
+from .mechanics.orbit import Array, OrbitProblem
+
+ITERATIONS = 60
+GUARD_DIGITS = 18
+DIFFERENCE = 1e-16
+
+
+@dataclass(frozen=True)
+class Exact:
+    """A solution in many digits.
+
+    Attributes
+    ----------
+    unknowns : list of mpf
+        Impact times, section coordinates and the free parameter.
+    extra : list of mpf
+        Further unknowns of the system: a touch's time, a null vector.
+    residual, step : float
+        Largest residual, and the last step relative to the unknowns.
+    condition : float
+        Of the system's Jacobian, in the 2-norm.
+    iterations : int
+    """
+
+    unknowns: list[Any]
+    extra: list[Any]
+    residual: float
+    step: float
+    condition: float
+    iterations: int
+
+    @property
+    def parameter(self) -> Any:
+        """The free parameter."""
+        return self.unknowns[-1]
+
+    def distance(self, unknowns: Array) -> float:
+        """Return the largest distance of a point in doubles from this one, absolute."""
+        return max(
+            abs(float(x - float(y))) for x, y in zip(self.unknowns, unknowns, strict=True)
+        )
+
+    def parameter_error(self, value: float) -> float:
+        """Return by how much a value of the free parameter is off."""
+        return float(value - self.unknowns[-1])
+
+
+class Reference:
+    """The orbit problem of a word, and the systems of its events, in many digits.
+
+    Parameters
+    ----------
+    problem : OrbitProblem
+        Gives the word, the parameters' doubles and the kernels.
+    digits : int
+        Digits to reach; the arithmetic carries some more.
+    """
+
+    def __init__(self, problem: OrbitProblem, digits: int = 30) -> None:
+        self.problem, self.digits = problem, digits
+        self.ctx = mpmath.mp.clone()
+        self.ctx.dps = digits + GUARD_DIGITS
+        self.names = _names(self.ctx)
+        self._compiled: dict[str, Kernel] = {}
+        values = problem.model.values
+        self._values = [self.ctx.mpf(value) for value in values.values()]
+        self._free = list(values).index(problem.parameter)
+
+    # Solutions.
+
+    def orbit(self, unknowns: Array) -> Exact | None:
+        """Return the orbit next to a point, at the point's own parameter value.
+
+        Parameters
+        ----------
+        unknowns : ndarray of shape (n + 1,)
+
+        Returns
+        -------
+        Exact or None
+            None where the iteration does not converge.
+        """
+        value = self.ctx.mpf(float(unknowns[-1]))
+        jacobian = self.problem.evaluate(np.asarray(unknowns, dtype=float)).jacobian[:, :-1]
+        solved = self._solve(
+            lambda x: self.residual([*x, value]), [float(u) for u in unknowns[:-1]], jacobian
+        )
+        if solved is None:
+            return None
+        x, *rest = solved
+        return Exact([*x, value], [], *rest)
+
+    def event(
+        self, kind: str, unknowns: Array, details: Mapping[str, Any] | None = None
+    ) -> Exact | None:
+        """Return the event of a kind next to a point; None where the iteration does not converge.
+
+        Parameters
+        ----------
+        kind : {"FB", "BP", "PD", "G", "V", "T", "UZ"}
+        unknowns : ndarray of shape (n + 1,)
+        details : mapping, optional
+            As `Event.details` has them: for G ``flight``, ``wall`` and ``touch_time``, for V
+            ``impact``, for T ``flight``, for UZ ``requested``.
+        """
+        system, extra = self._system(kind, np.asarray(unknowns, dtype=float), details or {})
+        count = self.problem.n + 1
+        solved = self._solve(system, [*map(float, unknowns), *extra])
+        if solved is None:
+            return None
+        x, *rest = solved
+        return Exact(x[:count], x[count:], *rest)
+
+    def multipliers(self, unknowns: Sequence[Any]) -> list[Any]:
+        """Return the multipliers, largest first, from the product of the flights' maps.
+
+        Products are safe here: their loss is made good by digits. For m = 2 alone.
+        """
+        ctx = self.ctx
+        _, flights = self.flights(unknowns)
+        with ctx.extradps(30 + 4 * len(flights)):
+            total, product = ctx.eye(2), ctx.one
+            for a, b, _ in flights:
+                below = b[0, 0] * b[1, 1] - b[0, 1] * b[1, 0]
+                inverse = ctx.matrix([[b[1, 1], -b[0, 1]], [-b[1, 0], b[0, 0]]])
+                total = -(inverse * a) * total / below
+                product *= (a[0, 0] * a[1, 1] - a[0, 1] * a[1, 0]) / below
+            half = (total[0, 0] + total[1, 1]) / 2
+            root = ctx.sqrt(half**2 - product)
+            large = half + root if abs(half + root) >= abs(half - root) else half - root
+            return [+large, product / large if large else ctx.zero]
+
+    # Residual and blocks.
+
+    def flights(self, z: Sequence[Any]) -> tuple[list[Any], list[tuple[Any, Any, list[Any]]]]:
+        """Return the residuals, and for each flight its blocks A, B and its derivative by lambda."""
+        problem, ctx = self.problem, self.ctx
+        m, n = problem.m, problem.n
+        p = self.values(z)
+        period, slope = self.kernel("setup", problem.kernels.setup)(*p)[:2]
+        turns = problem.word.period
+        residual: list[Any] = []
+        blocks = []
+        for k, (a, b) in enumerate(problem.kinds):
+            i, j = m * k, m * k + m
+            arrival = z[j : j + m] if j < n else [z[0] + turns * period, *z[1:m]]
+            out = self.flight(a, b)(*z[i:j], *arrival, *p)
+            residual += out[:m]
+            start, end = (
+                ctx.matrix([list(out[o + m * r : o + m * r + m]) for r in range(m)])
+                for o in (m, m + m * m)
+            )
+            by_parameter = list(out[m + 2 * m * m :])
+            if j == n:
+                by_parameter = [g + turns * slope * end[r, 0] for r, g in enumerate(by_parameter)]
+            blocks.append((start, end, by_parameter))
+        return residual, blocks
+
+    def residual(self, z: Sequence[Any]) -> list[Any]:
+        """Return the residuals of the orbit problem."""
+        return self.flights(z)[0]
+
+    def values(self, z: Sequence[Any]) -> list[Any]:
+        """Return all parameter values at a point."""
+        values = self._values.copy()
+        values[self._free] = self.ctx.mpf(z[-1])
+        return values
+
+    def flight(self, a: str, b: str) -> Kernel:
+        """Return the kernel of a flight in this arithmetic."""
+        return self.kernel(f"flight_{a}_{b}", self.problem.kernels.flight(a, b))
+
+    def kernel(self, name: str, kernel: Kernel) -> Kernel:
+        """Return a kernel in this arithmetic, given as a function of floats."""
+        if name not in self._compiled:
+            self._compiled[name] = _recompiled(self.problem, name, kernel, self.names)
+        return self._compiled[name]
+
+    # Systems.
+
+    def _system(
+        self, kind: str, z: Array, details: Mapping[str, Any]
+    ) -> tuple[Callable[[list[Any]], list[Any]], list[float]]:
+        """The equations of an event, and a guess for the unknowns beyond z."""
+        if kind in ("FB", "PD"):
+            return self._singular(z, 1 if kind == "FB" else -1)
+        if kind == "BP":
+            return self._branch_point(z)
+        if kind == "G":
+            return self._grazing(z, details)
+        scalars: dict[str, Callable[[list[Any]], Any]] = {
+            "V": lambda x: x[self.problem.m * details["impact"] + 1],
+            "T": lambda x: self._duration(x, details["flight"]),
+            "UZ": lambda x: self._requested(x, details["requested"]),
+        }
+        scalar = scalars[kind]
+        return lambda x: [*self.residual(x), scalar(x)], []
+
+    def _singular(self, z: Array, mu: int) -> tuple[Callable[[list[Any]], list[Any]], list[float]]:
+        """F = 0, C(mu) q = 0, l.q = 1."""
+        n = self.problem.n
+        null = np.linalg.svd(self.problem.evaluate(z).cyclic(float(mu))[:, :-1])[2][-1].tolist()
+
+        def system(x: list[Any]) -> list[Any]:
+            residual, blocks = self.flights(x[: n + 1])
+            q = x[n + 1 :]
+            size = sum((a * b for a, b in zip(null, q, strict=True)), self.ctx.mpf(-1))
+            return [*residual, *self._cycle(blocks, q, mu), size]
+
+        return system, null
+
+    def _cycle(self, blocks: Sequence[Any], q: Sequence[Any], mu: int) -> list[Any]:
+        """The cyclic matrix with its last coupling multiplied by mu, times a vector."""
+        m, count = self.problem.m, len(blocks)
+        rows = []
+        for k, (start, end, _) in enumerate(blocks):
+            j = (k + 1) % count
+            factor = mu if k == count - 1 else 1
+            for r in range(m):
+                rows.append(
+                    sum(start[r, c] * q[m * k + c] for c in range(m))
+                    + factor * sum(end[r, c] * q[m * j + c] for c in range(m))
+                )
+        return rows
+
+    def _branch_point(self, z: Array) -> tuple[Callable[[list[Any]], list[Any]], list[float]]:
+        """F + nu psi = 0, J' psi = 0, |psi| = 1."""
+        n, m = self.problem.n, self.problem.m
+        left = np.linalg.svd(self.problem.evaluate(z).jacobian)[0][:, -1].tolist()
+
+        def system(x: list[Any]) -> list[Any]:
+            residual, blocks = self.flights(x[: n + 1])
+            nu, psi = x[n + 1], x[n + 2 :]
+            columns = [self.ctx.zero] * (n + 1)
+            for k, (start, end, by_parameter) in enumerate(blocks):
+                j = (k + 1) % len(blocks)
+                for r in range(m):
+                    weight = psi[m * k + r]
+                    for c in range(m):
+                        columns[m * k + c] += start[r, c] * weight
+                        columns[m * j + c] += end[r, c] * weight
+                    columns[n] += by_parameter[r] * weight
+            shifted = [f + nu * w for f, w in zip(residual, psi, strict=True)]
+            return [*shifted, *columns, sum(w * w for w in psi) - 1]
+
+        return system, [0.0, *left]
+
+    def _grazing(
+        self, z: Array, details: Mapping[str, Any]
+    ) -> tuple[Callable[[list[Any]], list[Any]], list[float]]:
+        """F = 0, and a flight to a touch of zero velocity."""
+        problem = self.problem
+        m, n = problem.m, problem.n
+        flight, wall = details["flight"], details["wall"]
+        kernel = self.flight(problem.word.walls[flight], wall)
+        left = slice(m * flight, m * flight + m)
+
+        def system(x: list[Any]) -> list[Any]:
+            touch = [x[n + 1], self.ctx.zero, *x[n + 2 :]]
+            out = kernel(*x[left], *touch, *self.values(x[: n + 1]))
+            return [*self.residual(x[: n + 1]), *out[:m]]
+
+        return system, [float(details["touch_time"]), *[0.0] * (m - 2)]
+
+    def _duration(self, z: list[Any], flight: int) -> Any:
+        m, n = self.problem.m, self.problem.n
+        i, j = m * flight, m * flight + m
+        if j < n:
+            return z[j] - z[i]
+        period = self.kernel("setup", self.problem.kernels.setup)(*self.values(z))[0]
+        return z[0] + self.problem.word.period * period - z[i]
+
+    def _requested(self, z: list[Any], requested: Mapping[str, float]) -> Any:
+        ((name, wanted),) = requested.items()
+        if name == self.problem.parameter:
+            return z[-1] - wanted
+        model = self.problem.model
+        out = self.kernel("setup", self.problem.kernels.setup)(*self.values(z))
+        return out[3 + len(model.WALLS) + model.DERIVED.index(name)] - wanted
+
+    # Newton's iteration.
+
+    def _solve(
+        self, system: Callable[[list[Any]], list[Any]], guess: Sequence[float],
+        jacobian: Array | None = None,
+    ) -> tuple[list[Any], float, float, float, int] | None:  # fmt: skip
+        """Iterate with a Jacobian in doubles, renewed where it no longer serves."""
+        ctx = self.ctx
+        x = [ctx.mpf(value) for value in guess]
+        before = np.inf
+        for iteration in range(ITERATIONS):
+            residual = system(x)
+            matrix = self._differences(system, x, residual) if jacobian is None else jacobian
+            jacobian = matrix
+            moved = _step(ctx, matrix, residual)
+            if moved is None:
+                return None
+            size = max(float(abs(d) / max(1, abs(v))) for d, v in zip(moved, x, strict=True))
+            if not np.isfinite(size):
+                return None
+            x = [v - d for v, d in zip(x, moved, strict=True)]
+            if size < 10.0**-self.digits:
+                left = max(float(abs(r)) for r in system(x))
+                return x, left, size, float(np.linalg.cond(matrix)), iteration + 1
+            if size > 1e-3 * before:
+                jacobian = None
+            before = size
+        return None
+
+    def _differences(
+        self, system: Callable[[list[Any]], list[Any]], x: list[Any], here: list[Any]
+    ) -> Array:
+        """The Jacobian by differences, in this arithmetic; accurate beyond doubles' rounding."""
+        columns = []
+        for i, value in enumerate(x):
+            h = self.ctx.mpf(DIFFERENCE) * max(1, abs(value))
+            there = system([*x[:i], value + h, *x[i + 1 :]])
+            columns.append([float((b - a) / h) for a, b in zip(here, there, strict=True)])
+        return np.array(columns).T
+
+
+def _step(ctx: Any, jacobian: Array, residual: list[Any]) -> list[Any] | None:
+    """Solve for a Newton step in doubles; the residual is scaled so that none underflows."""
+    size = max(abs(r) for r in residual)
+    if size == 0:
+        return [ctx.zero] * len(residual)
+    right = np.array([float(r / size) for r in residual])
+    try:
+        step = np.linalg.solve(jacobian, right)
+    except np.linalg.LinAlgError:
+        return None
+    return [size * ctx.mpf(s) for s in step.tolist()]
+
+
+# Kernels in mpmath's arithmetic.
+
+
+def _names(ctx: Any) -> dict[str, Any]:
+    """What stands for the kernels' names."""
+    plain = {n: getattr(ctx, n) for n in SCALAR_NAMES if not n.startswith("stumpff")}
+    orders = (int(n.removeprefix("stumpff")) for n in SCALAR_NAMES if n.startswith("stumpff"))
+    higher = {f"stumpff{k}": _stumpff(ctx, k) for k in orders}
+    return plain | higher | {"pi": +ctx.pi, "_whole": ctx.mpf}
+
+
+def _stumpff(ctx: Any, k: int) -> Callable[[Any], Any]:
+    """c_k by its series near zero, by the recurrence from c_0 and c_1 away from it."""
+
+    def function(q: Any) -> Any:
+        q = ctx.mpf(q)
+        if k > 1 and abs(q) < 30:
+            return _series(ctx, k, q)
+        if k == 0:
+            return ctx.cos(ctx.sqrt(q)) if q >= 0 else ctx.cosh(ctx.sqrt(-q))
+        if k == 1:
+            x = ctx.sqrt(abs(q))
+            return ctx.one if x == 0 else (ctx.sin(x) if q > 0 else ctx.sinh(x)) / x
+        return (1 / ctx.factorial(k - 2) - _stumpff(ctx, k - 2)(q)) / q
+
+    return function
+
+
+def _series(ctx: Any, k: int, q: Any) -> Any:
+    with ctx.extradps(6):
+        term = total = 1 / ctx.factorial(k)
+        j = 0
+        while term and abs(term) > ctx.eps * abs(total) * 1e-3:
+            term *= -q / ((2 * j + k + 1) * (2 * j + k + 2))
+            total += term
+            j += 1
+    return +total
+
+
+class _ExactQuotients(ast.NodeTransformer):
+    """Make 1/3 in a kernel's source a quotient in the arithmetic it runs in."""
+
+    def visit_BinOp(self, node: ast.BinOp) -> ast.AST:
+        self.generic_visit(node)
+        if isinstance(node.op, ast.Div) and _is_whole(node.left):
+            name = ast.Name("_whole", ast.Load())
+            node.left = ast.Call(func=name, args=[node.left], keywords=[])
+        return node
+
+
+def _is_whole(node: ast.expr) -> bool:
+    if isinstance(node, ast.UnaryOp):
+        node = node.operand
+    return isinstance(node, ast.Constant) and isinstance(node.value, int)
+
+
+def _recompiled(
+    problem: OrbitProblem, name: str, kernel: Kernel, names: Mapping[str, Any]
+) -> Kernel:
+    """Compile a kernel's own source over other names."""
+    tree = ast.parse(_source(problem, name, kernel))
+    whole = ast.fix_missing_locations(_ExactQuotients().visit(tree))
+    (code,) = (
+        c for c in compile(whole, f"<{name} in many digits>", "exec").co_consts
+        if isinstance(c, types.CodeType)
+    )  # fmt: skip
+    return types.FunctionType(code, dict(names), name)
+
+
+def _source(problem: OrbitProblem, name: str, kernel: Kernel) -> str:
+    """A kernel's source, from its file in the cache; written anew where there is none."""
+    try:
+        return inspect.getsource(getattr(kernel, "py_func", kernel))
+    except OSError:
+        from .mechanics.codegen import KernelWriter
+
+        return KernelWriter(problem.model, problem.parameter).write(name)

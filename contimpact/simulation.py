@@ -1,0 +1,318 @@
+"""A scene simulated: sweeps, random starts, transitions, and the comparison with its branches.
+
+What is found is kept in a `Checkpoint` as it is found, so that an interrupted run can go on; it
+then gives the same result, since each value of a sweep depends on the one before alone and random
+starts depend on the seed and the value's number.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from .attractor import Kind
+from .catalogue import write_text
+from .mechanics.kernels import Kernels
+from .scene import Scene
+from .simulate_options import SimulateOptions
+from .sweep import Row, Simulators, Sweep, find_attractors, sweep_rows
+from .sweep_output import (
+    Checkpoint,
+    coverage_text,
+    energy_text,
+    fingerprint,
+    sweep_text,
+    transitions_text,
+)
+from .transitions import Transition, all_changes, between, explained
+
+if TYPE_CHECKING:
+    from .basins import Basins
+    from .coverage import Coverage
+    from .diagram import Diagram
+
+ROWS_FILE = "rows.jsonl"
+STAGES = ("branches", "sweep", "random", "transitions", "coverage", "portraits", "basins")
+
+
+@dataclass
+class Simulation:
+    """What `simulate` found.
+
+    Attributes
+    ----------
+    scene : Scene
+    sweep : Sweep
+    transitions : list of Transition
+    diagram : Diagram or None
+        The scene's branches, where [simulate] asks for them.
+    coverage : Coverage or None
+        Likewise.
+    portraits : list of Row
+        Attractors at the values at which portraits are asked for.
+    basins : list of Basins
+    interrupted : str or None
+        The stage at which the run was interrupted.
+    seconds : dict of str to float
+        Per stage.
+    resumed : int
+        Rows that an earlier run had found.
+    """
+
+    scene: Scene
+    sweep: Sweep
+    transitions: list[Transition] = field(default_factory=list)
+    diagram: Diagram | None = None
+    coverage: Coverage | None = None
+    portraits: list[Row] = field(default_factory=list)
+    basins: list[Basins] = field(default_factory=list)
+    interrupted: str | None = None
+    seconds: dict[str, float] = field(default_factory=dict)
+    resumed: int = 0
+
+    @property
+    def counts(self) -> dict[str, int]:
+        """Numbers of rows, by kind, and of transitions."""
+        kinds = [row.attractor.kind.value for row in self.sweep.rows]
+        counts = {kind.value: kinds.count(kind.value) for kind in Kind}
+        periods = sum(row.attractor.periods for row in self.sweep.rows)
+        return {
+            "attractors": len(kinds), **{k: n for k, n in counts.items() if n},
+            "periods": periods, "transitions": len(self.transitions),
+        }  # fmt: skip
+
+
+def simulate(
+    scene: Scene, folder: Path, *, resume: bool = False,
+    progress: Callable[[str], None] | None = None,
+) -> Simulation:  # fmt: skip
+    """Simulate a scene.
+
+    Parameters
+    ----------
+    scene : Scene
+        With a table [simulate].
+    folder : Path
+        Where what is found is kept as it is found.
+    resume : bool
+        Whether to go on from what is kept there.
+    progress : callable, optional
+        Called with a line of text now and then.
+
+    Returns
+    -------
+    Simulation
+        After an interruption from the keyboard, what was done until then.
+
+    Raises
+    ------
+    InputError
+        If what is to be resumed belongs to another scene.
+    """
+    return _Director(scene, folder, resume, progress or (lambda text: None)).run()
+
+
+class _Director:
+    def __init__(
+        self, scene: Scene, folder: Path, resume: bool, progress: Callable[[str], None]
+    ) -> None:
+        assert scene.simulate is not None
+        self.scene, self.progress = scene, progress
+        self.options: SimulateOptions = scene.simulate
+        digest = fingerprint(scene.resolved())
+        self.kept = Checkpoint(folder / ROWS_FILE, digest, resume)
+        self.simulators = Simulators(
+            scene.model, scene.parameter, Kernels(scene.model, scene.parameter)
+        )
+        sweep = Sweep(scene.model, scene.parameter, [])
+        self.result = Simulation(scene, sweep, resumed=len(self.kept.rows))
+
+    def run(self) -> Simulation:
+        stages = {
+            "branches": self.branches, "sweep": self.sweeps, "random": self.random_starts,
+            "transitions": self.transitions, "coverage": self.coverage,
+            "portraits": self.portraits, "basins": self.basins,
+        }  # fmt: skip
+        for stage, work in stages.items():
+            began = time.perf_counter()
+            try:
+                work()
+            except KeyboardInterrupt:
+                self.result.interrupted = stage
+            self.result.seconds[stage] = time.perf_counter() - began
+            if self.result.interrupted:
+                break
+        self.progress("")
+        return self.result
+
+    def branches(self) -> None:
+        if self.options.branches:
+            from .explore import follow
+
+            self.result.diagram = follow(self.scene, self.progress)
+
+    # Sweeps.
+
+    def sweeps(self) -> None:
+        """Each direction, going on after the rows there are."""
+        options, rows = self.options, self.result.sweep.rows
+        clock = _Clock(len(options.sweeps()) * options.values, self.progress)
+        for direction, values in options.sweeps():
+            known = [row for row in self.kept.rows if row.direction == direction]
+            rows += known
+            clock.skip(len(known))
+            start = _last_state(known)
+            left = values[len(known) :]
+            named = f"{direction} in {self.scene.parameter}"
+            for row in sweep_rows(
+                self.simulators, left, start, options.settling, options.seed, direction
+            ):
+                self.kept.keep(row)
+                rows.append(row)
+                clock.tick(f"{named} = {row.value:.6g}: {row.attractor.notation}")
+
+    def random_starts(self) -> None:
+        """Attractors that random starts find besides those of the sweeps."""
+        options, rows = self.options, self.result.sweep.rows
+        rows += [row for row in self.kept.rows if row.direction == "random"]
+        if not options.starts:
+            return
+        clock = _Clock(options.values, self.progress)
+        for number, value in enumerate(np.linspace(*options.range, options.values).tolist()):
+            if value in self.kept.tried:
+                clock.skip(1)
+                continue
+            known = [row.attractor for row in rows if row.value == value]
+            found = find_attractors(
+                self.simulators.at(value), options.starts, rng=(options.seed, number),
+                settling=options.settling, known=known,
+            )  # fmt: skip
+            for attractor in found:
+                row = Row("random", value, attractor)
+                self.kept.keep(row)
+                rows.append(row)
+            self.kept.keep_tried(value)
+            clock.tick(f"random starts at {self.scene.parameter} = {value:.6g}")
+
+    # What follows from them.
+
+    def transitions(self) -> None:
+        if not self.options.transitions:
+            return
+        sweep, diagram = self.result.sweep, self.result.diagram
+        pairs = all_changes(sweep)
+        clock = _Clock(len(pairs), self.progress)
+        for before, after in pairs:
+            key = (after.direction, after.value)
+            if key not in self.kept.changes:
+                found = between(
+                    self.simulators, before, after, self.options.width, self.options.settling
+                )
+                self.kept.keep_changes(*key, list(found))
+                clock.tick(f"transition near {self.scene.parameter} = {after.value:.6g}")
+            else:
+                clock.skip(1)
+            self.result.transitions += [
+                explained(t, diagram, sweep) if diagram else t for t in self.kept.changes[key]
+            ]
+
+    def coverage(self) -> None:
+        if self.result.diagram is not None:
+            from .coverage import cover
+
+            self.progress("matching attractors with branches")
+            kernels = self.simulators.kernels
+            self.result.coverage = cover(self.result.sweep, self.result.diagram, kernels)
+
+    def portraits(self) -> None:
+        """The attractor at each value asked for, reached from the first sweep's row before it."""
+        for value in self.options.portraits:
+            self.progress(f"portrait at {self.scene.parameter} = {value:.6g}")
+            self.result.portraits.append(self.at(value))
+
+    def at(self, value: float) -> Row:
+        rows = self.result.sweep.of(self.options.sweeps()[0][0])
+        sign = 1.0 if rows[-1].value >= rows[0].value else -1.0
+        earlier = [row for row in rows if sign * (value - row.value) >= 0.0] or rows[:1]
+        found = sweep_rows(
+            self.simulators, [value], earlier[-1].attractor.state, self.options.settling,
+            self.options.seed, earlier[-1].direction,
+        )  # fmt: skip
+        return next(found)
+
+    def basins(self) -> None:
+        from .basins import basins
+
+        for value in self.options.basins:
+            shown = f"basins at {self.scene.parameter} = {value:.6g}"
+            known = self.at(value).attractor
+            simulator = self.simulators.at(value)
+
+            def report(done: int, total: int, shown: str = shown) -> None:
+                self.progress(f"{shown}: {done} of {total} starts")
+
+            self.result.basins.append(
+                basins(
+                    simulator, shape=(self.options.grid,) * 2, settling=self.options.settling,
+                    known=[known] if known.settled else [], callback=report,
+                )
+            )  # fmt: skip
+
+
+def _last_state(rows: list[Row]) -> Any:
+    """Where a sweep goes on."""
+    return rows[-1].attractor.state if rows else None
+
+
+class _Clock:
+    """Progress of a stage, with an estimate of the time left."""
+
+    def __init__(self, total: int, progress: Callable[[str], None]) -> None:
+        self.total, self.progress = total, progress
+        self.done, self.timed = 0, 0
+        self.began = time.perf_counter()
+
+    def skip(self, count: int) -> None:
+        self.done += count
+
+    def tick(self, text: str) -> None:
+        self.done += 1
+        self.timed += 1
+        each = (time.perf_counter() - self.began) / self.timed
+        left = each * (self.total - self.done)
+        self.progress(f"{self.done} of {self.total}, about {left:.0f} s left; {text}")
+
+
+def write_simulation(result: Simulation, folder: Path) -> list[str]:
+    """Write the tables of a simulation, also of an interrupted one.
+
+    Returns
+    -------
+    list of str
+        The files written, relative to the folder.
+    """
+    scene, files = result.scene, {"sweep.csv": sweep_text(result.sweep)}
+    assert scene.simulate is not None
+    if scene.simulate.transitions:
+        files["transitions.json"] = transitions_text(
+            result.transitions, scene.parameter, scene.simulate.width
+        )
+    if result.coverage is not None:
+        files["coverage.json"] = coverage_text(result.coverage, scene.parameter)
+    if scene.energy is not None:
+        files["energy.csv"] = energy_text(
+            scene.energy, scene.parameter, result.sweep, result.diagram
+        )
+    for name, text in files.items():
+        write_text(folder / name, text)
+    written = [*files, ROWS_FILE]
+    if result.diagram is not None:
+        from .catalogue import write_diagram
+
+        written += write_diagram(result.diagram, folder)
+    return sorted(written)

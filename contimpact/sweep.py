@@ -1,0 +1,209 @@
+"""Attractors along a parameter, from random starts, and over a grid of starts.
+
+A sweep starts each value from the attractor at the value before, as the paper does, so that
+falling and rising values show hysteresis. Random starts find attractors that no sweep meets, and a
+grid of starts shows which of them each leads to.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from .attractor import SETTLING, Attractor, Kind, Settling, settle
+from .mechanics.kernels import Kernels
+from .mechanics.model import Model
+from .mechanics.simulate import Simulator, State
+
+Array = np.ndarray[Any, Any]
+
+SAME = 1e-6
+"""Periodic attractors whose velocities and phases differ by less are one."""
+
+
+@dataclass(frozen=True)
+class Row:
+    """An attractor of a sweep: the way it was found, the parameter value and what it is.
+
+    `direction` is ``down`` or ``up`` for falling or rising values of the parameter, and ``random``
+    for an attractor that random starts at this value found in addition.
+    """
+
+    direction: str
+    value: float
+    attractor: Attractor
+
+    def as_record(self) -> dict[str, Any]:
+        """Return plain data from which `from_record` makes the same row."""
+        record = self.attractor.as_record()
+        return {"direction": self.direction, "value": self.value, "attractor": record}
+
+    @staticmethod
+    def from_record(record: Mapping[str, Any]) -> Row:
+        """Return the row a record was made of."""
+        attractor = Attractor.from_record(record["attractor"])
+        return Row(record["direction"], record["value"], attractor)
+
+
+@dataclass(frozen=True, eq=False)
+class Sweep:
+    """Attractors along a parameter.
+
+    Attributes
+    ----------
+    model : Model
+        Gives the values of all other parameters.
+    parameter : str
+    rows : list of Row
+        Of all directions, each in the order it was computed.
+    """
+
+    model: Model
+    parameter: str
+    rows: list[Row]
+
+    def of(self, direction: str) -> list[Row]:
+        """Return the rows of one direction."""
+        return [row for row in self.rows if row.direction == direction]
+
+    @property
+    def directions(self) -> list[str]:
+        """The directions there are, in order."""
+        return list(dict.fromkeys(row.direction for row in self.rows))
+
+    def sequence(self, direction: str) -> list[str]:
+        """Return the notations met one after another in one direction."""
+        met: list[str] = []
+        for row in self.of(direction):
+            if not met or met[-1] != row.attractor.notation:
+                met.append(row.attractor.notation)
+        return met
+
+    def __repr__(self) -> str:
+        lines = [f"{way}: {', '.join(self.sequence(way))}" for way in self.directions]
+        return "\n".join([f"Sweep in {self.parameter}, {len(self.rows)} attractors", *lines])
+
+
+class Simulators:
+    """Simulators of one model along a parameter; kernels are loaded once.
+
+    Parameters
+    ----------
+    model : Model
+    parameter : str
+    kernels : Kernels, optional
+    """
+
+    def __init__(self, model: Model, parameter: str, kernels: Kernels | None = None) -> None:
+        self.model, self.parameter = model, parameter
+        self.kernels = kernels or Kernels(model, parameter)
+
+    def at(self, value: float) -> Simulator:
+        """Return the simulator at a value of the parameter."""
+        return Simulator(self.model.replace(**{self.parameter: value}), self.kernels)
+
+
+def sweep(
+    model: Model, parameter: str, values: Iterable[float], *, start: State | None = None,
+    settling: Settling = SETTLING, kernels: Kernels | None = None,
+    rng: Any = 0, callback: Callable[[Row], None] | None = None,
+) -> Sweep:  # fmt: skip
+    """Find the attractor at each value, starting from the one before.
+
+    Parameters
+    ----------
+    model : Model
+    parameter : str
+    values : iterable of float
+        In the order in which they are visited; falling for a sweep down.
+    start : State, optional
+        Where the first value starts; a random impact otherwise.
+    settling : Settling
+    kernels : Kernels, optional
+        Kernels at hand for this model.
+    rng : None, int or numpy.random.Generator, default 0
+        Gives the first start, and a new one where a motion ended without impacts.
+    callback : callable, optional
+        Called with each row.
+
+    Returns
+    -------
+    Sweep
+    """
+    simulators = Simulators(model, parameter, kernels)
+    result = Sweep(model, parameter, [])
+    for row in sweep_rows(simulators, list(values), start, settling, rng):
+        result.rows.append(row)
+        if callback:
+            callback(row)
+    return result
+
+
+def sweep_rows(
+    simulators: Simulators, values: Sequence[float], start: State | None = None,
+    settling: Settling = SETTLING, rng: Any = 0, direction: str | None = None,
+) -> Iterator[Row]:  # fmt: skip
+    """Yield the rows of one sweep; `start` is where the first value begins.
+
+    `direction` is told from the values where it is not given.
+    """
+    falling = len(values) < 2 or values[-1] < values[0]
+    for value in values:
+        simulator = simulators.at(value)
+        if start is None:
+            start = simulator.random_state(np.random.default_rng(rng))
+        attractor = settle(simulator, start, settling)
+        start = attractor.state
+        yield Row(direction or ("down" if falling else "up"), value, attractor)
+
+
+def same(one: Attractor, other: Attractor, tolerance: float = SAME) -> bool:
+    """Whether two attractors at the same parameter values are one."""
+    if one.label != other.label:
+        return False
+    if one.kind is not Kind.PERIODIC:
+        return True
+    T = one.forcing_period
+    for shift in range(len(one.walls)):
+        walls, times, speeds = (
+            np.roll(column, -shift) for column in (other.walls, other.times, other.velocities)
+        )
+        if not np.array_equal(walls, one.walls):
+            continue
+        phases = (times - one.times) / T
+        apart = np.abs(phases - np.round(phases))
+        if max(np.max(apart), np.max(np.abs(speeds - one.velocities))) < tolerance:
+            return True
+    return False
+
+
+def find_attractors(
+    simulator: Simulator, starts: int, *, rng: Any = 0,
+    settling: Settling = SETTLING, known: Sequence[Attractor] = (),
+) -> list[Attractor]:  # fmt: skip
+    """Find attractors from random starts.
+
+    Parameters
+    ----------
+    simulator : Simulator
+    starts : int
+    rng : None, int or numpy.random.Generator, default 0
+    settling : Settling
+    known : sequence of Attractor
+        Attractors that are not returned again.
+
+    Returns
+    -------
+    list of Attractor
+        Each once.
+    """
+    generator = np.random.default_rng(rng)
+    found: list[Attractor] = []
+    for _ in range(starts):
+        attractor = settle(simulator, simulator.random_state(generator), settling)
+        if not any(same(attractor, other) for other in (*known, *found)):
+            found.append(attractor)
+    return found

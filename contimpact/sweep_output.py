@@ -1,0 +1,233 @@
+"""Writing what was simulated, and going on with it after an interruption.
+
+``rows.jsonl`` receives what is found as soon as it is found; it is what ``--resume`` reads.
+The other files are contracts, with a schema name and number each: ``sweep.csv``,
+``transitions.json``, ``coverage.json`` and ``energy.csv``.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from .attractor import Attractor
+from .catalogue import csv_text, json_text, write_text
+from .diagram import Branch, Diagram
+from .errors import InputError
+from .sweep import Row, Sweep
+
+if TYPE_CHECKING:
+    from .coverage import Coverage
+    from .energy import Membrane
+    from .transitions import Transition
+
+SWEEP = "contimpact.sweep/1"
+ROWS = "contimpact.rows/1"
+TRANSITIONS = "contimpact.transitions/1"
+COVERAGE = "contimpact.coverage/1"
+ENERGY = "contimpact.energy/1"
+
+WRITTEN = 64
+"""Velocities of one motion written to ``sweep.csv`` at most."""
+COLUMNS = (
+    "direction", "kind", "notation", "word", "period", "rate", "exponent1", "exponent2",
+    "exponent_error", "exponent_sum", "mean_ln_r2", "exponent_per_period", "multiplier1_re",
+    "multiplier1_im", "multiplier2_re", "multiplier2_im", "smallest_gap", "closing", "distance",
+    "periods", "impacts",
+)  # fmt: skip
+
+
+# Rows, as they are found.
+
+
+def fingerprint(resolved: Mapping[str, Any]) -> str:
+    """Return a digest of what decides the rows: model, followed parameter, and sweep."""
+    parts = {name: resolved[name] for name in ("model", "simulate")}
+    parts["parameter"] = resolved["follow"]["parameter"]
+    drawn = ("portraits", "basins", "grid", "branches", "transitions")
+    parts["simulate"] = {k: v for k, v in parts["simulate"].items() if k not in drawn}
+    return hashlib.sha256(json.dumps(parts, sort_keys=True).encode()).hexdigest()
+
+
+class Checkpoint:
+    """What was found so far, in a file that grows line by line.
+
+    Parameters
+    ----------
+    path : Path
+    digest : str
+        Of the scene, by `fingerprint`.
+    resume : bool
+        Whether what is in the file already is kept.
+
+    Attributes
+    ----------
+    rows : list of Row
+    changes : dict
+        Transitions between two rows of a sweep, by direction and value of the second one.
+    tried : set of float
+        Values at which the random starts have been made.
+
+    Raises
+    ------
+    InputError
+        If the file is of another scene, or damaged.
+    """
+
+    def __init__(self, path: Path, digest: str, resume: bool) -> None:
+        self.path = path
+        self.rows: list[Row] = []
+        self.changes: dict[tuple[str, float], list[Transition]] = {}
+        self.tried: set[float] = set()
+        lines = self._lines() if resume and path.exists() else []
+        head = json.dumps({"schema": ROWS, "scene": digest})
+        if lines and lines[0] != head:
+            raise InputError(
+                str(path), "it belongs to another scene or version",
+                "resume with the scene that was begun, or leave --resume out",
+            )  # fmt: skip
+        for line in lines[1:]:
+            self._take(line)
+        write_text(path, "".join(f"{line}\n" for line in [head, *lines[1:]]))
+
+    def _lines(self) -> list[str]:
+        """The whole lines of the file; an interrupted last one is left out."""
+        text = self.path.read_text(encoding="utf-8")
+        return [line for line in text[: text.rfind("\n") + 1].split("\n") if line]
+
+    def _take(self, line: str) -> None:
+        from .transitions import Transition
+
+        try:
+            record = json.loads(line)
+            if "row" in record:
+                self.rows.append(Row.from_record(record["row"]))
+            elif "changes" in record:
+                found = [Transition.from_record(item) for item in record["changes"]]
+                self.changes[record["direction"], record["value"]] = found
+            else:
+                self.tried.add(record["tried"])
+        except (ValueError, KeyError, TypeError) as error:
+            raise InputError(
+                str(self.path), f"damaged ({error})", "leave --resume out to begin anew"
+            ) from None
+
+    def _append(self, record: Mapping[str, Any]) -> None:
+        with open(self.path, "a", encoding="utf-8") as file:
+            file.write(json.dumps(record) + "\n")
+
+    def keep(self, row: Row) -> None:
+        """Keep one more row."""
+        self.rows.append(row)
+        self._append({"row": row.as_record()})
+
+    def keep_tried(self, value: float) -> None:
+        """Keep that the random starts at a value have been made."""
+        self.tried.add(value)
+        self._append({"tried": value})
+
+    def keep_changes(self, direction: str, value: float, found: Sequence[Transition]) -> None:
+        """Keep the transitions on the way to a row."""
+        self.changes[direction, value] = list(found)
+        records = [transition.as_record() for transition in found]
+        self._append({"direction": direction, "value": value, "changes": records})
+
+
+# Tables.
+
+
+def sweep_text(sweep: Sweep) -> str:
+    """Return ``sweep.csv``: a comment line with the schema, then a row per attractor."""
+    most = max((_shown(row.attractor) for row in sweep.rows), default=0)
+    letters = [wall.name for wall in sweep.model.WALLS]
+    names = [*sweep.model.values, *sweep.model.DERIVED]
+    columns = [*names, *COLUMNS]
+    columns += [f"{what}{k + 1}" for k in range(most) for what in ("wall", "t", "v")]
+    head = json.dumps({"schema": SWEEP, "parameter": sweep.parameter})
+    rows = (_cells(row, names, letters, most) for row in sweep.rows)
+    return f"# {head}\n" + csv_text(columns, rows)
+
+
+def _shown(attractor: Attractor) -> int:
+    return min(len(attractor.walls), WRITTEN)
+
+
+def _cells(row: Row, names: Sequence[str], letters: Sequence[str], most: int) -> list[Any]:
+    a = row.attractor
+    parts = [None, None] if a.multipliers is None else [complex(mu) for mu in a.multipliers]
+    spread = [x for mu in parts for x in ((mu.real, mu.imag) if mu is not None else (None, None))]
+    cells: list[Any] = [a.parameters[name] for name in names]
+    cells += [row.direction, a.kind.value, a.notation, a.word, a.period, a.rate, *a.exponents]
+    cells += [a.error, sum(a.exponents), a.restitution, a.per_period, *spread]
+    cells += [a.smallest_gap, a.closing, a.distance, a.periods, len(a.walls)]
+    count = _shown(a)
+    for k in range(count):
+        wall = letters[a.walls[k]] + ("*" if a.released[k] else "")
+        cells += [wall, float(a.times[k]), float(a.velocities[k])]
+    return cells + [None] * (3 * (most - count))
+
+
+def transitions_text(transitions: Sequence[Transition], parameter: str, width: float) -> str:
+    """Return ``transitions.json``."""
+    return json_text(
+        {
+            "schema": TRANSITIONS, "parameter": parameter, "width": width,
+            "transitions": [transition.as_record() for transition in transitions],
+        }
+    )  # fmt: skip
+
+
+def coverage_text(coverage: Coverage, parameter: str) -> str:
+    """Return ``coverage.json``."""
+    return json_text({"schema": COVERAGE, "parameter": parameter, **coverage.as_record()})
+
+
+def energy_text(
+    membrane: Membrane, parameter: str, sweep: Sweep | None = None, diagram: Diagram | None = None
+) -> str:
+    """Return ``energy.csv``: a row per attractor and per point of a branch.
+
+    The column ``from`` is a direction of the sweep or a branch; the comment line holds the
+    constants of membranes and ball.
+    """
+    rows = _attractor_rows(membrane, sweep) if sweep else []
+    for branch in diagram.branches if diagram else []:
+        rows += _branch_rows(membrane, branch)
+    columns = ["from", "notation", "stable", "physical", parameter]
+    columns += [name for row in rows for name in row if name not in columns]
+    columns = list(dict.fromkeys(columns))
+    head = json.dumps({"schema": ENERGY, "parameter": parameter, "membrane": asdict(membrane)})
+    return f"# {head}\n" + csv_text(columns, ([row.get(c) for c in columns] for row in rows))
+
+
+def _attractor_rows(membrane: Membrane, sweep: Sweep) -> list[dict[str, Any]]:
+    from .energy import of_attractor
+
+    rows = []
+    for row in sweep.rows:
+        a = row.attractor
+        energy = of_attractor(membrane, a)
+        derived = {name: a.parameters[name] for name in sweep.model.DERIVED}
+        means = {"U_I": energy.per_impact, "U_T": energy.per_time}
+        each = {f"U{k + 1}": u for k, u in enumerate(energy.impacts[:WRITTEN].tolist())}
+        named = {"from": row.direction, "notation": a.notation, sweep.parameter: row.value}
+        rows.append(named | derived | means | each)
+    return rows
+
+
+def _branch_rows(membrane: Membrane, branch: Branch) -> list[dict[str, Any]]:
+    from .energy import along
+
+    names = [branch.parameter, *(n for n in ("d", "gbar") if n in branch.columns)]
+    columns = {name: branch[name].tolist() for name in names}
+    columns["stable"], columns["physical"] = branch.stable.tolist(), branch.physical.tolist()
+    columns |= {name: values.tolist() for name, values in along(membrane, branch).items()}
+    return [
+        {"from": branch.id, "notation": branch.notation}
+        | {name: values[k] for name, values in columns.items()}
+        for k in range(len(branch))
+    ]

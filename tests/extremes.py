@@ -1,0 +1,376 @@
+"""Extreme cases, each with its measured outcome: what `test_extremes.py` checks and the docs show.
+
+``python tests/extremes.py docs/extremes.md`` computes the table of the documentation anew.
+"""
+
+from __future__ import annotations
+
+import math
+import sys
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from contimpact import ImpactPair, InputError, Oscillator, Settings, find_orbits
+from contimpact.bifurcations import test_functions
+from contimpact.continuation.arclength import correct
+from contimpact.mechanics.kernels import Kernels
+from contimpact.mechanics.orbit import OrbitProblem
+from contimpact.mechanics.search import settle
+from contimpact.mechanics.word import Word
+from contimpact.orbit_branch import both_ways
+from contimpact.reference import Reference
+from contimpact.switching import switch, touches_at
+
+EVENTS = ("FB", "PD", "G", "V", "T")
+CASES: dict[str, Callable[[], Row]] = {}
+
+
+@dataclass(frozen=True)
+class Row:
+    """What was measured of a case; errors are against thirty digits.
+
+    `allowed` is the largest error that double precision excuses here.
+    """
+
+    outcome: str
+    residual: float = math.nan
+    error: float = math.nan
+    condition: float = math.nan
+    allowed: float = 1e-12
+    note: str = ""
+
+
+def case(name):
+    """Put a function among the cases."""
+
+    def keep(function):
+        CASES[name] = function
+        return function
+
+    return keep
+
+
+def pair(**changes):
+    """The impact pair of Fig. 7, changed."""
+    return ImpactPair(**{"beta": math.pi / 6, "r": 0.3, "A": 5.0, "s": 0.389} | changes)
+
+
+def measured(model, word, parameter, limits, events=EVENTS, most=2, **extra):
+    """Follow orbits of a word; the worst point and event against thirty digits."""
+    kernels = Kernels(model, parameter)
+    orbits = find_orbits(model, word, kernels=kernels, starts=64, rounds=4)
+    if not orbits:
+        return Row(f"no {word} orbit found, said so")
+    residual, errors, conditions, count, points, missed = 0.0, [0.0], [0.0], 0, 0, 0
+    for orbit in orbits[:most]:
+        problem, exact = orbit.problem, Reference(orbit.problem)
+        tests = test_functions(problem, events, {})
+        run = both_ways(problem, orbit.unknowns, limits, tests, Settings(max_points=150))
+        points += len(run.points)
+        missed += sum(len(walk.missed) for walk in run.walks)
+        for event in run.events:
+            found = exact.event(event.kind, event.point.unknowns, event.details)
+            errors.append(found.distance(event.point.unknowns) if found else math.inf)
+            conditions.append(found.condition if found else math.inf)
+            residual = max(residual, event.residual)
+        count += len(run.events)
+        here = settle(problem, orbit.unknowns)
+        found = exact.orbit(here.unknowns)
+        errors.append(found.distance(here.unknowns) if found else math.inf)
+        conditions.append(found.condition if found else math.inf)
+        residual = max(residual, float(np.max(np.abs(here.residual))))
+    note = f"{len(orbits)} orbits, {points} points, {count} events" + (
+        f", {missed} sign changes reported as not located" if missed else ""
+    )
+    return Row("solved", residual, max(errors), max(conditions), note=note, **extra)
+
+
+def solved(problem, guess, exact=True, **extra):
+    """An orbit at fixed parameter from a guess, against thirty digits."""
+    here = settle(problem, guess)
+    if here is None:
+        return Row("Newton did not converge, said so")
+    found = Reference(problem).orbit(here.unknowns) if exact else None
+    error = found.distance(here.unknowns) if found else math.inf
+    return Row(
+        "solved", float(np.max(np.abs(here.residual))), error,
+        float(np.linalg.cond(here.jacobian[:, :-1])), **extra,
+    )  # fmt: skip
+
+
+for value, text in ((0.0, "0"), (1e-12, "1e-12"), (1 - 1e-12, "1 - 1e-12"), (1.0, "1")):
+    case(f"r = {text}")(lambda r=value: measured(pair(r=r, s=0.45), "1:1", "s", (0.3, 0.6)))
+
+for value, text in ((0.0, "0"), (1e-12, "1e-12"), (math.pi / 2, "pi/2")):
+    case(f"beta = {text}")(lambda b=value: measured(pair(beta=b), "1:1", "s", (0.25, 0.5)))
+
+
+@case("s, A and g over twelve decades at fixed d")
+def scaling():
+    """Everything dimensionless must agree to rounding."""
+    seen = []
+    for decade in range(-6, 7):
+        k = 10.0**decade
+        model = pair(s=0.34 * k, A=5.0 * k, g=9.8 * k)
+        orbit = find_orbits(model, "1:1", parameter="s", starts=64, rounds=4)[0]
+        tests = test_functions(orbit.problem, ("FB", "PD", "G"), {})
+        run = both_ways(orbit.problem, orbit.unknowns, (0.3 * k, 0.6 * k), tests, Settings())
+        seen.append([event.parameter / k for event in run.events])
+    spread = float(np.max(np.ptp(np.array(seen), axis=0) / np.mean(seen, axis=0)))
+    return Row("solved", error=spread, note="13 decades; error is the relative spread of events")
+
+
+@case("d -> 0: one orbit of 1:1 as s falls to 1e-9")
+def small_gap():
+    model = pair(s=0.389)
+    orbit = find_orbits(model, "1:1", parameter="s", starts=64, rounds=4)[0]
+    tests = test_functions(orbit.problem, ("FB", "PD", "T"), {})
+    settings = Settings(max_points=300)
+    run = both_ways(orbit.problem, orbit.unknowns, (1e-9, 0.4), tests, settings)
+    last = run.points[0].evaluation
+    at = last.unknowns[-1]
+    row = solved(orbit.problem, last.unknowns)
+    return Row(
+        "solved", row.residual, row.error, row.condition, 1e-11,
+        f"reached s = {at:.3g}; {run.walks[0].end.message}",
+    )  # fmt: skip
+
+
+def chattering(count):
+    """A word with `count` impacts on one wall, grown by grazings is too slow: ask the search."""
+    model = pair(s=0.05, r=0.6)
+    return measured(model, f"{count}:1", "s", (0.03, 0.08), events=("FB", "PD"), most=1)
+
+
+case("d -> 0: 6:1, chattering at the bottom")(lambda: chattering(6))
+
+
+@case("d -> 0: 200 impacts per period (100:100), r = 1")
+def many_impacts():
+    """Bouncing between walls much faster than the forcing: an adiabatic invariant, hence nearly a
+    line of orbits."""
+    model = pair(s=0.02, r=1.0, beta=0.0)
+    problem = OrbitProblem(model, Word("BT" * 100), Kernels(model, "s"))
+    gap = problem.kernels.setup(*model.values.values())[5]
+    times = np.arange(200) / 100.0
+    speeds = np.where(np.arange(200) % 2 == 0, 1.0, -1.0) * gap * 100.0
+    return solved(problem, problem.unknowns_of(times, speeds), allowed=1e-9)
+
+
+@case("word of 200 impacts, 1:1/100T")
+def long_word():
+    return repeated(pair(s=0.37), 100)
+
+
+@case("p = 64: 1:1/64T")
+def long_period():
+    return repeated(pair(s=0.37), 64)
+
+
+def repeated(model, times):
+    """The 1:1 orbit run many times: the multipliers are known powers."""
+    kernels = Kernels(model, "s")
+    orbit = find_orbits(model, "1:1", kernels=kernels, starts=64, rounds=4)[0]
+    rows = orbit.problem.impacts(orbit.unknowns)
+    later = [rows + np.array([2.0 * k, 0.0]) for k in range(times)]
+    problem = OrbitProblem(model, Word("BT" * times, times), kernels)
+    guess = problem.unknowns_of(np.vstack(later)[:, 0] + 1e-6, np.vstack(later)[:, 1])
+    row = solved(problem, guess, allowed=1e-10)
+    here = settle(problem, guess)
+    found = Reference(problem).orbit(here.unknowns)
+    large = Reference(problem).multipliers(found.unknowns)[0]
+    off = abs(float(here.multipliers[0].real / float(large)) - 1.0)
+    tests = test_functions(problem, ("FB",), {})
+    run = both_ways(problem, here.unknowns, (0.369, 0.371), tests, Settings(step=1e-2))
+    ends = run.walks[0].end.kind.name
+    return Row(
+        row.outcome, row.residual, row.error, row.condition, row.allowed,
+        f"multiplier {float(large):.3g} off by {off:.1e} (relative); branch: {ends}",
+    )  # fmt: skip
+
+
+def grazing_event():
+    """The ghost grazing of the 1:1 orbit of Fig. 7."""
+    orbit = find_orbits(pair(s=0.34), "1:1", parameter="s", starts=64, rounds=4)[0]
+    tests = test_functions(orbit.problem, ("G",), {})
+    run = both_ways(orbit.problem, orbit.unknowns, (0.3, 0.36), tests, Settings())
+    return run.events[0]
+
+
+def beside_grazing(speed):
+    """The 2:1 orbit whose new impact has a given velocity, and its largest multiplier."""
+    start = switch(grazing_event())
+    problem = start.problem
+    place = int(np.argmin(np.abs(problem.impacts(start.unknowns)[:, 1]))) * 2 + 1
+    guess = start.unknowns + start.tangent * (speed / start.tangent[place])
+    row = np.zeros(len(guess))
+    row[place] = 1.0
+    guess[place] = speed
+    scale = np.ones(len(guess))
+    here = correct(problem, guess, row, scale, Settings(tolerance=1e-15)).evaluation
+    found = Reference(problem).event("UZ", here.unknowns, {"requested": {"s": here.unknowns[-1]}})
+    exact = Reference(problem)
+    large = float(exact.multipliers([*map(exact.ctx.mpf, here.unknowns)])[0])
+    off = abs(here.multipliers[0].real / large - 1.0)
+    return Row(
+        "solved", float(np.max(np.abs(here.residual))), found.distance(here.unknowns),
+        float(np.linalg.cond(here.jacobian)),
+        note=f"multiplier {large:.3g}, off by {off:.1e} (relative) from the product in 48 digits",
+    )  # fmt: skip
+
+
+for value in (1e-6, 1e-10, 1e-14):
+    case(f"impact velocity {value:.0e} beside a grazing")(lambda v=value: beside_grazing(v))
+
+
+@case("two grazings 1e-11 apart (beta = 1e-11)")
+def close_events():
+    return symmetric_grazings(1e-11)
+
+
+@case("grazing on two flights at once (beta = 0)")
+def double_grazing():
+    return symmetric_grazings(0.0)
+
+
+def symmetric_grazings(beta):
+    """The grazings of the (nearly) symmetric 1:1 orbit, one on each flight."""
+    kernels = Kernels(pair(beta=beta), "s")
+    errors, apart, residual, orders = [], [], 0.0, []
+    for orbit in find_orbits(pair(beta=beta, s=0.33), "1:1", kernels=kernels):
+        tests = test_functions(orbit.problem, ("G",), {})
+        run = both_ways(orbit.problem, orbit.unknowns, (0.05, 0.6), tests, Settings())
+        exact = Reference(orbit.problem)
+        for event in run.events:
+            found = exact.event("G", event.point.unknowns, event.details)
+            errors.append(found.distance(event.point.unknowns))
+            residual = max(residual, event.residual)
+            orders.append(len(touches_at(event)))
+        places = sorted(event.parameter for event in run.events)
+        apart += np.diff(places).tolist()
+    return Row(
+        "solved", residual, max(errors, default=math.inf),
+        note=f"{len(errors)} events, closest {min(apart, default=math.nan):.1e} apart, "
+        f"touches at each {sorted(set(orders))}",
+    )  # fmt: skip
+
+
+@case("FB meets G (codimension two), 2:1 -> 3:1")
+def fold_at_grazing():
+    """Where the branch born at the grazing leaves it vertically; found by bisection in r."""
+
+    def rate(r):
+        model = pair(s=0.30, r=r)
+        orbits = find_orbits(model, "2:1", parameter="s", starts=64, rounds=4)
+        best = None
+        for orbit in orbits:
+            tests = test_functions(orbit.problem, ("G",), {})
+            run = both_ways(orbit.problem, orbit.unknowns, (0.15, 0.40), tests, Settings())
+            for event in run.events:
+                if event.details["flight"] in (0, 1) and event.details["wall"] == "B":
+                    inward = switch(event)
+                    if inward is None:
+                        continue
+                    value = inward.tangent[-1] / np.linalg.norm(inward.tangent)
+                    if best is None or event.parameter > best[1].parameter:
+                        best = (value, event)
+        return best
+
+    low, high = 0.30, 0.5
+    first, last = rate(low), rate(high)
+    if first is None or last is None or first[0] * last[0] > 0.0:
+        return Row("no change of side between r = 0.3 and 0.5, said so")
+    for _ in range(45):
+        middle = 0.5 * (low + high)
+        here = rate(middle)
+        if here is None:
+            return Row("the grazing was lost, said so")
+        low, high = (middle, high) if here[0] * first[0] > 0.0 else (low, middle)
+    event = here[1]
+    start = switch(event)
+    tests = test_functions(start.problem, ("FB", "V"), {})
+    run = both_ways(start.problem, start.unknowns, (0.15, 0.40), tests, Settings())
+    near = [e for e in run.events if abs(e.parameter - event.parameter) < 1e-6]
+    errors = [0.0]
+    for e in near:
+        found = Reference(start.problem).event(e.kind, e.point.unknowns, e.details)
+        errors.append(found.distance(e.point.unknowns) if found else math.inf)
+    kinds = "+".join(sorted(e.kind for e in near))
+    return Row(
+        "solved", max((e.residual for e in near), default=math.nan), max(errors), allowed=1e-9,
+        note=f"r = {middle:.12g}, s = {event.parameter:.12g}; found there: {kinds or 'nothing'}",
+    )  # fmt: skip
+
+
+for text in ("cos(pi*t) + 0.3*cos(25*pi*t)", "cos(pi*t) - 0.999999*cos(pi*t)"):
+    case(f"forcing {text}")(
+        lambda f=text: measured(
+            pair(forcing=f, s=0.389 if "25" in f else 0.389e-6, g=9.8 if "25" in f else 9.8e-6),
+            "1:1", "s", (0.3, 0.5) if "25" in f else (0.3e-6, 0.5e-6),
+        )
+    )  # fmt: skip
+
+
+@case("flights of 16 periods (B/16T)")
+def long_flights():
+    return measured(pair(s=50.0, A=50.0), "B/16T", "s", (40.0, 60.0), allowed=1e-11)
+
+
+@case("flights of 200 periods (oscillator, S/200T)")
+def very_long_flights():
+    model = Oscillator(a=1.0, omega=3.7, c=0.01, k=1.0, sigma=0.05, r=0.8)
+    return measured(model, "S/200T", "sigma", (0.01, 0.07), allowed=1e-9)
+
+
+@case("late times: the orbit of Fig. 7 after 1e6 periods")
+def late():
+    orbit = find_orbits(pair(), "1:1", parameter="s", starts=64, rounds=4)[0]
+    problem = orbit.problem
+    later = orbit.unknowns.copy()
+    later[: -1 : problem.m] += 2e6
+    row = np.zeros(len(later))
+    row[-1] = 1.0
+    scale = problem.scale(later, 1.0)
+    result = correct(problem, later, row, scale, Settings())
+    if result.evaluation is None:
+        return Row(f"refused: {result.reason}")
+    here = result.evaluation
+    found = Reference(problem).orbit(here.unknowns)
+    return Row(
+        "solved", float(np.max(np.abs(here.residual))), found.distance(here.unknowns),
+        float(np.linalg.cond(here.jacobian)), 1e-9,
+        note=f"a double near 2e6 is rounded by {np.spacing(2e6):.1e}; the search starts in [0, T)",
+    )  # fmt: skip
+
+
+def measure(name):
+    """One row; refusals by `InputError` are outcomes."""
+    try:
+        return CASES[name]()
+    except InputError as error:
+        return Row(f"refused: {error}")
+
+
+def table():
+    """The table of the documentation."""
+    lines = [
+        "| case | outcome | residual | error | condition | remark |",
+        "|---|---|---|---|---|---|",
+    ]
+    for name in CASES:
+        row = measure(name)
+        numbers = (row.residual, row.error, row.condition)
+        shown = " | ".join("" if math.isnan(x) else f"{x:.0e}" for x in numbers)
+        lines.append(f"| {name} | {row.outcome} | {shown} | {row.note} |")
+    return "\n".join(lines)
+
+
+MARK = "<!-- table: python tests/extremes.py docs/extremes.md -->"
+
+if __name__ == "__main__":
+    page = Path(sys.argv[1])
+    head, _, _ = page.read_text(encoding="utf-8").partition(MARK)
+    page.write_text(f"{head}{MARK}\n\n{table()}\n", encoding="utf-8")

@@ -1,0 +1,290 @@
+"""The laws of the house, read from the source: who may import whom, and what stands nowhere."""
+
+from __future__ import annotations
+
+import ast
+import re
+from functools import cache
+from pathlib import Path
+from typing import NamedTuple
+
+import pytest
+
+import contimpact
+
+PACKAGE = Path(contimpact.__file__).parent
+FILES = {
+    ".".join(path.relative_to(PACKAGE.parent).with_suffix("").parts).removesuffix(".__init__"): path
+    for path in sorted(PACKAGE.rglob("*.py"))
+}
+"""Every module of the package, by its dotted name."""
+
+PARTS = ("contimpact.continuation", "contimpact.mechanics", "contimpact.systems")
+
+
+class Import(NamedTuple):
+    """One imported module: where it stands and when it is executed."""
+
+    module: str
+    line: int
+    at_import: bool
+
+
+@cache
+def tree(module):
+    return ast.parse(FILES[module].read_text(encoding="utf-8"), str(FILES[module]))
+
+
+def walked(node, at_import=True):
+    """Every node, and whether it is executed when the module is imported."""
+    for child in ast.iter_child_nodes(node):
+        later = isinstance(child, ast.FunctionDef | ast.AsyncFunctionDef | ast.Lambda)
+        typing = isinstance(child, ast.If) and "TYPE_CHECKING" in ast.unparse(child.test)
+        now = at_import and not later and not typing
+        yield child, now
+        yield from walked(child, now)
+
+
+@cache
+def imports(module):
+    """The modules a module imports; of ``from a import b``, a.b where that is a module."""
+    package = module if FILES[module].name == "__init__.py" else module.rpartition(".")[0]
+    found = []
+    for node, at_import in walked(tree(module)):
+        if isinstance(node, ast.Import):
+            found += [Import(alias.name, node.lineno, at_import) for alias in node.names]
+        elif isinstance(node, ast.ImportFrom):
+            above = package.split(".")[: len(package.split(".")) + 1 - node.level]
+            base = ".".join([*(above if node.level else []), *filter(None, [node.module])])
+            for alias in node.names:
+                whole = f"{base}.{alias.name}"
+                found.append(Import(whole if whole in FILES else base, node.lineno, at_import))
+    return tuple(found)
+
+
+def inside(module, package):
+    return module == package or module.startswith(f"{package}.")
+
+
+def modules_of(package):
+    return [module for module in FILES if inside(module, package)]
+
+
+def own(module):
+    """The modules of the package that a module imports."""
+    return {i.module for i in imports(module) if inside(i.module, "contimpact")}
+
+
+def places(module, wanted):
+    return [f"{FILES[module].name}:{i.line}: {i.module}" for i in imports(module) if wanted(i)]
+
+
+def test_the_reader_of_imports():
+    """The test of the tests: what it must see in the package as it is."""
+    assert set(PARTS) < set(FILES)
+    assert "contimpact.errors" in own("contimpact.mechanics.model")
+    assert "contimpact.mechanics.model" in own("contimpact.systems.impact_pair")
+    symbolic = [i for i in imports("contimpact.systems.impact_pair") if "symbolic" in i.module]
+    assert symbolic
+    assert not any(i.at_import for i in symbolic)
+    assert any(i.module.startswith("matplotlib") for i in imports("contimpact.plot"))
+    assert len(FILES) > 20
+
+
+@pytest.mark.parametrize("module", modules_of("contimpact.continuation"))
+def test_continuation_knows_no_mechanics(module):
+    foreign = {m for m in own(module) if not inside(m, "contimpact.continuation")}
+    assert foreign <= {"contimpact.errors"}
+
+
+@pytest.mark.parametrize(
+    "module", modules_of("contimpact.mechanics") + modules_of("contimpact.systems")
+)
+def test_mechanics_knows_no_continuation(module):
+    parts = ("contimpact.mechanics", "contimpact.systems")
+    foreign = {m for m in own(module) if not any(inside(m, part) for part in parts)}
+    assert foreign <= {"contimpact.errors", "contimpact.expressions"}
+
+
+@pytest.mark.parametrize("module", modules_of("contimpact.mechanics"))
+def test_mechanics_knows_no_system(module):
+    assert not any(inside(m, "contimpact.systems") for m in own(module))
+
+
+@pytest.mark.parametrize("module", modules_of("contimpact.systems"))
+def test_a_system_stands_on_the_model_alone(module):
+    allowed = {"contimpact.errors", "contimpact.mechanics.model", "contimpact.mechanics.symbolic"}
+    assert own(module) <= allowed
+
+
+PICTURES = [m for m in FILES if re.fullmatch(r"contimpact\.(plot(_\w+)?|\w+_diagram)", m)]
+"""The rooms where pictures are drawn, by their names."""
+
+
+@pytest.mark.parametrize("module", [m for m in FILES if m not in PICTURES])
+def test_only_pictures_import_matplotlib(module):
+    assert places(module, lambda i: inside(i.module, "matplotlib")) == []
+
+
+@pytest.mark.parametrize("module", [m for m in FILES if m not in PICTURES])
+def test_pictures_are_imported_where_they_are_drawn(module):
+    """Whoever imports them at import time would bring matplotlib along."""
+    assert places(module, lambda i: i.module in PICTURES and i.at_import) == []
+
+
+@pytest.mark.parametrize("module", FILES)
+def test_pyplot_is_imported_nowhere(module):
+    assert places(module, lambda i: "pyplot" in i.module) == []
+    assert "pyplot" not in FILES[module].read_text(encoding="utf-8")
+
+
+@pytest.mark.parametrize("module", FILES)
+def test_sympy_is_imported_where_it_is_used(module):
+    found = places(module, lambda i: inside(i.module, "sympy") and i.at_import)
+    if module not in ("contimpact.mechanics.codegen", "contimpact.mechanics.symbolic"):
+        assert found == []
+
+
+@pytest.mark.parametrize("module", FILES)
+def test_the_symbolic_modules_are_imported_where_they_are_used(module):
+    """Whoever imports them at import time would bring SymPy along."""
+    symbolic = {"contimpact.mechanics.codegen", "contimpact.mechanics.symbolic"}
+    if module not in symbolic:
+        assert places(module, lambda i: i.module in symbolic and i.at_import) == []
+
+
+@pytest.mark.parametrize("module", FILES)
+def test_pandas_is_optional(module):
+    assert places(module, lambda i: inside(i.module, "pandas") and i.at_import) == []
+
+
+@pytest.mark.parametrize("module", FILES)
+def test_nothing_unsafe(module):
+    unsafe = {"pickle", "marshal", "shelve", "dill", "joblib", "subprocess", "ctypes"}
+    assert places(module, lambda i: i.module.split(".")[0] in unsafe) == []
+    called = [n.func for n, _ in walked(tree(module)) if isinstance(n, ast.Call)]
+    names = {f.id for f in called if isinstance(f, ast.Name)}
+    attributes = {f.attr for f in called if isinstance(f, ast.Attribute)}
+    assert not names & {"eval", "__import__", "input", "breakpoint"}
+    assert not attributes & {"parse_expr", "system", "popen"}
+    if module != "contimpact.mechanics.kernels":  # runs the kernels' own source
+        assert "exec" not in names
+
+
+@pytest.mark.parametrize("module", FILES)
+def test_only_the_door_prints(module):
+    printing = [
+        f"{FILES[module].name}:{node.lineno}"
+        for node, _ in walked(tree(module))
+        if (isinstance(node, ast.Name) and node.id == "print")
+        or (isinstance(node, ast.Attribute) and node.attr in ("stdout", "stderr"))
+    ]
+    assert printing == [] or module == "contimpact.cli"
+
+
+@pytest.mark.parametrize("module", FILES)
+def test_only_the_door_exits(module):
+    exits = [
+        node
+        for node, _ in walked(tree(module))
+        if isinstance(node, ast.Name) and node.id in ("SystemExit", "exit", "quit")
+    ]
+    assert exits == []
+    if module not in ("contimpact.cli", "contimpact.__main__"):
+        assert not re.search(r"\bsys\.exit\b", FILES[module].read_text(encoding="utf-8"))
+
+
+@pytest.mark.parametrize("module", FILES)
+def test_no_warning_is_silenced_and_no_exception_swallowed(module):
+    bare = [
+        node.lineno
+        for node, _ in walked(tree(module))
+        if isinstance(node, ast.ExceptHandler)
+        and (node.type is None or all(isinstance(n, ast.Pass) for n in node.body))
+    ]
+    assert bare == []
+    assert places(module, lambda i: i.module == "warnings") == []
+
+
+MACHINE = re.compile(
+    r"""(?<![\w.:/])(/(home|root|Users|usr|opt|mnt|tmp|var|srv|data)/|[A-Za-z]:\\\\|~/)"""
+)
+
+
+@pytest.mark.parametrize("module", FILES)
+def test_no_path_of_a_machine(module):
+    lines = FILES[module].read_text(encoding="utf-8").splitlines()
+    assert [line for line in lines if MACHINE.search(line)] == []
+
+
+def test_the_reader_of_paths():
+    assert MACHINE.search('open("/home/me/file")')
+    assert MACHINE.search("# see /opt/notes")
+    assert not MACHINE.search("a ratio n/m, `examples/data/x`, https://host/home/x")
+
+
+@pytest.mark.parametrize("module", FILES)
+def test_imports_are_relative_within_the_package(module):
+    """So that a copy under another name would be whole."""
+    absolute = [
+        node.lineno
+        for node, _ in walked(tree(module))
+        if (isinstance(node, ast.ImportFrom) and not node.level and node.module
+            and inside(node.module, "contimpact"))
+        or (isinstance(node, ast.Import) and any(inside(a.name, "contimpact") for a in node.names))
+    ]  # fmt: skip
+    assert absolute == []
+
+
+def test_imports_run_one_way():
+    """No cycle among what modules import while they are imported."""
+    graph = {
+        module: {i.module for i in imports(module) if i.at_import and i.module in FILES}
+        for module in FILES
+    }
+    done, path = set(), []
+
+    def visit(module):
+        assert module not in path, " -> ".join([*path[path.index(module) :], module])
+        if module in done:
+            return
+        path.append(module)
+        for other in sorted(graph[module]):
+            visit(other)
+        done.add(path.pop())
+
+    for module in graph:
+        visit(module)
+
+
+LAYERS = {
+    "contimpact.scene": {"explore", "cli", "plot", "catalogue"},
+    "contimpact.diagram": {"explore", "cli", "plot", "catalogue", "scene"},
+    "contimpact.plot": {"explore", "cli", "scene", "catalogue"},
+    "contimpact.catalogue": {"explore", "cli", "plot", "scene"},
+    "contimpact.explore": {"cli", "plot", "catalogue"},
+    "contimpact.bifurcations": {"explore", "cli", "plot", "catalogue", "scene", "diagram"},
+}
+"""What each of these must not know."""
+
+
+@pytest.mark.parametrize("module", LAYERS)
+def test_layers(module):
+    assert not {m.removeprefix("contimpact.") for m in own(module)} & LAYERS[module]
+
+
+def test_errors_know_nothing():
+    assert own("contimpact.errors") == set()
+
+
+@pytest.mark.parametrize("module", [m for m in FILES if m != "contimpact.cli"])
+def test_nobody_comes_through_the_door(module):
+    if module != "contimpact.__main__":
+        assert "contimpact.cli" not in own(module)
+
+
+@pytest.mark.parametrize("module", FILES)
+def test_every_module_says_what_it_is(module):
+    text = ast.get_docstring(tree(module))
+    assert text
+    assert text.splitlines()[0].endswith((".", ":", "?"))

@@ -1,0 +1,441 @@
+"""The crossing rule, and the location of events on curves with closed-form answers."""
+
+from __future__ import annotations
+
+import itertools
+import math
+from dataclasses import dataclass
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from contimpact.continuation.arclength import Settings, point_after
+from contimpact.continuation.branch import Event, Missed, Point
+from contimpact.continuation.events import (
+    Located,
+    Segment,
+    TestFunction,
+    UserFunction,
+    crossings,
+    find_events,
+)
+from contimpact.continuation.walk import walk
+
+EPSILON = float(np.finfo(float).eps)
+
+
+@dataclass(frozen=True)
+class Values:
+    """An evaluation."""
+
+    unknowns: np.ndarray
+    residual: np.ndarray
+    jacobian: np.ndarray
+
+
+@dataclass
+class Curve:
+    """One equation f(x, p) = 0."""
+
+    equation: object
+    derivatives: object
+
+    def evaluate(self, unknowns):
+        x, p = unknowns.tolist()
+        return Values(unknowns, np.array([self.equation(x, p)]), np.array([self.derivatives(x, p)]))
+
+    def scale(self, unknowns, span):
+        return np.ones(2)
+
+    def difference(self, one, other):
+        return one - other
+
+
+LINE = Curve(lambda x, p: x - 2.0 * p, lambda x, p: [1.0, -2.0])
+CIRCLE = Curve(lambda x, p: x * x + p * p - 1.0, lambda x, p: [2.0 * x, 2.0 * p])
+CUBIC = Curve(lambda x, p: x**3 + x - p, lambda x, p: [3.0 * x * x + 1.0, -1.0])
+
+
+def follow(curve, start, direction, tests, max_points=2000):
+    return walk(
+        curve, np.array(start), direction, parameter="p", limits=(-3.0, 3.0), tests=tests,
+        settings=Settings(max_points=max_points),
+    )  # fmt: skip
+
+
+def user(function, kind="mine"):
+    return UserFunction(kind, function)
+
+
+def segment_of(curve, left, right):
+    """Two points of a curve as neighbours of a walk."""
+    left, right = np.array(left), np.array(right)
+    chord = right - left
+    before = Point(curve.evaluate(left), chord / np.linalg.norm(chord), np.nan, 1.0, 0)
+    first = point_after(before, before.evaluation, 0, np.ones(2))
+    second = point_after(first, curve.evaluate(right), 0, np.ones(2))
+    return Segment(curve, first, second, np.ones(2), Settings())
+
+
+def events_on(segment, *tests):
+    left = [test.values(segment.left) for test in tests]
+    right = [test.values(segment.right) for test in tests]
+    return find_events(list(tests), segment, left, right)
+
+
+# The crossing rule: zero counts as positive
+
+
+@pytest.mark.parametrize(
+    ("left", "right", "crosses"),
+    [
+        (-1.0, 1.0, True),
+        (1.0, -1.0, True),
+        (-1.0, -2.0, False),
+        (2.0, 1.0, False),
+        (-1.0, 0.0, True),  # arrives at zero from below: found on this side
+        (0.0, 1.0, False),  # and not again on the other
+        (1.0, 0.0, False),  # arrives at zero from above: not yet
+        (0.0, -1.0, True),  # found when it leaves
+        (0.0, 0.0, False),
+        (-0.0, 0.0, False),  # the sign of zero does not matter
+        (0.0, -0.0, False),
+        (1.0, -0.0, False),
+        (-0.0, -1.0, True),
+        (-1.0, -0.0, True),
+        (-5e-324, 5e-324, True),
+        (-math.inf, math.inf, True),
+        (math.nan, 1.0, False),
+        (math.nan, -1.0, False),
+        (1.0, math.nan, False),
+        (-1.0, math.nan, False),
+        (math.nan, math.nan, False),
+    ],
+)
+def test_crossing_rule(left, right, crosses):
+    assert crossings(np.array([left]), np.array([right])) == ([0] if crosses else [])
+
+
+def test_each_component_crosses_for_itself():
+    left = np.array([1.0, -1.0, math.nan, 0.0, 3.0])
+    right = np.array([-1.0, 1.0, -1.0, -2.0, 4.0])
+    assert crossings(left, right) == [0, 1, 3]
+    assert crossings(np.array([]), np.array([])) == []
+
+
+@settings(deadline=None, derandomize=True)
+@given(st.lists(st.sampled_from([-1.0, -0.0, 0.0, 1.0]), min_size=2, max_size=12))
+def test_zeros_on_points_are_counted_the_same_both_ways(values):
+    """A walk and its reverse find as many zeros: those of the values with zero taken as one."""
+
+    def count(sequence):
+        pairs = itertools.pairwise(sequence)
+        return sum(len(crossings(np.array([a]), np.array([b]))) for a, b in pairs)
+
+    signs = [1.0 if value == 0.0 else value for value in values]
+    expected = sum(a != b for a, b in itertools.pairwise(signs))
+    assert count(values) == count(values[::-1]) == expected
+
+
+@pytest.mark.parametrize("direction", [1, -1])
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+@pytest.mark.parametrize("number", [1, 2, 5, 9])
+@pytest.mark.parametrize("curve", [LINE, CUBIC])
+def test_a_zero_exactly_on_a_point_is_found_once(curve, number, sign, direction):
+    """The walk takes the same steps with and without the test function."""
+    target = follow(curve, [0.0, 0.0], direction, []).points[number].parameter
+    tests = [user(lambda point: sign * (point.parameter - target))]
+    found = follow(curve, [0.0, 0.0], direction, tests)
+    assert not found.missed
+    (event,) = found.events
+    assert abs(event.parameter - target) <= event.error
+    assert event.error < 5e-12  # measured: 8e-13
+
+
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_a_zero_at_the_start_belongs_to_one_of_both_walks(sign):
+    tests = [user(lambda point: sign * point.parameter)]
+    walks = [follow(LINE, [0.0, 0.0], direction, tests) for direction in (1, -1)]
+    (event,) = [event for w in walks for event in w.events]
+    assert abs(event.parameter) <= event.error < 1e-15
+
+
+# Not-a-number
+
+
+def test_values_that_do_not_exist_cross_nothing():
+    tests = [user(lambda p: p.parameter - 0.4 if p.parameter < 0.3 else math.nan)]
+    found = follow(LINE, [0.0, 0.0], 1, tests)
+    assert found.events == []
+    assert found.missed == []
+
+
+def test_a_value_that_ceases_to_exist_inside_a_bracket_is_reported():
+    segment = segment_of(LINE, [0.0, 0.0], [2.0, 1.0])
+    test = user(lambda p: math.nan if 0.2 < p.parameter < 0.8 else p.parameter - 0.5)
+    events, (missed,) = events_on(segment, test)
+    assert events == []
+    assert missed == Missed("mine", (0.0, 1.0), "the test function has no value inside the bracket")
+
+
+# Location by bracketing
+
+
+@pytest.mark.parametrize(
+    ("curve", "start", "direction"),
+    [
+        (LINE, [0.0, 0.0], 1),
+        (LINE, [1.8, 0.9], -1),
+        (CIRCLE, [1.0, 0.0], 1),
+        (CIRCLE, [0.0, 1.0], -1),
+        (CUBIC, [0.0, 0.0], 1),
+    ],
+)
+@settings(deadline=None, derandomize=True)
+@given(target=st.floats(0.02, 0.85))
+def test_the_error_of_a_bracketed_event_is_honest(curve, start, direction, target):
+    """Measured: true error at most 0.4 times the one reported, and that below 1e-12."""
+    found = follow(curve, start, direction, [user(lambda p: p.parameter - target)], max_points=40)
+    event = min(found.events, key=lambda e: abs(e.parameter - target))
+    assert event.method == "bracket"
+    assert abs(event.parameter - target) <= event.error + EPSILON
+    if event.parameter != target:  # an exact zero ends the bracketing before it has closed
+        assert event.error < 5e-12
+    assert event.residual <= 1e-12
+
+
+@pytest.mark.parametrize(
+    "function",
+    [
+        lambda p, c: (p - c) ** 3,
+        lambda p, c: math.expm1(40.0 * (p - c)),
+        lambda p, c: math.copysign(abs(p - c) ** 0.2, p - c),
+        lambda p, c: 1e-200 * (p - c),
+        lambda p, c: 1e200 * (p - c),
+        lambda p, c: math.atan(1e6 * (p - c)),
+    ],
+    ids=["flat", "steep", "vertical", "tiny", "huge", "step-like"],
+)
+@pytest.mark.parametrize("target", [0.0071, 0.37, 1.234567])
+def test_awkward_functions_are_located_with_an_honest_error(function, target):
+    found = follow(LINE, [0.0, 0.0], 1, [user(lambda p: function(p.parameter, target))])
+    assert found.missed == []
+    (event,) = found.events
+    assert abs(event.parameter - target) <= 2.0 * event.error
+    if event.parameter != target:  # an exact zero ends the bracketing before it has closed
+        # secants are slow on the cube: measured 3.2e-10; 2e-14 on the others
+        assert event.error < 1e-9
+
+
+def test_on_a_circle_every_passage_is_found():
+    target = 0.3
+    tests = [user(lambda p: p.parameter - target), user(lambda p: p.unknowns[0], "x")]
+    found = follow(CIRCLE, [1.0, 0.0], 1, tests)
+    expected = [("mine", 0.3), ("x", 1.0), ("mine", 0.3), ("x", -1.0)]
+    assert [event.kind for event in found.events] == [kind for kind, _ in expected]
+    for event, (_, value) in zip(found.events, expected, strict=True):
+        # near p = 1 the curve is flat, and the residual's 1e-12 decides: measured 3e-13
+        assert abs(event.parameter - value) <= 2.0 * event.error
+        assert event.error < 1e-11
+
+
+def test_a_bracketed_event_lies_on_the_curve_and_in_order():
+    tests = [user(lambda p: p.parameter - 0.30), user(lambda p: p.parameter - 0.31, "other")]
+    for direction, kinds in ((1, ["mine", "other"]), (-1, ["other", "mine"])):
+        start = [0.0, 0.0] if direction > 0 else [0.68, 0.68 + 0.68**3]
+        found = follow(CUBIC, start, direction, tests)
+        first, second = found.events
+        assert [first.kind, second.kind] == kinds
+        assert first.point.arclength < second.point.arclength
+        for event in found.events:
+            x, p = event.point.unknowns
+            assert abs(x**3 + x - p) <= 1e-12
+
+
+def test_two_zeros_within_one_step_are_put_in_order():
+    segment = segment_of(LINE, [0.0, 0.0], [2.0, 1.0])
+    tests = [user(lambda p: p.parameter - 0.7, "late"), user(lambda p: 0.2 - p.parameter, "early")]
+    events, missed = events_on(segment, *tests)
+    assert [event.kind for event in events] == ["early", "late"]
+    assert missed == []
+
+
+def test_a_function_of_several_components_says_which_one_vanished():
+    class Several(TestFunction):
+        kind = "several"
+
+        def values(self, point):
+            return np.array([1.0, 0.75 - point.parameter, math.nan, point.parameter - 0.25])
+
+    events, missed = events_on(segment_of(LINE, [0.0, 0.0], [2.0, 1.0]), Several())
+    assert [event.details["index"] for event in events] == [3, 1]
+    assert [event.parameter for event in events] == pytest.approx([0.25, 0.75], abs=1e-14)
+    assert missed == []
+
+
+# Functions that jump
+
+
+@pytest.mark.parametrize(
+    "function",
+    [
+        lambda p: math.copysign(1.0, p - 0.4),
+        lambda p: 2.0 if p < 0.4 else -1.0,
+        lambda p: p - 1.0 if p < 0.4 else p + 1.0,
+        lambda p: 1.0 / (p - 0.4),
+        lambda p: math.tan(math.pi * (p + 0.1)),
+        lambda p: -((p - 0.4) ** -3),
+    ],
+    ids=["sign", "step", "sawtooth", "pole", "tangent", "odd pole"],
+)
+@pytest.mark.parametrize("direction", [1, -1])
+def test_a_jump_is_not_an_event(function, direction):
+    start = [0.0, 0.0] if direction > 0 else [1.6, 0.8]
+    limit = user(lambda point: function(point.parameter))
+    found = walk(LINE, np.array(start), direction, parameter="p", limits=(0.0, 0.8), tests=[limit])
+    assert found.events == []
+    (missed,) = found.missed
+    assert missed.kind == "mine"
+    assert missed.reason == "the test function jumps without passing through zero"
+    assert min(missed.parameters) <= 0.4 <= max(missed.parameters)
+
+
+def test_a_zero_next_to_a_jump_is_still_found():
+    tests = [user(lambda p: p.parameter - 0.2 if p.parameter < 0.4 else p.parameter - 1.0)]
+    found = follow(LINE, [0.0, 0.0], 1, tests)
+    assert [round(event.parameter, 12) for event in found.events] == [0.2, 1.0]
+    (missed,) = found.missed
+    assert missed.parameters[0] < 0.4 <= missed.parameters[1]
+
+
+# Newton on an extended system
+
+
+class Passage(TestFunction):
+    """The parameter takes a value; `offset` puts the located point beside it."""
+
+    kind = "passage"
+
+    def __init__(self, target, offset=0.0, error=1e-16, accepted=True):
+        self.target, self.offset, self.error, self.accepted = target, offset, error, accepted
+        self.guesses = 0
+
+    def values(self, point):
+        return np.array([point.parameter - self.target])
+
+    def locate(self, problem, guess, index):
+        self.guesses += 1
+        p = self.target + self.offset
+        return Located(np.array([2.0 * p, p]), 0.0, self.error, {"asked": self.target})
+
+    def accept(self, event):
+        return self.accepted
+
+    def details(self, point, index):
+        return {"index": index, "bracketed": True}
+
+
+def step_of_line():
+    return segment_of(LINE, [0.2, 0.1], [0.4, 0.2])
+
+
+def test_newton_decides_where_it_works():
+    test = Passage(0.15)
+    (event,), missed = events_on(step_of_line(), test)
+    assert isinstance(event, Event)
+    assert (event.kind, event.method, event.parameter) == ("passage", "newton", 0.15)
+    assert (event.residual, event.error) == (0.0, 1e-16)
+    assert event.details == {"index": 0, "asked": 0.15}
+    assert missed == []
+    assert test.guesses == 1
+
+
+def test_the_arclength_of_an_event_lies_between_its_points():
+    segment = step_of_line()
+    (event,), _ = events_on(segment, Passage(0.15))
+    middle = 0.5 * (segment.left.arclength + segment.right.arclength)
+    assert event.point.arclength == pytest.approx(middle, abs=1e-15)
+
+
+@pytest.mark.parametrize(
+    "test",
+    [
+        Passage(0.15, offset=0.06),  # beyond the right end
+        Passage(0.15, offset=-0.06),  # before the left end
+        Passage(0.15, error=1e-6),  # converged, but badly conditioned
+        Passage(0.15, error=math.nan),
+    ],
+)
+def test_where_newton_leaves_the_step_the_bracket_decides(test):
+    (event,), missed = events_on(step_of_line(), test)
+    assert event.method == "bracket"
+    assert event.parameter == pytest.approx(0.15, abs=1e-15)
+    assert event.details == {"index": 0, "bracketed": True}
+    assert missed == []
+
+
+@pytest.mark.parametrize(("target", "left"), [(0.1, True), (0.2, False)])
+def test_newton_may_land_exactly_on_an_end(target, left):
+    """On the left end the function leaves its zero, on the right end it arrives there."""
+    test = Passage(target)
+    segment = step_of_line()
+    values = [-1.0, 1.0] if not left else [1.0, -1.0]
+    events, missed = find_events([test], segment, [np.array(values[:1])], [np.array(values[1:])])
+    assert [event.parameter for event in events] == [target]
+    assert missed == []
+
+
+def test_a_zero_that_is_turned_down_is_neither_an_event_nor_missed():
+    assert events_on(step_of_line(), Passage(0.15, accepted=False)) == ([], [])
+
+
+def test_a_bracket_without_points_is_reported():
+    """Between both branches of a hyperbola no point is reached, though the sign changes."""
+    hyperbola = Curve(lambda x, p: x * x - p * p + 1.0, lambda x, p: [2.0 * x, -2.0 * p])
+    left, right = [0.1, -math.sqrt(1.01)], [0.1, math.sqrt(1.01)]
+    segment = segment_of(hyperbola, left, right)
+    events, (missed,) = events_on(segment, user(lambda p: p.parameter - 0.1))
+    assert events == []
+    assert missed.reason == "no point of the branch was reached inside the bracket"
+
+
+# Segments
+
+
+@pytest.mark.parametrize("fraction", [0.0, 0.1, 0.5, 0.77, 1.0])
+def test_points_at_a_fraction_of_a_segment(fraction):
+    turns = (0.3, 0.4)
+    segment = segment_of(CIRCLE, *[[math.cos(turn), math.sin(turn)] for turn in turns])
+    point = segment.at(fraction)
+    assert abs(np.hypot(*point.unknowns) - 1.0) < 1e-12
+    # the chord and the cubic through both ends share their ends, not their pace: measured 1.2e-4
+    along = segment.fraction(point.unknowns)
+    assert along == pytest.approx(fraction, abs=2e-4 if 0.0 < fraction < 1.0 else 1e-14)
+    span = segment.right.arclength - segment.left.arclength
+    expected = segment.left.arclength + along * span
+    assert point.arclength == pytest.approx(expected, abs=1e-14)
+    assert segment.holds(point.unknowns)
+
+
+def test_a_segment_holds_what_is_near_its_chord():
+    segment = segment_of(LINE, [0.0, 0.0], [2.0, 1.0])
+    inside, beyond = np.array([1.0, 0.5]), np.array([2.02, 1.01])
+    aside = inside + 0.6 * np.array([1.0, -2.0])
+    assert segment.holds(inside)
+    assert not segment.holds(beyond)
+    assert not segment.holds(-0.01 * beyond)
+    assert not segment.holds(aside)
+
+
+def test_a_segment_across_a_branch_point_is_connected():
+    pitchfork = Curve(lambda x, p: x**3 - p * x, lambda x, p: [3.0 * x * x - p, -x])
+    assert segment_of(pitchfork, [0.0, -0.05], [0.0, 0.03]).connected()
+
+
+@pytest.mark.parametrize("gap", [1e-1, 1e-2, 1e-3, 1e-4])
+def test_a_segment_between_two_branches_is_not_connected(gap):
+    """Closer than 4e-4 of a step they are taken to cross; here the step is 0.1."""
+    pair = Curve(lambda x, p: x * (x - gap), lambda x, p: [2.0 * x - gap, 0.0])
+    assert not segment_of(pair, [0.0, 0.0], [gap, 0.1]).connected()

@@ -1,0 +1,455 @@
+"""The diagram as a picture: what is drawn, with which marks, and what is left alone."""
+
+from __future__ import annotations
+
+import copy
+import dataclasses
+import json
+import re
+import subprocess
+import sys
+import tomllib
+from pathlib import Path
+
+import matplotlib
+import numpy as np
+import pytest
+from matplotlib.colors import to_hex, to_rgb
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+
+from contimpact import follow, plot_diagram, read_scene
+from contimpact.diagram import Diagram
+from contimpact.plot import COLOURS, MARKERS, STYLES, label_text, save_diagram
+
+BRANCHES = Path(__file__).parent.parent / "branches"
+
+
+def scene_of(name, **detect):
+    """A shipped scene without switching: the branches of the orbits at its start."""
+    text = (BRANCHES / name / "scene.toml").read_text(encoding="utf-8")
+    given = tomllib.loads(text)
+    given["follow"]["orbits"] = ["1"] if name == "stop" else ["1:1", "2:1"]
+    for key in ("switch", "depth", "survey"):
+        given["follow"].pop(key, None)
+    given["detect"] = {"events": ["FB", "PD", "G"], **detect}
+    return read_scene(given)
+
+
+@pytest.fixture(scope="module")
+def fig7():
+    return follow(scene_of("fig7"))
+
+
+@pytest.fixture(scope="module")
+def stop():
+    return follow(scene_of("stop", events=["FB", "PD", "V"]))
+
+
+def curves(ax):
+    """The lines that are branches: drawn in a wall's colour, without markers."""
+    walls = {colour.lower() for colour in COLOURS}
+    return [
+        line
+        for line in ax.lines
+        if to_hex(line.get_color()) in walls and line.get_marker() in ("None", None, "")
+    ]
+
+
+def marks(ax):
+    """The lines that are events: markers without a line."""
+    return [line for line in ax.lines if line.get_marker() not in ("None", None, "")]
+
+
+def style_of(line):
+    """solid, dashed or dotted, from the dashes as they are drawn."""
+    dashes = line._dash_pattern[1]
+    if dashes is None:
+        return "stable"
+    return "unstable" if dashes[0] > 2.0 * dashes[1] else "unphysical"
+
+
+def labels_of(ax):
+    return [text.get_text() for text in ax.texts]
+
+
+# A figure
+
+
+def test_figure_from_fig7(fig7):
+    ax = plot_diagram(fig7)
+    assert isinstance(ax, matplotlib.axes.Axes)
+    assert isinstance(ax.figure, Figure)
+    assert ax.get_xlabel() == "$s$"
+    assert "velocity" in ax.get_ylabel()
+    assert len(curves(ax)) >= 2 + 3
+    low, high = ax.get_xlim()
+    assert low < 0.08 < 0.99 < high
+
+
+def test_figure_from_the_stop(stop):
+    ax = plot_diagram(stop)
+    assert ax.get_xlabel() == "$a$"
+    assert curves(ax)
+    assert {to_hex(line.get_color()) for line in curves(ax)} == {COLOURS[0].lower()}
+    kinds = {line.get_marker() for line in marks(ax)}
+    assert kinds == {MARKERS[kind] for kind in {entry.kind for entry in stop.entries}}
+
+
+def test_given_axes_are_drawn_on_and_returned(fig7, stop):
+    figure = Figure()
+    left, right = figure.subplots(1, 2)
+    assert plot_diagram(fig7, left) is left
+    assert len(left.lines) > 0
+    assert len(right.lines) == 0
+    assert plot_diagram(stop, ax=right) is right
+    assert figure.axes == [left, right]
+
+
+def test_no_new_figure_where_axes_are_given(fig7, monkeypatch):
+    ax = Figure().subplots()
+
+    def refuse(*arguments, **options):
+        raise AssertionError("a figure was made")
+
+    monkeypatch.setattr(matplotlib.figure.Figure, "__init__", refuse)
+    assert plot_diagram(fig7, ax) is ax
+
+
+def test_global_settings_are_not_changed(fig7, tmp_path):
+    before = copy.deepcopy(dict(matplotlib.rcParams))
+    plot_diagram(fig7)
+    save_diagram(fig7, tmp_path, ["svg", "png"])
+    assert dict(matplotlib.rcParams) == before
+
+
+def test_users_settings_are_respected(fig7):
+    with matplotlib.rc_context({"axes.facecolor": "0.9", "font.size": 7.0}):
+        ax = plot_diagram(fig7)
+    assert to_rgb(ax.get_facecolor()) == pytest.approx((0.9, 0.9, 0.9))
+    assert ax.xaxis.label.get_size() == 7.0
+
+
+def test_pyplot_and_other_heavy_modules_are_not_imported():
+    code = (
+        "import sys, matplotlib, contimpact.plot, contimpact.cli, contimpact\n"
+        "contimpact.plot_diagram(contimpact.Diagram('x', []))\n"
+        "backend = matplotlib.rcParams._get_backend_or_none()\n"
+        "print([m for m in ('matplotlib.pyplot', 'sympy', 'tkinter') if m in sys.modules], backend)"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.split(" ")[0].strip() == "[]"
+    assert done.stderr == ""
+
+
+def test_the_diagram_is_not_changed(fig7):
+    before = [{n: v.copy() for n, v in b.columns.items()} for b in fig7.branches]
+    plot_diagram(fig7, x="d", xlim=(0.13, 0.25))
+    for branch, columns in zip(fig7.branches, before, strict=True):
+        for name, values in columns.items():
+            assert np.array_equal(branch[name], values, equal_nan=values.dtype.kind == "f")
+
+
+# Lines
+
+
+def test_every_point_is_drawn_once_with_its_style(fig7):
+    """Along each impact of each branch: lines in order, from end to end, styled by the status."""
+    ax = plot_diagram(fig7, unphysical="all")
+    drawn = {}
+    for line in curves(ax):
+        style = style_of(line)
+        for x, y in zip(*line.get_data(), strict=True):
+            drawn.setdefault((float(x), float(y)), set()).add(style)
+    for branch in fig7.branches:
+        for k in range(len(branch.word)):
+            rows = zip(branch["s"].tolist(), branch[f"v{k + 1}"].tolist(), strict=True)
+            for row, point in enumerate(rows):
+                assert point in drawn
+                if branch["event"][row]:
+                    continue
+                status = "unphysical"
+                if branch.physical[row]:
+                    status = "stable" if branch.stable[row] else "unstable"
+                assert status in drawn[point]
+
+
+def test_styles_differ_without_colour():
+    """Solid, dashed, dotted; nothing else tells the states apart in print."""
+    assert list(STYLES) == ["stable", "unstable", "unphysical"]
+    assert STYLES["stable"] in ("-", "solid")
+    dashed, dotted = STYLES["unstable"][1], STYLES["unphysical"][1]
+    assert dashed[0] > 2 * dashed[1]
+    assert dotted[0] < dotted[1]
+
+
+def test_all_three_styles_are_in_fig7(fig7):
+    assert {style_of(line) for line in curves(plot_diagram(fig7))} == set(STYLES)
+
+
+def test_status_changes_at_the_event(fig7):
+    """Lines of two styles meet at the marker of the event between them, not a point beside it."""
+    branch = next(b for b in fig7.branches if b.word == "BT")
+    entry = next(e for e in branch.events if e.kind == "PD")
+    ax = plot_diagram(fig7, unphysical="all")
+    for impact in entry.impacts:
+        meeting = {
+            style_of(line)
+            for line in curves(ax)
+            for x, y in (line.get_xydata()[0], line.get_xydata()[-1])
+            if x == entry.value and y == impact["velocity"]
+        }
+        assert meeting == {"stable", "unstable"}
+
+
+def test_walls_have_colours_of_their_own(fig7):
+    ax = plot_diagram(fig7)
+    colours = {to_hex(line.get_color()) for line in curves(ax)}
+    assert colours == {colour.lower() for colour in COLOURS[:2]}
+    texts = [text.get_text() for text in ax.get_legend().get_texts()]
+    assert {"wall B", "wall T", "stable", "unstable", "unphysical"} <= set(texts)
+
+
+@pytest.mark.parametrize("choice", ["all", "period-1", "none"])
+def test_unphysical_orbits_can_be_left_out(fig7, choice):
+    ax = plot_diagram(fig7, unphysical=choice)
+    styles = {style_of(line) for line in curves(ax)}
+    assert ("unphysical" in styles) == (choice != "none")
+    assert {"stable", "unstable"} <= styles
+
+
+# Events
+
+
+def test_ghosts_are_hollow(fig7):
+    ax = plot_diagram(fig7)
+    expected = []
+    for entry in fig7.entries:
+        places = [(i["wall"], i["velocity"]) for i in entry.impacts]
+        places += [(entry.wall, 0.0)] if entry.kind == "G" else []
+        expected += [(MARKERS[entry.kind], entry.value, speed, entry.ghost) for _, speed in places]
+    drawn = []
+    for line in marks(ax):
+        face = line.get_markerfacecolor()
+        hollow = face == "white"
+        assert hollow or to_rgb(face) == to_rgb(line.get_color())
+        assert to_rgb(line.get_markeredgecolor()) == to_rgb(line.get_color())
+        (x,), (y,) = line.get_data()
+        drawn.append((line.get_marker(), x, y, hollow))
+    assert sorted(drawn) == sorted(expected)
+    assert {hollow for *_, hollow in drawn} == {True, False}
+
+
+def test_kinds_have_markers_of_their_own():
+    assert len(set(MARKERS.values())) == len(MARKERS)
+    assert set(MARKERS) == {"FB", "BP", "PD", "NS", "G", "V", "T", "UZ"}
+
+
+def test_legend_names_the_kinds_shown(fig7):
+    texts = [t.get_text() for t in plot_diagram(fig7).get_legend().get_texts()]
+    assert {"FB", "PD", "G"} <= set(texts)
+    assert any("ghost" in text for text in texts)
+    assert "UZ" not in texts
+    assert "BP" not in texts
+
+
+def test_legend_without_ghosts(fig7):
+    branch = fig7.branches[0]
+    real = dataclasses.replace(branch, events=[e for e in branch.events if not e.ghost])
+    texts = [t.get_text() for t in plot_diagram(Diagram("x", [real])).get_legend().get_texts()]
+    assert not any("ghost" in text for text in texts)
+
+
+# Labels
+
+
+def plain(text):
+    """A label without what only serves its setting."""
+    return re.sub(r"\\mathrm\{(\w+)\}", r"\1", text).replace("\\,", "").strip("$")
+
+
+def test_labels_as_in_table_1(fig7):
+    """G with the old count below and the new one above; a tilde over ghosts."""
+    ax = plot_diagram(fig7, x="d", xlim=(0.13, 0.25))
+    assert sorted(map(plain, labels_of(ax))) == sorted(
+        [
+            r"\widetilde{PD}",
+            r"G_{2:1}^{3:1}",
+            r"\widetilde{G}_{1:1}^{2:1}",
+            "FB",
+            "PD",
+        ]
+    )
+
+
+@pytest.mark.parametrize(
+    ("kind", "ghost", "label", "wanted"),
+    [
+        ("PD", False, "PD", "PD"),
+        ("PD", True, "~PD", r"\widetilde{PD}"),
+        ("FB", True, "~FB", r"\widetilde{FB}"),
+        ("G", False, "G[1:1->2:1]", "G_{1:1}^{2:1}"),
+        ("G", True, "~G[2:1->2:2]", r"\widetilde{G}_{2:1}^{2:2}"),
+        ("G", True, "~G[1:1/2T->(3:2)/2T]", r"\widetilde{G}_{1:1/2T}^{(3:2)/2T}"),
+        ("V", False, "V", "V"),
+        ("V", True, "~V[1:1->1:0]", r"\widetilde{V}_{1:1}^{1:0}"),
+    ],
+)
+def test_label_text(fig7, kind, ghost, label, wanted):
+    entry = dataclasses.replace(fig7.entries[0], kind=kind, ghost=ghost, label=label)
+    text = label_text(entry)
+    assert text.startswith("$")
+    assert text.endswith("$")
+    assert plain(text) == wanted
+
+
+def test_labels_stand_over_their_value_and_apart(fig7):
+    ax = plot_diagram(fig7, x="d", xlim=(0.13, 0.25))
+    ax.figure.draw_without_rendering()
+    values = {round(e.parameters["d"], 9) for e in fig7.entries}
+    boxes = []
+    for text in ax.texts:
+        assert round(text.xy[0], 9) in values
+        boxes.append(text.get_window_extent())
+    for i, box in enumerate(boxes):
+        assert box.y0 >= ax.get_window_extent().y1
+        for other in boxes[i + 1 :]:
+            assert not box.overlaps(other)
+
+
+def test_labels_can_be_left_out(fig7):
+    ax = plot_diagram(fig7, labels=False)
+    assert labels_of(ax) == []
+    assert marks(ax)
+
+
+def test_labels_outside_the_limits_are_left_out(fig7):
+    ax = plot_diagram(fig7, x="d", xlim=(0.23, 0.25))
+    assert [plain(text) for text in labels_of(ax)] == ["PD"]
+    assert {line.get_marker() for line in marks(ax)} == {MARKERS["PD"]}
+    assert "FB" not in [text.get_text() for text in ax.get_legend().get_texts()]
+
+
+# Axes
+
+
+@pytest.mark.parametrize("x", ["s", "d", "arclength", "smallest_gap"])
+def test_any_column_on_the_x_axis(fig7, x):
+    ax = plot_diagram(fig7, x=x)
+    drawn = np.concatenate([line.get_xdata() for line in curves(ax)])
+    there = np.concatenate([branch[x] for branch in fig7.branches])
+    assert np.all(np.isin(drawn[~np.isnan(drawn)], there))
+    assert ax.get_xlabel()
+    if x in fig7.entries[0].parameters:
+        assert marks(ax)
+
+
+def test_limits(fig7):
+    ax = plot_diagram(fig7, x="d", xlim=(0.13, 0.25), ylim=(-1.0, 1.0))
+    assert ax.get_xlim() == (0.13, 0.25)
+    assert ax.get_ylim() == (-1.0, 1.0)
+
+
+def test_velocities_in_sight_set_the_limits(fig7):
+    """Not those of the parts of branches outside the x limits."""
+    wide = plot_diagram(fig7, x="d").get_ylim()
+    narrow = plot_diagram(fig7, x="d", xlim=(0.2, 0.25)).get_ylim()
+    assert wide[0] <= narrow[0] < 0.0 < narrow[1] <= wide[1]
+    assert narrow[1] < wide[1]
+    for line in curves(plot_diagram(fig7, x="d", xlim=(0.2, 0.25))):
+        x, y = line.get_data()
+        assert np.all(np.abs(y[(x > 0.2) & (x < 0.25)]) < max(np.abs(narrow)))
+
+
+@pytest.mark.parametrize(
+    ("options", "label"),
+    [
+        ({"unit": "m"}, "$s$ (m)"),
+        ({}, "$s$"),
+        ({"x": "d"}, "$d$"),
+        ({"x": "beta", "unit": "rad"}, r"$\beta$ (rad)"),
+        ({"x": "gbar"}, r"$\bar{g}$"),
+    ],
+)
+def test_x_label(fig7, options, label):
+    assert plot_diagram(fig7, **options).get_xlabel() == label
+
+
+# Extremes
+
+
+def test_a_scene_without_events(fig7):
+    quiet = follow(scene_of("fig7", events=[]))
+    assert quiet.entries == []
+    ax = plot_diagram(quiet)
+    assert curves(ax)
+    assert marks(ax) == []
+    assert labels_of(ax) == []
+    ax.figure.draw_without_rendering()
+
+
+def test_a_branch_of_one_point(fig7):
+    branch = fig7.branches[0]
+    columns = {name: values[:1] for name, values in branch.columns.items()}
+    ax = plot_diagram(Diagram("point", [dataclasses.replace(branch, columns=columns, events=[])]))
+    ax.figure.draw_without_rendering()
+
+
+def test_an_event_of_an_unknown_kind(fig7):
+    """A user's own function."""
+    branch = fig7.branches[0]
+    entry = dataclasses.replace(branch.events[0], kind="energy", label="energy", ghost=False)
+    ax = plot_diagram(Diagram("x", [dataclasses.replace(branch, events=[entry])]))
+    assert len(marks(ax)) == len(entry.impacts)
+    ax.figure.draw_without_rendering()
+
+
+def test_limits_without_anything_in_them(fig7):
+    ax = plot_diagram(fig7, x="d", xlim=(50.0, 60.0))
+    assert labels_of(ax) == []
+    ax.figure.draw_without_rendering()
+
+
+# Files
+
+
+def test_saved_files(fig7, tmp_path):
+    names = save_diagram(fig7, tmp_path, ["svg", "png", "pdf"], x="d", xlim=(0.13, 0.25))
+    assert names == ["diagram.svg", "diagram.png", "diagram.pdf"]
+    assert (tmp_path / "diagram.svg").read_text(encoding="utf-8").startswith("<?xml")
+    assert (tmp_path / "diagram.png").read_bytes().startswith(b"\x89PNG")
+    assert (tmp_path / "diagram.pdf").read_bytes().startswith(b"%PDF")
+    assert sorted(path.name for path in tmp_path.iterdir()) == sorted(names)
+
+
+def test_svg_is_the_same_every_time(fig7, tmp_path):
+    for name in ("one", "two"):
+        (tmp_path / name).mkdir()
+        save_diagram(fig7, tmp_path / name, ["svg"])
+    one, two = ((tmp_path / name / "diagram.svg").read_bytes() for name in ("one", "two"))
+    assert one == two
+    assert b"<dc:date>" not in one
+
+
+def test_svg_of_another_process_is_the_same(fig7, tmp_path):
+    """Nothing in it depends on the process: no salt, no order of a set."""
+    scene = json.dumps(scene_of("fig7").given)
+    code = (
+        "import json, sys, pathlib, contimpact\n"
+        "from contimpact.plot import save_diagram\n"
+        f"diagram = contimpact.follow(contimpact.read_scene(json.loads({scene!r})))\n"
+        "save_diagram(diagram, pathlib.Path(sys.argv[1]), ['svg'])"
+    )
+    subprocess.run([sys.executable, "-c", code, str(tmp_path)], check=True)
+    (tmp_path / "here").mkdir()
+    save_diagram(fig7, tmp_path / "here", ["svg"])
+    here = (tmp_path / "here" / "diagram.svg").read_bytes()
+    assert (tmp_path / "diagram.svg").read_bytes() == here
+
+
+def test_legend_lines_are_legend_lines(fig7):
+    """The legend's handles are its own, not artists of the axes drawn twice."""
+    ax = plot_diagram(fig7)
+    handles = ax.get_legend().legend_handles
+    assert all(isinstance(handle, Line2D) for handle in handles)
+    assert not set(map(id, handles)) & set(map(id, ax.lines))

@@ -1,0 +1,455 @@
+"""All orbits of a word: the paper's captions, closed forms and third parties' numbers."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from contimpact.errors import InputError
+from contimpact.mechanics.search import find_orbits, orbit_at, settle
+from contimpact.mechanics.word import Word
+
+
+@pytest.fixture
+def orbits(kernels_of):
+    """``orbits(model, word, parameter)``, from the kernels all tests share."""
+
+    def find(model, word, parameter="s", **options):
+        return find_orbits(model, word, kernels=kernels_of(model, parameter), **options)
+
+    return find
+
+
+def phase(time):
+    return math.pi * time % (2 * math.pi)
+
+
+# The paper's captions. Velocities and phase of the bottom impact with the largest velocity; the
+# orbits are those the captions' printed parameters define, to the 8 digits known of them.
+
+CAPTIONS = {
+    "7b": ("1:1", {"d": 0.242}, [0.68617778, -0.49847009], 0.44701194, [-0.95455266, -0.00848565]),
+    "7d": (
+        "1:1/2T",
+        {"d": 0.233},
+        [0.68655287, -0.51214634, 0.65862782, -0.45761896],
+        0.50721547,
+        [0.69528, 9.44e-05],
+    ),
+    "7f": ("1:1", {"d": 0.205}, [0.63746038], 0.35148802, [-1.55137755, -0.00522117]),
+    "7k": (
+        "2:1",
+        {"d": 0.174},
+        [0.54373554, 0.13247196, -0.48849981],
+        0.09421903,
+        [-0.06928438, -0.01052185],
+    ),
+    "8b": (
+        "1:1",
+        {"d": 0.216567, "A": 7.186, "r": 0.25},
+        [0.63740979, -0.50157901],
+        0.44872287,
+        [-0.75856978, -0.00514949],
+    ),
+    "8d": (
+        "1:1",
+        {"d": 0.194872, "A": 7.986, "r": 0.25},
+        [0.60388364],
+        0.37632095,
+        [-0.99558469, -0.00392357],
+    ),
+    "8f": (
+        "2:1/2T",
+        {"d": 0.12484, "A": 12.466, "r": 0.25},
+        [0.48524557, 0.04704103, -0.46437032, 0.47697166, 0.07285427, -0.46114346],
+        0.53308674,
+        [-0.66582199, -9e-08],
+    ),
+    "8h": (
+        "2:1",
+        {"d": 0.1132, "A": 13.7478, "r": 0.25},
+        [0.47222962, 0.04371246, -0.44494308],
+        0.54735574,
+        [-3.96530197, -6.2e-05],
+    ),
+}
+
+
+@pytest.mark.parametrize("figure", CAPTIONS)
+def test_orbits_of_the_captions(pair, orbits, figure):
+    word, given, velocities, angle, multipliers = CAPTIONS[figure]
+    matches = []
+    for orbit in orbits(pair(**given), word):
+        for shift in orbit.word.rotations():
+            rolled = np.roll(orbit.velocities, -shift)
+            if abs(rolled[0] - velocities[0]) < 1e-6:
+                matches.append((orbit, rolled, np.roll(orbit.times, -shift)))
+    ((orbit, rolled, times),) = matches
+    # Eight decimals are given: half a unit in the last.
+    np.testing.assert_allclose(rolled[: len(velocities)], velocities, rtol=0, atol=6e-9)
+    assert phase(times[0]) == pytest.approx(angle, abs=6e-9)
+    np.testing.assert_allclose(orbit.multipliers, multipliers, rtol=0, atol=1e-6)
+    assert orbit.stable == (abs(multipliers[0]) < 1)
+    assert orbit.physical == (figure not in ("8d", "8h"))
+    assert orbit.residual < 1e-14
+
+
+@pytest.mark.parametrize(
+    ("given", "velocity", "angle"),
+    [
+        ({"d": 0.242}, 0.686178, 0.447012),
+        ({"d": 0.205}, 0.63746, 0.351488),
+        ({"d": 0.216567, "A": 7.186, "r": 0.25}, 0.63741, 0.448723),
+        ({"d": 0.194872, "A": 7.986, "r": 0.25}, 0.603884, 0.376322),
+    ],
+    ids=["7b", "7f", "8b", "8d"],
+)
+def test_printed_digits_of_settled_captions(pair, orbits, given, velocity, angle):
+    """Six digits as printed; Fig. 8(d) is off by one in the last."""
+    orbit = orbits(pair(**given), "1:1")[0]
+    assert orbit.velocities[0] == pytest.approx(velocity, abs=1.1e-6)
+    assert phase(orbit.times[0]) == pytest.approx(angle, abs=1.1e-6)
+
+
+def test_figure_7b_has_two_orbits(pair, orbits):
+    """Equations (14)-(16) have six roots here; two of them solve the maps (11)-(12)."""
+    found = orbits(pair(d=0.242), "1:1", starts=1024, rounds=12)
+    assert len(found) == 2
+    expected = [(0.686178, 0.447012, 1.316555), (0.157103, 2.964107, 1.060980)]
+    for orbit, (velocity, angle, duration) in zip(found, expected, strict=True):
+        assert orbit.velocities[0] == pytest.approx(velocity, abs=1e-6)
+        assert phase(orbit.times[0]) == pytest.approx(angle, abs=1e-6)
+        assert np.diff(orbit.times)[0] == pytest.approx(duration, abs=1e-6)
+    assert [orbit.physical for orbit in found] == [True, False]
+
+
+def test_flights_of_figures_7b_and_7k(pair, orbits):
+    for d, word, durations in [
+        (0.242, "1:1", [1.31655461, 0.68344539]),
+        (0.174, "2:1", [0.32506912, 0.99693659, 0.67799429]),
+    ]:
+        (orbit,) = [o for o in orbits(pair(d=d), word) if o.physical]
+        times = np.append(orbit.times, orbit.times[0] + 2.0)
+        np.testing.assert_allclose(np.diff(times), durations, rtol=0, atol=6e-9)
+
+
+def test_two_21_orbits_beside_the_ghost_grazing(pair, orbits):
+    """Fig. 7(f): the 2:1 attractor and, next to grazing, the saddle with multiplier 289.125."""
+    saddle, attractor = orbits(pair(d=0.205), "2:1")
+    for orbit, velocities in [
+        (saddle, [0.63724432, 0.001352, -0.45088863]),
+        (attractor, [0.59836271, 0.11700541, -0.52766043]),
+    ]:
+        np.testing.assert_allclose(orbit.velocities, velocities, rtol=0, atol=6e-9)
+    assert saddle.multipliers[0] == pytest.approx(289.125, abs=5e-4)
+    assert saddle.multipliers[1] == pytest.approx(2.5e-6, abs=5e-8)
+    assert not saddle.stable
+    assert attractor.stable
+    assert saddle.physical
+    assert attractor.physical
+
+
+def test_attractor_beside_figure_8d(pair, orbits):
+    found = orbits(pair(d=0.194872, A=7.986, r=0.25), "2:1")
+    (attractor,) = [o for o in found if o.physical]
+    np.testing.assert_allclose(
+        attractor.velocities, [0.57444813, 0.08963937, -0.54186362], rtol=0, atol=6e-9
+    )
+    assert attractor.stable
+
+
+@pytest.mark.parametrize(
+    ("A", "r", "largest"), [(6.8, 0.4, -0.884), (7.35, 0.4, -1.117), (7.8, 0.25, -0.938)]
+)
+def test_figure_5b(pair, orbits, A, r, largest):
+    orbit = orbits(pair(A=A, r=r, s=0.5), "1:1")[0]
+    assert orbit.multipliers[0] == pytest.approx(largest, abs=5e-4)
+
+
+@pytest.mark.parametrize(
+    ("word", "d", "given"),
+    [
+        ("1:1", 0.23850682149, {"A": 5.0, "r": 0.3}),
+        ("2:1", 0.14022934446, {"A": 5.0, "r": 0.3}),
+        ("1:1", 0.19453108003, {"A": 1.55625 / 0.19453108003, "r": 0.25}),
+        ("2:1", 0.12742085846, {"A": 1.55625 / 0.12742085846, "r": 0.25}),
+        ("1:1", 0.21989624, {"A": 1.55625 / 0.21989624, "r": 0.4}),
+    ],
+)
+def test_period_doublings(pair, orbits, word, d, given):
+    """At the critical d of Figs. 7, 8 and 5(b), given to 1e-11 (the last to 1e-8)."""
+    nearest = min(abs(o.multipliers[0] + 1.0) for o in orbits(pair(d=d, **given), word))
+    assert nearest < (1e-8 if d != 0.21989624 else 1e-6)  # measured: 4.7e-10 and 5.4e-8
+
+
+@pytest.mark.parametrize(
+    ("d", "given"),
+    [(0.22216730993, {"r": 0.3}), (0.22172669232, {"r": 0.25, "A": 7.0187761})],
+)
+def test_folds(pair, orbits, d, given):
+    """Two 2:1 orbits just below the fold of Figs. 7 and 8, none just above."""
+    below, above = (orbits(pair(d=d + side, **given), "2:1") for side in (-1e-6, 1e-6))
+    assert len(below) == len(above) + 2
+    near = sorted(o.multipliers[0].real for o in below if abs(o.multipliers[0] - 1.0) < 0.05)
+    assert len(near) == 2
+    assert near[0] < 1.0 < near[1]
+
+
+# Closed forms
+
+
+def symmetric_orbit(r, angle):
+    """Velocity and length of the symmetric 1:1 orbit at beta = 0."""
+    v = 2 * math.sin(angle) / (math.pi * (1 - r))
+    d = (1 + r) / (1 - r) * math.sin(angle) / math.pi - 2 * math.cos(angle) / math.pi**2
+    return v, d
+
+
+@pytest.mark.parametrize(
+    ("r", "angle"),
+    [
+        (r, angle)
+        for r in (0.0, 0.3, 0.7, 0.95)
+        for angle in (0.3, 1.1, 1.8, 2.6)
+        if symmetric_orbit(r, angle)[1] > 0.0
+    ],
+)
+def test_symmetric_orbits(pair, orbits, r, angle):
+    """A family in two parameters: half a period each way, multipliers from the half map.
+
+    The half map has the trace 2 r - (1 + r) cos(phi)/v and the determinant r^2. Measured: 1.6e-15
+    relative in the velocities, 1.4e-14 in the trace.
+    """
+    v, d = symmetric_orbit(r, angle)
+    found = orbits(pair(beta=0.0, r=r, d=d), "1:1")
+    (orbit,) = [o for o in found if abs(phase(o.times[0]) - angle) < 1e-9]
+    np.testing.assert_allclose(orbit.velocities, [v, -v], rtol=1e-13)
+    assert np.diff(orbit.times)[0] == pytest.approx(1.0, abs=1e-13)
+    half = 2 * r - (1 + r) * math.cos(angle) / v
+    assert np.sum(orbit.multipliers) == pytest.approx(half**2 - 2 * r**2, rel=1e-13, abs=1e-13)
+    assert np.prod(orbit.multipliers) == pytest.approx(r**4, rel=1e-13, abs=1e-15)
+
+
+def test_symmetric_fold_and_symmetry_breaking(pair, orbits):
+    """r = 0.3: [d_SB, d_FB] = [0.2270368473, 0.6249148931]."""
+
+    def symmetric(d):
+        found = orbits(pair(beta=0.0, d=d), "1:1")
+        return [o for o in found if abs(np.diff(o.times)[0] - 1.0) < 1e-7]
+
+    assert len(symmetric(0.6249148931 + 1e-6)) == 0
+    assert len(symmetric(0.6249148931 - 1e-6)) == 2
+    for d in (0.6249148931 - 1e-6, 0.2270368473 + 1e-6):
+        assert [o.stable for o in symmetric(d)] == [True, False]
+    before, after = (symmetric(0.2270368473 + side)[0] for side in (-1e-6, 1e-6))
+    assert not before.stable
+    # Linear through 1 at d_SB, which is rounded to 1e-10; measured: 3e-10.
+    middle = (before.multipliers[0] + after.multipliers[0]) / 2
+    assert middle == pytest.approx(1.0, abs=3e-9)
+
+
+@pytest.mark.parametrize(
+    ("r", "k", "fold", "doubling"),
+    [(0.5, 1, 1.0471975512, 1.5268237005), (0.3, 1, 1.6916268135, 2.1273336872)],
+)
+def test_bouncing_ball(pair, orbits, r, k, fold, doubling):
+    """1:0 is a ball on a vibrating table with Gamma = 1/gbar, and v = 2 gbar k/(1 + r).
+
+    It is born at the fold Gamma_k = k pi (1 - r)/(1 + r) and doubles its period where
+    Gamma^2 = Gamma_k^2 + [2 (1 + r^2)/(1 + r)^2]^2.
+    """
+
+    def at(gamma):
+        return orbits(pair(beta=math.pi / 2, r=r, s=50.0, A=0.1245 * 9.8 * gamma), "1:0")
+
+    assert fold == pytest.approx(k * math.pi * (1 - r) / (1 + r), rel=1e-10)
+    assert at(fold * (1 - 1e-6)) == []
+    for gamma, stable in [
+        (fold * (1 + 1e-6), True),
+        (doubling * (1 - 1e-6), True),
+        (doubling * (1 + 1e-6), False),
+    ]:
+        found = at(gamma)
+        assert len(found) == 2
+        for orbit in found:
+            assert orbit.velocities[0] == pytest.approx(2 * k / (gamma * (1 + r)), rel=1e-12)
+            push = gamma * math.cos(math.pi * orbit.times[0])
+            trace = 1 + r**2 + (1 + r) ** 2 * push
+            assert np.sum(orbit.multipliers) == pytest.approx(trace, abs=1e-12)
+        assert sorted(o.stable for o in found) == [False, stable]
+
+
+# The oscillator
+
+
+def test_coco_demo(oscillator, orbits):
+    """COCO's demo "impact" (Recipes, example 15.2) at A = 1."""
+    model = oscillator(a=1.0, omega=1.0, c=0.1, k=1.0, sigma=1.0, r=0.8)
+    found = orbits(model, "S", "omega")
+    (orbit,) = [o for o in found if o.physical]
+    assert orbit.velocities[0] == pytest.approx(1.6957329376, abs=6e-11)
+    assert -0.8 * orbit.velocities[0] == pytest.approx(-1.3565863501, abs=6e-11)
+    assert orbit.times[0] == pytest.approx(0.0759521649, abs=6e-11)
+    # The demo's other section is the phase pi.
+    first = math.pi - orbit.times[0]
+    assert first == pytest.approx(3.06564049, abs=6e-9)
+    assert 2 * math.pi - first == pytest.approx(3.21754482, abs=6e-9)
+    motion = orbit.problem.kernels.motion("S")
+    p = orbit.problem.values(orbit.unknowns)
+    displacement, velocity, _ = motion(orbit.times[0], orbit.velocities[0], first, *p)
+    assert 1.0 + displacement == pytest.approx(-0.98095516, abs=6e-9)
+    assert velocity == pytest.approx(-0.29070974, abs=6e-9)
+    assert orbit.stable
+
+
+@pytest.mark.parametrize(
+    ("sigma", "velocities"),
+    [(0.0, [0.665693]), (0.2, [2.187444, 1.102366]), (-0.06, []), (0.4, [])],
+)
+def test_one_two_orbits(oscillator, orbits, sigma, velocities):
+    """FelixDux/impact-oscillator, one impact in two periods at omega = 3.7, r = 0.8."""
+    found = orbits(oscillator(sigma=sigma), "S/2T", "omega")
+    physical = [o for o in found if o.physical]
+    assert [o.velocities[0] for o in physical] == pytest.approx(velocities, abs=6e-7)
+    if sigma == -0.06:
+        assert "passes wall S" in found[0].reason
+
+
+@pytest.mark.parametrize("n", range(1, 11))
+def test_resonant_orbits(oscillator, orbits, n):
+    """omega = 2 n, r = 0.4, sigma = 0.001: one physical (1, n) orbit, as third parties find."""
+    found = orbits(oscillator(omega=2.0 * n, r=0.4, sigma=0.001), f"S/{n}T", "omega")
+    assert [o.physical for o in found].count(True) == 1
+
+
+@pytest.mark.parametrize(("omega", "sigma", "n"), [(3.7, 0.2, 2), (3.7, 0.0, 2), (2.6, 0.1, 1)])
+def test_undamped_orbits_in_closed_form(oscillator, orbits, omega, sigma, n):
+    """gamma^2 = [sigma + (1+r) v cot(pi n/w)/2]^2 + [(1-r) v/(2w)]^2 with gamma = 1/(1 - w^2)."""
+    r, gamma = 0.8, 1 / (1 - omega**2)
+    slope = (1 + r) / math.tan(math.pi * n / omega) / 2
+    curve = ((1 - r) / (2 * omega)) ** 2 + slope**2
+    expected = np.roots([curve, 2 * sigma * slope, sigma**2 - gamma**2])
+    found = orbits(oscillator(omega=omega, sigma=sigma), f"S/{n}T", "omega")
+    assert np.isrealobj(expected)
+    np.testing.assert_allclose(
+        [o.velocities[0] for o in found], sorted(expected, reverse=True), rtol=1e-12
+    )
+    for orbit in found:
+        span = 2 * math.pi * n / omega
+        (v,), (t,) = orbit.velocities, orbit.times
+        push = math.cos(omega * t) - sigma
+        trace = -2 * r * math.cos(span) + (1 + r) * push * math.sin(span) / v
+        assert np.sum(orbit.multipliers).real == pytest.approx(trace, rel=1e-11, abs=1e-11)
+
+
+# Manners
+
+
+def same(found, other):
+    return len(found) == len(other) and all(
+        np.array_equal(one.unknowns, two.unknowns) for one, two in zip(found, other, strict=True)
+    )
+
+
+def test_same_rng_same_orbits(pair, orbits):
+    model = pair(d=0.12484, A=12.466, r=0.25)
+    found = orbits(model, "2:1/2T", starts=64)
+    assert found
+    assert same(found, orbits(model, "2:1/2T", starts=64))
+    assert same(found, orbits(model, "2:1/2T", starts=64, rng=0))
+    assert same(found, orbits(model, "2:1/2T", starts=64, rng=np.random.default_rng(0)))
+
+
+def test_other_rng_same_set(pair, orbits):
+    """Different starts reach the same orbits, to rounding."""
+    model = pair(d=0.1132, A=13.7478, r=0.25)
+    one, other = orbits(model, "2:1", rng=1), orbits(model, "2:1", rng=2)
+    assert len(one) == len(other) == 5
+    for a, b in zip(one, other, strict=True):
+        assert np.max(np.abs(a.problem.difference(a.unknowns, b.unknowns))) < 1e-12
+
+
+def test_a_generator_is_used_not_copied(pair, orbits):
+    generator = np.random.default_rng(3)
+    orbits(pair(), "1:1", rng=generator, starts=8)
+    assert generator.random() != np.random.default_rng(3).random()
+
+
+@pytest.mark.parametrize("word", ["1:0", "1:1", "2:1", "1:1/2T", "2:1/2T"])
+def test_found_orbits_are_in_order(pair, orbits, word):
+    model = pair(d=0.12484, A=12.466, r=0.25)
+    found = orbits(model, word, starts=64)
+    speeds = [o.velocities[0] for o in found]
+    assert speeds == sorted(speeds, reverse=True)
+    for orbit in found:
+        span = 2.0 * orbit.word.period
+        assert 0.0 <= orbit.times[0] < 2.0
+        assert np.all(np.diff(orbit.times) > 0.0)
+        assert orbit.times[-1] < orbit.times[0] + span
+        assert orbit.unknowns[-1] == model.values["s"]
+    for i, one in enumerate(found):
+        for other in found[:i]:
+            assert np.max(np.abs(one.problem.difference(one.unknowns, other.unknowns))) > 1e-7
+
+
+def test_repetitions_are_left_out(pair, orbits):
+    """1:1 run twice solves 1:1/2T; before the period doubling nothing else does."""
+    assert len(orbits(pair(d=0.242), "1:1")) == 2
+    assert orbits(pair(d=0.242), "1:1/2T") == []
+    assert len(orbits(pair(d=0.233), "1:1/2T")) == 1
+
+
+def test_words_and_defaults(pair, oscillator, orbits):
+    model = pair(d=0.242)
+    found = orbits(model, "1:1")
+    assert same(found, orbits(model, "BT"))
+    assert same(found, orbits(model, Word("BT")))
+    assert orbits(oscillator(), "1", "omega")[0].word == Word("S")
+    (first, _) = find_orbits(oscillator(), "S", starts=32)
+    assert first.problem.parameter == "a"
+    (first, _) = find_orbits(oscillator(), "S", parameter="omega", starts=32)
+    assert first.problem.parameter == "omega"
+
+
+def test_what_is_refused(pair):
+    with pytest.raises(InputError, match=r"^word: "):
+        find_orbits(pair(), "1:1:1")
+    with pytest.raises(InputError, match=r"^parameter: "):
+        find_orbits(pair(), "1:1", parameter="d")
+
+
+def test_properties(pair, orbits):
+    orbit = orbits(pair(d=0.242), "1:1")[0]
+    assert orbit.model.values == pytest.approx(pair(d=0.242).values)
+    assert (orbit.stable, orbit.physical, orbit.reason) == (True, True, None)
+    assert orbit.word == Word("BT")
+    text = repr(orbit)
+    assert text.startswith("Orbit 1:1 (BT) at s = 0.388755020")
+    assert ": stable; multipliers -0.954553, -0.00848565" in text
+    assert "B  t = 0.142288320857  v = 0.686177784446" in text
+    ghost = repr(orbits(pair(d=0.242), "1:1")[1])
+    assert "unstable, unphysical" in ghost
+    assert "runs the wrong way" in ghost
+
+
+def test_orbit_at(pair, orbits):
+    """From a guess off by 1e-3 to the same orbit."""
+    orbit = orbits(pair(d=0.242), "1:1")[0]
+    guess = orbit.unknowns + 1e-3 * np.array([1, -1, 1, 1, 0])
+    again = orbit_at(orbit.problem, guess)
+    np.testing.assert_allclose(again.unknowns, orbit.unknowns, rtol=0, atol=1e-14)
+    assert again.residual < 1e-15
+    assert guess[0] == orbit.unknowns[0] + 1e-3
+
+
+def test_orbit_at_nowhere(pair, orbits, problem_of):
+    problem = problem_of(pair(beta=0.0, d=5.0), "BT", "s")
+    guess = problem.unknowns_of([0.1, 1.0], [0.6, -0.6])
+    assert settle(problem, guess) is None
+    with pytest.raises(InputError, match="no BT orbit was reached"):
+        orbit_at(problem, guess)
+    for value in (math.nan, math.inf):
+        with pytest.raises(InputError):
+            orbit_at(problem, np.full(5, value))

@@ -1,0 +1,224 @@
+"""The scenes that come with the package: each is valid, runs, and gives the values it is cited for.
+
+The critical values of Figs. 7 and 8 stand below to eleven digits; they were computed once with
+methods of their own, apart from this package.
+"""
+
+from __future__ import annotations
+
+import csv
+import dataclasses
+import functools
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from contimpact import follow, load_scene
+from contimpact.continuation.branch import EndKind
+
+FOLDER = Path(__file__).parent.parent / "branches"
+NAMES = sorted(path.parent.name for path in FOLDER.glob("*/scene.toml"))
+EXPORTED = [name for name in NAMES if (FOLDER / name / "events.csv").exists()]
+
+FIG_7 = {
+    ("1:1", "PD"): 0.23850682149,
+    ("1:1", "~G[1:1->2:1]"): 0.20445492649,
+    ("2:1", "FB"): 0.22216730993,
+    ("2:1", "G[2:1->3:1]"): 0.17369915135,
+    ("2:1", "~PD"): 0.14022934446,
+}
+FIG_8 = {
+    ("1:1", "G[1:1->2:1]"): 0.21377314088,
+    ("1:1", "~PD"): 0.19453108003,
+    ("2:1", "FB"): 0.22172669232,
+    ("2:1", "PD"): 0.12742085846,
+    ("2:1", "~G[2:1->2:2]"): 0.11477162872,
+}
+"""Values of d by the orbit's count and the event's label."""
+
+
+@functools.cache
+def scene(name):
+    return load_scene(FOLDER / name / "scene.toml")
+
+
+@functools.cache
+def diagram(name):
+    return follow(scene(name))
+
+
+def test_the_scenes_of_the_figures_are_there():
+    assert {"fig3a", "fig3b", "fig3c", "fig3d", "fig7", "fig8", "stop"} <= set(NAMES)
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_scene_is_valid_and_named_like_its_folder(name):
+    assert scene(name).name == name
+    assert scene(name).source
+    assert scene(name).plot.formats
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_scene_runs(name):
+    asked, result = scene(name), diagram(name)
+    assert result.name == name
+    assert len(result.branches) >= 1
+    for word in asked.orbits:
+        assert any(branch.word in word.walls * 2 for branch in result.branches)
+    for branch in result.branches:
+        assert branch.parameter == asked.parameter
+        values = branch[asked.parameter]
+        assert asked.range[0] <= values.min() <= values.max() <= asked.range[1]
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_branches_end_for_a_reason_of_the_scene(name):
+    """Nothing stops early: not the corrector, not the step, not the limit of points."""
+    good = {EndKind.RANGE, EndKind.CLOSED, EndKind.KNOWN, EndKind.BORN}
+    for branch in diagram(name).branches:
+        assert {end.kind for end in branch.ends} <= good
+        assert list(branch.missed) == []
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_points_solve_the_equations_once(name):
+    for branch in diagram(name).branches:
+        assert np.all(np.diff(branch["arclength"]) > 0.0)
+        assert np.max(branch["residual"]) < 1e-11
+        assert np.all(np.isfinite(branch.velocities))
+        assert np.all(np.isfinite(branch.times))
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_multipliers_have_the_product_of_the_impacts(name):
+    """Each impact contracts areas by r^2, each unit of time by exp(-c)."""
+    for branch in diagram(name).branches:
+        product = 1.0
+        for wall in branch.word:
+            r = branch["r"] if "r" in branch.columns else branch[f"r_{wall}"]
+            product = product * r**2
+        if branch.system == "oscillator":
+            time = branch.period * 2.0 * math.pi / branch["omega"]
+            product = product * np.exp(-branch["c"] * time)
+        multipliers = branch.multipliers
+        finite = np.all(np.isfinite(multipliers), axis=1)
+        largest = np.max(np.abs(multipliers[finite]), axis=1)
+        found = np.prod(multipliers[finite], axis=1)
+        assert np.mean(finite) > 0.9
+        assert np.all(np.abs(found - product[finite]) <= 1e-10 * np.maximum(largest, 1.0))
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_columns_agree_with_the_multipliers(name):
+    for branch in diagram(name).branches:
+        sizes = np.abs(branch.multipliers)
+        clear = np.all(np.abs(sizes - 1.0) > 1e-6, axis=1)
+        assert np.array_equal(
+            branch["n_unstable"][clear], np.sum(sizes[clear] > 1.0, axis=1)
+        )  # fmt: skip
+        assert np.array_equal(branch["physical"] == 1, branch["reason"] == "")
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_events_are_located_to_rounding(name):
+    asked, result = scene(name), diagram(name)
+    entries = result.entries
+    assert len({entry.id for entry in entries}) == len(entries)
+    for entry in entries:
+        assert entry.kind in asked.events
+        assert entry.residual < 1e-12
+        assert entry.error < 1e-10 * max(1.0, abs(entry.value))
+        assert entry.method == "newton"
+        assert asked.range[0] <= entry.value <= asked.range[1]
+        assert entry.ghost == (not entry.stable or not entry.physical)
+        assert entry.label.startswith("~") == (entry.ghost and entry.kind != "UZ")
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_events_are_rows_of_their_branch_between_points(name):
+    for branch in diagram(name).branches:
+        rows = {str(entry): k for k, entry in enumerate(branch["event"]) if entry}
+        lengths = [entry.arclength for entry in branch.events]
+        assert lengths == sorted(lengths)
+        for entry in branch.events:
+            if entry.id in rows:
+                k = rows[entry.id]
+                assert branch[branch.parameter][k] == entry.value
+                assert branch["arclength"][k] == entry.arclength
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_no_event_is_found_twice(name):
+    """Twice on one branch with the same orbit at the same value would be one zero counted twice."""
+    for branch in diagram(name).branches:
+        seen = set()
+        for entry in branch.events:
+            speeds = sorted(round(impact["velocity"], 7) for impact in entry.impacts)
+            key = (entry.kind, entry.label, round(entry.value, 9), tuple(speeds))
+            assert key not in seen, key
+            seen.add(key)
+
+
+@pytest.mark.parametrize(("name", "values"), [("fig7", FIG_7), ("fig8", FIG_8)])
+def test_critical_values_of_the_figures(name, values):
+    """All of them, with their labels, and on the simple orbits nothing else within the figure."""
+    low, high = scene(name).plot.xlim
+    found = {
+        (entry.notation, entry.label): entry.parameters["d"]
+        for entry in diagram(name).entries
+        if entry.notation in ("1:1", "2:1") and low <= entry.parameters["d"] <= high
+    }
+    assert found.keys() == values.keys()
+    assert found == pytest.approx(values, rel=0.0, abs=2e-11)
+
+
+@pytest.mark.parametrize(("name", "values"), [("fig7", FIG_7), ("fig8", FIG_8)])
+@pytest.mark.parametrize("max_step", [0.1, 0.02, 0.005])
+def test_critical_values_do_not_depend_on_the_step(name, values, max_step):
+    """Long steps neither jump to another branch nor miss an event."""
+    asked = scene(name)
+    step = min(asked.settings.step, max_step)
+    settings = dataclasses.replace(asked.settings, step=step, max_step=max_step)
+    found = follow(dataclasses.replace(asked, settings=settings, depth=1)).entries
+    for (notation, label), d in values.items():
+        here = [e.parameters["d"] for e in found if (e.notation, e.label) == (notation, label)]
+        assert min(np.abs(np.array(here) - d), default=math.inf) < 2e-11, (notation, label)
+
+
+def test_grazing_of_the_oscillator():
+    """The steady response, of amplitude a/(c omega) at resonance, touches the stop at a = 0.1."""
+    grazing = [entry for entry in diagram("stop").entries if entry.kind == "V"]
+    assert grazing
+    for entry in grazing:
+        assert entry.parameters["a"] == pytest.approx(0.1, rel=1e-12)
+        assert entry.impacts[0]["velocity"] == pytest.approx(0.0, abs=1e-12)
+
+
+def test_requested_values_are_hit_exactly():
+    for name in NAMES:
+        wanted = scene(name).values
+        for entry in diagram(name).entries:
+            if entry.kind == "UZ":
+                (parameter, value), = entry.requested.items()  # fmt: skip
+                assert value in wanted[parameter]
+                assert entry.parameters[parameter] == pytest.approx(value, rel=4e-16)
+
+
+@pytest.mark.parametrize("name", EXPORTED)
+def test_exported_events_agree_with_a_fresh_run(name):
+    with open(FOLDER / name / "events.csv", encoding="utf-8", newline="") as file:
+        rows = list(csv.DictReader(file))
+    entries = diagram(name).entries
+    assert [row["id"] for row in rows] == [entry.id for entry in entries]
+    for row, entry in zip(rows, entries, strict=True):
+        assert (row["label"], row["branch"], row["word"], int(row["period"])) == (
+            entry.label, entry.branch, entry.word, entry.period,
+        )  # fmt: skip
+        for parameter, value in entry.parameters.items():
+            assert float(row[parameter]) == pytest.approx(value, rel=1e-10, abs=1e-10)
+        for k, impact in enumerate(entry.impacts, start=1):
+            assert row[f"wall{k}"] == impact["wall"]
+            for key in ("time", "velocity"):
+                assert float(row[f"{key}{k}"]) == pytest.approx(impact[key], rel=1e-10, abs=1e-10)
