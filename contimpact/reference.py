@@ -91,27 +91,28 @@ class Reference:
 
     # Solutions.
 
-    def orbit(self, unknowns: Array) -> Exact | None:
-        """Return the orbit next to a point, at the point's own parameter value.
+    def orbit(self, unknowns: Array, held: int = -1) -> Exact | None:
+        """Return the orbit next to a point that shares one of its unknowns.
 
         Parameters
         ----------
         unknowns : ndarray of shape (n + 1,)
+        held : int
+            Which unknown; by default the free parameter.
 
         Returns
         -------
         Exact or None
             None where the iteration does not converge.
         """
-        value = self.ctx.mpf(float(unknowns[-1]))
-        jacobian = self.problem.evaluate(np.asarray(unknowns, dtype=float)).jacobian[:, :-1]
+        point = [float(u) for u in unknowns]
+        row = np.zeros(len(point))
+        row[held] = 1.0
+        jacobian = np.vstack([self.problem.evaluate(np.array(point)).jacobian, row])
         solved = self._solve(
-            lambda x: self.residual([*x, value]), [float(u) for u in unknowns[:-1]], jacobian
+            lambda x: [*self.residual(x), x[held] - point[held]], point, jacobian
         )
-        if solved is None:
-            return None
-        x, *rest = solved
-        return Exact([*x, value], [], *rest)
+        return Exact(solved[0], [], *solved[1:]) if solved else None
 
     def event(
         self, kind: str, unknowns: Array, details: Mapping[str, Any] | None = None

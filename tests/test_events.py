@@ -275,6 +275,32 @@ def test_a_function_of_several_components_says_which_one_vanished():
     assert missed == []
 
 
+@pytest.mark.parametrize(
+    "function",
+    [
+        lambda x, w: x * x - w * w,
+        lambda x, w: math.cosh(3.0 * x) - math.cosh(3.0 * w),
+        lambda x, w: math.cos(3.0 * w) - math.cos(3.0 * x),
+    ],
+    ids=["parabola", "cosh", "cos"],
+)
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+@pytest.mark.parametrize("width", [0.02, 0.005, 0.001])
+@pytest.mark.parametrize("target", [0.4321, 0.777, 1.013])
+def test_a_function_that_dips_below_zero_within_a_step_crosses_twice(function, sign, width, target):
+    """The steps are 0.1 long; its signs on the points say nothing."""
+    tests = [user(lambda p: sign * function(p.parameter - target, width))]
+    found = walk(
+        LINE, np.array([0.0, 0.0]), 1, parameter="p", limits=(-2.0, 1.4), tests=tests,
+    )  # fmt: skip
+    assert found.missed == []
+    expected = [target - width, target + width]
+    assert [event.parameter for event in found.events] == pytest.approx(expected, abs=1e-12)
+    for event, value in zip(found.events, expected, strict=True):
+        # near its extremum the function knows its zeros to 1e-16/width
+        assert abs(event.parameter - value) <= 2.0 * event.error + 1e-16 / width
+
+
 # Functions that jump
 
 

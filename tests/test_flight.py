@@ -112,10 +112,12 @@ def test_chebyshev_zeros(function, length, expected):
 
 
 def test_chebyshev_zeros_in_halves(monkeypatch):
-    """What the highest degree does not resolve is cut; zeros on all parts are found, in order."""
+    """What the highest degree does not resolve is cut: its zeros are found, in order, and cuts."""
     monkeypatch.setattr(module, "_DEGREES", (8, 16))
-    found = chebyshev_zeros(lambda t: np.cos(20 * t), 3.0)
-    np.testing.assert_allclose(found, (np.arange(19) + 0.5) * np.pi / 20, rtol=0, atol=1e-13)
+    found = np.array(chebyshev_zeros(lambda t: np.cos(20 * t), 3.0))
+    assert np.all(np.diff(found) > 0.0)
+    nearest = np.min(np.abs(found[:, None] - (np.arange(19) + 0.5) * np.pi / 20), axis=0)
+    assert np.max(nearest) < 1e-13
 
 
 # Extrema of single flights
@@ -142,8 +144,8 @@ def check_extrema(motion, vectorised, length, zeros):
     for e in found:
         shift, velocity, acceleration = motion(e.dt)
         assert shift == e.displacement
-        # The time is known to eps dt, beside a rounding of the velocity's own terms.
-        assert abs(velocity) <= 1e-14 * (1.0 + abs(speed)) + 4e-16 * abs(acceleration) * length
+        # A turning time is known to 1e-9 of its bracket, and the displacement to the square.
+        assert abs(velocity) <= 1e-14 * (1.0 + abs(speed)) + 2e-9 * abs(acceleration) * length
         assert abs(acceleration) < 1e-6 or (acceleration < 0.0) == e.maximum
 
 

@@ -221,8 +221,8 @@ def test_the_secant_predictor_walks_the_same_circle(direction):
     found = follow(circle(), [0.6, 0.8], direction, tests=[Turning()], settings=settings)
     assert found.end.kind is EndKind.CLOSED
     assert sorted(event.parameter for event in found.events) == pytest.approx([-1.0, 1.0])
-    # its guesses are off three times as far as the tangent's: measured 110 points
-    assert len(found.points) <= 130
+    # its guesses are off further than those of the tangent: measured 129 points
+    assert len(found.points) <= 150
     assert found.corrector_iterations <= 3.2 * len(found.points)
 
 

@@ -109,7 +109,7 @@ class _Walker:
             if attempt.point is None:
                 return self.finished(self.refusal(attempt.reason))
             stop = self.callback is not None and self.callback(attempt.point)
-            found = self.accept(here, attempt.point)
+            found = self.accept(here, attempt.point, attempt.ending)
             if self.stop is not None and (stopped := self.stop(attempt.point, found)):
                 end, self.points[-1] = stopped
                 return self.finished(end)
@@ -119,10 +119,17 @@ class _Walker:
             step = arclength.next_step(step, turned, correction, self.settings)
         return self.finished(self.end(EndKind.POINTS, limit=self.settings.max_points))
 
-    def accept(self, here: Point, new: Point) -> list[Event]:
-        """Put a point down, and the events between it and the one before; returns these."""
+    def accept(self, here: Point, new: Point, ending: EndKind | None) -> list[Event]:
+        """Put a point down, and the events between it and the one before; returns these.
+
+        No walk comes from beyond a limit of the range: a zero exactly on it is found from inside.
+        """
         before = time.perf_counter()
         values = [test.values(new) for test in self.tests]
+        if here is self.points[0] and here.parameter in self.limits:
+            self.values = _apart(self.values, values)
+        if ending is EndKind.RANGE:
+            values = _apart(values, self.values)
         segment = self.segment(here, new)
         found, missed = find_events(self.tests, segment, self.values, values, self.before)
         self.before = Before(here.arclength, self.values)
@@ -136,6 +143,7 @@ class _Walker:
 
     def begin(self, start: Array, direction: int, tangent: Array | None) -> str:
         """Put the first point down; returns why it could not be, or nothing."""
+        switched = tangent is not None
         fixed = np.zeros(len(start))
         fixed[-1] = 1.0
         row = fixed if tangent is None else tangent / self.scale**2
@@ -159,7 +167,7 @@ class _Walker:
             first = regular
         self.points.append(first)
         self.values = [test.values(first) for test in self.tests]
-        if tangent is not None and not self.branching:  # on a zero, within rounding: exactly on it
+        if switched and not self.branching:  # on a zero, within rounding: exactly on it
             self.values = [np.where(np.abs(v) < 1e-12, 0.0, v) for v in self.values]
         if self.branching:
             self.values = [np.where(np.abs(v) < NO_CROSSING, np.nan, v) for v in self.values]
@@ -273,3 +281,12 @@ class _Walker:
             self.points, self.events, end, self.missed, self.iterations, self.rejected,
             self.seconds_in_events,
         )  # fmt: skip
+
+
+def _apart(zeros: list[Array], others: list[Array]) -> list[Array]:
+    """Give exact zeros the sign the other values do not have."""
+    tiny = np.finfo(float).tiny
+    return [
+        np.where(z == 0.0, np.where(other >= 0.0, -tiny, tiny), z)
+        for z, other in zip(zeros, others, strict=True)
+    ]

@@ -25,6 +25,11 @@ NEWTON_DONE = 1e-9
 
 _DEGREES = (16, 32, 64)
 
+_NOISE = 1e-10
+"""Last coefficients below this part of the largest that no longer fall are the rounding of the
+function itself, which grows with the angles in it."""
+
+
 
 @dataclass(frozen=True)
 class Touch:
@@ -110,12 +115,14 @@ def _trigonometric_zeros(mean: float, series: Sequence[tuple[int, float, float]]
 def chebyshev_zeros(function: Callable[[Array], Array], length: float) -> list[float]:
     """Return the zeros in (0, length) of a smooth function, from its Chebyshev interpolant.
 
-    The degree is doubled until the last coefficients are rounding; a function that is not
+    The degree is doubled until the last coefficients are rounding, the function's own where that is
+    larger; a function that is not
     resolved by the highest degree is cut in halves. Every cut is returned too, so that none of the
     pieces between the times returned holds a zero, not even one lost by rounding at the cut.
     """
     from numpy.polynomial import chebyshev
 
+    before = math.inf
     for degree in _DEGREES:
         nodes = np.cos(np.pi * (np.arange(degree + 1) + 0.5) / (degree + 1))
         values = np.broadcast_to(function(0.5 * length * (nodes + 1.0)), nodes.shape)
@@ -123,11 +130,13 @@ def chebyshev_zeros(function: Callable[[Array], Array], length: float) -> list[f
         size = float(np.max(np.abs(coefficients)))
         if size == 0.0:
             return []
-        if np.max(np.abs(coefficients[-3:])) < 1e-14 * size:
+        tail = float(np.max(np.abs(coefficients[-3:]))) / size
+        if tail < 1e-14 or (tail < _NOISE and tail > 0.1 * before):
             kept = np.nonzero(np.abs(coefficients) > 1e-15 * size)[0][-1] + 1
             roots = chebyshev.chebroots(coefficients[:kept]) if kept > 1 else np.array([])
             near = (np.abs(roots.imag) < 1e-6) & (np.abs(roots.real) <= 1.0)
             return sorted((0.5 * length * (roots.real[near] + 1.0)).tolist())
+        before = tail
     half = 0.5 * length
     later = chebyshev_zeros(lambda t: function(half + t), half)
     return [*chebyshev_zeros(function, half), half, *(half + root for root in later)]

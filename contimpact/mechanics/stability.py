@@ -120,16 +120,15 @@ def count_unstable(values: Array) -> int:
 
 
 def neimark_sacker(start: Array, end: Array) -> float:
-    """Return a pole-free function that vanishes where two multipliers have the product 1.
+    """Return a bounded function that vanishes where two multipliers have the product 1.
 
-    With homogeneous multipliers alpha/beta of the collapsed pencil, the product over pairs of
-    alpha_i alpha_j - beta_i beta_j, each pair on the unit scale.
+    For m = 2 their product D is that of all, and the function is (D - 1)/(D + 1); otherwise it is
+    the product of the like over all pairs.
     """
-    p, q = collapse(start, end)
-    if p.shape == (2, 2):
-        above, below = float(np.linalg.det(p)), float(np.linalg.det(q))
-        return (above - below) / max(abs(above), abs(below), 1e-300)
-    values = _general(p, q)
+    if start.shape[1:] == (2, 2):
+        product = determinant(start, end)
+        return (product - 1.0) / (abs(product) + 1.0) if math.isfinite(product) else 1.0
+    values = _general(*collapse(start, end))
     result = 1.0 + 0.0j
     for i in range(len(values)):
         for j in range(i):

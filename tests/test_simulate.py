@@ -1,0 +1,474 @@
+"""Simulation: first arrivals against exact flights, settled orbits, chatter, sticking, exponents.
+
+The reference for a first arrival is written from the equation of motion in mpmath and advances by
+steps within which no wall can be reached: with the acceleration bounded by M, a gap g that closes
+at the speed w lasts at least until w h + M h^2/2 = g.
+"""
+
+from __future__ import annotations
+
+import math
+
+import mpmath as mp
+import numpy as np
+import pytest
+
+from contimpact.errors import InputError
+from contimpact.mechanics.flight import extrema
+from contimpact.mechanics.lyapunov import exponents, exponents_of
+from contimpact.mechanics.search import find_orbits
+from contimpact.mechanics.simulate import Outcome, Simulator, State
+
+
+@pytest.fixture(scope="session")
+def simulator_of(kernels_of):
+    """``simulator_of(model)``, with one set of kernels for all models of the same formulas."""
+
+    def simulator(model, **options):
+        parameter = "s" if "s" in model.values else "sigma"
+        return Simulator(model, kernels_of(model, parameter), **options)
+
+    return simulator
+
+
+# The exact first arrival
+
+
+class ExactFlight:
+    """A flight of the impact pair under cos(pi t), and where it first meets a wall."""
+
+    def __init__(self, model, wall, phase, velocity):
+        p = {name: mp.mpf(value) for name, value in model.values.items()}
+        self.length = p["M"] * p["omega"] ** 2 * p["s"] / (p["A"] * mp.pi**2)
+        self.gravity = p["M"] * p["g"] * mp.sin(p["beta"]) / p["A"]
+        self.t0 = mp.mpf(phase)
+        self.out = -p["r"] * mp.mpf(velocity)
+        self.start = self.length / 2 if wall == "B" else -self.length / 2
+        self.wall = wall
+        self.most = 1 + abs(self.gravity)
+
+    def at(self, dt):
+        """Position and velocity."""
+        t1 = self.t0 + dt
+        sine, cosine = mp.sin(mp.pi * self.t0), mp.cos(mp.pi * self.t0)
+        speed = self.out + self.gravity * dt + (mp.sin(mp.pi * t1) - sine) / mp.pi
+        moved = (
+            (self.out - sine / mp.pi) * dt + self.gravity * dt**2 / 2
+            - (mp.cos(mp.pi * t1) - cosine) / mp.pi**2
+        )  # fmt: skip
+        return self.start + moved, speed
+
+    def first(self, longest=400):
+        """Wall, time and velocity of the first arrival; the gap left at the end is below 1e-24."""
+        dt = abs(self.out) / self.most  # the wall just left cannot be reached earlier
+        other = self.length / (abs(self.out) + mp.sqrt(self.out**2 + 2 * self.most * self.length))
+        dt = min(dt, other)
+        while dt < longest:
+            z, v = self.at(dt)
+            gaps = {"B": (self.length / 2 - z, v), "T": (z + self.length / 2, -v)}
+            steps = {}
+            for name, (gap, closing) in gaps.items():
+                if gap < mp.mpf("1e-24") and closing > -mp.mpf("1e-9"):
+                    return name, dt, v
+                root = mp.sqrt(max(closing**2 + 2 * self.most * gap, 0))
+                steps[name] = (root - closing) / self.most if closing < 0 else (
+                    2 * gap / (root + closing) if root + closing else mp.mpf(0)
+                )  # fmt: skip
+            dt += max(min(steps.values()), mp.mpf("1e-26"))
+        return None, dt, None
+
+
+def random_flights(pair, simulator_of, seed, count):
+    """Flights of random models; an eighth each touches a wall to 1e-9 from either side, or misses.
+
+    Yields the simulator, the wall left, phase and velocity, and the gap it was made for.
+    """
+    rng = np.random.default_rng(seed)
+    while count:
+        beta, r = rng.uniform(-1.5, 1.5), rng.uniform(0.05, 1.0)
+        model = pair(beta=beta, r=r, A=rng.uniform(2.0, 15.0), d=rng.uniform(0.02, 0.8))
+        wall = "BT"[rng.integers(2)]
+        side = 1 if wall == "B" else -1
+        phase = float(rng.uniform(0, 2))
+        velocity = side * float(10 ** rng.uniform(-4, 0.2))
+        simulator = simulator_of(model)
+        kind = rng.integers(8)
+        if kind < 2:  # the far wall is put 1e-9 before or behind the first turning point
+            turn = first_turn(simulator, wall, phase, velocity, side)
+            if turn is None:
+                continue
+            gap = 1e-9 if kind else -1e-9
+            simulator = simulator_of(pair(beta=beta, r=r, A=model.values["A"], d=turn + gap))
+        elif kind < 4:  # the velocity is tuned until the body returns to 1e-9 from the wall left
+            gap = 1e-9 if kind == 2 else -1e-9
+            tuned = grazing_velocity(simulator, wall, phase, side, gap)
+            if tuned is None:
+                continue
+            velocity = tuned
+        count -= 1
+        yield simulator, wall, phase, velocity
+
+
+def turns_of(simulator, wall, phase, velocity, length=4.0):
+    """The turning points of a flight that no wall ends."""
+    k = simulator.letters.index(wall)
+    motion = simulator.kernels.motion(wall)
+    breaks = [t for w in range(2) for t in simulator._breaks(k, phase, velocity, w) if t < length]
+
+    def moved(dt):
+        return motion(phase, velocity, dt, *simulator.values)
+
+    return extrema(moved, length, moved(length)[1], breaks)
+
+
+def first_turn(simulator, wall, phase, velocity, side):
+    """How far from the wall it left the body turns first, if it does."""
+    turns = turns_of(simulator, wall, phase, velocity)
+    if not turns:
+        return None
+    away = -side * turns[0].displacement
+    return away if 1e-3 < away < 5.0 else None
+
+
+def grazing_velocity(simulator, wall, phase, side, gap):
+    """A velocity with which the second turning point is `gap` before the wall."""
+
+    def excess(speed):
+        turns = turns_of(simulator, wall, phase, side * speed)
+        if len(turns) < 2 or turns[1].maximum != (side > 0):
+            return None
+        return -side * turns[1].displacement - gap
+
+    speeds = np.linspace(0.05, 1.0, 12).tolist()
+    values = [excess(speed) for speed in speeds]
+    for a, b, fa, fb in zip(speeds, speeds[1:], values, values[1:], strict=False):
+        if fa is None or fb is None or (fa > 0) == (fb > 0):
+            continue
+        for _ in range(60):
+            middle = 0.5 * (a + b)
+            fm = excess(middle)
+            if fm is None:
+                return None
+            a, b, fa = (middle, b, fm) if (fm > 0) == (fa > 0) else (a, middle, fa)
+        return side * b
+    return None
+
+
+def check_first_arrivals(pair, simulator_of, seed, count):
+    """Wall, time and velocity of every flight agree; the largest error by the expected scale."""
+    worst, touches = 0.0, 0
+    with mp.workdps(32):
+        for simulator, wall, phase, velocity in random_flights(pair, simulator_of, seed, count):
+            k = simulator.letters.index(wall)
+            found, dt, speed = simulator.fly(k, phase, velocity)
+            name, exact_dt, exact_speed = ExactFlight(
+                simulator.model, wall, phase, velocity
+            ).first()
+            where = f"{simulator.model!r}, {wall}, {phase!r}, {velocity!r}"
+            assert found >= 0, where
+            assert simulator.letters[found] == name, where
+            # a touch of velocity w moves by e/w when the wall does by e, its velocity likewise
+            late, faster = abs(float(dt - exact_dt)), abs(float(speed - exact_speed))
+            arrival = max(abs(float(exact_speed)), 1e-12)
+            touches += arrival < 1e-3
+            size = float(1 + exact_dt) * (1 + 1 / arrival)
+            worst = max(worst, late / size, faster / size)
+    assert worst < 2e-15
+    return touches
+
+
+def test_first_arrival_against_exact_flights(pair, simulator_of):
+    """No wrong wall and no missed hit in 500 flights, touches to 1e-9 among them."""
+    assert check_first_arrivals(pair, simulator_of, 1, 500) > 30
+
+
+@pytest.mark.slow
+def test_first_arrival_against_ten_thousand_exact_flights(pair, simulator_of):
+    assert check_first_arrivals(pair, simulator_of, 2, 10_000) > 600
+
+
+def test_a_flight_that_passes_by_hits_what_is_behind(pair, simulator_of):
+    """A wall 1e-9 beyond the turning point is not hit there; 1e-9 before it is, slowly."""
+    simulator = simulator_of(pair(d=0.3))
+    turn = first_turn(simulator, "B", 0.8, 0.5, 1)
+    near, far = (simulator_of(pair(d=turn + gap)) for gap in (-1e-9, 1e-9))
+    assert near.letters[near.fly(0, 0.8, 0.5)[0]] == "T"
+    assert abs(near.fly(0, 0.8, 0.5)[2]) < 1e-4
+    assert far.fly(0, 0.8, 0.5)[1] > near.fly(0, 0.8, 0.5)[1] + 0.1
+
+
+# Settled orbits: simulation and the orbit solver agree, sharing no solver
+
+
+def random_orbits(pair, kernels_of, seed, count):
+    """Stable physical orbits at random parameters, not too near to a bifurcation."""
+    rng = np.random.default_rng(seed)
+    words = ["1:1", "2:1", "1:1/2T", "1:2", "2:2", "3:1"]
+    while count:
+        model = pair(
+            beta=rng.uniform(0.0, 1.4), r=rng.uniform(0.15, 0.7), A=rng.uniform(4.0, 9.0),
+            d=rng.uniform(0.12, 0.45),
+        )  # fmt: skip
+        word = words[rng.choice(len(words), p=[0.4, 0.25, 0.15, 0.05, 0.05, 0.1])]
+        kernels = kernels_of(model, "s")
+        for orbit in find_orbits(model, word, kernels=kernels, starts=48, rounds=2):
+            slow = np.min(np.abs(orbit.velocities)) > 1e-3
+            gap = orbit.linearisation.verdict.smallest_gap
+            clear = math.isnan(gap) or gap > 1e-3
+            if orbit.physical and clear and slow and abs(orbit.multipliers[0]) < 0.97:
+                yield orbit
+                count -= 1
+                break
+
+
+def check_settling(pair, kernels_of, simulator_of, seed, count):
+    worst = 0.0
+    for orbit in random_orbits(pair, kernels_of, seed, count):
+        simulator = simulator_of(orbit.model)
+        word, n = orbit.word.walls, len(orbit.word)
+        start = simulator.state(word[0], orbit.times[0] + 1e-7, orbit.velocities[0] * (1 + 1e-7))
+        rounds = 40 + math.ceil(25 / -math.log(abs(orbit.multipliers[0])))
+        run = simulator.run(start, impacts=n * rounds)
+        end = simulator.run(run.end, impacts=n)
+        assert end.word == word[1:] + word[0], repr(orbit)
+        exact = np.roll(orbit.velocities, -1)
+        worst = max(worst, float(np.max(np.abs(end.velocities - exact))))
+    assert worst < 1e-9
+    return worst
+
+
+def test_simulation_settles_on_stable_orbits(pair, kernels_of, simulator_of):
+    """Measured: 3e-15."""
+    check_settling(pair, kernels_of, simulator_of, 3, 12)
+
+
+@pytest.mark.slow
+def test_simulation_settles_on_two_hundred_stable_orbits(pair, kernels_of, simulator_of):
+    check_settling(pair, kernels_of, simulator_of, 4, 200)
+
+
+def test_the_oscillator_settles_on_its_orbit(oscillator, kernels_of, simulator_of):
+    """Flights whose acceleration depends on the state; sigma = 0.2 has a stable orbit 1/2T."""
+    model = oscillator(c=0.2, r=0.6)
+    orbits = find_orbits(model, "S/2T", kernels=kernels_of(model, "sigma"))
+    stable = [o for o in orbits if o.stable and o.physical]
+    assert stable
+    simulator = simulator_of(model)
+    start = simulator.state("S", stable[0].times[0], stable[0].velocities[0] * 1.001)
+    run = simulator.run(start, impacts=300)
+    assert abs(run.velocities[-1] - stable[0].velocities[0]) < 1e-9
+
+
+# Time
+
+
+def test_time_does_not_lose_digits(pair, simulator_of):
+    """Complex motion after 1e12 periods is bit for bit the motion at the beginning."""
+    simulator = simulator_of(pair(d=0.226))
+    early = simulator.run(State(0, 0.25, 0.6), impacts=3000)
+    late = simulator.run(State(0, 0.25, 0.6, turns=10**12), impacts=3000)
+    assert np.array_equal(early.phases, late.phases)
+    assert np.array_equal(early.velocities, late.velocities)
+    assert np.array_equal(early.turns, late.turns - 10**12)
+    assert np.all((early.phases >= 0) & (early.phases < 2))
+
+
+def test_runs_join(pair, simulator_of):
+    """A run in two parts is the run in one."""
+    simulator = simulator_of(pair(d=0.226))
+    whole = simulator.run(State(0, 0.25, 0.6), impacts=200)
+    first = simulator.run(State(0, 0.25, 0.6), impacts=90)
+    second = simulator.run(first.end, impacts=110)
+    assert np.array_equal(np.append(first.velocities, second.velocities), whole.velocities)
+    assert second.end == whole.end
+
+
+def test_a_run_without_rows_ends_at_the_same_impact(pair, simulator_of):
+    simulator = simulator_of(pair(d=0.226))
+    kept = simulator.run(State(0, 0.25, 0.6), periods=50)
+    blind = simulator.run(State(0, 0.25, 0.6), periods=50, record=False)
+    assert blind.end == kept.end
+    assert len(blind) == 0
+    assert kept.end.turns == 50
+
+
+# Sticking
+
+
+def test_chatter_on_the_bottom_sticks_and_is_released(pair, simulator_of):
+    """A = 0.62 N: gbar = 0.984 presses nearly always; release where cos(pi t) = -gbar."""
+    simulator = simulator_of(pair(A=0.62, s=0.5))
+    run = simulator.run(simulator.state("T", 0.1, -0.6), impacts=200)
+    assert run.released.any()
+    assert run.outcome is Outcome.DONE
+    gbar = simulator.derived["gbar"]
+    exact = math.acos(-gbar) / math.pi
+    assert np.max(np.abs(run.phases[run.released] - exact)) < 1e-15
+    assert set(run.walls[run.released].tolist()) == {0}
+
+
+def test_a_ball_pressed_for_ever_rests(pair, simulator_of):
+    """gbar = 1.22 > 1; r = 0.3 at the bottom."""
+    simulator = simulator_of(pair(A=0.5, s=0.5))
+    assert simulator.derived["gbar"] > 1
+    run = simulator.run(simulator.state("T", 0.1, -0.6), impacts=10**6)
+    assert run.outcome is Outcome.RESTING
+    assert len(run) < 60
+    again = simulator.run(run.end, impacts=10)
+    assert again.outcome is Outcome.RESTING
+    assert len(again) == 0
+
+
+@pytest.mark.parametrize("r", [0.0, 0.3, 0.9])
+def test_the_time_of_sticking_is_that_of_all_impacts(pair, simulator_of, r):
+    """Constant acceleration (no forcing): the geometric series, in closed form."""
+    model = type(pair())(beta=0.5, r=r, A=5.0, s=0.4, forcing="0*t")
+    simulator = Simulator(model)
+    g = simulator.derived["gbar"]
+    run = simulator.run(simulator.state("B", 0.25, 0.3), impacts=10**5)
+    assert run.outcome is Outcome.RESTING
+    exact = 0.25 + (2 * r * 0.3 / g / (1 - r))
+    total = run.end.turns * 2 + run.end.phase
+    assert abs(total - exact) < 1e-9 * max(exact, 1)
+
+
+def test_no_restitution(pair, simulator_of):
+    """r = 0: every landing that is pressed sticks, and the release forgets the past."""
+    simulator = simulator_of(pair(r=0.0, s=0.3))
+    one = simulator.run(simulator.state("T", 0.1, -0.6), impacts=40)
+    other = simulator.run(simulator.state("B", 1.3, 0.2), impacts=40)
+    assert one.outcome is Outcome.DONE
+    assert one.released.any()
+    assert one.word[-8:] in ("B*T*" * 3, "T*B*" * 3, "*T*B" * 3) or "B*T*" in one.word
+    first, second = (set(run.phases[run.released][-4:]) for run in (one, other))
+    assert first & second
+
+
+def test_the_bouncing_ball_without_restitution(pair, simulator_of):
+    """Sticking for 1 < Gamma < sqrt(1 + pi^2), Gamma = 1/gbar (Mehta and Luck, 1990): period T.
+
+    Landing in the sticking zone, the ball leaves at the same phase in every period.
+    """
+    for factor in (1.2, 2.0, 3.2):
+        model = pair(r=0.0, beta=math.pi / 2, s=10.0)
+        p = model.values
+        model = model.replace(A=p["M"] * p["g"] * factor)
+        simulator = simulator_of(model)
+        assert simulator.derived["gbar"] == pytest.approx(1 / factor)
+        run = simulator.run(simulator.state("B", 0.3, 0.1), impacts=60)
+        assert run.word.endswith("B*B*B*")
+        assert np.ptp(run.phases[run.released]) == 0
+        assert np.all(np.diff(run.turns[run.released]) == 1)
+
+
+def test_beyond_the_sticking_window_the_ball_flies_longer(pair, simulator_of):
+    """Gamma = 3.4 > sqrt(1 + pi^2) = 3.2969: the flight from the release lasts over a period."""
+    p = pair(r=0.0, beta=math.pi / 2, s=20.0)
+    simulator = simulator_of(p.replace(A=p.values["M"] * p.values["g"] * 3.4))
+    zone, until = simulator.pressed(0, 1.0), simulator._release(0, 0.0)[0]
+    assert not zone[0]
+    assert simulator.fly(0, until, 0.0)[1] > 2.0
+
+
+# Ends
+
+
+def test_a_flight_without_walls_in_reach_is_given_up(oscillator, simulator_of):
+    """The stop lies beyond the steady amplitude: after some impacts there are no more."""
+    model = oscillator(c=0.4, sigma=3.0, r=0.5)
+    simulator = simulator_of(model, longest_flight=30)
+    run = simulator.run(simulator.state("S", 0.1, 2.0), impacts=1000)
+    assert run.outcome is Outcome.NO_IMPACT
+    assert run.end is None
+
+
+def test_a_level_capsule_can_be_too_long(pair, simulator_of):
+    """beta = 0 and no mean velocity: the ball oscillates by 2/pi^2 for ever."""
+    simulator = simulator_of(pair(beta=0.0, d=1.0), longest_flight=20)
+    assert simulator.start(0.0, 0.1, 0.0) is None
+
+
+def test_a_start_between_the_walls(pair, simulator_of):
+    """It arrives where the exact flight does, here from a state on an earlier flight."""
+    simulator = simulator_of(pair(d=0.3))
+    state = State(0, 0.4, 0.5)
+    hit, dt, speed = simulator.fly(*(state.wall, state.phase, state.velocity))
+    x, v, _ = simulator.kernels.motion("B")(0.4, 0.5, 0.3 * dt, *simulator.values)
+    found = simulator.start(0.4 + 0.3 * dt, simulator.positions[0] + x, v)
+    assert found.wall == hit
+    assert found.phase + 2 * found.turns == pytest.approx(0.4 + dt, abs=1e-14)
+    assert found.velocity == pytest.approx(speed, abs=1e-14)
+
+
+@pytest.mark.parametrize(
+    ("call", "where"),
+    [
+        (lambda s: s.state("X", 0.0, 1.0), "wall"),
+        (lambda s: s.state("B", 0.0, -1.0), "velocity"),
+        (lambda s: s.state("T", 0.0, 1.0), "velocity"),
+        (lambda s: s.run(State(0, 0.1, 0.5)), "impacts"),
+        (lambda s: s.start(0.0, 5.0, 0.0), "position"),
+    ],
+)
+def test_what_cannot_be_simulated(pair, simulator_of, call, where):
+    with pytest.raises(InputError) as error:
+        call(simulator_of(pair()))
+    assert error.value.where == where
+
+
+# Exponents
+
+
+@pytest.mark.parametrize(
+    ("d", "r", "impacts"), [(0.226, 0.3, 3000), (0.242, 0.3, 500), (0.3, 0.9, 2000)]
+)
+def test_the_sum_of_the_exponents_is_ln_r2(pair, simulator_of, d, r, impacts):
+    """Flights conserve area; measured: 5e-14."""
+    simulator = simulator_of(pair(d=d, r=r))
+    start = simulator.run(State(0, 0.25, 0.6), periods=100, record=False).end
+    found = exponents(simulator, start, impacts)
+    assert abs(sum(found.per_impact) - 2 * math.log(r)) < 1e-6
+    assert found.restitution == pytest.approx(2 * math.log(r), abs=1e-14)
+
+
+def test_the_sum_of_the_exponents_with_two_restitutions(pair, simulator_of):
+    simulator = simulator_of(pair(r_B=0.4, r_T=0.7, d=0.2))
+    start = simulator.run(simulator.state("B", 0.25, 0.6), periods=100, record=False).end
+    found = exponents(simulator, start, 1500)
+    assert abs(sum(found.per_impact) - found.restitution) < 1e-6
+
+
+def test_damped_flights_contract_as_the_damping_says(oscillator, simulator_of):
+    """The sum per impact is ln r^2 - c times the mean duration of a flight."""
+    c = 0.2
+    simulator = simulator_of(oscillator(c=c, r=0.6))
+    start = simulator.run(simulator.state("S", 0.1, 1.0), impacts=50).end
+    found = exponents(simulator, start, 60)
+    duration = found.periods * simulator.period / found.impacts
+    assert abs(sum(found.per_impact) - (2 * math.log(0.6) - c * duration)) < 1e-6
+
+
+def test_exponents_of_a_periodic_orbit_are_its_multipliers(pair, simulator_of, kernels_of):
+    model = pair(d=0.242)
+    orbit = next(o for o in find_orbits(model, "1:1", kernels=kernels_of(model, "s")) if o.stable)
+    simulator = simulator_of(model)
+    start = simulator.state("B", orbit.times[0], orbit.velocities[0])
+    found = exponents(simulator, start, 4000)
+    expected = math.log(abs(orbit.multipliers[0])) / 2
+    assert found.per_impact[0] == pytest.approx(expected, abs=1e-3)
+
+
+def test_complex_motion_has_a_positive_exponent(pair, simulator_of):
+    """Fig. 7(i), d = 0.226: 0.085 per impact from an independent computation."""
+    simulator = simulator_of(pair(d=0.226))
+    start = simulator.run(State(0, 0.25, 0.6), periods=100, record=False).end
+    found = exponents(simulator, start, 6000)
+    assert abs(found.per_impact[0] - 0.0851) < 4 * found.error + 1e-3
+    assert found.per_impact[0] > 10 * found.error
+
+
+def test_sticking_forgets(pair, simulator_of):
+    simulator = simulator_of(pair(d=0.14))
+    run = simulator.run(State(0, 0.25, 0.5), impacts=300)
+    assert run.released.any()
+    assert exponents_of(simulator, State(0, 0.25, 0.5), run).per_impact == (-math.inf, -math.inf)
