@@ -31,6 +31,8 @@ _PLACES = {
     "stable_intervals": "reading",
     "load_entries": "catalogue",
     "plot_curves": "curve_diagram",
+    "write_auto": "formats",
+    "write_mat": "formats",
     "load_scene": "scene",
     "read_scene": "scene",
     "Branch": "diagram",

@@ -26,6 +26,8 @@ Array = np.ndarray[Any, Any]
 
 KEPT = 1000
 """Impacts of a motion that is not periodic that are kept."""
+FIRST = 64
+"""Impacts after which a motion is looked at for the first time."""
 NEAR = 1e-4
 """A motion this close to an earlier impact may be periodic; in periods and largest velocities."""
 
@@ -213,9 +215,12 @@ def settle(simulator: Simulator, state: State, settling: Settling = SETTLING) ->
     Attractor
     """
     begun, made = state.turns, 0
+    run = simulator.run(state, impacts=FIRST)
+    if run.released.any() and (found := _sticking_cycle(run)):
+        return periodic(simulator, *found, periods=int(run.turns[-1]) - begun)
     run = simulator.run(state, periods=settling.transient, record=False)
     earlier: tuple[Cycle, float, int] | None = None
-    window = 64
+    window = FIRST
     while run.outcome is Outcome.DONE and run.end is not None:
         periods = run.end.turns - begun
         if periods - settling.transient > settling.periods:
@@ -503,11 +508,15 @@ def _sticking_word(simulator: Simulator, cycle: Cycle) -> str:
 def _sticking_notation(simulator: Simulator, cycle: Cycle) -> str:
     """Counts per wall, infinite on walls where impacts accumulate."""
     stuck = set(cycle.walls[cycle.released].tolist())
-    counts = []
-    for k in range(len(simulator.letters)):
-        total = int(np.count_nonzero(cycle.walls == k))
-        counts.append("inf" if k in stuck else f"{total / cycle.period:.6g}")
-    return ":".join(counts) + (f"/{cycle.period}T" if cycle.period > 1 else "")
+    totals = [int(np.count_nonzero(cycle.walls == k)) for k in range(len(simulator.letters))]
+    p = cycle.period
+    finite = [total for k, total in enumerate(totals) if k not in stuck]
+    whole = all(total % p == 0 for total in finite)
+    each = [total // p if whole else total for total in totals]
+    counts = ":".join("inf" if k in stuck else str(n) for k, n in enumerate(each))
+    if p == 1:
+        return counts
+    return f"{counts}/{p}T" if whole else f"({counts})/{p}T"
 
 
 def _smallest_gap(simulator: Simulator, word: str, cycle: Cycle) -> float:
@@ -526,6 +535,8 @@ def _unsettled(simulator: Simulator, state: State, settling: Settling, periods: 
     run = simulator.run(state, impacts=settling.impacts)
     if run.outcome is not Outcome.DONE:
         return _ended(simulator, run)
+    if run.released.any() and (sticking := _sticking_cycle(run)):
+        return periodic(simulator, *sticking, periods=periods)
     found: Exponents = exponents_of(simulator, state, run)
     is_complex = found.per_impact[0] > 3.0 * found.error
     rate = found.impacts / found.periods

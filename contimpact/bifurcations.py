@@ -97,12 +97,11 @@ class NeimarkSacker(TestFunction):
     """NS: a complex pair of multipliers crosses the unit circle."""
 
     kind = "NS"
-    resolution = 1e-9
+    noise = 1e-9  # without damping and losses the product is one everywhere, within rounding
 
     def values(self, point: Point) -> Array:
         here: Any = point.evaluation
-        value = stability.neimark_sacker(here.start, here.end)
-        return np.array([value if abs(value) > self.resolution else np.nan])
+        return np.array([stability.neimark_sacker(here.start, here.end)])
 
     def accept(self, event: Event) -> bool:
         """Two real multipliers with the product one are a neutral saddle."""
@@ -173,6 +172,10 @@ class ScalarTest(TestFunction):
     def locate(self, problem: Any, guess: Point, index: int) -> Located | None:
         system = Reached(problem, lambda orbit, z: self.scalar(orbit, z, index))
         return located(system, guess, lambda solution: self.described(problem, index))
+
+    def details(self, point: Point, index: int) -> Mapping[str, Any]:
+        problem = point.evaluation.problem  # type: ignore[attr-defined]
+        return {"index": index, **self.described(problem, index)}
 
     def described(self, problem: Any, index: int) -> dict[str, Any]:
         """What to record of a zero."""

@@ -2,11 +2,13 @@
 
 The files are contracts with a schema name and number in each: ``catalogue.json``, the same flat in
 ``events.csv``, ``branches/<id>-<word>.csv``, and ``manifest.json``. Floating-point numbers are
-written so that they read back to the same bits; what is not a finite number is null in JSON.
+written so that they read back to the same bits. What is not a finite number is null in JSON files;
+the first lines of tables write it as the text ``inf``, ``-inf`` or ``nan``, which is read back.
 """
 
 from __future__ import annotations
 
+import contextlib
 import csv
 import dataclasses
 import io
@@ -16,7 +18,7 @@ import os
 import platform
 import sys
 import tempfile
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -39,36 +41,75 @@ CURVE = "contimpact.curve/1"
 
 EVENT_COLUMNS = (
     "id", "kind", "ghost", "label", "why", "branch", "word", "period", "notation", "becomes",
-    "order", "criticality", "slope", "wall", "flight", "impact", "touch_time", "parameter",
-    "n_unstable", "stable", "physical", "reason", "residual", "error", "method", "arclength",
+    "order", "criticality", "slope", "wall", "flight", "impact", "touch_time", "requested",
+    "parameter", "n_unstable", "stable", "physical", "reason", "residual", "error", "method",
+    "arclength", "opens",
 )  # fmt: skip
+
+NUMBERS = ("slope", "touch_time", "residual", "error", "arclength")
+"""Keys of an entry whose numbers may be not finite."""
 
 
 # Folders and files.
 
 
-def prepare_folder(folder: str | Path) -> Path:
+def prepare_folder(
+    folder: str | Path, files: Sequence[str] = (), folders: Sequence[str] = ()
+) -> Path:
     """Make a folder for output and make sure that it can be written.
+
+    Parameters
+    ----------
+    folder : str or Path
+    files, folders : sequence of str
+        What is going to be written in it; nothing else may be in the way.
 
     Raises
     ------
     InputError
         If it cannot.
     """
+    if not str(folder):
+        raise InputError("output folder", "empty", "give the path of a folder")
     folder = Path(folder)
     try:
         folder.mkdir(parents=True, exist_ok=True)
         with tempfile.TemporaryFile(dir=folder):
             pass
-    except OSError as error:
+    except (OSError, ValueError) as error:
         raise InputError(
-            str(folder), f"cannot be written ({error.strerror or error})", "give another folder"
+            str(folder), f"cannot be written ({_reason(error)})", "give another folder"
         ) from None
+    for name in files:
+        if (folder / name).is_dir():
+            raise InputError(str(folder / name), "a folder", "move it: a file is to be written")
+    for name in folders:
+        if os.path.lexists(folder / name) and not (folder / name).is_dir():
+            raise InputError(str(folder / name), "not a folder", "move it: a folder is to be made")
     return folder
 
 
+def _reason(error: Exception) -> str:
+    return str(getattr(error, "strerror", None) or error)
+
+
 def write_text(path: Path, text: str) -> None:
-    """Write a file whole or not at all."""
+    """Write a file whole or not at all.
+
+    Raises
+    ------
+    InputError
+        If it cannot be written.
+    """
+    try:
+        _replace_text(path, text)
+    except OSError as error:
+        raise InputError(
+            str(path), f"cannot be written ({_reason(error)})", "give another folder"
+        ) from None
+
+
+def _replace_text(path: Path, text: str) -> None:
     path.parent.mkdir(parents=True, exist_ok=True)
     handle, temporary = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.")
     try:
@@ -131,9 +172,10 @@ def _forget(folder: Path) -> None:
         except (OSError, ValueError, KeyError, TypeError, AttributeError):
             continue
     for name in names:
-        path = folder / name
-        if path.resolve().is_relative_to(folder.resolve()):
-            path.unlink(missing_ok=True)
+        path = folder / str(name)
+        inside = path.resolve().is_relative_to(folder.resolve())
+        if inside and (path.is_file() or path.is_symlink()):
+            path.unlink()
 
 
 def _branch_file(identity: str, word: str) -> str:
@@ -193,6 +235,7 @@ def _curve_record(curve: Curve) -> dict[str, Any]:
         "ends": [
             {
                 "kind": end.kind.name.lower(),
+                "parameter": end.value,
                 **{name: float(curve[name][row]) for name in curve.parameters},
                 "message": end.message,
             }
@@ -219,7 +262,7 @@ def curve_text(curve: Curve) -> str:
 
 
 def _end_record(branch: Branch, end: End) -> dict[str, Any]:
-    return {"kind": end.kind.name.lower(), branch.parameter: end.value, "message": end.message}
+    return {"kind": end.kind.name.lower(), "parameter": end.value, "message": end.message}
 
 
 def events_text(diagram: Diagram) -> str:
@@ -233,6 +276,9 @@ def events_text(diagram: Diagram) -> str:
 
 def _flat(entry: Entry) -> dict[str, Any]:
     row: dict[str, Any] = {name: getattr(entry, name) for name in EVENT_COLUMNS}
+    row["opens"] = " ".join(entry.opens)
+    if entry.requested is not None:
+        row["requested"] = " ".join(f"{n}={v!r}" for n, v in entry.requested.items())
     row |= entry.parameters
     for k, impact in enumerate(entry.impacts, start=1):
         row |= {f"{name}{k}": value for name, value in impact.items()}
@@ -258,6 +304,7 @@ def branch_text(branch: Branch) -> str:
         "parameter": branch.parameter,
         "from": branch.origin,
         "meetings": list(branch.meetings),
+        "points": len(branch),
         "ends": [_end_record(branch, end) for end in branch.ends],
         "missed": list(branch.missed),
         "events": [dataclasses.asdict(entry) for entry in branch.events],
@@ -274,36 +321,80 @@ def read_branch(path: str | Path) -> Branch:
     InputError
         If the file is missing, not of this schema, or damaged.
     """
-    path = Path(path)
-    try:
-        lines = path.read_text(encoding="utf-8").split("\n", 1)
-        head = json.loads(lines[0].removeprefix("# "))
-        if head["schema"] != BRANCH:
-            raise InputError(str(path), f"its schema is {head['schema']!r}", f"give {BRANCH!r}")
-        table = list(csv.reader(io.StringIO(lines[1])))
-        columns = {
-            name: _column(name, [row[i] for row in table[1:]]) for i, name in enumerate(table[0])
-        }
+    with _reading(Path(path), BRANCH):
+        head, columns = _table(Path(path), BRANCH)
         parameter = head["parameter"]
-        ends = [
-            End(EndKind[e["kind"].upper()], float(e[parameter]), e["message"]) for e in head["ends"]
-        ]
         return Branch(
             head["id"], head["word"], head["period"], head["notation"], head["system"],
-            head["options"], parameter, columns, (ends[0], ends[1]),
+            head["options"], parameter, columns, _ends(head["ends"], parameter),
             [_entry(record) for record in head["events"]], head["missed"], head["from"],
             head.get("meetings", []),
         )  # fmt: skip
-    except OSError as error:
-        raise InputError(
-            str(path), f"cannot be read ({error.strerror})", "give a branch's CSV"
-        ) from None
+
+
+def read_curve(path: str | Path) -> Curve:
+    """Read a curve's CSV back into the same `Curve`.
+
+    Raises
+    ------
+    InputError
+        If the file is missing, not of this schema, or damaged.
+    """
+    from .curves import Codim2, Curve
+
+    with _reading(Path(path), CURVE):
+        head, columns = _table(Path(path), CURVE)
+        first, second = head["parameters"]
+        points = [_fields(Codim2, record) for record in head["codimension2"]]
+        return Curve(
+            head["id"], head["kind"], head["label"], head["word"], head["period"],
+            head["notation"], (first, second), columns, _ends(head["ends"], second), points,
+            head["from"], head["missed"], head["fixed"],
+        )  # fmt: skip
+
+
+@contextlib.contextmanager
+def _reading(path: Path, schema: str) -> Iterator[None]:
+    """Turn what goes wrong with a file of a schema into `InputError`."""
+    try:
+        yield
     except InputError:
         raise
-    except (ValueError, KeyError, IndexError, TypeError, AttributeError) as error:
+    except OSError as error:
         raise InputError(
-            str(path), f"damaged ({type(error).__name__}: {error})", f"give a file of {BRANCH!r}"
+            str(path), f"cannot be read ({_reason(error)})", f"give a file of {schema!r}"
         ) from None
+    except (ValueError, LookupError, TypeError, AttributeError, RecursionError) as error:
+        raise InputError(
+            str(path), f"damaged ({type(error).__name__}: {error})", f"give a file of {schema!r}"
+        ) from None
+
+
+def _table(path: Path, schema: str) -> tuple[dict[str, Any], dict[str, np.ndarray[Any, Any]]]:
+    """The record in a table's first line, and its columns; they must have its number of rows."""
+    first, rest = path.read_text(encoding="utf-8").split("\n", 1)
+    head = json.loads(first.removeprefix("# "))
+    if head["schema"] != schema:
+        raise InputError(str(path), f"its schema is {head['schema']!r}", f"give {schema!r}")
+    names, *rows = csv.reader(io.StringIO(rest))
+    points = head.get("points", len(rows))
+    if len(rows) != points:
+        raise InputError(
+            str(path), f"it has {len(rows)} of {points} rows", "give a file that is whole"
+        )
+    return head, {name: _column(name, [row[i] for row in rows]) for i, name in enumerate(names)}
+
+
+def _ends(records: Sequence[Mapping[str, Any]], parameter: str) -> tuple[End, End]:
+    """Both ends; earlier versions write the value under the parameter's name."""
+    first, last = (
+        End(
+            EndKind[e["kind"].upper()], float(e["parameter" if "parameter" in e else parameter]),
+            e["message"],
+        )
+        for e in records
+    )  # fmt: skip
+    return first, last
 
 
 def _column(name: str, texts: Sequence[str]) -> np.ndarray[Any, Any]:
@@ -317,12 +408,21 @@ def _column(name: str, texts: Sequence[str]) -> np.ndarray[Any, Any]:
 def _entry(record: Mapping[str, Any]) -> Entry:
     """An entry from its record; keys of later versions are passed over, missing ones empty."""
     known: dict[str, Any] = {f.name: record.get(f.name) for f in dataclasses.fields(Entry)}
+    known |= {name: _number(known[name]) for name in NUMBERS}
     for name in ("multipliers", "multipliers_before", "multipliers_after"):
         known[name] = [None if mu is None else (mu[0], mu[1]) for mu in known[name] or ()]
     known["opens"] = tuple(known["opens"] or ())
     if known["id"] is None or known["parameters"] is None:
         raise ValueError("an entry without id or parameters")
     return Entry(**known)
+
+
+def _number(value: Any) -> Any:
+    return float(value) if isinstance(value, str) else value
+
+
+def _fields(kind: type[Any], record: Mapping[str, Any]) -> Any:
+    return kind(**{f.name: record[f.name] for f in dataclasses.fields(kind)})
 
 
 def load_entries(folder: str | Path) -> list[Entry]:
@@ -335,7 +435,8 @@ def load_entries(folder: str | Path) -> list[Entry]:
     """
     path = Path(folder) / "catalogue.json"
     content = read_json(path, CATALOGUE, "a folder made by contimpact run")
-    return [_entry(record) for record in content["entries"]]
+    with _reading(path, CATALOGUE):
+        return [_entry(record) for record in content["entries"]]
 
 
 def load_diagram(folder: str | Path) -> Diagram:
@@ -347,9 +448,25 @@ def load_diagram(folder: str | Path) -> Diagram:
         If there is no catalogue, its schema is another one, or a file is missing or damaged.
     """
     folder = Path(folder)
-    catalogue = read_json(folder / "catalogue.json", CATALOGUE, "a folder made by contimpact run")
-    names = [_branch_file(b["id"], b["word"]) for b in catalogue["branches"]]
-    return Diagram(catalogue["scene"], [read_branch(folder / name) for name in names])
+    path = folder / "catalogue.json"
+    catalogue = read_json(path, CATALOGUE, "a folder made by contimpact run")
+    with _reading(path, CATALOGUE):
+        branches = [_branch_of(folder, record) for record in catalogue["branches"]]
+        names = [_curve_file(c["id"], c["kind"], c["word"]) for c in catalogue.get("curves", [])]
+        curves = [read_curve(folder / name) for name in names]
+        return Diagram(catalogue["scene"], branches, curves)
+
+
+def _branch_of(folder: Path, record: Mapping[str, Any]) -> Branch:
+    """The branch of a record of the catalogue, if its table belongs to it."""
+    path = folder / _branch_file(record["id"], record["word"])
+    branch = read_branch(path)
+    if len(branch) != record["points"]:
+        raise InputError(
+            str(path), f"it has {len(branch)} of {record['points']} rows",
+            "give a folder whose files are of one run",
+        )  # fmt: skip
+    return branch
 
 
 def read_json(path: Path, schema: str, wanted: str) -> dict[str, Any]:
@@ -360,7 +477,7 @@ def read_json(path: Path, schema: str, wanted: str) -> dict[str, Any]:
         raise InputError(
             str(path), f"cannot be read ({error.strerror})", f"give {wanted}"
         ) from None
-    except ValueError as error:
+    except (ValueError, RecursionError) as error:
         raise InputError(str(path), f"not JSON ({error})", f"give {wanted}") from None
     found = content.get("schema") if isinstance(content, dict) else None
     if found != schema:
@@ -401,16 +518,17 @@ def json_text(content: Any) -> str:
 
 
 def _plain_json(content: Any) -> str:
-    return json.dumps(_finite(content), allow_nan=False, ensure_ascii=False)
+    return json.dumps(_finite(content, repr), allow_nan=False, ensure_ascii=False)
 
 
-def _finite(value: Any) -> Any:
+def _finite(value: Any, instead: Callable[[float], Any] = lambda value: None) -> Any:
+    """Plain data with every number that is not finite replaced."""
     if isinstance(value, float):
-        return value if math.isfinite(value) else None
+        return value if math.isfinite(value) else instead(value)
     if isinstance(value, Mapping):
-        return {name: _finite(v) for name, v in value.items()}
+        return {name: _finite(v, instead) for name, v in value.items()}
     if isinstance(value, list | tuple):
-        return [_finite(v) for v in value]
+        return [_finite(v, instead) for v in value]
     return value
 
 

@@ -8,9 +8,10 @@ from __future__ import annotations
 
 import argparse
 import contextlib
+import os
 import sys
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -25,6 +26,21 @@ if TYPE_CHECKING:
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command line; returns the exit status."""
+    try:
+        try:
+            return _status(arguments)
+        finally:
+            if sys.stdout is not None:
+                sys.stdout.flush()
+    except OSError as error:  # what is printed reaches nobody: a closed pipe, a full disk
+        _close_output()
+        if not isinstance(error, BrokenPipeError):
+            with contextlib.suppress(OSError):
+                print(f"contimpact: {error.strerror or error}", file=sys.stderr)
+        return 1
+
+
+def _status(arguments: Sequence[str] | None) -> int:
     options = _parser().parse_args(arguments)
     try:
         return int(options.command(options))
@@ -34,8 +50,12 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except KeyboardInterrupt:
         print("contimpact: interrupted", file=sys.stderr)
         return 1
-    except BrokenPipeError:
-        return 1
+
+
+def _close_output() -> None:
+    """Send what is still buffered nowhere, so that the interpreter does not try it again."""
+    with contextlib.suppress(OSError, ValueError):
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
 
 def _parser() -> argparse.ArgumentParser:
@@ -73,6 +93,16 @@ def _parser() -> argparse.ArgumentParser:
     )
     simulate.set_defaults(command=_simulate)
 
+    report = commands.add_parser("report", help="measure error against run time for a scene")
+    report.add_argument("scene", metavar="SCENE", help="a scene file (TOML)")
+    report.add_argument("-o", "--output", metavar="DIR", required=True, help="folder to write to")
+    report.add_argument(
+        "-n", "--repetitions", metavar="N", type=int, default=5, help="of each timing (default 5)"
+    )
+    report.add_argument("-q", "--quiet", action="store_true", help="print nothing but errors")
+    report.add_argument("--no-plot", action="store_true", help="leave the plots out")
+    report.set_defaults(command=_report)
+
     merge = commands.add_parser("catalogue", help="merge the catalogues of several folders")
     merge.add_argument("folders", metavar="DIR", nargs="+", help="folders written by run")
     merge.add_argument("-o", "--output", metavar="DIR", required=True, help="folder to write to")
@@ -89,14 +119,17 @@ def _parser() -> argparse.ArgumentParser:
 
 
 def _check(options: argparse.Namespace) -> int:
-    from .explore import orbits_at_start
+    from .explore import orbits_at_start, placed
     from .mechanics.kernels import Kernels
     from .scene import load_scene
 
     scene = load_scene(options.scene)
     kernels = Kernels(scene.model, scene.parameter)
     letters = [w.name for w in scene.model.WALLS]
-    derived = kernels.setup(*scene.model.values.values())[3 + len(letters) :]
+    try:
+        derived = kernels.setup(*scene.model.values.values())[3 + len(letters) :]
+    except InputError as error:
+        raise placed(error, scene) from None
     print(f"scene {scene.name}: {scene.source}" if scene.source else f"scene {scene.name}")
     print(f"  model    {scene.model!r}")
     for name, value in zip(scene.model.DERIVED, derived, strict=False):
@@ -125,27 +158,46 @@ def _run(options: argparse.Namespace) -> int:
     names = [scene.name for scene in scenes]
     if twice := next((name for name in names if names.count(name) > 1), None):
         raise InputError("SCENE", f"two scenes are called {twice!r}", "give each its own name")
-    folders = [Path(options.output) / (name if len(names) > 1 else "") for name in names]
-    return max(_run_one(*pair, options) for pair in zip(scenes, folders, strict=True))
+    _require_output(options)
+    status = 0
+    for scene in scenes:
+        target = Path(options.output) / (scene.name if len(names) > 1 else "")
+        try:
+            failure = _run_one(scene, target, options)
+        except _NothingComputedError as error:
+            failure = str(error)
+            print(f"contimpact: {error}; nothing was computed or written", file=sys.stderr)
+        status = max(status, 1 if failure else 0)
+        if failure == "interrupted":
+            break
+    return status
 
 
-def _run_one(scene: Scene, target: Path, options: argparse.Namespace) -> int:
-    from .catalogue import prepare_folder, write_diagram
+class _NothingComputedError(Exception):
+    """A run ended before it had a branch."""
+
+
+def _require_output(options: argparse.Namespace) -> None:
+    if not options.output:
+        raise InputError("-o", "empty", "give the path of a folder")
+
+
+def _run_one(scene: Scene, target: Path, options: argparse.Namespace) -> str | None:
+    """Compute and write one scene; returns what ended it early, if something did."""
+    from .catalogue import write_diagram
 
     began = time.perf_counter()
-    existed = target.exists()
-    folder = prepare_folder(target)
     progress = _progress(options.quiet)
-    try:
+    with _new_folder(target, *_written(scene, options)) as folder:
         from .explore import follow
 
-        diagram = follow(scene, progress)
-    except BaseException:
-        if not existed:
-            _remove_if_empty(folder)
-        raise
-    finally:
-        progress("")
+        try:
+            diagram = follow(scene, progress)
+        finally:
+            progress("")
+        failure: str | None = diagram.statistics["failure"]
+        if failure and not diagram.branches:
+            raise _NothingComputedError(failure)
     export = time.perf_counter()
     files = write_diagram(diagram, folder)
     seconds = dict(diagram.statistics["seconds"])
@@ -161,10 +213,9 @@ def _run_one(scene: Scene, target: Path, options: argparse.Namespace) -> int:
     _write_manifest(scene, diagram, folder, left_out, seconds, files)
     if not options.quiet:
         _summary(scene, diagram, folder, seconds["total"])
-    if failure := diagram.statistics["failure"]:
+    if failure:
         print(f"contimpact: {failure}; what was computed is in {folder}", file=sys.stderr)
-        return 1
-    return 0
+    return failure
 
 
 def _simulate(options: argparse.Namespace) -> int:
@@ -232,9 +283,31 @@ def _simulated(result: Simulation, folder: Path) -> None:
     print(f"written to {folder} in {result.seconds['total']:.2f} s")
 
 
-def _remove_if_empty(folder: Path) -> None:
-    with contextlib.suppress(OSError):
-        folder.rmdir()
+def _written(scene: Scene, options: argparse.Namespace) -> tuple[list[str], list[str]]:
+    """The files and folders a run writes, branches and curves left out."""
+    files = ["manifest.json", "catalogue.json", "events.csv"]
+    folders = ["branches"]
+    formats = () if options.no_plot else scene.plot.formats
+    files += [f"diagram.{kind}" for kind in formats]
+    if scene.curves is not None:
+        folders.append("curves")
+        files += [f"curves.{kind}" for kind in formats]
+    return files, folders
+
+
+@contextlib.contextmanager
+def _new_folder(target: Path, files: Sequence[str], folders: Sequence[str]) -> Iterator[Path]:
+    """A folder for output; what had to be made for it is removed where the work inside fails."""
+    from .catalogue import prepare_folder
+
+    made = [folder for folder in (target, *target.parents) if not os.path.lexists(folder)]
+    try:
+        yield prepare_folder(target, files, folders)
+    except BaseException:
+        for folder in made:
+            with contextlib.suppress(OSError):
+                folder.rmdir()
+        raise
 
 
 def _save_plots(scene: Scene, diagram: Diagram, folder: Path) -> list[str]:
@@ -248,13 +321,8 @@ def _save_plots(scene: Scene, diagram: Diagram, folder: Path) -> list[str]:
         files += save_curves(diagram.curves, folder, plot.formats)
     return files + save_diagram(
         diagram, folder, plot.formats, x=plot.x, xlim=plot.xlim, ylim=plot.ylim,
-        unphysical=plot.unphysical, unit=_unit(scene, plot.x),
+        unphysical=plot.unphysical, unit=scene.model.unit(plot.x),
     )  # fmt: skip
-
-
-def _unit(scene: Scene, x: str) -> str:
-    declared = scene.model.declared.get(x)
-    return declared.unit if declared else ""
 
 
 def _write_manifest(
@@ -298,12 +366,35 @@ def _summary(scene: Scene, diagram: Diagram, folder: Path, total: float) -> None
     print(f"written to {folder} in {total:.2f} s")
 
 
+def _report(options: argparse.Namespace) -> int:
+    from .catalogue import prepare_folder
+    from .report import report, write_report
+    from .scene import load_scene
+
+    scene = load_scene(options.scene)
+    progress = _progress(options.quiet)
+    data = report(scene, options.repetitions, progress)
+    progress("")
+    folder = prepare_folder(options.output)
+    formats = () if options.no_plot else scene.plot.formats
+    files = write_report(data, folder, formats)
+    if not options.quiet:
+        fair = data["honesty"]
+        print(
+            f"{fair['confirmed']} of {fair['events']} events confirmed in {data['digits']} digits, "
+            f"{fair['within_estimate']} within their estimated error"
+        )
+        print(f"written to {folder}: {', '.join(files)}")
+    return 0
+
+
 def _catalogue(options: argparse.Namespace) -> int:
     from .catalogue import prepare_folder
-    from .merge import merge, write_merged
+    from .merge import FILES, merge, write_merged
 
+    _require_output(options)
     merged = merge(options.folders)
-    folder = prepare_folder(options.output)
+    folder = prepare_folder(options.output, FILES)
     files = write_merged(merged, folder)
     count, scenes = len(merged["entries"]), len(merged["sources"])
     print(f"{count} entries of {scenes} scenes written to {folder}: {', '.join(files)}")
@@ -311,13 +402,12 @@ def _catalogue(options: argparse.Namespace) -> int:
 
 
 def _plot(options: argparse.Namespace) -> int:
-    from .catalogue import MANIFEST, load_diagram, read_json
-    from .scene import FORMATS, read_scene
+    from .catalogue import load_diagram
+    from .scene import FORMATS
 
     folder = Path(options.folder)
     diagram = load_diagram(folder)
-    manifest = read_json(folder / "manifest.json", MANIFEST, "a folder made by contimpact run")
-    scene = read_scene(manifest["scene"]["resolved"])
+    scene = _scene_of(folder)
     plot = scene.plot
     chosen: dict[str, Any] = {
         "x": options.x or plot.x,
@@ -329,21 +419,35 @@ def _plot(options: argparse.Namespace) -> int:
     numbers = [n for n in columns if n in (*scene.model.values, *scene.model.DERIVED, "arclength")]
     if chosen["x"] not in numbers:
         raise InputError("-x", f"no column {chosen['x']!r}", f"accepted are {', '.join(numbers)}")
+    if options.output == "":
+        raise InputError("-o", "empty", "give a file such as diagram.svg")
     target = Path(options.output) if options.output else folder / "diagram.png"
-    kind = target.suffix.removeprefix(".")
+    kind = target.suffix.removeprefix(".").lower()
     if kind not in FORMATS:
         raise InputError(str(target), f"format {kind!r}", f"accepted are {', '.join(FORMATS)}")
-    from .plot import plot_diagram
+    from .plot import plot_diagram, write_figure
 
-    figure = plot_diagram(diagram, unit=_unit(scene, chosen["x"]), **chosen).figure
-    try:
-        figure.savefig(target)
-    except OSError as error:
-        raise InputError(
-            str(target), f"cannot be written ({error.strerror})", "give another file"
-        ) from None
+    ax = plot_diagram(diagram, unit=scene.model.unit(chosen["x"]), **chosen)
+    write_figure(ax.figure, target, kind, diagram.name)
     print(f"written to {target}")
     return 0
+
+
+def _scene_of(folder: Path) -> Scene:
+    """The scene in a folder's manifest."""
+    from .catalogue import MANIFEST, read_json
+    from .scene import read_scene
+
+    path, wanted = folder / "manifest.json", "a folder made by contimpact run"
+    manifest = read_json(path, MANIFEST, wanted)
+    try:
+        return read_scene(manifest["scene"]["resolved"])
+    except InputError as error:
+        raise InputError(
+            str(path), f"its scene cannot be read: {error}", f"give {wanted}"
+        ) from None
+    except (KeyError, TypeError):
+        raise InputError(str(path), "damaged: it holds no scene", f"give {wanted}") from None
 
 
 def _progress(quiet: bool) -> Callable[[str], None]:

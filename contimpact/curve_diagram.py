@@ -11,13 +11,13 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-import matplotlib
 import matplotlib.figure
 import numpy as np
 from matplotlib.lines import Line2D
 
 from .competition import Region, regions
 from .curves import Curve
+from .plot import save_figure
 
 COLOURS = {"PD": "#0072B2", "G": "#009E73", "FB": "#D55E00", "BP": "#CC79A7", "V": "#E69F00"}
 WIDTHS = {"PD": 1.8, "G": 1.2, "FB": 1.2, "BP": 1.2, "V": 1.2}
@@ -54,12 +54,7 @@ def plot_curves(curves: Sequence[Curve], axes: Any = None, *, along: str | None 
 
 def save_curves(curves: Sequence[Curve], folder: Path, formats: Sequence[str]) -> list[str]:
     """Draw curves to files ``curves.<format>``; returns their names."""
-    figure = plot_curves(curves)[0].figure
-    names = [f"curves.{kind}" for kind in formats]
-    with matplotlib.rc_context({"svg.hashsalt": "curves"}):
-        for name in names:
-            figure.savefig(folder / name, metadata={"Date": None} if name.endswith("svg") else None)
-    return names
+    return save_figure(plot_curves(curves)[0].figure, folder, "curves", formats, "curves")
 
 
 def _panels(count: int) -> Any:

@@ -18,7 +18,7 @@ from .continuation.arclength import Settings
 from .continuation.branch import End, EndKind, Event, Point, Walk, joined
 from .continuation.events import TestFunction
 from .continuation.walk import walk
-from .diagram import Entry, all_parameters, coordinates
+from .diagram import Entry, all_parameters, coordinates, same_data
 from .errors import InputError
 from .extended import CURVES, Crossing, ExtendedSystem, Reached, SingularCycle, Touching
 from .ghosts import apart_from_event, forgiven, impacts_of
@@ -130,7 +130,7 @@ class Curve:
     fixed : mapping of str to float
         Values of a family's parameters.
     evaluations : int
-        Flights evaluated to follow it.
+        Flights evaluated to follow it; not written to files.
     """
 
     id: str
@@ -146,13 +146,18 @@ class Curve:
     origin: str
     missed: Sequence[str] = ()
     fixed: Mapping[str, float] = field(default_factory=dict)
-    evaluations: int = 0
+    evaluations: int = field(default=0, compare=False)
 
     def __getitem__(self, column: str) -> Array:
         return self.columns[column]
 
     def __len__(self) -> int:
         return len(self.columns["arclength"])
+
+    def __eq__(self, other: object) -> bool:
+        return same_data(self, other) if isinstance(other, Curve) else NotImplemented
+
+    __hash__ = None  # type: ignore[assignment]
 
     @property
     def ghost(self) -> Array:

@@ -171,14 +171,7 @@ class Branch:
         return len(self.columns["arclength"])
 
     def __eq__(self, other: object) -> bool:
-        if not isinstance(other, Branch) or list(self.columns) != list(other.columns):
-            return NotImplemented if not isinstance(other, Branch) else False
-        same = all(
-            np.array_equal(values, other[name], equal_nan=values.dtype.kind == "f")
-            for name, values in self.columns.items()
-        )
-        names = (f.name for f in dataclasses.fields(self) if f.name != "columns")
-        return same and all(getattr(self, name) == getattr(other, name) for name in names)
+        return same_data(self, other) if isinstance(other, Branch) else NotImplemented
 
     __hash__ = None  # type: ignore[assignment]
 
@@ -264,6 +257,22 @@ class Diagram:
         return "\n".join(
             [f"Diagram {self.name}", *map(repr, self.branches), *map(repr, self.curves)]
         )
+
+
+def same_data(one: Any, other: Any) -> bool:
+    """Whether two tables, or what they hold, are the same to the bit; nan is the same as nan."""
+    if isinstance(one, np.ndarray) and isinstance(other, np.ndarray):
+        return np.array_equal(one, other, equal_nan=one.dtype.kind == other.dtype.kind == "f")
+    if isinstance(one, float) and isinstance(other, float):
+        return one == other or (one != one and other != other)
+    if isinstance(one, Mapping) and isinstance(other, Mapping):
+        return list(one) == list(other) and all(same_data(one[k], other[k]) for k in one)
+    if isinstance(one, list | tuple) and isinstance(other, list | tuple):
+        return len(one) == len(other) and all(map(same_data, one, other))
+    if dataclasses.is_dataclass(one) and type(one) is type(other):
+        names = [f.name for f in dataclasses.fields(one) if f.compare]
+        return all(same_data(getattr(one, n), getattr(other, n)) for n in names)
+    return bool(one == other)
 
 
 def tabulate(points: Sequence[Point], entries: Sequence[tuple[Point, Entry]]) -> dict[str, Array]:

@@ -2,9 +2,15 @@
 
 from __future__ import annotations
 
+from typing import Any
+
+LONGEST_MESSAGE = 560
+
 
 class InputError(ValueError):
     """Something the caller gave cannot be used.
+
+    The message is one line of bounded length, whatever was given.
 
     Parameters
     ----------
@@ -17,9 +23,37 @@ class InputError(ValueError):
     """
 
     def __init__(self, where: str, found: str, accepted: str) -> None:
-        self.where, self.found, self.accepted = where, found, accepted
-        super().__init__(f"{where}: {found}; {accepted}")
+        self.where, self.found, self.accepted = map(_printable, (where, found, accepted))
+        super().__init__(_message(self.where, self.found, self.accepted))
 
     def within(self, prefix: str) -> InputError:
         """Return the same error, its place seen from one level further out."""
         return InputError(f"{prefix}.{self.where}", self.found, self.accepted)
+
+
+def shown(value: Any, longest: int = 60) -> str:
+    """Return a value as Python writes it, shortened, whatever it is."""
+    try:
+        return shortened(repr(value), longest)
+    except (ValueError, RecursionError):  # whole numbers of thousands of digits, deep nesting
+        return f"a {type(value).__name__} too long to show"
+
+
+def shortened(text: str, longest: int = 60) -> str:
+    """Return a text with its middle left out where it is too long."""
+    if len(text) <= longest:
+        return text
+    ahead = (longest - 3) * 2 // 3
+    return f"{text[:ahead]}...{text[len(text) - (longest - 3 - ahead) :]}"
+
+
+def _printable(text: str) -> str:
+    """The text with line breaks and control characters written as escapes."""
+    return "".join(c if c.isprintable() else repr(c)[1:-1] for c in text)
+
+
+def _message(*parts: str) -> str:
+    where, found, accepted = parts
+    if sum(map(len, parts)) > LONGEST_MESSAGE:
+        where, found, accepted = (shortened(part, LONGEST_MESSAGE // 3) for part in parts)
+    return f"{where}: {found}; {accepted}"

@@ -96,8 +96,8 @@ class _Explorer:
         self.kernels = Kernels(scene.model, scene.parameter)
         try:
             self.problems = {word: self.problem(word) for word in scene.orbits}
-        except InputError as error:  # an option's text, read when its formulas are needed
-            raise (error.within("model") if error.where in scene.model.options else error) from None
+        except InputError as error:
+            raise placed(error, scene) from None
         self.symmetry = scene.model.symmetry(
             scene.parameter, self.kernels.harmonics(*scene.model.values.values())
         )
@@ -374,6 +374,11 @@ class _Explorer:
         }
 
 
+def placed(error: InputError, scene: Scene) -> InputError:
+    """Return an error of a scene's kernels; an option's text is read when they are made."""
+    return error.within("model") if error.where in scene.model.options else error
+
+
 def search_options(scene: Scene) -> dict[str, Any]:
     """Return the scene's options of `find_orbits`."""
     return {"rng": scene.seed, "starts": scene.starts, "rounds": scene.rounds}
@@ -397,9 +402,10 @@ def orbits_at_start(scene: Scene, kernels: Kernels, word: Word) -> list[Orbit]:
         if count := len(find_orbits(model, word, kernels=kernels, **options)):
             nearby.append(f"{count} at {scene.parameter} = {value:.6g}")
     where = f"model.parameters.{scene.parameter}"
+    searched = "1 round" if scene.rounds == 1 else "2 rounds"  # the search ends after two in vain
     raise InputError(
         "follow.orbits",
-        f"no {word} orbit was found at {scene.parameter} = {scene.start:.9g} (rounds of "
+        f"no {word} orbit was found at {scene.parameter} = {scene.start:.9g} ({searched} of "
         f"{scene.starts} random starts)",
         f"start where one exists, by {where}: {', '.join(nearby)}"
         if nearby

@@ -10,10 +10,10 @@ from __future__ import annotations
 import ast
 import math
 import operator
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
-from .errors import InputError
+from .errors import InputError, shortened
 
 FUNCTIONS = (
     "sin", "cos", "tan", "asin", "acos", "atan", "sinh", "cosh", "tanh", "exp", "log", "sqrt",
@@ -57,11 +57,41 @@ def number(text: str, where: str) -> float:
         if isinstance(error, InputError):
             raise
         raise InputError(
-            where, f"{text!r} has no real value ({error})", "give a finite number"
+            where, f"{shortened(text)!r} has no real value ({error})", "give a finite number"
         ) from None
     if not math.isfinite(value):
-        raise InputError(where, f"{text!r} is {value}", "give a finite number")
+        raise InputError(where, f"{shortened(text)!r} is {value}", "give a finite number")
     return value
+
+
+def check_expression(text: str, where: str, variables: Sequence[str]) -> None:
+    """Check what can be checked of an expression without SymPy: syntax, names, finite constants.
+
+    Parameters
+    ----------
+    text : str
+        The expression, in the names of `variables`, `FUNCTIONS` and `CONSTANTS`.
+    where : str
+        The place named in an error.
+    variables : sequence of str
+
+    Raises
+    ------
+    InputError
+        If anything else stands in it, or a part without variables has no finite real value.
+    """
+    functions = {name: _of_any(getattr(math, name)) for name in FUNCTIONS}
+    constants = {name: getattr(math, name) for name in CONSTANTS}
+    names = functions | constants | dict.fromkeys(variables, _Anything())
+    try:
+        _Checker(text, where, names, float).value()
+    except InputError:
+        raise
+    except (ArithmeticError, ValueError, TypeError) as error:
+        raise InputError(
+            where, f"{shortened(text)!r} has no finite real value ({error})",
+            "use numbers and functions where they are finite and real",
+        ) from None  # fmt: skip
 
 
 def sympy_expression(text: str, where: str, symbols: Mapping[str, Any]) -> Any:
@@ -105,12 +135,15 @@ class _Walker:
     def value(self) -> Any:
         if len(self.text) > LONGEST_TEXT:
             raise self.refuse(f"an expression of {len(self.text)} characters")
+        unreadable = f"{shortened(self.text)!r} cannot be read as an expression"
         try:
-            return self.walk(ast.parse(self.text.strip(), mode="eval").body)
-        except (SyntaxError, RecursionError, MemoryError) as error:
-            raise self.refuse(
-                f"{_shortened(self.text)!r} cannot be read as an expression"
-            ) from error
+            tree = ast.parse(self.text.strip(), mode="eval")
+        except (SyntaxError, RecursionError, MemoryError, ValueError) as error:
+            raise self.refuse(unreadable) from error
+        try:
+            return self.walk(tree.body)
+        except RecursionError as error:
+            raise self.refuse(unreadable) from error
 
     def walk(self, node: ast.expr) -> Any:
         match node:
@@ -120,6 +153,8 @@ class _Walker:
                 return self.constant(value)
             case ast.Name(id=name) if name in self.names and name not in FUNCTIONS:
                 return self.names[name]
+            case ast.Name(id=name) if name not in self.names:
+                raise self.refuse(f"unknown name {name!r} in {shortened(self.text)!r}")
             case ast.UnaryOp(op=op, operand=operand) if type(op) in _UNARY:
                 return _UNARY[type(op)](self.walk(operand))
             case ast.BinOp(left=left, op=ast.Pow(), right=right):
@@ -130,7 +165,7 @@ class _Walker:
                 name in FUNCTIONS
             ):
                 return self.names[name](self.walk(argument))
-        raise self.refuse(f"{_shortened(ast.unparse(node))!r} in {_shortened(self.text)!r}")
+        raise self.refuse(f"{shortened(ast.unparse(node))!r} in {shortened(self.text)!r}")
 
     def power(self, base: Any, exponent: Any) -> Any:
         plain = not getattr(exponent, "free_symbols", None)
@@ -139,5 +174,29 @@ class _Walker:
         return base**exponent
 
 
-def _shortened(text: str) -> str:
-    return text if len(text) <= 60 else text[:57] + "..."
+class _Checker(_Walker):
+    """Walks over `_Anything`: parts without variables are numbers, and have to be finite."""
+
+    def walk(self, node: ast.expr) -> Any:
+        value = super().walk(node)
+        if isinstance(value, complex):
+            raise ValueError("a complex number")
+        if isinstance(value, float) and not math.isfinite(value):
+            raise OverflowError("a number that is not finite")
+        return value
+
+
+class _Anything:
+    """Stands for the value of a variable, and of all that is computed from one."""
+
+    free_symbols = ("t",)
+
+    def absorb(self, other: Any = None) -> _Anything:
+        return self
+
+    __add__ = __radd__ = __sub__ = __rsub__ = __mul__ = __rmul__ = absorb
+    __truediv__ = __rtruediv__ = __pow__ = __rpow__ = __pos__ = __neg__ = absorb
+
+
+def _of_any(function: Callable[[float], float]) -> Callable[[Any], Any]:
+    return lambda value: value if isinstance(value, _Anything) else function(value)

@@ -11,6 +11,7 @@ from .catalogue import CATALOGUE, MANIFEST, csv_text, json_text, read_json, writ
 from .errors import InputError
 
 CATALOGUES = "contimpact.catalogues/1"
+FILES = ("catalogues.json", "catalogues.csv", "catalogues.md")
 TABLE = ("scene", "id", "label", "ghost", "why", "criticality", "branch", "word", "period")
 
 
@@ -40,6 +41,8 @@ def merge(folders: Sequence[str | Path]) -> dict[str, Any]:
         path = folder / "catalogue.json"
         content = read_json(path, CATALOGUE, "a folder made by contimpact run")
         digest = hashlib.sha256(path.read_bytes()).hexdigest()
+        if not {"scene", "entries"} <= set(content):
+            raise InputError(str(path), "damaged", "give a folder made by contimpact run")
         scene = content["scene"]
         same = next((s for s in sources if s["scene"] == scene), None)
         if same is not None:
@@ -60,22 +63,21 @@ def _origin(folder: Path) -> dict[str, Any]:
     if not path.exists():
         return {"source": None, "versions": None}
     manifest = read_json(path, MANIFEST, "a folder made by contimpact run")
-    return {
-        "source": manifest["scene"]["resolved"]["source"],
-        "versions": manifest["versions"],
-    }
+    try:
+        return {
+            "source": manifest["scene"]["resolved"]["source"],
+            "versions": manifest["versions"],
+        }
+    except (KeyError, TypeError):
+        raise InputError(str(path), "damaged", "give a folder made by contimpact run") from None
 
 
 def write_merged(merged: dict[str, Any], folder: Path) -> list[str]:
-    """Write ``catalogue.json``, ``.csv`` and ``.md`` of merged catalogues; returns their names."""
-    texts = {
-        "catalogues.json": json_text(merged),
-        "catalogues.csv": csv_text(*_table(merged)),
-        "catalogues.md": _markdown(*_table(merged)),
-    }
-    for name, text in texts.items():
+    """Write `FILES` of merged catalogues; returns their names."""
+    texts = (json_text(merged), csv_text(*_table(merged)), _markdown(*_table(merged)))
+    for name, text in zip(FILES, texts, strict=True):
         write_text(folder / name, text)
-    return list(texts)
+    return list(FILES)
 
 
 def _table(merged: dict[str, Any]) -> tuple[list[str], list[list[Any]]]:

@@ -1,14 +1,15 @@
 """Bifurcation diagrams in the manner of the paper's Figs. 7(a) and 8(a).
 
 Velocities before impact against a parameter: stable solid, unstable dashed, unphysical dotted; a
-colour for each wall; events by marker and label, ghosts hollow. The only file that imports
-matplotlib; global settings are not touched.
+colour for each wall, and its name at the right end of its curves; events by marker and label,
+ghosts hollow. The only file that imports matplotlib's foundations; global settings are not touched.
 """
 
 from __future__ import annotations
 
+import math
 import re
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -16,16 +17,30 @@ import matplotlib
 import matplotlib.figure
 import numpy as np
 from matplotlib.lines import Line2D
+from matplotlib.textpath import TextPath
 
-from .diagram import LABELLED, Branch, Diagram, Entry
+from .diagram import LABELLED, Array, Branch, Diagram, Entry
+from .errors import InputError, shown
 
-COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7")
-"""One for each wall; from the Okabe-Ito cycle, told apart by most colour-blind readers."""
+COLOURS = ("#0072B2", "#E69F00", "#009E73", "#CC79A7")
+"""One for each wall; from the Okabe-Ito cycle, told apart by most colour-blind readers, the first
+two by lightness alone."""
 
 STYLES: dict[str, Any] = {"stable": "-", "unstable": (0, (5, 2)), "unphysical": (0, (1, 1.6))}
 WIDTHS = {"stable": 1.6, "unstable": 1.1, "unphysical": 0.9}
 MARKERS = {"FB": "^", "BP": "D", "PD": "s", "NS": "*", "G": "o", "V": "v", "T": "X", "UZ": "|"}
-LABEL_ROWS = 5
+NEUTRAL = "h"
+"""The marker of no kind of event, for what the legend says of all kinds."""
+SHOWN = {"all": 10**9, "period-1": 1, "none": 0}
+"""Up to which period unphysical orbits are drawn."""
+
+SIZE = (7.2, 5.1)
+AXES = (1.0, 1.0, 5.9, 3.1)
+"""A diagram's figure, and in it the axes (left, bottom, width, height), in inches."""
+LABEL_ROWS, ROW, LABEL_SIZE, GAP = 4, 16.0, 8.0, 4.0
+"""Rows of labels above the frame; their height, font and distance in points."""
+FLAT = 3e-4
+"""How far a drawn chord may be from a smooth curve, by the size of the picture."""
 
 
 def plot_diagram(
@@ -54,31 +69,63 @@ def plot_diagram(
     Returns
     -------
     matplotlib.axes.Axes
+
+    Raises
+    ------
+    InputError
+        For a column that the branches do not have or that holds texts, limits that are not finite
+        and increasing, or another value of `unphysical`.
     """
-    ax = ax or new_figure().add_subplot()
+    column = _checked(diagram, x, {"xlim": xlim, "ylim": ylim}, unphysical)
+    ax = _fixed_axes() if ax is None else ax
     walls = list(dict.fromkeys(wall for branch in diagram.branches for wall in sorted(branch.word)))
     colours = dict(zip(walls, COLOURS, strict=False))
-    everything = {"all": 10**9, "period-1": 1, "none": 0}[unphysical]
-    for branch in diagram.branches:
-        _draw_branch(ax, branch, x or branch.parameter, colours, ghosts=branch.period <= everything)
+    pieces = _pieces(diagram, column, xlim, SHOWN[unphysical])
+    for wall, style, places, speeds in pieces:
+        ax.plot(
+            places, speeds, linestyle=STYLES[style], color=colours[wall], linewidth=WIDTHS[style]
+        )
     ax.axhline(0.0, color="0.75", linewidth=0.6, zorder=0)
-    entries = [e for e in diagram.entries if e.physical or e.period <= everything]
-    column = x or (diagram.branches[0].parameter if diagram.branches else "")
     if xlim:
         ax.set_xlim(*xlim)
     else:
         ax.autoscale(axis="x")
-    ax.set_ylim(*(ylim or _velocity_limits(diagram, column, ax.get_xlim())))
-    low, high = sorted(ax.get_xlim())
-    shown = [e for e in entries if low <= e.parameters.get(column, np.nan) <= high]
-    for entry in shown:
+    ax.set_ylim(*(ylim or _velocity_limits(pieces, ax.get_xlim())))
+    low, high = ax.get_xlim()
+    entries = [e for e in diagram.entries if e.physical or e.period <= SHOWN[unphysical]]
+    drawn = [e for e in entries if low <= e.parameters.get(column, np.nan) <= high]
+    for entry in drawn:
         _draw_event(ax, entry, column, colours)
+    _name_walls(ax, pieces, colours)
     if labels:
-        _draw_labels(ax, [e for e in shown if e.kind != "UZ"], column)
+        _draw_labels(ax, [e for e in drawn if e.kind != "UZ"], column)
     ax.set_xlabel(symbol(column) + (f" ({unit})" if unit else ""))
-    ax.set_ylabel("velocity before impact")
-    _draw_legend(ax, walls, colours, shown)
+    ax.set_ylabel(_velocity_label(diagram, walls))
+    _draw_legend(ax, colours, [style for _, style, *_ in pieces], drawn)
     return ax
+
+
+def _checked(diagram: Diagram, x: str | None, limits: dict[str, Any], unphysical: str) -> str:
+    """The column on the x axis, if all that was asked for can be drawn."""
+    if unphysical not in SHOWN:
+        found, accepted = f"found {shown(unphysical)}", f"accepted are {', '.join(SHOWN)}"
+        raise InputError("unphysical", found, accepted)
+    for name, pair in limits.items():
+        if pair and not (all(map(math.isfinite, pair)) and pair[0] < pair[1]):
+            raise InputError(
+                name, f"found {pair[0]:g} to {pair[1]:g}", "give two finite numbers, lower first"
+            )
+    if not diagram.branches:
+        return x or ""
+    column = x or diagram.branches[0].parameter
+    for branch in diagram.branches:
+        numbers = [name for name, v in branch.columns.items() if v.dtype.kind in "fi"]
+        if column not in numbers:
+            raise InputError(
+                "x", f"branch {branch.id} has no numbers {shown(column)}",
+                f"accepted are {', '.join(numbers)}",
+            )  # fmt: skip
+    return column
 
 
 def save_diagram(
@@ -94,16 +141,48 @@ def new_figure(width: float = 7.2, height: float = 4.8) -> Any:
     return matplotlib.figure.Figure(figsize=(width, height), dpi=150, layout="constrained")
 
 
+def _fixed_axes() -> Any:
+    """Axes of a size that does not depend on labels and legend, in a new figure."""
+    figure = matplotlib.figure.Figure(figsize=SIZE, dpi=150)
+    left, bottom, width, height = AXES
+    wide, high = SIZE
+    return figure.add_axes((left / wide, bottom / high, width / wide, height / high))
+
+
 def save_figure(
     figure: Any, folder: Path, stem: str, formats: Sequence[str], salt: str
 ) -> list[str]:
     """Save a figure as ``<stem>.<format>``, the same bytes every time; returns the names."""
     names = [f"{stem}.{kind}" for kind in formats]
-    with matplotlib.rc_context({"svg.hashsalt": salt}):
-        for name in names:
-            metadata = {"Date": None} if name.endswith("svg") else None
-            figure.savefig(folder / name, metadata=metadata)
+    for name, kind in zip(names, formats, strict=True):
+        write_figure(figure, Path(folder) / name, kind, salt)
     return names
+
+
+def write_figure(figure: Any, path: Path, kind: str, salt: str) -> None:
+    """Write a figure to a file, the same bytes every time.
+
+    Parameters
+    ----------
+    figure : matplotlib.figure.Figure
+    path : Path
+    kind : {"svg", "png", "pdf"}
+    salt : str
+        What names inside an SVG are made from.
+
+    Raises
+    ------
+    InputError
+        If the file cannot be written.
+    """
+    undated: dict[str, Any] = {"svg": {"Date": None}, "pdf": {"CreationDate": None}}
+    try:
+        with matplotlib.rc_context({"svg.hashsalt": salt}):
+            figure.savefig(path, format=kind, metadata=undated.get(kind))
+    except OSError as error:
+        raise InputError(
+            str(path), f"cannot be written ({error.strerror or error})", "give another file"
+        ) from None
 
 
 def legend_mark(**style: Any) -> Any:
@@ -111,38 +190,140 @@ def legend_mark(**style: Any) -> Any:
     return Line2D([], [], **style)
 
 
-def _draw_branch(ax: Any, branch: Branch, x: str, colours: dict[str, str], ghosts: bool) -> None:
-    """Draw runs of equal status, each joined to the next at their common point.
+Piece = tuple[str, str, Array, Array]
+"""A run of equal status of one impact: wall, style, values on the x axis, velocities."""
 
-    The status changes at events, so a piece that starts at one takes it from its other end.
+
+def _pieces(
+    diagram: Diagram, x: str, xlim: tuple[float, float] | None, longest: int
+) -> list[Piece]:
+    """All that is drawn of branches; of unphysical orbits those up to the longest period."""
+    pieces = []
+    for branch in diagram.branches:
+        low, high = xlim or (np.nanmin(branch[x]), np.nanmax(branch[x]))
+        span = float(high - low) or 1.0
+        runs = [r for r in _runs(branch) if r[2] != "unphysical" or branch.period <= longest]
+        for k, wall in enumerate(branch.word):
+            places, speeds, rows = _smooth(branch, x, branch[f"v{k + 1}"], span)
+            for first, last, style in runs:
+                piece = slice(rows[first], rows[last] + 1)
+                pieces.append((wall, style, places[piece], speeds[piece]))
+    return pieces
+
+
+def _runs(branch: Branch) -> list[tuple[int, int, str]]:
+    """Runs of equal status, each joined to the next at their common row: first row, last, style.
+
+    The status changes at events, so a run that starts at one takes it from its other end.
     """
     status = np.where(branch.physical, np.where(branch.stable, 0, 1), 2)
     at_event = np.nonzero(branch["event"][:-1] != "")[0]
     status[at_event] = status[at_event + 1]
+    edges = (np.nonzero(np.diff(status))[0] + 1).tolist()
     names = list(STYLES)
-    for k, wall in enumerate(branch.word):
-        speed = branch[f"v{k + 1}"]
-        edges = np.nonzero(np.diff(status))[0] + 1
-        for first, last in zip([0, *edges], [*edges, len(status)], strict=True):
-            piece = slice(first, min(last + 1, len(status)))
-            style = names[status[first]]
-            if style == "unphysical" and not ghosts:
-                continue
-            ax.plot(
-                branch[x][piece], speed[piece], linestyle=STYLES[style], color=colours[wall],
-                linewidth=WIDTHS[style], alpha=0.7 if style == "unphysical" else 1.0,
-            )  # fmt: skip
+    last = len(status) - 1
+    return [
+        (first, min(beyond, last), names[status[first]])
+        for first, beyond in zip([0, *edges], [*edges, len(status)], strict=True)
+    ]
 
 
-def _velocity_limits(diagram: Diagram, x: str, shown: tuple[float, float]) -> tuple[float, float]:
-    """Limits that hold every velocity in the x range shown, with a margin."""
-    inside = []
-    for branch in diagram.branches:
-        here = (branch[x] >= min(shown)) & (branch[x] <= max(shown))
-        inside.append(branch.velocities[here].ravel())
+def _smooth(branch: Branch, x: str, speed: Array, span: float) -> tuple[Array, Array, Array]:
+    """A branch's points, and points of a cubic in arclength where chords would be seen.
+
+    Returns values on the x axis, velocities, and where the branch's own rows stand among them.
+    """
+    own = np.column_stack([branch[x], speed])
+    length = branch["arclength"]
+    names = list(branch.columns)
+    if len(own) < 3 or names.index(x) > names.index("t1"):
+        return own[:, 0], own[:, 1], np.arange(len(own))
+    steps, slopes = np.diff(length), _slopes(length, own)
+    size = np.array([span, float(np.ptp(speed)) or 1.0])
+    bend = np.max(steps[:, None] * np.abs(np.diff(slopes, axis=0)) / (8.0 * size), axis=1)
+    parts = np.clip(np.ceil(np.sqrt(np.nan_to_num(bend) / FLAT)), 1, 24).astype(int)
+    inside = [
+        _cubic(np.arange(1, n)[:, None] / n, steps[i], own[i], own[i + 1], slopes[i], slopes[i + 1])
+        for i, n in enumerate(parts.tolist())
+    ]
+    points = [row for i, more in enumerate(inside) for row in (own[i : i + 1], more)]
+    dense = np.concatenate([*points, own[-1:]])
+    return dense[:, 0], dense[:, 1], np.concatenate([[0], np.cumsum(parts)])
+
+
+def _slopes(length: Array, values: Array) -> Array:
+    """Derivatives by arclength; rows that all but coincide (events on points) share theirs."""
+    apart = np.append(True, np.diff(length) > 1e-9 * (length[-1] - length[0]))
+    if np.count_nonzero(apart) < 3:
+        return np.zeros_like(values)
+    there = np.gradient(values[apart], length[apart], axis=0, edge_order=2)
+    return np.asarray(there[np.cumsum(apart) - 1])
+
+
+def _cubic(u: Array, step: float, a: Array, b: Array, da: Array, db: Array) -> Array:
+    """The cubic from a to b with derivatives da and db, at fractions u of the step."""
+    bump = u * (1.0 - u)
+    lean = (1.0 - u) * (step * da - (b - a)) - u * (step * db - (b - a))
+    return a + u * (b - a) + bump * lean
+
+
+def _velocity_limits(pieces: Sequence[Piece], seen: tuple[float, float]) -> tuple[float, float]:
+    """Limits that hold zero and every velocity drawn in the x range, with a margin."""
+    low, high = seen
+    inside = [v[(low <= places) & (places <= high)] for _, _, places, v in pieces]
     values = np.concatenate([[0.0], *inside])
     margin = 0.06 * (values.max() - values.min() or 1.0)
     return float(values.min() - margin), float(values.max() + margin)
+
+
+def _velocity_label(diagram: Diagram, walls: Sequence[str]) -> str:
+    """The label of the y axis: which sign the velocity has at which wall."""
+    signs = []
+    for wall in walls:
+        speeds = [
+            b[f"v{k + 1}"][b.physical]
+            for b in diagram.branches
+            for k, name in enumerate(b.word)
+            if name == wall
+        ]
+        total = float(np.sum(np.concatenate(speeds)))
+        if total:
+            signs.append(f"{'positive' if total > 0 else 'negative'} at {wall}")
+    return "impact velocity (before impact)" + (f"\n{', '.join(signs)}" if signs else "")
+
+
+def _name_walls(ax: Any, pieces: Sequence[Piece], colours: dict[str, str]) -> None:
+    """Write each wall's name to the right of the curves that belong to it."""
+    apart = 0.06 * float(np.ptp(ax.get_ylim()))
+    taken: list[float] = []
+    for wall, colour in colours.items():
+        own = [p for p in pieces if p[0] == wall]
+        physical = [p for p in own if p[1] != "unphysical"]
+        spots = _rightmost(ax, physical) or _rightmost(ax, own)
+        if not spots:
+            continue
+        place, speed = spots[0]
+        while any(abs(speed - other) < apart for other in taken):
+            speed += apart
+        taken.append(speed)
+        ax.annotate(
+            wall, (place, speed), (4, 0), textcoords="offset points", ha="left", va="center",
+            fontsize=9, fontweight="bold", color=colour, annotation_clip=False, gid="wall",
+        )  # fmt: skip
+
+
+def _rightmost(ax: Any, pieces: Sequence[Piece]) -> list[tuple[float, float]]:
+    """The point in sight that is farthest to the right; of several, the one of largest speed."""
+    (low, high), (bottom, top) = ax.get_xlim(), ax.get_ylim()
+    found: list[tuple[float, float]] = []
+    for _, _, places, speeds in pieces:
+        edge = np.nonzero((places[:-1] - high) * (places[1:] - high) < 0.0)[0]
+        part = (high - places[edge]) / (places[edge + 1] - places[edge])
+        crossing = speeds[edge] + part * (speeds[edge + 1] - speeds[edge])
+        found += zip(places.tolist(), speeds.tolist(), strict=True)
+        found += ((high, v) for v in crossing.tolist())
+    seen = [(x, v) for x, v in found if low <= x <= high and bottom <= v <= top]
+    return sorted(seen, key=lambda spot: (spot[0], abs(spot[1])))[-1:]
 
 
 def _draw_event(ax: Any, entry: Entry, x: str, colours: dict[str, str]) -> None:
@@ -158,59 +339,122 @@ def _draw_event(ax: Any, entry: Entry, x: str, colours: dict[str, str]) -> None:
 
 
 def _draw_labels(ax: Any, entries: list[Entry], x: str) -> None:
-    """Put each label above the frame, over its value, in rows so that none overlap."""
-    low, high = sorted(ax.get_xlim())
-    taken = [-np.inf] * LABEL_ROWS
+    """Put each label above the frame, over its value or near it, so that none overlap."""
+    low, high = ax.get_xlim()
+    width = ax.get_window_extent().width / ax.figure.dpi * 72.0
+    named = _kinds_on_several_orbits(entries)
+    told = {(label_text(e, e.kind in named), e.parameters[x]) for e in entries}
+    for value in sorted({value for _, value in told}):
+        _draw_value(ax, value)
+    labels = _merged(sorted(told, key=lambda label: label[1]), 3 * GAP / width * (high - low))
+    places = [(value - low) / (high - low) * width for _, value in labels]
+    widths = [_text_width(text) for text, _ in labels]
+    spots = _arranged(places, widths, width)
     transform = ax.get_xaxis_transform()
-    unique = {(e.label, round(e.parameters[x], 9)): e for e in entries}
-    for entry in sorted(unique.values(), key=lambda e: e.parameters[x]):
-        text = label_text(entry)
-        place = (entry.parameters[x] - low) / (high - low)
-        half = 0.009 * max(len(re.sub(r"[\\${}^_,]|mathrm|widetilde", "", text)) * 0.75, 3)
-        row = next((i for i, edge in enumerate(taken) if edge < place - half), LABEL_ROWS - 1)
-        taken[row] = place + half
-        ax.plot(
-            [entry.parameters[x]] * 2, [0.0, 1.0], transform=transform, color="0.8",
-            linewidth=0.5, zorder=0,
-        )  # fmt: skip
+    for (text, value), place, (row, middle) in sorted(
+        zip(labels, places, spots, strict=True), key=lambda item: -item[2][0]
+    ):
+        line = {"arrowstyle": "-", "color": "0.8", "linewidth": 0.5, "shrinkA": 0, "shrinkB": 0}
         ax.annotate(
-            text, (entry.parameters[x], 1.0), (0, 4 + 15 * row), xycoords=transform,
-            textcoords="offset points", ha="center", va="bottom", fontsize=8,
+            text, (value, 1.0), (middle - place, GAP + ROW * row), xycoords=transform,
+            textcoords="offset points", ha="center", va="bottom", fontsize=LABEL_SIZE,
+            arrowprops=line | {"relpos": (0.5, 0.0)} if row or middle != place else None,
+            bbox={"boxstyle": "square,pad=0.05", "facecolor": "white", "edgecolor": "none"},
         )  # fmt: skip
 
 
-def label_text(entry: Entry) -> str:
-    """Return an entry's label set as in Table 1: a tilde over ghosts, words raised and lowered."""
+def _draw_value(ax: Any, value: float) -> None:
+    transform = ax.get_xaxis_transform()
+    ax.plot([value] * 2, [0.0, 1.0], transform=transform, color="0.8", linewidth=0.5, zorder=0)
+
+
+def _merged(labels: Sequence[tuple[str, float]], near: float) -> list[tuple[str, float]]:
+    """Labels and values, a text not repeated where it stands nearby already."""
+    kept: list[tuple[str, float]] = []
+    for text, value in labels:
+        if not any(text == other and value - before < near for other, before in kept):
+            kept.append((text, value))
+    return kept
+
+
+def _arranged(
+    places: Sequence[float], widths: Sequence[float], width: float
+) -> list[tuple[int, float]]:
+    """Row and middle of each label, from left to right: over its place where a row is free there,
+    else shifted along the row that ends first, and in rows beyond the last where all are full."""
+    edges = [-math.inf] * LABEL_ROWS
+    found = []
+    for place, wide in zip(places, widths, strict=True):
+        free = (i for i, edge in enumerate(edges) if edge + GAP <= place - wide / 2)
+        row = next(free, min(range(len(edges)), key=edges.__getitem__))
+        middle = max(place, edges[row] + GAP + wide / 2)
+        if middle + wide / 2 > width + 10 * GAP and middle > place:
+            edges.append(-math.inf)
+            row, middle = len(edges) - 1, place
+        edges[row] = middle + wide / 2
+        found.append((row, middle))
+    return found
+
+
+def _text_width(text: str) -> float:
+    """Width of a label in points."""
+    path = TextPath((0, 0), text.replace("\n", " ") or " ", size=LABEL_SIZE)
+    return float(path.get_extents().width) if len(path.vertices) else 0.0
+
+
+def _kinds_on_several_orbits(entries: Iterable[Entry]) -> set[str]:
+    """Kinds of events that are found on orbits of several notations."""
+    orbits: dict[str, set[str]] = {}
+    for entry in entries:
+        orbits.setdefault(entry.kind, set()).add(entry.notation)
+    return {kind for kind, names in orbits.items() if len(names) > 1}
+
+
+def label_text(entry: Entry, orbit: bool = False) -> str:
+    """Return an entry's label set as in Table 1: a tilde over ghosts, words raised and lowered.
+
+    A grazing of orbits with the period 2T, 4T, ... is PD_G. With `orbit`, labels without words
+    name the orbit.
+    """
     if entry.kind not in LABELLED:
         return entry.kind.replace("\\", "/").replace("$", r"\$")
-    name = rf"\mathrm{{{entry.kind}}}"
+    doubled = entry.kind == "G" and entry.period > 1 and entry.period & (entry.period - 1) == 0
+    name = r"\mathrm{PD}" if doubled else rf"\mathrm{{{entry.kind}}}"
     if entry.ghost:
         name = rf"\widetilde{{{name}}}"
-    if match := re.fullmatch(r"~?\w+\[(.*)->(.*)\]", entry.label):
+    if doubled:
+        name += r"_{\mathrm{G}}"
+    elif match := re.fullmatch(r"~?\w+\[(.*)->(.*)\]", entry.label):
         return f"${name}_{{{match[1]}}}^{{\\,{match[2]}}}$"
-    return f"${name}$"
+    return f"${name}$" + (f"({entry.notation})" if orbit else "")
 
 
 def symbol(name: str) -> str:
     """Return a parameter's name as it is set in labels."""
     greek = {"beta": r"$\beta$", "omega": r"$\omega$", "sigma": r"$\sigma$", "gbar": r"$\bar{g}$"}
-    return greek.get(name, f"${name}$")
+    return greek.get(name, f"${name}$" if name else "")
 
 
-def _draw_legend(ax: Any, walls: list[str], colours: dict[str, str], entries: list[Entry]) -> None:
-    handles = [Line2D([], [], color=colours[w], label=f"wall {w}") for w in walls]
+def _draw_legend(
+    ax: Any, colours: dict[str, str], styles: Sequence[str], entries: list[Entry]
+) -> None:
+    """Below the frame, what is drawn and nothing else."""
+    handles = [Line2D([], [], color=colour, label=f"wall {w}") for w, colour in colours.items()]
     handles += [
-        Line2D([], [], color="0.3", linestyle=style, label=name) for name, style in STYLES.items()
+        Line2D([], [], color="0.3", linestyle=STYLES[name], linewidth=WIDTHS[name], label=name)
+        for name in STYLES
+        if name in styles
     ]
+    mark: dict[str, Any] = {"color": "0.3", "linestyle": "none", "markersize": 5}
     for kind in dict.fromkeys(e.kind for e in entries):
-        marker = MARKERS.get(kind, "P")
-        handles.append(Line2D([], [], color="0.3", ls="none", marker=marker, ms=5, label=kind))
+        label = kind if kind in MARKERS else label_text(next(e for e in entries if e.kind == kind))
+        handles.append(Line2D([], [], marker=MARKERS.get(kind, "P"), label=label, **mark))
     if any(e.ghost for e in entries):
-        handles.append(
-            Line2D([], [], color="0.3", linestyle="none", marker="o", markerfacecolor="white",
-                   markersize=5, label="hollow: ghost")
-        )  # fmt: skip
+        hollow = Line2D([], [], marker=NEUTRAL, markerfacecolor="white", **mark)
+        hollow.set_label("hollow: ghost")
+        handles.append(hollow)
+    columns = max(2, int(ax.get_window_extent().width / ax.figure.dpi * 72.0 / 72.0))
     ax.legend(
-        handles=handles, loc="upper left", bbox_to_anchor=(1.01, 1.0), fontsize=8, frameon=False,
-        borderaxespad=0.0,
+        handles=handles, loc="upper center", bbox_to_anchor=(0.5, 0.0), borderaxespad=4.6,
+        ncols=columns, fontsize=8, frameon=False, handlelength=2.2, columnspacing=1.4,
     )  # fmt: skip

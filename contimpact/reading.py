@@ -124,10 +124,11 @@ def read(diagram: Diagram) -> Reading:
     """
     stable = [interval for branch in diagram.branches for interval in stable_intervals(branch)]
     grazings = [e for e in diagram.entries if e.kind == "G" and e.physical and e.order == 1]
+    known = {branch.id for branch in diagram.branches}
     transitions = [
         _transition(diagram, stable, entry)
         for entry in grazings
-        if entry.period == 1 and entry.opens
+        if entry.period == 1 and entry.opens and entry.opens[0] in known
     ]
     return Reading(stable, _bistable(stable), transitions)
 

@@ -3,9 +3,9 @@ r"""Orbits, multipliers and events to thirty digits and more: what the doubles a
 The generated kernels are evaluated in mpmath's arithmetic: their source is compiled again with
 mpmath's functions and with quotients of whole numbers kept exact. Parameters are the model's
 doubles, taken as exact. Every system is written down anew from residuals and blocks alone: the
-second derivatives of the library, its Jacobians and its step control have no part in what a solution
-is. Only the step of Newton's iteration is computed in double precision, so that an iteration
-contracts by about the condition number times 1e-16 until the digits asked for stand.
+second derivatives of the library, its Jacobians and its step control have no part in what a
+solution is. Only the step of Newton's iteration is computed in double precision, so that an
+iteration contracts by about the condition number times 1e-16 until the digits asked for stand.
 """
 
 from __future__ import annotations
@@ -59,9 +59,7 @@ class Exact:
 
     def distance(self, unknowns: Array) -> float:
         """Return the largest distance of a point in doubles from this one, absolute."""
-        return max(
-            abs(float(x - float(y))) for x, y in zip(self.unknowns, unknowns, strict=True)
-        )
+        return max(abs(float(x - float(y))) for x, y in zip(self.unknowns, unknowns, strict=True))
 
     def parameter_error(self, value: float) -> float:
         """Return by how much a value of the free parameter is off."""
@@ -109,10 +107,8 @@ class Reference:
         row = np.zeros(len(point))
         row[held] = 1.0
         jacobian = np.vstack([self.problem.evaluate(np.array(point)).jacobian, row])
-        solved = self._solve(
-            lambda x: [*self.residual(x), x[held] - point[held]], point, jacobian
-        )
-        return Exact(solved[0], [], *solved[1:]) if solved else None
+        solved = self._solve(lambda x: [*self.residual(x), x[held] - point[held]], point, jacobian)
+        return Exact(solved[0], [], *solved[1:]) if solved is not None else None
 
     def event(
         self, kind: str, unknowns: Array, details: Mapping[str, Any] | None = None
@@ -132,8 +128,8 @@ class Reference:
         solved = self._solve(system, [*map(float, unknowns), *extra])
         if solved is None:
             return None
-        x, *rest = solved
-        return Exact(x[:count], x[count:], *rest)
+        x, residual, step, condition, iterations = solved
+        return Exact(x[:count], x[count:], residual, step, condition, iterations)
 
     def multipliers(self, unknowns: Sequence[Any]) -> list[Any]:
         """Return the multipliers, largest first, from the product of the flights' maps.
@@ -157,7 +153,7 @@ class Reference:
     # Residual and blocks.
 
     def flights(self, z: Sequence[Any]) -> tuple[list[Any], list[tuple[Any, Any, list[Any]]]]:
-        """Return the residuals, and for each flight its blocks A, B and its derivative by lambda."""
+        """Return the residuals, and for each flight its blocks A, B and derivative by lambda."""
         problem, ctx = self.problem, self.ctx
         m, n = problem.m, problem.n
         p = self.values(z)
@@ -241,10 +237,8 @@ class Reference:
             j = (k + 1) % count
             factor = mu if k == count - 1 else 1
             for r in range(m):
-                rows.append(
-                    sum(start[r, c] * q[m * k + c] for c in range(m))
-                    + factor * sum(end[r, c] * q[m * j + c] for c in range(m))
-                )
+                own = sum(start[r, c] * q[m * k + c] for c in range(m))
+                rows += [own + factor * sum(end[r, c] * q[m * j + c] for c in range(m))]
         return rows
 
     def _branch_point(self, z: Array) -> tuple[Callable[[list[Any]], list[Any]], list[float]]:
@@ -361,10 +355,21 @@ def _step(ctx: Any, jacobian: Array, residual: list[Any]) -> list[Any] | None:
 
 def _names(ctx: Any) -> dict[str, Any]:
     """What stands for the kernels' names."""
-    plain = {n: getattr(ctx, n) for n in SCALAR_NAMES if not n.startswith("stumpff")}
-    orders = (int(n.removeprefix("stumpff")) for n in SCALAR_NAMES if n.startswith("stumpff"))
-    higher = {f"stumpff{k}": _stumpff(ctx, k) for k in orders}
-    return plain | higher | {"pi": +ctx.pi, "_whole": ctx.mpf}
+    names: dict[str, Any] = {"_whole": ctx.mpf}
+    for name in SCALAR_NAMES:
+        if name.startswith("stumpff"):
+            names[name] = _stumpff(ctx, int(name.removeprefix("stumpff")))
+        elif name.startswith("decaying"):
+            names[name] = _decaying(ctx, int(name.removeprefix("decaying")))
+        else:
+            names[name] = getattr(ctx, name)
+    return names | {"pi": +ctx.pi}
+
+
+def _decaying(ctx: Any, k: int) -> Callable[[Any, Any], Any]:
+    """e^-y c_k(q); nothing overflows here."""
+    function = _stumpff(ctx, k)
+    return lambda y, q: ctx.exp(-ctx.mpf(y)) * function(q)
 
 
 def _stumpff(ctx: Any, k: int) -> Callable[[Any], Any]:
@@ -432,4 +437,4 @@ def _source(problem: OrbitProblem, name: str, kernel: Kernel) -> str:
     except OSError:
         from .mechanics.codegen import KernelWriter
 
-        return KernelWriter(problem.model, problem.parameter).write(name)
+        return KernelWriter(problem.model, problem.kernels.parameters).write(name)

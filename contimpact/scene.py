@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any
 
 from .bifurcations import KINDS
 from .continuation.arclength import Settings
-from .errors import InputError
+from .errors import InputError, shown
 from .expressions import number
 from .extended import CURVES
 from .mechanics.model import Model
@@ -32,6 +32,7 @@ if TYPE_CHECKING:
 CURVE_SETTINGS = Settings(tolerance=1e-13, max_step=0.05, max_points=1000)
 FORMATS = ("svg", "png", "pdf")
 SHOWN = ("period-1", "all", "none")
+LARGEST_TOLERANCE = 1e-3
 SCENE_SETTINGS = Settings(max_step=0.03)
 """Numerics of a scene that says nothing else; steps short enough for a smooth picture."""
 
@@ -224,7 +225,7 @@ def load_scene(path: str | Path) -> Scene:
     """
     path = Path(path)
     try:
-        text = path.read_bytes().decode("utf-8")
+        text = path.read_bytes().decode("utf-8-sig")
     except FileNotFoundError:
         raise InputError(str(path), "no such file", "give the path of a scene.toml") from None
     except IsADirectoryError:
@@ -235,12 +236,16 @@ def load_scene(path: str | Path) -> Scene:
         raise InputError(str(path), f"not UTF-8 ({error})", "save it as UTF-8 text") from None
     except OSError as error:
         raise InputError(str(path), f"cannot be read ({error.strerror})", "check it") from None
+    except ValueError as error:
+        raise InputError(str(path), f"not a path ({error})", "give a scene.toml") from None
+    toml = "give lines such as range = [0.1, 1.0] in tables such as [follow]"
     try:
-        return read_scene(tomllib.loads(text))
-    except tomllib.TOMLDecodeError as error:
-        raise InputError(str(path), f"not TOML: {error}", "see the scene format") from None
+        given = tomllib.loads(text)
+    except ValueError as error:  # TOMLDecodeError, and numbers of thousands of digits
+        raise InputError(str(path), f"not TOML: {error}", toml) from None
     except RecursionError:
-        raise InputError(str(path), "nested too deeply", "see the scene format") from None
+        raise InputError(str(path), "nested too deeply", toml) from None
+    return read_scene(given)
 
 
 def read_scene(given: Mapping[str, Any]) -> Scene:
@@ -251,10 +256,10 @@ def read_scene(given: Mapping[str, Any]) -> Scene:
     InputError
         If it is not valid.
     """
+    if not isinstance(given, Mapping):
+        raise InputError("scene", f"found {shown(given)}", "give a table of tables")
     top = _Table(given, "")
-    name = top.text("name")
-    if not name or any(c in name for c in "/\\\0\n"):
-        raise InputError("name", f"found {name!r}", "give a name without slashes or line breaks")
+    name = _name(top.text("name"))
     source = top.text("source", "")
     model = _model(top.table("model"))
     follow = top.table("follow")
@@ -284,7 +289,8 @@ def read_scene(given: Mapping[str, Any]) -> Scene:
         raise InputError("follow.orbits", "empty", "name at least one orbit, such as '1:1'")
     reach = _reach(follow)
     follow.finish()
-    events, values = _detect(top.table("detect", optional=True), model, parameter)
+    detect = top.table("detect", optional=True)
+    events, values = _detect(detect, model, parameter, (low, high))
     for i, kind in enumerate(reach["switch"]):
         if kind not in events:
             raise InputError(
@@ -306,10 +312,25 @@ def read_scene(given: Mapping[str, Any]) -> Scene:
     )  # fmt: skip
 
 
+def _name(name: str) -> str:
+    """The scene's name, if a folder can be called so."""
+    if name.strip() in ("", ".", "..") or not name.isprintable() or set(name) & set("/\\"):
+        raise InputError(
+            "name", f"found {shown(name)}",
+            "give a name for a folder: not '.' or '..', no slashes, no control characters",
+        )  # fmt: skip
+    return name
+
+
 def _model(table: _Table) -> Model:
     kind = system(table.text("system"), "model.system")
     options = {name: table.text(name, default) for name, default in kind.OPTIONS.items()}
     given = table.table("parameters")
+    for name in options:
+        if name in given.data:
+            raise InputError(
+                given.place(name), "not a parameter but an option", f"give it as model.{name}"
+            )
     values = {name: given.number(name) for name in list(given.data)}
     table.finish()
     try:
@@ -325,7 +346,7 @@ def _reach(follow: _Table) -> dict[str, Any]:
     for i, kind in enumerate(switch):
         if kind not in SWITCHES:
             raise InputError(
-                f"follow.switch[{i}]", f"cannot switch at {kind!r}",
+                f"follow.switch[{i}]", f"cannot switch at {shown(kind)}",
                 f"accepted are {', '.join(SWITCHES)}",
             )  # fmt: skip
     return {
@@ -338,23 +359,33 @@ def _reach(follow: _Table) -> dict[str, Any]:
 
 
 def _detect(
-    table: _Table, model: Model, parameter: str
+    table: _Table, model: Model, parameter: str, limits: tuple[float, float]
 ) -> tuple[tuple[str, ...], dict[str, list[float]]]:
     events = table.texts("events", list(EVENTS))
     for i, kind in enumerate(events):
         if kind not in KINDS:
             raise InputError(
-                f"detect.events[{i}]", f"no event kind {kind!r}", f"accepted are {', '.join(KINDS)}"
-            )
+                f"detect.events[{i}]", f"no event kind {shown(kind)}",
+                f"accepted are {', '.join(KINDS)}",
+            )  # fmt: skip
     requested = table.table("values", optional=True)
     values = {}
     for name in list(requested.data):
-        if name not in (parameter, *model.DERIVED):
+        if name not in model.varying(parameter):
             raise InputError(
                 f"detect.values.{name}", "it does not vary along the branches",
-                f"accepted are {', '.join((parameter, *model.DERIVED))}",
+                f"accepted are {', '.join(model.varying(parameter))}",
             )  # fmt: skip
         values[name] = requested.numbers(name)
+        if not values[name]:
+            raise InputError(f"detect.values.{name}", "empty", "give at least one value")
+    low, high = limits
+    for i, value in enumerate(values.get(parameter, [])):
+        if not low <= value <= high:
+            raise InputError(
+                f"detect.values.{parameter}[{i}]", f"{value:.12g} is outside follow.range",
+                f"give a value from {low:.12g} to {high:.12g}",
+            )  # fmt: skip
     if values and "UZ" not in events:
         events.append("UZ")
     if "UZ" in events and not values:
@@ -450,6 +481,11 @@ def _numerics(table: _Table) -> tuple[Settings, dict[str, Any]]:
         "rounds": table.whole("rounds", 8),
     }
     table.finish()
+    if chosen["tolerance"] > LARGEST_TOLERANCE:
+        raise InputError(
+            "numerics.tolerance", f"found {chosen['tolerance']!r}",
+            f"give a number above 0, at most {LARGEST_TOLERANCE:g}",
+        )  # fmt: skip
     try:
         return Settings(**chosen), search
     except InputError as error:
@@ -458,14 +494,15 @@ def _numerics(table: _Table) -> tuple[Settings, dict[str, Any]]:
 
 def _plot(table: _Table, model: Model, parameter: str) -> PlotOptions:
     x = table.text("x", parameter)
-    if x not in (parameter, *model.DERIVED):
+    if x not in model.varying(parameter):
         raise InputError(
             "plot.x", f"{x!r} does not vary along the branches",
-            f"accepted are {', '.join((parameter, *model.DERIVED))}",
+            f"accepted are {', '.join(model.varying(parameter))}",
         )  # fmt: skip
     limits = {
         key: table.pair(key) if key in table.data else None for key in ("xlim", "ylim")
     }  # fmt: skip
+    table.asked += list(limits)
     unphysical = table.text("unphysical", "period-1")
     if unphysical not in SHOWN:
         raise InputError(
@@ -500,12 +537,16 @@ class _Table:
             return self.data[key]
         if default is _REQUIRED:
             near = difflib.get_close_matches(key, [k for k in self.data if k not in self.asked], 1)
-            found = f"missing (there is an unknown {near[0]!r})" if near else "missing"
-            raise InputError(self.place(key), found, f"give {wanted}")
+            if near:
+                raise InputError(
+                    self.place(near[0]), f"unknown key (did you mean {key!r}?)",
+                    f"{self.place(key)} is missing: give {wanted}",
+                )  # fmt: skip
+            raise InputError(self.place(key), "missing", f"give {wanted}")
         return default
 
     def refuse(self, key: str, found: Any, wanted: str) -> InputError:
-        return InputError(self.place(key), f"found {found!r}", f"give {wanted}")
+        return InputError(self.place(key), f"found {shown(found)}", f"give {wanted}")
 
     def text(self, key: str, default: Any = _REQUIRED) -> str:
         value = self.take(key, default, "a text")

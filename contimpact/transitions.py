@@ -19,7 +19,7 @@ from .attractor import SETTLING, Attractor, Kind, Settling, settle
 from .diagram import Diagram, Entry
 from .sweep import Row, Simulators, Sweep
 
-MOST = 12
+MOST = 6
 """Changes located at most between two neighbouring values of a sweep."""
 EXPLAINED = 1e-5
 """An entry explains a transition if it is this near to it, in parts of the range swept."""
@@ -199,16 +199,16 @@ def edge(
                 return left, None
             row = _row(simulators, left, left.value + step, settling)
         lost = row
-    return left, _settled(simulators, lost, after, settling)
+    return left, _settled(simulators, lost, furthest, settling)
 
 
-def _settled(simulators: Simulators, row: Row, after: Row, settling: Settling) -> Row:
-    """The first row on the way to `after` at which the motion settles."""
-    step = 1e-2 * (after.value - row.value)
-    while not row.attractor.settled and abs(after.value - row.value) > abs(step) > 0.0:
-        row = _row(simulators, row, row.value + step, settling)
+def _settled(simulators: Simulators, row: Row, furthest: float, settling: Settling) -> Row:
+    """The first row further on at which the motion settles; the row itself if there is none."""
+    step, ahead = 1e-3 * (furthest - row.value), row
+    while not ahead.attractor.settled and abs(furthest - ahead.value) > abs(step) > 0.0:
+        ahead = _row(simulators, ahead, ahead.value + step, settling)
         step *= 2.0
-    return row if row.attractor.settled else after
+    return ahead if ahead.attractor.settled else row
 
 
 def _row(simulators: Simulators, before: Row, value: float, settling: Settling) -> Row:

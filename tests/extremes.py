@@ -185,11 +185,12 @@ def repeated(model, times):
     large = Reference(problem).multipliers(found.unknowns)[0]
     off = abs(float(here.multipliers[0].real / float(large)) - 1.0)
     tests = test_functions(problem, ("FB",), {})
-    run = both_ways(problem, here.unknowns, (0.369, 0.371), tests, Settings(step=1e-2))
-    ends = run.walks[0].end.kind.name
+    value = float(here.unknowns[-1])
+    run = both_ways(problem, here.unknowns, (value - 1e-3, value + 1e-3), tests, Settings())
+    ends = " and ".join(walk.end.kind.name for walk in run.walks)
     return Row(
         row.outcome, row.residual, row.error, row.condition, row.allowed,
-        f"multiplier {float(large):.3g} off by {off:.1e} (relative); branch: {ends}",
+        f"multiplier {float(large):.3g} off by {off:.1e} (relative); branch ends: {ends}",
     )  # fmt: skip
 
 

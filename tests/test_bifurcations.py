@@ -414,13 +414,16 @@ def test_flights_evaluated_are_bounded():
 
 
 def test_what_is_not_named_is_not_evaluated():
-    """With V alone no second derivative, motion or harmonics kernel is loaded."""
+    """With V alone no second derivative or harmonics kernel is loaded.
+
+    Motion kernels give the natural size of velocities.
+    """
     model, parameter, limits = family(7)
     kernels = Kernels(model, parameter)
     orbit = find_orbits(model, "1:1", kernels=kernels)[0]
     follow(orbit, limits, -1, kinds=("V",))
     loaded = set(kernels.loaded + kernels.generated)
-    assert loaded == {"setup", "flight_B_T", "flight_T_B"}
+    assert loaded == {"setup", "flight_B_T", "flight_T_B", "motion_B", "motion_T"}
 
 
 # Requested values
@@ -443,6 +446,15 @@ def test_requested_values_are_hit_exactly():
     # one way the branch goes to s = 0.08 directly, the other way round its fold at s = 0.991
     assert sorted(reached["s"]) == sorted([0.2, 0.3, 1.0 / 3.0, *lengths, 0.389, 0.9])
     assert sorted(reached["d"]) == sorted([0.15, 0.2, *capsules, 0.242, 0.5])
+
+
+def test_requested_values_on_the_ends_of_the_range_are_hit():
+    model, parameter, _ = family(7)
+    orbit = find_orbits(model, "1:1", parameter=parameter)[0]
+    requested = {"s": [0.2, 0.4]}
+    walks = follow_both(orbit, (0.2, 0.4), kinds=("UZ",), requested=requested)
+    assert [event.parameter for event in events_of(walks)] == [0.4, 0.2]
+    assert [w.points[-1].parameter for w in walks] == [0.4, 0.2]
 
 
 def test_requested_values_are_hit_in_any_parameter():
@@ -672,6 +684,14 @@ def test_neutral_saddles_are_no_neimark_sacker_points(omega, k, r, sigma):
     for orbit in saddles:
         assert float(np.prod(orbit.multipliers).real) == pytest.approx(1.0, abs=1e-12)
         assert not test.accept(Event("NS", as_point(orbit), 0.0, 0.0, "bracket"))
+
+
+@pytest.mark.parametrize("word", ["1:1", "2:1"])
+def test_the_impact_pair_has_no_neimark_sacker_points(word):
+    """The multipliers' product is that of r^2, on both sides of a zero velocity too."""
+    model, parameter, limits = family(7)
+    orbit = find_orbits(model, word, parameter=parameter)[0]
+    assert events_of(follow_both(orbit, limits, kinds=("NS",))) == []
 
 
 def as_point(orbit):

@@ -162,6 +162,22 @@ def test_a_zero_at_the_start_belongs_to_one_of_both_walks(sign):
     assert abs(event.parameter) <= event.error < 1e-15
 
 
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+@pytest.mark.parametrize("limit", [1.5, -1.5])
+def test_a_zero_on_the_end_of_the_range_is_found_from_inside(limit, sign):
+    direction = 1 if limit > 0.0 else -1
+    tests = [user(lambda point: sign * (point.parameter - limit))]
+    for start in (0.0, limit):
+        way = direction if start == 0.0 else -direction
+        found = walk(
+            LINE, np.array([2.0 * start, start]), way, parameter="p", limits=(-1.5, 1.5),
+            tests=tests,
+        )  # fmt: skip
+        assert found.missed == []
+        (event,) = found.events
+        assert abs(event.parameter - limit) <= event.error < 1e-12
+
+
 # Not-a-number
 
 

@@ -30,7 +30,6 @@ def scene(**changes):
             "switch": ["G", "PD"], "depth": 2,
         },
         "detect": {"events": ["FB", "PD", "G"]},
-        "plot": {"x": "d"},
     }  # fmt: skip
     for table, values in changes.items():
         given[table] = {**given.get(table, {}), **values}

@@ -12,6 +12,7 @@ on the bordered matrix
 
 from __future__ import annotations
 
+import numbers
 from dataclasses import dataclass
 
 import numpy as np
@@ -58,11 +59,12 @@ class Settings:
     def __post_init__(self) -> None:
         for name in ("tolerance", "step", "min_step", "max_step", "max_angle"):
             value = getattr(self, name)
-            if not (np.isfinite(value) and value > 0.0):
+            number = isinstance(value, numbers.Real) and not isinstance(value, bool)
+            if not (number and np.isfinite(value) and value > 0.0):
                 raise InputError(name, f"found {value!r}", "give a positive number")
         for name in ("max_iterations", "max_points"):
             value = getattr(self, name)
-            if not (isinstance(value, int) and value >= 1):
+            if isinstance(value, bool) or not (isinstance(value, int) and value >= 1):
                 raise InputError(name, f"found {value!r}", "give a whole number >= 1")
         if self.predictor not in PREDICTORS:
             raise InputError(

@@ -58,6 +58,7 @@ class EndKind(enum.Enum):
         "the corrector failed at {parameter} = {value:.12g} even with the smallest step ({why}); "
         "the formulas may have no value beyond"
     )
+    START = "the first point was not reached at {parameter} = {value:.12g} ({why})"
     SINGULAR = (
         "the tangent is not defined at {parameter} = {value:.12g} ({why}); start from another point"
     )

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from .arclength import EPSILON, Settings, angle, correct, inner, length, point_after
+from .arclength import EPSILON, Settings, angle, bordered, correct, inner, length, point_after
 from .branch import Event, Missed, Point
 from .problem import Array, Problem
 
@@ -40,7 +40,7 @@ class Segment:
         """Return the point of the branch at a fraction of the way, or None if it is not reached."""
         chord = self.right.unknowns - self.left.unknowns
         span = self.right.arclength - self.left.arclength
-        guess = _hermite(self.left, self.right, span, fraction)
+        guess = hermite(self.left, self.right, span, fraction)
         result = correct(self.problem, guess, chord / self.scale**2, self.scale, self.settings)
         if result.evaluation is None:
             return None
@@ -123,6 +123,8 @@ class TestFunction(ABC):
 
     __test__ = False  # not a test case
     kind: str
+    noise = 0.0
+    """Values below this on both sides of a sign change are rounding, not a crossing."""
 
     @abstractmethod
     def values(self, point: Point) -> Array:
@@ -188,7 +190,7 @@ def find_events(
     does not exclude them, or a value appears or vanishes beyond zero, the segment is halved and
     both halves searched.
     """
-    if depth and before is not None and _may_hide(segment, before, left, right):
+    if depth and _may_hide(segment, before, left, right):
         middle = segment.at(0.5)
         if middle is not None and segment.left.arclength < middle.arclength:
             between = [test.values(middle) for test in tests]
@@ -201,6 +203,8 @@ def find_events(
     missed: list[Missed] = []
     for test, a, b in zip(tests, left, right, strict=True):
         for index in crossings(a, b):
+            if max(abs(a[index]), abs(b[index])) <= test.noise:
+                continue
             event = locate(test, segment, index, float(a[index]), float(b[index]))
             if isinstance(event, Missed):
                 missed.append(event)
@@ -209,8 +213,15 @@ def find_events(
     return sorted(events, key=lambda e: e.point.arclength), missed
 
 
-def _may_hide(segment: Segment, before: Before, left: list[Array], right: list[Array]) -> bool:
+def _may_hide(
+    segment: Segment, before: Before | None, left: list[Array], right: list[Array]
+) -> bool:
     """Whether some test function may cross zero on a segment without changing its sign."""
+    if before is None:
+        return any(
+            bool(np.any((np.isnan(b) & (c < 0.0)) | (np.isnan(c) & (b < 0.0))))
+            for b, c in zip(left, right, strict=True)
+        )
     behind = segment.left.arclength - before.arclength
     ahead = segment.right.arclength - segment.left.arclength
     if not (behind > 0.0 and ahead > 0.0):
@@ -257,8 +268,8 @@ def locate(
     guess: Point | None = None
     for attempt in range(60):
         fraction = _next_fraction(a, b, fa, fb, attempt)
-        guess = segment.at(fraction)
-        if guess is None:
+        guess = segment.at(fraction) or segment.at(a + 0.999 * (fraction - a))
+        if guess is None:  # beside a branch point as well as on it
             return _missed(test, segment, "no point of the branch was reached inside the bracket")
         if attempt % 8 == 0:
             event = _by_newton(test, segment, guess, index)
@@ -274,10 +285,10 @@ def locate(
         if b - a <= 8.0 * EPSILON or value == 0.0:
             break
     assert guess is not None
-    shrunk = min(abs(fa), abs(fb)) <= 1e-3 * min(abs(left), abs(right))
+    shrunk = min(abs(fa), abs(fb)) <= 1e-3 * max(abs(left), abs(right))
     if not shrunk:
         return _missed(test, segment, "the test function jumps without passing through zero")
-    return _by_bracket(test, segment, guess, index, b - a)
+    return _by_bracket(test, segment, guess, index, 0.0 if value == 0.0 else b - a)
 
 
 def _next_fraction(a: float, b: float, fa: float, fb: float, attempt: int) -> float:
@@ -306,16 +317,20 @@ def _by_bracket(
 ) -> Event:
     """The event at a point a bracket of relative width `width` has closed on.
 
-    A point solves F = 0 to its residual; its place along the branch is known to the width, and to
-    the rounding of the point itself.
+    Its place along the branch is known to the width; the point itself to its residual and the
+    rounding of its unknowns, through the parameter's row of the inverse bordered Jacobian.
     """
+    here = point.evaluation
     travelled = abs(segment.right.parameter - segment.left.parameter)
-    residual = float(np.max(np.abs(point.evaluation.residual)))
-    error = (
-        width * travelled
-        + 8.0 * EPSILON * abs(point.parameter)
-        + residual * float(segment.scale[-1])
-    )
+    matrix = bordered(here.jacobian, point.tangent / segment.scale**2)
+    rounding = np.abs(matrix[:-1]) @ np.abs(here.unknowns) * EPSILON
+    try:
+        row = np.linalg.solve(matrix.T, np.eye(len(matrix))[-1])[:-1]
+        error = float(np.abs(row) @ (np.abs(here.residual) + rounding))
+    except np.linalg.LinAlgError:  # at a branch point: no better than the bracket's own points
+        error = float(np.sqrt(EPSILON)) * float(segment.scale[-1])
+    error += width * travelled + 8.0 * EPSILON * abs(point.parameter)
+    residual = float(np.max(np.abs(here.residual)))
     return Event(test.kind, point, residual, error, "bracket", test.details(point, index))
 
 
@@ -323,8 +338,8 @@ def _missed(test: TestFunction, segment: Segment, reason: str) -> Missed:
     return Missed(test.kind, (segment.left.parameter, segment.right.parameter), reason)
 
 
-def _hermite(left: Point, right: Point, span: float, fraction: float) -> Array:
-    """The cubic through both ends with their tangents."""
+def hermite(left: Point, right: Point, span: float, fraction: float) -> Array:
+    """Return a value of the cubic through two points with their tangents."""
     s, t = fraction, 1.0 - fraction
     return (
         left.unknowns * t * t * (1.0 + 2.0 * s) + right.unknowns * s * s * (1.0 + 2.0 * t)

@@ -8,13 +8,17 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from ..errors import InputError
 from . import arclength
 from .arclength import Settings
 from .branch import End, EndKind, Event, Missed, Point, Walk
-from .events import Before, Segment, TestFunction, find_events
+from .events import Before, Segment, TestFunction, find_events, hermite
 from .problem import Array, Evaluation, Problem
 
 SAME_SOLUTION = 1e-7
+NARROWEST = 1e-12
+"""A range narrower than this part of its limits cannot be walked in doubles."""
+
 NO_CROSSING = 1e-9
 """A test function below this at a branch point a walk starts from vanishes because of it."""
 
@@ -59,10 +63,31 @@ def walk(
     -------
     Walk
         All points and events found, however it ended.
+
+    Raises
+    ------
+    InputError
+        For a start outside the limits, limits that are none, or another direction.
     """
     settings = settings or Settings()
+    start = np.asarray(start, dtype=float)
+    _check(start, direction, limits)
     walker = _Walker(problem, parameter, limits, list(tests), settings, callback, stop, branching)
-    return walker.run(np.asarray(start, dtype=float), direction, tangent)
+    return walker.run(start, direction, tangent)
+
+
+def _check(start: Array, direction: int, limits: tuple[float, float]) -> None:
+    low, high = limits
+    if direction not in (1, -1):
+        raise InputError("direction", f"found {direction!r}", "give +1 or -1")
+    if not (np.isfinite(low) and np.isfinite(high) and low < high):
+        raise InputError("limits", f"found ({low}, {high})", "give two finite numbers, low < high")
+    if high - low < max(NARROWEST * max(abs(low), abs(high)), 1e-100):
+        found = f"({low}, {high}) is as narrow as rounding"
+        raise InputError("limits", found, "give a wider range")
+    if not low <= start[-1] <= high:
+        found = f"they do not hold the start, {start[-1]:.12g}"
+        raise InputError("limits", found, "start within the limits")
 
 
 @dataclass
@@ -100,7 +125,7 @@ class _Walker:
         self.scale = self.problem.scale(start, self.limits[1] - self.limits[0])
         reason = self.begin(start, direction, tangent)
         if reason:
-            kind = EndKind.SINGULAR if self.points else EndKind.CORRECTOR
+            kind = EndKind.SINGULAR if self.points else EndKind.START
             return self.finished(self.end(kind, start[-1], why=reason))
         step = self.settings.step
         while len(self.points) < self.settings.max_points:
@@ -199,6 +224,8 @@ class _Walker:
         if turned > self.settings.max_angle:
             return _Step(None, f"the branch turns by {turned:.3g} rad")
         known = not np.isnan(here.orientation)
+        if self.leaves_inside(here, new):
+            return _Step(None, "the branch leaves the range inside the step")
         flipped = known and (new.orientation >= 0.0) != (here.orientation >= 0.0)
         if flipped and not self.segment(here, new).connected():
             return _Step(None, "the branch turns away from the step")
@@ -230,7 +257,25 @@ class _Walker:
         self.iterations += result.iterations
         if result.evaluation is None:
             return None
-        return self.after(here, result.evaluation, result.iterations)
+        new = self.after(here, result.evaluation, result.iterations)
+        if new is None or new.arclength - here.arclength > beyond.arclength - here.arclength:
+            return None
+        turned = arclength.angle(here.tangent, new.tangent, self.scale)
+        return new if turned <= self.settings.max_angle else None
+
+    def leaves_inside(self, here: Point, new: Point) -> bool:
+        """Whether the parameter turns beyond a limit between two points within the range.
+
+        Where it turns, by the cubic through both points with their tangents.
+        """
+        rates = here.tangent[-1], new.tangent[-1]
+        if rates[0] * rates[1] >= 0.0:
+            return False
+        at = rates[0] / (rates[0] - rates[1])
+        span = new.arclength - here.arclength
+        highest = hermite(here, new, span, at)[-1]
+        inside = self.limits[0] <= new.parameter <= self.limits[1]
+        return inside and not self.limits[0] <= highest <= self.limits[1]
 
     def closing(self, here: Point, new: Point) -> Point | None:
         """The start again, if this step passed it in the direction it was left in."""
@@ -287,6 +332,6 @@ def _apart(zeros: list[Array], others: list[Array]) -> list[Array]:
     """Give exact zeros the sign the other values do not have."""
     tiny = np.finfo(float).tiny
     return [
-        np.where(z == 0.0, np.where(other >= 0.0, -tiny, tiny), z)
+        np.where((z == 0.0) & (other != 0.0), np.where(other >= 0.0, -tiny, tiny), z)
         for z, other in zip(zeros, others, strict=True)
     ]

@@ -27,6 +27,10 @@ class _Printer(PythonCodePrinter):
         order, argument = expr.args
         return f"stumpff{order}({self._print(argument)})"
 
+    def _print_DecayingStumpff(self, expr: Any) -> str:
+        order, decay, argument = expr.args
+        return f"decaying{order}({self._print(decay)}, {self._print(argument)})"
+
     def _print_Float(self, expr: Any) -> str:
         return repr(float(expr))
 

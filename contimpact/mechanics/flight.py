@@ -25,10 +25,9 @@ NEWTON_DONE = 1e-9
 
 _DEGREES = (16, 32, 64)
 
-_NOISE = 1e-10
+_NOISE = 1e-5
 """Last coefficients below this part of the largest that no longer fall are the rounding of the
 function itself, which grows with the angles in it."""
-
 
 
 @dataclass(frozen=True)
@@ -88,7 +87,11 @@ def time_zeros(harmonics: Sequence[float], period: float) -> list[float] | None:
 
 
 def _trigonometric_zeros(mean: float, series: Sequence[tuple[int, float, float]]) -> list[float]:
-    """Angles of the roots on the unit circle of sum_k c_k z^k, polished by Newton."""
+    """Angles of the roots near the unit circle of sum_k c_k z^k, polished by Newton.
+
+    A multiple root scatters around its place, so roots well off the circle are kept: a place where
+    the acceleration does not change sign is one break too many, and harmless.
+    """
     highest = max(k for k, _, _ in series)
     coefficients = np.zeros(2 * highest + 1, dtype=complex)
     coefficients[highest] = mean
@@ -96,29 +99,38 @@ def _trigonometric_zeros(mean: float, series: Sequence[tuple[int, float, float]]
         coefficients[highest + k] += 0.5 * (a - 1j * b)
         coefficients[highest - k] += 0.5 * (a + 1j * b)
     roots = np.roots(coefficients[::-1])
-    angles = np.angle(roots[np.abs(np.abs(roots) - 1.0) < 1e-4]).tolist()
-    polished = []
-    for angle in angles:
-        for _ in range(3):
-            value = mean + sum(
-                a * math.cos(k * angle) + b * math.sin(k * angle) for k, a, b in series
-            )
-            slope = sum(
-                k * (b * math.cos(k * angle) - a * math.sin(k * angle)) for k, a, b in series
-            )
-            step = value / slope if slope else 0.0
-            angle -= step if abs(step) < 1e-3 else 0.0
-        polished.append(angle)
-    return polished
+    return [_polished(angle, mean, series) for angle in _near_circle(roots)]
 
 
-def chebyshev_zeros(function: Callable[[Array], Array], length: float) -> list[float]:
+def _near_circle(roots: Array) -> list[float]:
+    near = np.abs(np.log(np.abs(roots[roots != 0.0]))) < 0.3
+    return np.angle(roots[roots != 0.0][near]).tolist()
+
+
+def _polished(angle: float, mean: float, series: Sequence[tuple[int, float, float]]) -> float:
+    """Newton's iteration for a root of the trigonometric sum, as long as its steps are small."""
+    for _ in range(3):
+        value, slope = mean, 0.0
+        for k, a, b in series:
+            cosine, sine = math.cos(k * angle), math.sin(k * angle)
+            value += a * cosine + b * sine
+            slope += k * (b * cosine - a * sine)
+        step = value / slope if slope else math.inf
+        if not abs(step) < 1e-3:
+            break
+        angle -= step
+    return angle
+
+
+def chebyshev_zeros(
+    function: Callable[[Array], Array], length: float, cuts: int = 12
+) -> list[float]:
     """Return the zeros in (0, length) of a smooth function, from its Chebyshev interpolant.
 
     The degree is doubled until the last coefficients are rounding, the function's own where that is
-    larger; a function that is not
-    resolved by the highest degree is cut in halves. Every cut is returned too, so that none of the
-    pieces between the times returned holds a zero, not even one lost by rounding at the cut.
+    larger; a function that is not resolved by the highest degree is cut in halves. A zero at a cut
+    may be returned twice, but is not lost. A piece that is still not resolved after all cuts is
+    rounding alone: its sign changes on a mesh are returned.
     """
     from numpy.polynomial import chebyshev
 
@@ -134,12 +146,21 @@ def chebyshev_zeros(function: Callable[[Array], Array], length: float) -> list[f
         if tail < 1e-14 or (tail < _NOISE and tail > 0.1 * before):
             kept = np.nonzero(np.abs(coefficients) > 1e-15 * size)[0][-1] + 1
             roots = chebyshev.chebroots(coefficients[:kept]) if kept > 1 else np.array([])
-            near = (np.abs(roots.imag) < 1e-6) & (np.abs(roots.real) <= 1.0)
-            return sorted((0.5 * length * (roots.real[near] + 1.0)).tolist())
+            near = (np.abs(roots.imag) < 1e-6) & (np.abs(roots.real) <= 1.0 + 1e-9)
+            return sorted((0.5 * length * (np.clip(roots.real[near], -1.0, 1.0) + 1.0)).tolist())
         before = tail
+    if cuts == 0:
+        return _mesh_zeros(function, length)
     half = 0.5 * length
-    later = chebyshev_zeros(lambda t: function(half + t), half)
-    return [*chebyshev_zeros(function, half), half, *(half + root for root in later)]
+    later = chebyshev_zeros(lambda t: function(half + t), half, cuts - 1)
+    return chebyshev_zeros(function, half, cuts - 1) + [half + root for root in later]
+
+
+def _mesh_zeros(function: Callable[[Array], Array], length: float) -> list[float]:
+    times = np.linspace(0.0, length, 257)
+    signs = np.broadcast_to(function(times), times.shape) >= 0.0
+    changes = np.nonzero(signs[1:] != signs[:-1])[0]
+    return (0.5 * (times[changes] + times[changes + 1])).tolist()
 
 
 def _chebyshev_coefficients(values: Array) -> Array:
@@ -199,9 +220,11 @@ def velocity_zero(motion, head, values, left, speed_left, right, speed_right):
             right = t
         step = speed / acceleration if acceleration != 0.0 else math.inf
         new = t - step
+        if left <= new <= right and abs(step) <= NEWTON_DONE * length:
+            return new  # the next step would be its square
         if not left < new < right:
             new = 0.5 * (left + right)
-        if abs(new - t) <= NEWTON_DONE * length:  # the next step would be its square
+        if right - left <= 2e-16 * max(abs(left), abs(right)):
             return new
         t = new
     return t

@@ -202,10 +202,13 @@ def _read(path: Path, key: str) -> str | None:
 
 def _write(path: Path, source: str) -> None:
     """Put the whole file in place at once: another process may be writing or reading it."""
+    temporary = None
     try:
         handle, temporary = tempfile.mkstemp(dir=path.parent, prefix=path.stem, suffix=".tmp")
         with os.fdopen(handle, "w", encoding="utf-8") as file:
             file.write(source)
         os.replace(temporary, path)
     except OSError as error:
+        if temporary:
+            Path(temporary).unlink(missing_ok=True)
         log.warning("kernel %s is not cached: %s", path.name, error)

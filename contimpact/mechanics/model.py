@@ -7,6 +7,7 @@ plain Python; its formulas are SymPy and are asked for only when a kernel has to
 from __future__ import annotations
 
 import copy
+import difflib
 import hashlib
 import inspect
 import math
@@ -14,12 +15,13 @@ import numbers
 import os
 import time
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, ClassVar, Self
 
-from ..errors import InputError
+from ..errors import InputError, shown
+from ..expressions import check_expression
 
 
 @dataclass(frozen=True)
@@ -51,8 +53,11 @@ class Parameter:
     def check(self, value: Any, where: str) -> float:
         """Return the value as a float, or raise `InputError` naming `where`."""
         if isinstance(value, bool) or not isinstance(value, numbers.Real):
-            raise InputError(where, f"found {value!r}", f"give {self.accepted}")
-        value = float(value)
+            raise InputError(where, f"found {shown(value)}", f"give {self.accepted}")
+        try:
+            value = float(value)
+        except OverflowError:
+            value = math.copysign(math.inf, value)
         inside = self.lower <= value <= self.upper and not (
             self.above_lower and value == self.lower
         )
@@ -134,6 +139,12 @@ class Model(ABC):
     **given
         Values of `PARAMETERS` (floats) and of `OPTIONS` (text that shapes the formulas).
 
+    Notes
+    -----
+    Of the class attributes these may be left out: `DERIVED_UNITS`, units of derived parameters for
+    labels; `DERIVED_FROM`, the parameters each depends on (all, if nothing is said); `EXPRESSIONS`,
+    the options that are expressions, with the names that may stand in them.
+
     Raises
     ------
     InputError
@@ -144,15 +155,21 @@ class Model(ABC):
     PARAMETERS: ClassVar[tuple[Parameter, ...]]
     WALLS: ClassVar[tuple[Wall, ...]]
     DERIVED: ClassVar[tuple[str, ...]] = ()
+    DERIVED_UNITS: ClassVar[Mapping[str, str]] = {}
+    DERIVED_FROM: ClassVar[Mapping[str, tuple[str, ...]]] = {}
     OPTIONS: ClassVar[Mapping[str, str]] = {}
+    EXPRESSIONS: ClassVar[Mapping[str, tuple[str, ...]]] = {}
     DEGREES_OF_FREEDOM: ClassVar[int] = 1
 
-    def __init__(self, **given: Any) -> None:
+    def __init__(self, /, **given: Any) -> None:
         self.options = {name: str(given.pop(name, text)) for name, text in self.OPTIONS.items()}
+        for name, variables in self.EXPRESSIONS.items():
+            check_expression(self.options[name], name, variables)
         self._declared = {p.name: p for p in _resolved(self.PARAMETERS, given)}
         self.values = {
             name: p.check(given.pop(name, p.default), name) for name, p in self._declared.items()
         }
+        self.validate()
 
     @abstractmethod
     def formulas(self, symbols: Mapping[str, Any]) -> Formulas:
@@ -180,7 +197,19 @@ class Model(ABC):
         """The parameters this instance has, by name."""
         return self._declared
 
-    def replace(self, **changes: float) -> Self:
+    def unit(self, name: str) -> str:
+        """Return the unit of a parameter or derived parameter; empty where none is declared."""
+        declared = self._declared.get(name)
+        return declared.unit if declared else self.DERIVED_UNITS.get(name, "")
+
+    def varying(self, parameter: str) -> tuple[str, ...]:
+        """Return what varies along a branch in a parameter: itself and derived parameters."""
+        return (
+            parameter,
+            *(n for n in self.DERIVED if parameter in self.DERIVED_FROM.get(n, (parameter,))),
+        )
+
+    def replace(self, /, **changes: float) -> Self:
         """Return the same system with some parameter values changed.
 
         Raises
@@ -194,13 +223,17 @@ class Model(ABC):
         neighbour.values = self.values | {
             name: self._declared[name].check(value, name) for name, value in changes.items()
         }
+        neighbour.validate()
         return neighbour
+
+    def validate(self) -> None:  # noqa: B027  most systems have nothing to add
+        """Raise `InputError` where values that are admissible one by one do not go together."""
 
     def require(self, name: str, where: str) -> Parameter:
         """Return the declaration of a parameter, or raise `InputError`."""
         if name not in self._declared:
             raise InputError(
-                where, f"{self.SYSTEM} has no parameter {name!r}",
+                where, f"{self.SYSTEM} has no parameter {name!r}{_hint(name, self._declared)}",
                 f"it has {', '.join(self._declared)}",
             )  # fmt: skip
         return self._declared[name]
@@ -225,12 +258,20 @@ class Model(ABC):
         return f"{type(self).__name__}({inside})"
 
 
+def _hint(name: str, known: Iterable[str]) -> str:
+    near = difflib.get_close_matches(name, list(known), 1)
+    return f" (did you mean {near[0]!r}?)" if near else ""
+
+
 def _resolved(parameters: Sequence[Parameter], given: Mapping[str, Any]) -> list[Parameter]:
     """The parameters in force once the split ones are decided; refuses what does not fit."""
     known = {name for p in parameters for name in (p.name, *p.split)}
     for name in given:
         if name not in known:
-            raise InputError(name, "no such parameter", f"accepted are {', '.join(sorted(known))}")
+            raise InputError(
+                name, f"no such parameter{_hint(name, known)}",
+                f"accepted are {', '.join(sorted(known))}",
+            )  # fmt: skip
     resolved = []
     for p in parameters:
         finer = [name for name in p.split if name in given]

@@ -227,14 +227,28 @@ class OrbitProblem:
     def scale(self, unknowns: Array, span: Any) -> Array:
         """Return natural sizes of the unknowns, by which arclength is measured.
 
-        Times are measured in periods, section coordinates in the largest of the orbit, both
-        averaged over the impacts; the free parameters in `span`.
+        Times are measured in periods, velocities in the largest along the flights, other section
+        coordinates in the largest of the orbit, all averaged over the impacts; the free parameters
+        in `span`.
         """
         impacts = self.impacts(unknowns)
         period = self.kernels.setup(*self.values(unknowns))[0]
         sizes = np.max(np.abs(impacts[:, 1:]), axis=0)
+        sizes[0] = max(sizes[0], self._largest_speed(unknowns))
         one = np.concatenate([[period], np.where(sizes > 0, sizes, 1.0)])
         return np.append(np.tile(one, len(self.word)) * np.sqrt(len(self.word)), span)
+
+    def _largest_speed(self, unknowns: Array) -> float:
+        """The largest speed at eight instants of each flight."""
+        p = self.values(unknowns)
+        rows = self.impacts(unknowns).tolist()
+        rows.append([rows[0][0] + self.word.period * self.kernels.setup(*p)[0], *rows[0][1:]])
+        speeds = [
+            abs(self.kernels.motion(wall)(*row, part * (later[0] - row[0]) / 8.0, *p)[1])
+            for wall, row, later in zip(self.word.walls, rows, rows[1:], strict=False)
+            for part in range(1, 8)
+        ]
+        return max(speeds)
 
     def difference(self, one: Array, other: Array) -> Array:
         """Return one - other as orbits: zero up to whole periods and rotations of the word."""

@@ -22,6 +22,7 @@ from .word import Word, parse_word
 
 ITERATIONS = 25
 SAME_ORBIT = 1e-7
+SAME_SINGULAR_ORBIT = 1e-4
 
 
 @dataclass(frozen=True)
@@ -166,7 +167,9 @@ def find_orbits(
     quiet = 0
     for _ in range(rounds):
         before = len(found)
-        for unknowns in _newton(problem, _random_starts(problem, generator, starts)):
+        with np.errstate(all="ignore"):
+            found_there = _newton(problem, _random_starts(problem, generator, starts))
+        for unknowns in found_there:
             _keep(found, problem, unknowns)
         quiet = quiet + 1 if len(found) == before else 0
         if quiet == 2:
@@ -203,10 +206,17 @@ def _keep(found: list[Orbit], problem: OrbitProblem, unknowns: Array) -> None:
     durations = np.diff(np.append(impacts[:, 0], impacts[0, 0] + span))
     if np.min(durations) <= 1e-9 * span or repeats(problem, here.unknowns, SAME_ORBIT):
         return
+    same = SAME_ORBIT if _regular(here) else SAME_SINGULAR_ORBIT
     for orbit in found:
-        if np.max(np.abs(problem.difference(here.unknowns, orbit.unknowns))) < SAME_ORBIT:
+        if np.max(np.abs(problem.difference(here.unknowns, orbit.unknowns))) < same:
             return
     found.append(Orbit(problem, here))
+
+
+def _regular(here: Linearisation) -> bool:
+    """Whether an orbit is known to rounding, and not only to its root as at a bifurcation."""
+    sizes = np.linalg.svd(here.cyclic(1.0)[:, : here.problem.n], compute_uv=False)
+    return bool(sizes[-1] > 1e-4 * sizes[0])
 
 
 def _reduced(problem: OrbitProblem, unknowns: Array) -> Array:

@@ -92,8 +92,8 @@ def multipliers(start: Array, end: Array) -> Array:
         imaginary = math.sqrt(max(square - real * real, 0.0))
         return np.array([complex(real, imaginary), complex(real, -imaginary)])
     larger = -0.5 * (linear + math.copysign(math.sqrt(discriminant), linear))
-    if larger == 0.0:
-        return np.zeros(2, dtype=complex)
+    if larger == 0.0:  # a nilpotent pencil
+        return np.full(2, 0.0 if constant == 0.0 else np.inf, dtype=complex)
     big = larger / quadratic if quadratic != 0.0 else math.inf
     usable = math.isfinite(product) and math.isfinite(big) and big != 0.0
     small = product / big if usable else constant / larger
@@ -132,8 +132,9 @@ def neimark_sacker(start: Array, end: Array) -> float:
     result = 1.0 + 0.0j
     for i in range(len(values)):
         for j in range(i):
-            product = values[i] * values[j]
-            result *= (product - 1.0) / (1.0 + abs(product)) if np.isfinite(product) else 1.0
+            if np.isfinite(values[i]) and np.isfinite(values[j]):
+                product = values[i] * values[j]
+                result *= (product - 1.0) / (1.0 + abs(product))
     return float(result.real)
 
 

@@ -5,6 +5,7 @@ Importing this module imports SymPy: systems do so inside `Model.formulas`.
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 import numpy as np
@@ -26,6 +27,18 @@ class Stumpff(sympy.Function):
     def fdiff(self, argindex: int = 2) -> sympy.Expr:
         k, q = self.args
         return (k * Stumpff(k + 2, q) - Stumpff(k + 1, q)) / 2
+
+
+class DecayingStumpff(sympy.Function):
+    """The product e^-y c_k(q), which stays finite where both factors do not."""
+
+    nargs = 3
+
+    def fdiff(self, argindex: int = 3) -> sympy.Expr:
+        k, y, q = self.args
+        if argindex == 2:
+            return -self
+        return (k * DecayingStumpff(k + 2, y, q) - DecayingStumpff(k + 1, y, q)) / 2
 
 
 def harmonic_means(
@@ -75,6 +88,8 @@ def fourier_series(
     """
     t = sympy.Symbol("t", real=True)
     expression = sympy_expression(text, where, {"t": t})
+    if expression.has(sympy.oo, -sympy.oo, sympy.zoo, sympy.nan):
+        raise InputError(where, f"{text!r} is not finite", "use a function that is finite")
     coefficients = _exact_coefficients(expression, t, text, where, period)
     if coefficients is None:
         coefficients = _sampled_coefficients(expression, t, text, where, period)
@@ -105,6 +120,7 @@ def _exact_coefficients(expression, t, text, where, period):
                 f"cos({sympy.sstr(4 * pi / period)}*t)",
             )  # fmt: skip
         amplitudes[int(k)] = amplitudes.get(int(k), 0) + factor * sympy.exp(still)
+    _require_real(amplitudes, text, where)
     orders = sorted({abs(k) for k in amplitudes})
     result = []
     for k in orders:
@@ -113,6 +129,16 @@ def _exact_coefficients(expression, t, text, where, period):
         sine = I * (positive - negative) if k else Integer(0)
         result.append((k, _real(cosine), _real(sine)))
     return [(k, a, b) for k, a, b in result if (a, b) != (0, 0)]
+
+
+def _require_real(amplitudes, text, where):
+    """Refuse what is not finite, or not real for real t: c_-k has to be the conjugate of c_k."""
+    numbers = {k: complex(sympy.sympify(c).evalf(30)) for k, c in amplitudes.items()}
+    size = max(map(abs, numbers.values()), default=0.0)
+    if not math.isfinite(size):
+        raise InputError(where, f"{text!r} is not finite", "use a function that is finite")
+    if any(abs(numbers.get(-k, 0) - c.conjugate()) > 1e-12 * size for k, c in numbers.items()):
+        raise InputError(where, f"{text!r} is not real", "use a function that is real for real t")
 
 
 def _real(value: Any) -> Any:
@@ -133,7 +159,13 @@ def _sampled_coefficients(expression, t, text, where, period):
             where, f"{text!r} is not finite and real over a period", "use a smooth function"
         )
     size = float(np.max(np.abs(values)))
-    if np.max(np.abs(values - later)) > 1e-11 * max(size, 1.0):
+    differs = np.abs(values - later) > 1e-11 * max(size, 1.0)
+    if np.any(differs):
+        if np.all(np.abs(values[differs]) > 1e9 * np.median(np.abs(values))):
+            raise InputError(
+                where, f"{text!r} is not finite near t = {times[differs][0]:.6g}",
+                "use a smooth function",
+            )  # fmt: skip
         raise InputError(
             where, f"{text!r} does not have the period {period}",
             f"use a function of sin({sympy.sstr(2 * pi / period)}*t) and "

@@ -12,11 +12,11 @@ import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from ..errors import InputError
+from ..errors import InputError, shown
 
 LONGEST_WORD = 1000
-_COUNTS = re.compile(r"(\d+(?::\d+)*)(?:/(\d+)T)?")
-_LETTERS = re.compile(r"([^\W\d]+)(?:/(\d+)T)?")
+_COUNTS = re.compile(r"([0-9]+(?::[0-9]+)*)(?:/([0-9]+)T)?")
+_LETTERS = re.compile(r"([^\W\d]+)(?:/([0-9]+)T)?")
 
 
 @dataclass(frozen=True)
@@ -78,7 +78,9 @@ def parse_word(text: str, letters: Sequence[str], where: str = "word") -> Word:
     example = "".join(letters)
     accepted = f"give {counts}, {counts}/pT, a word such as {example!r} or {example + '/2T'!r}"
     if not isinstance(text, str) or not text:
-        raise InputError(where, f"found {text!r}", accepted)
+        raise InputError(where, f"found {shown(text)}", accepted)
+    if len(text) > 2 * LONGEST_WORD:
+        raise InputError(where, f"{shown(text)} is too long", f"at most {LONGEST_WORD} impacts")
     if match := _COUNTS.fullmatch(text):
         numbers, period = [int(n) for n in match[1].split(":")], int(match[2] or 1)
         if len(numbers) != len(letters):
@@ -101,7 +103,12 @@ def parse_word(text: str, letters: Sequence[str], where: str = "word") -> Word:
         raise InputError(where, f"{text!r} is not the name of an orbit", accepted)
     if not walls or period < 1 or len(walls) > LONGEST_WORD:
         raise InputError(
-            where, f"{text!r} has {len(walls)} impacts in {period} periods",
+            where,
+            f"{text!r} has {_counted(len(walls), 'impact')} in {_counted(period, 'period')}",
             f"at least one impact and one period, at most {LONGEST_WORD} impacts",
         )  # fmt: skip
     return Word(walls, period)
+
+
+def _counted(count: int, thing: str) -> str:
+    return f"{count} {thing}" if count == 1 else f"{count} {thing}s"

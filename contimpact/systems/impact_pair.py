@@ -43,7 +43,10 @@ class ImpactPair(Model):
     SYSTEM = "impact-pair"
     WALLS = (Wall("B", side=+1), Wall("T", side=-1))
     DERIVED = ("d", "gbar")
+    DERIVED_UNITS: ClassVar = {"d": "dimensionless", "gbar": "dimensionless"}
+    DERIVED_FROM: ClassVar = {"d": ("A", "s", "M", "omega"), "gbar": ("beta", "A", "M", "g")}
     OPTIONS: ClassVar = {"forcing": "cos(pi*t)"}
+    EXPRESSIONS: ClassVar = {"forcing": ("t",)}
     PARAMETERS = (
         Parameter("beta", "rad", "the inclination", lower=-math.pi / 2, upper=math.pi / 2),
         Parameter("r", "", "the restitution coefficient", lower=0, upper=1, split=("r_B", "r_T")),

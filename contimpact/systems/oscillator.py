@@ -43,11 +43,10 @@ class Oscillator(Model):
         Parameter("r", "", "the restitution coefficient", lower=0, upper=1),
     )
 
-    def __init__(self, **given: Any) -> None:
-        super().__init__(**given)
-        if self.values["c"] == 0 and math.isclose(
-            self.values["k"], self.values["omega"] ** 2, rel_tol=1e-15
-        ):
+    def validate(self) -> None:
+        """Refuse undamped resonance."""
+        stiffness, omega = self.values["k"], self.values["omega"]
+        if self.values["c"] == 0 and math.isclose(stiffness, omega**2, rel_tol=1e-15):
             raise InputError(
                 "omega", "an undamped oscillator at resonance has no periodic response",
                 "give c != 0 or omega^2 != k",
@@ -57,7 +56,7 @@ class Oscillator(Model):
         """Steady response plus a transient in Stumpff functions, for any damping."""
         import sympy
 
-        from ..mechanics.symbolic import Stumpff
+        from ..mechanics.symbolic import DecayingStumpff, Stumpff
 
         a, omega, c, k, sigma, r = (symbols[n] for n in ("a", "omega", "c", "k", "sigma", "r"))
         zeta = c / 2
@@ -73,30 +72,29 @@ class Oscillator(Model):
         def flight(t0, x0, v0, dt):
             # With A, B the free motions from unit displacement and from unit velocity,
             #   x1 - x0 = [p(t1) - p(t0)] + (x0 - p0)(A - 1) + (v0 - p0') B,
-            # each bracket divided by dt in closed form; y = zeta dt and q = (k - zeta^2) dt^2,
-            #   B = dt e^-y c1(q),
-            #   1 - A = dt^2 e^-y [zeta^2 (c2 + y c3)(-y^2) + (k - zeta^2)(c2 + y c3)(q)].
+            # each bracket divided by dt in closed form; y = zeta dt and q = (k - zeta^2) dt^2, and
+            # with the decaying Stumpff functions d_j(q) = e^-y c_j(q),
+            #   B = dt d1(q),
+            #   1 - A = dt^2 [zeta^2 (d2 + y d3)(-y^2) + (k - zeta^2)(d2 + y d3)(q)].
             y, q = zeta * dt, (k - zeta**2) * dt**2
-            decay = sympy.exp(-y)
 
-            def c_(order, argument):
-                return Stumpff(sympy.Integer(order), argument)
+            def d_(order, argument):
+                return DecayingStumpff(sympy.Integer(order), y, argument)
 
-            unit_velocity = decay * c_(1, q)  # B/dt
-            fall = decay * (
-                zeta**2 * (c_(2, -(y**2)) + y * c_(3, -(y**2)))
-                + (k - zeta**2) * (c_(2, q) + y * c_(3, q))
+            unit_velocity = d_(1, q)  # B/dt
+            fall = zeta**2 * (d_(2, -(y**2)) + y * d_(3, -(y**2))) + (k - zeta**2) * (
+                d_(2, q) + y * d_(3, q)
             )  # (1 - A)/dt^2
             half = omega * dt / 2
             middle = t0 + dt / 2
-            steady_mean = c_(1, half**2) * steady_rate(middle)  # [p(t1) - p(t0)]/dt
+            steady_mean = Stumpff(sympy.Integer(1), half**2) * steady_rate(middle)
             offset, rate = x0[0] - steady(t0), v0[0] - steady_rate(t0)
             mean = steady_mean - offset * dt * fall + rate * unit_velocity
-            # A' = -k B and B' = e^-y (c0 - y c1)(q)
+            # A' = -k B and B' = (d0 - y d1)(q)
             speed = (
                 steady_rate(t0 + dt)
                 - offset * k * dt * unit_velocity
-                + rate * decay * (c_(0, q) - y * c_(1, q))
+                + rate * (d_(0, q) - y * d_(1, q))
             )
             return [mean], [speed]
 

@@ -1,0 +1,90 @@
+"""Work-precision plots: error against seconds and against evaluations, one line for each method.
+
+Imports matplotlib like `contimpact.plot`, and follows its manners: ``ax=``, no global settings.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import matplotlib
+import matplotlib.figure
+import numpy as np
+
+COLOURS = ("#0072B2", "#56B4E9", "#D55E00", "#E69F00", "#009E73", "#CC79A7")
+MARKERS = "osDv^X"
+STYLES: tuple[Any, ...] = ("-", (0, (5, 2)), "-", (0, (5, 2)), (0, (1, 1.2)), "-.")
+
+
+def plot_report(data: Mapping[str, Any], ax: Any = None, *, against: str = "seconds") -> Any:
+    """Draw error against cost.
+
+    Parameters
+    ----------
+    data : mapping
+        From `contimpact.report.report`.
+    ax : matplotlib.axes.Axes, optional
+        Where to draw; a new figure otherwise.
+    against : {"seconds", "evaluations"}
+        Seconds are medians, with bars from the least to the most.
+
+    Returns
+    -------
+    matplotlib.axes.Axes
+    """
+    if ax is None:
+        figure = matplotlib.figure.Figure(figsize=(5.2, 4.2), dpi=150, layout="constrained")
+        ax = figure.add_subplot()
+    for k, method in enumerate(sorted(data["methods"], key=lambda m: m["varied"] != "tolerance")):
+        rows = [r for r in method["rows"] if r["error"] and np.isfinite(r["error"])]
+        if rows:
+            _draw_method(ax, method["name"], rows, against, k)
+    ax.set_xscale("log")
+    ax.set_yscale("log")
+    ax.set_xlabel(
+        "seconds for the branch" if against == "seconds"
+        else "kernel evaluations (shooting: of the equations of motion)"
+    )  # fmt: skip
+    ax.set_ylabel("largest error of impact times and velocities")
+    ax.axhline(2.2e-16, color="0.75", linewidth=0.6, zorder=0)
+    ax.annotate(
+        "rounding", (1.0, 2.2e-16), (-3, 2), xycoords=ax.get_yaxis_transform(),
+        textcoords="offset points", ha="right", va="bottom", fontsize=7, color="0.45",
+    )  # fmt: skip
+    ax.grid(True, which="major", color="0.92", linewidth=0.6)
+    ax.set_axisbelow(True)
+    return ax
+
+
+def _draw_method(
+    ax: Any, name: str, rows: Sequence[Mapping[str, Any]], against: str, k: int
+) -> None:
+    errors = [r["error"] for r in rows]
+    style: dict[str, Any] = {
+        "color": COLOURS[k % len(COLOURS)], "marker": MARKERS[k % len(MARKERS)], "markersize": 4,
+        "linestyle": STYLES[k % len(STYLES)], "linewidth": 1.2, "label": name,
+    }  # fmt: skip
+    if against == "evaluations":
+        ax.plot([r["evaluations"] for r in rows], errors, **style)
+        return
+    middle = np.array([r["seconds"]["median"] for r in rows])
+    below = middle - [r["seconds"]["low"] for r in rows]
+    above = np.array([r["seconds"]["high"] for r in rows]) - middle
+    ax.errorbar(middle, errors, xerr=[below, above], elinewidth=0.7, capsize=0, **style)
+
+
+def save_report(data: Mapping[str, Any], folder: Path, names: Sequence[str]) -> None:
+    """Draw both plots side by side to files."""
+    figure = matplotlib.figure.Figure(figsize=(9.6, 4.6), dpi=120, layout="constrained")
+    left, right = figure.subplots(1, 2, sharey=True)
+    plot_report(data, left)
+    plot_report(data, right, against="evaluations")
+    right.set_ylabel("")
+    handles, labels = left.get_legend_handles_labels()
+    figure.legend(handles, labels, loc="outside lower center", ncols=3, fontsize=8, frameon=False)
+    with matplotlib.rc_context({"svg.hashsalt": str(data["scene"])}):  # the same bytes every time
+        for name in names:
+            metadata = {"Date": None} if name.endswith("svg") else None
+            figure.savefig(folder / name, metadata=metadata)

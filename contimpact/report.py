@@ -1,0 +1,508 @@
+"""Error against run time: a scene's branches and events, measured against thirty digits.
+
+Methods on the same axes, for one branch: the library with its tolerance varied and with its step
+varied, each with both predictors, and what a user would write without it: SciPy's `solve_ivp` with
+events, shooting, and a Jacobian by finite differences. Evaluations do not depend on the machine;
+seconds do, so repetitions, their median and their spread are kept.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import os
+import platform
+import time
+from collections.abc import Callable, Mapping, Sequence
+from functools import partial
+from pathlib import Path
+from statistics import median
+from typing import Any
+
+import numpy as np
+
+from . import __version__
+from .continuation import linear
+from .continuation.arclength import PREDICTORS, Settings, bordered
+from .continuation.branch import Point, Walk
+from .continuation.walk import walk
+from .diagram import Entry, coordinates
+from .errors import InputError
+from .explore import follow, orbits_at_start
+from .mechanics import stability
+from .mechanics.kernels import Kernels
+from .mechanics.orbit import Array, OrbitProblem
+from .mechanics.search import Orbit
+from .mechanics.word import Word
+from .reference import Reference
+from .scene import Scene
+
+SCHEMA = "contimpact.report/1"
+DIGITS = 30
+TOLERANCES = tuple(10.0**-k for k in range(4, 15))
+STEPS = (0.2, 0.1, 0.05, 0.025, 0.0125, 0.00625, 0.003125)
+SAMPLES = 40
+"""Orbits or places between points at which a method's error is measured."""
+
+SHOT = 6
+"""Orbits that the shooting method solves for."""
+
+WORD_LENGTHS = (10, 20, 50, 100, 150, 200)
+POINTS = 400
+
+
+def report(
+    scene: Scene, repetitions: int = 5, progress: Callable[[str], None] | None = None
+) -> dict[str, Any]:
+    """Measure error against run time for a scene.
+
+    Parameters
+    ----------
+    scene : Scene
+    repetitions : int
+        How often each timing is repeated.
+    progress : callable, optional
+        Called with a line of text now and then.
+
+    Returns
+    -------
+    dict
+        Plain data, as written to ``report.json``.
+
+    Raises
+    ------
+    InputError
+        If the scene's orbit does not exist at its start, or `repetitions` is below 1.
+    """
+    if repetitions < 1:
+        raise InputError("repetitions", f"found {repetitions!r}", "give a whole number >= 1")
+    progress = progress or (lambda text: None)
+    kernels = Kernels(scene.model, scene.parameter)
+    orbit = orbits_at_start(scene, kernels, scene.orbits[0])[0]
+    task = _Task(scene, orbit, repetitions)
+    progress("tolerances and steps")
+    methods = task.walked()
+    progress("shooting")
+    methods += task.shooting()
+    progress("events")
+    events = measured_events(scene, kernels)
+    progress("long words")
+    return {
+        "schema": SCHEMA,
+        "scene": scene.name,
+        "orbit": str(orbit.word),
+        "digits": DIGITS,
+        "repetitions": repetitions,
+        "machine": machine(),
+        "methods": methods,
+        "events": events,
+        "honesty": honesty(events),
+        "long_words": long_words(orbit, repetitions),
+    }
+
+
+def machine() -> dict[str, Any]:
+    """Return what the timings depend on, in general terms."""
+    import mpmath
+    import scipy
+
+    return {
+        "processors": os.cpu_count(),
+        "system": platform.system(),
+        "architecture": platform.machine(),
+        "python": platform.python_version(),
+        "contimpact": __version__,
+        "numpy": np.__version__,
+        "scipy": scipy.__version__,
+        "mpmath": mpmath.__version__,
+    }
+
+
+def timed(
+    task: Callable[[], Any], repetitions: int, per: float = 1.0
+) -> tuple[Any, dict[str, float]]:
+    """Run a task several times; returns its result and median, least and most seconds per unit."""
+    seconds = []
+    for _ in range(repetitions):
+        began = time.perf_counter()
+        result = task()
+        seconds.append((time.perf_counter() - began) / per)
+    return result, _spread(seconds)
+
+
+def _spread(seconds: Sequence[float]) -> dict[str, float]:
+    return {"median": median(seconds), "low": min(seconds), "high": max(seconds)}
+
+
+_Place = tuple[Array, int]
+
+
+@dataclasses.dataclass
+class _Task:
+    """What all methods do: orbits of the branch through the scene's first orbit."""
+
+    scene: Scene
+    orbit: Orbit
+    repetitions: int
+
+    def __post_init__(self) -> None:
+        self.problem = self.orbit.problem
+        self.exact = Reference(self.problem, DIGITS)
+
+    def walks(self, settings: Settings) -> list[Walk]:
+        return [
+            walk(
+                self.problem, self.orbit.unknowns, direction, parameter=self.scene.parameter,
+                limits=self.scene.range, settings=settings,
+            )
+            for direction in (-1, +1)
+        ]  # fmt: skip
+
+    def settings(self, **changes: Any) -> Settings:
+        base = dataclasses.replace(self.scene.settings, max_points=POINTS, min_step=1e-7)
+        return dataclasses.replace(base, **changes)
+
+    def walked(self) -> list[dict[str, Any]]:
+        """The branch at every tolerance and at every largest step, with both predictors.
+
+        Repetitions go around all of them, so that what else the machine does meets all alike.
+        """
+        methods = []
+        for predictor in PREDICTORS:
+            methods.append(self.tolerances(predictor))
+            methods.append(self.steps(predictor))
+        rows = [row for method in methods for row in method["rows"]]
+        settings = [row.pop("settings") for row in rows]
+        seconds: list[list[float]] = [[] for _ in rows]
+        for _ in range(self.repetitions):
+            for own, chosen in zip(seconds, settings, strict=True):
+                began = time.perf_counter()
+                self.walks(chosen)
+                own.append(time.perf_counter() - began)
+        for row, own in zip(rows, seconds, strict=True):
+            row["seconds"] = _spread(own)
+        return methods
+
+    def tolerances(self, predictor: str) -> dict[str, Any]:
+        """Errors of the points, at every tolerance."""
+        rows = [
+            self.row(tolerance, self.settings(tolerance=tolerance, predictor=predictor), _at_points)
+            for tolerance in TOLERANCES
+        ]
+        return _method(f"tolerance, {predictor} predictor", "tolerance", "points", rows)
+
+    def steps(self, predictor: str) -> dict[str, Any]:
+        """Errors of the curve half way between points, at every largest step."""
+        rows = []
+        for step in STEPS:
+            settings = self.settings(
+                max_step=step, step=min(step, self.scene.settings.step), predictor=predictor,
+                max_angle=step * 2.0, tolerance=1e-13, max_points=20 * POINTS,
+            )  # fmt: skip
+            rows.append(self.row(step, settings, _between_points))
+        return _method(f"step, {predictor} predictor", "max_step", "curve between points", rows)
+
+    def row(
+        self, value: float, settings: Settings, places: Callable[[Walk], list[_Place]]
+    ) -> dict[str, Any]:
+        """Error and evaluations; the seconds are measured afterwards."""
+        before = self.problem.kernel_evaluations
+        walks = self.walks(settings)
+        evaluations = self.problem.kernel_evaluations - before
+        guesses = [guess for w in walks for guess in places(w)]
+        return {
+            "setting": value,
+            "error": max((self.error(*place) for place in _some(guesses)), default=None),
+            "evaluations": evaluations, "orbits": sum(len(w.points) for w in walks), "failed": 0,
+            "settings": settings,
+        }  # fmt: skip
+
+    def error(self, unknowns: Array, held: int = -1) -> float:
+        """The distance from the exact branch, where it has the same value of one unknown."""
+        found = self.exact.orbit(unknowns, held)
+        return found.distance(unknowns) if found else float("inf")
+
+    def shooting(self) -> list[dict[str, Any]]:
+        """What a user would write: nothing for systems it has no simple form for."""
+        walks = self.walks(self.settings())
+        points = [p for w in walks for p in w.points if _shootable(p)]
+        if self.problem.m != 2 or not points:
+            return []
+        chosen = [p.unknowns for p in _some(points, SHOT)]
+        share = sum(len(w.points) for w in walks) / len(chosen)
+        rows = [self.shot(tolerance, chosen, share) for tolerance in TOLERANCES]
+        return [_method("shooting, solve_ivp", "rtol", "points", rows)]
+
+    def shot(self, tolerance: float, chosen: list[Array], share: float) -> dict[str, Any]:
+        """Some orbits by shooting; its cost as if all orbits of the branch were."""
+        from .shooting import Shooting
+
+        shooting = Shooting(self.problem, tolerance)
+        repetitions = min(self.repetitions, 3)
+        solved, seconds = timed(
+            lambda: [shooting.orbit(_nearby(unknowns)) for unknowns in chosen],
+            repetitions, 1.0 / share,
+        )  # fmt: skip
+        reached = [unknowns for unknowns in solved if unknowns is not None]
+        return {
+            "setting": tolerance, "error": max(map(self.error, reached), default=None),
+            "seconds": seconds, "evaluations": share * shooting.evaluations / repetitions,
+            "orbits": len(chosen), "failed": len(chosen) - len(reached),
+        }  # fmt: skip
+
+
+def _method(name: str, varied: str, measure: str, rows: list[dict[str, Any]]) -> dict[str, Any]:
+    return {"name": name, "varied": varied, "error_of": measure, "rows": rows}
+
+
+def _some(items: Sequence[Any], most: int = SAMPLES) -> list[Any]:
+    """At most so many of a sequence, evenly spread."""
+    if len(items) <= most:
+        return list(items)
+    return [items[int(i)] for i in np.linspace(0, len(items) - 1, most)]
+
+
+def _at_points(walked: Walk) -> list[_Place]:
+    return [(point.unknowns, _fastest(point)) for point in walked.points]
+
+
+def _between_points(walked: Walk) -> list[_Place]:
+    """The cubic through neighbouring points with their tangents, half way."""
+    places = []
+    for a, b in zip(walked.points, walked.points[1:], strict=False):
+        bend = 0.125 * (b.arclength - a.arclength) * (a.tangent - b.tangent)
+        places.append((0.5 * (a.unknowns + b.unknowns) + bend, _fastest(a)))
+    return places
+
+
+def _fastest(point: Point) -> int:
+    """The unknown by which the branch is best told along its way: not the parameter at a fold."""
+    return int(np.argmax(np.abs(point.tangent)))
+
+
+def _shootable(point: Point) -> bool:
+    """Whether a simulation can follow the orbit: physical, not nearly grazing, not at a fold."""
+    here: Any = point.evaluation
+    speeds = here.problem.impacts(here.unknowns)[:, 1]
+    turning = abs(point.tangent[-1]) < 0.05 * np.max(np.abs(point.tangent))
+    return bool(here.verdict.physical and np.min(np.abs(speeds)) > 1e-3 and not turning)
+
+
+def _nearby(unknowns: Array) -> Array:
+    """A guess as good as a predictor's: three digits."""
+    guess = unknowns.copy()
+    guess[:-1] *= 1.0 + 1e-3 * np.cos(np.arange(len(guess) - 1))
+    return guess
+
+
+# Events.
+
+
+def measured_events(scene: Scene, kernels: Kernels) -> list[dict[str, Any]]:
+    """Return every event of the scene's diagram with its true error and its estimate."""
+    references: dict[tuple[str, int], Reference] = {}
+    rows = []
+    for entry in follow(scene).entries:
+        if entry.kind not in ("FB", "BP", "PD", "G", "V", "T", "UZ"):
+            continue
+        key = (entry.word, entry.period)
+        if key not in references:
+            problem = OrbitProblem(scene.model, Word(*key), kernels)
+            references[key] = Reference(problem, DIGITS)
+        rows.append(_event_row(references[key], entry))
+    return rows
+
+
+def _event_row(exact: Reference, entry: Entry) -> dict[str, Any]:
+    names = coordinates(exact.problem.m)[1:]
+    unknowns = exact.problem.unknowns_of(
+        [impact["time"] for impact in entry.impacts],
+        [[impact["velocity" if n == "v" else n] for n in names] for impact in entry.impacts],
+        entry.value,
+    )
+    details = {
+        "flight": entry.flight, "wall": entry.wall, "impact": entry.impact,
+        "touch_time": entry.touch_time, "requested": entry.requested,
+    }  # fmt: skip
+    found = exact.event(entry.kind, unknowns, details)
+    true = abs(found.parameter_error(entry.value)) if found else None
+    return {
+        "id": entry.id, "label": entry.label, "branch": entry.branch, "value": entry.value,
+        "digits": exact.ctx.nstr(found.parameter, DIGITS) if found else None,
+        "true_error": true, "estimated_error": entry.error,
+        "ratio": true / entry.error if true is not None and entry.error else None,
+        "moved": found.distance(unknowns) if found else None,
+        "condition": found.condition if found else None, "method": entry.method,
+    }  # fmt: skip
+
+
+def honesty(events: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
+    """Return how true errors compare with their estimates."""
+    ratios = [e["ratio"] for e in events if e["ratio"] is not None]
+    return {
+        "events": len(events),
+        "confirmed": sum(e["true_error"] is not None for e in events),
+        "within_estimate": sum(ratio <= 1.0 for ratio in ratios),
+        "median_ratio": median(ratios) if ratios else None,
+        "largest_ratio": max(ratios, default=None),
+        "largest_true_error": max((e["true_error"] for e in events if e["ratio"]), default=None),
+    }
+
+
+# Long words.
+
+
+def long_words(orbit: Orbit, repetitions: int) -> dict[str, Any]:
+    """Return what a corrector iteration and the multipliers cost against the number of impacts.
+
+    The words are the scene's own, run several times.
+    """
+    rows = []
+    own = len(orbit.word)
+    for length in WORD_LENGTHS:
+        times = max(1, round(length / own))
+        problem, unknowns = _repeated(orbit, times)
+        here = problem.evaluate(unknowns)
+        matrix = bordered(here.jacobian, np.ones(problem.n + 1))
+        right = np.ones(problem.n + 1)
+        loops = max(1, 200 // (own * times))
+        parts: dict[str, Callable[[], Any]] = {
+            "residual and blocks": partial(problem.evaluate, unknowns),
+            "Jacobian": partial(_jacobian, problem, unknowns),
+            "bordered solve": partial(linear.solve, matrix, right),
+            "multipliers": partial(stability.multipliers, here.start, here.end),
+        }
+        row: dict[str, Any] = {"impacts": own * times}
+        for name, part in parts.items():
+            _, row[name] = timed(partial(_often, part, loops), repetitions, loops)
+        rows.append(row)
+    exponents = {name: _exponent(rows, name) for name in parts}
+    return {"rows": rows, "exponents": exponents, "dense_up_to": linear.DENSE_UP_TO}
+
+
+def _jacobian(problem: OrbitProblem, unknowns: Array) -> Array:
+    return problem.evaluate(unknowns).jacobian
+
+
+def _often(part: Callable[[], Any], times: int) -> None:
+    for _ in range(times):
+        part()
+
+
+def _repeated(orbit: Orbit, times: int) -> tuple[OrbitProblem, Array]:
+    problem, word = orbit.problem, orbit.word
+    span = word.period * problem.kernels.setup(*problem.values(orbit.unknowns))[0]
+    rows = np.vstack([problem.impacts(orbit.unknowns)] * times)
+    rows[:, 0] += span * np.repeat(np.arange(times), len(word))
+    longer = OrbitProblem(problem.model, Word(word.walls * times, word.period * times),
+                          problem.kernels)  # fmt: skip
+    return longer, np.append(rows.ravel(), orbit.unknowns[-1])
+
+
+def _exponent(rows: Sequence[Mapping[str, Any]], name: str) -> float:
+    """The slope of log seconds over log impacts, over the longer half of the words."""
+    longer = rows[len(rows) // 2 - 1 :]
+    logs = np.log([[row["impacts"], row[name]["median"]] for row in longer])
+    return float(np.polyfit(logs[:, 0], logs[:, 1], 1)[0])
+
+
+# Export.
+
+
+def write_report(data: Mapping[str, Any], folder: Path, formats: Sequence[str]) -> list[str]:
+    """Write ``report.json``, ``report.md`` and the plots; returns the files' names."""
+    import json
+
+    from .catalogue import write_text
+
+    text = json.dumps(_finite(data), indent=1, allow_nan=False) + "\n"
+    names = [f"work-precision.{kind}" for kind in formats]
+    write_text(folder / "report.json", text)
+    write_text(folder / "report.md", markdown(data, names[-1:]))
+    if names:
+        from .plot_report import save_report
+
+        save_report(data, folder, names)
+    return ["report.json", "report.md", *names]
+
+
+def _finite(value: Any) -> Any:
+    """The same data with null where a number is not finite."""
+    if isinstance(value, Mapping):
+        return {key: _finite(v) for key, v in value.items()}
+    if isinstance(value, list | tuple):
+        return [_finite(v) for v in value]
+    if isinstance(value, float) and not np.isfinite(value):
+        return None
+    return value
+
+
+def markdown(data: Mapping[str, Any], figures: Sequence[str] = ()) -> str:
+    """Return a report as text with tables."""
+    machine, fair = data["machine"], data["honesty"]
+    about = ", ".join(f"{name} {value}" for name, value in machine.items())
+    lines = [
+        f"# Error against run time: {data['scene']}", "",
+        f"The branch of the orbit {data['orbit']}, without events; errors are those of impact "
+        f"times and velocities against {data['digits']} digits, at up to {SAMPLES} places. Seconds are "
+        f"medians of {data['repetitions']} repetitions, with least and most. Shooting solves for "
+        f"{SHOT} orbits of the branch, from guesses good to three digits, at most 3 times; its "
+        "cost is scaled to all orbits of the branch. Evaluations are of flight kernels; of shooting, "
+        "of the equations of motion.", "", f"Machine: {about}.", "",
+        *(f"![Error against seconds and evaluations]({name})" for name in figures), "",
+    ]  # fmt: skip
+    for method in data["methods"]:
+        lines += _method_table(method)
+    lines += _event_table(data["events"], fair) + _word_table(data["long_words"])
+    return "\n".join(lines) + "\n"
+
+
+def _number(value: float | None) -> str:
+    return "" if value is None or not np.isfinite(value) else f"{value:.1e}"
+
+
+def _method_table(method: Mapping[str, Any]) -> list[str]:
+    rows = [
+        f"| {_number(r['setting'])} | {_number(r['error']) or 'failed'} "
+        f"| {_number(r['seconds']['median'])} | {_number(r['seconds']['low'])} to "
+        f"{_number(r['seconds']['high'])} | {r['evaluations']:.0f} | {r['orbits']} "
+        f"| {r['failed'] or ''} |"
+        for r in method["rows"]
+    ]
+    return [
+        f"## {method['name']}", "",
+        f"Largest error of {method['error_of']}.", "",
+        f"| {method['varied']} | error | seconds | spread | evaluations | orbits | failed |",
+        "|---|---|---|---|---|---|---|", *rows, "",
+    ]  # fmt: skip
+
+
+def _event_table(events: Sequence[Mapping[str, Any]], fair: Mapping[str, Any]) -> list[str]:
+    rows = [
+        f"| {e['id']} | `{e['label']}` | {e['value']:.15g} | {_number(e['true_error'])} "
+        f"| {_number(e['estimated_error'])} | {_number(e['ratio'])} | {_number(e['condition'])} |"
+        for e in events
+    ]
+    return [
+        "## Events", "",
+        f"{fair['confirmed']} of {fair['events']} events confirmed; the true error is within the "
+        f"estimate for {fair['within_estimate']} of them, and at most "
+        f"{_number(fair['largest_ratio'])} of it (median {_number(fair['median_ratio'])}).", "",
+        "| id | event | value | true error | estimate | ratio | condition |",
+        "|---|---|---|---|---|---|---|", *rows, "",
+    ]  # fmt: skip
+
+
+def _word_table(words: Mapping[str, Any]) -> list[str]:
+    names = list(words["exponents"])
+    rows = [
+        f"| {row['impacts']} | " + " | ".join(_number(row[n]["median"]) for n in names) + " |"
+        for row in words["rows"]
+    ]
+    slopes = " | ".join(f"{words['exponents'][n]:.2f}" for n in names)
+    return [
+        "## Long words", "",
+        "Seconds against the number of impacts; the last row is the exponent over the longer "
+        "words.", "",
+        f"| impacts | {' | '.join(names)} |", "|---|" + "---|" * len(names), *rows,
+        f"| exponent | {slopes} |",
+    ]  # fmt: skip

@@ -1,0 +1,120 @@
+"""Shooting with SciPy's `solve_ivp`: what a user would write, for comparison in reports alone.
+
+The flight is integrated numerically with an event at the next wall; a periodic orbit is a fixed
+point of (t, v) -> (t - pT, v) before the first impact, found by Newton's method with a Jacobian by
+forward differences. It knows nothing of the closed form of a flight.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from .mechanics.orbit import Array, OrbitProblem
+
+ITERATIONS = 12
+
+
+class Shooting:
+    """The return map of a word, by numerical integration.
+
+    Parameters
+    ----------
+    problem : OrbitProblem
+        Of a system with one degree of freedom.
+    tolerance : float
+        Relative and absolute tolerance of the integrator.
+
+    Attributes
+    ----------
+    evaluations : int
+        Evaluations of the equations of motion so far.
+    """
+
+    def __init__(self, problem: OrbitProblem, tolerance: float) -> None:
+        import sympy
+        from scipy.integrate import solve_ivp
+
+        self.problem, self._integrate = problem, solve_ivp
+        self.tolerance = max(tolerance, 2.3e-14)  # the least that solve_ivp takes
+        self.evaluations = 0
+        names = {name: sympy.Symbol(name, real=True) for name in problem.model.values}
+        t, x, v = sympy.symbols("t x v", real=True)
+        formulas = problem.model.formulas(names)
+        given = list(names.values())
+        self._force = sympy.lambdify(
+            [t, x, v, *given], formulas.acceleration(t, [x], [v])[0], "math"
+        )
+        self._reset = {
+            w.name: sympy.lambdify([x, v, *given], formulas.reset(w.name, [x], [v])[0], "math")
+            for w in problem.model.WALLS
+        }
+
+    def orbit(self, guess: Array) -> Array | None:
+        """Return the orbit next to a guess at its parameter value; None if it is not reached."""
+        p = self.problem.values(guess)
+        state = np.array(guess[:2], dtype=float)
+        h = np.sqrt(self.tolerance)
+        for _ in range(ITERATIONS):
+            here = self._around(state, p)
+            if here is None:
+                return None
+            residual, rows = here
+            columns = []
+            for i in range(2):
+                moved = state.copy()
+                moved[i] += h
+                there = self._around(moved, p)
+                if there is None:
+                    return None
+                columns.append((there[0] - residual) / h)
+            try:
+                step = np.linalg.solve(np.array(columns).T, residual)
+            except np.linalg.LinAlgError:
+                return None
+            if np.max(np.abs(step)) <= 2.0 * self.tolerance:
+                return np.append(np.array(rows).ravel(), guess[-1])
+            state = state - step
+        return np.append(np.array(rows).ravel(), guess[-1])
+
+    def _around(self, state: Array, p: list[float]) -> tuple[Array, list[list[float]]] | None:
+        """Residual of the return map, and the impacts on the way; None if a wall is missed."""
+        problem = self.problem
+        span = problem.word.period * problem.kernels.setup(*p)[0]
+        rows = []
+        now = [float(state[0]), float(state[1])]
+        for a, b in problem.kinds:
+            rows.append(now)
+            arrival = self._flight(a, b, now, span, p)
+            if arrival is None:
+                return None
+            now = arrival
+        return np.array([now[0] - span - state[0], now[1] - state[1]]), rows
+
+    def _flight(
+        self, a: str, b: str, impact: list[float], span: float, p: list[float]
+    ) -> list[float] | None:
+        """Time and velocity before the next impact."""
+        walls = self.problem.model.WALLS
+        places = self.problem.kernels.setup(*p)[3 : 3 + len(walls)]
+        place = dict(zip((w.name for w in walls), places, strict=True))
+        start = [place[a], self._reset[a](place[a], impact[1], *p)]
+
+        def arrival(t: float, y: Array) -> float:
+            return float(y[0] - place[b])
+
+        def motion(t: float, y: Array) -> list[float]:
+            self.evaluations += 1
+            return [y[1], self._force(t, y[0], y[1], *p)]
+
+        event: Any = arrival
+        event.terminal = True
+        event.direction = next(w.side for w in walls if w.name == b)
+        result = self._integrate(
+            motion, (impact[0], impact[0] + 2.0 * span), start, events=event,
+            rtol=self.tolerance, atol=self.tolerance, method="DOP853",
+        )  # fmt: skip
+        if result.status != 1:
+            return None
+        return [float(result.t_events[0][0]), float(result.y_events[0][0][1])]

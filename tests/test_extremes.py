@@ -1,0 +1,27 @@
+"""Extreme cases: none crashes, none is wrong, each is as exact as double precision allows."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+from extremes import CASES, MARK, measure
+
+DOCS = Path(__file__).parent.parent / "docs" / "extremes.md"
+
+
+@pytest.mark.parametrize("name", CASES)
+def test_extreme(name):
+    row = measure(name)
+    said = row.outcome.endswith("said so") or row.outcome.startswith("refused: ")
+    assert row.outcome == "solved" or said
+    if row.outcome == "solved":
+        assert row.error <= row.allowed
+        assert not row.residual > 1e-10
+
+
+def test_the_table_of_the_documentation_has_these_rows():
+    lines = DOCS.read_text(encoding="utf-8").partition(MARK)[2].splitlines()
+    rows = [line.split(" | ")[0].removeprefix("| ") for line in lines if line.startswith("| ")]
+    assert rows[1:] == list(CASES)
+    assert not any(word in line for line in lines for word in ("crash", "wrong"))

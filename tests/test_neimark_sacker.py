@@ -1,0 +1,55 @@
+"""The oscillator with negative damping: r^2 exp(-c T) = 1 where two complex multipliers are."""
+
+from __future__ import annotations
+
+import math
+
+import pytest
+
+from contimpact.mechanics.search import find_orbits
+from contimpact.orbit_branch import continue_orbit
+from contimpact.systems.impact_pair import ImpactPair
+from contimpact.systems.oscillator import Oscillator
+
+
+def crossing(omega, r):
+    return 2.0 * math.log(r) * omega / (2.0 * math.pi)
+
+
+@pytest.mark.parametrize(("omega", "r"), [(1.5, 0.8), (1.5, 0.9), (1.7, 0.85)])
+def test_neimark_sacker_points(omega, r):
+    exact = crossing(omega, r)
+    model = Oscillator(a=1.0, omega=omega, c=0.9 * exact, k=1.0, sigma=0.0, r=r)
+    found = []
+    for orbit in find_orbits(model, "S", parameter="c"):
+        branch = continue_orbit(orbit, range=(1.2 * exact, 0.5 * exact), events=("NS",))
+        assert not branch.missed
+        found += branch.events
+    assert found
+    for entry in found:
+        # measured 5e-16, with reported errors of 2e-16
+        assert abs(entry.value - exact) <= 10.0 * entry.error + 1e-14
+        assert all(abs(abs(complex(*mu)) - 1.0) < 1e-12 for mu in entry.multipliers)
+
+
+def test_no_neimark_sacker_of_the_pair():
+    """det M = r^(2N) < 1; and for r = 1 it is one everywhere, within rounding."""
+    for r in (0.3, 1.0):
+        model = ImpactPair(beta=math.pi / 6, r=r, A=5.0, s=0.4)
+        for orbit in find_orbits(model, "1:1", parameter="s", starts=64):
+            branch = continue_orbit(orbit, range=(0.3, 0.5), events=("NS",))
+            assert not branch.events
+            assert not branch.missed
+
+
+def test_a_start_next_to_grazing_does_not_freeze():
+    """The low-velocity orbit of the oscillator, started at 1 - 1e-8 of its grazing."""
+    omega, c = 1.5, 0.1
+    grazing = 1.0 / math.sqrt((1.0 - omega**2) ** 2 + (c * omega) ** 2)
+    model = Oscillator(a=1.0, omega=omega, c=c, k=1.0, sigma=(1.0 - 1e-8) * grazing, r=0.8)
+    orbits = find_orbits(model, "S", parameter="sigma")
+    slow = min(orbits, key=lambda o: abs(o.velocities[0]))
+    assert abs(slow.velocities[0]) < 1e-6
+    branch = continue_orbit(slow, range=(0.1, 1.0), events=("V", "FB"))
+    assert len(branch) < 500
+    assert {end.kind.name for end in branch.ends} == {"RANGE"}

@@ -1,0 +1,132 @@
+"""What a scene does not ask for is not imported, not generated, not evaluated."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+
+import pytest
+
+PROBE = """
+import json, sys
+from contimpact.mechanics.kernels import Kernels
+from contimpact.mechanics import orbit, stability
+counts = {}
+def counted(owner, name):
+    function = getattr(owner, name)
+    def wrapper(*given, **named):
+        counts[name] = counts.get(name, 0) + 1
+        return function(*given, **named)
+    setattr(owner, name, wrapper)
+counted(orbit.OrbitProblem, "evaluate")
+counted(orbit.OrbitProblem, "second_along")
+counted(orbit, "flight_gaps")
+given = json.loads(sys.argv[1])
+from contimpact.scene import read_scene
+scene = read_scene(given)
+from contimpact.explore import follow
+diagram = follow(scene)
+kernels = diagram.statistics["kernels"]
+print(json.dumps({
+    "modules": sorted(sys.modules), "loaded": sorted(kernels["loaded"]),
+    "generated": kernels["generated"], "counts": counts, "points": diagram.statistics["counts"],
+}))
+"""
+
+ALWAYS = {"setup", "harmonics", "flight_B_T", "flight_T_B", "motion_B", "motion_T"}
+FOR = {
+    "grazing": {"flight_B_B"},  # from an impact to a touch at the same wall
+    "fold and doubling": {"second_B_T", "second_T_B", "third_B_T", "third_T_B"},
+    "branch points": {"second_B_T", "second_T_B"},
+}
+"""The kernels that events need beyond those of a branch; third derivatives are a doubling's."""
+
+HEAVY = ("sympy", "mpmath", "matplotlib", "pandas", "scipy", "hypothesis")
+OWN_HEAVY = ("reference", "report", "shooting", "plot", "plot_report", "catalogue", "cli", "merge",
+             "reading", "mechanics.codegen", "mechanics.symbolic")  # fmt: skip
+
+
+def scene(events, switch=(), **follow):
+    return {
+        "name": "frugal",
+        "model": {"system": "impact-pair",
+                  "parameters": {"beta": "pi/6", "r": 0.3, "A": 5.0, "s": 0.34}},
+        "follow": {"parameter": "s", "range": [0.3, 0.4], "orbits": ["1:1"],
+                   "switch": list(switch), **follow},
+        "detect": {"events": list(events)},
+    }  # fmt: skip
+
+
+def run(given):
+    done = subprocess.run(
+        [sys.executable, "-c", PROBE, json.dumps(given)], capture_output=True, text=True, check=True
+    )
+    return json.loads(done.stdout)
+
+
+@pytest.fixture(scope="module")
+def measured():
+    """Every scene run twice: what is looked at is the second run, with a warm cache."""
+    known = {}
+
+    def measure(*given, **named):
+        key = json.dumps([given, named], sort_keys=True)
+        if key not in known:
+            run(scene(*given, **named))
+            known[key] = run(scene(*given, **named))
+        return known[key]
+
+    return measure
+
+
+SCENES = {
+    "nothing": ((), ()),
+    "requested velocity": (("V",), ()),
+    "grazing": (("G",), ()),
+    "fold and doubling": (("FB", "PD"), ()),
+    "branch points": (("BP",), ()),
+}
+
+
+@pytest.mark.parametrize("name", SCENES)
+def test_no_heavy_module_is_imported(measured, name):
+    modules = measured(*SCENES[name])["modules"]
+    assert [m for m in modules if m.split(".")[0] in HEAVY] == []
+    assert [m for m in OWN_HEAVY if f"contimpact.{m}" in modules] == []
+    assert "contimpact.systems.oscillator" not in modules
+
+
+@pytest.mark.parametrize("name", SCENES)
+def test_no_kernel_but_those_asked_for(measured, name):
+    found = measured(*SCENES[name])
+    assert found["generated"] == []
+    assert set(found["loaded"]) <= ALWAYS | FOR.get(name, set())
+    assert {"setup", "flight_B_T", "flight_T_B"} <= set(found["loaded"])
+
+
+@pytest.mark.parametrize("name", SCENES)
+def test_second_derivatives_are_evaluated_for_events_alone(measured, name):
+    counts = measured(*SCENES[name])["counts"]
+    if name not in ("fold and doubling", "branch points"):
+        assert "second_along" not in counts
+    else:  # a doubling: a few Newton iterations with one evaluation each
+        assert counts.get("second_along", 0) < 40
+
+
+def test_gaps_are_evaluated_once_for_each_row(measured):
+    """A table tells whether each orbit is physical; no gap is looked at twice."""
+    found = measured((), ())
+    assert found["counts"]["flight_gaps"] <= found["points"]["points"]
+
+
+def test_an_event_that_is_not_named_costs_no_evaluation(measured):
+    plain, named = measured((), ()), measured(("V", "T"), ())
+    assert plain["counts"]["evaluate"] == named["counts"]["evaluate"]
+
+
+def test_switching_loads_the_longer_words_kernels_alone(measured):
+    found = measured(("G",), ("G",), depth=1)
+    assert {"flight_B_B"} <= set(found["loaded"])
+    assert "flight_T_T" not in found["loaded"]
+    assert not any(name.startswith("second") for name in found["loaded"])

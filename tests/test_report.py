@@ -1,0 +1,172 @@
+"""Error against run time: the report of a small scene, its files and its picture."""
+
+from __future__ import annotations
+
+import json
+import math
+
+import numpy as np
+import pytest
+
+from contimpact import report as module
+from contimpact.cli import main
+from contimpact.continuation.arclength import Settings
+from contimpact.errors import InputError
+from contimpact.mechanics.search import find_orbits
+from contimpact.plot_report import plot_report
+from contimpact.reference import Reference
+from contimpact.scene import read_scene
+from contimpact.shooting import Shooting
+
+SCENE = """
+name = "small"
+[model]
+system = "impact-pair"
+[model.parameters]
+beta = "pi/6"
+r = 0.3
+A = 5.0
+s = 0.34
+[follow]
+parameter = "s"
+range = [0.30, 0.40]
+orbits = ["1:1"]
+[detect]
+events = ["PD", "G"]
+"""
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    """The command itself, with fewer settings than it takes otherwise."""
+    place = tmp_path_factory.mktemp("report")
+    (place / "scene.toml").write_text(SCENE, encoding="utf-8")
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(module, "TOLERANCES", (1e-4, 1e-8, 1e-14))
+        patch.setattr(module, "STEPS", (0.1, 0.01))
+        patch.setattr(module, "WORD_LENGTHS", (10, 20, 40, 60))
+        patch.setattr(module, "SHOT", 2)
+        command = ["report", str(place / "scene.toml"), "-o", str(place / "out"), "-n", "2"]
+        assert main(command) == 0
+    return place / "out"
+
+
+@pytest.fixture(scope="module")
+def data(folder):
+    return json.loads((folder / "report.json").read_text(encoding="utf-8"))
+
+
+def test_files(folder):
+    names = {path.name for path in folder.iterdir()}
+    assert names == {"report.json", "report.md", "work-precision.svg", "work-precision.png"}
+
+
+def test_schema_and_machine(data):
+    assert data["schema"] == "contimpact.report/1"
+    assert data["digits"] >= 30
+    assert data["machine"]["processors"] >= 1
+    assert {"python", "numpy", "scipy", "mpmath", "contimpact"} <= set(data["machine"])
+
+
+def test_every_method_is_there_and_its_error_falls(data):
+    names = [method["name"] for method in data["methods"]]
+    assert names == [
+        "tolerance, tangent predictor", "step, tangent predictor",
+        "tolerance, secant predictor", "step, secant predictor", "shooting, solve_ivp",
+    ]  # fmt: skip
+    for method in data["methods"]:
+        rows = method["rows"]
+        errors = [row["error"] for row in rows]
+        costs = [row["evaluations"] for row in rows]
+        assert errors == sorted(errors, reverse=True)
+        assert costs == sorted(costs)
+        for row in rows:
+            assert row["seconds"]["low"] <= row["seconds"]["median"] <= row["seconds"]["high"]
+        if method["varied"] == "tolerance":
+            assert errors[-1] < 1e-13
+
+
+def test_events_are_confirmed_and_honest(data):
+    fair = data["honesty"]
+    assert fair["events"] == fair["confirmed"] == fair["within_estimate"] == 2
+    assert all(event["true_error"] < 1e-14 for event in data["events"])
+    for event in data["events"]:
+        assert float(event["digits"]) == pytest.approx(event["value"], abs=1e-15)
+        assert len(event["digits"]) >= 30
+
+
+def test_cost_of_long_words(data):
+    words = data["long_words"]
+    assert [row["impacts"] for row in words["rows"]] == [10, 20, 40, 60]
+    assert set(words["exponents"]) >= {"bordered solve", "multipliers"}
+    assert all(math.isfinite(value) for value in words["exponents"].values())
+
+
+def test_the_text_has_every_table(folder, data):
+    text = (folder / "report.md").read_text(encoding="utf-8")
+    for heading in [m["name"] for m in data["methods"]] + ["Events", "Long words"]:
+        assert f"## {heading}\n" in text
+    assert "nan" not in text
+    assert "inf " not in text
+
+
+@pytest.mark.parametrize("against", ["seconds", "evaluations"])
+def test_plot_on_given_axes(data, against):
+    from matplotlib.figure import Figure
+
+    ax = Figure().add_subplot()
+    assert plot_report(data, ax, against=against) is ax
+    assert ax.get_xscale() == ax.get_yscale() == "log"
+    assert len(ax.get_legend_handles_labels()[1]) == len(data["methods"])
+
+
+def test_repetitions_are_checked():
+    scene = read_scene(
+        {
+            "name": "x",
+            "model": {"system": "impact-pair",
+                      "parameters": {"beta": 0.5, "r": 0.3, "A": 5.0, "s": 0.34}},
+            "follow": {"parameter": "s", "range": [0.3, 0.4], "orbits": ["1:1"]},
+        }
+    )  # fmt: skip
+    with pytest.raises(InputError, match="repetitions"):
+        module.report(scene, 0)
+
+
+@pytest.mark.parametrize("word", ["1:1", "2:1"])
+def test_shooting_finds_the_same_orbit(pair, word):
+    """An independent way to the orbit: the equations of motion, integrated."""
+    orbit = find_orbits(pair(s=0.34), word, parameter="s", starts=64, rounds=4)[0]
+    guess = orbit.unknowns.copy()
+    guess[:-1] += 1e-4
+    found = Shooting(orbit.problem, 1e-11).orbit(guess)
+    assert found is not None
+    assert Reference(orbit.problem).orbit(orbit.unknowns).distance(found) < 1e-8
+
+
+def test_shooting_that_misses_its_wall_is_none(pair):
+    orbit = find_orbits(pair(s=0.34), "1:1", parameter="s", starts=64, rounds=4)[0]
+    guess = orbit.unknowns.copy()
+    guess[1], guess[-1] = 1e-9, 50.0
+    assert Shooting(orbit.problem, 1e-6).orbit(guess) is None
+
+
+def test_predictors_are_named():
+    assert Settings().predictor == "tangent"
+    with pytest.raises(InputError, match="secant"):
+        Settings(predictor="cubic")
+
+
+def test_the_secant_predictor_reaches_the_same_branch(pair):
+    from contimpact.orbit_branch import continue_orbit
+
+    orbit = find_orbits(pair(s=0.34), "2:1", parameter="s", starts=64, rounds=4)[0]
+    values = []
+    for predictor in ("tangent", "secant"):
+        settings = Settings(predictor=predictor)
+        branch = continue_orbit(
+            orbit, range=(0.08, 1.05), events=["FB", "PD", "G"], settings=settings
+        )
+        values.append([(e.label, e.value) for e in branch.events])
+    assert [label for label, _ in values[0]] == [label for label, _ in values[1]]
+    assert np.allclose([v for _, v in values[0]], [v for _, v in values[1]], atol=1e-13, rtol=0)

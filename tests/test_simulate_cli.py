@@ -1,0 +1,242 @@
+"""``contimpact simulate``: tables, pictures, interruption and resumption, refused scenes."""
+
+from __future__ import annotations
+
+import csv
+import json
+import subprocess
+import sys
+import tomllib
+
+import numpy as np
+import pytest
+
+from contimpact import cli, simulation
+from contimpact.errors import InputError
+from contimpact.scene import read_scene
+
+SCENE = """
+name = "small"
+[model]
+system = "impact-pair"
+[model.parameters]
+beta = "pi/6"
+r = 0.3
+A = 5.0
+s = 0.34
+[follow]
+parameter = "s"
+range = [0.3, 0.4]
+orbits = ["1:1"]
+[detect]
+events = ["FB", "PD", "G"]
+[plot]
+x = "d"
+formats = ["png"]
+[simulate]
+range = [0.33, 0.39]
+values = 7
+direction = "both"
+periods = 300
+impacts = 600
+width = 1e-3
+"""
+TABLES = ("sweep.csv", "transitions.json", "rows.jsonl")
+
+
+@pytest.fixture
+def scene_file(tmp_path):
+    def write(text=SCENE, **tables):
+        path = tmp_path / "scene.toml"
+        extra = "".join(f"{value}\n" for value in tables.values())
+        path.write_text(text + extra, encoding="utf-8")
+        return str(path)
+
+    return write
+
+
+def run(*arguments):
+    return cli.main(["simulate", *map(str, arguments)])
+
+
+def table(path):
+    lines = path.read_text(encoding="utf-8").splitlines()
+    return json.loads(lines[0].removeprefix("# ")), list(csv.DictReader(lines[1:]))
+
+
+def test_tables(scene_file, tmp_path, capsys):
+    out = tmp_path / "out"
+    assert run(scene_file(), "-o", out, "--no-plot") == 0
+    head, rows = table(out / "sweep.csv")
+    assert head == {"schema": "contimpact.sweep/1", "parameter": "s"}
+    assert [row["direction"] for row in rows] == ["down"] * 7 + ["up"] * 7
+    first = rows[0]
+    assert (first["kind"], first["notation"], first["word"]) == ("periodic", "1:1", "BT")
+    assert (first["wall1"], first["wall2"]) == ("B", "T")
+    assert float(first["v1"]) > 0 > float(first["v2"])
+    assert float(first["exponent_sum"]) == pytest.approx(2 * np.log(0.3), abs=1e-6)
+    assert float(first["d"]) == pytest.approx(0.6225 * 0.39)
+    transitions = json.loads((out / "transitions.json").read_text(encoding="utf-8"))
+    assert transitions["schema"] == "contimpact.transitions/1"
+    assert transitions["transitions"][0]["label"] == "PD[1:1->1:1/2T]"
+    manifest = json.loads((out / "manifest.json").read_text(encoding="utf-8"))
+    assert manifest["counts"]["attractors"] == 14
+    assert manifest["interrupted"] is None
+    assert manifest["scene"]["resolved"]["simulate"]["values"] == 7
+    assert not (out / "catalogue.json").exists()
+    assert "down: 1:1" in capsys.readouterr().out
+
+
+def test_branches_energy_and_pictures(scene_file, tmp_path):
+    out = tmp_path / "out"
+    text = SCENE.replace("values = 7", "values = 4\nbranches = true").replace("both", "down")
+    tables = {
+        "more": 'portraits = [0.389, 0.34]\nbasins = [0.34]\ngrid = 3\n', "energy": "[energy]\nm = 0.004",
+    }  # fmt: skip
+    assert run(scene_file(text, **tables), "-o", out, "-q") == 0
+    names = {p.name for p in out.iterdir()}
+    pictures = {"attractors", "exponents", "energy", "portrait1", "portrait2", "basins1"}
+    assert {f"{name}.png" for name in pictures} <= names
+    assert {"catalogue.json", "coverage.json", "energy.csv", "sweep.csv"} <= names
+    head, rows = table(out / "energy.csv")
+    assert head["schema"] == "contimpact.energy/1"
+    assert head["membrane"]["m"] == 0.004
+    assert {row["from"] for row in rows} >= {"down", "b1"}
+    coverage = json.loads((out / "coverage.json").read_text(encoding="utf-8"))
+    assert coverage["schema"] == "contimpact.coverage/1"
+    assert coverage["matches"]
+    manifest = json.loads((out / "manifest.json").read_text(encoding="utf-8"))
+    assert manifest["scene"]["resolved"]["energy"]["m"] == 0.004
+    assert set(manifest["files"]) <= {str(p.relative_to(out)) for p in out.rglob("*")}
+
+
+@pytest.mark.parametrize("after", [2, 9, 14])
+def test_interrupted_and_resumed(scene_file, tmp_path, monkeypatch, capsys, after):
+    """Stopped after some rows, or after the sweeps, and resumed: the same bytes as in one go."""
+    path = scene_file(SCENE + "starts = 2\n")
+    whole, parts = tmp_path / "whole", tmp_path / "parts"
+    assert run(path, "-o", whole, "--no-plot", "-q") == 0
+    kept = simulation.Checkpoint._append
+    made = []
+
+    def interrupting(self, record):
+        kept(self, record)
+        made.append(record)
+        if len(made) == after:
+            raise KeyboardInterrupt
+
+    monkeypatch.setattr(simulation.Checkpoint, "_append", interrupting)
+    assert run(path, "-o", parts, "--no-plot", "-q") == 1
+    assert "--resume" in capsys.readouterr().err
+    assert len(table(parts / "sweep.csv")[1]) <= after
+    manifest = json.loads((parts / "manifest.json").read_text(encoding="utf-8"))
+    assert manifest["interrupted"]
+    monkeypatch.undo()
+    with open(parts / "rows.jsonl", "a", encoding="utf-8") as file:
+        file.write('{"row": {"direc')  # a line cut short by the interruption
+    assert run(path, "-o", parts, "--no-plot", "-q", "--resume") == 0
+    for name in TABLES:
+        assert (parts / name).read_bytes() == (whole / name).read_bytes(), name
+
+
+def test_a_finished_run_is_resumed_without_work(scene_file, tmp_path, monkeypatch):
+    path, out = scene_file(), tmp_path / "out"
+    assert run(path, "-o", out, "--no-plot", "-q") == 0
+    before = {name: (out / name).read_bytes() for name in TABLES}
+
+    def forbidden(*_):
+        raise AssertionError("nothing is left to simulate")
+
+    monkeypatch.setattr("contimpact.sweep.settle", forbidden)
+    monkeypatch.setattr("contimpact.transitions.settle", forbidden)
+    assert run(path, "-o", out, "--no-plot", "-q", "--resume") == 0
+    assert {name: (out / name).read_bytes() for name in TABLES} == before
+
+
+def test_another_scene_is_not_resumed(scene_file, tmp_path, capsys):
+    out = tmp_path / "out"
+    assert run(scene_file(), "-o", out, "--no-plot", "-q") == 0
+    other = scene_file(SCENE.replace("r = 0.3", "r = 0.31"))
+    assert run(other, "-o", out, "--no-plot", "-q", "--resume") == 2
+    assert "another scene" in capsys.readouterr().err
+
+
+def test_without_a_table_there_is_nothing_to_simulate(scene_file, tmp_path, capsys):
+    assert run(scene_file(SCENE.split("[simulate]")[0]), "-o", tmp_path / "out") == 2
+    assert "[simulate]" in capsys.readouterr().err
+
+
+REFUSED = {
+    "simulate.valeus": "valeus = 3",
+    "simulate.values": "values = 1",
+    "simulate.direction": 'direction = "left"',
+    "simulate.range": "range = [-1.0, 0.3]",
+    "simulate.portraits[1]": "portraits = [0.3, -0.2]",
+    "simulate.width": "width = 0",
+    "simulate.tolerance": "tolerance = -1",
+    "simulate.starts": "starts = -1",
+    "simulate.grid": "grid = 1",
+    "simulate.branches": "branches = 1",
+    "energy.m": "[energy]\nm = 0",
+    "energy.R_b": "[energy]\nR_b = 0.0063",
+    "energy.mass": "[energy]\nmass = 1",
+}
+
+
+@pytest.mark.parametrize("where", REFUSED)
+def test_refused_keys(where):
+    text = SCENE.split("[simulate]")[0] + "[simulate]\n" + REFUSED[where]
+    with pytest.raises(InputError) as error:
+        read_scene(tomllib.loads(text))
+    assert error.value.where == where
+
+
+def test_defaults():
+    """The range of the branches, 101 values, falling; a millionth of the range as width."""
+    scene = read_scene(tomllib.loads(SCENE.split("[simulate]")[0] + "[simulate]\n"))
+    options = scene.simulate
+    assert options.range == (0.3, 0.4)
+    assert (options.values, options.direction, options.branches) == (101, "down", False)
+    assert options.width == pytest.approx(1e-7)
+    ((direction, values),) = options.sweeps()
+    assert (direction, values[0], values[-1]) == ("down", 0.4, 0.3)
+    assert read_scene(scene.resolved()).resolved() == scene.resolved()
+
+
+def test_the_oscillator_has_no_membranes():
+    given = {
+        "name": "x",
+        "model": {"system": "oscillator", "parameters":
+                  {"a": 1, "omega": 2, "c": 0.2, "k": 1, "sigma": 0, "r": 0.6}},
+        "follow": {"parameter": "sigma", "range": [-0.1, 0.1], "orbits": ["1"]},
+    }  # fmt: skip
+    read_scene(given | {"simulate": {}})
+    with pytest.raises(InputError, match="membranes"):
+        read_scene(given | {"energy": {}})
+
+
+def test_run_imports_no_simulation_and_no_matplotlib(scene_file, tmp_path):
+    """What a scene does not ask for is not imported: neither by run nor, for energy, by simulate."""
+    code = (
+        "import sys; from contimpact.cli import main; status = main(sys.argv[1:]); "
+        "print(*sorted(m for m in sys.modules if m.startswith(('contimpact', 'matplotlib'))))"
+    )
+
+    def imported(path, *arguments):
+        result = subprocess.run(
+            [sys.executable, "-c", code, *arguments, path, "-o", str(tmp_path / "out")],
+            capture_output=True, text=True, check=True,
+        )  # fmt: skip
+        return result.stdout.splitlines()[-1].split()
+
+    plain = imported(scene_file(SCENE.split("[simulate]")[0]), "run", "--no-plot")
+    assert "contimpact.explore" in plain
+    absent = {"contimpact.sweep", "contimpact.attractor", "contimpact.energy",
+              "contimpact.mechanics.simulate", "matplotlib"}  # fmt: skip
+    assert not absent & set(plain)
+    with_table = imported(scene_file(), "run", "--no-plot")
+    assert not {"contimpact.sweep", "contimpact.energy", "matplotlib"} & set(with_table)
+    few = SCENE.replace("values = 7", "values = 2\ntransitions = false")
+    simulated = imported(scene_file(few), "simulate", "--no-plot")
+    assert "contimpact.sweep" in simulated
+    assert not {"contimpact.energy", "contimpact.explore", "matplotlib"} & set(simulated)

@@ -1,0 +1,183 @@
+"""Transitions between attractors and coverage by branches, on the scene of Fig. 7."""
+
+from __future__ import annotations
+
+import json
+import tomllib
+
+import numpy as np
+import pytest
+
+from contimpact.attractor import Settling
+from contimpact.coverage import cover, scene_fragment
+from contimpact.explore import follow
+from contimpact.mechanics.simulate import State
+from contimpact.scene import read_scene
+from contimpact.sweep import Row, Simulators, Sweep, sweep
+from contimpact.transitions import Transition, between, edge, explained, find_transitions, name
+
+QUICK = Settling(transient=50, periods=800, impacts=1500)
+PD, G_DOUBLED, FB, G_21 = 0.383143488343, 0.365318559017, 0.356895277, 0.279034781278
+"""Values of s at which the branches double, graze and fold; see test_shipped_scenes."""
+
+
+@pytest.fixture(scope="module")
+def scene():
+    return read_scene(
+        {
+            "name": "fig7",
+            "model": {
+                "system": "impact-pair",
+                "parameters": {"beta": "pi/6", "r": 0.3, "A": 5.0, "s": 0.34},
+            },
+            "follow": {
+                "parameter": "s", "range": [0.25, 0.42], "orbits": ["1:1"],
+                "switch": ["G", "PD"], "depth": 2,
+            },
+            "detect": {"events": ["FB", "PD", "G"]},
+        }
+    )  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def diagram(scene):
+    return follow(scene)
+
+
+def swept(scene, kernels_of, values, start=State(0, 0.25, 0.6)):  # noqa: B008
+    model = scene.model
+    return sweep(model, "s", values, start=start, settling=QUICK, kernels=kernels_of(model, "s"))
+
+
+def only(scene, kernels_of, diagram, values, width=1e-6, start=State(0, 0.25, 0.6)):  # noqa: B008
+    """The first transition between two values."""
+    found = swept(scene, kernels_of, values, start)
+    simulators = Simulators(scene.model, "s", kernels_of(scene.model, "s"))
+    first = next(between(simulators, *found.rows, width, QUICK))
+    return explained(first, diagram, found)
+
+
+def test_the_doubling_of_fig_7(scene, kernels_of, diagram):
+    """PD, explained by the branch's, which lies in the bracket."""
+    found = only(scene, kernels_of, diagram, [0.39, 0.376])
+    assert (found.kind, found.before.notation, found.after.notation) == ("PD", "1:1", "1:1/2T")
+    assert found.after.value < PD <= found.before.value + 1e-6
+    assert found.explanations[0].role == "explains"
+    assert found.explanations[0].value == pytest.approx(PD, abs=1e-11)
+    assert found.before.multiplier == pytest.approx(-1, abs=1e-4)
+
+
+def test_the_onset_of_complex_motion_of_fig_7(scene, kernels_of, diagram):
+    """The doubled orbit grazes: in d, 0.22741080 on the branch, within 1e-6 by simulation."""
+    found = only(scene, kernels_of, diagram, [0.368, 0.362])
+    assert found.kind == "G"
+    assert found.before.notation == "1:1/2T"
+    assert found.after.value <= G_DOUBLED <= found.before.value
+    assert found.before.value - found.after.value < 1e-6
+    assert found.explanations[0].label.startswith("G[1:1/2T->")
+    assert found.explanations[0].distance == 0
+
+
+def test_the_grazing_of_the_2_1_orbit(scene, kernels_of, diagram):
+    """Small steps follow 2:1 to its grazing, although 3:1 is stable already before it."""
+    found = only(scene, kernels_of, diagram, [0.284, 0.276], start=State(0, 0.1, 0.54))
+    assert (found.label, found.kind, found.order) == ("G[2:1->3:1]", "G", 1)
+    assert found.after.value <= G_21 <= found.before.value
+    assert found.explanations[0].role == "explains"
+
+
+def test_the_fold_of_the_2_1_orbit_upwards(scene, kernels_of, diagram):
+    """Rising, 2:1 lives up to its fold; behind it the motion is complex."""
+    found = only(scene, kernels_of, diagram, [0.352, 0.36], start=State(0, 0.1, 0.6))
+    assert (found.kind, found.before.notation) == ("FB", "2:1")
+    assert found.before.value <= FB <= found.after.value
+    assert found.direction == "up"
+    assert found.explanations[0].value == pytest.approx(FB, abs=1e-9)
+
+
+def test_the_end_of_complex_motion_is_bounded(scene, kernels_of, diagram):
+    """TG: complex motion gives way to 2:1 between the fold and the ghost grazing of 1:1."""
+    found = only(scene, kernels_of, diagram, [0.358, 0.35], width=1e-3)
+    assert (found.kind, found.after.notation) == ("TG", "2:1")
+    labels = {e.label: e for e in found.explanations}
+    assert {"FB", "~G[1:1->2:1]"} <= set(labels)
+    assert labels["~G[1:1->2:1]"].value < found.value < labels["FB"].value
+    assert {e.role for e in found.explanations} == {"bounds"}
+
+
+def test_an_attractor_that_does_not_end(scene, kernels_of):
+    """Ten steps on 1:1 is still there: no transition."""
+    first = swept(scene, kernels_of, [0.40]).rows[0]
+    other = Row("down", 0.399, swept(scene, kernels_of, [0.33]).rows[0].attractor)
+    simulators = Simulators(scene.model, "s", kernels_of(scene.model, "s"))
+    left, right = edge(simulators, first, other, 1e-4, QUICK)
+    assert (left.attractor.notation, right) == ("1:1", None)
+    assert list(between(simulators, first, other, 1e-4, QUICK)) == []
+
+
+def test_records_of_transitions_read_back(scene, kernels_of, diagram):
+    found = only(scene, kernels_of, diagram, [0.368, 0.362], width=1e-4)
+    assert Transition.from_record(json.loads(json.dumps(found.as_record()))) == found
+
+
+def test_all_transitions_of_a_sweep(scene, kernels_of, diagram):
+    rows = swept(scene, kernels_of, [0.39, 0.376, 0.37, 0.33, 0.3])
+    found = find_transitions(rows, 1e-3, settling=QUICK, diagram=diagram)
+    assert [t.label for t in found[:2]] == ["PD[1:1->1:1/2T]", found[1].label]
+    assert found[-1].after.notation == "2:1"
+    assert all(t.explanations for t in found if t.kind in ("PD", "TG"))
+
+
+@pytest.mark.parametrize(
+    ("first", "second", "kind"),
+    [(0.40, 0.376, "PD"), (0.376, 0.40, None), (0.34, 0.26, None)],
+)
+def test_names_need_evidence(scene, kernels_of, first, second, kind):
+    """A doubled word is a doubling wherever seen; other changes need a critical value near."""
+    rows = swept(scene, kernels_of, [first]).rows + swept(scene, kernels_of, [second]).rows
+    found = name(*rows)
+    assert found.kind == ("PD" if {first, second} == {0.40, 0.376} else kind)
+    assert found.label.endswith(
+        f"{rows[0].attractor.notation}->{rows[1].attractor.notation}" + ("]" if found.kind else "")
+    )
+
+
+# Coverage
+
+
+def test_attractors_lie_on_branches(scene, kernels_of, diagram):
+    """Velocities of simulation and of the branches agree; measured: 3e-15."""
+    rows = swept(scene, kernels_of, np.linspace(0.41, 0.26, 16).tolist())
+    found = cover(rows, diagram, kernels_of(scene.model, "s"))
+    words = {m.word for m in found.matches}
+    assert {"BT", "BTBT", "BBT", "BBBT"} <= words
+    assert max(m.distance for m in found.matches) < 1e-12
+    matched = {(m.direction, m.value) for m in found.matches}
+    others = [r for r in rows.rows if (r.direction, r.value) not in matched]
+    assert sum(u.count for u in found.uncovered) == len(others)
+    complex_ones = [u for u in found.uncovered if u.kind == "complex"]
+    assert complex_ones
+    assert complex_ones[0].scene is None
+
+
+def test_an_attractor_without_a_branch_comes_with_a_scene(scene, kernels_of, diagram):
+    """4:1 was not followed; the fragment follows it, and then it is covered."""
+    rows = swept(scene, kernels_of, [0.252], start=State(0, 0.1, 0.5))
+    found = cover(rows, diagram, kernels_of(scene.model, "s"))
+    assert found.matches == []
+    (missing,) = found.uncovered
+    assert (missing.notation, missing.word) == ("4:1", "BBBBT")
+    text = 'name = "4:1"\n' + missing.scene
+    fragment = tomllib.loads(text)
+    fragment["follow"]["range"] = [0.251, 0.253]
+    again = cover(rows, follow(read_scene(fragment)), kernels_of(scene.model, "s"))
+    assert [m.word for m in again.matches] == ["BBBBT"]
+    assert again.uncovered == []
+
+
+def test_the_fragment_keeps_every_parameter(scene, kernels_of):
+    rows = swept(scene, kernels_of, [0.3])
+    fragment = tomllib.loads(scene_fragment(rows.rows[0], rows))
+    assert fragment["model"]["parameters"] == {**scene.model.values, "s": 0.3}
+    assert fragment["model"]["forcing"] == scene.model.options["forcing"]
+    assert Sweep.of(rows, "down")
