@@ -48,6 +48,8 @@ EVENT_COLUMNS = (
 
 NUMBERS = ("slope", "touch_time", "residual", "error", "arclength")
 """Keys of an entry whose numbers may be not finite."""
+NEEDED = ("id", "kind", "label", "branch", "word", "period", "parameter", "parameters", "impacts")
+"""Keys that no entry goes without."""
 
 
 # Folders and files.
@@ -173,7 +175,9 @@ def _forget(folder: Path) -> None:
             continue
     for name in names:
         path = folder / str(name)
-        inside = path.resolve().is_relative_to(folder.resolve())
+        inside = ".." not in Path(str(name)).parts and path.resolve().is_relative_to(
+            folder.resolve()
+        )
         if inside and (path.is_file() or path.is_symlink()):
             path.unlink()
 
@@ -380,7 +384,7 @@ def _table(path: Path, schema: str) -> tuple[dict[str, Any], dict[str, np.ndarra
     points = head.get("points", len(rows))
     if len(rows) != points:
         raise InputError(
-            str(path), f"it has {len(rows)} of {points} rows", "give a file that is whole"
+            str(path), f"damaged: {len(rows)} of {points} rows", f"give a file of {schema!r}"
         )
     return head, {name: _column(name, [row[i] for row in rows]) for i, name in enumerate(names)}
 
@@ -412,8 +416,8 @@ def _entry(record: Mapping[str, Any]) -> Entry:
     for name in ("multipliers", "multipliers_before", "multipliers_after"):
         known[name] = [None if mu is None else (mu[0], mu[1]) for mu in known[name] or ()]
     known["opens"] = tuple(known["opens"] or ())
-    if known["id"] is None or known["parameters"] is None:
-        raise ValueError("an entry without id or parameters")
+    if lacking := [name for name in NEEDED if known[name] is None]:
+        raise ValueError(f"an entry without {', '.join(lacking)}")
     return Entry(**known)
 
 
@@ -454,7 +458,7 @@ def load_diagram(folder: str | Path) -> Diagram:
         branches = [_branch_of(folder, record) for record in catalogue["branches"]]
         names = [_curve_file(c["id"], c["kind"], c["word"]) for c in catalogue.get("curves", [])]
         curves = [read_curve(folder / name) for name in names]
-        return Diagram(catalogue["scene"], branches, curves)
+        return Diagram(catalogue["scene"], branches, curves or ())
 
 
 def _branch_of(folder: Path, record: Mapping[str, Any]) -> Branch:
@@ -463,7 +467,7 @@ def _branch_of(folder: Path, record: Mapping[str, Any]) -> Branch:
     branch = read_branch(path)
     if len(branch) != record["points"]:
         raise InputError(
-            str(path), f"it has {len(branch)} of {record['points']} rows",
+            str(path), f"damaged: {len(branch)} of {record['points']} rows",
             "give a folder whose files are of one run",
         )  # fmt: skip
     return branch

@@ -21,6 +21,8 @@ from .plot import save_figure
 
 COLOURS = {"PD": "#0072B2", "G": "#009E73", "FB": "#D55E00", "BP": "#CC79A7", "V": "#E69F00"}
 WIDTHS = {"PD": 1.8, "G": 1.2, "FB": 1.2, "BP": 1.2, "V": 1.2}
+HATCHES = {"G": "//////", "FB": "......"}
+"""Of the bands, so that they differ without colour."""
 MARKERS = {"PD-G": "o", "G-PD": "o", "G-FB": "^", "CP": "v", "GPD": "s", "DG": "D"}
 SYMBOLS = {"beta": r"\beta", "omega": r"\omega", "sigma": r"\sigma", "gbar": r"\bar{g}"}
 
@@ -106,7 +108,11 @@ def _draw_curve(ax: Any, curve: Curve, second: str, along: str, labels: Sequence
 def _draw_region(ax: Any, region: Region, labels: Sequence[str]) -> None:
     """A band along the x axis in the colour of what comes first."""
     colour = _colour(region.first, labels)
-    ax.axvspan(region.low, region.high, ymin=0, ymax=0.03, color=colour, alpha=0.6, linewidth=0)
+    hatch = HATCHES.get(region.first.removeprefix("~").split("[")[0])
+    ax.axvspan(
+        region.low, region.high, ymin=0, ymax=0.03, facecolor=colour, edgecolor="white",
+        alpha=0.6, linewidth=0, hatch=hatch,
+    )  # fmt: skip
 
 
 def _colour(label: str, labels: Sequence[str]) -> str:

@@ -317,19 +317,22 @@ def _by_bracket(
 ) -> Event:
     """The event at a point a bracket of relative width `width` has closed on.
 
-    Its place along the branch is known to the width; the point itself to its residual and the
-    rounding of its unknowns, through the parameter's row of the inverse bordered Jacobian.
+    Its place along the branch is known to the width. The point itself is known to its residual and
+    the rounding of its unknowns, through the inverse bordered Jacobian; as the test function
+    depends on all of it, it counts along the branch as well.
     """
     here = point.evaluation
     travelled = abs(segment.right.parameter - segment.left.parameter)
+    chord = length(segment.right.unknowns - segment.left.unknowns, segment.scale)
     matrix = bordered(here.jacobian, point.tangent / segment.scale**2)
     rounding = np.abs(matrix[:-1]) @ np.abs(here.unknowns) * EPSILON
     try:
-        row = np.linalg.solve(matrix.T, np.eye(len(matrix))[-1])[:-1]
-        error = float(np.abs(row) @ (np.abs(here.residual) + rounding))
+        inverse = np.abs(np.linalg.inv(matrix))[:, :-1]
+        off = inverse @ (np.abs(here.residual) + rounding)
     except np.linalg.LinAlgError:  # at a branch point: no better than the bracket's own points
-        error = float(np.sqrt(EPSILON)) * float(segment.scale[-1])
-    error += width * travelled + 8.0 * EPSILON * abs(point.parameter)
+        off = np.sqrt(EPSILON) * segment.scale
+    along = width + length(off, segment.scale) / chord
+    error = float(off[-1]) + along * travelled + 8.0 * EPSILON * abs(point.parameter)
     residual = float(np.max(np.abs(here.residual)))
     return Event(test.kind, point, residual, error, "bracket", test.details(point, index))
 
