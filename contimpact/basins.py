@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
 from .attractor import SETTLING, Attractor, Kind, Settling, settle
-from .mechanics.simulate import Outcome, Simulator, State
+from .mechanics.simulate import Outcome, Run, Simulator, State
 from .sweep import same
 
 Array = np.ndarray[Any, Any]
@@ -106,16 +106,27 @@ def _fastest(simulator: Simulator, known: Sequence[Attractor]) -> float:
 
 
 def _reached(simulator: Simulator, state: State, found: list[Attractor], settling: Settling) -> int:
-    """The number of the attractor a start leads to; a new one is added to the list."""
+    """The number of the attractor a start leads to; a new one is added to the list.
+
+    Where complex motion is among the attractors, a start that has not settled after a tenth of the
+    periods of `settling` is taken for it.
+    """
     for _ in range(max(settling.transient // 10, 1)):
         run = simulator.run(state, periods=10)
         if run.outcome is not Outcome.DONE or run.end is None:
             break
         state = run.end
         for number, attractor in enumerate(found):
-            if _on(attractor, run.end):
+            if _on(attractor, run):
                 return number
-    attractor = settle(simulator, state, settling)
+    kinds = [attractor.kind for attractor in found]
+    if Kind.COMPLEX in kinds:
+        quick = replace(settling, transient=0, periods=settling.periods // 10, impacts=200)
+        attractor = settle(simulator, state, quick)
+        if attractor.kind in (Kind.COMPLEX, Kind.NOT_SETTLED):
+            return kinds.index(Kind.COMPLEX)
+    else:
+        attractor = settle(simulator, state, settling)
     for number, other in enumerate(found):
         if same(attractor, other):
             return number
@@ -123,12 +134,20 @@ def _reached(simulator: Simulator, state: State, found: list[Attractor], settlin
     return len(found) - 1
 
 
-def _on(attractor: Attractor, state: State) -> bool:
-    """Whether a state lies on a periodic attractor, closely."""
-    if attractor.kind is not Kind.PERIODIC:
+def _on(attractor: Attractor, run: Run) -> bool:
+    """Whether a run ends on a periodic attractor, closely, or is released as a sticking one is."""
+    if attractor.kind is Kind.STICKING:
+        rows = np.nonzero(run.released)[0][-1:]
+        mine = attractor.times[attractor.released] % attractor.forcing_period
+        walls = attractor.walls[attractor.released]
+        return any(
+            bool(np.any((walls == run.walls[row]) & (abs(mine - run.phases[row]) < REACHED)))
+            for row in rows
+        )
+    state = run.end
+    if attractor.kind is not Kind.PERIODIC or state is None:
         return False
-    period = attractor.forcing_period
-    phases = (attractor.times - state.phase) / period
+    phases = (attractor.times - state.phase) / attractor.forcing_period
     apart = np.maximum(
         np.abs(phases - np.round(phases)), np.abs(attractor.velocities - state.velocity)
     )

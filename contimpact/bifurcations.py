@@ -202,9 +202,18 @@ class ZeroVelocity(ScalarTest):
 
 
 class ZeroDuration(ScalarTest):
-    """T: a flight's duration vanishes; beyond, impacts are out of order."""
+    """T: a flight's duration vanishes; beyond, impacts are out of order.
+
+    Durations within rounding of zero have no value: where r vanishes, those of a series of impacts
+    do so together, without changing sign.
+    """
 
     kind = "T"
+    rounding = 1e-12
+
+    def values(self, point: Point) -> Array:
+        found = super().values(point)
+        return np.where(np.abs(found) < self.rounding, np.nan, found)
 
     def scalar(self, problem: Any, z: Array, index: int) -> tuple[float, Array]:
         m, n = problem.m, problem.n

@@ -507,10 +507,18 @@ def manifest_text(
             "versions": versions,
             "scene": {"given": given, "resolved": scene},
             **statistics,
+            "modules": _modules(),
             "left_out": list(left_out),
             "files": sorted(files),
         }
     )
+
+
+def _modules() -> list[str]:
+    """The package's modules that were imported, and the libraries among its dependencies."""
+    own = [name for name in sys.modules if name.split(".")[0] == "contimpact"]
+    libraries = ("numpy", "scipy", "sympy", "mpmath", "matplotlib", "numba")
+    return sorted(own) + [name for name in libraries if name in sys.modules]
 
 
 # Text.

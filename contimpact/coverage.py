@@ -18,7 +18,7 @@ from .attractor import Attractor, Kind
 from .diagram import Branch, Diagram
 from .mechanics.kernels import Kernels
 from .mechanics.orbit import OrbitProblem
-from .mechanics.search import settle
+from .mechanics.search import Orbit, settle
 from .mechanics.word import Word
 from .sweep import Row, Sweep
 
@@ -116,7 +116,7 @@ def _match(row: Row, sweep: Sweep, diagram: Diagram, kernels: Kernels) -> Match 
         if not same_period or not _cyclic(branch.word, attractor.word):
             continue
         for orbit in orbits_on(branch, sweep, row.value, kernels):
-            distance = _distance(attractor, branch.word, orbit)
+            distance = _distance(attractor, branch.word, orbit.problem.impacts(orbit.unknowns))
             if distance < MATCH and (best is None or distance < best.distance):
                 best = Match(
                     row.direction, row.value, attractor.notation, attractor.word,
@@ -129,15 +129,14 @@ def _cyclic(one: str, other: str) -> bool:
     return len(one) == len(other) and one in other * 2
 
 
-def orbits_on(branch: Branch, sweep: Sweep, value: float, kernels: Kernels) -> list[Array]:
+def orbits_on(branch: Branch, sweep: Sweep, value: float, kernels: Kernels) -> list[Orbit]:
     """Return the orbits of a branch at a parameter value.
 
     Each is solved for at that value from the line between the neighbouring points.
 
     Returns
     -------
-    list of ndarray of shape (N, 2)
-        Times and velocities.
+    list of Orbit
     """
     parameters = branch[branch.parameter]
     offset = parameters - value
@@ -154,7 +153,7 @@ def orbits_on(branch: Branch, sweep: Sweep, value: float, kernels: Kernels) -> l
         guess = points[0] + part * (points[1] - points[0])
         here = settle(problem, np.append(guess.ravel(), value))
         if here is not None:
-            found.append(problem.impacts(here.unknowns))
+            found.append(Orbit(problem, here))
     return found
 
 

@@ -18,6 +18,7 @@ import numpy as np
 
 from .bifurcations import test_functions
 from .continuation.branch import End, EndKind, Event, Point, Walk
+from .continuation.events import TestFunction
 from .continuation.walk import walk
 from .diagram import Branch, Diagram, Entry
 from .errors import InputError
@@ -87,6 +88,7 @@ class _Explorer:
     meetings: dict[str, list[str]] = field(default_factory=dict)
     notes: list[str] = field(default_factory=list)
     probes: int = 0
+    tested: list[TestFunction] = field(default_factory=list)
     failure: str | None = None
     seconds: dict[str, float] = field(default_factory=lambda: dict.fromkeys(STAGES, 0.0))
 
@@ -297,12 +299,14 @@ class _Explorer:
         settings = self.scene.settings
         return dataclasses.replace(settings, max_points=min(settings.max_points, left))
 
-    def tests(self, problem: OrbitProblem) -> list[Any]:
+    def tests(self, problem: OrbitProblem) -> list[TestFunction]:
         """The scene's test functions; words that repeat also look where they fall back."""
         kinds = list(self.scene.events)
         if len(problem.word.rotations()) > 1 and "BP" not in kinds:
             kinds.append("BP")
-        return test_functions(problem, kinds, self.scene.values)
+        tests = test_functions(problem, kinds, self.scene.values)
+        self.tested += tests
+        return tests
 
     def reporter(self, problem: OrbitProblem, name: str) -> Callable[[Point], None]:
         shown = problem.word.notation([w.name for w in self.scene.model.WALLS])
@@ -355,6 +359,13 @@ class _Explorer:
             for branch in self.branches
         ]
 
+    def evaluations(self) -> dict[str, int]:
+        """How often test functions of each kind were evaluated."""
+        counts: dict[str, int] = {}
+        for test in self.tested:
+            counts[test.kind] = counts.get(test.kind, 0) + test.evaluations
+        return counts
+
     def statistics(self) -> dict[str, Any]:
         walks = [w for run in self.runs for w in run.walks]
         problems = {id(run.problem): run.problem for run in self.runs}
@@ -368,6 +379,7 @@ class _Explorer:
                 "switches_tried": self.probes,
                 "kernel_evaluations": sum(p.kernel_evaluations for p in problems.values()),
             },
+            "test_functions": self.evaluations(),
             "kernels": {"loaded": self.kernels.loaded, "generated": self.kernels.generated},
             "notes": self.notes,
             "failure": self.failure,

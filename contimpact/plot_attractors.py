@@ -19,6 +19,7 @@ from .attractor import Attractor, Kind
 from .basins import Basins
 from .diagram import Branch, Diagram
 from .energy import Membrane, along, of_attractor
+from .mechanics.search import Orbit
 from .mechanics.simulate import Simulator
 from .sweep import Row, Simulators, Sweep
 
@@ -101,7 +102,8 @@ def _marks(sweep: Sweep) -> dict[str, dict[str, Any]]:
 
 def _limits(sweep: Sweep, x: str) -> tuple[float, float]:
     values = [row.attractor.parameters[x] for row in sweep.rows]
-    return min(values), max(values)
+    margin = 0.015 * (max(values) - min(values) or 1.0)
+    return min(values) - margin, max(values) + margin
 
 
 def _points(rows: Sequence[Row], x: str) -> tuple[list[float], list[float]]:
@@ -205,8 +207,11 @@ def plot_energy(
     for label, at, values, mark, colour in looks:
         ax.plot(at, np.array(values) / 1e3, linestyle="none", color=colour, zorder=4, **mark)
         handles.append(style.legend_mark(linestyle="none", color=colour, label=label, **mark))
-    ax.set_xlim(*(xlim or _limits(sweep, x)))
-    ax.set_ylim(bottom=0.0)
+    low, high = xlim or _limits(sweep, x)
+    tops = [u for p, u in voltages if low <= p <= high]
+    tops += [max(pair) for p, pair in zip(places, means, strict=True) if low <= p <= high]
+    ax.set_xlim(low, high)
+    ax.set_ylim(0.0, 1.1e-3 * max(tops, default=1.0) or 1.0)
     _label(ax, x, unit, "output voltage (kV)")
     _legend(ax, handles)
     return ax
@@ -299,6 +304,12 @@ def plot_portrait(
     ax.plot(z, v, color="#0072B2", linewidth=thin)
     handles.append(style.legend_mark(color="#0072B2", label=attractor.notation))
     _walls(ax.axvline, simulator)
+    for wall, position in enumerate(simulator.positions):
+        ax.annotate(
+            simulator.letters[wall], (position, 1.0), (0, 3), ha="center", fontsize=8,
+            color=style.COLOURS[wall], xycoords=ax.get_xaxis_transform(),
+            textcoords="offset points",
+        )  # fmt: skip
     for _, wall, speed in touches:
         ax.plot(simulator.positions[wall], speed, color=INK, **MARKS["first"])
     ax.axhline(0.0, color="0.85", linewidth=0.6, zorder=0)
@@ -313,10 +324,19 @@ def plot_series(simulator: Simulator, attractor: Attractor, ax: Any = None) -> A
     ax = ax or style.new_figure(5.2, 3.0).add_subplot()
     periods = 4 if attractor.period is not None else 0
     t, z, _, touches = motion(simulator, attractor, periods)
-    ax.plot(t / simulator.period, z, color="#0072B2", linewidth=1.1)
+    begin = np.floor(t[0] / simulator.period)
+    ax.plot(t / simulator.period - begin, z, color="#0072B2", linewidth=1.1)
     _walls(ax.axhline, simulator)
+    for wall, position in enumerate(simulator.positions):
+        ax.annotate(
+            simulator.letters[wall], (1.0, position), (4, 0), va="center", fontsize=8,
+            color=style.COLOURS[wall], xycoords=ax.get_yaxis_transform(),
+            textcoords="offset points",
+        )  # fmt: skip
     for time, wall, _ in touches:
-        ax.plot(time / simulator.period, simulator.positions[wall], color=INK, **MARKS["first"])
+        ax.plot(
+            time / simulator.period - begin, simulator.positions[wall], color=INK, **MARKS["first"]
+        )
     ax.margins(x=0.01)
     ax.set_xlabel("$t/T$")
     ax.set_ylabel("$Z$")
@@ -431,25 +451,17 @@ def _others(result: Simulation, row: Row, simulator: Simulator) -> dict[str, Att
     for branch in result.diagram.branches:
         if branch.period > 1:
             continue
-        for impacts in orbits_on(branch, result.sweep, row.value, simulator.kernels):
-            state = _status(branch, row.value)
-            if state != "stable":
+        for orbit in orbits_on(branch, result.sweep, row.value, simulator.kernels):
+            if not (orbit.stable and orbit.physical):
+                state = "unstable" if orbit.physical else "unphysical"
                 label = f"{branch.notation}, {state}"
-                found.setdefault(label, _as_attractor(branch, impacts, simulator))
+                found.setdefault(label, _as_attractor(branch, orbit, simulator))
     return found
 
 
-def _status(branch: Branch, value: float) -> str:
-    """What the point of a branch nearest to a value is."""
-    k = int(np.argmin(np.abs(branch[branch.parameter] - value)))
-    if not branch.physical[k]:
-        return "unphysical"
-    return "stable" if branch.stable[k] else "unstable"
-
-
-def _as_attractor(branch: Branch, impacts: Any, simulator: Simulator) -> Attractor:
+def _as_attractor(branch: Branch, orbit: Orbit, simulator: Simulator) -> Attractor:
     walls = np.array([simulator.letters.index(letter) for letter in branch.word])
     return Attractor(
         Kind.PERIODIC, {}, branch.notation, simulator.period, branch.word, branch.period, walls,
-        impacts[:, 0], impacts[:, 1], np.zeros(len(walls), dtype=bool),
+        orbit.times, orbit.velocities, np.zeros(len(walls), dtype=bool),
     )  # fmt: skip

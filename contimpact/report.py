@@ -11,6 +11,7 @@ from __future__ import annotations
 import dataclasses
 import os
 import platform
+import sys
 import time
 from collections.abc import Callable, Mapping, Sequence
 from functools import partial
@@ -107,7 +108,7 @@ def machine() -> dict[str, Any]:
 
     return {
         "processors": os.cpu_count(),
-        "system": platform.system(),
+        "system": sys.platform,
         "architecture": platform.machine(),
         "python": platform.python_version(),
         "contimpact": __version__,
@@ -442,12 +443,12 @@ def markdown(data: Mapping[str, Any], figures: Sequence[str] = ()) -> str:
     about = ", ".join(f"{name} {value}" for name, value in machine.items())
     lines = [
         f"# Error against run time: {data['scene']}", "",
-        f"The branch of the orbit {data['orbit']}, without events; errors are those of impact "
-        f"times and velocities against {data['digits']} digits, at up to {SAMPLES} places. Seconds are "
-        f"medians of {data['repetitions']} repetitions, with least and most. Shooting solves for "
-        f"{SHOT} orbits of the branch, from guesses good to three digits, at most 3 times; its "
-        "cost is scaled to all orbits of the branch. Evaluations are of flight kernels; of shooting, "
-        "of the equations of motion.", "", f"Machine: {about}.", "",
+        f"The branch of the orbit {data['orbit']}, without events. Errors are those of impact",
+        f"times and velocities against {data['digits']} digits, at up to {SAMPLES} places.",
+        f"Seconds are medians of {data['repetitions']} repetitions, with least and most.",
+        f"Shooting solves for {SHOT} orbits of the branch, at most 3 times, from guesses good to",
+        "three digits; its cost is scaled to all orbits of the branch. Evaluations are of flight",
+        "kernels; of shooting, of the equations of motion.", "", f"Machine: {about}.", "",
         *(f"![Error against seconds and evaluations]({name})" for name in figures), "",
     ]  # fmt: skip
     for method in data["methods"]:

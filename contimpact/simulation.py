@@ -15,12 +15,12 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from .attractor import Kind
+from .attractor import Attractor, Kind
 from .catalogue import write_text
 from .mechanics.kernels import Kernels
 from .scene import Scene
 from .simulate_options import SimulateOptions
-from .sweep import Row, Simulators, Sweep, find_attractors, sweep_rows
+from .sweep import Row, Simulators, Sweep, find_attractors, same, sweep_rows
 from .sweep_output import (
     Checkpoint,
     coverage_text,
@@ -231,17 +231,19 @@ class _Director:
 
     def portraits(self) -> None:
         """The attractor at each value asked for, reached from the first sweep's row before it."""
+        first = self.options.sweeps()[0][0]
         for value in self.options.portraits:
             self.progress(f"portrait at {self.scene.parameter} = {value:.6g}")
-            self.result.portraits.append(self.at(value))
+            self.result.portraits.append(self.at(value, first))
 
-    def at(self, value: float) -> Row:
-        rows = self.result.sweep.of(self.options.sweeps()[0][0])
+    def at(self, value: float, direction: str) -> Row:
+        """The attractor at a value, reached from a sweep's row before it."""
+        rows = self.result.sweep.of(direction)
         sign = 1.0 if rows[-1].value >= rows[0].value else -1.0
         earlier = [row for row in rows if sign * (value - row.value) >= 0.0] or rows[:1]
         found = sweep_rows(
             self.simulators, [value], earlier[-1].attractor.state, self.options.settling,
-            self.options.seed, earlier[-1].direction,
+            self.options.seed, direction,
         )  # fmt: skip
         return next(found)
 
@@ -250,7 +252,11 @@ class _Director:
 
         for value in self.options.basins:
             shown = f"basins at {self.scene.parameter} = {value:.6g}"
-            known = self.at(value).attractor
+            known: list[Attractor] = []
+            for direction, _ in self.options.sweeps():
+                attractor = self.at(value, direction).attractor
+                if attractor.settled and not any(same(attractor, other) for other in known):
+                    known.append(attractor)
             simulator = self.simulators.at(value)
 
             def report(done: int, total: int, shown: str = shown) -> None:
@@ -259,7 +265,7 @@ class _Director:
             self.result.basins.append(
                 basins(
                     simulator, shape=(self.options.grid,) * 2, settling=self.options.settling,
-                    known=[known] if known.settled else [], callback=report,
+                    known=known, callback=report,
                 )
             )  # fmt: skip
 

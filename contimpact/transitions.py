@@ -21,6 +21,8 @@ from .sweep import Row, Simulators, Sweep
 
 MOST = 6
 """Changes located at most between two neighbouring values of a sweep."""
+EVALUATIONS = 120
+"""Values tried for one change at most."""
 EXPLAINED = 1e-5
 """An entry explains a transition if it is this near to it, in parts of the range swept."""
 CLOSE = 0.1
@@ -159,10 +161,10 @@ def between(
     At most `MOST` are located; what is left of the interval then is one transition without a name.
     """
     for _ in range(MOST):
-        left, right = edge(simulators, before, after, width, settling)
+        earlier, left, right = edge(simulators, before, after, width, settling)
         if right is None:
             return
-        yield name(left, right)
+        yield name(left, right, earlier)
         ahead = (after.value - right.value) * (after.value - before.value) > 0.0
         if right.attractor.label == after.attractor.label or not ahead:
             return
@@ -173,33 +175,50 @@ def between(
 
 def edge(
     simulators: Simulators, before: Row, after: Row, width: float, settling: Settling = SETTLING
-) -> tuple[Row, Row | None]:
-    """Follow an attractor by simulation to where it ends.
+) -> tuple[Row, Row, Row | None]:
+    """Locate the end of an attractor between two rows.
 
-    The step is halved where the attractor is lost and kept where it is not, so that beside the end
-    the start is always close to the attractor: a long step can kick the motion out of a small basin
-    before its attractor ends.
+    A periodic attractor is followed by simulation, with a step that is halved where it is lost and
+    grows again where it is not, so that beside the end the start is always close to the attractor:
+    a long step can kick the motion out of a small basin before its attractor ends. For other
+    motions, which a step does not leave so, the interval is bisected.
 
     Returns
     -------
-    left, right : Row
-        The last value with the attractor before and the next one with another; `right` is None if
-        it does not end within ten times the distance of the two rows.
+    earlier, left, right : Row
+        Two values with the attractor before, the second one the last, and the next one with
+        another; `right` is None if a periodic attractor does not end within ten times the distance
+        of the two rows.
     """
-    left, step = before, after.value - before.value
-    lost, furthest = after, before.value + 10.0 * step
-    for _ in range(200):
-        if abs(step) <= width or left.value + step == left.value:
-            break
-        step *= 0.5
+    earlier, left, lost = before, before, after
+    step, won = 0.5 * (after.value - before.value), 0
+    furthest, longest = before.value + 20.0 * step, abs(step)
+    follows = before.attractor.kind is Kind.PERIODIC
+    for _ in range(EVALUATIONS):
         row = _row(simulators, left, left.value + step, settling)
-        while row.attractor.label == left.attractor.label:
-            left = row
+        if row.attractor.label == left.attractor.label:
+            earlier, left, won = left, row, won + 1
             if (furthest - left.value) * step <= 0.0:
-                return left, None
-            row = _row(simulators, left, left.value + step, settling)
-        lost = row
-    return left, _settled(simulators, lost, furthest, settling)
+                return earlier, left, None
+            if not follows:
+                step *= 0.5
+            elif won > 1 and abs(step) < longest:
+                step, won = 2.0 * step, 0
+        else:
+            lost, won = row, 0
+            step *= 0.5
+        if _ahead(lost, left, step) and abs(lost.value - left.value) <= width:
+            break
+        if left.value + step == left.value:
+            break
+    if not _ahead(lost, left, step):
+        return earlier, left, None
+    return earlier, left, _settled(simulators, lost, furthest, settling)
+
+
+def _ahead(row: Row, left: Row, step: float) -> bool:
+    """Whether a row lies in front of another, and not just by rounding."""
+    return (row.value - left.value) * math.copysign(1.0, step) > 0.25 * abs(step)
 
 
 def _settled(simulators: Simulators, row: Row, furthest: float, settling: Settling) -> Row:
@@ -221,14 +240,22 @@ def _row(simulators: Simulators, before: Row, value: float, settling: Settling) 
 # Names.
 
 
-def name(before: Row, after: Row) -> Transition:
-    """Name the change between two neighbouring values."""
+def name(before: Row, after: Row, earlier: Row | None = None) -> Transition:
+    """Name the change between two neighbouring values.
+
+    Parameters
+    ----------
+    before, after : Row
+    earlier : Row, optional
+        The attractor before, further away from the change: shows which quantity goes to its
+        critical value there.
+    """
     one, other = before.attractor, after.attractor
     gained = other.rate - one.rate
     both = one.period is not None and other.period is not None
     whole = both and math.isfinite(gained) and abs(gained - round(gained)) < 1e-9
     order = round(gained) if whole else None
-    kind = _kind(one, other, gained)
+    kind = _kind(before, after, earlier)
     arrow = f"{one.notation}->{other.notation}"
     return Transition(
         before.direction, kind, f"{kind}[{arrow}]" if kind else arrow, order, _side(before),
@@ -236,24 +263,52 @@ def name(before: Row, after: Row) -> Transition:
     )  # fmt: skip
 
 
-def _kind(one: Attractor, other: Attractor, gained: float) -> str | None:
+def _kind(before: Row, after: Row, earlier: Row | None) -> str | None:
+    one, other = before.attractor, after.attractor
     if one.kind is Kind.COMPLEX:
         return "TG" if other.period is not None and _low_impacts(one) else None
     if one.kind is not Kind.PERIODIC:
         return None
     if _doubled(one, other) or _doubled(other, one):
         return "PD"
-    multiplier, gap = _multiplier(one), one.smallest_gap / _size(one)
-    near_fold, near_doubling = abs(multiplier - 1.0), abs(multiplier + 1.0)
-    if gap < CLOSE and gap < min(near_fold, near_doubling) ** 2:
-        longer = (one.period or 1) > 1 and other.period == 1 and gained > 0.0
-        return "PD_G" if longer else "G"
-    if near_fold < CLOSE:
-        return "PD_G" if (one.period or 1) > 1 and other.period == 1 and gained > 0 else "FB"
-    if near_doubling < CLOSE:
-        return "PD"
-    slowest = min(abs(v) for v in one.velocities) / _size(one)
-    return "G" if slowest < CLOSE and gained < 0.0 else None
+    kind = _critical(before, after, earlier)
+    longer = (one.period or 1) > 1 and other.period == 1 and other.rate > one.rate
+    return "PD_G" if longer and kind in ("G", "FB") else kind
+
+
+def _critical(before: Row, after: Row, earlier: Row | None) -> str | None:
+    """Which quantity of a periodic attractor is critical where it ends.
+
+    Beside a doubling 1 + mu is linear in the parameter, beside a fold (1 - mu)^2, beside a grazing
+    the gap, or the velocity of the impact that is lost. The quantity whose line vanishes nearest
+    to the bracket tells the kind; without an earlier attractor, the smallest does.
+    """
+    now = _quantities(before.attractor)
+    if earlier is None or earlier.value == before.value:
+        kind = min(now, key=lambda key: now[key])
+        return kind[0] if now[kind] < CLOSE**2 else None
+    step = before.value - earlier.value
+    then = _quantities(earlier.attractor)
+    scores = {}
+    for key, value in now.items():
+        if abs(value) < then[key]:
+            zero = before.value + value * step / (then[key] - value)
+            beyond = max((zero - after.value) / step, (before.value - zero) / step, 0.0)
+            scores[key] = beyond + value
+    best = min(scores, key=lambda key: scores[key], default=None)
+    return best[0] if best is not None and scores[best] < 1.0 else None
+
+
+def _quantities(attractor: Attractor) -> dict[tuple[str, str], float]:
+    """Quantities that vanish where an attractor ends, by the kind and what they are."""
+    multiplier, size = _multiplier(attractor), _size(attractor)
+    gap = attractor.smallest_gap / size
+    return {
+        ("PD", "1 + mu"): abs(1.0 + multiplier),
+        ("FB", "(1 - mu)^2"): (1.0 - multiplier) ** 2,
+        ("G", "gap"): gap if math.isfinite(gap) else math.inf,
+        ("G", "velocity"): float(min(abs(attractor.velocities), default=math.inf)) / size,
+    }
 
 
 def _doubled(one: Attractor, other: Attractor) -> bool:

@@ -477,10 +477,6 @@ def damaged(text, how):
         head = json.loads(lines[0][2:])
         del head["events"][0]["kind"]
         lines[0] = "# " + json.dumps(head)
-    elif how == "an entry with a foreign key":
-        head = json.loads(lines[0][2:])
-        head["events"][0]["colour"] = "red"
-        lines[0] = "# " + json.dumps(head)
     elif how == "the head is cut":
         lines[0] = lines[0][: len(lines[0]) // 2]
     return "\n".join(lines)
@@ -491,7 +487,7 @@ def damaged(text, how):
     [
         "a cell is no number", "a cell is missing", "a row is cut", "no table",
         "no rows and no names", "an empty row", "a head without ends", "an end of no kind",
-        "one end", "an entry without a key", "an entry with a foreign key", "the head is cut",
+        "one end", "an entry without a key", "the head is cut",
     ],
 )  # fmt: skip
 def test_damaged_branch(copied, how):
@@ -719,3 +715,80 @@ def test_nothing_written_names_this_machine(folder):
             text = path.read_text(encoding="utf-8")
             assert str(folder) not in text
             assert str(SCENE.parent) not in text
+
+
+# What is read back
+
+
+def test_a_truncated_branch_is_refused(copied):
+    path = next((copied / "branches").iterdir())
+    lines = path.read_text(encoding="utf-8").splitlines(keepends=True)
+    path.write_text("".join(lines[:-5]), encoding="utf-8")
+    assert "rows" in not_read(read_branch, path, place=path).found
+    not_read(load_diagram, copied, place=path)
+
+
+def test_a_branch_of_another_run_is_refused(copied):
+    path = copied / "catalogue.json"
+    content = json.loads(path.read_text(encoding="utf-8"))
+    content["branches"][0]["points"] += 1
+    path.write_text(json.dumps(content), encoding="utf-8")
+    assert "rows" in not_read(load_diagram, copied).found
+
+
+@pytest.mark.parametrize("value", [math.inf, -math.inf, math.nan])
+@pytest.mark.parametrize("key", ["error", "residual", "slope"])
+def test_numbers_of_an_entry_that_are_not_finite_read_back(diagram, tmp_path, key, value):
+    branch = diagram.branches[0]
+    event = dataclasses.replace(branch.events[0], **{key: value})
+    branch = dataclasses.replace(branch, events=[event, *branch.events[1:]])
+    (tmp_path / "b.csv").write_text(branch_text(branch), encoding="utf-8")
+    assert read_branch(tmp_path / "b.csv") == branch
+
+
+def test_part_of_a_diagram_can_be_written(diagram, tmp_path):
+    """Its entries open branches that are not there."""
+    part = Diagram("x", diagram.branches[:1])
+    assert any(entry.opens for entry in part.entries)
+    write_diagram(part, tmp_path)
+    assert load_diagram(tmp_path) == part
+
+
+def test_events_tell_what_they_open_and_what_was_asked_for(diagram):
+    entry = dataclasses.replace(
+        diagram.entries[0], kind="UZ", requested={"d": 0.25}, opens=("b2", "b3")
+    )
+    branch = dataclasses.replace(diagram.branches[0], events=[entry])
+    (row,) = csv.DictReader(io.StringIO(events_text(Diagram("x", [branch]))))
+    assert row["requested"] == "d=0.25"
+    assert row["opens"] == "b2 b3"
+
+
+def test_ends_hold_the_value_under_one_key(catalogue):
+    for record in catalogue["branches"]:
+        for end in record["ends"]:
+            assert set(end) == {"kind", "parameter", "message"}
+            assert isinstance(end["parameter"], float)
+
+
+def test_ends_of_earlier_files_are_read(diagram, tmp_path):
+    branch = diagram.branches[0]
+    text = branch_text(branch)
+    head, rest = text.split("\n", 1)
+    record = json.loads(head[2:])
+    for end in record["ends"]:
+        end["s"] = end.pop("parameter")
+    del record["points"]
+    (tmp_path / "b.csv").write_text(f"# {json.dumps(record)}\n{rest}", encoding="utf-8")
+    assert read_branch(tmp_path / "b.csv") == branch
+
+
+def test_curves_read_back_equal(tmp_path):
+    diagram = follow(load_scene(SCENE.parent.parent / "fig6b" / "scene.toml"))
+    write_diagram(diagram, tmp_path)
+    loaded = load_diagram(tmp_path)
+    assert loaded == diagram
+    assert any(curve.points for curve in loaded.curves)
+    first = diagram.curves[0]
+    other = dataclasses.replace(first, columns={**first.columns, "r": first["r"] + 1e-15})
+    assert other != first

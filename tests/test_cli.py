@@ -464,7 +464,7 @@ def figure_of(monkeypatch, run, *arguments):
 
 
 def test_plot_uses_the_options_of_the_scene(monkeypatch, run, copied):
-    assert figure_of(monkeypatch, run, copied).get_xlabel() == "$d$"
+    assert figure_of(monkeypatch, run, copied).get_xlabel() == "$d$ (dimensionless)"
 
 
 def test_plot_over_another_column(monkeypatch, run, copied):
@@ -484,7 +484,7 @@ def test_plot_of_a_column_that_is_not_there(run, copied, tmp_path):
     assert (status, out) == (2, "")
     message = one_line(err)
     assert message.startswith("-x: no column 'q'; accepted are ")
-    assert {"s", "d", "v1"} <= set(message.split("accepted are ")[1].split(", "))
+    assert {"s", "d", "arclength"} <= set(message.split("accepted are ")[1].split(", "))
     assert not (tmp_path / "f.png").exists()
 
 
@@ -639,3 +639,145 @@ def test_a_warm_check_imports_what_it_needs(results):
     )
     done = python("-c", code)
     assert done.stdout.splitlines()[-1] == "['numpy']"
+
+
+# Interruptions and obstacles
+
+ENDLESS = (
+    "[plot]", "[numerics]\nstep = 1e-6\nmax_step = 1e-6\nmax_points = 100000000\n[plot]",
+)  # fmt: skip
+
+
+def interrupted(*arguments):
+    """A run in another process that is interrupted in the middle of a branch."""
+    process = subprocess.Popen(
+        [sys.executable, "-m", "contimpact", "run", *map(str, arguments), "--no-plot"],
+        stderr=subprocess.PIPE, text=True,
+        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.default_int_handler),
+    )  # fmt: skip
+    try:
+        time.sleep(3)
+        process.send_signal(signal.SIGINT)
+        _, said = process.communicate(timeout=30)
+    finally:
+        process.kill()
+    return process.returncode, said
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="POSIX signals")
+def test_an_interruption_keeps_the_results_of_an_earlier_run(scene, copied):
+    before = files_of(copied)
+    status, said = interrupted(scene(*ENDLESS), "-o", copied)
+    assert status == 1
+    assert "interrupted" in said
+    assert files_of(copied) == before
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="POSIX signals")
+def test_an_interruption_stops_all_scenes(scene, tmp_path):
+    paths = [scene(*ENDLESS, '"small"', f'"{name}"', name=name) for name in ("one", "two")]
+    status, said = interrupted(*paths, "-o", tmp_path / "out")
+    assert status == 1
+    assert said.count("interrupted") == 1
+    assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.parametrize("name", ["branches", "catalogue.json", "manifest.json", "diagram.png"])
+def test_something_else_in_the_way(run, scene, tmp_path, monkeypatch, name):
+    """It is seen before anything is computed."""
+    monkeypatch.setattr("contimpact.explore.follow", None)
+    place = tmp_path / "out" / name
+    place.parent.mkdir()
+    place.write_text("") if name == "branches" else place.mkdir()
+    status, out, err = run("run", scene(), "-o", tmp_path / "out")
+    assert (status, out) == (2, "")
+    assert str(place) in one_line(err)
+
+
+def test_output_with_a_name_too_long(run, scene, tmp_path):
+    status, _, err = run("run", scene(), "-o", tmp_path / ("a" * 300))
+    assert status == 2
+    assert "cannot be written" in one_line(err)
+
+
+@pytest.mark.parametrize("command", [["run", "scene.toml"], ["catalogue", "."], ["plot", "."]])
+def test_empty_output(run, scene, copied, monkeypatch, command):
+    path = scene(name="scene.toml")
+    monkeypatch.chdir(copied)
+    command = [path if name == "scene.toml" else name for name in command]
+    status, _, err = run(*command, "-o", "")
+    assert status == 2
+    assert one_line(err).startswith("-o: empty")
+
+
+def test_no_folder_of_a_refused_run_stays(run, scene, tmp_path):
+    path = scene("[model.parameters]", 'forcing = "cos(t)"\n[model.parameters]')
+    status, _, err = run("run", path, "-o", tmp_path / "a" / "b" / "c")
+    assert status == 2
+    assert one_line(err).startswith("model.forcing: ")
+    assert not (tmp_path / "a").exists()
+
+
+def test_a_picture_that_is_not_drawn_anew_is_removed(run, scene, copied):
+    assert (copied / "diagram.png").exists()
+    assert run("run", scene(), "-o", copied, "-q", "--no-plot")[0] == 0
+    assert not (copied / "diagram.png").exists()
+
+
+@pytest.mark.parametrize("kind", ["svg", "pdf", "PNG"])
+def test_plot_writes_the_same_bytes_every_time(run, copied, tmp_path, kind):
+    for name in ("a", "b"):
+        assert run("plot", copied, "-o", tmp_path / f"{name}.{kind}")[0] == 0
+    assert (tmp_path / f"a.{kind}").read_bytes() == (tmp_path / f"b.{kind}").read_bytes()
+
+
+@pytest.mark.parametrize("limits", [("nan", "1"), ("1", "inf"), ("1", "1"), ("2", "1")])
+@pytest.mark.parametrize("axis", ["--xlim", "--ylim"])
+def test_plot_limits_that_are_none(run, copied, axis, limits):
+    status, _, err = run("plot", copied, axis, *limits)
+    assert status == 2
+    assert one_line(err).startswith(axis[2:])
+
+
+@pytest.mark.parametrize("column", ["event", "reason"])
+def test_plot_over_texts(run, copied, column):
+    assert run("plot", copied, "-x", column)[0] == 2
+
+
+@pytest.mark.parametrize(
+    ("name", "content"),
+    [
+        ("catalogue.json", '{"schema": "contimpact.catalogue/1"}'),
+        ("catalogue.json", '{"schema": "contimpact.catalogue/1", "branches": 3}'),
+        ("catalogue.json", '{"schema": "contimpact.catalogue/1", "scene": "x", "branches": [{}]}'),
+        ("catalogue.json", "[" * 100_000),
+        ("manifest.json", '{"schema": "contimpact.manifest/1"}'),
+        ("manifest.json", '{"schema": "contimpact.manifest/1", "scene": {"resolved": 3}}'),
+    ],
+)
+@pytest.mark.parametrize("command", ["plot", "catalogue"])
+def test_incomplete_records(run, copied, tmp_path, command, name, content):
+    (copied / name).write_text(content)
+    output = ["-o", tmp_path / "merged"] if command == "catalogue" else []
+    status, _, err = run(command, copied, *output)
+    if command == "plot" or '"branches": [{}]' not in content:
+        assert status == 2
+        assert name in one_line(err)
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="POSIX shell")
+@pytest.mark.parametrize("sink", ["| true", "> /dev/full", ">&-"])
+@pytest.mark.parametrize("arguments", ["check", "--help"])
+def test_output_that_nobody_reads(scene, sink, arguments):
+    """A closed pipe, a full disk, no output at all: no traceback."""
+    if "full" in sink and not Path("/dev/full").exists():
+        pytest.skip("no /dev/full")
+    environment = {k: v for k, v in os.environ.items() if k != "PYTHONUNBUFFERED"}
+    path = scene() if arguments == "check" else ""
+    done = subprocess.run(
+        f"{sys.executable} -m contimpact {arguments} {path} {sink}",
+        shell=True, capture_output=True, text=True, env=environment,
+    )  # fmt: skip
+    assert "Traceback" not in done.stderr
+    assert "Exception ignored" not in done.stderr
+    assert ("No space left" in done.stderr) == ("full" in sink)

@@ -49,7 +49,7 @@ def random_oscillator(rng):
     word = ["S", "S/2T", "SS/2T", "SS/3T"][rng.integers(4)]
     value = model.values[parameter]
     low, high = {"omega": (0.6, 1.5)}.get(parameter, (0.5, 2.0))
-    fixed = {"sigma": (-0.5, 0.8), "r": (0.02, 1.0)}
+    fixed = {"sigma": (-0.5, 0.8), "r": (0.0, 1.0)}
     return model, parameter, word, fixed.get(parameter, (low * value, high * value))
 
 

@@ -675,3 +675,21 @@ print(*[name for name in ("sympy", "matplotlib", "scipy.linalg") if name in sys.
     assert cold[0] == warm[0]
     assert "sympy" in cold[1]
     assert warm[1] == ""
+
+
+@pytest.mark.parametrize(
+    ("forcing", "says"),
+    [
+        ("cos(pi*t)/(1-cos(0*t))", "finite"),
+        ("1/cos(pi*t)", "finite"),
+        ("tan(pi*t/2)", "finite"),
+        ("sqrt(cos(pi*t)-2)", "real"),
+        ("cos(pi*t)*log(cos(0*t)-2)", "real"),
+        ("cos(t)", "period"),
+    ],
+)
+def test_forcings_are_refused_by_their_cause(pair, forcing, says):
+    with pytest.raises(InputError) as caught:
+        Kernels(pair(forcing=forcing), "s").setup  # noqa: B018
+    assert caught.value.where == "forcing"
+    assert says in caught.value.found

@@ -299,3 +299,21 @@ def test_systems_by_name():
 def test_no_such_system():
     message = refused("model.system", system, "impact pair", "model.system")
     assert "impact-pair" in message
+
+
+def test_derived_parameters_depend_on_what_is_declared(pair):
+    """`DERIVED_FROM` is what stands in the formulas."""
+    sympy = pytest.importorskip("sympy")
+    model = pair()
+    symbols = {name: sympy.Symbol(name) for name in model.values}
+    formulas = model.formulas(symbols)
+    for name in model.DERIVED:
+        free = {str(symbol) for symbol in formulas.derived[name].free_symbols}
+        assert free == set(model.DERIVED_FROM[name])
+        for parameter in model.values:
+            assert (name in model.varying(parameter)) == (parameter in free)
+
+
+def test_units(pair, oscillator):
+    assert [pair().unit(name) for name in ("s", "d", "q")] == ["m", "dimensionless", ""]
+    assert oscillator().unit("a") == ""

@@ -17,8 +17,9 @@ import pytest
 from matplotlib.colors import to_hex, to_rgb
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
+from matplotlib.text import Text
 
-from contimpact import follow, plot_diagram, read_scene
+from contimpact import InputError, follow, plot_diagram, read_scene
 from contimpact.diagram import Diagram
 from contimpact.plot import COLOURS, MARKERS, STYLES, label_text, save_diagram
 
@@ -69,8 +70,13 @@ def style_of(line):
     return "unstable" if dashes[0] > 2.0 * dashes[1] else "unphysical"
 
 
+def labels(ax):
+    """The labels of events; walls are named beside their curves."""
+    return [text for text in ax.texts if text.get_gid() != "wall"]
+
+
 def labels_of(ax):
-    return [text.get_text() for text in ax.texts]
+    return [text.get_text() for text in labels(ax)]
 
 
 # A figure
@@ -273,11 +279,11 @@ def test_labels_as_in_table_1(fig7):
     ax = plot_diagram(fig7, x="d", xlim=(0.13, 0.25))
     assert sorted(map(plain, labels_of(ax))) == sorted(
         [
-            r"\widetilde{PD}",
+            r"\widetilde{PD}$(2:1)",
             r"G_{2:1}^{3:1}",
             r"\widetilde{G}_{1:1}^{2:1}",
             "FB",
-            "PD",
+            "PD$(1:1)",
         ]
     )
 
@@ -308,9 +314,9 @@ def test_labels_stand_over_their_value_and_apart(fig7):
     ax.figure.draw_without_rendering()
     values = {round(e.parameters["d"], 9) for e in fig7.entries}
     boxes = []
-    for text in ax.texts:
+    for text in labels(ax):
         assert round(text.xy[0], 9) in values
-        boxes.append(text.get_window_extent())
+        boxes.append(Text.get_window_extent(text))
     for i, box in enumerate(boxes):
         assert box.y0 >= ax.get_window_extent().y1
         for other in boxes[i + 1 :]:
@@ -338,7 +344,9 @@ def test_any_column_on_the_x_axis(fig7, x):
     ax = plot_diagram(fig7, x=x)
     drawn = np.concatenate([line.get_xdata() for line in curves(ax)])
     there = np.concatenate([branch[x] for branch in fig7.branches])
-    assert np.all(np.isin(drawn[~np.isnan(drawn)], there))
+    assert np.all(np.isin(there[~np.isnan(there)], drawn))
+    assert np.nanmin(there) - 1e-6 <= np.nanmin(drawn)
+    assert np.nanmax(drawn) <= np.nanmax(there) + 1e-3
     assert ax.get_xlabel()
     if x in fig7.entries[0].parameters:
         assert marks(ax)
@@ -453,3 +461,100 @@ def test_legend_lines_are_legend_lines(fig7):
     handles = ax.get_legend().legend_handles
     assert all(isinstance(handle, Line2D) for handle in handles)
     assert not set(map(id, handles)) & set(map(id, ax.lines))
+
+
+# What makes a figure readable
+
+
+def test_walls_differ_in_lightness():
+    """What is left of colours in print without them."""
+    light = [float(np.dot(to_rgb(colour), (0.299, 0.587, 0.114))) for colour in COLOURS[:2]]
+    assert abs(light[0] - light[1]) > 0.2
+
+
+def test_walls_are_named_beside_their_curves(fig7):
+    ax = plot_diagram(fig7, x="d", xlim=(0.13, 0.25))
+    names = {text.get_text(): text for text in ax.texts if text.get_gid() == "wall"}
+    assert set(names) == {"B", "T"}
+    assert names["B"].xy == pytest.approx((0.25, 0.696), abs=1e-2)
+    assert names["T"].xy[1] < 0.0
+    assert to_hex(names["T"].get_color()) == COLOURS[1].lower()
+
+
+def test_the_sign_of_velocities_is_told(fig7, stop):
+    assert plot_diagram(fig7).get_ylabel().endswith("positive at B, negative at T")
+    assert plot_diagram(stop).get_ylabel().endswith("positive at S")
+
+
+def test_figures_have_one_size(fig7, stop):
+    boxes = [plot_diagram(d).get_position().bounds for d in (fig7, stop, Diagram("x", []))]
+    assert boxes[0] == boxes[1] == boxes[2]
+
+
+def test_the_legend_lists_what_is_drawn(fig7):
+    def texts(**options):
+        return {t.get_text() for t in plot_diagram(fig7, **options).get_legend().get_texts()}
+
+    assert "unphysical" not in texts(unphysical="none")
+    assert "unstable" in texts(unphysical="none")
+    handles = plot_diagram(fig7).get_legend().legend_handles
+    assert handles[-1].get_label() == "hollow: ghost"
+    assert handles[-1].get_marker() not in MARKERS.values()
+
+
+def test_folds_are_smooth(fig7):
+    """Between neighbouring drawn points the direction hardly turns."""
+    ax = plot_diagram(fig7, x="d")
+    wide, high = (np.ptp(limits) for limits in (ax.get_xlim(), ax.get_ylim()))
+    for line in curves(ax):
+        steps = np.diff(line.get_xydata() / (wide, high), axis=0)
+        steps = steps[np.hypot(*steps.T) > 1e-3]
+        turns = np.diff(np.unwrap(np.arctan2(steps[:, 1], steps[:, 0])))
+        assert np.all(np.abs(turns) < 0.6)
+
+
+def test_labels_of_several_orbits_name_them(fig7):
+    entry = dataclasses.replace(fig7.entries[0], kind="FB", label="FB", ghost=False)
+    assert label_text(entry) == r"$\mathrm{FB}$"
+    assert label_text(entry, orbit=True) == rf"$\mathrm{{FB}}$({entry.notation})"
+
+
+def test_grazings_of_doubled_orbits_are_labelled_as_in_table_1(fig7):
+    entry = dataclasses.replace(fig7.entries[0], kind="G", period=2, label="G[x->y]", ghost=False)
+    assert plain(label_text(entry)) == "PD_{G}"
+    ghost = dataclasses.replace(entry, ghost=True)
+    assert plain(label_text(ghost)) == r"\widetilde{PD}_{G}"
+
+
+def test_an_empty_diagram_can_be_drawn():
+    plot_diagram(Diagram("x", [])).figure.draw_without_rendering()
+
+
+@pytest.mark.parametrize("kind", ["E=5%", "a{b", "#", "$"])
+def test_any_name_of_a_users_event_can_be_drawn(fig7, kind):
+    branch = fig7.branches[0]
+    event = dataclasses.replace(branch.events[0], kind=kind, label=kind)
+    ax = plot_diagram(Diagram("x", [dataclasses.replace(branch, events=[event])]))
+    ax.figure.draw_without_rendering()
+
+
+@pytest.mark.parametrize(
+    "options",
+    [
+        {"x": "q"}, {"x": "event"}, {"unphysical": "zzz"}, {"xlim": (np.nan, 1.0)},
+        {"ylim": (0.0, np.inf)}, {"xlim": (1.0, 1.0)}, {"xlim": (1.0, 0.0)},
+    ],
+)  # fmt: skip
+def test_what_cannot_be_drawn_is_refused(fig7, options):
+    with pytest.raises(InputError) as caught:
+        plot_diagram(fig7, **options)
+    assert caught.value.where == next(iter(options))
+
+
+def test_pdf_is_the_same_every_time(fig7, tmp_path):
+    for name in ("one", "two"):
+        (tmp_path / name).mkdir()
+        save_diagram(fig7, tmp_path / name, ["pdf"])
+    one, two = ((tmp_path / name / "diagram.pdf").read_bytes() for name in ("one", "two"))
+    assert one == two
+    assert b"CreationDate" not in one

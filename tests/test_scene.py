@@ -5,6 +5,7 @@ from __future__ import annotations
 import copy
 import json
 import math
+import re
 import string
 import subprocess
 import sys
@@ -714,3 +715,110 @@ def test_any_damage_to_the_file_is_refused_or_harmless(data, tmp_path_factory):
     except InputError:
         return
     assert tomllib.loads(content.decode()) == scene.given
+
+
+# What the scene cannot mean
+
+
+@pytest.mark.parametrize("name", ["..", ".", " ", "a\rb", "a\x1bb", "a/b", "a\\b", ""])
+def test_names_that_no_folder_can_have(name):
+    assert refused(changed({"name": name})).where == "name"
+
+
+@pytest.mark.parametrize(
+    "forcing", ["__import__('os')", "cos(pi*t", "", "cos(pi*x)", "1/0", "log(0)*cos(pi*t)",
+                "1e999", "1e308*1e308*cos(pi*t)", "(1+sqrt(-1))*cos(pi*t)", "cos(pi*t)**(1/0)",
+                "(-1)**0.5*cos(pi*t)"],
+)  # fmt: skip
+def test_unreadable_forcing_is_refused_without_sympy(forcing):
+    assert refused(changed({"model/forcing": forcing})).where == "model.forcing"
+
+
+def test_unknown_names_are_named():
+    assert "unknown name 'x'" in refused(changed({"model/forcing": "cos(pi*x)"})).found
+    assert "unknown name 't'" in refused(changed({"model/parameters/A": "2*t"})).found
+
+
+@pytest.mark.parametrize("key", ["forcing", "self", "name"])
+def test_parameters_called_like_something_else(key):
+    assert refused(changed({f"model/parameters/{key}": 1})).where == f"model.parameters.{key}"
+
+
+def test_suggestion_for_a_parameter():
+    assert "did you mean 'beta'" in refused(changed({"model/parameters/betta": 1})).found
+
+
+def test_misspelt_required_key_is_named_with_the_right_one():
+    error = refused(changed({"follow/orbits": ABSENT, "follow/orbit": ["1:1"]}))
+    assert error.where == "follow.orbit"
+    assert "'orbits'" in error.found
+
+
+def test_accepted_keys_are_all_told():
+    accepted = refused(changed({"plot/zzz": 1})).accepted
+    assert {"x", "xlim", "ylim", "unphysical", "formats"} <= set(re.findall(r"\w+", accepted))
+
+
+@pytest.mark.parametrize(
+    "detect",
+    [
+        {"values": {"s": []}},
+        {"events": ["UZ"], "values": {"s": []}},
+        {"values": {"s": [0.5, 5.0]}},
+        {"values": {"gbar": [0.2]}},  # it does not depend on s
+    ],
+)
+def test_values_that_cannot_be_hit(detect):
+    assert refused(changed({"detect": detect})).where.startswith("detect.")
+
+
+@pytest.mark.parametrize("parameter", ["A", "beta", "M"])
+def test_derived_values_of_parameters_they_depend_on(parameter):
+    limits = [0.1, 1.0] if parameter == "beta" else [0.1, 6.0]
+    follow = {"follow/parameter": parameter, "follow/range": limits}
+    scene = changed(follow | {"detect": {"values": {"gbar": [0.2]}}})
+    assert read_scene(scene).values == {"gbar": [0.2]}
+
+
+@pytest.mark.parametrize("tolerance", [0, -1e-9, 1e-2, 1])
+def test_tolerance(tolerance):
+    assert refused(changed({"numerics/tolerance": tolerance})).where == "numerics.tolerance"
+
+
+def test_resolved_scene_in_memory_is_a_scene():
+    scene = read_scene(changed({"plot/xlim": [0, 1]}))
+    assert read_scene(scene.resolved()).resolved() == scene.resolved()
+
+
+# Messages
+
+
+def test_messages_are_one_line():
+    for path in ("a\nb", "detect/values/a\nb", "model/parameters/a\nb"):
+        refused(changed({path: [1] if "values" in path else 1}))
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [
+        {"model/parameters/A": "9" * 1999}, {"model/parameters/A": list(range(5000))},
+        {"follow/orbits": [1] * 5000}, {"follow/orbits": ["9" * 5000 + ":1"]},
+        {"follow/depth": -(10**5000)}, {"x" * 3000: 1},
+    ],
+)  # fmt: skip
+def test_messages_are_short(changes):
+    with pytest.raises(InputError) as caught:
+        read_scene(changed(changes))
+    assert len(str(caught.value)) < 600
+
+
+def test_whole_numbers_of_thousands_of_digits(tmp_path):
+    path = tmp_path / "scene.toml"
+    path.write_text(written(VALID) + "\n[extra]\nx = " + "9" * 5000, encoding="utf-8")
+    assert "not TOML" in not_loaded(path).found
+
+
+def test_byte_order_mark(tmp_path):
+    path = tmp_path / "scene.toml"
+    path.write_text(written(VALID), encoding="utf-8-sig")
+    assert load_scene(path).name == VALID["name"]

@@ -91,7 +91,8 @@ def test_branches_energy_and_pictures(scene_file, tmp_path):
     out = tmp_path / "out"
     text = SCENE.replace("values = 7", "values = 4\nbranches = true").replace("both", "down")
     tables = {
-        "more": 'portraits = [0.389, 0.34]\nbasins = [0.34]\ngrid = 3\n', "energy": "[energy]\nm = 0.004",
+        "more": 'portraits = [0.389, 0.34]\nbasins = [0.34]\ngrid = 3\n',
+        "energy": "[energy]\nm = 0.004",
     }  # fmt: skip
     assert run(scene_file(text, **tables), "-o", out, "-q") == 0
     names = {p.name for p in out.iterdir()}
@@ -216,7 +217,7 @@ def test_the_oscillator_has_no_membranes():
 
 
 def test_run_imports_no_simulation_and_no_matplotlib(scene_file, tmp_path):
-    """What a scene does not ask for is not imported: neither by run nor, for energy, by simulate."""
+    """What a scene does not ask for is not imported, by run and by simulate."""
     code = (
         "import sys; from contimpact.cli import main; status = main(sys.argv[1:]); "
         "print(*sorted(m for m in sys.modules if m.startswith(('contimpact', 'matplotlib'))))"

@@ -110,7 +110,7 @@ def test_an_attractor_that_does_not_end(scene, kernels_of):
     first = swept(scene, kernels_of, [0.40]).rows[0]
     other = Row("down", 0.399, swept(scene, kernels_of, [0.33]).rows[0].attractor)
     simulators = Simulators(scene.model, "s", kernels_of(scene.model, "s"))
-    left, right = edge(simulators, first, other, 1e-4, QUICK)
+    _, left, right = edge(simulators, first, other, 1e-4, QUICK)
     assert (left.attractor.notation, right) == ("1:1", None)
     assert list(between(simulators, first, other, 1e-4, QUICK)) == []
 

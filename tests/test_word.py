@@ -220,3 +220,14 @@ def test_any_text_is_a_word_or_refused(text):
         return
     assert set(word.walls) <= {"B", "T"}
     assert 1 <= len(word) <= LONGEST_WORD
+
+
+@pytest.mark.parametrize("text", ["1:1/२T", "१:1", "BT/२T", "9" * 5000 + ":1", "B" * 5000])
+def test_digits_are_ascii_and_words_short(text):
+    with pytest.raises(InputError):
+        parse_word(text, "BT")
+
+
+def test_one_is_not_plural():
+    with pytest.raises(InputError, match="0 impacts in 1 period;"):
+        parse_word("0:0", "BT")

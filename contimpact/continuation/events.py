@@ -126,6 +126,13 @@ class TestFunction(ABC):
     noise = 0.0
     """Values below this on both sides of a sign change are rounding, not a crossing."""
 
+    evaluations = 0
+
+    def at(self, point: Point) -> Array:
+        """Return `values`, and count the evaluation."""
+        self.evaluations += 1
+        return self.values(point)
+
     @abstractmethod
     def values(self, point: Point) -> Array:
         """Return the function's values, shape (q,), the same q along a branch.
@@ -193,7 +200,7 @@ def find_events(
     if depth and _may_hide(segment, before, left, right):
         middle = segment.at(0.5)
         if middle is not None and segment.left.arclength < middle.arclength:
-            between = [test.values(middle) for test in tests]
+            between = [test.at(middle) for test in tests]
             first, second = segment.halves(middle)
             here = Before(segment.left.arclength, left)
             found = find_events(tests, first, left, between, before, depth - 1)
@@ -275,7 +282,7 @@ def locate(
             event = _by_newton(test, segment, guess, index)
             if event is not None:
                 return event
-        value = float(test.values(guess)[index])
+        value = float(test.at(guess)[index])
         if np.isnan(value):
             return _missed(test, segment, "the test function has no value inside the bracket")
         if (value >= 0.0) == (fa >= 0.0):

@@ -150,7 +150,7 @@ class _Walker:
         No walk comes from beyond a limit of the range: a zero exactly on it is found from inside.
         """
         before = time.perf_counter()
-        values = [test.values(new) for test in self.tests]
+        values = [test.at(new) for test in self.tests]
         if here is self.points[0] and here.parameter in self.limits:
             self.values = _apart(self.values, values)
         if ending is EndKind.RANGE:
@@ -191,7 +191,7 @@ class _Walker:
                 return "the tangent is not defined"
             first = regular
         self.points.append(first)
-        self.values = [test.values(first) for test in self.tests]
+        self.values = [test.at(first) for test in self.tests]
         if switched and not self.branching:  # on a zero, within rounding: exactly on it
             self.values = [np.where(np.abs(v) < 1e-12, 0.0, v) for v in self.values]
         if self.branching:

@@ -310,8 +310,22 @@ class Linearisation:
 
     @functools.cached_property
     def multipliers(self) -> Array:
-        """Multipliers, largest first; infinite where an impact velocity vanishes."""
-        return stability.multipliers(self.start, self.end)
+        """Multipliers, largest first; infinite where an impact velocity vanishes.
+
+        The derivative of an arrival by its time is the arrival's velocity (over the duration,
+        between impacts on one wall). The orbit's own is put in its place: the multipliers next to
+        a grazing go with its inverse, and the kernel's carries the rounding of larger terms.
+        """
+        problem, end = self.problem, self.end.copy()
+        rows = problem.impacts(self.unknowns)
+        span = problem.word.period * problem.kernels.setup(*problem.values(self.unknowns))[0]
+        durations = np.diff(np.append(rows[:, 0], rows[0, 0] + span))
+        same = np.array([a == b for a, b in problem.kinds]) & (durations != 0.0)
+        different = np.array([a != b for a, b in problem.kinds])
+        arriving = np.roll(rows[:, 1], -1)
+        end[same, 0, 0] = arriving[same] / durations[same]
+        end[different, 0, 0] = arriving[different]
+        return stability.multipliers(self.start, end)
 
     @functools.cached_property
     def n_unstable(self) -> int:
