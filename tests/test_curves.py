@@ -117,7 +117,7 @@ def agreement(beta, count, seed):
         )
         for r, row in zip(wanted, rows_at(curve, wanted), strict=True):
             there = ImpactPair(r=float(r), **base)
-            found = [o for o in find_orbits(there, "1:1", parameter="s", starts=64) if o.physical]
+            found = find_orbits(there, "1:1", parameter="s", starts=64)
             events = [
                 e
                 for o in found
