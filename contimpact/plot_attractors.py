@@ -35,7 +35,9 @@ MARKS: dict[str, dict[str, Any]] = {
 }
 """Of the sweep done first, the other one, and random starts."""
 SHOWN = 40
-"""Impacts drawn of a motion that is not periodic."""
+"""Impacts drawn of a motion that is not periodic, in diagrams and time series."""
+LOOPS = 160
+"""Impacts drawn of such a motion in the phase plane."""
 SPOTS = ("#0072B2", "#E69F00", "#009E73", "#CC79A7", "#56B4E9", "#F0E442", "0.45")
 
 
@@ -243,12 +245,12 @@ def _branch_voltages(ax: Any, membrane: Membrane, diagram: Diagram, x: str) -> l
 
 
 def motion(
-    simulator: Simulator, attractor: Attractor, periods: int = 0
+    simulator: Simulator, attractor: Attractor, periods: int = 0, last: int = SHOWN
 ) -> tuple[Any, Any, Any, Any]:
     """Return times, positions, velocities of a motion, and the rows of its touches.
 
     A periodic motion is closed, and repeated if `periods` is more than its own; of another one the
-    last impacts are taken.
+    `last` impacts are taken.
 
     Returns
     -------
@@ -256,7 +258,7 @@ def motion(
     touches : list of (time, wall, velocity)
     """
     if attractor.period is None:
-        rows = slice(-SHOWN, None)
+        rows = slice(-last, None)
         walls, times = attractor.walls[rows], attractor.times[rows]
         speeds, released = attractor.velocities[rows], attractor.released[rows]
     else:
@@ -297,10 +299,10 @@ def plot_portrait(
             "color": ("#D55E00", "#CC79A7", "#E69F00")[number % 3], "linewidth": 1.1,
             "linestyle": ((0, (5, 2)), (0, (1, 1.6)))[number % 2],
         }  # fmt: skip
-        ax.plot(z, v, **look)
+        ax.plot(z, v, zorder=3, **look)
         handles.append(style.legend_mark(label=label, **look))
-    _, z, v, touches = motion(simulator, attractor)
-    thin = 1.3 if attractor.period is not None else 0.5
+    _, z, v, touches = motion(simulator, attractor, last=LOOPS)
+    thin = 1.3 if attractor.period is not None else 0.3
     ax.plot(z, v, color="#0072B2", linewidth=thin)
     handles.append(style.legend_mark(color="#0072B2", label=attractor.notation))
     _walls(ax.axvline, simulator)
@@ -313,6 +315,7 @@ def plot_portrait(
     for _, wall, speed in touches:
         ax.plot(simulator.positions[wall], speed, color=INK, **MARKS["first"])
     ax.axhline(0.0, color="0.85", linewidth=0.6, zorder=0)
+    ax.locator_params(axis="x", nbins=5)
     ax.set_xlabel("$Z$")
     ax.set_ylabel(r"$\dot{Z}$")
     ax.legend(handles=handles, fontsize=7, frameon=False, loc="best")
@@ -442,7 +445,10 @@ def portrait_figure(simulator: Simulator, row: Row, others: Mapping[str, Attract
 
 
 def _others(result: Simulation, row: Row, simulator: Simulator) -> dict[str, Attractor]:
-    """Orbits of period T on the branches at a value that cannot be observed."""
+    """Orbits of period T on the branches at a value that cannot be observed.
+
+    Of each notation and state the one with the fastest impact.
+    """
     if result.diagram is None:
         return {}
     from .coverage import orbits_on
@@ -455,8 +461,15 @@ def _others(result: Simulation, row: Row, simulator: Simulator) -> dict[str, Att
             if not (orbit.stable and orbit.physical):
                 state = "unstable" if orbit.physical else "unphysical"
                 label = f"{branch.notation}, {state}"
-                found.setdefault(label, _as_attractor(branch, orbit, simulator))
+                other = _as_attractor(branch, orbit, simulator)
+                known = found.get(label)
+                if known is None or _fastest(other) > _fastest(known):
+                    found[label] = other
     return found
+
+
+def _fastest(attractor: Attractor) -> float:
+    return float(np.max(np.abs(attractor.velocities)))
 
 
 def _as_attractor(branch: Branch, orbit: Orbit, simulator: Simulator) -> Attractor:

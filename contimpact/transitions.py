@@ -25,6 +25,8 @@ EVALUATIONS = 120
 """Values tried for one change at most."""
 EXPLAINED = 1e-5
 """An entry explains a transition if it is this near to it, in parts of the range swept."""
+REACH = 3.0
+"""Steps beyond the bracket within which the line of a quantity has to vanish to tell the kind."""
 CLOSE = 0.1
 """A multiplier this near to 1 or -1, or a gap this small by the largest velocity, tells it."""
 
@@ -164,7 +166,8 @@ def between(
         earlier, left, right = edge(simulators, before, after, width, settling)
         if right is None:
             return
-        yield name(left, right, earlier)
+        if right.attractor.label != left.attractor.label:
+            yield name(left, right, earlier)
         ahead = (after.value - right.value) * (after.value - before.value) > 0.0
         if right.attractor.label == after.attractor.label or not ahead:
             return
@@ -296,7 +299,7 @@ def _critical(before: Row, after: Row, earlier: Row | None) -> str | None:
             beyond = max((zero - after.value) / step, (before.value - zero) / step, 0.0)
             scores[key] = beyond + value
     best = min(scores, key=lambda key: scores[key], default=None)
-    return best[0] if best is not None and scores[best] < 1.0 else None
+    return best[0] if best is not None and scores[best] < REACH else None
 
 
 def _quantities(attractor: Attractor) -> dict[tuple[str, str], float]:
