@@ -31,8 +31,8 @@ from .errors import InputError
 from .reading import read
 
 if TYPE_CHECKING:
-    from .competition import Region
-    from .curves import Curve
+    from .two_parameters.competition import Region
+    from .two_parameters.curves import Curve
 
 CATALOGUE = "contimpact.catalogue/1"
 MANIFEST = "contimpact.manifest/1"
@@ -251,7 +251,7 @@ def _curve_record(curve: Curve) -> dict[str, Any]:
 
 
 def _competition(diagram: Diagram) -> list[Region]:
-    from .competition import regions
+    from .two_parameters.competition import regions
 
     first = diagram.curves[0].parameters[0]
     along = "d" if "d" in diagram.curves[0].columns else first
@@ -344,7 +344,7 @@ def read_curve(path: str | Path) -> Curve:
     InputError
         If the file is missing, not of this schema, or damaged.
     """
-    from .curves import Codim2, Curve
+    from .two_parameters.curves import Codim2, Curve
 
     with _reading(Path(path), CURVE):
         head, columns = _table(Path(path), CURVE)

@@ -19,9 +19,9 @@ from . import __version__
 from .errors import InputError
 
 if TYPE_CHECKING:
+    from .attractors.simulation import Simulation
     from .diagram import Diagram
     from .scene import Scene
-    from .simulation import Simulation
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -225,8 +225,8 @@ def _simulate(options: argparse.Namespace) -> int:
     scene = load_scene(options.scene)
     if scene.simulate is None:
         raise InputError(options.scene, "no table [simulate]", "add one, see the scene format")
+    from .attractors.simulation import simulate, write_simulation
     from .catalogue import manifest_text, prepare_folder, write_text
-    from .simulation import simulate, write_simulation
 
     folder = prepare_folder(options.output)
     progress = _progress(options.quiet)
@@ -237,7 +237,7 @@ def _simulate(options: argparse.Namespace) -> int:
         why = "the run was interrupted" if result.interrupted else "not asked for"
         left_out.append(f"pictures: {why}, matplotlib is not imported")
     else:
-        from .plot_attractors import save_simulation
+        from .plots.attractors import save_simulation
 
         drawing = time.perf_counter()
         files += save_simulation(result, folder, scene.plot)
@@ -311,12 +311,12 @@ def _new_folder(target: Path, files: Sequence[str], folders: Sequence[str]) -> I
 
 
 def _save_plots(scene: Scene, diagram: Diagram, folder: Path) -> list[str]:
-    from .plot import save_diagram
+    from .plots.diagram import save_diagram
 
     plot = scene.plot
     files = []
     if diagram.curves:
-        from .curve_diagram import save_curves
+        from .plots.curves import save_curves
 
         files += save_curves(diagram.curves, folder, plot.formats)
     return files + save_diagram(
@@ -367,8 +367,8 @@ def _summary(scene: Scene, diagram: Diagram, folder: Path, total: float) -> None
 
 
 def _report(options: argparse.Namespace) -> int:
+    from .accuracy.report import report, write_report
     from .catalogue import prepare_folder
-    from .report import report, write_report
     from .scene import load_scene
 
     scene = load_scene(options.scene)
@@ -425,7 +425,7 @@ def _plot(options: argparse.Namespace) -> int:
     kind = target.suffix.removeprefix(".").lower()
     if kind not in FORMATS:
         raise InputError(str(target), f"format {kind!r}", f"accepted are {', '.join(FORMATS)}")
-    from .plot import plot_diagram, write_figure
+    from .plots.diagram import plot_diagram, write_figure
 
     ax = plot_diagram(diagram, unit=scene.model.unit(chosen["x"]), **chosen)
     write_figure(ax.figure, target, kind, diagram.name)

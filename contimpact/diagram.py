@@ -13,7 +13,7 @@ from .continuation.branch import End, Point
 from .mechanics.orbit import Linearisation
 
 if TYPE_CHECKING:
-    from .curves import Curve
+    from .two_parameters.curves import Curve
 
 Array = np.ndarray[Any, Any]
 

@@ -63,7 +63,7 @@ def follow(scene: Scene, progress: Callable[[str], None] | None = None) -> Diagr
     diagram = _Explorer(scene, progress or (lambda text: None)).run()
     if scene.curves is None or diagram.statistics["failure"]:
         return diagram
-    from .explore_curves import with_curves
+    from .two_parameters.explore import with_curves
 
     return with_curves(scene, diagram, progress)
 

@@ -26,8 +26,8 @@ from .switching import SWITCHES
 from .systems import system
 
 if TYPE_CHECKING:
-    from .energy import Membrane
-    from .simulate_options import SimulateOptions
+    from .attractors.energy import Membrane
+    from .attractors.options import SimulateOptions
 
 CURVE_SETTINGS = Settings(tolerance=1e-13, max_step=0.05, max_points=1000)
 FORMATS = ("svg", "png", "pdf")
@@ -440,11 +440,11 @@ def _simulate(
     """The tables [simulate] and [energy]; what reads them is imported only if they are there."""
     simulate = energy = None
     if "simulate" in top.data:
-        from .simulate_options import read_simulate
+        from .attractors.options import read_simulate
 
         simulate = read_simulate(top.table("simulate"), model, parameter, limits)
     if "energy" in top.data:
-        from .simulate_options import read_energy
+        from .attractors.options import read_energy
 
         energy = read_energy(top.table("energy"), model)
     top.asked += ["simulate", "energy"]

@@ -15,6 +15,7 @@ import numpy as np
 from scipy.optimize import brentq
 
 from contimpact import ImpactPair, InputError, Oscillator, Settings, find_orbits
+from contimpact.accuracy.reference import Reference
 from contimpact.bifurcations import test_functions
 from contimpact.continuation.arclength import correct
 from contimpact.mechanics.kernels import Kernels
@@ -22,7 +23,6 @@ from contimpact.mechanics.orbit import OrbitProblem
 from contimpact.mechanics.search import settle
 from contimpact.mechanics.word import Word
 from contimpact.orbit_branch import both_ways
-from contimpact.reference import Reference
 from contimpact.switching import switch, touches_at
 
 EVENTS = ("FB", "PD", "G", "V", "T")

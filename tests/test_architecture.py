@@ -87,7 +87,7 @@ def test_the_reader_of_imports():
     symbolic = [i for i in imports("contimpact.systems.impact_pair") if "symbolic" in i.module]
     assert symbolic
     assert not any(i.at_import for i in symbolic)
-    assert any(i.module.startswith("matplotlib") for i in imports("contimpact.plot"))
+    assert any(i.module.startswith("matplotlib") for i in imports("contimpact.plots.diagram"))
     assert len(FILES) > 20
 
 
@@ -117,8 +117,8 @@ def test_a_system_stands_on_the_model_alone(module):
     assert own(module) <= allowed
 
 
-PICTURES = [m for m in FILES if re.fullmatch(r"contimpact\.(plot(_\w+)?|\w+_diagram)", m)]
-"""The rooms where pictures are drawn, by their names."""
+PICTURES = modules_of("contimpact.plots")
+"""The rooms where pictures are drawn."""
 
 
 @pytest.mark.parametrize("module", [m for m in FILES if m not in PICTURES])
@@ -258,12 +258,12 @@ def test_imports_run_one_way():
 
 
 LAYERS = {
-    "contimpact.scene": {"explore", "cli", "plot", "catalogue"},
-    "contimpact.diagram": {"explore", "cli", "plot", "catalogue", "scene"},
-    "contimpact.plot": {"explore", "cli", "scene", "catalogue"},
-    "contimpact.catalogue": {"explore", "cli", "plot", "scene"},
-    "contimpact.explore": {"cli", "plot", "catalogue"},
-    "contimpact.bifurcations": {"explore", "cli", "plot", "catalogue", "scene", "diagram"},
+    "contimpact.scene": {"explore", "cli", "plots.diagram", "catalogue"},
+    "contimpact.diagram": {"explore", "cli", "plots.diagram", "catalogue", "scene"},
+    "contimpact.plots.diagram": {"explore", "cli", "scene", "catalogue"},
+    "contimpact.catalogue": {"explore", "cli", "plots.diagram", "scene"},
+    "contimpact.explore": {"cli", "plots.diagram", "catalogue"},
+    "contimpact.bifurcations": {"explore", "cli", "plots.diagram", "catalogue", "scene", "diagram"},
 }
 """What each of these must not know."""
 

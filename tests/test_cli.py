@@ -449,7 +449,7 @@ def test_plot_into_the_folder(run, copied):
 
 def figure_of(monkeypatch, run, *arguments):
     """The axes that ``contimpact plot`` draws."""
-    import contimpact.plot as plot
+    import contimpact.plots.diagram as plot
 
     drawn = []
     original = plot.plot_diagram

@@ -8,12 +8,12 @@ import math
 import numpy as np
 import pytest
 
+from contimpact.accuracy.reference import Reference
 from contimpact.bifurcations import test_functions as make_tests
 from contimpact.continuation.arclength import Settings
 from contimpact.mechanics.kernels import Kernels
 from contimpact.mechanics.search import find_orbits
 from contimpact.orbit_branch import EVENTS, both_ways
-from contimpact.reference import Reference
 from contimpact.systems.impact_pair import ImpactPair
 from contimpact.systems.oscillator import Oscillator
 

@@ -8,8 +8,6 @@ import numpy as np
 import pytest
 
 from contimpact.catalogue import load_entries, write_diagram
-from contimpact.competition import regions
-from contimpact.curves import follow_curve
 from contimpact.errors import InputError
 from contimpact.explore import follow
 from contimpact.mechanics.search import find_orbits
@@ -17,6 +15,8 @@ from contimpact.orbit_branch import continue_orbit
 from contimpact.scene import read_scene
 from contimpact.systems.impact_pair import ImpactPair
 from contimpact.systems.oscillator import Oscillator
+from contimpact.two_parameters.competition import regions
+from contimpact.two_parameters.curves import follow_curve
 
 EDGES = (0.05, 0.95)
 

@@ -8,8 +8,8 @@ import mpmath as mp
 import numpy as np
 import pytest
 
-from contimpact.attractor import Attractor, Kind
-from contimpact.energy import Membrane, along, of_attractor, of_impacts, velocity_scale
+from contimpact.attractors.attractor import Attractor, Kind
+from contimpact.attractors.energy import Membrane, along, of_attractor, of_impacts, velocity_scale
 from contimpact.errors import InputError
 from contimpact.mechanics.search import find_orbits
 from contimpact.orbit_branch import continue_orbit

@@ -21,7 +21,7 @@ from matplotlib.text import Text
 
 from contimpact import InputError, follow, plot_diagram, read_scene
 from contimpact.diagram import Diagram
-from contimpact.plot import COLOURS, MARKERS, STYLES, label_text, save_diagram
+from contimpact.plots.diagram import COLOURS, MARKERS, STYLES, label_text, save_diagram
 
 BRANCHES = Path(__file__).parent.parent / "branches"
 
@@ -138,7 +138,7 @@ def test_users_settings_are_respected(fig7):
 
 def test_pyplot_and_other_heavy_modules_are_not_imported():
     code = (
-        "import sys, matplotlib, contimpact.plot, contimpact.cli, contimpact\n"
+        "import sys, matplotlib, contimpact.plots.diagram, contimpact.cli, contimpact\n"
         "contimpact.plot_diagram(contimpact.Diagram('x', []))\n"
         "backend = matplotlib.rcParams._get_backend_or_none()\n"
         "print([m for m in ('matplotlib.pyplot', 'sympy', 'tkinter') if m in sys.modules], backend)"
@@ -444,7 +444,7 @@ def test_svg_of_another_process_is_the_same(fig7, tmp_path):
     scene = json.dumps(scene_of("fig7").given)
     code = (
         "import json, sys, pathlib, contimpact\n"
-        "from contimpact.plot import save_diagram\n"
+        "from contimpact.plots.diagram import save_diagram\n"
         f"diagram = contimpact.follow(contimpact.read_scene(json.loads({scene!r})))\n"
         "save_diagram(diagram, pathlib.Path(sys.argv[1]), ['svg'])"
     )

@@ -8,6 +8,7 @@ import mpmath
 import numpy as np
 import pytest
 
+from contimpact.accuracy.reference import Reference, _names
 from contimpact.bifurcations import test_functions as make_tests
 from contimpact.continuation import linear
 from contimpact.continuation.arclength import Settings
@@ -17,7 +18,6 @@ from contimpact.mechanics.orbit import OrbitProblem
 from contimpact.mechanics.search import find_orbits
 from contimpact.mechanics.word import Word
 from contimpact.orbit_branch import both_ways
-from contimpact.reference import Reference, _names
 
 POINT = (0.37, 0.61, 1.52, -0.43)
 

@@ -8,15 +8,15 @@ import math
 import numpy as np
 import pytest
 
-from contimpact import report as module
+from contimpact.accuracy import report as module
+from contimpact.accuracy.reference import Reference
+from contimpact.accuracy.shooting import Shooting
 from contimpact.cli import main
 from contimpact.continuation.arclength import Settings
 from contimpact.errors import InputError
 from contimpact.mechanics.search import find_orbits
-from contimpact.plot_report import plot_report
-from contimpact.reference import Reference
+from contimpact.plots.report import plot_report
 from contimpact.scene import read_scene
-from contimpact.shooting import Shooting
 
 SCENE = """
 name = "small"

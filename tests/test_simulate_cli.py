@@ -11,7 +11,8 @@ import tomllib
 import numpy as np
 import pytest
 
-from contimpact import cli, simulation
+from contimpact import cli
+from contimpact.attractors import simulation
 from contimpact.errors import InputError
 from contimpact.scene import read_scene
 
@@ -148,8 +149,8 @@ def test_a_finished_run_is_resumed_without_work(scene_file, tmp_path, monkeypatc
     def forbidden(*_):
         raise AssertionError("nothing is left to simulate")
 
-    monkeypatch.setattr("contimpact.sweep.settle", forbidden)
-    monkeypatch.setattr("contimpact.transitions.settle", forbidden)
+    monkeypatch.setattr("contimpact.attractors.sweep.settle", forbidden)
+    monkeypatch.setattr("contimpact.attractors.transitions.settle", forbidden)
     assert run(path, "-o", out, "--no-plot", "-q", "--resume") == 0
     assert {name: (out / name).read_bytes() for name in TABLES} == before
 
@@ -232,12 +233,14 @@ def test_run_imports_no_simulation_and_no_matplotlib(scene_file, tmp_path):
 
     plain = imported(scene_file(SCENE.split("[simulate]")[0]), "run", "--no-plot")
     assert "contimpact.explore" in plain
-    absent = {"contimpact.sweep", "contimpact.attractor", "contimpact.energy",
-              "contimpact.mechanics.simulate", "matplotlib"}  # fmt: skip
+    places = {f"contimpact.attractors.{name}" for name in ("sweep", "attractor", "energy")}
+    absent = places | {"contimpact.mechanics.simulate", "matplotlib"}
     assert not absent & set(plain)
     with_table = imported(scene_file(), "run", "--no-plot")
-    assert not {"contimpact.sweep", "contimpact.energy", "matplotlib"} & set(with_table)
+    assert not {"contimpact.attractors.sweep", "contimpact.attractors.energy", "matplotlib"} & set(
+        with_table
+    )
     few = SCENE.replace("values = 7", "values = 2\ntransitions = false")
     simulated = imported(scene_file(few), "simulate", "--no-plot")
-    assert "contimpact.sweep" in simulated
-    assert not {"contimpact.energy", "contimpact.explore", "matplotlib"} & set(simulated)
+    assert "contimpact.attractors.sweep" in simulated
+    assert not {"contimpact.attractors.energy", "contimpact.explore", "matplotlib"} & set(simulated)

@@ -8,11 +8,11 @@ import math
 import numpy as np
 import pytest
 
-from contimpact.attractor import SETTLING, Attractor, Kind, Settling, polish, settle
-from contimpact.basins import basins
+from contimpact.attractors.attractor import SETTLING, Attractor, Kind, Settling, polish, settle
+from contimpact.attractors.basins import basins
+from contimpact.attractors.sweep import Row, Simulators, find_attractors, same, sweep, sweep_rows
 from contimpact.mechanics.search import find_orbits
 from contimpact.mechanics.simulate import Simulator, State
-from contimpact.sweep import Row, Simulators, find_attractors, same, sweep, sweep_rows
 
 QUICK = Settling(transient=50, periods=600, impacts=1500)
 

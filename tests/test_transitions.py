@@ -8,13 +8,20 @@ import tomllib
 import numpy as np
 import pytest
 
-from contimpact.attractor import Settling
-from contimpact.coverage import cover, scene_fragment
+from contimpact.attractors.attractor import Settling
+from contimpact.attractors.coverage import cover, scene_fragment
+from contimpact.attractors.sweep import Row, Simulators, Sweep, sweep
+from contimpact.attractors.transitions import (
+    Transition,
+    between,
+    edge,
+    explained,
+    find_transitions,
+    name,
+)
 from contimpact.explore import follow
 from contimpact.mechanics.simulate import State
 from contimpact.scene import read_scene
-from contimpact.sweep import Row, Simulators, Sweep, sweep
-from contimpact.transitions import Transition, between, edge, explained, find_transitions, name
 
 QUICK = Settling(transient=50, periods=800, impacts=1500)
 PD, G_DOUBLED, FB, G_21 = 0.383143488343, 0.365318559017, 0.356895277, 0.279034781278

@@ -15,9 +15,9 @@ import matplotlib.figure
 import numpy as np
 from matplotlib.lines import Line2D
 
-from .competition import Region, regions
-from .curves import Curve
-from .plot import save_figure
+from ..two_parameters.competition import Region, regions
+from ..two_parameters.curves import Curve
+from .diagram import save_figure
 
 COLOURS = {"PD": "#0072B2", "G": "#009E73", "FB": "#D55E00", "BP": "#CC79A7", "V": "#E69F00"}
 WIDTHS = {"PD": 1.8, "G": 1.2, "FB": 1.2, "BP": 1.2, "V": 1.2}

@@ -20,8 +20,8 @@ from typing import Any
 import mpmath
 import numpy as np
 
-from .mechanics.kernels import SCALAR_NAMES, Kernel
-from .mechanics.orbit import Array, OrbitProblem
+from ..mechanics.kernels import SCALAR_NAMES, Kernel
+from ..mechanics.orbit import Array, OrbitProblem
 
 ITERATIONS = 60
 GUARD_DIGITS = 18
@@ -435,6 +435,6 @@ def _source(problem: OrbitProblem, name: str, kernel: Kernel) -> str:
     try:
         return inspect.getsource(getattr(kernel, "py_func", kernel))
     except OSError:
-        from .mechanics.codegen import KernelWriter
+        from ..mechanics.codegen import KernelWriter
 
         return KernelWriter(problem.model, problem.kernels.parameters).write(name)

@@ -9,16 +9,16 @@ from typing import Any
 
 import numpy as np
 
-from .bifurcations import Requested, test_functions
-from .continuation.walk import walk
+from ..bifurcations import Requested, test_functions
+from ..continuation.walk import walk
+from ..diagram import Branch, Diagram, Entry
+from ..mechanics.kernels import Kernels
+from ..mechanics.model import Model
+from ..mechanics.orbit import Array, OrbitProblem
+from ..mechanics.search import settle
+from ..orbit_branch import both_ways
+from ..scene import CurveOptions, Scene
 from .curves import Curve, follow_curve, with_fixed
-from .diagram import Branch, Diagram, Entry
-from .mechanics.kernels import Kernels
-from .mechanics.model import Model
-from .mechanics.orbit import Array, OrbitProblem
-from .mechanics.search import settle
-from .orbit_branch import both_ways
-from .scene import CurveOptions, Scene
 
 SAME_CURVE = 1e-8
 

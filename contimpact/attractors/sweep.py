@@ -13,10 +13,10 @@ from typing import Any
 
 import numpy as np
 
+from ..mechanics.kernels import Kernels
+from ..mechanics.model import Model
+from ..mechanics.simulate import Simulator, State
 from .attractor import SETTLING, Attractor, Kind, Settling, settle
-from .mechanics.kernels import Kernels
-from .mechanics.model import Model
-from .mechanics.simulate import Simulator, State
 
 Array = np.ndarray[Any, Any]
 

@@ -7,9 +7,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from ..errors import InputError
+from ..mechanics.model import Model
 from .attractor import SETTLING, Settling
-from .errors import InputError
-from .mechanics.model import Model
 
 if TYPE_CHECKING:
     from .energy import Membrane

@@ -2,8 +2,8 @@
 
 In the manner of Figs. 5, 7, 8, 11 and 12 of the paper on vibro-impact pairs. Attractors are open
 circles; where sweeps in both directions are drawn, those of the second one are crosses. Colours
-and line styles are those of `contimpact.plot`, and the same in print without colours: what differs
-in colour differs in marker, style or panel as well.
+and line styles are those of `contimpact.plots.diagram`, and the same in print without colours: what
+differs in colour differs in marker, style or panel as well.
 """
 
 from __future__ import annotations
@@ -14,18 +14,18 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from . import plot as style
-from .attractor import Attractor, Kind
-from .basins import Basins
-from .diagram import Branch, Diagram
-from .energy import Membrane, along, of_attractor
-from .mechanics.search import Orbit
-from .mechanics.simulate import Simulator
-from .sweep import Row, Simulators, Sweep
+from ..attractors.attractor import Attractor, Kind
+from ..attractors.basins import Basins
+from ..attractors.energy import Membrane, along, of_attractor
+from ..attractors.sweep import Row, Simulators, Sweep
+from ..diagram import Branch, Diagram
+from ..mechanics.search import Orbit
+from ..mechanics.simulate import Simulator
+from . import diagram as style
 
 if TYPE_CHECKING:
-    from .scene import PlotOptions
-    from .simulation import Simulation
+    from ..attractors.simulation import Simulation
+    from ..scene import PlotOptions
 
 INK = "0.15"
 MARKS: dict[str, dict[str, Any]] = {
@@ -60,7 +60,7 @@ def plot_sweep(
     unit : str
         Of x.
     **options
-        Of `contimpact.plot.plot_diagram`.
+        Of `contimpact.plots.diagram.plot_diagram`.
 
     Returns
     -------
@@ -451,7 +451,7 @@ def _others(result: Simulation, row: Row, simulator: Simulator) -> dict[str, Att
     """
     if result.diagram is None:
         return {}
-    from .coverage import orbits_on
+    from ..attractors.coverage import orbits_on
 
     found: dict[str, Attractor] = {}
     for branch in result.diagram.branches:

@@ -14,12 +14,12 @@ from typing import Any
 
 import numpy as np
 
+from ..diagram import Branch, Diagram
+from ..mechanics.kernels import Kernels
+from ..mechanics.orbit import OrbitProblem
+from ..mechanics.search import Orbit, settle
+from ..mechanics.word import Word
 from .attractor import Attractor, Kind
-from .diagram import Branch, Diagram
-from .mechanics.kernels import Kernels
-from .mechanics.orbit import OrbitProblem
-from .mechanics.search import Orbit, settle
-from .mechanics.word import Word
 from .sweep import Row, Sweep
 
 Array = np.ndarray[Any, Any]

@@ -15,8 +15,8 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from typing import Any
 
+from ..diagram import Diagram, Entry
 from .attractor import SETTLING, Attractor, Kind, Settling, settle
-from .diagram import Diagram, Entry
 from .sweep import Row, Simulators, Sweep
 
 MOST = 6

@@ -1,6 +1,6 @@
 """Work-precision plots: error against seconds and against evaluations, one line for each method.
 
-Imports matplotlib like `contimpact.plot`, and follows its manners: ``ax=``, no global settings.
+Follows the manners of `contimpact.plots.diagram`: ``ax=``, no global settings.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ def plot_report(data: Mapping[str, Any], ax: Any = None, *, against: str = "seco
     Parameters
     ----------
     data : mapping
-        From `contimpact.report.report`.
+        From `contimpact.accuracy.report.report`.
     ax : matplotlib.axes.Axes, optional
         Where to draw; a new figure otherwise.
     against : {"seconds", "evaluations"}

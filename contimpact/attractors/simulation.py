@@ -15,13 +15,12 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from ..catalogue import write_text
+from ..mechanics.kernels import Kernels
+from ..scene import Scene
 from .attractor import Attractor, Kind
-from .catalogue import write_text
-from .mechanics.kernels import Kernels
-from .scene import Scene
-from .simulate_options import SimulateOptions
-from .sweep import Row, Simulators, Sweep, find_attractors, same, sweep_rows
-from .sweep_output import (
+from .options import SimulateOptions
+from .output import (
     Checkpoint,
     coverage_text,
     energy_text,
@@ -29,12 +28,13 @@ from .sweep_output import (
     sweep_text,
     transitions_text,
 )
+from .sweep import Row, Simulators, Sweep, find_attractors, same, sweep_rows
 from .transitions import Transition, all_changes, between, explained
 
 if TYPE_CHECKING:
+    from ..diagram import Diagram
     from .basins import Basins
     from .coverage import Coverage
-    from .diagram import Diagram
 
 ROWS_FILE = "rows.jsonl"
 STAGES = ("branches", "sweep", "random", "transitions", "coverage", "portraits", "basins")
@@ -152,7 +152,7 @@ class _Director:
 
     def branches(self) -> None:
         if self.options.branches:
-            from .explore import follow
+            from ..explore import follow
 
             self.result.diagram = follow(self.scene, self.progress)
 
@@ -318,7 +318,7 @@ def write_simulation(result: Simulation, folder: Path) -> list[str]:
         write_text(folder / name, text)
     written = [*files, ROWS_FILE]
     if result.diagram is not None:
-        from .catalogue import write_diagram
+        from ..catalogue import write_diagram
 
         written += write_diagram(result.diagram, folder)
     return sorted(written)

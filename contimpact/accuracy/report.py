@@ -21,21 +21,21 @@ from typing import Any
 
 import numpy as np
 
-from . import __version__
-from .continuation import linear
-from .continuation.arclength import PREDICTORS, Settings, bordered
-from .continuation.branch import Point, Walk
-from .continuation.walk import walk
-from .diagram import Entry, coordinates
-from .errors import InputError
-from .explore import follow, orbits_at_start
-from .mechanics import stability
-from .mechanics.kernels import Kernels
-from .mechanics.orbit import Array, OrbitProblem
-from .mechanics.search import Orbit
-from .mechanics.word import Word
+from .. import __version__
+from ..continuation import linear
+from ..continuation.arclength import PREDICTORS, Settings, bordered
+from ..continuation.branch import Point, Walk
+from ..continuation.walk import walk
+from ..diagram import Entry, coordinates
+from ..errors import InputError
+from ..explore import follow, orbits_at_start
+from ..mechanics import stability
+from ..mechanics.kernels import Kernels
+from ..mechanics.orbit import Array, OrbitProblem
+from ..mechanics.search import Orbit
+from ..mechanics.word import Word
+from ..scene import Scene
 from .reference import Reference
-from .scene import Scene
 
 SCHEMA = "contimpact.report/1"
 DIGITS = 30
@@ -413,14 +413,14 @@ def write_report(data: Mapping[str, Any], folder: Path, formats: Sequence[str]) 
     """Write ``report.json``, ``report.md`` and the plots; returns the files' names."""
     import json
 
-    from .catalogue import write_text
+    from ..catalogue import write_text
 
     text = json.dumps(_finite(data), indent=1, allow_nan=False) + "\n"
     names = [f"work-precision.{kind}" for kind in formats]
     write_text(folder / "report.json", text)
     write_text(folder / "report.md", markdown(data, names[-1:]))
     if names:
-        from .plot_report import save_report
+        from ..plots.report import save_report
 
         save_report(data, folder, names)
     return ["report.json", "report.md", *names]

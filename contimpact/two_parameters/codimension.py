@@ -24,13 +24,13 @@ from typing import Any
 
 import numpy as np
 
-from .continuation.arclength import scaled_determinant
-from .continuation.branch import Point
-from .continuation.events import TestFunction
-from .criticality import doubling_bend
+from ..continuation.arclength import scaled_determinant
+from ..continuation.branch import Point
+from ..continuation.events import TestFunction
+from ..criticality import doubling_bend
+from ..mechanics import stability
+from ..mechanics.orbit import Array, Linearisation, OrbitProblem
 from .curves import CurvePoint, CurveProblem
-from .mechanics import stability
-from .mechanics.orbit import Array, Linearisation, OrbitProblem
 
 
 class OnCurve(TestFunction):

@@ -14,10 +14,10 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from ..catalogue import csv_text, json_text, write_text
+from ..diagram import Branch, Diagram
+from ..errors import InputError
 from .attractor import Attractor
-from .catalogue import csv_text, json_text, write_text
-from .diagram import Branch, Diagram
-from .errors import InputError
 from .sweep import Row, Sweep
 
 if TYPE_CHECKING:

@@ -17,10 +17,10 @@ from typing import Any
 
 import numpy as np
 
-from .mechanics.flight import flight_gaps
-from .mechanics.lyapunov import Exponents, exponents_of
-from .mechanics.simulate import Outcome, Run, Simulator, State
-from .mechanics.word import Word
+from ..mechanics.flight import flight_gaps
+from ..mechanics.lyapunov import Exponents, exponents_of
+from ..mechanics.simulate import Outcome, Run, Simulator, State
+from ..mechanics.word import Word
 
 Array = np.ndarray[Any, Any]
 

@@ -19,9 +19,9 @@ from typing import Any
 
 import numpy as np
 
+from ..diagram import Branch
+from ..errors import InputError
 from .attractor import Attractor, Kind
-from .diagram import Branch
-from .errors import InputError
 
 Array = np.ndarray[Any, Any]
 

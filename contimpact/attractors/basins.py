@@ -9,8 +9,8 @@ from typing import Any
 
 import numpy as np
 
+from ..mechanics.simulate import Outcome, Run, Simulator, State
 from .attractor import SETTLING, Attractor, Kind, Settling, settle
-from .mechanics.simulate import Outcome, Run, Simulator, State
 from .sweep import same
 
 Array = np.ndarray[Any, Any]

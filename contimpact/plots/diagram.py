@@ -19,8 +19,8 @@ import numpy as np
 from matplotlib.lines import Line2D
 from matplotlib.textpath import TextPath
 
-from .diagram import LABELLED, Array, Branch, Diagram, Entry
-from .errors import InputError, shown
+from ..diagram import LABELLED, Array, Branch, Diagram, Entry
+from ..errors import InputError, shown
 
 COLOURS = ("#0072B2", "#E69F00", "#009E73", "#CC79A7")
 """One for each wall; from the Okabe-Ito cycle, told apart by most colour-blind readers, the first

@@ -14,18 +14,18 @@ from typing import Any
 
 import numpy as np
 
-from .continuation.arclength import Settings
-from .continuation.branch import End, EndKind, Event, Point, Walk, joined
-from .continuation.events import TestFunction
-from .continuation.walk import walk
-from .diagram import Entry, all_parameters, coordinates, same_data
-from .errors import InputError
-from .extended import CURVES, Crossing, ExtendedSystem, Reached, SingularCycle, Touching
-from .ghosts import apart_from_event, forgiven, impacts_of
-from .mechanics.kernels import Kernels
-from .mechanics.model import Model
-from .mechanics.orbit import Array, Linearisation, OrbitProblem
-from .mechanics.word import Word
+from ..continuation.arclength import Settings
+from ..continuation.branch import End, EndKind, Event, Point, Walk, joined
+from ..continuation.events import TestFunction
+from ..continuation.walk import walk
+from ..diagram import Entry, all_parameters, coordinates, same_data
+from ..errors import InputError
+from ..extended import CURVES, Crossing, ExtendedSystem, Reached, SingularCycle, Touching
+from ..ghosts import apart_from_event, forgiven, impacts_of
+from ..mechanics.kernels import Kernels
+from ..mechanics.model import Model
+from ..mechanics.orbit import Array, Linearisation, OrbitProblem
+from ..mechanics.word import Word
 
 CURVE_SETTINGS = Settings(tolerance=1e-13, max_step=0.05, max_points=1000)
 UNFOLDED = 1e-8

@@ -1,0 +1,1 @@
+"""Attractors by simulation: sweeps, basins, transitions, coverage and the energy they give."""

@@ -1,0 +1,1 @@
+"""All pictures. The only modules that import matplotlib."""
