@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import argparse
 import contextlib
+import dataclasses
 import os
 import sys
 import time
@@ -320,9 +321,18 @@ def _save_plots(scene: Scene, diagram: Diagram, folder: Path) -> list[str]:
 
         files += save_curves(diagram.curves, folder, plot.formats)
     return files + save_diagram(
-        diagram, folder, plot.formats, x=plot.x, xlim=plot.xlim, ylim=plot.ylim,
+        _own_member(scene, diagram), folder, plot.formats, x=plot.x, xlim=plot.xlim, ylim=plot.ylim,
         unphysical=plot.unphysical, unit=scene.model.unit(plot.x),
     )  # fmt: skip
+
+
+def _own_member(scene: Scene, diagram: Diagram) -> Diagram:
+    """The diagram without the branches of other members of a family."""
+    if scene.curves is None or scene.curves.family is None:
+        return diagram
+    name, _ = scene.curves.family
+    own = [b for b in diagram.branches if b[name][0] == scene.model.values[name]]
+    return dataclasses.replace(diagram, branches=own)
 
 
 def _write_manifest(

@@ -77,7 +77,14 @@ def _regions(group: Sequence[Curve], along: str) -> list[Region]:
 
 
 def _ends(group: Sequence[Curve], second: str) -> list[float]:
-    return [float(curve[second][row]) for curve in group for row in (0, -1)]
+    """Where curves end or turn, or become ghosts."""
+    found = []
+    for curve in group:
+        x, ghost = curve[second], curve.ghost
+        turns = np.nonzero(np.diff(x)[:-1] * np.diff(x)[1:] < 0.0)[0] + 1
+        changes = np.nonzero(ghost[1:] != ghost[:-1])[0]
+        found += [float(x[row]) for row in (0, -1, *turns, *changes)]
+    return found
 
 
 def _first_at(group: Sequence[Curve], second: str, along: str, value: float) -> str | None:
