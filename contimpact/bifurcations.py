@@ -32,6 +32,9 @@ from .extended import Crossing, ExtendedSystem, Reached, SingularCycle, Touching
 from .mechanics import stability
 from .mechanics.orbit import Array, OrbitProblem
 
+UNIT_CIRCLE = 1e-2
+"""How near to the unit circle a located event's multiplier is at least."""
+
 UNFOLDED = 1e-10
 """With a nu below this, two branches cross, within rounding."""
 
@@ -45,6 +48,15 @@ def located(
         return None
     told = details(solution) if details else {}
     return Located(solution.unknowns, solution.residual, solution.error, told)
+
+
+def at_unit_circle(event: Event, target: float) -> bool:
+    """Whether a multiplier is where the event needs one.
+
+    Determinants also vanish where flights do: at r = 0 impacts merge, and no multiplier is near.
+    """
+    multipliers: Any = event.point.evaluation.multipliers  # type: ignore[attr-defined]
+    return bool(np.min(np.abs(multipliers - target)) < UNIT_CIRCLE)
 
 
 class Fold(TestFunction):
@@ -61,6 +73,8 @@ class Fold(TestFunction):
     def accept(self, event: Event) -> bool:
         """A branch that passes a branch point sideways turns there too, but is not folded."""
         here: Any = event.point.evaluation
+        if not at_unit_circle(event, 1.0):
+            return False
         left, _, _ = np.linalg.svd(here.cyclic(1.0)[:, :-1])
         column = here.by_parameter[:, 0]
         size = float(np.linalg.norm(column))
@@ -79,6 +93,9 @@ class PeriodDoubling(TestFunction):
     def locate(self, problem: Any, guess: Point, index: int) -> Located | None:
         return located(SingularCycle(problem, -1.0), guess)
 
+    def accept(self, event: Event) -> bool:
+        return at_unit_circle(event, -1.0)
+
 
 class BranchPoint(TestFunction):
     """BP: two branches cross."""
@@ -91,6 +108,9 @@ class BranchPoint(TestFunction):
     def locate(self, problem: Any, guess: Point, index: int) -> Located | None:
         found = located(Crossing(problem), guess, lambda solution: {"nu": float(solution.own[0])})
         return found if found is not None and abs(found.details["nu"]) < UNFOLDED else None
+
+    def accept(self, event: Event) -> bool:
+        return at_unit_circle(event, 1.0)
 
 
 class NeimarkSacker(TestFunction):

@@ -16,6 +16,7 @@ import json
 import math
 import os
 import platform
+import re
 import sys
 import tempfile
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -144,6 +145,9 @@ def write_diagram(diagram: Diagram, folder: str | Path) -> list[str]:
         If the folder cannot be written.
     """
     names = [branch.id for branch in diagram.branches]
+    if odd := next((name for name in names if not re.fullmatch(r"[\w-]+", name)), None):
+        accepted = "give names of letters, digits, - and _"
+        raise InputError("branches", f"a branch is called {odd!r}", accepted)
     if twice := next((name for name in names if names.count(name) > 1), None):
         raise InputError(
             "branches",

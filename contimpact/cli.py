@@ -10,7 +10,9 @@ import argparse
 import contextlib
 import dataclasses
 import os
+import signal
 import sys
+import threading
 import time
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
@@ -185,8 +187,6 @@ def _require_output(options: argparse.Namespace) -> None:
 
 def _run_one(scene: Scene, target: Path, options: argparse.Namespace) -> str | None:
     """Compute and write one scene; returns what ended it early, if something did."""
-    from .catalogue import write_diagram
-
     began = time.perf_counter()
     progress = _progress(options.quiet)
     with _new_folder(target, *_written(scene, options)) as folder:
@@ -199,6 +199,19 @@ def _run_one(scene: Scene, target: Path, options: argparse.Namespace) -> str | N
         failure: str | None = diagram.statistics["failure"]
         if failure and not diagram.branches:
             raise _NothingComputedError(failure)
+    with _uninterrupted():
+        _write_run(scene, diagram, folder, options, began)
+    if failure:
+        print(f"contimpact: {failure}; what was computed is in {folder}", file=sys.stderr)
+    return failure
+
+
+def _write_run(
+    scene: Scene, diagram: Diagram, folder: Path, options: argparse.Namespace, began: float
+) -> None:
+    """Write everything a run leaves behind, the manifest last."""
+    from .catalogue import write_diagram
+
     export = time.perf_counter()
     files = write_diagram(diagram, folder)
     seconds = dict(diagram.statistics["seconds"])
@@ -214,9 +227,19 @@ def _run_one(scene: Scene, target: Path, options: argparse.Namespace) -> str | N
     _write_manifest(scene, diagram, folder, left_out, seconds, files)
     if not options.quiet:
         _summary(scene, diagram, folder, seconds["total"])
-    if failure:
-        print(f"contimpact: {failure}; what was computed is in {folder}", file=sys.stderr)
-    return failure
+
+
+@contextlib.contextmanager
+def _uninterrupted() -> Iterator[None]:
+    """Put interruptions off until what was computed is on disk."""
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    before = signal.signal(signal.SIGINT, signal.SIG_IGN)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGINT, before if before is not None else signal.SIG_DFL)
 
 
 def _simulate(options: argparse.Namespace) -> int:
@@ -371,6 +394,16 @@ def _summary(scene: Scene, diagram: Diagram, folder: Path, total: float) -> None
         print(text)
     for curve in diagram.curves:
         print("".join(f"{n} = {v:.6g}  " for n, v in curve.fixed.items()) + repr(curve))
+    if diagram.curves:
+        from .two_parameters.competition import regions
+
+        along = "d" if "d" in diagram.curves[0].columns else diagram.curves[0].parameters[0]
+        for region in regions(diagram.curves, along):
+            fixed = "".join(f"{n} = {v:.6g}  " for n, v in region.fixed.items())
+            print(
+                f"first    {fixed}{region.notation}: {region.first} for {region.second} from "
+                f"{region.low:.9g} to {region.high:.9g}"
+            )
     for note in diagram.statistics["notes"]:
         print(note)
     print(f"written to {folder} in {total:.2f} s")

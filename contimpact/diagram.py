@@ -186,6 +186,13 @@ class Branch:
         return np.asarray(self["physical"] == 1)
 
     @property
+    def constant(self) -> list[str]:
+        """Names of the parameters, derived ones included, that do not vary along the branch."""
+        names = list(self.columns)
+        parameters = names[names.index("arclength") + 1 : names.index("t1")]
+        return [n for n in parameters if n != self.parameter and np.ptp(self[n]) == 0.0]
+
+    @property
     def velocities(self) -> Array:
         """Velocities before impact, shape (points, N)."""
         return np.column_stack([self[f"v{k + 1}"] for k in range(len(self.word))])

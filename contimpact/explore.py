@@ -24,8 +24,8 @@ from .diagram import Branch, Diagram, Entry
 from .errors import InputError
 from .mechanics.kernels import Kernels
 from .mechanics.orbit import Array, OrbitProblem
-from .mechanics.recognition import mirrored, repeats, rotated_to
-from .mechanics.search import Orbit, find_orbits
+from .mechanics.recognition import mirrored, repeats, rotated_to, shortest
+from .mechanics.search import SAME_ORBIT, Orbit, find_orbits
 from .mechanics.word import Word
 from .orbit_branch import Run, both_ways
 from .scene import Scene
@@ -188,14 +188,17 @@ class _Explorer:
         name = self.next_name()
         began = time.perf_counter()
         forward = self.walk_from(start, +1, name)
+        if not forward.points:
+            self.notes.append(f"{birth.entry.id} ({birth.entry.label}): {forward.end.message}")
+            return
         backward = None
         if start.both_ways and forward.end.kind is not EndKind.CLOSED:
             backward = self.walk_from(start, -1, name, beside=forward)
+            if not backward.points:
+                backward = Walk(forward.points[:1], (), backward.end)
             if backward.end.kind is EndKind.KNOWN and len(backward.points) <= 2:
-                first = forward.points[0]
-                backward = Walk(
-                    forward.points[:1], (), self.met(f"{name} (its mirror image)", first)
-                )
+                image = self.met(f"{name} again, as its own mirror image", forward.points[0])
+                backward = Walk(forward.points[:1], (), image)
         entry = birth.entry
         born = End.of(
             EndKind.BORN, self.scene.parameter, entry.value, entry=entry.id, parent=entry.branch
@@ -228,7 +231,7 @@ class _Explorer:
             if first[0] and beside is not None:
                 first[0] = False
                 if self.on_image(problem, point.unknowns, beside):
-                    known = f"{name} (its mirror image)"
+                    known = f"{name} again, as its own mirror image"
                     return self.met(known, point), point
             for event in events:
                 if event.kind == "BP" and repeats(problem, event.point.unknowns, 1e-6):
@@ -254,20 +257,17 @@ class _Explorer:
         return aligned is not None and run.holds(aligned)
 
     def shorter_branch(self, problem: OrbitProblem, unknowns: Array) -> str:
-        """The branch of the orbit of half the period that this one has become."""
-        word = problem.word
-        half = self.problem(Word(word.walls[: len(word) // 2], word.period // 2))
-        rows = problem.impacts(unknowns)[: len(word) // 2]
-        name = self.known(half, np.append(rows.ravel(), unknowns[-1]))
-        return name or f"of {half.word}"
+        """The branch of the orbit of shorter period that this one has become."""
+        shorter, moved = shortest(problem, unknowns, 1e-6)
+        return self.known(shorter, moved) or f"of {shorter.word}"
 
     # Recognition.
 
     def known(self, problem: OrbitProblem, unknowns: Array) -> str | None:
         """The branch an orbit lies on, itself or its mirror image."""
-        images = [(problem, unknowns)]
+        images = [shortest(problem, unknowns, SAME_ORBIT)]
         if self.symmetry is not None:
-            images.append(mirrored(problem, unknowns, self.symmetry))
+            images.append(mirrored(*images[0], self.symmetry))
         for name, run in zip(self.names(), self.runs, strict=True):
             for image, moved in images:
                 aligned = rotated_to(image, moved, run.problem.word)

@@ -15,13 +15,14 @@ from . import criticality
 from .bifurcations import critical
 from .continuation.branch import Event, Point
 from .diagram import LABELLED, Entry, all_parameters, coordinates
+from .errors import InputError
 from .mechanics import stability
 from .mechanics.flight import Verdict
 from .mechanics.kernels import Kernels
 from .mechanics.model import Model
 from .mechanics.orbit import Array, Linearisation, OrbitProblem
 from .mechanics.word import Word
-from .switching import grown_word, switch
+from .switching import TOUCHING, grown_word, switch
 
 
 def entry_of(event: Event, identity: str, branch: str, before: Point, after: Point) -> Entry:
@@ -72,8 +73,8 @@ def entry_of(event: Event, identity: str, branch: str, before: Point, after: Poi
     )
 
 
-def event_of(entry: Entry, model: Model, kernels: Kernels) -> Event:
-    """Return the event a catalogue entry records, to switch at it.
+def orbit_of(entry: Entry, model: Model, kernels: Kernels) -> tuple[OrbitProblem, Linearisation]:
+    """Return the problem and the orbit a catalogue entry records.
 
     Parameters
     ----------
@@ -82,17 +83,51 @@ def event_of(entry: Entry, model: Model, kernels: Kernels) -> Event:
         The system; parameter values are taken from the entry.
     kernels : Kernels
         Of the model, with the entry's parameter free.
+
+    Raises
+    ------
+    InputError
+        If the entry is damaged, or of another model.
     """
+    missing = [name for name in model.values if name not in entry.parameters]
+    if missing:
+        accepted = f"give a model with {', '.join(entry.parameters)}"
+        raise InputError("entry", f"it has no parameter {missing[0]!r}", accepted)
     at = model.replace(**{name: entry.parameters[name] for name in model.values})
     problem = OrbitProblem(at, Word(entry.word, entry.period), kernels)
     names = ["time", "velocity", *coordinates(problem.m)[2:]]
+    if len(entry.impacts) != len(entry.word):
+        found = f"{len(entry.impacts)} impacts of the word {entry.word!r}"
+        raise InputError("entry", found, "give an entry as a catalogue records it")
     rows = [[impact[name] for name in names] for impact in entry.impacts]
-    times, sections = np.split(np.array(rows), [1], axis=1)
-    here = problem.evaluate(problem.unknowns_of(times, sections))
+    free = [entry.parameters[name] for name in kernels.parameters]
+    here = problem.evaluate(np.append(np.array(rows).ravel(), free))
+    off = float(np.max(np.abs(here.residual)))
+    if not off < 1e-6:
+        raise InputError(
+            "entry", f"it is no orbit of this model (residual {off:.2g})",
+            "give the model it was computed with",
+        )  # fmt: skip
+    return problem, here
+
+
+def event_of(entry: Entry, model: Model, kernels: Kernels) -> Event:
+    """Return the event a catalogue entry records, to switch at it.
+
+    Raises
+    ------
+    InputError
+        If the entry is damaged, or of another model.
+    """
+    problem, here = orbit_of(entry, model, kernels)
     kept = {"flight": entry.flight, "wall": entry.wall, "impact": entry.impact}
     details: dict[str, Any] = {name: value for name, value in kept.items() if value is not None}
     if entry.touch_time is not None:
         details["touch_time"] = entry.touch_time
+    needed = {"G": ("flight", "wall", "touch_time"), "V": ("impact",)}.get(entry.kind, ())
+    if lacking := [name for name in needed if name not in details]:
+        found = f"it has no {lacking[0]}"
+        raise InputError("entry", found, "give an entry as a catalogue records it")
     tangent = np.array(entry.tangent) if entry.tangent is not None else np.zeros(problem.n + 1)
     point = Point(here, tangent, 0.0, entry.arclength, 0)
     return Event(entry.kind, point, entry.residual, entry.error, entry.method, details)
@@ -158,7 +193,13 @@ def apart_from_event(
 def forgiven(kind: str, here: Linearisation, details: Mapping[str, Any]) -> Verdict:
     """Return the verdict on the orbit, the event itself not held against it."""
     if kind == "G":
-        return here.judge(forgive_touch=(details["flight"], details["wall"]))
+        touching = {
+            (t.flight, t.wall)
+            for flight in here.gaps
+            for t in flight.touches
+            if t is not None and abs(t.gap) < TOUCHING
+        }
+        return here.judge(forgive_touches={(details["flight"], details["wall"]), *touching})
     if kind == "V":
         return here.judge(forgive_impact=details["impact"])
     return here.verdict

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from .bifurcations import test_functions
+from .bifurcations import KINDS, test_functions
 from .continuation.arclength import Settings
 from .continuation.branch import End, EndKind, Event, Point, Walk, joined
 from .continuation.events import TestFunction, UserFunction
@@ -109,9 +109,9 @@ def continue_born(
     InputError
         For an event of another kind, or a range that does not fit.
     """
-    if entry.kind not in SWITCHES:
-        accepted = f"accepted are {', '.join(SWITCHES)}"
-        raise InputError("entry", f"nothing is born at {entry.kind}", accepted)
+    if getattr(entry, "kind", None) not in SWITCHES:
+        accepted = f"accepted are entries of {', '.join(SWITCHES)}"
+        raise InputError("entry", f"nothing is born at {entry!r}", accepted)
     start = switch(event_of(entry, model, Kernels(model, entry.parameter)))
     if start is None:
         return None
@@ -127,6 +127,8 @@ def continue_born(
         )  # fmt: skip
 
     forward = go(+1)
+    if not forward.points:
+        return None
     if start.both_ways:
         backward = go(-1)
     else:
@@ -140,10 +142,8 @@ def _tests(
     problem: OrbitProblem, events: Sequence[str | UserEvent],
     values: Mapping[str, Sequence[float]] | None,
 ) -> list[TestFunction]:  # fmt: skip
-    if isinstance(events, str):
-        raise InputError(
-            "events", f"found the text {events!r}", f"give a list, such as [{events!r}]"
-        )
+    if isinstance(events, str) or not isinstance(events, Sequence):
+        raise InputError("events", f"found {events!r}", "give a list, such as ['PD', 'G']")
     kinds = [kind for kind in events if isinstance(kind, str)]
     if values and "UZ" not in kinds:
         kinds.append("UZ")
@@ -158,7 +158,7 @@ def checked_range(
 ) -> tuple[float, float]:
     """Return the range as floats, or raise `InputError` if it does not fit."""
     declared = problem.model.require(problem.parameter, "parameter")
-    if limits is None or len(limits) != 2:
+    if not isinstance(limits, Sequence | np.ndarray) or len(limits) != 2:
         raise InputError("range", f"found {limits!r}", "give (low, high)")
     low, high = (declared.check(limit, "range") for limit in limits)
     if not low < high or not low <= start <= high:
@@ -170,6 +170,10 @@ def checked_range(
 
 
 def _user(given: UserEvent) -> TestFunction:
+    named = isinstance(given, tuple) and len(given) == 2 and isinstance(given[0], str)
+    if not named or not callable(given[1]) or given[0] in KINDS:
+        accepted = f"give a pair of a name (none of {', '.join(KINDS)}) and a function"
+        raise InputError("events", f"found {given!r}", accepted)
     kind, function = given
 
     def value(point: Point) -> float:
@@ -272,6 +276,8 @@ def both_ways(
         )  # fmt: skip
 
     forward = go(+1)
+    if not forward.points:
+        raise InputError("orbit", forward.end.message, "give an orbit that solves its equations")
     if forward.end.kind.name == "CLOSED":
         backward = dataclasses.replace(forward, points=forward.points[:1], events=(), missed=())
     else:

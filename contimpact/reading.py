@@ -15,7 +15,7 @@ per period:
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from typing import Any
 
@@ -123,6 +123,7 @@ def read(diagram: Diagram) -> Reading:
     Reading
     """
     stable = [interval for branch in diagram.branches for interval in stable_intervals(branch)]
+    member = {branch.id: _member(branch) for branch in diagram.branches}
     grazings = [e for e in diagram.entries if e.kind == "G" and e.physical and e.order == 1]
     known = {branch.id for branch in diagram.branches}
     transitions = [
@@ -130,7 +131,13 @@ def read(diagram: Diagram) -> Reading:
         for entry in grazings
         if entry.period == 1 and entry.opens and entry.opens[0] in known
     ]
-    return Reading(stable, _bistable(stable), transitions)
+    return Reading(stable, _bistable(stable, member), transitions)
+
+
+def _member(branch: Branch) -> tuple[float, ...]:
+    """The values of the parameters that are constant on a branch: its member of a family."""
+    constant = (v for n, v in branch.columns.items() if n in branch.constant)
+    return tuple(float(values[0]) for values in constant)
 
 
 def stable_intervals(branch: Branch) -> list[Interval]:
@@ -174,12 +181,15 @@ def _merged(intervals: list[Interval]) -> list[Interval]:
     return joined
 
 
-def _bistable(stable: Sequence[Interval]) -> list[Bistability]:
+def _bistable(
+    stable: Sequence[Interval], member: Mapping[str, tuple[float, ...]]
+) -> list[Bistability]:
     found = []
     for i, one in enumerate(stable):
         for other in stable[i + 1 :]:
             low, high = max(one.low, other.low), min(one.high, other.high)
-            if low < high:
+            wide = high - low > 1e-9 * max(abs(low), abs(high))
+            if wide and member[one.branch] == member[other.branch]:
                 found.append(
                     Bistability(
                         (one.branch, other.branch), (one.notation, other.notation), low, high
@@ -192,9 +202,9 @@ def _transition(diagram: Diagram, stable: Sequence[Interval], grazing: Entry) ->
     branches = {branch.id: branch for branch in diagram.branches}
     source, target = branches[grazing.branch], branches[grazing.opens[0]]
     at_once, fold = _beyond(target, grazing)
-    doubled = [b for b in diagram.branches if _is_doubled(b, source)]
-    family = {source.id, *(b.id for b in doubled)}
     doubling = _doubling_before(source, grazing) if not grazing.stable else None
+    doubled = _doubled_from(diagram, doubling)
+    family = {source.id, *(b.id for b in doubled)}
     mechanism = None
     if grazing.stable:
         mechanism = 1 if at_once else (2 if fold else None)
@@ -247,13 +257,15 @@ def _row_of(target: Branch, grazing: Entry) -> int:
     return int(np.argmin(apart + np.abs(values - grazing.value) / span))
 
 
-def _is_doubled(branch: Branch, source: Branch) -> bool:
-    ratio = branch.period // source.period
-    if branch.period == source.period or branch.period % source.period:
-        return False
-    return (
-        branch.word in (source.word * (ratio + 1)) and len(branch.word) == len(source.word) * ratio
-    )
+def _doubled_from(diagram: Diagram, doubling: Entry | None) -> list[Branch]:
+    """The branches born at a period doubling, and at theirs in turn."""
+    names = list(doubling.opens) if doubling else []
+    entries = {e.id: e for e in diagram.entries}
+    for branch in diagram.branches:  # parents come before their children
+        born = entries.get(branch.origin or "")
+        if born is not None and born.kind == "PD" and born.branch in names:
+            names.append(branch.id)
+    return [branch for branch in diagram.branches if branch.id in names]
 
 
 def _doubling_before(source: Branch, grazing: Entry) -> Entry | None:

@@ -296,7 +296,7 @@ def test_critical_lengths_of_figures_7_and_8(figure, word, kind, d, stable, phys
     others = np.delete(here.multipliers, own)
     assert bool(np.all(np.abs(others) < 1.0)) == stable
     place = (event.details["flight"], event.details["wall"]) if kind == "G" else None
-    assert here.judge(forgive_touch=place).physical == physical
+    assert here.judge(forgive_touches=[place]).physical == physical
 
 
 @pytest.mark.parametrize(

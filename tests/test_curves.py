@@ -315,3 +315,13 @@ def test_bad_scenes_are_refused(curves, where):
     with pytest.raises(InputError) as refused:
         fig6(**curves)
     assert refused.value.where == where
+
+
+@pytest.mark.parametrize(
+    ("limits", "values"), [((-1.0, 2.0), ()), ((0.9, 0.1), ()), ((0.1, 0.9), (5.0,))]
+)
+def test_ranges_and_values_that_do_not_fit_are_refused(limits, values):
+    model = ImpactPair(beta=math.pi / 6, r=0.5, A=5.0, s=0.4)
+    entry = entry_of(model, "1:1", "s", (0.1, 1.2), "PD")
+    with pytest.raises(InputError):
+        follow_curve(model, entry, "r", (0.1, 1.2), limits, values=values)

@@ -509,10 +509,10 @@ def test_judge_names_the_first_excursion():
 
 def test_judge_forgives_one_touch():
     gaps = [(0, "T", -0.25), (1, "B", 0.5)]
-    found = verdict(gaps, forgive_touch=(0, "T"))
+    found = verdict(gaps, forgive_touches=[(0, "T")])
     assert (found.physical, found.reason, found.smallest_gap) == (True, None, 0.5)
-    assert not verdict(gaps, forgive_touch=(0, "B")).physical
-    assert not verdict(gaps, forgive_touch=(1, "T")).physical
+    assert not verdict(gaps, forgive_touches=[(0, "B")]).physical
+    assert not verdict(gaps, forgive_touches=[(1, "T")]).physical
 
 
 def test_judge_wrong_way_comes_first():

@@ -10,6 +10,7 @@ import pytest
 from contimpact.bifurcations import test_functions as functions
 from contimpact.continuation.arclength import Settings
 from contimpact.diagram import Branch
+from contimpact.errors import InputError
 from contimpact.explore import follow
 from contimpact.mechanics.search import find_orbits
 from contimpact.orbit_branch import both_ways, continue_born, continue_orbit
@@ -213,7 +214,7 @@ def test_symmetric_pair_pitchfork_is_followed_once():
     point = next(e for e in diagram.entries if e.kind == "BP")
     assert point.parameters["d"] == pytest.approx(0.2270368473, abs=1e-10)
     (born,) = [b for b in diagram.branches if b.origin == point.id]
-    assert "mirror" in born.ends[0].message
+    assert "mirror image" in born.ends[0].message
     # the branch leaves with the parameter at rest, and with unequal times
     row = int(np.argmin(np.abs(born["s"] - point.value)))
     assert born["arclength"][row] == 0.0
@@ -296,3 +297,62 @@ def test_survey_finds_branches_the_start_does_not_reach():
         )
     )
     assert len(found.branches) > len(without.branches)
+
+
+def test_an_orbit_run_twice_is_the_branch_it_runs():
+    """At depth 3 a grazing of (3:2)/2T leads to 2:1 run twice: a meeting, not a branch."""
+    diagram = follow(scene(follow={"depth": 3, "max_branches": 16}))
+    for branch in diagram.branches:
+        half = len(branch.word) // 2
+        if branch.period % 2 or branch.word != branch.word[:half] * 2:
+            continue
+        row = len(branch) // 2
+        later = branch.times[row, half:] - branch.times[row, :half] - branch.period
+        assert np.max(np.abs(later)) > 1e-6, branch.id
+    found = [e for e in diagram.entries if e.label == "~G[(3:2)/2T->2:1/2T]" and e.opens]
+    known = {b.id: b.notation for b in diagram.branches}
+    assert any(known[e.opens[0]] == "2:1" for e in found)
+
+
+def test_touches_at_the_same_value_are_real_or_ghosts_together():
+    diagram = follow(
+        scene(
+            model={"parameters": {"beta": 0.0, "r": 0.5, "A": 5.0, "s": 0.4}},
+            follow={"parameter": "r", "range": [0.0, 1.0], "switch": [], "depth": 0},
+            detect={"events": ["G"]},
+        )
+    )
+    pairs = {}
+    for entry in diagram.entries:
+        if entry.order == 2:
+            pairs.setdefault(round(entry.value, 10), set()).add(entry.ghost)
+    assert pairs
+    assert all(len(kinds) == 1 for kinds in pairs.values())
+
+
+def test_merging_impacts_are_no_bifurcation_of_multipliers():
+    """At r = 0 impacts merge and determinants vanish, but no multiplier is near +1 or -1."""
+    diagram = follow(
+        scene(
+            model={"parameters": {"beta": 0.5, "r": 0.0, "A": 5.0, "s": 0.34}},
+            follow={"orbits": ["2:1"], "switch": [], "depth": 0},
+            detect={"events": ["FB", "BP", "PD", "G"]},
+        )
+    )
+    for entry in diagram.entries:
+        if entry.kind in ("FB", "BP", "PD"):
+            target = -1.0 if entry.kind == "PD" else 1.0
+            sizes = [abs(complex(*mu) - target) for mu in entry.multipliers if mu]
+            assert min(sizes) < 1e-5
+
+
+def test_an_entry_of_another_model_is_refused(fig7):
+    entry = find(fig7, "PD", "1:1")[0]
+    other = ImpactPair(beta=0.5, r=0.3, A=5.0, s=0.34, forcing="cos(pi*t)+0.3*cos(3*pi*t)")
+    with pytest.raises(InputError, match="no orbit of this model"):
+        continue_born(entry, other, (0.08, 1.05))
+    split = ImpactPair(beta=0.5, r_B=0.3, r_T=0.3, A=5.0, s=0.34)
+    with pytest.raises(InputError, match="r_B"):
+        continue_born(entry, split, (0.08, 1.05))
+    with pytest.raises(InputError, match="nothing is born"):
+        continue_born(None, other, (0.08, 1.05))

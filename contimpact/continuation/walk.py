@@ -16,6 +16,9 @@ from .events import Before, Segment, TestFunction, find_events, hermite
 from .problem import Array, Evaluation, Problem
 
 SAME_SOLUTION = 1e-7
+WIDEST_SPAN = 1e3
+"""The natural size of the parameter is that of its range, at most this many times its start."""
+
 NARROWEST = 1e-12
 """A range narrower than this part of its limits cannot be walked in doubles."""
 
@@ -122,7 +125,10 @@ class _Walker:
     before: Before | None = None
 
     def run(self, start: Array, direction: int, tangent: Array | None) -> Walk:
-        self.scale = self.problem.scale(start, self.limits[1] - self.limits[0])
+        span = self.limits[1] - self.limits[0]
+        if start[-1] != 0.0:  # a range of many decades says nothing of the parameter's size
+            span = min(span, WIDEST_SPAN * abs(float(start[-1])))
+        self.scale = self.problem.scale(start, span)
         reason = self.begin(start, direction, tangent)
         if reason:
             kind = EndKind.SINGULAR if self.points else EndKind.START

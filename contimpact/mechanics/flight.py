@@ -9,7 +9,7 @@ time alone, and otherwise from a Chebyshev interpolant resolved to rounding.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -422,7 +422,7 @@ def _nearest(flight: int, start: float, wall: Wall, distance: float, turns) -> T
 
 def judge(
     word: str, named: Sequence[Wall], impacts: Array, gaps: Sequence[FlightGaps],
-    forgive_touch: tuple[int, str] | None = None, forgive_impact: int | None = None,
+    forgive_touches: Collection[tuple[int, str]] = (), forgive_impact: int | None = None,
 ) -> Verdict:  # fmt: skip
     """Decide whether an orbit is physical.
 
@@ -432,8 +432,8 @@ def judge(
     named : sequence of Wall
     impacts : ndarray of shape (N, m)
     gaps : sequence of FlightGaps
-    forgive_touch : (flight, wall), optional
-        A touch that is not held against the orbit: the grazing event itself.
+    forgive_touches : collection of (flight, wall)
+        Touches that are not held against the orbit: the grazing event itself.
     forgive_impact : int, optional
         An impact whose direction is not held against it: the zero velocity itself.
     """
@@ -446,7 +446,7 @@ def judge(
         if flight.duration < 0.0:
             reason = reason or f"impacts out of order: {places} lasts {flight.duration:.6g}"
         for touch in flight.touches:
-            if touch is None or (k, touch.wall) == forgive_touch:
+            if touch is None or (k, touch.wall) in forgive_touches:
                 continue
             smallest = touch.gap if math.isnan(smallest) else min(smallest, touch.gap)
             if touch.gap < 0.0 and reason is None:

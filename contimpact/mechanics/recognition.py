@@ -43,6 +43,24 @@ def mirrored(
 
 def repeats(problem: OrbitProblem, unknowns: Array, tolerance: float) -> bool:
     """Whether an orbit is one of fewer periods, run several times."""
+    return _shortest_shift(problem, unknowns, tolerance) is not None
+
+
+def shortest(
+    problem: OrbitProblem, unknowns: Array, tolerance: float
+) -> tuple[OrbitProblem, Array]:
+    """Return an orbit as one of its shortest period, itself if it repeats none."""
+    shift = _shortest_shift(problem, unknowns, tolerance)
+    if shift is None:
+        return problem, unknowns
+    word = Word(problem.word.walls[:shift], problem.word.period * shift // len(problem.word))
+    rows = problem.impacts(unknowns)[:shift]
+    free = unknowns[-problem.free :]
+    return OrbitProblem(problem.model, word, problem.kernels), np.append(rows.ravel(), free)
+
+
+def _shortest_shift(problem: OrbitProblem, unknowns: Array, tolerance: float) -> int | None:
+    """How many impacts the orbit repeats after, None if only after all."""
     word = problem.word
     span = word.period * problem.kernels.setup(*problem.values(unknowns))[0]
     rows = problem.impacts(unknowns)
@@ -55,8 +73,8 @@ def repeats(problem: OrbitProblem, unknowns: Array, tolerance: float) -> bool:
         later = _rolled(later, shift)
         later[:, 0] -= span * shift / n
         if abs(later - rows).max() < tolerance:
-            return True
-    return False
+            return shift
+    return None
 
 
 def _rolled(rows: Array, shift: int) -> Array:

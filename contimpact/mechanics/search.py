@@ -21,6 +21,10 @@ from .recognition import repeats
 from .word import Word, parse_word
 
 ITERATIONS = 25
+FEWEST_STARTS = 16
+MOST_WORK = 40_000
+"""Starts in a round, times the square of the word's length, beyond which fewer starts are made."""
+
 SAME_ORBIT = 1e-7
 SAME_SINGULAR_ORBIT = 1e-4
 
@@ -77,6 +81,11 @@ class Orbit:
     def physical(self) -> bool:
         """Whether the orbit stays within the walls with its impacts in order."""
         return self.linearisation.verdict.physical
+
+    @property
+    def parameters(self) -> Mapping[str, float]:
+        """All parameters, derived ones included."""
+        return {**self.model.values, **self.derived}
 
     @property
     def derived(self) -> Mapping[str, float]:
@@ -139,7 +148,7 @@ def find_orbits(
     rng : None, int or numpy.random.Generator, default 0
         Where starts come from; see `numpy.random.default_rng`.
     starts : int
-        Starts in one round.
+        Starts in one round; fewer for words of more than a dozen impacts.
     rounds : int
         Rounds at most; the search ends after two rounds in a row that find nothing new.
 
@@ -163,6 +172,7 @@ def find_orbits(
     kernels = kernels or Kernels(model, parameter or next(iter(model.values)))
     problem = OrbitProblem(model, word, kernels)
     generator = np.random.default_rng(rng)
+    starts = min(starts, max(FEWEST_STARTS, MOST_WORK // len(word) ** 2))
     found: list[Orbit] = []
     quiet = 0
     for _ in range(rounds):

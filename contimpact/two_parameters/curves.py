@@ -21,11 +21,10 @@ from ..continuation.walk import walk
 from ..diagram import Entry, all_parameters, coordinates, same_data
 from ..errors import InputError
 from ..extended import CURVES, Crossing, ExtendedSystem, Reached, SingularCycle, Touching
-from ..ghosts import apart_from_event, forgiven, impacts_of
+from ..ghosts import apart_from_event, forgiven, impacts_of, orbit_of
 from ..mechanics.kernels import Kernels
 from ..mechanics.model import Model
 from ..mechanics.orbit import Array, Linearisation, OrbitProblem
-from ..mechanics.word import Word
 
 CURVE_SETTINGS = Settings(tolerance=1e-13, max_step=0.05, max_points=1000)
 UNFOLDED = 1e-8
@@ -219,16 +218,10 @@ def curve_problem(
     InputError
         If events of this kind have no curves.
     """
-    if entry.kind not in CURVES:
-        raise InputError(
-            "curves", f"{entry.kind} has no curve", f"accepted are {', '.join(CURVES)}"
-        )
-    base = model.replace(**{name: entry.parameters[name] for name in model.values})
-    problem = OrbitProblem(base, Word(entry.word, entry.period), kernels)
-    names = ["time", "velocity", *coordinates(problem.m)[2:]]
-    rows = [[impact[name] for name in names] for impact in entry.impacts]
-    free = [entry.parameters[name] for name in kernels.parameters]
-    orbit = np.append(np.array(rows).ravel(), free)
+    if getattr(entry, "kind", None) not in CURVES:
+        raise InputError("entry", f"{entry!r} has no curve", f"accepted are {', '.join(CURVES)}")
+    problem, here = orbit_of(entry, model, kernels)
+    orbit = here.unknowns
     system, details = _system(problem, entry)
     curve = CurveProblem(entry.kind, system, details, first_span)
     return curve, curve.packed(orbit, system.start(problem.evaluate(orbit)))
@@ -298,12 +291,18 @@ def follow_curve(
     first = entry.parameter
     kernels = kernels or Kernels(model, first, second)
     for parameter, limits in ((first, first_range), (second, second_range)):
-        model.require(parameter, "parameter")
+        declared = model.require(parameter, "parameter")
+        checked = [declared.check(limit, f"range of {parameter}") for limit in limits]
+        if len(checked) != 2 or not checked[0] < checked[1]:
+            raise InputError(f"range of {parameter}", f"found {limits!r}", "give (low, high)")
         if not limits[0] <= entry.parameters[parameter] <= limits[1]:
             raise InputError(
                 f"range of {parameter}",
                 f"{limits} does not hold {entry.parameters[parameter]:.12g}", "widen it",
             )  # fmt: skip
+    outside = [v for v in values if not second_range[0] <= v <= second_range[1]]
+    if outside:
+        raise InputError("values", f"{outside[0]!r} is outside {second_range}", "widen the range")
     problem, start = curve_problem(model, entry, second, kernels, first_range[1] - first_range[0])
     before = problem.orbit.kernel_evaluations
     tests: list[TestFunction] = [FirstLimit(first_range), SecondValue(values)]
