@@ -127,7 +127,7 @@ def _label(ax: Any, x: str, unit: str, y: str) -> None:
 
 def _legend(ax: Any, handles: Sequence[Any]) -> None:
     ax.legend(
-        handles=list(handles), loc="upper left", bbox_to_anchor=(1.01, 1.0), fontsize=8,
+        handles=list(handles), loc="upper left", bbox_to_anchor=(1.045, 1.0), fontsize=8,
         frameon=False, borderaxespad=0.0,
     )  # fmt: skip
 
