@@ -19,6 +19,7 @@ solved in the systems of `contimpact.extended`; NS is located by bracketing.
 
 from __future__ import annotations
 
+from abc import abstractmethod
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
@@ -175,9 +176,9 @@ class Grazing(TestFunction):
 class ScalarTest(TestFunction):
     """A function of the unknowns with a known gradient: F = 0 and this function = 0."""
 
+    @abstractmethod
     def scalar(self, problem: Any, z: Array, index: int) -> tuple[float, Array]:
         """Return the function and its gradient, shape (n + 1,)."""
-        raise NotImplementedError
 
     def values(self, point: Point) -> Array:
         problem = point.evaluation.problem  # type: ignore[attr-defined]

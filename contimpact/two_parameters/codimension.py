@@ -19,6 +19,7 @@ They are located by bracketing along the curve, whose points solve its equations
 
 from __future__ import annotations
 
+from abc import abstractmethod
 from collections.abc import Mapping
 from typing import Any
 
@@ -30,7 +31,7 @@ from ..continuation.events import TestFunction
 from ..criticality import doubling_bend
 from ..mechanics import stability
 from ..mechanics.orbit import Array, Linearisation, OrbitProblem
-from .curves import CurvePoint, CurveProblem
+from .problem import CurvePoint, CurveProblem
 
 
 class OnCurve(TestFunction):
@@ -45,9 +46,9 @@ class OnCurve(TestFunction):
         except (ArithmeticError, np.linalg.LinAlgError):
             return np.array([np.nan])
 
+    @abstractmethod
     def of(self, here: CurvePoint) -> Any:
         """Return the values, as a number or a sequence."""
-        raise NotImplementedError
 
     def details(self, point: Point, index: int) -> Mapping[str, Any]:
         return {"index": index, "changes": self.changes}

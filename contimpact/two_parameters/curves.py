@@ -20,90 +20,15 @@ from ..continuation.events import TestFunction
 from ..continuation.walk import walk
 from ..diagram import Entry, all_parameters, coordinates, same_data
 from ..errors import InputError
-from ..extended import CURVES, Crossing, ExtendedSystem, Reached, SingularCycle, Touching
-from ..ghosts import apart_from_event, forgiven, impacts_of, orbit_of
+from ..ghosts import apart_from_event, forgiven, impacts_of
 from ..mechanics.kernels import Kernels
 from ..mechanics.model import Model
-from ..mechanics.orbit import Array, Linearisation, OrbitProblem
+from ..mechanics.orbit import Array
+from .codimension import codimension_two
+from .problem import CurvePoint, CurveProblem, curve_problem
 
 CURVE_SETTINGS = Settings(tolerance=1e-13, max_step=0.05, max_points=1000)
 UNFOLDED = 1e-8
-
-
-class CurveProblem:
-    """An extended system with two free parameters, as a problem to continue.
-
-    Parameters
-    ----------
-    kind : str
-        One of `CURVES`.
-    system : ExtendedSystem
-        On an `OrbitProblem` with two free parameters.
-    details : mapping
-        Where on the orbit it happens (flight, wall, impact).
-    first_span : float
-        Natural size of the first parameter.
-    """
-
-    def __init__(
-        self, kind: str, system: ExtendedSystem, details: Mapping[str, Any], first_span: float
-    ) -> None:
-        self.kind, self.system, self.details = kind, system, dict(details)
-        self.orbit = system.problem
-        self.first_span = first_span
-
-    def packed(self, orbit: Array, own: Array) -> Array:
-        """Return the curve's unknowns: mu goes last."""
-        return np.concatenate([orbit[:-1], own, orbit[-1:]])
-
-    def unpacked(self, unknowns: Array) -> tuple[Array, Array]:
-        """Return the orbit's unknowns with both parameters, and the system's own."""
-        inner = self.orbit.n + 1
-        return np.append(unknowns[:inner], unknowns[-1]), unknowns[inner:-1]
-
-    def evaluate(self, unknowns: Array) -> CurvePoint:
-        """Evaluate the system."""
-        orbit, own = self.unpacked(unknowns)
-        here = self.orbit.evaluate(orbit)
-        at = self.system.assemble(here, own)
-        inner = self.orbit.n + 1
-        columns = [*range(inner), *range(inner + 1, at.jacobian.shape[1]), inner]
-        return CurvePoint(self, unknowns, at.residual, at.jacobian[:, columns], here, own)
-
-    def scale(self, unknowns: Array, span: float) -> Array:
-        """Return natural sizes: those of the orbit, one for unit vectors, times for touches."""
-        orbit, own = self.unpacked(unknowns)
-        sizes = self.orbit.scale(orbit, [self.first_span, span])
-        others = np.ones(len(own))
-        if self.kind == "G":
-            others[0] = sizes[0]
-        return self.packed(sizes, others)
-
-    def difference(self, one: Array, other: Array) -> Array:
-        """Return one - other, orbits compared as orbits."""
-        orbit, own = self.unpacked(one)
-        orbit_other, own_other = self.unpacked(other)
-        return self.packed(self.orbit.difference(orbit, orbit_other), own - own_other)
-
-
-@dataclass(frozen=True)
-class CurvePoint:
-    """A curve's system at one point, with the orbit's linearisation."""
-
-    problem: CurveProblem
-    unknowns: Array
-    residual: Array
-    jacobian: Array
-    orbit: Linearisation
-    own: Array
-
-    @property
-    def details(self) -> dict[str, Any]:
-        """Where on the orbit it happens, the time of a touch included."""
-        told = dict(self.problem.details)
-        if self.problem.kind == "G":
-            told["touch_time"] = float(self.own[0])
-        return told
 
 
 @dataclass(frozen=True, eq=False)
@@ -205,48 +130,6 @@ class Codim2:
     error: float
 
 
-# Starting.
-
-
-def curve_problem(
-    model: Model, entry: Entry, second: str, kernels: Kernels, first_span: float
-) -> tuple[CurveProblem, Array]:
-    """Return the problem of the curve through a catalogue entry, and where it starts.
-
-    Raises
-    ------
-    InputError
-        If events of this kind have no curves.
-    """
-    if getattr(entry, "kind", None) not in CURVES:
-        raise InputError("entry", f"{entry!r} has no curve", f"accepted are {', '.join(CURVES)}")
-    problem, here = orbit_of(entry, model, kernels)
-    orbit = here.unknowns
-    system, details = _system(problem, entry)
-    curve = CurveProblem(entry.kind, system, details, first_span)
-    return curve, curve.packed(orbit, system.start(problem.evaluate(orbit)))
-
-
-def _system(problem: OrbitProblem, entry: Entry) -> tuple[ExtendedSystem, dict[str, Any]]:
-    if entry.kind == "G":
-        assert entry.flight is not None
-        assert entry.wall is not None
-        assert entry.touch_time is not None
-        touching = Touching(problem, entry.flight, entry.wall, entry.touch_time)
-        return touching, {"flight": entry.flight, "wall": entry.wall}
-    if entry.kind == "V":
-        assert entry.impact is not None
-        place = problem.m * entry.impact + 1
-
-        def velocity(_: OrbitProblem, z: Array) -> tuple[float, Array]:
-            return float(z[place]), np.eye(len(z))[place]
-
-        return Reached(problem, velocity), {"impact": entry.impact, "wall": entry.wall}
-    if entry.kind == "BP":
-        return Crossing(problem), {}
-    return SingularCycle(problem, 1.0 if entry.kind == "FB" else -1.0), {}
-
-
 def follow_curve(
     model: Model, entry: Entry, second: str, first_range: tuple[float, float],
     second_range: tuple[float, float], *, name: str = "c1", values: Sequence[float] = (),
@@ -286,8 +169,6 @@ def follow_curve(
     InputError
         For a parameter the model does not have, or ranges that do not hold the entry.
     """
-    from .codimension import codimension_two
-
     first = entry.parameter
     kernels = kernels or Kernels(model, first, second)
     for parameter, limits in ((first, first_range), (second, second_range)):
