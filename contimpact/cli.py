@@ -24,7 +24,7 @@ from .errors import InputError
 if TYPE_CHECKING:
     from .attractors.simulation import Simulation
     from .diagram import Diagram
-    from .scene import Scene
+    from .scene import CurveOptions, Scene
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -149,9 +149,20 @@ def _check(options: argparse.Namespace) -> int:
     print(f"  events   {', '.join(scene.events) or 'none'}")
     for name, values in scene.values.items():
         print(f"           {name} = {', '.join(f'{v:.12g}' for v in values)}")
+    if scene.curves is not None:
+        print(f"  curves   {_curves_asked(scene.curves)}")
     for text in scene.left_out():
         print(f"  left out {text}")
     return 0
+
+
+def _curves_asked(curves: CurveOptions) -> str:
+    low, high = curves.range
+    text = f"{', '.join(curves.kinds)} in {curves.parameter} within [{low:.12g}, {high:.12g}]"
+    if curves.family is None:
+        return text
+    name, values = curves.family
+    return f"{text}, for {name} = {', '.join(f'{v:.6g}' for v in values)}"
 
 
 def _run(options: argparse.Namespace) -> int:
