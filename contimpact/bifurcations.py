@@ -44,7 +44,7 @@ def located(
     system: ExtendedSystem, guess: Point, details: Callable[[Any], Mapping[str, Any]] | None = None
 ) -> Located | None:
     """Solve an extended system from a point; None if that fails."""
-    solution = solve(system, guess.evaluation)  # type: ignore[arg-type]
+    solution = solve(system, guess.evaluation)
     if solution is None:
         return None
     told = details(solution) if details else {}
@@ -56,7 +56,7 @@ def at_unit_circle(event: Event, target: float) -> bool:
 
     Determinants also vanish where flights do: at r = 0 impacts merge, and no multiplier is near.
     """
-    multipliers: Any = event.point.evaluation.multipliers  # type: ignore[attr-defined]
+    multipliers: Any = event.point.evaluation.multipliers
     return bool(np.min(np.abs(multipliers - target)) < UNIT_CIRCLE)
 
 
@@ -88,7 +88,7 @@ class PeriodDoubling(TestFunction):
     kind = "PD"
 
     def values(self, point: Point) -> Array:
-        matrix = point.evaluation.cyclic(-1.0)[:, :-1]  # type: ignore[attr-defined]
+        matrix = point.evaluation.cyclic(-1.0)[:, :-1]
         return np.array([scaled_determinant(matrix)])
 
     def locate(self, problem: Any, guess: Point, index: int) -> Located | None:
@@ -126,7 +126,7 @@ class NeimarkSacker(TestFunction):
 
     def accept(self, event: Event) -> bool:
         """Two real multipliers with the product one are a neutral saddle."""
-        multipliers = event.point.evaluation.multipliers  # type: ignore[attr-defined]
+        multipliers = event.point.evaluation.multipliers
         on_circle = np.abs(np.abs(multipliers) - 1.0) < 1e-6
         return bool(np.any(on_circle & (np.abs(multipliers.imag) > 1e-8)))
 
@@ -141,12 +141,12 @@ class Grazing(TestFunction):
         self.places = [(k, wall) for k in range(len(problem.word)) for wall in walls]
 
     def values(self, point: Point) -> Array:
-        gaps = point.evaluation.gaps  # type: ignore[attr-defined]
+        gaps = point.evaluation.gaps
         return np.array([np.nan if t is None else t.gap for flight in gaps for t in flight.touches])
 
     def touch(self, point: Point, index: int) -> Any:
-        flight = index // (len(self.places) // len(point.evaluation.gaps))  # type: ignore[attr-defined]
-        touches = point.evaluation.gaps[flight].touches  # type: ignore[attr-defined]
+        flight = index // (len(self.places) // len(point.evaluation.gaps))
+        touches = point.evaluation.gaps[flight].touches
         return touches[index % len(touches)]
 
     def locate(self, problem: Any, guess: Point, index: int) -> Located | None:
@@ -181,7 +181,7 @@ class ScalarTest(TestFunction):
         """Return the function and its gradient, shape (n + 1,)."""
 
     def values(self, point: Point) -> Array:
-        problem = point.evaluation.problem  # type: ignore[attr-defined]
+        problem = point.evaluation.problem
         return np.array(
             [self.scalar(problem, point.unknowns, i)[0] for i in range(self.count(problem))]
         )
@@ -195,7 +195,7 @@ class ScalarTest(TestFunction):
         return located(system, guess, lambda solution: self.described(problem, index))
 
     def details(self, point: Point, index: int) -> Mapping[str, Any]:
-        problem = point.evaluation.problem  # type: ignore[attr-defined]
+        problem = point.evaluation.problem
         return {"index": index, **self.described(problem, index)}
 
     def described(self, problem: Any, index: int) -> dict[str, Any]:

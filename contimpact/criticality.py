@@ -43,7 +43,7 @@ def velocity_slope(event: Event, start: Start) -> float | None:
 
 def of_grazing(event: Event, start: Start) -> str | None:
     """Return whether a grazing is super- or subcritical; None if it is degenerate."""
-    here: Linearisation = event.point.evaluation  # type: ignore[assignment]
+    here: Linearisation = event.point.evaluation
     problem, flight, wall = here.problem, event.details["flight"], event.details["wall"]
     m = problem.m
     own = slice(m * flight, m * flight + m)
@@ -70,12 +70,12 @@ def of_doubling(event: Event, before: Point, after: Point) -> str | None:
         The branch's points around the event, between which it does not fold.
     """
     value = event.parameter
-    bend = doubling_bend(event.point.evaluation)  # type: ignore[arg-type]
+    bend = doubling_bend(event.point.evaluation)
     if not bend or (before.parameter - value) * (after.parameter - value) >= 0.0:
         return None
     before_is_there = (before.parameter - value) * bend > 0.0
     there, other = (before, after) if before_is_there else (after, before)
-    unstable = [p.evaluation.n_unstable for p in (there, other)]  # type: ignore[attr-defined]
+    unstable = [p.evaluation.n_unstable for p in (there, other)]
     if unstable[0] == unstable[1]:
         return None
     return SUPER if unstable[0] > unstable[1] else SUB

@@ -317,7 +317,7 @@ def _verdict_of(entry: Entry) -> dict[str, Any]:
 
 
 def _row(point: Point) -> dict[str, Any]:
-    here: Linearisation = point.evaluation  # type: ignore[assignment]
+    here: Linearisation = point.evaluation
     problem = here.problem
     row: dict[str, Any] = {"arclength": point.arclength}
     row |= all_parameters(here)

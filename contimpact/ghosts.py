@@ -27,7 +27,7 @@ from .switching import TOUCHING, grown_word, switch
 
 def entry_of(event: Event, identity: str, branch: str, before: Point, after: Point) -> Entry:
     """Return the catalogue entry of an event, given the branch's points around it."""
-    here: Linearisation = event.point.evaluation  # type: ignore[assignment]
+    here: Linearisation = event.point.evaluation
     problem = here.problem
     word, details = problem.word, event.details
     letters = [w.name for w in problem.model.WALLS]
@@ -59,8 +59,8 @@ def entry_of(event: Event, identity: str, branch: str, before: Point, after: Poi
         parameters=all_parameters(here),
         impacts=impacts_of(problem, here.unknowns),
         multipliers=_pairs(multipliers),
-        multipliers_before=_pairs(before.evaluation.multipliers),  # type: ignore[attr-defined]
-        multipliers_after=_pairs(after.evaluation.multipliers),  # type: ignore[attr-defined]
+        multipliers_before=_pairs(before.evaluation.multipliers),
+        multipliers_after=_pairs(after.evaluation.multipliers),
         n_unstable=n_unstable,
         stable=n_unstable == 0,
         physical=verdict.physical,
@@ -158,7 +158,7 @@ def _criticality(event: Event, before: Point, after: Point) -> tuple[str | None,
 
 def next_word(event: Event) -> Word | None:
     """Return the word beyond a grazing or a zero velocity, None for other kinds."""
-    word: Word = event.point.evaluation.problem.word  # type: ignore[attr-defined]
+    word: Word = event.point.evaluation.problem.word
     if event.kind == "G":
         return grown_word(event)
     if event.kind == "V" and len(word) > 1:

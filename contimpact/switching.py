@@ -77,7 +77,7 @@ def switch(event: Event) -> Start | None:
 
 def touches_at(event: Event) -> list[tuple[int, str, float]]:
     """Return (flight, wall, time) of every touch at a grazing, the event's own first."""
-    here: Linearisation = event.point.evaluation  # type: ignore[assignment]
+    here: Linearisation = event.point.evaluation
     own = (event.details["flight"], event.details["wall"], event.details["touch_time"])
     others = [
         (t.flight, t.wall, t.time)
@@ -90,7 +90,7 @@ def touches_at(event: Event) -> list[tuple[int, str, float]]:
 
 def grown_word(event: Event) -> Word:
     """Return the word of a grazing orbit with its touches counted as impacts."""
-    word: Word = event.point.evaluation.problem.word  # type: ignore[attr-defined]
+    word: Word = event.point.evaluation.problem.word
     for flight, wall, _ in _last_first(touches_at(event)):
         word = word.insert(flight, wall)
     return word
@@ -102,7 +102,7 @@ def _last_first(touches: list[tuple[int, str, float]]) -> list[tuple[int, str, f
 
 
 def _at_grazing(event: Event) -> Start | None:
-    here: Linearisation = event.point.evaluation  # type: ignore[assignment]
+    here: Linearisation = event.point.evaluation
     problem = here.problem
     rows = problem.impacts(here.unknowns)
     own = (event.details["flight"], event.details["touch_time"])
@@ -137,7 +137,7 @@ def _touch_coordinates(
 
 
 def _at_zero_velocity(event: Event) -> Start | None:
-    here: Linearisation = event.point.evaluation  # type: ignore[assignment]
+    here: Linearisation = event.point.evaluation
     problem = here.problem
     if len(problem.word) == 1:
         return None
@@ -159,7 +159,7 @@ def _reversed(start: Start) -> Start:
 
 
 def _at_doubling(event: Event) -> Start:
-    here: Linearisation = event.point.evaluation  # type: ignore[assignment]
+    here: Linearisation = event.point.evaluation
     problem, word = here.problem, here.problem.word
     null = np.linalg.svd(here.cyclic(-1.0)[:, :-1])[2][-1]
     rows = problem.impacts(here.unknowns)
@@ -171,7 +171,7 @@ def _at_doubling(event: Event) -> Start:
 
 
 def _at_branch_point(event: Event) -> Start | None:
-    here: Linearisation = event.point.evaluation  # type: ignore[assignment]
+    here: Linearisation = event.point.evaluation
     problem = here.problem
     left, _, right = np.linalg.svd(here.jacobian)
     psi, null = left[:, -1], right[-2:]

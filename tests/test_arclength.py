@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from dataclasses import dataclass
 
 import numpy as np
 import pytest
+from algebraic import Algebraic
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -17,32 +17,6 @@ from contimpact.continuation.branch import Point
 from contimpact.errors import InputError
 
 ROUNDING = 4.0 * np.finfo(float).eps
-
-
-@dataclass(frozen=True)
-class Values:
-    """An evaluation."""
-
-    unknowns: np.ndarray
-    residual: np.ndarray
-    jacobian: np.ndarray
-
-
-@dataclass
-class Algebraic:
-    """n equations in n + 1 unknowns, as functions of the unknowns."""
-
-    equations: object
-    derivatives: object
-    evaluations: int = 0
-
-    def evaluate(self, unknowns):
-        self.evaluations += 1
-        return Values(
-            unknowns,
-            np.atleast_1d(np.array(self.equations(*unknowns.tolist()), dtype=float)),
-            np.atleast_2d(np.array(self.derivatives(*unknowns.tolist()), dtype=float)),
-        )
 
 
 def circle():

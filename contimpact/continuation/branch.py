@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
-from .problem import Array, Evaluation
+from .problem import Array
 
 
 @dataclass(frozen=True)
@@ -16,7 +16,8 @@ class Point:
 
     Attributes
     ----------
-    evaluation : Evaluation
+    evaluation : Any
+        The `Evaluation` that the problem made; what else it holds is the problem's affair.
     tangent : ndarray of shape (n + 1,)
         Unit tangent in the branch's metric, in the direction of the walk.
     orientation : float
@@ -28,7 +29,7 @@ class Point:
         Corrector iterations it took.
     """
 
-    evaluation: Evaluation
+    evaluation: Any
     tangent: Array
     orientation: float
     arclength: float

@@ -209,7 +209,7 @@ def _leaving(first: str, kind: str) -> Callable[[Point, Sequence[Event]], tuple[
     def stop(point: Point, events: Sequence[Event]) -> tuple[End, Point] | None:
         for event in events:
             if event.kind in (FirstLimit.kind, TouchLimit.kind):
-                value = float(event.point.evaluation.orbit.unknowns[-2])  # type: ignore[attr-defined]
+                value = float(event.point.evaluation.orbit.unknowns[-2])
                 reason = EndKind.RANGE if event.kind == FirstLimit.kind else EndKind.TOUCH
                 return End.of(reason, first, value), event.point
         here: Any = point.evaluation
@@ -229,7 +229,7 @@ class FirstLimit(TestFunction):
         self.limits = limits
 
     def values(self, point: Point) -> Array:
-        value = point.evaluation.orbit.unknowns[-2]  # type: ignore[attr-defined]
+        value = point.evaluation.orbit.unknowns[-2]
         return np.array([value - self.limits[0], self.limits[1] - value])
 
 
@@ -311,7 +311,7 @@ def _columns(points: Sequence[Point], marks: Sequence[tuple[Point, str]]) -> dic
 
 
 def _row(point: Point) -> dict[str, Any]:
-    here: CurvePoint = point.evaluation  # type: ignore[assignment]
+    here: CurvePoint = point.evaluation
     orbit, kind = here.orbit, here.problem.kind
     row: dict[str, Any] = {"arclength": point.arclength} | all_parameters(orbit)
     names = coordinates(orbit.problem.m)
