@@ -421,7 +421,8 @@ def _summary(scene: Scene, diagram: Diagram, folder: Path, total: float) -> None
 
 
 def _report(options: argparse.Namespace) -> int:
-    from .accuracy.report import report, write_report
+    from .accuracy.output import write_report
+    from .accuracy.report import report
     from .catalogue import prepare_folder
     from .scene import load_scene
 

@@ -1,0 +1,109 @@
+"""A report as files: ``report.json``, ``report.md`` with its tables, and the plots."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ..catalogue import write_text
+from .report import SAMPLES, SHOT
+
+
+def write_report(data: Mapping[str, Any], folder: Path, formats: Sequence[str]) -> list[str]:
+    """Write ``report.json``, ``report.md`` and the plots; returns the files' names."""
+    text = json.dumps(_finite(data), indent=1, allow_nan=False) + "\n"
+    names = [f"work-precision.{kind}" for kind in formats]
+    write_text(folder / "report.json", text)
+    write_text(folder / "report.md", markdown(data, names[-1:]))
+    if names:
+        from ..plots.report import save_report
+
+        save_report(data, folder, names)
+    return ["report.json", "report.md", *names]
+
+
+def _finite(value: Any) -> Any:
+    """The same data with null where a number is not finite."""
+    if isinstance(value, Mapping):
+        return {key: _finite(v) for key, v in value.items()}
+    if isinstance(value, list | tuple):
+        return [_finite(v) for v in value]
+    if isinstance(value, float) and not np.isfinite(value):
+        return None
+    return value
+
+
+def markdown(data: Mapping[str, Any], figures: Sequence[str] = ()) -> str:
+    """Return a report as text with tables."""
+    machine, fair = data["machine"], data["honesty"]
+    about = ", ".join(f"{name} {value}" for name, value in machine.items())
+    lines = [
+        f"# Error against run time: {data['scene']}", "",
+        f"The branch of the orbit {data['orbit']}, without events. Errors are those of impact",
+        f"times and velocities against {data['digits']} digits, at up to {SAMPLES} places.",
+        f"Seconds are medians of {data['repetitions']} repetitions, with least and most.",
+        f"Shooting solves for {SHOT} orbits of the branch, at most 3 times, from guesses good to",
+        "three digits; its cost is scaled to all orbits of the branch. Evaluations are of flight",
+        "kernels; of shooting, of the equations of motion.", "", f"Machine: {about}.", "",
+        *(f"![Error against seconds and evaluations]({name})" for name in figures), "",
+    ]  # fmt: skip
+    for method in data["methods"]:
+        lines += _method_table(method)
+    lines += _event_table(data["events"], fair) + _word_table(data["long_words"])
+    return "\n".join(lines) + "\n"
+
+
+def _number(value: float | None) -> str:
+    return "" if value is None or not np.isfinite(value) else f"{value:.1e}"
+
+
+def _method_table(method: Mapping[str, Any]) -> list[str]:
+    rows = [
+        f"| {_number(r['setting'])} | {_number(r['error']) or 'failed'} "
+        f"| {_number(r['seconds']['median'])} | {_number(r['seconds']['low'])} to "
+        f"{_number(r['seconds']['high'])} | {r['evaluations']:.0f} | {r['orbits']} "
+        f"| {r['failed'] or ''} |"
+        for r in method["rows"]
+    ]
+    return [
+        f"## {method['name']}", "",
+        f"Largest error of {method['error_of']}.", "",
+        f"| {method['varied']} | error | seconds | spread | evaluations | orbits | failed |",
+        "|---|---|---|---|---|---|---|", *rows, "",
+    ]  # fmt: skip
+
+
+def _event_table(events: Sequence[Mapping[str, Any]], fair: Mapping[str, Any]) -> list[str]:
+    rows = [
+        f"| {e['id']} | `{e['label']}` | {e['value']:.15g} | {_number(e['true_error'])} "
+        f"| {_number(e['estimated_error'])} | {_number(e['ratio'])} | {_number(e['condition'])} |"
+        for e in events
+    ]
+    return [
+        "## Events", "",
+        f"{fair['confirmed']} of {fair['events']} events confirmed; the true error is within the "
+        f"estimate for {fair['within_estimate']} of them, and at most "
+        f"{_number(fair['largest_ratio'])} of it (median {_number(fair['median_ratio'])}).", "",
+        "| id | event | value | true error | estimate | ratio | condition |",
+        "|---|---|---|---|---|---|---|", *rows, "",
+    ]  # fmt: skip
+
+
+def _word_table(words: Mapping[str, Any]) -> list[str]:
+    names = list(words["exponents"])
+    rows = [
+        f"| {row['impacts']} | " + " | ".join(_number(row[n]["median"]) for n in names) + " |"
+        for row in words["rows"]
+    ]
+    slopes = " | ".join(f"{words['exponents'][n]:.2f}" for n in names)
+    return [
+        "## Long words", "",
+        "Seconds against the number of impacts; the last row is the exponent over the longer "
+        "words.", "",
+        f"| impacts | {' | '.join(names)} |", "|---|" + "---|" * len(names), *rows,
+        f"| exponent | {slopes} |",
+    ]  # fmt: skip
