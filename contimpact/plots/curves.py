@@ -67,6 +67,8 @@ def _panels(count: int) -> Any:
     axes = np.ravel(figure.subplots(rows, columns, sharex=True, sharey=True, squeeze=False))
     for ax in axes[count:]:
         ax.set_visible(False)
+    for ax in axes[max(count - columns, 0) : count]:  # nothing stands below these
+        ax.tick_params(labelbottom=True)
     return axes[:count]
 
 
@@ -83,9 +85,10 @@ def _draw_member(
             )  # fmt: skip
     for region in regions(curves, along):
         _draw_region(ax, region, labels)
-    ax.set_xlabel(f"${_symbol(second)}$")
-    ax.set_ylabel(f"${_symbol(along)}$")
-    ax.label_outer()
+    if ax.xaxis.get_tick_params().get("labelbottom", True):
+        ax.set_xlabel(f"${_symbol(second)}$")
+    if ax.yaxis.get_tick_params().get("labelleft", True):
+        ax.set_ylabel(f"${_symbol(along)}$")
     if fixed:
         title = ", ".join(f"${_symbol(name)} = {_angle(v)}$" for name, v in fixed.items())
         ax.set_title(title, fontsize=9)
