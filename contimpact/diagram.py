@@ -333,7 +333,7 @@ def _row(point: Point) -> dict[str, Any]:
         "physical": int(verdict.physical),
         "reason": verdict.reason or "",
         "smallest_gap": verdict.smallest_gap,
-        "residual": float(np.max(np.abs(here.residual))),
+        "residual": here.largest_residual,
         "iterations": point.iterations,
     }
 

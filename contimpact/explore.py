@@ -19,7 +19,6 @@ import numpy as np
 from .bifurcations import test_functions
 from .continuation.branch import End, EndKind, Event, Point, Walk
 from .continuation.events import TestFunction
-from .continuation.walk import walk
 from .diagram import Branch, Diagram, Entry
 from .errors import InputError
 from .mechanics.kernels import Kernels
@@ -28,6 +27,7 @@ from .mechanics.recognition import mirrored, repeats, rotated_to, shortest
 from .mechanics.search import SAME_ORBIT, Orbit, find_orbits
 from .mechanics.word import Word
 from .orbit_branch import Run, both_ways
+from .orbit_march import walk_orbits
 from .scene import Scene
 from .switching import Start, switch
 
@@ -212,8 +212,8 @@ class _Explorer:
     def first_step_known(self, start: Start) -> str | None:
         """The known branch the first step from a start leads to, if any."""
         self.probes += 1
-        probe = walk(
-            start.problem, start.unknowns, +1, parameter=self.scene.parameter,
+        probe = walk_orbits(
+            start.problem, start.unknowns, +1,
             limits=self.scene.range, settings=dataclasses.replace(self.settings(), max_points=2),
             tangent=start.tangent, branching=start.branching,
         )  # fmt: skip
@@ -239,8 +239,8 @@ class _Explorer:
                     return self.met(shorter, event.point), event.point
             return None
 
-        return walk(
-            problem, start.unknowns, direction, parameter=self.scene.parameter,
+        return walk_orbits(
+            problem, start.unknowns, direction,
             limits=self.scene.range, tests=self.tests(problem), settings=self.settings(),
             tangent=start.tangent, branching=start.branching, callback=report, stop=stop,
         )  # fmt: skip
@@ -315,7 +315,7 @@ class _Explorer:
         def report(point: Point) -> None:
             nonlocal count
             here: Any = point.evaluation
-            here.gaps  # noqa: B018  physicality is decided at every point: part of the walk
+            here.verdict  # noqa: B018  physicality is decided at every point: part of the walk
             count += 1
             if count % 20 == 0:
                 place = f"{self.scene.parameter} = {point.parameter:.6g}"

@@ -14,7 +14,7 @@ from .bifurcations import KINDS, test_functions
 from .continuation.arclength import Settings
 from .continuation.branch import End, EndKind, Event, Point, Walk, joined
 from .continuation.events import TestFunction, UserFunction
-from .continuation.walk import SAME_SOLUTION, walk
+from .continuation.walk import SAME_SOLUTION
 from .diagram import Branch, Entry, tabulate
 from .errors import InputError
 from .ghosts import entry_of, event_of
@@ -22,6 +22,7 @@ from .mechanics.kernels import Kernels
 from .mechanics.model import Model
 from .mechanics.orbit import OrbitProblem
 from .mechanics.search import Orbit, settle
+from .orbit_march import walk_orbits
 from .switching import SWITCHES, switch
 
 EVENTS = ("FB", "BP", "PD", "G", "V", "T")
@@ -120,8 +121,8 @@ def continue_born(
     tests = _tests(problem, events, values)
 
     def go(direction: int) -> Walk:
-        return walk(
-            problem, start.unknowns, direction, parameter=entry.parameter, limits=limits,
+        return walk_orbits(
+            problem, start.unknowns, direction, limits=limits,
             tests=tests, settings=settings, tangent=start.tangent, branching=start.branching,
             callback=callback,
         )  # fmt: skip
@@ -270,8 +271,8 @@ def both_ways(
     """Walk from an orbit in both directions; a closed branch is walked once."""
 
     def go(direction: int) -> Walk:
-        return walk(
-            problem, unknowns, direction, parameter=problem.parameter, limits=limits,
+        return walk_orbits(
+            problem, unknowns, direction, limits=limits,
             tests=tests, settings=settings, callback=callback,
         )  # fmt: skip
 

@@ -162,6 +162,7 @@ def _at_doubling(event: Event) -> Start:
     here: Linearisation = event.point.evaluation
     problem, word = here.problem, here.problem.word
     null = np.linalg.svd(here.cyclic(-1.0)[:, :-1])[2][-1]
+    null *= np.sign(null[np.argmax(np.abs(null))])  # of two equal branches, always the same
     rows = problem.impacts(here.unknowns)
     later = rows.copy()
     later[:, 0] += word.period * problem.kernels.setup(*problem.values(here.unknowns))[0]

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import itertools
 import math
 
 import numpy as np
@@ -12,11 +11,10 @@ from hypothesis import strategies as st
 
 from contimpact.mechanics import flight as module
 from contimpact.mechanics.flight import (
-    Extremum,
     FlightGaps,
     Touch,
     chebyshev_zeros,
-    extrema,
+    excursions,
     first_hit,
     flight_gaps,
     judge,
@@ -120,33 +118,44 @@ def test_chebyshev_zeros_in_halves(monkeypatch):
     assert np.max(nearest) < 1e-13
 
 
-# Extrema of single flights
+# Excursions of single flights
 
 
-def check_extrema(motion, vectorised, length, zeros):
-    """Compare with a mesh: nothing missed, nothing invented, all alternating and stationary."""
+def all_excursions(motion, length, arriving, breaks):
+    """Highest maximum and lowest minimum of a flight whose impacts both run the right way."""
+    left = -math.copysign(1.0, motion(0.0)[1])
+    reached = math.copysign(1.0, arriving)
+    return excursions(
+        lambda head, dt, values: motion(dt), (0, 0.0), (), length, arriving, left, reached,
+        breaks, 0.0, math.inf,
+    )  # fmt: skip
+
+
+def check_excursions(motion, vectorised, length, zeros):
+    """Compare with a mesh: nothing beyond what was found, and what was found is a turning point."""
     speed = motion(length)[1]
-    found = extrema(motion, length, speed, [t for t in zeros if 0.0 < t < length])
-    times = [e.dt for e in found]
-    assert times == sorted(times)
-    assert all(one.maximum != other.maximum for one, other in itertools.pairwise(found))
-    slack = 1e-12 * length
-    for cell in sign_changes(lambda dt: vectorised(dt)[1], 0.0, length):
-        assert in_cell(times, cell, slack)
+    high, when_high, low, when_low = all_excursions(
+        motion, length, speed, [t for t in zeros if 0.0 < t < length]
+    )
     mesh = np.linspace(0.0, length, MESH)
     displacement = np.broadcast_to(vectorised(mesh)[0], mesh.shape)
     ends = [0.0, motion(length)[0]]
-    highest = max([e.displacement for e in found if e.maximum] + ends)
-    lowest = min([e.displacement for e in found if not e.maximum] + ends)
     rounding = 1e-14 * max(1.0, float(np.max(np.abs(displacement))))
-    assert np.max(displacement) <= highest + rounding
-    assert np.min(displacement) >= lowest - rounding
-    for e in found:
-        shift, velocity, acceleration = motion(e.dt)
-        assert shift == e.displacement
+    assert np.max(displacement) <= max([high] * (high == high) + ends) + rounding
+    assert np.min(displacement) >= min([low] * (low == low) + ends) - rounding
+    for extreme, dt, maximum in ((high, when_high, True), (low, when_low, False)):
+        if math.isnan(extreme):
+            continue
+        shift, velocity, acceleration = motion(dt)
+        assert shift == extreme
         # A turning time is known to 1e-9 of its bracket, and the displacement to the square.
         assert abs(velocity) <= 1e-14 * (1.0 + abs(speed)) + 2e-9 * abs(acceleration) * length
-        assert abs(acceleration) < 1e-6 or (acceleration < 0.0) == e.maximum
+        assert abs(acceleration) < 1e-6 or (acceleration < 0.0) == maximum
+    turns = np.nonzero(np.diff(np.sign(np.diff(displacement))) != 0)[0] + 1
+    tops = [displacement[i] for i in turns if displacement[i] > displacement[i - 1]]
+    bottoms = [displacement[i] for i in turns if displacement[i] < displacement[i - 1]]
+    assert not tops or max(tops) <= high + rounding
+    assert not bottoms or min(bottoms) >= low - rounding
 
 
 def tiled(zeros, period, start, length):
@@ -169,12 +178,12 @@ SETTINGS = settings(deadline=None, derandomize=True, max_examples=60, database=N
 )
 @SETTINGS
 @given(**FLIGHT)
-def test_extrema_of_the_pair(pair, kernels_of, forcing, start, speed, length):
+def test_excursions_of_the_pair(pair, kernels_of, forcing, start, speed, length):
     model = pair(forcing=forcing, beta=-0.3)
     kernels, p = kernels_of(model, "s"), list(model.values.values())
     kernel = kernels.motion("B")
     zeros = tiled(time_zeros(kernels.harmonics(*p), 2.0), 2.0, start, length)
-    check_extrema(
+    check_excursions(
         lambda dt: kernel(start, speed, dt, *p),
         lambda dt: kernels.vectorised(kernel)(start, speed, dt, *p),
         length,
@@ -185,7 +194,7 @@ def test_extrema_of_the_pair(pair, kernels_of, forcing, start, speed, length):
 @pytest.mark.parametrize("c", [0.0, 0.1, 2.0, 5.0, -0.3])
 @SETTINGS
 @given(**FLIGHT)
-def test_extrema_of_the_oscillator(oscillator, kernels_of, c, start, speed, length):
+def test_excursions_of_the_oscillator(oscillator, kernels_of, c, start, speed, length):
     model = oscillator(c=c)
     kernels, p = kernels_of(model, "omega"), list(model.values.values())
     kernel = kernels.motion("S")
@@ -193,7 +202,7 @@ def test_extrema_of_the_oscillator(oscillator, kernels_of, c, start, speed, leng
     def vectorised(dt):
         return kernels.vectorised(kernel)(start, speed, dt, *p)
 
-    check_extrema(
+    check_excursions(
         lambda dt: kernel(start, speed, dt, *p),
         vectorised,
         length,
@@ -215,7 +224,9 @@ def test_first_hit(pair, kernels_of, low, high, start, speed, length):
     zeros = tiled(time_zeros(kernels.harmonics(*p), 2.0), 2.0, start, length)
     breaks = [*(t for t in zeros if 0.0 < t < length), length]
     after = kernel(*head, 0.0, *p)[1]
-    side, dt, arrival, rising = first_hit(kernel, head, p, breaks, 0.0, after, after > 0, low, high)
+    side, dt, arrival, rising = first_hit(
+        kernels.motions, (0, *head), p, breaks, 0.0, after, after > 0, low, high
+    )
     mesh = np.linspace(0.0, length, MESH)
     x = kernels.vectorised(kernel)(*head, mesh, *p)[0]
     outside = np.nonzero((x >= high) | (x <= low))[0]
@@ -239,20 +250,40 @@ def parabola(speed, acceleration):
     return lambda t: (speed * t + acceleration * t**2 / 2, speed + acceleration * t, acceleration)
 
 
-def test_extrema_of_a_parabola():
-    found = extrema(parabola(1.0, -2.0), 3.0, -5.0, [])
-    assert found == [Extremum(0.5, 0.25, maximum=True)]
-    assert extrema(parabola(1.0, -2.0), 0.4, 0.2, []) == []
-    assert extrema(parabola(1.0, 2.0), 3.0, 7.0, []) == []
+NOWHERE = (pytest.approx(math.nan, nan_ok=True),) * 2
 
 
-def test_extrema_from_rest():
+def test_excursions_of_a_parabola():
+    found = all_excursions(parabola(1.0, -2.0), 3.0, -5.0, [])
+    assert found == (0.25, 0.5, *NOWHERE)
+    assert all_excursions(parabola(1.0, -2.0), 0.4, 0.2, []) == NOWHERE * 2
+    assert all_excursions(parabola(1.0, 2.0), 3.0, 7.0, []) == NOWHERE * 2
+
+
+def test_excursions_from_rest():
     """Leaving or arriving with no velocity is not a turning point inside the flight."""
-    assert extrema(parabola(0.0, -2.0), 1.0, -2.0, []) == []
-    assert extrema(parabola(0.0, 2.0), 1.0, 2.0, []) == []
-    assert extrema(parabola(-2.0, 2.0), 1.0, 0.0, []) == []
-    (rest,) = extrema(parabola(-1e-9, 1.0), 1.0, 1.0 - 1e-9, [])
-    assert (rest.dt, rest.maximum) == (pytest.approx(1e-9, rel=1e-12), False)
+    assert all_excursions(parabola(0.0, -2.0), 1.0, -2.0, []) == NOWHERE * 2
+    assert all_excursions(parabola(0.0, 2.0), 1.0, 2.0, []) == NOWHERE * 2
+    assert all_excursions(parabola(-2.0, 2.0), 1.0, 0.0, []) == NOWHERE * 2
+    rest = all_excursions(parabola(-1e-9, 1.0), 1.0, 1.0 - 1e-9, [])
+    assert rest[:2] == NOWHERE
+    assert rest[3] == pytest.approx(1e-9, rel=1e-12)
+
+
+def test_excursions_that_belong_to_an_impact_running_the_wrong_way_are_left_out():
+    """Upwards from a wall above, and back to it from above: one turn, either impact's."""
+
+    def motion(head, dt, values):
+        return parabola(1.0, -2.0)(dt)
+
+    def found(left_side, reached_side):
+        return excursions(
+            motion, (0, 0.0), (), 1.0, -1.0, left_side, reached_side, [], 0.0, math.inf
+        )
+
+    assert found(1.0, -1.0) == NOWHERE * 2
+    assert found(-1.0, 1.0) == NOWHERE * 2
+    assert found(-1.0, -1.0) == (0.25, 0.5, *NOWHERE)
 
 
 # Gaps of orbits

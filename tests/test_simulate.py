@@ -8,13 +8,14 @@ at the speed w lasts at least until w h + M h^2/2 = g.
 from __future__ import annotations
 
 import math
+from itertools import pairwise
 
 import mpmath as mp
 import numpy as np
 import pytest
 
 from contimpact.errors import InputError
-from contimpact.mechanics.flight import extrema
+from contimpact.mechanics.flight import velocity_zero
 from contimpact.mechanics.lyapunov import exponents, exponents_of
 from contimpact.mechanics.search import find_orbits
 from contimpact.mechanics.simulate import Outcome, Simulator, State
@@ -110,15 +111,22 @@ def random_flights(pair, simulator_of, seed, count):
 
 
 def turns_of(simulator, wall, phase, velocity, length=4.0):
-    """The turning points of a flight that no wall ends."""
+    """The turning points of a flight that no wall ends: displacement, and whether a maximum."""
     k = simulator.letters.index(wall)
     motion = simulator.kernels.motion(wall)
     breaks = [t for w in range(2) for t in simulator._breaks(k, phase, velocity, w) if t < length]
 
-    def moved(dt):
-        return motion(phase, velocity, dt, *simulator.values)
+    def moved(head, dt, values):
+        return motion(phase, velocity, dt, *values)
 
-    return extrema(moved, length, moved(length)[1], breaks)
+    times = [0.0, *breaks, length]
+    speeds = [moved((), t, simulator.values)[1] for t in times]
+    turns = []
+    for (left, right), (u, v) in zip(pairwise(times), pairwise(speeds), strict=True):
+        if (u > 0.0) != (v > 0.0):
+            dt = velocity_zero(moved, (), simulator.values, left, u, right, v)
+            turns.append((moved((), dt, simulator.values)[0], u > 0.0))
+    return turns
 
 
 def first_turn(simulator, wall, phase, velocity, side):
@@ -126,7 +134,7 @@ def first_turn(simulator, wall, phase, velocity, side):
     turns = turns_of(simulator, wall, phase, velocity)
     if not turns:
         return None
-    away = -side * turns[0].displacement
+    away = -side * turns[0][0]
     return away if 1e-3 < away < 5.0 else None
 
 
@@ -135,9 +143,9 @@ def grazing_velocity(simulator, wall, phase, side, gap):
 
     def excess(speed):
         turns = turns_of(simulator, wall, phase, side * speed)
-        if len(turns) < 2 or turns[1].maximum != (side > 0):
+        if len(turns) < 2 or turns[1][1] != (side > 0):
             return None
-        return -side * turns[1].displacement - gap
+        return -side * turns[1][0] - gap
 
     speeds = np.linspace(0.05, 1.0, 12).tolist()
     values = [excess(speed) for speed in speeds]

@@ -307,7 +307,7 @@ def test_a_start_that_cannot_be_corrected():
     nothing = Algebraic(lambda x, p: x * x + p * p + 1.0, lambda x, p: [2.0 * x, 2.0 * p])
     found = follow(nothing, [0.3, 0.2])
     assert found.end.kind is EndKind.START
-    assert (found.points, found.events) == ([], [])
+    assert len(found.points) == len(found.events) == 0
     assert found.end.value == 0.2
     assert "the first point was not reached at p = 0.2" in found.end.message
 
@@ -316,7 +316,7 @@ def test_a_start_without_a_value():
     root = Algebraic(lambda x, p: x - math.sqrt(p), lambda x, p: [1.0, -0.5 / math.sqrt(p)])
     found = follow(root, [0.0, -1.0])
     assert found.end.kind is EndKind.START
-    assert found.points == []
+    assert len(found.points) == 0
     assert "the equations have no value: math domain error" in found.end.message
 
 

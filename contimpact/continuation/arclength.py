@@ -12,6 +12,7 @@ on the bordered matrix
 
 from __future__ import annotations
 
+import math
 import numbers
 from dataclasses import dataclass
 
@@ -106,46 +107,124 @@ def bordered(jacobian: Array, row: Array) -> Array:
     return matrix
 
 
-def correct(
-    problem: Problem, guess: Array, row: Array, scale: Array, settings: Settings
-) -> Correction:
-    """Solve F(z) = 0, row . (z - guess) = 0 by Newton's method.
+CONVERGED, NO_VALUE, NO_SOLUTION, DIVERGES, SLOW = range(5)
+"""What `newton` says."""
+
+
+def newton(evaluate, solve, data, z, guess, row, scale, step, tolerance, most):
+    """Solve F(z) = 0, row . (z - guess) = 0 by Newton's method, in plain Python.
 
     Accepts a point whose residual is below the tolerance, or whose Newton step is at the rounding
     of the unknowns. A step that no longer contracts is refused.
+
+    Parameters
+    ----------
+    evaluate : callable ``evaluate(data, z)``
+        The largest residual; not a number where F has no value.
+    solve : callable ``solve(data, row, g, out)``
+        Fills `out` with the solution of the bordered system at the point last evaluated, with the
+        border's right side g; whether there is one.
+    data
+        Handed on to both.
+    z, guess, row, scale, step : vector
+        `z` is filled with the point reached, `step` is room for the steps.
+    tolerance : float
+    most : int
+        Iterations at most.
+
+    Returns
+    -------
+    status, iterations : int
+    first : float
+        Length of the first step.
     """
-    z = guess
-    before = first = np.inf
-    row = row / np.linalg.norm(row * scale)
-    for iteration in range(settings.max_iterations + 1):
-        try:
-            here = problem.evaluate(z)
-        except (ArithmeticError, ValueError) as error:
-            return Correction(None, iteration, f"the equations have no value: {error}")
-        size = float(np.max(np.abs(here.residual)))
-        if not np.isfinite(size):
-            return Correction(None, iteration, "the residual is not finite")
-        if size <= settings.tolerance:
-            return Correction(here, iteration, first_step=first if iteration else 0.0)
-        if iteration == settings.max_iterations:
+    n = len(z)
+    before, first, size = math.inf, 0.0, 0.0
+    for i in range(n):
+        z[i] = guess[i]
+        part = guess[i] / scale[i]
+        size += part * part
+    rounding = 4.0 * EPSILON * math.sqrt(size)
+    for iteration in range(most + 1):
+        worst = evaluate(data, z)
+        if not worst - worst == 0.0:
+            return NO_VALUE, iteration, first
+        if worst <= tolerance:
+            return CONVERGED, iteration, first
+        if iteration == most:
             break
-        try:
-            step = linear.solve(
-                bordered(here.jacobian, row), np.append(-here.residual, row @ (guess - z))
-            )
-        except np.linalg.LinAlgError:
-            return Correction(None, iteration, "the bordered matrix is singular")
-        moved = length(step, scale)
-        first = moved if iteration == 0 else first
+        g = 0.0
+        if iteration > 0:
+            for i in range(n):
+                g += row[i] * (guess[i] - z[i])
+        if not solve(data, row, g, step):
+            return NO_SOLUTION, iteration, first
+        moved = 0.0
+        for i in range(n):
+            part = step[i] / scale[i]
+            moved += part * part
+        moved = math.sqrt(moved)
+        if iteration == 0:
+            first = moved
         if not moved < 2.0 * before:
-            return Correction(None, iteration, "Newton's iteration diverges")
-        if moved <= 4.0 * EPSILON * length(z, scale):
-            return Correction(here, iteration, first_step=first)
+            return DIVERGES, iteration, first
+        if moved <= rounding:
+            return CONVERGED, iteration, first
         before = moved
-        z = z + step
-    return Correction(
-        None, settings.max_iterations, f"no convergence in {settings.max_iterations} iterations"
-    )
+        for i in range(n):
+            z[i] += step[i]
+    return SLOW, most, first
+
+
+class _Dense:
+    """A problem as `newton` wants it."""
+
+    def __init__(self, problem: Problem) -> None:
+        self.problem = problem
+        self.here: Evaluation | None = None
+        self.reason = "the residual is not finite"
+
+    def evaluate(self, z: list[float]) -> float:
+        try:
+            self.here = self.problem.evaluate(np.array(z))
+        except (ArithmeticError, ValueError) as error:
+            self.reason = f"the equations have no value: {error}"
+            return math.nan
+        return float(np.max(np.abs(self.here.residual)))
+
+    def solve(self, row: list[float], g: float, out: list[float]) -> bool:
+        assert self.here is not None
+        matrix = bordered(self.here.jacobian, np.array(row))
+        try:
+            out[:] = linear.solve(matrix, np.append(-self.here.residual, g)).tolist()
+        except np.linalg.LinAlgError:
+            return False
+        return True
+
+
+def correct(
+    problem: Problem, guess: Array, row: Array, scale: Array, settings: Settings
+) -> Correction:
+    """Solve F(z) = 0, row . (z - guess) = 0 by Newton's method; see `newton`."""
+    row = row / np.linalg.norm(row * scale)
+    dense, n = _Dense(problem), len(guess)
+    status, iterations, first = newton(
+        _Dense.evaluate, _Dense.solve, dense, [0.0] * n, guess.tolist(), row.tolist(),
+        scale.tolist(), [0.0] * n, settings.tolerance, settings.max_iterations,
+    )  # fmt: skip
+    if status == CONVERGED:
+        return Correction(dense.here, iterations, first_step=first)
+    return Correction(None, iterations, refusal(status, settings, dense.reason))
+
+
+def refusal(status: int, settings: Settings, reason: str = "") -> str:
+    """Return what `newton` says as a sentence."""
+    return {
+        NO_VALUE: reason,
+        NO_SOLUTION: "the bordered matrix is singular",
+        DIVERGES: "Newton's iteration diverges",
+        SLOW: f"no convergence in {settings.max_iterations} iterations",
+    }[status]
 
 
 def first_tangent(jacobian: Array, scale: Array) -> Array | None:
@@ -192,19 +271,32 @@ def point_after(
     return Point(evaluation, tangent, orientation, previous.arclength + travelled, iterations)
 
 
-def angle(a: Array, b: Array, scale: Array) -> float:
+def angle(one, other, scale):
     """Return the angle between two unit tangents, accurate also when small."""
-    return 2.0 * float(np.arcsin(min(1.0, 0.5 * length(a - b, scale))))
+    apart = 0.0
+    for i in range(len(one)):
+        part = (one[i] - other[i]) / scale[i]
+        apart += part * part
+    return 2.0 * math.asin(min(1.0, 0.5 * math.sqrt(apart)))
 
 
-def next_step(step: float, turned: float, first_correction: float, settings: Settings) -> float:
+def cubic(left, right, rate, next_rate, span, s):
+    """Return a value of the cubic through two values with their rates, at a fraction s."""
+    t = 1.0 - s
+    return (
+        left * t * t * (1.0 + 2.0 * s) + right * s * s * (1.0 + 2.0 * t)
+        + span * s * t * (t * rate - s * next_rate)
+    )  # fmt: skip
+
+
+def step_after(step, turned, first_correction, max_angle, max_step):
     """Return the next step length.
 
     The angle between tangents grows with the step and the first correction with its square; the
     larger of both against their targets decides, by at most a factor of two. The target angle is
     half the largest one, the target correction a twentieth of the step.
     """
-    by_angle = turned / (0.5 * settings.max_angle)
-    by_distance = np.sqrt(first_correction / (0.05 * step))
-    factor = 1.0 / max(by_angle, float(by_distance), 0.5)
-    return min(step * max(factor, 0.5), settings.max_step)
+    by_angle = turned / (0.5 * max_angle)
+    by_distance = math.sqrt(first_correction / (0.05 * step))
+    factor = 1.0 / max(by_angle, by_distance, 0.5)
+    return min(step * max(factor, 0.5), max_step)

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import enum
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any
+from typing import Any, overload
 
 from .problem import Array
 
@@ -147,24 +147,125 @@ class Walk:
     seconds_in_events: float = 0.0
 
 
-def joined(backward: Walk, forward: Walk) -> tuple[list[Point], list[Event]]:
+@dataclass(frozen=True)
+class Block:
+    """Points of a walk as arrays, a row each.
+
+    Attributes
+    ----------
+    unknowns, tangents : ndarray of shape (P, n + 1)
+    orientations, arclengths, iterations : ndarray of shape (P,)
+    described : ndarray of shape (P, D)
+        What else the problem says of each point.
+    make : callable ``make(unknowns, described)``
+        The evaluation at a point.
+    """
+
+    unknowns: Array
+    tangents: Array
+    orientations: Array
+    arclengths: Array
+    iterations: Array
+    described: Array
+    make: Callable[[Array, Array], Any]
+
+    def point(self, i: int) -> Point:
+        """Return one of the points."""
+        return Point(
+            self.make(self.unknowns[i], self.described[i]), self.tangents[i],
+            float(self.orientations[i]), float(self.arclengths[i]), int(self.iterations[i]),
+        )  # fmt: skip
+
+    def moved(self, sign: float, origin: float) -> Block:
+        """Return the points with arclength origin + sign s, their tangents turned accordingly."""
+        return replace(
+            self, tangents=sign * self.tangents, orientations=sign * self.orientations,
+            arclengths=origin + sign * self.arclengths,
+        )  # fmt: skip
+
+
+class Points(Sequence[Point]):
+    """The points of a branch in order; those computed in blocks are made when they are looked at.
+
+    `items` holds each point, or the block it is in and its row.
+    """
+
+    def __init__(self, items: Iterable[Point | tuple[Block, int]] = ()) -> None:
+        self.items = list(items.items if isinstance(items, Points) else items)
+
+    def __len__(self) -> int:
+        return len(self.items)
+
+    @overload
+    def __getitem__(self, at: int) -> Point: ...
+    @overload
+    def __getitem__(self, at: slice) -> Points: ...
+    def __getitem__(self, at: int | slice) -> Point | Points:
+        if isinstance(at, slice):
+            return Points(self.items[at])
+        item = self.items[at]
+        if isinstance(item, tuple):
+            item = self.items[at] = item[0].point(item[1])
+        return item
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, Sequence) and list(self) == list(other)
+
+    def __repr__(self) -> str:
+        return f"<{len(self)} points>"
+
+    def __setitem__(self, at: int, point: Point) -> None:
+        self.items[at] = point
+
+    def append(self, point: Point) -> None:
+        """Put a point down."""
+        self.items.append(point)
+
+    def extend(self, block: Block, first: int, last: int) -> None:
+        """Put the points of a block from `first` up to `last` down."""
+        self.items.extend([(block, i) for i in range(first, last)])
+
+    def moved(self, sign: float, origin: float) -> list[Point | tuple[Block, int]]:
+        """Return the items with arclength origin + sign s, their tangents turned accordingly."""
+        blocks: dict[int, Block] = {}
+        moved: list[Point | tuple[Block, int]] = []
+        for item in self.items:
+            if isinstance(item, Point):
+                moved.append(_moved(item, sign, origin))
+                continue
+            block = blocks.get(id(item[0]))
+            if block is None:
+                block = blocks[id(item[0])] = item[0].moved(sign, origin)
+            moved.append((block, item[1]))
+        return moved
+
+    @property
+    def arclengths(self) -> list[float]:
+        """Arclength of every point."""
+        return [
+            item.arclength if isinstance(item, Point) else float(item[0].arclengths[item[1]])
+            for item in self.items
+        ]
+
+
+def _moved(point: Point, sign: float, origin: float) -> Point:
+    return replace(
+        point, tangent=sign * point.tangent, orientation=sign * point.orientation,
+        arclength=origin + sign * point.arclength,
+    )  # fmt: skip
+
+
+def joined(backward: Walk, forward: Walk) -> tuple[Points, list[Event]]:
     """Join two walks that left one point in opposite directions into one run along the branch.
 
     Arclength starts from zero where the backward walk ended; tangents all point forward.
     """
-    length = backward.points[-1].arclength
-
-    def turned(point: Point) -> Point:
-        return replace(
-            point, tangent=-point.tangent, orientation=-point.orientation,
-            arclength=length - point.arclength,
-        )  # fmt: skip
-
-    def shifted(point: Point) -> Point:
-        return replace(point, arclength=length + point.arclength)
-
-    points = [turned(p) for p in reversed(backward.points)]
-    points += [shifted(p) for p in forward.points[1:]]
-    events = [replace(e, point=turned(e.point)) for e in reversed(backward.events)]
-    events += [replace(e, point=shifted(e.point)) for e in forward.events]
+    origin = backward.points[-1].arclength
+    first = Points(backward.points).moved(-1.0, origin)[::-1]
+    points = Points(first + Points(forward.points[1:]).moved(1.0, origin))
+    events = [
+        replace(e, point=_moved(e.point, sign, origin))
+        for sign, found in ((-1.0, backward.events[::-1]), (1.0, forward.events))
+        for e in found
+    ]
     return points, events

@@ -9,7 +9,17 @@ from typing import Any
 
 import numpy as np
 
-from .arclength import EPSILON, Settings, angle, bordered, correct, inner, length, point_after
+from .arclength import (
+    EPSILON,
+    Settings,
+    angle,
+    bordered,
+    correct,
+    cubic,
+    inner,
+    length,
+    point_after,
+)
 from .branch import Event, Missed, Point
 from .problem import Array, Problem
 
@@ -170,13 +180,18 @@ class UserFunction(TestFunction):
         return np.atleast_1d(np.asarray(self.function(point), dtype=float))
 
 
-def crossings(left: Array, right: Array) -> list[int]:
-    """Return the indices that change sign between two points.
+def crosses(left, right):
+    """Whether a value changes sign between two points.
 
     Zero counts as positive: a zero exactly on a point is found from one side only, once.
     """
-    both = ~(np.isnan(left) | np.isnan(right))
-    return np.nonzero(both & ((left >= 0.0) != (right >= 0.0)))[0].tolist()
+    return left == left and right == right and (left >= 0.0) != (right >= 0.0)
+
+
+def crossings(left: Array, right: Array) -> list[int]:
+    """Return the indices that change sign between two points."""
+    pairs = zip(left.tolist(), right.tolist(), strict=True)
+    return [i for i, (a, b) in enumerate(pairs) if crosses(a, b)]
 
 
 @dataclass(frozen=True)
@@ -224,42 +239,51 @@ def _may_hide(
     segment: Segment, before: Before | None, left: list[Array], right: list[Array]
 ) -> bool:
     """Whether some test function may cross zero on a segment without changing its sign."""
-    if before is None:
-        return any(
-            bool(np.any((np.isnan(b) & (c < 0.0)) | (np.isnan(c) & (b < 0.0))))
-            for b, c in zip(left, right, strict=True)
-        )
-    behind = segment.left.arclength - before.arclength
     ahead = segment.right.arclength - segment.left.arclength
-    if not (behind > 0.0 and ahead > 0.0):
+    behind = 0.0 if before is None else segment.left.arclength - before.arclength
+    if before is not None and not (behind > 0.0 and ahead > 0.0):
         return False
+    earlier = left if before is None else before.values
     return any(
-        bool(np.any(_dips(a, b, c, behind, ahead) | _appears_beyond(a, b, c, behind, ahead)))
-        for a, b, c in zip(before.values, left, right, strict=True)
+        hides(a, b, c, behind, ahead)
+        for lists in zip(earlier, left, right, strict=True)
+        for a, b, c in zip(*(values.tolist() for values in lists), strict=True)
     )
 
 
-def _dips(a: Array, b: Array, c: Array, behind: float, ahead: float) -> Array:
-    """Whether the parabola through three values comes close to zero between the last two."""
-    with np.errstate(all="ignore"):
-        rate, next_rate = (b - a) / behind, (c - b) / ahead
-        bend = (next_rate - rate) / (behind + ahead)
-        slope = rate + bend * behind
-        vertex = -slope / (2.0 * bend)
-        lowest = b + 0.5 * slope * vertex
-        inside = (
-            (vertex > -0.25 * ahead) & (vertex < 1.25 * ahead) & (np.sign(bend) * np.sign(b) > 0.0)
-        )
-        near = np.sign(b) * lowest < SUSPICIOUS * np.minimum(np.abs(b), np.abs(c))
-    return inside & near & ((b >= 0.0) == (c >= 0.0))
+def hides(a, b, c, behind, ahead):
+    """Whether a value may cross zero between two points without changing its sign.
 
+    The parabola through three values comes close to zero between the last two, or a value appears
+    already beyond zero, or vanishes on its way there.
 
-def _appears_beyond(a: Array, b: Array, c: Array, behind: float, ahead: float) -> Array:
-    """Whether a value appears already beyond zero, or vanishes on its way there."""
-    appears = np.isnan(b) & (c < 0.0)
-    with np.errstate(all="ignore"):
-        vanishes = np.isnan(c) & ((b < 0.0) | (b + (b - a) * ahead / behind < 0.0))
-    return appears | vanishes
+    Parameters
+    ----------
+    a, b, c : float
+        The value at three points.
+    behind, ahead : float
+        Arclength between them; `behind` is zero where there is no first point.
+    """
+    if b != b:
+        return c < 0.0
+    if behind == 0.0:
+        return c != c and b < 0.0
+    if c != c:
+        return b < 0.0 or b + (b - a) * ahead / behind < 0.0
+    if a != a or (b >= 0.0) != (c >= 0.0):
+        return False
+    rate, next_rate = (b - a) / behind, (c - b) / ahead
+    bend = (next_rate - rate) / (behind + ahead)
+    if not (bend > 0.0 and b > 0.0 or bend < 0.0 and b < 0.0):
+        return False
+    slope = rate + bend * behind
+    vertex = -slope / (2.0 * bend)
+    if not -0.25 * ahead < vertex < 1.25 * ahead:
+        return False
+    lowest = b + 0.5 * slope * vertex
+    if b < 0.0:
+        lowest = -lowest
+    return lowest < SUSPICIOUS * min(abs(b), abs(c))
 
 
 def locate(
@@ -350,8 +374,4 @@ def _missed(test: TestFunction, segment: Segment, reason: str) -> Missed:
 
 def hermite(left: Point, right: Point, span: float, fraction: float) -> Array:
     """Return a value of the cubic through two points with their tangents."""
-    s, t = fraction, 1.0 - fraction
-    return (
-        left.unknowns * t * t * (1.0 + 2.0 * s) + right.unknowns * s * s * (1.0 + 2.0 * t)
-        + span * s * t * (t * left.tangent - s * right.tangent)
-    )  # fmt: skip
+    return cubic(left.unknowns, right.unknowns, left.tangent, right.tangent, span, fraction)

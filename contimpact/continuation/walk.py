@@ -11,13 +11,17 @@ import numpy as np
 from ..errors import InputError
 from . import arclength
 from .arclength import Settings
-from .branch import End, EndKind, Event, Missed, Point, Walk
-from .events import Before, Segment, TestFunction, find_events, hermite
+from .branch import End, EndKind, Event, Missed, Point, Points, Walk
+from .events import Before, Segment, TestFunction, find_events
+from .march import Footing, Made, System, leaves
 from .problem import Array, Evaluation, Problem
 
 SAME_SOLUTION = 1e-7
 WIDEST_SPAN = 1e3
 """The natural size of the parameter is that of its range, at most this many times its start."""
+
+MARCHED = 64
+"""Routine steps made at a time."""
 
 NARROWEST = 1e-12
 """A range narrower than this part of its limits cannot be walked in doubles."""
@@ -33,6 +37,7 @@ def walk(
     limits: tuple[float, float], tests: Sequence[TestFunction] = (),
     settings: Settings | None = None, tangent: Array | None = None, branching: bool = False,
     callback: Callable[[Point], bool | None] | None = None, stop: Stop | None = None,
+    system: System | None = None,
 ) -> Walk:  # fmt: skip
     """Follow a branch from a point in one direction until it ends.
 
@@ -61,6 +66,9 @@ def walk(
     stop : callable ``stop(point, events) -> (End, Point) or None``, optional
         Called with every accepted point and the events just before it; may end the walk, at the
         point it returns.
+    system : System, optional
+        The problem and its test functions in the plain form in which routine steps are made many
+        at a time.
 
     Returns
     -------
@@ -75,7 +83,9 @@ def walk(
     settings = settings or Settings()
     start = np.asarray(start, dtype=float)
     _check(start, direction, limits)
-    walker = _Walker(problem, parameter, limits, list(tests), settings, callback, stop, branching)
+    walker = _Walker(
+        problem, parameter, limits, list(tests), settings, callback, stop, branching, system
+    )
     return walker.run(start, direction, tangent)
 
 
@@ -114,7 +124,8 @@ class _Walker:
     callback: Callable[[Point], bool | None] | None
     stop: Stop | None
     branching: bool
-    points: list[Point] = field(default_factory=list)
+    system: System | None
+    points: Points = field(default_factory=Points)
     events: list[Event] = field(default_factory=list)
     missed: list[Missed] = field(default_factory=list)
     iterations: int = 0
@@ -135,6 +146,12 @@ class _Walker:
             return self.finished(self.end(kind, start[-1], why=reason))
         step = self.settings.step
         while len(self.points) < self.settings.max_points:
+            if self.system is not None and len(self.points) > 1:
+                step, end = self.march(self.system, step)
+                if end is not None:
+                    return self.finished(end)
+                if len(self.points) >= self.settings.max_points:
+                    break
             here = self.points[-1]
             attempt, step = self.advance(here, step)
             if attempt.point is None:
@@ -147,8 +164,83 @@ class _Walker:
             if ending := attempt.ending or (EndKind.STOPPED if stop else None):
                 return self.finished(self.end(ending))
             turned, correction = attempt.turned, attempt.first_correction
-            step = arclength.next_step(step, turned, correction, self.settings)
+            step = arclength.step_after(
+                step, turned, correction, self.settings.max_angle, self.settings.max_step
+            )
         return self.finished(self.end(EndKind.POINTS, limit=self.settings.max_points))
+
+    def march(self, system: System, step: float) -> tuple[float, End | None]:
+        """Make routine steps until one is not; returns the next step, and the end if it was met.
+
+        A few are made first and then ever more at a time: those made beyond an end that `stop` or
+        `callback` decide on are lost.
+        """
+        chunk = 2 if self.watched else MARCHED
+        while (left := self.settings.max_points - len(self.points)) > 0:
+            made = system.march(self.footing(step), self.settings, min(chunk, left))
+            self.iterations += made.iterations
+            self.rejected += made.rejected
+            end = self.put_down(made)
+            if end is not None or made.unusual:
+                return made.step, end
+            step = made.step
+            chunk = min(2 * chunk, MARCHED)
+        return step, None
+
+    @property
+    def watched(self) -> bool:
+        return self.callback is not None or self.stop is not None
+
+    def footing(self, step: float) -> Footing:
+        """Where the walk is, for routine steps to go on from."""
+        behind = None if self.before is None else self.points[-2]
+        return Footing(
+            self.points[-1], behind, self.points[0].parameter, len(self.points), step, self.scale,
+            self.limits, SAME_SOLUTION, _flat(self.values),
+            _flat(self.values if self.before is None else self.before.values),
+        )  # fmt: skip
+
+    def put_down(self, made: Made) -> End | None:
+        """Put points of routine steps down, with the events between them.
+
+        Returns the end that `stop` or `callback` decide on.
+        """
+        for test in self.tests:
+            test.evaluations += len(made)
+        done, block = 0, made.block
+        for i in range(len(made)) if self.watched else made.marked:
+            self.points.extend(block, done, i)
+            point, done = block.point(i), i + 1
+            asked = self.callback is not None and self.callback(point)
+            found = self.events_on(made, i, point) if i in made.marked else []
+            self.points.append(point)
+            if self.stop is not None and (stopped := self.stop(point, found)):
+                end, self.points[-1] = stopped
+                return end
+            if asked:
+                return self.end(EndKind.STOPPED)
+        self.points.extend(block, done, len(made))
+        if len(made):
+            self.values, self.before = self.seen(made, len(made) - 1)
+        return None
+
+    def seen(self, made: Made, i: int) -> tuple[list[Array], Before]:
+        """The test functions at a routine step's point, and one point before."""
+        ends = np.cumsum([len(values) for values in self.values])
+        here, before = (np.split(made.values[i + k], ends)[:-1] for k in (2, 1))
+        return here, Before(float(made.arclengths[i + 1]), before)
+
+    def events_on(self, made: Made, i: int, point: Point) -> list[Event]:
+        """Locate the events on a routine step."""
+        began = time.perf_counter()
+        values, here = self.seen(made, i)
+        before = self.seen(made, i - 1)[1] if i > 0 else self.before
+        segment = self.segment(self.points[-1], point)
+        found, missed = find_events(self.tests, segment, here.values, values, before)
+        self.events += found
+        self.missed += missed
+        self.seconds_in_events += time.perf_counter() - began
+        return found
 
     def accept(self, here: Point, new: Point, ending: EndKind | None) -> list[Event]:
         """Put a point down, and the events between it and the one before; returns these.
@@ -230,7 +322,8 @@ class _Walker:
         if turned > self.settings.max_angle:
             return _Step(None, f"the branch turns by {turned:.3g} rad")
         known = not np.isnan(here.orientation)
-        if self.leaves_inside(here, new):
+        tangents = here.tangent, new.tangent
+        if leaves(here.unknowns, new.unknowns, *tangents, self.scale, *self.limits):
             return _Step(None, "the branch leaves the range inside the step")
         flipped = known and (new.orientation >= 0.0) != (here.orientation >= 0.0)
         if flipped and not self.segment(here, new).connected():
@@ -268,20 +361,6 @@ class _Walker:
             return None
         turned = arclength.angle(here.tangent, new.tangent, self.scale)
         return new if turned <= self.settings.max_angle else None
-
-    def leaves_inside(self, here: Point, new: Point) -> bool:
-        """Whether the parameter turns beyond a limit between two points within the range.
-
-        Where it turns, by the cubic through both points with their tangents.
-        """
-        rates = here.tangent[-1], new.tangent[-1]
-        if rates[0] * rates[1] >= 0.0:
-            return False
-        at = rates[0] / (rates[0] - rates[1])
-        span = new.arclength - here.arclength
-        highest = hermite(here, new, span, at)[-1]
-        inside = self.limits[0] <= new.parameter <= self.limits[1]
-        return inside and not self.limits[0] <= highest <= self.limits[1]
 
     def closing(self, here: Point, new: Point) -> Point | None:
         """The start again, if this step passed it in the direction it was left in."""
@@ -332,6 +411,10 @@ class _Walker:
             self.points, self.events, end, self.missed, self.iterations, self.rejected,
             self.seconds_in_events,
         )  # fmt: skip
+
+
+def _flat(values: list[Array]) -> Array:
+    return np.concatenate(values) if values else np.zeros(0)
 
 
 def _apart(zeros: list[Array], others: list[Array]) -> list[Array]:

@@ -7,6 +7,7 @@ arrays, and under a compiler for the plain subset of Python.
 
 from __future__ import annotations
 
+import re
 import textwrap
 from collections.abc import Callable, Sequence
 from typing import Any
@@ -36,6 +37,11 @@ class _Printer(PythonCodePrinter):
 
     def _print_Rational(self, expr: Any) -> str:
         return f"{expr.p}/{expr.q}" if expr.q != 1 else f"{expr.p}"
+
+
+def _as_float(printed: str) -> str:
+    """A whole number as a float: what a kernel returns is of one type."""
+    return f"{printed}.0" if re.fullmatch(r"-?\d+", printed) else printed
 
 
 class KernelWriter:
@@ -255,7 +261,7 @@ class KernelWriter:
             symbols=sympy.numbered_symbols("w"), optimizations="basic", order="none",
         )  # fmt: skip
         lines += [f"{s} = {printer.doprint(e)}" for s, e in shared]
-        results = ",\n    ".join(printer.doprint(e) for e in reduced)
+        results = ",\n    ".join(_as_float(printer.doprint(e)) for e in reduced)
         doc = textwrap.indent(textwrap.dedent("        " + about), "    ").strip()
         body = "\n".join(f"    {line}" for line in lines)
         return (

@@ -50,15 +50,6 @@ class Verdict:
     smallest_gap: float
 
 
-@dataclass(frozen=True)
-class Extremum:
-    """A turning point of the gap coordinate: after the time `dt`, displaced from the wall left."""
-
-    dt: float
-    displacement: float
-    maximum: bool
-
-
 def time_zeros(harmonics: Sequence[float], period: float) -> list[float] | None:
     """Return where in [0, period) the acceleration changes sign, or None if it depends on more.
 
@@ -172,46 +163,85 @@ def _chebyshev_coefficients(values: Array) -> Array:
     return coefficients
 
 
-def extrema(
-    motion: Callable[[float], tuple[float, float, float]], length: float,
-    speed_at_end: float, breaks: Sequence[float],
-) -> list[Extremum]:  # fmt: skip
-    """Return the turning points of a flight, in order.
+def excursions(
+    motion, head, values, length, arriving, left_side, reached_side, zeros, phase, period
+):  # fmt: skip
+    """Return the highest maximum and the lowest minimum inside a flight, and when they are reached.
+
+    Between two zeros of the acceleration the velocity is monotone and has at most one zero. A
+    flight that leaves its wall outwards, or reaches the next from outside, does so because an
+    impact runs the wrong way; that excursion belongs to the impact and is left out.
 
     Parameters
     ----------
-    motion : callable ``motion(dt) -> (displacement, velocity, acceleration)``
+    motion, head, values
+        As in `velocity_zero`.
     length : float
         Duration of the flight.
-    speed_at_end : float
+    arriving : float
         Velocity before the impact that ends it.
-    breaks : sequence of float
-        Zeros of the acceleration in (0, length), in order.
+    left_side, reached_side : float
+        Sides of the walls left and reached.
+    zeros : vector
+        Zeros of the acceleration in [0, period), in order.
+    phase, period : float
+        The flight leaves at `phase`; the zeros repeat every `period`.
+
+    Returns
+    -------
+    highest, when_highest, lowest, when_lowest : float
+        Displacements, and times after leaving; not numbers where there is none.
     """
-    found = []
-    _, speed, acceleration = motion(0.0)
+    high, when_high, low, when_low = math.nan, math.nan, math.nan, math.nan
+    _, speed, acceleration = motion(head, 0.0, values)
     rising = speed > 0.0 or (speed == 0.0 and acceleration > 0.0)
-    left = 0.0
-    for right in (*breaks, length):
-        next_speed = speed_at_end if right == length else motion(right)[1]
+    outwards, inwards = speed * left_side > 0.0, arriving * reached_side < 0.0
+    x, dt, maximum, waiting, first = 0.0, 0.0, False, False, True
+    left, index, turns, done = 0.0, 0, 0, False
+    while not done:
+        right = length
+        if len(zeros) > 0:
+            if index == len(zeros):
+                index, turns = 0, turns + 1
+            right = zeros[index] - phase
+            if turns > 0:
+                right += turns * period
+            index += 1
+            if right <= 0.0:
+                continue
+        if not right < length:
+            right, done = length, True
+        next_speed = arriving if done else motion(head, right, values)[1]
         next_rising = next_speed > 0.0 or (next_speed == 0.0 and rising)
         if next_rising != rising:
-            dt = velocity_zero(motion, (), (), left, speed, right, next_speed)
-            found.append(Extremum(dt, motion(dt)[0], maximum=rising))
+            if waiting and maximum and not x <= high:
+                high, when_high = x, dt
+            elif waiting and not maximum and not x >= low:
+                low, when_low = x, dt
+            waiting = not (first and outwards and rising == (left_side > 0.0))
+            first, maximum = False, rising
+            if waiting:
+                dt = velocity_zero(motion, head, values, left, speed, right, next_speed)
+                x = motion(head, dt, values)[0]
         left, speed, rising = right, next_speed, next_rising
-    return found
+    if waiting and not (inwards and maximum == (reached_side > 0.0)):
+        if maximum and not x <= high:
+            high, when_high = x, dt
+        elif not maximum and not x >= low:
+            low, when_low = x, dt
+    return high, when_high, low, when_low
 
 
 def velocity_zero(motion, head, values, left, speed_left, right, speed_right):
     """Return where the velocity changes sign between `left` and `right`, where it is monotone.
 
     Newton's iteration kept inside a bracket. `motion` is called as
-    ``motion(*head, dt, *values) -> (displacement, velocity, acceleration)``.
+    ``motion(head, dt, values) -> (displacement, velocity, acceleration)``.
     """
     length = right - left
     t = left + length * speed_left / (speed_left - speed_right)
     for _ in range(80):
-        _, speed, acceleration = motion(*head, t, *values)
+        _, speed, acceleration = motion(head, t, values)
         if speed == 0.0:
             return t
         if (speed > 0.0) == (speed_left > 0.0) and speed_left != 0.0:
@@ -258,7 +288,7 @@ def wall_arrival(motion, head, values, left, speed_left, right, speed_right, wal
     t = left if abs(speed_left) > abs(speed_right) else right
     speed = 0.0
     for _ in range(100):
-        x, speed, acceleration = motion(*head, t, *values)
+        x, speed, acceleration = motion(head, t, values)
         if (x < wall) == rising:
             left = t
         else:
@@ -310,10 +340,10 @@ def first_hit(motion, head, values, breaks, left, speed_left, rising, low, high)
         Direction of motion at that time.
     """
     for right in breaks:
-        x, speed_right, _ = motion(*head, right, *values)
+        x, speed_right, _ = motion(head, right, values)
         if speed_right != 0.0 and (speed_right > 0.0) != rising:
             turn = velocity_zero(motion, head, values, left, speed_left, right, speed_right)
-            x_turn = motion(*head, turn, *values)[0]
+            x_turn = motion(head, turn, values)[0]
             wall = high if rising else low
             if (x_turn >= wall) if rising else (x_turn <= wall):
                 arrival = wall_arrival(
@@ -361,63 +391,77 @@ def flight_gaps(
     """
     setup = kernels.setup(*values)
     period, named = setup[0], kernels.model.WALLS
-    positions = dict(zip((w.name for w in named), setup[3:], strict=False))
-    sides = {w.name: w for w in named}
+    places = {w.name: i for i, w in enumerate(named)}
+    positions = setup[3 : 3 + len(named)]
     zeros = time_zeros(kernels.harmonics(*values), period)
+    excursion = excursion_of(kernels)
     rows = impacts.tolist()
     rows.append([rows[0][0] + span, *rows[0][1:]])
     result = []
     for k, wall in enumerate(walls):
-        following = walls[(k + 1) % len(walls)]
         leave, arrive = rows[k], rows[k + 1]
+        i, j = places[wall], places[walls[(k + 1) % len(walls)]]
         length = arrive[0] - leave[0]
         if not length > 0.0:
             result.append(FlightGaps(length, (None,) * len(named)))
             continue
-        kernel = kernels.motion(wall)
-
-        def motion(dt, kernel=kernel, leave=leave):
-            return kernel(*leave, dt, *values)
-
-        breaks = _breaks(kernels, kernel, zeros, period, leave, length, values)
-        turns = extrema(motion, length, arrive[1], breaks)
-        turns = _without_wrong_way(turns, motion(0.0)[1], sides[wall], arrive[1], sides[following])
+        found = excursion(
+            (i, *leave), values, length, arrive[1], named[i].side, named[j].side, zeros, period
+        )
         touches = tuple(
-            _nearest(k, leave[0], w, positions[w.name] - positions[wall], turns) for w in named
+            _touch(k, leave[0], w, positions[place] - positions[i], found)
+            for place, w in enumerate(named)
         )
         result.append(FlightGaps(length, touches))
     return result
 
 
-def _breaks(kernels, kernel, zeros, period, leave, length, values):
-    """Zeros of the acceleration inside a flight, as times after leaving."""
-    if zeros is None:
-        vectorised = kernels.vectorised(kernel)
-        return chebyshev_zeros(lambda dt: vectorised(*leave, dt, *values)[2], length)
-    phase = leave[0] - math.floor(leave[0] / period) * period
-    turns = range(int(length // period) + 2)
-    times = (zero + turn * period - phase for turn in turns for zero in zeros)
-    return [t for t in times if 0.0 < t < length]
+def excursion_of(kernels: Kernels) -> Callable[..., tuple[float, float, float, float]]:
+    """Return `excursions` for the flights of a model.
+
+    It is called with head, values, length, arriving, left_side, reached_side, zeros, period; where
+    `zeros` is None, the acceleration depends on the state.
+    """
+    motion, named = kernels.motions, kernels.model.WALLS
+
+    def excursion(head, values, length, arriving, left_side, reached_side, zeros, period):
+        if zeros is not None:
+            return excursions_in_time(
+                motion, head, values, length, arriving, left_side, reached_side, zeros, period
+            )
+        vectorised = kernels.vectorised(kernels.motion(named[head[0]].name))
+        breaks = chebyshev_zeros(lambda dt: vectorised(*head[1:], dt, *values)[2], length)
+        return excursions(
+            motion, head, values, length, arriving, left_side, reached_side, breaks, 0.0, math.inf
+        )
+
+    return excursion
 
 
-def _without_wrong_way(turns, speed_out: float, left: Wall, speed_in: float, reached: Wall):
-    """Leave out the excursions beyond a wall that belong to an impact running the wrong way."""
-    if turns and speed_out * left.side > 0.0 and turns[0].maximum == (left.side > 0):
-        turns = turns[1:]
-    if turns and speed_in * reached.side < 0.0 and turns[-1].maximum == (reached.side > 0):
-        turns = turns[:-1]
-    return turns
+def excursions_in_time(
+    motion, head, values, length, arriving, left_side, reached_side, zeros, period
+):  # fmt: skip
+    """As `excursions`, where the acceleration depends on time alone and vanishes at `zeros`."""
+    phase = head[1] - math.floor(head[1] / period) * period
+    return excursions(
+        motion, head, values, length, arriving, left_side, reached_side, zeros, phase, period
+    )
 
 
-def _nearest(flight: int, start: float, wall: Wall, distance: float, turns) -> Touch | None:
+def gap_to(side, distance, found):
+    """Return the smallest gap to a wall and when it is reached, from what `excursions` found.
+
+    `distance` is the wall's displacement; not-a-number says that the flight never turns towards it.
+    """
+    if side > 0.0:
+        return distance - found[0], found[1]
+    return found[2] - distance, found[3]
+
+
+def _touch(flight: int, start: float, wall: Wall, distance: float, found: Any) -> Touch | None:
     """The smallest gap to a wall among the turning points towards it."""
-    best = None
-    for turn in turns:
-        if turn.maximum == (wall.side > 0):
-            gap = wall.side * (distance - turn.displacement)
-            if best is None or gap < best.gap:
-                best = Touch(flight, wall.name, start + turn.dt, gap)
-    return best
+    gap, dt = gap_to(wall.side, distance, found)
+    return None if math.isnan(gap) else Touch(flight, wall.name, start + dt, gap)
 
 
 def judge(
@@ -437,24 +481,80 @@ def judge(
     forgive_impact : int, optional
         An impact whose direction is not held against it: the zero velocity itself.
     """
-    n = len(word)
-    smallest = math.nan
-    reason = None
-    sides = {w.name: w.side for w in named}
-    for k, flight in enumerate(gaps):
-        places = f"flight {k} ({word[k]} to {word[(k + 1) % n]})"
-        if flight.duration < 0.0:
-            reason = reason or f"impacts out of order: {places} lasts {flight.duration:.6g}"
-        for touch in flight.touches:
-            if touch is None or (k, touch.wall) in forgive_touches:
-                continue
-            smallest = touch.gap if math.isnan(smallest) else min(smallest, touch.gap)
-            if touch.gap < 0.0 and reason is None:
-                reason = (
-                    f"{places} passes wall {touch.wall} by {-touch.gap:.6g} at t = {touch.time:.6g}"
-                )
-    for k, (wall, speed) in enumerate(zip(word, impacts[:, 1].tolist(), strict=True)):
-        if speed * sides[wall] < 0.0 and k != forgive_impact:
-            reason = f"impact {k} on wall {wall} runs the wrong way: velocity {speed:.6g}"
-            break
-    return Verdict(reason is None, reason, smallest)
+    places = {w.name: i for i, w in enumerate(named)}
+    walls = [places[name] for name in word]
+    touches = [
+        None if t is None or (k, t.wall) in forgive_touches else t
+        for k, flight in enumerate(gaps)
+        for t in flight.touches
+    ]
+    found = verdict(
+        walls, [float(w.side) for w in named], [flight.duration for flight in gaps],
+        [math.nan if t is None else t.gap for t in touches],
+        [math.nan if t is None else t.time for t in touches],
+        impacts[:, 1].tolist(), -1 if forgive_impact is None else forgive_impact,
+    )  # fmt: skip
+    return Verdict(found[0] == PHYSICAL, reason_of(found, word, named), found[5])
+
+
+PHYSICAL, OUT_OF_ORDER, PASSES, WRONG_WAY = 0, 1, 2, 3
+"""What `verdict` says."""
+
+
+def verdict(walls, sides, durations, gaps, times, velocities, forgiven):
+    """Decide whether an orbit is physical, from numbers.
+
+    Parameters
+    ----------
+    walls : vector of int
+        The word.
+    sides : vector
+        Of the walls.
+    durations : vector
+        Of the flights.
+    gaps, times : vector
+        Smallest gap of each flight to each wall, and when; not numbers where there is none.
+    velocities : vector
+        Before the impacts.
+    forgiven : int
+        An impact whose direction does not count, or -1.
+
+    Returns
+    -------
+    what : int
+        0 for physical, or why not.
+    place, wall : int
+        Of the flight or impact, and of the wall passed.
+    amount, when : float
+        The duration, the depth or the velocity; the time of a touch.
+    smallest : float
+        Smallest gap of all; not a number where there is none.
+    """
+    what, place, wall, amount, when, smallest = 0, 0, 0, 0.0, 0.0, math.nan
+    count = len(sides)
+    for k in range(len(walls)):
+        if durations[k] < 0.0 and what == 0:
+            what, place, amount = 1, k, durations[k]
+        for i in range(count):
+            gap = gaps[count * k + i]
+            if gap < 0.0 and what == 0:
+                what, place, wall, amount, when = 2, k, i, -gap, times[count * k + i]
+            if not gap >= smallest and gap == gap:
+                smallest = gap
+    for k in range(len(walls)):
+        if velocities[k] * sides[walls[k]] < 0.0 and k != forgiven and what != 3:
+            what, place, amount = 3, k, velocities[k]
+    return what, place, wall, amount, when, smallest
+
+
+def reason_of(found: Any, word: str, named: Sequence[Wall]) -> str | None:
+    """Return what `verdict` found as a sentence; None where the orbit is physical."""
+    what, k, wall, amount, when = (int(found[0]), int(found[1]), int(found[2]), *found[3:5])
+    flight = f"flight {k} ({word[k]} to {word[(k + 1) % len(word)]})"
+    if what == OUT_OF_ORDER:
+        return f"impacts out of order: {flight} lasts {amount:.6g}"
+    if what == PASSES:
+        return f"{flight} passes wall {named[wall].name} by {amount:.6g} at t = {when:.6g}"
+    if what == WRONG_WAY:
+        return f"impact {k} on wall {word[k]} runs the wrong way: velocity {amount:.6g}"
+    return None

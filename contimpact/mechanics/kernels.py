@@ -42,6 +42,17 @@ ARRAY_NAMES = (
 )
 
 
+class _WhenAsked(dict[int, Kernel]):
+    """Kernels by number, loaded when they are first asked for."""
+
+    def __init__(self, load: Callable[[int], Kernel]) -> None:
+        self.load = load
+
+    def __missing__(self, number: int) -> Kernel:
+        self[number] = self.load(number)
+        return self[number]
+
+
 class Kernels:
     """The kernels of one model with one or two free parameters, loaded as they are asked for.
 
@@ -96,6 +107,28 @@ class Kernels:
         """``motion(t0, *y0, dt, *p)``: displacement, velocity, acceleration after wall a."""
         return self.kernel(f"motion_{a}")
 
+    @functools.cached_property
+    def flights(self) -> Callable[..., Any]:
+        """``flights(kind, t0, v0, t1, v1, p)``: the flight between two walls by their numbers,
+        kind = start * walls + end; for one degree of freedom."""
+        named = [wall.name for wall in self.model.WALLS]
+        loaded = _WhenAsked(lambda kind: self.flight(*(named[i] for i in divmod(kind, len(named)))))
+
+        def flight(kind, t0, v0, t1, v1, p):
+            return loaded[kind](t0, v0, t1, v1, *p)
+
+        return flight
+
+    @functools.cached_property
+    def motions(self) -> Callable[..., Any]:
+        """``motions((wall, t0, *y0), dt, p)``: the motion after a wall by its number."""
+        loaded = _WhenAsked(lambda wall: self.motion(self.model.WALLS[wall].name))
+
+        def motion(head, dt, p):
+            return loaded[head[0]](*head[1:], dt, *p)
+
+        return motion
+
     def kernel(self, name: str) -> Kernel:
         """Return a kernel as a function of floats."""
         if name not in self._functions:
@@ -126,6 +159,7 @@ class Kernels:
             self.loaded.append(name)
         namespace = dict(SCALAR_NAMES)
         exec(compile(source, str(path or f"<kernel {name}>"), "exec"), namespace)
+        namespace[name].source = source
         return namespace[name]
 
     def _key(self, name: str) -> str:

@@ -29,7 +29,7 @@ from typing import Any
 import numpy as np
 
 from . import stability
-from .flight import FlightGaps, Verdict, flight_gaps, judge
+from .flight import FlightGaps, Verdict, flight_gaps, judge, reason_of
 from .kernels import Kernels
 from .model import Model
 from .word import Word
@@ -127,6 +127,10 @@ class OrbitProblem:
             self, unknowns, np.array(residual), np.array(start).reshape(-1, m, m),
             np.array(end).reshape(-1, m, m), np.array(by_parameter).reshape(n, -1),
         )  # fmt: skip
+
+    def described(self, unknowns: Array, numbers: Array) -> Described:
+        """Return a point of which `numbers` are known; see `Described`."""
+        return Described(self, unknowns, numbers)
 
     def _period_slopes(self, setup: Sequence[float]) -> list[float]:
         """The derivatives of the forcing period by the free parameters."""
@@ -327,6 +331,11 @@ class Linearisation:
         end[different, 0, 0] = arriving[different]
         return stability.multipliers(self.start, end)
 
+    @property
+    def largest_residual(self) -> float:
+        """The largest absolute residual."""
+        return float(np.max(np.abs(self.residual)))
+
     @functools.cached_property
     def n_unstable(self) -> int:
         """Number of multipliers outside the unit circle."""
@@ -361,3 +370,46 @@ class Linearisation:
         out = problem.kernels.setup(*problem.values(self.unknowns))
         first = 3 + len(problem.model.WALLS)
         return dict(zip(names, out[first : first + len(names)], strict=True))
+
+
+class Described(Linearisation):
+    """A point whose stability and verdict are known; residual and blocks follow when asked for.
+
+    Parameters
+    ----------
+    problem : OrbitProblem
+        With one degree of freedom.
+    unknowns : ndarray of shape (n + 1,)
+    numbers : ndarray of shape (11,)
+        The largest residual, real and imaginary parts of both multipliers, and what
+        `flight.verdict` says.
+    """
+
+    def __init__(self, problem: OrbitProblem, unknowns: Array, numbers: Array) -> None:
+        self.problem, self.unknowns, self.numbers = problem, unknowns, numbers
+
+    def __getattr__(self, name: str) -> Any:
+        if name not in ("residual", "start", "end", "by_parameter"):
+            raise AttributeError(name)
+        here = self.problem.evaluate(self.unknowns)
+        self.residual, self.start, self.end = here.residual, here.start, here.end
+        self.by_parameter = here.by_parameter
+        return getattr(self, name)
+
+    @functools.cached_property
+    def multipliers(self) -> Array:
+        """Multipliers, largest first; infinite where an impact velocity vanishes."""
+        larger, smaller = self.numbers[1:5].reshape(2, 2)
+        return np.array([complex(*larger), complex(*smaller)])
+
+    @functools.cached_property
+    def verdict(self) -> Verdict:
+        """Whether the orbit is physical, and if not why and where."""
+        found = self.numbers[5:]
+        reason = reason_of(found, self.problem.word.walls, self.problem.model.WALLS)
+        return Verdict(reason is None, reason, float(found[5]))
+
+    @property
+    def largest_residual(self) -> float:
+        """The largest absolute residual."""
+        return float(self.numbers[0])

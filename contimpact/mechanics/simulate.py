@@ -301,10 +301,10 @@ class Simulator:
             -1 where a flight of `longest_flight` periods meets none.
         dt, velocity : float
         """
-        motion, head = self._motions[wall], (phase, velocity)
+        motion, head = self.kernels.motions, (wall, phase, velocity)
         low, high = self._gaps[wall]
         rising = self.sides[wall] < 0
-        left, speed = 0.0, motion(phase, velocity, 0.0, *self.values)[1]
+        left, speed = 0.0, motion(head, 0.0, self.values)[1]
         return self._first(
             motion, head, (left, speed, rising, low, high),
             lambda window: self._breaks(wall, phase, velocity, window),
@@ -350,7 +350,8 @@ class Simulator:
         phase = time - turns * self.period
         fall = self._motions[0]
 
-        def motion(phase: float, out: float, dt: float, *values: float) -> Any:
+        def motion(head: tuple[float, float], dt: float, values: Sequence[float]) -> Any:
+            phase, out = head
             x, speed, acceleration = fall(phase, 0.0, dt, *values)
             return out * dt + x, out + speed, acceleration
 

@@ -1,0 +1,130 @@
+"""What is measured, in rounds of all contestants, and the processes in which it is measured."""
+
+from __future__ import annotations
+
+import importlib.util
+import json
+import os
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, NamedTuple
+
+HERE = Path(__file__).resolve().parent
+COMPILED = importlib.util.find_spec("numba") is not None
+MODES = {"plain": "never"} | ({"compiled": "always"} if COMPILED else {})
+"""Values of CONTIMPACT_COMPILED; compiling needs Numba."""
+
+THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS")
+
+
+class Sample(NamedTuple):
+    """One measurement: the seconds that so many points, impacts or scenes took."""
+
+    table: str
+    row: str
+    seconds: float
+    count: int
+
+
+@dataclass(frozen=True)
+class Contestant:
+    """Measures some rows once in every round.
+
+    Attributes
+    ----------
+    name : str
+        For messages.
+    measure : callable
+        Returns a list of `Sample`.
+    rounds : int, optional
+        Rounds it takes part in, at most.
+    """
+
+    name: str
+    measure: Callable[[], list[Sample]]
+    rounds: int | None = None
+
+
+Measured = dict[str, dict[str, list[Sample]]]
+"""By table and row, a sample for each round."""
+
+
+def interleaved(contestants: Sequence[Contestant], runs: int) -> Measured:
+    """Let all contestants measure in turn, round after round, after one that is not counted."""
+    measured: Measured = {}
+    for turn in range(runs + 1):
+        for contestant in contestants:
+            if turn > (contestant.rounds or runs):
+                continue
+            say(
+                f"round {turn} of {runs}: {contestant.name}" if turn else f"warm: {contestant.name}"
+            )
+            for sample in contestant.measure():
+                if turn:
+                    rows = measured.setdefault(sample.table, {})
+                    rows.setdefault(sample.row, []).append(sample)
+    return measured
+
+
+def say(text: str) -> None:
+    """Tell how far things are."""
+    print(text, file=sys.stderr, flush=True)
+
+
+@dataclass(frozen=True)
+class Workspace:
+    """A temporary folder in which everything is run and cached."""
+
+    folder: Path
+
+    def environment(self, mode: str) -> dict[str, str]:
+        """Return the environment of a child: one thread, compiled or not, a cache of its own."""
+        cache = self.folder / f"cache-{mode}"
+        return os.environ | dict.fromkeys(THREADS, "1") | {
+            "CONTIMPACT_COMPILED": MODES[mode],
+            "CONTIMPACT_CACHE": str(cache),
+            "NUMBA_CACHE_DIR": str(cache / "numba"),
+        }  # fmt: skip
+
+    def timed(self, script: str, *arguments: str, mode: str) -> float:
+        """Run a script of this folder in a process of its own; returns its wall time."""
+        command = [sys.executable, str(HERE / script), *arguments]
+        return timed(command, env=self.environment(mode), cwd=self.folder)
+
+    def call(self, function: str, *arguments: Any, mode: str = "plain") -> Any:
+        """Call ``module.function`` in a process of its own and return what it returns."""
+        command = [sys.executable, str(HERE / "child.py"), *function.split(".")]
+        done = subprocess.run(
+            [*command, json.dumps(arguments)], env=self.environment(mode), cwd=self.folder,
+            check=True, stdout=subprocess.PIPE, text=True,
+        )  # fmt: skip
+        return json.loads(done.stdout)
+
+
+def timed(command: Sequence[str], **options: Any) -> float:
+    """Run a command without showing its output; returns its wall time.
+
+    Raises
+    ------
+    RuntimeError
+        If it fails; the message is what it printed.
+    """
+    began = time.perf_counter()
+    done = subprocess.run(
+        command, check=False, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, **options
+    )
+    seconds = time.perf_counter() - began
+    if done.returncode:
+        raise RuntimeError(f"{command[0]} failed:\n{done.stderr.decode()}")
+    return seconds
+
+
+def seconds_of(work: Callable[[], Any]) -> tuple[float, Any]:
+    """Return the time a function takes, and its result."""
+    began = time.perf_counter()
+    result = work()
+    return time.perf_counter() - began, result

@@ -1,0 +1,90 @@
+"""Measures contimpact, AUTO-07p and natural continuation side by side.
+
+    python benchmarks/run.py [--runs 7] [--only NAME ...] [-o FOLDER]
+
+All contestants are measured in turn, round after round, on one thread each. Seconds depend on the
+machine; ratios are formed within a round. See README.md next to this file.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+import tempfile
+from pathlib import Path
+
+import auto07p
+import branch
+import figure6
+import natural
+import simulation
+import words
+from agreement import checks
+from contestant import COMPILED, Workspace, interleaved, say
+from report import Results
+
+SUBJECTS = {
+    "branch": branch,
+    "auto": auto07p,
+    "natural": natural,
+    "words": words,
+    "simulation": simulation,
+    "figure6": figure6,
+}
+
+
+def main() -> int:
+    options = parsed()
+    with tempfile.TemporaryDirectory() as folder:
+        results = measure(Workspace(Path(folder)), options.only, options.runs)
+    print(results.as_text())
+    if options.output:
+        write(results, options.output)
+    return 0 if all(check.holds for check in results.checks) else 1
+
+
+def parsed() -> argparse.Namespace:
+    """Read the command line."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--runs", type=int, default=7, help="rounds (default: %(default)s)")
+    parser.add_argument(
+        "--only", nargs="+", choices=SUBJECTS, default=list(SUBJECTS), metavar="NAME",
+        help=f"measure these only, of {', '.join(SUBJECTS)}",
+    )  # fmt: skip
+    parser.add_argument("-o", "--output", type=Path, help="folder for results.json and results.md")
+    options = parser.parse_args()
+    if options.runs < 1:
+        parser.error("--runs: give at least 1")
+    return options
+
+
+def measure(workspace: Workspace, subjects: list[str], runs: int) -> Results:
+    """Measure some subjects in interleaved rounds, and check what was computed."""
+    results = Results(runs)
+    if not COMPILED:
+        results.skipped.append("The rows of compiled code are left out: Numba was not found.")
+    if "auto" in subjects and (reason := auto07p.missing()):
+        results.skipped.append(f"AUTO's rows and all ratios to it are left out: {reason}.")
+        subjects = [name for name in subjects if name != "auto"]
+    for note in results.skipped:
+        say(note)
+    if "branch" in subjects:
+        say("first processes, nothing cached")
+        results.first = branch.first_runs(workspace)
+    entered = [one for name in subjects for one in SUBJECTS[name].contestants(workspace)]
+    results.measured = interleaved(entered, runs)
+    results.checks = checks(workspace, subjects)
+    return results
+
+
+def write(results: Results, folder: Path) -> None:
+    """Write results.json and results.md."""
+    folder.mkdir(parents=True, exist_ok=True)
+    text = json.dumps(results.as_data(), indent=1)
+    (folder / "results.json").write_text(text + "\n", encoding="utf-8")
+    (folder / "results.md").write_text(results.as_text(), encoding="utf-8")
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,444 @@
+"""Routine steps along a branch of orbits with one degree of freedom: many points at a time.
+
+Everything a step needs of the orbit problem and of the test functions, as functions in the plain
+subset of Python on flat vectors: `contimpact.continuation.march` runs them, plainly or compiled.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from .compiled import Program, compiled
+from .bifurcations import (
+    BranchPoint,
+    Fold,
+    Grazing,
+    NeimarkSacker,
+    PeriodDoubling,
+    Requested,
+    ZeroDuration,
+    ZeroVelocity,
+)
+from .continuation.arclength import Settings
+from .continuation.events import TestFunction
+from .continuation.branch import Walk
+from .continuation.march import EVALUATIONS, EXTRA, Footing, Made, march
+from .continuation.walk import walk
+from .mechanics.cycle import (
+    BLOCK,
+    KEPT,
+    assemble,
+    eliminate,
+    multipliers,
+    product_of_multipliers,
+    row_norms,
+    scaled,
+    solve,
+    store,
+    store_compiled,
+)
+from .mechanics.flight import excursion_of, excursions_in_time, gap_to, time_zeros, verdict
+from .mechanics.kernels import Kernels
+from .mechanics.orbit import Array, OrbitProblem
+
+FB, BP, PD, NS, G, V, T, PARAMETER, DERIVED = range(9)
+"""Codes of test functions, for `observe`."""
+
+DESCRIBED = 10
+"""Numbers that describe a point: two multipliers, and what `verdict` says."""
+
+SAME_TIME = 1e-12
+"""Durations below this have no value; see `contimpact.bifurcations.ZeroDuration`."""
+
+
+class Course(NamedTuple):
+    """What a branch is made of, as vectors and tables.
+
+    Attributes
+    ----------
+    kinds, word : vector of int
+        Kinds of the flights, and the walls they leave.
+    counts : vector of int
+        Walls, periods, place of the free parameter among the values, whether gaps are wanted.
+    values, sides : vector
+        Parameter values; sides of the walls.
+    codes, places, targets : vector
+        The test functions: code, which of its kind, the value it is to reach.
+    zeros : vector
+        Zeros of the acceleration, where they are the same along the branch.
+    blocks, kept, reduced : table
+        Room for the flights, for their elimination and for what is left.
+    clock, durations, gaps, times, velocities : vector
+        Room for the period, and for what decides whether an orbit is physical.
+    """
+
+    kinds: Any
+    word: Any
+    counts: Any
+    values: Any
+    sides: Any
+    codes: Any
+    places: Any
+    targets: Any
+    zeros: Any
+    blocks: Any
+    kept: Any
+    reduced: Any
+    clock: Any
+    durations: Any
+    gaps: Any
+    times: Any
+    velocities: Any
+
+
+def evaluate_cycle(flight, setup, course, z):
+    """Evaluate the flights of an orbit; returns the largest residual."""
+    return assemble(
+        flight, setup, course.kinds, course.counts[1], course.counts[2], course.values,
+        course.blocks, course.clock, z,
+    )  # fmt: skip
+
+
+def newton_step(course, row, g, out):
+    """Fill `out` with Newton's step at the point last evaluated; whether there is one."""
+    reduced = eliminate(
+        course.blocks, course.kinds, course.counts[0], course.kept, 1.0, False, out, 0.0
+    )
+    return abs(solve(reduced, course.kept, len(course.kinds), row, g, out)) > 0.0
+
+
+def tangent_of_cycle(course, z, row, scale, out):
+    """Fill `out` with the unit tangent at the point last evaluated that goes on along `row`.
+
+    Returns the determinant of the Jacobian bordered by the tangent, rows and columns scaled; not a
+    number where no tangent is defined.
+    """
+    count = len(course.kinds)
+    reduced = eliminate(
+        course.blocks, course.kinds, course.counts[0], course.kept, 0.0, True, z, course.clock[0]
+    )
+    store(course.reduced, 0, reduced)
+    det = solve(reduced, course.kept, count, row, 1.0, out)
+    size = 0.0
+    for i in range(2 * count + 1):
+        part = out[i] / scale[i]
+        size += part * part
+    size = math.sqrt(size)
+    if not (abs(det) > 0.0 and size > 0.0 and size - size == 0.0):
+        return math.nan
+    for i in range(2 * count + 1):
+        out[i] /= size
+    time, velocity, free = scale[0], scale[1], scale[2 * count]
+    sizes = count * math.log(time * velocity) + math.log(free)
+    norms = row_norms(course.blocks, count, 1.0, time, velocity, free)
+    # the border is row / scale^2; with the tangent itself in its place it is longer by `size`
+    return scaled(reduced[12], reduced[13] + sizes, det * size, norms)
+
+
+def measure(setup, breaks, excursion, course, z):
+    """Fill in durations, velocities, gaps and when they are smallest."""
+    fixed = setup(course.values)
+    count, walls = len(course.kinds), course.counts[0]
+    zeros = breaks(course.values, fixed[0], course.zeros)
+    for k in range(count):
+        i = 2 * k
+        last = k + 1 == count
+        length = (z[0] + course.clock[0] if last else z[i + 2]) - z[i]
+        wall, following = course.word[k], course.word[0 if last else k + 1]
+        course.durations[k], course.velocities[k] = length, z[i + 1]
+        found = (math.nan, math.nan, math.nan, math.nan)
+        if length > 0.0 and course.counts[3] != 0:
+            found = excursion(
+                (wall, z[i], z[i + 1]), course.values, length, z[1] if last else z[i + 3],
+                course.sides[wall], course.sides[following], zeros, fixed[0],
+            )  # fmt: skip
+        for j in range(walls):
+            gap, dt = gap_to(course.sides[j], fixed[3 + j] - fixed[3 + wall], found)
+            course.gaps[walls * k + j], course.times[walls * k + j] = gap, z[i] + dt
+
+
+def observe_cycle(setup, breaks, excursion, course, z, tangent, orientation, rows, at):
+    """Put the test functions, the multipliers and the verdict into a row; returns the residual."""
+    measure(setup, breaks, excursion, course, z)
+    walls = course.counts[0]
+    reduced = course.reduced[0]
+    product = product_of_multipliers(course.blocks, course.kinds, walls, z, course.clock[0])
+    for i in range(len(course.codes)):
+        rows[at + i] = value_of_test(
+            setup, course, course.codes[i], course.places[i], course.targets[i], z, tangent,
+            orientation, product,
+        )  # fmt: skip
+    at += len(course.codes)
+    rows[at], rows[at + 1], rows[at + 2], rows[at + 3] = multipliers(reduced, product)
+    what, place, wall, amount, when, smallest = verdict(
+        course.word, course.sides, course.durations, course.gaps, course.times, course.velocities,
+        -1,
+    )  # fmt: skip
+    rows[at + 4], rows[at + 5], rows[at + 6] = what, place, wall
+    rows[at + 7], rows[at + 8], rows[at + 9] = amount, when, smallest
+    worst = 0.0
+    for k in range(len(course.kinds)):
+        block = course.blocks[k]
+        worst = max(worst, abs(block[0]), abs(block[1]))
+    return worst
+
+
+def value_of_test(setup, course, code, place, target, z, tangent, orientation, product):
+    """Return one test function's value at the point last measured."""
+    last = len(z) - 1
+    if code == FB:
+        return tangent[last]
+    if code == BP:
+        return orientation
+    if code == PD:
+        p00, p01, p10, p11, q00, q01, q10, q11, _, _, _, _, sign, logarithm, _ = course.reduced[0]
+        det = (p00 - q00) * (p11 - q11) - (p01 - q01) * (p10 - q10)
+        norms = row_norms(course.blocks, len(course.kinds), -1.0, 1.0, 1.0, 0.0)
+        return scaled(sign, logarithm, det, norms)
+    if code == NS:
+        return (product - 1.0) / (abs(product) + 1.0) if product - product == 0.0 else 1.0
+    if code == G:
+        return course.gaps[place]
+    if code == V:
+        return course.sides[course.word[place]] * course.velocities[place]
+    if code == T:
+        duration = course.durations[place]
+        return math.nan if abs(duration) < SAME_TIME else duration
+    if code == PARAMETER:
+        return z[last] - target
+    return setup(course.values)[place] - target
+
+
+class OrbitSystem:
+    """An orbit problem with its test functions, for routine steps of a walk.
+
+    Parameters
+    ----------
+    problem : OrbitProblem
+        With one degree of freedom and one free parameter.
+    codes : sequence of (code, place, target)
+        The test functions.
+    gaps : bool
+        Whether to decide at every point if it is physical.
+    """
+
+    def __init__(
+        self, problem: OrbitProblem, codes: Sequence[tuple[int, int, float]], gaps: bool
+    ) -> None:
+        self.problem, self.gaps = problem, gaps
+        self.codes = list(codes)
+        self.functions = plain_functions(problem)
+
+    def course(self, vector: Callable[..., Any], table: Callable[[int, int], Any]) -> Course:
+        """The branch as vectors and tables: lists, or arrays for compiled code."""
+        problem = self.problem
+        named = [wall.name for wall in problem.model.WALLS]
+        word = [named.index(letter) for letter in problem.word.walls]
+        count, walls = len(word), len(named)
+        place = list(problem.model.values).index(problem.parameter)
+        values = list(problem.model.values.values())
+        codes, places, targets = ([code[i] for code in self.codes] for i in range(3))
+        return Course(
+            kinds=vector([a * walls + b for a, b in zip(word, word[1:] + word[:1], strict=True)]),
+            word=vector(word),
+            counts=vector([walls, problem.word.period, place, int(self.gaps)]),
+            values=vector(values),
+            sides=vector([float(wall.side) for wall in problem.model.WALLS]),
+            codes=vector(codes), places=vector(places), targets=vector(targets, float),
+            zeros=vector(self.zeros or [], float),
+            blocks=table(count, BLOCK), kept=table(count, KEPT), reduced=table(1, KEPT),
+            clock=vector([0.0] * 2), durations=vector([0.0] * count),
+            gaps=vector([0.0] * count * walls), times=vector([0.0] * count * walls),
+            velocities=vector([0.0] * count),
+        )  # fmt: skip
+
+    def march(self, footing: Footing, settings: Settings, most: int) -> Made:
+        """Make routine steps, `most` of them unless one is not routine."""
+        n, q = len(footing.scale), len(self.codes)
+        width = 2 * n + EXTRA + q + DESCRIBED
+        fast = self.compiled(footing)
+        vector, table = (_array, _array_table) if fast else (_list, _list_table)
+        state, rows = vector(footing.state()), vector([0.0] * (width * most))
+        points = (footing.scale, footing.here.unknowns, footing.here.tangent, footing.chord(),
+                  footing.values, footing.earlier)  # fmt: skip
+        given = (
+            vector(footing.options(settings)), state, *(vector(p, float) for p in points),
+            table(4, n), rows,
+        )  # fmt: skip
+        course = self.course(vector, table)
+        if fast:
+            made = fast(*course, *given, vector([width, most]))
+        else:
+            made = march(*self.functions, course, *given, width, most)
+        self.problem.kernel_evaluations += int(state[EVALUATIONS]) * len(self.problem.word)
+        block = np.array(rows[: width * made]).reshape(made, width)
+        return Made.of(footing, state, block, most, self.problem.described)
+
+    def compiled(self, footing):
+        import os
+        if os.environ.get("CONTIMPACT_COMPILED")!="always": return None
+        if not hasattr(self,"_c"):
+            k=self.problem.kernels
+            self._c = compiled((k._key('march'),), ARGUMENTS, lambda: program_of(k), True)
+        return self._c
+
+    @property
+    def zeros(self) -> list[float] | None:
+        """Zeros of the acceleration; None where it depends on the state."""
+        kernels, values = self.problem.kernels, self.problem.model.values.values()
+        return time_zeros(kernels.harmonics(*values), kernels.setup(*values)[0])
+
+
+def _list(numbers: Sequence[float], kind: type = float) -> list[Any]:
+    return list(numbers) if isinstance(numbers, list) else numbers.tolist()
+
+
+def _list_table(rows: int, columns: int) -> list[Any]:
+    return [[0.0] * columns for _ in range(rows)]
+
+
+def _array(numbers: Sequence[float], kind: type | None = None) -> Array:
+    if kind is None:
+        kind = float if len(numbers) and isinstance(numbers[0], float) else np.int64
+    return np.array(numbers, dtype=kind)
+
+
+def _array_table(rows: int, columns: int) -> Array:
+    return np.zeros((rows, columns))
+
+
+ARGUMENTS = "iiiffiiff" "FFF" "fffff" "fff" "fffff" "Ffi"
+"""Kinds of the entry's arguments, in its order: a course's fields, then those of `march`."""
+
+ENTRY = """
+def entry(
+    kinds, word, counts, values, sides, codes, places, targets, zeros, blocks, kept, reduced, clock,
+    durations, gaps, times, velocities, options, state, scale, z, tangent, chord, tests, earlier,
+    room, rows, size,
+):
+    course = Course(
+        kinds, word, counts, values, sides, codes, places, targets, zeros, blocks, kept, reduced,
+        clock, durations, gaps, times, velocities,
+    )
+    return march(
+        evaluate, newton_step, tangent_of_cycle, observe, course, options, state, scale, z, tangent,
+        chord, tests, earlier, room, rows, size[0], size[1],
+    )
+
+def any_setup(p):
+    return kernel_setup({p})
+
+def breaks(values, period, zeros):
+    return zeros
+
+def evaluate(course, z):
+    return evaluate_cycle(any_flight, any_setup, course, z)
+
+def excursion(head, values, length, arriving, left_side, reached_side, zeros, period):
+    return excursions_in_time(
+        any_motion, head, values, length, arriving, left_side, reached_side, zeros, period
+    )
+
+def observe(course, z, tangent, orientation, rows, at):
+    return observe_cycle(any_setup, breaks, excursion, course, z, tangent, orientation, rows, at)
+"""
+
+
+def program_of(kernels: Kernels) -> Program:
+    """Return the program that marches along a branch of any word of a model."""
+    program = Program({store: store_compiled})
+    p = ", ".join(f"p[{i}]" for i in range(len(kernels.model.values)))
+    walls = [wall.name for wall in kernels.model.WALLS]
+    flights = {f"flight_{a}_{b}": kernels.flight(a, b) for a in walls for b in walls}
+    motions = {f"motion_{a}": kernels.motion(a) for a in walls}
+    program.glue(_choice("any_flight", "kind, t0, v0, t1, v1, p", "kind", list(flights),
+                         f"t0, v0, t1, v1, {p}"), **flights)  # fmt: skip
+    program.glue(_choice("any_motion", "head, dt, p", "head[0]", list(motions),
+                         f"head[1], head[2], dt, {p}"), **motions)  # fmt: skip
+    program.constant("Course", Course)
+    program.glue(
+        ENTRY.format(p=p), kernel_setup=kernels.setup, march=march, newton_step=newton_step,
+        tangent_of_cycle=tangent_of_cycle, evaluate_cycle=evaluate_cycle,
+        observe_cycle=observe_cycle, excursions_in_time=excursions_in_time,
+    )  # fmt: skip
+    return program
+
+
+def _choice(name: str, arguments: str, chosen: str, functions: Sequence[str], given: str) -> str:
+    """The text of a function that calls one of several by number."""
+    lines = [f"def {name}({arguments}):"]
+    for i, function in enumerate(functions[:-1]):
+        lines += [f"    if {chosen} == {i}:", f"        return {function}({given})"]
+    return "\n".join([*lines, f"    return {functions[-1]}({given})"])
+
+
+def plain_functions(problem: OrbitProblem) -> tuple[Any, Any, Any, Any]:
+    """Return what `march` needs of a problem: evaluate, solve, tangent_at and observe."""
+    kernels = problem.kernels
+    flight, excursion = kernels.flights, excursion_of(kernels)
+
+    def setup(values):
+        return kernels.setup(*values)
+
+    def evaluate(course, z):
+        try:
+            return evaluate_cycle(flight, setup, course, z)
+        except (ArithmeticError, ValueError):
+            return math.nan
+
+    def breaks(values, period, zeros):
+        return time_zeros(kernels.harmonics(*values), period)
+
+    def observe(course, z, tangent, orientation, rows, at):
+        return observe_cycle(
+            setup, breaks, excursion, course, z, tangent, orientation, rows, at
+        )
+
+    return evaluate, newton_step, tangent_of_cycle, observe
+
+
+def codes_of(problem: OrbitProblem, test: TestFunction) -> list[tuple[int, int, float]] | None:
+    """Return the codes of a test function's values; None for one that has none."""
+    one = {Fold: FB, BranchPoint: BP, PeriodDoubling: PD, NeimarkSacker: NS}.get(type(test))
+    if one is not None:
+        return [(one, 0, 0.0)]
+    each = {ZeroVelocity: V, ZeroDuration: T}.get(type(test))
+    if each is not None:
+        return [(each, k, 0.0) for k in range(len(problem.word))]
+    if isinstance(test, Grazing):
+        return [(G, i, 0.0) for i in range(len(test.places))]
+    if isinstance(test, Requested):
+        names, first = list(problem.model.DERIVED), 3 + len(problem.model.WALLS)
+        return [
+            (PARAMETER, 0, value) if name == problem.parameter
+            else (DERIVED, first + names.index(name), value)
+            for name, value in test.requested
+        ]  # fmt: skip
+    return None
+
+
+def walk_orbits(problem: OrbitProblem, start: Any, direction: int, **options: Any) -> Walk:
+    """As `contimpact.continuation.walk.walk`, for orbits; `parameter` is the problem's."""
+    system = system_of(problem, options.get("tests", ()))
+    return walk(
+        problem, start, direction, parameter=problem.parameter, system=system, **options
+    )  # fmt: skip
+
+
+def system_of(
+    problem: OrbitProblem, tests: Sequence[TestFunction], gaps: bool = True
+) -> OrbitSystem | None:
+    """Return a problem with its test functions for routine steps.
+
+    None where there is none: for more than one degree of freedom, for two free parameters, and
+    for a user's own test functions.
+    """
+    codes = [codes_of(problem, test) for test in tests]
+    if problem.m != 2 or problem.free != 1 or any(code is None for code in codes):
+        return None
+    wanted = gaps or any(isinstance(test, Grazing) for test in tests)
+    return OrbitSystem(problem, [code for found in codes for code in found or ()], wanted)
