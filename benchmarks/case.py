@@ -14,10 +14,10 @@ import numpy as np
 from contimpact import ImpactPair, Settings
 from contimpact.bifurcations import test_functions
 from contimpact.continuation.branch import Walk
-from contimpact.continuation.walk import walk
 from contimpact.mechanics.kernels import Kernels
 from contimpact.mechanics.orbit import Array, OrbitProblem
 from contimpact.mechanics.word import Word
+from contimpact.orbit_march import walk_orbits
 
 D_PER_S = 0.6225
 RANGE = (0.05 / D_PER_S, 0.45 / D_PER_S)
@@ -51,7 +51,5 @@ def follow(
     equations: OrbitProblem, unknowns: Array, settings: Settings, kinds: Sequence[str] = ALL
 ) -> Walk:
     """Walk down the range, with the events of some kinds located on the way."""
-    return walk(
-        equations, unknowns, -1, parameter="s", limits=RANGE, settings=settings,
-        tests=test_functions(equations, kinds, {}),
-    )  # fmt: skip
+    tests = test_functions(equations, kinds, {})
+    return walk_orbits(equations, unknowns, -1, limits=RANGE, tests=tests, settings=settings)

@@ -207,7 +207,7 @@ class Compiled:
 
 
 def compiled(
-    identity: Sequence[str], arguments: str, build: Callable[[], Program], at_once: bool
+    identity: Sequence[str], arguments: str, build: Callable[[], Program]
 ) -> Compiled | None:
     """Return an entry function compiled, from the cache if it is there.
 
@@ -219,13 +219,11 @@ def compiled(
         Kinds of the entry's arguments.
     build : callable
         Makes the program, whose entry is the function ``entry``.
-    at_once : bool
-        Whether to compile it if it is not in the cache.
 
     Returns
     -------
     Compiled or None
-        None where it is not in the cache, and was not to be or could not be compiled.
+        None where it is not in the cache and compiling it does not (yet) pay.
     """
     key = hashlib.sha256("\0".join((*identity, arguments, *_machine())).encode()).hexdigest()
     if key in _LOADED:
@@ -233,23 +231,35 @@ def compiled(
     folder = cache_folder()
     name = f"compiled-{key[:24]}"
     found = _load(folder, name, arguments) if folder else None
-    if found is None and at_once:
-        if not available():
-            return _not_installed()
+    if found is None and pays():
         found = _compile(build(), arguments, folder or Path(tempfile.mkdtemp()), name)
     if found is not None:
         _LOADED[key] = found
     return found
 
 
-def _not_installed() -> None:
-    if mode() == "always":
+def pays() -> bool:
+    """Whether to compile what is not in the cache.
+
+    Raises
+    ------
+    InputError
+        If it is to be compiled always, but Numba is not installed.
+    """
+    if mode() == "always" and not available():
         raise InputError(
             "CONTIMPACT_COMPILED", "always, but Numba is not installed",
             "install contimpact[fast], or say auto or never",
         )  # fmt: skip
+    return mode() == "always" or (_SPENT[0] >= PAYS_AFTER and available())
 
 
+def spend(flights: int) -> None:
+    """Note flights that were evaluated plainly."""
+    _SPENT[0] += flights
+
+
+_SPENT = [0]
 _LOADED: dict[str, Compiled] = {}
 
 

@@ -6,13 +6,14 @@ subset of Python on flat vectors: `contimpact.continuation.march` runs them, pla
 
 from __future__ import annotations
 
+import functools
 import math
 from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from .compiled import Program, compiled
+from .compiled import Compiled, Program, compiled, mode, spend
 from .bifurcations import (
     BranchPoint,
     Fold,
@@ -41,15 +42,18 @@ from .mechanics.cycle import (
     store,
     store_compiled,
 )
-from .mechanics.flight import excursion_of, excursions_in_time, gap_to, time_zeros, verdict
+from .mechanics.flight import excursion_of, excursions_in_time, gap_to, single_zeros, time_zeros, verdict
 from .mechanics.kernels import Kernels
 from .mechanics.orbit import Array, OrbitProblem
 
 FB, BP, PD, NS, G, V, T, PARAMETER, DERIVED = range(9)
 """Codes of test functions, for `observe`."""
 
-DESCRIBED = 10
-"""Numbers that describe a point: two multipliers, and what `verdict` says."""
+DESCRIBED = 11
+"""Numbers that describe a point: the residual, two multipliers, and what `verdict` says."""
+
+WORTH = 64
+"""Points asked for at once from which compiled code is looked for."""
 
 SAME_TIME = 1e-12
 """Durations below this have no value; see `contimpact.bifurcations.ZeroDuration`."""
@@ -162,7 +166,7 @@ def measure(setup, breaks, excursion, course, z):
 
 
 def observe_cycle(setup, breaks, excursion, course, z, tangent, orientation, rows, at):
-    """Put the test functions, the multipliers and the verdict into a row; returns the residual."""
+    """Put the test functions, the residual, the multipliers and the verdict into a row."""
     measure(setup, breaks, excursion, course, z)
     walls = course.counts[0]
     reduced = course.reduced[0]
@@ -172,7 +176,13 @@ def observe_cycle(setup, breaks, excursion, course, z, tangent, orientation, row
             setup, course, course.codes[i], course.places[i], course.targets[i], z, tangent,
             orientation, product,
         )  # fmt: skip
+    worst = 0.0
+    for k in range(len(course.kinds)):
+        block = course.blocks[k]
+        worst = max(worst, abs(block[0]), abs(block[1]))
     at += len(course.codes)
+    rows[at] = worst
+    at += 1
     rows[at], rows[at + 1], rows[at + 2], rows[at + 3] = multipliers(reduced, product)
     what, place, wall, amount, when, smallest = verdict(
         course.word, course.sides, course.durations, course.gaps, course.times, course.velocities,
@@ -180,11 +190,6 @@ def observe_cycle(setup, breaks, excursion, course, z, tangent, orientation, row
     )  # fmt: skip
     rows[at + 4], rows[at + 5], rows[at + 6] = what, place, wall
     rows[at + 7], rows[at + 8], rows[at + 9] = amount, when, smallest
-    worst = 0.0
-    for k in range(len(course.kinds)):
-        block = course.blocks[k]
-        worst = max(worst, abs(block[0]), abs(block[1]))
-    return worst
 
 
 def value_of_test(setup, course, code, place, target, z, tangent, orientation, product):
@@ -231,7 +236,9 @@ class OrbitSystem:
     ) -> None:
         self.problem, self.gaps = problem, gaps
         self.codes = list(codes)
-        self.functions = plain_functions(problem)
+        kernels, values = problem.kernels, problem.model.values.values()
+        self.zeros = time_zeros(kernels.harmonics(*values), kernels.setup(*values)[0])
+        self.functions = plain_functions(problem, self.zeros)
 
     def course(self, vector: Callable[..., Any], table: Callable[[int, int], Any]) -> Course:
         """The branch as vectors and tables: lists, or arrays for compiled code."""
@@ -249,7 +256,7 @@ class OrbitSystem:
             values=vector(values),
             sides=vector([float(wall.side) for wall in problem.model.WALLS]),
             codes=vector(codes), places=vector(places), targets=vector(targets, float),
-            zeros=vector(self.zeros or [], float),
+            zeros=vector([0.0] * 2 if self.variant == "single" else self.zeros or [], float),
             blocks=table(count, BLOCK), kept=table(count, KEPT), reduced=table(1, KEPT),
             clock=vector([0.0] * 2), durations=vector([0.0] * count),
             gaps=vector([0.0] * count * walls), times=vector([0.0] * count * walls),
@@ -260,7 +267,7 @@ class OrbitSystem:
         """Make routine steps, `most` of them unless one is not routine."""
         n, q = len(footing.scale), len(self.codes)
         width = 2 * n + EXTRA + q + DESCRIBED
-        fast = self.compiled(footing)
+        fast = self.compiled(most)
         vector, table = (_array, _array_table) if fast else (_list, _list_table)
         state, rows = vector(footing.state()), vector([0.0] * (width * most))
         points = (footing.scale, footing.here.unknowns, footing.here.tangent, footing.chord(),
@@ -275,22 +282,29 @@ class OrbitSystem:
         else:
             made = march(*self.functions, course, *given, width, most)
         self.problem.kernel_evaluations += int(state[EVALUATIONS]) * len(self.problem.word)
-        block = np.array(rows[: width * made]).reshape(made, width)
+        spend(0 if fast else int(state[EVALUATIONS]) * len(self.problem.word))
+        block = np.asarray(rows[: width * made]).reshape(made, width)
         return Made.of(footing, state, block, most, self.problem.described)
 
-    def compiled(self, footing):
-        import os
-        if os.environ.get("CONTIMPACT_COMPILED")!="always": return None
-        if not hasattr(self,"_c"):
-            k=self.problem.kernels
-            self._c = compiled((k._key('march'),), ARGUMENTS, lambda: program_of(k), True)
-        return self._c
+    def compiled(self, most: int) -> Compiled | None:
+        """Compiled code, where there is any and the work is worth it."""
+        said = mode()
+        if self.variant is None or said == "never" or (said == "auto" and most < WORTH):
+            return None
+        kernels, variant = self.problem.kernels, self.variant
+        identity = (kernels.identity, variant)
+        return compiled(identity, ARGUMENTS, lambda: program_of(kernels, variant))
 
-    @property
-    def zeros(self) -> list[float] | None:
-        """Zeros of the acceleration; None where it depends on the state."""
+    @functools.cached_property
+    def variant(self) -> str | None:
+        """How compiled code finds the zeros of the acceleration; None where it cannot."""
         kernels, values = self.problem.kernels, self.problem.model.values.values()
-        return time_zeros(kernels.harmonics(*values), kernels.setup(*values)[0])
+        harmonics = kernels.harmonics(*values)
+        if math.isnan(harmonics[0]):
+            return None
+        if not kernels.depends("harmonics"):
+            return "fixed"
+        return "single" if len(harmonics) == 4 and harmonics[1] == 1 else None
 
 
 def _list(numbers: Sequence[float], kind: type = float) -> list[Any]:
@@ -332,9 +346,6 @@ def entry(
 def any_setup(p):
     return kernel_setup({p})
 
-def breaks(values, period, zeros):
-    return zeros
-
 def evaluate(course, z):
     return evaluate_cycle(any_flight, any_setup, course, z)
 
@@ -348,8 +359,25 @@ def observe(course, z, tangent, orientation, rows, at):
 """
 
 
-def program_of(kernels: Kernels) -> Program:
-    """Return the program that marches along a branch of any word of a model."""
+BREAKS = {
+    "fixed": """
+def breaks(values, period, zeros):
+    return zeros
+""",
+    "single": """
+def breaks(p, period, zeros):
+    mean, order, a, b = kernel_harmonics({p})
+    return zeros[:single_zeros(mean, a, b, period, zeros)]
+""",
+}
+
+
+def program_of(kernels: Kernels, variant: str) -> Program:
+    """Return the program that marches along a branch of any word of a model.
+
+    `variant` says how the zeros of the acceleration are found: they are "fixed" along the branch,
+    or those of a "single" harmonic that changes along it.
+    """
     program = Program({store: store_compiled})
     p = ", ".join(f"p[{i}]" for i in range(len(kernels.model.values)))
     walls = [wall.name for wall in kernels.model.WALLS]
@@ -360,6 +388,10 @@ def program_of(kernels: Kernels) -> Program:
     program.glue(_choice("any_motion", "head, dt, p", "head[0]", list(motions),
                          f"head[1], head[2], dt, {p}"), **motions)  # fmt: skip
     program.constant("Course", Course)
+    found = {}
+    if variant == "single":
+        found = {"kernel_harmonics": kernels.harmonics, "single_zeros": single_zeros}
+    program.glue(BREAKS[variant].format(p=p), **found)
     program.glue(
         ENTRY.format(p=p), kernel_setup=kernels.setup, march=march, newton_step=newton_step,
         tangent_of_cycle=tangent_of_cycle, evaluate_cycle=evaluate_cycle,
@@ -376,10 +408,14 @@ def _choice(name: str, arguments: str, chosen: str, functions: Sequence[str], gi
     return "\n".join([*lines, f"    return {functions[-1]}({given})"])
 
 
-def plain_functions(problem: OrbitProblem) -> tuple[Any, Any, Any, Any]:
-    """Return what `march` needs of a problem: evaluate, solve, tangent_at and observe."""
+def plain_functions(problem: OrbitProblem, fixed: list[float] | None) -> tuple[Any, Any, Any, Any]:
+    """Return what `march` needs of a problem: evaluate, solve, tangent_at and observe.
+
+    `fixed` are the zeros of the acceleration, where they are the same along the branch.
+    """
     kernels = problem.kernels
     flight, excursion = kernels.flights, excursion_of(kernels)
+    moving = kernels.depends("harmonics")
 
     def setup(values):
         return kernels.setup(*values)
@@ -391,7 +427,7 @@ def plain_functions(problem: OrbitProblem) -> tuple[Any, Any, Any, Any]:
             return math.nan
 
     def breaks(values, period, zeros):
-        return time_zeros(kernels.harmonics(*values), period)
+        return time_zeros(kernels.harmonics(*values), period) if moving else fixed
 
     def observe(course, z, tangent, orientation, rows, at):
         return observe_cycle(

@@ -28,9 +28,9 @@ TOLERANCE, MOST, SMALLEST, LARGEST, ANGLE, LOW, HIGH, FIRST, SAME, SECANT = rang
 """Places in `options`: of the settings, the range, the parameter at the start of the walk, what
 counts as the same solution, and whether to predict along chords."""
 
-EXTRA = 5
+EXTRA = 4
 """Numbers of a row beside unknowns, tangent and what `observe` puts down: orientation, arclength,
-iterations, the largest residual, and whether events may lie on the step before."""
+iterations, and whether events may lie on the step before."""
 
 
 @dataclass(frozen=True)
@@ -128,12 +128,12 @@ class Made:
         mark = 2 * n
         block = Block(
             rows[:, :n], rows[:, n:mark], rows[:, mark], rows[:, mark + 1], rows[:, mark + 2],
-            np.delete(rows[:, mark + 3 :], np.arange(1, 2 + q), axis=1), make,
+            rows[:, mark + EXTRA + q :], make,
         )  # fmt: skip
         here = footing.here.arclength
         back = here if footing.behind is None else footing.behind.arclength
         return cls(
-            block, np.nonzero(rows[:, mark + 4])[0].tolist(),
+            block, np.nonzero(rows[:, mark + 3])[0].tolist(),
             np.vstack([footing.earlier, footing.values, rows[:, mark + EXTRA : mark + EXTRA + q]]),
             np.concatenate([[back, here], rows[:, mark + 1]]), float(state[STEP]),
             len(rows) < asked, int(state[ITERATIONS]), int(state[REJECTED]),
@@ -240,14 +240,14 @@ def march(
         rows[mark] = orientation
         rows[mark + 1] = state[ARCLENGTH] + travelled
         rows[mark + 2] = iterations
-        rows[mark + 3] = observe(data, z, tangent, orientation, rows, mark + EXTRA)
-        rows[mark + 4] = 0.0
+        observe(data, z, tangent, orientation, rows, mark + EXTRA)
+        rows[mark + 3] = 0.0
         for i in range(len(values)):
             value = rows[mark + EXTRA + i]
             if crosses(values[i], value) or hides(
                 earlier[i], values[i], value, state[BEHIND], travelled
             ):
-                rows[mark + 4] = 1.0
+                rows[mark + 3] = 1.0
             earlier[i], values[i] = values[i], value
         state[BEHIND] = travelled
         state[ARCLENGTH] += travelled

@@ -20,8 +20,8 @@ SAME_SOLUTION = 1e-7
 WIDEST_SPAN = 1e3
 """The natural size of the parameter is that of its range, at most this many times its start."""
 
-MARCHED = 64
-"""Routine steps made at a time."""
+FEWEST, MARCHED = 2, 1024
+"""Routine steps made at a time, at first and at most."""
 
 NARROWEST = 1e-12
 """A range narrower than this part of its limits cannot be walked in doubles."""
@@ -175,7 +175,7 @@ class _Walker:
         A few are made first and then ever more at a time: those made beyond an end that `stop` or
         `callback` decide on are lost.
         """
-        chunk = 2 if self.watched else MARCHED
+        chunk = FEWEST
         while (left := self.settings.max_points - len(self.points)) > 0:
             made = system.march(self.footing(step), self.settings, min(chunk, left))
             self.iterations += made.iterations

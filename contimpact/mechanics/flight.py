@@ -66,15 +66,23 @@ def time_zeros(harmonics: Sequence[float], period: float) -> list[float] | None:
     if not series:
         return []
     if len(series) == 1 and series[0][0] == 1:
-        _, a, b = series[0]
-        size = math.hypot(a, b)
-        if not abs(mean) < size:
-            return []
-        middle, half = math.atan2(b, a), math.acos(-mean / size)
-        angles = [middle - half, middle + half]
-    else:
-        angles = _trigonometric_zeros(mean, series)
+        zeros = [0.0, 0.0]
+        return zeros[: single_zeros(mean, *series[0][1:], period, zeros)]
+    angles = _trigonometric_zeros(mean, series)
     return sorted((angle % (2.0 * math.pi)) * period / (2.0 * math.pi) for angle in angles)
+
+
+def single_zeros(mean, a, b, period, zeros):
+    """Fill in where in [0, period) mean + a cos + b sin vanishes, in order; returns how many."""
+    size = math.sqrt(a * a + b * b)
+    if not abs(mean) < size:
+        return 0
+    middle, half = math.atan2(b, a), math.acos(-mean / size)
+    turn = 2.0 * math.pi
+    one = ((middle - half) % turn) * period / turn
+    other = ((middle + half) % turn) * period / turn
+    zeros[0], zeros[1] = min(one, other), max(one, other)
+    return 2
 
 
 def _trigonometric_zeros(mean: float, series: Sequence[tuple[int, float, float]]) -> list[float]:

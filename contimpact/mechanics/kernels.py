@@ -107,6 +107,16 @@ class Kernels:
         """``motion(t0, *y0, dt, *p)``: displacement, velocity, acceleration after wall a."""
         return self.kernel(f"motion_{a}")
 
+    @property
+    def identity(self) -> str:
+        """What the kernels' formulas depend on, as a hash."""
+        return self._key("")
+
+    def depends(self, name: str) -> bool:
+        """Whether what a kernel returns depends on the free parameter."""
+        body = self.kernel(name).source.rpartition('"""')[2]  # type: ignore[attr-defined]
+        return re.search(rf"\b{re.escape(self.parameter)}\b", body) is not None
+
     @functools.cached_property
     def flights(self) -> Callable[..., Any]:
         """``flights(kind, t0, v0, t1, v1, p)``: the flight between two walls by their numbers,
@@ -125,7 +135,8 @@ class Kernels:
         loaded = _WhenAsked(lambda wall: self.motion(self.model.WALLS[wall].name))
 
         def motion(head, dt, p):
-            return loaded[head[0]](*head[1:], dt, *p)
+            wall, *left = head
+            return loaded[wall](*left, dt, *p)
 
         return motion
 
