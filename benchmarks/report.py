@@ -13,7 +13,7 @@ import figure6
 import simulation
 import words
 from agreement import Check
-from contestant import COMPILED, MODES, Measured, Sample
+from contestant import MODES, Measured, Sample
 from table import both, each, grid, middle, over, spread, whole
 
 AGAINST = ("bare less start-up", "bare executable", "command @r", "@r with compiling")
@@ -122,19 +122,16 @@ def auto_ratios(
 
 def words_section(measured: Measured) -> list[str]:
     """Return the cost of a point by the length of the word, and the exponents."""
-    rows, header = measured["words"], ["N", "points"]
-    lines = [[str(n), str(points)] for n, points in words.POINTS.items()]
-    for mode in MODES:
-        header += [f"{mode}, us per point", "min to max"]
-        for line in lines:
-            line += _micro(each(rows[words.row(mode, int(line[0]))]))
-    if COMPILED:
-        header.append("plain over compiled")
-        for line in lines:
-            plain, compiled = (each(rows[words.row(mode, int(line[0]))]) for mode in MODES)
-            line.append(both(over(plain, compiled)))
+    rows, lines = measured["words"], []
+    for impacts in words.LENGTHS:
+        for mode in MODES:
+            parts = [each(rows[words.row(mode, impacts, part)]) for part in words.PARTS]
+            plain = each(rows[words.row("plain", impacts, words.PARTS[0])])
+            cells = [both(_times(part, 1e6)) for part in parts]
+            lines.append([f"contimpact {mode}, N = {impacts}", *cells, both(over(plain, parts[0]))])
+    header = ["us per point", *words.PARTS, "plain over it"]
     fits = [[name, both(slopes)] for name, slopes in words.exponents(measured).items()]
-    title = "## Words of N impacts, all events"
+    title = f"## Words of N impacts, {words.POINTS} points, all events"
     return [title, grid(header, lines), grid(["exponent of N", ""], fits)]
 
 

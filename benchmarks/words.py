@@ -13,12 +13,15 @@ import numpy as np
 from case import ALL, STEPS, follow, problem, start
 from contestant import MODES, Contestant, Measured, Sample, Workspace, seconds_of
 
-POINTS = {2: 60, 4: 60, 10: 60, 40: 60, 200: 15}
-WALKS = {2: 3, 4: 3, 10: 3, 40: 3, 200: 1}
+LENGTHS = (2, 4, 10, 40, 200)
+POINTS = 60
+WALKS = 3
 """Walks in one round, of which the median counts, after one that does not."""
 
 STEP = 0.005
 UP_TO = (40, 200)
+PARTS = ("all points", "further points", "first point")
+"""What is timed; the first point is corrected and its tangent is found without one before it."""
 
 
 def contestants(workspace: Workspace) -> list[Contestant]:
@@ -27,46 +30,50 @@ def contestants(workspace: Workspace) -> list[Contestant]:
 
 
 def _measure(workspace: Workspace, mode: str) -> list[Sample]:
-    return [
-        Sample("words", row(mode, impacts), workspace.call("words.stretch", impacts, mode=mode), n)
-        for impacts, n in POINTS.items()
-    ]
+    samples = []
+    for impacts in LENGTHS:
+        whole = workspace.call("words.stretch", impacts, POINTS, mode=mode)
+        first = workspace.call("words.stretch", impacts, 1, mode=mode)
+        for part, seconds, n in zip(
+            PARTS, (whole, whole - first, first), (POINTS, POINTS - 1, 1), strict=True
+        ):
+            samples.append(Sample("words", row(mode, impacts, part), seconds, n))
+    return samples
 
 
-def row(mode: str, impacts: int) -> str:
+def row(mode: str, impacts: int, part: str) -> str:
     """Return the name of a row."""
-    return f"contimpact {mode}, N = {impacts}"
+    return f"contimpact {mode}, N = {impacts}, {part}"
 
 
 def exponents(measured: Measured) -> dict[str, list[float]]:
     """Return the slopes of log(time) over log(N), one for each round."""
-    rows = measured["words"]
     return {
-        f"contimpact {mode}, N = 2 to {last}": _slopes(rows, mode, [n for n in POINTS if n <= last])
+        f"contimpact {mode}, N = 2 to {last}, {part}": _slopes(measured["words"], mode, part, last)
         for mode in MODES
+        for part in PARTS[:2]
         for last in UP_TO
     }
 
 
-def _slopes(rows: dict[str, list[Sample]], mode: str, lengths: list[int]) -> list[float]:
-    costs = [[s.seconds / s.count for s in rows[row(mode, n)]] for n in lengths]
-    logarithms = np.log(lengths)
-    return [float(np.polyfit(logarithms, np.log(r), 1)[0]) for r in zip(*costs, strict=True)]
+def _slopes(rows: dict[str, list[Sample]], mode: str, part: str, last: int) -> list[float]:
+    lengths = [n for n in LENGTHS if n <= last]
+    costs = [[s.seconds / s.count for s in rows[row(mode, n, part)]] for n in lengths]
+    rounds = np.log(np.transpose(costs))
+    return [float(np.polyfit(np.log(lengths), costs, 1)[0]) for costs in rounds]
 
 
 # In the child.
 
 
-def stretch(impacts: int) -> float:
+def stretch(impacts: int, points: int) -> float:
     """Time walks over a short stretch of the branch, all events on."""
     equations, unknowns = problem(impacts // 2), start(impacts // 2)
-    settings = replace(
-        STEPS["fixed"], step=STEP, max_step=STEP, max_points=POINTS[impacts]
-    )  # fmt: skip
+    settings = replace(STEPS["fixed"], step=STEP, max_step=STEP, max_points=points)
 
     def once() -> int:
         return len(follow(equations, unknowns, settings, ALL).points)
 
-    if once() != POINTS[impacts]:
+    if once() != points:
         raise RuntimeError(f"the branch of {impacts} impacts ended early")
-    return statistics.median(seconds_of(once)[0] for _ in range(WALKS[impacts]))
+    return statistics.median(seconds_of(once)[0] for _ in range(WALKS))

@@ -46,8 +46,13 @@ from .mechanics.flight import excursion_of, excursions_in_time, gap_to, single_z
 from .mechanics.kernels import Kernels
 from .mechanics.orbit import Array, OrbitProblem
 
-FB, BP, PD, NS, G, V, T, PARAMETER, DERIVED = range(9)
-"""Codes of test functions, for `observe`."""
+FB, BP, PD, NS, PARAMETER, LISTS = range(6)
+"""Places in `facts`: values of single test functions; then come lists, of the gaps, of the
+velocities, of the durations and of what the kernel ``setup`` returns."""
+
+WALLS, PERIODS, FREE, GAPS, DOUBLING, SETUP = range(6)
+"""Places in `counts`: how many walls and periods, the place of the free parameter among the
+values, and whether gaps, the determinant of a PD and derived parameters are wanted."""
 
 DESCRIBED = 11
 """Numbers that describe a point: the residual, two multipliers, and what `verdict` says."""
@@ -67,17 +72,18 @@ class Course(NamedTuple):
     kinds, word : vector of int
         Kinds of the flights, and the walls they leave.
     counts : vector of int
-        Walls, periods, place of the free parameter among the values, whether gaps are wanted.
+        See `WALLS`.
     values, sides : vector
         Parameter values; sides of the walls.
-    codes, places, targets : vector
-        The test functions: code, which of its kind, the value it is to reach.
+    places, targets : vector
+        The test functions: where in `facts` each is, and the value it is to reach.
     zeros : vector
         Zeros of the acceleration, where they are the same along the branch.
     blocks, kept, reduced : table
         Room for the flights, for their elimination and for what is left.
-    clock, durations, gaps, times, velocities : vector
-        Room for the period, and for what decides whether an orbit is physical.
+    clock, facts, durations, gaps, times, velocities : vector
+        Room for the period, for the test functions, and for what decides whether an orbit is
+        physical.
     """
 
     kinds: Any
@@ -85,7 +91,6 @@ class Course(NamedTuple):
     counts: Any
     values: Any
     sides: Any
-    codes: Any
     places: Any
     targets: Any
     zeros: Any
@@ -93,6 +98,7 @@ class Course(NamedTuple):
     kept: Any
     reduced: Any
     clock: Any
+    facts: Any
     durations: Any
     gaps: Any
     times: Any
@@ -102,7 +108,7 @@ class Course(NamedTuple):
 def evaluate_cycle(flight, setup, course, z):
     """Evaluate the flights of an orbit; returns the largest residual."""
     return assemble(
-        flight, setup, course.kinds, course.counts[1], course.counts[2], course.values,
+        flight, setup, course.kinds, course.counts[PERIODS], course.counts[FREE], course.values,
         course.blocks, course.clock, z,
     )  # fmt: skip
 
@@ -110,7 +116,7 @@ def evaluate_cycle(flight, setup, course, z):
 def newton_step(course, row, g, out):
     """Fill `out` with Newton's step at the point last evaluated; whether there is one."""
     reduced = eliminate(
-        course.blocks, course.kinds, course.counts[0], course.kept, 1.0, False, out, 0.0
+        course.blocks, course.kinds, course.counts[WALLS], course.kept, 1.0, False, out, 0.0
     )
     return abs(solve(reduced, course.kept, len(course.kinds), row, g, out)) > 0.0
 
@@ -123,7 +129,7 @@ def tangent_of_cycle(course, z, row, scale, out):
     """
     count = len(course.kinds)
     reduced = eliminate(
-        course.blocks, course.kinds, course.counts[0], course.kept, 0.0, True, z, course.clock[0]
+        course.blocks, course.kinds, course.counts[WALLS], course.kept, 0.0, True, z, course.clock[0]
     )
     store(course.reduced, 0, reduced)
     det = solve(reduced, course.kept, count, row, 1.0, out)
@@ -144,18 +150,22 @@ def tangent_of_cycle(course, z, row, scale, out):
 
 
 def measure(setup, breaks, excursion, course, z):
-    """Fill in durations, velocities, gaps and when they are smallest."""
+    """Fill in durations, velocities, gaps and when they are smallest, also among the facts."""
     fixed = setup(course.values)
-    count, walls = len(course.kinds), course.counts[0]
+    count, walls = len(course.kinds), course.counts[WALLS]
     zeros = breaks(course.values, fixed[0], course.zeros)
+    velocities = LISTS + walls * count
+    durations = velocities + count
     for k in range(count):
         i = 2 * k
         last = k + 1 == count
         length = (z[0] + course.clock[0] if last else z[i + 2]) - z[i]
         wall, following = course.word[k], course.word[0 if last else k + 1]
         course.durations[k], course.velocities[k] = length, z[i + 1]
+        course.facts[velocities + k] = course.sides[wall] * z[i + 1]
+        course.facts[durations + k] = length if abs(length) >= SAME_TIME else math.nan
         found = (math.nan, math.nan, math.nan, math.nan)
-        if length > 0.0 and course.counts[3] != 0:
+        if length > 0.0 and course.counts[GAPS] != 0:
             found = excursion(
                 (wall, z[i], z[i + 1]), course.values, length, z[1] if last else z[i + 3],
                 course.sides[wall], course.sides[following], zeros, fixed[0],
@@ -163,27 +173,32 @@ def measure(setup, breaks, excursion, course, z):
         for j in range(walls):
             gap, dt = gap_to(course.sides[j], fixed[3 + j] - fixed[3 + wall], found)
             course.gaps[walls * k + j], course.times[walls * k + j] = gap, z[i] + dt
+            course.facts[LISTS + walls * k + j] = gap
+    if course.counts[SETUP] != 0:
+        for j in range(len(fixed)):
+            course.facts[durations + count + j] = fixed[j]
 
 
 def observe_cycle(setup, breaks, excursion, course, z, tangent, orientation, rows, at):
     """Put the test functions, the residual, the multipliers and the verdict into a row."""
     measure(setup, breaks, excursion, course, z)
-    walls = course.counts[0]
-    reduced = course.reduced[0]
+    facts, walls, last = course.facts, course.counts[WALLS], len(z) - 1
     product = product_of_multipliers(course.blocks, course.kinds, walls, z, course.clock[0])
-    for i in range(len(course.codes)):
-        rows[at + i] = value_of_test(
-            setup, course, course.codes[i], course.places[i], course.targets[i], z, tangent,
-            orientation, product,
-        )  # fmt: skip
+    facts[FB], facts[BP], facts[PARAMETER] = tangent[last], orientation, z[last]
+    facts[PD] = doubling(course) if course.counts[DOUBLING] != 0 else math.nan
+    facts[NS] = 1.0
+    if product - product == 0.0:
+        facts[NS] = (product - 1.0) / (abs(product) + 1.0)
+    for i in range(len(course.places)):
+        rows[at + i] = facts[course.places[i]] - course.targets[i]
     worst = 0.0
     for k in range(len(course.kinds)):
         block = course.blocks[k]
         worst = max(worst, abs(block[0]), abs(block[1]))
-    at += len(course.codes)
+    at += len(course.places)
     rows[at] = worst
     at += 1
-    rows[at], rows[at + 1], rows[at + 2], rows[at + 3] = multipliers(reduced, product)
+    rows[at], rows[at + 1], rows[at + 2], rows[at + 3] = multipliers(course.reduced[0], product)
     what, place, wall, amount, when, smallest = verdict(
         course.word, course.sides, course.durations, course.gaps, course.times, course.velocities,
         -1,
@@ -192,30 +207,12 @@ def observe_cycle(setup, breaks, excursion, course, z, tangent, orientation, row
     rows[at + 7], rows[at + 8], rows[at + 9] = amount, when, smallest
 
 
-def value_of_test(setup, course, code, place, target, z, tangent, orientation, product):
-    """Return one test function's value at the point last measured."""
-    last = len(z) - 1
-    if code == FB:
-        return tangent[last]
-    if code == BP:
-        return orientation
-    if code == PD:
-        p00, p01, p10, p11, q00, q01, q10, q11, _, _, _, _, sign, logarithm, _ = course.reduced[0]
-        det = (p00 - q00) * (p11 - q11) - (p01 - q01) * (p10 - q10)
-        norms = row_norms(course.blocks, len(course.kinds), -1.0, 1.0, 1.0, 0.0)
-        return scaled(sign, logarithm, det, norms)
-    if code == NS:
-        return (product - 1.0) / (abs(product) + 1.0) if product - product == 0.0 else 1.0
-    if code == G:
-        return course.gaps[place]
-    if code == V:
-        return course.sides[course.word[place]] * course.velocities[place]
-    if code == T:
-        duration = course.durations[place]
-        return math.nan if abs(duration) < SAME_TIME else duration
-    if code == PARAMETER:
-        return z[last] - target
-    return setup(course.values)[place] - target
+def doubling(course):
+    """Return the scaled determinant of the cyclic matrix with its last coupling negative."""
+    p00, p01, p10, p11, q00, q01, q10, q11, _, _, _, _, sign, logarithm, _ = course.reduced[0]
+    det = (p00 - q00) * (p11 - q11) - (p01 - q01) * (p10 - q10)
+    norms = row_norms(course.blocks, len(course.kinds), -1.0, 1.0, 1.0, 0.0)
+    return scaled(sign, logarithm, det, norms)
 
 
 class OrbitSystem:
@@ -225,19 +222,19 @@ class OrbitSystem:
     ----------
     problem : OrbitProblem
         With one degree of freedom and one free parameter.
-    codes : sequence of (code, place, target)
-        The test functions.
+    tests : sequence of (place, target)
+        The test functions, by their places in `Course.facts`.
     gaps : bool
         Whether to decide at every point if it is physical.
     """
 
     def __init__(
-        self, problem: OrbitProblem, codes: Sequence[tuple[int, int, float]], gaps: bool
+        self, problem: OrbitProblem, tests: Sequence[tuple[int, float]], gaps: bool
     ) -> None:
-        self.problem, self.gaps = problem, gaps
-        self.codes = list(codes)
+        self.problem, self.gaps, self.tests = problem, gaps, list(tests)
         kernels, values = problem.kernels, problem.model.values.values()
-        self.zeros = time_zeros(kernels.harmonics(*values), kernels.setup(*values)[0])
+        self.fixed = kernels.setup(*values)
+        self.zeros = time_zeros(kernels.harmonics(*values), self.fixed[0])
         self.functions = plain_functions(problem, self.zeros)
 
     def course(self, vector: Callable[..., Any], table: Callable[[int, int], Any]) -> Course:
@@ -248,24 +245,29 @@ class OrbitSystem:
         count, walls = len(word), len(named)
         place = list(problem.model.values).index(problem.parameter)
         values = list(problem.model.values.values())
-        codes, places, targets = ([code[i] for code in self.codes] for i in range(3))
+        places, targets = [place for place, _ in self.tests], [target for _, target in self.tests]
+        facts = LISTS + count * (walls + 2)
         return Course(
             kinds=vector([a * walls + b for a, b in zip(word, word[1:] + word[:1], strict=True)]),
             word=vector(word),
-            counts=vector([walls, problem.word.period, place, int(self.gaps)]),
+            counts=vector([
+                walls, problem.word.period, place, int(self.gaps), int(PD in places),
+                int(max(places, default=0) >= facts),
+            ]),
             values=vector(values),
             sides=vector([float(wall.side) for wall in problem.model.WALLS]),
-            codes=vector(codes), places=vector(places), targets=vector(targets, float),
+            places=vector(places), targets=vector(targets, float),
             zeros=vector([0.0] * 2 if self.variant == "single" else self.zeros or [], float),
             blocks=table(count, BLOCK), kept=table(count, KEPT), reduced=table(1, KEPT),
-            clock=vector([0.0] * 2), durations=vector([0.0] * count),
+            clock=vector([0.0] * 2), facts=vector([0.0] * (facts + len(self.fixed))),
+            durations=vector([0.0] * count),
             gaps=vector([0.0] * count * walls), times=vector([0.0] * count * walls),
             velocities=vector([0.0] * count),
         )  # fmt: skip
 
     def march(self, footing: Footing, settings: Settings, most: int) -> Made:
         """Make routine steps, `most` of them unless one is not routine."""
-        n, q = len(footing.scale), len(self.codes)
+        n, q = len(footing.scale), len(self.tests)
         width = 2 * n + EXTRA + q + DESCRIBED
         fast = self.compiled(most)
         vector, table = (_array, _array_table) if fast else (_list, _list_table)
@@ -325,18 +327,18 @@ def _array_table(rows: int, columns: int) -> Array:
     return np.zeros((rows, columns))
 
 
-ARGUMENTS = "iiiffiiff" "FFF" "fffff" "fff" "fffff" "Ffi"
+ARGUMENTS = "iiiff" "iff" "FFF" "ffffff" "fff" "fffff" "Ffi"
 """Kinds of the entry's arguments, in its order: a course's fields, then those of `march`."""
 
 ENTRY = """
 def entry(
-    kinds, word, counts, values, sides, codes, places, targets, zeros, blocks, kept, reduced, clock,
+    kinds, word, counts, values, sides, places, targets, zeros, blocks, kept, reduced, clock, facts,
     durations, gaps, times, velocities, options, state, scale, z, tangent, chord, tests, earlier,
     room, rows, size,
 ):
     course = Course(
-        kinds, word, counts, values, sides, codes, places, targets, zeros, blocks, kept, reduced,
-        clock, durations, gaps, times, velocities,
+        kinds, word, counts, values, sides, places, targets, zeros, blocks, kept, reduced, clock,
+        facts, durations, gaps, times, velocities,
     )
     return march(
         evaluate, newton_step, tangent_of_cycle, observe, course, options, state, scale, z, tangent,
@@ -437,23 +439,27 @@ def plain_functions(problem: OrbitProblem, fixed: list[float] | None) -> tuple[A
     return evaluate, newton_step, tangent_of_cycle, observe
 
 
-def codes_of(problem: OrbitProblem, test: TestFunction) -> list[tuple[int, int, float]] | None:
-    """Return the codes of a test function's values; None for one that has none."""
+def places_of(problem: OrbitProblem, test: TestFunction) -> list[tuple[int, float]] | None:
+    """Return the places of a test function's values, and what each is to reach.
+
+    None for one that has none.
+    """
+    count, walls = len(problem.word), len(problem.model.WALLS)
     one = {Fold: FB, BranchPoint: BP, PeriodDoubling: PD, NeimarkSacker: NS}.get(type(test))
     if one is not None:
-        return [(one, 0, 0.0)]
-    each = {ZeroVelocity: V, ZeroDuration: T}.get(type(test))
-    if each is not None:
-        return [(each, k, 0.0) for k in range(len(problem.word))]
-    if isinstance(test, Grazing):
-        return [(G, i, 0.0) for i in range(len(test.places))]
+        return [(one, 0.0)]
+    velocities = LISTS + walls * count
+    first = {Grazing: LISTS, ZeroVelocity: velocities, ZeroDuration: velocities + count}.get(
+        type(test)
+    )
+    if first is not None:
+        return [(first + i, 0.0) for i in range(walls * count if first == LISTS else count)]
     if isinstance(test, Requested):
-        names, first = list(problem.model.DERIVED), 3 + len(problem.model.WALLS)
+        names, derived = list(problem.model.DERIVED), velocities + 2 * count + 3 + walls
         return [
-            (PARAMETER, 0, value) if name == problem.parameter
-            else (DERIVED, first + names.index(name), value)
+            (PARAMETER if name == problem.parameter else derived + names.index(name), value)
             for name, value in test.requested
-        ]  # fmt: skip
+        ]
     return None
 
 
@@ -473,8 +479,8 @@ def system_of(
     None where there is none: for more than one degree of freedom, for two free parameters, and
     for a user's own test functions.
     """
-    codes = [codes_of(problem, test) for test in tests]
-    if problem.m != 2 or problem.free != 1 or any(code is None for code in codes):
+    places = [places_of(problem, test) for test in tests]
+    if problem.m != 2 or problem.free != 1 or any(place is None for place in places):
         return None
     wanted = gaps or any(isinstance(test, Grazing) for test in tests)
-    return OrbitSystem(problem, [code for found in codes for code in found or ()], wanted)
+    return OrbitSystem(problem, [place for found in places for place in found or ()], wanted)

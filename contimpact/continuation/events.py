@@ -251,6 +251,11 @@ def _may_hide(
     )
 
 
+def noteworthy(a, b, c, behind, ahead):
+    """Whether a value crosses zero between two points, or may do so unseen; see `hides`."""
+    return (b >= 0.0) != (c >= 0.0) or hides(a, b, c, behind, ahead)
+
+
 def hides(a, b, c, behind, ahead):
     """Whether a value may cross zero between two points without changing its sign.
 

@@ -17,7 +17,7 @@ import numpy as np
 
 from .arclength import CONVERGED, Settings, angle, cubic, newton, step_after
 from .branch import Block, Point
-from .events import crosses, hides
+from .events import noteworthy
 from .problem import Array
 
 STEP, ARCLENGTH, ORIENTATION, BEHIND, POINTS, ITERATIONS, REJECTED, EVALUATIONS = range(8)
@@ -244,9 +244,7 @@ def march(
         rows[mark + 3] = 0.0
         for i in range(len(values)):
             value = rows[mark + EXTRA + i]
-            if crosses(values[i], value) or hides(
-                earlier[i], values[i], value, state[BEHIND], travelled
-            ):
+            if noteworthy(earlier[i], values[i], value, state[BEHIND], travelled):
                 rows[mark + 3] = 1.0
             earlier[i], values[i] = values[i], value
         state[BEHIND] = travelled

@@ -43,29 +43,39 @@ def stumpff2(q):
     return 0.5 * half * half
 
 
-def _higher(k, lower):
-    """c_k for k > 2: its series near zero, the recurrence from c_{k-2} away from it."""
-    series, start = _SERIES[k], _INVERSE_FACTORIAL[k - 2]
+_HIGHER = """
+def stumpff{k}(q):
+    if -{below} < q < {below}:
+        return {horner}
+    return ({start} - stumpff{lower}(q)) / q
+"""
 
-    def function(q):
-        if -_SERIES_BELOW < q < _SERIES_BELOW:
-            total = 0.0
-            for coefficient in series:
-                total = coefficient - q * total
-            return total
-        return (start - lower(q)) / q
 
-    function.__name__ = function.__qualname__ = f"stumpff{k}"
+def _higher(k):
+    """c_k for k > 2: its series near zero, the recurrence from c_{k-2} away from it.
+
+    Written out as one expression: a loop over the coefficients takes several times as long.
+    """
+    first, *rest = _SERIES[k]
+    horner = repr(first)
+    for coefficient in rest:
+        horner = f"{coefficient!r} - q * ({horner})"
+    source = _HIGHER.format(
+        k=k, below=_SERIES_BELOW, horner=horner, start=_INVERSE_FACTORIAL[k - 2], lower=k - 2
+    )
+    exec(source, globals())
+    function = globals()[f"stumpff{k}"]
+    function.source = source
     return function
 
 
-stumpff3 = _higher(3, stumpff1)
-stumpff4 = _higher(4, stumpff2)
-stumpff5 = _higher(5, stumpff3)
-stumpff6 = _higher(6, stumpff4)
-stumpff7 = _higher(7, stumpff5)
-stumpff8 = _higher(8, stumpff6)
-stumpff9 = _higher(9, stumpff7)
+stumpff3 = _higher(3)
+stumpff4 = _higher(4)
+stumpff5 = _higher(5)
+stumpff6 = _higher(6)
+stumpff7 = _higher(7)
+stumpff8 = _higher(8)
+stumpff9 = _higher(9)
 
 
 _SAFE = 400.0
