@@ -9,8 +9,10 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from .continuation.branch import End, Point
-from .mechanics.orbit import Linearisation
+from .continuation.branch import End, Point, Points
+from .mechanics.flight import Verdict
+from .mechanics.orbit import Linearisation, factors_of, verdict_of
+from .mechanics.stability import count_unstable
 
 if TYPE_CHECKING:
     from .two_parameters.curves import Curve
@@ -282,60 +284,65 @@ def same_data(one: Any, other: Any) -> bool:
     return bool(one == other)
 
 
-def tabulate(points: Sequence[Point], entries: Sequence[tuple[Point, Entry]]) -> dict[str, Array]:
+def tabulate(points: Points, entries: Sequence[tuple[Point, Entry]]) -> dict[str, Array]:
     """Return the columns of a branch: a row per point, and one for each event between points.
 
     Parameters
     ----------
-    points : sequence of Point
+    points : Points
     entries : sequence of (Point, Entry)
         The events' points, in order of arclength. Their rows have the entry's verdicts, which
         leave the event itself out.
     """
-    taken = {point.arclength for point in points}
-    rows = [_row(point) | {"event": ""} for point in points]
+    taken, between = set(points.arclengths), []
     for point, entry in entries:
         if point.arclength not in taken:
             taken.add(point.arclength)
-            rows.append(_row(point) | _verdict_of(entry))
-    rows.sort(key=lambda row: row["arclength"])
-    columns: dict[str, Array] = {}
-    for name in rows[0]:
-        values = [row[name] for row in rows]
-        kind: Any = {str: object, int: np.int64}.get(type(values[0]), float)
-        columns[name] = np.array(values, dtype=kind)
+            between.append((point, entry))
+    columns = _columns(Points([*points.items, *(point for point, _ in between)]))
+    columns["event"] = np.array([""] * len(taken), dtype=object)
+    for row, (_, entry) in enumerate(between, start=len(points)):
+        columns["n_unstable"][row] = entry.n_unstable
+        columns["physical"][row] = int(entry.physical)
+        columns["reason"][row] = entry.reason or ""
+        columns["event"][row] = entry.id
+    order = np.argsort(columns["arclength"], kind="stable")
+    return {name: column[order] for name, column in columns.items()}
+
+
+def _columns(points: Points) -> dict[str, Array]:
+    """A row per point, in the points' order."""
+    problem = points[0].evaluation.problem
+    unknowns = points.unknowns
+    columns = {"arclength": np.array(points.arclengths)}
+    parameters = [problem.values(row) for row in unknowns]
+    derived = [problem.derived_at(values) for values in parameters]
+    columns |= dict(zip(problem.model.values, np.array(parameters).T, strict=True))
+    columns |= dict(zip(problem.model.DERIVED, np.array(derived).T, strict=True))
+    named = coordinates(problem.m)
+    for i, column in enumerate(unknowns[:, : problem.n].T):
+        columns[f"{named[i % problem.m]}{i // problem.m + 1}"] = column
+    stability = [_described(problem, item) for item in points.items]
+    factors = np.array([row[0] for row in stability])
+    for k, factor in enumerate(factors.T, start=1):
+        columns |= {f"multiplier{k}_re": factor.real, f"multiplier{k}_im": factor.imag}
+    verdicts: list[Verdict] = [row[1] for row in stability]
+    columns["n_unstable"] = count_unstable(factors)
+    columns["physical"] = np.array([int(v.physical) for v in verdicts])
+    columns["reason"] = np.array([v.reason or "" for v in verdicts], dtype=object)
+    columns["smallest_gap"] = np.array([v.smallest_gap for v in verdicts], dtype=float)
+    columns["residual"] = np.array([row[2] for row in stability], dtype=float)
+    columns["iterations"] = points.iterations
     return columns
 
 
-def _verdict_of(entry: Entry) -> dict[str, Any]:
-    return {
-        "n_unstable": entry.n_unstable,
-        "physical": int(entry.physical),
-        "reason": entry.reason or "",
-        "event": entry.id,
-    }
-
-
-def _row(point: Point) -> dict[str, Any]:
-    here: Linearisation = point.evaluation
-    problem = here.problem
-    row: dict[str, Any] = {"arclength": point.arclength}
-    row |= all_parameters(here)
-    for k, impact in enumerate(problem.impacts(here.unknowns).tolist(), start=1):
-        row |= {
-            f"{name}{k}": value for name, value in zip(coordinates(problem.m), impact, strict=True)
-        }
-    for k, mu in enumerate(here.multipliers.tolist(), start=1):
-        row |= {f"multiplier{k}_re": mu.real, f"multiplier{k}_im": mu.imag}
-    verdict = here.verdict
-    return row | {
-        "n_unstable": here.n_unstable,
-        "physical": int(verdict.physical),
-        "reason": verdict.reason or "",
-        "smallest_gap": verdict.smallest_gap,
-        "residual": here.largest_residual,
-        "iterations": point.iterations,
-    }
+def _described(problem: Any, item: Any) -> tuple[Sequence[complex], Verdict, float]:
+    """Multipliers, verdict and residual of a point, or of a row of a block."""
+    if isinstance(item, Point):
+        here = item.evaluation
+        return here.multipliers.tolist(), here.verdict, here.largest_residual
+    numbers = item[0].described[item[1]].tolist()
+    return factors_of(numbers), verdict_of(problem, numbers), numbers[0]
 
 
 def all_parameters(here: Linearisation) -> dict[str, float]:

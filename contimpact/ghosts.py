@@ -185,9 +185,9 @@ def apart_from_event(
     if kind == "V" and len(here.problem.word) > 1:
         start, end = _without_impact(here, details["impact"])
         multipliers = stability.multipliers(start, end)
-        return multipliers, stability.count_unstable(multipliers)
+        return multipliers, int(stability.count_unstable(multipliers))
     others = np.delete(here.multipliers, critical(kind, here.multipliers))
-    return here.multipliers, stability.count_unstable(others)
+    return here.multipliers, int(stability.count_unstable(others))
 
 
 def forgiven(kind: str, here: Linearisation, details: Mapping[str, Any]) -> Verdict:

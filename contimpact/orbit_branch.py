@@ -12,7 +12,7 @@ import numpy as np
 
 from .bifurcations import KINDS, test_functions
 from .continuation.arclength import Settings
-from .continuation.branch import End, EndKind, Event, Point, Walk, joined
+from .continuation.branch import End, EndKind, Event, Point, Points, Walk, joined
 from .continuation.events import TestFunction, UserFunction
 from .continuation.walk import SAME_SOLUTION
 from .diagram import Branch, Entry, tabulate
@@ -199,7 +199,7 @@ class Run:
 
     problem: OrbitProblem
     walks: tuple[Walk, Walk]
-    points: Sequence[Point]
+    points: Points
     events: Sequence[Event]
 
     @classmethod
@@ -241,20 +241,19 @@ class Run:
 
     def around(self, event: Event) -> tuple[Point, Point]:
         """The points before and after an event."""
-        lengths = [point.arclength for point in self.points]
+        lengths = self.points.arclengths
         after = bisect.bisect_right(lengths, event.point.arclength)
         before = bisect.bisect_left(lengths, event.point.arclength) - 1
         return self.points[max(before, 0)], self.points[min(after, len(self.points) - 1)]
 
     def holds(self, unknowns: np.ndarray[Any, Any]) -> bool:
         """Whether an orbit of the same word lies on this branch."""
-        value = unknowns[-1]
-        for left, right in zip(self.points, self.points[1:], strict=False):
-            span = right.parameter - left.parameter
-            if (left.parameter - value) * (right.parameter - value) > 0.0 or span == 0.0:
-                continue
-            between = (value - left.parameter) / span
-            guess = left.unknowns + between * (right.unknowns - left.unknowns)
+        value, rows = unknowns[-1], self.points.unknowns
+        behind, ahead = rows[:-1, -1], rows[1:, -1]
+        passed = ((behind - value) * (ahead - value) <= 0.0) & (behind != ahead)
+        for i in np.nonzero(passed)[0]:
+            left, right = rows[i], rows[i + 1]
+            guess = left + (value - left[-1]) / (right[-1] - left[-1]) * (right - left)
             guess[-1] = value
             here = settle(self.problem, guess)
             if here is not None:

@@ -7,6 +7,8 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any, overload
 
+import numpy as np
+
 from .problem import Array
 
 
@@ -169,10 +171,14 @@ class Block:
     described: Array
     make: Callable[[Array, Array], Any]
 
+    def evaluation(self, i: int) -> Any:
+        """Return the evaluation at one of the points."""
+        return self.make(self.unknowns[i], self.described[i])
+
     def point(self, i: int) -> Point:
         """Return one of the points."""
         return Point(
-            self.make(self.unknowns[i], self.described[i]), self.tangents[i],
+            self.evaluation(i), self.tangents[i],
             float(self.orientations[i]), float(self.arclengths[i]), int(self.iterations[i]),
         )  # fmt: skip
 
@@ -238,6 +244,25 @@ class Points(Sequence[Point]):
                 block = blocks[id(item[0])] = item[0].moved(sign, origin)
             moved.append((block, item[1]))
         return moved
+
+    @property
+    def unknowns(self) -> Array:
+        """The unknowns of every point, a row each."""
+        return np.array([
+            item.unknowns if isinstance(item, Point) else item[0].unknowns[item[1]]
+            for item in self.items
+        ])  # fmt: skip
+
+    @property
+    def iterations(self) -> Array:
+        """Corrector iterations of every point."""
+        return np.array(
+            [
+                item.iterations if isinstance(item, Point) else item[0].iterations[item[1]]
+                for item in self.items
+            ],
+            dtype=np.int64,
+        )
 
     @property
     def arclengths(self) -> list[float]:

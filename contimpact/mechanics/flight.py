@@ -505,8 +505,8 @@ def judge(
     return Verdict(found[0] == PHYSICAL, reason_of(found, word, named), found[5])
 
 
-PHYSICAL, OUT_OF_ORDER, PASSES, WRONG_WAY = 0, 1, 2, 3
-"""What `verdict` says."""
+PHYSICAL, OUT_OF_ORDER, PASSES = 0, 1, 2
+"""What `verdict` says; 3 is for an impact that runs the wrong way."""
 
 
 def verdict(walls, sides, durations, gaps, times, velocities, forgiven):
@@ -557,12 +557,12 @@ def verdict(walls, sides, durations, gaps, times, velocities, forgiven):
 
 def reason_of(found: Any, word: str, named: Sequence[Wall]) -> str | None:
     """Return what `verdict` found as a sentence; None where the orbit is physical."""
+    if found[0] == PHYSICAL:
+        return None
     what, k, wall, amount, when = (int(found[0]), int(found[1]), int(found[2]), *found[3:5])
     flight = f"flight {k} ({word[k]} to {word[(k + 1) % len(word)]})"
     if what == OUT_OF_ORDER:
         return f"impacts out of order: {flight} lasts {amount:.6g}"
     if what == PASSES:
         return f"{flight} passes wall {named[wall].name} by {amount:.6g} at t = {when:.6g}"
-    if what == WRONG_WAY:
-        return f"impact {k} on wall {word[k]} runs the wrong way: velocity {amount:.6g}"
-    return None
+    return f"impact {k} on wall {word[k]} runs the wrong way: velocity {amount:.6g}"

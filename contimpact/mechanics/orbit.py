@@ -84,6 +84,11 @@ class OrbitProblem:
             values[place] = value
         return values
 
+    def derived_at(self, values: Sequence[float]) -> tuple[float, ...]:
+        """Return the derived parameters at parameter values."""
+        first = 3 + len(self.model.WALLS)
+        return self.kernels.setup(*values)[first : first + len(self.model.DERIVED)]
+
     def model_at(self, unknowns: Array) -> Model:
         """Return the model at a point's parameter values."""
         free = unknowns[-self.free :].tolist()
@@ -339,7 +344,7 @@ class Linearisation:
     @functools.cached_property
     def n_unstable(self) -> int:
         """Number of multipliers outside the unit circle."""
-        return stability.count_unstable(self.multipliers)
+        return int(stability.count_unstable(self.multipliers))
 
     @functools.cached_property
     def gaps(self) -> list[FlightGaps]:
@@ -366,10 +371,8 @@ class Linearisation:
     def derived(self) -> Mapping[str, float]:
         """Derived parameters at this point."""
         problem = self.problem
-        names = problem.model.DERIVED
-        out = problem.kernels.setup(*problem.values(self.unknowns))
-        first = 3 + len(problem.model.WALLS)
-        return dict(zip(names, out[first : first + len(names)], strict=True))
+        found = problem.derived_at(problem.values(self.unknowns))
+        return dict(zip(problem.model.DERIVED, found, strict=True))
 
 
 class Described(Linearisation):
@@ -399,17 +402,25 @@ class Described(Linearisation):
     @functools.cached_property
     def multipliers(self) -> Array:
         """Multipliers, largest first; infinite where an impact velocity vanishes."""
-        larger, smaller = self.numbers[1:5].reshape(2, 2)
-        return np.array([complex(*larger), complex(*smaller)])
+        return np.array(factors_of(self.numbers.tolist()))
 
     @functools.cached_property
     def verdict(self) -> Verdict:
         """Whether the orbit is physical, and if not why and where."""
-        found = self.numbers[5:]
-        reason = reason_of(found, self.problem.word.walls, self.problem.model.WALLS)
-        return Verdict(reason is None, reason, float(found[5]))
+        return verdict_of(self.problem, self.numbers.tolist())
 
     @property
     def largest_residual(self) -> float:
         """The largest absolute residual."""
         return float(self.numbers[0])
+
+
+def factors_of(numbers: Sequence[float]) -> list[complex]:
+    """Return the multipliers among the numbers of a `Described` point."""
+    return [complex(numbers[1], numbers[2]), complex(numbers[3], numbers[4])]
+
+
+def verdict_of(problem: OrbitProblem, numbers: Sequence[float]) -> Verdict:
+    """Return the verdict among the numbers of a `Described` point."""
+    reason = reason_of(numbers[5:], problem.word.walls, problem.model.WALLS)
+    return Verdict(reason is None, reason, numbers[10])

@@ -114,9 +114,9 @@ def determinant(start: Array, end: Array) -> float:
     return ratio
 
 
-def count_unstable(values: Array) -> int:
-    """Return how many multipliers lie outside the unit circle."""
-    return int(np.count_nonzero(np.abs(values) > 1.0 + UNIT_CIRCLE_ROUNDING))
+def count_unstable(values: Array) -> Any:
+    """Return how many multipliers lie outside the unit circle, along the last axis."""
+    return np.count_nonzero(np.abs(values) > 1.0 + UNIT_CIRCLE_ROUNDING, axis=-1)
 
 
 def neimark_sacker(start: Array, end: Array) -> float:
