@@ -1,9 +1,8 @@
-"""Compiled code: functions in the plain subset of Python, translated by Numba, cached on disk.
+"""Compiled code, taken from the cache or made where the work pays for it.
 
-A `Program` is the text of an entry function and of everything it calls, gathered into one module:
-the package's own functions as they stand, kernels, and the glue between them. Numba (the optional
-extra ``fast``) compiles it once. The machine code is kept beside the kernels, under a hash of the
-text, and later processes load it without importing Numba.
+What is to run compiled is a `contimpact.program.Program`, which Numba (the optional extra ``fast``)
+translates once, see `contimpact.machine_code`. The machine code is kept in the cache, and later
+processes load it without importing Numba.
 
 ``CONTIMPACT_COMPILED`` decides: ``auto`` (the default: compile where the work pays for it),
 ``always`` (compile at once; Numba must be installed) or ``never``.
@@ -11,34 +10,29 @@ text, and later processes load it without importing Numba.
 
 from __future__ import annotations
 
-import ast
 import functools
 import hashlib
 import importlib.util
-import inspect
 import logging
-import math
 import os
 import platform
-import re
 import sys
-import tempfile
-import textwrap
-import types
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-import numpy as np
-
+from .cache import cache_folder
 from .errors import InputError
-from .mechanics.kernels import cache_folder
+
+if TYPE_CHECKING:
+    from .program import Program
 
 log = logging.getLogger(__name__)
 
 MODES = ("auto", "always", "never")
-PAYS_AFTER = 300_000
-"""Flights evaluated plainly in one process after which compiling is taken to pay (seconds)."""
+PAYS_AFTER = 1_000_000
+"""Flights evaluated plainly in one process after which compiling is taken to pay: by then they
+have taken about as long as compiling does."""
 
 INTEGERS, VECTOR, TABLE = "i", "f", "F"
 """Kinds of arguments of an entry function: integers, floats, and a table of floats."""
@@ -63,140 +57,19 @@ def available() -> bool:
     return importlib.util.find_spec("numba") is not None
 
 
-class Program:
-    """The text of an entry function and of all it calls.
-
-    Parameters
-    ----------
-    instead : mapping of function to function
-        Functions that others stand for.
-    """
-
-    def __init__(self, instead: Mapping[Callable[..., Any], Callable[..., Any]]) -> None:
-        self.instead = instead
-        self.names: dict[int, str] = {}
-        self.parts: dict[str, str] = {}
-
-    def add(self, function: Callable[..., Any], name: str | None = None) -> str:
-        """Add a function with everything it calls; returns the name it has in the text."""
-        function = self.instead.get(function, function)
-        if id(function) in self.names:
-            return self.names[id(function)]
-        name = self._free_name(name or function.__name__)
-        self.names[id(function)] = name
-        tree = _tree_of(function)
-        tree.name = name
-        known = _Names(self, _surroundings(function), _locals_of(tree))
-        self._put(name, known.visit(tree))
-        return name
-
-    def glue(self, text: str, **functions: Callable[..., Any]) -> None:
-        """Add functions given as text; `functions` are those they call, by the name used there."""
-        names = {name: self.add(function) for name, function in functions.items()}
-        for tree in ast.parse(textwrap.dedent(text)).body:
-            assert isinstance(tree, ast.FunctionDef)
-            assert tree.name not in self.parts, tree.name
-            self._put(tree.name, _Renamed(names).visit(tree))
-
-    def constant(self, name: str, value: Any) -> str:
-        """Add a number, a tuple of numbers or a named tuple's class; returns its name."""
-        if isinstance(value, type):
-            text = f"{name} = collections.namedtuple({name!r}, {value._fields!r})"  # type: ignore[attr-defined]
-        else:
-            text = f"{name} = {value!r}"
-        if self.parts.get(name, text) != text:
-            name = self._free_name(name)
-            text = f"{name} ={text.partition('=')[2]}"
-        self.parts[name] = text
-        return name
-
-    @property
-    def text(self) -> str:
-        """The whole module."""
-        head = "import collections\nimport math\nfrom math import inf, nan\n\n"
-        return head + "\n\n".join(self.parts.values()) + "\n"
-
-    def _put(self, name: str, tree: ast.AST) -> None:
-        self.parts[name] = f"@compile\n{ast.unparse(ast.fix_missing_locations(tree))}"
-
-    def _free_name(self, name: str) -> str:
-        taken, number = {*self.parts, *self.names.values()}, 2
-        free = name
-        while free in taken:
-            free, number = f"{name}_{number}", number + 1
-        return free
-
-
-def _tree_of(function: Callable[..., Any]) -> ast.FunctionDef:
-    """The definition of a function, without what only people read."""
-    text = getattr(function, "source", None) or textwrap.dedent(inspect.getsource(function))
-    tree = next(
-        node
-        for node in ast.walk(ast.parse(text))
-        if isinstance(node, ast.FunctionDef)
-        and (node.name == function.__code__.co_name or node.name == function.__name__)
-    )
-    tree.decorator_list, tree.returns = [], None
-    for argument in tree.args.args:
-        argument.annotation = None
-    if ast.get_docstring(tree) is not None:
-        tree.body = tree.body[1:]
-    return tree
-
-
-def _surroundings(function: Any) -> dict[str, Any]:
-    """Global names and closure variables of a function, by the name it uses."""
-    cells = [cell.cell_contents for cell in function.__closure__ or ()]
-    return function.__globals__ | dict(zip(function.__code__.co_freevars, cells, strict=True))
-
-
-def _locals_of(tree: ast.FunctionDef) -> set[str]:
-    stored = {n.id for n in ast.walk(tree) if isinstance(n, ast.Name) and isinstance(n.ctx, ast.Store)}
-    return stored | {argument.arg for argument in tree.args.args}
-
-
-class _Renamed(ast.NodeTransformer):
-    """Replaces names by others."""
-
-    def __init__(self, names: Mapping[str, str]) -> None:
-        self.names_for = names
-
-    def visit_Name(self, node: ast.Name) -> ast.AST:
-        return ast.Name(self.names_for.get(node.id, node.id), node.ctx)
-
-
-class _Names(ast.NodeTransformer):
-    """Adds what a function's names stand for to a program."""
-
-    def __init__(self, program: Program, around: Mapping[str, Any], own: set[str]) -> None:
-        self.program, self.around, self.own = program, around, own
-
-    def visit_Name(self, node: ast.Name) -> ast.AST:
-        if node.id in self.own or node.id not in self.around:
-            return node
-        value = self.around[node.id]
-        if isinstance(value, types.FunctionType):
-            return ast.Name(self.program.add(value), node.ctx)
-        if isinstance(value, types.BuiltinFunctionType):  # of math
-            return ast.Attribute(ast.Name("math", ast.Load()), value.__name__, ast.Load())
-        if isinstance(value, int | float | tuple) or hasattr(value, "_fields"):
-            return ast.Name(self.program.constant(node.id, value), node.ctx)
-        return node
-
-
 class Compiled:
     """A compiled entry function.
 
     Parameters
     ----------
     function
-        What ctypes or LLVM loaded.
-    arguments : sequence of str
-        Kinds of its arguments.
+        As ctypes calls it.
+    keep
+        What must live as long as it.
     """
 
-    def __init__(self, function: Any, arguments: Sequence[str], keep: Any = None) -> None:
-        self.function, self.arguments, self.keep = function, arguments, keep
+    def __init__(self, function: Any, keep: Any) -> None:
+        self.function, self.keep = function, keep
 
     def __call__(self, *arrays: Any) -> int:
         """Run on arrays: int64 or float64, contiguous, one for each argument."""
@@ -232,7 +105,7 @@ def compiled(
     name = f"compiled-{key[:24]}"
     found = _load(folder, name, arguments) if folder else None
     if found is None and pays():
-        found = _compile(build(), arguments, folder or Path(tempfile.mkdtemp()), name)
+        found = _make(build(), arguments, folder, name)
     if found is not None:
         _LOADED[key] = found
     return found
@@ -260,6 +133,25 @@ def spend(flights: int) -> None:
 
 
 _SPENT = [0]
+
+
+def _make(
+    program: Program, arguments: str, folder: Path | None, name: str
+) -> Compiled | None:  # fmt: skip
+    """Compile a program and put its machine code into the cache."""
+    import tempfile
+    import time
+
+    from .machine_code import linked, object_code
+
+    began = time.perf_counter()
+    log.info("compiling %s", name)
+    folder = folder or Path(tempfile.mkdtemp())
+    linked(object_code(program, arguments), folder / f"{name}.o")
+    log.info("compiled %s in %.1f s", name, time.perf_counter() - began)
+    return _load(folder, name, arguments)
+
+
 _LOADED: dict[str, Compiled] = {}
 
 
@@ -289,109 +181,8 @@ def _processor() -> str:
     return "\n".join(lines[:2])
 
 
-def _compile(program: Program, arguments: str, folder: Path, name: str) -> Compiled | None:
-    """Compile a program and put its machine code into the cache."""
-    import time
-
-    began = time.perf_counter()
-    log.info("compiling %s", name)
-    machine_code = _object_code(program, arguments)
-    path = folder / f"{name}.o"
-    _put(path, machine_code)
-    _link(path)
-    log.info("compiled %s in %.1f s", name, time.perf_counter() - began)
-    return _load(folder, name, arguments)
-
-
-def _put(path: Path, content: bytes) -> None:
-    handle, temporary = tempfile.mkstemp(dir=path.parent, prefix=path.stem, suffix=".tmp")
-    with os.fdopen(handle, "wb") as file:
-        file.write(content)
-    os.replace(temporary, path)
-
-
-def _object_code(program: Program, arguments: str) -> bytes:
-    """Numba's machine code of a program, independent of Numba and of Python."""
-    import llvmlite.binding as llvm
-    from numba import carray, cfunc, njit, types as nb
-
-    namespace: dict[str, Any] = {
-        "compile": njit(error_model="numpy", fastmath=False), "carray": carray
-    }  # fmt: skip
-    pointers = {INTEGERS: (nb.int64, 1), VECTOR: (nb.float64, 1), TABLE: (nb.float64, 2)}
-    signature, names, views = [], [], []
-    for i, kind in enumerate(arguments):
-        number, dimensions = pointers[kind]
-        sizes = [f"n{i}_{d}" for d in range(dimensions)]
-        signature += [nb.CPointer(number), *[nb.int64] * dimensions]
-        names += [f"p{i}", *sizes]
-        views.append(f"carray(p{i}, ({', '.join(sizes)},))")
-    text = f"{program.text}\n\ndef _c_entry({', '.join(names)}):\n    return entry({', '.join(views)})\n"
-    exec(compile(text, "<contimpact program>", "exec"), namespace)
-    entry = cfunc(nb.int64(*signature), error_model="numpy")(namespace["_c_entry"])
-    text = _self_contained(entry.inspect_llvm(), entry.native_name)
-    llvm.initialize_native_target()
-    llvm.initialize_native_asmprinter()
-    machine = llvm.Target.from_default_triple().create_target_machine(
-        cpu=llvm.get_host_cpu_name(), features=llvm.get_host_cpu_features().flatten(), opt=3,
-        reloc="pic", codemodel="default",
-    )  # fmt: skip
-    module = llvm.parse_assembly(text)
-    module.verify()
-    return bytes(machine.emit_object(module))
-
-
-_ENTRY = "contimpact_entry"
-_OF_THE_C_LIBRARY = frozenset(
-    "acos asin atan atan2 ceil copysign cos cosh exp expm1 fabs floor fmod hypot ldexp log log1p "
-    "memcpy memset pow sin sinh sqrt tan tanh".split()
-)  # fmt: skip
-
-
-def _self_contained(text: str, entry: str) -> str:
-    """Make Numba's intermediate code independent of Numba's own library and of Python's.
-
-    What is called there only reports exceptions, which compiled programs do not raise: their
-    functions are written so that a failure is a value.
-    """
-    text = re.sub(rf'@"?{re.escape(entry)}"?', f"@{_ENTRY}", text)
-    lines = []
-    for line in text.splitlines():
-        declared = re.match(r'declare (.*?)@"?([\w.$]+)"?\((.*?)\)', line)
-        if declared and not declared[2].startswith("llvm.") and declared[2] not in _OF_THE_C_LIBRARY:
-            line = _stub(declared[1], declared[2], declared[3])
-        line = re.sub(r"^(@\S+ = )external( local_unnamed_addr)? global (\S+).*",
-                      r"\1internal global \3 zeroinitializer", line)  # fmt: skip
-        lines.append(line)
-    return "\n".join(lines)
-
-
-def _stub(kind: str, name: str, arguments: str) -> str:
-    """A function that does nothing."""
-    returned = kind.split()[-1]
-    types_only = ", ".join(re.sub(r"( \w+(\(.*?\))?)+$", "", a.strip()) for a in arguments.split(","))
-    result = {"void": "void", "ptr": "ptr null"}.get(returned, f"{returned} 0")
-    return f"define internal {returned} @{name}({types_only}) {{ ret {result} }}"
-
-
-def _link(path: Path) -> None:
-    """Make a shared library of machine code, where the machine has a linker."""
-    import shutil
-    import subprocess
-
-    linker = next((found for name in ("cc", "gcc", "clang") if (found := shutil.which(name))), None)
-    if linker is None:
-        return
-    library = path.with_suffix(".so")
-    temporary = library.with_suffix(f".{os.getpid()}.tmp")
-    done = subprocess.run(
-        [linker, "-shared", "-o", temporary, path, "-lm"], capture_output=True, check=False
-    )
-    if done.returncode == 0:
-        os.replace(temporary, library)
-    else:
-        temporary.unlink(missing_ok=True)
-        log.info("not linked: %s", done.stderr.decode(errors="replace").strip())
+ENTRY = "contimpact_entry"
+"""The entry's name in machine code."""
 
 
 def _load(folder: Path, name: str, arguments: Sequence[str]) -> Compiled | None:
@@ -404,21 +195,42 @@ def _load(folder: Path, name: str, arguments: Sequence[str]) -> Compiled | None:
         for kind in (ctypes.c_void_p, *[ctypes.c_int64] * (2 if argument == TABLE else 1))
     ]
     library, machine_code = folder / f"{name}.so", folder / f"{name}.o"
-    if library.exists():
+    if _whole(library):
         try:
             loaded = ctypes.CDLL(str(library))
-            function = getattr(loaded, _ENTRY)
+            function = getattr(loaded, ENTRY)
         except (OSError, AttributeError) as error:
             log.warning("compiled code %s cannot be loaded: %s", library, error)
         else:
             function.argtypes, function.restype = kinds, ctypes.c_int64
-            return Compiled(function, arguments, loaded)
-    if not machine_code.exists() or importlib.util.find_spec("llvmlite") is None:
+            return Compiled(function, loaded)
+    if importlib.util.find_spec("llvmlite") is None or not _whole(machine_code):
         return None
-    return _by_llvm(machine_code, kinds, arguments)
+    return _by_llvm(machine_code, kinds)
 
 
-def _by_llvm(path: Path, kinds: Sequence[Any], arguments: Sequence[str]) -> Compiled:
+def digest_beside(path: Path) -> Path:
+    """The file that holds the digest of a file of machine code."""
+    return path.with_name(f"{path.name}.sha256")
+
+
+def _whole(path: Path) -> bool:
+    """Whether a file is there and is what was written; loading a damaged one could crash."""
+    try:
+        expected = digest_beside(path).read_text()
+        found = hashlib.sha256(path.read_bytes()).hexdigest()
+    except FileNotFoundError:
+        return False
+    except OSError as error:
+        log.warning("compiled code %s cannot be read: %s", path, error)
+        return False
+    if found != expected:
+        log.warning("compiled code %s is damaged: compiling it anew", path)
+    return found == expected
+
+
+def _by_llvm(path: Path, kinds: Sequence[Any]) -> Compiled:
+    """Load an object file without a linker."""
     import ctypes
 
     import llvmlite.binding as llvm
@@ -429,5 +241,5 @@ def _by_llvm(path: Path, kinds: Sequence[Any], arguments: Sequence[str]) -> Comp
     engine = llvm.create_mcjit_compiler(llvm.parse_assembly(""), machine)
     engine.add_object_file(llvm.ObjectFileRef.from_path(str(path)))
     engine.finalize_object()
-    address = engine.get_function_address(_ENTRY)
-    return Compiled(ctypes.CFUNCTYPE(ctypes.c_int64, *kinds)(address), arguments, engine)
+    address = engine.get_function_address(ENTRY)
+    return Compiled(ctypes.CFUNCTYPE(ctypes.c_int64, *kinds)(address), engine)

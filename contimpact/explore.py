@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 
 from .bifurcations import test_functions
-from .continuation.branch import End, EndKind, Event, Point, Walk
+from .continuation.branch import End, EndKind, Event, Point, Points, Walk
 from .continuation.events import TestFunction
 from .diagram import Branch, Diagram, Entry
 from .errors import InputError
@@ -253,7 +253,7 @@ class _Explorer:
         assert self.symmetry is not None
         image, moved = mirrored(problem, unknowns, self.symmetry)
         aligned = rotated_to(image, moved, problem.word)
-        run = Run(problem, (beside, beside), beside.points, ())
+        run = Run(problem, (beside, beside), Points(beside.points), ())
         return aligned is not None and run.holds(aligned)
 
     def shorter_branch(self, problem: OrbitProblem, unknowns: Array) -> str:

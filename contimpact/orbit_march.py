@@ -9,11 +9,10 @@ from __future__ import annotations
 import functools
 import math
 from collections.abc import Callable, Sequence
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from .compiled import Compiled, Program, compiled, mode, spend
 from .bifurcations import (
     BranchPoint,
     Fold,
@@ -24,9 +23,10 @@ from .bifurcations import (
     ZeroDuration,
     ZeroVelocity,
 )
+from .compiled import Compiled, compiled, mode, spend
 from .continuation.arclength import Settings
-from .continuation.events import TestFunction
 from .continuation.branch import Walk
+from .continuation.events import TestFunction
 from .continuation.march import EVALUATIONS, EXTRA, Footing, Made, march
 from .continuation.walk import walk
 from .mechanics.cycle import (
@@ -40,11 +40,12 @@ from .mechanics.cycle import (
     scaled,
     solve,
     store,
-    store_compiled,
 )
-from .mechanics.flight import excursion_of, excursions_in_time, gap_to, single_zeros, time_zeros, verdict
-from .mechanics.kernels import Kernels
+from .mechanics.flight import excursion_of, gap_to, time_zeros, verdict
 from .mechanics.orbit import Array, OrbitProblem
+
+if TYPE_CHECKING:
+    from .program import Program
 
 FB, BP, PD, NS, PARAMETER, LISTS = range(6)
 """Places in `facts`: values of single test functions; then come lists, of the gaps, of the
@@ -129,8 +130,9 @@ def tangent_of_cycle(course, z, row, scale, out):
     """
     count = len(course.kinds)
     reduced = eliminate(
-        course.blocks, course.kinds, course.counts[WALLS], course.kept, 0.0, True, z, course.clock[0]
-    )
+        course.blocks, course.kinds, course.counts[WALLS], course.kept, 0.0, True, z,
+        course.clock[0],
+    )  # fmt: skip
     store(course.reduced, 0, reduced)
     det = solve(reduced, course.kept, count, row, 1.0, out)
     size = 0.0
@@ -274,17 +276,15 @@ class OrbitSystem:
         state, rows = vector(footing.state()), vector([0.0] * (width * most))
         points = (footing.scale, footing.here.unknowns, footing.here.tangent, footing.chord(),
                   footing.values, footing.earlier)  # fmt: skip
-        given = (
+        given: list[Any] = [
             vector(footing.options(settings)), state, *(vector(p, float) for p in points),
-            table(4, n), rows,
-        )  # fmt: skip
+            table(4, n), rows, *([vector([width, most])] if fast else [width, most]),
+        ]  # fmt: skip
         course = self.course(vector, table)
-        if fast:
-            made = fast(*course, *given, vector([width, most]))
-        else:
-            made = march(*self.functions, course, *given, width, most)
-        self.problem.kernel_evaluations += int(state[EVALUATIONS]) * len(self.problem.word)
-        spend(0 if fast else int(state[EVALUATIONS]) * len(self.problem.word))
+        made = fast(*course, *given) if fast else march(*self.functions, course, *given)
+        flights = int(state[EVALUATIONS]) * len(self.problem.word)
+        self.problem.kernel_evaluations += flights
+        spend(0 if fast else flights)
         block = np.asarray(rows[: width * made]).reshape(made, width)
         return Made.of(footing, state, block, most, self.problem.described)
 
@@ -294,8 +294,13 @@ class OrbitSystem:
         if self.variant is None or said == "never" or (said == "auto" and most < WORTH):
             return None
         kernels, variant = self.problem.kernels, self.variant
-        identity = (kernels.identity, variant)
-        return compiled(identity, ARGUMENTS, lambda: program_of(kernels, variant))
+
+        def build() -> Program:
+            from .orbit_program import program_of
+
+            return program_of(kernels, variant)
+
+        return compiled((kernels.identity, variant), ARGUMENTS, build)
 
     @functools.cached_property
     def variant(self) -> str | None:
@@ -309,15 +314,15 @@ class OrbitSystem:
         return "single" if len(harmonics) == 4 and harmonics[1] == 1 else None
 
 
-def _list(numbers: Sequence[float], kind: type = float) -> list[Any]:
-    return list(numbers) if isinstance(numbers, list) else numbers.tolist()
+def _list(numbers: Any, kind: type = float) -> Any:
+    return numbers.tolist() if isinstance(numbers, np.ndarray) else list(numbers)
 
 
 def _list_table(rows: int, columns: int) -> list[Any]:
     return [[0.0] * columns for _ in range(rows)]
 
 
-def _array(numbers: Sequence[float], kind: type | None = None) -> Array:
+def _array(numbers: Any, kind: type | None = None) -> Any:
     if kind is None:
         kind = float if len(numbers) and isinstance(numbers[0], float) else np.int64
     return np.array(numbers, dtype=kind)
@@ -327,87 +332,8 @@ def _array_table(rows: int, columns: int) -> Array:
     return np.zeros((rows, columns))
 
 
-ARGUMENTS = "iiiff" "iff" "FFF" "ffffff" "fff" "fffff" "Ffi"
+ARGUMENTS = "iiiffiffFFFffffffffffffffFfi"
 """Kinds of the entry's arguments, in its order: a course's fields, then those of `march`."""
-
-ENTRY = """
-def entry(
-    kinds, word, counts, values, sides, places, targets, zeros, blocks, kept, reduced, clock, facts,
-    durations, gaps, times, velocities, options, state, scale, z, tangent, chord, tests, earlier,
-    room, rows, size,
-):
-    course = Course(
-        kinds, word, counts, values, sides, places, targets, zeros, blocks, kept, reduced, clock,
-        facts, durations, gaps, times, velocities,
-    )
-    return march(
-        evaluate, newton_step, tangent_of_cycle, observe, course, options, state, scale, z, tangent,
-        chord, tests, earlier, room, rows, size[0], size[1],
-    )
-
-def any_setup(p):
-    return kernel_setup({p})
-
-def evaluate(course, z):
-    return evaluate_cycle(any_flight, any_setup, course, z)
-
-def excursion(head, values, length, arriving, left_side, reached_side, zeros, period):
-    return excursions_in_time(
-        any_motion, head, values, length, arriving, left_side, reached_side, zeros, period
-    )
-
-def observe(course, z, tangent, orientation, rows, at):
-    return observe_cycle(any_setup, breaks, excursion, course, z, tangent, orientation, rows, at)
-"""
-
-
-BREAKS = {
-    "fixed": """
-def breaks(values, period, zeros):
-    return zeros
-""",
-    "single": """
-def breaks(p, period, zeros):
-    mean, order, a, b = kernel_harmonics({p})
-    return zeros[:single_zeros(mean, a, b, period, zeros)]
-""",
-}
-
-
-def program_of(kernels: Kernels, variant: str) -> Program:
-    """Return the program that marches along a branch of any word of a model.
-
-    `variant` says how the zeros of the acceleration are found: they are "fixed" along the branch,
-    or those of a "single" harmonic that changes along it.
-    """
-    program = Program({store: store_compiled})
-    p = ", ".join(f"p[{i}]" for i in range(len(kernels.model.values)))
-    walls = [wall.name for wall in kernels.model.WALLS]
-    flights = {f"flight_{a}_{b}": kernels.flight(a, b) for a in walls for b in walls}
-    motions = {f"motion_{a}": kernels.motion(a) for a in walls}
-    program.glue(_choice("any_flight", "kind, t0, v0, t1, v1, p", "kind", list(flights),
-                         f"t0, v0, t1, v1, {p}"), **flights)  # fmt: skip
-    program.glue(_choice("any_motion", "head, dt, p", "head[0]", list(motions),
-                         f"head[1], head[2], dt, {p}"), **motions)  # fmt: skip
-    program.constant("Course", Course)
-    found = {}
-    if variant == "single":
-        found = {"kernel_harmonics": kernels.harmonics, "single_zeros": single_zeros}
-    program.glue(BREAKS[variant].format(p=p), **found)
-    program.glue(
-        ENTRY.format(p=p), kernel_setup=kernels.setup, march=march, newton_step=newton_step,
-        tangent_of_cycle=tangent_of_cycle, evaluate_cycle=evaluate_cycle,
-        observe_cycle=observe_cycle, excursions_in_time=excursions_in_time,
-    )  # fmt: skip
-    return program
-
-
-def _choice(name: str, arguments: str, chosen: str, functions: Sequence[str], given: str) -> str:
-    """The text of a function that calls one of several by number."""
-    lines = [f"def {name}({arguments}):"]
-    for i, function in enumerate(functions[:-1]):
-        lines += [f"    if {chosen} == {i}:", f"        return {function}({given})"]
-    return "\n".join([*lines, f"    return {functions[-1]}({given})"])
 
 
 def plain_functions(problem: OrbitProblem, fixed: list[float] | None) -> tuple[Any, Any, Any, Any]:
@@ -432,9 +358,7 @@ def plain_functions(problem: OrbitProblem, fixed: list[float] | None) -> tuple[A
         return time_zeros(kernels.harmonics(*values), period) if moving else fixed
 
     def observe(course, z, tangent, orientation, rows, at):
-        return observe_cycle(
-            setup, breaks, excursion, course, z, tangent, orientation, rows, at
-        )
+        return observe_cycle(setup, breaks, excursion, course, z, tangent, orientation, rows, at)
 
     return evaluate, newton_step, tangent_of_cycle, observe
 

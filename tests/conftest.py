@@ -28,6 +28,7 @@ def kernel_cache(tmp_path_factory):
         root = root.parent
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("CONTIMPACT_CACHE", str(Path(root) / "kernels"))
+        patch.setenv("CONTIMPACT_COMPILED", "never")
         yield Path(root) / "kernels"
 
 

@@ -332,7 +332,8 @@ def test_angles_are_accurate_also_when_small(turn):
 def test_the_step_is_kept_where_both_targets_are_met():
     numerics = Settings()
     step = 0.02
-    kept = arclength.step_after(step, 0.5 * numerics.max_angle, 0.05 * step, numerics.max_angle, numerics.max_step)
+    angle = numerics.max_angle
+    kept = arclength.step_after(step, 0.5 * angle, 0.05 * step, angle, numerics.max_step)
     assert kept == pytest.approx(step, rel=ROUNDING)
 
 

@@ -147,7 +147,7 @@ def newton(evaluate, solve, data, z, guess, row, scale, step, tolerance, most):
     rounding = 4.0 * EPSILON * math.sqrt(size)
     for iteration in range(most + 1):
         worst = evaluate(data, z)
-        if not worst - worst == 0.0:
+        if worst - worst != 0.0:  # infinite or not a number
             return NO_VALUE, iteration, first
         if worst <= tolerance:
             return CONVERGED, iteration, first

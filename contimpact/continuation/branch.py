@@ -197,7 +197,8 @@ class Points(Sequence[Point]):
     """
 
     def __init__(self, items: Iterable[Point | tuple[Block, int]] = ()) -> None:
-        self.items = list(items.items if isinstance(items, Points) else items)
+        given = items.items if isinstance(items, Points) else items
+        self.items: list[Point | tuple[Block, int]] = list(given)
 
     def __len__(self) -> int:
         return len(self.items)

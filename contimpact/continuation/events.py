@@ -279,7 +279,7 @@ def hides(a, b, c, behind, ahead):
         return False
     rate, next_rate = (b - a) / behind, (c - b) / ahead
     bend = (next_rate - rate) / (behind + ahead)
-    if not (bend > 0.0 and b > 0.0 or bend < 0.0 and b < 0.0):
+    if (b >= 0.0) != (bend >= 0.0) or b == 0.0 or bend == 0.0:
         return False
     slope = rate + bend * behind
     vertex = -slope / (2.0 * bend)

@@ -79,7 +79,8 @@ class Footing:
         here, back = self.here, 0.0
         if self.behind is not None:
             back = here.arclength - self.behind.arclength
-        return [self.step, here.arclength, here.orientation, back, float(self.points), 0.0, 0.0, 0.0]
+        place = [self.step, here.arclength, here.orientation, back, float(self.points)]
+        return [*place, 0.0, 0.0, 0.0]
 
     def chord(self) -> Array:
         """Return the way from the point before."""

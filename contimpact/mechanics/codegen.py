@@ -32,6 +32,20 @@ class _Printer(PythonCodePrinter):
         order, decay, argument = expr.args
         return f"decaying{order}({self._print(decay)}, {self._print(argument)})"
 
+    def _print_Pow(self, expr: Any, rational: bool = False) -> str:
+        """Small whole powers as products: a power of floats takes longer, and compilers differ."""
+        base, exponent = expr.args
+        if not (exponent.is_Integer and 2 <= abs(exponent) <= 4):
+            return str(super()._print_Pow(expr, rational=rational))
+        factor = self._print(base)
+        if base.is_Symbol or base.is_NumberSymbol:
+            product = f"({'*'.join([factor] * abs(int(exponent)))})"
+        elif abs(exponent) == 3:
+            product = f"cube({factor})"
+        else:
+            product = f"square({factor})" if abs(exponent) == 2 else f"square(square({factor}))"
+        return product if exponent > 0 else f"(1/{product})"
+
     def _print_Float(self, expr: Any) -> str:
         return repr(float(expr))
 

@@ -82,7 +82,8 @@ def assemble(flight, setup, kinds, periods, place, values, blocks, clock, z):
     i = 2 * last
     out = flight(kinds[last], z[i], z[i + 1], z[0] + span, z[1], values)
     # the arrival at t_1 + pT moves with T(lambda)
-    store(blocks, last, out[:10] + (out[10] + drift * out[6], out[11] + drift * out[8]))
+    out = out[:10] + (out[10] + drift * out[6], out[11] + drift * out[8])  # noqa: RUF005
+    store(blocks, last, out)
     one, other = abs(out[0]), abs(out[1])
     total += one + other  # a maximum may lose what is not a number, a sum does not
     return max(size, one, other) if total - total == 0.0 else math.nan

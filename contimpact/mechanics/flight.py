@@ -559,7 +559,8 @@ def reason_of(found: Any, word: str, named: Sequence[Wall]) -> str | None:
     """Return what `verdict` found as a sentence; None where the orbit is physical."""
     if found[0] == PHYSICAL:
         return None
-    what, k, wall, amount, when = (int(found[0]), int(found[1]), int(found[2]), *found[3:5])
+    what, k, wall = (int(number) for number in found[:3])
+    amount, when = found[3], found[4]
     flight = f"flight {k} ({word[k]} to {word[(k + 1) % len(word)]})"
     if what == OUT_OF_ORDER:
         return f"impacts out of order: {flight} lasts {amount:.6g}"

@@ -12,10 +12,7 @@ import hashlib
 import importlib.util
 import logging
 import math
-import os
 import re
-import sys
-import tempfile
 import types
 from collections.abc import Callable
 from pathlib import Path
@@ -23,6 +20,7 @@ from typing import Any
 
 import numpy as np
 
+from ..cache import cache_folder, put
 from ..errors import InputError
 from . import stumpff
 from .model import Model
@@ -33,12 +31,23 @@ Kernel = Callable[..., tuple[Any, ...]]
 
 _MATH = ("sin", "cos", "tan", "asin", "acos", "atan", "sinh", "cosh", "tanh", "exp", "log", "sqrt",
          "floor", "pi")  # fmt: skip
-SCALAR_NAMES = {name: getattr(math, name) for name in _MATH} | {"nan": math.nan} | stumpff.SCALAR
+
+
+def square(x):
+    """Return x x."""
+    return x * x
+
+
+def cube(x):
+    """Return x x x."""
+    return x * x * x
+
+
+_OWN = {"nan": math.nan, "square": square, "cube": cube}
+SCALAR_NAMES = {name: getattr(math, name) for name in _MATH} | _OWN | stumpff.SCALAR
 _NUMPY_SPELLING = {"asin": "arcsin", "acos": "arccos", "atan": "arctan"}
 ARRAY_NAMES = (
-    {name: getattr(np, _NUMPY_SPELLING.get(name, name)) for name in _MATH}
-    | {"nan": math.nan}
-    | stumpff.ARRAY
+    {name: getattr(np, _NUMPY_SPELLING.get(name, name)) for name in _MATH} | _OWN | stumpff.ARRAY
 )
 
 
@@ -107,7 +116,7 @@ class Kernels:
         """``motion(t0, *y0, dt, *p)``: displacement, velocity, acceleration after wall a."""
         return self.kernel(f"motion_{a}")
 
-    @property
+    @functools.cached_property
     def identity(self) -> str:
         """What the kernels' formulas depend on, as a hash."""
         return self._key("")
@@ -192,27 +201,6 @@ class Kernels:
         return f"# {key} {_digest(body)}\n{body}"
 
 
-def cache_folder() -> Path | None:
-    """Return the folder of cached kernels, or None if it cannot be used.
-
-    ``CONTIMPACT_CACHE`` names it; otherwise it is the platform's folder for caches.
-    """
-    if named := os.environ.get("CONTIMPACT_CACHE"):
-        folder = Path(named)
-    elif sys.platform == "win32":
-        folder = Path(os.environ.get("LOCALAPPDATA", Path.home())) / "contimpact" / "cache"
-    elif sys.platform == "darwin":
-        folder = Path.home() / "Library" / "Caches" / "contimpact"
-    else:
-        folder = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "contimpact"
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        log.warning("kernels are not cached: %s", error)
-        return None
-    return folder
-
-
 @functools.cache
 def _generator_identity() -> tuple[str, ...]:
     """Digests of the generator's own files, and SymPy's version read without importing it."""
@@ -246,14 +234,7 @@ def _read(path: Path, key: str) -> str | None:
 
 
 def _write(path: Path, source: str) -> None:
-    """Put the whole file in place at once: another process may be writing or reading it."""
-    temporary = None
     try:
-        handle, temporary = tempfile.mkstemp(dir=path.parent, prefix=path.stem, suffix=".tmp")
-        with os.fdopen(handle, "w", encoding="utf-8") as file:
-            file.write(source)
-        os.replace(temporary, path)
+        put(path, source.encode())
     except OSError as error:
-        if temporary:
-            Path(temporary).unlink(missing_ok=True)
         log.warning("kernel %s is not cached: %s", path.name, error)

@@ -1,0 +1,51 @@
+"""The folder of what is generated once and kept: kernels, and compiled code."""
+
+from __future__ import annotations
+
+import logging
+import os
+import sys
+from pathlib import Path
+
+log = logging.getLogger(__name__)
+
+
+def cache_folder() -> Path | None:
+    """Return the folder, or None if it cannot be used.
+
+    ``CONTIMPACT_CACHE`` names it; otherwise it is the platform's folder for caches.
+    """
+    if named := os.environ.get("CONTIMPACT_CACHE"):
+        folder = Path(named)
+    elif sys.platform == "win32":
+        folder = Path(os.environ.get("LOCALAPPDATA", Path.home())) / "contimpact" / "cache"
+    elif sys.platform == "darwin":
+        folder = Path.home() / "Library" / "Caches" / "contimpact"
+    else:
+        folder = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "contimpact"
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        log.warning("nothing is cached: %s", error)
+        return None
+    return folder
+
+
+def put(path: Path, content: bytes) -> None:
+    """Put a whole file in place at once: another process may be writing or reading it.
+
+    Raises
+    ------
+    OSError
+        If it cannot be written.
+    """
+    import tempfile
+
+    handle, temporary = tempfile.mkstemp(dir=path.parent, prefix=path.stem, suffix=".tmp")
+    try:
+        with os.fdopen(handle, "wb") as file:
+            file.write(content)
+        os.replace(temporary, path)
+    except OSError:
+        Path(temporary).unlink(missing_ok=True)
+        raise

@@ -1,0 +1,115 @@
+"""Machine code of programs, by Numba: independent of Numba and of Python once it is made."""
+
+from __future__ import annotations
+
+import hashlib
+import logging
+import os
+import re
+from pathlib import Path
+from typing import Any
+
+from .cache import put
+from .compiled import ENTRY, INTEGERS, TABLE, VECTOR, digest_beside
+from .program import Program
+
+log = logging.getLogger(__name__)
+
+
+def object_code(program: Program, arguments: str) -> bytes:
+    """Return the machine code of a program whose entry is the function ``entry``.
+
+    Parameters
+    ----------
+    program : Program
+    arguments : str
+        Kinds of the entry's arguments.
+    """
+    import llvmlite.binding as llvm
+    from numba import carray, cfunc, njit
+    from numba import types as nb
+
+    namespace: dict[str, Any] = {
+        "compile": njit(error_model="numpy", fastmath=False), "carray": carray
+    }  # fmt: skip
+    pointers = {INTEGERS: (nb.int64, 1), VECTOR: (nb.float64, 1), TABLE: (nb.float64, 2)}
+    signature, names, views = [], [], []
+    for i, kind in enumerate(arguments):
+        number, dimensions = pointers[kind]
+        sizes = [f"n{i}_{d}" for d in range(dimensions)]
+        signature += [nb.CPointer(number), *[nb.int64] * dimensions]
+        names += [f"p{i}", *sizes]
+        views.append(f"carray(p{i}, ({', '.join(sizes)},))")
+    head, body = f"def _c_entry({', '.join(names)}):", f"return entry({', '.join(views)})"
+    text = f"{program.text}\n\n{head}\n    {body}\n"
+    exec(compile(text, "<contimpact program>", "exec"), namespace)
+    entry = cfunc(nb.int64(*signature), error_model="numpy")(namespace["_c_entry"])
+    text = _self_contained(entry.inspect_llvm(), entry.native_name)
+    llvm.initialize_native_target()
+    llvm.initialize_native_asmprinter()
+    machine = llvm.Target.from_default_triple().create_target_machine(
+        cpu=llvm.get_host_cpu_name(), features=llvm.get_host_cpu_features().flatten(), opt=3,
+        reloc="pic", codemodel="default",
+    )  # fmt: skip
+    module = llvm.parse_assembly(text)
+    module.verify()
+    return bytes(machine.emit_object(module))
+
+
+OF_THE_C_LIBRARY = frozenset(
+    ("acos", "asin", "atan", "ceil", "copysign", "cos", "cosh", "exp", "fabs", "floor", "fmod",
+     "log", "memcpy", "memset", "pow", "sin", "sinh", "sqrt", "tan", "tanh")
+)  # fmt: skip
+
+
+def _self_contained(text: str, entry: str) -> str:
+    """Make Numba's intermediate code independent of Numba's own library and of Python's.
+
+    What is called there only reports exceptions, which compiled programs do not raise: their
+    functions are written so that a failure is a value.
+    """
+    text = re.sub(rf'@"?{re.escape(entry)}"?', f"@{ENTRY}", text)
+    lines = []
+    for line in text.splitlines():
+        declared = re.match(r'declare (.*?)@"?([\w.$]+)"?\((.*?)\)', line)
+        known = declared and (declared[2].startswith("llvm.") or declared[2] in OF_THE_C_LIBRARY)
+        if declared and not known:
+            line = _stub(declared[1], declared[2], declared[3])
+        line = re.sub(r"^(@\S+ = )external( local_unnamed_addr)? global (\S+).*",
+                      r"\1internal global \3 zeroinitializer", line)  # fmt: skip
+        lines.append(line)
+    return "\n".join(lines)
+
+
+def _stub(kind: str, name: str, arguments: str) -> str:
+    """A function that does nothing."""
+    returned = kind.split()[-1]
+    kinds = [re.sub(r"( \w+(\(.*?\))?)+$", "", a.strip()) for a in arguments.split(",")]
+    result = {"void": "void", "ptr": "ptr null"}.get(returned, f"{returned} 0")
+    return f"define internal {returned} @{name}({', '.join(kinds)}) {{ ret {result} }}"
+
+
+def linked(machine_code: bytes, path: Path) -> None:
+    """Put machine code into a file, and beside it as a shared library where there is a linker."""
+    import shutil
+    import subprocess
+
+    _put_whole(path, machine_code)
+    linker = next((found for name in ("cc", "gcc", "clang") if (found := shutil.which(name))), None)
+    if linker is None:
+        return
+    library = path.with_suffix(".so")
+    temporary = library.with_suffix(f".{os.getpid()}.tmp")
+    done = subprocess.run(
+        [linker, "-shared", "-o", temporary, path, "-lm"], capture_output=True, check=False
+    )
+    if done.returncode == 0:
+        _put_whole(library, temporary.read_bytes())
+    else:
+        log.info("not linked: %s", done.stderr.decode(errors="replace").strip())
+    temporary.unlink(missing_ok=True)
+
+
+def _put_whole(path: Path, content: bytes) -> None:
+    put(path, content)
+    put(digest_beside(path), hashlib.sha256(content).hexdigest().encode())

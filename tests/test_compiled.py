@@ -1,0 +1,296 @@
+"""Compiled and plain runs are the same; the cache, and who decides."""
+
+from __future__ import annotations
+
+import importlib.util
+import logging
+import math
+import os
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+
+from contimpact import ImpactPair, continue_orbit, find_orbits
+from contimpact import compiled as module
+from contimpact.bifurcations import test_functions as functions_of
+from contimpact.continuation.arclength import Settings
+from contimpact.continuation.branch import EndKind
+from contimpact.errors import InputError
+from contimpact.mechanics.kernels import Kernels
+from contimpact.mechanics.orbit import OrbitProblem
+from contimpact.mechanics.word import parse_word
+from contimpact.orbit_march import system_of, walk_orbits
+from contimpact.orbit_program import program_of
+
+EVENTS = ("FB", "BP", "PD", "NS", "G", "V", "T")
+needs_numba = pytest.mark.skipif(
+    importlib.util.find_spec("numba") is None, reason="the extra 'fast' is not installed"
+)
+
+
+@pytest.fixture
+def cache(kernel_cache):
+    """The tests' own cache, in which each program is compiled once."""
+    return kernel_cache
+
+
+@pytest.fixture
+def plain_and_compiled(cache, monkeypatch):
+    """Run something plainly and compiled; returns both results."""
+
+    def both(run):
+        results = []
+        for mode in ("never", "always"):
+            monkeypatch.setenv("CONTIMPACT_COMPILED", mode)
+            results.append(run())
+        return results
+
+    return both
+
+
+def same(plain, fast):
+    """Points and events of two walks are the same, to the last bit."""
+    assert fast.end == plain.end
+    assert len(fast.points) == len(plain.points)
+    for one, other in zip(plain.points, fast.points, strict=True):
+        assert np.array_equal(one.unknowns, other.unknowns)
+        assert np.array_equal(one.tangent, other.tangent)
+        assert (one.arclength, one.iterations) == (other.arclength, other.iterations)
+        assert np.array_equal(one.orientation, other.orientation, equal_nan=True)
+        assert np.array_equal(
+            one.evaluation.multipliers, other.evaluation.multipliers, equal_nan=True
+        )
+        assert one.evaluation.verdict.reason == other.evaluation.verdict.reason
+        pair = (one.evaluation.verdict.smallest_gap, other.evaluation.verdict.smallest_gap)
+        assert np.array_equal(pair[0], pair[1], equal_nan=True)
+    kinds = [(event.kind, event.parameter) for event in plain.events]
+    assert [(event.kind, event.parameter) for event in fast.events] == kinds
+    assert fast.missed == plain.missed
+    assert fast.corrector_iterations == plain.corrector_iterations
+    assert fast.rejected_steps == plain.rejected_steps
+
+
+def walks(model, word, parameter, limits, settings=None, events=EVENTS):
+    """Walks both ways from every orbit of a word."""
+
+    def go(orbit, direction):
+        return walk_orbits(
+            orbit.problem, orbit.unknowns, direction, limits=limits,
+            tests=functions_of(orbit.problem, events, {}), settings=settings or Settings(),
+        )  # fmt: skip
+
+    orbits = find_orbits(model, word, parameter=parameter)
+    return [go(orbit, direction) for orbit in orbits for direction in (1, -1)]
+
+
+@needs_numba
+@pytest.mark.parametrize("predictor", ["tangent", "secant"])
+@pytest.mark.parametrize("word", ["BT", "BBT", "BTBT", "BBTT", "B", "BBBTBBT"])
+def test_compiled_walks_are_the_same_to_the_last_bit(plain_and_compiled, word, predictor):
+    model = ImpactPair(beta=math.pi / 6, r=0.3, A=5.0, s=0.34)
+    settings = Settings(predictor=predictor)
+    plain, fast = plain_and_compiled(lambda: walks(model, word, "s", (0.08, 1.05), settings))
+    assert len(plain) == len(fast)
+    for one, other in zip(plain, fast, strict=True):
+        same(one, other)
+
+
+@needs_numba
+@pytest.mark.parametrize("seed", range(12))
+def test_compiled_walks_are_the_same_for_random_parameters(plain_and_compiled, seed):
+    rng = np.random.default_rng(seed)
+    beta, r, s = rng.uniform(-1.5, 1.5), rng.choice([0.0, 1.0, rng.uniform()]), rng.uniform(0.1, 1)
+    model = ImpactPair(beta=float(beta), r=float(r), A=5.0, s=float(s))
+    word = ["BT", "BBT", "TTB", "BTBT"][seed % 4]
+    plain, fast = plain_and_compiled(lambda: walks(model, word, "s", (0.05, 1.5)))
+    for one, other in zip(plain, fast, strict=True):
+        same(one, other)
+
+
+@needs_numba
+def test_compiled_walks_where_the_zeros_of_the_acceleration_move(plain_and_compiled):
+    """Along A the zeros of a single harmonic change, and vanish where gravity outweighs it."""
+    model = ImpactPair(beta=math.pi / 6, r=0.3, A=5.0, s=0.34)
+    plain, fast = plain_and_compiled(lambda: walks(model, "BT", "A", (0.4, 30.0)))
+    assert plain[0].events
+    for one, other in zip(plain, fast, strict=True):
+        same(one, other)
+
+
+@needs_numba
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    "forcing", ["cos(pi*t)**3", "cos(pi*t+0.3)+sin(4*pi*t)/5-1/8", "exp(cos(pi*t))/3"]
+)
+def test_compiled_walks_with_other_forcings(plain_and_compiled, forcing):
+    model = ImpactPair(beta=0.4, r=0.4, A=5.0, s=0.4, forcing=forcing)
+    for word in ("BT", "BBT"):
+        plain, fast = plain_and_compiled(lambda word=word: walks(model, word, "s", (0.1, 1.0)))
+        for one, other in zip(plain, fast, strict=True):
+            same(one, other)
+
+
+@needs_numba
+def test_a_branch_and_its_events_are_the_same(plain_and_compiled):
+    """The paper's 1:1 branch: a thousand points at a fixed step, with what is tabulated."""
+    orbit = find_orbits(ImpactPair(beta=math.pi / 6, r=0.3, A=5.0, s=0.7), "1:1")[0]
+    settings = Settings(step=0.001, max_step=0.001, max_points=2000)
+
+    def branch():
+        return continue_orbit(orbit, "s", (0.08, 0.72), settings=settings)
+
+    plain, fast = plain_and_compiled(branch)
+    assert len(plain) > 1000
+    assert list(plain.columns) == list(fast.columns)
+    for name, column in plain.columns.items():
+        equal_nan = column.dtype.kind == "f"
+        assert np.array_equal(column, fast.columns[name], equal_nan=equal_nan), name
+    assert fast.events == plain.events
+    d = [entry.parameters["d"] for entry in fast.events if entry.kind in ("PD", "G")]
+    assert d == pytest.approx([0.204454926485485, 0.238506821494], abs=1e-12)
+
+
+@needs_numba
+@pytest.mark.parametrize("stop_at", [1, 2, 3, 5, 40, 200])
+def test_a_callback_sees_every_point_of_a_compiled_walk_and_may_stop(plain_and_compiled, stop_at):
+    orbit = find_orbits(ImpactPair(beta=math.pi / 6, r=0.3, A=5.0, s=0.7), "1:1")[0]
+    settings = Settings(step=0.001, max_step=0.001)
+
+    def run():
+        seen = []
+
+        def watch(point):
+            seen.append(point.parameter)
+            return len(seen) == stop_at
+
+        walk = walk_orbits(
+            orbit.problem, orbit.unknowns, -1, limits=(0.08, 0.72), settings=settings,
+            tests=functions_of(orbit.problem, EVENTS, {}), callback=watch,
+        )  # fmt: skip
+        assert walk.end.kind is EndKind.STOPPED
+        assert [point.parameter for point in walk.points[1:]] == seen
+        return seen
+
+    plain, fast = plain_and_compiled(run)
+    assert fast == plain
+    assert len(fast) == stop_at
+
+
+def test_what_cannot_be_compiled_runs_plainly(oscillator, monkeypatch):
+    """The acceleration of the oscillator depends on the state: its zeros need NumPy."""
+    monkeypatch.setenv("CONTIMPACT_COMPILED", "always")
+    (orbit, *_) = find_orbits(oscillator(), "S", parameter="omega")
+    low, high = 0.9 * orbit.unknowns[-1], 1.1 * orbit.unknowns[-1]
+    assert len(continue_orbit(orbit, range=(low, high))) > 3
+
+
+# Who decides
+
+
+def problem_of():
+    model = ImpactPair(beta=math.pi / 6, r=0.3, A=5.0, s=0.34)
+    return OrbitProblem(model, parse_word("BT", "BT"), Kernels(model, "s"))
+
+
+def test_an_unknown_mode_is_refused(monkeypatch):
+    monkeypatch.setenv("CONTIMPACT_COMPILED", "sometimes")
+    with pytest.raises(InputError, match=r"CONTIMPACT_COMPILED.*'sometimes'.*auto, always, never"):
+        module.mode()
+
+
+def test_always_without_numba_says_what_to_install(monkeypatch, tmp_path):
+    monkeypatch.setenv("CONTIMPACT_COMPILED", "always")
+    monkeypatch.setenv("CONTIMPACT_CACHE", str(tmp_path))
+    monkeypatch.setattr(module, "_LOADED", {})
+    monkeypatch.setattr(module, "available", lambda: False)
+    with pytest.raises(InputError, match=r"install contimpact\[fast\]"):
+        system_of(problem_of(), ()).compiled(10)
+
+
+def test_compiling_waits_until_it_pays(monkeypatch):
+    monkeypatch.setenv("CONTIMPACT_COMPILED", "auto")
+    monkeypatch.setattr(module, "_SPENT", [0])
+    monkeypatch.setattr(module, "available", lambda: True)
+    assert not module.pays()
+    module.spend(module.PAYS_AFTER)
+    assert module.pays()
+    monkeypatch.setattr(module, "available", lambda: False)
+    assert not module.pays()
+
+
+def test_flights_evaluated_plainly_are_counted(monkeypatch):
+    monkeypatch.setenv("CONTIMPACT_COMPILED", "never")
+    monkeypatch.setattr(module, "_SPENT", [0])
+    model = ImpactPair(beta=math.pi / 6, r=0.3, A=5.0, s=0.34)
+    found = walks(model, "BT", "s", (0.08, 1.05), events=())
+    points = sum(len(walk.points) for walk in found)
+    assert 2 * points < module._SPENT[0] <= 16 * points
+
+
+# The cache
+
+RUN = """
+import math, sys
+from contimpact import ImpactPair, continue_orbit, find_orbits
+from contimpact.continuation.arclength import Settings
+orbit = find_orbits(ImpactPair(beta=math.pi / 6, r=0.3, A=5.0, s=0.7), "1:1")[0]
+branch = continue_orbit(orbit, "s", (0.3, 0.72), settings=Settings(step=0.001, max_step=0.001))
+print(len(branch), *sorted({"numba", "llvmlite", "sympy"} & set(sys.modules)))
+"""
+
+
+def run_with(cache, mode):
+    environment = os.environ | {"CONTIMPACT_CACHE": str(cache), "CONTIMPACT_COMPILED": mode}
+    done = subprocess.run(
+        [sys.executable, "-c", RUN], env=environment, capture_output=True, text=True, check=True
+    )
+    return done.stdout.split()
+
+
+@needs_numba
+def test_a_later_process_loads_compiled_code_without_numba(plain_and_compiled, cache):
+    problem = problem_of()
+    plain_and_compiled(lambda: system_of(problem, ()).compiled(1))
+    run_with(cache, "never")  # kernels are there now
+    assert run_with(cache, "always")[1:] == []
+    assert run_with(cache, "auto")[1:] == []
+
+
+@needs_numba
+def test_without_a_linker_machine_code_is_loaded_through_llvm(plain_and_compiled, monkeypatch):
+    problem = problem_of()
+    plain_and_compiled(lambda: system_of(problem, ()).compiled(1))
+    intact = module._whole
+    monkeypatch.setattr(module, "_LOADED", {})
+    monkeypatch.setattr(module, "_whole", lambda path: path.suffix == ".o" and intact(path))
+    model = ImpactPair(beta=math.pi / 6, r=0.3, A=5.0, s=0.34)
+    plain, fast = plain_and_compiled(lambda: walks(model, "BT", "s", (0.3, 0.4)))
+    for one, other in zip(plain, fast, strict=True):
+        same(one, other)
+
+
+@needs_numba
+def test_damaged_code_is_not_loaded(plain_and_compiled, cache, caplog):
+    problem = problem_of()
+    plain_and_compiled(lambda: system_of(problem, ()).compiled(1))
+    damaged = cache / "damaged.so"
+    damaged.write_bytes(b"no machine code")
+    module.digest_beside(damaged).write_text("0" * 64)
+    with caplog.at_level(logging.WARNING):
+        assert not module._whole(damaged)
+    assert "damaged" in caplog.text
+
+
+def test_a_program_holds_all_it_calls():
+    """Its text runs on its own, with nothing of the package around it."""
+    problem = problem_of()
+    text = program_of(problem.kernels, "fixed").text
+    namespace = {"compile": lambda function: function}
+    exec(text, namespace)
+    assert callable(namespace["entry"])
+    z = [0.1, 0.6, 1.5, -0.4]
+    values = list(problem.model.values.values())
+    expected = problem.kernels.flight("B", "T")(*z, *values)
+    assert namespace["any_flight"](1, *z, values) == expected
