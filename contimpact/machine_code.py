@@ -100,13 +100,12 @@ def linked(machine_code: bytes, path: Path) -> None:
         return
     library = path.with_suffix(".so")
     temporary = library.with_suffix(f".{os.getpid()}.tmp")
-    done = subprocess.run(
-        [linker, "-shared", "-o", temporary, path, "-lm"], capture_output=True, check=False
-    )
-    if done.returncode == 0:
+    command = [linker, "-shared", "-o", str(temporary), str(path), "-lm"]
+    try:
+        subprocess.check_output(command, stderr=subprocess.STDOUT)
         _put_whole(library, temporary.read_bytes())
-    else:
-        log.info("not linked: %s", done.stderr.decode(errors="replace").strip())
+    except subprocess.CalledProcessError as error:
+        log.info("not linked: %s", error.output.decode(errors="replace").strip())
     temporary.unlink(missing_ok=True)
 
 

@@ -43,39 +43,31 @@ def stumpff2(q):
     return 0.5 * half * half
 
 
-_HIGHER = """
-def stumpff{k}(q):
-    if -{below} < q < {below}:
-        return {horner}
-    return ({start} - stumpff{lower}(q)) / q
-"""
-
-
-def _higher(k):
+def _higher(k, lower):
     """c_k for k > 2: its series near zero, the recurrence from c_{k-2} away from it.
 
-    Written out as one expression: a loop over the coefficients takes several times as long.
+    The series is one expression: a loop over its coefficients takes several times as long.
     """
-    first, *rest = _SERIES[k]
-    horner = repr(first)
-    for coefficient in rest:
-        horner = f"{coefficient!r} - q * ({horner})"
-    source = _HIGHER.format(
-        k=k, below=_SERIES_BELOW, horner=horner, start=_INVERSE_FACTORIAL[k - 2], lower=k - 2
-    )
-    exec(source, globals())
-    function = globals()[f"stumpff{k}"]
-    function.source = source
+    c11, c10, c9, c8, c7, c6, c5, c4, c3, c2, c1, c0 = _SERIES[k]
+    start = _INVERSE_FACTORIAL[k - 2]
+
+    def function(q):
+        if -_SERIES_BELOW < q < _SERIES_BELOW:
+            half = c6 - q * (c7 - q * (c8 - q * (c9 - q * (c10 - q * c11))))
+            return c0 - q * (c1 - q * (c2 - q * (c3 - q * (c4 - q * (c5 - q * half)))))
+        return (start - lower(q)) / q
+
+    function.__name__ = function.__qualname__ = f"stumpff{k}"
     return function
 
 
-stumpff3 = _higher(3)
-stumpff4 = _higher(4)
-stumpff5 = _higher(5)
-stumpff6 = _higher(6)
-stumpff7 = _higher(7)
-stumpff8 = _higher(8)
-stumpff9 = _higher(9)
+stumpff3 = _higher(3, stumpff1)
+stumpff4 = _higher(4, stumpff2)
+stumpff5 = _higher(5, stumpff3)
+stumpff6 = _higher(6, stumpff4)
+stumpff7 = _higher(7, stumpff5)
+stumpff8 = _higher(8, stumpff6)
+stumpff9 = _higher(9, stumpff7)
 
 
 _SAFE = 400.0
