@@ -29,6 +29,7 @@ class Results:
     """All that was measured."""
 
     runs: int
+    load: tuple[float, ...] = ()
     measured: Measured = field(default_factory=dict)
     first: dict[str, float] = field(default_factory=dict)
     checks: list[Check] = field(default_factory=list)
@@ -37,6 +38,8 @@ class Results:
     def as_text(self) -> str:
         """Return the tables, in Markdown."""
         head = f"{machine_text()}. Rounds: {self.runs}; medians, and the least and the largest."
+        if self.load:
+            head += f" Load before and after: {', '.join(f'{x:.1f}' for x in self.load)}."
         return "\n\n".join(["# Benchmarks", head, *self.skipped, *self.sections()]) + "\n"
 
     def sections(self) -> list[str]:
@@ -64,6 +67,7 @@ class Results:
         return {
             "machine": machine(),
             "runs": self.runs,
+            "load": self.load,
             "skipped": self.skipped,
             "samples": {
                 table: {row: _plain(samples) for row, samples in rows.items()}

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import argparse
 import json
+import os
 import sys
 import tempfile
 from pathlib import Path
@@ -73,9 +74,16 @@ def measure(workspace: Workspace, subjects: list[str], runs: int) -> Results:
         say("first processes, nothing cached")
         results.first = branch.first_runs(workspace)
     entered = [one for name in subjects for one in SUBJECTS[name].contestants(workspace)]
+    before = load()
     results.measured = interleaved(entered, runs)
+    results.load = (*before, *load())
     results.checks = checks(workspace, subjects)
     return results
+
+
+def load() -> tuple[float, ...]:
+    """Return how many processes the machine ran in the last minute, where it can tell."""
+    return os.getloadavg()[:1] if hasattr(os, "getloadavg") else ()
 
 
 def write(results: Results, folder: Path) -> None:

@@ -26,7 +26,7 @@ def cache_folder() -> Path | None:
     try:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
-        log.warning("nothing is cached: %s", error)
+        log.warning("kernels and compiled code are not cached: %s", error)
         return None
     return folder
 

@@ -205,7 +205,8 @@ def observe_cycle(setup, breaks, excursion, course, z, tangent, orientation, row
         course.word, course.sides, course.durations, course.gaps, course.times, course.velocities,
         -1,
     )  # fmt: skip
-    rows[at + 4], rows[at + 5], rows[at + 6] = what, place, wall
+    known = course.counts[GAPS] != 0
+    rows[at + 4], rows[at + 5], rows[at + 6] = what if known else math.nan, place, wall
     rows[at + 7], rows[at + 8], rows[at + 9] = amount, when, smallest
 
 
@@ -272,21 +273,31 @@ class OrbitSystem:
         n, q = len(footing.scale), len(self.tests)
         width = 2 * n + EXTRA + q + DESCRIBED
         fast = self.compiled(most)
-        vector, table = (_array, _array_table) if fast else (_list, _list_table)
-        state, rows = vector(footing.state()), vector([0.0] * (width * most))
+        vector = _array if fast else _list
+        state, rows = vector(footing.state()), vector(np.zeros(width * most))
         points = (footing.scale, footing.here.unknowns, footing.here.tangent, footing.chord(),
                   footing.values, footing.earlier)  # fmt: skip
         given: list[Any] = [
-            vector(footing.options(settings)), state, *(vector(p, float) for p in points),
-            table(4, n), rows, *([vector([width, most])] if fast else [width, most]),
+            *(self.arrays if fast else [self.lists]), vector(footing.options(settings)), state,
+            *(vector(p) for p in points), np.zeros((4, n)) if fast else _list_table(4, n), rows,
+            *([vector([width, most])] if fast else [width, most]),
         ]  # fmt: skip
-        course = self.course(vector, table)
-        made = fast(*course, *given) if fast else march(*self.functions, course, *given)
+        made = fast(*given) if fast else march(*self.functions, *given)
         flights = int(state[EVALUATIONS]) * len(self.problem.word)
         self.problem.kernel_evaluations += flights
         spend(0 if fast else flights)
         block = np.asarray(rows[: width * made]).reshape(made, width)
         return Made.of(footing, state, block, most, self.problem.described)
+
+    @functools.cached_property
+    def lists(self) -> Course:
+        """The branch as lists, for a plain run."""
+        return self.course(_list, _list_table)
+
+    @functools.cached_property
+    def arrays(self) -> Course:
+        """The branch as arrays, for compiled code."""
+        return self.course(_array, lambda rows, columns: np.zeros((rows, columns)))
 
     def compiled(self, most: int) -> Compiled | None:
         """Compiled code, where there is any and the work is worth it."""
@@ -323,13 +334,9 @@ def _list_table(rows: int, columns: int) -> list[Any]:
 
 
 def _array(numbers: Any, kind: type | None = None) -> Any:
-    if kind is None:
+    if kind is None and not isinstance(numbers, np.ndarray):
         kind = float if len(numbers) and isinstance(numbers[0], float) else np.int64
     return np.array(numbers, dtype=kind)
-
-
-def _array_table(rows: int, columns: int) -> Array:
-    return np.zeros((rows, columns))
 
 
 ARGUMENTS = "iiiffiffFFFffffffffffffffFfi"
@@ -387,11 +394,17 @@ def places_of(problem: OrbitProblem, test: TestFunction) -> list[tuple[int, floa
     return None
 
 
-def walk_orbits(problem: OrbitProblem, start: Any, direction: int, **options: Any) -> Walk:
-    """As `contimpact.continuation.walk.walk`, for orbits; `parameter` is the problem's."""
-    system = system_of(problem, options.get("tests", ()))
+def walk_orbits(
+    problem: OrbitProblem, start: Array, direction: int, *, tests: Sequence[TestFunction] = (),
+    gaps: bool = True, **options: Any,
+) -> Walk:  # fmt: skip
+    """As `contimpact.continuation.walk.walk`, for orbits: routine steps are made many at once.
+
+    With `gaps` it is decided at every point if the orbit is physical.
+    """
     return walk(
-        problem, start, direction, parameter=problem.parameter, system=system, **options
+        problem, start, direction, parameter=problem.parameter, tests=tests,
+        system=system_of(problem, tests, gaps), **options,
     )  # fmt: skip
 
 

@@ -20,7 +20,7 @@ from typing import Any
 import mpmath
 import numpy as np
 
-from ..mechanics.kernels import SCALAR_NAMES, Kernel
+from ..mechanics.kernels import OWN_NAMES, SCALAR_NAMES, Kernel
 from ..mechanics.orbit import Array, OrbitProblem
 
 ITERATIONS = 60
@@ -361,6 +361,8 @@ def _names(ctx: Any) -> dict[str, Any]:
             names[name] = _stumpff(ctx, int(name.removeprefix("stumpff")))
         elif name.startswith("decaying"):
             names[name] = _decaying(ctx, int(name.removeprefix("decaying")))
+        elif name in OWN_NAMES:
+            names[name] = OWN_NAMES[name]
         else:
             names[name] = getattr(ctx, name)
     return names | {"pi": +ctx.pi}

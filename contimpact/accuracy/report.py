@@ -24,7 +24,6 @@ from .. import __version__
 from ..continuation import linear
 from ..continuation.arclength import PREDICTORS, Settings, bordered
 from ..continuation.branch import Point, Walk
-from ..continuation.walk import walk
 from ..diagram import Entry, coordinates
 from ..errors import InputError
 from ..explore import follow, orbits_at_start
@@ -33,6 +32,7 @@ from ..mechanics.kernels import Kernels
 from ..mechanics.orbit import Array, OrbitProblem
 from ..mechanics.search import Orbit
 from ..mechanics.word import Word
+from ..orbit_march import walk_orbits
 from ..scene import Scene
 from .reference import Reference
 
@@ -150,9 +150,9 @@ class _Task:
 
     def walks(self, settings: Settings) -> list[Walk]:
         return [
-            walk(
-                self.problem, self.orbit.unknowns, direction, parameter=self.scene.parameter,
-                limits=self.scene.range, settings=settings,
+            walk_orbits(
+                self.problem, self.orbit.unknowns, direction, gaps=False, limits=self.scene.range,
+                settings=settings,
             )
             for direction in (-1, +1)
         ]  # fmt: skip

@@ -20,8 +20,9 @@ SAME_SOLUTION = 1e-7
 WIDEST_SPAN = 1e3
 """The natural size of the parameter is that of its range, at most this many times its start."""
 
-FEWEST, MARCHED = 2, 1024
-"""Routine steps made at a time, at first and at most."""
+FEWEST, UNWATCHED, GROWTH, MARCHED = 2, 64, 4, 1024
+"""Routine steps made at a time: at first where somebody watches and where nobody does, how the
+number grows, and its ceiling."""
 
 NARROWEST = 1e-12
 """A range narrower than this part of its limits cannot be walked in doubles."""
@@ -175,7 +176,7 @@ class _Walker:
         A few are made first and then ever more at a time: those made beyond an end that `stop` or
         `callback` decide on are lost.
         """
-        chunk = FEWEST
+        chunk = FEWEST if self.watched else UNWATCHED
         while (left := self.settings.max_points - len(self.points)) > 0:
             made = system.march(self.footing(step), self.settings, min(chunk, left))
             self.iterations += made.iterations
@@ -184,7 +185,7 @@ class _Walker:
             if end is not None or made.unusual:
                 return made.step, end
             step = made.step
-            chunk = min(2 * chunk, MARCHED)
+            chunk = min(GROWTH * chunk, MARCHED)
         return step, None
 
     @property
@@ -226,8 +227,7 @@ class _Walker:
 
     def seen(self, made: Made, i: int) -> tuple[list[Array], Before]:
         """The test functions at a routine step's point, and one point before."""
-        ends = np.cumsum([len(values) for values in self.values])
-        here, before = (np.split(made.values[i + k], ends)[:-1] for k in (2, 1))
+        here, before = (_like(self.values, made.values[i + k]) for k in (2, 1))
         return here, Before(float(made.arclengths[i + 1]), before)
 
     def events_on(self, made: Made, i: int, point: Point) -> list[Event]:
@@ -411,6 +411,15 @@ class _Walker:
             self.points, self.events, end, self.missed, self.iterations, self.rejected,
             self.seconds_in_events,
         )  # fmt: skip
+
+
+def _like(lists: list[Array], flat: Array) -> list[Array]:
+    """A vector cut into pieces as long as the lists."""
+    pieces, first = [], 0
+    for values in lists:
+        pieces.append(flat[first : first + len(values)])
+        first += len(values)
+    return pieces
 
 
 def _flat(values: list[Array]) -> Array:

@@ -385,7 +385,7 @@ class Described(Linearisation):
     unknowns : ndarray of shape (n + 1,)
     numbers : ndarray of shape (11,)
         The largest residual, real and imaginary parts of both multipliers, and what
-        `flight.verdict` says.
+        `flight.verdict` says; the first of it is not a number where that was not asked for.
     """
 
     def __init__(self, problem: OrbitProblem, unknowns: Array, numbers: Array) -> None:
@@ -407,6 +407,8 @@ class Described(Linearisation):
     @functools.cached_property
     def verdict(self) -> Verdict:
         """Whether the orbit is physical, and if not why and where."""
+        if np.isnan(self.numbers[5]):
+            return self.judge()
         return verdict_of(self.problem, self.numbers.tolist())
 
     @property

@@ -10,13 +10,13 @@ from typing import Any
 import numpy as np
 
 from ..bifurcations import Requested, test_functions
-from ..continuation.walk import walk
 from ..diagram import Branch, Diagram, Entry
 from ..mechanics.kernels import Kernels
 from ..mechanics.model import Model
 from ..mechanics.orbit import Array, OrbitProblem
 from ..mechanics.search import settle
 from ..orbit_branch import both_ways
+from ..orbit_march import walk_orbits
 from ..scene import CurveOptions, Scene
 from .curves import Curve, follow_curve, with_fixed
 
@@ -133,8 +133,8 @@ class _CurveExplorer:
                 continue
             limits = (min(own, *wanted), max(own, *wanted))
             test = Requested(problem, {name: wanted})
-            done = walk(
-                problem, np.append(start, own), direction, parameter=name, limits=limits,
+            done = walk_orbits(
+                problem, np.append(start, own), direction, gaps=False, limits=limits,
                 tests=[test], settings=dataclasses.replace(scene.settings, max_step=0.1),
             )  # fmt: skip
             points = {round(e.parameter, 14): e.point.unknowns for e in done.events}
