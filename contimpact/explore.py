@@ -79,6 +79,8 @@ class _Birth:
 
 @dataclass
 class _Explorer:
+    """The computation of a scene's diagram, as far as it has come."""
+
     scene: Scene
     progress: Callable[[str], None]
     runs: list[Run] = field(default_factory=list)

@@ -136,8 +136,7 @@ def read(diagram: Diagram) -> Reading:
 
 def _member(branch: Branch) -> tuple[float, ...]:
     """The values of the parameters that are constant on a branch: its member of a family."""
-    constant = (v for n, v in branch.columns.items() if n in branch.constant)
-    return tuple(float(values[0]) for values in constant)
+    return tuple(float(branch[name][0]) for name in branch.constant)
 
 
 def stable_intervals(branch: Branch) -> list[Interval]:

@@ -6,7 +6,6 @@ a contract, documented key by key in the documentation's page on scenes.
 
 from __future__ import annotations
 
-import difflib
 import math
 import tomllib
 from collections.abc import Mapping, Sequence
@@ -518,6 +517,13 @@ def _plot(table: _Table, model: Model, parameter: str) -> PlotOptions:
     return PlotOptions(x, limits["xlim"], limits["ylim"], unphysical, tuple(dict.fromkeys(formats)))
 
 
+def _nearest(key: str, known: Sequence[str]) -> str | None:
+    """The known key that is spelled most like another, if one is."""
+    import difflib
+
+    return next(iter(difflib.get_close_matches(key, known, 1)), None)
+
+
 _REQUIRED: Any = object()
 
 
@@ -536,10 +542,9 @@ class _Table:
         if key in self.data:
             return self.data[key]
         if default is _REQUIRED:
-            near = difflib.get_close_matches(key, [k for k in self.data if k not in self.asked], 1)
-            if near:
+            if near := _nearest(key, [k for k in self.data if k not in self.asked]):
                 raise InputError(
-                    self.place(near[0]), f"unknown key (did you mean {key!r}?)",
+                    self.place(near), f"unknown key (did you mean {key!r}?)",
                     f"{self.place(key)} is missing: give {wanted}",
                 )  # fmt: skip
             raise InputError(self.place(key), "missing", f"give {wanted}")
@@ -613,8 +618,8 @@ class _Table:
     def finish(self) -> None:
         for key in self.data:
             if key not in self.asked:
-                near = difflib.get_close_matches(key, self.asked, 1)
-                hint = f" (did you mean {near[0]!r}?)" if near else ""
+                near = _nearest(key, self.asked)
+                hint = f" (did you mean {near!r}?)" if near else ""
                 raise InputError(
                     self.place(key), f"unknown key{hint}", f"accepted are {', '.join(self.asked)}"
                 )

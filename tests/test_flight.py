@@ -225,7 +225,7 @@ def test_first_hit(pair, kernels_of, low, high, start, speed, length):
     breaks = [*(t for t in zeros if 0.0 < t < length), length]
     after = kernel(*head, 0.0, *p)[1]
     side, dt, arrival, rising = first_hit(
-        kernels.motions, (0, *head), p, breaks, 0.0, after, after > 0, low, high
+        kernels.motions, (0, *head), p, breaks, 0.0, after > 0, low, high
     )
     mesh = np.linspace(0.0, length, MESH)
     x = kernels.vectorised(kernel)(*head, mesh, *p)[0]

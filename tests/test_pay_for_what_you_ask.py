@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib.util
 import json
 import subprocess
 import sys
@@ -42,9 +43,19 @@ FOR = {
 }
 """The kernels that events need beyond those of a branch; third derivatives are a doubling's."""
 
-HEAVY = ("sympy", "mpmath", "matplotlib", "pandas", "scipy", "hypothesis")
-OWN_HEAVY = ("reference", "report", "shooting", "plot", "plot_report", "catalogue", "cli", "merge",
-             "reading", "mechanics.codegen", "mechanics.symbolic")  # fmt: skip
+HEAVY = ("sympy", "mpmath", "matplotlib", "pandas", "scipy", "numba", "llvmlite", "hypothesis")
+OWN_HEAVY = ("accuracy", "attractors", "plots", "two_parameters", "formats", "merge", "program",
+             "orbit_program", "machine_code", "mechanics.codegen", "mechanics.lyapunov",
+             "mechanics.simulate", "mechanics.symbolic", "systems.oscillator")  # fmt: skip
+"""Parts of the package that following an orbit of the impact pair has no use for."""
+
+OF_RESULTS = ("catalogue", "cli", "reading")
+"""Parts that only the command needs."""
+
+RARE = ("asyncio", "difflib", "email", "http", "importlib.metadata", "multiprocessing",
+        "numpy.fft", "numpy.f2py", "numpy.ma", "numpy.polynomial", "numpy.testing", "subprocess",
+        "unittest")  # fmt: skip
+"""What the standard library and NumPy have for rare cases, unless NumPy itself imports it."""
 
 
 def scene(events, switch=(), **follow):
@@ -56,6 +67,24 @@ def scene(events, switch=(), **follow):
                    "switch": list(switch), **follow},
         "detect": {"events": list(events)},
     }  # fmt: skip
+
+
+def own(*names):
+    return [f"contimpact.{name}" for name in names]
+
+
+def among(modules, packages):
+    """The modules that are one of the packages or in it."""
+    return [m for m in modules if any(m == p or m.startswith(f"{p}.") for p in packages)]
+
+
+def imported(code, *arguments):
+    """The modules that a fresh interpreter has imported when it has run some code."""
+    code += "\nimport json, sys\nprint(json.dumps(sorted(sys.modules)))"
+    done = subprocess.run(
+        [sys.executable, "-c", code, *arguments], capture_output=True, text=True, check=True
+    )
+    return json.loads(done.stdout.splitlines()[-1])
 
 
 def run(given):
@@ -80,6 +109,59 @@ def measured():
     return measure
 
 
+def test_what_is_not_to_be_imported_exists():
+    """The test of the tests: a part that has moved would be missed nowhere."""
+    for module in own(*OWN_HEAVY, *OF_RESULTS):
+        assert importlib.util.find_spec(module) is not None
+
+
+def test_the_package_imports_nothing():
+    modules = imported("import contimpact")
+    assert among(modules, ("contimpact",)) == ["contimpact"]
+    assert among(modules, (*HEAVY, "numpy")) == []
+
+
+@pytest.fixture(scope="module")
+def of_numpy():
+    return set(imported("import numpy, numpy.random"))
+
+
+TOML = """
+name = "frugal"
+model = { system = "impact-pair", parameters = { beta = "pi/6", r = 0.3, A = 5.0, s = 0.389 } }
+follow = { parameter = "s", range = [0.3885, 0.3895], orbits = ["1:1"] }
+numerics = { step = 0.1, max_step = 0.1 }
+plot = { formats = [] }
+"""
+
+COMMANDS = {
+    "check": ["check", "{scene}"],
+    "run": ["run", "{scene}", "-o", "{folder}", "-q"],
+    "help": ["--help"],
+}
+
+
+@pytest.mark.parametrize("name", COMMANDS)
+def test_a_command_imports_what_it_needs(name, tmp_path, of_numpy):
+    """With a warm cache, as after the first run."""
+    (tmp_path / "scene.toml").write_text(TOML, encoding="utf-8")
+    places = {"scene": tmp_path / "scene.toml", "folder": tmp_path / "out"}
+    arguments = [text.format(**places) for text in COMMANDS[name]]
+    code = (
+        "import sys\nfrom contimpact.cli import main\n"
+        "try: main(sys.argv[1:])\nexcept SystemExit: pass"
+    )
+    imported(code, *arguments)
+    modules = imported(code, *arguments)
+    assert among(modules, HEAVY) == []
+    assert among(modules, own(*OWN_HEAVY)) == []
+    assert among(set(modules) - of_numpy, RARE) == []
+    if name == "help":
+        assert among(modules, ("numpy",)) == []
+    if name == "check":
+        assert among(modules, own("catalogue", "reading")) == []
+
+
 SCENES = {
     "nothing": ((), ()),
     "requested velocity": (("V",), ()),
@@ -92,9 +174,8 @@ SCENES = {
 @pytest.mark.parametrize("name", SCENES)
 def test_no_heavy_module_is_imported(measured, name):
     modules = measured(*SCENES[name])["modules"]
-    assert [m for m in modules if m.split(".")[0] in HEAVY] == []
-    assert [m for m in OWN_HEAVY if f"contimpact.{m}" in modules] == []
-    assert "contimpact.systems.oscillator" not in modules
+    assert among(modules, HEAVY) == []
+    assert among(modules, own(*OWN_HEAVY, *OF_RESULTS)) == []
 
 
 @pytest.mark.parametrize("name", SCENES)

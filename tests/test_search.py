@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from contimpact.errors import InputError
+from contimpact.mechanics import search
 from contimpact.mechanics.search import find_orbits, orbit_at, settle
 from contimpact.mechanics.word import Word
 
@@ -360,6 +361,33 @@ def test_same_rng_same_orbits(pair, orbits):
     assert same(found, orbits(model, "2:1/2T", starts=64))
     assert same(found, orbits(model, "2:1/2T", starts=64, rng=0))
     assert same(found, orbits(model, "2:1/2T", starts=64, rng=np.random.default_rng(0)))
+
+
+@pytest.mark.parametrize("word", ["1:1", "2:1", "1:1/2T", "2:1/2T"])
+@pytest.mark.parametrize("rounds", [1, 2, 3, 8])
+def test_rounds_are_the_same_one_by_one_and_together(pair, orbits, monkeypatch, word, rounds):
+    """To the bit, also where the last round finds something."""
+    model = pair(d=0.12484, A=12.466, r=0.25)
+    for starts in (4, 64):
+        together = orbits(model, word, starts=starts, rounds=rounds)
+        with monkeypatch.context() as patch:
+            patch.setattr(search, "ROUNDS_AT_ONCE", 1)
+            assert same(together, orbits(model, word, starts=starts, rounds=rounds))
+
+
+def test_every_solution_is_settled_once(pair, orbits, monkeypatch):
+    """Hundreds of starts lead to two orbits; of period two, to these run twice."""
+    settled = []
+
+    def counted(problem, unknowns):
+        settled.append(unknowns)
+        return settle(problem, unknowns)
+
+    monkeypatch.setattr(search, "settle", counted)
+    for word, count in [("1:1", 2), ("1:1/2T", 0)]:
+        settled.clear()
+        assert len(orbits(pair(d=0.242), word)) == count
+        assert len(settled) == 2
 
 
 def test_other_rng_same_set(pair, orbits):

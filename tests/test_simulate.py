@@ -7,15 +7,21 @@ at the speed w lasts at least until w h + M h^2/2 = g.
 
 from __future__ import annotations
 
+import importlib.util
 import math
+from collections import Counter
 from itertools import pairwise
 
 import mpmath as mp
 import numpy as np
 import pytest
 
+from contimpact import compiled
 from contimpact.errors import InputError
-from contimpact.mechanics.flight import velocity_zero
+from contimpact.mechanics import engine, flight, simulate
+from contimpact.mechanics.flight import time_zeros, velocity_zero
+from contimpact.mechanics.impacts import release_after
+from contimpact.mechanics.kernels import Kernels
 from contimpact.mechanics.lyapunov import exponents, exponents_of
 from contimpact.mechanics.search import find_orbits
 from contimpact.mechanics.simulate import Outcome, Simulator, State
@@ -112,9 +118,10 @@ def random_flights(pair, simulator_of, seed, count):
 
 def turns_of(simulator, wall, phase, velocity, length=4.0):
     """The turning points of a flight that no wall ends: displacement, and whether a maximum."""
-    k = simulator.letters.index(wall)
     motion = simulator.kernels.motion(wall)
-    breaks = [t for w in range(2) for t in simulator._breaks(k, phase, velocity, w) if t < length]
+    zeros = time_zeros(simulator.kernels.harmonics(*simulator.values), simulator.period)
+    ahead = (t - phase + w * simulator.period for w in range(3) for t in zeros)
+    breaks = [t for t in ahead if 0.0 < t < length]
 
     def moved(head, dt, values):
         return motion(phase, velocity, dt, *values)
@@ -373,7 +380,7 @@ def test_beyond_the_sticking_window_the_ball_flies_longer(pair, simulator_of):
     """Gamma = 3.4 > sqrt(1 + pi^2) = 3.2969: the flight from the release lasts over a period."""
     p = pair(r=0.0, beta=math.pi / 2, s=20.0)
     simulator = simulator_of(p.replace(A=p.values["M"] * p.values["g"] * 3.4))
-    zone, until = simulator.pressed(0, 1.0), simulator._release(0, 0.0)[0]
+    zone, until = simulator.pressed(0, 1.0), release_after(simulator._body, 0, 0.0)[0]
     assert not zone[0]
     assert simulator.fly(0, until, 0.0)[1] > 2.0
 
@@ -482,3 +489,214 @@ def test_sticking_forgets(pair, simulator_of):
     run = simulator.run(State(0, 0.25, 0.5), impacts=300)
     assert run.released.any()
     assert exponents_of(simulator, State(0, 0.25, 0.5), run).per_impact == (-math.inf, -math.inf)
+
+
+# Turning points that are not looked for
+
+
+def test_a_turn_told_by_tangents_changes_nothing(pair, simulator_of, monkeypatch):
+    """Where tangents tell that the body turns before a wall, the turning point is left out."""
+    flights = list(random_flights(pair, simulator_of, 5, 600))
+    fast = [s.fly(s.letters.index(wall), *at) for s, wall, *at in flights]
+    told = Counter(flight.turns_before(*given) for given in turns_of_flights(flights, monkeypatch))
+    assert told[True] > 200
+    assert told[False] > 50
+    monkeypatch.setattr(flight, "turns_before", lambda *given: False)
+    assert [s.fly(s.letters.index(wall), *at) for s, wall, *at in flights] == fast
+
+
+def turns_of_flights(flights, monkeypatch):
+    """What `turns_before` is asked on some flights."""
+    asked, tell = [], flight.turns_before
+    with monkeypatch.context() as patch:
+        patch.setattr(flight, "turns_before", lambda *given: asked.append(given) or tell(*given))
+        for simulator, wall, phase, velocity in flights:
+            simulator.fly(simulator.letters.index(wall), phase, velocity)
+    return asked
+
+
+# Compiled runs
+
+needs_numba = pytest.mark.skipif(
+    importlib.util.find_spec("numba") is None, reason="the extra 'fast' is not installed"
+)
+COLUMNS = ("walls", "turns", "phases", "velocities", "released")
+MOTIONS = {"1:1": 0.389, "2:1": 0.3, "1:1/C": 0.3631}
+
+
+def same_runs(one, other):
+    """To the last bit."""
+    assert (one.outcome, one.end) == (other.outcome, other.end)
+    for name in COLUMNS:
+        assert np.array_equal(getattr(one, name), getattr(other, name)), name
+
+
+@pytest.fixture
+def plain_and_compiled(kernel_cache, monkeypatch):
+    """Run something plainly and compiled, each program compiled once in the tests' own cache."""
+
+    def both(run):
+        results = []
+        for mode in ("never", "always"):
+            monkeypatch.setenv("CONTIMPACT_COMPILED", mode)
+            results.append(run())
+        return results
+
+    return both
+
+
+def check_random_models(both, simulator_of, pair, seed, count, impacts, **options):
+    """Runs of random models are the same; returns how often each outcome and a release was met."""
+    rng = np.random.default_rng(seed)
+    met = Counter()
+    for _ in range(count):
+        names = ("r_B", "r_T") if options.get("apart") else ("r",)
+        values = {n: rng.choice([0.0, 1.0, rng.uniform(), rng.uniform(0.0, 0.4)]) for n in names}
+        values["beta"] = rng.choice([0.0, rng.uniform(-1.5, 1.5)], p=[0.25, 0.75])
+        values |= {"A": 10 ** rng.uniform(-0.5, 1.3), "s": 10 ** rng.uniform(-1.7, 1.0)}
+        given = {name: float(value) for name, value in values.items()}
+        if "forcing" in options:
+            given["forcing"] = options["forcing"]
+        simulator = simulator_of(pair(**given), longest_flight=40)
+        start = simulator.random_state(rng)
+        plain, fast = both(lambda s=simulator, at=start: s.run(at, impacts=impacts))
+        same_runs(plain, fast)
+        met[plain.outcome] += 1
+        met["released"] += bool(plain.released.any())
+    return met
+
+
+@needs_numba
+@pytest.mark.parametrize("s", MOTIONS.values(), ids=MOTIONS)
+def test_compiled_runs_are_the_same_to_the_last_bit(pair, simulator_of, plain_and_compiled, s):
+    simulator = simulator_of(pair(s=s))
+    plain, fast = plain_and_compiled(lambda: simulator.run(State(0, 0.14, 0.686), impacts=10_000))
+    same_runs(plain, fast)
+    assert [column.dtype for column in vars(fast).values() if isinstance(column, np.ndarray)] == [
+        column.dtype for column in vars(plain).values() if isinstance(column, np.ndarray)
+    ]
+
+
+@needs_numba
+@pytest.mark.slow
+@pytest.mark.parametrize("s", MOTIONS.values(), ids=MOTIONS)
+def test_long_compiled_runs_are_the_same(pair, simulator_of, plain_and_compiled, s):
+    simulator = simulator_of(pair(s=s))
+    same_runs(*plain_and_compiled(lambda: simulator.run(State(0, 0.14, 0.686), impacts=100_000)))
+
+
+@needs_numba
+def test_compiled_runs_of_random_models_are_the_same(pair, simulator_of, plain_and_compiled):
+    """Restitution from 0 to 1, level and inclined, chatter, sticking, rest and flights given up."""
+    met = check_random_models(plain_and_compiled, simulator_of, pair, 6, 60, 400)
+    assert met["released"] > 10
+    assert all(met[outcome] for outcome in Outcome)
+
+
+@needs_numba
+@pytest.mark.parametrize(
+    ("forcing", "count"),
+    [
+        ("cos(pi*t+0.3)+sin(4*pi*t)/5-1/8", 10),
+        pytest.param("cos(pi*t)**3", 20, marks=pytest.mark.slow),
+        pytest.param("cos(pi*t)*cos(2*pi*t)*sin(3*pi*t)", 20, marks=pytest.mark.slow),
+        pytest.param("exp(cos(pi*t))/3", 10, marks=pytest.mark.slow),
+        pytest.param("0*t", 10, marks=pytest.mark.slow),
+    ],
+)
+def test_compiled_runs_with_two_restitutions_and_other_forcings(
+    pair, simulator_of, plain_and_compiled, forcing, count
+):
+    check_random_models(
+        plain_and_compiled, simulator_of, pair, 7, count, 300, apart=True, forcing=forcing
+    )
+
+
+@needs_numba
+@pytest.mark.parametrize("kind", [{"impacts": 100}, {"periods": 60}, {"impacts": 50, "periods": 9}])
+def test_compiled_chunks_join(pair, simulator_of, plain_and_compiled, monkeypatch, kind):
+    simulator, start = simulator_of(pair(s=0.3631)), State(0, 0.14, 0.686, turns=3)
+    whole = plain_and_compiled(lambda: simulator.run(start, **kind))
+    blind = plain_and_compiled(lambda: simulator.run(start, record=False, **kind))
+    monkeypatch.setattr(simulate, "CHUNK", 7)
+    monkeypatch.setattr(simulate, "FEW", 2)
+    for part in plain_and_compiled(lambda: simulator.run(start, **kind)):
+        same_runs(part, whole[0])
+    same_runs(*whole)
+    assert [run.end for run in blind] == [whole[0].end] * 2
+    assert not any(len(run) for run in blind)
+
+
+@needs_numba
+def test_a_run_may_go_on_compiled(pair, simulator_of, plain_and_compiled, monkeypatch):
+    """It pays from the third chunk on."""
+    simulator, start = simulator_of(pair(s=0.3631)), State(0, 0.14, 0.686)
+    plain, _ = plain_and_compiled(lambda: simulator.run(start, impacts=5000))
+    monkeypatch.setattr(simulate, "CHUNK", 700)
+    monkeypatch.setattr(simulator._engine, "compiled", lambda asked, found=simulator._engine.found:
+                        found if simulator._engine.plain >= 1400 else None)  # fmt: skip
+    simulator._engine.plain = 0
+    same_runs(simulator.run(start, impacts=5000), plain)
+    assert simulator._engine.plain == 1400
+
+
+def test_what_cannot_be_compiled_runs_plainly(oscillator, simulator_of, monkeypatch):
+    """The acceleration of the oscillator depends on the state."""
+    monkeypatch.setenv("CONTIMPACT_COMPILED", "always")
+    simulator = simulator_of(oscillator(c=0.2, r=0.6, sigma=0.0))
+    assert len(simulator.run(simulator.state("S", 0.1, 1.0), impacts=5)) == 5
+
+
+def test_the_program_holds_all_it_calls(pair, simulator_of):
+    """Its text runs on its own, with nothing of the package around it."""
+    simulator = simulator_of(pair(d=0.14))
+    namespace = {"compile": lambda function: function}
+    exec(engine.program_of(simulator._motions).text, namespace)
+    at, when, rows = [0, 0, 0], [0.25, 0.5], [[0] * 200 for _ in COLUMNS]
+    assert namespace["entry"](*simulator._body, at, when, *rows, (200, 10**9)) == 200
+    run = simulator.run(State(0, 0.25, 0.5), impacts=200)
+    assert run.released.any()
+    for name, column in zip(COLUMNS, rows, strict=True):
+        assert getattr(run, name).tolist() == column
+
+
+@pytest.fixture
+def looked_for(monkeypatch):
+    """How often compiled code is looked for; there is none."""
+    calls = []
+    monkeypatch.setattr(engine, "_ENGINES", {})
+    monkeypatch.setattr(compiled, "_SPENT", [0])
+    monkeypatch.setattr(engine, "compiled", lambda *given: calls.append(given) and None)
+    return calls
+
+
+@pytest.mark.parametrize(
+    ("mode", "kind", "times"),
+    [
+        ("never", {"impacts": 10_000}, 0),
+        ("auto", {"impacts": 100}, 0),
+        ("auto", {"periods": 100}, 0),
+        ("auto", {"impacts": 2000}, 1),
+        ("always", {"impacts": 1}, 1),
+    ],
+)
+def test_compiled_code_is_looked_for_where_it_is_worth_it(
+    pair, kernels_of, looked_for, monkeypatch, mode, kind, times
+):
+    monkeypatch.setenv("CONTIMPACT_COMPILED", mode)
+    model = pair()
+    run = Simulator(model, kernels_of(model, "s")).run(State(0, 0.14, 0.686), **kind)
+    assert len(looked_for) == times
+    assert compiled._SPENT[0] == engine.PRICE * len(run)
+
+
+def test_many_short_runs_are_worth_it_too(pair, kernels_of, looked_for, monkeypatch):
+    """Simulators of the same formulas count together, whatever the free parameter."""
+    monkeypatch.setenv("CONTIMPACT_COMPILED", "auto")
+    for i in range(9):
+        model = pair(s=0.3 + 0.01 * i)
+        simulator = Simulator(model, Kernels(model, "As"[i % 2]))
+        for _ in range(5):
+            simulator.run(State(0, 0.14, 0.686), impacts=99)
+    assert len(engine._ENGINES) == 1
+    assert len(looked_for) == 2

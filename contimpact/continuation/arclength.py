@@ -110,6 +110,9 @@ def bordered(jacobian: Array, row: Array) -> Array:
 CONVERGED, NO_VALUE, NO_SOLUTION, DIVERGES, SLOW = range(5)
 """What `newton` says."""
 
+MAY_BE_ROUNDING = 1e-6
+"""Newton steps longer than this are not asked if they are rounding."""
+
 
 def newton(evaluate, solve, data, z, guess, row, scale, step, tolerance, most):
     """Solve F(z) = 0, row . (z - guess) = 0 by Newton's method, in plain Python.
@@ -139,12 +142,9 @@ def newton(evaluate, solve, data, z, guess, row, scale, step, tolerance, most):
         Length of the first step.
     """
     n = len(z)
-    before, first, size = math.inf, 0.0, 0.0
+    before, first = math.inf, 0.0
     for i in range(n):
         z[i] = guess[i]
-        part = guess[i] / scale[i]
-        size += part * part
-    rounding = 4.0 * EPSILON * math.sqrt(size)
     for iteration in range(most + 1):
         worst = evaluate(data, z)
         if worst - worst != 0.0:  # infinite or not a number
@@ -159,21 +159,26 @@ def newton(evaluate, solve, data, z, guess, row, scale, step, tolerance, most):
                 g += row[i] * (guess[i] - z[i])
         if not solve(data, row, g, step):
             return NO_SOLUTION, iteration, first
-        moved = 0.0
-        for i in range(n):
-            part = step[i] / scale[i]
-            moved += part * part
-        moved = math.sqrt(moved)
+        moved = norm(step, scale)
         if iteration == 0:
             first = moved
         if not moved < 2.0 * before:
             return DIVERGES, iteration, first
-        if moved <= rounding:
+        if moved < MAY_BE_ROUNDING and moved <= 4.0 * EPSILON * norm(z, scale):
             return CONVERGED, iteration, first
         before = moved
         for i in range(n):
             z[i] += step[i]
     return SLOW, most, first
+
+
+def norm(z, scale):
+    """Return the length of a vector."""
+    size = 0.0
+    for i in range(len(z)):
+        part = z[i] / scale[i]
+        size += part * part
+    return math.sqrt(size)
 
 
 class _Dense:
@@ -273,11 +278,16 @@ def point_after(
 
 def angle(one, other, scale):
     """Return the angle between two unit tangents, accurate also when small."""
-    apart = 0.0
+    return 2.0 * math.asin(min(1.0, 0.5 * distance(one, other, scale)))
+
+
+def distance(one, other, scale):
+    """Return the length of the difference of two vectors."""
+    size = 0.0
     for i in range(len(one)):
         part = (one[i] - other[i]) / scale[i]
-        apart += part * part
-    return 2.0 * math.asin(min(1.0, 0.5 * math.sqrt(apart)))
+        size += part * part
+    return math.sqrt(size)
 
 
 def cubic(left, right, rate, next_rate, span, s):

@@ -15,7 +15,7 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from .arclength import CONVERGED, Settings, angle, cubic, newton, step_after
+from .arclength import CONVERGED, Settings, angle, cubic, distance, newton, norm, step_after
 from .branch import Block, Point
 from .events import noteworthy
 from .problem import Array
@@ -193,11 +193,7 @@ def march(
         secant = options[SECANT] != 0.0 and state[BEHIND] > 0.0
         size = 1.0
         if secant:
-            size = 0.0
-            for i in range(n):
-                part = chord[i] / scale[i]
-                size += part * part
-            size = math.sqrt(size)
+            size = norm(chord, scale)
         for i in range(n):
             guess[i] = z[i] + step * (chord[i] / size if secant else tangent[i])
             row[i] = tangent[i] / scale[i] / scale[i]
@@ -225,18 +221,12 @@ def march(
         if unusual(z[n - 1], new[n - 1], orientation, scale[n - 1], options, state):
             state[ITERATIONS] -= iterations
             return made
-        travelled = 0.0
-        for i in range(n):
-            chord[i] = new[i] - z[i]
-            part = chord[i] / scale[i]
-            travelled += part * part
-            z[i] = new[i]
-            tangent[i] = along[i]
-        travelled = math.sqrt(travelled)
         at = width * made
         for i in range(n):
-            rows[at + i] = z[i]
-            rows[at + n + i] = tangent[i]
+            chord[i] = new[i] - z[i]
+            z[i] = rows[at + i] = new[i]
+            tangent[i] = rows[at + n + i] = along[i]
+        travelled = norm(chord, scale)
         mark = at + 2 * n
         rows[mark] = orientation
         rows[mark + 1] = state[ARCLENGTH] + travelled
@@ -265,12 +255,8 @@ def leaves(z, new, tangent, along, scale, low, high):
     last = len(z) - 1
     if tangent[last] * along[last] >= 0.0 or not low <= new[last] <= high:
         return False
-    span = 0.0
-    for i in range(len(z)):
-        part = (new[i] - z[i]) / scale[i]
-        span += part * part
     s = tangent[last] / (tangent[last] - along[last])
-    highest = cubic(z[last], new[last], tangent[last], along[last], math.sqrt(span), s)
+    highest = cubic(z[last], new[last], tangent[last], along[last], distance(new, z, scale), s)
     return not low <= highest <= high
 
 

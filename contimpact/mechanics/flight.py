@@ -268,7 +268,7 @@ def velocity_zero(motion, head, values, left, speed_left, right, speed_right):
     return t
 
 
-def wall_arrival(motion, head, values, left, speed_left, right, speed_right, wall, rising):
+def wall_arrival(motion, head, values, left, at, right, reached, wall, rising):
     """Return time and velocity at which a monotone displacement reaches a wall.
 
     Newton's iteration kept inside a bracket, from the end with the larger speed: between two zeros
@@ -281,8 +281,8 @@ def wall_arrival(motion, head, values, left, speed_left, right, speed_right, wal
         As in `velocity_zero`.
     left, right : float
         Times before and after the arrival.
-    speed_left, speed_right : float
-        Velocities there.
+    at, reached : (displacement, velocity, acceleration)
+        What `motion` returns there.
     wall : float
         Displacement of the wall.
     rising : bool
@@ -293,10 +293,12 @@ def wall_arrival(motion, head, values, left, speed_left, right, speed_right, wal
     dt, speed : float
         The velocity does not run away from the wall, not even by rounding.
     """
-    t = left if abs(speed_left) > abs(speed_right) else right
-    speed = 0.0
-    for _ in range(100):
-        x, speed, acceleration = motion(head, t, values)
+    from_left = abs(at[1]) > abs(reached[1])
+    t = left if from_left else right
+    x, speed, acceleration = at if from_left else reached
+    for trial in range(100):
+        if trial > 0:
+            x, speed, acceleration = motion(head, t, values)
         if (x < wall) == rising:
             left = t
         else:
@@ -318,7 +320,18 @@ def wall_arrival(motion, head, values, left, speed_left, right, speed_right, wal
     return t, speed
 
 
-def first_hit(motion, head, values, breaks, left, speed_left, rising, low, high):
+def first_hit(motion, head, values, breaks, left, rising, low, high):
+    """Return the first arrival at a wall; as `first_arrival`, between times that are given.
+
+    Parameters
+    ----------
+    breaks : vector
+        Zeros of the acceleration after `left`, in order; further times among them do no harm.
+    """
+    return first_arrival(motion, head, values, breaks, 0.0, 0.0, 1, left, rising, low, high)
+
+
+def first_arrival(motion, head, values, zeros, phase, period, most, left, rising, low, high):
     """Return the first arrival at a wall, with certainty.
 
     Between two zeros of the acceleration the velocity is monotone, so it has at most one zero
@@ -329,10 +342,14 @@ def first_hit(motion, head, values, breaks, left, speed_left, rising, low, high)
     ----------
     motion, head, values
         As in `velocity_zero`; displacements are measured from where the flight starts.
-    breaks : sequence of float
-        Zeros of the acceleration after `left`, in order; further times among them do no harm.
-    left, speed_left : float
-        Time so far without a hit, and the velocity then.
+    zeros : vector
+        Zeros of the acceleration in [0, period), in order; further times among them do no harm.
+    phase, period : float
+        The flight starts at `phase`; the zeros repeat every `period`.
+    most : int
+        Periods after which it is given up.
+    left : float
+        Time so far without a hit.
     rising : bool
         Direction of motion then; it decides where the velocity is zero.
     low, high : float
@@ -341,32 +358,84 @@ def first_hit(motion, head, values, breaks, left, speed_left, rising, low, high)
     Returns
     -------
     side : int
-        +1 at the wall above, -1 at the one below, 0 for no hit up to the last break.
+        +1 at the wall above, -1 at the one below, 0 for no hit.
     dt, speed : float
-        Time and velocity before the impact; without a hit, at the last break.
+        Time and velocity before the impact; without a hit, at the last zero.
     rising : bool
         Direction of motion at that time.
     """
-    for right in breaks:
-        x, speed_right, _ = motion(head, right, values)
-        if speed_right != 0.0 and (speed_right > 0.0) != rising:
-            turn = velocity_zero(motion, head, values, left, speed_left, right, speed_right)
-            x_turn = motion(head, turn, values)[0]
-            wall = high if rising else low
-            if (x_turn >= wall) if rising else (x_turn <= wall):
-                arrival = wall_arrival(
-                    motion, head, values, left, speed_left, turn, 0.0, wall, rising
+    count, first = len(zeros), 0
+    while first < count and zeros[first] <= phase:
+        first += 1
+    at = motion(head, left, values)
+    for turns in range(most):
+        for i in range(first, first + max(count, 1)):
+            if count == 0:
+                right = (turns + 1) * period
+            elif i < count:
+                right = zeros[i] - phase + turns * period
+            else:
+                right = zeros[i - count] - phase + period + turns * period
+            reached = motion(head, right, values)
+            speed = reached[1]
+            turned = speed != 0.0 and (speed > 0.0) != rising
+            ahead = high if rising != turned else low
+            if turned or beyond(reached[0], ahead, rising):
+                side, dt, speed = hit_between(
+                    motion, head, values, left, at, right, reached, turned, rising, low, high
                 )
-                return (1 if rising else -1), *arrival, rising
-            left, speed_left, rising = turn, 0.0, not rising
+                if side != 0:
+                    return side, dt, speed, side > 0
+                rising = rising != turned
+            left, at = right, reached
+    return 0, left, at[1], rising
+
+
+def hit_between(
+    motion, head, values, left, at, right, reached, turned, rising, low, high
+):  # fmt: skip
+    """Return side, time and velocity of the first arrival in a piece of monotone velocity.
+
+    `at` and `reached` are what `motion` returns at its ends, `rising` is the direction of motion at
+    the first, `turned` whether it is another at the second. Without a hit the side is 0.
+    """
+    if turned:
         wall = high if rising else low
-        if (x >= wall) if rising else (x <= wall):
-            arrival = wall_arrival(
-                motion, head, values, left, speed_left, right, speed_right, wall, rising
-            )
-            return (1 if rising else -1), *arrival, rising
-        left, speed_left = right, speed_right
-    return 0, left, speed_left, rising
+        if not turns_before(right - left, at, reached, wall, rising):
+            turn = velocity_zero(motion, head, values, left, at[1], right, reached[1])
+            there = motion(head, turn, values)
+            if beyond(there[0], wall, rising):
+                dt, speed = wall_arrival(motion, head, values, left, at, turn, there, wall, rising)
+                return (1 if rising else -1), dt, speed
+            left = turn
+        at, rising = (at[0], 0.0, at[2]), not rising  # sought from the other end, then
+    wall = high if rising else low
+    if not beyond(reached[0], wall, rising):
+        return 0, right, reached[1]
+    dt, speed = wall_arrival(motion, head, values, left, at, right, reached, wall, rising)
+    return (1 if rising else -1), dt, speed
+
+
+def beyond(x, wall, rising):
+    """Whether a displacement has come to a wall."""
+    return x >= wall if rising else x <= wall
+
+
+MARGIN = 1e-9
+"""Part of the displacements by which tangents that tell of a turn must miss a wall."""
+
+
+def turns_before(length, at, reached, wall, rising):
+    """Whether a monotone velocity surely changes sign before a wall is reached.
+
+    The displacement lies on one side of the tangents at both ends: it is enough that these meet
+    before the wall. That it is not sure says nothing. `at` and `reached` are as in `hit_between`.
+    """
+    if at[1] == reached[1]:
+        return False
+    dt = (reached[0] - at[0] - reached[1] * length) / (at[1] - reached[1])
+    margin = MARGIN * (abs(at[0]) + abs(reached[0]) + abs(at[1]) * length)
+    return not beyond(at[0] + at[1] * dt + (margin if rising else -margin), wall, rising)
 
 
 @dataclass(frozen=True)

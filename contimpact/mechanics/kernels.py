@@ -43,11 +43,17 @@ def cube(x):
     return x * x * x
 
 
-OWN_NAMES = {"nan": math.nan, "square": square, "cube": cube}
-SCALAR_NAMES = {name: getattr(math, name) for name in _MATH} | OWN_NAMES | stumpff.SCALAR
+OWN_NAMES = {"square": square, "cube": cube}
+SCALAR_NAMES = (
+    {name: getattr(math, name) for name in _MATH}
+    | {"nan": math.nan}
+    | OWN_NAMES
+    | stumpff.SCALAR
+)
 _NUMPY_SPELLING = {"asin": "arcsin", "acos": "arccos", "atan": "arctan"}
 ARRAY_NAMES = (
     {name: getattr(np, _NUMPY_SPELLING.get(name, name)) for name in _MATH}
+    | {"nan": math.nan}
     | OWN_NAMES
     | stumpff.ARRAY
 )

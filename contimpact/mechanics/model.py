@@ -7,7 +7,6 @@ plain Python; its formulas are SymPy and are asked for only when a kernel has to
 from __future__ import annotations
 
 import copy
-import difflib
 import hashlib
 import inspect
 import math
@@ -259,6 +258,8 @@ class Model(ABC):
 
 
 def _hint(name: str, known: Iterable[str]) -> str:
+    import difflib
+
     near = difflib.get_close_matches(name, list(known), 1)
     return f" (did you mean {near[0]!r}?)" if near else ""
 

@@ -7,7 +7,7 @@ that impacts stay in order. Rounds of starts are repeated until several in a row
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -25,8 +25,13 @@ FEWEST_STARTS = 16
 MOST_WORK = 40_000
 """Starts in a round, times the square of the word's length, beyond which fewer starts are made."""
 
+ROUNDS_AT_ONCE = 3
+"""Rounds iterated together; where there is an orbit, no search ends before the third."""
+
 SAME_ORBIT = 1e-7
 SAME_SINGULAR_ORBIT = 1e-4
+SAME_SOLUTION = 1e-9
+"""Solutions this near to a regular one are that one: Newton's next steps are below rounding."""
 
 
 @dataclass(frozen=True)
@@ -174,13 +179,11 @@ def find_orbits(
     generator = np.random.default_rng(rng)
     starts = min(starts, max(FEWEST_STARTS, MOST_WORK // len(word) ** 2))
     found: list[Orbit] = []
+    known: list[Array] = []
     quiet = 0
-    for _ in range(rounds):
+    for solutions in _rounds(problem, generator, starts, rounds):
         before = len(found)
-        with np.errstate(all="ignore"):
-            found_there = _newton(problem, _random_starts(problem, generator, starts))
-        for unknowns in found_there:
-            _keep(found, problem, unknowns)
+        _keep(found, known, problem, solutions)
         quiet = quiet + 1 if len(found) == before else 0
         if quiet == 2:
             break
@@ -206,21 +209,54 @@ def settle(problem: OrbitProblem, unknowns: Array, iterations: int = 12) -> Line
     return best if best is not None and np.max(np.abs(best.residual)) < 1e-11 * size else None
 
 
-def _keep(found: list[Orbit], problem: OrbitProblem, unknowns: Array) -> None:
-    """Add an orbit to the list unless it is there, is out of order or repeats a shorter one."""
-    here = settle(problem, _reduced(problem, unknowns))
-    if here is None:
-        return
-    impacts = problem.impacts(here.unknowns)
+def _keep(found: list[Orbit], known: list[Array], problem: OrbitProblem, solutions: Array) -> None:
+    """Add the orbits among solutions to those found, each once; a start often leads to a known one.
+
+    `known` are the regular solutions met so far, repetitions of shorter orbits among them.
+    """
+    left = _reduced(problem, solutions)
+    for other in known:
+        left = left[~_same_solution(problem, left, other)]
+    while len(left):
+        here = settle(problem, left[0])
+        left = left[1:]
+        if here is None or not _in_order(here):
+            continue
+        regular = _regular(here)
+        if regular:
+            known.append(here.unknowns)
+            left = left[~_same_solution(problem, left, here.unknowns)]
+        if not repeats(problem, here.unknowns, SAME_ORBIT):
+            _add(found, here, SAME_ORBIT if regular else SAME_SINGULAR_ORBIT)
+
+
+def _add(found: list[Orbit], here: Linearisation, same: float) -> None:
+    """Add an orbit to the list unless it is there."""
+    apart = (here.problem.difference(here.unknowns, orbit.unknowns) for orbit in found)
+    if all(np.max(np.abs(difference)) >= same for difference in apart):
+        found.append(Orbit(here.problem, here))
+
+
+def _in_order(here: Linearisation) -> bool:
+    """Whether the impacts follow each other, none at the time of the next."""
+    problem = here.problem
+    times = problem.impacts(here.unknowns)[:, 0]
     span = problem.word.period * problem.kernels.setup(*problem.values(here.unknowns))[0]
-    durations = np.diff(np.append(impacts[:, 0], impacts[0, 0] + span))
-    if np.min(durations) <= 1e-9 * span or repeats(problem, here.unknowns, SAME_ORBIT):
-        return
-    same = SAME_ORBIT if _regular(here) else SAME_SINGULAR_ORBIT
-    for orbit in found:
-        if np.max(np.abs(problem.difference(here.unknowns, orbit.unknowns))) < same:
-            return
-    found.append(Orbit(problem, here))
+    return bool(np.min(np.diff(np.append(times, times[0] + span))) > 1e-9 * span)
+
+
+def _same_solution(problem: OrbitProblem, solutions: Array, other: Array) -> Array:
+    """Which rows are another solution, up to whole periods and rotations of the word."""
+    period = problem.kernels.setup(*problem.values(other))[0]
+    rows = solutions[:, :-1].reshape(-1, len(problem.word), problem.m)
+    same = np.zeros(len(solutions), dtype=bool)
+    for shift in problem.word.rotations():
+        moved = np.roll(problem.impacts(other), -shift, axis=0)
+        moved[len(moved) - shift :, 0] += problem.word.period * period
+        gaps = rows - moved
+        gaps[:, :, 0] -= period * np.round(np.mean(gaps[:, :, :1], axis=1) / period)
+        same |= np.max(np.abs(gaps), axis=(1, 2)) < SAME_SOLUTION
+    return same
 
 
 def _regular(here: Linearisation) -> bool:
@@ -229,28 +265,45 @@ def _regular(here: Linearisation) -> bool:
     return bool(sizes[-1] > 1e-4 * sizes[0])
 
 
-def _reduced(problem: OrbitProblem, unknowns: Array) -> Array:
-    """The same orbit with its first impact in [0, T)."""
-    period = problem.kernels.setup(*problem.values(unknowns))[0]
-    shifted = unknowns.copy()
-    shifted[: -1 : problem.m] -= np.floor(unknowns[0] / period) * period
+def _reduced(problem: OrbitProblem, solutions: Array) -> Array:
+    """The same solutions with their first impacts in [0, T)."""
+    period = problem.kernels.setup(*problem.model.values.values())[0]
+    shifted = solutions.copy()
+    shifted[:, : -1 : problem.m] -= np.floor(solutions[:, :1] / period) * period
     return shifted
 
 
 # The vectorised iteration: arrays have one row per start.
 
 
-def _random_starts(problem: OrbitProblem, generator: np.random.Generator, count: int) -> Array:
-    """Random times in order; section coordinates by least squares."""
-    n, m = len(problem.word), problem.m
-    period = problem.kernels.setup(
-        *problem.values(np.array([problem.model.values[problem.parameter]]))
-    )[0]
-    span = problem.word.period * period
+def _rounds(
+    problem: OrbitProblem, generator: np.random.Generator, starts: int, rounds: int
+) -> Iterator[Array]:
+    """The solutions that the starts of each round lead to, in the order of their iterations."""
+    for first in range(0, rounds, ROUNDS_AT_ONCE):
+        count = min(ROUNDS_AT_ONCE, rounds - first)
+        times = [_random_times(problem, generator, starts) for _ in range(count)]
+        with np.errstate(all="ignore"):
+            solutions, origin = _newton(problem, _with_sections(problem, np.concatenate(times)))
+        for k in range(count):
+            yield solutions[origin // starts == k]
+
+
+def _random_times(problem: OrbitProblem, generator: np.random.Generator, count: int) -> Array:
+    """Impact times in order, one row per start."""
+    period = problem.kernels.setup(*problem.model.values.values())[0]
+    first = generator.uniform(0.0, period, count)[:, None]
+    durations = generator.dirichlet(np.ones(len(problem.word)), count)
+    durations *= problem.word.period * period
+    return np.hstack([first, first + np.cumsum(durations, axis=1)[:, :-1]])
+
+
+def _with_sections(problem: OrbitProblem, times: Array) -> Array:
+    """The starts with these impact times: section coordinates by least squares."""
+    count, n = times.shape
+    m = problem.m
     z = np.zeros((count, n, m))
-    z[:, 0, 0] = generator.uniform(0.0, period, count)
-    durations = generator.dirichlet(np.ones(n), count) * span
-    z[:, 1:, 0] = z[:, :1, 0] + np.cumsum(durations, axis=1)[:, :-1]
+    z[:, :, 0] = times
     residual, jacobian = _evaluate_all(problem, z)
     sections = [i for i in range(n * m) if i % m]
     by_section = jacobian[:, :, sections]
@@ -261,29 +314,38 @@ def _random_starts(problem: OrbitProblem, generator: np.random.Generator, count:
     return z
 
 
-def _newton(problem: OrbitProblem, z: Array) -> list[Array]:
-    """Newton's iteration from every start; returns the unknowns of those that converged."""
-    _, n, m = z.shape
+def _newton(problem: OrbitProblem, z: Array) -> tuple[Array, Array]:
+    """Newton's iteration from every start.
+
+    Returns
+    -------
+    solutions : ndarray of shape (K, n + 1)
+        The unknowns of those that converged, the soonest first.
+    origin : ndarray of shape (K,)
+        The numbers of their starts.
+    """
+    count, n, m = z.shape
     value = problem.model.values[problem.parameter]
-    period = problem.kernels.setup(*problem.values(np.array([value])))[0]
+    period = problem.kernels.setup(*problem.model.values.values())[0]
     span = problem.word.period * period
-    converged: list[Array] = []
-    with np.errstate(all="ignore"):
-        for _ in range(ITERATIONS):
-            residual, jacobian = _evaluate_all(problem, z)
-            healthy = np.all(np.isfinite(jacobian), axis=(1, 2)) & np.all(
-                np.isfinite(residual), axis=1
-            )
-            z, residual, jacobian = z[healthy], residual[healthy], jacobian[healthy]
-            jacobian = jacobian + 1e-300 * np.eye(n * m)
-            step = _solve_all(jacobian, -residual).reshape(-1, n, m)
-            done = np.max(np.abs(step), axis=(1, 2)) < 1e-8
-            converged += [np.append(row.ravel(), value) for row in (z + step)[done]]
-            z, step = z[~done], step[~done]
-            if not len(z):
-                break
-            z = z + step * _shortening(z, step, span, period)[:, None, None]
-    return converged
+    origin = np.arange(count)
+    reached: list[Array] = []
+    origins: list[Array] = []
+    for _ in range(ITERATIONS):
+        residual, jacobian = _evaluate_all(problem, z)
+        healthy = np.isfinite(jacobian).all(axis=(1, 2)) & np.isfinite(residual).all(axis=1)
+        z, origin = z[healthy], origin[healthy]
+        jacobian = jacobian[healthy] + 1e-300 * np.eye(n * m)
+        step = _solve_all(jacobian, -residual[healthy]).reshape(-1, n, m)
+        done = np.max(np.abs(step), axis=(1, 2)) < 1e-8
+        reached.append((z + step)[done])
+        origins.append(origin[done])
+        z, step, origin = z[~done], step[~done], origin[~done]
+        if not len(z):
+            break
+        z = z + step * _shortening(z, step, span, period)[:, None, None]
+    solutions = np.concatenate(reached).reshape(-1, n * m)
+    return np.insert(solutions, n * m, value, axis=1), np.concatenate(origins)
 
 
 def _solve_all(matrices: Array, right: Array) -> Array:
@@ -306,27 +368,29 @@ def _shortening(z: Array, step: Array, span: float, period: float) -> Array:
 
 
 def _evaluate_all(problem: OrbitProblem, z: Array) -> tuple[Array, Array]:
-    """Residuals (S, n) and square Jacobians (S, n, n) of all starts at the model's parameters."""
+    """Residuals (S, n) and square Jacobians (S, n, n) of all starts at the model's parameters.
+
+    All flights between the same walls are evaluated together.
+    """
     count, n, m = z.shape
-    p: Sequence[float] = list(problem.model.values.values())
-    span = problem.word.period * problem.kernels.setup(*p)[0]
-    residual = np.zeros((count, n * m))
-    jacobian = np.zeros((count, n * m, n * m))
-    for k, (a, b) in enumerate(problem.kinds):
-        start = [z[:, k, i] for i in range(m)]
-        end = [z[:, (k + 1) % n, i] for i in range(m)]
-        if k == n - 1:
-            end[0] = end[0] + span
+    p = list(problem.model.values.values())
+    arrivals = np.roll(z, -1, axis=1)
+    arrivals[:, -1, 0] += problem.word.period * problem.kernels.setup(*p)[0]
+    residual = np.zeros((count, n, m))
+    jacobian = np.zeros((count, n, m, n, m))
+    for a, b in dict.fromkeys(problem.kinds):
+        leaving = [k for k, kind in enumerate(problem.kinds) if kind == (a, b)]
+        arriving = [(k + 1) % n for k in leaving]
+        start, end = (np.ascontiguousarray(e[:, leaving].transpose(2, 0, 1)) for e in (z, arrivals))
         kernel = problem.kernels.vectorised(problem.kernels.flight(a, b))
-        out = [np.broadcast_to(value, (count,)) for value in kernel(*start, *end, *p)]
-        rows = slice(k * m, k * m + m)
-        residual[:, rows] = np.stack(out[:m], axis=1)
-        blocks = np.stack(out[m : m + 2 * m * m], axis=1).reshape(count, 2, m, m)
-        jacobian[:, rows, k * m : k * m + m] += blocks[:, 0]
-        j = (k + 1) % n * m
-        jacobian[:, rows, j : j + m] += blocks[:, 1]
+        out = kernel(*start, *end, *p)
+        for i in range(m):
+            residual[:, leaving, i] = out[i]
+            for j in range(m):
+                jacobian[:, leaving, i, leaving, j] += out[m + m * i + j]
+                jacobian[:, leaving, i, arriving, j] += out[m + m * m + m * i + j]
     problem.kernel_evaluations += count * n
-    return residual, jacobian
+    return residual.reshape(count, -1), jacobian.reshape(count, n * m, n * m)
 
 
 def orbit_at(problem: OrbitProblem, unknowns: Array) -> Orbit:

@@ -1,8 +1,8 @@
 r"""Event-driven simulation: from impact to impact, to rounding, through chatter and sticking.
 
 Each flight is the model's closed form, and its first arrival at a wall is found with certainty
-(`flight.first_hit`). Time is a phase in [0, T) and a whole number of periods, so that it does not
-lose digits however long a run is.
+(`flight.first_arrival`). Time is a phase in [0, T) and a whole number of periods, so that it does
+not lose digits however long a run is.
 
 Where the body is pressed against a wall, impacts with restitution e < 1 accumulate: with the
 acceleration a towards the wall nearly constant, an impact of velocity v is followed by flights of
@@ -13,6 +13,8 @@ acceleration a towards the wall nearly constant, an impact of velocity v is foll
 Impacts are computed one by one until tau is so short that this is exact to rounding; then the body
 sticks. It is released where the acceleration at the wall next turns away, at a zero of it.
 Knows no orbit problem: it shares kernels and flights with it, and nothing else.
+
+The loop itself is in `contimpact.mechanics.impacts`; it runs plainly, and compiled where that pays.
 """
 
 from __future__ import annotations
@@ -20,25 +22,29 @@ from __future__ import annotations
 import enum
 import functools
 import math
-from collections.abc import Sequence
+import types
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
+from ..compiled import INTEGERS, VECTOR
 from ..errors import InputError
-from .flight import chebyshev_zeros, first_hit, time_zeros
-from .kernels import Kernels
+from .engine import BODY, KINDS, ROW, Engine, array, engine_of
+from .flight import chebyshev_zeros, first_arrival, first_hit, time_zeros
+from .impacts import SHORT, Body, fly_in_time, make_impacts, pressed_at, wall_on, wrapped
+from .kernels import Kernel, Kernels
 from .model import Model
 
 Array = np.ndarray[Any, Any]
 
-_SHORT = 1e-9
-"""Chatter left to come, in periods, that is completed analytically."""
-_EARLY = 1e-6
-"""... and in units of the time until the acceleration turns away."""
 _NUDGE = 1e-9
 """Zeros of a state-dependent acceleration this near a release belong to the release itself."""
+
+CHUNK, FEW = 65536, 256
+"""Rows made at once, at most and at first: interrupts come through between chunks."""
+_ENDLESS = 2**62
 
 
 class Outcome(enum.Enum):
@@ -47,6 +53,10 @@ class Outcome(enum.Enum):
     DONE = "made as many impacts, or ran as many periods, as it was asked to"
     RESTING = "the body rests on a wall, which the acceleration never leaves"
     NO_IMPACT = "the body flew on without an impact for as long as a flight may last"
+
+
+_OUTCOMES = tuple(Outcome)
+"""By their numbers."""
 
 
 @dataclass(frozen=True)
@@ -164,11 +174,11 @@ class Simulator:
         names = model.DERIVED
         self.derived = dict(zip(names, setup[3 + len(sides) :], strict=False))
         self._motions = tuple(self.kernels.motion(letter) for letter in self.letters)
+        self._motion = _motion_at(self._motions, self.values)
         self._zeros = time_zeros(self.kernels.harmonics(*self.values), self.period)
-        self._gaps = tuple(self._around(position) for position in self.positions)
         self._holds = tuple(self._hold(k) for k in range(len(sides)))
         self.restitution = tuple(self._restitution(k) for k in range(len(sides)))
-        self._slow = tuple(self._slow_velocity(k) for k in range(len(sides)))
+        self._body = self._as_body()
 
     # What is fixed with the parameters.
 
@@ -184,7 +194,7 @@ class Simulator:
 
     def _restitution(self, wall: int) -> float:
         """Coefficient of restitution at low velocity."""
-        return abs(float(self._motions[wall](0.0, 1e-6, 0.0, *self.values)[1])) / 1e-6
+        return abs(float(self._motion((wall, 0.0, 1e-6), 0.0)[1])) / 1e-6
 
     def _hold(self, wall: int) -> tuple[tuple[float, ...], tuple[bool, ...], float]:
         """When a body at rest on a wall is pressed against it.
@@ -217,7 +227,27 @@ class Simulator:
         e, size = self.restitution[wall], self._holds[wall][2]
         if e == 0.0:
             return math.inf
-        return _SHORT * self.period * size * max(1.0 - e, 0.0) / (2.0 * e)
+        return SHORT * self.period * size * max(1.0 - e, 0.0) / (2.0 * e)
+
+    def _as_body(self) -> Body:
+        """What is fixed with the parameters, as lists."""
+        around = [self._around(position) for position in self.positions]
+        edges = [hold[0] for hold in self._holds]
+        ends = np.cumsum([0, *map(len, edges)]).tolist()
+        return Body(
+            values=list(self.values), clock=[self.period], zeros=self._zeros or [],
+            sides=list(self.sides), low=[low for low, _ in around],
+            high=[high for _, high in around], restitution=list(self.restitution),
+            slow=[self._slow_velocity(k) for k in range(len(self.sides))],
+            edges=[edge for each in edges for edge in each],
+            presses=[int(press) for hold in self._holds for press in hold[1]], first=ends,
+            longest=[self.longest_flight],
+        )  # fmt: skip
+
+    @functools.cached_property
+    def _arrays(self) -> list[Array]:
+        """The same as arrays, for compiled code."""
+        return [array(numbers, kind) for numbers, kind in zip(self._body, BODY, strict=True)]
 
     # Sticking.
 
@@ -226,56 +256,33 @@ class Simulator:
 
         The time is infinite where the acceleration never turns away.
         """
-        edges, presses, _ = self._holds[wall]
-        if len(edges) == 1:
-            return presses[0], math.inf
-        i = len(edges) - 1
-        if phase >= edges[0]:
-            while edges[i] > phase:
-                i -= 1
-        left = edges[(i + 1) % len(edges)] - phase
-        return presses[i], left if left > 0.0 else left + self.period
-
-    def _sticks_after(self, wall: int, phase: float, velocity: float) -> float:
-        """Time until accumulating impacts come to rest; not a number where they do not (yet)."""
-        e = self.restitution[wall]
-        presses, until = self.pressed(wall, phase)
-        if not presses or e >= 1.0:
-            return math.nan
-        if e == 0.0 or velocity == 0.0:
-            return 0.0
-        force = self.sides[wall] * self._motions[wall](phase, 0.0, 0.0, *self.values)[2]
-        if force <= 0.0:
-            return math.nan
-        rest = 2.0 * e * abs(velocity) / (force * (1.0 - e))
-        exact = rest <= _SHORT * self.period and rest <= _EARLY * until
-        return rest if exact else math.nan
-
-    def _release(self, wall: int, phase: float) -> tuple[float, int] | None:
-        """Phase of the next release and the periods passed until then; None for never."""
-        edges, presses, _ = self._holds[wall]
-        if len(edges) == 1:
-            return None
-        later = [z for z, press in zip(edges, presses, strict=True) if not press and z > phase]
-        if later:
-            return later[0], 0
-        return next(z for z, press in zip(edges, presses, strict=True) if not press), 1
+        return pressed_at(self._body, wall, phase)
 
     # Flights.
 
-    def _breaks(self, wall: int, phase: float, velocity: float, window: int) -> Sequence[float]:
-        """Times after leaving, in one period's window, between which the velocity is monotone."""
-        period = self.period
+    @property
+    def _fly(self) -> Callable[..., Any]:
+        """The flight as `make_impacts` calls it."""
         if self._zeros is None:
-            return self._state_breaks(wall, phase, velocity, window)
-        if not self._zeros:
-            return ((window + 1) * period,)
-        ahead = [z - phase for z in self._zeros if z > phase]
-        ahead += [z - phase + period for z in self._zeros if z <= phase]
-        return [t + window * period for t in ahead] if window else ahead
+            return self._fly_in_state
+        return functools.partial(fly_in_time, self._motion)
 
-    def _state_breaks(self, wall: int, phase: float, velocity: float, window: int) -> list[float]:
-        """The same where the acceleration depends on the state."""
+    def _fly_in_state(self, body: Body, wall: int, phase: float, velocity: float) -> Any:
+        """As `fly_in_time`, where the acceleration depends on the state."""
+        head, rising = (wall, phase, velocity), body.sides[wall] < 0
+        side, left, speed = 0, 0.0, velocity
+        for window in range(self.longest_flight):
+            breaks = self._breaks(wall, phase, velocity, window)
+            side, left, speed, rising = first_hit(
+                self._motion, head, self.values, breaks, left, rising, body.low[wall],
+                body.high[wall],
+            )  # fmt: skip
+            if side:
+                break
+        return side, left, speed
+
+    def _breaks(self, wall: int, phase: float, velocity: float, window: int) -> list[float]:
+        """Times after leaving, in one period's window, between which the velocity is monotone."""
         start, period = window * self.period, self.period
         vectorised = self.kernels.vectorised(self._motions[wall])
         zeros = chebyshev_zeros(
@@ -301,25 +308,8 @@ class Simulator:
             -1 where a flight of `longest_flight` periods meets none.
         dt, velocity : float
         """
-        motion, head = self.kernels.motions, (wall, phase, velocity)
-        low, high = self._gaps[wall]
-        rising = self.sides[wall] < 0
-        left, speed = 0.0, motion(head, 0.0, self.values)[1]
-        return self._first(
-            motion, head, (left, speed, rising, low, high),
-            lambda window: self._breaks(wall, phase, velocity, window),
-        )  # fmt: skip
-
-    def _first(self, motion, head, start, breaks) -> tuple[int, float, float]:
-        """Window after window until a wall is hit."""
-        left, speed, rising, low, high = start
-        for window in range(self.longest_flight):
-            side, left, speed, rising = first_hit(
-                motion, head, self.values, breaks(window), left, speed, rising, low, high
-            )
-            if side:
-                return self.sides.index(side), left, speed
-        return -1, left, speed
+        side, dt, speed = self._fly(self._body, wall, phase, velocity)
+        return wall_on(self._body, side), dt, speed
 
     def start(self, time: float, position: float, velocity: float) -> State | None:
         """Return the first impact of a body that starts between the walls.
@@ -348,31 +338,22 @@ class Simulator:
             )  # fmt: skip
         turns = math.floor(time / self.period)
         phase = time - turns * self.period
-        fall = self._motions[0]
 
         def motion(head: tuple[float, float], dt: float, values: Sequence[float]) -> Any:
             phase, out = head
-            x, speed, acceleration = fall(phase, 0.0, dt, *values)
+            x, speed, acceleration = self._motion((0, phase, 0.0), dt)
             return out * dt + x, out + speed, acceleration
 
         toward = self.sides[0] * (1 if self.pressed(0, phase)[0] else -1)
         rising = velocity > 0.0 or (velocity == 0.0 and toward > 0)
-        wall, dt, speed = self._first(
-            motion, (phase, velocity), (0.0, velocity, rising, low, high),
-            lambda window: self._breaks(0, phase, 0.0, window),
+        side, dt, speed, _ = first_arrival(
+            motion, (phase, velocity), self.values, self._zeros, phase, self.period,
+            self.longest_flight, 0.0, rising, low, high,
         )  # fmt: skip
-        if wall < 0:
+        if side == 0:
             return None
-        phase, passed = self._wrapped(phase + dt)
-        return State(wall, phase, speed, turns + passed)
-
-    def _wrapped(self, phase: float) -> tuple[float, int]:
-        """A time as a phase in [0, T) and whole periods."""
-        passed = math.floor(phase / self.period)
-        phase -= passed * self.period
-        if phase >= self.period:  # rounding at the edge
-            return 0.0, passed + 1
-        return max(phase, 0.0), passed
+        phase, passed = wrapped(phase + dt, self.period)
+        return State(wall_on(self._body, side), phase, speed, turns + passed)
 
     # Runs.
 
@@ -399,7 +380,7 @@ class Simulator:
                 "velocity", f"{velocity!r} runs away from the wall {wall}",
                 f"give one {'>=' if self.sides[k] > 0 else '<='} 0",
             )  # fmt: skip
-        phase, turns = self._wrapped(time)
+        phase, turns = wrapped(time, self.period)
         return State(k, phase, velocity, turns)
 
     def random_state(self, generator: np.random.Generator) -> State:
@@ -471,48 +452,55 @@ class Simulator:
         """
         if impacts is None and periods is None:
             raise InputError("impacts", "no end of the run", "give impacts or periods")
-        most = impacts if impacts is not None else 10**18
-        last_turn = state.turns + periods if periods is not None else 10**18
-        wall, phase, velocity, turns = state.wall, state.phase, state.velocity, state.turns
-        rows: list[tuple[int, int, float, float, bool]] = []
-        outcome, made = Outcome.DONE, 0
-        while made < most and turns < last_turn:
-            released = False
-            rest = math.nan
-            if abs(velocity) <= self._slow[wall]:
-                rest = self._sticks_after(wall, phase, velocity)
-            if rest == rest:  # chatter has come to its end
-                phase, passed = self._wrapped(phase + rest)
-                turns += passed
-                release = self._release(wall, phase)
-                if release is None:
-                    outcome = Outcome.RESTING
-                    break
-                (phase, passed), velocity, released = release, 0.0, True
-                turns += passed
-            else:
-                hit, dt, speed = self.fly(wall, phase, velocity)
-                if hit < 0:
-                    outcome = Outcome.NO_IMPACT
-                    break
-                wall, velocity = hit, speed
-                phase, passed = self._wrapped(phase + dt)
-                turns += passed
-            made += 1
-            if record:
-                rows.append((wall, turns, phase, velocity, released))
-        end = State(wall, phase, velocity, turns)
-        return self._as_run(rows, outcome, end if outcome is not Outcome.NO_IMPACT else None)
+        most = impacts if impacts is not None else _ENDLESS
+        last = state.turns + periods if periods is not None else _ENDLESS
+        asked = min(number for number in (impacts, periods) if number is not None)
+        parts: list[list[Any]] = []
+        made, outcome, size = 0, Outcome.DONE, CHUNK if impacts is not None else FEW
+        while outcome is Outcome.DONE and made < most and state.turns < last:
+            span = min(size, most - made), min(last, state.turns + CHUNK)
+            state, outcome, count, columns = self._make(state, span, asked, record)
+            parts.append(columns)
+            made, size = made + count, min(4 * size, CHUNK)
+        return self._as_run(parts, outcome, state if outcome is not Outcome.NO_IMPACT else None)
 
-    def _as_run(self, rows: list[Any], outcome: Outcome, end: State | None) -> Run:
-        columns: list[Any] = list(zip(*rows, strict=True)) if rows else [()] * 5
+    def _make(
+        self, state: State, span: tuple[int, int], asked: int, record: bool
+    ) -> tuple[State, Outcome, int, list[Any]]:
+        """Make so many rows, up to some turn, unless the run ends before.
+
+        Returns where it is then, why it ended, how many rows there are, and their columns.
+        """
+        fast = self._engine.compiled(asked) if self._engine else None
+        room = span[0] if record else 0
+        columns: list[Any] = [np.empty(room, KINDS[k]) if fast else [0] * room for k in ROW]
+        at: Any = [int(state.wall), int(state.turns), 0]
+        when: Any = [float(state.phase), float(state.velocity)]
+        if fast:
+            at, when = array(at, INTEGERS), array(when, VECTOR)
+            count = fast(*self._arrays, at, when, *columns, array(span, INTEGERS))
+        else:
+            given = (at, when, *columns, span)
+            count = make_impacts(self._fly, self._motion, self._body, *given)
+            if self._engine:
+                self._engine.made_plainly(count)
+        end = State(int(at[0]), float(when[0]), float(when[1]), int(at[1]))
+        return end, _OUTCOMES[at[2]], count, [column[:count] for column in columns]
+
+    def _as_run(self, parts: list[list[Any]], outcome: Outcome, end: State | None) -> Run:
         kinds = (np.int8, np.int64, float, float, bool)
         walls, turns, phases, velocities, released = (
-            np.array(column, dtype=kind) for column, kind in zip(columns, kinds, strict=True)
+            np.concatenate([np.zeros(0, kind), *(np.asarray(part[i], kind) for part in parts)])
+            for i, kind in enumerate(kinds)
         )
         return Run(
             self.letters, self.period, walls, turns, phases, velocities, released, outcome, end
         )
+
+    @functools.cached_property
+    def _engine(self) -> Engine | None:
+        """None where the acceleration depends on the state: its zeros are not for compiled code."""
+        return None if self._zeros is None else engine_of(self._motions)
 
     # The linearised map.
 
@@ -547,3 +535,16 @@ class Simulator:
             (b12 * a21 - b22 * a11) / det, (b12 * a22 - b22 * a12) / det,
             (b21 * a11 - b11 * a21) / det, (b21 * a12 - b11 * a22) / det,
         )  # fmt: skip
+
+
+def _motion_at(motions: Sequence[Kernel], values: Sequence[float]) -> Callable[..., Any]:
+    """The motion after a wall by its number, at fixed values: ``motion((wall, t0, v0), dt)``."""
+    fixed = tuple(
+        types.FunctionType(kernel.__code__, kernel.__globals__, kernel.__name__, tuple(values))
+        for kernel in motions
+    )
+
+    def motion(head, dt, values=None):
+        return fixed[head[0]](head[1], head[2], dt)
+
+    return motion
