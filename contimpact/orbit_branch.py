@@ -193,7 +193,7 @@ def _orbit(point: Point) -> Orbit:
     return Orbit(here.problem, here)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Run:
     """A branch just walked: its points and events in order, not yet tabulated."""
 

@@ -79,7 +79,7 @@ class Settings:
             )  # fmt: skip
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Correction:
     """What the corrector reached: an evaluation, or the reason it reached none."""
 

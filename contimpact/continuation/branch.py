@@ -12,7 +12,7 @@ import numpy as np
 from .problem import Array
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Point:
     """A solution on a branch.
 
@@ -94,7 +94,7 @@ class End:
         return cls(kind, value, text)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Event:
     """A located zero of a test function.
 
@@ -136,7 +136,7 @@ class Missed:
     reason: str
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Walk:
     """One walk along a branch: its points and events in order, and how it ended."""
 
@@ -149,7 +149,7 @@ class Walk:
     seconds_in_events: float = 0.0
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Block:
     """Points of a walk as arrays, a row each.
 

@@ -36,7 +36,7 @@ ACCEPTED_ERROR = 1e-7
 """Newton on an extended system counts if its error is below this part of the parameter's scale."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Segment:
     """Two neighbouring points of a walk, and what is needed to go between them."""
 
@@ -114,7 +114,7 @@ class Segment:
         return near and -slack <= fraction <= 1.0 + slack
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Located:
     """A solution of a test function's equations: where, and how well."""
 
@@ -194,7 +194,7 @@ def crossings(left: Array, right: Array) -> list[int]:
     return [i for i, (a, b) in enumerate(pairs) if crosses(a, b)]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Before:
     """The test functions one point before a segment, to see how they bend."""
 

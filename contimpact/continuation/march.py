@@ -33,7 +33,7 @@ EXTRA = 4
 iterations, and whether events may lie on the step before."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Footing:
     """Where a walk is: what routine steps go on from.
 
@@ -89,7 +89,7 @@ class Footing:
         return self.here.unknowns - self.behind.unknowns
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Made:
     """What routine steps made.
 

@@ -104,7 +104,7 @@ def _check(start: Array, direction: int, limits: tuple[float, float]) -> None:
         raise InputError("limits", found, "start within the limits")
 
 
-@dataclass
+@dataclass(eq=False)
 class _Step:
     """What one attempt at a step gave: a point, perhaps the last one, or why it was refused."""
 
@@ -115,8 +115,10 @@ class _Step:
     first_correction: float = 0.0
 
 
-@dataclass
+@dataclass(eq=False)
 class _Walker:
+    """One walk under way."""
+
     problem: Problem
     parameter: str
     limits: tuple[float, float]

@@ -34,7 +34,7 @@ SAME_SOLUTION = 1e-9
 """Solutions this near to a regular one are that one: Newton's next steps are below rounding."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Orbit:
     """A periodic orbit, physical or not.
 
