@@ -154,31 +154,35 @@ def tangent_of_cycle(course, z, row, scale, out):
 def measure(setup, breaks, excursion, course, z):
     """Fill in durations, velocities, gaps and when they are smallest, also among the facts."""
     fixed = setup(course.values)
-    count, walls = len(course.kinds), course.counts[WALLS]
-    zeros = breaks(course.values, fixed[0], course.zeros)
+    count, walls, wanted = len(course.kinds), course.counts[WALLS], course.counts[GAPS] != 0
+    word, sides, values, facts = course.word, course.sides, course.values, course.facts
+    gaps, times, span = course.gaps, course.times, course.clock[0]
+    zeros = breaks(values, fixed[0], course.zeros)
     velocities = LISTS + walls * count
     durations = velocities + count
     for k in range(count):
         i = 2 * k
-        last = k + 1 == count
-        length = (z[0] + course.clock[0] if last else z[i + 2]) - z[i]
-        wall, following = course.word[k], course.word[0 if last else k + 1]
-        course.durations[k], course.velocities[k] = length, z[i + 1]
-        course.facts[velocities + k] = course.sides[wall] * z[i + 1]
-        course.facts[durations + k] = length if abs(length) >= SAME_TIME else math.nan
+        start, speed, wall = z[i], z[i + 1], word[k]
+        if k + 1 < count:
+            length, arriving, following = z[i + 2] - start, z[i + 3], word[k + 1]
+        else:
+            length, arriving, following = z[0] + span - start, z[1], word[0]
+        course.durations[k], course.velocities[k] = length, speed
+        facts[velocities + k] = sides[wall] * speed
+        facts[durations + k] = length if abs(length) >= SAME_TIME else math.nan
         found = (math.nan, math.nan, math.nan, math.nan)
-        if length > 0.0 and course.counts[GAPS] != 0:
+        if wanted and length > 0.0:
             found = excursion(
-                (wall, z[i], z[i + 1]), course.values, length, z[1] if last else z[i + 3],
-                course.sides[wall], course.sides[following], zeros, fixed[0],
+                (wall, start, speed), values, length, arriving, sides[wall], sides[following],
+                zeros, fixed[0],
             )  # fmt: skip
+        at = walls * k
         for j in range(walls):
-            gap, dt = gap_to(course.sides[j], fixed[3 + j] - fixed[3 + wall], found)
-            course.gaps[walls * k + j], course.times[walls * k + j] = gap, z[i] + dt
-            course.facts[LISTS + walls * k + j] = gap
+            gap, dt = gap_to(sides[j], fixed[3 + j] - fixed[3 + wall], found)
+            gaps[at + j], times[at + j], facts[LISTS + at + j] = gap, start + dt, gap
     if course.counts[SETUP] != 0:
         for j in range(len(fixed)):
-            course.facts[durations + count + j] = fixed[j]
+            facts[durations + count + j] = fixed[j]
 
 
 def observe_cycle(setup, breaks, excursion, course, z, tangent, orientation, rows, at):

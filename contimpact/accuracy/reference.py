@@ -357,7 +357,9 @@ def _names(ctx: Any) -> dict[str, Any]:
     """What stands for the kernels' names."""
     names: dict[str, Any] = {"_whole": ctx.mpf}
     for name in SCALAR_NAMES:
-        if name.startswith("stumpff"):
+        if name.startswith("stumpffs"):
+            names[name] = _stumpffs(ctx, int(name.removeprefix("stumpffs")))
+        elif name.startswith("stumpff"):
             names[name] = _stumpff(ctx, int(name.removeprefix("stumpff")))
         elif name.startswith("decaying"):
             names[name] = _decaying(ctx, int(name.removeprefix("decaying")))
@@ -389,6 +391,12 @@ def _stumpff(ctx: Any, k: int) -> Callable[[Any], Any]:
         return (1 / ctx.factorial(k - 2) - _stumpff(ctx, k - 2)(q)) / q
 
     return function
+
+
+def _stumpffs(ctx: Any, highest: int) -> Callable[[Any], Any]:
+    """All c_k from the first on."""
+    functions = [_stumpff(ctx, k) for k in range(1, highest + 1)]
+    return lambda q: tuple(function(q) for function in functions)
 
 
 def _series(ctx: Any, k: int, q: Any) -> Any:

@@ -231,13 +231,15 @@ def march(
         rows[mark] = orientation
         rows[mark + 1] = state[ARCLENGTH] + travelled
         rows[mark + 2] = iterations
-        observe(data, z, tangent, orientation, rows, mark + EXTRA)
-        rows[mark + 3] = 0.0
+        observed = mark + EXTRA
+        observe(data, z, tangent, orientation, rows, observed)
+        marked, behind = 0.0, state[BEHIND]
         for i in range(len(values)):
-            value = rows[mark + EXTRA + i]
-            if noteworthy(earlier[i], values[i], value, state[BEHIND], travelled):
-                rows[mark + 3] = 1.0
-            earlier[i], values[i] = values[i], value
+            before, value = values[i], rows[observed + i]
+            if noteworthy(earlier[i], before, value, behind, travelled):
+                marked = 1.0
+            earlier[i], values[i] = before, value
+        rows[mark + 3] = marked
         state[BEHIND] = travelled
         state[ARCLENGTH] += travelled
         state[ORIENTATION] = orientation

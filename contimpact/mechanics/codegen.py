@@ -15,7 +15,9 @@ from typing import Any
 import sympy
 from sympy.printing.pycode import PythonCodePrinter
 
+from . import stumpff
 from .model import Formulas, Model
+from .symbolic import Stumpff
 
 
 class _Printer(PythonCodePrinter):
@@ -56,6 +58,28 @@ class _Printer(PythonCodePrinter):
 def _as_float(printed: str) -> str:
     """A whole number as a float: what a kernel returns is of one type."""
     return f"{printed}.0" if re.fullmatch(r"-?\d+", printed) else printed
+
+
+def _together(expressions: Sequence[Any]) -> tuple[dict[Any, str], dict[Any, Any]]:
+    """Stumpff functions of one argument, to be computed together.
+
+    Returns the line for each argument that several of them share, and the names in which that line
+    puts what the functions were.
+    """
+    used: dict[Any, set[int]] = {}
+    for call in set().union(*(e.atoms(Stumpff) for e in expressions)):
+        order, argument = call.args
+        if argument.is_Symbol and order >= 1:
+            used.setdefault(argument, set()).add(int(order))
+    lines, names = {}, {}
+    for argument, orders in used.items():
+        upto = next((n for n in stumpff.TOGETHER if n >= max(orders)), None)
+        if len(orders) < 2 or upto is None:
+            continue
+        found = [f"c{k}_{argument}" for k in range(1, upto + 1)]
+        lines[argument] = f"{', '.join(found)} = stumpffs{upto}({argument})"
+        names |= {Stumpff(k, argument): sympy.Symbol(found[k - 1]) for k in orders}
+    return lines, names
 
 
 class KernelWriter:
@@ -274,8 +298,12 @@ class KernelWriter:
             [sympy.sympify(e) for e in outputs],
             symbols=sympy.numbered_symbols("w"), optimizations="basic", order="none",
         )  # fmt: skip
-        lines += [f"{s} = {printer.doprint(e)}" for s, e in shared]
-        results = ",\n    ".join(_as_float(printer.doprint(e)) for e in reduced)
+        together, names = _together([e for _, e in shared] + reduced)
+        for symbol, e in shared:
+            lines.append(f"{symbol} = {printer.doprint(e.xreplace(names))}")
+            if symbol in together:
+                lines.append(together[symbol])
+        results = ",\n    ".join(_as_float(printer.doprint(e.xreplace(names))) for e in reduced)
         doc = textwrap.indent(textwrap.dedent("        " + about), "    ").strip()
         body = "\n".join(f"    {line}" for line in lines)
         return (

@@ -229,8 +229,8 @@ def excursions(
             waiting = not (first and outwards and rising == (left_side > 0.0))
             first, maximum = False, rising
             if waiting:
-                dt = velocity_zero(motion, head, values, left, speed, right, next_speed)
-                x = motion(head, dt, values)[0]
+                guess = turn_guess(speed, next_speed, left > 0.0, not done)
+                dt, x = velocity_zero(motion, head, values, left, speed, right, next_speed, guess)
         left, speed, rising = right, next_speed, next_rising
     if waiting and not (inwards and maximum == (reached_side > 0.0)):
         if maximum and not x <= high:
@@ -240,18 +240,29 @@ def excursions(
     return high, when_high, low, when_low
 
 
-def velocity_zero(motion, head, values, left, speed_left, right, speed_right):
-    """Return where the velocity changes sign between `left` and `right`, where it is monotone.
+def velocity_zero(motion, head, values, left, speed_left, right, speed_right, fraction):
+    """Return when the velocity changes sign between two times, and the displacement then.
 
-    Newton's iteration kept inside a bracket. `motion` is called as
-    ``motion(head, dt, values) -> (displacement, velocity, acceleration)``.
+    Newton's iteration kept inside a bracket in which the velocity is monotone.
+
+    Parameters
+    ----------
+    motion, head, values
+        Called as ``motion(head, dt, values) -> (displacement, velocity, acceleration)``.
+    left, right : float
+        The times.
+    speed_left, speed_right : float
+        Velocities there.
+    fraction : float
+        A guess, as part of the way between them.
     """
     length = right - left
-    t = left + length * speed_left / (speed_left - speed_right)
+    t = left + length * fraction
+    x = 0.0
     for _ in range(80):
-        _, speed, acceleration = motion(head, t, values)
+        x, speed, acceleration = motion(head, t, values)
         if speed == 0.0:
-            return t
+            return t, x
         if (speed > 0.0) == (speed_left > 0.0) and speed_left != 0.0:
             left = t
         else:
@@ -259,13 +270,26 @@ def velocity_zero(motion, head, values, left, speed_left, right, speed_right):
         step = speed / acceleration if acceleration != 0.0 else math.inf
         new = t - step
         if left <= new <= right and abs(step) <= NEWTON_DONE * length:
-            return new  # the next step would be its square
+            return new, x - 0.5 * speed * step  # the next step would be its square
         if not left < new < right:
             new = 0.5 * (left + right)
         if right - left <= 2e-16 * max(abs(left), abs(right)):
-            return new
+            return new, x
         t = new
-    return t
+    return t, x
+
+
+def turn_guess(speed_left, speed_right, flat_left, flat_right):
+    """Return where a monotone velocity changes sign, as part of the way, roughly.
+
+    Where the acceleration vanishes at an end, the velocity is flat there.
+    """
+    u = speed_left / (speed_left - speed_right)
+    if flat_left and flat_right:  # 3 s^2 - 2 s^3 = u
+        return 0.5 - math.sin(math.asin(1.0 - 2.0 * u) / 3.0)
+    if flat_right:
+        return u / (1.0 + math.sqrt(1.0 - u))
+    return math.sqrt(u) if flat_left else u
 
 
 def wall_arrival(motion, head, values, left, at, right, reached, wall, rising):
@@ -402,9 +426,10 @@ def hit_between(
     if turned:
         wall = high if rising else low
         if not turns_before(right - left, at, reached, wall, rising):
-            turn = velocity_zero(motion, head, values, left, at[1], right, reached[1])
-            there = motion(head, turn, values)
-            if beyond(there[0], wall, rising):
+            guess = turn_guess(at[1], reached[1], left > 0.0, True)
+            turn, x = velocity_zero(motion, head, values, left, at[1], right, reached[1], guess)
+            if beyond(x, wall, rising):
+                there = motion(head, turn, values)
                 dt, speed = wall_arrival(motion, head, values, left, at, turn, there, wall, rising)
                 return (1 if rising else -1), dt, speed
             left = turn

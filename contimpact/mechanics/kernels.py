@@ -45,10 +45,7 @@ def cube(x):
 
 OWN_NAMES = {"square": square, "cube": cube}
 SCALAR_NAMES = (
-    {name: getattr(math, name) for name in _MATH}
-    | {"nan": math.nan}
-    | OWN_NAMES
-    | stumpff.SCALAR
+    {name: getattr(math, name) for name in _MATH} | {"nan": math.nan} | OWN_NAMES | stumpff.SCALAR
 )
 _NUMPY_SPELLING = {"asin": "arcsin", "acos": "arccos", "atan": "arctan"}
 ARRAY_NAMES = (
@@ -152,10 +149,13 @@ class Kernels:
         loaded = _WhenAsked(lambda wall: self.motion(self.model.WALLS[wall].name))
 
         def motion(head, dt, p):
-            wall, *left = head
-            return loaded[wall](*left, dt, *p)
+            wall, t0, v0 = head
+            return loaded[wall](t0, v0, dt, *p)
 
-        return motion
+        def motion_of_more(head, dt, p):
+            return loaded[head[0]](*head[1:], dt, *p)
+
+        return motion if self.model.DEGREES_OF_FREEDOM == 1 else motion_of_more
 
     def kernel(self, name: str) -> Kernel:
         """Return a kernel as a function of floats."""

@@ -70,6 +70,29 @@ stumpff8 = _higher(8, stumpff6)
 stumpff9 = _higher(9, stumpff7)
 
 
+TOGETHER = (3, 5)
+"""Up to which order there is a function for all from the first on."""
+
+
+def stumpffs3(q):
+    """c_1, c_2, c_3."""
+    if q == 0:
+        return 1.0, 0.5, 1.0 / 6.0
+    x = math.sqrt(abs(q))
+    h = 0.5 * x
+    half = math.sin(h) / h if q > 0 else math.sinh(h) / h
+    c1 = math.sin(x) / x if q > 0 else math.sinh(x) / x
+    return c1, 0.5 * half * half, stumpff3(q) if abs(q) < _SERIES_BELOW else (1.0 - c1) / q
+
+
+def stumpffs5(q):
+    """c_1, ..., c_5."""
+    c1, c2, c3 = stumpffs3(q)
+    if abs(q) < _SERIES_BELOW:
+        return c1, c2, c3, stumpff4(q), stumpff5(q)
+    return c1, c2, c3, (0.5 - c2) / q, (1.0 / 6.0 - c3) / q
+
+
 _SAFE = 400.0
 """Below minus the square of this, e^-y and c_k(q) are not computed apart."""
 
@@ -118,7 +141,7 @@ SCALAR = {
     f"{name}{k}": globals()[f"{name}{k}"]
     for name in ("stumpff", "decaying")
     for k in range(HIGHEST + 1)
-}
+} | {"stumpffs3": stumpffs3, "stumpffs5": stumpffs5}
 
 
 def _array_stumpff(k):
@@ -147,6 +170,11 @@ def _array_stumpff(k):
 
 
 ARRAY = {f"stumpff{k}": _array_stumpff(k) for k in range(HIGHEST + 1)}
+
+ARRAY |= {
+    f"stumpffs{n}": lambda q, n=n: tuple(ARRAY[f"stumpff{k}"](q) for k in range(1, n + 1))
+    for n in TOGETHER
+}
 
 
 def _array_decaying(k):
