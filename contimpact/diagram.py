@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from .continuation.branch import End, Point, Points
-from .mechanics.flight import Verdict
-from .mechanics.orbit import Linearisation, factors_of, verdict_of
+from .mechanics.flight import PHYSICAL, reason_of
+from .mechanics.orbit import Linearisation
 from .mechanics.stability import count_unstable
 
 if TYPE_CHECKING:
@@ -322,27 +322,19 @@ def _columns(points: Points) -> dict[str, Array]:
     named = coordinates(problem.m)
     for i, column in enumerate(unknowns[:, : problem.n].T):
         columns[f"{named[i % problem.m]}{i // problem.m + 1}"] = column
-    stability = [_described(problem, item) for item in points.items]
-    factors = np.array([row[0] for row in stability])
+    numbers = points.numbers
+    factors = numbers[:, 1:-6].copy().view(complex)
     for k, factor in enumerate(factors.T, start=1):
         columns |= {f"multiplier{k}_re": factor.real, f"multiplier{k}_im": factor.imag}
-    verdicts: list[Verdict] = [row[1] for row in stability]
     columns["n_unstable"] = count_unstable(factors)
-    columns["physical"] = np.array([int(v.physical) for v in verdicts])
-    columns["reason"] = np.array([v.reason or "" for v in verdicts], dtype=object)
-    columns["smallest_gap"] = np.array([v.smallest_gap for v in verdicts], dtype=float)
-    columns["residual"] = np.array([row[2] for row in stability], dtype=float)
+    columns["physical"] = (numbers[:, -6] == PHYSICAL).astype(np.int64)
+    word, named = problem.word.walls, problem.model.WALLS
+    reasons = [reason_of(found, word, named) or "" for found in numbers[:, -6:].tolist()]
+    columns["reason"] = np.array(reasons, dtype=object)
+    columns["smallest_gap"] = numbers[:, -1]
+    columns["residual"] = numbers[:, 0]
     columns["iterations"] = points.iterations
     return columns
-
-
-def _described(problem: Any, item: Any) -> tuple[Sequence[complex], Verdict, float]:
-    """Multipliers, verdict and residual of a point, or of a row of a block."""
-    if isinstance(item, Point):
-        here = item.evaluation
-        return here.multipliers.tolist(), here.verdict, here.largest_residual
-    numbers = item[0].described[item[1]].tolist()
-    return factors_of(numbers), verdict_of(problem, numbers), numbers[0]
 
 
 def all_parameters(here: Linearisation) -> dict[str, float]:

@@ -34,14 +34,16 @@ def write_auto(branch: Branch, path: str | Path) -> None:
     lines = ["   0    PT  TY  LAB " + "".join(f"{title:^19}" for title in titles)]
     columns = [branch[branch.parameter], np.linalg.norm(branch.velocities, axis=1)]
     table = np.column_stack([*columns, *(branch[name] for name in names)])
-    label = 0
-    for row, values in enumerate(table):
+    label, stable, events = 0, branch.stable.tolist(), branch["event"].tolist()
+    form = "%19.10E" * table.shape[1]
+    for row, values in enumerate(table.tolist()):
         at_end = row in (0, len(table) - 1)
-        kind = kinds.get(str(branch["event"][row]), END_POINT if at_end else 0)
+        kind = kinds.get(events[row], END_POINT if at_end else 0)
         label += kind != 0
-        point = (row + 1) * (1 if branch.stable[row] else -1)
-        head = f"{number:4d}{point:6d}{kind:4d}{label if kind else 0:5d} "
-        lines.append(head + "".join(f"{value:19.10E}" for value in values))
+        point = (row + 1) * (1 if stable[row] else -1)
+        lines.append(
+            f"{number:4d}{point:6d}{kind:4d}{label if kind else 0:5d} " + form % (*values,)
+        )
     write_text(Path(path), "\n".join(lines) + "\n")
 
 

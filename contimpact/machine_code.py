@@ -53,6 +53,7 @@ def object_code(program: Program, arguments: str) -> bytes:
     )  # fmt: skip
     module = llvm.parse_assembly(text)
     module.verify()
+    _optimise(module, machine)
     return bytes(machine.emit_object(module))
 
 
@@ -60,6 +61,23 @@ OF_THE_C_LIBRARY = frozenset(
     ("acos", "asin", "atan", "ceil", "copysign", "cos", "cosh", "exp", "fabs", "floor", "fmod",
      "log", "memcpy", "memset", "pow", "sin", "sinh", "sqrt", "tan", "tanh")
 )  # fmt: skip
+
+
+def _optimise(module: Any, machine: Any) -> None:
+    """Once more, without what Numba puts between the functions; older LLVMs do without."""
+    import llvmlite.binding as llvm
+
+    if not hasattr(llvm, "create_pass_builder"):
+        return
+    for function in module.functions:
+        if not function.is_declaration and function.name != ENTRY:
+            function.linkage = "internal"
+    builder = llvm.create_pass_builder(machine, llvm.create_pipeline_tuning_options(speed_level=3))
+    builder.getModulePassManager().run(module, builder)
+
+
+COUNTING = re.compile(r"\s*(tail )?call void @NRT_(inc|dec)ref\(")
+"""Counts references to arrays, which are the caller's: there is nothing to count."""
 
 
 def _self_contained(text: str, entry: str) -> str:
@@ -71,6 +89,8 @@ def _self_contained(text: str, entry: str) -> str:
     text = re.sub(rf'@"?{re.escape(entry)}"?', f"@{ENTRY}", text)
     lines = []
     for line in text.splitlines():
+        if COUNTING.match(line):
+            continue
         declared = re.match(r'declare (.*?)@"?([\w.$]+)"?\((.*?)\)', line)
         known = declared and (declared[2].startswith("llvm.") or declared[2] in OF_THE_C_LIBRARY)
         if declared and not known:

@@ -147,7 +147,7 @@ def check_excursions(motion, vectorised, length, zeros):
         if math.isnan(extreme):
             continue
         shift, velocity, acceleration = motion(dt)
-        assert shift == extreme
+        assert shift == pytest.approx(extreme, abs=rounding)
         # A turning time is known to 1e-9 of its bracket, and the displacement to the square.
         assert abs(velocity) <= 1e-14 * (1.0 + abs(speed)) + 2e-9 * abs(acceleration) * length
         assert abs(acceleration) < 1e-6 or (acceleration < 0.0) == maximum

@@ -255,6 +255,14 @@ class Points(Sequence[Point]):
         ])  # fmt: skip
 
     @property
+    def numbers(self) -> Array:
+        """What the evaluations tell of every point in a row of numbers."""
+        return np.array([
+            item.evaluation.numbers if isinstance(item, Point) else item[0].described[item[1]]
+            for item in self.items
+        ])  # fmt: skip
+
+    @property
     def iterations(self) -> Array:
         """Corrector iterations of every point."""
         return np.array(

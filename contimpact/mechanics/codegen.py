@@ -71,7 +71,8 @@ def _together(expressions: Sequence[Any]) -> tuple[dict[Any, str], dict[Any, Any
         order, argument = call.args
         if argument.is_Symbol and order >= 1:
             used.setdefault(argument, set()).add(int(order))
-    lines, names = {}, {}
+    lines: dict[Any, str] = {}
+    names: dict[Any, Any] = {}
     for argument, orders in used.items():
         upto = next((n for n in stumpff.TOGETHER if n >= max(orders)), None)
         if len(orders) < 2 or upto is None:

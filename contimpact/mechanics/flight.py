@@ -574,14 +574,32 @@ def judge(
 
     Parameters
     ----------
-    word : str
-    named : sequence of Wall
-    impacts : ndarray of shape (N, m)
-    gaps : sequence of FlightGaps
+    word, named, impacts, gaps
+        As in `findings`.
     forgive_touches : collection of (flight, wall)
         Touches that are not held against the orbit: the grazing event itself.
     forgive_impact : int, optional
         An impact whose direction is not held against it: the zero velocity itself.
+    """
+    return verdict_of(
+        findings(word, named, impacts, gaps, forgive_touches, forgive_impact), word, named
+    )
+
+
+def findings(
+    word: str, named: Sequence[Wall], impacts: Array, gaps: Sequence[FlightGaps],
+    forgive_touches: Collection[tuple[int, str]] = (), forgive_impact: int | None = None,
+) -> tuple[float, ...]:  # fmt: skip
+    """Return what `verdict` says of an orbit.
+
+    Parameters
+    ----------
+    word : str
+    named : sequence of Wall
+    impacts : ndarray of shape (N, m)
+    gaps : sequence of FlightGaps
+    forgive_touches, forgive_impact
+        As in `judge`.
     """
     places = {w.name: i for i, w in enumerate(named)}
     walls = [places[name] for name in word]
@@ -590,12 +608,16 @@ def judge(
         for k, flight in enumerate(gaps)
         for t in flight.touches
     ]
-    found = verdict(
+    return verdict(
         walls, [float(w.side) for w in named], [flight.duration for flight in gaps],
         [math.nan if t is None else t.gap for t in touches],
         [math.nan if t is None else t.time for t in touches],
         impacts[:, 1].tolist(), -1 if forgive_impact is None else forgive_impact,
     )  # fmt: skip
+
+
+def verdict_of(found: Sequence[float], word: str, named: Sequence[Wall]) -> Verdict:
+    """Return what `verdict` found as an object."""
     return Verdict(found[0] == PHYSICAL, reason_of(found, word, named), found[5])
 
 

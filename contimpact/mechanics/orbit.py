@@ -29,7 +29,7 @@ from typing import Any
 import numpy as np
 
 from . import stability
-from .flight import FlightGaps, Verdict, flight_gaps, judge, reason_of
+from .flight import FlightGaps, Verdict, findings, flight_gaps, judge, verdict_of
 from .kernels import Kernels
 from .model import Model
 from .word import Word
@@ -363,9 +363,23 @@ class Linearisation:
 
     def judge(self, **forgiven: Any) -> Verdict:
         """As `verdict`, with a touch or an impact forgiven; see `flight.judge`."""
+        return judge(*self._flights(), **forgiven)
+
+    def findings(self) -> tuple[float, ...]:
+        """What `flight.verdict` says of the orbit."""
+        return findings(*self._flights())
+
+    def _flights(self) -> tuple[Any, ...]:
         problem = self.problem
         impacts = problem.impacts(self.unknowns)
-        return judge(problem.word.walls, problem.model.WALLS, impacts, self.gaps, **forgiven)
+        return problem.word.walls, problem.model.WALLS, impacts, self.gaps
+
+    @functools.cached_property
+    def numbers(self) -> Array:
+        """What is told of a point in a row of numbers, shape (2 m + 7,): the largest residual, the
+        multipliers' real and imaginary parts, and what `flight.verdict` says."""
+        parts = self.multipliers.astype(complex).view(float)
+        return np.concatenate([[self.largest_residual], parts, self.findings()])
 
     @functools.cached_property
     def derived(self) -> Mapping[str, float]:
@@ -381,15 +395,14 @@ class Described(Linearisation):
     Parameters
     ----------
     problem : OrbitProblem
-        With one degree of freedom.
     unknowns : ndarray of shape (n + 1,)
-    numbers : ndarray of shape (11,)
-        The largest residual, real and imaginary parts of both multipliers, and what
-        `flight.verdict` says; the first of it is not a number where that was not asked for.
+    numbers : ndarray of shape (2 m + 7,)
+        As `Linearisation.numbers`; the first of the last six is not a number where the verdict was
+        not asked for.
     """
 
     def __init__(self, problem: OrbitProblem, unknowns: Array, numbers: Array) -> None:
-        self.problem, self.unknowns, self.numbers = problem, unknowns, numbers
+        self.problem, self.unknowns, self.given = problem, unknowns, numbers
 
     def __getattr__(self, name: str) -> Any:
         if name not in ("residual", "start", "end", "by_parameter"):
@@ -400,29 +413,24 @@ class Described(Linearisation):
         return getattr(self, name)
 
     @functools.cached_property
+    def numbers(self) -> Array:
+        """What is told of a point in a row of numbers."""
+        if np.isnan(self.given[-6]):
+            return np.concatenate([self.given[:-6], self.findings()])
+        return self.given
+
+    @functools.cached_property
     def multipliers(self) -> Array:
         """Multipliers, largest first; infinite where an impact velocity vanishes."""
-        return np.array(factors_of(self.numbers.tolist()))
+        return self.given[1:-6].copy().view(complex)
 
     @functools.cached_property
     def verdict(self) -> Verdict:
         """Whether the orbit is physical, and if not why and where."""
-        if np.isnan(self.numbers[5]):
-            return self.judge()
-        return verdict_of(self.problem, self.numbers.tolist())
+        problem = self.problem
+        return verdict_of(self.numbers[-6:].tolist(), problem.word.walls, problem.model.WALLS)
 
     @property
     def largest_residual(self) -> float:
         """The largest absolute residual."""
-        return float(self.numbers[0])
-
-
-def factors_of(numbers: Sequence[float]) -> list[complex]:
-    """Return the multipliers among the numbers of a `Described` point."""
-    return [complex(numbers[1], numbers[2]), complex(numbers[3], numbers[4])]
-
-
-def verdict_of(problem: OrbitProblem, numbers: Sequence[float]) -> Verdict:
-    """Return the verdict among the numbers of a `Described` point."""
-    reason = reason_of(numbers[5:], problem.word.walls, problem.model.WALLS)
-    return Verdict(reason is None, reason, numbers[10])
+        return float(self.given[0])
