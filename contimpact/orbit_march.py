@@ -41,7 +41,7 @@ from .mechanics.cycle import (
     solve,
     store,
 )
-from .mechanics.flight import excursion_of, gap_to, time_zeros, verdict
+from .mechanics.flight import excursion_of, time_zeros, verdict
 from .mechanics.orbit import Array, OrbitProblem
 
 if TYPE_CHECKING:
@@ -157,7 +157,8 @@ def measure(setup, breaks, excursion, course, z):
     count, walls, wanted = len(course.kinds), course.counts[WALLS], course.counts[GAPS] != 0
     word, sides, values, facts = course.word, course.sides, course.values, course.facts
     gaps, times, span = course.gaps, course.times, course.clock[0]
-    zeros = breaks(values, fixed[0], course.zeros)
+    period = fixed[0]
+    zeros = breaks(values, period, course.zeros)
     velocities = LISTS + walls * count
     durations = velocities + count
     for k in range(count):
@@ -170,15 +171,19 @@ def measure(setup, breaks, excursion, course, z):
         course.durations[k], course.velocities[k] = length, speed
         facts[velocities + k] = sides[wall] * speed
         facts[durations + k] = length if abs(length) >= SAME_TIME else math.nan
-        found = (math.nan, math.nan, math.nan, math.nan)
+        high, when_high, low, when_low = math.nan, math.nan, math.nan, math.nan
         if wanted and length > 0.0:
-            found = excursion(
+            high, when_high, low, when_low = excursion(
                 (wall, start, speed), values, length, arriving, sides[wall], sides[following],
-                zeros, fixed[0],
+                zeros, start % period, period,
             )  # fmt: skip
         at = walls * k
         for j in range(walls):
-            gap, dt = gap_to(sides[j], fixed[3 + j] - fixed[3 + wall], found)
+            gap, dt = fixed[3 + j] - fixed[3 + wall], when_high
+            if sides[j] > 0.0:
+                gap -= high
+            else:
+                gap, dt = low - gap, when_low
             gaps[at + j], times[at + j], facts[LISTS + at + j] = gap, start + dt, gap
     if course.counts[SETUP] != 0:
         for j in range(len(fixed)):
@@ -279,8 +284,8 @@ class OrbitSystem:
         fast = self.compiled(most)
         vector = _array if fast else _list
         state, rows = vector(footing.state()), vector(np.zeros(width * most))
-        points = (footing.scale, footing.here.unknowns, footing.here.tangent, footing.chord(),
-                  footing.values, footing.earlier)  # fmt: skip
+        here = footing.here
+        points = (footing.scale, here.unknowns, here.tangent, footing.chord())
         given: list[Any] = [
             *(self.arrays if fast else [self.lists]), vector(footing.options(settings)), state,
             *(vector(p) for p in points), np.zeros((4, n)) if fast else _list_table(4, n), rows,
@@ -343,7 +348,7 @@ def _array(numbers: Any, kind: type | None = None) -> Any:
     return np.array(numbers, dtype=kind)
 
 
-ARGUMENTS = "iiiffiffFFFffffffffffffffFfi"
+ARGUMENTS = "iiiffiffFFFffffff" + "ffffffFfi"
 """Kinds of the entry's arguments, in its order: a course's fields, then those of `march`."""
 
 
@@ -353,7 +358,8 @@ def plain_functions(problem: OrbitProblem, fixed: list[float] | None) -> tuple[A
     `fixed` are the zeros of the acceleration, where they are the same along the branch.
     """
     kernels = problem.kernels
-    flight, excursion = kernels.flights, excursion_of(kernels)
+    in_time = not math.isnan(kernels.harmonics(*problem.model.values.values())[0])
+    flight, excursion = kernels.flights, excursion_of(kernels, in_time)
     moving = kernels.depends("harmonics")
 
     def setup(values):

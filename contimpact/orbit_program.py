@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 from .continuation.march import march
 from .mechanics.cycle import store, store_compiled
-from .mechanics.flight import excursions_in_time, single_zeros
+from .mechanics.flight import excursions, single_zeros
 from .mechanics.kernels import Kernels
 from .orbit_march import Course, evaluate_cycle, newton_step, observe_cycle, tangent_of_cycle
 from .program import Program
@@ -14,8 +14,7 @@ from .program import Program
 ENTRY = """
 def entry(
     kinds, word, counts, values, sides, places, targets, zeros, blocks, kept, reduced, clock, facts,
-    durations, gaps, times, velocities, options, state, scale, z, tangent, chord, tests, earlier,
-    room, rows, size,
+    durations, gaps, times, velocities, options, state, scale, z, tangent, chord, room, rows, size,
 ):
     course = Course(
         kinds, word, counts, values, sides, places, targets, zeros, blocks, kept, reduced, clock,
@@ -23,7 +22,7 @@ def entry(
     )
     return march(
         evaluate, newton_step, tangent_of_cycle, observe, course, options, state, scale, z, tangent,
-        chord, tests, earlier, room, rows, size[0], size[1],
+        chord, room, rows, size[0], size[1],
     )
 
 def any_setup(p):
@@ -32,9 +31,9 @@ def any_setup(p):
 def evaluate(course, z):
     return evaluate_cycle(any_flight, any_setup, course, z)
 
-def excursion(head, values, length, arriving, left_side, reached_side, zeros, period):
-    return excursions_in_time(
-        any_motion, head, values, length, arriving, left_side, reached_side, zeros, period
+def excursion(head, values, length, arriving, left_side, reached_side, zeros, phase, period):
+    return excursions(
+        any_motion, head, values, length, arriving, left_side, reached_side, zeros, phase, period
     )
 
 def observe(course, z, tangent, orientation, rows, at):
@@ -78,7 +77,7 @@ def program_of(kernels: Kernels, variant: str) -> Program:
     program.glue(
         ENTRY.format(p=p), kernel_setup=kernels.setup, march=march, newton_step=newton_step,
         tangent_of_cycle=tangent_of_cycle, evaluate_cycle=evaluate_cycle,
-        observe_cycle=observe_cycle, excursions_in_time=excursions_in_time,
+        observe_cycle=observe_cycle, excursions=excursions,
     )  # fmt: skip
     return program
 

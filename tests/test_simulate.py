@@ -131,7 +131,7 @@ def turns_of(simulator, wall, phase, velocity, length=4.0):
     turns = []
     for (left, right), (u, v) in zip(pairwise(times), pairwise(speeds), strict=True):
         if (u > 0.0) != (v > 0.0):
-            dt, x = velocity_zero(moved, (), simulator.values, left, u, right, v, u / (u - v))
+            dt, _ = velocity_zero(moved, (), simulator.values, left, u, right, v, u / (u - v))
             turns.append((moved((), dt, simulator.values)[0], u > 0.0))
     return turns
 

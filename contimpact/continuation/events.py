@@ -180,18 +180,18 @@ class UserFunction(TestFunction):
         return np.atleast_1d(np.asarray(self.function(point), dtype=float))
 
 
-def crosses(left, right):
-    """Whether a value changes sign between two points.
+def crosses(left: Array, right: Array) -> Array:
+    """Return which values change sign between two points.
 
     Zero counts as positive: a zero exactly on a point is found from one side only, once.
     """
-    return left == left and right == right and (left >= 0.0) != (right >= 0.0)
+    both = ~(np.isnan(left) | np.isnan(right))
+    return both & ((left >= 0.0) != (right >= 0.0))
 
 
 def crossings(left: Array, right: Array) -> list[int]:
     """Return the indices that change sign between two points."""
-    pairs = zip(left.tolist(), right.tolist(), strict=True)
-    return [i for i, (a, b) in enumerate(pairs) if crosses(a, b)]
+    return np.nonzero(crosses(left, right))[0].tolist()
 
 
 @dataclass(frozen=True, eq=False)
@@ -245,50 +245,36 @@ def _may_hide(
         return False
     earlier = left if before is None else before.values
     return any(
-        hides(a, b, c, behind, ahead)
-        for lists in zip(earlier, left, right, strict=True)
-        for a, b, c in zip(*(values.tolist() for values in lists), strict=True)
+        bool(np.any(hides(a, b, c, behind, ahead)))
+        for a, b, c in zip(earlier, left, right, strict=True)
     )
 
 
-def noteworthy(a, b, c, behind, ahead):
-    """Whether a value crosses zero between two points, or may do so unseen; see `hides`."""
-    return (b >= 0.0) != (c >= 0.0) or hides(a, b, c, behind, ahead)
-
-
-def hides(a, b, c, behind, ahead):
-    """Whether a value may cross zero between two points without changing its sign.
+def hides(a: Array, b: Array, c: Array, behind: Any, ahead: Any) -> Array:
+    """Return which values may cross zero between two points without changing their sign.
 
     The parabola through three values comes close to zero between the last two, or a value appears
     already beyond zero, or vanishes on its way there.
 
     Parameters
     ----------
-    a, b, c : float
-        The value at three points.
-    behind, ahead : float
+    a, b, c : ndarray
+        The values at three points.
+    behind, ahead : float or ndarray
         Arclength between them; `behind` is zero where there is no first point.
     """
-    if b != b:
-        return c < 0.0
-    if behind == 0.0:
-        return c != c and b < 0.0
-    if c != c:
-        return b < 0.0 or b + (b - a) * ahead / behind < 0.0
-    if a != a or (b >= 0.0) != (c >= 0.0):
-        return False
-    rate, next_rate = (b - a) / behind, (c - b) / ahead
-    bend = (next_rate - rate) / (behind + ahead)
-    if (b >= 0.0) != (bend >= 0.0) or b == 0.0 or bend == 0.0:
-        return False
-    slope = rate + bend * behind
-    vertex = -slope / (2.0 * bend)
-    if not -0.25 * ahead < vertex < 1.25 * ahead:
-        return False
-    lowest = b + 0.5 * slope * vertex
-    if b < 0.0:
-        lowest = -lowest
-    return lowest < SUSPICIOUS * min(abs(b), abs(c))
+    with np.errstate(all="ignore"):
+        alone = behind == 0.0
+        rate, next_rate = (b - a) / behind, (c - b) / ahead
+        bend = (next_rate - rate) / (behind + ahead)
+        slope = rate + bend * behind
+        vertex = -slope / (2.0 * bend)
+        lowest = b + 0.5 * slope * vertex
+        inside = (vertex > -0.25 * ahead) & (vertex < 1.25 * ahead) & (bend * b > 0.0)
+        near = np.sign(b) * lowest < SUSPICIOUS * np.minimum(np.abs(b), np.abs(c))
+        on_its_way = (b < 0.0) | (~alone & (b + (b - a) * ahead / behind < 0.0))
+    dips = inside & near & ((b >= 0.0) == (c >= 0.0)) & ~alone
+    return dips | (np.isnan(b) & (c < 0.0)) | (np.isnan(c) & on_its_way)
 
 
 def locate(

@@ -17,7 +17,7 @@ import numpy as np
 
 from .arclength import CONVERGED, Settings, angle, cubic, distance, newton, norm, step_after
 from .branch import Block, Point
-from .events import noteworthy
+from .events import crosses, hides
 from .problem import Array
 
 STEP, ARCLENGTH, ORIENTATION, BEHIND, POINTS, ITERATIONS, REJECTED, EVALUATIONS = range(8)
@@ -28,9 +28,9 @@ TOLERANCE, MOST, SMALLEST, LARGEST, ANGLE, LOW, HIGH, FIRST, SAME, SECANT = rang
 """Places in `options`: of the settings, the range, the parameter at the start of the walk, what
 counts as the same solution, and whether to predict along chords."""
 
-EXTRA = 4
-"""Numbers of a row beside unknowns, tangent and what `observe` puts down: orientation, arclength,
-iterations, and whether events may lie on the step before."""
+EXTRA = 3
+"""Numbers of a row beside unknowns, tangent and what `observe` puts down: orientation, arclength
+and iterations."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -133,12 +133,28 @@ class Made:
         )  # fmt: skip
         here = footing.here.arclength
         back = here if footing.behind is None else footing.behind.arclength
+        seen = rows[:, mark + EXTRA : mark + EXTRA + q]
+        values = np.vstack([footing.earlier, footing.values, seen])
+        arclengths = np.concatenate([[back, here], rows[:, mark + 1]])
         return cls(
-            block, np.nonzero(rows[:, mark + 3])[0].tolist(),
-            np.vstack([footing.earlier, footing.values, rows[:, mark + EXTRA : mark + EXTRA + q]]),
-            np.concatenate([[back, here], rows[:, mark + 1]]), float(state[STEP]),
+            block, noteworthy(values, arclengths), values, arclengths, float(state[STEP]),
             len(rows) < asked, int(state[ITERATIONS]), int(state[REJECTED]),
         )  # fmt: skip
+
+
+def noteworthy(values: Array, arclengths: Array) -> list[int]:
+    """Return before which points, from the third one on, events lie or may lie unseen.
+
+    Parameters
+    ----------
+    values : ndarray of shape (P + 2, q)
+        Test functions.
+    arclengths : ndarray of shape (P + 2,)
+    """
+    a, b, c = values[:-2], values[1:-1], values[2:]
+    steps = np.diff(arclengths)[:, None]
+    marked = crosses(b, c) | hides(a, b, c, steps[:-1], steps[1:])
+    return np.nonzero(np.any(marked, axis=1))[0].tolist()
 
 
 class System(Protocol):
@@ -149,8 +165,8 @@ class System(Protocol):
 
 
 def march(
-    evaluate, solve, tangent_at, observe, data, options, state, scale, z, tangent, chord, values,
-    earlier, room, rows, width, most,
+    evaluate, solve, tangent_at, observe, data, options, state, scale, z, tangent, chord, room,
+    rows, width, most,
 ):  # fmt: skip
     """Make routine steps until something is not routine.
 
@@ -170,8 +186,6 @@ def march(
     z, tangent, chord : vector
         The point the walk is at, its unit tangent, and the way from the point before; kept up to
         date.
-    values, earlier : vector
-        Test functions there and at the point before; kept up to date.
     room : vector
         Space for 4 (n + 1) numbers.
     rows : vector
@@ -186,11 +200,14 @@ def march(
         Points made; fewer than `most` where a step is not routine.
     """
     n = len(z)
+    tolerance, iterations_at_most = options[TOLERANCE], int(options[MOST])
+    smallest, largest, widest = options[SMALLEST], options[LARGEST], options[ANGLE]
+    low, high, chords = options[LOW], options[HIGH], options[SECANT] != 0.0
     guess, new, along, row = room[0], room[1], room[2], room[3]
     made = 0
     while made < most:
         step = state[STEP]
-        secant = options[SECANT] != 0.0 and state[BEHIND] > 0.0
+        secant = chords and state[BEHIND] > 0.0
         size = 1.0
         if secant:
             size = norm(chord, scale)
@@ -198,9 +215,8 @@ def march(
             guess[i] = z[i] + step * (chord[i] / size if secant else tangent[i])
             row[i] = tangent[i] / scale[i] / scale[i]
         status, iterations, first = newton(
-            evaluate, solve, data, new, guess, row, scale, along, options[TOLERANCE],
-            int(options[MOST]),
-        )  # fmt: skip
+            evaluate, solve, data, new, guess, row, scale, along, tolerance, iterations_at_most
+        )
         state[ITERATIONS] += iterations
         state[EVALUATIONS] += iterations + 1
         orientation, turned = math.nan, math.inf
@@ -208,15 +224,13 @@ def march(
             orientation = tangent_at(data, new, row, scale, along)
         if orientation == orientation:
             turned = angle(along, tangent, scale)
-        if not turned <= options[ANGLE] or leaves(
-            z, new, tangent, along, scale, options[LOW], options[HIGH]
-        ):
+        if not turned <= widest or leaves(z, new, tangent, along, scale, low, high):
             state[REJECTED] += 1
-            if step <= options[SMALLEST]:
+            if step <= smallest:
                 state[ITERATIONS] -= iterations
                 state[REJECTED] -= 1
                 return made
-            state[STEP] = max(0.5 * step, options[SMALLEST])
+            state[STEP] = max(0.5 * step, smallest)
             continue
         if unusual(z[n - 1], new[n - 1], orientation, scale[n - 1], options, state):
             state[ITERATIONS] -= iterations
@@ -231,20 +245,12 @@ def march(
         rows[mark] = orientation
         rows[mark + 1] = state[ARCLENGTH] + travelled
         rows[mark + 2] = iterations
-        observed = mark + EXTRA
-        observe(data, z, tangent, orientation, rows, observed)
-        marked, behind = 0.0, state[BEHIND]
-        for i in range(len(values)):
-            before, value = values[i], rows[observed + i]
-            if noteworthy(earlier[i], before, value, behind, travelled):
-                marked = 1.0
-            earlier[i], values[i] = before, value
-        rows[mark + 3] = marked
+        observe(data, z, tangent, orientation, rows, mark + EXTRA)
         state[BEHIND] = travelled
         state[ARCLENGTH] += travelled
         state[ORIENTATION] = orientation
         state[POINTS] += 1
-        state[STEP] = step_after(step, turned, first, options[ANGLE], options[LARGEST])
+        state[STEP] = step_after(step, turned, first, widest, largest)
         made += 1
     return made
 

@@ -291,8 +291,11 @@ class KernelWriter:
         signature = self._names([*arguments, *self.symbols.values()])
         lines = []
         if reduce:
-            lines.append(f"turn = floor(t0/({printer.doprint(self.formulas.period)}))")
-            lines.append(f"phase = t0 - turn*({printer.doprint(self.formulas.period)})")
+            period = printer.doprint(self.formulas.period)
+            if any(self.turn in sympy.sympify(e).free_symbols for e in outputs):
+                lines += [f"turn = floor(t0/({period}))", f"phase = t0 - turn*({period})"]
+            else:
+                lines.append(f"phase = t0 % ({_as_float(period)})")
             if self.t1 in arguments:
                 lines.append("dt = t1 - t0")
         shared, reduced = sympy.cse(

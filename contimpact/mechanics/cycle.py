@@ -127,14 +127,12 @@ def eliminate(blocks, kinds, walls, kept, right, exact, z, span):
     sign, logarithm = 1.0, 0.0
     ratio = q00 * q11 - q01 * q10
     for k in range(1, count):
-        b = blocks[k]
-        x01, x11, x21, x31 = q01, q11, b[3], b[5]
-        b00, b01, b10, b11 = b[6], b[7], b[8], b[9]
+        g0, g1, u2, x21, u3, x31, b00, b01, b10, b11, m0, m1 = blocks[k]
+        x01, x11 = q01, q11
         if exact:
             b00 = arriving(z, k, kinds, walls, span, b00)
-        m0, m1 = b[10], b[11]
-        g0, g1 = -right * b[0], -right * b[1]
-        u0, u1, u2, u3 = q00, q10, b[2], b[4]
+        g0, g1 = -right * g0, -right * g1
+        u0, u1 = q00, q10
         norm = math.sqrt(u0 * u0 + u1 * u1 + u2 * u2 + u3 * u3)
         if not norm > 0.0:
             return (0.0,) * 15
@@ -304,15 +302,14 @@ def row_norms(blocks, count, mu, time, velocity, free):
     by the sizes given; a size of zero leaves columns out.
     """
     logarithm, product = 0.0, 1.0
+    tt, vv, ff = time * time, velocity * velocity, free * free
     for k in range(count):
-        b = blocks[k]
-        for i in range(2):
-            a0, a1, b0, b1 = b[2 + 2 * i], b[3 + 2 * i], b[6 + 2 * i], b[7 + 2 * i]
-            if count == 1:
-                a0, a1, b0, b1 = a0 + mu * b0, a1 + mu * b1, 0.0, 0.0
-            a0, a1, b0, b1 = time * a0, velocity * a1, time * b0, velocity * b1
-            c = free * b[10 + i]
-            product *= a0 * a0 + a1 * a1 + b0 * b0 + b1 * b1 + c * c
+        _, _, a00, a01, a10, a11, b00, b01, b10, b11, l0, l1 = blocks[k]
+        if count == 1:
+            a00, a01, b00, b01 = a00 + mu * b00, a01 + mu * b01, 0.0, 0.0
+            a10, a11, b10, b11 = a10 + mu * b10, a11 + mu * b11, 0.0, 0.0
+        product *= tt * (a00 * a00 + b00 * b00) + vv * (a01 * a01 + b01 * b01) + ff * l0 * l0
+        product *= tt * (a10 * a10 + b10 * b10) + vv * (a11 * a11 + b11 * b11) + ff * l1 * l1
         if not 1e-100 < product < 1e100:
             if not product > 0.0:
                 return -math.inf
@@ -334,11 +331,11 @@ def product_of_multipliers(blocks, kinds, walls, z, span):
     """Return det A_k / det B_k over the cycle; not a number where an impact velocity is zero."""
     ratio = 1.0
     for k in range(len(kinds)):
-        b = blocks[k]
-        end = arriving(z, k, kinds, walls, span, b[6]) * b[9] - b[7] * b[8]
+        _, _, a00, a01, a10, a11, b00, b01, b10, b11, _, _ = blocks[k]
+        end = arriving(z, k, kinds, walls, span, b00) * b11 - b01 * b10
         if end == 0.0:
             return math.nan
-        ratio *= (b[2] * b[5] - b[3] * b[4]) / end
+        ratio *= (a00 * a11 - a01 * a10) / end
     return ratio
 
 

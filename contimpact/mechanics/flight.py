@@ -8,6 +8,7 @@ time alone, and otherwise from a Chebyshev interpolant resolved to rounding.
 
 from __future__ import annotations
 
+import functools
 import math
 from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass
@@ -20,8 +21,9 @@ from .model import Wall
 
 Array = np.ndarray[Any, Any]
 
-NEWTON_DONE = 1e-9
-"""A Newton step below this part of the bracket is the last: the next would be its square."""
+NEWTON_DONE = 1e-6
+"""A Newton step below this part of the bracket is the last: the next would be its square, and the
+displacement, which turns there, is right to the square of that."""
 
 _DEGREES = (16, 32, 64)
 
@@ -496,7 +498,7 @@ def flight_gaps(
     places = {w.name: i for i, w in enumerate(named)}
     positions = setup[3 : 3 + len(named)]
     zeros = time_zeros(kernels.harmonics(*values), period)
-    excursion = excursion_of(kernels)
+    excursion = excursion_of(kernels, zeros is not None)
     rows = impacts.tolist()
     rows.append([rows[0][0] + span, *rows[0][1:]])
     result = []
@@ -507,9 +509,11 @@ def flight_gaps(
         if not length > 0.0:
             result.append(FlightGaps(length, (None,) * len(named)))
             continue
+        phase = leave[0] % period
         found = excursion(
-            (i, *leave), values, length, arrive[1], named[i].side, named[j].side, zeros, period
-        )
+            (i, *leave), values, length, arrive[1], named[i].side, named[j].side, zeros, phase,
+            period,
+        )  # fmt: skip
         touches = tuple(
             _touch(k, leave[0], w, positions[place] - positions[i], found)
             for place, w in enumerate(named)
@@ -518,19 +522,17 @@ def flight_gaps(
     return result
 
 
-def excursion_of(kernels: Kernels) -> Callable[..., tuple[float, float, float, float]]:
-    """Return `excursions` for the flights of a model.
+def excursion_of(kernels: Kernels, in_time: bool) -> Callable[..., Any]:
+    """Return `excursions` for the flights of a model, without its first argument.
 
-    It is called with head, values, length, arriving, left_side, reached_side, zeros, period; where
-    `zeros` is None, the acceleration depends on the state.
+    Where the acceleration depends on the state (not `in_time`), its zeros are found for each
+    flight, and those given are not used.
     """
     motion, named = kernels.motions, kernels.model.WALLS
+    if in_time:
+        return functools.partial(excursions, motion)
 
-    def excursion(head, values, length, arriving, left_side, reached_side, zeros, period):
-        if zeros is not None:
-            return excursions_in_time(
-                motion, head, values, length, arriving, left_side, reached_side, zeros, period
-            )
+    def excursion(head, values, length, arriving, left_side, reached_side, *_):
         vectorised = kernels.vectorised(kernels.motion(named[head[0]].name))
         breaks = chebyshev_zeros(lambda dt: vectorised(*head[1:], dt, *values)[2], length)
         return excursions(
@@ -540,29 +542,10 @@ def excursion_of(kernels: Kernels) -> Callable[..., tuple[float, float, float, f
     return excursion
 
 
-def excursions_in_time(
-    motion, head, values, length, arriving, left_side, reached_side, zeros, period
-):  # fmt: skip
-    """As `excursions`, where the acceleration depends on time alone and vanishes at `zeros`."""
-    phase = head[1] - math.floor(head[1] / period) * period
-    return excursions(
-        motion, head, values, length, arriving, left_side, reached_side, zeros, phase, period
-    )
-
-
-def gap_to(side, distance, found):
-    """Return the smallest gap to a wall and when it is reached, from what `excursions` found.
-
-    `distance` is the wall's displacement; not-a-number says that the flight never turns towards it.
-    """
-    if side > 0.0:
-        return distance - found[0], found[1]
-    return found[2] - distance, found[3]
-
-
 def _touch(flight: int, start: float, wall: Wall, distance: float, found: Any) -> Touch | None:
     """The smallest gap to a wall among the turning points towards it."""
-    gap, dt = gap_to(wall.side, distance, found)
+    high, when_high, low, when_low = found
+    gap, dt = (distance - high, when_high) if wall.side > 0 else (low - distance, when_low)
     return None if math.isnan(gap) else Touch(flight, wall.name, start + dt, gap)
 
 
@@ -654,21 +637,21 @@ def verdict(walls, sides, durations, gaps, times, velocities, forgiven):
     smallest : float
         Smallest gap of all; not a number where there is none.
     """
-    what, place, wall, amount, when, smallest = 0, 0, 0, 0.0, 0.0, math.nan
+    what, place, wall, amount, when, smallest = 0, 0, 0, 0.0, 0.0, math.inf
     count = len(sides)
     for k in range(len(walls)):
         if durations[k] < 0.0 and what == 0:
             what, place, amount = 1, k, durations[k]
         for i in range(count):
             gap = gaps[count * k + i]
-            if gap < 0.0 and what == 0:
-                what, place, wall, amount, when = 2, k, i, -gap, times[count * k + i]
-            if not gap >= smallest and gap == gap:
+            if gap < smallest:  # not where there is none
                 smallest = gap
+                if gap < 0.0 and what == 0:
+                    what, place, wall, amount, when = 2, k, i, -gap, times[count * k + i]
     for k in range(len(walls)):
         if velocities[k] * sides[walls[k]] < 0.0 and k != forgiven and what != 3:
             what, place, amount = 3, k, velocities[k]
-    return what, place, wall, amount, when, smallest
+    return what, place, wall, amount, when, smallest if smallest < math.inf else math.nan
 
 
 def reason_of(found: Any, word: str, named: Sequence[Wall]) -> str | None:

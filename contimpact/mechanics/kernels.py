@@ -56,6 +56,9 @@ ARRAY_NAMES = (
 )
 
 
+_PI = re.compile(r"\bpi\b")
+
+
 class _WhenAsked(dict[int, Kernel]):
     """Kernels by number, loaded when they are first asked for."""
 
@@ -186,7 +189,8 @@ class Kernels:
         else:
             self.loaded.append(name)
         namespace = dict(SCALAR_NAMES)
-        exec(compile(source, str(path or f"<kernel {name}>"), "exec"), namespace)
+        text = _PI.sub(repr(math.pi), source)  # a number, with which the compiler can reckon
+        exec(compile(text, str(path or f"<kernel {name}>"), "exec"), namespace)
         namespace[name].source = source
         return namespace[name]
 

@@ -76,21 +76,30 @@ TOGETHER = (3, 5)
 
 def stumpffs3(q):
     """c_1, c_2, c_3."""
-    if q == 0:
-        return 1.0, 0.5, 1.0 / 6.0
-    x = math.sqrt(abs(q))
-    h = 0.5 * x
-    half = math.sin(h) / h if q > 0 else math.sinh(h) / h
-    c1 = math.sin(x) / x if q > 0 else math.sinh(x) / x
-    return c1, 0.5 * half * half, stumpff3(q) if abs(q) < _SERIES_BELOW else (1.0 - c1) / q
+    c1, c2 = _first_two(q)
+    return c1, c2, stumpff3(q) if -_SERIES_BELOW < q < _SERIES_BELOW else (1.0 - c1) / q
 
 
 def stumpffs5(q):
     """c_1, ..., c_5."""
-    c1, c2, c3 = stumpffs3(q)
-    if abs(q) < _SERIES_BELOW:
-        return c1, c2, c3, stumpff4(q), stumpff5(q)
-    return c1, c2, c3, (0.5 - c2) / q, (1.0 / 6.0 - c3) / q
+    c1, c2 = _first_two(q)
+    if -_SERIES_BELOW < q < _SERIES_BELOW:
+        c5 = stumpff5(q)
+        return c1, c2, _SIXTH - q * c5, stumpff4(q), c5
+    c3 = (1.0 - c1) / q
+    return c1, c2, c3, (0.5 - c2) / q, (_SIXTH - c3) / q
+
+
+_SIXTH = 1.0 / 6.0
+
+
+def _first_two(q):
+    if q == 0:
+        return 1.0, 0.5
+    x = math.sqrt(abs(q))
+    h = 0.5 * x
+    half = math.sin(h) / h if q > 0 else math.sinh(h) / h
+    return math.sin(x) / x if q > 0 else math.sinh(x) / x, 0.5 * half * half
 
 
 _SAFE = 400.0
