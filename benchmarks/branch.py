@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import statistics
+from pathlib import Path
 
 from case import ALL, STEPS, follow, problem, start
 from contestant import MODES, Contestant, Sample, Workspace, seconds_of
@@ -24,7 +25,7 @@ def contestants(workspace: Workspace) -> list[Contestant]:
 def first_runs(workspace: Workspace) -> dict[str, float]:
     """Return the wall times of the first process, which generates kernels and compiles."""
     return {
-        f"contimpact {mode}": workspace.timed("follow_once.py", "fixed", "out.csv", mode=mode)
+        f"contimpact {mode}": workspace.timed("follow_once.py", "fixed", "b.first", mode=mode)
         for mode in MODES
     }
 
@@ -39,8 +40,8 @@ def _walk(workspace: Workspace, mode: str) -> list[Sample]:
 def _process(workspace: Workspace, mode: str) -> list[Sample]:
     samples = []
     for steps in STEPS:
-        seconds = workspace.timed("follow_once.py", steps, f"{steps}.csv", mode=mode)
-        points = workspace.call("branch.points_in", f"{steps}.csv")
+        seconds = workspace.timed("follow_once.py", steps, f"b.{steps}", mode=mode)
+        points = workspace.call("branch.points_in", f"b.{steps}")
         samples.append(Sample(steps, f"contimpact {mode}, process", seconds, points))
     return samples
 
@@ -64,7 +65,6 @@ def _timed_walks(steps: str, events: str) -> tuple[float, int]:
 
 
 def points_in(table: str) -> int:
-    """Count the points of the walk in a branch's table: the rows that are no event's."""
-    from contimpact.catalogue import read_branch
-
-    return int((read_branch(table)["event"] == "").sum())
+    """Count the points of the walk in an AUTO file: ordinary ones (type 0) and ends (9)."""
+    rows = Path(table).read_text(encoding="utf-8").splitlines()[1:]
+    return sum(row.split()[2] in ("0", "9") for row in rows)

@@ -29,23 +29,3 @@ def cache_folder() -> Path | None:
         log.warning("kernels and compiled code are not cached: %s", error)
         return None
     return folder
-
-
-def put(path: Path, content: bytes) -> None:
-    """Put a whole file in place at once: another process may be writing or reading it.
-
-    Raises
-    ------
-    OSError
-        If it cannot be written.
-    """
-    import tempfile
-
-    handle, temporary = tempfile.mkstemp(dir=path.parent, prefix=path.stem, suffix=".tmp")
-    try:
-        with os.fdopen(handle, "wb") as file:
-            file.write(content)
-        os.replace(temporary, path)
-    except OSError:
-        Path(temporary).unlink(missing_ok=True)
-        raise

@@ -18,7 +18,6 @@ import os
 import platform
 import re
 import sys
-import tempfile
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -29,6 +28,7 @@ from . import __version__
 from .continuation.branch import End, EndKind
 from .diagram import Branch, Diagram, Entry
 from .errors import InputError
+from .files import reason, write_text
 from .reading import read
 
 if TYPE_CHECKING:
@@ -72,6 +72,8 @@ def prepare_folder(
     InputError
         If it cannot.
     """
+    import tempfile
+
     if not str(folder):
         raise InputError("output folder", "empty", "give the path of a folder")
     folder = Path(folder)
@@ -81,7 +83,7 @@ def prepare_folder(
             pass
     except (OSError, ValueError) as error:
         raise InputError(
-            str(folder), f"cannot be written ({_reason(error)})", "give another folder"
+            str(folder), f"cannot be written ({reason(error)})", "give another folder"
         ) from None
     for name in files:
         if (folder / name).is_dir():
@@ -90,39 +92,6 @@ def prepare_folder(
         if os.path.lexists(folder / name) and not (folder / name).is_dir():
             raise InputError(str(folder / name), "not a folder", "move it: a folder is to be made")
     return folder
-
-
-def _reason(error: Exception) -> str:
-    return str(getattr(error, "strerror", None) or error)
-
-
-def write_text(path: Path, text: str) -> None:
-    """Write a file whole or not at all.
-
-    Raises
-    ------
-    InputError
-        If it cannot be written.
-    """
-    try:
-        _replace_text(path, text)
-    except OSError as error:
-        raise InputError(
-            str(path), f"cannot be written ({_reason(error)})", "give another folder"
-        ) from None
-
-
-def _replace_text(path: Path, text: str) -> None:
-    path.parent.mkdir(parents=True, exist_ok=True)
-    handle, temporary = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.")
-    try:
-        with os.fdopen(handle, "w", encoding="utf-8", newline="") as file:
-            file.write(text)
-        os.chmod(temporary, 0o644)
-        os.replace(temporary, path)
-    except BaseException:
-        Path(temporary).unlink(missing_ok=True)
-        raise
 
 
 def write_diagram(diagram: Diagram, folder: str | Path) -> list[str]:
@@ -370,7 +339,7 @@ def _reading(path: Path, schema: str) -> Iterator[None]:
         raise
     except OSError as error:
         raise InputError(
-            str(path), f"cannot be read ({_reason(error)})", f"give a file of {schema!r}"
+            str(path), f"cannot be read ({reason(error)})", f"give a file of {schema!r}"
         ) from None
     except (ValueError, LookupError, TypeError, AttributeError, RecursionError) as error:
         raise InputError(

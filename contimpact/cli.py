@@ -261,7 +261,8 @@ def _simulate(options: argparse.Namespace) -> int:
     if scene.simulate is None:
         raise InputError(options.scene, "no table [simulate]", "add one, see the scene format")
     from .attractors.simulation import simulate, write_simulation
-    from .catalogue import manifest_text, prepare_folder, write_text
+    from .catalogue import manifest_text, prepare_folder
+    from .files import write_text
 
     folder = prepare_folder(options.output)
     progress = _progress(options.quiet)
@@ -373,7 +374,8 @@ def _write_manifest(
     scene: Scene, diagram: Diagram, folder: Path, left_out: list[str],
     seconds: dict[str, float], files: list[str],
 ) -> None:  # fmt: skip
-    from .catalogue import manifest_text, write_text
+    from .catalogue import manifest_text
+    from .files import write_text
 
     statistics = {**diagram.statistics, "seconds": seconds}
     text = manifest_text(scene.resolved(), scene.given, left_out, statistics, files)

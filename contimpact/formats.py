@@ -7,8 +7,8 @@ from typing import Any
 
 import numpy as np
 
-from .catalogue import write_text
 from .diagram import Branch
+from .files import write_text
 
 AUTO_TYPES = {"FB": 5, "BP": 6, "PD": 7, "NS": 8, "UZ": -4}
 """AUTO-07p's codes for points on branches of periodic orbits; other events are written as UZ."""

@@ -9,8 +9,8 @@ import re
 from pathlib import Path
 from typing import Any
 
-from .cache import put
 from .compiled import ENTRY, INTEGERS, TABLE, VECTOR, digest_beside
+from .files import put
 from .program import Program
 
 log = logging.getLogger(__name__)

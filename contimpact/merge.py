@@ -7,8 +7,9 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from .catalogue import CATALOGUE, MANIFEST, csv_text, json_text, read_json, write_text
+from .catalogue import CATALOGUE, MANIFEST, csv_text, json_text, read_json
 from .errors import InputError
+from .files import write_text
 
 CATALOGUES = "contimpact.catalogues/1"
 FILES = ("catalogues.json", "catalogues.csv", "catalogues.md")

@@ -19,7 +19,7 @@ FILES = {
 }
 """Every module of the package, by its dotted name."""
 
-COMPILING = {"contimpact.cache", "contimpact.compiled", "contimpact.program"}
+COMPILING = {"contimpact.cache", "contimpact.compiled", "contimpact.files", "contimpact.program"}
 """Rooms that any part may use: the cache, compiled code, and what it is made of."""
 
 TRUSTED = {

@@ -645,6 +645,7 @@ def test_a_warm_check_imports_what_it_needs(results):
 
 ENDLESS = (
     "[plot]", "[numerics]\nstep = 1e-6\nmax_step = 1e-6\nmax_points = 100000000\n[plot]",
+    "[follow]", "[follow]\nmax_points = 100000000",
 )  # fmt: skip
 
 

@@ -7,7 +7,6 @@ import math
 import os
 import subprocess
 import sys
-import tempfile
 from pathlib import Path
 
 import mpmath as mp
@@ -561,7 +560,7 @@ def test_folder_that_cannot_be_written(pair, folder, monkeypatch, caplog):
     def refuse(*args, **kwargs):
         raise PermissionError("read-only")
 
-    monkeypatch.setattr(tempfile, "mkstemp", refuse)
+    monkeypatch.setattr(os, "replace", refuse)
     kernels, out = evaluated(pair())
     assert kernels.generated == [QUICK]
     assert all(map(math.isfinite, out))

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from ..catalogue import write_text
+from ..files import write_text
 from .report import SAMPLES, SHOT
 
 

@@ -14,9 +14,10 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from ..catalogue import csv_text, json_text, write_text
+from ..catalogue import csv_text, json_text
 from ..diagram import Branch, Diagram
 from ..errors import InputError
+from ..files import write_text
 from .attractor import Attractor
 from .sweep import Row, Sweep
 

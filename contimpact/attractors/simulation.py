@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ..catalogue import write_text
+from ..files import write_text
 from ..mechanics.kernels import Kernels
 from ..scene import Scene
 from .attractor import Attractor, Kind

@@ -20,8 +20,9 @@ from typing import Any
 
 import numpy as np
 
-from ..cache import cache_folder, put
+from ..cache import cache_folder
 from ..errors import InputError
+from ..files import put
 from . import stumpff
 from .model import Model
 
