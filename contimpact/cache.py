@@ -2,12 +2,17 @@
 
 from __future__ import annotations
 
-import logging
 import os
 import sys
 from pathlib import Path
+from typing import Any
 
-log = logging.getLogger(__name__)
+
+def logger(name: str) -> Any:
+    """Return a logger; `logging` is imported when there is something to say."""
+    import logging
+
+    return logging.getLogger(name)
 
 
 def cache_folder() -> Path | None:
@@ -26,6 +31,6 @@ def cache_folder() -> Path | None:
     try:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
-        log.warning("kernels and compiled code are not cached: %s", error)
+        logger(__name__).warning("kernels and compiled code are not cached: %s", error)
         return None
     return folder

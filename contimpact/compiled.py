@@ -13,7 +13,6 @@ from __future__ import annotations
 import functools
 import hashlib
 import importlib.util
-import logging
 import os
 import platform
 import sys
@@ -21,13 +20,11 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from .cache import cache_folder
+from .cache import cache_folder, logger
 from .errors import InputError
 
 if TYPE_CHECKING:
     from .program import Program
-
-log = logging.getLogger(__name__)
 
 MODES = ("auto", "always", "never")
 PAYS_AFTER = 1_000_000
@@ -145,10 +142,10 @@ def _make(
     from .machine_code import linked, object_code
 
     began = time.perf_counter()
-    log.info("compiling %s", name)
+    logger(__name__).info("compiling %s", name)
     folder = folder or Path(tempfile.mkdtemp())
     linked(object_code(program, arguments), folder / f"{name}.o")
-    log.info("compiled %s in %.1f s", name, time.perf_counter() - began)
+    logger(__name__).info("compiled %s in %.1f s", name, time.perf_counter() - began)
     return _load(folder, name, arguments)
 
 
@@ -200,7 +197,7 @@ def _load(folder: Path, name: str, arguments: Sequence[str]) -> Compiled | None:
             loaded = ctypes.CDLL(str(library))
             function = getattr(loaded, ENTRY)
         except (OSError, AttributeError) as error:
-            log.warning("compiled code %s cannot be loaded: %s", library, error)
+            logger(__name__).warning("compiled code %s cannot be loaded: %s", library, error)
         else:
             function.argtypes, function.restype = kinds, ctypes.c_int64
             return Compiled(function, loaded)
@@ -222,10 +219,10 @@ def _whole(path: Path) -> bool:
     except FileNotFoundError:
         return False
     except OSError as error:
-        log.warning("compiled code %s cannot be read: %s", path, error)
+        logger(__name__).warning("compiled code %s cannot be read: %s", path, error)
         return False
     if found != expected:
-        log.warning("compiled code %s is damaged: compiling it anew", path)
+        logger(__name__).warning("compiled code %s is damaged: compiling it anew", path)
     return found == expected
 
 

@@ -243,11 +243,10 @@ def _may_hide(
     behind = 0.0 if before is None else segment.left.arclength - before.arclength
     if before is not None and not (behind > 0.0 and ahead > 0.0):
         return False
-    earlier = left if before is None else before.values
-    return any(
-        bool(np.any(hides(a, b, c, behind, ahead)))
-        for a, b, c in zip(earlier, left, right, strict=True)
-    )
+    if not left:
+        return False
+    lists = (left if before is None else before.values, left, right)
+    return bool(np.any(hides(*(np.concatenate(values) for values in lists), behind, ahead)))
 
 
 def hides(a: Array, b: Array, c: Array, behind: Any, ahead: Any) -> Array:

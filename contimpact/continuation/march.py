@@ -152,9 +152,15 @@ def noteworthy(values: Array, arclengths: Array) -> list[int]:
     arclengths : ndarray of shape (P + 2,)
     """
     a, b, c = values[:-2], values[1:-1], values[2:]
-    steps = np.diff(arclengths)[:, None]
-    marked = crosses(b, c) | hides(a, b, c, steps[:-1], steps[1:])
-    return np.nonzero(np.any(marked, axis=1))[0].tolist()
+    behind, ahead = np.diff(arclengths)[:-1, None], np.diff(arclengths)[1:, None]
+    with np.errstate(all="ignore"):
+        far = np.minimum(np.abs(b), np.abs(c))
+        quiet = (np.abs(c - b) < far) & (np.abs(b - a) * (ahead / behind) < far)
+        quiet |= np.isnan(b) & np.isnan(c)
+    rows, columns = np.nonzero(~quiet)  # the others are far from zero: see `hides`
+    a, b, c = a[rows, columns], b[rows, columns], c[rows, columns]
+    marked = crosses(b, c) | hides(a, b, c, behind[rows, 0], ahead[rows, 0])
+    return sorted(set(rows[marked].tolist()))
 
 
 class System(Protocol):

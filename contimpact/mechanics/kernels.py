@@ -10,7 +10,6 @@ from __future__ import annotations
 import functools
 import hashlib
 import importlib.util
-import logging
 import math
 import re
 import types
@@ -20,13 +19,11 @@ from typing import Any
 
 import numpy as np
 
-from ..cache import cache_folder
+from ..cache import cache_folder, logger
 from ..errors import InputError
 from ..files import put
 from . import stumpff
 from .model import Model
-
-log = logging.getLogger(__name__)
 
 Kernel = Callable[..., tuple[Any, ...]]
 
@@ -202,7 +199,7 @@ class Kernels:
     def _generate(self, name: str, key: str) -> str:
         from .codegen import KernelWriter
 
-        log.info("generating kernel %s of %s", name, self.model.SYSTEM)
+        logger(__name__).info("generating kernel %s of %s", name, self.model.SYSTEM)
         if self._writer is None:
             self._writer = KernelWriter(self.model, self.parameters)
         free = ", ".join(self.parameters)
@@ -237,11 +234,13 @@ def _read(path: Path, key: str) -> str | None:
     except FileNotFoundError:
         return None
     except (OSError, UnicodeDecodeError) as error:
-        log.warning("cached kernel %s cannot be read (%s): generating it anew", path, error)
+        logger(__name__).warning(
+            "cached kernel %s cannot be read (%s): generating it anew", path, error
+        )
         return None
     head, _, body = source.partition("\n")
     if head != f"# {key} {_digest(body)}":
-        log.warning("cached kernel %s is damaged or foreign: generating it anew", path)
+        logger(__name__).warning("cached kernel %s is damaged or foreign: generating it anew", path)
         return None
     return source
 
@@ -250,4 +249,4 @@ def _write(path: Path, source: str) -> None:
     try:
         put(path, source.encode())
     except OSError as error:
-        log.warning("kernel %s is not cached: %s", path.name, error)
+        logger(__name__).warning("kernel %s is not cached: %s", path.name, error)
