@@ -80,8 +80,9 @@ class Course(NamedTuple):
         The test functions: where in `facts` each is, and the value it is to reach.
     zeros : vector
         Zeros of the acceleration, where they are the same along the branch.
-    blocks, kept, reduced : table
-        Room for the flights, for their elimination and for what is left.
+    blocks, kept, reduced, fixed : table
+        Room for the flights, for their elimination, for what is left, and for what the kernel
+        ``setup`` returns.
     clock, facts, durations, gaps, times, velocities : vector
         Room for the period, for the test functions, and for what decides whether an orbit is
         physical.
@@ -98,6 +99,7 @@ class Course(NamedTuple):
     blocks: Any
     kept: Any
     reduced: Any
+    fixed: Any
     clock: Any
     facts: Any
     durations: Any
@@ -108,9 +110,10 @@ class Course(NamedTuple):
 
 def evaluate_cycle(flight, setup, course, z):
     """Evaluate the flights of an orbit; returns the largest residual."""
+    counts = course.counts
     return assemble(
-        flight, setup, course.kinds, course.counts[PERIODS], course.counts[FREE], course.values,
-        course.blocks, course.clock, z,
+        flight, setup, course.kinds, counts[PERIODS], counts[FREE], course.values, course.blocks,
+        course.clock, course.fixed, z,
     )  # fmt: skip
 
 
@@ -151,9 +154,13 @@ def tangent_of_cycle(course, z, row, scale, out):
     return scaled(reduced[12], reduced[13] + sizes, det * size, norms)
 
 
-def measure(setup, breaks, excursion, course, z):
-    """Fill in durations, velocities, gaps and when they are smallest, also among the facts."""
-    fixed = setup(course.values)
+def measure(breaks, excursion, course, z):
+    """Fill in durations, velocities, gaps and when they are smallest, also among the facts.
+
+    Returns the smallest gap of all (infinite where there is none), and whether the orbit is surely
+    physical.
+    """
+    fixed = course.fixed[0]
     count, walls, wanted = len(course.kinds), course.counts[WALLS], course.counts[GAPS] != 0
     word, sides, values, facts = course.word, course.sides, course.values, course.facts
     gaps, times, span = course.gaps, course.times, course.clock[0]
@@ -161,6 +168,7 @@ def measure(setup, breaks, excursion, course, z):
     zeros = breaks(values, period, course.zeros)
     velocities = LISTS + walls * count
     durations = velocities + count
+    smallest, sure = math.inf, True
     for k in range(count):
         i = 2 * k
         start, speed, wall = z[i], z[i + 1], word[k]
@@ -169,15 +177,18 @@ def measure(setup, breaks, excursion, course, z):
         else:
             length, arriving, following = z[0] + span - start, z[1], word[0]
         course.durations[k], course.velocities[k] = length, speed
-        facts[velocities + k] = sides[wall] * speed
+        towards = sides[wall] * speed
+        facts[velocities + k] = towards
+        if length < 0.0 or towards < 0.0:
+            sure = False
         facts[durations + k] = length if abs(length) >= SAME_TIME else math.nan
         high, when_high, low, when_low = math.nan, math.nan, math.nan, math.nan
+        at = walls * k
         if wanted and length > 0.0:
             high, when_high, low, when_low = excursion(
                 (wall, start, speed), values, length, arriving, sides[wall], sides[following],
                 zeros, start % period, period,
             )  # fmt: skip
-        at = walls * k
         for j in range(walls):
             gap, dt = fixed[3 + j] - fixed[3 + wall], when_high
             if sides[j] > 0.0:
@@ -185,14 +196,17 @@ def measure(setup, breaks, excursion, course, z):
             else:
                 gap, dt = low - gap, when_low
             gaps[at + j], times[at + j], facts[LISTS + at + j] = gap, start + dt, gap
+            if gap < smallest:
+                smallest = gap
     if course.counts[SETUP] != 0:
         for j in range(len(fixed)):
             facts[durations + count + j] = fixed[j]
+    return smallest, sure and smallest >= 0.0
 
 
-def observe_cycle(setup, breaks, excursion, course, z, tangent, orientation, rows, at):
+def observe_cycle(breaks, excursion, course, z, tangent, orientation, rows, at):
     """Put the test functions, the residual, the multipliers and the verdict into a row."""
-    measure(setup, breaks, excursion, course, z)
+    smallest, sure = measure(breaks, excursion, course, z)
     facts, walls, last = course.facts, course.counts[WALLS], len(z) - 1
     product = product_of_multipliers(course.blocks, course.kinds, walls, z, course.clock[0])
     facts[FB], facts[BP], facts[PARAMETER] = tangent[last], orientation, z[last]
@@ -210,10 +224,14 @@ def observe_cycle(setup, breaks, excursion, course, z, tangent, orientation, row
     rows[at] = worst
     at += 1
     rows[at], rows[at + 1], rows[at + 2], rows[at + 3] = multipliers(course.reduced[0], product)
-    what, place, wall, amount, when, smallest = verdict(
-        course.word, course.sides, course.durations, course.gaps, course.times, course.velocities,
-        -1,
-    )  # fmt: skip
+    what, place, wall, amount, when = 0, 0, 0, 0.0, 0.0
+    if sure:
+        smallest = smallest if smallest < math.inf else math.nan
+    else:
+        what, place, wall, amount, when, smallest = verdict(
+            course.word, course.sides, course.durations, course.gaps, course.times,
+            course.velocities, -1,
+        )  # fmt: skip
     known = course.counts[GAPS] != 0
     rows[at + 4], rows[at + 5], rows[at + 6] = what if known else math.nan, place, wall
     rows[at + 7], rows[at + 8], rows[at + 9] = amount, when, smallest
@@ -271,6 +289,7 @@ class OrbitSystem:
             places=vector(places), targets=vector(targets, float),
             zeros=vector([0.0] * 2 if self.variant == "single" else self.zeros or [], float),
             blocks=table(count, BLOCK), kept=table(count, KEPT), reduced=table(1, KEPT),
+            fixed=table(1, len(self.fixed)),
             clock=vector([0.0] * 2), facts=vector([0.0] * (facts + len(self.fixed))),
             durations=vector([0.0] * count),
             gaps=vector([0.0] * count * walls), times=vector([0.0] * count * walls),
@@ -348,7 +367,7 @@ def _array(numbers: Any, kind: type | None = None) -> Any:
     return np.array(numbers, dtype=kind)
 
 
-ARGUMENTS = "iiiffiffFFFffffff" + "ffffffFfi"
+ARGUMENTS = "iiiff" "iff" "FFFF" "ffffff" "ff" "ffff" "Ffi"  # fmt: skip
 """Kinds of the entry's arguments, in its order: a course's fields, then those of `march`."""
 
 
@@ -375,7 +394,7 @@ def plain_functions(problem: OrbitProblem, fixed: list[float] | None) -> tuple[A
         return time_zeros(kernels.harmonics(*values), period) if moving else fixed
 
     def observe(course, z, tangent, orientation, rows, at):
-        return observe_cycle(setup, breaks, excursion, course, z, tangent, orientation, rows, at)
+        return observe_cycle(breaks, excursion, course, z, tangent, orientation, rows, at)
 
     return evaluate, newton_step, tangent_of_cycle, observe
 

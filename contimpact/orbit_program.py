@@ -13,12 +13,13 @@ from .program import Program
 
 ENTRY = """
 def entry(
-    kinds, word, counts, values, sides, places, targets, zeros, blocks, kept, reduced, clock, facts,
-    durations, gaps, times, velocities, options, state, scale, z, tangent, chord, room, rows, size,
+    kinds, word, counts, values, sides, places, targets, zeros, blocks, kept, reduced, fixed, clock,
+    facts, durations, gaps, times, velocities, options, state, scale, z, tangent, chord, room,
+    rows, size,
 ):
     course = Course(
-        kinds, word, counts, values, sides, places, targets, zeros, blocks, kept, reduced, clock,
-        facts, durations, gaps, times, velocities,
+        kinds, word, counts, values, sides, places, targets, zeros, blocks, kept, reduced, fixed,
+        clock, facts, durations, gaps, times, velocities,
     )
     return march(
         evaluate, newton_step, tangent_of_cycle, observe, course, options, state, scale, z, tangent,
@@ -37,7 +38,7 @@ def excursion(head, values, length, arriving, left_side, reached_side, zeros, ph
     )
 
 def observe(course, z, tangent, orientation, rows, at):
-    return observe_cycle(any_setup, breaks, excursion, course, z, tangent, orientation, rows, at)
+    return observe_cycle(breaks, excursion, course, z, tangent, orientation, rows, at)
 """
 
 

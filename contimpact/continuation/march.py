@@ -230,7 +230,8 @@ def march(
             orientation = tangent_at(data, new, row, scale, along)
         if orientation == orientation:
             turned = angle(along, tangent, scale)
-        if not turned <= widest or leaves(z, new, tangent, along, scale, low, high):
+        turns = tangent[n - 1] * along[n - 1] < 0.0
+        if not turned <= widest or (turns and leaves(z, new, tangent, along, scale, low, high)):
             state[REJECTED] += 1
             if step <= smallest:
                 state[ITERATIONS] -= iterations
@@ -238,7 +239,9 @@ def march(
                 return made
             state[STEP] = max(0.5 * step, smallest)
             continue
-        if unusual(z[n - 1], new[n - 1], orientation, scale[n - 1], options, state):
+        if not low <= new[n - 1] <= high or unusual(
+            z[n - 1], new[n - 1], orientation, scale[n - 1], options, state
+        ):
             state[ITERATIONS] -= iterations
             return made
         at = width * made
@@ -275,11 +278,9 @@ def leaves(z, new, tangent, along, scale, low, high):
 
 
 def unusual(before, now, orientation, size, options, state):
-    """Whether a step leaves the range, flips the orientation, or may close the branch."""
-    if not options[LOW] <= now <= options[HIGH]:
-        return True
-    known = state[ORIENTATION] == state[ORIENTATION]
-    if known and (orientation >= 0.0) != (state[ORIENTATION] >= 0.0):
+    """Whether a step flips the orientation, or may close the branch."""
+    known = state[ORIENTATION]
+    if (orientation >= 0.0) != (known >= 0.0) and known == known:
         return True
     reach = 1.5 * abs(now - before) + options[SAME] * size
     return state[POINTS] >= 4.0 and abs(now - options[FIRST]) <= reach

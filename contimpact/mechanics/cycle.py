@@ -44,7 +44,7 @@ def store_compiled(table, row, numbers):
         table[row, i] = numbers[i]
 
 
-def assemble(flight, setup, kinds, periods, place, values, blocks, clock, z):
+def assemble(flight, setup, kinds, periods, place, values, blocks, clock, fixed, z):
     """Evaluate every flight of a cycle at the unknowns z; returns the largest residual.
 
     Parameters
@@ -63,13 +63,16 @@ def assemble(flight, setup, kinds, periods, place, values, blocks, clock, z):
         Filled with a row per flight.
     clock : vector
         Filled with the orbit's period and its derivative by the free parameter.
+    fixed : table
+        Filled with a row: what `setup` returned.
     z : vector
         t_1, v_1, ..., t_N, v_N, lambda.
     """
     last = len(kinds) - 1
     values[place] = z[2 * last + 2]
-    fixed = setup(values)
-    span, drift = periods * fixed[0], periods * fixed[1]
+    setting = setup(values)
+    store(fixed, 0, setting)
+    span, drift = periods * setting[0], periods * setting[1]
     clock[0], clock[1] = span, drift
     size, total = 0.0, 0.0
     for k in range(last):
