@@ -56,6 +56,15 @@ class Segment:
             return None
         return self.point(result.evaluation, result.iterations)
 
+    def near(self, fraction: float) -> Point | None:
+        """Return a guess of that point, not corrected; None where the equations have no value."""
+        span = self.right.arclength - self.left.arclength
+        try:
+            here = self.problem.evaluate(hermite(self.left, self.right, span, fraction))
+        except (ArithmeticError, ValueError):
+            return None
+        return Point(here, self.left.tangent, np.nan, self.left.arclength + fraction * span, 0)
+
     def point(self, evaluation: Any, iterations: int) -> Point | None:
         """Return an evaluation as a point of this segment, None where it has no tangent."""
         span = self.right.arclength - self.left.arclength
@@ -246,7 +255,8 @@ def _may_hide(
     if not left:
         return False
     lists = (left if before is None else before.values, left, right)
-    return bool(np.any(hides(*(np.concatenate(values) for values in lists), behind, ahead)))
+    a, b, c = (np.concatenate(values) for values in lists)
+    return bool(np.any(hides(a, b, c, behind, ahead)))
 
 
 def hides(a: Array, b: Array, c: Array, behind: Any, ahead: Any) -> Array:
@@ -281,12 +291,15 @@ def locate(
 ) -> Event | Missed:
     """Locate one crossing: Newton on the extended system, from ever closer points.
 
-    The first guess is linear interpolation. If Newton fails or leaves the segment, the bracket is
-    narrowed along the branch and Newton tried again; a bracket narrowed to rounding is itself the
-    answer.
+    The first guess is linear interpolation along the cubic between both points. If Newton fails or
+    leaves the segment, the bracket is narrowed along the branch and Newton tried again; a bracket
+    narrowed to rounding is itself the answer.
     """
     a, b, fa, fb = 0.0, 1.0, left, right
-    guess: Point | None = None
+    guess = segment.near(_next_fraction(a, b, fa, fb, 0))
+    event = _by_newton(test, segment, guess, index) if guess is not None else None
+    if event is not None:
+        return event
     for attempt in range(60):
         fraction = _next_fraction(a, b, fa, fb, attempt)
         guess = segment.at(fraction) or segment.at(a + 0.999 * (fraction - a))
