@@ -25,6 +25,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from . import __version__
+from .compiled import mode, used
 from .continuation.branch import End, EndKind
 from .diagram import Branch, Diagram, Entry
 from .errors import InputError
@@ -480,6 +481,7 @@ def manifest_text(
             "versions": versions,
             "scene": {"given": given, "resolved": scene},
             **statistics,
+            "compiled": {"mode": mode(), "programs": used()},
             "modules": _modules(),
             "left_out": list(left_out),
             "files": sorted(files),

@@ -13,6 +13,7 @@ from __future__ import annotations
 import functools
 import hashlib
 import importlib.util
+import math
 import os
 import platform
 import sys
@@ -22,6 +23,7 @@ from typing import TYPE_CHECKING, Any
 
 from .cache import cache_folder, logger
 from .errors import InputError
+from .files import put
 
 if TYPE_CHECKING:
     from .program import Program
@@ -98,12 +100,15 @@ def compiled(
     key = hashlib.sha256("\0".join((*identity, arguments, *_machine())).encode()).hexdigest()
     if key in _LOADED:
         return _LOADED[key]
-    folder = cache_folder()
-    name = f"compiled-{key[:24]}"
-    found = _load(folder, name, arguments) if folder else None
+    folder, name = cache_folder(), f"compiled-{key[:24]}"
+    found = None
+    if folder is not None and key not in _MISSING:
+        found = _load(folder, name, arguments)
     if found is None and pays():
-        found = _make(build(), arguments, folder, name)
-    if found is not None:
+        found = _make(build, arguments, folder, name)
+    if found is None:
+        _MISSING.add(key)
+    else:
         _LOADED[key] = found
     return found
 
@@ -124,32 +129,57 @@ def pays() -> bool:
     return mode() == "always" or (_SPENT[0] >= PAYS_AFTER and available())
 
 
+def used() -> int:
+    """Return how many compiled programs this process has loaded."""
+    return len(_LOADED)
+
+
 def spend(flights: int) -> None:
     """Note flights that were evaluated plainly."""
     _SPENT[0] += flights
 
 
-_SPENT = [0]
+_SPENT = [0.0]
 
 
 def _make(
-    program: Program, arguments: str, folder: Path | None, name: str
+    build: Callable[[], Program], arguments: str, folder: Path | None, name: str
 ) -> Compiled | None:  # fmt: skip
-    """Compile a program and put its machine code into the cache."""
+    """Compile a program, and put its machine code into the cache if that can be written."""
+    import atexit
+    import shutil
     import tempfile
     import time
 
-    from .machine_code import linked, object_code
+    from .machine_code import object_code
 
     began = time.perf_counter()
     logger(__name__).info("compiling %s", name)
-    folder = folder or Path(tempfile.mkdtemp())
-    linked(object_code(program, arguments), folder / f"{name}.o")
+    try:
+        machine_code = object_code(build(), arguments)
+    except Exception as error:  # of whatever kind: what runs plainly must not end because of it
+        if mode() == "always":
+            raise
+        why = "nothing is compiled in this process: %s: %s"
+        logger(__name__).warning(why, type(error).__name__, error)
+        _SPENT[0] = -math.inf
+        return None
     logger(__name__).info("compiled %s in %.1f s", name, time.perf_counter() - began)
+    if folder is not None:
+        try:
+            put_whole(folder / f"{name}.o", machine_code)
+        except OSError as error:
+            logger(__name__).warning("compiled code is not cached: %s", error)
+        else:
+            return _load(folder, name, arguments)
+    folder = Path(tempfile.mkdtemp(prefix="contimpact-"))
+    atexit.register(shutil.rmtree, folder, ignore_errors=True)
+    put_whole(folder / f"{name}.o", machine_code)
     return _load(folder, name, arguments)
 
 
 _LOADED: dict[str, Compiled] = {}
+_MISSING: set[str] = set()
 
 
 @functools.cache
@@ -192,6 +222,8 @@ def _load(folder: Path, name: str, arguments: Sequence[str]) -> Compiled | None:
         for kind in (ctypes.c_void_p, *[ctypes.c_int64] * (2 if argument == TABLE else 1))
     ]
     library, machine_code = folder / f"{name}.so", folder / f"{name}.o"
+    if _whole(machine_code) and not _whole(library):
+        _link(machine_code, library)
     if _whole(library):
         try:
             loaded = ctypes.CDLL(str(library))
@@ -206,7 +238,25 @@ def _load(folder: Path, name: str, arguments: Sequence[str]) -> Compiled | None:
     return _by_llvm(machine_code, kinds)
 
 
-def digest_beside(path: Path) -> Path:
+def _link(machine_code: Path, library: Path) -> None:
+    """Make a shared library, where the machine has a linker."""
+    from .machine_code import linked
+
+    try:
+        content = linked(machine_code)
+        if content is not None:
+            put_whole(library, content)
+    except OSError as error:
+        logger(__name__).info("%s is not made: %s", library, error)
+
+
+def put_whole(path: Path, content: bytes) -> None:
+    """Put a file and its digest down."""
+    put(path, content)
+    put(_digest_beside(path), hashlib.sha256(content).hexdigest().encode())
+
+
+def _digest_beside(path: Path) -> Path:
     """The file that holds the digest of a file of machine code."""
     return path.with_name(f"{path.name}.sha256")
 
@@ -214,15 +264,15 @@ def digest_beside(path: Path) -> Path:
 def _whole(path: Path) -> bool:
     """Whether a file is there and is what was written; loading a damaged one could crash."""
     try:
-        expected = digest_beside(path).read_text()
-        found = hashlib.sha256(path.read_bytes()).hexdigest()
+        expected = _digest_beside(path).read_bytes()
+        found = hashlib.sha256(path.read_bytes()).hexdigest().encode()
     except FileNotFoundError:
         return False
     except OSError as error:
         logger(__name__).warning("compiled code %s cannot be read: %s", path, error)
         return False
     if found != expected:
-        logger(__name__).warning("compiled code %s is damaged: compiling it anew", path)
+        logger(__name__).warning("compiled code %s is damaged and not used", path)
     return found == expected
 
 

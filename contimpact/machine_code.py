@@ -2,18 +2,12 @@
 
 from __future__ import annotations
 
-import hashlib
-import logging
-import os
 import re
 from pathlib import Path
 from typing import Any
 
-from .compiled import ENTRY, INTEGERS, TABLE, VECTOR, digest_beside
-from .files import put
+from .compiled import ENTRY, INTEGERS, TABLE, VECTOR
 from .program import Program
-
-log = logging.getLogger(__name__)
 
 
 def object_code(program: Program, arguments: str) -> bytes:
@@ -109,26 +103,32 @@ def _stub(kind: str, name: str, arguments: str) -> str:
     return f"define internal {returned} @{name}({', '.join(kinds)}) {{ ret {result} }}"
 
 
-def linked(machine_code: bytes, path: Path) -> None:
-    """Put machine code into a file, and beside it as a shared library where there is a linker."""
+def linked(path: Path) -> bytes | None:
+    """Return an object file made into a shared library; None where there is no linker.
+
+    Raises
+    ------
+    OSError
+        If the linker fails.
+    """
     import shutil
     import subprocess
+    import tempfile
 
-    _put_whole(path, machine_code)
     linker = next((found for name in ("cc", "gcc", "clang") if (found := shutil.which(name))), None)
     if linker is None:
-        return
-    library = path.with_suffix(".so")
-    temporary = library.with_suffix(f".{os.getpid()}.tmp")
-    command = [linker, "-shared", "-o", str(temporary), str(path), "-lm"]
-    try:
-        subprocess.check_output(command, stderr=subprocess.STDOUT)
-        _put_whole(library, temporary.read_bytes())
-    except subprocess.CalledProcessError as error:
-        log.info("not linked: %s", error.output.decode(errors="replace").strip())
-    temporary.unlink(missing_ok=True)
+        return None
+    with tempfile.TemporaryDirectory(prefix="contimpact-") as folder:
+        library = Path(folder) / "library.so"
+        command = [linker, "-shared", "-o", str(library), str(path), "-lm"]
+        try:
+            subprocess.check_output(command, stderr=subprocess.STDOUT, timeout=PATIENCE)
+        except subprocess.CalledProcessError as error:
+            raise OSError(error.output.decode(errors="replace").strip()) from None
+        except subprocess.TimeoutExpired:
+            raise OSError(f"{linker} took more than {PATIENCE} s") from None
+        return library.read_bytes()
 
 
-def _put_whole(path: Path, content: bytes) -> None:
-    put(path, content)
-    put(digest_beside(path), hashlib.sha256(content).hexdigest().encode())
+PATIENCE = 60
+"""Seconds that a linker may take."""

@@ -6,6 +6,7 @@ import importlib.util
 import logging
 import math
 import os
+import shutil
 import subprocess
 import sys
 
@@ -204,6 +205,7 @@ def test_always_without_numba_says_what_to_install(monkeypatch, tmp_path):
     monkeypatch.setenv("CONTIMPACT_COMPILED", "always")
     monkeypatch.setenv("CONTIMPACT_CACHE", str(tmp_path))
     monkeypatch.setattr(module, "_LOADED", {})
+    monkeypatch.setattr(module, "_MISSING", set())
     monkeypatch.setattr(module, "available", lambda: False)
     with pytest.raises(InputError, match=r"install contimpact\[fast\]"):
         system_of(problem_of(), ()).compiled(10)
@@ -211,7 +213,7 @@ def test_always_without_numba_says_what_to_install(monkeypatch, tmp_path):
 
 def test_compiling_waits_until_it_pays(monkeypatch):
     monkeypatch.setenv("CONTIMPACT_COMPILED", "auto")
-    monkeypatch.setattr(module, "_SPENT", [0])
+    monkeypatch.setattr(module, "_SPENT", [0.0])
     monkeypatch.setattr(module, "available", lambda: True)
     assert not module.pays()
     module.spend(module.PAYS_AFTER)
@@ -271,16 +273,119 @@ def test_without_a_linker_machine_code_is_loaded_through_llvm(plain_and_compiled
         same(one, other)
 
 
-@needs_numba
-def test_damaged_code_is_not_loaded(plain_and_compiled, cache, caplog):
+@pytest.fixture
+def copied(plain_and_compiled, cache, tmp_path, monkeypatch):
+    """A copy of the cache for one test, with compiled code that no other test has loaded."""
     problem = problem_of()
     plain_and_compiled(lambda: system_of(problem, ()).compiled(1))
-    damaged = cache / "damaged.so"
+    folder = tmp_path / "cache"
+    shutil.copytree(cache, folder)
+    monkeypatch.setenv("CONTIMPACT_CACHE", str(folder))
+    monkeypatch.setattr(module, "_LOADED", {})
+    monkeypatch.setattr(module, "_MISSING", set())
+    return folder
+
+
+def run_again(plain_and_compiled):
+    """Compiled code is there, and does what it should."""
+    model = ImpactPair(beta=math.pi / 6, r=0.3, A=5.0, s=0.34)
+    plain, fast = plain_and_compiled(lambda: walks(model, "BT", "s", (0.3, 0.4)))
+    for one, other in zip(plain, fast, strict=True):
+        same(one, other)
+    assert system_of(problem_of(), ()).compiled(1) is not None
+
+
+def libraries(folder):
+    return sorted(folder.glob("compiled-*.so"))
+
+
+@needs_numba
+@pytest.mark.skipif(shutil.which("cc") is None, reason="no linker")
+@pytest.mark.parametrize("damage", ["lost", "cut", "digest"])
+def test_a_lost_or_damaged_library_is_linked_again(copied, plain_and_compiled, damage):
+    for library in libraries(copied):
+        if damage == "lost":
+            library.unlink()
+        elif damage == "cut":
+            library.write_bytes(library.read_bytes()[:1000])
+        else:
+            module._digest_beside(library).write_bytes(b"\xff\xfe")
+    run_again(plain_and_compiled)
+    assert any(module._whole(library) for library in libraries(copied))
+
+
+@needs_numba
+@pytest.mark.skipif(sys.platform == "win32", reason="a script as linker")
+@pytest.mark.parametrize("script", ["no script", "#!/bin/sh\nexit 0\n", "#!/bin/sh\nexit 1\n"])
+def test_a_broken_linker_does_no_harm(
+    copied, plain_and_compiled, tmp_path, monkeypatch, script
+):  # fmt: skip
+    linker = tmp_path / "bin" / "cc"
+    linker.parent.mkdir()
+    linker.write_text(script)
+    linker.chmod(0o755)
+    monkeypatch.setenv("PATH", str(linker.parent))
+    for library in libraries(copied):
+        library.unlink()
+    run_again(plain_and_compiled)
+    assert libraries(copied) == []
+
+
+@needs_numba
+def test_a_cache_that_cannot_be_written(copied, plain_and_compiled, monkeypatch, caplog):
+    """The code is kept for the process, in a place of its own."""
+    codes = [path.read_bytes() for path in sorted(copied.glob("compiled-*.o"))]
+    monkeypatch.setattr("contimpact.machine_code.object_code", lambda *given: codes[0])
+    for path in copied.glob("compiled-*"):
+        path.unlink()
+    intact = module.put
+
+    def refuse(path, content):
+        if path.parent == copied:
+            raise PermissionError("read-only")
+        intact(path, content)
+
+    monkeypatch.setattr(module, "put", refuse)
+    monkeypatch.setenv("CONTIMPACT_COMPILED", "always")
+    with caplog.at_level(logging.WARNING):
+        assert system_of(problem_of(), ()).compiled(1) is not None
+    assert "not cached: read-only" in caplog.text
+    assert not list(copied.glob("compiled-*"))
+
+
+def test_what_cannot_be_compiled_runs_plainly_on(empty_cache, monkeypatch, caplog):
+    def fail(*given):
+        raise RuntimeError("this Numba does not know how")
+
+    monkeypatch.setattr("contimpact.machine_code.object_code", fail)
+    monkeypatch.setenv("CONTIMPACT_COMPILED", "auto")
+    module.spend(module.PAYS_AFTER)
+    with caplog.at_level(logging.WARNING):
+        assert system_of(problem_of(), ()).compiled(1000) is None
+    assert "RuntimeError: this Numba does not know how" in caplog.text
+    assert not module.pays()  # not tried again
+    monkeypatch.setenv("CONTIMPACT_COMPILED", "always")
+    with pytest.raises(RuntimeError, match="does not know how"):
+        system_of(problem_of(), ()).compiled(1)
+
+
+@pytest.fixture
+def empty_cache(tmp_path, monkeypatch):
+    """An empty cache for one test, as if Numba were installed."""
+    monkeypatch.setenv("CONTIMPACT_CACHE", str(tmp_path / "empty"))
+    monkeypatch.setattr(module, "_LOADED", {})
+    monkeypatch.setattr(module, "_MISSING", set())
+    monkeypatch.setattr(module, "_SPENT", [0.0])
+    monkeypatch.setattr(module, "available", lambda: True)
+
+
+def test_damaged_code_is_not_loaded(tmp_path, caplog):
+    damaged = tmp_path / "damaged.so"
     damaged.write_bytes(b"no machine code")
-    module.digest_beside(damaged).write_text("0" * 64)
+    module._digest_beside(damaged).write_text("0" * 64)
     with caplog.at_level(logging.WARNING):
         assert not module._whole(damaged)
-    assert "damaged" in caplog.text
+    assert "damaged and not used" in caplog.text
 
 
 def test_a_program_holds_all_it_calls():

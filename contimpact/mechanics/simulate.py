@@ -448,10 +448,13 @@ class Simulator:
         Raises
         ------
         InputError
-            If neither `impacts` nor `periods` is given.
+            If neither `impacts` nor `periods` is given, or one is no whole number >= 0.
         """
         if impacts is None and periods is None:
             raise InputError("impacts", "no end of the run", "give impacts or periods")
+        for name, number in (("impacts", impacts), ("periods", periods)):
+            if number is not None and (not isinstance(number, int | np.integer) or number < 0):
+                raise InputError(name, f"found {number!r}", "give a whole number >= 0")
         most = impacts if impacts is not None else _ENDLESS
         last = state.turns + periods if periods is not None else _ENDLESS
         asked = min(number for number in (impacts, periods) if number is not None)
