@@ -32,6 +32,20 @@ def kernel_cache(tmp_path_factory):
         yield Path(root) / "kernels"
 
 
+@pytest.fixture
+def plain_and_compiled(kernel_cache, monkeypatch):
+    """Run something plainly and compiled, each program compiled once in the tests' own cache."""
+
+    def both(run):
+        results = []
+        for mode in ("never", "always"):
+            monkeypatch.setenv("CONTIMPACT_COMPILED", mode)
+            results.append(run())
+        return results
+
+    return both
+
+
 # Models
 
 

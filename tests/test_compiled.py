@@ -37,20 +37,6 @@ def cache(kernel_cache):
     return kernel_cache
 
 
-@pytest.fixture
-def plain_and_compiled(cache, monkeypatch):
-    """Run something plainly and compiled; returns both results."""
-
-    def both(run):
-        results = []
-        for mode in ("never", "always"):
-            monkeypatch.setenv("CONTIMPACT_COMPILED", mode)
-            results.append(run())
-        return results
-
-    return both
-
-
 def same(plain, fast):
     """Points and events of two walks are the same, to the last bit."""
     assert fast.end == plain.end

@@ -531,20 +531,6 @@ def same_runs(one, other):
         assert np.array_equal(getattr(one, name), getattr(other, name)), name
 
 
-@pytest.fixture
-def plain_and_compiled(kernel_cache, monkeypatch):
-    """Run something plainly and compiled, each program compiled once in the tests' own cache."""
-
-    def both(run):
-        results = []
-        for mode in ("never", "always"):
-            monkeypatch.setenv("CONTIMPACT_COMPILED", mode)
-            results.append(run())
-        return results
-
-    return both
-
-
 def check_random_models(both, simulator_of, pair, seed, count, impacts, **options):
     """Runs of random models are the same; returns how often each outcome and a release was met."""
     rng = np.random.default_rng(seed)
