@@ -166,8 +166,10 @@ def _curves_asked(curves: CurveOptions) -> str:
 
 
 def _run(options: argparse.Namespace) -> int:
+    from .compiled import mode
     from .scene import load_scene
 
+    mode()  # refused before anything is computed
     scenes = [load_scene(path) for path in options.scenes]
     names = [scene.name for scene in scenes]
     if twice := next((name for name in names if names.count(name) > 1), None):
@@ -254,8 +256,10 @@ def _uninterrupted() -> Iterator[None]:
 
 
 def _simulate(options: argparse.Namespace) -> int:
+    from .compiled import mode
     from .scene import load_scene
 
+    mode()  # refused before anything is computed
     began = time.perf_counter()
     scene = load_scene(options.scene)
     if scene.simulate is None:

@@ -18,6 +18,8 @@ from typing import Any
 
 import numpy as np
 
+from .cycle import roots
+
 Array = np.ndarray[Any, Any]
 
 UNIT_CIRCLE_ROUNDING = 1e-10
@@ -84,20 +86,10 @@ def multipliers(start: Array, end: Array) -> Array:
         quadratic = exact if exact != 0.0 or quadratic == 0.0 else quadratic
     linear = float(p[0, 0] * q[1, 1] + q[0, 0] * p[1, 1] - p[0, 1] * q[1, 0] - q[0, 1] * p[1, 0])
     constant = float(np.linalg.det(p))
-    product = determinant(start, end)
-    discriminant = linear * linear - 4.0 * quadratic * constant
-    if discriminant < 0.0:
-        real = -0.5 * linear / quadratic
-        square = product if math.isfinite(product) else constant / quadratic
-        imaginary = math.sqrt(max(square - real * real, 0.0))
-        return np.array([complex(real, imaginary), complex(real, -imaginary)])
-    larger = -0.5 * (linear + math.copysign(math.sqrt(discriminant), linear))
-    if larger == 0.0:  # a nilpotent pencil
-        return np.full(2, 0.0 if constant == 0.0 else np.inf, dtype=complex)
-    big = larger / quadratic if quadratic != 0.0 else math.inf
-    usable = math.isfinite(product) and math.isfinite(big) and big != 0.0
-    small = product / big if usable else constant / larger
-    return np.array([big, small], dtype=complex)
+    larger_re, larger_im, smaller_re, smaller_im = roots(
+        quadratic, linear, constant, determinant(start, end)
+    )
+    return np.array([complex(larger_re, larger_im), complex(smaller_re, smaller_im)])
 
 
 def determinant(start: Array, end: Array) -> float:
