@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from .continuation.branch import End, Point, Points
-from .mechanics.flight import PHYSICAL, reason_of
 from .mechanics.orbit import Linearisation
+from .mechanics.physicality import PHYSICAL, reason_of
 from .mechanics.stability import count_unstable
 
 if TYPE_CHECKING:

@@ -17,10 +17,10 @@ from .continuation.branch import Event, Point
 from .diagram import LABELLED, Entry, all_parameters, coordinates
 from .errors import InputError
 from .mechanics import stability
-from .mechanics.flight import Verdict
 from .mechanics.kernels import Kernels
 from .mechanics.model import Model
 from .mechanics.orbit import Array, Linearisation, OrbitProblem
+from .mechanics.physicality import Verdict
 from .mechanics.word import Word
 from .switching import TOUCHING, grown_word, switch
 

@@ -41,8 +41,10 @@ from .mechanics.cycle import (
     solve,
     store,
 )
-from .mechanics.flight import excursion_of, time_zeros, verdict
+from .mechanics.flight import excursion_of
 from .mechanics.orbit import Array, OrbitProblem
+from .mechanics.physicality import verdict
+from .mechanics.zeros import time_zeros
 
 if TYPE_CHECKING:
     from .program import Program

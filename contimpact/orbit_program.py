@@ -6,8 +6,9 @@ from collections.abc import Sequence
 
 from .continuation.march import march
 from .mechanics.cycle import store, store_compiled
-from .mechanics.flight import excursions, single_zeros
+from .mechanics.flight import excursions
 from .mechanics.kernels import Kernels
+from .mechanics.zeros import single_zeros
 from .orbit_march import Course, evaluate_cycle, newton_step, observe_cycle, tangent_of_cycle
 from .program import Program
 

@@ -9,19 +9,18 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from contimpact.mechanics import flight as module
+from contimpact.mechanics import zeros as module
 from contimpact.mechanics.flight import (
     FlightGaps,
     Touch,
-    chebyshev_zeros,
     excursions,
     first_hit,
     flight_gaps,
-    judge,
-    time_zeros,
 )
 from contimpact.mechanics.model import Wall
+from contimpact.mechanics.physicality import judge
 from contimpact.mechanics.search import find_orbits
+from contimpact.mechanics.zeros import chebyshev_zeros, time_zeros
 
 WALLS = (Wall("B", side=+1), Wall("T", side=-1))
 MESH = 4001

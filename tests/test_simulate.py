@@ -19,12 +19,13 @@ import pytest
 from contimpact import compiled
 from contimpact.errors import InputError
 from contimpact.mechanics import engine, flight, simulate
-from contimpact.mechanics.flight import time_zeros, velocity_zero
+from contimpact.mechanics.flight import velocity_zero
 from contimpact.mechanics.impacts import release_after
 from contimpact.mechanics.kernels import Kernels
 from contimpact.mechanics.lyapunov import exponents, exponents_of
 from contimpact.mechanics.search import find_orbits
 from contimpact.mechanics.simulate import Outcome, Simulator, State
+from contimpact.mechanics.zeros import time_zeros
 
 
 @pytest.fixture(scope="session")

@@ -1,16 +1,15 @@
-"""The gaps along a flight: where it comes nearest to a wall, and whether the orbit is physical.
+"""Along a flight: where it turns, where it comes nearest to a wall, and where it first hits one.
 
 Extrema are isolated, not sampled. Between two zeros of the acceleration the velocity is monotone
 and has at most one zero, which a bracketed Newton iteration finds to rounding; that zero is an
-extremum of every gap. The zeros of the acceleration follow from its harmonics where it depends on
-time alone, and otherwise from a Chebyshev interpolant resolved to rounding.
+extremum of every gap.
 """
 
 from __future__ import annotations
 
 import functools
 import math
-from collections.abc import Callable, Collection, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -18,18 +17,13 @@ import numpy as np
 
 from .kernels import Kernels
 from .model import Wall
+from .zeros import chebyshev_zeros, time_zeros
 
 Array = np.ndarray[Any, Any]
 
 NEWTON_DONE = 1e-6
 """A Newton step below this part of the bracket is the last: the next would be its square, and the
 displacement, which turns there, is right to the square of that."""
-
-_DEGREES = (16, 32, 64)
-
-_NOISE = 1e-5
-"""Last coefficients below this part of the largest that no longer fall are the rounding of the
-function itself, which grows with the angles in it."""
 
 
 @dataclass(frozen=True)
@@ -40,137 +34,6 @@ class Touch:
     wall: str
     time: float
     gap: float
-
-
-@dataclass(frozen=True)
-class Verdict:
-    """Whether an orbit is physical; if not, the first reason found. `smallest_gap` is not a
-    number where no flight comes nearer to a wall than at its ends."""
-
-    physical: bool
-    reason: str | None
-    smallest_gap: float
-
-
-def time_zeros(harmonics: Sequence[float], period: float) -> list[float] | None:
-    """Return where in [0, period) the acceleration changes sign, or None if it depends on more.
-
-    Parameters
-    ----------
-    harmonics : sequence of float
-        What the kernel ``harmonics`` returns: mean, then k, a_k, b_k for each harmonic.
-    period : float
-    """
-    mean, terms = harmonics[0], harmonics[1:]
-    if math.isnan(mean):
-        return None
-    series = [(int(terms[i]), terms[i + 1], terms[i + 2]) for i in range(0, len(terms), 3)]
-    if not series:
-        return []
-    if len(series) == 1 and series[0][0] == 1:
-        zeros = [0.0, 0.0]
-        return zeros[: single_zeros(mean, *series[0][1:], period, zeros)]
-    angles = _trigonometric_zeros(mean, series)
-    return sorted((angle % (2.0 * math.pi)) * period / (2.0 * math.pi) for angle in angles)
-
-
-def single_zeros(mean, a, b, period, zeros):
-    """Fill in where in [0, period) mean + a cos + b sin vanishes, in order; returns how many."""
-    size = math.sqrt(a * a + b * b)
-    if not abs(mean) < size:
-        return 0
-    middle, half = math.atan2(b, a), math.acos(-mean / size)
-    turn = 2.0 * math.pi
-    one = ((middle - half) % turn) * period / turn
-    other = ((middle + half) % turn) * period / turn
-    zeros[0], zeros[1] = min(one, other), max(one, other)
-    return 2
-
-
-def _trigonometric_zeros(mean: float, series: Sequence[tuple[int, float, float]]) -> list[float]:
-    """Angles of the roots near the unit circle of sum_k c_k z^k, polished by Newton.
-
-    A multiple root scatters around its place, so roots well off the circle are kept: a place where
-    the acceleration does not change sign is one break too many, and harmless.
-    """
-    highest = max(k for k, _, _ in series)
-    coefficients = np.zeros(2 * highest + 1, dtype=complex)
-    coefficients[highest] = mean
-    for k, a, b in series:
-        coefficients[highest + k] += 0.5 * (a - 1j * b)
-        coefficients[highest - k] += 0.5 * (a + 1j * b)
-    roots = np.roots(coefficients[::-1])
-    return [_polished(angle, mean, series) for angle in _near_circle(roots)]
-
-
-def _near_circle(roots: Array) -> list[float]:
-    near = np.abs(np.log(np.abs(roots[roots != 0.0]))) < 0.3
-    return np.angle(roots[roots != 0.0][near]).tolist()
-
-
-def _polished(angle: float, mean: float, series: Sequence[tuple[int, float, float]]) -> float:
-    """Newton's iteration for a root of the trigonometric sum, as long as its steps are small."""
-    for _ in range(3):
-        value, slope = mean, 0.0
-        for k, a, b in series:
-            cosine, sine = math.cos(k * angle), math.sin(k * angle)
-            value += a * cosine + b * sine
-            slope += k * (b * cosine - a * sine)
-        step = value / slope if slope else math.inf
-        if not abs(step) < 1e-3:
-            break
-        angle -= step
-    return angle
-
-
-def chebyshev_zeros(
-    function: Callable[[Array], Array], length: float, cuts: int = 12
-) -> list[float]:
-    """Return the zeros in (0, length) of a smooth function, from its Chebyshev interpolant.
-
-    The degree is doubled until the last coefficients are rounding, the function's own where that is
-    larger; a function that is not resolved by the highest degree is cut in halves. A zero at a cut
-    may be returned twice, but is not lost. A piece that is still not resolved after all cuts is
-    rounding alone: its sign changes on a mesh are returned.
-    """
-    from numpy.polynomial import chebyshev
-
-    before = math.inf
-    for degree in _DEGREES:
-        nodes = np.cos(np.pi * (np.arange(degree + 1) + 0.5) / (degree + 1))
-        values = np.broadcast_to(function(0.5 * length * (nodes + 1.0)), nodes.shape)
-        coefficients = _chebyshev_coefficients(values)
-        size = float(np.max(np.abs(coefficients)))
-        if size == 0.0:
-            return []
-        tail = float(np.max(np.abs(coefficients[-3:]))) / size
-        if tail < 1e-14 or (tail < _NOISE and tail > 0.1 * before):
-            kept = np.nonzero(np.abs(coefficients) > 1e-15 * size)[0][-1] + 1
-            roots = chebyshev.chebroots(coefficients[:kept]) if kept > 1 else np.array([])
-            near = (np.abs(roots.imag) < 1e-6) & (np.abs(roots.real) <= 1.0 + 1e-9)
-            return sorted((0.5 * length * (np.clip(roots.real[near], -1.0, 1.0) + 1.0)).tolist())
-        before = tail
-    if cuts == 0:
-        return _mesh_zeros(function, length)
-    half = 0.5 * length
-    later = chebyshev_zeros(lambda t: function(half + t), half, cuts - 1)
-    return chebyshev_zeros(function, half, cuts - 1) + [half + root for root in later]
-
-
-def _mesh_zeros(function: Callable[[Array], Array], length: float) -> list[float]:
-    times = np.linspace(0.0, length, 257)
-    signs = np.broadcast_to(function(times), times.shape) >= 0.0
-    changes = np.nonzero(signs[1:] != signs[:-1])[0]
-    return (0.5 * (times[changes] + times[changes + 1])).tolist()
-
-
-def _chebyshev_coefficients(values: Array) -> Array:
-    """Chebyshev coefficients of the interpolant through values at the Chebyshev roots."""
-    n = len(values)
-    angles = np.pi * (np.arange(n) + 0.5) / n
-    coefficients = 2.0 / n * np.cos(np.outer(np.arange(n), angles)) @ values
-    coefficients[0] *= 0.5
-    return coefficients
 
 
 def excursions(
@@ -547,122 +410,3 @@ def _touch(flight: int, start: float, wall: Wall, distance: float, found: Any) -
     high, when_high, low, when_low = found
     gap, dt = (distance - high, when_high) if wall.side > 0 else (low - distance, when_low)
     return None if math.isnan(gap) else Touch(flight, wall.name, start + dt, gap)
-
-
-def judge(
-    word: str, named: Sequence[Wall], impacts: Array, gaps: Sequence[FlightGaps],
-    forgive_touches: Collection[tuple[int, str]] = (), forgive_impact: int | None = None,
-) -> Verdict:  # fmt: skip
-    """Decide whether an orbit is physical.
-
-    Parameters
-    ----------
-    word, named, impacts, gaps
-        As in `findings`.
-    forgive_touches : collection of (flight, wall)
-        Touches that are not held against the orbit: the grazing event itself.
-    forgive_impact : int, optional
-        An impact whose direction is not held against it: the zero velocity itself.
-    """
-    return verdict_of(
-        findings(word, named, impacts, gaps, forgive_touches, forgive_impact), word, named
-    )
-
-
-def findings(
-    word: str, named: Sequence[Wall], impacts: Array, gaps: Sequence[FlightGaps],
-    forgive_touches: Collection[tuple[int, str]] = (), forgive_impact: int | None = None,
-) -> tuple[float, ...]:  # fmt: skip
-    """Return what `verdict` says of an orbit.
-
-    Parameters
-    ----------
-    word : str
-    named : sequence of Wall
-    impacts : ndarray of shape (N, m)
-    gaps : sequence of FlightGaps
-    forgive_touches, forgive_impact
-        As in `judge`.
-    """
-    places = {w.name: i for i, w in enumerate(named)}
-    walls = [places[name] for name in word]
-    touches = [
-        None if t is None or (k, t.wall) in forgive_touches else t
-        for k, flight in enumerate(gaps)
-        for t in flight.touches
-    ]
-    return verdict(
-        walls, [float(w.side) for w in named], [flight.duration for flight in gaps],
-        [math.nan if t is None else t.gap for t in touches],
-        [math.nan if t is None else t.time for t in touches],
-        impacts[:, 1].tolist(), -1 if forgive_impact is None else forgive_impact,
-    )  # fmt: skip
-
-
-def verdict_of(found: Sequence[float], word: str, named: Sequence[Wall]) -> Verdict:
-    """Return what `verdict` found as an object."""
-    return Verdict(found[0] == PHYSICAL, reason_of(found, word, named), found[5])
-
-
-PHYSICAL, OUT_OF_ORDER, PASSES = 0, 1, 2
-"""What `verdict` says; 3 is for an impact that runs the wrong way."""
-
-
-def verdict(walls, sides, durations, gaps, times, velocities, forgiven):
-    """Decide whether an orbit is physical, from numbers.
-
-    Parameters
-    ----------
-    walls : vector of int
-        The word.
-    sides : vector
-        Of the walls.
-    durations : vector
-        Of the flights.
-    gaps, times : vector
-        Smallest gap of each flight to each wall, and when; not numbers where there is none.
-    velocities : vector
-        Before the impacts.
-    forgiven : int
-        An impact whose direction does not count, or -1.
-
-    Returns
-    -------
-    what : int
-        0 for physical, or why not.
-    place, wall : int
-        Of the flight or impact, and of the wall passed.
-    amount, when : float
-        The duration, the depth or the velocity; the time of a touch.
-    smallest : float
-        Smallest gap of all; not a number where there is none.
-    """
-    what, place, wall, amount, when, smallest = 0, 0, 0, 0.0, 0.0, math.inf
-    count = len(sides)
-    for k in range(len(walls)):
-        if durations[k] < 0.0 and what == 0:
-            what, place, amount = 1, k, durations[k]
-        for i in range(count):
-            gap = gaps[count * k + i]
-            if gap < smallest:  # not where there is none
-                smallest = gap
-                if gap < 0.0 and what == 0:
-                    what, place, wall, amount, when = 2, k, i, -gap, times[count * k + i]
-    for k in range(len(walls)):
-        if velocities[k] * sides[walls[k]] < 0.0 and k != forgiven and what != 3:
-            what, place, amount = 3, k, velocities[k]
-    return what, place, wall, amount, when, smallest if smallest < math.inf else math.nan
-
-
-def reason_of(found: Any, word: str, named: Sequence[Wall]) -> str | None:
-    """Return what `verdict` found as a sentence; None where the orbit is physical."""
-    if found[0] == PHYSICAL:
-        return None
-    what, k, wall = (int(number) for number in found[:3])
-    amount, when = found[3], found[4]
-    flight = f"flight {k} ({word[k]} to {word[(k + 1) % len(word)]})"
-    if what == OUT_OF_ORDER:
-        return f"impacts out of order: {flight} lasts {amount:.6g}"
-    if what == PASSES:
-        return f"{flight} passes wall {named[wall].name} by {amount:.6g} at t = {when:.6g}"
-    return f"impact {k} on wall {word[k]} runs the wrong way: velocity {amount:.6g}"

@@ -29,9 +29,10 @@ from typing import Any
 import numpy as np
 
 from . import stability
-from .flight import FlightGaps, Verdict, findings, flight_gaps, judge, verdict_of
+from .flight import FlightGaps, flight_gaps
 from .kernels import Kernels
 from .model import Model
+from .physicality import Verdict, findings, judge, verdict_of
 from .word import Word
 
 Array = np.ndarray[Any, Any]
@@ -362,11 +363,11 @@ class Linearisation:
         return self.judge()
 
     def judge(self, **forgiven: Any) -> Verdict:
-        """As `verdict`, with a touch or an impact forgiven; see `flight.judge`."""
+        """As `verdict`, with a touch or an impact forgiven; see `physicality.judge`."""
         return judge(*self._flights(), **forgiven)
 
     def findings(self) -> tuple[float, ...]:
-        """What `flight.verdict` says of the orbit."""
+        """What `physicality.verdict` says of the orbit."""
         return findings(*self._flights())
 
     def _flights(self) -> tuple[Any, ...]:
@@ -377,7 +378,7 @@ class Linearisation:
     @functools.cached_property
     def numbers(self) -> Array:
         """What is told of a point in a row of numbers, shape (2 m + 7,): the largest residual, the
-        multipliers' real and imaginary parts, and what `flight.verdict` says."""
+        multipliers' real and imaginary parts, and what `physicality.verdict` says."""
         parts = self.multipliers.astype(complex).view(float)
         return np.concatenate([[self.largest_residual], parts, self.findings()])
 

@@ -32,10 +32,11 @@ import numpy as np
 from ..compiled import INTEGERS, VECTOR
 from ..errors import InputError
 from .engine import BODY, KINDS, ROW, Engine, array, engine_of
-from .flight import chebyshev_zeros, first_arrival, first_hit, time_zeros
+from .flight import first_arrival, first_hit
 from .impacts import SHORT, Body, fly_in_time, make_impacts, pressed_at, wall_on, wrapped
 from .kernels import Kernel, Kernels
 from .model import Model
+from .zeros import chebyshev_zeros, time_zeros
 
 Array = np.ndarray[Any, Any]
 

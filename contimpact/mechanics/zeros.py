@@ -1,0 +1,142 @@
+"""Zeros of the acceleration in flight, between which the velocity is monotone.
+
+They follow from its harmonics where it depends on time alone, and otherwise from a Chebyshev
+interpolant resolved to rounding.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import numpy as np
+
+Array = np.ndarray[Any, Any]
+
+_DEGREES = (16, 32, 64)
+
+_NOISE = 1e-5
+"""Last coefficients below this part of the largest that no longer fall are the rounding of the
+function itself, which grows with the angles in it."""
+
+
+def time_zeros(harmonics: Sequence[float], period: float) -> list[float] | None:
+    """Return where in [0, period) the acceleration changes sign, or None if it depends on more.
+
+    Parameters
+    ----------
+    harmonics : sequence of float
+        What the kernel ``harmonics`` returns: mean, then k, a_k, b_k for each harmonic.
+    period : float
+    """
+    mean, terms = harmonics[0], harmonics[1:]
+    if math.isnan(mean):
+        return None
+    series = [(int(terms[i]), terms[i + 1], terms[i + 2]) for i in range(0, len(terms), 3)]
+    if not series:
+        return []
+    if len(series) == 1 and series[0][0] == 1:
+        zeros = [0.0, 0.0]
+        return zeros[: single_zeros(mean, *series[0][1:], period, zeros)]
+    angles = _trigonometric_zeros(mean, series)
+    return sorted((angle % (2.0 * math.pi)) * period / (2.0 * math.pi) for angle in angles)
+
+
+def single_zeros(mean, a, b, period, zeros):
+    """Fill in where in [0, period) mean + a cos + b sin vanishes, in order; returns how many."""
+    size = math.sqrt(a * a + b * b)
+    if not abs(mean) < size:
+        return 0
+    middle, half = math.atan2(b, a), math.acos(-mean / size)
+    turn = 2.0 * math.pi
+    one = ((middle - half) % turn) * period / turn
+    other = ((middle + half) % turn) * period / turn
+    zeros[0], zeros[1] = min(one, other), max(one, other)
+    return 2
+
+
+def _trigonometric_zeros(mean: float, series: Sequence[tuple[int, float, float]]) -> list[float]:
+    """Angles of the roots near the unit circle of sum_k c_k z^k, polished by Newton.
+
+    A multiple root scatters around its place, so roots well off the circle are kept: a place where
+    the acceleration does not change sign is one break too many, and harmless.
+    """
+    highest = max(k for k, _, _ in series)
+    coefficients = np.zeros(2 * highest + 1, dtype=complex)
+    coefficients[highest] = mean
+    for k, a, b in series:
+        coefficients[highest + k] += 0.5 * (a - 1j * b)
+        coefficients[highest - k] += 0.5 * (a + 1j * b)
+    roots = np.roots(coefficients[::-1])
+    return [_polished(angle, mean, series) for angle in _near_circle(roots)]
+
+
+def _near_circle(roots: Array) -> list[float]:
+    near = np.abs(np.log(np.abs(roots[roots != 0.0]))) < 0.3
+    return np.angle(roots[roots != 0.0][near]).tolist()
+
+
+def _polished(angle: float, mean: float, series: Sequence[tuple[int, float, float]]) -> float:
+    """Newton's iteration for a root of the trigonometric sum, as long as its steps are small."""
+    for _ in range(3):
+        value, slope = mean, 0.0
+        for k, a, b in series:
+            cosine, sine = math.cos(k * angle), math.sin(k * angle)
+            value += a * cosine + b * sine
+            slope += k * (b * cosine - a * sine)
+        step = value / slope if slope else math.inf
+        if not abs(step) < 1e-3:
+            break
+        angle -= step
+    return angle
+
+
+def chebyshev_zeros(
+    function: Callable[[Array], Array], length: float, cuts: int = 12
+) -> list[float]:
+    """Return the zeros in (0, length) of a smooth function, from its Chebyshev interpolant.
+
+    The degree is doubled until the last coefficients are rounding, the function's own where that is
+    larger; a function that is not resolved by the highest degree is cut in halves. A zero at a cut
+    may be returned twice, but is not lost. A piece that is still not resolved after all cuts is
+    rounding alone: its sign changes on a mesh are returned.
+    """
+    from numpy.polynomial import chebyshev
+
+    before = math.inf
+    for degree in _DEGREES:
+        nodes = np.cos(np.pi * (np.arange(degree + 1) + 0.5) / (degree + 1))
+        values = np.broadcast_to(function(0.5 * length * (nodes + 1.0)), nodes.shape)
+        coefficients = _chebyshev_coefficients(values)
+        size = float(np.max(np.abs(coefficients)))
+        if size == 0.0:
+            return []
+        tail = float(np.max(np.abs(coefficients[-3:]))) / size
+        if tail < 1e-14 or (tail < _NOISE and tail > 0.1 * before):
+            kept = np.nonzero(np.abs(coefficients) > 1e-15 * size)[0][-1] + 1
+            roots = chebyshev.chebroots(coefficients[:kept]) if kept > 1 else np.array([])
+            near = (np.abs(roots.imag) < 1e-6) & (np.abs(roots.real) <= 1.0 + 1e-9)
+            return sorted((0.5 * length * (np.clip(roots.real[near], -1.0, 1.0) + 1.0)).tolist())
+        before = tail
+    if cuts == 0:
+        return _mesh_zeros(function, length)
+    half = 0.5 * length
+    later = chebyshev_zeros(lambda t: function(half + t), half, cuts - 1)
+    return chebyshev_zeros(function, half, cuts - 1) + [half + root for root in later]
+
+
+def _mesh_zeros(function: Callable[[Array], Array], length: float) -> list[float]:
+    times = np.linspace(0.0, length, 257)
+    signs = np.broadcast_to(function(times), times.shape) >= 0.0
+    changes = np.nonzero(signs[1:] != signs[:-1])[0]
+    return (0.5 * (times[changes] + times[changes + 1])).tolist()
+
+
+def _chebyshev_coefficients(values: Array) -> Array:
+    """Chebyshev coefficients of the interpolant through values at the Chebyshev roots."""
+    n = len(values)
+    angles = np.pi * (np.arange(n) + 0.5) / n
+    coefficients = 2.0 / n * np.cos(np.outer(np.arange(n), angles)) @ values
+    coefficients[0] *= 0.5
+    return coefficients
