@@ -333,33 +333,37 @@ def test_the_step_is_kept_where_both_targets_are_met():
     numerics = Settings()
     step = 0.02
     angle = numerics.max_angle
-    kept = arclength.step_after(step, 0.5 * angle, 0.05 * step, angle, numerics.max_step)
+    kept = arclength.step_after(
+        step, 0.5 * angle, 0.05 * step, 0.05 * angle, angle, numerics.max_step
+    )
     assert kept == pytest.approx(step, rel=ROUNDING)
 
 
 @pytest.mark.parametrize(
-    ("turned", "correction", "factor"),
+    ("turned", "correction", "defect", "factor"),
     [
-        (0.0, 0.0, 2.0),  # nothing to see: twice as far
-        (0.05, 0.0, 2.0),  # a quarter of the largest angle
-        (0.1, 0.0, 1.0),
-        (0.16, 0.0, 0.625),
-        (0.2, 0.0, 0.5),
-        (3.0, 0.0, 0.5),  # never less than half
-        (0.0, 0.05, 1.0),  # a correction grows with the square of the step
-        (0.0, 0.2, 0.5),
-        (0.0, 0.1125, 1.0 / 1.5),
-        (0.1, 0.2, 0.5),  # the worse of both decides
+        (0.0, 0.0, 0.0, 2.0),  # nothing to see: twice as far
+        (0.05, 0.0, 0.0, 2.0),  # a quarter of the largest angle
+        (0.1, 0.0, 0.0, 1.0),
+        (0.16, 0.0, 0.0, 0.625),
+        (0.2, 0.0, 0.0, 0.5),
+        (3.0, 0.0, 0.0, 0.5),  # never less than half
+        (0.0, 0.05, 0.0, 1.0),  # a correction grows with the square of the step
+        (0.0, 0.2, 0.0, 0.5),
+        (0.0, 0.1125, 0.0, 1.0 / 1.5),
+        (0.0, 0.0, 0.01, 1.0),  # half of a tenth of the largest angle
+        (0.0, 0.0, 0.0225, 1.0 / 1.5),  # a defect too
+        (0.1, 0.2, 0.01, 0.5),  # the worst of them decides
     ],
 )
-def test_the_step_follows_angle_and_correction(turned, correction, factor):
+def test_the_step_follows_angle_correction_and_defect(turned, correction, defect, factor):
     step = 0.01
-    new = arclength.step_after(step, turned, correction * step, 0.2, 0.1)
+    new = arclength.step_after(step, turned, correction * step, defect, 0.2, 0.1)
     assert new == pytest.approx(factor * step, rel=1e-14)
 
 
 @settings(deadline=None, derandomize=True)
 @given(st.floats(1e-7, 0.1), st.floats(0.0, 0.2), st.floats(0.0, 1.0))
 def test_the_step_changes_by_two_at_most_and_respects_its_ceiling(step, turned, correction):
-    new = arclength.step_after(step, turned, correction, 0.2, 0.1)
+    new = arclength.step_after(step, turned, correction, 0.0, 0.2, 0.1)
     assert 0.5 * step <= new <= min(2.0 * step, 0.1)

@@ -18,9 +18,9 @@ from contimpact.continuation.events import (
     Segment,
     TestFunction,
     UserFunction,
-    crossings,
     find_events,
 )
+from contimpact.continuation.sign_changes import Sample, Stretch, crossings
 from contimpact.continuation.walk import walk
 
 EPSILON = float(np.finfo(float).eps)
@@ -82,7 +82,8 @@ def segment_of(curve, left, right):
 def events_on(segment, *tests):
     left = [test.values(segment.left) for test in tests]
     right = [test.values(segment.right) for test in tests]
-    return find_events(list(tests), segment, left, right)
+    ends = (Sample(p.arclength, v) for p, v in ((segment.left, left), (segment.right, right)))
+    return find_events(list(tests), segment, Stretch(*ends))
 
 
 # The crossing rule: zero counts as positive
@@ -424,7 +425,8 @@ def test_newton_may_land_exactly_on_an_end(target, left):
     test = Passage(target)
     segment = step_of_line()
     values = [-1.0, 1.0] if not left else [1.0, -1.0]
-    events, missed = find_events([test], segment, [np.array(values[:1])], [np.array(values[1:])])
+    left, right = (Sample(s, [np.array([v])]) for s, v in zip((0.0, 1.0), values, strict=True))
+    events, missed = find_events([test], segment, Stretch(left, right))
     assert [event.parameter for event in events] == [target]
     assert missed == []
 

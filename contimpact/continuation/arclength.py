@@ -26,6 +26,9 @@ from .problem import Array, Evaluation, Problem
 EPSILON = float(np.finfo(float).eps)
 PREDICTORS = ("tangent", "secant")
 
+LARGEST_DEFECT = 0.1
+"""Largest defect of a step (see `defect`), as part of the largest angle."""
+
 
 @dataclass(frozen=True)
 class Settings:
@@ -40,7 +43,8 @@ class Settings:
     step, min_step, max_step : float
         First, smallest and largest step.
     max_angle : float
-        Largest angle between the tangents of neighbouring points, rad.
+        Largest angle between the tangents of neighbouring points, rad. A tenth of it is the
+        largest defect of a step, by which steps over a wiggle of the branch are seen.
     max_points : int
         Points of one walk.
     predictor : {"tangent", "secant"}
@@ -299,14 +303,34 @@ def cubic(left, right, rate, next_rate, span, s):
     )  # fmt: skip
 
 
-def step_after(step, turned, first_correction, max_angle, max_step):
+def defect(z, new, tangent, along, scale):
+    """Return by how much a step differs from what the tangents at its ends make of it.
+
+    The distance between the chord and the mean of both unit tangents times the chord's length, as
+    part of that length: the error of the trapezoidal rule. It falls with the square of the step
+    where the branch is resolved, and does not where a step spans a wiggle, however well the
+    tangents agree.
+    """
+    size = distance(new, z, scale)
+    if size == 0.0:
+        return 0.0
+    off = 0.0
+    for i in range(len(z)):
+        part = (new[i] - z[i] - 0.5 * size * (tangent[i] + along[i])) / scale[i]
+        off += part * part
+    return math.sqrt(off) / size
+
+
+def step_after(step, turned, first_correction, off, max_angle, max_step):
     """Return the next step length.
 
-    The angle between tangents grows with the step and the first correction with its square; the
-    larger of both against their targets decides, by at most a factor of two. The target angle is
-    half the largest one, the target correction a twentieth of the step.
+    The angle between tangents grows with the step, the first correction with its square, as part
+    of the step, and so does the defect `off`; the largest of them against their targets decides,
+    by at most a factor of two. The targets of angle and defect are half the largest ones, that of
+    the correction a twentieth of the step.
     """
     by_angle = turned / (0.5 * max_angle)
     by_distance = math.sqrt(first_correction / (0.05 * step))
-    factor = 1.0 / max(by_angle, by_distance, 0.5)
+    by_defect = math.sqrt(off / (0.5 * LARGEST_DEFECT * max_angle))
+    factor = 1.0 / max(by_angle, by_distance, by_defect, 0.5)
     return min(step * max(factor, 0.5), max_step)

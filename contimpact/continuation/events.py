@@ -1,9 +1,9 @@
-"""Test functions: the protocol, the crossing rule, and location with a bracketed fallback."""
+"""Test functions, and the search for their zeros between two points of a branch."""
 
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -22,15 +22,19 @@ from .arclength import (
 )
 from .branch import Event, Missed, Point
 from .problem import Array, Problem
+from .sign_changes import DIPS, ENDS, Sample, Stretch, crosses, crossings
 
 CLOSEST_BRANCHES = 1e-4
 """Branches closer to each other than this part of a step are taken to cross."""
 
-SUSPICIOUS = 0.25
-"""A step is cut where a test function's extremum inside may be below this part of its ends."""
+DEEPEST, DEEPEST_END = 12, 48
+"""How often a segment is cut where a test function may have two zeros, and where it ends."""
 
-DEEPEST = 6
-"""How often a suspicious step is halved."""
+MOST_CUTS = 200
+"""How often a segment is cut in all."""
+
+NO_VALUE = "the test function has no value inside the bracket"
+UNRESOLVED = "two zeros close to each other are not excluded; a smaller max_step may tell"
 
 ACCEPTED_ERROR = 1e-7
 """Newton on an extended system counts if its error is below this part of the parameter's scale."""
@@ -189,101 +193,95 @@ class UserFunction(TestFunction):
         return np.atleast_1d(np.asarray(self.function(point), dtype=float))
 
 
-def crosses(left: Array, right: Array) -> Array:
-    """Return which values change sign between two points.
-
-    Zero counts as positive: a zero exactly on a point is found from one side only, once.
-    """
-    both = ~(np.isnan(left) | np.isnan(right))
-    return both & ((left >= 0.0) != (right >= 0.0))
-
-
-def crossings(left: Array, right: Array) -> list[int]:
-    """Return the indices that change sign between two points."""
-    return np.nonzero(crosses(left, right))[0].tolist()
-
-
-@dataclass(frozen=True, eq=False)
-class Before:
-    """The test functions one point before a segment, to see how they bend."""
-
-    arclength: float
-    values: list[Array]
-
-
 def find_events(
-    tests: list[TestFunction], segment: Segment, left: list[Array], right: list[Array],
-    before: Before | None = None, depth: int = DEEPEST,
-) -> tuple[list[Event], list[Missed]]:  # fmt: skip
+    tests: Sequence[TestFunction], segment: Segment, stretch: Stretch
+) -> tuple[list[Event], list[Missed]]:
     """Locate every crossing on a segment, in order along it.
 
-    Two crossings of one function leave its sign as it was. Where the parabola through three points
-    does not exclude them, or a value appears or vanishes beyond zero, the segment is halved and
-    both halves searched.
-    """
-    if depth and _may_hide(segment, before, left, right):
-        middle = segment.at(0.5)
-        if middle is not None and segment.left.arclength < middle.arclength:
-            between = [test.at(middle) for test in tests]
-            first, second = segment.halves(middle)
-            here = Before(segment.left.arclength, left)
-            found = find_events(tests, first, left, between, before, depth - 1)
-            more = find_events(tests, second, between, right, here, depth - 1)
-            return found[0] + more[0], found[1] + more[1]
-    events: list[Event] = []
-    missed: list[Missed] = []
-    for test, a, b in zip(tests, left, right, strict=True):
-        for index in crossings(a, b):
-            if max(abs(a[index]), abs(b[index])) <= test.noise:
-                continue
-            event = locate(test, segment, index, float(a[index]), float(b[index]))
-            if isinstance(event, Missed):
-                missed.append(event)
-            elif test.accept(event):
-                events.append(event)
-    return sorted(events, key=lambda e: e.point.arclength), missed
-
-
-def _may_hide(
-    segment: Segment, before: Before | None, left: list[Array], right: list[Array]
-) -> bool:
-    """Whether some test function may cross zero on a segment without changing its sign."""
-    ahead = segment.right.arclength - segment.left.arclength
-    behind = 0.0 if before is None else segment.left.arclength - before.arclength
-    if before is not None and not (behind > 0.0 and ahead > 0.0):
-        return False
-    if not left:
-        return False
-    lists = (left if before is None else before.values, left, right)
-    a, b, c = (np.concatenate(values) for values in lists)
-    return bool(np.any(hides(a, b, c, behind, ahead)))
-
-
-def hides(a: Array, b: Array, c: Array, behind: Any, ahead: Any) -> Array:
-    """Return which values may cross zero between two points without changing their sign.
-
-    The parabola through three values comes close to zero between the last two, or a value appears
-    already beyond zero, or vanishes on its way there.
+    Where more crossings are not excluded (see `suspects`), the segment is cut and both parts are
+    searched; what cannot be excluded by cutting either is returned as missed.
 
     Parameters
     ----------
-    a, b, c : ndarray
-        The values at three points.
-    behind, ahead : float or ndarray
-        Arclength between them; `behind` is zero where there is no first point.
+    tests : sequence of TestFunction
+    segment : Segment
+    stretch : Stretch
+        The test functions at its ends, and at the points before and after it, to see how they
+        bend.
     """
-    with np.errstate(all="ignore"):
-        alone = behind == 0.0
-        rate, next_rate = (b - a) / behind, (c - b) / ahead
-        bend = (next_rate - rate) / (behind + ahead)
-        slope = rate + bend * behind
-        vertex = -slope / (2.0 * bend)
-        lowest = b + 0.5 * slope * vertex
-        inside = (vertex > -0.25 * ahead) & (vertex < 1.25 * ahead) & (bend * b > 0.0)
-        near = np.sign(b) * lowest < SUSPICIOUS * np.minimum(np.abs(b), np.abs(c))
-        on_its_way = (b < 0.0) | (~alone & (b + (b - a) * ahead / behind < 0.0))
-    dips = inside & near & ((b >= 0.0) == (c >= 0.0)) & ~alone
-    return dips | (np.isnan(b) & (c < 0.0)) | (np.isnan(c) & on_its_way)
+    if not stretch.left.flat.size or not stretch.left.arclength < stretch.right.arclength:
+        return [], []
+    search = _Search(list(tests), [len(values) for values in stretch.left.values])
+    search.on(segment, stretch, 0)
+    return sorted(search.events, key=lambda e: e.point.arclength), search.missed
+
+
+@dataclass(eq=False)
+class _Search:
+    """The search of a segment for events; `sizes` says how many values each test function has."""
+
+    tests: list[TestFunction]
+    sizes: list[int]
+    events: list[Event] = field(default_factory=list)
+    missed: list[Missed] = field(default_factory=list)
+    cuts: int = 0
+
+    def on(self, segment: Segment, stretch: Stretch, depth: int) -> None:
+        """Cut a segment where more crossings are not excluded, else locate those there are."""
+        found, places = self.suspected(stretch)
+        deepest = DEEPEST_END if np.any(found == ENDS) else DEEPEST
+        if np.any(found) and depth < deepest and self.cuts < MOST_CUTS:
+            middle = segment.at(float(places[np.argmax(found)]))
+            ends = stretch.left.arclength, stretch.right.arclength
+            if middle is not None and ends[0] < middle.arclength < ends[1]:
+                self.cut(segment, stretch, middle, depth + 1)
+                return
+        self.locate_on(segment, stretch)
+        if np.any(found == DIPS):
+            self.give_up(segment, stretch)
+
+    def suspected(self, stretch: Stretch) -> tuple[Array, Array]:
+        """Where more crossings are not excluded, and not within rounding."""
+        found, places = stretch.suspects()
+        noise = np.repeat([test.noise for test in self.tests], self.sizes)
+        found[np.fmax(np.abs(stretch.left.flat), np.abs(stretch.right.flat)) <= noise] = 0
+        return found, places
+
+    def cut(self, segment: Segment, stretch: Stretch, middle: Point, depth: int) -> None:
+        """Search both parts of a segment."""
+        self.cuts += 1
+        known = len(self.events)
+        between = Sample(middle.arclength, [test.at(middle) for test in self.tests])
+        for part, side in zip(segment.halves(middle), stretch.cut(between), strict=True):
+            self.on(part, side, depth)
+        found = {(event.kind, event.details.get("index")) for event in self.events[known:]}
+        values = stretch.left.values, between.values, stretch.right.values
+        for test, a, b, c in zip(self.tests, *values, strict=True):
+            for index in crossings(a, c):
+                if np.isnan(b[index]) and (test.kind, index) not in found:
+                    self.missed.append(_missed(test.kind, segment, NO_VALUE))
+
+    def locate_on(self, segment: Segment, stretch: Stretch) -> None:
+        """Locate what changes sign between both ends."""
+        values = stretch.left.values, stretch.right.values
+        for test, a, b in zip(self.tests, *values, strict=True):
+            for index in crossings(a, b):
+                if max(abs(a[index]), abs(b[index])) <= test.noise:
+                    continue
+                event = locate(test, segment, index, float(a[index]), float(b[index]))
+                if isinstance(event, Missed):
+                    self.missed.append(event)
+                elif test.accept(event):
+                    self.events.append(event)
+
+    def give_up(self, segment: Segment, stretch: Stretch) -> None:
+        """Record where two zeros were not excluded however often the segment was cut."""
+        kinds = np.repeat([test.kind for test in self.tests], self.sizes)
+        # beside a jump of the function, what lies beyond it says nothing
+        found = np.minimum(*(self.suspected(side)[0] for side in stretch.one_sided()))
+        passed = crosses(stretch.left.flat, stretch.right.flat)
+        unsure = kinds[(found == DIPS) & ~passed]
+        self.missed += [_missed(str(kind), segment, UNRESOLVED) for kind in unsure]
 
 
 def locate(
@@ -304,14 +302,16 @@ def locate(
         fraction = _next_fraction(a, b, fa, fb, attempt)
         guess = segment.at(fraction) or segment.at(a + 0.999 * (fraction - a))
         if guess is None:  # beside a branch point as well as on it
-            return _missed(test, segment, "no point of the branch was reached inside the bracket")
+            return _missed(
+                test.kind, segment, "no point of the branch was reached inside the bracket"
+            )
         if attempt % 8 == 0:
             event = _by_newton(test, segment, guess, index)
             if event is not None:
                 return event
         value = float(test.at(guess)[index])
         if np.isnan(value):
-            return _missed(test, segment, "the test function has no value inside the bracket")
+            return _missed(test.kind, segment, NO_VALUE)
         if (value >= 0.0) == (fa >= 0.0):
             a, fa = fraction, value
         else:
@@ -321,7 +321,7 @@ def locate(
     assert guess is not None
     shrunk = min(abs(fa), abs(fb)) <= 1e-3 * max(abs(left), abs(right))
     if not shrunk:
-        return _missed(test, segment, "the test function jumps without passing through zero")
+        return _missed(test.kind, segment, "the test function jumps without passing through zero")
     return _by_bracket(test, segment, guess, index, 0.0 if value == 0.0 else b - a)
 
 
@@ -371,8 +371,8 @@ def _by_bracket(
     return Event(test.kind, point, residual, error, "bracket", test.details(point, index))
 
 
-def _missed(test: TestFunction, segment: Segment, reason: str) -> Missed:
-    return Missed(test.kind, (segment.left.parameter, segment.right.parameter), reason)
+def _missed(kind: str, segment: Segment, reason: str) -> Missed:
+    return Missed(kind, (segment.left.parameter, segment.right.parameter), reason)
 
 
 def hermite(left: Point, right: Point, span: float, fraction: float) -> Array:

@@ -15,10 +15,21 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from .arclength import CONVERGED, Settings, angle, cubic, distance, newton, norm, step_after
+from .arclength import (
+    CONVERGED,
+    LARGEST_DEFECT,
+    Settings,
+    angle,
+    cubic,
+    defect,
+    distance,
+    newton,
+    norm,
+    step_after,
+)
 from .branch import Block, Point
-from .events import crosses, hides
 from .problem import Array
+from .sign_changes import noteworthy
 
 STEP, ARCLENGTH, ORIENTATION, BEHIND, POINTS, ITERATIONS, REJECTED, EVALUATIONS = range(8)
 """Places in `state`: the next step's length, where the walk is, the determinant's sign there, how
@@ -142,27 +153,6 @@ class Made:
         )  # fmt: skip
 
 
-def noteworthy(values: Array, arclengths: Array) -> list[int]:
-    """Return before which points, from the third one on, events lie or may lie unseen.
-
-    Parameters
-    ----------
-    values : ndarray of shape (P + 2, q)
-        Test functions.
-    arclengths : ndarray of shape (P + 2,)
-    """
-    a, b, c = values[:-2], values[1:-1], values[2:]
-    behind, ahead = np.diff(arclengths)[:-1, None], np.diff(arclengths)[1:, None]
-    with np.errstate(all="ignore"):
-        far = np.minimum(np.abs(b), np.abs(c))
-        quiet = (np.abs(c - b) < far) & (np.abs(b - a) * (ahead / behind) < far)
-        quiet |= np.isnan(b) & np.isnan(c)
-    rows, columns = np.nonzero(~quiet)  # the others are far from zero: see `hides`
-    a, b, c = a[rows, columns], b[rows, columns], c[rows, columns]
-    marked = crosses(b, c) | hides(a, b, c, behind[rows, 0], ahead[rows, 0])
-    return sorted(set(rows[marked].tolist()))
-
-
 class System(Protocol):
     """A problem with its test functions, in the form in which `march` makes routine steps."""
 
@@ -225,13 +215,15 @@ def march(
         )
         state[ITERATIONS] += iterations
         state[EVALUATIONS] += iterations + 1
-        orientation, turned = math.nan, math.inf
+        orientation, turned, off = math.nan, math.inf, math.inf
         if status == CONVERGED:
             orientation = tangent_at(data, new, row, scale, along)
         if orientation == orientation:
             turned = angle(along, tangent, scale)
+            off = defect(z, new, tangent, along, scale)
         turns = tangent[n - 1] * along[n - 1] < 0.0
-        if not turned <= widest or (turns and leaves(z, new, tangent, along, scale, low, high)):
+        bent = not (turned <= widest and off <= LARGEST_DEFECT * widest)
+        if bent or (turns and leaves(z, new, tangent, along, scale, low, high)):
             state[REJECTED] += 1
             if step <= smallest:
                 state[ITERATIONS] -= iterations
@@ -259,7 +251,7 @@ def march(
         state[ARCLENGTH] += travelled
         state[ORIENTATION] = orientation
         state[POINTS] += 1
-        state[STEP] = step_after(step, turned, first, widest, largest)
+        state[STEP] = step_after(step, turned, first, off, widest, largest)
         made += 1
     return made
 

@@ -12,9 +12,10 @@ from ..errors import InputError
 from . import arclength
 from .arclength import Settings
 from .branch import End, EndKind, Event, Missed, Point, Points, Walk
-from .events import Before, Segment, TestFunction, find_events
+from .events import Segment, TestFunction, find_events
 from .march import Footing, Made, System, leaves
 from .problem import Array, Evaluation, Problem
+from .sign_changes import Sample, Stretch
 
 SAME_SOLUTION = 1e-7
 WIDEST_SPAN = 1e3
@@ -113,6 +114,7 @@ class _Step:
     ending: EndKind | None = None
     turned: float = 0.0
     first_correction: float = 0.0
+    defect: float = 0.0
 
 
 @dataclass(eq=False)
@@ -136,7 +138,7 @@ class _Walker:
     seconds_in_events: float = 0.0
     scale: Array = field(default_factory=lambda: np.ones(1))
     values: list[Array] = field(default_factory=list)
-    before: Before | None = None
+    before: Sample | None = None
 
     def run(self, start: Array, direction: int, tangent: Array | None) -> Walk:
         span = self.limits[1] - self.limits[0]
@@ -166,10 +168,10 @@ class _Walker:
                 return self.finished(end)
             if ending := attempt.ending or (EndKind.STOPPED if stop else None):
                 return self.finished(self.end(ending))
-            turned, correction = attempt.turned, attempt.first_correction
             step = arclength.step_after(
-                step, turned, correction, self.settings.max_angle, self.settings.max_step
-            )
+                step, attempt.turned, attempt.first_correction, attempt.defect,
+                self.settings.max_angle, self.settings.max_step,
+            )  # fmt: skip
         return self.finished(self.end(EndKind.POINTS, limit=self.settings.max_points))
 
     def march(self, system: System, step: float) -> tuple[float, End | None]:
@@ -224,21 +226,22 @@ class _Walker:
                 return self.end(EndKind.STOPPED)
         self.points.extend(block, done, len(made))
         if len(made):
-            self.values, self.before = self.seen(made, len(made) - 1)
+            last = len(made) - 1
+            self.values, self.before = self.seen(made, last).values, self.seen(made, last - 1)
         return None
 
-    def seen(self, made: Made, i: int) -> tuple[list[Array], Before]:
-        """The test functions at a routine step's point, and one point before."""
-        here, before = (_like(self.values, made.values[i + k]) for k in (2, 1))
-        return here, Before(float(made.arclengths[i + 1]), before)
+    def seen(self, made: Made, i: int) -> Sample:
+        """The test functions at the point of a routine step, from -2 for one before the footing."""
+        return Sample(float(made.arclengths[i + 2]), _like(self.values, made.values[i + 2]))
 
     def events_on(self, made: Made, i: int, point: Point) -> list[Event]:
         """Locate the events on a routine step."""
         began = time.perf_counter()
-        values, here = self.seen(made, i)
-        before = self.seen(made, i - 1)[1] if i > 0 else self.before
         segment = self.segment(self.points[-1], point)
-        found, missed = find_events(self.tests, segment, here.values, values, before)
+        earlier = self.seen(made, i - 2) if i > 0 else self.before
+        later = self.seen(made, i + 1) if i + 1 < len(made) else None
+        stretch = Stretch(self.seen(made, i - 1), self.seen(made, i), earlier, later)
+        found, missed = find_events(self.tests, segment, stretch)
         self.events += found
         self.missed += missed
         self.seconds_in_events += time.perf_counter() - began
@@ -251,13 +254,16 @@ class _Walker:
         """
         before = time.perf_counter()
         values = [test.at(new) for test in self.tests]
-        if here is self.points[0] and here.parameter in self.limits:
+        if here is self.points[0] and self.branching:
+            self.values = _leaving(self.values, values)
+        elif here is self.points[0] and here.parameter in self.limits:
             self.values = _apart(self.values, values)
         if ending is EndKind.RANGE:
             values = _apart(values, self.values)
         segment = self.segment(here, new)
-        found, missed = find_events(self.tests, segment, self.values, values, self.before)
-        self.before = Before(here.arclength, self.values)
+        left, right = Sample(here.arclength, self.values), Sample(new.arclength, values)
+        found, missed = find_events(self.tests, segment, Stretch(left, right, self.before))
+        self.before = left
         self.events += found
         self.missed += missed
         self.values = values
@@ -295,7 +301,7 @@ class _Walker:
         if switched and not self.branching:  # on a zero, within rounding: exactly on it
             self.values = [np.where(np.abs(v) < 1e-12, 0.0, v) for v in self.values]
         if self.branching:
-            self.values = [np.where(np.abs(v) < NO_CROSSING, np.nan, v) for v in self.values]
+            self.values = [np.where(np.abs(v) < NO_CROSSING, 0.0, v) for v in self.values]
         return ""
 
     def advance(self, here: Point, step: float) -> tuple[_Step, float]:
@@ -323,8 +329,11 @@ class _Walker:
         turned = arclength.angle(here.tangent, new.tangent, self.scale)
         if turned > self.settings.max_angle:
             return _Step(None, f"the branch turns by {turned:.3g} rad")
-        known = not np.isnan(here.orientation)
         tangents = here.tangent, new.tangent
+        off = arclength.defect(here.unknowns, new.unknowns, *tangents, self.scale)
+        if off > arclength.LARGEST_DEFECT * self.settings.max_angle:
+            return _Step(None, f"the branch turns inside the step, by {off:.3g} of its length")
+        known = not np.isnan(here.orientation)
         if leaves(here.unknowns, new.unknowns, *tangents, self.scale, *self.limits):
             return _Step(None, "the branch leaves the range inside the step")
         flipped = known and (new.orientation >= 0.0) != (here.orientation >= 0.0)
@@ -336,7 +345,7 @@ class _Walker:
         elif closing := self.closing(here, new):
             new, ending = closing, EndKind.CLOSED
         reason = "" if new else "no solution was found on the limit of the range"
-        return _Step(new, reason, ending, turned, result.first_step)
+        return _Step(new, reason, ending, turned, result.first_step, off)
 
     def direction(self, here: Point) -> Array:
         """The unit vector along which the next point is guessed."""
@@ -426,6 +435,15 @@ def _like(lists: list[Array], flat: Array) -> list[Array]:
 
 def _flat(values: list[Array]) -> Array:
     return np.concatenate(values) if values else np.zeros(0)
+
+
+def _leaving(starts: list[Array], others: list[Array]) -> list[Array]:
+    """Give what vanishes or has no value at a branch point the sign it leaves with."""
+    tiny = np.finfo(float).tiny
+    return [
+        np.where((start == 0.0) | np.isnan(start), np.sign(other) * tiny, start)
+        for start, other in zip(starts, others, strict=True)
+    ]
 
 
 def _apart(zeros: list[Array], others: list[Array]) -> list[Array]:

@@ -1,0 +1,176 @@
+"""Where test functions change sign between points, or may have done so twice.
+
+Two zeros of a function between two points leave its sign as it was, three look like one. They are
+excluded where a parabola bent more than the function can be stays on its side of zero, or, where
+the sign changes, is monotone. How much the function is bent between b and c follows from the
+parabolas through a, b, c and b, c, d, and from how far these two disagree::
+
+    a --------- b ----------------- c ------- d
+        behind         ahead         beyond
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from .problem import Array
+
+MARGIN = 0.1
+"""Added to the bend of a function, as part of it."""
+
+ALONE = 2.0
+"""Factor of the bend where only one parabola tells of it."""
+
+OFF_THE_ENDS = 0.1
+"""A segment is not cut nearer to its ends than this part of it."""
+
+
+DIPS, ENDS = 1, 2
+"""What `suspects` finds: a value that may pass zero twice, one that may do so where it ends."""
+
+
+@dataclass(frozen=True, eq=False)
+class Sample:
+    """The test functions at a point of the branch: where along it, and their values."""
+
+    arclength: float
+    values: list[Array]
+
+    @property
+    def flat(self) -> Array:
+        """All values in a row."""
+        return np.concatenate(self.values) if self.values else np.zeros(0)
+
+
+@dataclass(frozen=True, eq=False)
+class Stretch:
+    """Test functions at both ends of a segment, and at the points before and after it, if known."""
+
+    left: Sample
+    right: Sample
+    before: Sample | None = None
+    after: Sample | None = None
+
+    def cut(self, middle: Sample) -> tuple[Stretch, Stretch]:
+        """Return the stretches on both sides of a point between."""
+        return (
+            Stretch(self.left, middle, self.before, self.right),
+            Stretch(middle, self.right, self.left, self.after),
+        )
+
+    def suspects(self) -> tuple[Array, Array]:
+        """Return which values may change sign unseen, and where to look; see `suspects`."""
+        left, right, before, after = self.left, self.right, self.before, self.after
+        none = np.full(len(left.flat), np.nan)
+        a, d = (none if end is None else end.flat for end in (before, after))
+        behind = np.nan if before is None else left.arclength - before.arclength
+        beyond = np.nan if after is None else after.arclength - right.arclength
+        ahead = right.arclength - left.arclength
+        return suspects(a, left.flat, right.flat, d, behind, ahead, beyond)
+
+    def one_sided(self) -> tuple[Stretch, Stretch]:
+        """Return the stretch without the point after it, and without the one before."""
+        return replace(self, after=None), replace(self, before=None)
+
+
+def crosses(left: Array, right: Array) -> Array:
+    """Return which values change sign between two points.
+
+    Zero counts as positive: a zero exactly on a point is found from one side only, once.
+    """
+    both = ~(np.isnan(left) | np.isnan(right))
+    return both & ((left >= 0.0) != (right >= 0.0))
+
+
+def crossings(left: Array, right: Array) -> list[int]:
+    """Return the indices that change sign between two points."""
+    return np.nonzero(crosses(left, right))[0].tolist()
+
+
+def suspects(
+    a: Array, b: Array, c: Array, d: Array, behind: Any, ahead: Any, beyond: Any
+) -> tuple[Array, Array]:
+    """Return which values may change sign unseen between b and c, and where to look.
+
+    Parameters
+    ----------
+    a, b, c, d : ndarray of shape (q,)
+        Values at four points in order; `a` and `d` are not numbers where there is no such point.
+    behind, ahead, beyond : float or ndarray of shape (q,)
+        Arclength from a to b, b to c and c to d.
+
+    Returns
+    -------
+    found : ndarray of shape (q,)
+        `DIPS` where the value may pass zero and come back, `ENDS` where it appears or vanishes
+        between the points and may pass zero there, else 0.
+    places : ndarray of shape (q,)
+        Where between b and c, from 0 to 1.
+    """
+    with np.errstate(all="ignore"):
+        rate = (c - b) / ahead
+        before = (rate - (b - a) / behind) / (ahead + behind)
+        after = ((d - c) / beyond - rate) / (beyond + ahead)
+        passed = crosses(b, c)
+        side = np.where(b >= 0.0, 1.0, -1.0)
+        # side * value >= |b| + climb x - bend x (1 - x) for x from 0 to 1
+        bend = ahead**2 * np.where(
+            passed,
+            _largest_bend(np.abs(before), np.abs(after), np.abs(after - before)),
+            _largest_bend(side * before, side * after, np.abs(after - before)),
+        )
+        climb = side * (c - b)
+        place = 0.5 - climb / (2.0 * bend)
+        lowest = np.abs(b) + climb * place - bend * place * (1.0 - place)
+        turns = (bend > np.abs(climb)) | np.isnan(bend)
+        dips = turns & (passed | ~(lowest >= 0.0))
+        vanishes = np.isnan(c) & _may_pass(b, a, ahead / behind)
+        appears = np.isnan(b) & _may_pass(c, d, ahead / beyond)
+    here, there = ~np.isnan(b), ~np.isnan(c)
+    found = np.where(here & there & dips, DIPS, 0)
+    found[(here & vanishes) | (there & appears)] = ENDS
+    aimed = (found == DIPS) & ~passed & ~np.isnan(place)
+    places = np.where(aimed, np.clip(place, OFF_THE_ENDS, 1.0 - OFF_THE_ENDS), 0.5)
+    return found, places
+
+
+def _largest_bend(before: Array, after: Array, apart: Array) -> Array:
+    """Bound the bend of functions between two points from those on either side."""
+    both = np.maximum(before, after) + apart
+    both += MARGIN * np.maximum(np.abs(before), np.abs(after))
+    alone = ALONE * np.where(np.isnan(before), after, before)
+    return np.where(np.isnan(both), alone, both)
+
+
+def _may_pass(last: Array, earlier: Array, ratio: Any) -> Array:
+    """Whether a value that ends after `last` may pass zero before: twice its rate would do."""
+    reached = last + 2.0 * ratio * (last - earlier)
+    return np.isnan(reached) | ((reached >= 0.0) != (last >= 0.0))
+
+
+def noteworthy(values: Array, arclengths: Array) -> list[int]:
+    """Return before which points, from the third one on, events lie or may lie unseen.
+
+    Parameters
+    ----------
+    values : ndarray of shape (P + 2, q)
+        Test functions.
+    arclengths : ndarray of shape (P + 2,)
+    """
+    a, b, c = values[:-2], values[1:-1], values[2:]
+    d = np.vstack([values[3:], np.full((1, values.shape[1]), np.nan)])
+    steps = np.diff(arclengths)
+    behind, ahead, beyond = steps[:-1, None], steps[1:, None], np.append(steps[2:], 1.0)[:, None]
+    with np.errstate(all="ignore"):
+        far = 0.5 * np.minimum(np.abs(b), np.abs(c))
+        quiet = (np.abs(c - b) < far) & (np.abs(b - a) * (ahead / behind) < far)
+        quiet &= np.abs(d - c) * (ahead / beyond) < far
+        quiet |= np.isnan(b) & np.isnan(c)
+    rows, columns = np.nonzero(~quiet)
+    a, b, c, d = (v[rows, columns] for v in (a, b, c, d))
+    behind, ahead, beyond = (step[rows, 0] for step in (behind, ahead, beyond))
+    found, _ = suspects(a, b, c, d, behind, ahead, beyond)
+    return sorted(set(rows[crosses(b, c) | (found > 0)].tolist()))
