@@ -36,6 +36,9 @@ from .mechanics.orbit import Array, OrbitProblem
 UNIT_CIRCLE = 1e-2
 """How near to the unit circle a located event's multiplier is at least."""
 
+ROUNDING = 1e-14
+"""Rounding of the scaled determinants, and of gaps as part of the distance between walls."""
+
 UNFOLDED = 1e-10
 """With a nu below this, two branches cross, within rounding."""
 
@@ -86,6 +89,7 @@ class PeriodDoubling(TestFunction):
     """PD: a multiplier passes -1."""
 
     kind = "PD"
+    rounding = ROUNDING
 
     def values(self, point: Point) -> Array:
         matrix = point.evaluation.cyclic(-1.0)[:, :-1]
@@ -102,6 +106,7 @@ class BranchPoint(TestFunction):
     """BP: two branches cross."""
 
     kind = "BP"
+    rounding = ROUNDING
 
     def values(self, point: Point) -> Array:
         return np.array([point.orientation])
@@ -139,6 +144,8 @@ class Grazing(TestFunction):
     def __init__(self, problem: OrbitProblem) -> None:
         walls = [w.name for w in problem.model.WALLS]
         self.places = [(k, wall) for k in range(len(problem.word)) for wall in walls]
+        positions = problem.kernels.setup(*problem.model.values.values())[3 : 3 + len(walls)]
+        self.rounding = ROUNDING * max(abs(position) for position in positions)
 
     def values(self, point: Point) -> Array:
         gaps = point.evaluation.gaps
@@ -230,11 +237,11 @@ class ZeroDuration(ScalarTest):
     """
 
     kind = "T"
-    rounding = 1e-12
+    vanishing = 1e-12
 
     def values(self, point: Point) -> Array:
         found = super().values(point)
-        return np.where(np.abs(found) < self.rounding, np.nan, found)
+        return np.where(np.abs(found) < self.vanishing, np.nan, found)
 
     def scalar(self, problem: Any, z: Array, index: int) -> tuple[float, Array]:
         m, n = problem.m, problem.n

@@ -45,6 +45,7 @@ from .mechanics.flight import excursion_of
 from .mechanics.orbit import Array, OrbitProblem
 from .mechanics.physicality import verdict
 from .mechanics.zeros import time_zeros
+from .status import explained
 
 if TYPE_CHECKING:
     from .program import Program
@@ -431,12 +432,17 @@ def walk_orbits(
 ) -> Walk:  # fmt: skip
     """As `contimpact.continuation.walk.walk`, for orbits: routine steps are made many at once.
 
-    With `gaps` it is decided at every point if the orbit is physical.
+    With `gaps` it is decided at every point if the orbit is physical, and changes of that or of the
+    number of unstable multipliers are explained by events; see `contimpact.status`.
     """
-    return walk(
+    found = walk(
         problem, start, direction, parameter=problem.parameter, tests=tests,
         system=system_of(problem, tests, gaps), **options,
     )  # fmt: skip
+    if not gaps:
+        return found
+    settings, switched = options.get("settings") or Settings(), options.get("tangent") is not None
+    return explained(problem, found, tests, settings, switched)
 
 
 def system_of(

@@ -27,7 +27,7 @@ from .sign_changes import DIPS, ENDS, Sample, Stretch, crosses, crossings
 CLOSEST_BRANCHES = 1e-4
 """Branches closer to each other than this part of a step are taken to cross."""
 
-DEEPEST, DEEPEST_END = 12, 48
+DEEPEST, DEEPEST_END = 20, 48
 """How often a segment is cut where a test function may have two zeros, and where it ends."""
 
 MOST_CUTS = 200
@@ -148,6 +148,11 @@ class TestFunction(ABC):
     kind: str
     noise = 0.0
     """Values below this on both sides of a sign change are rounding, not a crossing."""
+    rounding = 0.0
+    """Two zeros are not looked for among values below this."""
+
+    vanishing = 0.0
+    """Values below this do not exist where they cannot be told from zero."""
 
     evaluations = 0
 
@@ -243,8 +248,9 @@ class _Search:
     def suspected(self, stretch: Stretch) -> tuple[Array, Array]:
         """Where more crossings are not excluded, and not within rounding."""
         found, places = stretch.suspects()
-        noise = np.repeat([test.noise for test in self.tests], self.sizes)
-        found[np.fmax(np.abs(stretch.left.flat), np.abs(stretch.right.flat)) <= noise] = 0
+        floor = [max(test.noise, test.rounding) for test in self.tests]
+        size = np.fmax(np.abs(stretch.left.flat), np.abs(stretch.right.flat))
+        found[(found == DIPS) & (size <= np.repeat(floor, self.sizes))] = 0
         return found, places
 
     def cut(self, segment: Segment, stretch: Stretch, middle: Point, depth: int) -> None:
@@ -259,20 +265,25 @@ class _Search:
         for test, a, b, c in zip(self.tests, *values, strict=True):
             for index in crossings(a, c):
                 if np.isnan(b[index]) and (test.kind, index) not in found:
-                    self.missed.append(_missed(test.kind, segment, NO_VALUE))
+                    self.locate_one(test, segment, index, float(a[index]), float(c[index]))
 
     def locate_on(self, segment: Segment, stretch: Stretch) -> None:
         """Locate what changes sign between both ends."""
         values = stretch.left.values, stretch.right.values
         for test, a, b in zip(self.tests, *values, strict=True):
             for index in crossings(a, b):
-                if max(abs(a[index]), abs(b[index])) <= test.noise:
-                    continue
-                event = locate(test, segment, index, float(a[index]), float(b[index]))
-                if isinstance(event, Missed):
-                    self.missed.append(event)
-                elif test.accept(event):
-                    self.events.append(event)
+                if max(abs(a[index]), abs(b[index])) > test.noise:
+                    self.locate_one(test, segment, index, float(a[index]), float(b[index]))
+
+    def locate_one(
+        self, test: TestFunction, segment: Segment, index: int, left: float, right: float
+    ) -> None:
+        """Locate one value that changes sign."""
+        event = locate(test, segment, index, left, right)
+        if isinstance(event, Missed):
+            self.missed.append(event)
+        elif test.accept(event):
+            self.events.append(event)
 
     def give_up(self, segment: Segment, stretch: Stretch) -> None:
         """Record where two zeros were not excluded however often the segment was cut."""
@@ -311,7 +322,10 @@ def locate(
                 return event
         value = float(test.at(guess)[index])
         if np.isnan(value):
-            return _missed(test.kind, segment, NO_VALUE)
+            if not test.vanishing:
+                return _missed(test.kind, segment, NO_VALUE)
+            width = min(1.0, test.vanishing / abs(fb - fa)) * (b - a)
+            return _by_bracket(test, segment, guess, index, width)
         if (value >= 0.0) == (fa >= 0.0):
             a, fa = fraction, value
         else:
