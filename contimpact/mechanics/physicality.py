@@ -80,8 +80,16 @@ PHYSICAL, OUT_OF_ORDER, PASSES = 0, 1, 2
 """What `verdict` says; 3 is for an impact that runs the wrong way."""
 
 
+AT_REST = 1e-12
+"""An impact whose velocity is below this part of the largest of the orbit runs neither way: beside
+a zero velocity its sign is rounding."""
+
+
 def verdict(walls, sides, durations, gaps, times, velocities, forgiven):
     """Decide whether an orbit is physical, from numbers.
+
+    It is if all flights last, none passes a wall, and every impact runs towards its wall or is at
+    rest within `AT_REST`.
 
     Parameters
     ----------
@@ -120,8 +128,12 @@ def verdict(walls, sides, durations, gaps, times, velocities, forgiven):
                 smallest = gap
                 if gap < 0.0 and what == 0:
                     what, place, wall, amount, when = 2, k, i, -gap, times[count * k + i]
+    fastest = 0.0
     for k in range(len(walls)):
-        if velocities[k] * sides[walls[k]] < 0.0 and k != forgiven and what != 3:
+        fastest = max(fastest, abs(velocities[k]))
+    for k in range(len(walls)):
+        wrong = velocities[k] * sides[walls[k]] < -AT_REST * fastest
+        if wrong and k != forgiven and what != 3:
             what, place, amount = 3, k, velocities[k]
     return what, place, wall, amount, when, smallest if smallest < math.inf else math.nan
 
