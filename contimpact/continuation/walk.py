@@ -28,6 +28,9 @@ number grows, and its ceiling."""
 NARROWEST = 1e-12
 """A range narrower than this part of its limits cannot be walked in doubles."""
 
+NEAR_LIMIT = 1e-9
+"""A test function smaller than this part of its value one step before may vanish on a limit."""
+
 NO_CROSSING = 1e-9
 """A test function below this at a branch point a walk starts from vanishes because of it."""
 
@@ -250,7 +253,8 @@ class _Walker:
     def accept(self, here: Point, new: Point, ending: EndKind | None) -> list[Event]:
         """Put a point down, and the events between it and the one before; returns these.
 
-        No walk comes from beyond a limit of the range: a zero exactly on it is found from inside.
+        No walk comes from beyond a limit of the range: a zero on it, within its error, is found
+        from inside.
         """
         before = time.perf_counter()
         values = [test.at(new) for test in self.tests]
@@ -264,6 +268,7 @@ class _Walker:
         left, right = Sample(here.arclength, self.values), Sample(new.arclength, values)
         found, missed = find_events(self.tests, segment, Stretch(left, right, self.before))
         self.before = left
+        found = [event for event in found if self.in_range(event)]
         self.events += found
         self.missed += missed
         self.values = values
@@ -271,6 +276,12 @@ class _Walker:
             self.points.append(new)
         self.seconds_in_events += time.perf_counter() - before
         return found
+
+    def in_range(self, event: Event) -> bool:
+        """Whether an event lies within the limits, or within its error of one."""
+        low, high = self.limits
+        slack = event.error + 4.0 * arclength.EPSILON * abs(event.parameter)
+        return low - slack <= event.parameter <= high + slack
 
     def begin(self, start: Array, direction: int, tangent: Array | None) -> str:
         """Put the first point down; returns why it could not be, or nothing."""
@@ -447,9 +458,13 @@ def _leaving(starts: list[Array], others: list[Array]) -> list[Array]:
 
 
 def _apart(zeros: list[Array], others: list[Array]) -> list[Array]:
-    """Give exact zeros the sign the other values do not have."""
+    """Give what may vanish on a limit the sign the other values do not have."""
     tiny = np.finfo(float).tiny
     return [
-        np.where((z == 0.0) & (other != 0.0), np.where(other >= 0.0, -tiny, tiny), z)
+        np.where(
+            (np.abs(z) <= NEAR_LIMIT * np.abs(other)) & (other != 0.0),
+            np.where(other >= 0.0, -tiny, tiny),
+            z,
+        )
         for z, other in zip(zeros, others, strict=True)
     ]
