@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -20,6 +20,9 @@ from .sign_changes import Sample, Stretch
 SAME_SOLUTION = 1e-7
 WIDEST_SPAN = 1e3
 """The natural size of the parameter is that of its range, at most this many times its start."""
+
+OUTGROWN = 2.0
+"""Lengths are measured anew where a natural size has grown by this factor."""
 
 FEWEST, UNWATCHED, GROWTH, MARCHED = 2, 64, 4, 1024
 """Routine steps made at a time: at first where somebody watches and where nobody does, how the
@@ -144,10 +147,7 @@ class _Walker:
     before: Sample | None = None
 
     def run(self, start: Array, direction: int, tangent: Array | None) -> Walk:
-        span = self.limits[1] - self.limits[0]
-        if start[-1] != 0.0:  # a range of many decades says nothing of the parameter's size
-            span = min(span, WIDEST_SPAN * abs(float(start[-1])))
-        self.scale = self.problem.scale(start, span)
+        self.scale = self.sizes(start)
         reason = self.begin(start, direction, tangent)
         if reason:
             kind = EndKind.SINGULAR if self.points else EndKind.START
@@ -160,6 +160,7 @@ class _Walker:
                     return self.finished(end)
                 if len(self.points) >= self.settings.max_points:
                     break
+            self.grow()
             here = self.points[-1]
             attempt, step = self.advance(here, step)
             if attempt.point is None:
@@ -193,7 +194,28 @@ class _Walker:
                 return made.step, end
             step = made.step
             chunk = min(GROWTH * chunk, MARCHED)
+            if self.grow():
+                chunk = FEWEST if self.watched else UNWATCHED
         return step, None
+
+    def sizes(self, unknowns: Array) -> Array:
+        """The natural sizes of the unknowns at a point."""
+        span = self.limits[1] - self.limits[0]
+        if unknowns[-1] != 0.0:  # a range of many decades says nothing of the parameter's size
+            span = min(span, WIDEST_SPAN * abs(float(unknowns[-1])))
+        return self.problem.scale(unknowns, span)
+
+    def grow(self) -> bool:
+        """Measure lengths by larger sizes where the solution has outgrown those it started with."""
+        here = self.points[-1]
+        sizes = self.sizes(here.unknowns)
+        if not np.any(sizes > OUTGROWN * self.scale):
+            return False
+        self.scale = np.maximum(self.scale, sizes)
+        tangent = here.tangent / arclength.length(here.tangent, self.scale)
+        self.points[-1] = replace(here, tangent=tangent)
+        self.before = None
+        return True
 
     @property
     def watched(self) -> bool:
