@@ -110,6 +110,10 @@ class Kernels:
         self._functions: dict[str, Kernel] = {}
         self._writer: Any = None
 
+    def __reduce__(self) -> tuple[Any, ...]:
+        """A copy, or what was pickled, loads its kernels anew: they are functions of no module."""
+        return type(self), (self.model, *self.parameters)
+
     @functools.cached_property
     def setup(self) -> Kernel:
         """``setup(*p)``: period and two derivatives, wall positions, derived parameters."""

@@ -78,6 +78,10 @@ class OrbitProblem:
         self._at_start = (rows + columns).ravel()
         self._at_end = (rows + np.roll(columns, -1, axis=0)).ravel()
 
+    def __reduce__(self) -> tuple[Any, ...]:
+        """Made anew from what it was made of; kernels are loaded when they are asked for."""
+        return type(self), (self.model, self.word, self.kernels)
+
     def values(self, unknowns: Array) -> list[float]:
         """Return all parameter values at a point, in the model's order."""
         values = self._values.copy()
