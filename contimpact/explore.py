@@ -152,6 +152,12 @@ class _Explorer:
         for value in np.linspace(*scene.range, SURVEYED + 2)[1:-1].tolist():
             model = scene.model.replace(**{scene.parameter: value})
             for word in words:
+                if not self.in_budget():
+                    self.notes.append(
+                        f"the survey ended before {word} at {scene.parameter} = {value:.6g}: "
+                        f"{self.budget()} was used up"
+                    )
+                    return
                 self.progress(f"survey: {word} at {scene.parameter} = {value:.6g}")
                 began = time.perf_counter()
                 found = find_orbits(model, word, kernels=self.kernels, **search_options(scene))
@@ -170,8 +176,7 @@ class _Explorer:
             self.follow_birth(birth)
         if self.waiting:
             self.notes.append(
-                f"{len(self.waiting)} events were not switched at: the budget of "
-                f"{self.scene.max_branches} branches or {self.scene.max_points} points was used up"
+                f"{len(self.waiting)} events were not switched at: {self.budget()} was used up"
             )
             self.waiting = []
 
@@ -295,6 +300,11 @@ class _Explorer:
 
     def in_budget(self) -> bool:
         return len(self.runs) < self.scene.max_branches and self.points() < self.scene.max_points
+
+    def budget(self) -> str:
+        """The budget in words."""
+        scene = self.scene
+        return f"the budget of {scene.max_branches} branches or {scene.max_points} points"
 
     def settings(self) -> Any:
         left = max(self.scene.max_points - self.points(), 2)
