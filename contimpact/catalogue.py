@@ -305,8 +305,8 @@ def read_branch(path: str | Path) -> Branch:
         return Branch(
             head["id"], head["word"], head["period"], head["notation"], head["system"],
             head["options"], parameter, columns, _ends(head["ends"], parameter),
-            [_entry(record) for record in head["events"]], head["missed"], head["from"],
-            head.get("meetings", []),
+            [_entry(_system(head) | record) for record in head["events"]], head["missed"],
+            head["from"], head.get("meetings", []),
         )  # fmt: skip
 
 
@@ -383,6 +383,11 @@ def _column(name: str, texts: Sequence[str]) -> np.ndarray[Any, Any]:
     return np.array([float(text) for text in texts])
 
 
+def _system(head: Mapping[str, Any]) -> dict[str, Any]:
+    """What entries of earlier versions leave to their branch."""
+    return {"system": head["system"], "options": head["options"]}
+
+
 def _entry(record: Mapping[str, Any]) -> Entry:
     """An entry from its record; keys of later versions are passed over, missing ones empty."""
     known: dict[str, Any] = {f.name: record.get(f.name) for f in dataclasses.fields(Entry)}
@@ -390,6 +395,7 @@ def _entry(record: Mapping[str, Any]) -> Entry:
     for name in ("multipliers", "multipliers_before", "multipliers_after"):
         known[name] = [None if mu is None else (mu[0], mu[1]) for mu in known[name] or ()]
     known["opens"] = tuple(known["opens"] or ())
+    known["options"] = known["options"] or {}
     if lacking := [name for name in NEEDED if known[name] is None]:
         raise ValueError(f"an entry without {', '.join(lacking)}")
     return Entry(**known)

@@ -24,7 +24,7 @@ from .errors import InputError
 if TYPE_CHECKING:
     from .attractors.simulation import Simulation
     from .diagram import Diagram
-    from .scene import CurveOptions, Scene
+    from .scene import CurveOptions, PlotOptions, Scene
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -468,16 +468,14 @@ def _plot(options: argparse.Namespace) -> int:
 
     folder = Path(options.folder)
     diagram = load_diagram(folder)
-    scene = _scene_of(folder)
-    plot = scene.plot
+    plot, unit = _shown_as(folder, diagram)
     chosen: dict[str, Any] = {
         "x": options.x or plot.x,
         "xlim": options.xlim or (plot.xlim if not options.x else None),
         "ylim": options.ylim or plot.ylim,
         "unphysical": plot.unphysical,
     }
-    columns = diagram.branches[0].columns if diagram.branches else {}
-    numbers = [n for n in columns if n in (*scene.model.values, *scene.model.DERIVED, "arclength")]
+    numbers = ["arclength", *diagram.branches[0].parameters] if diagram.branches else []
     if chosen["x"] not in numbers:
         raise InputError("-x", f"no column {chosen['x']!r}", f"accepted are {', '.join(numbers)}")
     if options.output == "":
@@ -488,10 +486,32 @@ def _plot(options: argparse.Namespace) -> int:
         raise InputError(str(target), f"format {kind!r}", f"accepted are {', '.join(FORMATS)}")
     from .plots.diagram import plot_diagram, write_figure
 
-    ax = plot_diagram(diagram, unit=scene.model.unit(chosen["x"]), **chosen)
+    ax = plot_diagram(diagram, unit=unit(chosen["x"]), **chosen)
     write_figure(ax.figure, target, kind, diagram.name)
     print(f"written to {target}")
     return 0
+
+
+def _shown_as(folder: Path, diagram: Diagram) -> tuple[PlotOptions, Callable[[str], str]]:
+    """How a diagram is drawn, and the units of its parameters.
+
+    They are those of the scene, or, in a folder that was written from Python, those of the system.
+    """
+    if (folder / "manifest.json").exists() or not diagram.branches:
+        scene = _scene_of(folder)
+        return scene.plot, scene.model.unit
+    from .recovery import model_at
+    from .scene import PlotOptions
+
+    branch = diagram.branches[0]
+    try:
+        unit = model_at(branch, 0).unit
+    except InputError:  # a system of one's own: its units are not known here
+
+        def unit(name: str) -> str:
+            return ""
+
+    return PlotOptions(branch.parameter), unit
 
 
 def _scene_of(folder: Path) -> Scene:

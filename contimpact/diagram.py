@@ -10,11 +10,14 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from .continuation.branch import End, Point, Points
+from .errors import InputError, shown
 from .mechanics.orbit import Linearisation
 from .mechanics.physicality import PHYSICAL, reason_of
 from .mechanics.stability import count_unstable
 
 if TYPE_CHECKING:
+    from .mechanics.model import Model
+    from .mechanics.search import Orbit
     from .two_parameters.curves import Curve
 
 Array = np.ndarray[Any, Any]
@@ -75,6 +78,9 @@ class Entry:
         and by the parameter.
     opens : sequence of str
         Branches that start here.
+    system, options
+        The model, and the texts that shape its formulas; None and empty where a catalogue of an
+        earlier version does not say.
     """
 
     id: str
@@ -111,11 +117,31 @@ class Entry:
     arclength: float
     tangent: Sequence[float] | None = None
     opens: Sequence[str] = ()
+    system: str | None = None
+    options: Mapping[str, str] = field(default_factory=dict)
 
     @property
     def value(self) -> float:
         """Value of the followed parameter."""
         return self.parameters[self.parameter]
+
+    def orbit(self, model: Model | None = None) -> Orbit:
+        """Return the orbit at the event, to continue it or to look at it.
+
+        Parameters
+        ----------
+        model : Model, optional
+            The system, where its name does not tell: an own one that is not imported. Parameter
+            values are taken from the entry.
+
+        Raises
+        ------
+        InputError
+            If the system is not known, or the entry is none of it.
+        """
+        from .recovery import orbit_of
+
+        return orbit_of(self, model)
 
     def __repr__(self) -> str:
         return f"<{self.label} on {self.branch} at {self.parameter} = {self.value:.12g}>"
@@ -177,6 +203,26 @@ class Branch:
 
     __hash__ = None  # type: ignore[assignment]
 
+    def orbit(self, place: int | str, model: Model | None = None) -> Orbit:
+        """Return the orbit of a row, to continue it or to look at it.
+
+        Parameters
+        ----------
+        place : int or str
+            The number of a row, or the name of one of `events`.
+        model : Model, optional
+            The system, where its name does not tell: an own one that is not imported. Parameter
+            values are taken from the branch.
+
+        Raises
+        ------
+        InputError
+            If there is no such row or event, or the system is not known.
+        """
+        from .recovery import orbit_at
+
+        return orbit_at(self, place, model)
+
     @property
     def stable(self) -> Array:
         """Whether no multiplier lies outside the unit circle, point by point."""
@@ -188,11 +234,15 @@ class Branch:
         return np.asarray(self["physical"] == 1)
 
     @property
+    def parameters(self) -> list[str]:
+        """Names of the parameters, derived ones included."""
+        names = list(self.columns)
+        return names[names.index("arclength") + 1 : names.index("t1")]
+
+    @property
     def constant(self) -> list[str]:
         """Names of the parameters, derived ones included, that do not vary along the branch."""
-        names = list(self.columns)
-        parameters = names[names.index("arclength") + 1 : names.index("t1")]
-        return [n for n in parameters if n != self.parameter and np.ptp(self[n]) == 0.0]
+        return [n for n in self.parameters if n != self.parameter and np.ptp(self[n]) == 0.0]
 
     @property
     def velocities(self) -> Array:
@@ -262,10 +312,68 @@ class Diagram:
         """The events of all branches."""
         return [entry for branch in self.branches for entry in branch.events]
 
+    def __getitem__(self, name: str) -> Branch | Curve | Entry:
+        """Return a branch, a curve or an entry by its name: ``b1``, ``c1``, ``e1``."""
+        kept: list[Branch | Curve | Entry] = [*self.branches, *self.curves, *self.entries]
+        for one in kept:
+            if one.id == name:
+                return one
+        groups = (self.branches, self.curves, self.entries)
+        known = [_span([one.id for one in group]) for group in groups if group]
+        raise InputError(
+            f"diagram {self.name}", f"nothing is called {shown(name)}",
+            f"there are {', '.join(known) or 'no branches'}",
+        )  # fmt: skip
+
+    def entry(self, name: str) -> Entry:
+        """Return an entry by its name."""
+        found = self[name]
+        if not isinstance(found, Entry):
+            accepted = "give the name of an entry, such as 'e1'; a row is branch.orbit(row)"
+            raise InputError(f"diagram {self.name}", f"{name} has many orbits", accepted)
+        return found
+
+    def orbit(self, name: str, model: Model | None = None) -> Orbit:
+        """Return the orbit of an entry by its name; see `Entry.orbit`."""
+        return self.entry(name).orbit(model)
+
     def __repr__(self) -> str:
-        return "\n".join(
-            [f"Diagram {self.name}", *map(repr, self.branches), *map(repr, self.curves)]
-        )
+        rows = [_branch_line(b) for b in self.branches] + [_curve_line(c) for c in self.curves]
+        if len(rows) > SHOWN:
+            rows[SHOWN - 1 :] = [f"  ... and {len(rows) - SHOWN + 1} more"]
+        counts = f"{len(self.branches)} branches, {len(self.entries)} events"
+        curves = f", {len(self.curves)} curves" if self.curves else ""
+        return "\n".join([f"Diagram {self.name}: {counts}{curves}", *rows])
+
+
+SHOWN = 9
+"""Lines of a diagram's branches and curves that are shown."""
+
+
+def _branch_line(branch: Branch) -> str:
+    values = branch[branch.parameter]
+    events = ", ".join(f"{e.id} {e.label}" for e in branch.events) or "no events"
+    if len(events) > 60:
+        events = f"{len(branch.events)} events, {_span([e.id for e in branch.events])}"
+    missed = f"; {len(branch.missed)} not located" if branch.missed else ""
+    return (
+        f"  {branch.id:4} {branch.notation:9} {branch.parameter} from {values.min():.6g} to "
+        f"{values.max():.6g}: {events}{missed}"
+    )
+
+
+def _span(names: Sequence[str]) -> str:
+    """The first and the last of some names."""
+    return names[0] if len(names) == 1 else f"{names[0]} to {names[-1]}"
+
+
+def _curve_line(curve: Curve) -> str:
+    second = curve.parameters[1]
+    values = curve[second]
+    return (
+        f"  {curve.id:4} {curve.label} in {', '.join(curve.parameters)}, {second} from "
+        f"{values.min():.6g} to {values.max():.6g}"
+    )
 
 
 def same_data(one: Any, other: Any) -> bool:

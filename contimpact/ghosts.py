@@ -22,6 +22,7 @@ from .mechanics.model import Model
 from .mechanics.orbit import Array, Linearisation, OrbitProblem
 from .mechanics.physicality import Verdict
 from .mechanics.word import Word
+from .recovery import orbit_of
 from .switching import TOUCHING, grown_word, switch
 
 
@@ -70,56 +71,21 @@ def entry_of(event: Event, identity: str, branch: str, before: Point, after: Poi
         method=event.method,
         arclength=event.point.arclength,
         tangent=event.point.tangent.tolist() if event.kind == "BP" else None,
+        system=problem.model.SYSTEM,
+        options=problem.model.options,
     )
 
 
-def orbit_of(entry: Entry, model: Model, kernels: Kernels) -> tuple[OrbitProblem, Linearisation]:
-    """Return the problem and the orbit a catalogue entry records.
-
-    Parameters
-    ----------
-    entry : Entry
-    model : Model
-        The system; parameter values are taken from the entry.
-    kernels : Kernels
-        Of the model, with the entry's parameter free.
+def event_of(entry: Entry, model: Model | None = None, kernels: Kernels | None = None) -> Event:
+    """Return the event a catalogue entry records, to switch at it; see `recovery.orbit_of`.
 
     Raises
     ------
     InputError
         If the entry is damaged, or of another model.
     """
-    missing = [name for name in model.values if name not in entry.parameters]
-    if missing:
-        accepted = f"give a model with {', '.join(entry.parameters)}"
-        raise InputError("entry", f"it has no parameter {missing[0]!r}", accepted)
-    at = model.replace(**{name: entry.parameters[name] for name in model.values})
-    problem = OrbitProblem(at, Word(entry.word, entry.period), kernels)
-    names = ["time", "velocity", *coordinates(problem.m)[2:]]
-    if len(entry.impacts) != len(entry.word):
-        found = f"{len(entry.impacts)} impacts of the word {entry.word!r}"
-        raise InputError("entry", found, "give an entry as a catalogue records it")
-    rows = [[impact[name] for name in names] for impact in entry.impacts]
-    free = [entry.parameters[name] for name in kernels.parameters]
-    here = problem.evaluate(np.append(np.array(rows).ravel(), free))
-    off = float(np.max(np.abs(here.residual)))
-    if not off < 1e-6:
-        raise InputError(
-            "entry", f"it is no orbit of this model (residual {off:.2g})",
-            "give the model it was computed with",
-        )  # fmt: skip
-    return problem, here
-
-
-def event_of(entry: Entry, model: Model, kernels: Kernels) -> Event:
-    """Return the event a catalogue entry records, to switch at it.
-
-    Raises
-    ------
-    InputError
-        If the entry is damaged, or of another model.
-    """
-    problem, here = orbit_of(entry, model, kernels)
+    orbit = orbit_of(entry, model, kernels)
+    problem = orbit.problem
     kept = {"flight": entry.flight, "wall": entry.wall, "impact": entry.impact}
     details: dict[str, Any] = {name: value for name, value in kept.items() if value is not None}
     if entry.touch_time is not None:
@@ -129,7 +95,7 @@ def event_of(entry: Entry, model: Model, kernels: Kernels) -> Event:
         found = f"it has no {lacking[0]}"
         raise InputError("entry", found, "give an entry as a catalogue records it")
     tangent = np.array(entry.tangent) if entry.tangent is not None else np.zeros(problem.n + 1)
-    point = Point(here, tangent, 0.0, entry.arclength, 0)
+    point = Point(orbit.linearisation, tangent, 0.0, entry.arclength, 0)
     return Event(entry.kind, point, entry.residual, entry.error, entry.method, details)
 
 

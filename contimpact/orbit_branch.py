@@ -15,14 +15,15 @@ from .continuation.arclength import Settings
 from .continuation.branch import End, EndKind, Event, Point, Points, Walk, joined
 from .continuation.events import TestFunction, UserFunction
 from .continuation.walk import SAME_SOLUTION
-from .diagram import Branch, Entry, tabulate
-from .errors import InputError
+from .diagram import Branch, Diagram, Entry, tabulate
+from .errors import InputError, shown
 from .ghosts import entry_of, event_of
 from .mechanics.kernels import Kernels
 from .mechanics.model import Model
 from .mechanics.orbit import OrbitProblem
 from .mechanics.search import Orbit, settle
 from .orbit_march import walk_orbits
+from .recovery import as_orbit, entry_first, named
 from .switching import SWITCHES, switch
 
 EVENTS = ("FB", "BP", "PD", "G", "V", "T")
@@ -33,17 +34,20 @@ Callback = Callable[[Point], bool | None]
 
 
 def continue_orbit(
-    orbit: Orbit, parameter: str | None = None, range: tuple[float, float] | None = None, *,
+    orbit: Orbit | Entry | Event | Point | tuple[Branch | Diagram, int | str],
+    parameter: str | None = None, range: tuple[float, float] | None = None, *,
     events: Sequence[str | UserEvent] = EVENTS,
     values: Mapping[str, Sequence[float]] | None = None,
     settings: Settings | None = None, callback: Callback | None = None, name: str = "b1",
+    model: Model | None = None,
 ) -> Branch:  # fmt: skip
     """Follow a periodic orbit in one parameter, in both directions.
 
     Parameters
     ----------
-    orbit : Orbit
-        From `find_orbits`.
+    orbit : Orbit, Entry or (Branch, row)
+        From `find_orbits`; an event of a branch or a catalogue; a branch and the number of a row
+        or the name of an event on it; a diagram and the name of an event.
     parameter : str, optional
         The parameter to follow; by default the one the orbit was found with.
     range : (low, high)
@@ -58,6 +62,8 @@ def continue_orbit(
         Called with every accepted point; a true value stops the walk in that direction.
     name : str
         The branch's name.
+    model : Model, optional
+        The system of an entry or a branch, where its name does not tell; see `Entry.orbit`.
 
     Returns
     -------
@@ -66,8 +72,10 @@ def continue_orbit(
     Raises
     ------
     InputError
-        For a parameter the model does not have, or a range it does not admit.
+        For what is no orbit, a parameter the model does not have, or a range it does not admit.
     """
+    given = named(orbit)
+    orbit = as_orbit(given, model)
     problem = orbit.problem
     parameter = parameter or problem.parameter
     unknowns = orbit.unknowns
@@ -77,12 +85,27 @@ def continue_orbit(
         unknowns = np.append(unknowns[:-1], model.values[parameter])
     limits = checked_range(problem, range, float(unknowns[-1]))
     tests = _tests(problem, events, values)
-    run = both_ways(problem, unknowns, limits, tests, settings or Settings(), callback)
+    settings = settings or Settings()
+    if isinstance(given, Entry) and given.tangent is not None and problem is orbit.problem:
+        unknowns = _beside(problem, unknowns, np.array(given.tangent), limits, settings)
+    run = both_ways(problem, unknowns, limits, tests, settings, callback)
     return run.branch(name)
 
 
+def _beside(
+    problem: OrbitProblem, unknowns: np.ndarray[Any, Any], tangent: np.ndarray[Any, Any],
+    limits: tuple[float, float], settings: Settings,
+) -> np.ndarray[Any, Any]:  # fmt: skip
+    """The orbit one step from a branch point along one of the two branches that cross there."""
+    first = dataclasses.replace(settings, max_points=2)
+    probe = walk_orbits(
+        problem, unknowns, +1, limits=limits, settings=first, tangent=tangent, branching=True
+    )
+    return probe.points[-1].unknowns if probe.points else unknowns
+
+
 def continue_born(
-    entry: Entry, model: Model, range: tuple[float, float], *,
+    entry: Entry, model: Model | None = None, range: tuple[float, float] | None = None, *,
     events: Sequence[str | UserEvent] = EVENTS,
     values: Mapping[str, Sequence[float]] | None = None,
     settings: Settings | None = None, callback: Callback | None = None, name: str = "b1",
@@ -93,8 +116,9 @@ def continue_born(
     ----------
     entry : Entry
         A G, V, PD or BP.
-    model : Model
-        The system; parameter values are taken from the entry.
+    model : Model, optional
+        The system, where its name does not tell; parameter values are taken from the entry. It may
+        also stand before the entry.
     range : (low, high)
         Of the entry's parameter.
     events, values, settings, callback, name
@@ -110,10 +134,11 @@ def continue_born(
     InputError
         For an event of another kind, or a range that does not fit.
     """
+    entry, model = entry_first(entry, model)
     if getattr(entry, "kind", None) not in SWITCHES:
         accepted = f"accepted are entries of {', '.join(SWITCHES)}"
-        raise InputError("entry", f"nothing is born at {entry!r}", accepted)
-    start = switch(event_of(entry, model, Kernels(model, entry.parameter)))
+        raise InputError("entry", f"nothing is born at {shown(entry)}", accepted)
+    start = switch(event_of(entry, model))
     if start is None:
         return None
     problem = start.problem

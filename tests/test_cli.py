@@ -516,15 +516,28 @@ def test_plot_of_no_results(run, tmp_path):
 
 
 @pytest.mark.parametrize("name", ["catalogue.json", "manifest.json", "branches/b1-BT.csv"])
-@pytest.mark.parametrize("content", [None, b"", b"{", b"[]", b'{"schema": "else/1"}', b"\xff"])
+@pytest.mark.parametrize("content", [b"", b"{", b"[]", b'{"schema": "else/1"}', b"\xff"])
 def test_plot_of_damaged_results(run, copied, name, content):
-    if content is None:
-        (copied / name).unlink()
-    else:
-        (copied / name).write_bytes(content)
+    (copied / name).write_bytes(content)
     status, out, err = run("plot", copied)
     assert (status, out) == (2, "")
     assert str(copied / name) in one_line(err)
+
+
+@pytest.mark.parametrize("name", ["catalogue.json", "branches/b1-BT.csv"])
+def test_plot_of_results_that_lack_a_file(run, copied, name):
+    (copied / name).unlink()
+    status, out, err = run("plot", copied)
+    assert (status, out) == (2, "")
+    assert str(copied / name) in one_line(err)
+
+
+def test_plot_of_results_without_a_scene(run, copied):
+    """As written from Python: the followed parameter is on the x axis."""
+    (copied / "manifest.json").unlink()
+    status, out, err = run("plot", copied)
+    assert (status, err) == (0, "")
+    assert str(copied / "diagram.png") in out
 
 
 # Interruption

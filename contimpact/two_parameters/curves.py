@@ -24,8 +24,9 @@ from ..ghosts import apart_from_event, forgiven, impacts_of
 from ..mechanics.kernels import Kernels
 from ..mechanics.model import Model
 from ..mechanics.orbit import Array
+from ..recovery import entry_first, model_of
 from .codimension import codimension_two
-from .problem import CurvePoint, CurveProblem, curve_problem
+from .problem import CurvePoint, CurveProblem, curve_problem, require_curve
 
 CURVE_SETTINGS = Settings(tolerance=1e-13, max_step=0.05, max_points=1000)
 UNFOLDED = 1e-8
@@ -131,8 +132,10 @@ class Codim2:
 
 
 def follow_curve(
-    model: Model, entry: Entry, second: str, first_range: tuple[float, float],
-    second_range: tuple[float, float], *, name: str = "c1", values: Sequence[float] = (),
+    entry: Entry, model: Model | None = None, second: str = "",
+    first_range: tuple[float, float] | None = None,
+    second_range: tuple[float, float] | None = None, *,
+    name: str = "c1", values: Sequence[float] = (),
     settings: Settings = CURVE_SETTINGS, kernels: Kernels | None = None,
     detect: bool = True, callback: Callable[[Point], bool | None] | None = None,
 ) -> Curve:  # fmt: skip
@@ -140,10 +143,11 @@ def follow_curve(
 
     Parameters
     ----------
-    model : Model
-        The system; parameter values are taken from the entry.
     entry : Entry
         Of a kind in `CURVES`, real or ghost, from a diagram just computed or loaded.
+    model : Model, optional
+        The system, where its name does not tell; parameter values are taken from the entry. It may
+        also stand before the entry.
     second : str
         The second parameter.
     first_range, second_range : (low, high)
@@ -169,18 +173,13 @@ def follow_curve(
     InputError
         For a parameter the model does not have, or ranges that do not hold the entry.
     """
+    entry, model = entry_first(entry, model)
+    require_curve(entry)
+    model = model_of(entry, model)
     first = entry.parameter
     kernels = kernels or Kernels(model, first, second)
-    for parameter, limits in ((first, first_range), (second, second_range)):
-        declared = model.require(parameter, "parameter")
-        checked = [declared.check(limit, f"range of {parameter}") for limit in limits]
-        if len(checked) != 2 or not checked[0] < checked[1]:
-            raise InputError(f"range of {parameter}", f"found {limits!r}", "give (low, high)")
-        if not limits[0] <= entry.parameters[parameter] <= limits[1]:
-            raise InputError(
-                f"range of {parameter}",
-                f"{limits} does not hold {entry.parameters[parameter]:.12g}", "widen it",
-            )  # fmt: skip
+    first_range = _checked_range(model, entry, first, first_range)
+    second_range = _checked_range(model, entry, second, second_range)
     outside = [v for v in values if not second_range[0] <= v <= second_range[1]]
     if outside:
         raise InputError("values", f"{outside[0]!r} is outside {second_range}", "widen the range")
@@ -201,6 +200,21 @@ def follow_curve(
     closed = forward.end.kind is EndKind.CLOSED
     backward = Walk(forward.points[:1], (), forward.end) if closed else go(-1)
     return _curve(name, entry, problem, backward, forward, before)
+
+
+def _checked_range(model: Model, entry: Entry, parameter: str, limits: Any) -> tuple[float, float]:
+    """The range as floats; it must hold the entry."""
+    where = f"range of {parameter}"
+    declared = model.require(parameter, "parameter")
+    if not isinstance(limits, Sequence | np.ndarray) or len(limits) != 2:
+        raise InputError(where, f"found {limits!r}", "give (low, high)")
+    low, high = (declared.check(limit, where) for limit in limits)
+    if not low < high:
+        raise InputError(where, f"found {limits!r}", "give (low, high)")
+    if not low <= entry.parameters[parameter] <= high:
+        found = f"({low:.12g}, {high:.12g}) does not hold {entry.parameters[parameter]:.12g}"
+        raise InputError(where, found, "widen it")
+    return low, high
 
 
 def _leaving(first: str, kind: str) -> Callable[[Point, Sequence[Event]], tuple[End, Point] | None]:

@@ -173,7 +173,7 @@ class _CurveExplorer:
         name = f"c{len(self.curves) + 1}"
         self.progress(f"curve {name}: {entry.label} in ({scene.parameter}, {options.parameter})")
         curve = follow_curve(
-            model, entry, options.parameter, scene.range, options.range, name=name,
+            entry, model, options.parameter, scene.range, options.range, name=name,
             values=sorted({*options.values, value}), settings=options.settings, kernels=self.pairs,
         )  # fmt: skip
         self.curves.append(with_fixed(curve, fixed))

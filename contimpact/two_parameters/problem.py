@@ -9,12 +9,12 @@ from typing import Any
 import numpy as np
 
 from ..diagram import Entry
-from ..errors import InputError
+from ..errors import InputError, shown
 from ..extended import CURVES, Crossing, ExtendedSystem, Reached, SingularCycle, Touching
-from ..ghosts import orbit_of
 from ..mechanics.kernels import Kernels
 from ..mechanics.model import Model
 from ..mechanics.orbit import Array, Linearisation, OrbitProblem
+from ..recovery import orbit_of
 
 
 class CurveProblem:
@@ -93,20 +93,19 @@ class CurvePoint:
         return told
 
 
+def require_curve(entry: Entry) -> None:
+    """Raise `InputError` if this is no entry, or events of its kind have no curves."""
+    if getattr(entry, "kind", None) not in CURVES:
+        found = f"{shown(entry)} has no curve"
+        raise InputError("entry", found, f"accepted are entries of {', '.join(CURVES)}")
+
+
 def curve_problem(
     model: Model, entry: Entry, second: str, kernels: Kernels, first_span: float
 ) -> tuple[CurveProblem, Array]:
-    """Return the problem of the curve through a catalogue entry, and where it starts.
-
-    Raises
-    ------
-    InputError
-        If events of this kind have no curves.
-    """
-    if getattr(entry, "kind", None) not in CURVES:
-        raise InputError("entry", f"{entry!r} has no curve", f"accepted are {', '.join(CURVES)}")
-    problem, here = orbit_of(entry, model, kernels)
-    orbit = here.unknowns
+    """Return the problem of the curve through a catalogue entry, and where it starts."""
+    at = orbit_of(entry, model, kernels)
+    problem, orbit = at.problem, at.unknowns
     system, details = _system(problem, entry)
     curve = CurveProblem(entry.kind, system, details, first_span)
     return curve, curve.packed(orbit, system.start(problem.evaluate(orbit)))
