@@ -15,7 +15,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from contimpact import follow, load_scene
+from contimpact import follow, load_scene, read
 from contimpact.continuation.branch import EndKind
 
 FOLDER = Path(__file__).parent.parent / "branches"
@@ -37,6 +37,9 @@ FIG_8 = {
     ("2:1", "~G[2:1->2:2]"): 0.11477162872,
 }
 """Values of d by the orbit's count and the event's label."""
+
+SECOND_FOLD = 10.2813
+"""Where the second family of 2:1 orbits of Fig. 8 turns, in A."""
 
 
 @functools.cache
@@ -187,6 +190,39 @@ def test_critical_values_do_not_depend_on_the_step(name, values, max_step):
     for (notation, label), d in values.items():
         here = [e.parameters["d"] for e in found if (e.notation, e.label) == (notation, label)]
         assert min(np.abs(np.array(here) - d), default=math.inf) < 2e-11, (notation, label)
+
+
+def test_the_survey_of_fig8_finds_the_second_family():
+    """And adds to what follows from the 1:1 orbit, of which it changes nothing."""
+    found = diagram("fig8")
+    plain = follow(dataclasses.replace(scene("fig8"), survey=False))
+    same = [(e.id, e.label, e.value) for e in found.entries[: len(plain.entries)]]
+    assert same == [(e.id, e.label, e.value) for e in plain.entries]
+    folds = [e for e in found.entries if (e.notation, e.kind) == ("2:1", "FB")]
+    second = min(folds, key=lambda e: abs(e.value - SECOND_FOLD))
+    assert abs(second.value - SECOND_FOLD) < 5e-5
+    branch = found[second.branch]
+    seen = branch.physical & (branch["event"] == "")
+    assert np.all(branch["n_unstable"][seen] > 0)
+    assert 10.30 < branch["A"][seen].min() < branch["A"][seen].max() < 10.63
+    assert any("survey ended" in note for note in found.statistics["notes"])
+
+
+MECHANISMS = {
+    "fig3a": {("1:1", "2:1"): 3},
+    "fig3b": {("1:1", "2:1"): 4, ("2:1", "3:1"): 2},
+    "fig3c": {("1:1", "2:1"): 4, ("2:1", "3:1"): 4},
+    "fig3d": {("1:1", "2:1"): 4, ("2:1", "3:1"): 3},
+    "fig7": {("1:1", "2:1"): 4, ("2:1", "3:1"): 2},
+    "fig8": {("1:1", "2:1"): 2, ("2:1", "2:2"): 4},
+}
+"""Decided by the order of the exact values; the page on results compares them with the paper."""
+
+
+@pytest.mark.parametrize("name", MECHANISMS)
+def test_mechanisms_of_the_figures(name):
+    found = {(t.source, t.target): t.mechanism for t in read(diagram(name)).transitions}
+    assert found.items() >= MECHANISMS[name].items()
 
 
 def test_grazing_of_the_oscillator():
