@@ -9,6 +9,7 @@ from __future__ import annotations
 import csv
 import dataclasses
 import functools
+import json
 import math
 from pathlib import Path
 
@@ -20,6 +21,7 @@ from contimpact.continuation.branch import EndKind
 
 FOLDER = Path(__file__).parent.parent / "branches"
 NAMES = sorted(path.parent.name for path in FOLDER.glob("*/scene.toml"))
+SIMULATED = [name for name in NAMES if (FOLDER / name / "simulation").is_dir()]
 EXPORTED = [name for name in NAMES if (FOLDER / name / "events.csv").exists()]
 
 FIG_7 = {
@@ -260,3 +262,28 @@ def test_exported_events_agree_with_a_fresh_run(name):
             assert row[f"wall{k}"] == impact["wall"]
             for key in ("time", "velocity"):
                 assert float(row[f"{key}{k}"]) == pytest.approx(impact[key], rel=1e-10, abs=1e-10)
+
+
+@pytest.mark.parametrize("name", SIMULATED)
+def test_exported_simulations_are_of_the_exported_branches(name):
+    """What explains a transition is an event of the scene; no file is large."""
+    events = {entry.id: entry for entry in diagram(name).entries}
+    text = (FOLDER / name / "simulation" / "transitions.json").read_text(encoding="utf-8")
+    told = [e for t in json.loads(text)["transitions"] for e in t["explanations"]]
+    assert told
+    for explanation in told:
+        entry = events[explanation["entry"]]
+        assert explanation["label"] == entry.label
+        assert explanation["value"] == pytest.approx(entry.value, rel=1e-10)
+    with open(FOLDER / name / "simulation" / "sweep.csv", encoding="utf-8") as file:
+        assert json.loads(next(file).removeprefix("# "))["parameter"] == scene(name).parameter
+        directions = {row["direction"] for row in csv.DictReader(file)}
+    asked = scene(name).simulate.direction
+    assert directions == ({"up", "down"} if asked == "both" else {asked})
+    tables = ("sweep.csv", "transitions.json", "coverage.json", "energy.csv")
+    paths = [FOLDER / name / "simulation" / table for table in tables]
+    assert all(path.stat().st_size < 600 * 1024 for path in paths if path.exists())
+
+
+def test_every_scene_with_a_simulation_has_it_exported():
+    assert [name for name in NAMES if scene(name).simulate is not None] == SIMULATED
