@@ -15,7 +15,7 @@ from .continuation.arclength import Settings
 from .continuation.branch import End, EndKind, Event, Point, Points, Walk, joined
 from .continuation.events import TestFunction, UserFunction
 from .continuation.walk import SAME_SOLUTION
-from .diagram import Branch, Diagram, Entry, tabulate
+from .diagram import Branch, Diagram, Entry
 from .errors import InputError, shown
 from .ghosts import entry_of, event_of
 from .mechanics.kernels import Kernels
@@ -25,6 +25,7 @@ from .mechanics.search import Orbit, settle
 from .orbit_march import walk_orbits
 from .recovery import as_orbit, entry_first, named
 from .switching import SWITCHES, switch
+from .tables import tabulate
 
 EVENTS = ("FB", "BP", "PD", "G", "V", "T")
 """Kinds of events looked for where nothing else is said."""
