@@ -146,10 +146,18 @@ class Grazing(TestFunction):
         self.places = [(k, wall) for k in range(len(problem.word)) for wall in walls]
         positions = problem.kernels.setup(*problem.model.values.values())[3 : 3 + len(walls)]
         self.rounding = ROUNDING * max(abs(position) for position in positions)
+        self.guides = len(problem.word)
 
     def values(self, point: Point) -> Array:
-        gaps = point.evaluation.gaps
-        return np.array([np.nan if t is None else t.gap for flight in gaps for t in flight.touches])
+        """Gaps; then, to see where extrema of a flight are born, how nearly it turns elsewhere."""
+        flights = point.evaluation.gaps
+        gaps = [np.nan if t is None else t.gap for flight in flights for t in flight.touches]
+        return np.array(gaps + [flight.slowest for flight in flights])
+
+    def guided(self, left: Array, right: Array) -> Array:
+        """Flights that turn nowhere at either end of a segment may do so between."""
+        gaps = np.vstack([left[: -self.guides], right[: -self.guides]])
+        return np.all(np.isnan(gaps.reshape(2, self.guides, -1)), axis=(0, 2))
 
     def touch(self, point: Point, index: int) -> Any:
         flight = index // (len(self.places) // len(point.evaluation.gaps))

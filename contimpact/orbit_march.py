@@ -52,7 +52,7 @@ if TYPE_CHECKING:
 
 FB, BP, PD, NS, PARAMETER, LISTS = range(6)
 """Places in `facts`: values of single test functions; then come lists, of the gaps, of the
-velocities, of the durations and of what the kernel ``setup`` returns."""
+velocities, of the durations, of the slowest turns and of what the kernel ``setup`` returns."""
 
 WALLS, PERIODS, FREE, GAPS, DOUBLING, SETUP = range(6)
 """Places in `counts`: how many walls and periods, the place of the free parameter among the
@@ -171,6 +171,7 @@ def measure(breaks, excursion, course, z):
     zeros = breaks(values, period, course.zeros)
     velocities = LISTS + walls * count
     durations = velocities + count
+    slowest = durations + count
     smallest, sure = math.inf, True
     for k in range(count):
         i = 2 * k
@@ -185,13 +186,14 @@ def measure(breaks, excursion, course, z):
         if length < 0.0 or towards < 0.0:
             sure = False
         facts[durations + k] = length if abs(length) >= SAME_TIME else math.nan
-        high, when_high, low, when_low = math.nan, math.nan, math.nan, math.nan
+        high, when_high, low, when_low, slow = math.nan, math.nan, math.nan, math.nan, math.nan
         at = walls * k
         if wanted and length > 0.0:
-            high, when_high, low, when_low = excursion(
+            high, when_high, low, when_low, slow = excursion(
                 (wall, start, speed), values, length, arriving, sides[wall], sides[following],
                 zeros, start % period, period,
             )  # fmt: skip
+        facts[slowest + k] = slow
         for j in range(walls):
             gap, dt = fixed[3 + j] - fixed[3 + wall], when_high
             if sides[j] > 0.0:
@@ -203,7 +205,7 @@ def measure(breaks, excursion, course, z):
                 smallest = gap
     if course.counts[SETUP] != 0:
         for j in range(len(fixed)):
-            facts[durations + count + j] = fixed[j]
+            facts[slowest + count + j] = fixed[j]
     return smallest, sure and smallest >= 0.0
 
 
@@ -279,7 +281,7 @@ class OrbitSystem:
         place = list(problem.model.values).index(problem.parameter)
         values = list(problem.model.values.values())
         places, targets = [place for place, _ in self.tests], [target for _, target in self.tests]
-        facts = LISTS + count * (walls + 2)
+        facts = LISTS + count * (walls + 3)
         return Course(
             kinds=vector([a * walls + b for a, b in zip(word, word[1:] + word[:1], strict=True)]),
             word=vector(word),
@@ -412,13 +414,15 @@ def places_of(problem: OrbitProblem, test: TestFunction) -> list[tuple[int, floa
     if one is not None:
         return [(one, 0.0)]
     velocities = LISTS + walls * count
-    first = {Grazing: LISTS, ZeroVelocity: velocities, ZeroDuration: velocities + count}.get(
-        type(test)
-    )
+    slowest = velocities + 2 * count
+    if isinstance(test, Grazing):
+        gaps = range(LISTS, LISTS + walls * count)
+        return [(place, 0.0) for place in (*gaps, *range(slowest, slowest + count))]
+    first = {ZeroVelocity: velocities, ZeroDuration: velocities + count}.get(type(test))
     if first is not None:
-        return [(first + i, 0.0) for i in range(walls * count if first == LISTS else count)]
+        return [(first + i, 0.0) for i in range(count)]
     if isinstance(test, Requested):
-        names, derived = list(problem.model.DERIVED), velocities + 2 * count + 3 + walls
+        names, derived = list(problem.model.DERIVED), slowest + count + 3 + walls
         return [
             (PARAMETER if name == problem.parameter else derived + names.index(name), value)
             for name, value in test.requested

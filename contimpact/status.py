@@ -23,7 +23,7 @@ from .mechanics.physicality import OUT_OF_ORDER, PASSES, PHYSICAL
 from .mechanics.stability import count_unstable
 
 UNPHYSICAL_AT = ("G", "V", "T")
-UNSTABLE_AT = ("FB", "BP", "PD", "NS", "T")
+UNSTABLE_AT = ("FB", "BP", "PD", "NS")
 """Kinds of events at which an orbit turns unphysical, and at which its stability changes."""
 
 SEARCHED = (0, 4, 10, 20, 34)
@@ -60,6 +60,8 @@ def explained(
         left, right = walk.points[i], walk.points[i + 1]
         if (switched and i == 0) or _explains(events, left, right, kinds):
             continue
+        if kinds == UNPHYSICAL_AT and _reason(left, right) not in asked:
+            continue
         found, lost = _searched(problem, left, right, tests, settings, kinds)
         events += [event for event in found if not _known(event, events)]
         missed += lost
@@ -89,7 +91,7 @@ def _explains(events: Sequence[Event], left: Point, right: Point, kinds: Collect
     """Whether an event of these kinds lies between two points, or on one of them."""
     slack = 1e-9 * (right.arclength - left.arclength)
     return any(
-        event.kind in kinds
+        (event.kind in kinds or event.kind == "T")
         and left.arclength - slack <= event.point.arclength <= right.arclength + slack
         for event in events
     )
@@ -147,10 +149,9 @@ def _find(tests: Sequence[TestFunction], segment: Segment) -> list[Event]:
 
 def _needed(segment: Segment, kinds: tuple[str, ...]) -> str:
     """The kind of event that would explain a change of status here."""
-    ends = [segment.left.evaluation, segment.right.evaluation]
     if kinds == UNPHYSICAL_AT:
-        worse = ends[0] if not ends[0].verdict.physical else ends[1]
-        return {PASSES: "G", OUT_OF_ORDER: "T"}.get(int(worse.numbers[-6]), "V")
+        return _reason(segment.left, segment.right)
+    ends = [segment.left.evaluation, segment.right.evaluation]
     counts = [end.n_unstable for end in ends]
     if abs(counts[1] - counts[0]) > 1:
         return "NS"
@@ -161,6 +162,12 @@ def _needed(segment: Segment, kinds: tuple[str, ...]) -> str:
     if abs(passing - 1.0) < NEAR_UNIT:
         return "FB"
     return "PD" if abs(passing + 1.0) < NEAR_UNIT else "NS"
+
+
+def _reason(left: Point, right: Point) -> str:
+    """The kind of event that makes orbits unphysical as the one at one of two points is."""
+    worse = left if not left.evaluation.verdict.physical else right
+    return {PASSES: "G", OUT_OF_ORDER: "T"}.get(int(worse.evaluation.numbers[-6]), "V")
 
 
 def _unexplained(kind: str, segment: Segment, kinds: tuple[str, ...]) -> Missed:

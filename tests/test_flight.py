@@ -127,7 +127,7 @@ def all_excursions(motion, length, arriving, breaks):
     return excursions(
         lambda head, dt, values: motion(dt), (0, 0.0), (), length, arriving, left, reached,
         breaks, 0.0, math.inf,
-    )  # fmt: skip
+    )[:4]  # fmt: skip
 
 
 def check_excursions(motion, vectorised, length, zeros):
@@ -278,11 +278,26 @@ def test_excursions_that_belong_to_an_impact_running_the_wrong_way_are_left_out(
     def found(left_side, reached_side):
         return excursions(
             motion, (0, 0.0), (), 1.0, -1.0, left_side, reached_side, [], 0.0, math.inf
-        )
+        )[:4]
 
     assert found(1.0, -1.0) == NOWHERE * 2
     assert found(-1.0, 1.0) == NOWHERE * 2
     assert found(-1.0, -1.0) == (0.25, 0.5, *NOWHERE)
+
+
+def test_the_slowest_turn_is_the_speed_nearest_to_zero_where_the_acceleration_vanishes():
+    """x = dt^3/3 - dt^2 + c dt: the velocity is least at dt = 1, where it is c - 1."""
+    for c in (0.9, 1.0, 1.1):
+
+        def motion(head, dt, values, c=c):
+            return dt**3 / 3.0 - dt**2 + c * dt, dt**2 - 2.0 * dt + c, 2.0 * dt - 2.0
+
+        found = excursions(motion, (0, 0.0), (), 3.0, 3.0 + c, -1.0, 1.0, [1.0], 0.0, math.inf)
+        assert found[4] == pytest.approx(c - 1.0, abs=1e-15)
+        assert math.isnan(found[0]) == (c >= 1.0)
+    assert math.isnan(
+        excursions(motion, (0, 0.0), (), 0.9, 1.0, -1.0, 1.0, [1.0], 0.0, math.inf)[4]
+    )
 
 
 # Gaps of orbits

@@ -22,19 +22,32 @@ from .arclength import (
 )
 from .branch import Event, Missed, Point
 from .problem import Array, Problem
-from .sign_changes import DIPS, ENDS, Sample, Stretch, crosses, crossings
+from .sign_changes import DIPS, OFF_THE_ENDS, Sample, Stretch, crosses, crossings
 
 CLOSEST_BRANCHES = 1e-4
 """Branches closer to each other than this part of a step are taken to cross."""
 
-DEEPEST, DEEPEST_END = 20, 48
-"""How often a segment is cut where a test function may have two zeros, and where it ends."""
+GUIDED = 4
+"""Beside what `suspects` finds: a guide tells that a value may begin and end between two points."""
+
+DEEPEST = np.array([0, 6, 20, 48, 6])
+"""How often a segment is cut, by what is suspected there."""
+
+SHRUNK = 1e-2
+"""A function that has not fallen below this part of its values at the ends jumps; a fifth root
+falls to a thousandth before its argument is rounding."""
+
+CLOSED_IN = 1e-6
+"""A function that has no value in a bracket this narrow jumps there."""
 
 MOST_CUTS = 200
 """How often a segment is cut in all."""
 
 NO_VALUE = "the test function has no value inside the bracket"
 UNRESOLVED = "two zeros close to each other are not excluded; a smaller max_step may tell"
+
+BESIDE = 0.999
+"""Where no point is reached or a function has no value, this part of the way is tried instead."""
 
 ACCEPTED_ERROR = 1e-7
 """Newton on an extended system counts if its error is below this part of the parameter's scale."""
@@ -156,6 +169,14 @@ class TestFunction(ABC):
 
     evaluations = 0
 
+    guides = 0
+    """How many of the values, the last ones, are no test functions themselves but tell where the
+    others begin or end."""
+
+    def guided(self, left: Array, right: Array) -> Array:
+        """Return which guides are to be followed between two points, shape (guides,)."""
+        return np.ones(self.guides, dtype=bool)
+
     def at(self, point: Point) -> Array:
         """Return `values`, and count the evaluation."""
         self.evaluations += 1
@@ -195,7 +216,10 @@ class UserFunction(TestFunction):
         self.kind, self.function = kind, function
 
     def values(self, point: Point) -> Array:
-        return np.atleast_1d(np.asarray(self.function(point), dtype=float))
+        try:
+            return np.atleast_1d(np.asarray(self.function(point), dtype=float))
+        except ArithmeticError:  # a pole met exactly
+            return np.array([np.nan])
 
 
 def find_events(
@@ -234,9 +258,9 @@ class _Search:
     def on(self, segment: Segment, stretch: Stretch, depth: int) -> None:
         """Cut a segment where more crossings are not excluded, else locate those there are."""
         found, places = self.suspected(stretch)
-        deepest = DEEPEST_END if np.any(found == ENDS) else DEEPEST
-        if np.any(found) and depth < deepest and self.cuts < MOST_CUTS:
-            middle = segment.at(float(places[np.argmax(found)]))
+        worth = np.where(depth < DEEPEST[found], found, 0)
+        if np.any(worth) and self.cuts < MOST_CUTS:
+            middle = segment.at(float(places[np.argmax(worth)]))
             ends = stretch.left.arclength, stretch.right.arclength
             if middle is not None and ends[0] < middle.arclength < ends[1]:
                 self.cut(segment, stretch, middle, depth + 1)
@@ -248,9 +272,22 @@ class _Search:
     def suspected(self, stretch: Stretch) -> tuple[Array, Array]:
         """Where more crossings are not excluded, and not within rounding."""
         found, places = stretch.suspects()
+        b, c = stretch.left.flat, stretch.right.flat
         floor = [max(test.noise, test.rounding) for test in self.tests]
-        size = np.fmax(np.abs(stretch.left.flat), np.abs(stretch.right.flat))
-        found[(found == DIPS) & (size <= np.repeat(floor, self.sizes))] = 0
+        found[(found == DIPS) & (np.fmax(np.abs(b), np.abs(c)) <= np.repeat(floor, self.sizes))] = 0
+        passed = crosses(b, c)
+        last = 0
+        for test, left, right in zip(
+            self.tests, stretch.left.values, stretch.right.values, strict=True
+        ):
+            last += len(left)
+            if not test.guides:
+                continue
+            guides = slice(last - test.guides, last)
+            turns = (found[guides] == DIPS) | passed[guides]
+            found[guides] = np.where(turns & test.guided(left, right), GUIDED, 0)
+        aimed = passed & (found == GUIDED)
+        places[aimed] = np.clip(b[aimed] / (b[aimed] - c[aimed]), OFF_THE_ENDS, 1.0 - OFF_THE_ENDS)
         return found, places
 
     def cut(self, segment: Segment, stretch: Stretch, middle: Point, depth: int) -> None:
@@ -263,7 +300,7 @@ class _Search:
         found = {(event.kind, event.details.get("index")) for event in self.events[known:]}
         values = stretch.left.values, between.values, stretch.right.values
         for test, a, b, c in zip(self.tests, *values, strict=True):
-            for index in crossings(a, c):
+            for index in crossings(a[: len(a) - test.guides], c[: len(a) - test.guides]):
                 if np.isnan(b[index]) and (test.kind, index) not in found:
                     self.locate_one(test, segment, index, float(a[index]), float(c[index]))
 
@@ -271,7 +308,7 @@ class _Search:
         """Locate what changes sign between both ends."""
         values = stretch.left.values, stretch.right.values
         for test, a, b in zip(self.tests, *values, strict=True):
-            for index in crossings(a, b):
+            for index in crossings(a[: len(a) - test.guides], b[: len(a) - test.guides]):
                 if max(abs(a[index]), abs(b[index])) > test.noise:
                     self.locate_one(test, segment, index, float(a[index]), float(b[index]))
 
@@ -290,8 +327,7 @@ class _Search:
         kinds = np.repeat([test.kind for test in self.tests], self.sizes)
         # beside a jump of the function, what lies beyond it says nothing
         found = np.minimum(*(self.suspected(side)[0] for side in stretch.one_sided()))
-        passed = crosses(stretch.left.flat, stretch.right.flat)
-        unsure = kinds[(found == DIPS) & ~passed]
+        unsure = kinds[found == DIPS]
         self.missed += [_missed(str(kind), segment, UNRESOLVED) for kind in unsure]
 
 
@@ -311,7 +347,7 @@ def locate(
         return event
     for attempt in range(60):
         fraction = _next_fraction(a, b, fa, fb, attempt)
-        guess = segment.at(fraction) or segment.at(a + 0.999 * (fraction - a))
+        guess = segment.at(fraction) or segment.at(a + BESIDE * (fraction - a))
         if guess is None:  # beside a branch point as well as on it
             return _missed(
                 test.kind, segment, "no point of the branch was reached inside the bracket"
@@ -321,8 +357,17 @@ def locate(
             if event is not None:
                 return event
         value = float(test.at(guess)[index])
+        beside = segment.at(a + BESIDE * (fraction - a)) if np.isnan(value) else None
+        if beside is not None:
+            guess, fraction, value = (
+                beside,
+                a + BESIDE * (fraction - a),
+                float(test.at(beside)[index]),
+            )
         if np.isnan(value):
             if not test.vanishing:
+                if b - a < CLOSED_IN:
+                    break
                 return _missed(test.kind, segment, NO_VALUE)
             width = min(1.0, test.vanishing / abs(fb - fa)) * (b - a)
             return _by_bracket(test, segment, guess, index, width)
@@ -333,7 +378,7 @@ def locate(
         if b - a <= 8.0 * EPSILON or value == 0.0:
             break
     assert guess is not None
-    shrunk = min(abs(fa), abs(fb)) <= 1e-3 * max(abs(left), abs(right))
+    shrunk = min(abs(fa), abs(fb)) <= SHRUNK * max(abs(left), abs(right))
     if not shrunk:
         return _missed(test.kind, segment, "the test function jumps without passing through zero")
     return _by_bracket(test, segment, guess, index, 0.0 if value == 0.0 else b - a)

@@ -24,12 +24,16 @@ MARGIN = 0.1
 ALONE = 2.0
 """Factor of the bend where only one parabola tells of it."""
 
+MIDDLE = 0.4871
+"""Where a segment is cut if nothing says better: off the places that coincidences prefer."""
+
 OFF_THE_ENDS = 0.1
 """A segment is not cut nearer to its ends than this part of it."""
 
 
-DIPS, ENDS = 1, 2
-"""What `suspects` finds: a value that may pass zero twice, one that may do so where it ends."""
+THRICE, DIPS, ENDS = 1, 2, 3
+"""What `suspects` finds: a value that changes sign and may do so thrice, one that may do so twice,
+and one that may do so where it begins or ends."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -105,8 +109,7 @@ def suspects(
     Returns
     -------
     found : ndarray of shape (q,)
-        `DIPS` where the value may pass zero and come back, `ENDS` where it appears or vanishes
-        between the points and may pass zero there, else 0.
+        `THRICE`, `DIPS` or `ENDS`, or 0 where all sign changes are seen.
     places : ndarray of shape (q,)
         Where between b and c, from 0 to 1.
     """
@@ -130,10 +133,10 @@ def suspects(
         vanishes = np.isnan(c) & _may_pass(b, a, ahead / behind)
         appears = np.isnan(b) & _may_pass(c, d, ahead / beyond)
     here, there = ~np.isnan(b), ~np.isnan(c)
-    found = np.where(here & there & dips, DIPS, 0)
+    found = np.where(here & there & dips, np.where(passed, THRICE, DIPS), 0)
     found[(here & vanishes) | (there & appears)] = ENDS
-    aimed = (found == DIPS) & ~passed & ~np.isnan(place)
-    places = np.where(aimed, np.clip(place, OFF_THE_ENDS, 1.0 - OFF_THE_ENDS), 0.5)
+    aimed = (found == DIPS) & ~np.isnan(place)
+    places = np.where(aimed, np.clip(place, OFF_THE_ENDS, 1.0 - OFF_THE_ENDS), MIDDLE)
     return found, places
 
 

@@ -64,8 +64,12 @@ def excursions(
     -------
     highest, when_highest, lowest, when_lowest : float
         Displacements, and times after leaving; not numbers where there is none.
+    slowest : float
+        The velocity nearest to zero at a zero of the acceleration inside the flight: where it
+        passes zero, two extrema are born or merge. Not a number where there is none.
     """
     high, when_high, low, when_low = math.nan, math.nan, math.nan, math.nan
+    slowest = math.nan
     _, speed, acceleration = motion(head, 0.0, values)
     rising = speed > 0.0 or (speed == 0.0 and acceleration > 0.0)
     outwards, inwards = speed * left_side > 0.0, arriving * reached_side < 0.0
@@ -85,6 +89,8 @@ def excursions(
         if not right < length:
             right, done = length, True
         next_speed = arriving if done else motion(head, right, values)[1]
+        if not done and not abs(next_speed) >= abs(slowest):
+            slowest = next_speed
         next_rising = next_speed > 0.0 or (next_speed == 0.0 and rising)
         if next_rising != rising:
             if waiting and maximum and not x <= high:
@@ -102,7 +108,7 @@ def excursions(
             high, when_high = x, dt
         elif not maximum and not x >= low:
             low, when_low = x, dt
-    return high, when_high, low, when_low
+    return high, when_high, low, when_low, slowest
 
 
 def velocity_zero(motion, head, values, left, speed_left, right, speed_right, fraction):
@@ -330,10 +336,14 @@ def turns_before(length, at, reached, wall, rising):
 
 @dataclass(frozen=True)
 class FlightGaps:
-    """The nearest touches of one flight, by wall, and whether the flight runs forward in time."""
+    """The nearest touches of one flight, by wall, and whether the flight runs forward in time.
+
+    `slowest` is the velocity nearest to zero where the acceleration vanishes; see `excursions`.
+    """
 
     duration: float
     touches: tuple[Touch | None, ...]
+    slowest: float = math.nan
 
 
 def flight_gaps(
@@ -381,7 +391,7 @@ def flight_gaps(
             _touch(k, leave[0], w, positions[place] - positions[i], found)
             for place, w in enumerate(named)
         )
-        result.append(FlightGaps(length, touches))
+        result.append(FlightGaps(length, touches, found[4]))
     return result
 
 
@@ -407,6 +417,6 @@ def excursion_of(kernels: Kernels, in_time: bool) -> Callable[..., Any]:
 
 def _touch(flight: int, start: float, wall: Wall, distance: float, found: Any) -> Touch | None:
     """The smallest gap to a wall among the turning points towards it."""
-    high, when_high, low, when_low = found
+    high, when_high, low, when_low = found[:4]
     gap, dt = (distance - high, when_high) if wall.side > 0 else (low - distance, when_low)
     return None if math.isnan(gap) else Touch(flight, wall.name, start + dt, gap)

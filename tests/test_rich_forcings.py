@@ -1,0 +1,99 @@
+"""Forcings with high harmonics, along whose branches events lie close together: none is lost."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from zoo import HARMONICS, harmonic_pair
+
+from contimpact.bifurcations import test_functions as make_tests
+from contimpact.continuation.arclength import Settings
+from contimpact.mechanics.kernels import Kernels
+from contimpact.mechanics.search import find_orbits
+from contimpact.orbit_branch import EVENTS, both_ways
+
+RANGE = (0.08, 1.05)
+WORDS = ("1:1", "1:1", "2:1", "1:1/2T", "2:2", "1:0")
+FINE = Settings(step=5e-4, max_step=5e-3, max_angle=0.01, min_step=1e-9, max_points=40000)
+"""Steps a twentieth of the default ones."""
+
+FEW = (14, 29, 60)
+"""Seeds run without the marker `slow`; the first lost six events of nine."""
+
+
+def random_model(rng):
+    """One harmonic of order 1 and up to four more, of orders up to 40."""
+    count = int(rng.integers(1, HARMONICS))
+    orders = [1, *sorted(rng.choice(np.arange(2, 41), count, replace=False).tolist())]
+    waves = [(1, 1.0, 0.0)]
+    for order in orders[1:]:
+        a = rng.uniform(-0.5, 0.5)
+        waves.append((order, a, 0.0 if rng.uniform() < 0.5 else rng.uniform(-0.5, 0.5)))
+    return harmonic_pair(
+        waves, beta=float(rng.uniform(0, 1.4)), r=float(rng.uniform(0.1, 0.9)), A=5.0,
+        s=float(rng.uniform(0.2, 0.8)),
+    )  # fmt: skip
+
+
+def random_orbit(seed):
+    """An orbit under a random forcing; None where none was found."""
+    rng = np.random.default_rng(seed)
+    model = random_model(rng)
+    word = WORDS[rng.integers(len(WORDS))]
+    found = find_orbits(model, word, kernels=Kernels(model, "s"), starts=64, rounds=3)
+    return found[seed % len(found)] if found else None
+
+
+def followed(orbit, settings):
+    tests = make_tests(orbit.problem, EVENTS, {})
+    return both_ways(orbit.problem, orbit.unknowns, RANGE, tests, settings)
+
+
+def lost(orbit):
+    """The events of a twenty times finer walk, and those of them that the default one has not."""
+    run, fine = followed(orbit, Settings()), followed(orbit, FINE)
+    assert [w.end.kind for w in run.walks] == [w.end.kind for w in fine.walks]
+
+    def same(one, other):
+        apart = orbit.problem.difference(one.point.unknowns, other.point.unknowns)
+        return (
+            one.kind == other.kind
+            and one.details.get("index") == other.details.get("index")
+            and np.max(np.abs(apart)) < 1e-6
+        )
+
+    missing = [e for e in fine.events if not any(same(e, other) for other in run.events)]
+    assert missing == []
+    assert len(run.events) == len(fine.events)
+    assert [m for walk in run.walks for m in walk.missed] == []
+    return fine.events
+
+
+@pytest.mark.parametrize("seed", FEW)
+def test_no_event_is_stepped_over(seed):
+    assert lost(random_orbit(seed))
+
+
+def test_pairs_of_folds_and_doublings_inside_a_step():
+    """Two folds, four period doublings and three stable windows lay between two points."""
+    waves = [(1, 1, 0), (11, -0.091, 0), (19, -0.428, 0), (36, -0.401, 0), (37, 0.486, 0)]
+    model = harmonic_pair(waves, beta=0.972, r=0.387, A=5.0, s=0.34)
+    orbits = find_orbits(model, "1:1", kernels=Kernels(model, "s"))
+    tests = [make_tests(o.problem, ("FB", "PD", "G"), {}) for o in orbits]
+    for settings in (Settings(), Settings(max_step=0.01)):
+        runs = [
+            both_ways(o.problem, o.unknowns, RANGE, t, settings)
+            for o, t in zip(orbits, tests, strict=True)
+        ]
+        assert sum(len(run.events) for run in runs) == 23
+
+
+@pytest.mark.slow
+def test_no_event_is_stepped_over_under_two_hundred_forcings():
+    counts = []
+    seed = 1000
+    while len(counts) < 200:
+        orbit = random_orbit(seed)
+        counts += [] if orbit is None else [len(lost(orbit))]
+        seed += 1
+    assert sum(counts) > 2000
