@@ -1,7 +1,8 @@
-"""The one exception of the library: input that cannot be used."""
+"""What the library raises: input that cannot be used, and files that could not be written."""
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 LONGEST_MESSAGE = 560
@@ -29,6 +30,34 @@ class InputError(ValueError):
     def within(self, prefix: str) -> InputError:
         """Return the same error, its place seen from one level further out."""
         return InputError(f"{prefix}.{self.where}", self.found, self.accepted)
+
+
+class NotWrittenError(InputError):
+    """Some files of a folder could not be written; the others were.
+
+    Parameters
+    ----------
+    folder : str
+    written : sequence of str
+        Names of the files that were written.
+    failed : mapping
+        Why the others were not, by name.
+    """
+
+    def __init__(self, folder: str, written: Sequence[str], failed: Mapping[str, str]) -> None:
+        self.written, self.failed = list(written), dict(failed)
+        reasons = ", ".join(dict.fromkeys(self.failed.values()))
+        found = f"not written ({reasons}): {_listed(list(self.failed))}"
+        super().__init__(
+            folder, f"{found}; written: {_listed(self.written)}",
+            "make room or mend what is in the way, and run it again",
+        )  # fmt: skip
+
+
+def _listed(names: Sequence[str], most: int = 6) -> str:
+    """Names in a row, the later ones counted."""
+    text = ", ".join(names[:most]) or "nothing"
+    return text + (f" and {len(names) - most} more" if len(names) > most else "")
 
 
 def shown(value: Any, longest: int = 60) -> str:

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import io
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from .diagram import Branch
-from .files import write_text
+from .files import write, write_text
 
 AUTO_TYPES = {"FB": 5, "BP": 6, "PD": 7, "NS": 8, "UZ": -4}
 """AUTO-07p's codes for points on branches of periodic orbits; other events are written as UZ."""
@@ -62,4 +63,6 @@ def write_mat(branch: Branch, path: str | Path) -> None:
         "parameter": branch.parameter, "ends": [end.message for end in branch.ends],
         **branch.columns,
     }  # fmt: skip
-    savemat(Path(path), content, long_field_names=True, oned_as="column")
+    file = io.BytesIO()
+    savemat(file, content, long_field_names=True, oned_as="column")
+    write(Path(path), file.getvalue())

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from .compiled import ENTRY, INTEGERS, TABLE, VECTOR
+from .files import temporary_beside
 from .program import Program
 
 
@@ -113,21 +114,23 @@ def linked(path: Path) -> bytes | None:
     """
     import shutil
     import subprocess
-    import tempfile
 
     linker = next((found for name in ("cc", "gcc", "clang") if (found := shutil.which(name))), None)
     if linker is None:
         return None
-    with tempfile.TemporaryDirectory(prefix="contimpact-") as folder:
-        library = Path(folder) / "library.so"
-        command = [linker, "-shared", "-o", str(library), str(path), "-lm"]
-        try:
-            subprocess.check_output(command, stderr=subprocess.STDOUT, timeout=PATIENCE)
-        except subprocess.CalledProcessError as error:
-            raise OSError(error.output.decode(errors="replace").strip()) from None
-        except subprocess.TimeoutExpired:
-            raise OSError(f"{linker} took more than {PATIENCE} s") from None
+    folder = temporary_beside(path)
+    folder.mkdir(0o700)
+    library = folder / "library.so"
+    command = [linker, "-shared", "-o", str(library), str(path), "-lm"]
+    try:
+        subprocess.check_output(command, stderr=subprocess.STDOUT, timeout=PATIENCE)
         return library.read_bytes()
+    except subprocess.CalledProcessError as error:
+        raise OSError(error.output.decode(errors="replace").strip()) from None
+    except subprocess.TimeoutExpired:
+        raise OSError(f"{linker} took more than {PATIENCE} s") from None
+    finally:
+        shutil.rmtree(folder, ignore_errors=True)
 
 
 PATIENCE = 60

@@ -19,7 +19,9 @@ FILES = {
 }
 """Every module of the package, by its dotted name."""
 
-COMPILING = {"contimpact.cache", "contimpact.compiled", "contimpact.files", "contimpact.program"}
+COMPILING = {
+    f"contimpact.{name}" for name in ("cache", "compiled", "files", "processes", "program")
+}
 """Rooms that any part may use: the cache, compiled code, and what it is made of."""
 
 TRUSTED = {

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from ..files import write_text
+from ..files import write_all
 from .report import SAMPLES, SHOT
 
 
@@ -17,13 +17,13 @@ def write_report(data: Mapping[str, Any], folder: Path, formats: Sequence[str]) 
     """Write ``report.json``, ``report.md`` and the plots; returns the files' names."""
     text = json.dumps(_finite(data), indent=1, allow_nan=False) + "\n"
     names = [f"work-precision.{kind}" for kind in formats]
-    write_text(folder / "report.json", text)
-    write_text(folder / "report.md", markdown(data, names[-1:]))
+    files = {"report.json": lambda: text, "report.md": lambda: markdown(data, names[-1:])}
+    written = write_all(folder, files)
     if names:
         from ..plots.report import save_report
 
-        save_report(data, folder, names)
-    return ["report.json", "report.md", *names]
+        written += save_report(data, folder, formats)
+    return written
 
 
 def _finite(value: Any) -> Any:

@@ -19,6 +19,7 @@ from ..attractors.basins import Basins
 from ..attractors.energy import Membrane, along, of_attractor
 from ..attractors.sweep import Row, Simulators, Sweep
 from ..diagram import Branch, Diagram
+from ..files import Content, write_all
 from ..mechanics.search import Orbit
 from ..mechanics.simulate import Simulator
 from . import diagram as style
@@ -423,11 +424,10 @@ def save_simulation(result: Simulation, folder: Path, options: PlotOptions) -> l
         )
     for number, found in enumerate(result.basins, start=1):
         figures[f"basins{number}"] = plot_basins(found).figure
-    return [
-        file
-        for stem, figure in figures.items()
-        for file in style.save_figure(figure, folder, stem, options.formats, name)
-    ]
+    contents: dict[str, Content] = {}
+    for stem, figure in figures.items():
+        contents |= style.pictures(figure, stem, options.formats, name)
+    return write_all(folder, contents)
 
 
 def portrait_figure(simulator: Simulator, row: Row, others: Mapping[str, Attractor], x: str) -> Any:

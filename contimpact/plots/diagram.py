@@ -7,9 +7,11 @@ ghosts hollow. The only file that imports matplotlib's foundations; global setti
 
 from __future__ import annotations
 
+import io
 import math
 import re
 from collections.abc import Iterable, Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -21,6 +23,7 @@ from matplotlib.textpath import TextPath
 
 from ..diagram import LABELLED, Array, Branch, Diagram, Entry
 from ..errors import InputError, shown
+from ..files import Content, write, write_all
 
 COLOURS = ("#0072B2", "#E69F00", "#009E73", "#CC79A7")
 """One for each wall; from the Okabe-Ito cycle, told apart by most colour-blind readers, the first
@@ -153,36 +156,40 @@ def save_figure(
     figure: Any, folder: Path, stem: str, formats: Sequence[str], salt: str
 ) -> list[str]:
     """Save a figure as ``<stem>.<format>``, the same bytes every time; returns the names."""
-    names = [f"{stem}.{kind}" for kind in formats]
-    for name, kind in zip(names, formats, strict=True):
-        write_figure(figure, Path(folder) / name, kind, salt)
-    return names
+    return write_all(Path(folder), pictures(figure, stem, formats, salt))
+
+
+def pictures(figure: Any, stem: str, formats: Sequence[str], salt: str) -> dict[str, Content]:
+    """Return what draws a figure as ``<stem>.<format>``, by file name."""
+    return {f"{stem}.{kind}": partial(picture, figure, kind, salt) for kind in formats}
 
 
 def write_figure(figure: Any, path: Path, kind: str, salt: str) -> None:
-    """Write a figure to a file, the same bytes every time.
-
-    Parameters
-    ----------
-    figure : matplotlib.figure.Figure
-    path : Path
-    kind : {"svg", "png", "pdf"}
-    salt : str
-        What names inside an SVG are made from.
+    """Write a figure to a file, the same bytes every time. Takes the arguments of `picture`.
 
     Raises
     ------
     InputError
         If the file cannot be written.
     """
+    write(path, picture(figure, kind, salt))
+
+
+def picture(figure: Any, kind: str, salt: str) -> bytes:
+    """Return a figure as a file's content, the same bytes every time.
+
+    Parameters
+    ----------
+    figure : matplotlib.figure.Figure
+    kind : {"svg", "png", "pdf"}
+    salt : str
+        What names inside an SVG are made from.
+    """
     undated: dict[str, Any] = {"svg": {"Date": None}, "pdf": {"CreationDate": None}}
-    try:
-        with matplotlib.rc_context({"svg.hashsalt": salt}):
-            figure.savefig(path, format=kind, metadata=undated.get(kind))
-    except OSError as error:
-        raise InputError(
-            str(path), f"cannot be written ({error.strerror or error})", "give another file"
-        ) from None
+    content = io.BytesIO()
+    with matplotlib.rc_context({"svg.hashsalt": salt}):
+        figure.savefig(content, format=kind, metadata=undated.get(kind))
+    return content.getvalue()
 
 
 def legend_mark(**style: Any) -> Any:

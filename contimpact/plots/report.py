@@ -9,9 +9,10 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-import matplotlib
 import matplotlib.figure
 import numpy as np
+
+from .diagram import save_figure
 
 COLOURS = ("#0072B2", "#56B4E9", "#D55E00", "#E69F00", "#009E73", "#CC79A7")
 MARKERS = "osDv^X"
@@ -75,8 +76,8 @@ def _draw_method(
     ax.errorbar(middle, errors, xerr=[below, above], elinewidth=0.7, capsize=0, **style)
 
 
-def save_report(data: Mapping[str, Any], folder: Path, names: Sequence[str]) -> None:
-    """Draw both plots side by side to files."""
+def save_report(data: Mapping[str, Any], folder: Path, formats: Sequence[str]) -> list[str]:
+    """Draw both plots side by side to files ``work-precision.<format>``; returns their names."""
     figure = matplotlib.figure.Figure(figsize=(9.6, 4.6), dpi=120, layout="constrained")
     left, right = figure.subplots(1, 2, sharey=True)
     plot_report(data, left)
@@ -84,7 +85,4 @@ def save_report(data: Mapping[str, Any], folder: Path, names: Sequence[str]) -> 
     right.set_ylabel("")
     handles, labels = left.get_legend_handles_labels()
     figure.legend(handles, labels, loc="outside lower center", ncols=3, fontsize=8, frameon=False)
-    with matplotlib.rc_context({"svg.hashsalt": str(data["scene"])}):  # the same bytes every time
-        for name in names:
-            metadata = {"Date": None} if name.endswith("svg") else None
-            figure.savefig(folder / name, metadata=metadata)
+    return save_figure(figure, folder, "work-precision", formats, str(data["scene"]))
