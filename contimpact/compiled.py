@@ -21,9 +21,9 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from .cache import cache_folder, logger
+from .cache import cache_folder, keep, kept, logger
 from .errors import InputError
-from .files import put
+from .files import reason
 
 if TYPE_CHECKING:
     from .program import Program
@@ -146,8 +146,6 @@ def _make(
     build: Callable[[], Program], arguments: str, folder: Path | None, name: str
 ) -> Compiled | None:  # fmt: skip
     """Compile a program, and put its machine code into the cache if that can be written."""
-    import atexit
-    import shutil
     import tempfile
     import time
 
@@ -172,10 +170,9 @@ def _make(
             logger(__name__).warning("compiled code is not cached: %s", error)
         else:
             return _load(folder, name, arguments)
-    folder = Path(tempfile.mkdtemp(prefix="contimpact-"))
-    atexit.register(shutil.rmtree, folder, ignore_errors=True)
-    put_whole(folder / f"{name}.o", machine_code)
-    return _load(folder, name, arguments)
+    with tempfile.TemporaryDirectory(prefix="contimpact-", ignore_cleanup_errors=True) as place:
+        put_whole(Path(place) / f"{name}.o", machine_code)
+        return _load(Path(place), name, arguments)
 
 
 _LOADED: dict[str, Compiled] = {}
@@ -252,8 +249,8 @@ def _link(machine_code: Path, library: Path) -> None:
 
 def put_whole(path: Path, content: bytes) -> None:
     """Put a file and its digest down."""
-    put(path, content)
-    put(_digest_beside(path), hashlib.sha256(content).hexdigest().encode())
+    keep(path, content)
+    keep(_digest_beside(path), _digest(path, content))
 
 
 def _digest_beside(path: Path) -> Path:
@@ -261,15 +258,19 @@ def _digest_beside(path: Path) -> Path:
     return path.with_name(f"{path.name}.sha256")
 
 
+def _digest(path: Path, content: bytes) -> bytes:
+    """Digest of a file and its name: one that has got another's name does not fit."""
+    return hashlib.sha256(path.name.encode() + b"\0" + content).hexdigest().encode()
+
+
 def _whole(path: Path) -> bool:
-    """Whether a file is there and is what was written; loading a damaged one could crash."""
+    """Whether a file is there and is what this user wrote; loading a damaged one could crash."""
     try:
-        expected = _digest_beside(path).read_bytes()
-        found = hashlib.sha256(path.read_bytes()).hexdigest().encode()
+        expected, found = kept(_digest_beside(path)), _digest(path, kept(path))
     except FileNotFoundError:
         return False
     except OSError as error:
-        logger(__name__).warning("compiled code %s cannot be read: %s", path, error)
+        logger(__name__).warning("compiled code %s is not used: %s", path, reason(error))
         return False
     if found != expected:
         logger(__name__).warning("compiled code %s is damaged and not used", path)

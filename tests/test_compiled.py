@@ -324,14 +324,14 @@ def test_a_cache_that_cannot_be_written(copied, plain_and_compiled, monkeypatch,
     monkeypatch.setattr("contimpact.machine_code.object_code", lambda *given: codes[0])
     for path in copied.glob("compiled-*"):
         path.unlink()
-    intact = module.put
+    intact = module.keep
 
     def refuse(path, content):
         if path.parent == copied:
             raise PermissionError("read-only")
         intact(path, content)
 
-    monkeypatch.setattr(module, "put", refuse)
+    monkeypatch.setattr(module, "keep", refuse)
     monkeypatch.setenv("CONTIMPACT_COMPILED", "always")
     with caplog.at_level(logging.WARNING):
         assert system_of(problem_of(), ()).compiled(1) is not None

@@ -7,7 +7,6 @@ import math
 import os
 import subprocess
 import sys
-from pathlib import Path
 
 import mpmath as mp
 import numpy as np
@@ -575,7 +574,7 @@ def test_file_that_cannot_be_read(pair, folder, monkeypatch, caplog):
         raise PermissionError("not yours")
 
     with monkeypatch.context() as patch:
-        patch.setattr(Path, "read_text", refuse)
+        patch.setattr("contimpact.mechanics.kernels.kept", refuse)
         kernels, out = evaluated(pair())
     assert (kernels.generated, out) == ([QUICK], expected)
     assert any("cannot be read" in message for message in warnings_of(caplog))

@@ -19,9 +19,9 @@ from typing import Any
 
 import numpy as np
 
-from ..cache import cache_folder, logger
+from ..cache import cache_folder, keep, kept, logger
 from ..errors import InputError
-from ..files import put
+from ..files import reason
 from . import stumpff
 from .model import Model
 
@@ -244,12 +244,12 @@ def _digest(body: str) -> str:
 def _read(path: Path, key: str) -> str | None:
     """The source in the file if it is whole and the one asked for, else None."""
     try:
-        source = path.read_text(encoding="utf-8")
+        source = kept(path).decode()
     except FileNotFoundError:
         return None
     except (OSError, UnicodeDecodeError) as error:
         logger(__name__).warning(
-            "cached kernel %s cannot be read (%s): generating it anew", path, error
+            "cached kernel %s cannot be read (%s): generating it anew", path, reason(error)
         )
         return None
     head, _, body = source.partition("\n")
@@ -261,6 +261,6 @@ def _read(path: Path, key: str) -> str | None:
 
 def _write(path: Path, source: str) -> None:
     try:
-        put(path, source.encode())
+        keep(path, source.encode())
     except OSError as error:
         logger(__name__).warning("kernel %s is not cached: %s", path.name, error)
