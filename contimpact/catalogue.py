@@ -11,10 +11,10 @@ from __future__ import annotations
 import contextlib
 import csv
 import dataclasses
+import functools
 import io
 import json
 import math
-import os
 import platform
 import re
 import sys
@@ -29,15 +29,25 @@ from .compiled import mode, used
 from .continuation.branch import End, EndKind
 from .diagram import Branch, Diagram, Entry
 from .errors import InputError
-from .files import reason, write_text
+from .files import Content, reason, write_all
 from .reading import read
+from .result_folder import (
+    CATALOGUE,
+    MANIFEST,
+    TABLES,
+    WANTED,
+    branch_file,
+    curve_file,
+    held,
+    read_json,
+    reading,
+    renewed,
+)
 
 if TYPE_CHECKING:
     from .two_parameters.competition import Region
     from .two_parameters.curves import Curve
 
-CATALOGUE = "contimpact.catalogue/1"
-MANIFEST = "contimpact.manifest/1"
 BRANCH = "contimpact.branch/1"
 CURVE = "contimpact.curve/1"
 
@@ -57,44 +67,6 @@ NEEDED = ("id", "kind", "label", "branch", "word", "period", "parameter", "param
 # Folders and files.
 
 
-def prepare_folder(
-    folder: str | Path, files: Sequence[str] = (), folders: Sequence[str] = ()
-) -> Path:
-    """Make a folder for output and make sure that it can be written.
-
-    Parameters
-    ----------
-    folder : str or Path
-    files, folders : sequence of str
-        What is going to be written in it; nothing else may be in the way.
-
-    Raises
-    ------
-    InputError
-        If it cannot.
-    """
-    import tempfile
-
-    if not str(folder):
-        raise InputError("output folder", "empty", "give the path of a folder")
-    folder = Path(folder)
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-        with tempfile.TemporaryFile(dir=folder):
-            pass
-    except (OSError, ValueError) as error:
-        raise InputError(
-            str(folder), f"cannot be written ({reason(error)})", "give another folder"
-        ) from None
-    for name in files:
-        if (folder / name).is_dir():
-            raise InputError(str(folder / name), "a folder", "move it: a file is to be written")
-    for name in folders:
-        if os.path.lexists(folder / name) and not (folder / name).is_dir():
-            raise InputError(str(folder / name), "not a folder", "move it: a folder is to be made")
-    return folder
-
-
 def write_diagram(diagram: Diagram, folder: str | Path) -> list[str]:
     """Write catalogue, events and branches of a diagram.
 
@@ -112,7 +84,9 @@ def write_diagram(diagram: Diagram, folder: str | Path) -> list[str]:
     Raises
     ------
     InputError
-        If the folder cannot be written.
+        If the folder cannot be written, or another process writes to it.
+    NotWrittenError
+        If some of the files could not be written; the others are there.
     """
     names = [branch.id for branch in diagram.branches]
     if odd := next((name for name in names if not re.fullmatch(r"[\w-]+", name)), None):
@@ -124,44 +98,26 @@ def write_diagram(diagram: Diagram, folder: str | Path) -> list[str]:
             f"two branches are called {twice!r}",
             "give each its own name when following",
         )
-    folder = prepare_folder(folder)
-    _forget(folder)
-    files = {_branch_file(b.id, b.word): branch_text(b) for b in diagram.branches}
+    with held(folder, FILES, TABLES) as place, renewed(place, ["run"]):
+        return sorted(write_all(place, diagram_files(diagram)))
+
+
+FILES = ("catalogue.json", "events.csv")
+
+
+def diagram_files(diagram: Diagram) -> dict[str, Content]:
+    """Return what makes the files of `write_diagram`, by name, the catalogue first."""
+    contents: dict[str, Content] = {
+        "catalogue.json": lambda: catalogue_text(diagram),
+        "events.csv": lambda: events_text(diagram),
+    }
+    for branch in diagram.branches:
+        contents[branch_file(branch.id, branch.word)] = functools.partial(branch_text, branch)
     for curve in diagram.curves:
-        files[_curve_file(curve.id, curve.kind, curve.word)] = curve_text(curve)
-    files["catalogue.json"] = catalogue_text(diagram)
-    files["events.csv"] = events_text(diagram)
-    for name, text in files.items():
-        write_text(folder / name, text)
-    return sorted(files)
-
-
-def _forget(folder: Path) -> None:
-    """Remove the files that an earlier run wrote to this folder, by its manifest and catalogue."""
-    names: list[str] = []
-    for record in ("manifest.json", "catalogue.json"):
-        try:
-            earlier = json.loads((folder / record).read_text(encoding="utf-8"))
-            names += earlier.get("files", [])
-            names += [_branch_file(b["id"], b["word"]) for b in earlier.get("branches", [])]
-            names += [_curve_file(c["id"], c["kind"], c["word"]) for c in earlier.get("curves", [])]
-        except (OSError, ValueError, KeyError, TypeError, AttributeError):
-            continue
-    for name in names:
-        path = folder / str(name)
-        inside = ".." not in Path(str(name)).parts and path.resolve().is_relative_to(
-            folder.resolve()
+        contents[curve_file(curve.id, curve.kind, curve.word)] = functools.partial(
+            curve_text, curve
         )
-        if inside and (path.is_file() or path.is_symlink()):
-            path.unlink()
-
-
-def _branch_file(identity: str, word: str) -> str:
-    return f"branches/{identity}-{word[:40]}.csv"
-
-
-def _curve_file(identity: str, kind: str, word: str) -> str:
-    return f"curves/{identity}-{kind}-{word[:40]}.csv"
+    return contents
 
 
 # The catalogue.
@@ -415,11 +371,11 @@ def load_entries(folder: str | Path) -> list[Entry]:
     Raises
     ------
     InputError
-        If there is no catalogue of this schema.
+        If there is no catalogue of this schema, or its run was ended while it wrote the folder.
     """
     path = Path(folder) / "catalogue.json"
-    content = read_json(path, CATALOGUE, "a folder made by contimpact run")
-    with _reading(path, CATALOGUE):
+    with reading(path.parent), _reading(path, CATALOGUE):
+        content = read_json(path, CATALOGUE, WANTED)
         return [_entry(record) for record in content["entries"]]
 
 
@@ -429,21 +385,22 @@ def load_diagram(folder: str | Path) -> Diagram:
     Raises
     ------
     InputError
-        If there is no catalogue, its schema is another one, or a file is missing or damaged.
+        If there is no catalogue, its schema is another one, a file is missing or damaged, or the
+        folder's run was ended while it wrote the folder.
     """
     folder = Path(folder)
     path = folder / "catalogue.json"
-    catalogue = read_json(path, CATALOGUE, "a folder made by contimpact run")
-    with _reading(path, CATALOGUE):
+    with reading(folder), _reading(path, CATALOGUE):
+        catalogue = read_json(path, CATALOGUE, WANTED)
         branches = [_branch_of(folder, record) for record in catalogue["branches"]]
-        names = [_curve_file(c["id"], c["kind"], c["word"]) for c in catalogue.get("curves", [])]
+        names = [curve_file(c["id"], c["kind"], c["word"]) for c in catalogue.get("curves", [])]
         curves = [read_curve(folder / name) for name in names]
         return Diagram(catalogue["scene"], branches, curves or ())
 
 
 def _branch_of(folder: Path, record: Mapping[str, Any]) -> Branch:
     """The branch of a record of the catalogue, if its table belongs to it."""
-    path = folder / _branch_file(record["id"], record["word"])
+    path = folder / branch_file(record["id"], record["word"])
     branch = read_branch(path)
     if len(branch) != record["points"]:
         raise InputError(
@@ -453,30 +410,17 @@ def _branch_of(folder: Path, record: Mapping[str, Any]) -> Branch:
     return branch
 
 
-def read_json(path: Path, schema: str, wanted: str) -> dict[str, Any]:
-    """Read a JSON file of a schema, or raise `InputError`."""
-    try:
-        content = json.loads(path.read_text(encoding="utf-8"))
-    except OSError as error:
-        raise InputError(
-            str(path), f"cannot be read ({error.strerror})", f"give {wanted}"
-        ) from None
-    except (ValueError, RecursionError) as error:
-        raise InputError(str(path), f"not JSON ({error})", f"give {wanted}") from None
-    found = content.get("schema") if isinstance(content, dict) else None
-    if found != schema:
-        raise InputError(str(path), f"its schema is {found!r}", f"this version reads {schema!r}")
-    return content
-
-
 # The manifest.
 
 
 def manifest_text(
     scene: Mapping[str, Any], given: Mapping[str, Any], left_out: Sequence[str],
-    statistics: Mapping[str, Any], files: Sequence[str],
+    statistics: Mapping[str, Any], files: Sequence[str], catalogue: str | None = None,
 ) -> str:  # fmt: skip
-    """Return ``manifest.json``: what was asked, what ran, what it cost, what was left out."""
+    """Return ``manifest.json``: what was asked, what ran, what it cost, what was left out.
+
+    `catalogue` is the digest of the catalogue beside it.
+    """
     versions = {"contimpact": __version__, "python": platform.python_version()}
     for name in ("numpy", "scipy", "sympy", "matplotlib"):
         if name in sys.modules:
@@ -491,6 +435,7 @@ def manifest_text(
             "modules": _modules(),
             "left_out": list(left_out),
             "files": sorted(files),
+            "sha256": {"catalogue.json": catalogue} if catalogue else {},
         }
     )
 

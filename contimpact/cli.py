@@ -19,11 +19,12 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from . import __version__
-from .errors import InputError
+from .errors import InputError, NotWrittenError
 
 if TYPE_CHECKING:
     from .attractors.simulation import Simulation
     from .diagram import Diagram
+    from .result_folder import Files
     from .scene import CurveOptions, PlotOptions, Scene
 
 
@@ -49,7 +50,7 @@ def _status(arguments: Sequence[str] | None) -> int:
         return int(options.command(options))
     except InputError as error:
         print(f"contimpact: {error}", file=sys.stderr)
-        return 2
+        return 1 if isinstance(error, NotWrittenError) else 2
     except KeyboardInterrupt:
         print("contimpact: interrupted", file=sys.stderr)
         return 1
@@ -183,6 +184,9 @@ def _run(options: argparse.Namespace) -> int:
         except _NothingComputedError as error:
             failure = str(error)
             print(f"contimpact: {error}; nothing was computed or written", file=sys.stderr)
+        except NotWrittenError as error:
+            failure = str(error)
+            print(f"contimpact: {error}", file=sys.stderr)
         status = max(status, 1 if failure else 0)
         if failure == "interrupted":
             break
@@ -202,7 +206,9 @@ def _run_one(scene: Scene, target: Path, options: argparse.Namespace) -> str | N
     """Compute and write one scene; returns what ended it early, if something did."""
     began = time.perf_counter()
     progress = _progress(options.quiet)
-    with _new_folder(target, *_written(scene, options)) as folder:
+    from .result_folder import held
+
+    with held(target, *_written(scene, options)) as folder:
         from .explore import follow
 
         try:
@@ -212,8 +218,8 @@ def _run_one(scene: Scene, target: Path, options: argparse.Namespace) -> str | N
         failure: str | None = diagram.statistics["failure"]
         if failure and not diagram.branches:
             raise _NothingComputedError(failure)
-    with _uninterrupted():
-        _write_run(scene, diagram, folder, options, began)
+        with _uninterrupted():
+            _write_run(scene, diagram, folder, options, began)
     if failure:
         print(f"contimpact: {failure}; what was computed is in {folder}", file=sys.stderr)
     return failure
@@ -222,22 +228,26 @@ def _run_one(scene: Scene, target: Path, options: argparse.Namespace) -> str | N
 def _write_run(
     scene: Scene, diagram: Diagram, folder: Path, options: argparse.Namespace, began: float
 ) -> None:
-    """Write everything a run leaves behind, the manifest last."""
-    from .catalogue import write_diagram
+    """Write everything a run leaves behind, the catalogue first and the manifest last."""
+    from .catalogue import diagram_files
+    from .files import write_all
+    from .result_folder import Files, renewed
 
-    export = time.perf_counter()
-    files = write_diagram(diagram, folder)
-    seconds = dict(diagram.statistics["seconds"])
-    seconds["export"] = time.perf_counter() - export
-    left_out = scene.left_out()
-    if options.no_plot:
-        left_out.append("diagram: --no-plot was given, matplotlib is not imported")
-    elif scene.plot.formats:
-        drawing = time.perf_counter()
-        files += _save_plots(scene, diagram, folder)
-        seconds["plot"] = time.perf_counter() - drawing
-    seconds["total"] = time.perf_counter() - began
-    _write_manifest(scene, diagram, folder, left_out, seconds, files)
+    left_out, seconds = scene.left_out(), dict(diagram.statistics["seconds"])
+    statistics = {**diagram.statistics, "seconds": seconds}
+    with renewed(folder, ["run"], scene.resolved()) as kept:
+        files = Files(folder, kept)
+        export = time.perf_counter()
+        files.add(lambda: write_all(folder, diagram_files(diagram)))
+        seconds["export"] = time.perf_counter() - export
+        if options.no_plot:
+            left_out.append("diagram: --no-plot was given, matplotlib is not imported")
+        elif scene.plot.formats:
+            drawing = time.perf_counter()
+            _save_plots(scene, diagram, files)
+            seconds["plot"] = time.perf_counter() - drawing
+        seconds["total"] = time.perf_counter() - began
+        _close(scene, files, left_out, statistics)
     if not options.quiet:
         _summary(scene, diagram, folder, seconds["total"])
 
@@ -264,31 +274,12 @@ def _simulate(options: argparse.Namespace) -> int:
     scene = load_scene(options.scene)
     if scene.simulate is None:
         raise InputError(options.scene, "no table [simulate]", "add one, see the scene format")
-    from .attractors.simulation import simulate, write_simulation
-    from .catalogue import manifest_text, prepare_folder
-    from .files import write_text
+    from .attractors.simulation import simulate
+    from .result_folder import TABLES, held
 
-    folder = prepare_folder(options.output)
-    progress = _progress(options.quiet)
-    result = simulate(scene, folder, resume=options.resume, progress=progress)
-    files = write_simulation(result, folder)
-    left_out = scene.left_out()
-    if options.no_plot or not scene.plot.formats or result.interrupted:
-        why = "the run was interrupted" if result.interrupted else "not asked for"
-        left_out.append(f"pictures: {why}, matplotlib is not imported")
-    else:
-        from .plots.attractors import save_simulation
-
-        drawing = time.perf_counter()
-        files += save_simulation(result, folder, scene.plot)
-        result.seconds["plot"] = time.perf_counter() - drawing
-    result.seconds["total"] = time.perf_counter() - began
-    statistics = {
-        "seconds": result.seconds, "counts": result.counts, "interrupted": result.interrupted,
-        "resumed": result.resumed,
-    }  # fmt: skip
-    text = manifest_text(scene.resolved(), scene.given, left_out, statistics, files)
-    write_text(folder / "manifest.json", text)
+    with held(options.output, folders=TABLES) as folder:
+        result = simulate(scene, folder, resume=options.resume, progress=_progress(options.quiet))
+        _write_simulation(result, folder, options, began)
     if not options.quiet:
         _simulated(result, folder)
     if result.interrupted:
@@ -298,6 +289,43 @@ def _simulate(options: argparse.Namespace) -> int:
         )  # fmt: skip
         return 1
     return 0
+
+
+def _write_simulation(
+    result: Simulation, folder: Path, options: argparse.Namespace, began: float
+) -> None:
+    """Write everything a simulation leaves behind, the manifest last."""
+    from .attractors.simulation import write_simulation
+    from .result_folder import ROWS, Files, renewed
+
+    scene, left_out = result.scene, result.scene.left_out()
+    commands = ["simulate"] if result.diagram is None else ["simulate", "run"]
+    with renewed(folder, commands, scene.resolved()) as kept:
+        files = Files(folder, kept)
+        files.add(lambda: write_simulation(result, folder))
+        files.note(ROWS, result.lost)
+        _draw_simulation(result, files, options, left_out)
+        result.seconds["total"] = time.perf_counter() - began
+        statistics = {
+            "seconds": result.seconds, "counts": result.counts,
+            "interrupted": result.interrupted, "resumed": result.resumed,
+        }  # fmt: skip
+        _close(scene, files, left_out, statistics)
+
+
+def _draw_simulation(
+    result: Simulation, files: Files, options: argparse.Namespace, left_out: list[str]
+) -> None:
+    plot = result.scene.plot
+    if options.no_plot or not plot.formats or result.interrupted:
+        why = "the run was interrupted" if result.interrupted else "not asked for"
+        left_out.append(f"pictures: {why}, matplotlib is not imported")
+        return
+    from .plots.attractors import save_simulation
+
+    drawing = time.perf_counter()
+    files.add(lambda: save_simulation(result, files.folder, plot))
+    result.seconds["plot"] = time.perf_counter() - drawing
 
 
 def _simulated(result: Simulation, folder: Path) -> None:
@@ -335,33 +363,19 @@ def _written(scene: Scene, options: argparse.Namespace) -> tuple[list[str], list
     return files, folders
 
 
-@contextlib.contextmanager
-def _new_folder(target: Path, files: Sequence[str], folders: Sequence[str]) -> Iterator[Path]:
-    """A folder for output; what had to be made for it is removed where the work inside fails."""
-    from .catalogue import prepare_folder
-
-    made = [folder for folder in (target, *target.parents) if not os.path.lexists(folder)]
-    try:
-        yield prepare_folder(target, files, folders)
-    except BaseException:
-        for folder in made:
-            with contextlib.suppress(OSError):
-                folder.rmdir()
-        raise
-
-
-def _save_plots(scene: Scene, diagram: Diagram, folder: Path) -> list[str]:
+def _save_plots(scene: Scene, diagram: Diagram, files: Files) -> None:
     from .plots.diagram import save_diagram
 
     plot = scene.plot
-    files = []
     if diagram.curves:
         from .plots.curves import save_curves
 
-        files += save_curves(diagram.curves, folder, plot.formats)
-    return files + save_diagram(
-        _own_member(scene, diagram), folder, plot.formats, x=plot.x, xlim=plot.xlim, ylim=plot.ylim,
-        unphysical=plot.unphysical, unit=scene.model.unit(plot.x),
+        files.add(lambda: save_curves(diagram.curves, files.folder, plot.formats))
+    files.add(
+        lambda: save_diagram(
+            _own_member(scene, diagram), files.folder, plot.formats, x=plot.x, xlim=plot.xlim,
+            ylim=plot.ylim, unphysical=plot.unphysical, unit=scene.model.unit(plot.x),
+        )
     )  # fmt: skip
 
 
@@ -374,16 +388,18 @@ def _own_member(scene: Scene, diagram: Diagram) -> Diagram:
     return dataclasses.replace(diagram, branches=own)
 
 
-def _write_manifest(
-    scene: Scene, diagram: Diagram, folder: Path, left_out: list[str],
-    seconds: dict[str, float], files: list[str],
-) -> None:  # fmt: skip
+def _close(scene: Scene, files: Files, left_out: list[str], statistics: dict[str, Any]) -> None:
+    """Write the manifest; what could not be written is said."""
     from .catalogue import manifest_text
-    from .files import write_text
+    from .result_folder import sha256
 
-    statistics = {**diagram.statistics, "seconds": seconds}
-    text = manifest_text(scene.resolved(), scene.given, left_out, statistics, files)
-    write_text(folder / "manifest.json", text)
+    files.close(
+        lambda: manifest_text(
+            scene.resolved(), scene.given, left_out,
+            {**statistics, "not_written": files.not_written()}, files.written,
+            sha256(files.folder / "catalogue.json"),
+        )
+    )  # fmt: skip
 
 
 def _summary(scene: Scene, diagram: Diagram, folder: Path, total: float) -> None:
@@ -429,16 +445,16 @@ def _summary(scene: Scene, diagram: Diagram, folder: Path, total: float) -> None
 def _report(options: argparse.Namespace) -> int:
     from .accuracy.output import write_report
     from .accuracy.report import report
-    from .catalogue import prepare_folder
+    from .result_folder import held
     from .scene import load_scene
 
     scene = load_scene(options.scene)
     progress = _progress(options.quiet)
-    data = report(scene, options.repetitions, progress)
-    progress("")
-    folder = prepare_folder(options.output)
-    formats = () if options.no_plot else scene.plot.formats
-    files = write_report(data, folder, formats)
+    with held(options.output) as folder:
+        data = report(scene, options.repetitions, progress)
+        progress("")
+        formats = () if options.no_plot else scene.plot.formats
+        files = write_report(data, folder, formats)
     if not options.quiet:
         fair = data["honesty"]
         print(
@@ -450,13 +466,13 @@ def _report(options: argparse.Namespace) -> int:
 
 
 def _catalogue(options: argparse.Namespace) -> int:
-    from .catalogue import prepare_folder
     from .merge import FILES, merge, write_merged
+    from .result_folder import held
 
     _require_output(options)
     merged = merge(options.folders)
-    folder = prepare_folder(options.output, FILES)
-    files = write_merged(merged, folder)
+    with held(options.output, FILES) as folder:
+        files = write_merged(merged, folder)
     count, scenes = len(merged["entries"]), len(merged["sources"])
     print(f"{count} entries of {scenes} scenes written to {folder}: {', '.join(files)}")
     return 0
@@ -516,7 +532,7 @@ def _shown_as(folder: Path, diagram: Diagram) -> tuple[PlotOptions, Callable[[st
 
 def _scene_of(folder: Path) -> Scene:
     """The scene in a folder's manifest."""
-    from .catalogue import MANIFEST, read_json
+    from .result_folder import MANIFEST, read_json
     from .scene import read_scene
 
     path, wanted = folder / "manifest.json", "a folder made by contimpact run"

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-import hashlib
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from .catalogue import CATALOGUE, MANIFEST, csv_text, json_text, read_json
+from .catalogue import csv_text, json_text
 from .errors import InputError
-from .files import write_text
+from .files import Content, write_all
+from .result_folder import CATALOGUE, MANIFEST, WANTED, read_json, reading, sha256
 
 CATALOGUES = "contimpact.catalogues/1"
 FILES = ("catalogues.json", "catalogues.csv", "catalogues.md")
@@ -33,17 +33,18 @@ def merge(folders: Sequence[str | Path]) -> dict[str, Any]:
     Raises
     ------
     InputError
-        If a folder has no catalogue, its schema is not this version's, or two different catalogues
-        go by the same scene name.
+        If a folder has no catalogue, its schema is not this version's, its run was ended while it
+        wrote the folder, or two different catalogues go by the same scene name.
     """
     sources: list[dict[str, Any]] = []
     entries: list[dict[str, Any]] = []
     for folder in map(Path, folders):
         path = folder / "catalogue.json"
-        content = read_json(path, CATALOGUE, "a folder made by contimpact run")
-        digest = hashlib.sha256(path.read_bytes()).hexdigest()
+        with reading(folder):
+            content = read_json(path, CATALOGUE, WANTED)
+            digest, origin = sha256(path), _origin(folder)
         if not {"scene", "entries"} <= set(content):
-            raise InputError(str(path), "damaged", "give a folder made by contimpact run")
+            raise InputError(str(path), "damaged", f"give {WANTED}")
         scene = content["scene"]
         same = next((s for s in sources if s["scene"] == scene), None)
         if same is not None:
@@ -53,7 +54,7 @@ def merge(folders: Sequence[str | Path]) -> dict[str, Any]:
                     "give each scene a name of its own",
                 )  # fmt: skip
             continue
-        sources.append({"scene": scene, "folder": folder.name, "sha256": digest, **_origin(folder)})
+        sources.append({"scene": scene, "folder": folder.name, "sha256": digest, **origin})
         entries += [{"scene": scene, **entry} for entry in content["entries"]]
     return {"schema": CATALOGUES, "sources": sources, "entries": entries}
 
@@ -63,22 +64,26 @@ def _origin(folder: Path) -> dict[str, Any]:
     path = folder / "manifest.json"
     if not path.exists():
         return {"source": None, "versions": None}
-    manifest = read_json(path, MANIFEST, "a folder made by contimpact run")
+    manifest = read_json(path, MANIFEST, WANTED)
     try:
         return {
             "source": manifest["scene"]["resolved"]["source"],
             "versions": manifest["versions"],
         }
     except (KeyError, TypeError):
-        raise InputError(str(path), "damaged", "give a folder made by contimpact run") from None
+        raise InputError(str(path), "damaged", f"give {WANTED}") from None
 
 
 def write_merged(merged: dict[str, Any], folder: Path) -> list[str]:
     """Write `FILES` of merged catalogues; returns their names."""
-    texts = (json_text(merged), csv_text(*_table(merged)), _markdown(*_table(merged)))
-    for name, text in zip(FILES, texts, strict=True):
-        write_text(folder / name, text)
-    return list(FILES)
+    for name in FILES:  # so that what is there is of one run
+        (folder / name).unlink(missing_ok=True)
+    makers: tuple[Content, ...] = (
+        lambda: json_text(merged),
+        lambda: csv_text(*_table(merged)),
+        lambda: _markdown(*_table(merged)),
+    )
+    return write_all(folder, dict(zip(FILES, makers, strict=True)))
 
 
 def _table(merged: dict[str, Any]) -> tuple[list[str], list[list[Any]]]:

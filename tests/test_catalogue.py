@@ -28,13 +28,13 @@ from contimpact.catalogue import (
     catalogue_text,
     events_text,
     json_text,
-    prepare_folder,
     read_branch,
     read_json,
-    write_text,
 )
 from contimpact.cli import main
 from contimpact.diagram import Branch, Diagram, Entry
+from contimpact.files import write_text
+from contimpact.result_folder import prepare_folder
 
 SCENE = Path(__file__).parent.parent / "branches" / "fig7" / "scene.toml"
 
@@ -733,6 +733,8 @@ def test_a_branch_of_another_run_is_refused(copied):
     content = json.loads(path.read_text(encoding="utf-8"))
     content["branches"][0]["points"] += 1
     path.write_text(json.dumps(content), encoding="utf-8")
+    assert "manifest.json belongs to" in not_read(load_diagram, copied, place=path).found
+    (copied / "manifest.json").unlink()
     assert "rows" in not_read(load_diagram, copied).found
 
 

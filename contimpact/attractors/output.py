@@ -9,15 +9,16 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence, Set
 from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from .. import __version__
 from ..catalogue import csv_text, json_text
 from ..diagram import Branch, Diagram
 from ..errors import InputError
-from ..files import write_text
+from ..files import append, read_plain, reason, write_text
 from .attractor import Attractor
 from .sweep import Row, Sweep
 
@@ -67,6 +68,8 @@ class Checkpoint:
 
     Attributes
     ----------
+    lost : str or None
+        Why nothing more could be kept, if so; what is found is then in memory alone.
     rows : list of Row
     changes : dict
         Transitions between two rows of a sweep, by direction and value of the second one.
@@ -84,8 +87,9 @@ class Checkpoint:
         self.rows: list[Row] = []
         self.changes: dict[tuple[str, float], list[Transition]] = {}
         self.tried: set[float] = set()
+        self.lost: str | None = None
         lines = self._lines() if resume and path.exists() else []
-        head = json.dumps({"schema": ROWS, "scene": digest})
+        head = json.dumps({"schema": ROWS, "scene": digest, "version": __version__})
         if lines and lines[0] != head:
             raise InputError(
                 str(path), "it belongs to another scene or version",
@@ -97,7 +101,10 @@ class Checkpoint:
 
     def _lines(self) -> list[str]:
         """The whole lines of the file; an interrupted last one is left out."""
-        text = self.path.read_text(encoding="utf-8")
+        try:
+            text = read_plain(self.path)[0].decode()
+        except (OSError, ValueError) as error:
+            raise self._unfit(f"cannot be read ({reason(error)})") from None
         return [line for line in text[: text.rfind("\n") + 1].split("\n") if line]
 
     def _take(self, line: str) -> None:
@@ -112,14 +119,47 @@ class Checkpoint:
                 self.changes[record["direction"], record["value"]] = found
             else:
                 self.tried.add(record["tried"])
-        except (ValueError, KeyError, TypeError) as error:
-            raise InputError(
-                str(self.path), f"damaged ({error})", "leave --resume out to begin anew"
-            ) from None
+        except (ValueError, LookupError, TypeError, AttributeError, RecursionError) as error:
+            raise self._unfit(f"damaged ({type(error).__name__}: {error})") from None
+
+    def _unfit(self, why: str) -> InputError:
+        return InputError(str(self.path), why, "leave --resume out to begin anew")
+
+    def check(self, sweeps: Iterable[tuple[str, Sequence[float]]], at_random: Set[float]) -> None:
+        """Make sure that the rows are the beginning of each sweep, and each there once.
+
+        Parameters
+        ----------
+        sweeps : iterable
+            Directions and the values that each visits.
+        at_random : set of float
+            Values at which random starts are made.
+
+        Raises
+        ------
+        InputError
+            If they are not: two runs have written to the file, or it was edited.
+        """
+        expected = {direction: list(values) for direction, values in sweeps}
+        for direction, values in expected.items():
+            found = [row.value for row in self.rows if row.direction == direction]
+            if found != values[: len(found)]:
+                raise self._unfit(f"its rows of the sweep {direction} are not those of one run")
+        others = [row for row in self.rows if row.direction not in expected]
+        if any(r.direction != "random" or r.value not in at_random for r in others):
+            raise self._unfit("it has rows that are not of this scene")
+        texts = [json.dumps(row.as_record()) for row in others]
+        if len(set(texts)) < len(texts) or not self.tried <= at_random:
+            raise self._unfit("its random starts are not those of one run")
 
     def _append(self, record: Mapping[str, Any]) -> None:
-        with open(self.path, "a", encoding="utf-8") as file:
-            file.write(json.dumps(record) + "\n")
+        """Add a line; on a full disk go on without."""
+        if self.lost:
+            return
+        try:
+            append(self.path, (json.dumps(record) + "\n").encode())
+        except OSError as error:
+            self.lost = reason(error)
 
     def keep(self, row: Row) -> None:
         """Keep one more row."""

@@ -10,13 +10,16 @@ from __future__ import annotations
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ..files import write_text
+from ..catalogue import diagram_files
+from ..files import Content, write_all
 from ..mechanics.kernels import Kernels
+from ..result_folder import ROWS
 from ..scene import Scene
 from .attractor import Attractor, Kind
 from .options import SimulateOptions
@@ -36,7 +39,6 @@ if TYPE_CHECKING:
     from .basins import Basins
     from .coverage import Coverage
 
-ROWS_FILE = "rows.jsonl"
 STAGES = ("branches", "sweep", "random", "transitions", "coverage", "portraits", "basins")
 
 
@@ -62,6 +64,8 @@ class Simulation:
         Per stage.
     resumed : int
         Rows that an earlier run had found.
+    lost : str or None
+        Why what was found could not be kept as it was found, if so.
     """
 
     scene: Scene
@@ -74,6 +78,7 @@ class Simulation:
     interrupted: str | None = None
     seconds: dict[str, float] = field(default_factory=dict)
     resumed: int = 0
+    lost: str | None = None
 
     @property
     def counts(self) -> dict[str, int]:
@@ -112,7 +117,7 @@ def simulate(
     Raises
     ------
     InputError
-        If what is to be resumed belongs to another scene.
+        If what is to be resumed belongs to another scene, or is not of one run.
     """
     return _Director(scene, folder, resume, progress or (lambda text: None)).run()
 
@@ -125,7 +130,9 @@ class _Director:
         self.scene, self.progress = scene, progress
         self.options: SimulateOptions = scene.simulate
         digest = fingerprint(scene.resolved())
-        self.kept = Checkpoint(folder / ROWS_FILE, digest, resume)
+        self.kept = Checkpoint(folder / ROWS, digest, resume)
+        self.values = np.linspace(*self.options.range, self.options.values).tolist()
+        self.kept.check(self.options.sweeps(), set(self.values if self.options.starts else ()))
         self.simulators = Simulators(
             scene.model, scene.parameter, Kernels(scene.model, scene.parameter)
         )
@@ -148,6 +155,7 @@ class _Director:
             if self.result.interrupted:
                 break
         self.progress("")
+        self.result.lost = self.kept.lost
         return self.result
 
     def branches(self) -> None:
@@ -183,7 +191,7 @@ class _Director:
         if not options.starts:
             return
         clock = _Clock(options.values, self.progress)
-        for number, value in enumerate(np.linspace(*options.range, options.values).tolist()):
+        for number, value in enumerate(self.values):
             if value in self.kept.tried:
                 clock.skip(1)
                 continue
@@ -302,23 +310,19 @@ def write_simulation(result: Simulation, folder: Path) -> list[str]:
     list of str
         The files written, relative to the folder.
     """
-    scene, files = result.scene, {"sweep.csv": sweep_text(result.sweep)}
+    scene = result.scene
+    files: dict[str, Content] = {"sweep.csv": lambda: sweep_text(result.sweep)}
     assert scene.simulate is not None
     if scene.simulate.transitions:
-        files["transitions.json"] = transitions_text(
-            result.transitions, scene.parameter, scene.simulate.width
+        files["transitions.json"] = partial(
+            transitions_text, result.transitions, scene.parameter, scene.simulate.width
         )
     if result.coverage is not None:
-        files["coverage.json"] = coverage_text(result.coverage, scene.parameter)
+        files["coverage.json"] = partial(coverage_text, result.coverage, scene.parameter)
     if scene.energy is not None:
-        files["energy.csv"] = energy_text(
-            scene.energy, scene.parameter, result.sweep, result.diagram
+        files["energy.csv"] = partial(
+            energy_text, scene.energy, scene.parameter, result.sweep, result.diagram
         )
-    for name, text in files.items():
-        write_text(folder / name, text)
-    written = [*files, ROWS_FILE]
     if result.diagram is not None:
-        from ..catalogue import write_diagram
-
-        written += write_diagram(result.diagram, folder)
-    return sorted(written)
+        files |= diagram_files(result.diagram)
+    return sorted(write_all(folder, files))
