@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import bisect
 import dataclasses
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
@@ -268,8 +267,8 @@ class Run:
     def around(self, event: Event) -> tuple[Point, Point]:
         """The points before and after an event."""
         lengths = self.points.arclengths
-        after = bisect.bisect_right(lengths, event.point.arclength)
-        before = bisect.bisect_left(lengths, event.point.arclength) - 1
+        after = int(np.searchsorted(lengths, event.point.arclength, side="right"))
+        before = int(np.searchsorted(lengths, event.point.arclength)) - 1
         return self.points[max(before, 0)], self.points[min(after, len(self.points) - 1)]
 
     def holds(self, unknowns: np.ndarray[Any, Any]) -> bool:

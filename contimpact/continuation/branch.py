@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import bisect
 import enum
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any, overload
 
@@ -161,6 +162,8 @@ class Block:
         What else the problem says of each point.
     make : callable ``make(unknowns, described)``
         The evaluation at a point.
+    sign, origin : float
+        A point lies at arclength origin + sign s; its tangent and orientation are turned with it.
     """
 
     unknowns: Array
@@ -170,38 +173,70 @@ class Block:
     iterations: Array
     described: Array
     make: Callable[[Array, Array], Any]
+    sign: float = 1.0
+    origin: float = 0.0
 
-    def evaluation(self, i: int) -> Any:
-        """Return the evaluation at one of the points."""
-        return self.make(self.unknowns[i], self.described[i])
+    def __len__(self) -> int:
+        return len(self.iterations)
+
+    def __getitem__(self, rows: slice) -> Block:
+        return replace(self, **{name: getattr(self, name)[rows] for name in self._arrays})
+
+    _arrays = ("unknowns", "tangents", "orientations", "arclengths", "iterations", "described")
 
     def point(self, i: int) -> Point:
         """Return one of the points."""
         return Point(
-            self.evaluation(i), self.tangents[i],
-            float(self.orientations[i]), float(self.arclengths[i]), int(self.iterations[i]),
+            self.make(self.unknowns[i], self.described[i]), self.sign * self.tangents[i],
+            self.sign * float(self.orientations[i]), float(self.places[i]),
+            int(self.iterations[i]),
         )  # fmt: skip
+
+    @property
+    def places(self) -> Array:
+        """The points' arclengths along the branch."""
+        return self.origin + self.sign * self.arclengths
 
     def moved(self, sign: float, origin: float) -> Block:
         """Return the points with arclength origin + sign s, their tangents turned accordingly."""
-        return replace(
-            self, tangents=sign * self.tangents, orientations=sign * self.orientations,
-            arclengths=origin + sign * self.arclengths,
-        )  # fmt: skip
+        return replace(self, sign=sign * self.sign, origin=origin + sign * self.origin)
+
+    def kept(self) -> Block:
+        """Return the points in arrays of their own, to let go of what they were cut from."""
+        return replace(self, **{name: getattr(self, name).copy() for name in self._arrays})
 
 
 class Points(Sequence[Point]):
-    """The points of a branch in order; those computed in blocks are made when they are looked at.
+    """The points of a branch in order.
 
-    `items` holds each point, or the block it is in and its row.
+    Parameters
+    ----------
+    pieces : sequence of Point and Block
+        Points of a block are made when they are looked at, each time anew.
     """
 
-    def __init__(self, items: Iterable[Point | tuple[Block, int]] = ()) -> None:
-        given = items.items if isinstance(items, Points) else items
-        self.items: list[Point | tuple[Block, int]] = list(given)
+    def __init__(self, pieces: Iterable[Point | Block] = ()) -> None:
+        self.pieces: list[Point | Block] = []
+        self._ends: list[int] = []
+        self._open: Block | None = None  # the block the last piece is from, if it may go on
+        for piece in pieces.pieces if isinstance(pieces, Points) else pieces:
+            self._put(piece)
+
+    def _put(self, piece: Point | Block) -> None:
+        self.pieces.append(piece)
+        self._ends.append(len(self) + _count(piece))
+        self._open = None
 
     def __len__(self) -> int:
-        return len(self.items)
+        return self._ends[-1] if self._ends else 0
+
+    def _place(self, at: int) -> tuple[int, int]:
+        """The piece a point is in, and its place there."""
+        at = at + len(self) if at < 0 else at
+        if not 0 <= at < len(self):
+            raise IndexError("point index out of range")
+        i = bisect.bisect_right(self._ends, at)
+        return i, at - (self._ends[i - 1] if i else 0)
 
     @overload
     def __getitem__(self, at: int) -> Point: ...
@@ -209,77 +244,97 @@ class Points(Sequence[Point]):
     def __getitem__(self, at: slice) -> Points: ...
     def __getitem__(self, at: int | slice) -> Point | Points:
         if isinstance(at, slice):
-            return Points(self.items[at])
-        item = self.items[at]
-        if isinstance(item, tuple):
-            item = self.items[at] = item[0].point(item[1])
-        return item
+            return self._cut(*at.indices(len(self)))
+        i, row = self._place(at)
+        piece = self.pieces[i]
+        return piece if isinstance(piece, Point) else piece.point(row)
+
+    def _cut(self, first: int, last: int, step: int) -> Points:
+        if step not in (1, -1):
+            return Points(self[i] for i in range(first, last, step))
+        low, high = (first, last) if step == 1 else (last + 1, first + 1)
+        found = Points()
+        for piece, end in zip(self.pieces, self._ends, strict=True):
+            begin = end - _count(piece)
+            if isinstance(piece, Point) and low <= begin < high:
+                found._put(piece)
+            elif isinstance(piece, Block) and max(low, begin) < min(high, end):
+                found._put(piece[max(low - begin, 0) : high - begin])
+        return found if step == 1 else found._reversed()
+
+    def _reversed(self) -> Points:
+        return Points(p if isinstance(p, Point) else p[::-1] for p in reversed(self.pieces))
+
+    def __iter__(self) -> Iterator[Point]:
+        for piece in self.pieces:
+            if isinstance(piece, Point):
+                yield piece
+            else:
+                yield from (piece.point(i) for i in range(len(piece)))
 
     def __eq__(self, other: object) -> bool:
         return isinstance(other, Sequence) and list(self) == list(other)
 
+    __hash__ = None  # type: ignore[assignment]
+
     def __repr__(self) -> str:
         return f"<{len(self)} points>"
 
-    def __setitem__(self, at: int, point: Point) -> None:
-        self.items[at] = point
+    def end_with(self, point: Point) -> None:
+        """Put a point in the place of the last one."""
+        shorter = self[:-1]
+        self.pieces, self._ends = shorter.pieces, shorter._ends
+        self.append(point)
 
     def append(self, point: Point) -> None:
         """Put a point down."""
-        self.items.append(point)
+        self._put(point)
 
     def extend(self, block: Block, first: int, last: int) -> None:
-        """Put the points of a block from `first` up to `last` down."""
-        self.items.extend([(block, i) for i in range(first, last)])
+        """Put the points of a block from `first` up to `last` down; a block piece by piece."""
+        if first == last:
+            return
+        if self._open is block:
+            first -= _count(self.pieces.pop())
+            self._ends.pop()
+        self._put(block[first:last])
+        self._open = block
 
-    def moved(self, sign: float, origin: float) -> list[Point | tuple[Block, int]]:
-        """Return the items with arclength origin + sign s, their tangents turned accordingly."""
-        blocks: dict[int, Block] = {}
-        moved: list[Point | tuple[Block, int]] = []
-        for item in self.items:
-            if isinstance(item, Point):
-                moved.append(_moved(item, sign, origin))
-                continue
-            block = blocks.get(id(item[0]))
-            if block is None:
-                block = blocks[id(item[0])] = item[0].moved(sign, origin)
-            moved.append((block, item[1]))
-        return moved
+    def moved(self, sign: float, origin: float) -> Points:
+        """Return the points with arclength origin + sign s, their tangents turned accordingly."""
+        return Points(
+            _moved(piece, sign, origin) if isinstance(piece, Point) else piece.moved(sign, origin)
+            for piece in self.pieces
+        )
 
     @property
     def unknowns(self) -> Array:
         """The unknowns of every point, a row each."""
-        return np.array([
-            item.unknowns if isinstance(item, Point) else item[0].unknowns[item[1]]
-            for item in self.items
-        ])  # fmt: skip
+        return self._stacked(lambda point: point.unknowns, lambda block: block.unknowns)
 
     @property
     def numbers(self) -> Array:
         """What the evaluations tell of every point in a row of numbers."""
-        return np.array([
-            item.evaluation.numbers if isinstance(item, Point) else item[0].described[item[1]]
-            for item in self.items
-        ])  # fmt: skip
+        return self._stacked(lambda point: point.evaluation.numbers, lambda block: block.described)
 
     @property
     def iterations(self) -> Array:
         """Corrector iterations of every point."""
-        return np.array(
-            [
-                item.iterations if isinstance(item, Point) else item[0].iterations[item[1]]
-                for item in self.items
-            ],
-            dtype=np.int64,
-        )
+        found = self._stacked(lambda point: point.iterations, lambda block: block.iterations)
+        return found.astype(np.int64)
 
     @property
-    def arclengths(self) -> list[float]:
+    def arclengths(self) -> Array:
         """Arclength of every point."""
-        return [
-            item.arclength if isinstance(item, Point) else float(item[0].arclengths[item[1]])
-            for item in self.items
-        ]
+        return self._stacked(lambda point: point.arclength, lambda block: block.places)
+
+    def _stacked(self, one: Callable[[Point], Any], many: Callable[[Block], Array]) -> Array:
+        found = [np.array([one(p)]) if isinstance(p, Point) else many(p) for p in self.pieces]
+        return np.concatenate(found) if found else np.zeros(0)
+
+
+def _count(piece: Point | Block) -> int:
+    return 1 if isinstance(piece, Point) else len(piece)
 
 
 def _moved(point: Point, sign: float, origin: float) -> Point:
@@ -296,7 +351,8 @@ def joined(backward: Walk, forward: Walk) -> tuple[Points, list[Event]]:
     """
     origin = backward.points[-1].arclength
     first = Points(backward.points).moved(-1.0, origin)[::-1]
-    points = Points(first + Points(forward.points[1:]).moved(1.0, origin))
+    rest = Points(forward.points[1:]).moved(1.0, origin)
+    points = Points([*first.pieces, *rest.pieces])
     events = [
         replace(e, point=_moved(e.point, sign, origin))
         for sign, found in ((-1.0, backward.events[::-1]), (1.0, forward.events))

@@ -168,7 +168,8 @@ class _Walker:
             stop = self.callback is not None and self.callback(attempt.point)
             found = self.accept(here, attempt.point, attempt.ending)
             if self.stop is not None and (stopped := self.stop(attempt.point, found)):
-                end, self.points[-1] = stopped
+                end, last = stopped
+                self.points.end_with(last)
                 return self.finished(end)
             if ending := attempt.ending or (EndKind.STOPPED if stop else None):
                 return self.finished(self.end(ending))
@@ -213,7 +214,7 @@ class _Walker:
             return False
         self.scale = np.maximum(self.scale, sizes)
         tangent = here.tangent / arclength.length(here.tangent, self.scale)
-        self.points[-1] = replace(here, tangent=tangent)
+        self.points.end_with(replace(here, tangent=tangent))
         self.before = None
         return True
 
@@ -237,16 +238,17 @@ class _Walker:
         """
         for test in self.tests:
             test.evaluations += len(made)
-        done, block = 0, made.block
+        done, block, marked = 0, made.block.kept(), set(made.marked)
         for i in range(len(made)) if self.watched else made.marked:
             self.points.extend(block, done, i)
-            point, done = block.point(i), i + 1
+            point = block.point(i)
             asked = self.callback is not None and self.callback(point)
-            found = self.events_on(made, i, point) if i in made.marked else []
-            self.points.append(point)
+            found = self.events_on(made, i, point) if i in marked else []
+            self.points.extend(block, i, i + 1)
+            done = i + 1
             if self.stop is not None and (stopped := self.stop(point, found)):
-                end, self.points[-1] = stopped
-                return end
+                self.points.end_with(stopped[1])
+                return stopped[0]
             if asked:
                 return self.end(EndKind.STOPPED)
         self.points.extend(block, done, len(made))
