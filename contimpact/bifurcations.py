@@ -32,15 +32,13 @@ from .errors import InputError
 from .extended import Crossing, ExtendedSystem, Reached, SingularCycle, Touching, solve
 from .mechanics import stability
 from .mechanics.orbit import Array, OrbitProblem
+from .unfolding import crossed, meeting, stands_upright, unfolding
 
 UNIT_CIRCLE = 1e-2
 """How near to the unit circle a located event's multiplier is at least."""
 
 ROUNDING = 1e-14
 """Rounding of the scaled determinants, and of gaps as part of the distance between walls."""
-
-UNFOLDED = 1e-10
-"""With a nu below this, two branches cross, within rounding."""
 
 
 def located(
@@ -76,13 +74,7 @@ class Fold(TestFunction):
 
     def accept(self, event: Event) -> bool:
         """A branch that passes a branch point sideways turns there too, but is not folded."""
-        here: Any = event.point.evaluation
-        if not at_unit_circle(event, 1.0):
-            return False
-        left, _, _ = np.linalg.svd(here.cyclic(1.0)[:, :-1])
-        column = here.by_parameter[:, 0]
-        size = float(np.linalg.norm(column))
-        return size == 0.0 or abs(float(left[:, -1] @ column)) > 1e-4 * size
+        return at_unit_circle(event, 1.0) and not stands_upright(event.point)
 
 
 class PeriodDoubling(TestFunction):
@@ -112,10 +104,17 @@ class BranchPoint(TestFunction):
         return np.array([point.orientation])
 
     def locate(self, problem: Any, guess: Point, index: int) -> Located | None:
-        found = located(Crossing(problem), guess, lambda solution: {"nu": float(solution.own[0])})
-        return found if found is not None and abs(found.details["nu"]) < UNFOLDED else None
+        system = Crossing(problem)
+        found = located(system, guess, lambda solution: unfolding(system, solution))
+        return found if found is not None and crossed(found.details) else None
 
     def accept(self, event: Event) -> bool:
+        """Bracketing does not tell a crossing of branches from a near miss."""
+        if event.method == "bracket":
+            scale = np.ones(len(event.point.unknowns))
+            near = meeting(event.point.evaluation.problem, event.point, scale)
+            if near is not None and not near.crosses:
+                return False
         return at_unit_circle(event, 1.0)
 
 

@@ -58,7 +58,7 @@ EVENT_COLUMNS = (
     "arclength", "opens",
 )  # fmt: skip
 
-NUMBERS = ("slope", "touch_time", "residual", "error", "arclength")
+NUMBERS = ("slope", "touch_time", "residual", "error", "arclength", "nu", "nu_error")
 """Keys of an entry whose numbers may be not finite."""
 NEEDED = ("id", "kind", "label", "branch", "word", "period", "parameter", "parameters", "impacts")
 """Keys that no entry goes without."""
@@ -150,6 +150,7 @@ def _branch_record(branch: Branch) -> dict[str, Any]:
         "points": len(branch),
         "ends": [_end_record(branch, end) for end in branch.ends],
         "missed": list(branch.missed),
+        "notes": list(branch.notes),
     }
 
 
@@ -241,6 +242,7 @@ def branch_text(branch: Branch) -> str:
         "points": len(branch),
         "ends": [_end_record(branch, end) for end in branch.ends],
         "missed": list(branch.missed),
+        "notes": list(branch.notes),
         "events": [dataclasses.asdict(entry) for entry in branch.events],
     }
     rows = zip(*(values.tolist() for values in branch.columns.values()), strict=True)
@@ -262,7 +264,7 @@ def read_branch(path: str | Path) -> Branch:
             head["id"], head["word"], head["period"], head["notation"], head["system"],
             head["options"], parameter, columns, _ends(head["ends"], parameter),
             [_entry(_system(head) | record) for record in head["events"]], head["missed"],
-            head["from"], head.get("meetings", []),
+            head["from"], head.get("meetings", []), head.get("notes", []),
         )  # fmt: skip
 
 

@@ -423,6 +423,8 @@ def _summary(scene: Scene, diagram: Diagram, folder: Path, total: float) -> None
             )
         for text in branch.missed:
             print(f"  not located: {text}")
+        for text in branch.notes:
+            print(f"  note: {text}")
     if text := str(read(diagram)):
         print(text)
     for curve in diagram.curves:

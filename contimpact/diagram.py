@@ -79,6 +79,8 @@ class Entry:
     system, options
         The model, and the texts that shape its formulas; None and empty where a catalogue of an
         earlier version does not say.
+    nu, nu_error : float or None
+        For BP, what would unfold the crossing of branches, zero within its estimated error.
     """
 
     id: str
@@ -117,6 +119,8 @@ class Entry:
     opens: Sequence[str] = ()
     system: str | None = None
     options: Mapping[str, str] = field(default_factory=dict)
+    nu: float | None = None
+    nu_error: float | None = None
 
     @property
     def value(self) -> float:
@@ -174,6 +178,8 @@ class Branch:
         The entry it starts from.
     meetings : sequence of str
         Further entries from which switching led to this branch.
+    notes : sequence of str
+        What else is to be known of it: where another branch passes it closely without meeting it.
     """
 
     id: str
@@ -189,6 +195,7 @@ class Branch:
     missed: Sequence[str] = ()
     origin: str | None = None
     meetings: Sequence[str] = ()
+    notes: Sequence[str] = ()
 
     def __getitem__(self, column: str) -> Array:
         return self.columns[column]
@@ -281,6 +288,7 @@ class Branch:
             ),
             f"  end:   {self.ends[1].message}",
             *(f"  not located: {text}" for text in self.missed),
+            *(f"  note: {text}" for text in self.notes),
         ]
         return "\n".join(lines)
 

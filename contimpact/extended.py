@@ -129,6 +129,16 @@ class Crossing(ExtendedSystem):
             ),
         )
 
+    def nu_error(self, solution: Solution) -> float:
+        """Estimate the error of nu by its row of the inverse Jacobian, as that of the parameter."""
+        orbit = len(solution.unknowns)
+        at = self.assemble(self.problem.evaluate(solution.unknowns), solution.own)
+        try:
+            row = np.linalg.solve(at.jacobian.T, np.eye(len(at.residual))[orbit])
+        except np.linalg.LinAlgError:
+            return float("inf")
+        return float(np.abs(row) @ (np.abs(at.residual) + at.rounding))
+
 
 class Touching(ExtendedSystem):
     """A flight reaches a wall with zero velocity."""

@@ -73,6 +73,8 @@ def entry_of(event: Event, identity: str, branch: str, before: Point, after: Poi
         tangent=event.point.tangent.tolist() if event.kind == "BP" else None,
         system=problem.model.SYSTEM,
         options=problem.model.options,
+        nu=details.get("nu"),
+        nu_error=details.get("nu_error"),
     )
 
 

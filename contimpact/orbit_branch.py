@@ -262,6 +262,7 @@ class Run:
             events=entries,
             missed=missed,
             origin=origin,
+            notes=list(dict.fromkeys([*backward.notes, *forward.notes])),
         )
 
     def around(self, event: Event) -> tuple[Point, Point]:
@@ -304,7 +305,9 @@ def both_ways(
     if not forward.points:
         raise InputError("orbit", forward.end.message, "give an orbit that solves its equations")
     if forward.end.kind.name == "CLOSED":
-        backward = dataclasses.replace(forward, points=forward.points[:1], events=(), missed=())
+        backward = dataclasses.replace(
+            forward, points=forward.points[:1], events=(), missed=(), notes=()
+        )
     else:
         backward = go(-1)
     return Run.of(problem, backward, forward)

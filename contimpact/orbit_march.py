@@ -46,6 +46,7 @@ from .mechanics.orbit import Array, OrbitProblem
 from .mechanics.physicality import verdict
 from .mechanics.zeros import time_zeros
 from .status import explained
+from .unfolding import meeting
 
 if TYPE_CHECKING:
     from .program import Program
@@ -441,7 +442,7 @@ def walk_orbits(
     """
     found = walk(
         problem, start, direction, parameter=problem.parameter, tests=tests,
-        system=system_of(problem, tests, gaps), **options,
+        system=system_of(problem, tests, gaps), meeting=meeting, **options,
     )  # fmt: skip
     if not gaps:
         return found

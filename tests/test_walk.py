@@ -12,6 +12,7 @@ from algebraic import Algebraic
 from contimpact.continuation.arclength import Settings
 from contimpact.continuation.branch import End, EndKind, Event, joined
 from contimpact.continuation.events import TestFunction, UserFunction
+from contimpact.continuation.refusal import Refusal, Refused
 from contimpact.continuation.walk import walk
 
 EPSILON = float(np.finfo(float).eps)
@@ -388,6 +389,39 @@ def test_a_corner_ends_a_branch_at_the_smallest_step():
     assert "the step fell below 1e-07" in found.end.message
     assert -1e-7 <= found.points[-1].parameter <= 0.0
     assert found.rejected_steps <= 60  # measured: 31
+
+
+def test_a_branch_that_touches_the_limit_closer_than_a_step_says_so():
+    """It passes p = 0 by 1e-15 over a width of 6e-8, less than the smallest step."""
+    over = Algebraic(lambda x, p: p + x * x - 1e-15, lambda x, p: [2.0 * x, 1.0])
+    # symmetric steps: from x = -5e-8 to 5e-8, both below the limit
+    start = [-5e-8, 1e-15 - 2.5e-15]
+    exact = Settings(step=1e-7, min_step=1e-7, tolerance=1e-17)
+    found = follow(over, start, 1, (-1.0, 0.0), settings=exact)
+    assert found.end.kind is EndKind.EDGE
+    assert "left the range within a step of 1e-07" in found.end.message
+    assert "the branch leaves the range and returns inside the step" in found.end.message
+
+
+def test_a_limit_on_which_nothing_is_reached_is_an_edge_of_the_range():
+    def line_but(x, p):
+        if p == 0.5:
+            raise ValueError("no value on the limit")
+        return x - p
+
+    found = follow(Algebraic(line_but, lambda x, p: [1.0, -1.0]), [0.0, 0.0], 1, (0.0, 0.5))
+    assert found.end.kind is EndKind.EDGE
+    assert "no point was reached on the limit" in found.end.message
+    assert 0.5 - 2e-7 < found.points[-1].parameter < 0.5
+
+
+@pytest.mark.parametrize("cause", list(Refusal))
+def test_every_refusal_has_an_end_and_a_sentence(cause):
+    refused = Refused(cause, 0.3)
+    told = {"floor": 1e-7, "near": "1e-9", "place": 0.2}
+    end = End.of(refused.kind, "p", 0.1, why=str(refused), **told)
+    assert str(refused) in end.message
+    assert "{" not in end.message
 
 
 # Folds

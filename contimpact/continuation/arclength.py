@@ -22,6 +22,7 @@ from ..errors import InputError
 from . import linear
 from .branch import Point
 from .problem import Array, Evaluation, Problem
+from .refusal import Refusal, Refused
 
 EPSILON = float(np.finfo(float).eps)
 PREDICTORS = ("tangent", "secant")
@@ -89,8 +90,13 @@ class Correction:
 
     evaluation: Evaluation | None
     iterations: int
-    reason: str = ""
+    refused: Refused | None = None
     first_step: float = 0.0
+
+    @property
+    def reason(self) -> str:
+        """The reason in words."""
+        return str(self.refused or "")
 
 
 def inner(a: Array, b: Array, scale: Array) -> float:
@@ -226,13 +232,13 @@ def correct(
     return Correction(None, iterations, refusal(status, settings, dense.reason))
 
 
-def refusal(status: int, settings: Settings, reason: str = "") -> str:
-    """Return what `newton` says as a sentence."""
+def refusal(status: int, settings: Settings, reason: str = "") -> Refused:
+    """Return what `newton` says as a refusal."""
     return {
-        NO_VALUE: reason,
-        NO_SOLUTION: "the bordered matrix is singular",
-        DIVERGES: "Newton's iteration diverges",
-        SLOW: f"no convergence in {settings.max_iterations} iterations",
+        NO_VALUE: Refused(Refusal.NO_VALUE, reason),
+        NO_SOLUTION: Refused(Refusal.NO_SOLUTION),
+        DIVERGES: Refused(Refusal.DIVERGES),
+        SLOW: Refused(Refusal.SLOW, settings.max_iterations),
     }[status]
 
 

@@ -55,8 +55,8 @@ class EndKind(enum.Enum):
     RANGE = "reached the end of the range at {parameter} = {value:.12g}"
     CLOSED = "closed on itself: the branch is a loop"
     STEP = (
-        "the step fell below {floor:.3g} at {parameter} = {value:.12g}; a smaller min_step or "
-        "another free parameter may carry on"
+        "the step fell below {floor:.3g} at {parameter} = {value:.12g} ({why}); a smaller min_step "
+        "or another free parameter may carry on"
     )
     CORRECTOR = (
         "the corrector failed at {parameter} = {value:.12g} even with the smallest step ({why}); "
@@ -69,6 +69,23 @@ class EndKind(enum.Enum):
     POINTS = (
         "the limit of {limit} points was reached at {parameter} = {value:.12g}; raise max_points "
         "to go on"
+    )
+    EDGE = (
+        "left the range within a step of {floor:.3g} from {parameter} = {value:.12g} ({why}); "
+        "another range or a smaller min_step ends on the limit itself"
+    )
+    NEAR_MISS = (
+        "another branch passes this one at {parameter} = {place:.12g} at a distance of {near}, and "
+        "no step follows this one beyond {parameter} = {value:.12g} ({why}); change a parameter to "
+        "part them further"
+    )
+    SHORTER = (
+        "became {word}, run {times} times, at {parameter} = {value:.12g}; beyond, the same orbits "
+        "come again, whole periods later"
+    )
+    SYMMETRIC = (
+        "became its own mirror image at {parameter} = {value:.12g}; beyond, the mirror images of "
+        "its orbits follow"
     )
     KNOWN = "met branch {known} at {parameter} = {value:.12g}"
     BORN = "born at {entry} of branch {parent} at {parameter} = {value:.12g}"
@@ -139,7 +156,10 @@ class Missed:
 
 @dataclass(frozen=True, eq=False)
 class Walk:
-    """One walk along a branch: its points and events in order, and how it ended."""
+    """One walk along a branch: its points and events in order, and how it ended.
+
+    `notes` say where another branch passes it closely.
+    """
 
     points: Sequence[Point]
     events: Sequence[Event]
@@ -148,6 +168,7 @@ class Walk:
     corrector_iterations: int = 0
     rejected_steps: int = 0
     seconds_in_events: float = 0.0
+    notes: Sequence[str] = ()
 
 
 @dataclass(frozen=True, eq=False)

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, Protocol
 
 import numpy as np
@@ -129,6 +129,14 @@ class Made:
 
     def __len__(self) -> int:
         return len(self.block.iterations)
+
+    def until(self, last: int) -> Made:
+        """Return the first points, the step after them not being routine."""
+        return replace(
+            self, block=self.block[:last], marked=[i for i in self.marked if i < last],
+            values=self.values[: last + 2], arclengths=self.arclengths[: last + 2],
+            step=float(self.arclengths[last + 2] - self.arclengths[last + 1]), unusual=True,
+        )  # fmt: skip
 
     @classmethod
     def of(

@@ -9,12 +9,14 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from ..errors import InputError
-from . import arclength
+from . import arclength, crossing, loops
 from .arclength import Settings
 from .branch import End, EndKind, Event, Missed, Point, Points, Walk
+from .crossing import Find, Meeting, Passes
 from .events import Segment, TestFunction, find_events
 from .march import Footing, Made, System, leaves
 from .problem import Array, Evaluation, Problem
+from .refusal import Refusal, Refused
 from .sign_changes import Sample, Stretch
 
 SAME_SOLUTION = 1e-7
@@ -45,7 +47,7 @@ def walk(
     limits: tuple[float, float], tests: Sequence[TestFunction] = (),
     settings: Settings | None = None, tangent: Array | None = None, branching: bool = False,
     callback: Callable[[Point], bool | None] | None = None, stop: Stop | None = None,
-    system: System | None = None,
+    system: System | None = None, meeting: Find | None = None,
 ) -> Walk:  # fmt: skip
     """Follow a branch from a point in one direction until it ends.
 
@@ -77,6 +79,9 @@ def walk(
     system : System, optional
         The problem and its test functions in the plain form in which routine steps are made many
         at a time.
+    meeting : callable ``meeting(problem, guess, scale) -> Meeting or None``, optional
+        Solves for the place next to a point where two branches cross or pass each other; without
+        it bisection decides.
 
     Returns
     -------
@@ -94,6 +99,7 @@ def walk(
     walker = _Walker(
         problem, parameter, limits, list(tests), settings, callback, stop, branching, system
     )
+    walker.passes.find = meeting
     return walker.run(start, direction, tangent)
 
 
@@ -116,7 +122,7 @@ class _Step:
     """What one attempt at a step gave: a point, perhaps the last one, or why it was refused."""
 
     point: Point | None
-    reason: str = ""
+    refused: Refused | None = None
     ending: EndKind | None = None
     turned: float = 0.0
     first_correction: float = 0.0
@@ -145,6 +151,7 @@ class _Walker:
     scale: Array = field(default_factory=lambda: np.ones(1))
     values: list[Array] = field(default_factory=list)
     before: Sample | None = None
+    passes: Passes = field(default_factory=Passes)
 
     def run(self, start: Array, direction: int, tangent: Array | None) -> Walk:
         self.scale = self.sizes(start)
@@ -154,7 +161,8 @@ class _Walker:
             return self.finished(self.end(kind, start[-1], why=reason))
         step = self.settings.step
         while len(self.points) < self.settings.max_points:
-            if self.system is not None and len(self.points) > 1:
+            narrow = self.near(self.points[-1]) is not None
+            if self.system is not None and len(self.points) > 1 and not narrow:
                 step, end = self.march(self.system, step)
                 if end is not None:
                     return self.finished(end)
@@ -164,13 +172,11 @@ class _Walker:
             here = self.points[-1]
             attempt, step = self.advance(here, step)
             if attempt.point is None:
-                return self.finished(self.refusal(attempt.reason))
+                return self.finished(self.refusal(here, attempt.refused))
             stop = self.callback is not None and self.callback(attempt.point)
             found = self.accept(here, attempt.point, attempt.ending)
             if self.stop is not None and (stopped := self.stop(attempt.point, found)):
-                end, last = stopped
-                self.points.end_with(last)
-                return self.finished(end)
+                return self.finished(self.stopped(*stopped))
             if ending := attempt.ending or (EndKind.STOPPED if stop else None):
                 return self.finished(self.end(ending))
             step = arclength.step_after(
@@ -188,6 +194,7 @@ class _Walker:
         chunk = FEWEST if self.watched else UNWATCHED
         while (left := self.settings.max_points - len(self.points)) > 0:
             made = system.march(self.footing(step), self.settings, min(chunk, left))
+            made = self.until_dip(made)
             self.iterations += made.iterations
             self.rejected += made.rejected
             end = self.put_down(made)
@@ -218,6 +225,17 @@ class _Walker:
         self.before = None
         return True
 
+    def until_dip(self, made: Made) -> Made:
+        """Routine steps up to one that may have led to another branch; see `Passes.refuse`."""
+        behind = np.nan if self.before is None else self.points[-2].orientation
+        values = np.concatenate([[behind, self.points[-1].orientation], made.block.orientations])
+        lengths = np.diff(made.arclengths)
+        found = crossing.dips(values[:-2], values[1:-1], lengths[:-1], lengths[1:])
+        found &= (values[1:-1] >= 0.0) == (values[2:] >= 0.0)
+        if self.passes.find is None or not np.any(found):
+            return made
+        return made.until(int(np.argmax(found)))
+
     @property
     def watched(self) -> bool:
         return self.callback is not None or self.stop is not None
@@ -247,8 +265,7 @@ class _Walker:
             self.points.extend(block, i, i + 1)
             done = i + 1
             if self.stop is not None and (stopped := self.stop(point, found)):
-                self.points.end_with(stopped[1])
-                return stopped[0]
+                return self.stopped(*stopped)
             if asked:
                 return self.end(EndKind.STOPPED)
         self.points.extend(block, done, len(made))
@@ -256,6 +273,12 @@ class _Walker:
             last = len(made) - 1
             self.values, self.before = self.seen(made, last).values, self.seen(made, last - 1)
         return None
+
+    def stopped(self, end: End, last: Point) -> End:
+        """Let the walk end at a point before the last one."""
+        self.points.end_with(last)
+        self.events = [e for e in self.events if e.point.arclength <= last.arclength]
+        return end
 
     def seen(self, made: Made, i: int) -> Sample:
         """The test functions at the point of a routine step, from -2 for one before the footing."""
@@ -346,41 +369,49 @@ class _Walker:
             if attempt.point is not None:
                 return attempt, step
             self.rejected += 1
-            if step <= self.settings.min_step:
+            floor = self.numerics(here).min_step
+            if step <= floor:
                 return attempt, step
-            step = max(0.5 * step, self.settings.min_step)
+            step = max(0.5 * step, floor)
 
     def attempt(self, here: Point, step: float) -> _Step:
         """Predict, correct, and accept if the branch was not left."""
         guess = here.unknowns + step * self.direction(here)
         row = here.tangent / self.scale**2
-        result = arclength.correct(self.problem, guess, row, self.scale, self.settings)
+        result = arclength.correct(self.problem, guess, row, self.scale, self.numerics(here))
         self.iterations += result.iterations
         if result.evaluation is None:
-            return _Step(None, result.reason)
+            return _Step(None, result.refused)
         new = self.after(here, result.evaluation, result.iterations)
         if new is None:
-            return _Step(None, "the tangent is not defined")
+            return _Step(None, Refused(Refusal.NO_TANGENT))
         turned = arclength.angle(here.tangent, new.tangent, self.scale)
         if turned > self.settings.max_angle:
-            return _Step(None, f"the branch turns by {turned:.3g} rad")
+            return _Step(None, Refused(Refusal.TURNS, turned))
         tangents = here.tangent, new.tangent
         off = arclength.defect(here.unknowns, new.unknowns, *tangents, self.scale)
         if off > arclength.LARGEST_DEFECT * self.settings.max_angle:
-            return _Step(None, f"the branch turns inside the step, by {off:.3g} of its length")
-        known = not np.isnan(here.orientation)
+            return _Step(None, Refused(Refusal.BENDS, off))
         if leaves(here.unknowns, new.unknowns, *tangents, self.scale, *self.limits):
-            return _Step(None, "the branch leaves the range inside the step")
-        flipped = known and (new.orientation >= 0.0) != (here.orientation >= 0.0)
-        if flipped and not self.segment(here, new).connected():
-            return _Step(None, "the branch turns away from the step")
+            return _Step(None, Refused(Refusal.LEAVES))
+        before = self.points[-2] if self.before is not None else None
+        if refused := self.passes.refuse(self.segment(here, new), before):
+            return _Step(None, refused)
         ending = None
         if not self.limits[0] <= new.parameter <= self.limits[1]:
             new, ending = self.on_limit(here, new), EndKind.RANGE
         elif closing := self.closing(here, new):
             new, ending = closing, EndKind.CLOSED
-        reason = "" if new else "no solution was found on the limit of the range"
-        return _Step(new, reason, ending, turned, result.first_step, off)
+        refused = None if new else Refused(Refusal.NO_LIMIT)
+        return _Step(new, refused, ending, turned, result.first_step, off)
+
+    def near(self, here: Point) -> Meeting | None:
+        """Where branches meet near a point, if the walk had to be careful there."""
+        return self.passes.near(here, self.scale)
+
+    def numerics(self, here: Point) -> Settings:
+        """The settings at a point: sharper where branches meet."""
+        return self.passes.numerics(here, self.scale, self.settings)
 
     def direction(self, here: Point) -> Array:
         """The unit vector along which the next point is guessed."""
@@ -410,29 +441,9 @@ class _Walker:
 
     def closing(self, here: Point, new: Point) -> Point | None:
         """The start again, if this step passed it in the direction it was left in."""
-        first = self.points[0]
-        scale = self.scale
-        reach = 1.5 * abs(new.parameter - here.parameter) + SAME_SOLUTION * scale[-1]
-        if len(self.points) < 4 or abs(new.parameter - first.parameter) > reach:
+        if len(self.points) < 4:
             return None
-        before = self.problem.difference(here.unknowns, first.unknowns)
-        after = self.problem.difference(new.unknowns, first.unknowns)
-        stepped = arclength.length(new.unknowns - here.unknowns, scale)
-        passes = (
-            arclength.inner(before, first.tangent, scale) < 0.0
-            <= arclength.inner(after, first.tangent, scale)
-        )  # fmt: skip
-        if not passes or arclength.length(after, scale) > 1.5 * stepped:
-            return None
-        guess = here.unknowns - before  # the start, in the clock of this end
-        row = first.tangent / scale**2
-        result = arclength.correct(self.problem, guess, row, scale, self.settings)
-        if result.evaluation is None:
-            return None
-        apart = self.problem.difference(result.evaluation.unknowns, first.unknowns)
-        if arclength.length(apart, scale) > SAME_SOLUTION:
-            return None
-        return self.after(here, result.evaluation, result.iterations)
+        return loops.closing(self.segment(here, new), self.points[0], SAME_SOLUTION)
 
     def after(self, here: Point, evaluation: Evaluation, iterations: int) -> Point | None:
         return arclength.point_after(here, evaluation, iterations, self.scale)
@@ -440,13 +451,14 @@ class _Walker:
     def segment(self, left: Point, right: Point) -> Segment:
         return Segment(self.problem, left, right, self.scale, self.settings)
 
-    def refusal(self, reason: str) -> End:
+    def refusal(self, here: Point, refused: Refused | None) -> End:
         """The end of a branch on which no further step was accepted."""
-        if reason.startswith(("the branch turns", "Newton", "no convergence")):
-            return self.end(EndKind.STEP, floor=self.settings.min_step)
-        if "singular" in reason or "tangent" in reason:
-            return self.end(EndKind.SINGULAR, why=reason)
-        return self.end(EndKind.CORRECTOR, why=reason)
+        assert refused is not None
+        near, floor = self.near(here), self.numerics(here).min_step
+        if near is None or near.crosses or refused.kind is not EndKind.STEP:
+            return self.end(refused.kind, why=str(refused), floor=floor)
+        place = near.parameter
+        return self.end(EndKind.NEAR_MISS, why=str(refused), near=str(near), place=place)
 
     def end(self, kind: EndKind, value: float | None = None, **details: object) -> End:
         value = self.points[-1].parameter if value is None else float(value)
@@ -455,7 +467,7 @@ class _Walker:
     def finished(self, end: End) -> Walk:
         return Walk(
             self.points, self.events, end, self.missed, self.iterations, self.rejected,
-            self.seconds_in_events,
+            self.seconds_in_events, self.passes.notes(self.parameter),
         )  # fmt: skip
 
 

@@ -1,0 +1,221 @@
+r"""Where two branches cross, or pass each other without meeting.
+
+A symmetry or a coincidence makes branches cross. Without it they come close and turn away, each
+onto the other's way, as hyperbolas do. Both cases have a point where
+
+.. math:: F + \nu\psi = 0, \quad J^{\mathsf T}\psi = 0, \quad \psi\cdot\psi = 1;
+
+the branches cross if :math:`\nu` vanishes. Otherwise :math:`\nu` unfolds the crossing, and with
+:math:`h` the eigenvalue of :math:`\psi\cdot F_{zz}` on the null space that has its sign, and
+:math:`h'` the other one, the branches pass each other at a distance of
+:math:`d = 2\sqrt{2\nu/h}`, in turns of radius :math:`|h/h'|\,d/2`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import numpy as np
+
+from .arclength import Settings, length
+from .branch import Point
+from .events import Segment
+from .problem import Array, Problem
+from .refusal import Refusal, Refused
+
+NARROWING, GLANCES = 12, 2
+"""How often a step is halved towards the place where its orientation flips, and where it does
+not."""
+
+SHARP, SHORT, ROUNDED = 0.1, 0.02, 4.0
+"""Where another branch passes: the residual a point may have as a part of nu, and the shortest
+step as a part of the turn's radius; where it crosses: the residual by the error of nu."""
+
+TURN = 0.25
+"""A step along a turn beside a near miss is at most this part of the distance."""
+
+LITTLE = 0.25
+"""What is left of the orientation where it is about to vanish."""
+
+BESIDE, BLURRED = 4.0, 30.0
+"""Where another branch passes: how near steps are made one by one, in lengths of the step that led
+to it, and sharply, in distances, or in what a point's residual makes of them."""
+
+
+@dataclass(frozen=True, eq=False)
+class Meeting:
+    """Where two branches cross or come closest.
+
+    Attributes
+    ----------
+    unknowns : ndarray of shape (n + 1,)
+    nu, nu_error : float
+        What unfolds the crossing, and its estimated error.
+    sizes : (h, h')
+        The eigenvalues' absolute values, in the metric.
+    """
+
+    unknowns: Array
+    nu: float
+    nu_error: float
+    sizes: tuple[float, float]
+
+    @property
+    def distance(self) -> float:
+        """Between the branches, in the metric."""
+        return self.apart(self.nu)
+
+    def apart(self, nu: float) -> float:
+        """The distance that another nu would make."""
+        return 2.0 * float(np.sqrt(2.0 * abs(nu) / self.sizes[0]))
+
+    @property
+    def radius(self) -> float:
+        """Of the branches' sharpest turns, in the metric."""
+        return 0.5 * self.distance * self.sizes[0] / self.sizes[1]
+
+    @property
+    def crosses(self) -> bool:
+        """Whether the branches cross, as far as can be told."""
+        return abs(self.nu) <= self.nu_error
+
+    @property
+    def parameter(self) -> float:
+        """Value of the free parameter."""
+        return float(self.unknowns[-1])
+
+    def __str__(self) -> str:
+        return f"{self.distance:.2g} (nu = {self.nu:.2g} +- {self.nu_error:.1g})"
+
+
+def dips(a: Any, b: Any, behind: Any, ahead: Any) -> Any:
+    """Whether the orientation, a and then b, was to vanish within the next step or just beyond."""
+    with np.errstate(all="ignore"):
+        there = b + (b - a) * (ahead / behind)
+        return (behind > 0.0) & (np.sign(b) * there < LITTLE * np.abs(b))
+
+
+Find = Callable[[Problem, Point, Array], Meeting | None]
+"""``find(problem, guess, scale)`` solves for the meeting of branches next to a point."""
+
+
+def on(segment: Segment, find: Find, most: int = NARROWING) -> Meeting | None:
+    """Return the meeting on a segment, None if none is found.
+
+    From ever closer points, by bisection on the orientation, where it flips.
+    """
+    a, b = 0.0, 1.0
+    for _ in range(most):
+        middle = 0.5 * (a + b)
+        guess = segment.at(middle)
+        near = guess or segment.near(middle)
+        found = find(segment.problem, near, segment.scale) if near else None
+        if found is not None and segment.holds(found.unknowns):
+            return found
+        if guess is None:
+            return None
+        if (guess.orientation >= 0.0) == (segment.left.orientation >= 0.0):
+            a = middle
+        else:
+            b = middle
+    return None
+
+
+@dataclass(eq=False)
+class Passes:
+    """The meetings of branches a walk has come to, and had to be careful at.
+
+    Next to them it goes on step by step, to points as exact as rounding or nu asks for, and beside
+    a near miss in steps as short as the turn needs.
+    """
+
+    find: Find | None = None
+    known: list[tuple[Meeting, float]] = field(default_factory=list)
+
+    def refuse(self, segment: Segment, before: Point | None) -> Refused | None:
+        """Why a step is refused that may have led to another branch; None if it has not.
+
+        The orientation flips where the step passes two branches that cross, and where it lands on
+        another branch. From one branch to another that crosses it the step may lead without a
+        flip; then the orientation was about to vanish, and has not.
+        """
+        left, right = segment.left, segment.right
+        if np.isnan(left.orientation):
+            return None
+        if (left.orientation >= 0.0) != (right.orientation >= 0.0):
+            return self.flipped(segment)
+        if before is None or self.find is None:
+            return None
+        behind, ahead = left.arclength - before.arclength, right.arclength - left.arclength
+        if not dips(before.orientation, left.orientation, behind, ahead):
+            return None
+        return self.dipped(segment)
+
+    def met(self, segment: Segment) -> Meeting | None:
+        """The known meeting on a segment, if there is one."""
+        return next((m for m, _ in self.known if segment.holds(m.unknowns)), None)
+
+    def flipped(self, segment: Segment) -> Refused | None:
+        """The same where the orientation flips; bisection decides where no meeting is found."""
+        found = self.met(segment) or (on(segment, self.find) if self.find else None)
+        if found is None:
+            return None if segment.connected() else Refused(Refusal.JUMPS)
+        if found.crosses:
+            return None
+        self.keep(segment, found)
+        return Refused(Refusal.PASSES)
+
+    def dipped(self, segment: Segment) -> Refused | None:
+        """The same where it does not: the step is short, or no meeting lies on it."""
+        found = self.met(segment)
+        if found is None and self.find is not None:
+            found = on(segment, self.find, GLANCES)
+        if found is None:
+            return None
+        if found.crosses:
+            self.keep(segment, found)
+            return Refused(Refusal.JUMPS)
+        chord = segment.right.arclength - segment.left.arclength
+        if chord <= TURN * found.distance:
+            return None
+        self.keep(segment, found)
+        return Refused(Refusal.PASSES)
+
+    def keep(self, segment: Segment, meeting: Meeting) -> None:
+        """Keep a meeting in mind."""
+        chord = segment.right.arclength - segment.left.arclength
+        if all(known is not meeting for known, _ in self.known):
+            self.known.append((meeting, BESIDE * max(chord, meeting.distance)))
+
+    def near(self, here: Point, scale: Array) -> Meeting | None:
+        """The near miss next to a point, if there is one."""
+        for meeting, reach in self.known:
+            if length(here.unknowns - meeting.unknowns, scale) < reach:
+                return meeting
+        return None
+
+    def numerics(self, here: Point, scale: Array, settings: Settings) -> Settings:
+        """The settings at a point."""
+        near = self.near(here, scale)
+        if near is None:
+            return settings
+        blurred = near.apart(max(settings.tolerance, abs(near.nu)))
+        if length(here.unknowns - near.unknowns, scale) > BLURRED * blurred:
+            return settings
+        if near.crosses:
+            sharp, shortest = ROUNDED * near.nu_error, settings.min_step
+        else:
+            sharp, shortest = SHARP * abs(near.nu), SHORT * min(near.radius, near.distance)
+            shortest = min(shortest, settings.min_step)
+        return replace(settings, tolerance=min(settings.tolerance, sharp), min_step=shortest)
+
+    def notes(self, parameter: str) -> list[str]:
+        """What a user reads of them."""
+        return [
+            f"another branch passes at {parameter} = {meeting.parameter:.12g} at a distance of "
+            f"{meeting}"
+            for meeting, _ in self.known
+            if not meeting.crosses
+        ]

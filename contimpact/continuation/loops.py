@@ -1,0 +1,64 @@
+"""When a walk has come round a loop: it passes its start again, in the direction it was left in.
+
+A problem may have images of its solutions that stand for the same one (an orbit's shifts by whole
+periods). A walk that comes to an image of its start has come round if it goes on along the image of
+its own way; if it comes from the other side, it has turned back on its way, and has not.
+"""
+
+from __future__ import annotations
+
+from .arclength import correct, inner, length, point_after
+from .branch import Point
+from .events import Segment
+from .problem import Array, Problem
+
+PART = 1e-6
+"""The part of a tangent that is followed to an image."""
+
+
+def closing(segment: Segment, first: Point, same: float) -> Point | None:
+    """Return the start of a walk, solved for anew, if a step passes it; None otherwise.
+
+    Parameters
+    ----------
+    segment : Segment
+        The step.
+    first : Point
+        The start.
+    same : float
+        How near two points are that stand for the same solution.
+    """
+    here, new, problem, scale = segment.left, segment.right, segment.problem, segment.scale
+    reach = 1.5 * abs(new.parameter - here.parameter) + same * scale[-1]
+    if abs(new.parameter - first.parameter) > reach:
+        return None
+    for near in (here, new):
+        start = near.unknowns - problem.difference(near.unknowns, first.unknowns)
+        leaving = image_of_tangent(problem, start, first)
+        if not passes(segment, start, leaving):
+            continue
+        found = correct(problem, start, leaving / scale**2, scale, segment.settings)
+        if found.evaluation is not None:
+            apart = problem.difference(found.evaluation.unknowns, first.unknowns)
+            if length(apart, scale) <= same:
+                return point_after(here, found.evaluation, found.iterations, scale)
+    return None
+
+
+def image_of_tangent(problem: Problem, start: Array, first: Point) -> Array:
+    """Return the tangent of the first point as it is at an image of it."""
+    moved = problem.difference(start, first.unknowns + PART * first.tangent)
+    return -moved / PART
+
+
+def passes(segment: Segment, start: Array, leaving: Array) -> bool:
+    """Whether a step passes a point in a direction."""
+    here, new, scale = segment.left, segment.right, segment.scale
+    after = new.unknowns - start
+    stepped = length(new.unknowns - here.unknowns, scale)
+    return (
+        inner(here.unknowns - start, leaving, scale) < 0.0
+        and inner(after, leaving, scale) >= 0.0
+        and inner(new.tangent, leaving, scale) > 0.0
+        and length(after, scale) <= 1.5 * stepped
+    )

@@ -1,0 +1,196 @@
+"""Branch points and near misses: an unfolded crossing is none, and its branches stay apart.
+
+A level capsule with equal ends has pitchforks. An inclination or unequal ends of size e unfold
+them, nu in proportion to e: what is connected to what, and the fold on one side, are the same for
+all e of one sign. The reference is a walk where the branches are far apart.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from contimpact.bifurcations import Fold
+from contimpact.bifurcations import test_functions as functions
+from contimpact.continuation.arclength import Settings
+from contimpact.continuation.branch import EndKind, Event, Point
+from contimpact.mechanics.search import find_orbits, settle
+from contimpact.orbit_branch import both_ways, continue_orbit
+from contimpact.systems.impact_pair import ImpactPair
+
+FAR = 2e-4
+"""An unfolding at which branches are seen to be apart by any walk."""
+
+
+def level(**given):
+    return ImpactPair(**({"beta": 0.0, "r_B": 0.3, "r_T": 0.3, "A": 5.0, "s": 0.4} | given))
+
+
+def unfolded(model, how, size):
+    if how == "beta":
+        return model.replace(beta=size)
+    return model.replace(r_T=model.values["r_T"] * (1.0 + size))
+
+
+def branches(model, word="1:1", limits=(0.3, 1.2), events=("FB", "BP")):
+    """The branches of all orbits of a word at the start, each once."""
+    found = []
+    for orbit in find_orbits(model, word, parameter="s", rng=1):
+        branch = continue_orbit(
+            orbit, range=limits, events=events, settings=Settings(max_points=6000)
+        )
+        if not any(joins_the_same(branch, other, 1e-6) for other in found):
+            found.append(branch)
+    return found
+
+
+def ends_of(branch):
+    return [
+        np.concatenate([[branch["s"][row]], branch.velocities[row], branch.times[row]])
+        for row in (0, -1)
+    ]
+
+
+def close(one, other, tolerance):
+    apart = one - other
+    times = slice(1 + len(apart) // 2, None)
+    apart[times] -= 2.0 * np.round(apart[times] / 2.0)
+    return np.max(np.abs(apart)) < tolerance
+
+
+def joins_the_same(one, other, tolerance=0.05):
+    """Whether two branches lead from the same orbit to the same orbit."""
+    (a, b), (c, d) = ends_of(one), ends_of(other)
+    straight = close(a, c, tolerance) and close(b, d, tolerance)
+    return straight or (close(a, d, tolerance) and close(b, c, tolerance))
+
+
+def kinds_of(branch):
+    return {end.kind for end in branch.ends}
+
+
+def check(model, how, sizes, word="1:1", limits=(0.3, 1.2)):
+    """No BP but within the error of nu, and each branch as far away; returns counts."""
+    counts = {"right": 0, "ended": 0, "within the error": 0, "near misses": 0}
+    reference = {
+        sign: branches(unfolded(model, how, sign * FAR), word, limits) for sign in (-1.0, 1.0)
+    }
+    for size in sizes:
+        for branch in branches(unfolded(model, how, size), word, limits):
+            found = [e for e in branch.events if e.kind == "BP"]
+            counts["near misses"] += len(branch.notes)
+            if found:
+                assert abs(size) < 1e-12
+                assert all(abs(e.nu) <= e.nu_error < 1e-13 for e in found)
+                counts["within the error"] += 1
+            elif EndKind.NEAR_MISS in kinds_of(branch):
+                assert abs(size) < 1e-11
+                counts["ended"] += 1
+            else:
+                assert kinds_of(branch) <= {EndKind.RANGE, EndKind.CLOSED}
+                assert any(joins_the_same(branch, r) for r in reference[np.sign(size)]), size
+                counts["right"] += 1
+    return counts
+
+
+@pytest.mark.parametrize("how", ["beta", "r_T"])
+def test_an_unfolded_pitchfork_is_no_branch_point(how, kernel_cache):
+    sizes = [sign * 10.0**-k for k in (5, 8, 11, 12, 13) for sign in (-1.0, 1.0)]
+    counts = check(level(), how, sizes)
+    assert counts["right"] == len(sizes)
+    assert counts["near misses"] == len(sizes)
+
+
+def test_the_user_is_told_of_a_near_miss(kernel_cache):
+    (branch,) = branches(level(beta=1e-12))
+    (note,) = branch.notes
+    # a pitchfork at s = 0.364717826975, where beta is zero
+    assert note.startswith("another branch passes at s = 0.364717826975 at a distance of 5.")
+    assert "e-07 (nu = -9" in note
+    assert "e-14 +- " in note
+    assert f"note: {note}" in repr(branch)
+
+
+def test_a_turn_below_rounding_ends_the_branch(kernel_cache):
+    """At beta = 1e-14 nu is larger than its error, but no residual is as small."""
+    for branch in branches(level(beta=1e-14)):
+        (end,) = (e for e in branch.ends if e.kind is EndKind.NEAR_MISS)
+        assert "branch passes this one at s = 0.364717826975 at a distance of " in end.message
+        assert end.value == pytest.approx(0.364717826975, abs=1e-4)
+        assert not [e for e in branch.events if e.kind == "BP"]
+
+
+@pytest.mark.parametrize("size", [1e-13, 1e-10, 1e-7])
+@pytest.mark.parametrize("sign", [-1.0, 1.0])
+def test_the_fold_beside_an_unfolded_pitchfork(size, sign, kernel_cache):
+    """It is real, and moves away with the power 2/3 of the unfolding."""
+    folds = []
+    for beta in (size, 1e-4 if size == 1e-7 else 1e3 * size):
+        found = branches(level(beta=sign * beta, s=0.35), limits=(0.32, 0.4))
+        folds += [e.value for b in found for e in b.events if e.kind == "FB"]
+        assert not [e for b in found for e in b.events if e.kind == "BP"]
+    near, far = (0.364717826974541 - value for value in folds)
+    power = math.log(far / near) / math.log(1e3)
+    assert power == pytest.approx(2.0 / 3.0, abs=0.02)
+
+
+def test_an_exact_pitchfork_has_no_fold(kernel_cache):
+    """An arm stands upright at the branch point: a zero of the fold's function, but no fold."""
+    rng = np.random.default_rng(3)
+    passed = 0
+    for _ in range(6):
+        model = level(s=1.0, r_B=(r := rng.uniform(0.1, 0.8)), r_T=r, A=rng.uniform(3.0, 8.0))
+        for orbit in find_orbits(model.replace(s=0.35), "1:1", parameter="s"):
+            tests = functions(orbit.problem, ["FB", "BP"], {})
+            run = both_ways(orbit.problem, orbit.unknowns, (0.1, 1.2), tests, Settings())
+            points = [e.parameter for e in run.events if e.kind == "BP"]
+            passed += len(points)
+            for event in run.events:
+                if event.kind == "FB":
+                    assert all(abs(event.parameter - value) > 1e-6 for value in points)
+    assert passed >= 6
+
+
+@pytest.mark.parametrize("off", [1e-10, 1e-8])
+def test_a_zero_found_badly_beside_a_pitchfork_is_no_fold(off, kernel_cache):
+    """The fold's equations are singular there, and solved to 1e-9 or so of the parameter."""
+    orbit = next(o for o in find_orbits(level(s=0.364), "1:1", parameter="s") if lopsided(o))
+    problem, tests = orbit.problem, functions(orbit.problem, ["BP"], {})
+    run = both_ways(problem, orbit.unknowns, (0.363, 0.37), tests, Settings())
+    centre = next(e.point.unknowns for e in run.events if e.kind == "BP")
+    away = problem.difference(orbit.unknowns, centre)
+    guess = centre + away * math.sqrt(off / -away[-1])  # the arm is a parabola
+    guess[-1] = centre[-1] - off
+    here = settle(problem, guess)
+    assert np.max(np.abs(problem.difference(here.unknowns, centre))) > 0.3 * math.sqrt(off)
+    found = Event("FB", Point(here, away, 0.0, 0.0, 0), 1e-11, 1e-9, "newton", {})
+    assert not Fold().accept(found)
+
+
+def lopsided(orbit):
+    return abs(np.diff(orbit.times)[0] - 1.0) > 1e-6
+
+
+@pytest.mark.slow
+def test_random_unfoldings(kernel_cache):
+    """Measured: see docs/mathematics.md."""
+    rng = np.random.default_rng(11)
+    total = {}
+    for _ in range(60):
+        r, amplitude = rng.uniform(0.05, 0.9), rng.uniform(2.0, 9.0)
+        model = level(r_B=r, r_T=r, A=amplitude, s=1.0)
+        values = model.values
+        s = rng.uniform(0.12, 0.4) * amplitude * math.pi**2 / (values["M"] * values["omega"] ** 2)
+        model, limits = model.replace(s=s), (0.4 * s, 2.2 * s)
+        word = str(rng.choice(["1:1", "2:2"]))
+        exact = branches(model, word, limits)
+        assert not [note for branch in exact for note in branch.notes]
+        for how in ("beta", "r_T"):
+            sizes = rng.choice([-1.0, 1.0], 4) * 10.0 ** rng.uniform(-14.0, -5.0, 4)
+            for name, count in check(model, how, sizes, word, limits).items():
+                total[name] = total.get(name, 0) + count
+    print(total)
+    assert total["near misses"] > 100
+    assert total["right"] > 10 * (total["ended"] + total["within the error"])
