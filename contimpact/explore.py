@@ -10,20 +10,21 @@ from __future__ import annotations
 
 import dataclasses
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
 
 from .bifurcations import test_functions
-from .continuation.branch import End, EndKind, Event, Point, Points, Walk
+from .continuation.branch import End, EndKind, Event, Point, Walk
 from .continuation.events import TestFunction
 from .diagram import Branch, Diagram, Entry
 from .errors import InputError
+from .images import again, at_image, mirrors_back
 from .mechanics.kernels import Kernels
 from .mechanics.orbit import Array, OrbitProblem
-from .mechanics.recognition import mirrored, repeats, rotated_to, shortest
+from .mechanics.recognition import mirrored, rotated_to, shortest
 from .mechanics.search import SAME_ORBIT, Orbit, find_orbits
 from .mechanics.word import Word
 from .orbit_branch import Run, both_ways
@@ -142,7 +143,8 @@ class _Explorer:
         report = self.reporter(orbit.problem, name)
         scene = self.scene
         began = time.perf_counter()
-        run = both_ways(orbit.problem, orbit.unknowns, scene.range, tests, settings, report)
+        stop = at_image(orbit.problem, self.known)
+        run = both_ways(orbit.problem, orbit.unknowns, scene.range, tests, settings, report, stop)
         self.keep(run, name, None, 0, began)
 
     def survey(self) -> None:
@@ -199,13 +201,12 @@ class _Explorer:
             self.notes.append(f"{birth.entry.id} ({birth.entry.label}): {forward.end.message}")
             return
         backward = None
-        if start.both_ways and forward.end.kind is not EndKind.CLOSED:
-            backward = self.walk_from(start, -1, name, beside=forward)
+        if mirrors_back(start.problem, start.unknowns, start.tangent, self.symmetry):
+            backward = Walk(forward.points[:1], (), again(name, forward.points[0]))
+        elif start.both_ways and forward.end.kind is not EndKind.CLOSED:
+            backward = self.walk_from(start, -1, name)
             if not backward.points:
                 backward = Walk(forward.points[:1], (), backward.end)
-            if backward.end.kind is EndKind.KNOWN and len(backward.points) <= 2:
-                image = self.met(f"{name} again, as its own mirror image", forward.points[0])
-                backward = Walk(forward.points[:1], (), image)
         entry = birth.entry
         born = End.of(
             EndKind.BORN, self.scene.parameter, entry.value, entry=entry.id, parent=entry.branch
@@ -226,47 +227,15 @@ class _Explorer:
         )  # fmt: skip
         return self.known(start.problem, probe.points[-1].unknowns) if probe.points else None
 
-    def walk_from(
-        self, start: Start, direction: int, name: str, beside: Walk | None = None
-    ) -> Walk:
-        """Walk one way from a start, until the branch ends or falls back to a shorter period."""
+    def walk_from(self, start: Start, direction: int, name: str) -> Walk:
+        """Walk one way from a start, until the branch ends or runs into its own image."""
         problem = start.problem
-        report = self.reporter(problem, name)
-        first: list[bool] = [beside is not None and self.symmetry is not None]
-
-        def stop(point: Point, events: Sequence[Event]) -> tuple[End, Point] | None:
-            if first[0] and beside is not None:
-                first[0] = False
-                if self.on_image(problem, point.unknowns, beside):
-                    known = f"{name} again, as its own mirror image"
-                    return self.met(known, point), point
-            for event in events:
-                if event.kind == "BP" and repeats(problem, event.point.unknowns, 1e-6):
-                    shorter = self.shorter_branch(problem, event.point.unknowns)
-                    return self.met(shorter, event.point), event.point
-            return None
-
         return walk_orbits(
             problem, start.unknowns, direction,
             limits=self.scene.range, tests=self.tests(problem), settings=self.settings(),
-            tangent=start.tangent, branching=start.branching, callback=report, stop=stop,
+            tangent=start.tangent, branching=start.branching,
+            callback=self.reporter(problem, name), stop=at_image(problem, self.known),
         )  # fmt: skip
-
-    def met(self, known: str, point: Point) -> End:
-        return End.of(EndKind.KNOWN, self.scene.parameter, point.parameter, known=known)
-
-    def on_image(self, problem: OrbitProblem, unknowns: Array, beside: Walk) -> bool:
-        """Whether an orbit's mirror image lies on a walk."""
-        assert self.symmetry is not None
-        image, moved = mirrored(problem, unknowns, self.symmetry)
-        aligned = rotated_to(image, moved, problem.word)
-        run = Run(problem, (beside, beside), Points(beside.points), ())
-        return aligned is not None and run.holds(aligned)
-
-    def shorter_branch(self, problem: OrbitProblem, unknowns: Array) -> str:
-        """The branch of the orbit of shorter period that this one has become."""
-        shorter, moved = shortest(problem, unknowns, 1e-6)
-        return self.known(shorter, moved) or f"of {shorter.word}"
 
     # Recognition.
 
@@ -312,9 +281,9 @@ class _Explorer:
         return dataclasses.replace(settings, max_points=min(settings.max_points, left))
 
     def tests(self, problem: OrbitProblem) -> list[TestFunction]:
-        """The scene's test functions; words that repeat also look where they fall back."""
+        """The scene's test functions, and what tells where a branch runs into its own image."""
         kinds = list(self.scene.events)
-        if len(problem.word.rotations()) > 1 and "BP" not in kinds:
+        if at_image(problem) and "BP" not in kinds:
             kinds.append("BP")
         tests = test_functions(problem, kinds, self.scene.values)
         self.tested += tests

@@ -9,14 +9,15 @@ from typing import Any
 
 import numpy as np
 
-from .bifurcations import KINDS, test_functions
+from .bifurcations import KINDS, BranchPoint, test_functions
 from .continuation.arclength import Settings
 from .continuation.branch import End, EndKind, Event, Point, Points, Walk, joined
 from .continuation.events import TestFunction, UserFunction
-from .continuation.walk import SAME_SOLUTION
+from .continuation.walk import SAME_SOLUTION, Stop
 from .diagram import Branch, Diagram, Entry
 from .errors import InputError, shown
 from .ghosts import entry_of, event_of
+from .images import again, at_image, mirrors_back, symmetry_of
 from .mechanics.kernels import Kernels
 from .mechanics.model import Model
 from .mechanics.orbit import OrbitProblem
@@ -84,12 +85,12 @@ def continue_orbit(
         problem = OrbitProblem(model, orbit.word, Kernels(model, parameter))
         unknowns = np.append(unknowns[:-1], model.values[parameter])
     limits = checked_range(problem, range, float(unknowns[-1]))
-    tests = _tests(problem, events, values)
+    stop, tests = at_image(problem), _tests(problem, events, values)
     settings = settings or Settings()
     if isinstance(given, Entry) and given.tangent is not None and problem is orbit.problem:
         unknowns = _beside(problem, unknowns, np.array(given.tangent), limits, settings)
-    run = both_ways(problem, unknowns, limits, tests, settings, callback)
-    return run.branch(name)
+    run = both_ways(problem, unknowns, limits, _seen(tests, stop), settings, callback, stop)
+    return run.branch(name, kinds=[test.kind for test in tests])
 
 
 def _beside(
@@ -143,25 +144,38 @@ def continue_born(
         return None
     problem = start.problem
     limits = checked_range(problem, range, entry.value)
-    tests = _tests(problem, events, values)
+    stop, tests = at_image(problem), _tests(problem, events, values)
 
     def go(direction: int) -> Walk:
         return walk_orbits(
-            problem, start.unknowns, direction, limits=limits,
-            tests=tests, settings=settings, tangent=start.tangent, branching=start.branching,
-            callback=callback,
+            problem, start.unknowns, direction, limits=limits, tests=_seen(tests, stop),
+            settings=settings, tangent=start.tangent, branching=start.branching,
+            callback=callback, stop=stop,
         )  # fmt: skip
 
     forward = go(+1)
     if not forward.points:
         return None
-    if start.both_ways:
+    symmetry = symmetry_of(problem)
+    if forward.end.kind is EndKind.CLOSED:
+        backward = Walk(forward.points[:1], (), forward.end)
+    elif mirrors_back(problem, start.unknowns, start.tangent, symmetry):
+        backward = Walk(forward.points[:1], (), again(name, forward.points[0]))
+    elif start.both_ways:
         backward = go(-1)
     else:
         born = {"entry": entry.id, "parent": entry.branch}
         end = End.of(EndKind.BORN, entry.parameter, entry.value, **born)
         backward = Walk(forward.points[:1], (), end)
-    return Run.of(problem, backward, forward).branch(name, entry.id)
+    asked = [test.kind for test in tests]
+    return Run.of(problem, backward, forward).branch(name, entry.id, kinds=asked)
+
+
+def _seen(tests: list[TestFunction], stop: Stop | None) -> list[TestFunction]:
+    """The test functions of a walk: those asked for, and what `stop` goes by."""
+    if stop is None or any(test.kind == "BP" for test in tests):
+        return tests
+    return [*tests, BranchPoint()]
 
 
 def _tests(
@@ -292,19 +306,20 @@ class Run:
 def both_ways(
     problem: OrbitProblem, unknowns: np.ndarray[Any, Any], limits: tuple[float, float],
     tests: list[TestFunction], settings: Settings, callback: Callback | None = None,
+    stop: Stop | None = None,
 ) -> Run:  # fmt: skip
     """Walk from an orbit in both directions; a closed branch is walked once."""
 
     def go(direction: int) -> Walk:
         return walk_orbits(
             problem, unknowns, direction, limits=limits,
-            tests=tests, settings=settings, callback=callback,
+            tests=tests, settings=settings, callback=callback, stop=stop,
         )  # fmt: skip
 
     forward = go(+1)
     if not forward.points:
         raise InputError("orbit", forward.end.message, "give an orbit that solves its equations")
-    if forward.end.kind.name == "CLOSED":
+    if forward.end.kind is EndKind.CLOSED:
         backward = dataclasses.replace(
             forward, points=forward.points[:1], events=(), missed=(), notes=()
         )

@@ -173,6 +173,56 @@ def lopsided(orbit):
     return abs(np.diff(orbit.times)[0] - 1.0) > 1e-6
 
 
+def asymmetry(branch):
+    apart = np.abs(branch.times[:, 1] - branch.times[:, 0])
+    return np.abs(apart - np.round(apart))
+
+
+def check_near(model, value, part):
+    """Starts on both sides of a pitchfork, in a range much smaller than a step is long otherwise.
+
+    The branches stand side by side there, and a step could change from one to the other.
+    """
+    limits = (value * (1.0 - part), value * (1.0 + part))
+    seen = set()
+    for side in (-0.5, 0.5):
+        at = model.replace(s=value * (1.0 + side * part))
+        for orbit in find_orbits(at, "1:1", parameter="s", rng=1):
+            branch = continue_orbit(
+                orbit, range=limits, events=("FB", "BP"), settings=Settings(max_points=6000)
+            )
+            met = [e for e in branch.events if abs(e.value - value) < 1e-10]
+            if lopsided(orbit):
+                assert np.sum(asymmetry(branch) < 1e-6) <= 1
+                assert EndKind.SYMMETRIC in kinds_of(branch)
+                assert [e.kind for e in met] == ["BP"]
+            else:
+                assert np.all(asymmetry(branch) < 1e-6)
+                assert {e.kind for e in met} <= {"BP"}
+            seen.add((lopsided(orbit), bool(met)))
+    assert seen >= {(True, True), (False, True)}
+
+
+@pytest.mark.parametrize("part", [0.3, 1e-2, 1e-3])
+def test_a_step_changes_to_no_other_branch_at_a_pitchfork(part, kernel_cache):
+    check_near(level(), 0.364717826974541, part)
+
+
+@pytest.mark.slow
+def test_random_pitchforks_in_narrow_ranges(kernel_cache):
+    rng, count = np.random.default_rng(5), 0
+    for _ in range(20):
+        r, amplitude = rng.uniform(0.05, 0.9), rng.uniform(2.0, 9.0)
+        model = level(r_B=r, r_T=r, A=amplitude, s=1.0)
+        s = 0.25 * amplitude * math.pi**2 / (model.values["M"] * model.values["omega"] ** 2)
+        for branch in branches(model.replace(s=s), "1:1", (0.4 * s, 2.2 * s)):
+            for event in branch.events:
+                if event.kind == "BP":
+                    count += 1
+                    check_near(model, event.value, 10.0 ** rng.uniform(-3.3, -1.0))
+    assert count > 10
+
+
 @pytest.mark.slow
 def test_random_unfoldings(kernel_cache):
     """Measured: see docs/mathematics.md."""
