@@ -58,6 +58,15 @@ OF_THE_C_LIBRARY = frozenset(
 )  # fmt: skip
 
 
+REPORTING = frozenset(
+    ("NRT_Free", "NRT_MemInfo_call_dtor", "PyBytes_FromStringAndSize", "PyErr_Clear",
+     "PyErr_SetNone", "PyErr_SetString", "PyErr_WriteUnraisable", "PyUnicode_FromString",
+     "Py_DecRef", "numba_do_raise", "numba_gil_ensure", "numba_gil_release",
+     "numba_runtime_build_excinfo_struct", "numba_unpickle")
+)  # fmt: skip
+"""What Numba calls only to report an exception and to clear up after one."""
+
+
 def _optimise(module: Any, machine: Any) -> None:
     """Once more, without what Numba puts between the functions; older LLVMs do without."""
     import llvmlite.binding as llvm
@@ -79,7 +88,12 @@ def _self_contained(text: str, entry: str) -> str:
     """Make Numba's intermediate code independent of Numba's own library and of Python's.
 
     What is called there only reports exceptions, which compiled programs do not raise: their
-    functions are written so that a failure is a value.
+    functions are written so that a failure is a value. Those calls are made to do nothing.
+
+    Raises
+    ------
+    NotImplementedError
+        If anything else is called: a call that did nothing could be one that computes.
     """
     text = re.sub(rf'@"?{re.escape(entry)}"?', f"@{ENTRY}", text)
     lines = []
@@ -89,11 +103,22 @@ def _self_contained(text: str, entry: str) -> str:
         declared = re.match(r'declare (.*?)@"?([\w.$]+)"?\((.*?)\)', line)
         known = declared and (declared[2].startswith("llvm.") or declared[2] in OF_THE_C_LIBRARY)
         if declared and not known:
+            _require(declared[2] in REPORTING, declared[2])
             line = _stub(declared[1], declared[2], declared[3])
-        line = re.sub(r"^(@\S+ = )external( local_unnamed_addr)? global (\S+).*",
-                      r"\1internal global \3 zeroinitializer", line)  # fmt: skip
+        outside = re.match(r'@"?([\w.$]+)"? = external (?:local_unnamed_addr )?global (\S+)', line)
+        if outside:
+            _require(outside[1].startswith("PyExc_"), outside[1])
+            line = f"@{outside[1]} = internal global {outside[2]} zeroinitializer"
         lines.append(line)
     return "\n".join(lines)
+
+
+def _require(known: bool, name: str) -> None:
+    if not known:
+        raise NotImplementedError(
+            f"Numba needs {name!r}, which contimpact does not know; another version of Numba may "
+            "not, and CONTIMPACT_COMPILED=never runs plainly"
+        )
 
 
 def _stub(kind: str, name: str, arguments: str) -> str:

@@ -16,14 +16,17 @@ import pytest
 from contimpact import ImpactPair, continue_orbit, find_orbits
 from contimpact import compiled as module
 from contimpact.bifurcations import test_functions as functions_of
+from contimpact.compiled import VECTOR
 from contimpact.continuation.arclength import Settings
 from contimpact.continuation.branch import EndKind
 from contimpact.errors import InputError
+from contimpact.machine_code import _self_contained
 from contimpact.mechanics.kernels import Kernels
 from contimpact.mechanics.orbit import OrbitProblem
 from contimpact.mechanics.word import parse_word
 from contimpact.orbit_march import system_of, walk_orbits
 from contimpact.orbit_program import program_of
+from contimpact.program import Program
 
 EVENTS = ("FB", "BP", "PD", "NS", "G", "V", "T")
 needs_numba = pytest.mark.skipif(
@@ -385,3 +388,39 @@ def test_a_program_holds_all_it_calls():
     values = list(problem.model.values.values())
     expected = problem.kernels.flight("B", "T")(*z, *values)
     assert namespace["any_flight"](1, *z, values) == expected
+
+
+def test_what_the_linker_would_not_find_is_refused():
+    """A helper that is not known could be one that computes: it must not become a zero."""
+    known = (
+        "declare ptr @PyUnicode_FromString(ptr)\ndeclare double @cos(double)\n"
+        "@PyExc_X = external global i8"
+    )
+    text = _self_contained(known, "f")
+    assert "define internal ptr @PyUnicode_FromString(ptr) { ret ptr null }" in text
+    assert "declare double @cos(double)" in text
+    assert "@PyExc_X = internal global i8 zeroinitializer" in text
+    for foreign in (
+        "declare double @numba_gamma(double)",
+        "declare { double, double } @numba_cpow(ptr, ptr)",
+        'declare i64 @"__powidf2"(double, i32)',
+        "@table = external global [4 x double]",
+    ):
+        with pytest.raises(NotImplementedError, match="Numba needs"):
+            _self_contained(f"{known}\n{foreign}", "f")
+
+
+@needs_numba
+@pytest.mark.parametrize("said", ["auto", "always"])
+def test_a_helper_that_is_not_known_ends_compiling_alone(said, monkeypatch, tmp_path, caplog):
+    monkeypatch.setattr("contimpact.machine_code.REPORTING", frozenset())
+    monkeypatch.setenv("CONTIMPACT_COMPILED", said)
+    monkeypatch.setattr(module, "_SPENT", [1e9])
+    program = Program({})
+    program.glue("def entry(x):\n    if x[0] == 0.0:\n        raise ValueError\n    return 1")
+    if said == "always":
+        with pytest.raises(NotImplementedError, match="Numba needs"):
+            module.compiled((str(tmp_path),), VECTOR, lambda: program)
+        return
+    assert module.compiled((str(tmp_path),), VECTOR, lambda: program) is None
+    assert any("nothing is compiled" in record.getMessage() for record in caplog.records)
