@@ -14,13 +14,13 @@ from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 from .errors import InputError, shortened
+from .extent import LARGEST_EXPONENT, Beyond, Extent
 
 FUNCTIONS = (
     "sin", "cos", "tan", "asin", "acos", "atan", "sinh", "cosh", "tanh", "exp", "log", "sqrt",
 )  # fmt: skip
 CONSTANTS = ("pi",)
 LONGEST_TEXT = 2000
-LARGEST_EXPONENT = 64
 
 _BINARY: dict[type, Callable[[Any, Any], Any]] = {
     ast.Add: operator.add,
@@ -64,7 +64,7 @@ def number(text: str, where: str) -> float:
     return value
 
 
-def check_expression(text: str, where: str, variables: Sequence[str]) -> None:
+def check_expression(text: str, where: str, variables: Sequence[str]) -> float:
     """Check what can be checked of an expression without SymPy: syntax, names, finite constants.
 
     Parameters
@@ -75,23 +75,52 @@ def check_expression(text: str, where: str, variables: Sequence[str]) -> None:
         The place named in an error.
     variables : sequence of str
 
+    Returns
+    -------
+    float
+        About how many terms arise when it is expanded; see `contimpact.extent`.
+
     Raises
     ------
     InputError
-        If anything else stands in it, or a part without variables has no finite real value.
+        If anything else stands in it, if a part without variables has no finite real value, or if
+        exponents, functions of functions or arguments of exp() have no bound.
     """
-    functions = {name: _of_any(getattr(math, name)) for name in FUNCTIONS}
+    functions = {name: _of_any(name) for name in FUNCTIONS}
     constants = {name: getattr(math, name) for name in CONSTANTS}
-    names = functions | constants | dict.fromkeys(variables, _Anything())
+    names = functions | constants | dict.fromkeys(variables, Extent())
     try:
-        _Checker(text, where, names, float).value()
+        value = _Checker(text, where, names, float).value()
     except InputError:
         raise
+    except Beyond as error:
+        raise InputError(
+            where, f"{error} in {shortened(text)!r}",
+            f"use a simpler expression: sines and cosines of {' and '.join(variables)} are bounded "
+            "and periodic",
+        ) from None  # fmt: skip
     except (ArithmeticError, ValueError, TypeError) as error:
         raise InputError(
             where, f"{shortened(text)!r} has no finite real value ({error})",
             "use numbers and functions where they are finite and real",
         ) from None  # fmt: skip
+    return value.work if isinstance(value, Extent) else 1.0
+
+
+def values_of(text: str, where: str, variables: Mapping[str, Any]) -> Any:
+    """Evaluate an expression on arrays, given for its variables; SymPy is not needed.
+
+    Raises
+    ------
+    InputError
+        If anything stands in it that `check_expression` refuses.
+    """
+    import numpy as np
+
+    check_expression(text, where, tuple(variables))
+    numpys = {"asin": "arcsin", "acos": "arccos", "atan": "arctan"}
+    names = {name: getattr(np, numpys.get(name, name)) for name in (*FUNCTIONS, *CONSTANTS)}
+    return _OnArrays(text, where, names | dict(variables), float).value()
 
 
 def sympy_expression(text: str, where: str, symbols: Mapping[str, Any]) -> Any:
@@ -168,14 +197,14 @@ class _Walker:
         raise self.refuse(f"{shortened(ast.unparse(node))!r} in {shortened(self.text)!r}")
 
     def power(self, base: Any, exponent: Any) -> Any:
-        plain = not getattr(exponent, "free_symbols", None)
-        if plain and abs(float(exponent)) > LARGEST_EXPONENT:
+        known = not isinstance(exponent, Extent) and not getattr(exponent, "free_symbols", None)
+        if known and abs(float(exponent)) > LARGEST_EXPONENT:
             raise self.refuse(f"an exponent of {float(exponent):.6g}")
         return base**exponent
 
 
 class _Checker(_Walker):
-    """Walks over `_Anything`: parts without variables are numbers, and have to be finite."""
+    """Walks over an `Extent`; parts without variables are numbers, and have to be finite."""
 
     def walk(self, node: ast.expr) -> Any:
         value = super().walk(node)
@@ -186,17 +215,13 @@ class _Checker(_Walker):
         return value
 
 
-class _Anything:
-    """Stands for the value of a variable, and of all that is computed from one."""
+class _OnArrays(_Walker):
+    """Walks over arrays; what it is given has been checked."""
 
-    free_symbols = ("t",)
-
-    def absorb(self, other: Any = None) -> _Anything:
-        return self
-
-    __add__ = __radd__ = __sub__ = __rsub__ = __mul__ = __rmul__ = absorb
-    __truediv__ = __rtruediv__ = __pow__ = __rpow__ = __pos__ = __neg__ = absorb
+    def power(self, base: Any, exponent: Any) -> Any:
+        return base**exponent
 
 
-def _of_any(function: Callable[[float], float]) -> Callable[[Any], Any]:
-    return lambda value: value if isinstance(value, _Anything) else function(value)
+def _of_any(name: str) -> Callable[[Any], Any]:
+    function = getattr(math, name)
+    return lambda value: value.of(name) if isinstance(value, Extent) else function(value)

@@ -6,6 +6,7 @@ import math
 import subprocess
 import sys
 
+import numpy as np
 import pytest
 import sympy
 from hypothesis import given, settings
@@ -17,9 +18,12 @@ from contimpact.expressions import (
     FUNCTIONS,
     LARGEST_EXPONENT,
     LONGEST_TEXT,
+    check_expression,
     number,
     sympy_expression,
+    values_of,
 )
+from contimpact.extent import Beyond, Extent
 
 t = sympy.Symbol("t", real=True)
 
@@ -278,3 +282,60 @@ def test_arithmetic_is_pythons(text):
     else:
         with pytest.raises(InputError):
             number(text, "here")
+
+
+ENDLESS = [
+    "(((9+t-t)**64)**64)**64",
+    "((((9+t-t)**8)**8)**8)**8",
+    "2**(t-t+10**9)",
+    "2**((t+1)*10**9-t*10**9)",
+    "cos(pi*t)**(10**9*cos(t-t))",
+    "cos(pi*t)**(t/t)",
+    "(t**64)**2",
+    "sin(" * 60 + "pi*t" + ")" * 60,
+    "sinh(sinh(sinh(99+t-t)))",
+    "exp(exp(exp(9*cos(pi*t))))",
+    "(" * 60 + "1+cos(pi*t)" + ")**2" * 60,
+]
+
+
+@pytest.mark.parametrize("text", ENDLESS)
+def test_expressions_without_end_are_refused_before_they_are_evaluated(text):
+    with pytest.raises(InputError, match=r"^forcing: .* beyond |powers of powers|deep in"):
+        check_expression(text, "forcing", ("t",))
+
+
+@pytest.mark.parametrize(
+    ("text", "most"),
+    [
+        ("cos(pi*t)+cos(2*pi*t+0.3)", 10),
+        ("cos(pi*t)**64", 100),  # 65 terms
+        ("(1+cos(pi*t))**64", 1e4),  # 2145 terms
+        ("+".join(["cos(pi*t)"] * 100), 400),
+    ],
+)
+def test_the_work_of_expanding_is_estimated(text, most):
+    assert 0.1 * most < check_expression(text, "here", ("t",)) <= most
+
+
+@settings(deadline=None, derandomize=True, max_examples=200, database=None)
+@given(TREES, st.floats(-3, 3))
+def test_an_extent_holds_the_values(text, where):
+    """What bounds exponents and arguments has to be a bound."""
+    text = text.replace("pi", "t")
+    extent = Extent(-3.0, 3.0)
+    functions = {"sin": lambda x: x.of("sin") if isinstance(x, Extent) else math.sin(x)}
+    try:
+        value = eval(text, {"sin": math.sin, "t": where})
+        bound = eval(text, functions | {"t": extent})
+    except (ArithmeticError, Beyond):
+        return
+    if isinstance(bound, Extent):
+        slack = 1e-9 * abs(value)
+        assert bound.low - slack <= value <= bound.high + slack
+
+
+def test_values_of_an_expression_on_arrays():
+    times = np.linspace(0.0, 2.0, 7)
+    found = values_of("asin(cos(pi*t)/2)**2 - 2**sin(t)", "here", {"t": times})
+    assert found == pytest.approx(np.arcsin(np.cos(np.pi * times) / 2) ** 2 - 2 ** np.sin(times))

@@ -691,3 +691,27 @@ def test_forcings_are_refused_by_their_cause(pair, forcing, says):
         Kernels(pair(forcing=forcing), "s").setup  # noqa: B018
     assert caught.value.where == "forcing"
     assert says in caught.value.found
+
+
+@pytest.mark.parametrize(
+    ("forcing", "harmonics"),
+    [
+        ("(1+cos(pi*t))**64", 64),  # too many terms to expand: sampled
+        ("cos(pi*t)**64", 32),
+        ("sqrt(2+cos(pi*t))", 25),
+        ("1/(1.5+cos(pi*t))", 40),
+        ("+".join(f"cos({k}*pi*t)/{k}" for k in range(1, 65)), 64),
+    ],
+)
+def test_rich_forcings_are_read(pair, kernels_of, forcing, harmonics):
+    """Their sums of harmonics are their values, to rounding of the largest."""
+    model = pair(forcing=forcing, g=0.0)
+    mean, *series = kernels_of(model, "s").harmonics(*values_of(model))
+    assert len(series) <= 3 * harmonics
+    times = np.linspace(0.0, 2.0, 101)
+    found = mean + sum(
+        a * np.cos(k * np.pi * times) + b * np.sin(k * np.pi * times)
+        for k, a, b in zip(series[::3], series[1::3], series[2::3], strict=True)
+    )
+    expected = eval(forcing, {"cos": np.cos, "sqrt": np.sqrt, "pi": np.pi, "t": times})
+    assert np.max(np.abs(found - expected)) < 1e-14 * np.max(np.abs(expected))

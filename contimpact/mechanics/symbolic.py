@@ -6,6 +6,7 @@ Importing this module imports SymPy: systems do so inside `Model.formulas`.
 from __future__ import annotations
 
 import math
+from fractions import Fraction
 from typing import Any
 
 import numpy as np
@@ -13,9 +14,12 @@ import sympy
 from sympy import I, Integer, pi
 
 from ..errors import InputError
-from ..expressions import sympy_expression
+from ..expressions import check_expression, sympy_expression, values_of
 
 MOST_HARMONICS = 64
+MOST_TERMS = 300
+MOST_DENOMINATOR = 10**6
+"""Of a rational number that a coefficient may be without looking like one."""
 _SAMPLES = 1024
 
 
@@ -64,8 +68,9 @@ def fourier_series(
 ) -> tuple[Any, list[tuple[int, Any, Any]]]:
     """Expand a periodic function of ``t`` into a finite sum of harmonics.
 
-    Sums and products of sines and cosines are expanded exactly. Any other smooth function is
-    sampled; its series must have died out to rounding within `MOST_HARMONICS` terms.
+    Sums and products of sines and cosines are expanded exactly, unless that makes more than about
+    `MOST_TERMS` terms. Any other smooth function is sampled; its series must have died out to
+    rounding within `MOST_HARMONICS` terms.
 
     Parameters
     ----------
@@ -86,13 +91,15 @@ def fourier_series(
     InputError
         If the text cannot be read, is not periodic, not finite or not smooth enough.
     """
-    t = sympy.Symbol("t", real=True)
-    expression = sympy_expression(text, where, {"t": t})
-    if expression.has(sympy.oo, -sympy.oo, sympy.zoo, sympy.nan):
-        raise InputError(where, f"{text!r} is not finite", "use a function that is finite")
-    coefficients = _exact_coefficients(expression, t, text, where, period)
+    coefficients = None
+    if check_expression(text, where, ("t",)) <= MOST_TERMS:
+        t = sympy.Symbol("t", real=True)
+        expression = sympy_expression(text, where, {"t": t})
+        if expression.has(sympy.oo, -sympy.oo, sympy.zoo, sympy.nan):
+            raise InputError(where, f"{text!r} is not finite", "use a function that is finite")
+        coefficients = _exact_coefficients(expression, t, text, where, period)
     if coefficients is None:
-        coefficients = _sampled_coefficients(expression, t, text, where, period)
+        coefficients = _sampled_coefficients(text, where, period)
     if max((k for k, a, b in coefficients), default=0) > MOST_HARMONICS:
         raise InputError(
             where, f"{text!r} has harmonics above order {MOST_HARMONICS}", "use fewer harmonics"
@@ -143,17 +150,19 @@ def _require_real(amplitudes, text, where):
 
 def _real(value: Any) -> Any:
     """A number as a rational if it is one, else as a 53-bit float."""
-    value = sympy.simplify(sympy.expand_complex(value))
-    return value if value.is_Rational else sympy.Float(sympy.re(value.evalf(30)), 17)
+    number = sympy.re(value.evalf(30))
+    near = Fraction(str(number)).limit_denominator(MOST_DENOMINATOR)
+    if abs(number - sympy.Rational(near)) <= 1e-25 * max(1, abs(number)):
+        value = sympy.simplify(sympy.expand_complex(value))
+    return value if value.is_Rational else sympy.Float(number, 17)
 
 
-def _sampled_coefficients(expression, t, text, where, period):
+def _sampled_coefficients(text, where, period):
     length = float(period)
-    function = sympy.lambdify(t, expression, "numpy")
     times = length * np.arange(_SAMPLES) / _SAMPLES
     with np.errstate(all="ignore"):
-        values = np.asarray(function(times) + 0.0 * times)
-        later = np.asarray(function(times + length) + 0.0 * times)
+        values = values_of(text, where, {"t": times}) + 0.0 * times
+        later = values_of(text, where, {"t": times + length}) + 0.0 * times
     if values.dtype.kind != "f" or not np.all(np.isfinite(values)):
         raise InputError(
             where, f"{text!r} is not finite and real over a period", "use a smooth function"
@@ -178,7 +187,7 @@ def _sampled_coefficients(expression, t, text, where, period):
             f"the Fourier series of {text!r} has not died out after {MOST_HARMONICS} harmonics",
             "use a smoother function or a sum of harmonics",
         )
-    kept = [k for k in range(MOST_HARMONICS + 1) if abs(spectrum[k]) > 1e-17 * size]
+    kept = [k for k in range(MOST_HARMONICS + 1) if abs(spectrum[k]) > 1e-16 * size]
     doubled = {k: 1 if k == 0 else 2 for k in kept}
     return [
         (k, sympy.Float(float(doubled[k] * spectrum[k].real), 17),
