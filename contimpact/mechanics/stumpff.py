@@ -180,10 +180,52 @@ def _array_stumpff(k):
 
 ARRAY = {f"stumpff{k}": _array_stumpff(k) for k in range(HIGHEST + 1)}
 
-ARRAY |= {
-    f"stumpffs{n}": lambda q, n=n: tuple(ARRAY[f"stumpff{k}"](q) for k in range(1, n + 1))
-    for n in TOGETHER
-}
+
+def _array_stumpffs(n):
+    """The first n functions for arrays, n one of `TOGETHER`, by the steps of the scalar ones."""
+
+    def function(q):
+        q = np.asarray(q, dtype=float)
+        x = np.sqrt(np.abs(q))
+        c1, half = _over(x, q), _over(0.5 * x, q)
+        c2 = 0.5 * half * half
+        near = np.abs(q) < _SERIES_BELOW
+        by = np.where(near, 1.0, q)
+        c3 = (1.0 - c1) / by
+        if n == 3:
+            return c1, c2, _near(c3, near, _series(3, q[near]))
+        c4, c5, close = (0.5 - c2) / by, (_SIXTH - c3) / by, q[near]
+        last = _series(5, close)
+        c3 = _near(c3, near, _SIXTH - close * last)
+        return c1, c2, c3, _near(c4, near, _series(4, close)), _near(c5, near, last)
+
+    return function
+
+
+def _over(x, q):
+    """sin x / x, or sinh x / x where q is negative."""
+    divisor = np.where(x == 0, 1.0, x)
+    found = np.sin(x)
+    if np.any(q < 0):
+        found = np.where(q < 0, np.sinh(np.where(q < 0, x, 0.0)), found)
+    return np.where(x == 0, 1.0, found / divisor)
+
+
+def _near(far, near, values):
+    """An array with other values near zero."""
+    found = np.array(far)
+    found[near] = values
+    return found
+
+
+def _series(k, q):
+    total = np.zeros_like(q)
+    for coefficient in _SERIES[k]:
+        total = coefficient - q * total
+    return total
+
+
+ARRAY |= {f"stumpffs{n}": _array_stumpffs(n) for n in TOGETHER}
 
 
 def _array_decaying(k):
