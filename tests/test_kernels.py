@@ -502,7 +502,10 @@ def test_cached_source_is_readable(pair, folder):
     assert file.name.startswith("impact_pair-s-motion_B-")
     assert "delete freely" in text
     assert "'forcing': 'sin(pi*t)'" in text
-    assert f'def {QUICK}(t0, v0, dt, beta, r, A, s, M, omega, g):\n    """Flight after' in text
+    assert (
+        f'def {QUICK}(t0, v0, dt, p_beta, p_r, p_A, p_s, p_M, p_omega, p_g):\n    """Flight after'
+        in text
+    )
 
 
 DAMAGE = {
@@ -625,6 +628,7 @@ def test_unknown_parameter(pair, parameter):
 
 USE = """
 import sys
+from contimpact.mechanics.codegen import KernelWriter
 from contimpact.mechanics.kernels import Kernels
 from contimpact.systems.impact_pair import ImpactPair
 model = ImpactPair(beta=0.5, r=0.3, A=5.0, s=0.389)

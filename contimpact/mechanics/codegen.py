@@ -7,6 +7,7 @@ arrays, and under a compiler for the plain subset of Python.
 
 from __future__ import annotations
 
+import itertools
 import re
 import textwrap
 from collections.abc import Callable, Sequence
@@ -16,15 +17,26 @@ import sympy
 from sympy.printing.pycode import PythonCodePrinter
 
 from . import stumpff
-from .model import Formulas, Model
+from .equations import DT, PHASE, T0, T1, TURN, Departure, equations_of, own
+from .model import Model
 from .symbolic import Stumpff
 
 
 class _Printer(PythonCodePrinter):
-    """Prints bare names: kernels find ``sin`` and ``stumpff3`` in their own namespace."""
+    """Prints bare names: kernels find ``sin`` and ``stumpff3`` in their own namespace.
+
+    Parameters are called p_<name>, so that they can have any name.
+    """
 
     def __init__(self) -> None:
         super().__init__({"fully_qualified_modules": False})
+
+    def _print_Symbol(self, expr: Any) -> str:
+        name = str(expr.name)
+        return name[:-1] if name.endswith("'") else f"p_{name}"
+
+    def _print_Exp1(self, expr: Any) -> str:
+        return "exp(1)"
 
     def _print_Stumpff(self, expr: Any) -> str:
         order, argument = expr.args
@@ -77,9 +89,10 @@ def _together(expressions: Sequence[Any]) -> tuple[dict[Any, str], dict[Any, Any
         upto = next((n for n in stumpff.TOGETHER if n >= max(orders)), None)
         if len(orders) < 2 or upto is None:
             continue
-        found = [f"c{k}_{argument}" for k in range(1, upto + 1)]
-        lines[argument] = f"{', '.join(found)} = stumpffs{upto}({argument})"
-        names |= {Stumpff(k, argument): sympy.Symbol(found[k - 1]) for k in orders}
+        name = argument.name.removesuffix("'")
+        found = [f"c{k}_{name}" for k in range(1, upto + 1)]
+        lines[argument] = f"{', '.join(found)} = stumpffs{upto}({name})"
+        names |= {Stumpff(k, argument): sympy.Symbol(f"{found[k - 1]}'") for k in orders}
     return lines, names
 
 
@@ -95,20 +108,13 @@ class KernelWriter:
 
     def __init__(self, model: Model, parameters: Sequence[str]) -> None:
         self.model, self.parameters = model, tuple(parameters)
-        self.symbols = {name: sympy.Symbol(name, real=True) for name in model.values}
-        self.free = [self.symbols[name] for name in self.parameters]
-        self.formulas: Formulas = model.formulas(self.symbols)
-        size = model.DEGREES_OF_FREEDOM
-        self.t0, self.t1, self.turn, self.dt, self.phase = sympy.symbols(
-            "t0 t1 turn dt phase", real=True
-        )
-        section = ["v"] if size == 1 else [n for i in range(size) for n in (f"x{i}_", f"v{i}_")][1:]
-        self.start = sympy.symbols([f"{n}0" for n in section], real=True)
-        self.end = sympy.symbols([f"{n}1" for n in section], real=True)
+        self.equations = equations_of(model)
+        self.free = [self.equations.parameters[name] for name in self.parameters]
+        self.start, self.end = self.equations.start, self.equations.end
 
     def write(self, name: str) -> str:
         """Return the source of the kernel `name`: ``setup``, ``harmonics``, ``flight_<a>_<b>``,
-        ``second_<a>_<b>``, ``third_<a>_<b>`` or ``motion_<a>``."""
+        ``second_<a>_<b>``, ``third_<a>_<b>``, ``motion_<a>`` or ``agreement_<a>_<coordinate>``."""
         kind, *walls = name.split("_")
         writers: dict[str, Callable[..., str]] = {
             "setup": self.setup,
@@ -117,23 +123,9 @@ class KernelWriter:
             "second": self.second,
             "third": self.third,
             "motion": self.motion,
+            "agreement": self.agreement,
         }
         return writers[kind](name, *walls)
-
-    # The state at an impact, and the flight that leaves it.
-
-    def before(self, wall: str, section: Sequence[Any]) -> tuple[list[Any], list[Any]]:
-        """Positions and velocities before an impact, from its section coordinates."""
-        position = [self.formulas.walls[wall], *section[1::2]]
-        velocity = [section[0], *section[2::2]]
-        return position, velocity
-
-    def leave(self, wall: str) -> tuple[list[Any], list[Any], list[Any]]:
-        """Start positions, mean velocities and end velocities of the flight leaving `wall`."""
-        position, velocity = self.before(wall, self.start)
-        after = list(self.formulas.reset(wall, position, velocity))
-        mean, end = self.formulas.flight(self.phase, position, after, self.dt)
-        return position, list(mean), list(end)
 
     def residual(self, a: str, b: str) -> list[Any]:
         """Arrival minus embedding, gap coordinate first.
@@ -141,35 +133,37 @@ class KernelWriter:
         Between two impacts on one wall the gap equation is divided by the flight's duration: the
         flight of zero duration would solve it whatever the state.
         """
-        position, mean, velocity = self.leave(a)
-        target_position, target_velocity = self.before(b, self.end)
-        rows: list[Any] = []
-        for i, (x, u, v, xb, vb) in enumerate(
-            zip(position, mean, velocity, target_position, target_velocity, strict=True)
-        ):
-            same_wall = i == 0 and a == b
-            rows += [u if same_wall else x + self.dt * u - xb, v - vb]
-        return rows
+        leave = self.leave(a)
+        position, velocity = self.equations.before(b, self.end)
+        gaps = [x - xb for x, xb in zip(leave.now, position, strict=True)]
+        if a == b:
+            gaps[0] = leave.mean[0]
+        arrivals = [v - vb for v, vb in zip(leave.end, velocity, strict=True)]
+        return [row for pair in zip(gaps, arrivals, strict=True) for row in pair]
+
+    def leave(self, wall: str) -> Departure:
+        """The flight that leaves a wall."""
+        return self.equations.departures[wall]
 
     # Derivatives: phase = t0 - turn*T(lambda) and dt = t1 - t0, with `turn` a whole number.
 
-    def by_start_time(self, e: Any) -> Any:
-        return sympy.diff(e, self.phase) - sympy.diff(e, self.dt)
-
-    def by_end_time(self, e: Any) -> Any:
-        return sympy.diff(e, self.dt)
-
-    def by_parameter(self, e: Any, free: Any) -> Any:
-        drift = self.turn * sympy.diff(self.formulas.period, free)
-        return sympy.diff(e, free) - drift * sympy.diff(e, self.phase)
-
     def derivatives(self, e: Any) -> list[Any]:
-        """By (t0, y0, t1, y1, free parameters)."""
+        """With respect to (t0, y0, t1, y1, free parameters)."""
+        return self._chained(lambda x: sympy.diff(e, x))
+
+    def _chained(self, by: Callable[[Any], Any]) -> list[Any]:
+        """Derivatives from those with respect to phase, dt, section coordinates and parameters."""
         return [
-            self.by_start_time(e), *(sympy.diff(e, y) for y in self.start),
-            self.by_end_time(e), *(sympy.diff(e, y) for y in self.end),
-            *(self.by_parameter(e, free) for free in self.free),
-        ]  # fmt: skip
+            by(PHASE) - by(DT),
+            *(by(y) for y in self.start),
+            by(DT),
+            *(by(y) for y in self.end),
+            *(by(free) - self.drift(free) * by(PHASE) for free in self.free),
+        ]
+
+    def drift(self, free: Any) -> Any:
+        """How fast the phase falls behind where a free parameter grows."""
+        return TURN * sympy.diff(self.equations.period, free)
 
     # The kernels.
 
@@ -188,13 +182,13 @@ class KernelWriter:
         Returns {m} residuals (arrival minus embedding), their {m}x{m} derivatives by the start
         (t0, {self._names(self.start)}), by the end (t1, {self._names(self.end)}), row by row, and
         by {", ".join(self.parameters)}."""
-        return self._function(name, self._ends(), about, outputs, reduce=True)
+        return self._shared(name, self._ends(), about, outputs, reduce=True)
 
     def second(self, name: str, a: str, b: str) -> str:
         rows = self.residual(a, b)
         m = len(rows)
         size = 2 * m + len(self.free)
-        along = sympy.symbols(f"q0:{size}", real=True)
+        along = [own(f"q{i}") for i in range(size)]
         slopes = [
             sum((q * g for q, g in zip(along, self.derivatives(e), strict=True)), sympy.Integer(0))
             for e in rows
@@ -205,50 +199,39 @@ class KernelWriter:
         The direction q is (t0, {self._names(self.start)}, t1, {self._names(self.end)},
         {", ".join(self.parameters)}). Returns, for each of the {m} residuals, the gradient of its
         derivative along q by the same {size} variables."""
-        return self._function(name, [*self._ends(), *along], about, outputs, reduce=True)
+        return self._shared(name, [*self._ends(), *along], about, outputs, reduce=True)
 
     def third(self, name: str, a: str, b: str) -> str:
         rows = self.residual(a, b)
-        size = 2 * len(rows)
-        along = sympy.symbols(f"q0:{size}", real=True)
         m = len(rows)
-        duration = sympy.Symbol("duration")  # the rate of dt along q
-        rates = [
-            (self.phase, along[0]),
-            (self.dt, duration),
-            *zip(self.start, along[1:m], strict=True),
-        ]
+        along = [own(f"q{i}") for i in range(2 * m)]
+        rates = [(PHASE, along[0]), (DT, along[m] - along[0])]
+        rates += zip(self.start, along[1:m], strict=True)
         rates += zip(self.end, along[m + 1 :], strict=True)
         for _ in range(3):
             rows = [sum((q * sympy.diff(e, x) for x, q in rates), sympy.S.Zero) for e in rows]
-        rows = [e.subs(duration, along[m] - along[0]) for e in rows]
         about = f"""Flight from wall {a} to wall {b}: third derivatives along a direction.
 
         The direction q is (t0, {self._names(self.start)}, t1, {self._names(self.end)}). Returns,
         for each residual, its third derivative along q."""
-        return self._function(name, [*self._ends(), *along], about, rows, reduce=True)
+        return self._shared(name, [*self._ends(), *along], about, rows, reduce=True)
 
     def motion(self, name: str, a: str) -> str:
-        position, mean, velocity = self.leave(a)
-        now = [x + self.dt * u for x, u in zip(position, mean, strict=True)]
-        acceleration = self.formulas.acceleration(self.phase + self.dt, now, velocity)
-        outputs = [self.dt * mean[0], velocity[0], acceleration[0]]
+        leave = self.leave(a)
+        outputs = [DT * leave.mean[0], leave.end[0], leave.acceleration[0]]
         about = f"""Flight after wall {a}: the gap coordinate at the time dt after leaving.
 
         Returns its displacement from the wall, its velocity and its acceleration."""
-        return self._function(name, [self.t0, *self.start, self.dt], about, outputs, reduce=True)
+        return self._shared(name, [T0, *self.start, DT], about, outputs, reduce=True)
 
     def setup(self, name: str) -> str:
-        period, derived = (
-            self.formulas.period,
-            [self.formulas.derived[n] for n in self.model.DERIVED],
-        )
+        period, derived = self.equations.period, list(self.equations.derived.values())
         first, *further = self.free
         outputs = [
             period,
             sympy.diff(period, first),
             sympy.diff(period, first, 2),
-            *(self.formulas.walls[w.name] for w in self.model.WALLS),
+            *self.equations.walls.values(),
             *derived,
             *(sympy.diff(e, first) for e in derived),
         ]
@@ -263,54 +246,84 @@ class KernelWriter:
         parameters ({named}) followed by their derivatives by {self.parameters[0]}. With a second
         free parameter mu these follow: the period's derivatives by mu, mu twice, and both, and the
         derived parameters' by mu."""
-        return self._function(name, [], about, outputs)
+        return self._shared(name, [], about, outputs)
 
     def harmonics(self, name: str) -> str:
-        given = self.formulas.harmonics
-        constant, series = given if given is not None else (sympy.nan, [])
-        outputs = [constant, *(sympy.sympify(n) for term in series for n in term)]
         about = """Acceleration in flight where it depends on time alone.
 
         Returns its mean and then k, a_k, b_k for each harmonic a_k cos + b_k sin of 2 pi k t/T;
         a mean that is not a number says that the acceleration depends on the state."""
-        return self._function(name, [], about, outputs)
+        return self._shared(name, [], about, self.equations.harmonics)
+
+    def agreement(self, name: str, a: str, i: str) -> str:
+        """Not kept in the cache: it is evaluated before any kernel is written."""
+        leave, k = self.leave(a), int(i)
+        outputs = [
+            self.equations.period, leave.velocity[k], leave.mean[k], leave.end[k],
+            leave.acceleration[k],
+            self._sum_of_harmonics() if k == 0 else leave.acceleration[k],
+        ]  # fmt: skip
+        about = f"""Flight after wall {a}, coordinate {i}: what has to agree.
+
+        Returns the period, the velocity after impact, mean velocity, end velocity, acceleration,
+        and the sum of its harmonics."""
+        return self._text(name, [PHASE, *self.start, DT], about, [], outputs, reduce=False)
+
+    def _sum_of_harmonics(self) -> Any:
+        """The acceleration by its harmonics, at the end of a flight; NaN where there are none."""
+        constant, *rest = self.equations.harmonics
+        angle = 2 * sympy.pi * (PHASE + DT) / self.equations.period
+        waves = (
+            a * sympy.cos(k * angle) + b * sympy.sin(k * angle)
+            for k, a, b in zip(rest[::3], rest[1::3], rest[2::3], strict=True)
+        )
+        return sympy.Add(constant, *waves)
 
     # Printing.
 
     def _ends(self) -> list[Any]:
-        return [self.t0, *self.start, self.t1, *self.end]
+        return [T0, *self.start, T1, *self.end]
 
     def _names(self, symbols: Sequence[Any]) -> str:
-        return ", ".join(str(s) for s in symbols)
+        return ", ".join(_Printer().doprint(s) for s in symbols)
 
-    def _function(
+    def _shared(
         self, name: str, arguments: Sequence[Any], about: str, outputs: Sequence[Any],
         reduce: bool = False,
     ) -> str:  # fmt: skip
-        printer = _Printer()
-        signature = self._names([*arguments, *self.symbols.values()])
-        lines = []
-        if reduce:
-            period = printer.doprint(self.formulas.period)
-            if any(self.turn in sympy.sympify(e).free_symbols for e in outputs):
-                lines += [f"turn = floor(t0/({period}))", f"phase = t0 - turn*({period})"]
-            else:
-                lines.append(f"phase = t0 % ({_as_float(period)})")
-            if self.t1 in arguments:
-                lines.append("dt = t1 - t0")
+        """A kernel that computes what its outputs have in common once."""
+        outputs = [sympy.sympify(e) for e in outputs]
         shared, reduced = sympy.cse(
-            [sympy.sympify(e) for e in outputs],
-            symbols=sympy.numbered_symbols("w"), optimizations="basic", order="none",
+            outputs, symbols=(own(f"w{i}") for i in itertools.count()),
+            optimizations="basic", order="none",
         )  # fmt: skip
-        together, names = _together([e for _, e in shared] + reduced)
-        for symbol, e in shared:
-            lines.append(f"{symbol} = {printer.doprint(e.xreplace(names))}")
+        return self._text(name, arguments, about, shared, reduced, reduce)
+
+    def _text(
+        self, name: str, arguments: Sequence[Any], about: str, steps: Sequence[tuple[Any, Any]],
+        outputs: Sequence[Any], reduce: bool,
+    ) -> str:  # fmt: skip
+        printer = _Printer()
+        signature = self._names([*arguments, *self.equations.parameters.values()])
+        used = set().union(*(e.free_symbols for e in (*outputs, *(e for _, e in steps))))
+        lines = self._reduction(T1 in arguments, TURN in used) if reduce else []
+        together, names = _together([*(e for _, e in steps), *outputs])
+        for symbol, e in steps:
+            lines.append(f"{printer.doprint(symbol)} = {printer.doprint(e.xreplace(names))}")
             if symbol in together:
                 lines.append(together[symbol])
-        results = ",\n    ".join(_as_float(printer.doprint(e.xreplace(names))) for e in reduced)
+        results = ",\n    ".join(_as_float(printer.doprint(e.xreplace(names))) for e in outputs)
         doc = textwrap.indent(textwrap.dedent("        " + about), "    ").strip()
         body = "\n".join(f"    {line}" for line in lines)
         return (
             f'def {name}({signature}):\n    """{doc}\n    """\n{body}\n'
             f"    return (\n    {results},\n    )\n"
         )
+
+    def _reduction(self, to_an_end: bool, turning: bool) -> list[str]:
+        """The lines that take whole periods off the time."""
+        period = _Printer().doprint(self.equations.period)
+        lines = [f"phase = t0 % ({_as_float(period)})"]
+        if turning:
+            lines = [f"turn = floor(t0/({period}))", f"phase = t0 - turn*({period})"]
+        return [*lines, "dt = t1 - t0"] if to_an_end else lines

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import functools
 import hashlib
-import importlib.util
 import math
 import re
 import types
@@ -24,6 +23,7 @@ from ..errors import InputError
 from ..files import reason
 from . import stumpff
 from .model import Model
+from .sources import digests
 
 Kernel = Callable[..., tuple[Any, ...]]
 
@@ -148,7 +148,7 @@ class Kernels:
     def depends(self, name: str) -> bool:
         """Whether what a kernel returns depends on the free parameter."""
         body = self.kernel(name).source.rpartition('"""')[2]  # type: ignore[attr-defined]
-        return re.search(rf"\b{re.escape(self.parameter)}\b", body) is not None
+        return re.search(rf"\bp_{re.escape(self.parameter)}\b", body) is not None
 
     @functools.cached_property
     def flights(self) -> Callable[..., Any]:
@@ -200,15 +200,21 @@ class Kernels:
                 _write(path, source)
         else:
             self.loaded.append(name)
-        namespace = dict(SCALAR_NAMES)
-        text = _PI.sub(repr(math.pi), source)  # a number, with which the compiler can reckon
-        exec(compile(text, str(path or f"<kernel {name}>"), "exec"), namespace)
-        namespace[name].source = source
-        return namespace[name]
+        return _function(name, source, str(path or f"<kernel {name}>"))
 
     def _key(self, name: str) -> str:
-        parts = (name, *self.parameters, self.model.identity, *_generator_identity())
+        parts = (name, *self.parameters, self.model.identity, *digests())
         return hashlib.sha256("\0".join(parts).encode()).hexdigest()
+
+    def _check(self) -> None:
+        """Compare what the model says of its flights, before the first kernel is written."""
+        from .agreement import check_motion
+
+        names = [f"agreement_{wall.name}_{i}" for wall in self.model.WALLS
+                 for i in range(self.model.DEGREES_OF_FREEDOM)]  # fmt: skip
+        for name in names:
+            kernel = _function(name, self._writer.write(name), f"<{name}>")
+            check_motion(self.model, name.split("_")[1], kernel)
 
     def _generate(self, name: str, key: str) -> str:
         from .codegen import KernelWriter
@@ -216,6 +222,7 @@ class Kernels:
         logger(__name__).info("generating kernel %s of %s", name, self.model.SYSTEM)
         if self._writer is None:
             self._writer = KernelWriter(self.model, self.parameters)
+            self._check()
         free = ", ".join(self.parameters)
         body = (
             f"# A kernel of contimpact: {self.model.SYSTEM}, {name}; free: {free}.\n"
@@ -225,16 +232,13 @@ class Kernels:
         return f"# {key} {_digest(body)}\n{body}"
 
 
-@functools.cache
-def _generator_identity() -> tuple[str, ...]:
-    """Digests of the generator's own files, and SymPy's version read without importing it."""
-    here = Path(__file__).parent
-    files = ("codegen.py", "symbolic.py", "model.py", "stumpff.py", "../expressions.py")
-    digests = tuple(hashlib.sha256((here / name).read_bytes()).hexdigest() for name in files)
-    spec = importlib.util.find_spec("sympy")
-    release = Path(spec.origin).parent / "release.py" if spec and spec.origin else None
-    version = release.read_text() if release and release.exists() else "unknown"
-    return (*digests, version)
+def _function(name: str, source: str, file: str) -> Kernel:
+    """A kernel from its source."""
+    namespace = dict(SCALAR_NAMES)
+    text = _PI.sub(repr(math.pi), source)  # a number, with which the compiler can reckon
+    exec(compile(text, file, "exec"), namespace)
+    namespace[name].source = source
+    return namespace[name]
 
 
 def _digest(body: str) -> str:

@@ -7,20 +7,17 @@ plain Python; its formulas are SymPy and are asked for only when a kernel has to
 from __future__ import annotations
 
 import copy
-import hashlib
-import inspect
 import math
 import numbers
-import os
-import time
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
-from pathlib import Path
 from typing import Any, ClassVar, Self
 
 from ..errors import InputError, shown
 from ..expressions import check_expression
+from .contract import check_class, check_complete
+from .sources import identity
 
 
 @dataclass(frozen=True)
@@ -130,8 +127,9 @@ class Symmetry:
 class Model(ABC):
     """An impacting system at given parameter values.
 
-    Subclasses set the class attributes and write `formulas`. Instances are not changed after
-    construction; `replace` gives a neighbour.
+    Subclasses set the class attributes, which are checked when the class is defined, and write
+    `formulas`. Instances are not changed after construction; `replace` gives a neighbour. What
+    `formulas` returns is looked at once for an instance and its neighbours.
 
     Parameters
     ----------
@@ -160,7 +158,13 @@ class Model(ABC):
     EXPRESSIONS: ClassVar[Mapping[str, tuple[str, ...]]] = {}
     DEGREES_OF_FREEDOM: ClassVar[int] = 1
 
+    def __init_subclass__(cls, **given: Any) -> None:
+        super().__init_subclass__(**given)
+        check_class(cls)
+
     def __init__(self, /, **given: Any) -> None:
+        check_complete(type(self))
+        self.shared: dict[str, Any] = {}
         self.options = {name: str(given.pop(name, text)) for name, text in self.OPTIONS.items()}
         for name, variables in self.EXPRESSIONS.items():
             check_expression(self.options[name], name, variables)
@@ -219,6 +223,7 @@ class Model(ABC):
         for name in changes:
             self.require(name, name)
         neighbour = copy.copy(self)
+        neighbour.shared = self.shared
         neighbour.values = self.values | {
             name: self._declared[name].check(value, name) for name, value in changes.items()
         }
@@ -239,14 +244,16 @@ class Model(ABC):
 
     @property
     def identity(self) -> str:
-        """What the formulas depend on: the class, its file's text, the parameters and options."""
-        kind = type(self)
-        try:
-            text = Path(inspect.getsourcefile(kind) or "").read_bytes()
-        except (OSError, TypeError):  # defined in an interactive session
-            text = repr((id(kind), os.getpid(), time.time_ns())).encode()
-        digest = hashlib.sha256(text).hexdigest()
-        return repr((kind.__qualname__, digest, tuple(self.values), tuple(self.options.items())))
+        """What the kernels depend on: formulas, names and options, not values.
+
+        The formulas of a class outside the package are derived for it, once for a model and all
+        that `replace` makes of it; of the package's own classes the files' texts are taken.
+        """
+        names = tuple(self.values), tuple(wall.name for wall in self.WALLS), self.DERIVED
+        return repr((self.SYSTEM, *names, tuple(self.options.items()), identity(self)))
+
+    def __getstate__(self) -> dict[str, Any]:
+        return self.__dict__ | {"shared": {}}
 
     def __repr__(self) -> str:
         shown = self.options | {name: f"{value:.12g}" for name, value in self.values.items()}
