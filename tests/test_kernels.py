@@ -14,6 +14,7 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from contimpact.errors import InputError
+from contimpact.mechanics.codegen import KernelWriter
 from contimpact.mechanics.kernels import Kernels
 
 PAIR_KINDS = ["BB", "BT", "TB", "TT"]
@@ -628,7 +629,6 @@ def test_unknown_parameter(pair, parameter):
 
 USE = """
 import sys
-from contimpact.mechanics.codegen import KernelWriter
 from contimpact.mechanics.kernels import Kernels
 from contimpact.systems.impact_pair import ImpactPair
 model = ImpactPair(beta=0.5, r=0.3, A=5.0, s=0.389)
@@ -719,3 +719,40 @@ def test_rich_forcings_are_read(pair, kernels_of, forcing, harmonics):
     )
     expected = eval(forcing, {"cos": np.cos, "sqrt": np.sqrt, "pi": np.pi, "t": times})
     assert np.max(np.abs(found - expected)) < 1e-14 * np.max(np.abs(expected))
+
+
+def test_derivatives_of_any_order_take_a_few_steps_for_each_harmonic(pair):
+    """Written out, the third derivative of ten harmonics has a hundred thousand operations."""
+    steps = {}
+    for count in (2, 4, 8):
+        forcing = "+".join(f"cos({k}*pi*t)" for k in range(1, count + 1))
+        writer = KernelWriter(pair(forcing=forcing), ["s"])
+        for name in ("flight_B_T", "second_B_T", "third_B_T"):
+            steps[name, count] = len(writer.write(name))
+    for name in ("flight_B_T", "second_B_T", "third_B_T"):
+        assert steps[name, 8] < 2.2 * steps[name, 4] < 2.2 * 2.2 * steps[name, 2]
+
+
+def test_third_derivatives(pair, oscillator, exact, kernels_of):
+    """From differences of exact residuals along a direction. Measured: 3e-14 of the largest."""
+    rng = np.random.default_rng(9)
+    cases = [(pair(forcing=text), "s", kind) for text in SHORT_FORCINGS for kind in ("BT", "BB")]
+    cases += [(oscillator(c=c), "omega", "SS") for c in (0.1, CRITICAL, 5.0)]
+    for model, parameter, kind in cases:
+        third = kernels_of(model, parameter).third(*kind)
+        for ends in flights(4, latest=2.0, shortest=0.1, longest=5.0, seed=9):
+            q = rng.normal(size=4)
+            step = mp.mpf(10) ** -10
+
+            def residual(k, kind=kind, model=model, ends=ends, q=q, step=step):
+                moved = [
+                    mp.mpf(e) + k * step * mp.mpf(float(d)) for e, d in zip(ends, q, strict=True)
+                ]
+                return exact(model, *kind, moved)[0]
+
+            at = [residual(k) for k in (-2, -1, 1, 2)]
+            for row, value in enumerate(third(*ends, *q, *values_of(model))):
+                a, b, c, d = (corner[row] for corner in at)
+                expected = float((d - 2 * c + 2 * b - a) / (2 * step**3))
+                scale = float(np.abs(q).max() ** 3) * max(1.0, model.values.get("omega", 1.0) ** 3)
+                assert abs(value - expected) < 1e-12 * max(abs(expected), scale)

@@ -47,7 +47,7 @@ HEAVY = ("sympy", "mpmath", "matplotlib", "pandas", "scipy", "numba", "llvmlite"
 OWN_HEAVY = ("accuracy", "attractors", "plots", "two_parameters", "formats", "merge", "program",
              "orbit_program", "machine_code", "mechanics.agreement", "mechanics.codegen",
              "mechanics.equations", "mechanics.lyapunov", "mechanics.simulate",
-             "mechanics.symbolic", "systems.oscillator")  # fmt: skip
+             "mechanics.symbolic", "mechanics.tape", "systems.oscillator")  # fmt: skip
 """Parts of the package that following an orbit of the impact pair has no use for."""
 
 OF_RESULTS = ("catalogue", "cli", "reading")

@@ -20,6 +20,11 @@ from . import stumpff
 from .equations import DT, PHASE, T0, T1, TURN, Departure, equations_of, own
 from .model import Model
 from .symbolic import Stumpff
+from .tape import Tape
+
+LARGE = 300
+"""Operations of a flight up to which its derivatives are written out and searched for common
+factors: that takes more than twice as long for twice as many, and saves a fifth of them."""
 
 
 class _Printer(PythonCodePrinter):
@@ -147,12 +152,15 @@ class KernelWriter:
 
     # Derivatives: phase = t0 - turn*T(lambda) and dt = t1 - t0, with `turn` a whole number.
 
-    def derivatives(self, e: Any) -> list[Any]:
-        """With respect to (t0, y0, t1, y1, free parameters)."""
-        return self._chained(lambda x: sympy.diff(e, x))
+    def _gradients(self, tape: Tape, values: Sequence[Any]) -> list[list[Any]]:
+        """Derivatives of values on a tape, with respect to (t0, y0, t1, y1, free parameters)."""
+        variables = (PHASE, DT, *self.start, *self.end, *self.free)
+        by = {x: tape.along(values, {x: sympy.S.One}) for x in variables}
+        rows = [self._chained(lambda x, i=i: by[x][i]) for i in range(len(values))]  # type: ignore[misc]
+        return [[tape.put(sympy.sympify(e)) for e in row] for row in rows]
 
     def _chained(self, by: Callable[[Any], Any]) -> list[Any]:
-        """Derivatives from those with respect to phase, dt, section coordinates and parameters."""
+        """The same from those with respect to phase, dt, section coordinates and parameters."""
         return [
             by(PHASE) - by(DT),
             *(by(y) for y in self.start),
@@ -169,7 +177,12 @@ class KernelWriter:
 
     def flight(self, name: str, a: str, b: str) -> str:
         rows = self.residual(a, b)
-        gradients = [self.derivatives(e) for e in rows]
+        tape = Tape() if sum(e.count_ops() for e in rows) > LARGE else None
+        if tape is None:
+            gradients = [self._chained(lambda x, e=e: sympy.diff(e, x)) for e in rows]  # type: ignore[misc]
+        else:
+            rows = [tape.put(e) for e in rows]
+            gradients = self._gradients(tape, rows)
         m = len(rows)
         outputs = [
             *rows,
@@ -182,39 +195,52 @@ class KernelWriter:
         Returns {m} residuals (arrival minus embedding), their {m}x{m} derivatives by the start
         (t0, {self._names(self.start)}), by the end (t1, {self._names(self.end)}), row by row, and
         by {", ".join(self.parameters)}."""
-        return self._shared(name, self._ends(), about, outputs, reduce=True)
+        if tape is None:
+            return self._shared(name, self._ends(), about, outputs, reduce=True)
+        return self._listed(name, self._ends(), about, tape, outputs)
 
     def second(self, name: str, a: str, b: str) -> str:
-        rows = self.residual(a, b)
+        tape = Tape()
+        rows = [tape.put(e) for e in self.residual(a, b)]
         m = len(rows)
         size = 2 * m + len(self.free)
         along = [own(f"q{i}") for i in range(size)]
-        slopes = [
-            sum((q * g for q, g in zip(along, self.derivatives(e), strict=True)), sympy.Integer(0))
-            for e in rows
-        ]
-        outputs = [g for slope in slopes for g in self.derivatives(slope)]
+        rates = self._rates(along) | dict(zip(self.free, along[2 * m :], strict=True))
+        rates[PHASE] -= sum(
+            (q * self.drift(free) for q, free in zip(along[2 * m :], self.free, strict=True)),
+            sympy.S.Zero,
+        )
+        slopes = tape.along(rows, {x: tape.put(rate) for x, rate in rates.items()})
+        outputs = [g for gradient in self._gradients(tape, slopes) for g in gradient]
         about = f"""Flight from wall {a} to wall {b}: second derivatives along a direction.
 
         The direction q is (t0, {self._names(self.start)}, t1, {self._names(self.end)},
         {", ".join(self.parameters)}). Returns, for each of the {m} residuals, the gradient of its
         derivative along q by the same {size} variables."""
-        return self._shared(name, [*self._ends(), *along], about, outputs, reduce=True)
+        return self._listed(name, [*self._ends(), *along], about, tape, outputs)
 
     def third(self, name: str, a: str, b: str) -> str:
-        rows = self.residual(a, b)
-        m = len(rows)
-        along = [own(f"q{i}") for i in range(2 * m)]
-        rates = [(PHASE, along[0]), (DT, along[m] - along[0])]
-        rates += zip(self.start, along[1:m], strict=True)
-        rates += zip(self.end, along[m + 1 :], strict=True)
+        tape = Tape()
+        rows = [tape.put(e) for e in self.residual(a, b)]
+        along = [own(f"q{i}") for i in range(2 * len(rows))]
+        rates = {x: tape.put(rate) for x, rate in self._rates(along).items()}
         for _ in range(3):
-            rows = [sum((q * sympy.diff(e, x) for x, q in rates), sympy.S.Zero) for e in rows]
+            rows = tape.along(rows, rates)
         about = f"""Flight from wall {a} to wall {b}: third derivatives along a direction.
 
         The direction q is (t0, {self._names(self.start)}, t1, {self._names(self.end)}). Returns,
         for each residual, its third derivative along q."""
-        return self._shared(name, [*self._ends(), *along], about, rows, reduce=True)
+        return self._listed(name, [*self._ends(), *along], about, tape, rows)
+
+    def _rates(self, along: Sequence[Any]) -> dict[Any, Any]:
+        """What changes along a direction in (t0, y0, t1, y1), and how fast."""
+        m = 1 + len(self.start)
+        return {
+            PHASE: along[0],
+            DT: along[m] - along[0],
+            **dict(zip(self.start, along[1:m], strict=True)),
+            **dict(zip(self.end, along[m + 1 : 2 * m], strict=True)),
+        }
 
     def motion(self, name: str, a: str) -> str:
         leave = self.leave(a)
@@ -298,6 +324,12 @@ class KernelWriter:
             optimizations="basic", order="none",
         )  # fmt: skip
         return self._text(name, arguments, about, shared, reduced, reduce)
+
+    def _listed(
+        self, name: str, arguments: Sequence[Any], about: str, tape: Tape, values: Sequence[Any]
+    ) -> str:  # fmt: skip
+        """A kernel that makes the steps of a tape."""
+        return self._text(name, arguments, about, *tape.listing(values), reduce=True)
 
     def _text(
         self, name: str, arguments: Sequence[Any], about: str, steps: Sequence[tuple[Any, Any]],

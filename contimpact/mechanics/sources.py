@@ -16,7 +16,7 @@ from typing import Any
 
 PACKAGE = __package__.partition(".")[0]
 HERE = Path(__file__).parent
-GENERATOR = ("codegen", "equations", "model", "stumpff", "symbolic")
+GENERATOR = ("codegen", "equations", "model", "stumpff", "symbolic", "tape")
 HARMLESS = {"__future__", "collections", "dataclasses", "functools", "math", "numpy", "sympy",
             "typing"}  # fmt: skip
 """What a system may import besides the package without its formulas depending on more."""
