@@ -198,7 +198,7 @@ def test_only_the_door_prints(module):
         if (isinstance(node, ast.Name) and node.id == "print")
         or (isinstance(node, ast.Attribute) and node.attr in ("stdout", "stderr"))
     ]
-    assert printing == [] or module == "contimpact.cli"
+    assert printing == [] or inside(module, "contimpact.cli")
 
 
 @pytest.mark.parametrize("module", FILES)
@@ -209,7 +209,7 @@ def test_only_the_door_exits(module):
         if isinstance(node, ast.Name) and node.id in ("SystemExit", "exit", "quit")
     ]
     assert exits == []
-    if module not in ("contimpact.cli", "contimpact.__main__"):
+    if module != "contimpact.__main__" and not inside(module, "contimpact.cli"):
         assert not re.search(r"\bsys\.exit\b", FILES[module].read_text(encoding="utf-8"))
 
 
@@ -296,10 +296,10 @@ def test_errors_know_nothing():
     assert own("contimpact.errors") == set()
 
 
-@pytest.mark.parametrize("module", [m for m in FILES if m != "contimpact.cli"])
+@pytest.mark.parametrize("module", [m for m in FILES if not inside(m, "contimpact.cli")])
 def test_nobody_comes_through_the_door(module):
     if module != "contimpact.__main__":
-        assert "contimpact.cli" not in own(module)
+        assert not any(inside(m, "contimpact.cli") for m in own(module))
 
 
 @pytest.mark.parametrize("module", FILES)

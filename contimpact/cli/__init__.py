@@ -1,0 +1,112 @@
+"""The command line: ``contimpact check``, ``run``, ``simulate``, ``plot`` and ``catalogue``.
+
+Exit status: 0 on success, 2 on input that cannot be used (one message on standard error), 1 on a
+computation that failed; what was computed is written all the same. Each command has a module of its
+own, imported when the command is given.
+"""
+
+from __future__ import annotations
+
+import argparse
+import contextlib
+import importlib
+import os
+import sys
+from collections.abc import Sequence
+
+from .. import __version__
+from ..errors import InputError, NotWrittenError
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run the command line; returns the exit status."""
+    try:
+        try:
+            return _status(arguments)
+        finally:
+            if sys.stdout is not None:
+                sys.stdout.flush()
+    except OSError as error:  # what is printed reaches nobody: a closed pipe, a full disk
+        _close_output()
+        if not isinstance(error, BrokenPipeError):
+            with contextlib.suppress(OSError):
+                print(f"contimpact: {error.strerror or error}", file=sys.stderr)
+        return 1
+
+
+def _status(arguments: Sequence[str] | None) -> int:
+    options = _parser().parse_args(arguments)
+    try:
+        return int(importlib.import_module(f"{__name__}.{options.module}").command(options))
+    except InputError as error:
+        print(f"contimpact: {error}", file=sys.stderr)
+        return 1 if isinstance(error, NotWrittenError) else 2
+    except KeyboardInterrupt:
+        print("contimpact: interrupted", file=sys.stderr)
+        return 1
+
+
+def _close_output() -> None:
+    """Send what is still buffered nowhere, so that the interpreter does not try it again."""
+    with contextlib.suppress(OSError, ValueError):
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(
+        prog="contimpact",
+        description="Continuation of periodic orbits in impacting systems, ghosts included.",
+    )
+    parser.add_argument("--version", action="version", version=f"contimpact {__version__}")
+    commands = parser.add_subparsers(required=True, metavar="COMMAND")
+
+    check = commands.add_parser("check", help="validate a scene and say what would run")
+    check.add_argument("scene", metavar="SCENE", help="a scene file (TOML)")
+    check.set_defaults(module="check")
+
+    run = commands.add_parser("run", help="follow the branches of scenes and write the results")
+    run.add_argument("scenes", metavar="SCENE", nargs="+", help="scene files (TOML)")
+    run.add_argument(
+        "-o",
+        "--output",
+        metavar="DIR",
+        required=True,
+        help="folder to write to; with several scenes, each has a folder of its name in it",
+    )
+    run.add_argument("-q", "--quiet", action="store_true", help="print nothing but errors")
+    run.add_argument("--no-plot", action="store_true", help="leave the diagram out")
+    run.set_defaults(module="run")
+
+    simulate = commands.add_parser("simulate", help="simulate a scene's attractors")
+    simulate.add_argument("scene", metavar="SCENE", help="a scene file (TOML) with [simulate]")
+    simulate.add_argument("-o", "--output", metavar="DIR", required=True, help="folder to write to")
+    simulate.add_argument("-q", "--quiet", action="store_true", help="print nothing but errors")
+    simulate.add_argument("--no-plot", action="store_true", help="leave pictures out")
+    simulate.add_argument(
+        "--resume", action="store_true", help="go on from what an interrupted run has left in DIR"
+    )
+    simulate.set_defaults(module="simulate")
+
+    report = commands.add_parser("report", help="measure error against run time for a scene")
+    report.add_argument("scene", metavar="SCENE", help="a scene file (TOML)")
+    report.add_argument("-o", "--output", metavar="DIR", required=True, help="folder to write to")
+    report.add_argument(
+        "-n", "--repetitions", metavar="N", type=int, default=5, help="of each timing (default 5)"
+    )
+    report.add_argument("-q", "--quiet", action="store_true", help="print nothing but errors")
+    report.add_argument("--no-plot", action="store_true", help="leave the plots out")
+    report.set_defaults(module="report")
+
+    merge = commands.add_parser("catalogue", help="merge the catalogues of several folders")
+    merge.add_argument("folders", metavar="DIR", nargs="+", help="folders written by run")
+    merge.add_argument("-o", "--output", metavar="DIR", required=True, help="folder to write to")
+    merge.set_defaults(module="merge")
+
+    plot = commands.add_parser("plot", help="draw the diagram of a folder written by run")
+    plot.add_argument("folder", metavar="DIR", help="folder written by run")
+    plot.add_argument("-o", "--output", metavar="FILE", help="file to write (svg, png or pdf)")
+    plot.add_argument("-x", metavar="NAME", help="parameter on the x axis")
+    plot.add_argument("--xlim", nargs=2, type=float, metavar=("LOW", "HIGH"))
+    plot.add_argument("--ylim", nargs=2, type=float, metavar=("LOW", "HIGH"))
+    plot.set_defaults(module="plot")
+    return parser

@@ -1,0 +1,51 @@
+"""``contimpact check``: validate a scene and say what would run."""
+
+from __future__ import annotations
+
+import argparse
+
+from ..errors import InputError
+from ..explore import orbits_at_start, placed
+from ..mechanics.kernels import Kernels
+from ..scene import CurveOptions, load_scene
+
+
+def command(options: argparse.Namespace) -> int:
+    """Validate a scene; returns the exit status."""
+    scene = load_scene(options.scene)
+    kernels = Kernels(scene.model, scene.parameter)
+    letters = [w.name for w in scene.model.WALLS]
+    try:
+        derived = kernels.setup(*scene.model.values.values())[3 + len(letters) :]
+    except InputError as error:
+        raise placed(error, scene) from None
+    print(f"scene {scene.name}: {scene.source}" if scene.source else f"scene {scene.name}")
+    print(f"  model    {scene.model!r}")
+    for name, value in zip(scene.model.DERIVED, derived, strict=False):
+        print(f"           {name} = {value:.12g}")
+    low, high = scene.range
+    print(f"  follow   {scene.parameter} from {scene.start:.12g} within [{low:.12g}, {high:.12g}]")
+    for word in scene.orbits:
+        found = orbits_at_start(scene, kernels, word)
+        unphysical = sum(not orbit.physical for orbit in found)
+        print(
+            f"  orbits   {word.notation(letters)} (word {word}): {len(found)} at the start"
+            + (f", {unphysical} of them unphysical" if unphysical else "")
+        )
+    print(f"  events   {', '.join(scene.events) or 'none'}")
+    for name, values in scene.values.items():
+        print(f"           {name} = {', '.join(f'{v:.12g}' for v in values)}")
+    if scene.curves is not None:
+        print(f"  curves   {_curves_asked(scene.curves)}")
+    for text in scene.left_out():
+        print(f"  left out {text}")
+    return 0
+
+
+def _curves_asked(curves: CurveOptions) -> str:
+    low, high = curves.range
+    text = f"{', '.join(curves.kinds)} in {curves.parameter} within [{low:.12g}, {high:.12g}]"
+    if curves.family is None:
+        return text
+    name, values = curves.family
+    return f"{text}, for {name} = {', '.join(f'{v:.6g}' for v in values)}"

@@ -1,0 +1,23 @@
+"""The manifest, which ends what a command writes to a folder."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from ..catalogue import manifest_text
+from ..result_folder import Files, sha256
+from ..scene import Scene
+
+
+def write_manifest(
+    scene: Scene, files: Files, left_out: Sequence[str], statistics: Mapping[str, Any]
+) -> None:
+    """Write the manifest; what could not be written is said."""
+    files.close(
+        lambda: manifest_text(
+            scene.resolved(), scene.given, left_out,
+            {**statistics, "not_written": files.not_written()}, files.written,
+            sha256(files.folder / "catalogue.json"),
+        )
+    )  # fmt: skip

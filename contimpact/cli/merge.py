@@ -1,0 +1,20 @@
+"""``contimpact catalogue``: merge the catalogues of several folders."""
+
+from __future__ import annotations
+
+import argparse
+
+from ..merge import FILES, merge, write_merged
+from ..result_folder import held
+from .console import require_output
+
+
+def command(options: argparse.Namespace) -> int:
+    """Merge catalogues; returns the exit status."""
+    require_output(options)
+    merged = merge(options.folders)
+    with held(options.output, FILES) as folder:
+        files = write_merged(merged, folder)
+    count, scenes = len(merged["entries"]), len(merged["sources"])
+    print(f"{count} entries of {scenes} scenes written to {folder}: {', '.join(files)}")
+    return 0
