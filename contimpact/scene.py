@@ -25,8 +25,8 @@ from .switching import SWITCHES
 from .systems import system
 
 if TYPE_CHECKING:
-    from .attractors.energy import Membrane
-    from .attractors.options import SimulateOptions
+    from .simulate_tables import SimulateOptions
+    from .systems.membrane import Membrane
 
 CURVE_SETTINGS = Settings(tolerance=1e-13, max_step=0.05, max_points=1000)
 FORMATS = ("svg", "png", "pdf")
@@ -197,8 +197,9 @@ class Scene:
             "family": family,
         }
 
-    def left_out(self) -> list[str]:
-        """Return what the scene does not ask for, in words."""
+    def left_out(self, simulated: bool = False) -> list[str]:
+        """Return what the scene does not ask for, in words; without a simulation that is left out,
+        too, whatever the scene says of it."""
         unasked = [kind for kind in KINDS if kind not in self.events]
         words = []
         if unasked:
@@ -207,6 +208,11 @@ class Scene:
             words.append("second derivatives: no event needs them, not generated")
         if self.curves is None:
             words.append("curves: no [curves]")
+        for what, key in (("simulation", "simulate"), ("energy", "energy")):
+            if getattr(self, key) is None:
+                words.append(f"{what}: no [{key}]")
+            elif not simulated:
+                words.append(f"{what}: [{key}] is for contimpact simulate alone")
         if not self.switch:
             words.append("switching: follow.switch is empty")
         if not self.plot.formats:
@@ -439,11 +445,11 @@ def _simulate(
     """The tables [simulate] and [energy]; what reads them is imported only if they are there."""
     simulate = energy = None
     if "simulate" in top.data:
-        from .attractors.options import read_simulate
+        from .simulate_tables import read_simulate
 
         simulate = read_simulate(top.table("simulate"), model, parameter, limits)
     if "energy" in top.data:
-        from .attractors.options import read_energy
+        from .simulate_tables import read_energy
 
         energy = read_energy(top.table("energy"), model)
     top.asked += ["simulate", "energy"]

@@ -188,6 +188,9 @@ def test_values_add_their_event():
         ({"detect/events": ["G"]}, ["FB, BP, PD, NS, V, T, UZ", "second derivatives"]),
         ({"detect/events": ["FB"]}, ["BP, PD, NS, G, V, T, UZ"]),
         ({"plot/formats": []}, ["plot.formats is empty"]),
+        ({"simulate": {}, "energy": {}}, ["simulation: [simulate] is for", "energy: [energy] is"]),
+        ({"simulate": {}}, ["simulation: [simulate] is for", "energy: no [energy]"]),
+        ({}, ["simulation: no [simulate]", "energy: no [energy]"]),
     ],
 )
 def test_left_out(changes, words):

@@ -21,6 +21,7 @@ from ..mechanics.flight import flight_gaps
 from ..mechanics.lyapunov import Exponents, exponents_of
 from ..mechanics.simulate import Outcome, Run, Simulator, State
 from ..mechanics.word import Word
+from ..simulate_tables import SETTLING, Settling
 
 Array = np.ndarray[Any, Any]
 
@@ -41,34 +42,6 @@ class Kind(enum.Enum):
     NOT_SETTLED = "not settled"
     RESTING = "resting"
     NO_IMPACT = "no impact"
-
-
-@dataclass(frozen=True)
-class Settling:
-    """How long to wait for an attractor, and when one is taken for granted.
-
-    Attributes
-    ----------
-    transient : int
-        Forcing periods dropped at first.
-    periods : int
-        Further periods within which a periodic motion has to show itself.
-    longest : int
-        Impacts that a period may have.
-    impacts : int
-        Impacts from which exponents of other motions are computed.
-    tolerance : float
-        Distance from a periodic orbit at which a motion has reached it.
-    """
-
-    transient: int = 100
-    periods: int = 2000
-    longest: int = 128
-    impacts: int = 4000
-    tolerance: float = 1e-9
-
-
-SETTLING = Settling()
 
 
 @dataclass(frozen=True, eq=False)

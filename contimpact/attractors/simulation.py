@@ -21,8 +21,8 @@ from ..files import Content, write_all
 from ..mechanics.kernels import Kernels
 from ..result_folder import ROWS
 from ..scene import Scene
+from ..simulate_tables import SimulateOptions
 from .attractor import Attractor, Kind
-from .options import SimulateOptions
 from .output import (
     Checkpoint,
     coverage_text,

@@ -39,7 +39,9 @@ def command(options: argparse.Namespace) -> int:
 
 def _write(result: Simulation, folder: Path, options: argparse.Namespace, began: float) -> None:
     """Write everything a simulation leaves behind, the manifest last."""
-    scene, left_out = result.scene, result.scene.left_out()
+    scene, left_out = result.scene, result.scene.left_out(simulated=True)
+    if scene.simulate is not None and not scene.simulate.branches:
+        left_out.append("branches: simulate.branches is false")
     commands = ["simulate"] if result.diagram is None else ["simulate", "run"]
     with renewed(folder, commands, scene.resolved()) as kept:
         files = Files(folder, kept)

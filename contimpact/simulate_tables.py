@@ -1,4 +1,7 @@
-"""The tables [simulate] and [energy] of a scene; imported only where a scene has one of them."""
+"""The tables [simulate] and [energy] of a scene; imported only where a scene has one of them.
+
+They are read without what simulates: ``contimpact run`` validates them and leaves them out.
+"""
 
 from __future__ import annotations
 
@@ -7,14 +10,41 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ..errors import InputError
-from ..mechanics.model import Model
-from .attractor import SETTLING, Settling
+from .errors import InputError
+from .mechanics.model import Model
 
 if TYPE_CHECKING:
-    from .energy import Membrane
+    from .systems.membrane import Membrane
 
 DIRECTIONS = ("down", "up", "both")
+
+
+@dataclass(frozen=True)
+class Settling:
+    """How long to wait for an attractor, and when one is taken for granted.
+
+    Attributes
+    ----------
+    transient : int
+        Forcing periods dropped at first.
+    periods : int
+        Further periods within which a periodic motion has to show itself.
+    longest : int
+        Impacts that a period may have.
+    impacts : int
+        Impacts from which exponents of other motions are computed.
+    tolerance : float
+        Distance from a periodic orbit at which a motion has reached it.
+    """
+
+    transient: int = 100
+    periods: int = 2000
+    longest: int = 128
+    impacts: int = 4000
+    tolerance: float = 1e-9
+
+
+SETTLING = Settling()
 
 
 @dataclass(frozen=True)
@@ -159,7 +189,7 @@ def read_energy(table: Any, model: Model) -> Membrane:
         raise InputError(
             "energy", f"the system {model.SYSTEM} has no membranes", "leave [energy] out"
         )
-    from .energy import Membrane
+    from .systems.membrane import Membrane
 
     defaults = Membrane()
     chosen = {
