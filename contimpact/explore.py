@@ -9,6 +9,7 @@ symmetry) is not followed twice; the second way to it is recorded as a meeting.
 from __future__ import annotations
 
 import dataclasses
+import functools
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, field
@@ -19,6 +20,7 @@ import numpy as np
 from .bifurcations import test_functions
 from .continuation.branch import End, EndKind, Event, Point, Walk
 from .continuation.events import TestFunction
+from .continuation.interruption import kept, other_way
 from .diagram import Branch, Diagram, Entry
 from .errors import InputError
 from .images import again, at_image, mirrors_back
@@ -29,6 +31,7 @@ from .mechanics.search import SAME_ORBIT, Orbit, find_orbits
 from .mechanics.word import Word
 from .orbit_branch import Run, both_ways
 from .orbit_march import walk_orbits
+from .progress import Progress, counted, silent
 from .scene import Scene
 from .switching import Start, switch
 
@@ -37,7 +40,7 @@ SURVEYED = 9
 """Parameter values at which a survey looks for more orbits."""
 
 
-def follow(scene: Scene, progress: Callable[[str], None] | None = None) -> Diagram:
+def follow(scene: Scene, progress: Progress | None = None) -> Diagram:
     """Compute the diagram of a scene.
 
     Parameters
@@ -61,7 +64,7 @@ def follow(scene: Scene, progress: Callable[[str], None] | None = None) -> Diagr
     An interruption or a numerical failure ends the computation early; what was computed is
     returned, and ``statistics["failure"]`` says what happened.
     """
-    diagram = _Explorer(scene, progress or (lambda text: None)).run()
+    diagram = _Explorer(scene, progress or silent).run()
     if scene.curves is None or diagram.statistics["failure"]:
         return diagram
     from .two_parameters.explore import with_curves
@@ -83,7 +86,7 @@ class _Explorer:
     """The computation of a scene's diagram, as far as it has come."""
 
     scene: Scene
-    progress: Callable[[str], None]
+    progress: Progress
     runs: list[Run] = field(default_factory=list)
     branches: list[Branch] = field(default_factory=list)
     waiting: list[_Birth] = field(default_factory=list)
@@ -196,7 +199,7 @@ class _Explorer:
             return
         name = self.next_name()
         began = time.perf_counter()
-        forward = self.walk_from(start, +1, name)
+        forward = kept(lambda: self.walk_from(start, +1, name))
         if not forward.points:
             self.notes.append(f"{birth.entry.id} ({birth.entry.label}): {forward.end.message}")
             return
@@ -204,7 +207,8 @@ class _Explorer:
         if mirrors_back(start.problem, start.unknowns, start.tangent, self.symmetry):
             backward = Walk(forward.points[:1], (), again(name, forward.points[0]))
         elif start.both_ways and forward.end.kind is not EndKind.CLOSED:
-            backward = self.walk_from(start, -1, name)
+            back = functools.partial(self.walk_from, start, -1, name)
+            backward = other_way(forward, self.scene.parameter, back)
             if not backward.points:
                 backward = Walk(forward.points[:1], (), backward.end)
         entry = birth.entry
@@ -291,28 +295,29 @@ class _Explorer:
 
     def reporter(self, problem: OrbitProblem, name: str) -> Callable[[Point], None]:
         shown = problem.word.notation([w.name for w in self.scene.model.WALLS])
-        count = 0
+        count = counted(f"following {name}, {shown}", self.scene.parameter, self.progress)
 
         def report(point: Point) -> None:
-            nonlocal count
             here: Any = point.evaluation
             here.verdict  # noqa: B018  physicality is decided at every point: part of the walk
-            count += 1
-            if count % 20 == 0:
-                place = f"{self.scene.parameter} = {point.parameter:.6g}"
-                self.progress(f"{name} {shown}: {count} points, {place}")
+            count(point)
 
         return report
 
     def keep(self, run: Run, name: str, entry: Entry | None, depth: int, began: float) -> None:
-        """Tabulate a branch and queue what is born on it."""
+        """Tabulate a branch and queue what is born on it; an interruption goes on after that."""
         walked = time.perf_counter()
         in_events = sum(w.seconds_in_events for w in run.walks)
         self.seconds["events"] += in_events
         self.seconds["walk"] += walked - began - in_events
         first = 1 + sum(len(branch.events) for branch in self.branches)
         origin = entry.id if entry else None
-        branch = run.branch(name, origin, first, kinds=self.scene.events)
+        interrupted = run.interrupted
+        try:
+            branch = run.branch(name, origin, first, kinds=self.scene.events)
+        except KeyboardInterrupt:  # the branch is walked, after all
+            branch = run.branch(name, origin, first, kinds=self.scene.events)
+            interrupted = True
         self.runs.append(run)
         self.branches.append(branch)
         if entry is not None:
@@ -325,6 +330,8 @@ class _Explorer:
                 if event.kind in self.scene.switch and e.id != origin
             ]
         self.seconds["tables"] += time.perf_counter() - walked
+        if interrupted:
+            raise KeyboardInterrupt
 
     def finished_branches(self) -> list[Branch]:
         """The branches, their entries told what they open."""

@@ -13,6 +13,7 @@ from .bifurcations import KINDS, BranchPoint, test_functions
 from .continuation.arclength import Settings
 from .continuation.branch import End, EndKind, Event, Point, Points, Walk, joined
 from .continuation.events import TestFunction, UserFunction
+from .continuation.interruption import interrupted, kept, other_way, undisturbed
 from .continuation.walk import SAME_SOLUTION, Stop
 from .diagram import Branch, Diagram, Entry
 from .errors import InputError, shown
@@ -69,6 +70,7 @@ def continue_orbit(
     Returns
     -------
     Branch
+        After an interruption from the keyboard, what was followed until then; its ends say so.
 
     Raises
     ------
@@ -90,7 +92,7 @@ def continue_orbit(
     if isinstance(given, Entry) and given.tangent is not None and problem is orbit.problem:
         unknowns = _beside(problem, unknowns, np.array(given.tangent), limits, settings)
     run = both_ways(problem, unknowns, limits, _seen(tests, stop), settings, callback, stop)
-    return run.branch(name, kinds=[test.kind for test in tests])
+    return undisturbed(lambda: run.branch(name, kinds=[test.kind for test in tests]))
 
 
 def _beside(
@@ -128,7 +130,8 @@ def continue_born(
     Returns
     -------
     Branch or None
-        None where nothing starts: the only impact was dropped, or the event is degenerate.
+        None where nothing starts: the only impact was dropped, or the event is degenerate. After
+        an interruption from the keyboard, what was followed until then; its ends say so.
 
     Raises
     ------
@@ -153,22 +156,21 @@ def continue_born(
             callback=callback, stop=stop,
         )  # fmt: skip
 
-    forward = go(+1)
+    forward = kept(lambda: go(+1))
     if not forward.points:
         return None
     symmetry = symmetry_of(problem)
-    if forward.end.kind is EndKind.CLOSED:
-        backward = Walk(forward.points[:1], (), forward.end)
-    elif mirrors_back(problem, start.unknowns, start.tangent, symmetry):
+    if mirrors_back(problem, start.unknowns, start.tangent, symmetry):
         backward = Walk(forward.points[:1], (), again(name, forward.points[0]))
-    elif start.both_ways:
-        backward = go(-1)
+    elif start.both_ways or forward.end.kind is EndKind.CLOSED:
+        backward = other_way(forward, entry.parameter, lambda: go(-1))
     else:
         born = {"entry": entry.id, "parent": entry.branch}
         end = End.of(EndKind.BORN, entry.parameter, entry.value, **born)
         backward = Walk(forward.points[:1], (), end)
     asked = [test.kind for test in tests]
-    return Run.of(problem, backward, forward).branch(name, entry.id, kinds=asked)
+    run = Run.of(problem, backward, forward)
+    return undisturbed(lambda: run.branch(name, entry.id, kinds=asked))
 
 
 def _seen(tests: list[TestFunction], stop: Stop | None) -> list[TestFunction]:
@@ -246,6 +248,11 @@ class Run:
         """Join two walks that left one point."""
         return cls(problem, (backward, forward), *joined(backward, forward))
 
+    @property
+    def interrupted(self) -> bool:
+        """Whether the keyboard has interrupted one of the walks."""
+        return interrupted(walk.end for walk in self.walks)
+
     def branch(
         self, name: str, origin: str | None = None, first_entry: int = 1,
         kinds: Sequence[str] | None = None,
@@ -308,7 +315,10 @@ def both_ways(
     tests: list[TestFunction], settings: Settings, callback: Callback | None = None,
     stop: Stop | None = None,
 ) -> Run:  # fmt: skip
-    """Walk from an orbit in both directions; a closed branch is walked once."""
+    """Walk from an orbit in both directions; a closed branch is walked once.
+
+    After an interruption from the keyboard, what was walked until then.
+    """
 
     def go(direction: int) -> Walk:
         return walk_orbits(
@@ -316,13 +326,8 @@ def both_ways(
             tests=tests, settings=settings, callback=callback, stop=stop,
         )  # fmt: skip
 
-    forward = go(+1)
+    forward = kept(lambda: go(+1))
     if not forward.points:
         raise InputError("orbit", forward.end.message, "give an orbit that solves its equations")
-    if forward.end.kind is EndKind.CLOSED:
-        backward = dataclasses.replace(
-            forward, points=forward.points[:1], events=(), missed=(), notes=()
-        )
-    else:
-        backward = go(-1)
+    backward = other_way(forward, problem.parameter, lambda: go(-1))
     return Run.of(problem, backward, forward)

@@ -678,22 +678,32 @@ def interrupted(*arguments):
     return process.returncode, said
 
 
-@pytest.mark.skipif(sys.platform == "win32", reason="POSIX signals")
-def test_an_interruption_keeps_the_results_of_an_earlier_run(scene, copied):
+def test_an_interruption_of_the_search_keeps_the_results_of_an_earlier_run(
+    run, scene, copied, monkeypatch
+):
+    def interrupted(*given, **named):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("contimpact.explore.find_orbits", interrupted)
     before = files_of(copied)
-    status, said = interrupted(scene(*ENDLESS), "-o", copied)
-    assert status == 1
-    assert "interrupted" in said
+    status, out, err = run("run", scene(), "-o", copied, "-q")
+    assert (status, out) == (1, "")
+    assert "interrupted" in err
     assert files_of(copied) == before
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="POSIX signals")
-def test_an_interruption_stops_all_scenes(scene, tmp_path):
+def test_an_interruption_keeps_the_branch_under_way_and_stops_all_scenes(scene, tmp_path):
     paths = [scene(*ENDLESS, '"small"', f'"{name}"', name=name) for name in ("one", "two")]
     status, said = interrupted(*paths, "-o", tmp_path / "out")
     assert status == 1
     assert said.count("interrupted") == 1
-    assert not (tmp_path / "out").exists()
+    assert [path.name for path in (tmp_path / "out").iterdir()] == ["one"]
+    (branch,) = load_diagram(tmp_path / "out" / "one").branches
+    assert [end.kind.name for end in branch.ends] == ["INTERRUPTED", "INTERRUPTED"]
+    assert len(branch) > 100
+    manifest = json.loads((tmp_path / "out" / "one" / "manifest.json").read_text("utf-8"))
+    assert manifest["failure"] == "interrupted"
 
 
 @pytest.mark.parametrize("name", ["branches", "catalogue.json", "manifest.json", "diagram.png"])

@@ -95,6 +95,7 @@ class EndKind(enum.Enum):
     )
     TOUCH = "the touch reaches an impact of its own flight at {parameter} = {value:.12g}"
     STOPPED = "stopped at {parameter} = {value:.12g} on request"
+    INTERRUPTED = "interrupted at {parameter} = {value:.12g}: what lies beyond was not followed"
 
 
 @dataclass(frozen=True)

@@ -14,6 +14,7 @@ from .arclength import Settings
 from .branch import End, EndKind, Event, Missed, Point, Points, Walk
 from .crossing import Find, Meeting, Passes
 from .events import Segment, TestFunction, find_events
+from .interruption import Interrupted
 from .march import Footing, Made, System, leaves
 from .problem import Array, Evaluation, Problem
 from .refusal import Refusal, Refused
@@ -92,6 +93,8 @@ def walk(
     ------
     InputError
         For a start outside the limits, limits that are none, or another direction.
+    Interrupted
+        A `KeyboardInterrupt` that holds what was walked until then.
     """
     settings = settings or Settings()
     start = np.asarray(start, dtype=float)
@@ -100,7 +103,12 @@ def walk(
         problem, parameter, limits, list(tests), settings, callback, stop, branching, system
     )
     walker.passes.find = meeting
-    return walker.run(start, direction, tangent)
+    try:
+        return walker.run(start, direction, tangent)
+    except KeyboardInterrupt:
+        if not walker.points:
+            raise
+        raise Interrupted(walker.interrupted()) from None
 
 
 def _check(start: Array, direction: int, limits: tuple[float, float]) -> None:
@@ -463,6 +471,12 @@ class _Walker:
     def end(self, kind: EndKind, value: float | None = None, **details: object) -> End:
         value = self.points[-1].parameter if value is None else float(value)
         return End.of(kind, self.parameter, value, **details)
+
+    def interrupted(self) -> Walk:
+        """The walk as far as it has come, without events of a step that was not yet made."""
+        reached = self.points[-1].arclength
+        self.events = [event for event in self.events if event.point.arclength <= reached]
+        return self.finished(self.end(EndKind.INTERRUPTED))
 
     def finished(self, end: End) -> Walk:
         return Walk(

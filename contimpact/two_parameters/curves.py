@@ -17,6 +17,7 @@ import numpy as np
 from ..continuation.arclength import Settings
 from ..continuation.branch import End, EndKind, Event, Point, Walk, joined
 from ..continuation.events import TestFunction
+from ..continuation.interruption import kept, other_way
 from ..continuation.walk import walk
 from ..diagram import Entry, all_parameters, coordinates, same_data
 from ..errors import InputError
@@ -167,6 +168,8 @@ def follow_curve(
     Returns
     -------
     Curve
+        After an interruption from the keyboard on the way, what was followed until then; its ends
+        say so.
 
     Raises
     ------
@@ -196,9 +199,8 @@ def follow_curve(
             settings=settings, callback=callback, stop=_leaving(first, entry.kind),
         )  # fmt: skip
 
-    forward = go(+1)
-    closed = forward.end.kind is EndKind.CLOSED
-    backward = Walk(forward.points[:1], (), forward.end) if closed else go(-1)
+    forward = kept(lambda: go(+1))
+    backward = other_way(forward, second, lambda: go(-1))
     return _curve(name, entry, problem, backward, forward, before)
 
 

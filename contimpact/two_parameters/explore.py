@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import dataclasses
 import time
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from typing import Any
 
 import numpy as np
 
 from ..bifurcations import Requested, test_functions
+from ..continuation.branch import End
+from ..continuation.interruption import interrupted
 from ..diagram import Branch, Diagram, Entry
 from ..mechanics.kernels import Kernels
 from ..mechanics.model import Model
@@ -17,15 +19,14 @@ from ..mechanics.orbit import Array, OrbitProblem
 from ..mechanics.search import settle
 from ..orbit_branch import both_ways
 from ..orbit_march import walk_orbits
+from ..progress import Progress, counted, silent
 from ..scene import CurveOptions, Scene
 from .curves import Curve, follow_curve, with_fixed
 
 SAME_CURVE = 1e-8
 
 
-def with_curves(
-    scene: Scene, diagram: Diagram, progress: Callable[[str], None] | None = None
-) -> Diagram:
+def with_curves(scene: Scene, diagram: Diagram, progress: Progress | None = None) -> Diagram:
     """Return a scene's diagram with its curves.
 
     Parameters
@@ -38,7 +39,7 @@ def with_curves(
     progress : callable, optional
     """
     assert scene.curves is not None
-    return _CurveExplorer(scene, scene.curves, diagram, progress or (lambda text: None)).run()
+    return _CurveExplorer(scene, scene.curves, diagram, progress or silent).run()
 
 
 @dataclasses.dataclass
@@ -46,7 +47,7 @@ class _CurveExplorer:
     scene: Scene
     options: CurveOptions
     diagram: Diagram
-    progress: Callable[[str], None]
+    progress: Progress
     branches: list[Branch] = dataclasses.field(default_factory=list)
     curves: list[Curve] = dataclasses.field(default_factory=list)
     notes: list[str] = dataclasses.field(default_factory=list)
@@ -110,6 +111,7 @@ class _CurveExplorer:
                     self.progress(f"{name} = {value:.6g}: branch of {scene.parameter}")
                     members.append(self.branch_at(model, *reached[value]))
                     self.branches.append(members[-1])
+                    _go_on(members[-1].ends)
             yield {name: value}, model, members
 
     def carry(
@@ -171,12 +173,21 @@ class _CurveExplorer:
         if any(_passes(curve, entry, value, fixed) for curve in self.curves):
             return
         name = f"c{len(self.curves) + 1}"
-        self.progress(f"curve {name}: {entry.label} in ({scene.parameter}, {options.parameter})")
+        shown = f"curve {name}: {entry.label} in ({scene.parameter}, {options.parameter})"
+        self.progress(shown)
         curve = follow_curve(
             entry, model, options.parameter, scene.range, options.range, name=name,
             values=sorted({*options.values, value}), settings=options.settings, kernels=self.pairs,
+            callback=counted(shown, options.parameter, self.progress),
         )  # fmt: skip
         self.curves.append(with_fixed(curve, fixed))
+        _go_on(curve.ends)
+
+
+def _go_on(ends: Iterable[End]) -> None:
+    """Let an interruption go on that has ended a branch or a curve, now that this is kept."""
+    if interrupted(ends):
+        raise KeyboardInterrupt
 
 
 def _orbit_at_start(branch: Branch, scene: Scene) -> Array | None:

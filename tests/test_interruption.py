@@ -1,0 +1,196 @@
+"""Ctrl-C during long work: what was computed until then is kept, and says where it ends."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from contimpact import continue_born, continue_orbit, find_orbits, follow, follow_curve, read_scene
+from contimpact.continuation.arclength import Settings
+from contimpact.continuation.branch import EndKind
+from contimpact.orbit_branch import Run
+from contimpact.reading import read
+
+RANGE = (0.3, 0.4)
+FINE = Settings(step=1e-3, max_step=1e-3)
+"""Several hundred points to interrupt."""
+
+
+@pytest.fixture(scope="module")
+def orbit(pair):
+    return find_orbits(pair(s=0.34), "1:1", parameter="s")[0]
+
+
+@pytest.fixture(scope="module")
+def whole(orbit):
+    return continue_orbit(orbit, "s", RANGE, settings=FINE, events=["PD", "G"])
+
+
+def interrupting(after):
+    """A callback during whose call number `after` the keyboard interrupts."""
+    calls = 0
+
+    def callback(point):
+        nonlocal calls
+        calls += 1
+        if calls == after:
+            raise KeyboardInterrupt
+
+    return callback
+
+
+def lies_on(part, whole):
+    """Whether each point of a branch walked is one of the other, to the bit."""
+    walked = part["event"] == ""
+    return bool(np.isin(part["s"][walked], whole["s"]).all())
+
+
+@pytest.mark.parametrize("after", [1, 2, 5, 60])
+def test_a_branch_is_kept_as_far_as_it_has_come(orbit, whole, after):
+    branch = continue_orbit(
+        orbit, "s", RANGE, settings=FINE, events=["PD", "G"], callback=interrupting(after)
+    )
+    assert 1 <= len(branch) <= after + 1
+    assert lies_on(branch, whole)
+    start, end = branch.ends
+    assert (start.kind, end.kind) == (EndKind.INTERRUPTED, EndKind.INTERRUPTED)
+    assert start.value == pytest.approx(0.34, abs=1e-14)  # the other direction was never begun
+    assert end.value == branch["s"][-1]
+    assert "interrupted at s = 0.34" in start.message
+
+
+def test_the_second_direction_is_kept_as_well(orbit, whole):
+    forward = len(whole["s"][whole["s"] > 0.34])
+    branch = continue_orbit(
+        orbit, "s", RANGE, settings=FINE, events=["PD", "G"], callback=interrupting(forward + 10)
+    )
+    assert [end.kind for end in branch.ends] == [EndKind.INTERRUPTED, EndKind.RANGE]
+    assert branch.ends[0].value == branch["s"][0] < 0.34
+    assert [e.kind for e in branch.events] == ["PD"]
+    assert branch.events[0].value == whole.events[-1].value
+    assert lies_on(branch, whole)
+
+
+def test_no_event_beyond_the_last_point(orbit, monkeypatch):
+    """An interruption between the location of an event and the end of its step."""
+    from contimpact.continuation import walk
+
+    branch = continue_orbit(orbit, "s", (0.34, 0.4), settings=FINE, events=["PD"])
+    assert [e.kind for e in branch.events] == ["PD"]
+    original = walk._Walker.events_on
+
+    def events_on(self, made, i, point):
+        found = original(self, made, i, point)
+        if found:
+            raise KeyboardInterrupt
+        return found
+
+    monkeypatch.setattr(walk._Walker, "events_on", events_on)
+    cut = continue_orbit(orbit, "s", (0.34, 0.4), settings=FINE, events=["PD"])
+    assert cut.events == []
+    assert cut["s"].max() < branch.events[0].value
+    assert cut.ends[1].kind is EndKind.INTERRUPTED
+
+
+def test_a_branch_whose_table_is_interrupted_is_whole(orbit, whole, monkeypatch):
+    make = Run.branch
+    calls = []
+
+    def interrupted_once(self, *given, **named):
+        calls.append(given)
+        if len(calls) == 1:
+            raise KeyboardInterrupt
+        return make(self, *given, **named)
+
+    monkeypatch.setattr(Run, "branch", interrupted_once)
+    branch = continue_orbit(orbit, "s", RANGE, settings=FINE, events=["PD", "G"])
+    assert branch == whole
+
+
+def test_an_interruption_before_the_first_point_is_one(orbit, monkeypatch):
+    def interrupted(*given):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("contimpact.continuation.walk.arclength.correct", interrupted)
+    with pytest.raises(KeyboardInterrupt):
+        continue_orbit(orbit, "s", RANGE)
+
+
+def test_a_branch_born_at_an_event_is_kept(pair, whole):
+    doubling = next(e for e in whole.events if e.kind == "PD")
+    born = continue_born(doubling, pair(), RANGE, settings=FINE, callback=interrupting(20))
+    assert [end.kind for end in born.ends] == [EndKind.BORN, EndKind.INTERRUPTED]
+    assert 15 < len(born) <= 21
+    grazing = next(e for e in whole.events if e.kind == "G")
+    both = continue_born(grazing, pair(), RANGE, settings=FINE, callback=interrupting(20))
+    assert both.ends[1].kind is EndKind.INTERRUPTED
+
+
+def test_a_curve_is_kept(pair, whole):
+    entry = whole.events[-1]
+    ranges = (RANGE, (0.2, 0.4))
+    settings = dataclasses.replace(FINE, tolerance=1e-13, step=0.01, max_step=0.01)
+    curve = follow_curve(
+        pair(), entry, "r", *ranges, settings=settings, detect=False, callback=interrupting(8)
+    )
+    assert [end.kind for end in curve.ends] == [EndKind.INTERRUPTED] * 2
+    assert len(curve) == 8
+    assert "interrupted at r = " in str(curve)
+
+
+SCENE = {
+    "name": "small",
+    "model": {
+        "system": "impact-pair",
+        "parameters": {"beta": "pi/6", "r": 0.3, "A": 5.0, "s": 0.34},
+    },
+    "follow": {"parameter": "s", "range": [0.3, 0.4], "orbits": ["1:1"], "switch": ["PD"]},
+    "detect": {"events": ["PD", "G"]},
+    "numerics": {"step": 1e-3, "max_step": 1e-3},
+}
+
+
+def stopped_at(marker, times=1):
+    """Progress during which the keyboard interrupts, when a line with some text has come."""
+    left = times
+
+    def progress(text):
+        nonlocal left
+        left -= marker in text
+        if not left:
+            raise KeyboardInterrupt
+
+    return progress
+
+
+@pytest.mark.parametrize("marker", ["b1", "b2", "b3"])
+def test_a_diagram_keeps_the_branch_under_way(marker):
+    """Those before it are whole; nothing is followed after it."""
+    whole = follow(read_scene(SCENE))
+    part = follow(read_scene(SCENE), stopped_at(f"{marker}, ", times=2))
+    assert part.statistics["failure"] == "interrupted"
+    assert part.branches[-1].id == marker
+    assert EndKind.INTERRUPTED in [end.kind for end in part.branches[-1].ends]
+    for one, other in zip(part.branches[:-1], whole.branches, strict=False):
+        assert np.array_equal(one["s"], other["s"])
+    read(part)
+
+
+def test_a_diagram_keeps_the_curve_under_way():
+    curves = {
+        "parameter": "r",
+        "range": [0.2, 0.4],
+        "kinds": ["PD"],
+        "step": 0.003,
+        "max_step": 0.003,
+    }
+    scene = read_scene(SCENE | {"curves": curves})
+    whole = follow(scene)
+    part = follow(scene, stopped_at("curve c1", times=2))
+    assert part.statistics["failure"] == "interrupted"
+    assert len(part.curves) == 1
+    assert EndKind.INTERRUPTED in [end.kind for end in part.curves[0].ends]
+    assert len(part.curves[0]) < len(whole.curves[0])
+    assert len(part.branches) == len(whole.branches)
