@@ -27,17 +27,18 @@ from .images import again, at_image, mirrors_back
 from .mechanics.kernels import Kernels
 from .mechanics.orbit import Array, OrbitProblem
 from .mechanics.recognition import mirrored, rotated_to, shortest
-from .mechanics.search import SAME_ORBIT, Orbit, find_orbits
+from .mechanics.search import SAME_ORBIT, Orbit
 from .mechanics.word import Word
 from .orbit_branch import Run, both_ways
 from .orbit_march import walk_orbits
 from .progress import Progress, counted, silent
 from .scene import Scene
+from .starting_orbits import NotFound, orbits_at, placed, refusal, surveyed
 from .switching import Start, switch
 
 STAGES = ("kernels", "search", "walk", "events", "switching", "tables")
-SURVEYED = 9
-"""Parameter values at which a survey looks for more orbits."""
+INTERRUPTED = "interrupted"
+"""What ended a computation early, where the keyboard did."""
 
 
 def follow(scene: Scene, progress: Progress | None = None) -> Diagram:
@@ -57,12 +58,14 @@ def follow(scene: Scene, progress: Progress | None = None) -> Diagram:
     Raises
     ------
     InputError
-        If an orbit the scene names does not exist at its start.
+        If none of the words the scene names has an orbit at its start, nor, with a survey, at
+        other values.
 
     Notes
     -----
     An interruption or a numerical failure ends the computation early; what was computed is
-    returned, and ``statistics["failure"]`` says what happened.
+    returned, and ``statistics["failure"]`` says what happened. Words without an orbit at the start
+    are listed in ``statistics["not_found"]``.
     """
     diagram = _Explorer(scene, progress or silent).run()
     if scene.curves is None or diagram.statistics["failure"]:
@@ -93,6 +96,7 @@ class _Explorer:
     opens: dict[str, list[str]] = field(default_factory=dict)
     meetings: dict[str, list[str]] = field(default_factory=dict)
     notes: list[str] = field(default_factory=list)
+    lacking: dict[Word, NotFound] = field(default_factory=dict)
     probes: int = 0
     tested: list[TestFunction] = field(default_factory=list)
     failure: str | None = None
@@ -110,7 +114,7 @@ class _Explorer:
             scene.parameter, self.kernels.harmonics(*scene.model.values.values())
         )
         self.seconds["kernels"] += time.perf_counter() - began
-        started = [orbit for word in scene.orbits for orbit in self.orbits_at_start(word)]
+        started = self.orbits_at_start()
         try:
             for orbit in started:
                 self.follow_orbit(orbit)
@@ -118,10 +122,14 @@ class _Explorer:
             if scene.survey:
                 self.survey()
                 self.follow_births()
+            else:
+                self.look_elsewhere()
         except KeyboardInterrupt:
-            self.failure = "interrupted"
+            self.failure = INTERRUPTED
         except (ArithmeticError, np.linalg.LinAlgError) as error:
             self.failure = f"the computation failed ({type(error).__name__}: {error})"
+        if not self.runs and not self.failure:
+            raise refusal(list(self.lacking.values()))
         return Diagram(scene.name, self.finished_branches(), statistics=self.statistics())
 
     def problem(self, word: Word) -> OrbitProblem:
@@ -129,12 +137,30 @@ class _Explorer:
 
     # Orbits found by search.
 
-    def orbits_at_start(self, word: Word) -> list[Orbit]:
-        began = time.perf_counter()
-        self.progress(f"looking for {word} at {self.scene.parameter} = {self.scene.start:.9g}")
-        found = orbits_at_start(self.scene, self.kernels, word)
-        self.seconds["search"] += time.perf_counter() - began
+    def orbits_at_start(self) -> list[Orbit]:
+        """The orbits of all words at the start; words without any are kept in mind."""
+        found = []
+        for word in self.scene.orbits:
+            orbits = self.search(word, self.scene.start)
+            found += orbits
+            if not orbits:
+                self.lacking[word] = NotFound.of(self.scene, word)
         return found
+
+    def search(self, word: Word, value: float) -> list[Orbit]:
+        began = time.perf_counter()
+        self.progress(f"looking for {word} at {self.scene.parameter} = {value:.9g}")
+        found = orbits_at(self.scene, self.kernels, word, value)
+        self.seconds["search"] += time.perf_counter() - began
+        if word in self.lacking:
+            self.lacking[word] = self.lacking[word].also_at(value, len(found))
+        return found
+
+    def look_elsewhere(self) -> None:
+        """Look for words without an orbit at the start at other values, to tell of them."""
+        for word in self.lacking:
+            for value in surveyed(self.scene):
+                self.search(word, value)
 
     def follow_orbit(self, orbit: Orbit) -> None:
         """Follow an orbit both ways, unless it lies on a branch already known."""
@@ -152,22 +178,16 @@ class _Explorer:
 
     def survey(self) -> None:
         """Look for more orbits of every word met so far, at values across the range."""
-        words = dict.fromkeys(run.problem.word for run in self.runs)
-        scene = self.scene
-        for value in np.linspace(*scene.range, SURVEYED + 2)[1:-1].tolist():
-            model = scene.model.replace(**{scene.parameter: value})
+        words = dict.fromkeys([*(run.problem.word for run in self.runs), *self.lacking])
+        for value in surveyed(self.scene):
             for word in words:
                 if not self.in_budget():
                     self.notes.append(
-                        f"the survey ended before {word} at {scene.parameter} = {value:.6g}: "
+                        f"the survey ended before {word} at {self.scene.parameter} = {value:.6g}: "
                         f"{self.budget()} was used up"
                     )
                     return
-                self.progress(f"survey: {word} at {scene.parameter} = {value:.6g}")
-                began = time.perf_counter()
-                found = find_orbits(model, word, kernels=self.kernels, **search_options(scene))
-                self.seconds["search"] += time.perf_counter() - began
-                for orbit in found:
+                for orbit in self.search(word, value):
                     self.follow_orbit(orbit)
 
     # Branches born at events.
@@ -347,6 +367,14 @@ class _Explorer:
             for branch in self.branches
         ]
 
+    def not_found(self) -> list[NotFound]:
+        """The words of which no orbit at the start was found, nor a branch that passes it."""
+        return [
+            lacking
+            for word, lacking in self.lacking.items()
+            if not any(run.passes(word, self.scene.start) for run in self.runs)
+        ]
+
     def evaluations(self) -> dict[str, int]:
         """How often test functions of each kind were evaluated."""
         counts: dict[str, int] = {}
@@ -357,6 +385,7 @@ class _Explorer:
     def statistics(self) -> dict[str, Any]:
         walks = [w for run in self.runs for w in run.walks]
         problems = {id(run.problem): run.problem for run in self.runs}
+        lacking = self.not_found()
         return {
             "seconds": self.seconds,
             "counts": {
@@ -369,45 +398,7 @@ class _Explorer:
             },
             "test_functions": self.evaluations(),
             "kernels": {"loaded": self.kernels.loaded, "generated": self.kernels.generated},
-            "notes": self.notes,
+            "not_found": [each.as_record() for each in lacking],
+            "notes": [*self.notes, *(each.told(self.scene.survey) for each in lacking)],
             "failure": self.failure,
         }
-
-
-def placed(error: InputError, scene: Scene) -> InputError:
-    """Return an error of a scene's kernels; an option's text is read when they are made."""
-    return error.within("model") if error.where in scene.model.options else error
-
-
-def search_options(scene: Scene) -> dict[str, Any]:
-    """Return the scene's options of `find_orbits`."""
-    return {"rng": scene.seed, "starts": scene.starts, "rounds": scene.rounds}
-
-
-def orbits_at_start(scene: Scene, kernels: Kernels, word: Word) -> list[Orbit]:
-    """Find the orbits of a word at a scene's start.
-
-    Raises
-    ------
-    InputError
-        If there is none; it says what was tried and what exists nearby.
-    """
-    options = search_options(scene)
-    found = find_orbits(scene.model, word, kernels=kernels, **options)
-    if found:
-        return found
-    nearby = []
-    for value in np.linspace(*scene.range, 11)[1:-1].tolist():
-        model = scene.model.replace(**{scene.parameter: value})
-        if count := len(find_orbits(model, word, kernels=kernels, **options)):
-            nearby.append(f"{count} at {scene.parameter} = {value:.6g}")
-    where = f"model.parameters.{scene.parameter}"
-    searched = "1 round" if scene.rounds == 1 else "2 rounds"  # the search ends after two in vain
-    raise InputError(
-        "follow.orbits",
-        f"no {word} orbit was found at {scene.parameter} = {scene.start:.9g} ({searched} of "
-        f"{scene.starts} random starts)",
-        f"start where one exists, by {where}: {', '.join(nearby)}"
-        if nearby
-        else "nor at nine other values within the range; try another word or other parameters",
-    )

@@ -23,6 +23,7 @@ from .mechanics.kernels import Kernels
 from .mechanics.model import Model
 from .mechanics.orbit import OrbitProblem
 from .mechanics.search import Orbit, settle
+from .mechanics.word import Word
 from .orbit_march import walk_orbits
 from .recovery import as_orbit, entry_first, named
 from .switching import SWITCHES, switch
@@ -292,6 +293,12 @@ class Run:
         after = int(np.searchsorted(lengths, event.point.arclength, side="right"))
         before = int(np.searchsorted(lengths, event.point.arclength)) - 1
         return self.points[max(before, 0)], self.points[min(after, len(self.points) - 1)]
+
+    def passes(self, word: Word, value: float) -> bool:
+        """Whether orbits on this branch have a word, rotated perhaps, at a parameter value."""
+        own, values = self.problem.word, self.points.unknowns[:, -1]
+        same = (len(own), own.period) == (len(word), word.period) and own.walls in 2 * word.walls
+        return same and bool(values.min() <= value <= values.max())
 
     def holds(self, unknowns: np.ndarray[Any, Any]) -> bool:
         """Whether an orbit of the same word lies on this branch."""

@@ -366,6 +366,20 @@ def test_start_where_no_orbit_exists(run, scene, tmp_path, command):
     assert not (tmp_path / "out").exists()
 
 
+def test_words_without_an_orbit(run, scene, tmp_path):
+    """They are listed, by check and by run, and the others followed."""
+    words = ('["1:1"]', '["5:1", "1:1"]', "[0.3, 0.4]", "[0.25, 0.4]")
+    status, out, err = run("check", scene(*words))
+    assert (status, err) == (0, "")
+    assert re.search(r"orbits +5:1 \(word BBBBBT\): 0 at the start; \d at s = 0.265", out)
+    status, out, _ = run("run", scene(*words), "-o", tmp_path / "out", "--no-plot")
+    assert status == 0
+    assert re.search(r"^no BBBBBT orbit was found at s = 0.34 .*at s = 0.265", out, re.MULTILINE)
+    manifest = json.loads((tmp_path / "out" / "manifest.json").read_text(encoding="utf-8"))
+    assert [each["word"] for each in manifest["not_found"]] == ["BBBBBT"]
+    assert load_diagram(tmp_path / "out").branches
+
+
 def test_no_orbit_anywhere(run, scene, tmp_path):
     status, out, err = run("run", scene(*NO_ORBIT), "-o", tmp_path / "out")
     assert (status, out) == (2, "")
@@ -684,7 +698,7 @@ def test_an_interruption_of_the_search_keeps_the_results_of_an_earlier_run(
     def interrupted(*given, **named):
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("contimpact.explore.find_orbits", interrupted)
+    monkeypatch.setattr("contimpact.starting_orbits.find_orbits", interrupted)
     before = files_of(copied)
     status, out, err = run("run", scene(), "-o", copied, "-q")
     assert (status, out) == (1, "")

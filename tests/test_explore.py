@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from contimpact import InputError, follow, load_scene, read_scene
+from contimpact import InputError, find_orbits, follow, load_scene, read_scene
 from contimpact.diagram import Diagram
 from contimpact.reading import read
 
@@ -62,6 +62,61 @@ def test_what_was_searched_is_told(rounds, searched):
     given["follow"] = {**SMALL["follow"], "range": [1.0, 1.05]}
     with pytest.raises(InputError, match=f"{searched} 8 random starts"):
         follow(read_scene(given))
+
+
+LACKING = {"orbits": ["5:1", "1:1", "3:1"], "range": [0.25, 0.4]}
+"""At s = 0.34 the search finds neither 3:1 nor 5:1; folds of their stable orbits lie below."""
+
+
+def test_words_without_an_orbit_are_listed_and_the_others_followed():
+    diagram = follow(small(**LACKING))
+    assert {b.word for b in diagram.branches} == {"BT"}
+    listed = diagram.statistics["not_found"]
+    assert [(each["notation"], each["value"]) for each in listed] == [("5:1", 0.34), ("3:1", 0.34)]
+    for each, note in zip(listed, diagram.statistics["notes"], strict=True):
+        assert each["tried"] == 9
+        assert (each["starts"], each["rounds"]) == (256, 2)
+        assert {value < 0.34 for value, _ in each["elsewhere"]} == {True}
+        assert f"no {each['word']} orbit was found at s = 0.34 (2 rounds of 256" in note
+        assert "at s = 0.265" in note
+        assert "follow.survey" in note
+    found = find_orbits(small().model.replace(s=0.265), "3:1", parameter="s")
+    assert dict(listed[1]["elsewhere"])[0.265] == len(found)
+
+
+def test_a_survey_follows_words_without_an_orbit_at_the_start():
+    diagram = follow(small(survey=True, orbits=["3:1"], range=[0.25, 0.4]))
+    assert {b.word for b in diagram.branches} == {"BBBT"}
+    stable = [b for b in diagram.branches if b["s"].max() < 0.34]
+    assert stable  # the search at the start could not find it
+    passes = [b for b in diagram.branches if b["s"].min() <= 0.34 <= b["s"].max()]
+    assert bool(passes) != bool(diagram.statistics["not_found"])
+
+
+def test_interrupted_before_words_were_looked_for_elsewhere():
+    """What was not looked for is not said to be missing."""
+
+    def progress(text):
+        if "following b1" in text:
+            raise KeyboardInterrupt
+
+    diagram = follow(small(**LACKING), progress)
+    assert diagram.statistics["failure"] == "interrupted"
+    assert [each["tried"] for each in diagram.statistics["not_found"]] == [0, 0]
+    assert not any("nor at" in note for note in diagram.statistics["notes"])
+
+
+@pytest.mark.parametrize("survey", [False, True])
+def test_a_scene_is_refused_if_none_of_its_words_has_an_orbit(survey):
+    given = {**SMALL, "numerics": {"starts": 8}}
+    parameters = {**SMALL["model"]["parameters"], "s": 1.04}
+    given["model"] = {"system": "impact-pair", "parameters": parameters}
+    wanted = {"range": [1.0, 1.05], "orbits": ["1:1", "2:1"], "survey": survey}
+    given["follow"] = SMALL["follow"] | wanted
+    with pytest.raises(InputError, match=r"no BT orbit was found at s = 1\.04") as refused:
+        follow(read_scene(given))
+    assert "nor of BBT" in str(refused.value)
+    assert "nor at 9 other values" in str(refused.value)
 
 
 def test_reading_a_part_of_a_diagram():

@@ -26,7 +26,7 @@ from ..continuation.arclength import PREDICTORS, Settings, bordered
 from ..continuation.branch import Point, Walk
 from ..diagram import Entry, coordinates
 from ..errors import InputError
-from ..explore import follow, orbits_at_start
+from ..explore import follow
 from ..mechanics import stability
 from ..mechanics.kernels import Kernels
 from ..mechanics.orbit import Array, OrbitProblem
@@ -34,6 +34,7 @@ from ..mechanics.search import Orbit
 from ..mechanics.word import Word
 from ..orbit_march import walk_orbits
 from ..scene import Scene
+from ..starting_orbits import orbits_at_start
 from .reference import Reference
 
 SCHEMA = "contimpact.report/1"

@@ -5,9 +5,9 @@ from __future__ import annotations
 import argparse
 
 from ..errors import InputError
-from ..explore import orbits_at_start, placed
 from ..mechanics.kernels import Kernels
-from ..scene import CurveOptions, load_scene
+from ..scene import CurveOptions, Scene, load_scene
+from ..starting_orbits import SURVEYED, not_found, orbits_at, placed, refusal
 
 
 def command(options: argparse.Namespace) -> int:
@@ -25,13 +25,7 @@ def command(options: argparse.Namespace) -> int:
         print(f"           {name} = {value:.12g}")
     low, high = scene.range
     print(f"  follow   {scene.parameter} from {scene.start:.12g} within [{low:.12g}, {high:.12g}]")
-    for word in scene.orbits:
-        found = orbits_at_start(scene, kernels, word)
-        unphysical = sum(not orbit.physical for orbit in found)
-        print(
-            f"  orbits   {word.notation(letters)} (word {word}): {len(found)} at the start"
-            + (f", {unphysical} of them unphysical" if unphysical else "")
-        )
+    _print_orbits(scene, kernels)
     print(f"  events   {', '.join(scene.events) or 'none'}")
     for name, values in scene.values.items():
         print(f"           {name} = {', '.join(f'{v:.12g}' for v in values)}")
@@ -40,6 +34,24 @@ def command(options: argparse.Namespace) -> int:
     for text in scene.left_out():
         print(f"  left out {text}")
     return 0
+
+
+def _print_orbits(scene: Scene, kernels: Kernels) -> None:
+    """Count the orbits of each word at the start; refused where a run would be."""
+    letters = [w.name for w in scene.model.WALLS]
+    missing = []
+    for word in scene.orbits:
+        found = orbits_at(scene, kernels, word, scene.start)
+        unphysical = sum(not orbit.physical for orbit in found)
+        shown = f"{len(found)} at the start"
+        shown += f", {unphysical} of them unphysical" if unphysical else ""
+        if not found:
+            missing.append(not_found(scene, kernels, word))
+            shown += f"; {missing[-1].nearby or f'none at {SURVEYED} other values'}"
+        print(f"  orbits   {word.notation(letters)} (word {word}): {shown}")
+    surveyed = scene.survey and any(each.elsewhere for each in missing)
+    if len(missing) == len(scene.orbits) and not surveyed:
+        raise refusal(missing)
 
 
 def _curves_asked(curves: CurveOptions) -> str:
