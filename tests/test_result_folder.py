@@ -428,7 +428,7 @@ sys.exit(main(sys.argv[2:]))
 def test_what_can_be_written_is_written(scene, tmp_path, results, limit):
     """Files above a size cannot be written, as on a full disk."""
     folder = tmp_path / "out"
-    command = [sys.executable, "-c", FULL, str(limit), "run", scene(), "-o", str(folder)]
+    command = [sys.executable, "-c", FULL, str(limit), "run", scene(), "-o", str(folder), "-q"]
     done = subprocess.run(command, capture_output=True, text=True)
     assert done.returncode == 1
     assert "Traceback" not in done.stderr

@@ -8,7 +8,6 @@ starts depend on the seed and the value's number.
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
@@ -19,6 +18,7 @@ import numpy as np
 from ..catalogue import diagram_files
 from ..files import Content, write_all
 from ..mechanics.kernels import Kernels
+from ..progress import Progress, silent
 from ..result_folder import ROWS
 from ..scene import Scene
 from ..simulate_tables import SimulateOptions
@@ -60,6 +60,8 @@ class Simulation:
     basins : list of Basins
     interrupted : str or None
         The stage at which the run was interrupted.
+    notes : list of str
+        What the branches have to say of themselves.
     seconds : dict of str to float
         Per stage.
     resumed : int
@@ -76,6 +78,7 @@ class Simulation:
     portraits: list[Row] = field(default_factory=list)
     basins: list[Basins] = field(default_factory=list)
     interrupted: str | None = None
+    notes: list[str] = field(default_factory=list)
     seconds: dict[str, float] = field(default_factory=dict)
     resumed: int = 0
     lost: str | None = None
@@ -94,7 +97,7 @@ class Simulation:
 
 def simulate(
     scene: Scene, folder: Path, *, resume: bool = False,
-    progress: Callable[[str], None] | None = None,
+    progress: Progress | None = None,
 ) -> Simulation:  # fmt: skip
     """Simulate a scene.
 
@@ -119,13 +122,11 @@ def simulate(
     InputError
         If what is to be resumed belongs to another scene, or is not of one run.
     """
-    return _Director(scene, folder, resume, progress or (lambda text: None)).run()
+    return _Director(scene, folder, resume, progress or silent).run()
 
 
 class _Director:
-    def __init__(
-        self, scene: Scene, folder: Path, resume: bool, progress: Callable[[str], None]
-    ) -> None:
+    def __init__(self, scene: Scene, folder: Path, resume: bool, progress: Progress) -> None:
         assert scene.simulate is not None
         self.scene, self.progress = scene, progress
         self.options: SimulateOptions = scene.simulate
@@ -160,16 +161,22 @@ class _Director:
 
     def branches(self) -> None:
         if self.options.branches:
-            from ..explore import follow
+            from ..explore import INTERRUPTED, follow
 
-            self.result.diagram = follow(self.scene, self.progress)
+            diagram = self.result.diagram = follow(self.scene, self.progress)
+            self.result.notes += diagram.statistics["notes"]
+            failure = diagram.statistics["failure"]
+            if failure == INTERRUPTED:
+                raise KeyboardInterrupt
+            if failure:
+                self.result.notes.append(f"branches: {failure}; what was followed is written")
 
     # Sweeps.
 
     def sweeps(self) -> None:
         """Each direction, going on after the rows there are."""
         options, rows = self.options, self.result.sweep.rows
-        clock = _Clock(len(options.sweeps()) * options.values, self.progress)
+        clock = _Clock("sweep", len(options.sweeps()) * options.values, self.progress)
         for direction, values in options.sweeps():
             known = [row for row in self.kept.rows if row.direction == direction]
             rows += known
@@ -190,7 +197,7 @@ class _Director:
         rows += [row for row in self.kept.rows if row.direction == "random"]
         if not options.starts:
             return
-        clock = _Clock(options.values, self.progress)
+        clock = _Clock("random starts", options.values, self.progress)
         for number, value in enumerate(self.values):
             if value in self.kept.tried:
                 clock.skip(1)
@@ -205,7 +212,7 @@ class _Director:
                 self.kept.keep(row)
                 rows.append(row)
             self.kept.keep_tried(value)
-            clock.tick(f"random starts at {self.scene.parameter} = {value:.6g}")
+            clock.tick(f"{self.scene.parameter} = {value:.6g}")
 
     # What follows from them.
 
@@ -214,7 +221,7 @@ class _Director:
             return
         sweep, diagram = self.result.sweep, self.result.diagram
         pairs = all_changes(sweep)
-        clock = _Clock(len(pairs), self.progress)
+        clock = _Clock("transitions", len(pairs), self.progress)
         for before, after in pairs:
             key = (after.direction, after.value)
             if key not in self.kept.changes:
@@ -222,7 +229,7 @@ class _Director:
                     self.simulators, before, after, self.options.width, self.options.settling
                 )
                 self.kept.keep_changes(*key, list(found))
-                clock.tick(f"transition near {self.scene.parameter} = {after.value:.6g}")
+                clock.tick(f"{self.scene.parameter} = {after.value:.6g}")
             else:
                 clock.skip(1)
             self.result.transitions += [
@@ -284,12 +291,14 @@ def _last_state(rows: list[Row]) -> Any:
 
 
 class _Clock:
-    """Progress of a stage, with an estimate of the time left."""
+    """Progress of a stage, with an estimate of the time left; also before its first piece."""
 
-    def __init__(self, total: int, progress: Callable[[str], None]) -> None:
-        self.total, self.progress = total, progress
+    def __init__(self, stage: str, total: int, progress: Progress) -> None:
+        self.stage, self.total, self.progress = stage, total, progress
         self.done, self.timed = 0, 0
         self.began = time.perf_counter()
+        if total:
+            progress(f"{stage}: 0 of {total}")
 
     def skip(self, count: int) -> None:
         self.done += count
@@ -299,7 +308,8 @@ class _Clock:
         self.timed += 1
         each = (time.perf_counter() - self.began) / self.timed
         left = each * (self.total - self.done)
-        self.progress(f"{self.done} of {self.total}, about {left:.0f} s left; {text}")
+        place = f"{self.stage}: {self.done} of {self.total}"
+        self.progress(f"{place}, about {left:.0f} s left; {text}")
 
 
 def write_simulation(result: Simulation, folder: Path) -> list[str]:

@@ -16,6 +16,7 @@ from collections.abc import Sequence
 
 from .. import __version__
 from ..errors import InputError, NotWrittenError
+from .console import complain
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -39,10 +40,10 @@ def _status(arguments: Sequence[str] | None) -> int:
     try:
         return int(importlib.import_module(f"{__name__}.{options.module}").command(options))
     except InputError as error:
-        print(f"contimpact: {error}", file=sys.stderr)
+        complain(error)
         return 1 if isinstance(error, NotWrittenError) else 2
     except KeyboardInterrupt:
-        print("contimpact: interrupted", file=sys.stderr)
+        complain("interrupted")
         return 1
 
 

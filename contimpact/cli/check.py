@@ -3,29 +3,29 @@
 from __future__ import annotations
 
 import argparse
+from collections.abc import Sequence
 
 from ..errors import InputError
 from ..mechanics.kernels import Kernels
+from ..progress import Progress
 from ..scene import CurveOptions, Scene, load_scene
 from ..starting_orbits import SURVEYED, not_found, orbits_at, placed, refusal
+from .progress import telling
 
 
 def command(options: argparse.Namespace) -> int:
     """Validate a scene; returns the exit status."""
     scene = load_scene(options.scene)
-    kernels = Kernels(scene.model, scene.parameter)
-    letters = [w.name for w in scene.model.WALLS]
-    try:
-        derived = kernels.setup(*scene.model.values.values())[3 + len(letters) :]
-    except InputError as error:
-        raise placed(error, scene) from None
+    with telling(scene.name, patient=True) as tell:
+        derived, orbits = _computed(scene, tell)
     print(f"scene {scene.name}: {scene.source}" if scene.source else f"scene {scene.name}")
     print(f"  model    {scene.model!r}")
     for name, value in zip(scene.model.DERIVED, derived, strict=False):
         print(f"           {name} = {value:.12g}")
     low, high = scene.range
     print(f"  follow   {scene.parameter} from {scene.start:.12g} within [{low:.12g}, {high:.12g}]")
-    _print_orbits(scene, kernels)
+    for line in orbits:
+        print(f"  orbits   {line}")
     print(f"  events   {', '.join(scene.events) or 'none'}")
     for name, values in scene.values.items():
         print(f"           {name} = {', '.join(f'{v:.12g}' for v in values)}")
@@ -36,22 +36,34 @@ def command(options: argparse.Namespace) -> int:
     return 0
 
 
-def _print_orbits(scene: Scene, kernels: Kernels) -> None:
-    """Count the orbits of each word at the start; refused where a run would be."""
+def _computed(scene: Scene, tell: Progress) -> tuple[Sequence[float], list[str]]:
+    """The derived parameters at the start, and what is said of the orbits there."""
+    kernels = Kernels(scene.model, scene.parameter)
+    try:
+        derived = kernels.setup(*scene.model.values.values())[3 + len(scene.model.WALLS) :]
+    except InputError as error:
+        raise placed(error, scene) from None
+    return derived, _orbits(scene, kernels, tell)
+
+
+def _orbits(scene: Scene, kernels: Kernels, tell: Progress) -> list[str]:
+    """How many orbits each word has at the start; refused where a run would be."""
     letters = [w.name for w in scene.model.WALLS]
-    missing = []
+    lines, missing = [], []
     for word in scene.orbits:
+        tell(f"looking for {word} at {scene.parameter} = {scene.start:.6g}")
         found = orbits_at(scene, kernels, word, scene.start)
         unphysical = sum(not orbit.physical for orbit in found)
         shown = f"{len(found)} at the start"
         shown += f", {unphysical} of them unphysical" if unphysical else ""
         if not found:
-            missing.append(not_found(scene, kernels, word))
+            missing.append(not_found(scene, kernels, word, tell))
             shown += f"; {missing[-1].nearby or f'none at {SURVEYED} other values'}"
-        print(f"  orbits   {word.notation(letters)} (word {word}): {shown}")
+        lines.append(f"{word.notation(letters)} (word {word}): {shown}")
     surveyed = scene.survey and any(each.elsewhere for each in missing)
     if len(missing) == len(scene.orbits) and not surveyed:
         raise refusal(missing)
+    return lines
 
 
 def _curves_asked(curves: CurveOptions) -> str:

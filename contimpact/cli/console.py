@@ -1,4 +1,4 @@
-"""What the commands share: progress, interruptions, options."""
+"""What the commands share: messages, interruptions, options."""
 
 from __future__ import annotations
 
@@ -8,36 +8,76 @@ import signal
 import sys
 import threading
 from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
 
 from ..errors import InputError
+from ..progress import Progress
+from ..result_folder import Files
 
 
-def progress(quiet: bool) -> Callable[[str], None]:
-    """One line on standard error, rewritten in place, if that is a terminal."""
-    if quiet or not sys.stderr.isatty():
-        return lambda text: None
-
-    def show(text: str) -> None:
-        sys.stderr.write(f"\r\x1b[K{text[:100]}")
-        sys.stderr.flush()
-
-    return show
-
-
-@contextlib.contextmanager
-def uninterrupted() -> Iterator[None]:
-    """Put interruptions off until what was computed is on disk."""
-    if threading.current_thread() is not threading.main_thread():
-        yield
-        return
-    before = signal.signal(signal.SIGINT, signal.SIG_IGN)
-    try:
-        yield
-    finally:
-        signal.signal(signal.SIGINT, before if before is not None else signal.SIG_DFL)
+def complain(message: object) -> None:
+    """Write a message to standard error."""
+    print(f"contimpact: {message}", file=sys.stderr, flush=True)
 
 
 def require_output(options: argparse.Namespace) -> None:
     """Refuse an empty name of a folder."""
     if not options.output:
         raise InputError("-o", "empty", "give the path of a folder")
+
+
+class Noted:
+    """Whether the keyboard has interrupted, and whether that is to be raised at once."""
+
+    interrupted = False
+    raising = False
+
+
+@contextlib.contextmanager
+def deferred(noted: Noted) -> Iterator[None]:
+    """Put interruptions off until what was computed is on disk; that there was one is noted."""
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+
+    def note(*signalled: Any) -> None:
+        noted.interrupted = True
+        if noted.raising:
+            noted.raising = False
+            raise KeyboardInterrupt
+
+    before = signal.signal(signal.SIGINT, note)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGINT, before if before is not None else signal.SIG_DFL)
+
+
+def drawn(noted: Noted, files: Files, tell: Progress, draw: Callable[[], None]) -> bool:
+    """Draw pictures; returns whether nothing has interrupted.
+
+    Within a block that is `deferred`, an interruption ends the drawing at once. One before has
+    nothing drawn. Pictures that are whole by then are noted among the files.
+    """
+    before = _states(files.folder)
+    try:
+        noted.raising = True
+        if noted.interrupted:
+            raise KeyboardInterrupt
+        tell("drawing")
+        draw()
+        noted.raising = False
+    except KeyboardInterrupt:
+        noted.raising, noted.interrupted = False, True
+        for name, state in _states(files.folder).items():
+            if before.get(name) != state and name not in files.written:
+                files.note(name, None)
+        return False
+    return True
+
+
+def _states(folder: Path) -> dict[str, tuple[int, int]]:
+    """The files of a folder, each with what changes when it is written anew."""
+    states = {path.name: path.stat() for path in folder.iterdir() if path.is_file()}
+    return {name: (state.st_ino, state.st_mtime_ns) for name, state in states.items()}

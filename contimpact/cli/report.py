@@ -8,16 +8,15 @@ from ..accuracy.output import write_report
 from ..accuracy.report import report
 from ..result_folder import held
 from ..scene import load_scene
-from .console import progress
+from .progress import telling
 
 
 def command(options: argparse.Namespace) -> int:
     """Measure a scene; returns the exit status."""
     scene = load_scene(options.scene)
-    tell = progress(options.quiet)
     with held(options.output) as folder:
-        data = report(scene, options.repetitions, tell)
-        tell("")
+        with telling(scene.name, options.quiet) as tell:
+            data = report(scene, options.repetitions, tell)
         formats = () if options.no_plot else scene.plot.formats
         files = write_report(data, folder, formats)
     if not options.quiet:

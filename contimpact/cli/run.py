@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import argparse
 import dataclasses
-import sys
 import time
+from dataclasses import dataclass
 from pathlib import Path
 
 from .. import explore
@@ -13,83 +13,145 @@ from ..catalogue import diagram_files
 from ..compiled import mode
 from ..diagram import Diagram
 from ..errors import InputError, NotWrittenError
+from ..explore import INTERRUPTED
 from ..files import write_all
+from ..progress import Progress
 from ..reading import read
 from ..result_folder import Files, held, renewed
 from ..scene import Scene, load_scene
-from .console import progress, require_output, uninterrupted
+from .console import Noted, complain, deferred, drawn, require_output
 from .manifest import write_manifest
+from .progress import telling
 
 
 def command(options: argparse.Namespace) -> int:
-    """Follow the branches of scenes; returns the exit status."""
+    """Follow the branches of scenes; returns the exit status, the highest of theirs."""
     mode()  # refused before anything is computed
-    scenes = [load_scene(path) for path in options.scenes]
-    names = [scene.name for scene in scenes]
-    if twice := next((name for name in names if names.count(name) > 1), None):
-        raise InputError("SCENE", f"two scenes are called {twice!r}", "give each its own name")
     require_output(options)
-    status = 0
-    for scene in scenes:
-        target = Path(options.output) / (scene.name if len(names) > 1 else "")
-        try:
-            failure = _run_one(scene, target, options)
-        except _NothingComputedError as error:
-            failure = str(error)
-            print(f"contimpact: {error}; nothing was computed or written", file=sys.stderr)
-        except NotWrittenError as error:
-            failure = str(error)
-            print(f"contimpact: {error}", file=sys.stderr)
-        status = max(status, 1 if failure else 0)
-        if failure == "interrupted":
+    jobs, status = _validated(options)
+    for number, job in enumerate(jobs, start=1):
+        own, interrupted = _attempted(job, options)
+        status = max(status, own)
+        if interrupted:
+            if left := [each.scene.name for each in jobs[number:]]:
+                complain(f"not run: {', '.join(left)}")
             break
     return status
+
+
+@dataclass(frozen=True)
+class _Job:
+    """A scene to be run: where it is written to, and what messages about it begin with."""
+
+    scene: Scene
+    target: Path
+    title: str
+    prefix: str = ""
+
+    def complain(self, message: object) -> None:
+        complain(f"{self.prefix}{message}")
+
+
+def _validated(options: argparse.Namespace) -> tuple[list[_Job], int]:
+    """The scenes that can be run, and the exit status of the others; one alone is raised."""
+    paths, status = options.scenes, 0
+    scenes: list[tuple[str, Scene]] = []
+    for path in paths:
+        try:
+            scenes.append((path, load_scene(path)))
+        except InputError as error:
+            if len(paths) == 1:
+                raise
+            complain(error if error.where == path else f"{path}: {error}")
+            status = 2
+    names = [scene.name for _, scene in scenes]
+    if twice := next((name for name in names if names.count(name) > 1), None):
+        raise InputError("SCENE", f"two scenes are called {twice!r}", "give each its own name")
+    if len(paths) == 1:
+        return [_Job(scene, Path(options.output), scene.name) for _, scene in scenes], status
+    jobs = [
+        _Job(
+            scene, Path(options.output) / scene.name,
+            f"{scene.name} ({number} of {len(scenes)})", f"{path}: ",
+        )
+        for number, (path, scene) in enumerate(scenes, start=1)
+    ]  # fmt: skip
+    return jobs, status
+
+
+def _attempted(job: _Job, options: argparse.Namespace) -> tuple[int, bool]:
+    """Run one scene; returns its exit status, and whether the keyboard has interrupted."""
+    noted = Noted()
+    try:
+        failure = _run_one(job, options, noted)
+    except _NothingComputedError as error:
+        job.complain(f"{error}; nothing was computed or written")
+        failure = str(error)
+    except NotWrittenError as error:
+        job.complain(error)
+        failure = str(error)
+    except InputError as error:
+        job.complain(error)
+        return 2, noted.interrupted
+    except KeyboardInterrupt:
+        noted.interrupted, failure = True, INTERRUPTED
+        job.complain(failure)
+    return (1 if failure else 0), noted.interrupted
 
 
 class _NothingComputedError(Exception):
     """A run ended before it had a branch."""
 
 
-def _run_one(scene: Scene, target: Path, options: argparse.Namespace) -> str | None:
+def _run_one(job: _Job, options: argparse.Namespace, noted: Noted) -> str | None:
     """Compute and write one scene; returns what ended it early, if something did."""
     began = time.perf_counter()
-    tell = progress(options.quiet)
-    with held(target, *_written(scene, options)) as folder:
-        try:
-            diagram = explore.follow(scene, tell)
-        finally:
-            tell("")
+    scene = job.scene
+    with (
+        telling(job.title, options.quiet) as tell,
+        held(job.target, *_written(scene, options)) as folder,
+    ):
+        diagram = explore.follow(scene, tell)
         failure: str | None = diagram.statistics["failure"]
+        noted.interrupted = failure == INTERRUPTED
         if failure and not diagram.branches:
             raise _NothingComputedError(failure)
-        with uninterrupted():
-            _write_run(scene, diagram, folder, options, began)
+        with deferred(noted):
+            _write_run(scene, diagram, folder, options, began, tell, noted)
+    failure = INTERRUPTED if noted.interrupted else failure
+    if not options.quiet:
+        _summary(scene, diagram, folder, time.perf_counter() - began)
     if failure:
-        print(f"contimpact: {failure}; what was computed is in {folder}", file=sys.stderr)
+        job.complain(f"{failure}; what was computed is in {folder}")
     return failure
 
 
 def _write_run(
-    scene: Scene, diagram: Diagram, folder: Path, options: argparse.Namespace, began: float
-) -> None:
-    """Write everything a run leaves behind, the catalogue first and the manifest last."""
+    scene: Scene, diagram: Diagram, folder: Path, options: argparse.Namespace, began: float,
+    tell: Progress, noted: Noted,
+) -> None:  # fmt: skip
+    """Write everything a run leaves behind, the catalogue first and the manifest last.
+
+    An interruption leaves pictures out.
+    """
     left_out, seconds = scene.left_out(), dict(diagram.statistics["seconds"])
-    statistics = {**diagram.statistics, "seconds": seconds}
     with renewed(folder, ["run"], scene.resolved()) as kept:
         files = Files(folder, kept)
         export = time.perf_counter()
+        tell("writing tables")
         files.add(lambda: write_all(folder, diagram_files(diagram)))
         seconds["export"] = time.perf_counter() - export
         if options.no_plot:
             left_out.append("diagram: --no-plot was given, matplotlib is not imported")
         elif scene.plot.formats:
             drawing = time.perf_counter()
-            _save_plots(scene, diagram, files)
+            if not drawn(noted, files, tell, lambda: _save_plots(scene, diagram, files)):
+                left_out.append(f"diagram: {INTERRUPTED}; contimpact plot draws it")
             seconds["plot"] = time.perf_counter() - drawing
         seconds["total"] = time.perf_counter() - began
+        failure = INTERRUPTED if noted.interrupted else diagram.statistics["failure"]
+        statistics = {**diagram.statistics, "seconds": seconds, "failure": failure}
         write_manifest(scene, files, left_out, statistics)
-    if not options.quiet:
-        _summary(scene, diagram, folder, seconds["total"])
 
 
 def _written(scene: Scene, options: argparse.Namespace) -> tuple[list[str], list[str]]:
@@ -166,4 +228,4 @@ def _summary(scene: Scene, diagram: Diagram, folder: Path, total: float) -> None
             )
     for note in diagram.statistics["notes"]:
         print(note)
-    print(f"written to {folder} in {total:.2f} s")
+    print(f"written to {folder} in {total:.2f} s", flush=True)

@@ -3,17 +3,18 @@
 from __future__ import annotations
 
 import argparse
-import sys
 import time
 from pathlib import Path
 
 from ..attractors.simulation import Simulation, simulate, write_simulation
 from ..compiled import mode
 from ..errors import InputError
+from ..progress import Progress
 from ..result_folder import ROWS, TABLES, Files, held, renewed
 from ..scene import load_scene
-from .console import progress
+from .console import Noted, complain, deferred, drawn
 from .manifest import write_manifest
+from .progress import telling
 
 
 def command(options: argparse.Namespace) -> int:
@@ -23,52 +24,65 @@ def command(options: argparse.Namespace) -> int:
     scene = load_scene(options.scene)
     if scene.simulate is None:
         raise InputError(options.scene, "no table [simulate]", "add one, see the scene format")
-    with held(options.output, folders=TABLES) as folder:
-        result = simulate(scene, folder, resume=options.resume, progress=progress(options.quiet))
-        _write(result, folder, options, began)
+    noted = Noted()
+    with (
+        telling(scene.name, options.quiet) as tell,
+        held(options.output, folders=TABLES) as folder,
+    ):
+        result = simulate(scene, folder, resume=options.resume, progress=tell)
+        noted.interrupted = result.interrupted is not None
+        with deferred(noted):
+            _write(result, folder, options, began, tell, noted)
     if not options.quiet:
         _simulated(result, folder)
     if result.interrupted:
-        print(
-            f"contimpact: interrupted ({result.interrupted}); what was done is written to "
-            f"{folder}, go on with --resume", file=sys.stderr,
-        )  # fmt: skip
+        complain(
+            f"interrupted ({result.interrupted}); what was done is written to {folder}, go on "
+            "with --resume"
+        )
         return 1
     return 0
 
 
-def _write(result: Simulation, folder: Path, options: argparse.Namespace, began: float) -> None:
-    """Write everything a simulation leaves behind, the manifest last."""
+def _write(
+    result: Simulation, folder: Path, options: argparse.Namespace, began: float, tell: Progress,
+    noted: Noted,
+) -> None:  # fmt: skip
+    """Write everything a simulation leaves behind, the manifest last.
+
+    An interruption leaves pictures out.
+    """
     scene, left_out = result.scene, result.scene.left_out(simulated=True)
     if scene.simulate is not None and not scene.simulate.branches:
         left_out.append("branches: simulate.branches is false")
     commands = ["simulate"] if result.diagram is None else ["simulate", "run"]
     with renewed(folder, commands, scene.resolved()) as kept:
         files = Files(folder, kept)
+        tell("writing tables")
         files.add(lambda: write_simulation(result, folder))
         files.note(ROWS, result.lost)
-        _draw(result, files, options, left_out)
+        if noted.interrupted:
+            result.interrupted = result.interrupted or "writing"
+        if options.no_plot or not scene.plot.formats:
+            left_out.append("pictures: not asked for, matplotlib is not imported")
+        else:
+            drawing = time.perf_counter()
+            if not drawn(noted, files, tell, lambda: _save_pictures(result, files)):
+                result.interrupted = result.interrupted or "pictures"
+                left_out.append("pictures: the run was interrupted")
+            result.seconds["plot"] = time.perf_counter() - drawing
         result.seconds["total"] = time.perf_counter() - began
         statistics = {
-            "seconds": result.seconds, "counts": result.counts,
+            "seconds": result.seconds, "counts": result.counts, "notes": result.notes,
             "interrupted": result.interrupted, "resumed": result.resumed,
         }  # fmt: skip
         write_manifest(scene, files, left_out, statistics)
 
 
-def _draw(
-    result: Simulation, files: Files, options: argparse.Namespace, left_out: list[str]
-) -> None:
-    plot = result.scene.plot
-    if options.no_plot or not plot.formats or result.interrupted:
-        why = "the run was interrupted" if result.interrupted else "not asked for"
-        left_out.append(f"pictures: {why}, matplotlib is not imported")
-        return
+def _save_pictures(result: Simulation, files: Files) -> None:
     from ..plots.attractors import save_simulation
 
-    drawing = time.perf_counter()
-    files.add(lambda: save_simulation(result, files.folder, plot))
-    result.seconds["plot"] = time.perf_counter() - drawing
+    files.add(lambda: save_simulation(result, files.folder, result.scene.plot))
 
 
 def _simulated(result: Simulation, folder: Path) -> None:
@@ -91,4 +105,6 @@ def _simulated(result: Simulation, folder: Path) -> None:
         parts = ", ".join(f"{a.notation} {share:.1%}" for a, share in shares)
         value = basin.parameters[result.scene.parameter]
         print(f"basins at {result.scene.parameter} = {value:.6g}: {parts}")
-    print(f"written to {folder} in {result.seconds['total']:.2f} s")
+    for note in result.notes:
+        print(note)
+    print(f"written to {folder} in {result.seconds['total']:.2f} s", flush=True)
