@@ -111,8 +111,8 @@ def read_simulate(
 
     Parameters
     ----------
-    table : _Table
-        Of `contimpact.scene`.
+    table : Table
+        Of the scene.
     model : Model
     parameter : str
         The followed parameter.
