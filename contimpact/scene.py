@@ -6,6 +6,7 @@ a contract, documented key by key in the documentation's page on scenes.
 
 from __future__ import annotations
 
+import re
 import tomllib
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field
@@ -29,10 +30,21 @@ from .scene_tables import (
     read_simulation,
 )
 from .table import Table
+from .untrusted import bounded, read_bytes
 
 if TYPE_CHECKING:
     from .simulate_tables import SimulateOptions
     from .systems.membrane import Membrane
+
+LARGEST_FILE = 1_000_000
+"""Bytes of a scene file."""
+LONGEST_KEY = 100
+LONG_KEY = re.compile(
+    r"""^[ \t]*+(?:(?:[\w-]++|"(?:[^"\\\n]|\\.)*+"|'[^'\n]*+')[ \t]*+\.[ \t]*+){100}""",
+    re.MULTILINE,
+)
+"""A dotted key of more names than `LONGEST_KEY`; reading it takes the square of their number."""
+LONGEST_NAME = 200
 
 __all__ = ["FORMATS", "CurveOptions", "PlotOptions", "Scene", "load_scene", "read_scene"]
 
@@ -191,7 +203,7 @@ def load_scene(path: str | Path) -> Scene:
     """
     path = Path(path)
     try:
-        text = path.read_bytes().decode("utf-8-sig")
+        text = _text(path)
     except FileNotFoundError:
         raise InputError(str(path), "no such file", "give the path of a scene.toml") from None
     except IsADirectoryError:
@@ -202,8 +214,8 @@ def load_scene(path: str | Path) -> Scene:
         raise InputError(str(path), f"not UTF-8 ({error})", "save it as UTF-8 text") from None
     except OSError as error:
         raise InputError(str(path), f"cannot be read ({error.strerror})", "check it") from None
-    except ValueError as error:
-        raise InputError(str(path), f"not a path ({error})", "give a scene.toml") from None
+    except ValueError as error:  # too long, or not a path at all
+        raise InputError(str(path), str(error), "give a scene.toml") from None
     toml = "give lines such as range = [0.1, 1.0] in tables such as [follow]"
     try:
         given = tomllib.loads(text)
@@ -212,6 +224,19 @@ def load_scene(path: str | Path) -> Scene:
     except RecursionError:
         raise InputError(str(path), "nested too deeply", toml) from None
     return read_scene(given)
+
+
+def _text(path: Path) -> str:
+    """The text of a scene file, or of what stands for one, such as ``/dev/stdin``."""
+    if path.parts[:2] == ("/", "dev"):
+        with open(path, "rb") as stream:
+            content = bounded(stream.read(LARGEST_FILE + 1), LARGEST_FILE)
+    else:
+        content = read_bytes(path, LARGEST_FILE)
+    text = content.decode("utf-8-sig")
+    if LONG_KEY.search(text):
+        raise ValueError(f"a key of more than {LONGEST_KEY} names")
+    return text
 
 
 def read_scene(given: Mapping[str, Any]) -> Scene:
@@ -285,4 +310,8 @@ def _name(name: str) -> str:
             "name", f"found {shown(name)}",
             "give a name for a folder: not '.' or '..', no slashes, no control characters",
         )  # fmt: skip
+    if len(name.encode()) > LONGEST_NAME:
+        raise InputError(
+            "name", f"found {shown(name)}", f"give a name of at most {LONGEST_NAME} bytes in UTF-8"
+        )
     return name

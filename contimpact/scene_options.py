@@ -12,6 +12,14 @@ SHOWN = ("period-1", "all", "none")
 SCENE_SETTINGS = Settings(max_step=0.03)
 """Numerics of a scene that says nothing else; steps short enough for a smooth picture."""
 
+LARGEST_TOLERANCE = 1e-3
+LARGEST_SEED = 2**63 - 1
+MOST_POINTS = 10**9
+MOST_STARTS = 100_000
+MOST_TRIES = 1000
+"""Of corrector iterations, rounds of the search, and switches one after another."""
+MOST_BRANCHES = 100_000
+
 
 @dataclass(frozen=True)
 class PlotOptions:

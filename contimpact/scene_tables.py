@@ -18,6 +18,12 @@ from .orbit_branch import EVENTS
 from .scene_options import (
     CURVE_SETTINGS,
     FORMATS,
+    LARGEST_SEED,
+    LARGEST_TOLERANCE,
+    MOST_BRANCHES,
+    MOST_POINTS,
+    MOST_STARTS,
+    MOST_TRIES,
     SCENE_SETTINGS,
     SHOWN,
     CurveOptions,
@@ -30,8 +36,6 @@ from .table import Table
 if TYPE_CHECKING:
     from .systems.membrane import Membrane
     from .simulate_tables import SimulateOptions
-
-LARGEST_TOLERANCE = 1e-3
 
 
 def read_model(table: Table) -> Model:
@@ -64,9 +68,9 @@ def read_reach(follow: Table) -> dict[str, Any]:
             )  # fmt: skip
     return {
         "switch": tuple(dict.fromkeys(switch)),
-        "depth": follow.whole("depth", 1, least=0),
-        "max_branches": follow.whole("max_branches", 50),
-        "max_points": follow.whole("max_points", 20000, least=2),
+        "depth": follow.whole("depth", 1, least=0, most=MOST_TRIES),
+        "max_branches": follow.whole("max_branches", 50, most=MOST_BRANCHES),
+        "max_points": follow.whole("max_points", 20000, least=2, most=MOST_POINTS),
         "survey": follow.truth("survey", False),
     }
 
@@ -138,7 +142,7 @@ def read_curves(table: Table, model: Model, first: str, events: Sequence[str]) -
     steps: dict[str, Any] = {
         k: table.number(k, getattr(CURVE_SETTINGS, k)) for k in ("step", "max_step")
     }
-    limit = table.whole("max_points", CURVE_SETTINGS.max_points, least=2)
+    limit = table.whole("max_points", CURVE_SETTINGS.max_points, least=2, most=MOST_POINTS)
     table.finish()
     try:
         settings = replace(CURVE_SETTINGS, max_points=limit, **steps)
@@ -187,14 +191,17 @@ def read_numerics(table: Table) -> tuple[Settings, dict[str, Any]]:
     """Return the settings of [numerics] for walks, and those for the search for orbits."""
     defaults = asdict(SCENE_SETTINGS)
     chosen: dict[str, Any] = {}
-    readers: dict[type, Any] = {int: table.whole, float: table.number, str: table.text}
-    for key in fields(Settings):
-        read = readers[type(defaults[key.name])]
-        chosen[key.name] = read(key.name, defaults[key.name])
+    readers: dict[type, Any] = {float: table.number, str: table.text}
+    most = {"max_iterations": MOST_TRIES, "max_points": MOST_POINTS}
+    for key in (field.name for field in fields(Settings)):
+        if key in most:
+            chosen[key] = table.whole(key, defaults[key], most=most[key])
+        else:
+            chosen[key] = readers[type(defaults[key])](key, defaults[key])
     search: dict[str, Any] = {
-        "seed": table.whole("seed", 0, least=0),
-        "starts": table.whole("starts", 256),
-        "rounds": table.whole("rounds", 8),
+        "seed": table.whole("seed", 0, least=0, most=LARGEST_SEED),
+        "starts": table.whole("starts", 256, most=MOST_STARTS),
+        "rounds": table.whole("rounds", 8, most=MOST_TRIES),
     }
     table.finish()
     if chosen["tolerance"] > LARGEST_TOLERANCE:

@@ -12,11 +12,18 @@ import numpy as np
 
 from .errors import InputError
 from .mechanics.model import Model
+from .scene_options import LARGEST_SEED, MOST_STARTS
 
 if TYPE_CHECKING:
     from .systems.membrane import Membrane
 
 DIRECTIONS = ("down", "up", "both")
+MOST_VALUES = 100_000
+LARGEST_GRID = 1000
+SETTLING_BOUNDS = {
+    "transient": (0, 10**8), "periods": (1, 10**8), "longest": (1, 100_000), "impacts": (20, 10**7),
+}  # fmt: skip
+"""Least and most of the whole numbers of `Settling`."""
 
 
 @dataclass(frozen=True)
@@ -146,11 +153,13 @@ def read_simulate(
         for key in ("portraits", "basins")
     }
     options = SimulateOptions(
-        (low, high), table.whole("values", 101, least=2), direction, _settling(table),
-        table.whole("starts", 0, least=0), table.whole("seed", 0, least=0),
+        (low, high), table.whole("values", 101, least=2, most=MOST_VALUES), direction,
+        _settling(table),
+        table.whole("starts", 0, least=0, most=MOST_STARTS),
+        table.whole("seed", 0, least=0, most=LARGEST_SEED),
         table.truth("transitions", True), _positive(table, "width", 1e-6 * (high - low)),
         table.truth("branches", False), points["portraits"], points["basins"],
-        table.whole("grid", 40, least=2),
+        table.whole("grid", 40, least=2, most=LARGEST_GRID),
     )  # fmt: skip
     table.finish()
     return options
@@ -170,9 +179,9 @@ def _positive(table: Any, key: str, default: float) -> float:
 
 def _settling(table: Any) -> Settling:
     defaults = asdict(SETTLING)
-    least = {"transient": 0, "periods": 1, "longest": 1, "impacts": 20}
     chosen: dict[str, Any] = {
-        key: table.whole(key, defaults[key], least=bound) for key, bound in least.items()
+        key: table.whole(key, defaults[key], least=least, most=most)
+        for key, (least, most) in SETTLING_BOUNDS.items()
     }
     return Settling(**chosen, tolerance=_positive(table, "tolerance", defaults["tolerance"]))
 
