@@ -8,6 +8,7 @@ ghosts hollow. The only file that imports matplotlib's foundations; global setti
 from __future__ import annotations
 
 import io
+import itertools
 import math
 import re
 from collections.abc import Iterable, Sequence
@@ -22,7 +23,7 @@ from matplotlib.lines import Line2D
 from matplotlib.textpath import TextPath
 
 from ..diagram import LABELLED, Array, Branch, Diagram, Entry
-from ..errors import InputError, shown
+from ..errors import InputError, printable, shortened, shown
 from ..files import Content, write, write_all
 
 COLOURS = ("#0072B2", "#E69F00", "#009E73", "#CC79A7")
@@ -42,6 +43,8 @@ AXES = (1.0, 1.0, 5.9, 3.1)
 """A diagram's figure, and in it the axes (left, bottom, width, height), in inches."""
 LABEL_ROWS, ROW, LABEL_SIZE, GAP = 4, 16.0, 8.0, 4.0
 """Rows of labels above the frame; their height, font and distance in points."""
+ORBIT = r"(?:[^\W_]|[:/()])*"
+"""How orbits are called in labels; nothing in it has a meaning in mathematical text."""
 FLAT = 3e-4
 """How far a drawn chord may be from a smooth curve, by the size of the picture."""
 
@@ -82,7 +85,7 @@ def plot_diagram(
     column = _checked(diagram, x, {"xlim": xlim, "ylim": ylim}, unphysical)
     ax = _fixed_axes() if ax is None else ax
     walls = list(dict.fromkeys(wall for branch in diagram.branches for wall in sorted(branch.word)))
-    colours = dict(zip(walls, COLOURS, strict=False))
+    colours = dict(zip(walls, itertools.cycle(COLOURS), strict=False))
     pieces = _pieces(diagram, column, xlim, SHOWN[unphysical])
     for wall, style, places, speeds in pieces:
         ax.plot(
@@ -249,13 +252,13 @@ def _smooth(branch: Branch, x: str, speed: Array, span: float) -> tuple[Array, A
     size = np.array([span, float(np.ptp(speed)) or 1.0])
     bend = np.max(steps[:, None] * np.abs(np.diff(slopes, axis=0)) / (8.0 * size), axis=1)
     parts = np.clip(np.ceil(np.sqrt(np.nan_to_num(bend) / FLAT)), 1, 24).astype(int)
-    inside = [
-        _cubic(np.arange(1, n)[:, None] / n, steps[i], own[i], own[i + 1], slopes[i], slopes[i + 1])
-        for i, n in enumerate(parts.tolist())
-    ]
-    points = [row for i, more in enumerate(inside) for row in (own[i : i + 1], more)]
-    dense = np.concatenate([*points, own[-1:]])
-    return dense[:, 0], dense[:, 1], np.concatenate([[0], np.cumsum(parts)])
+    rows = np.concatenate([[0], np.cumsum(parts)])
+    i = np.repeat(np.arange(len(parts)), parts)
+    u = ((np.arange(rows[-1]) - rows[i]) / parts[i])[:, None]
+    dense = np.empty((rows[-1] + 1, 2))
+    dense[:-1] = _cubic(u, steps[i, None], own[i], own[i + 1], slopes[i], slopes[i + 1])
+    dense[rows] = own
+    return dense[:, 0], dense[:, 1], rows
 
 
 def _slopes(length: Array, values: Array) -> Array:
@@ -267,8 +270,8 @@ def _slopes(length: Array, values: Array) -> Array:
     return np.asarray(there[np.cumsum(apart) - 1])
 
 
-def _cubic(u: Array, step: float, a: Array, b: Array, da: Array, db: Array) -> Array:
-    """The cubic from a to b with derivatives da and db, at fractions u of the step."""
+def _cubic(u: Array, step: Array, a: Array, b: Array, da: Array, db: Array) -> Array:
+    """Cubics from a to b with derivatives da and db, at fractions u of their steps."""
     bump = u * (1.0 - u)
     lean = (1.0 - u) * (step * da - (b - a)) - u * (step * db - (b - a))
     return a + u * (b - a) + bump * lean
@@ -424,16 +427,21 @@ def label_text(entry: Entry, orbit: bool = False) -> str:
     name the orbit.
     """
     if entry.kind not in LABELLED:
-        return entry.kind.replace("\\", "/").replace("$", r"\$")
+        return _plain(entry.kind)
     doubled = entry.kind == "G" and entry.period > 1 and entry.period & (entry.period - 1) == 0
     name = r"\mathrm{PD}" if doubled else rf"\mathrm{{{entry.kind}}}"
     if entry.ghost:
         name = rf"\widetilde{{{name}}}"
     if doubled:
         name += r"_{\mathrm{G}}"
-    elif match := re.fullmatch(r"~?\w+\[(.*)->(.*)\]", entry.label):
+    elif match := re.fullmatch(rf"~?\w+\[({ORBIT})->({ORBIT})\]", entry.label):
         return f"${name}_{{{match[1]}}}^{{\\,{match[2]}}}$"
-    return f"${name}$" + (f"({entry.notation})" if orbit else "")
+    return f"${name}$" + (f"({_plain(entry.notation)})" if orbit else "")
+
+
+def _plain(text: str) -> str:
+    """A text from elsewhere as it is drawn: short, in one line, none of it set as mathematics."""
+    return printable(shortened(text, 40)).replace("\\", "/").replace("$", r"\$")
 
 
 def symbol(name: str) -> str:
