@@ -8,29 +8,23 @@ the first lines of tables write it as the text ``inf``, ``-inf`` or ``nan``, whi
 
 from __future__ import annotations
 
-import contextlib
-import csv
 import dataclasses
 import functools
-import io
-import json
-import math
 import platform
 import re
 import sys
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
-
 from . import __version__
 from .compiled import mode, used
-from .continuation.branch import End, EndKind
+from .continuation.branch import End
 from .diagram import Branch, Diagram, Entry
 from .errors import InputError
-from .files import Content, reason, write_all
+from .files import Content, write_all
 from .reading import read
+from .records import BRANCH, CURVE, checking, entry_of, read_branch, read_curve
 from .result_folder import (
     CATALOGUE,
     MANIFEST,
@@ -43,13 +37,13 @@ from .result_folder import (
     reading,
     renewed,
 )
+from .shapes import fitted
+from .texts import csv_text, json_line, json_text
 
 if TYPE_CHECKING:
     from .two_parameters.competition import Region
     from .two_parameters.curves import Curve
 
-BRANCH = "contimpact.branch/1"
-CURVE = "contimpact.curve/1"
 
 EVENT_COLUMNS = (
     "id", "kind", "ghost", "label", "why", "branch", "word", "period", "notation", "becomes",
@@ -57,12 +51,6 @@ EVENT_COLUMNS = (
     "parameter", "n_unstable", "stable", "physical", "reason", "residual", "error", "method",
     "arclength", "opens",
 )  # fmt: skip
-
-NUMBERS = ("slope", "touch_time", "residual", "error", "arclength", "nu", "nu_error")
-"""Keys of an entry whose numbers may be not finite."""
-NEEDED = ("id", "kind", "label", "branch", "word", "period", "parameter", "parameters", "impacts")
-"""Keys that no entry goes without."""
-
 
 # Folders and files.
 
@@ -193,7 +181,7 @@ def curve_text(curve: Curve) -> str:
     """Return a curve's CSV: a comment line with its record, then the table."""
     head = {"schema": CURVE, **_curve_record(curve)}
     rows = zip(*(values.tolist() for values in curve.columns.values()), strict=True)
-    return f"# {_plain_json(head)}\n" + csv_text(list(curve.columns), rows)
+    return f"# {json_line(head)}\n" + csv_text(list(curve.columns), rows, exact=True)
 
 
 def _end_record(branch: Branch, end: End) -> dict[str, Any]:
@@ -246,125 +234,7 @@ def branch_text(branch: Branch) -> str:
         "events": [dataclasses.asdict(entry) for entry in branch.events],
     }
     rows = zip(*(values.tolist() for values in branch.columns.values()), strict=True)
-    return f"# {_plain_json(head)}\n" + csv_text(list(branch.columns), rows)
-
-
-def read_branch(path: str | Path) -> Branch:
-    """Read a branch's CSV back into the same `Branch`.
-
-    Raises
-    ------
-    InputError
-        If the file is missing, not of this schema, or damaged.
-    """
-    with _reading(Path(path), BRANCH):
-        head, columns = _table(Path(path), BRANCH)
-        parameter = head["parameter"]
-        return Branch(
-            head["id"], head["word"], head["period"], head["notation"], head["system"],
-            head["options"], parameter, columns, _ends(head["ends"], parameter),
-            [_entry(_system(head) | record) for record in head["events"]], head["missed"],
-            head["from"], head.get("meetings", []), head.get("notes", []),
-        )  # fmt: skip
-
-
-def read_curve(path: str | Path) -> Curve:
-    """Read a curve's CSV back into the same `Curve`.
-
-    Raises
-    ------
-    InputError
-        If the file is missing, not of this schema, or damaged.
-    """
-    from .two_parameters.curves import Codim2, Curve
-
-    with _reading(Path(path), CURVE):
-        head, columns = _table(Path(path), CURVE)
-        first, second = head["parameters"]
-        points = [_fields(Codim2, record) for record in head["codimension2"]]
-        return Curve(
-            head["id"], head["kind"], head["label"], head["word"], head["period"],
-            head["notation"], (first, second), columns, _ends(head["ends"], second), points,
-            head["from"], head["missed"], head["fixed"],
-        )  # fmt: skip
-
-
-@contextlib.contextmanager
-def _reading(path: Path, schema: str) -> Iterator[None]:
-    """Turn what goes wrong with a file of a schema into `InputError`."""
-    try:
-        yield
-    except InputError:
-        raise
-    except OSError as error:
-        raise InputError(
-            str(path), f"cannot be read ({reason(error)})", f"give a file of {schema!r}"
-        ) from None
-    except (ValueError, LookupError, TypeError, AttributeError, RecursionError) as error:
-        raise InputError(
-            str(path), f"damaged ({type(error).__name__}: {error})", f"give a file of {schema!r}"
-        ) from None
-
-
-def _table(path: Path, schema: str) -> tuple[dict[str, Any], dict[str, np.ndarray[Any, Any]]]:
-    """The record in a table's first line, and its columns; they must have its number of rows."""
-    first, rest = path.read_text(encoding="utf-8").split("\n", 1)
-    head = json.loads(first.removeprefix("# "))
-    if head["schema"] != schema:
-        raise InputError(str(path), f"its schema is {head['schema']!r}", f"give {schema!r}")
-    names, *rows = csv.reader(io.StringIO(rest))
-    points = head.get("points", len(rows))
-    if len(rows) != points:
-        raise InputError(
-            str(path), f"damaged: {len(rows)} of {points} rows", f"give a file of {schema!r}"
-        )
-    return head, {name: _column(name, [row[i] for row in rows]) for i, name in enumerate(names)}
-
-
-def _ends(records: Sequence[Mapping[str, Any]], parameter: str) -> tuple[End, End]:
-    """Both ends; earlier versions write the value under the parameter's name."""
-    first, last = (
-        End(
-            EndKind[e["kind"].upper()], float(e["parameter" if "parameter" in e else parameter]),
-            e["message"],
-        )
-        for e in records
-    )  # fmt: skip
-    return first, last
-
-
-def _column(name: str, texts: Sequence[str]) -> np.ndarray[Any, Any]:
-    if name in ("reason", "event"):
-        return np.array(texts, dtype=object)
-    if name in ("n_unstable", "physical", "iterations"):
-        return np.array([int(text) for text in texts], dtype=np.int64)
-    return np.array([float(text) for text in texts])
-
-
-def _system(head: Mapping[str, Any]) -> dict[str, Any]:
-    """What entries of earlier versions leave to their branch."""
-    return {"system": head["system"], "options": head["options"]}
-
-
-def _entry(record: Mapping[str, Any]) -> Entry:
-    """An entry from its record; keys of later versions are passed over, missing ones empty."""
-    known: dict[str, Any] = {f.name: record.get(f.name) for f in dataclasses.fields(Entry)}
-    known |= {name: _number(known[name]) for name in NUMBERS}
-    for name in ("multipliers", "multipliers_before", "multipliers_after"):
-        known[name] = [None if mu is None else (mu[0], mu[1]) for mu in known[name] or ()]
-    known["opens"] = tuple(known["opens"] or ())
-    known["options"] = known["options"] or {}
-    if lacking := [name for name in NEEDED if known[name] is None]:
-        raise ValueError(f"an entry without {', '.join(lacking)}")
-    return Entry(**known)
-
-
-def _number(value: Any) -> Any:
-    return float(value) if isinstance(value, str) else value
-
-
-def _fields(kind: type[Any], record: Mapping[str, Any]) -> Any:
-    return kind(**{f.name: record[f.name] for f in dataclasses.fields(kind)})
+    return f"# {json_line(head)}\n" + csv_text(list(branch.columns), rows, exact=True)
 
 
 def load_entries(folder: str | Path) -> list[Entry]:
@@ -376,9 +246,9 @@ def load_entries(folder: str | Path) -> list[Entry]:
         If there is no catalogue of this schema, or its run was ended while it wrote the folder.
     """
     path = Path(folder) / "catalogue.json"
-    with reading(path.parent), _reading(path, CATALOGUE):
+    with reading(path.parent), checking(path, CATALOGUE):
         content = read_json(path, CATALOGUE, WANTED)
-        return [_entry(record) for record in content["entries"]]
+        return [entry_of(record) for record in content["entries"]]
 
 
 def load_diagram(folder: str | Path) -> Diagram:
@@ -392,12 +262,12 @@ def load_diagram(folder: str | Path) -> Diagram:
     """
     folder = Path(folder)
     path = folder / "catalogue.json"
-    with reading(folder), _reading(path, CATALOGUE):
+    with reading(folder), checking(path, CATALOGUE):
         catalogue = read_json(path, CATALOGUE, WANTED)
         branches = [_branch_of(folder, record) for record in catalogue["branches"]]
         names = [curve_file(c["id"], c["kind"], c["word"]) for c in catalogue.get("curves", [])]
         curves = [read_curve(folder / name) for name in names]
-        return Diagram(catalogue["scene"], branches, curves or ())
+        return Diagram(fitted(catalogue["scene"], str, "scene"), branches, curves or ())
 
 
 def _branch_of(folder: Path, record: Mapping[str, Any]) -> Branch:
@@ -447,43 +317,3 @@ def _modules() -> list[str]:
     own = [name for name in sys.modules if name.split(".")[0] == "contimpact"]
     libraries = ("numpy", "scipy", "sympy", "mpmath", "matplotlib", "numba")
     return sorted(own) + [name for name in libraries if name in sys.modules]
-
-
-# Text.
-
-
-def json_text(content: Any) -> str:
-    """Return readable JSON with no number that is not finite."""
-    return json.dumps(_finite(content), indent=1, allow_nan=False, ensure_ascii=False) + "\n"
-
-
-def _plain_json(content: Any) -> str:
-    return json.dumps(_finite(content, repr), allow_nan=False, ensure_ascii=False)
-
-
-def _finite(value: Any, instead: Callable[[float], Any] = lambda value: None) -> Any:
-    """Plain data with every number that is not finite replaced."""
-    if isinstance(value, float):
-        return value if math.isfinite(value) else instead(value)
-    if isinstance(value, Mapping):
-        return {name: _finite(v, instead) for name, v in value.items()}
-    if isinstance(value, list | tuple):
-        return [_finite(v, instead) for v in value]
-    return value
-
-
-def csv_text(columns: Sequence[str], rows: Any) -> str:
-    """Return a table as CSV; numbers read back to the same bits, None is an empty cell."""
-    buffer = io.StringIO()
-    writer = csv.writer(buffer, lineterminator="\n")
-    writer.writerow(columns)
-    writer.writerows([_cell(value) for value in row] for row in rows)
-    return buffer.getvalue()
-
-
-def _cell(value: Any) -> Any:
-    if isinstance(value, bool):
-        return int(value)
-    if isinstance(value, float):
-        return repr(value)
-    return value

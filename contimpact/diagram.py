@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from .continuation.branch import End
-from .errors import InputError, shown
+from .errors import InputError, printable, shown
 from .mechanics.orbit import Linearisation
 
 if TYPE_CHECKING:
@@ -146,7 +146,7 @@ class Entry:
         return orbit_of(self, model)
 
     def __repr__(self) -> str:
-        return f"<{self.label} on {self.branch} at {self.parameter} = {self.value:.12g}>"
+        return printable(f"<{self.label} on {self.branch} at {self.parameter} = {self.value:.12g}>")
 
 
 @dataclass(frozen=True, eq=False)
@@ -290,7 +290,7 @@ class Branch:
             *(f"  not located: {text}" for text in self.missed),
             *(f"  note: {text}" for text in self.notes),
         ]
-        return "\n".join(lines)
+        return "\n".join(map(printable, lines))
 
 
 @dataclass(frozen=True)
@@ -349,7 +349,8 @@ class Diagram:
             rows[SHOWN - 1 :] = [f"  ... and {len(rows) - SHOWN + 1} more"]
         counts = f"{len(self.branches)} branches, {len(self.entries)} events"
         curves = f", {len(self.curves)} curves" if self.curves else ""
-        return "\n".join([f"Diagram {self.name}: {counts}{curves}", *rows])
+        lines = [f"Diagram {self.name}: {counts}{curves}", *rows]
+        return "\n".join(map(printable, lines))
 
 
 SHOWN = 9

@@ -24,7 +24,7 @@ class InputError(ValueError):
     """
 
     def __init__(self, where: str, found: str, accepted: str) -> None:
-        self.where, self.found, self.accepted = map(_printable, (where, found, accepted))
+        self.where, self.found, self.accepted = map(printable, (where, found, accepted))
         super().__init__(_message(self.where, self.found, self.accepted))
 
     def within(self, prefix: str) -> InputError:
@@ -76,8 +76,10 @@ def shortened(text: str, longest: int = 60) -> str:
     return f"{text[:ahead]}...{text[len(text) - (longest - 3 - ahead) :]}"
 
 
-def _printable(text: str) -> str:
-    """The text with line breaks and control characters written as escapes."""
+def printable(text: str) -> str:
+    """Return a text with line breaks and control characters written as escapes."""
+    if text.isprintable():
+        return text
     return "".join(c if c.isprintable() else repr(c)[1:-1] for c in text)
 
 

@@ -12,8 +12,9 @@ import os
 import re
 import stat
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
+from typing import BinaryIO
 
 from .errors import InputError, NotWrittenError
 from .processes import digest_of, host, running, this_process
@@ -25,6 +26,8 @@ FOR_ALL = 0o666
 """Permissions of results, before the user's umask."""
 
 LEFT = re.compile(r"\..*\.([0-9a-f]{8})-(\d+)-(\w+)-\d+\.tmp", re.DOTALL)
+LARGEST_RECORD = 2**28
+"""Bytes of a JSON file, or of the record in a table's first line."""
 DAY = 86400.0
 """Seconds after which a temporary file of another machine is taken to be left behind."""
 
@@ -193,13 +196,37 @@ def read_plain(path: Path, most: int = -1) -> tuple[bytes, os.stat_result]:
     OSError
         If it cannot be read.
     """
+    with open_plain(path) as file:
+        return file.read(most), os.fstat(file.fileno())
+
+
+@contextlib.contextmanager
+def open_plain(path: Path) -> Iterator[BinaryIO]:
+    """Open a plain file for reading; see `read_plain`."""
     descriptor = os.open(path, os.O_RDONLY | _SAFE & ~_NO_LINK)
-    status = os.fstat(descriptor)
-    if not stat.S_ISREG(status.st_mode):
+    if not stat.S_ISREG(mode := os.fstat(descriptor).st_mode):
         os.close(descriptor)
-        raise OSError("not a plain file")
+        raise IsADirectoryError("a folder") if stat.S_ISDIR(mode) else OSError("not a plain file")
     with open(descriptor, "rb") as file:
-        return file.read(most), status
+        yield file
+
+
+def read_bounded(path: Path, most: int = LARGEST_RECORD) -> bytes:
+    """Return the content of a plain file of at most `most` bytes.
+
+    Raises
+    ------
+    OSError, ValueError
+        If it is no such file or cannot be read; if it is too long.
+    """
+    return bounded(read_plain(path, most + 1)[0], most)
+
+
+def bounded(content: bytes, most: int) -> bytes:
+    """Return what was read, or raise `ValueError` if it is longer than admitted."""
+    if len(content) > most:
+        raise ValueError(f"longer than {most} bytes")
+    return content
 
 
 def reason(error: Exception) -> str:

@@ -6,10 +6,12 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from .catalogue import csv_text, json_text
 from .errors import InputError
 from .files import Content, write_all
+from .records import checking, entry_of
 from .result_folder import CATALOGUE, MANIFEST, WANTED, read_json, reading, sha256
+from .shapes import fitted
+from .texts import csv_text, json_text, markdown_cell
 
 CATALOGUES = "contimpact.catalogues/1"
 FILES = ("catalogues.json", "catalogues.csv", "catalogues.md")
@@ -43,9 +45,10 @@ def merge(folders: Sequence[str | Path]) -> dict[str, Any]:
         with reading(folder):
             content = read_json(path, CATALOGUE, WANTED)
             digest, origin = sha256(path), _origin(folder)
-        if not {"scene", "entries"} <= set(content):
-            raise InputError(str(path), "damaged", f"give {WANTED}")
-        scene = content["scene"]
+        with checking(path, CATALOGUE):
+            scene = fitted(content["scene"], str, "scene")
+            for record in content["entries"]:
+                entry_of(record)
         same = next((s for s in sources if s["scene"] == scene), None)
         if same is not None:
             if same["sha256"] != digest:
@@ -92,8 +95,8 @@ def _table(merged: dict[str, Any]) -> tuple[list[str], list[list[Any]]]:
     columns = [*TABLE, "parameter", "value", "error", *parameters]
     rows = [
         [
-            *(e[name] for name in TABLE), e["parameter"], e["parameters"][e["parameter"]],
-            e["error"], *(e["parameters"].get(name) for name in parameters),
+            *(e.get(name) for name in TABLE), e["parameter"], e["parameters"][e["parameter"]],
+            e.get("error"), *(e["parameters"].get(name) for name in parameters),
         ]
         for e in entries
     ]  # fmt: skip
@@ -102,16 +105,7 @@ def _table(merged: dict[str, Any]) -> tuple[list[str], list[list[Any]]]:
 
 def _markdown(columns: list[str], rows: list[list[Any]]) -> str:
     shown = [i for i, name in enumerate(columns) if name not in ("why", "word", "period")]
-    lines = ["| " + " | ".join(columns[i] for i in shown) + " |", "|" + "---|" * len(shown)]
-    lines += ["| " + " | ".join(_cell(row[i]) for i in shown) + " |" for row in rows]
+    lines = [" | ".join(markdown_cell(row[i]) for i in shown) for row in (columns, *rows)]
+    lines = [f"| {line} |" for line in lines]
+    lines.insert(1, "|" + "---|" * len(shown))
     return "\n".join(lines) + "\n"
-
-
-def _cell(value: Any) -> str:
-    if value is None:
-        return ""
-    if isinstance(value, bool):
-        return "yes" if value else "no"
-    if isinstance(value, float):
-        return f"{value:.12g}"
-    return str(value).replace("|", "\\|").replace("~", "\\~")

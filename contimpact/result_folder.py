@@ -17,8 +17,16 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from .errors import InputError, NotWrittenError
-from .files import FOR_ALL, put, read_plain, reason, remove_leftovers, write_all
+from .errors import InputError, NotWrittenError, shown
+from .files import (
+    FOR_ALL,
+    put,
+    read_bounded,
+    read_plain,
+    reason,
+    remove_leftovers,
+    write_all,
+)
 from .locks import locked
 
 CATALOGUE = "contimpact.catalogue/1"
@@ -39,6 +47,8 @@ WRITTEN = {
 """Names of the files, and of the pictures, that each command writes besides tables."""
 
 WANTED = "a folder made by contimpact run"
+DEEPEST = 64
+"""How deep a JSON file may be nested."""
 LONGEST = 1 << 24
 """Bytes that the first line of a table may have."""
 
@@ -224,12 +234,19 @@ class Files:
 
 def branch_file(identity: str, word: str) -> str:
     """Return the name of a branch's table."""
-    return f"branches/{identity}-{word[:40]}.csv"
+    return f"branches/{_plain(identity)}-{_plain(word)[:40]}.csv"
 
 
 def curve_file(identity: str, kind: str, word: str) -> str:
     """Return the name of a curve's table."""
-    return f"curves/{identity}-{kind}-{word[:40]}.csv"
+    return f"curves/{_plain(identity)}-{_plain(kind)}-{_plain(word)[:40]}.csv"
+
+
+def _plain(name: str) -> str:
+    """A part of a file's name, if it leads to no other folder."""
+    if not re.fullmatch(r"[\w-]+", name):
+        raise ValueError(f"{shown(name)} in the name of a file")
+    return name
 
 
 def ours(folder: Path, commands: Iterable[str]) -> list[str]:
@@ -343,7 +360,8 @@ def sha256(path: Path) -> str | None:
 def read_json(path: Path, schema: str, wanted: str) -> dict[str, Any]:
     """Read a JSON file of a schema, or raise `InputError`."""
     try:
-        content = json.loads(read_plain(path)[0].decode())
+        content = json.loads(read_bounded(path).decode())
+        _check_depth(content)
     except OSError as error:
         raise InputError(str(path), f"cannot be read ({reason(error)})", f"give {wanted}") from None
     except (ValueError, RecursionError) as error:
@@ -352,3 +370,12 @@ def read_json(path: Path, schema: str, wanted: str) -> dict[str, Any]:
     if found != schema:
         raise InputError(str(path), f"its schema is {found!r}", f"this version reads {schema!r}")
     return content
+
+
+def _check_depth(content: Any, left: int = DEEPEST) -> None:
+    """Raise `ValueError` if plain data are nested deeper than any of ours."""
+    if not left:
+        raise ValueError("nested too deeply")
+    if isinstance(content, dict | list):
+        for part in content.values() if isinstance(content, dict) else content:
+            _check_depth(part, left - 1)

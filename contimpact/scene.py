@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, Any
 from .bifurcations import KINDS
 from .continuation.arclength import Settings
 from .errors import InputError, shown
+from .files import bounded, read_bounded, reason
 from .mechanics.model import Model
 from .mechanics.word import Word, parse_word
 from .orbit_branch import EVENTS
@@ -30,7 +31,6 @@ from .scene_tables import (
     read_simulation,
 )
 from .table import Table
-from .untrusted import bounded, read_bytes
 
 if TYPE_CHECKING:
     from .simulate_tables import SimulateOptions
@@ -213,7 +213,7 @@ def load_scene(path: str | Path) -> Scene:
     except UnicodeDecodeError as error:
         raise InputError(str(path), f"not UTF-8 ({error})", "save it as UTF-8 text") from None
     except OSError as error:
-        raise InputError(str(path), f"cannot be read ({error.strerror})", "check it") from None
+        raise InputError(str(path), f"cannot be read ({reason(error)})", "check it") from None
     except ValueError as error:  # too long, or not a path at all
         raise InputError(str(path), str(error), "give a scene.toml") from None
     toml = "give lines such as range = [0.1, 1.0] in tables such as [follow]"
@@ -232,7 +232,7 @@ def _text(path: Path) -> str:
         with open(path, "rb") as stream:
             content = bounded(stream.read(LARGEST_FILE + 1), LARGEST_FILE)
     else:
-        content = read_bytes(path, LARGEST_FILE)
+        content = read_bounded(path, LARGEST_FILE)
     text = content.decode("utf-8-sig")
     if LONG_KEY.search(text):
         raise ValueError(f"a key of more than {LONGEST_KEY} names")

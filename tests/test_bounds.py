@@ -175,7 +175,7 @@ def test_files_that_could_take_long(tmp_path, text):
 @pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="no pipes with names")
 def test_a_pipe_is_not_waited_for(tmp_path):
     os.mkfifo(tmp_path / "scene.toml")
-    with pytest.raises(InputError, match="not a file"):
+    with pytest.raises(InputError, match="not a plain file"):
         load_scene(tmp_path / "scene.toml")
 
 

@@ -19,8 +19,10 @@ import numpy as np
 
 from ..mechanics.flight import flight_gaps
 from ..mechanics.lyapunov import Exponents, exponents_of
+from ..mechanics.model import Model
 from ..mechanics.simulate import Outcome, Run, Simulator, State
 from ..mechanics.word import Word
+from ..shapes import made
 from ..simulate_tables import SETTLING, Settling
 
 Array = np.ndarray[Any, Any]
@@ -168,9 +170,26 @@ class Attractor:
         if given["multipliers"] is not None:
             large, small = (complex(*mu) for mu in given["multipliers"])
             given["multipliers"] = (large, small)
-        given["state"] = State(**given["state"]) if given["state"] else None
-        given["exponents"] = tuple(given["exponents"])
-        return Attractor(**{**given, "kind": Kind[given["kind"]]})
+        return made(Attractor, given)
+
+    def require(self, model: Model) -> None:
+        """Raise `ValueError` if this cannot be an attractor of a model."""
+        impacts = (self.walls, self.times, self.velocities, self.released)
+        if {column.shape for column in impacts} != {(len(self.walls),)}:
+            raise ValueError("impacts that are no table")
+        if lacking := [n for n in (*model.values, *model.DERIVED) if n not in self.parameters]:
+            raise ValueError(f"an attractor without {', '.join(lacking)}")
+        walls, state = self.walls.tolist(), self.state
+        numbers = [*self.times, *self.velocities, self.forcing_period]
+        if state is not None:
+            walls.append(state.wall)
+            numbers += [state.phase, state.velocity]
+            if not 0.0 <= state.phase <= self.forcing_period:
+                raise ValueError(f"a phase of {state.phase:.6g}")
+        if not all(0 <= wall < len(model.WALLS) for wall in walls):
+            raise ValueError("an impact on a wall that is not there")
+        if not np.isfinite(numbers).all():
+            raise ValueError("impacts that are not finite")
 
 
 def settle(simulator: Simulator, state: State, settling: Settling = SETTLING) -> Attractor:

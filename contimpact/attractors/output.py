@@ -15,14 +15,16 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from .. import __version__
-from ..catalogue import csv_text, json_text
 from ..diagram import Branch, Diagram
 from ..errors import InputError
-from ..files import append, read_plain, reason, write_text
+from ..files import append, read_bounded, reason, write_text
+from ..shapes import fitted
+from ..texts import csv_text, json_text
 from .attractor import Attractor
 from .sweep import Row, Sweep
 
 if TYPE_CHECKING:
+    from ..mechanics.model import Model
     from .coverage import Coverage
     from .energy import Membrane
     from .transitions import Transition
@@ -33,6 +35,8 @@ TRANSITIONS = "contimpact.transitions/1"
 COVERAGE = "contimpact.coverage/1"
 ENERGY = "contimpact.energy/1"
 
+LARGEST = 2**32
+"""Bytes of ``rows.jsonl`` that are read."""
 WRITTEN = 64
 """Velocities of one motion written to ``sweep.csv`` at most."""
 COLUMNS = (
@@ -65,6 +69,8 @@ class Checkpoint:
         Of the scene, by `fingerprint`.
     resume : bool
         Whether what is in the file already is kept.
+    model : Model, optional
+        Whose attractors the rows have to be.
 
     Attributes
     ----------
@@ -82,11 +88,12 @@ class Checkpoint:
         If the file is of another scene, or damaged.
     """
 
-    def __init__(self, path: Path, digest: str, resume: bool) -> None:
+    def __init__(self, path: Path, digest: str, resume: bool, model: Model | None = None) -> None:
         self.path = path
         self.rows: list[Row] = []
         self.changes: dict[tuple[str, float], list[Transition]] = {}
         self.tried: set[float] = set()
+        self.model = model
         self.lost: str | None = None
         lines = self._lines() if resume and path.exists() else []
         head = json.dumps({"schema": ROWS, "scene": digest, "version": __version__})
@@ -102,7 +109,7 @@ class Checkpoint:
     def _lines(self) -> list[str]:
         """The whole lines of the file; an interrupted last one is left out."""
         try:
-            text = read_plain(self.path)[0].decode()
+            text = read_bounded(self.path, LARGEST).decode()
         except (OSError, ValueError) as error:
             raise self._unfit(f"cannot be read ({reason(error)})") from None
         return [line for line in text[: text.rfind("\n") + 1].split("\n") if line]
@@ -113,13 +120,16 @@ class Checkpoint:
         try:
             record = json.loads(line)
             if "row" in record:
-                self.rows.append(Row.from_record(record["row"]))
+                self.rows.append(self._fitting(Row.from_record(record["row"])))
             elif "changes" in record:
                 found = [Transition.from_record(item) for item in record["changes"]]
-                self.changes[record["direction"], record["value"]] = found
+                key = fitted([record["direction"], record["value"]], tuple[str, float], "changes")
+                self.changes[key] = found
             else:
-                self.tried.add(record["tried"])
-        except (ValueError, LookupError, TypeError, AttributeError, RecursionError) as error:
+                self.tried.add(fitted(record["tried"], float, "tried"))
+        except (
+            ValueError, LookupError, TypeError, AttributeError, ArithmeticError, RecursionError,
+        ) as error:  # fmt: skip
             raise self._unfit(f"damaged ({type(error).__name__}: {error})") from None
 
     def _unfit(self, why: str) -> InputError:
@@ -151,6 +161,12 @@ class Checkpoint:
         texts = [json.dumps(row.as_record()) for row in others]
         if len(set(texts)) < len(texts) or not self.tried <= at_random:
             raise self._unfit("its random starts are not those of one run")
+
+    def _fitting(self, row: Row) -> Row:
+        """A row, if it can be one of the model's."""
+        if self.model is not None:
+            row.attractor.require(self.model)
+        return row
 
     def _append(self, record: Mapping[str, Any]) -> None:
         """Add a line; on a full disk go on without."""

@@ -131,7 +131,7 @@ class _Director:
         self.scene, self.progress = scene, progress
         self.options: SimulateOptions = scene.simulate
         digest = fingerprint(scene.resolved())
-        self.kept = Checkpoint(folder / ROWS, digest, resume)
+        self.kept = Checkpoint(folder / ROWS, digest, resume, scene.model)
         self.values = np.linspace(*self.options.range, self.options.values).tolist()
         self.kept.check(self.options.sweeps(), set(self.values if self.options.starts else ()))
         self.simulators = Simulators(

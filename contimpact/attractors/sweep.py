@@ -16,6 +16,7 @@ import numpy as np
 from ..mechanics.kernels import Kernels
 from ..mechanics.model import Model
 from ..mechanics.simulate import Simulator, State
+from ..shapes import made
 from .attractor import SETTLING, Attractor, Kind, Settling, settle
 
 Array = np.ndarray[Any, Any]
@@ -45,7 +46,7 @@ class Row:
     def from_record(record: Mapping[str, Any]) -> Row:
         """Return the row a record was made of."""
         attractor = Attractor.from_record(record["attractor"])
-        return Row(record["direction"], record["value"], attractor)
+        return made(Row, {**record, "attractor": attractor})
 
 
 @dataclass(frozen=True, eq=False)

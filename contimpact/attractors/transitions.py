@@ -16,6 +16,7 @@ from dataclasses import asdict, dataclass, replace
 from typing import Any
 
 from ..diagram import Diagram, Entry
+from ..shapes import made
 from .attractor import SETTLING, Attractor, Kind, Settling, settle
 from .sweep import Row, Simulators, Sweep
 
@@ -104,10 +105,8 @@ class Transition:
     @staticmethod
     def from_record(record: Mapping[str, Any]) -> Transition:
         """Return the transition a record was made of."""
-        given = {key: value for key, value in record.items() if key != "value"}
-        given["before"], given["after"] = Side(**record["before"]), Side(**record["after"])
-        given["explanations"] = tuple(Explanation(**e) for e in record["explanations"])
-        return Transition(**given)
+        found = made(Transition, record)
+        return replace(found, explanations=tuple(found.explanations))
 
     def __repr__(self) -> str:
         return f"<{self.label} between {self.before.value:.12g} and {self.after.value:.12g}>"

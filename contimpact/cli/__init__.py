@@ -16,7 +16,7 @@ from collections.abc import Sequence
 
 from .. import __version__
 from ..errors import InputError, NotWrittenError
-from .console import complain
+from .terminal import complain, say
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -31,7 +31,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         _close_output()
         if not isinstance(error, BrokenPipeError):
             with contextlib.suppress(OSError):
-                print(f"contimpact: {error.strerror or error}", file=sys.stderr)
+                say(f"contimpact: {error.strerror or error}", sys.stderr)
         return 1
 
 

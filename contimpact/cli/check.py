@@ -5,12 +5,13 @@ from __future__ import annotations
 import argparse
 from collections.abc import Sequence
 
-from ..errors import InputError
+from ..errors import InputError, printable
 from ..mechanics.kernels import Kernels
 from ..progress import Progress
 from ..scene import CurveOptions, Scene, load_scene
 from ..starting_orbits import SURVEYED, not_found, orbits_at, placed, refusal
 from .progress import telling
+from .terminal import say
 
 
 def command(options: argparse.Namespace) -> int:
@@ -18,21 +19,21 @@ def command(options: argparse.Namespace) -> int:
     scene = load_scene(options.scene)
     with telling(scene.name, patient=True) as tell:
         derived, orbits = _computed(scene, tell)
-    print(f"scene {scene.name}: {scene.source}" if scene.source else f"scene {scene.name}")
-    print(f"  model    {scene.model!r}")
+    say(f"scene {scene.name}" + (f": {printable(scene.source)}" if scene.source else ""))
+    say(f"  model    {scene.model!r}")
     for name, value in zip(scene.model.DERIVED, derived, strict=False):
-        print(f"           {name} = {value:.12g}")
+        say(f"           {name} = {value:.12g}")
     low, high = scene.range
-    print(f"  follow   {scene.parameter} from {scene.start:.12g} within [{low:.12g}, {high:.12g}]")
+    say(f"  follow   {scene.parameter} from {scene.start:.12g} within [{low:.12g}, {high:.12g}]")
     for line in orbits:
-        print(f"  orbits   {line}")
-    print(f"  events   {', '.join(scene.events) or 'none'}")
+        say(f"  orbits   {line}")
+    say(f"  events   {', '.join(scene.events) or 'none'}")
     for name, values in scene.values.items():
-        print(f"           {name} = {', '.join(f'{v:.12g}' for v in values)}")
+        say(f"           {name} = {', '.join(f'{v:.12g}' for v in values)}")
     if scene.curves is not None:
-        print(f"  curves   {_curves_asked(scene.curves)}")
+        say(f"  curves   {_curves_asked(scene.curves)}")
     for text in scene.left_out():
-        print(f"  left out {text}")
+        say(f"  left out {text}")
     return 0
 
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 import argparse
 import contextlib
 import signal
-import sys
 import threading
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -14,11 +13,6 @@ from typing import Any
 from ..errors import InputError
 from ..progress import Progress
 from ..result_folder import Files
-
-
-def complain(message: object) -> None:
-    """Write a message to standard error."""
-    print(f"contimpact: {message}", file=sys.stderr, flush=True)
 
 
 def require_output(options: argparse.Namespace) -> None:

@@ -7,6 +7,7 @@ import argparse
 from ..merge import FILES, merge, write_merged
 from ..result_folder import held
 from .console import require_output
+from .terminal import say
 
 
 def command(options: argparse.Namespace) -> int:
@@ -16,5 +17,5 @@ def command(options: argparse.Namespace) -> int:
     with held(options.output, FILES) as folder:
         files = write_merged(merged, folder)
     count, scenes = len(merged["entries"]), len(merged["sources"])
-    print(f"{count} entries of {scenes} scenes written to {folder}: {', '.join(files)}")
+    say(f"{count} entries of {scenes} scenes written to {folder}: {', '.join(files)}")
     return 0

@@ -9,10 +9,11 @@ from typing import Any
 
 from ..catalogue import load_diagram
 from ..diagram import Diagram
-from ..errors import InputError
+from ..errors import InputError, shown
 from ..recovery import model_at
 from ..result_folder import MANIFEST, read_json
 from ..scene import FORMATS, PlotOptions, Scene, read_scene
+from .terminal import say
 
 
 def command(options: argparse.Namespace) -> int:
@@ -39,7 +40,7 @@ def command(options: argparse.Namespace) -> int:
 
     ax = plot_diagram(diagram, unit=unit(chosen["x"]), **chosen)
     write_figure(ax.figure, target, kind, diagram.name)
-    print(f"written to {target}")
+    say(f"written to {target}")
     return 0
 
 
@@ -50,6 +51,7 @@ def _shown_as(folder: Path, diagram: Diagram) -> tuple[PlotOptions, Callable[[st
     """
     if (folder / "manifest.json").exists() or not diagram.branches:
         scene = _scene_of(folder)
+        _require_walls(diagram, scene)
         return scene.plot, scene.model.unit
     branch = diagram.branches[0]
     try:
@@ -60,6 +62,17 @@ def _shown_as(folder: Path, diagram: Diagram) -> tuple[PlotOptions, Callable[[st
             return ""
 
     return PlotOptions(branch.parameter), unit
+
+
+def _require_walls(diagram: Diagram, scene: Scene) -> None:
+    """Raise `InputError` if orbits have walls that the scene's system has not."""
+    walls = {wall.name for wall in scene.model.WALLS}
+    for branch in diagram.branches:
+        if not set(branch.word) <= walls:
+            raise InputError(
+                f"branch {branch.id}", f"the word {shown(branch.word)}",
+                f"{scene.model.SYSTEM} has the walls {', '.join(sorted(walls))}",
+            )  # fmt: skip
 
 
 def _scene_of(folder: Path) -> Scene:

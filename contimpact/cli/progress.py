@@ -11,6 +11,7 @@ from collections.abc import Callable, Iterator
 from typing import Any, TextIO
 
 from ..progress import silent
+from ..texts import terminal_text
 
 BEAT = 0.25
 """Seconds after which a terminal's line is written anew."""
@@ -72,6 +73,7 @@ class Teller:
 
     def put(self, text: str) -> None:
         """Write text, on a terminal in place of the line that is there."""
+        text = terminal_text(text, getattr(self.stream, "encoding", None))
         with self.lock, contextlib.suppress(OSError, ValueError):  # the work goes on all the same
             self.stream.write(f"\r\x1b[K{text}" if self.live else text)
             self.stream.flush()

@@ -9,6 +9,7 @@ from ..accuracy.report import report
 from ..result_folder import held
 from ..scene import load_scene
 from .progress import telling
+from .terminal import say
 
 
 def command(options: argparse.Namespace) -> int:
@@ -21,9 +22,9 @@ def command(options: argparse.Namespace) -> int:
         files = write_report(data, folder, formats)
     if not options.quiet:
         fair = data["honesty"]
-        print(
+        say(
             f"{fair['confirmed']} of {fair['events']} events confirmed in {data['digits']} digits, "
             f"{fair['within_estimate']} within their estimated error"
         )
-        print(f"written to {folder}: {', '.join(files)}")
+        say(f"written to {folder}: {', '.join(files)}")
     return 0

@@ -19,9 +19,10 @@ from ..progress import Progress
 from ..reading import read
 from ..result_folder import Files, held, renewed
 from ..scene import Scene, load_scene
-from .console import Noted, complain, deferred, drawn, require_output
+from .console import Noted, deferred, drawn, require_output
 from .manifest import write_manifest
 from .progress import telling
+from .terminal import complain, say
 
 
 def command(options: argparse.Namespace) -> int:
@@ -194,38 +195,38 @@ def _own_member(scene: Scene, diagram: Diagram) -> Diagram:
 def _summary(scene: Scene, diagram: Diagram, folder: Path, total: float) -> None:
     for branch in diagram.branches:
         values = branch[branch.parameter]
-        print(
+        say(
             f"{branch.id}  {branch.notation:8} {len(branch)} points, {branch.parameter} from "
             f"{values.min():.6g} to {values.max():.6g}"
         )
         for end in dict.fromkeys(end.message for end in branch.ends):
-            print(f"      {end}")
+            say(f"      {end}")
         for entry in branch.events:
             derived = "".join(
                 f", {n} = {entry.parameters[n]:.12g}" for n in scene.model.DERIVED[:1]
             )
-            print(
+            say(
                 f"  {entry.id:4} {entry.label:16} {entry.parameter} = {entry.value:.12g}{derived}"
                 f"  (error {entry.error:.0e})"
             )
         for text in branch.missed:
-            print(f"  not located: {text}")
+            say(f"  not located: {text}")
         for text in branch.notes:
-            print(f"  note: {text}")
+            say(f"  note: {text}")
     if text := str(read(diagram)):
-        print(text)
+        say(text)
     for curve in diagram.curves:
-        print("".join(f"{n} = {v:.6g}  " for n, v in curve.fixed.items()) + repr(curve))
+        say("".join(f"{n} = {v:.6g}  " for n, v in curve.fixed.items()) + repr(curve))
     if diagram.curves:
         from ..two_parameters.competition import regions
 
         along = "d" if "d" in diagram.curves[0].columns else diagram.curves[0].parameters[0]
         for region in regions(diagram.curves, along):
             fixed = "".join(f"{n} = {v:.6g}  " for n, v in region.fixed.items())
-            print(
+            say(
                 f"first    {fixed}{region.notation}: {region.first} for {region.second} from "
                 f"{region.low:.9g} to {region.high:.9g}"
             )
     for note in diagram.statistics["notes"]:
-        print(note)
-    print(f"written to {folder} in {total:.2f} s", flush=True)
+        say(note)
+    say(f"written to {folder} in {total:.2f} s")

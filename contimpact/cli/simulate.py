@@ -12,9 +12,10 @@ from ..errors import InputError
 from ..progress import Progress
 from ..result_folder import ROWS, TABLES, Files, held, renewed
 from ..scene import load_scene
-from .console import Noted, complain, deferred, drawn
+from .console import Noted, deferred, drawn
 from .manifest import write_manifest
 from .progress import telling
+from .terminal import complain, say
 
 
 def command(options: argparse.Namespace) -> int:
@@ -87,24 +88,24 @@ def _save_pictures(result: Simulation, files: Files) -> None:
 
 def _simulated(result: Simulation, folder: Path) -> None:
     """Say what was found."""
-    print(repr(result.sweep))
+    say(repr(result.sweep))
     for transition in result.transitions:
         low, high = sorted((transition.before.value, transition.after.value))
-        print(
+        say(
             f"  {transition.label:24} {transition.direction:4} {result.scene.parameter} from "
             f"{low:.9g} to {high:.9g}"
         )
         for e in transition.explanations:
-            print(f"      {e.role} {e.label} ({e.entry}) at {e.value:.12g}")
+            say(f"      {e.role} {e.label} ({e.entry}) at {e.value:.12g}")
     if result.coverage is not None:
-        print(f"{len(result.coverage.matches)} attractors lie on branches")
+        say(f"{len(result.coverage.matches)} attractors lie on branches")
         for u in result.coverage.uncovered:
-            print(f"  {u.count} of {u.notation} from {u.low:.6g} to {u.high:.6g}: {u.why}")
+            say(f"  {u.count} of {u.notation} from {u.low:.6g} to {u.high:.6g}: {u.why}")
     for basin in result.basins:
         shares = zip(basin.attractors, basin.shares, strict=True)
         parts = ", ".join(f"{a.notation} {share:.1%}" for a, share in shares)
         value = basin.parameters[result.scene.parameter]
-        print(f"basins at {result.scene.parameter} = {value:.6g}: {parts}")
+        say(f"basins at {result.scene.parameter} = {value:.6g}: {parts}")
     for note in result.notes:
-        print(note)
-    print(f"written to {folder} in {result.seconds['total']:.2f} s", flush=True)
+        say(note)
+    say(f"written to {folder} in {result.seconds['total']:.2f} s")
