@@ -37,7 +37,7 @@ NEEDED = ("id", "kind", "label", "branch", "word", "period", "parameter", "param
 TEXTS = ("reason", "event")
 WHOLE = ("n_unstable", "physical", "iterations")
 """Columns of a table that hold no floating-point numbers."""
-BLOCK = 4096
+BLOCK = 1024
 """Rows of a table converted at a time."""
 
 

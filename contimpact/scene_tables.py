@@ -34,8 +34,8 @@ from .systems import system
 from .table import Table
 
 if TYPE_CHECKING:
-    from .systems.membrane import Membrane
     from .simulate_tables import SimulateOptions
+    from .systems.membrane import Membrane
 
 
 def read_model(table: Table) -> Model:
