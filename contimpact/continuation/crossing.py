@@ -71,6 +71,10 @@ class Meeting:
         """The distance that another nu would make."""
         return 2.0 * float(np.sqrt(2.0 * abs(nu) / self.sizes[0]))
 
+    def blurred(self, settings: Settings) -> float:
+        """How near to the meeting the residual of a point hides which branch it is on."""
+        return self.apart(max(settings.tolerance, abs(self.nu)))
+
     @property
     def radius(self) -> float:
         """Of the branches' sharpest turns, in the metric."""
@@ -189,6 +193,21 @@ class Passes:
         if all(known is not meeting for known, _ in self.known):
             self.known.append((meeting, BESIDE * max(chord, meeting.distance)))
 
+    def look(self, problem: Problem, here: Point, scale: Array, settings: Settings) -> float:
+        """Look for a meeting next to a point from which no step leads on.
+
+        Returns a step to try, half as long as the way there; zero where there is no other meeting
+        so near that it matters.
+        """
+        found = self.find(problem, here, scale) if self.find else None
+        if found is None or self.near(here, scale) is not None:
+            return 0.0
+        away = length(here.unknowns - found.unknowns, scale)
+        if away > BLURRED * found.blurred(settings):
+            return 0.0
+        self.known.append((found, BESIDE * max(away, found.distance)))
+        return 0.5 * away
+
     def near(self, here: Point, scale: Array) -> Meeting | None:
         """The near miss next to a point, if there is one."""
         for meeting, reach in self.known:
@@ -201,8 +220,7 @@ class Passes:
         near = self.near(here, scale)
         if near is None:
             return settings
-        blurred = near.apart(max(settings.tolerance, abs(near.nu)))
-        if length(here.unknowns - near.unknowns, scale) > BLURRED * blurred:
+        if length(here.unknowns - near.unknowns, scale) > BLURRED * near.blurred(settings):
             return settings
         if near.crosses:
             sharp, shortest = ROUNDED * near.nu_error, settings.min_step

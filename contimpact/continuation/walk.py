@@ -177,8 +177,8 @@ class _Walker:
                 if len(self.points) >= self.settings.max_points:
                     break
             self.grow()
+            attempt, step = self.advance(step)
             here = self.points[-1]
-            attempt, step = self.advance(here, step)
             if attempt.point is None:
                 return self.finished(self.refusal(here, attempt.refused))
             stop = self.callback is not None and self.callback(attempt.point)
@@ -370,17 +370,22 @@ class _Walker:
             self.values = [np.where(np.abs(v) < NO_CROSSING, 0.0, v) for v in self.values]
         return ""
 
-    def advance(self, here: Point, step: float) -> tuple[_Step, float]:
+    def advance(self, step: float) -> tuple[_Step, float]:
         """Try steps of decreasing length until one is accepted or the floor is reached."""
         while True:
+            here = self.sharpened()
             attempt = self.attempt(here, step)
             if attempt.point is not None:
                 return attempt, step
             self.rejected += 1
             floor = self.numerics(here).min_step
-            if step <= floor:
+            if step > floor:
+                step = max(0.5 * step, floor)
+                continue
+            other = self.passes.look(self.problem, here, self.scale, self.settings)
+            if other <= floor:
                 return attempt, step
-            step = max(0.5 * step, floor)
+            step = other
 
     def attempt(self, here: Point, step: float) -> _Step:
         """Predict, correct, and accept if the branch was not left."""
@@ -397,7 +402,9 @@ class _Walker:
         if turned > self.settings.max_angle:
             return _Step(None, Refused(Refusal.TURNS, turned))
         tangents = here.tangent, new.tangent
-        off = arclength.defect(here.unknowns, new.unknowns, *tangents, self.scale)
+        off = 0.0
+        if self.numerics(here) is self.settings:  # else steps are as short as points are exact
+            off = arclength.defect(here.unknowns, new.unknowns, *tangents, self.scale)
         if off > arclength.LARGEST_DEFECT * self.settings.max_angle:
             return _Step(None, Refused(Refusal.BENDS, off))
         if leaves(here.unknowns, new.unknowns, *tangents, self.scale, *self.limits):
@@ -420,6 +427,21 @@ class _Walker:
     def numerics(self, here: Point) -> Settings:
         """The settings at a point: sharper where branches meet."""
         return self.passes.numerics(here, self.scale, self.settings)
+
+    def sharpened(self) -> Point:
+        """The last point, made as exact as the next one is to be."""
+        here = self.points[-1]
+        wanted = self.numerics(here)
+        if wanted is self.settings or len(self.points) < 2:
+            return here
+        if np.max(np.abs(here.evaluation.residual)) <= wanted.tolerance:
+            return here
+        row = here.tangent / self.scale**2
+        result = arclength.correct(self.problem, here.unknowns, row, self.scale, wanted)
+        new = result.evaluation and self.after(here, result.evaluation, here.iterations)
+        if new:
+            self.points.end_with(replace(new, arclength=here.arclength))
+        return self.points[-1]
 
     def direction(self, here: Point) -> Array:
         """The unit vector along which the next point is guessed."""
