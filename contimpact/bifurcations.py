@@ -29,9 +29,10 @@ from .continuation.arclength import scaled_determinant
 from .continuation.branch import Event, Point
 from .continuation.events import Located, TestFunction
 from .errors import InputError
-from .extended import Crossing, ExtendedSystem, Reached, SingularCycle, Touching, solve
+from .extended import EPSILON, Crossing, ExtendedSystem, Reached, SingularCycle, Touching, solve
 from .mechanics import stability
 from .mechanics.orbit import Array, OrbitProblem
+from .mechanics.rounding import rounding_of_setup
 from .unfolding import crossed, meeting, stands_upright, unfolding
 
 UNIT_CIRCLE = 1e-2
@@ -205,7 +206,11 @@ class ScalarTest(TestFunction):
         return len(problem.word)
 
     def locate(self, problem: Any, guess: Point, index: int) -> Located | None:
-        system = Reached(problem, lambda orbit, z: self.scalar(orbit, z, index))
+        system = Reached(
+            problem,
+            lambda orbit, z: self.scalar(orbit, z, index),
+            lambda orbit, z: self.noise_of(orbit, z, index),
+        )
         return located(system, guess, lambda solution: self.described(problem, index))
 
     def details(self, point: Point, index: int) -> Mapping[str, Any]:
@@ -215,6 +220,10 @@ class ScalarTest(TestFunction):
     def described(self, problem: Any, index: int) -> dict[str, Any]:
         """What to record of a zero."""
         return {}
+
+    def noise_of(self, problem: Any, z: Array, index: int) -> float:
+        """Return a bound of the function's rounding error; zero where it is an unknown itself."""
+        return 0.0
 
 
 class ZeroVelocity(ScalarTest):
@@ -265,6 +274,10 @@ class ZeroDuration(ScalarTest):
     def described(self, problem: Any, index: int) -> dict[str, Any]:
         return {"flight": index}
 
+    def noise_of(self, problem: Any, z: Array, index: int) -> float:
+        turns = problem.word.period if index == len(problem.word) - 1 else 0
+        return turns * rounding_of_setup(problem, z)[0] + 2.0 * EPSILON * float(np.max(np.abs(z)))
+
 
 class Requested(ScalarTest):
     """UZ: the free parameter, or a derived one, takes a value that was asked for.
@@ -302,6 +315,14 @@ class Requested(ScalarTest):
         place = names.index(name)
         gradient[-1] = derived[len(names) + place]
         return derived[place] - wanted, gradient
+
+    def noise_of(self, problem: Any, z: Array, index: int) -> float:
+        name, wanted = self.requested[index]
+        if name == problem.parameter:
+            return 0.0
+        first = 3 + len(problem.model.WALLS)
+        place = first + problem.model.DERIVED.index(name)
+        return rounding_of_setup(problem, z)[place] + EPSILON * abs(wanted)
 
     def described(self, problem: Any, index: int) -> dict[str, Any]:
         name, wanted = self.requested[index]

@@ -66,7 +66,7 @@ class Entry:
     multipliers_before, multipliers_after
         The same at the neighbouring points of the branch.
     residual, error : float
-        Of the equations it was located with; estimated error of the followed parameter.
+        Of the equations it was located with; a bound of the error of the followed parameter.
     method : str
         ``newton`` on the extended system, or ``bracket``.
     arclength : float

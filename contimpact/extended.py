@@ -27,6 +27,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from .mechanics.orbit import Array, Linearisation, OrbitProblem
+from .mechanics.rounding import bounds_of, rounding
 
 EPSILON = float(np.finfo(float).eps)
 CURVES = ("FB", "BP", "PD", "G", "V")
@@ -45,13 +46,10 @@ class Assembled:
     residual : ndarray of shape (q,)
     jacobian : ndarray
         Columns by the orbit's unknowns and parameters, then by the system's own unknowns.
-    rounding : ndarray of shape (q,)
-        Bounds of the rounding errors of the residuals.
     """
 
     residual: Array
     jacobian: Array
-    rounding: Array
 
 
 class ExtendedSystem(ABC):
@@ -67,6 +65,10 @@ class ExtendedSystem(ABC):
     @abstractmethod
     def assemble(self, here: Linearisation, own: Array) -> Assembled:
         """Return the system at an orbit and its own unknowns."""
+
+    @abstractmethod
+    def rounding(self, here: Linearisation, own: Array) -> Array:
+        """Return bounds of the rounding errors of the residuals there, shape (q,)."""
 
 
 class SingularCycle(ExtendedSystem):
@@ -91,12 +93,13 @@ class SingularCycle(ExtendedSystem):
         jacobian[n : 2 * n, orbit:] = cycle
         jacobian[2 * n, orbit:] = own
         return Assembled(
-            np.concatenate([here.residual, cycle @ own, [0.5 * (own @ own - 1.0)]]),
-            jacobian,
-            np.concatenate(
-                [rounding_of(here), 2.0 * EPSILON * (np.abs(cycle) @ np.abs(own)), [EPSILON]]
-            ),
+            np.concatenate([here.residual, cycle @ own, [0.5 * (own @ own - 1.0)]]), jacobian
         )
+
+    def rounding(self, here: Linearisation, own: Array) -> Array:
+        bounds, n = rounding(here), self.problem.n
+        product = _rounding_of_product(here.cyclic(self.mu)[:, :n], bounds.cyclic(1.0)[:, :n], own)
+        return np.concatenate([bounds.residual, product, [_rounding_of_length(own)]])
 
 
 class Crossing(ExtendedSystem):
@@ -122,22 +125,28 @@ class Crossing(ExtendedSystem):
         jacobian[n : 2 * n + 1, orbit + 1 :] = square.T
         jacobian[2 * n + 1, orbit + 1 :] = 2.0 * psi
         return Assembled(
-            np.concatenate([here.residual + nu * psi, square.T @ psi, [psi @ psi - 1.0]]),
-            jacobian,
-            np.concatenate(
-                [rounding_of(here), 2.0 * EPSILON * (np.abs(square).T @ np.abs(psi)), [EPSILON]]
-            ),
+            np.concatenate([here.residual + nu * psi, square.T @ psi, [psi @ psi - 1.0]]), jacobian
         )
 
+    def rounding(self, here: Linearisation, own: Array) -> Array:
+        bounds, n, psi = rounding(here), self.problem.n, own[1:]
+        shifted = bounds.residual + EPSILON * (np.abs(here.residual) + np.abs(own[0] * psi))
+        product = _rounding_of_product(
+            here.jacobian[:, : n + 1].T, bounds.jacobian[:, : n + 1].T, psi
+        )
+        return np.concatenate([shifted, product, [2.0 * _rounding_of_length(psi)]])
+
     def nu_error(self, solution: Solution) -> float:
-        """Estimate the error of nu by its row of the inverse Jacobian, as that of the parameter."""
+        """Bound the error of nu by its row of the inverse Jacobian, as that of the parameter."""
         orbit = len(solution.unknowns)
-        at = self.assemble(self.problem.evaluate(solution.unknowns), solution.own)
+        here = self.problem.evaluate(solution.unknowns)
+        at = self.assemble(here, solution.own)
         try:
             row = np.linalg.solve(at.jacobian.T, np.eye(len(at.residual))[orbit])
         except np.linalg.LinAlgError:
             return float("inf")
-        return float(np.abs(row) @ (np.abs(at.residual) + at.rounding))
+        off = FIRST_ORDER * np.abs(at.residual) + self.rounding(here, solution.own)
+        return float(np.abs(row) @ off)
 
 
 class Touching(ExtendedSystem):
@@ -174,54 +183,68 @@ class Touching(ExtendedSystem):
         jacobian[n:, self.own_impact] = start
         jacobian[n:, n:orbit] = by_parameter
         jacobian[n:, orbit:] = end[:, self.free]
-        everything = np.abs(np.concatenate([here.unknowns, own]))
-        return Assembled(
-            np.concatenate([here.residual, arrival]),
-            jacobian,
-            EPSILON * (np.abs(jacobian) @ everything),
-        )
+        return Assembled(np.concatenate([here.residual, arrival]), jacobian)
+
+    def rounding(self, here: Linearisation, own: Array) -> Array:
+        arrival = bounds_of(self.kernel, self._arguments(here, own))[1][: self.problem.m]
+        return np.concatenate([rounding(here).residual, arrival])
 
     def _flight(self, here: Linearisation, own: Array) -> tuple[Array, Array, Array, Array]:
         """Residual and derivatives of the flight to the touch."""
         problem, m = self.problem, self.problem.m
-        left = here.unknowns[self.own_impact].tolist()
-        values = problem.values(here.unknowns)
-        out = np.array(self.kernel(*left, *self.touch(own).tolist(), *values))
+        out = np.array(self.kernel(*self._arguments(here, own)))
         problem.kernel_evaluations += 1
         start, end = out[m : m + 2 * m * m].reshape(2, m, m)
         return out[:m], start, end, out[m + 2 * m * m :].reshape(m, -1)
 
+    def _arguments(self, here: Linearisation, own: Array) -> list[float]:
+        left = here.unknowns[self.own_impact].tolist()
+        return [*left, *self.touch(own).tolist(), *self.problem.values(here.unknowns)]
+
 
 class Reached(ExtendedSystem):
-    """A function of the orbit's unknowns with a known gradient vanishes."""
+    """A function of the orbit's unknowns with a known gradient vanishes.
+
+    Parameters
+    ----------
+    problem : OrbitProblem
+    function : callable ``function(problem, unknowns) -> value, gradient``
+    noise : callable ``noise(problem, unknowns) -> float``, optional
+        A bound of the value's rounding error; without one, the value is exact.
+    """
 
     def __init__(
-        self, problem: OrbitProblem, function: Callable[[OrbitProblem, Array], tuple[float, Array]]
-    ) -> None:
+        self, problem: OrbitProblem, function: Callable[[OrbitProblem, Array], tuple[float, Array]],
+        noise: Callable[[OrbitProblem, Array], float] = lambda problem, unknowns: 0.0,
+    ) -> None:  # fmt: skip
         super().__init__(problem)
-        self.function = function
+        self.function, self.noise = function, noise
 
     def start(self, here: Linearisation) -> Array:
         return np.zeros(0)
 
     def assemble(self, here: Linearisation, own: Array) -> Assembled:
         value, gradient = self.function(self.problem, here.unknowns)
-        jacobian = np.vstack([here.jacobian, gradient])
-        return Assembled(
-            np.append(here.residual, value),
-            jacobian,
-            EPSILON * (np.abs(jacobian) @ np.abs(here.unknowns)),
-        )
+        return Assembled(np.append(here.residual, value), np.vstack([here.jacobian, gradient]))
+
+    def rounding(self, here: Linearisation, own: Array) -> Array:
+        return np.append(rounding(here).residual, self.noise(self.problem, here.unknowns))
 
 
-def rounding_of(here: Linearisation) -> Array:
-    """Bound the rounding of each residual by that of its arguments."""
-    return EPSILON * (np.abs(here.jacobian) @ np.abs(here.unknowns) + 1e-300)
+def _rounding_of_product(matrix: Array, bounds: Array, vector: Array) -> Array:
+    """Bound the rounding of a product with a matrix whose entries have errors of their own."""
+    terms = np.count_nonzero(matrix, axis=1)
+    return bounds @ np.abs(vector) + EPSILON * terms * (np.abs(matrix) @ np.abs(vector))
+
+
+def _rounding_of_length(vector: Array) -> float:
+    """Bound the rounding of half the difference of a vector's squared length from one."""
+    return EPSILON * len(vector) * float(vector @ vector)
 
 
 @dataclass(frozen=True)
 class Solution:
-    """A solved square system: where, its largest residual, and the parameter's estimated error."""
+    """A solved square system: where, its largest residual, and a bound of the parameter's error."""
 
     unknowns: Array
     own: Array
@@ -232,7 +255,8 @@ class Solution:
 def solve(system: ExtendedSystem, here: Linearisation) -> Solution | None:
     """Solve a system with one free parameter to rounding; None if Newton's iteration fails.
 
-    The error of the parameter is its row of the inverse Jacobian against residual and rounding.
+    The error of the parameter is its row of the inverse Jacobian against residual and rounding,
+    both taken at their largest: what cannot be told from zero in double precision.
     """
     problem, orbit = system.problem, len(here.unknowns)
     x, best = np.concatenate([here.unknowns, system.start(here)]), None
@@ -244,14 +268,15 @@ def solve(system: ExtendedSystem, here: Linearisation) -> Solution | None:
                 best is not None and size >= 0.5 * best[0] < 0.5 * CONVERGED
             ):
                 break
-            best = (size, x, at)
+            best = (size, x, at, here)
             x = x - np.linalg.solve(at.jacobian, at.residual)
-            at = system.assemble(problem.evaluate(x[:orbit]), x[orbit:])
+            here = problem.evaluate(x[:orbit])
+            at = system.assemble(here, x[orbit:])
         if best is None or best[0] >= CONVERGED:
             return None
-        size, x, at = best
+        size, x, at, here = best
         row = np.linalg.solve(at.jacobian.T, np.eye(len(x))[orbit - 1])
+        off = np.abs(at.residual) + system.rounding(here, x[orbit:])
     except (ArithmeticError, ValueError, np.linalg.LinAlgError):
         return None
-    error = float(np.abs(row) @ (np.abs(at.residual) + at.rounding))
-    return Solution(x[:orbit], x[orbit:], size, error)
+    return Solution(x[:orbit], x[orbit:], size, float(np.abs(row) @ off))

@@ -27,8 +27,7 @@ def test_neimark_sacker_points(omega, r):
         found += branch.events
     assert found
     for entry in found:
-        # measured 5e-16, with reported errors of 2e-16
-        assert abs(entry.value - exact) <= 10.0 * entry.error + 1e-14
+        assert abs(entry.value - exact) <= entry.error < 1e-13
         assert all(abs(abs(complex(*mu)) - 1.0) < 1e-12 for mu in entry.multipliers)
 
 

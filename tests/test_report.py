@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import json
 import math
+import tomllib
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -14,9 +16,10 @@ from contimpact.accuracy.shooting import Shooting
 from contimpact.cli import main
 from contimpact.continuation.arclength import Settings
 from contimpact.errors import InputError
+from contimpact.mechanics.kernels import Kernels
 from contimpact.mechanics.search import find_orbits
 from contimpact.plots.report import plot_report
-from contimpact.scene import read_scene
+from contimpact.scene import load_scene, read_scene
 
 SCENE = """
 name = "small"
@@ -93,6 +96,26 @@ def test_events_are_confirmed_and_honest(data):
     for event in data["events"]:
         assert float(event["digits"]) == pytest.approx(event["value"], abs=1e-15)
         assert len(event["digits"]) >= 30
+
+
+def test_events_of_a_family_are_compared_at_their_own_values():
+    text = SCENE.replace('"small"', '"family"').replace(
+        "range = [0.30, 0.40]", "range = [0.1, 1.0]"
+    )
+    text += '[curves]\nparameter = "r"\nrange = [0.29, 0.31]\n[curves.family]\nbeta = [0.4, "pi/6"]'
+    scene = read_scene(tomllib.loads(text))
+    events = module.measured_events(scene, Kernels(scene.model, "s"))
+    fair = module.honesty(events)
+    assert fair["events"] == fair["confirmed"] == fair["within_estimate"] >= 4
+    assert fair["largest_true_error"] < 1e-13
+
+
+@pytest.mark.parametrize("name", ["stop", "fig6a"])
+def test_reported_errors_of_shipped_scenes_are_bounds(name):
+    scene = load_scene(Path(__file__).parent.parent / "branches" / name / "scene.toml")
+    fair = module.honesty(module.measured_events(scene, Kernels(scene.model, scene.parameter)))
+    assert fair["events"] == fair["confirmed"] == fair["within_estimate"]
+    assert fair["largest_ratio"] < 0.5
 
 
 def test_cost_of_long_words(data):

@@ -117,7 +117,7 @@ class Reference:
 
         Parameters
         ----------
-        kind : {"FB", "BP", "PD", "G", "V", "T", "UZ"}
+        kind : {"FB", "BP", "PD", "NS", "G", "V", "T", "UZ"}
         unknowns : ndarray of shape (n + 1,)
         details : mapping, optional
             As `Event.details` has them: for G ``flight``, ``wall`` and ``touch_time``, for V
@@ -209,6 +209,7 @@ class Reference:
         if kind == "G":
             return self._grazing(z, details)
         scalars: dict[str, Callable[[list[Any]], Any]] = {
+            "NS": lambda x: self._product(x) - 1,
             "V": lambda x: x[self.problem.m * details["impact"] + 1],
             "T": lambda x: self._duration(x, details["flight"]),
             "UZ": lambda x: self._requested(x, details["requested"]),
@@ -279,6 +280,13 @@ class Reference:
             return [*self.residual(x[: n + 1]), *out[:m]]
 
         return system, [float(details["touch_time"]), *[0.0] * (m - 2)]
+
+    def _product(self, z: list[Any]) -> Any:
+        """The product of all multipliers; for m = 2 a pair on the unit circle has the product 1."""
+        total = self.ctx.one
+        for start, end, _ in self.flights(z)[1]:
+            total *= self.ctx.det(start) / self.ctx.det(end)
+        return total
 
     def _duration(self, z: list[Any], flight: int) -> Any:
         m, n = self.problem.m, self.problem.n

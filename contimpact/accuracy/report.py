@@ -24,9 +24,10 @@ from .. import __version__
 from ..continuation import linear
 from ..continuation.arclength import PREDICTORS, Settings, bordered
 from ..continuation.branch import Point, Walk
-from ..diagram import Entry, coordinates
+from ..diagram import Entry
 from ..errors import InputError
 from ..explore import follow
+from ..ghosts import orbit_of
 from ..mechanics import stability
 from ..mechanics.kernels import Kernels
 from ..mechanics.orbit import Array, OrbitProblem
@@ -49,6 +50,8 @@ SHOT = 6
 
 WORD_LENGTHS = (10, 20, 50, 100, 150, 200)
 POINTS = 400
+CONFIRMED = ("FB", "BP", "PD", "NS", "G", "V", "T", "UZ")
+"""Kinds of events that are solved again in many digits."""
 
 
 def report(
@@ -299,27 +302,24 @@ def _nearby(unknowns: Array) -> Array:
 
 
 def measured_events(scene: Scene, kernels: Kernels) -> list[dict[str, Any]]:
-    """Return every event of the scene's diagram with its true error and its estimate."""
-    references: dict[tuple[str, int], Reference] = {}
+    """Return every event of the scene's diagram with its true error and its estimate.
+
+    An event of a family's member is compared at that member's parameter values.
+    """
+    references: dict[Any, Reference] = {}
     rows = []
     for entry in follow(scene).entries:
-        if entry.kind not in ("FB", "BP", "PD", "G", "V", "T", "UZ"):
-            continue
-        key = (entry.word, entry.period)
-        if key not in references:
-            problem = OrbitProblem(scene.model, Word(*key), kernels)
-            references[key] = Reference(problem, DIGITS)
-        rows.append(_event_row(references[key], entry))
+        if entry.kind in CONFIRMED:
+            here = orbit_of(entry, scene.model, kernels)
+            problem = here.problem
+            fixed = [v for n, v in problem.model.values.items() if n != scene.parameter]
+            key = (entry.word, entry.period, *fixed)
+            exact = references.setdefault(key, Reference(problem, DIGITS))
+            rows.append(_event_row(exact, entry, here.unknowns))
     return rows
 
 
-def _event_row(exact: Reference, entry: Entry) -> dict[str, Any]:
-    names = coordinates(exact.problem.m)[1:]
-    unknowns = exact.problem.unknowns_of(
-        [impact["time"] for impact in entry.impacts],
-        [[impact["velocity" if n == "v" else n] for n in names] for impact in entry.impacts],
-        entry.value,
-    )
+def _event_row(exact: Reference, entry: Entry, unknowns: Array) -> dict[str, Any]:
     details = {
         "flight": entry.flight, "wall": entry.wall, "impact": entry.impact,
         "touch_time": entry.touch_time, "requested": entry.requested,
@@ -330,10 +330,17 @@ def _event_row(exact: Reference, entry: Entry) -> dict[str, Any]:
         "id": entry.id, "label": entry.label, "branch": entry.branch, "value": entry.value,
         "digits": exact.ctx.nstr(found.parameter, DIGITS) if found else None,
         "true_error": true, "estimated_error": entry.error,
-        "ratio": true / entry.error if true is not None and entry.error else None,
+        "ratio": None if true is None else _ratio(true, entry.error),
         "moved": found.distance(unknowns) if found else None,
         "condition": found.condition if found else None, "method": entry.method,
     }  # fmt: skip
+
+
+def _ratio(true: float, estimated: float) -> float:
+    """The true error over its estimate; an event that is exact, and says so, is within it."""
+    if estimated == 0.0:
+        return 0.0 if true == 0.0 else np.inf
+    return true / estimated
 
 
 def honesty(events: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
@@ -345,7 +352,9 @@ def honesty(events: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
         "within_estimate": sum(ratio <= 1.0 for ratio in ratios),
         "median_ratio": median(ratios) if ratios else None,
         "largest_ratio": max(ratios, default=None),
-        "largest_true_error": max((e["true_error"] for e in events if e["ratio"]), default=None),
+        "largest_true_error": max(
+            (e["true_error"] for e in events if e["true_error"] is not None), default=None
+        ),
     }
 
 

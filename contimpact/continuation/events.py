@@ -13,7 +13,6 @@ from .arclength import (
     EPSILON,
     Settings,
     angle,
-    bordered,
     correct,
     cubic,
     inner,
@@ -23,6 +22,7 @@ from .arclength import (
 from .branch import Event, Missed, Point
 from .problem import Array, Problem
 from .sign_changes import DIPS, OFF_THE_ENDS, Sample, Stretch, crosses, crossings
+from .uncertainty import error_of_zero
 
 CLOSEST_BRANCHES = 1e-4
 """Branches closer to each other than this part of a step are taken to cross."""
@@ -410,22 +410,18 @@ def _by_bracket(
 ) -> Event:
     """The event at a point a bracket of relative width `width` has closed on.
 
-    Its place along the branch is known to the width. The point itself is known to its residual and
-    the rounding of its unknowns, through the inverse bordered Jacobian; as the test function
-    depends on all of it, it counts along the branch as well.
+    At a branch point, where the error has no bound, it is no better than the bracket's own points.
     """
     here = point.evaluation
-    travelled = abs(segment.right.parameter - segment.left.parameter)
-    chord = length(segment.right.unknowns - segment.left.unknowns, segment.scale)
-    matrix = bordered(here.jacobian, point.tangent / segment.scale**2)
-    rounding = np.abs(matrix[:-1]) @ np.abs(here.unknowns) * EPSILON
-    try:
-        inverse = np.abs(np.linalg.inv(matrix))[:, :-1]
-        off = inverse @ (np.abs(here.residual) + rounding)
-    except np.linalg.LinAlgError:  # at a branch point: no better than the bracket's own points
-        off = np.sqrt(EPSILON) * segment.scale
-    along = width + length(off, segment.scale) / chord
-    error = float(off[-1]) + along * travelled + 8.0 * EPSILON * abs(point.parameter)
+
+    def value(there: Any) -> float:
+        moved = Point(there, point.tangent, point.orientation, point.arclength, 0)
+        return float(test.values(moved)[index])
+
+    error = error_of_zero(segment.problem, here, value, segment.scale)
+    if not np.isfinite(error):
+        error = float(np.sqrt(EPSILON) * segment.scale[-1])
+    error += width * abs(segment.right.parameter - segment.left.parameter)
     residual = float(np.max(np.abs(here.residual)))
     return Event(test.kind, point, residual, error, "bracket", test.details(point, index))
 

@@ -138,6 +138,12 @@ class OrbitProblem:
             np.array(end).reshape(-1, m, m), np.array(by_parameter).reshape(n, -1),
         )  # fmt: skip
 
+    def rounding(self, here: Linearisation) -> Array:
+        """Return bounds of the rounding errors of the residuals at a point, shape (n,)."""
+        from .rounding import rounding
+
+        return rounding(here).residual
+
     def described(self, unknowns: Array, numbers: Array) -> Described:
         """Return a point of which `numbers` are known; see `Described`."""
         return Described(self, unknowns, numbers)

@@ -119,7 +119,7 @@ class Codim2:
     parameters : mapping of str to float
     impacts : sequence of mappings
     residual, error : float
-        Of the curve's equations; estimated error of the second parameter.
+        Of the curve's equations; a bound of the error of the second parameter.
     """
 
     id: str

@@ -57,6 +57,10 @@ class CurveProblem:
         columns = [*range(inner), *range(inner + 1, at.jacobian.shape[1]), inner]
         return CurvePoint(self, unknowns, at.residual, at.jacobian[:, columns], here, own)
 
+    def rounding(self, here: CurvePoint) -> Array:
+        """Return bounds of the rounding errors of the residuals at a point."""
+        return self.system.rounding(here.orbit, here.own)
+
     def scale(self, unknowns: Array, span: float) -> Array:
         """Return natural sizes: those of the orbit, one for unit vectors, times for touches."""
         orbit, own = self.unpacked(unknowns)
