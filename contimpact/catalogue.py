@@ -37,12 +37,13 @@ from .result_folder import (
     reading,
     renewed,
 )
-from .shapes import fitted
+from .shapes import fitted, made
 from .texts import csv_text, json_line, json_text
 
 if TYPE_CHECKING:
     from .two_parameters.competition import Region
     from .two_parameters.curves import Curve
+    from .two_parameters.runs import Check
 
 
 EVENT_COLUMNS = (
@@ -123,6 +124,7 @@ def catalogue_text(diagram: Diagram) -> str:
     if diagram.curves:
         content["curves"] = [_curve_record(curve) for curve in diagram.curves]
         content["competition"] = [dataclasses.asdict(region) for region in _competition(diagram)]
+        content["checks"] = [dataclasses.asdict(check) for check in diagram.checks]
     return json_text(content)
 
 
@@ -170,11 +172,11 @@ def _curve_record(curve: Curve) -> dict[str, Any]:
 
 
 def _competition(diagram: Diagram) -> list[Region]:
-    from .two_parameters.competition import regions
+    from .two_parameters.competition import column, regions
 
-    first = diagram.curves[0].parameters[0]
-    along = "d" if "d" in diagram.curves[0].columns else first
-    return regions(diagram.curves, along)
+    curve = diagram.curves[0]
+    along = column(list(curve.columns), curve.parameters[0])
+    return regions(diagram.curves, along, diagram.checks)
 
 
 def curve_text(curve: Curve) -> str:
@@ -267,7 +269,17 @@ def load_diagram(folder: str | Path) -> Diagram:
         branches = [_branch_of(folder, record) for record in catalogue["branches"]]
         names = [curve_file(c["id"], c["kind"], c["word"]) for c in catalogue.get("curves", [])]
         curves = [read_curve(folder / name) for name in names]
-        return Diagram(fitted(catalogue["scene"], str, "scene"), branches, curves or ())
+        checks = _checks(catalogue.get("checks", []))
+        return Diagram(fitted(catalogue["scene"], str, "scene"), branches, curves or (), checks)
+
+
+def _checks(records: Sequence[Any]) -> Sequence[Check]:
+    """The one-parameter runs a catalogue records, if there are any."""
+    if not records:
+        return ()
+    from .two_parameters.runs import Check
+
+    return [made(Check, record) for record in records]
 
 
 def _branch_of(folder: Path, record: Mapping[str, Any]) -> Branch:

@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     from .mechanics.model import Model
     from .mechanics.search import Orbit
     from .two_parameters.curves import Curve
+    from .two_parameters.runs import Check
 
 Array = np.ndarray[Any, Any]
 
@@ -304,6 +305,8 @@ class Diagram:
     branches : sequence of Branch
     curves : sequence of Curve
         Of bifurcations in two parameters.
+    checks : sequence of Check
+        One-parameter runs against which the order of the curves was checked.
     statistics : mapping
         Seconds per stage, counts, kernels loaded and generated.
     """
@@ -311,6 +314,7 @@ class Diagram:
     name: str
     branches: Sequence[Branch]
     curves: Sequence[Curve] = ()
+    checks: Sequence[Check] = ()
     statistics: Mapping[str, Any] = field(default_factory=dict, compare=False)
 
     @property

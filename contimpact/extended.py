@@ -35,6 +35,8 @@ CURVES = ("FB", "BP", "PD", "G", "V")
 
 NEWTON_ITERATIONS = 12
 CONVERGED = 1e-10
+FIRST_ORDER = 2.0
+"""How much larger an error may be than what the linear equations say."""
 
 
 @dataclass(frozen=True)
@@ -276,7 +278,7 @@ def solve(system: ExtendedSystem, here: Linearisation) -> Solution | None:
             return None
         size, x, at, here = best
         row = np.linalg.solve(at.jacobian.T, np.eye(len(x))[orbit - 1])
-        off = np.abs(at.residual) + system.rounding(here, x[orbit:])
+        off = FIRST_ORDER * np.abs(at.residual) + system.rounding(here, x[orbit:])
     except (ArithmeticError, ValueError, np.linalg.LinAlgError):
         return None
     return Solution(x[:orbit], x[orbit:], size, float(np.abs(row) @ off))

@@ -164,6 +164,7 @@ class Scene:
             "kinds": list(curves.kinds),
             "unphysical": curves.unphysical,
             "values": list(curves.values),
+            "start": list(curves.start),
             "step": settings.step,
             "max_step": settings.max_step,
             "max_points": settings.max_points,

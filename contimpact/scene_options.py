@@ -50,6 +50,8 @@ class CurveOptions:
     family : (name, values) or None
         A third parameter, and the values of it for which everything is repeated.
     settings : Settings
+    start : sequence of float
+        Further values of the second parameter at which curves start and are checked.
     """
 
     parameter: str
@@ -59,3 +61,4 @@ class CurveOptions:
     values: tuple[float, ...] = ()
     family: tuple[str, tuple[float, ...]] | None = None
     settings: Settings = CURVE_SETTINGS
+    start: tuple[float, ...] = ()

@@ -137,7 +137,14 @@ def read_curves(table: Table, model: Model, first: str, events: Sequence[str]) -
             )  # fmt: skip
     unphysical = table.truth("unphysical", False)
     values = tuple(table.numbers("values")) if "values" in table.data else ()
-    table.asked.append("values")
+    start = tuple(table.numbers("start")) if "start" in table.data else ()
+    for i, value in enumerate(start):
+        if not low <= value <= high:
+            raise InputError(
+                f"curves.start[{i}]", f"{value:.12g} is outside curves.range",
+                f"give a value from {low:.12g} to {high:.12g}",
+            )  # fmt: skip
+    table.asked += ["values", "start"]
     family = _family(table.table("family", optional=True), model, (first, name))
     steps: dict[str, Any] = {
         k: table.number(k, getattr(CURVE_SETTINGS, k)) for k in ("step", "max_step")
@@ -149,7 +156,7 @@ def read_curves(table: Table, model: Model, first: str, events: Sequence[str]) -
     except InputError as error:
         raise error.within("curves") from None
     return CurveOptions(
-        name, (low, high), tuple(dict.fromkeys(kinds)), unphysical, values, family, settings
+        name, (low, high), tuple(dict.fromkeys(kinds)), unphysical, values, family, settings, start
     )
 
 

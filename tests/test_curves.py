@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
+import tomllib
+from pathlib import Path
 
 import numpy as np
 import pytest
 
-from contimpact.catalogue import load_entries, write_diagram
+from contimpact.catalogue import load_diagram, load_entries, write_diagram
 from contimpact.errors import InputError
 from contimpact.explore import follow
 from contimpact.mechanics.search import find_orbits
@@ -15,8 +18,9 @@ from contimpact.orbit_branch import continue_orbit
 from contimpact.scene import read_scene
 from contimpact.systems.impact_pair import ImpactPair
 from contimpact.systems.oscillator import Oscillator
-from contimpact.two_parameters.competition import regions
+from contimpact.two_parameters.competition import real_heights, regions
 from contimpact.two_parameters.curves import follow_curve
+from contimpact.two_parameters.runs import same_curve
 
 EDGES = (0.05, 0.95)
 
@@ -305,6 +309,8 @@ def test_cusp_and_degenerate_touch_are_zeros_of_what_they_say():
         ({"range": [0.1, 1.2]}, "curves.range"),
         ({"kinds": ["BP"]}, "curves.kinds[0]"),
         ({"kinds": ["NS"]}, "curves.kinds[0]"),
+        ({"start": [0.1, 0.95]}, "curves.start[1]"),
+        ({"start": 3}, "curves.start"),
         ({"family": {"r": [0.1]}}, "curves.family.r"),
         ({"family": {"beta": []}}, "curves.family.beta"),
         ({"family": {"beta": [3.0]}}, "curves.family.beta"),
@@ -325,3 +331,57 @@ def test_ranges_and_values_that_do_not_fit_are_refused(limits, values):
     entry = entry_of(model, "1:1", "s", (0.1, 1.2), "PD")
     with pytest.raises(InputError):
         follow_curve(model, entry, "r", (0.1, 1.2), limits, values=values)
+
+
+# Curves started at several values, and checked by one-parameter runs.
+
+
+@pytest.fixture(scope="module")
+def fig6d():
+    """Fig. 6(d) at pi/6, where curves through r = 0.5 alone name G[2:1->2:2] first for small r."""
+    text = (Path(__file__).parent.parent / "branches" / "fig6d" / "scene.toml").read_text("utf-8")
+    data = tomllib.loads(text)
+    data["curves"]["family"] = {"beta": ["pi/6"]}
+    data["curves"]["start"] = [0.12, 0.2]
+    return follow(read_scene(data))
+
+
+def test_curves_that_do_not_pass_the_scenes_own_value_are_found(fig6d):
+    """G[2:1->3:1] at small r ends where it folds; each curve is there once."""
+    heights = [
+        y
+        for curve in fig6d.curves
+        if curve.label == "G[2:1->3:1]"
+        for y in real_heights(curve, "r", "d", 0.12)
+    ]
+    assert max(heights) == pytest.approx(0.2243, abs=2e-4)
+    for curve in fig6d.curves:
+        assert not any(same_curve(curve, other) for other in fig6d.curves if other is not curve)
+
+
+def test_what_comes_first_is_what_runs_say(fig6d):
+    found = regions(fig6d.curves, "d", fig6d.checks)
+    assert found
+    assert all(region.checked and not region.doubtful for region in found)
+    low = next(region for region in found if region.low <= 0.12 <= region.high)
+    assert low.first == "G[2:1->3:1]"
+    assert {check.value for check in fig6d.checks} >= {0.12, 0.2, 0.5}
+    assert not [note for note in fig6d.statistics["notes"] if "no curve" in note]
+
+
+def test_regions_without_a_run_say_so(fig6d):
+    found = regions(fig6d.curves, "d")
+    assert {region.said for region in found} == {"not checked by a run"}
+    wrong = [dataclasses.replace(check, first="FB") for check in fig6d.checks]
+    assert all("otherwise" in region.said for region in regions(fig6d.curves, "d", wrong))
+
+
+def test_checks_are_saved_and_read_back(fig6d, tmp_path):
+    write_diagram(fig6d, tmp_path)
+    assert load_diagram(tmp_path).checks == fig6d.checks
+
+
+def test_branches_at_other_values_of_the_second_parameter_are_kept_and_belong_to_curves(fig6d):
+    known = {entry.id for entry in fig6d.entries}
+    assert all(curve.origin in known for curve in fig6d.curves)
+    assert len({branch["r"][0] for branch in fig6d.branches}) > 1

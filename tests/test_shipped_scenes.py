@@ -22,7 +22,11 @@ from contimpact.continuation.branch import EndKind
 FOLDER = Path(__file__).parent.parent / "branches"
 NAMES = sorted(path.parent.name for path in FOLDER.glob("*/scene.toml"))
 SIMULATED = [name for name in NAMES if (FOLDER / name / "simulation").is_dir()]
-EXPORTED = [name for name in NAMES if (FOLDER / name / "events.csv").exists()]
+MAPS = [name for name in NAMES if name.startswith("fig6")]
+"""Scenes with curves that are checked by runs: half a minute each."""
+
+QUICK = [name for name in NAMES if name not in MAPS]
+EVERY = [*QUICK, *(pytest.param(name, marks=pytest.mark.slow) for name in MAPS)]
 
 FIG_7 = {
     ("1:1", "PD"): 0.23850682149,
@@ -65,7 +69,7 @@ def test_scene_is_valid_and_named_like_its_folder(name):
     assert scene(name).plot.formats
 
 
-@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("name", EVERY)
 def test_scene_runs(name):
     asked, result = scene(name), diagram(name)
     assert result.name == name
@@ -78,7 +82,7 @@ def test_scene_runs(name):
         assert asked.range[0] <= values.min() <= values.max() <= asked.range[1]
 
 
-@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("name", EVERY)
 def test_branches_end_for_a_reason_of_the_scene(name):
     """Nothing stops early: not the corrector, not the step, not the limit of points."""
     good = {EndKind.RANGE, EndKind.CLOSED, EndKind.KNOWN, EndKind.BORN}
@@ -87,7 +91,7 @@ def test_branches_end_for_a_reason_of_the_scene(name):
         assert list(branch.missed) == []
 
 
-@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("name", EVERY)
 def test_points_solve_the_equations_once(name):
     for branch in diagram(name).branches:
         assert np.all(np.diff(branch["arclength"]) > 0.0)
@@ -96,7 +100,7 @@ def test_points_solve_the_equations_once(name):
         assert np.all(np.isfinite(branch.times))
 
 
-@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("name", EVERY)
 def test_multipliers_have_the_product_of_the_impacts(name):
     """Each impact contracts areas by r^2, each unit of time by exp(-c)."""
     for branch in diagram(name).branches:
@@ -115,7 +119,7 @@ def test_multipliers_have_the_product_of_the_impacts(name):
         assert np.all(np.abs(found - product[finite]) <= 1e-10 * np.maximum(largest, 1.0))
 
 
-@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("name", EVERY)
 def test_columns_agree_with_the_multipliers(name):
     for branch in diagram(name).branches:
         sizes = np.abs(branch.multipliers)
@@ -127,7 +131,7 @@ def test_columns_agree_with_the_multipliers(name):
         assert np.array_equal(branch["physical"] == 1, branch["reason"] == "")
 
 
-@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("name", EVERY)
 def test_events_are_located_to_rounding(name):
     asked, result = scene(name), diagram(name)
     entries = result.entries
@@ -142,7 +146,7 @@ def test_events_are_located_to_rounding(name):
         assert entry.label.startswith("~") == (entry.ghost and entry.kind != "UZ")
 
 
-@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("name", EVERY)
 def test_events_are_rows_of_their_branch_between_points(name):
     for branch in diagram(name).branches:
         rows = {str(entry): k for k, entry in enumerate(branch["event"]) if entry}
@@ -155,7 +159,7 @@ def test_events_are_rows_of_their_branch_between_points(name):
                 assert branch["arclength"][k] == entry.arclength
 
 
-@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("name", EVERY)
 def test_no_event_is_found_twice(name):
     """Twice on one branch with the same orbit at the same value would be one zero counted twice."""
     for branch in diagram(name).branches:
@@ -237,7 +241,7 @@ def test_grazing_of_the_oscillator():
 
 
 def test_requested_values_are_hit_exactly():
-    for name in NAMES:
+    for name in QUICK:
         wanted = scene(name).values
         for entry in diagram(name).entries:
             if entry.kind == "UZ":
@@ -246,7 +250,7 @@ def test_requested_values_are_hit_exactly():
                 assert entry.parameters[parameter] == pytest.approx(value, rel=4e-16)
 
 
-@pytest.mark.parametrize("name", EXPORTED)
+@pytest.mark.parametrize("name", EVERY)
 def test_exported_events_agree_with_a_fresh_run(name):
     with open(FOLDER / name / "events.csv", encoding="utf-8", newline="") as file:
         rows = list(csv.DictReader(file))

@@ -174,7 +174,7 @@ def _save_plots(scene: Scene, diagram: Diagram, files: Files) -> None:
     if diagram.curves:
         from ..plots.curves import save_curves
 
-        files.add(lambda: save_curves(diagram.curves, files.folder, plot.formats))
+        files.add(lambda: save_curves(diagram.curves, files.folder, plot.formats, diagram.checks))
     files.add(
         lambda: save_diagram(
             _own_member(scene, diagram), files.folder, plot.formats, x=plot.x, xlim=plot.xlim,
@@ -184,11 +184,12 @@ def _save_plots(scene: Scene, diagram: Diagram, files: Files) -> None:
 
 
 def _own_member(scene: Scene, diagram: Diagram) -> Diagram:
-    """The diagram without the branches of other members of a family."""
-    if scene.curves is None or scene.curves.family is None:
+    """The diagram without the branches at other values of a family's or the second parameter."""
+    curves = scene.curves
+    if curves is None:
         return diagram
-    name, _ = scene.curves.family
-    own = [b for b in diagram.branches if b[name][0] == scene.model.values[name]]
+    names = [curves.parameter, *([curves.family[0]] if curves.family else [])]
+    own = [b for b in diagram.branches if all(b[n][0] == scene.model.values[n] for n in names)]
     return dataclasses.replace(diagram, branches=own)
 
 
@@ -218,14 +219,15 @@ def _summary(scene: Scene, diagram: Diagram, folder: Path, total: float) -> None
     for curve in diagram.curves:
         say("".join(f"{n} = {v:.6g}  " for n, v in curve.fixed.items()) + repr(curve))
     if diagram.curves:
-        from ..two_parameters.competition import regions
+        from ..two_parameters.competition import column, regions
 
-        along = "d" if "d" in diagram.curves[0].columns else diagram.curves[0].parameters[0]
-        for region in regions(diagram.curves, along):
+        along = column(list(diagram.curves[0].columns), diagram.curves[0].parameters[0])
+        for region in regions(diagram.curves, along, diagram.checks):
             fixed = "".join(f"{n} = {v:.6g}  " for n, v in region.fixed.items())
             say(
                 f"first    {fixed}{region.notation}: {region.first} for {region.second} from "
                 f"{region.low:.9g} to {region.high:.9g}"
+                + (f"  ({region.said})" if region.said else "")
             )
     for note in diagram.statistics["notes"]:
         say(note)

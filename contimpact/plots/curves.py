@@ -15,8 +15,9 @@ import matplotlib.figure
 import numpy as np
 from matplotlib.lines import Line2D
 
-from ..two_parameters.competition import Region, regions
+from ..two_parameters.competition import Region, column, regions
 from ..two_parameters.curves import Curve
+from ..two_parameters.runs import Check
 from .diagram import save_figure
 
 COLOURS = {"PD": "#0072B2", "G": "#009E73", "FB": "#D55E00", "BP": "#CC79A7", "V": "#E69F00"}
@@ -27,7 +28,10 @@ MARKERS = {"PD-G": "o", "G-PD": "o", "G-FB": "^", "CP": "v", "GPD": "s", "DG": "
 SYMBOLS = {"beta": r"\beta", "omega": r"\omega", "sigma": r"\sigma", "gbar": r"\bar{g}"}
 
 
-def plot_curves(curves: Sequence[Curve], axes: Any = None, *, along: str | None = None) -> Any:
+def plot_curves(
+    curves: Sequence[Curve], axes: Any = None, *, along: str | None = None,
+    checks: Sequence[Check] = (),
+) -> Any:  # fmt: skip
     """Draw curves, one panel for each member of their family.
 
     Parameters
@@ -37,26 +41,34 @@ def plot_curves(curves: Sequence[Curve], axes: Any = None, *, along: str | None 
         One for each member; a new figure otherwise.
     along : str, optional
         The column on the y axis: ``d`` where there is one, else the branch's parameter.
+    checks : sequence of Check, optional
+        One-parameter runs; bands that none of them confirms are drawn half as high.
 
     Returns
     -------
     list of matplotlib.axes.Axes
     """
     members = list({tuple(c.fixed.items()): dict(c.fixed) for c in curves}.values())
-    along = along or ("d" if "d" in curves[0].columns else curves[0].parameters[0])
+    along = along or column(list(curves[0].columns), curves[0].parameters[0])
     if axes is None:
         axes = _panels(len(members))
     axes = list(np.ravel(axes))
     labels = list(dict.fromkeys(c.label for c in curves))
     for ax, fixed in zip(axes, members, strict=False):
-        _draw_member(ax, [c for c in curves if dict(c.fixed) == fixed], fixed, along, labels)
-    _draw_legend(axes[0], curves)
+        own = [c for c in curves if dict(c.fixed) == fixed]
+        _draw_member(ax, own, fixed, along, labels)
+        for region in regions(own, along, checks):
+            _draw_region(ax, region, labels)
+    _draw_legend(axes[0], curves, any(r.said for r in regions(curves, along, checks)))
     return axes
 
 
-def save_curves(curves: Sequence[Curve], folder: Path, formats: Sequence[str]) -> list[str]:
+def save_curves(
+    curves: Sequence[Curve], folder: Path, formats: Sequence[str], checks: Sequence[Check] = ()
+) -> list[str]:
     """Draw curves to files ``curves.<format>``; returns their names."""
-    return save_figure(plot_curves(curves)[0].figure, folder, "curves", formats, "curves")
+    axes = plot_curves(curves, checks=checks)
+    return save_figure(axes[0].figure, folder, "curves", formats, "curves")
 
 
 def _panels(count: int) -> Any:
@@ -83,8 +95,6 @@ def _draw_member(
                 point.parameters[second], point.parameters[along], linestyle="none", color="k",
                 marker=MARKERS.get(point.kind, "P"), markersize=4.5, zorder=5,
             )  # fmt: skip
-    for region in regions(curves, along):
-        _draw_region(ax, region, labels)
     if ax.xaxis.get_tick_params().get("labelbottom", True):
         ax.set_xlabel(f"${_symbol(second)}$")
     if ax.yaxis.get_tick_params().get("labelleft", True):
@@ -109,11 +119,12 @@ def _draw_curve(ax: Any, curve: Curve, second: str, along: str, labels: Sequence
 
 
 def _draw_region(ax: Any, region: Region, labels: Sequence[str]) -> None:
-    """A band along the x axis in the colour of what comes first."""
+    """A band along the x axis in the colour of what comes first; half as high if unconfirmed."""
     colour = _colour(region.first, labels)
     hatch = HATCHES.get(region.first.removeprefix("~").split("[")[0])
+    height = 0.015 if region.said else 0.03
     ax.axvspan(
-        region.low, region.high, ymin=0, ymax=0.03, facecolor=colour, edgecolor="white",
+        region.low, region.high, ymin=0, ymax=height, facecolor=colour, edgecolor="white",
         alpha=0.6, linewidth=0, hatch=hatch,
     )  # fmt: skip
 
@@ -125,7 +136,7 @@ def _colour(label: str, labels: Sequence[str]) -> str:
     return COLOURS[kind] if label == same[0] else "k"
 
 
-def _draw_legend(ax: Any, curves: Sequence[Curve]) -> None:
+def _draw_legend(ax: Any, curves: Sequence[Curve], unconfirmed: bool) -> None:
     labels = list(dict.fromkeys(c.label for c in curves))
     handles = []
     for kind, label in dict.fromkeys((c.kind, c.label) for c in curves):
@@ -135,7 +146,8 @@ def _draw_legend(ax: Any, curves: Sequence[Curve]) -> None:
     for kind in dict.fromkeys(kinds.get(p.kind, p.kind) for c in curves for p in c.points):
         marker = MARKERS.get(kind, "P")
         handles.append(Line2D([], [], color="k", ls="none", marker=marker, ms=4.5, label=kind))
-    handles.append(Line2D([], [], color="0.5", lw=4, alpha=0.6, label="first as d falls"))
+    first = "first as d falls" + "\n(half as high: not checked)" * unconfirmed
+    handles.append(Line2D([], [], color="0.5", lw=4, alpha=0.6, label=first))
     ax.figure.legend(
         handles=handles, loc="outside right upper", fontsize=7.5, frameon=False, handlelength=1.8
     )

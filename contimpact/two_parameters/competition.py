@@ -9,12 +9,15 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
-from typing import Any
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from .curves import Curve
+
+if TYPE_CHECKING:
+    from .runs import Check
 
 
 @dataclass(frozen=True)
@@ -31,6 +34,12 @@ class Region:
     low, high : float
     first : str
         Label of the bifurcation that comes first.
+    checked : sequence of float
+        Values at which a one-parameter run says so too. Without any, other curves may come first.
+    doubtful : sequence of float
+        Values at which a one-parameter run says otherwise.
+    period : int
+        Of the orbit.
     """
 
     fixed: Mapping[str, float]
@@ -39,9 +48,25 @@ class Region:
     low: float
     high: float
     first: str
+    checked: Sequence[float] = ()
+    doubtful: Sequence[float] = ()
+    period: int = 1
+
+    @property
+    def said(self) -> str:
+        """What one-parameter runs say of it, in words; empty where they agree."""
+        if self.doubtful:
+            places = ", ".join(f"{value:.6g}" for value in self.doubtful)
+            return f"a run says otherwise at {self.second} = {places}"
+        return "" if self.checked else "not checked by a run"
 
 
-def regions(curves: Sequence[Curve], along: str) -> list[Region]:
+def column(derived: Sequence[str], first: str) -> str:
+    """Return the column that falls: d where there is one, else the branch's parameter."""
+    return "d" if "d" in derived else first
+
+
+def regions(curves: Sequence[Curve], along: str, checks: Sequence[Check] = ()) -> list[Region]:
     """Return the regions of all members and words.
 
     Parameters
@@ -49,12 +74,28 @@ def regions(curves: Sequence[Curve], along: str) -> list[Region]:
     curves : sequence of Curve
     along : str
         The column that falls, such as ``d``.
+    checks : sequence of Check
+        What one-parameter runs say.
     """
     groups: dict[Any, list[Curve]] = {}
     for curve in curves:
         key = (tuple(curve.fixed.items()), curve.word, curve.period)
         groups.setdefault(key, []).append(curve)
-    return [region for group in groups.values() for region in _regions(group, along)]
+    found = [region for group in groups.values() for region in _regions(group, along)]
+    return [_compared(region, checks) for region in found]
+
+
+def _compared(region: Region, checks: Sequence[Check]) -> Region:
+    """A region with what the runs inside it say."""
+    inside = [
+        check
+        for check in checks
+        if (dict(check.fixed), check.notation, check.second)
+        == (dict(region.fixed), region.notation, region.second)
+        and region.low < check.value < region.high
+    ]
+    agree = sorted(c.value for c in inside if c.first == region.first)
+    return replace(region, checked=agree, doubtful=sorted({c.value for c in inside} - {*agree}))
 
 
 def _regions(group: Sequence[Curve], along: str) -> list[Region]:
@@ -72,7 +113,8 @@ def _regions(group: Sequence[Curve], along: str) -> list[Region]:
             continue
         if found and found[-1].first == label and found[-1].high == left:
             left = found.pop().low
-        found.append(Region(group[0].fixed, group[0].notation, second, left, right, label))
+        one = group[0]
+        found.append(Region(one.fixed, one.notation, second, left, right, label, period=one.period))
     return found
 
 

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import dataclasses
+import itertools
 import time
-from collections.abc import Iterable, Iterator, Mapping
-from typing import Any
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 
 import numpy as np
 
@@ -17,13 +17,17 @@ from ..mechanics.kernels import Kernels
 from ..mechanics.model import Model
 from ..mechanics.orbit import Array, OrbitProblem
 from ..mechanics.search import settle
-from ..orbit_branch import both_ways
+from ..mechanics.word import Word
+from ..orbit_branch import Run, both_ways
 from ..orbit_march import walk_orbits
 from ..progress import Progress, counted, silent
 from ..scene import CurveOptions, Scene
+from .competition import Region, column, regions
 from .curves import Curve, follow_curve, with_fixed
+from .runs import Check, first_of, passes, run_at, same_curve
 
-SAME_CURVE = 1e-8
+MOST_ROUNDS = 6
+"""How often what the curves say is checked against runs, and curves are started where it fails."""
 
 
 def with_curves(scene: Scene, diagram: Diagram, progress: Progress | None = None) -> Diagram:
@@ -42,6 +46,10 @@ def with_curves(scene: Scene, diagram: Diagram, progress: Progress | None = None
     return _CurveExplorer(scene, scene.curves, diagram, progress or silent).run()
 
 
+NARROWEST = 1e-4
+"""Ranges below this part of the whole are not checked on their own."""
+
+
 @dataclasses.dataclass
 class _CurveExplorer:
     scene: Scene
@@ -51,6 +59,7 @@ class _CurveExplorer:
     branches: list[Branch] = dataclasses.field(default_factory=list)
     curves: list[Curve] = dataclasses.field(default_factory=list)
     notes: list[str] = dataclasses.field(default_factory=list)
+    checks: list[Check] = dataclasses.field(default_factory=list)
     evaluations: int = 0
 
     def run(self) -> Diagram:
@@ -63,8 +72,10 @@ class _CurveExplorer:
         try:
             for fixed, model, branches in self.members():
                 for entry in (entry for branch in branches for entry in branch.events):
-                    if entry.kind in options.kinds and (entry.physical or options.unphysical):
+                    if self.wanted(entry):
                         self.follow(entry, model, fixed)
+                if options.start:
+                    self.check_member(model, fixed)
         except KeyboardInterrupt:
             failure = "interrupted"
         except (ArithmeticError, np.linalg.LinAlgError) as error:
@@ -86,8 +97,14 @@ class _CurveExplorer:
             for how in ("loaded", "generated")
         }
         return dataclasses.replace(
-            self.diagram, branches=self.branches, curves=self.curves, statistics=statistics
-        )
+            self.diagram, branches=self.branches, curves=self.curves, checks=self.checks or (),
+            statistics=statistics,
+        )  # fmt: skip
+
+    def wanted(self, entry: Entry) -> bool:
+        """Whether a curve starts at an entry."""
+        options = self.options
+        return entry.kind in options.kinds and (entry.physical or options.unphysical)
 
     # The family: the scene's orbits carried to each value, and their branches there.
 
@@ -166,28 +183,124 @@ class _CurveExplorer:
 
     # The curves.
 
-    def follow(self, entry: Entry, model: Model, fixed: Mapping[str, float]) -> None:
+    def follow(self, entry: Entry, model: Model, fixed: Mapping[str, float]) -> bool:
         """Follow the curve through an entry, unless a curve of this member passes it already."""
         options, scene = self.options, self.scene
         value = entry.parameters[options.parameter]
-        if any(_passes(curve, entry, value, fixed) for curve in self.curves):
-            return
+        own = [curve for curve in self.curves if dict(curve.fixed) == dict(fixed)]
+        if any(passes(curve, entry, model, self.kernels) for curve in own):
+            return False
         name = f"c{len(self.curves) + 1}"
         shown = f"curve {name}: {entry.label} in ({scene.parameter}, {options.parameter})"
         self.progress(shown)
+        wanted = {*options.values, *options.start, scene.model.values[options.parameter], value}
         curve = follow_curve(
             entry, model, options.parameter, scene.range, options.range, name=name,
-            values=sorted({*options.values, value}), settings=options.settings, kernels=self.pairs,
+            values=sorted(wanted), settings=options.settings, kernels=self.pairs,
             callback=counted(shown, options.parameter, self.progress),
         )  # fmt: skip
-        self.curves.append(with_fixed(curve, fixed))
+        curve = with_fixed(curve, fixed)
+        if any(same_curve(curve, other) for other in own):
+            return False
+        self.curves.append(curve)
         _go_on(curve.ends)
+        return True
+
+    # One-parameter runs: further curves, and what comes first.
+
+    def check_member(self, model: Model, fixed: Mapping[str, float]) -> None:
+        """Run at the values asked for, then half way between crossings until runs agree."""
+        for word in self.scene.orbits:
+            done: set[float] = set()
+            wanted = {*self.options.start, model.values[self.options.parameter]}
+            for _ in range(MOST_ROUNDS):
+                for value in sorted(wanted - done):
+                    self.check_at(value, word, model, fixed)
+                done |= wanted
+                wanted = self.unchecked(word, fixed) - done
+                if not wanted:
+                    break
+            else:
+                self.notes.append(
+                    f"{_said(fixed)}{word}: after {MOST_ROUNDS} rounds of one-parameter runs some "
+                    "ranges are not checked: give more values in curves.start"
+                )
+            self.note_uncovered(word, fixed)
+
+    def check_at(self, value: float, word: Word, model: Model, fixed: Mapping[str, float]) -> None:
+        """One run: start curves where none passes, and keep what it says comes first."""
+        scene, second = self.scene, self.options.parameter
+        self.progress(f"{_said(fixed)}{word}: run at {second} = {value:.6g}")
+        there = model.replace(**{second: value})
+        runs = run_at(scene, there, word, self.kernels)
+        entries = [entry for run in runs for entry in self.start_from(run, there, fixed)]
+        self.evaluations += runs[0].problem.kernel_evaluations if runs else 0
+        first = first_of(entries, self.options.kinds, self.along)
+        notation = word.notation([w.name for w in scene.model.WALLS])
+        check = Check(dict(fixed), word.walls, word.period, notation, second, value, first)
+        self.checks.append(check)
+
+    def start_from(self, run: Run, model: Model, fixed: Mapping[str, float]) -> Sequence[Entry]:
+        """Follow curves from entries of a run that lie on none, and keep its branch if there are.
+
+        Returns all its entries.
+        """
+        offset = sum(len(branch.events) for branch in self.branches)
+        branch = run.branch(f"b{len(self.branches) + 1}", None, offset + 1, self.scene.events)
+        started = sum(self.follow(e, model, fixed) for e in branch.events if self.wanted(e))
+        if started:
+            self.branches.append(branch)
+        return branch.events
+
+    def unchecked(self, word: Word, fixed: Mapping[str, float]) -> set[float]:
+        """The middle of every range in which no run has seen what the curves say, if anything."""
+        own = self.regions_of(word, fixed)
+        low, high = self.options.range
+        edges = [low, *(edge for region in own for edge in (region.low, region.high)), high]
+        checks = [check.value for check in self.checks if _about(check, word, fixed)]
+        return {
+            0.5 * (left + right)
+            for left, right in itertools.pairwise(edges)
+            if right - left > NARROWEST * (high - low)
+            and not any(left < value < right for value in checks)
+        }
+
+    def note_uncovered(self, word: Word, fixed: Mapping[str, float]) -> None:
+        """Say where a run sees something that no curve does."""
+        own = self.regions_of(word, fixed)
+        for check in self.checks:
+            covered = any(region.low <= check.value <= region.high for region in own)
+            if check.first is not None and not covered and _about(check, word, fixed):
+                self.notes.append(
+                    f"{_said(fixed)}{check.notation}: {check.first} comes first at "
+                    f"{check.second} = {check.value:.6g}, on no curve that was followed"
+                )
+
+    def regions_of(self, word: Word, fixed: Mapping[str, float]) -> list[Region]:
+        """What the curves of a word say comes first, in order."""
+        own = [c for c in self.curves if dict(c.fixed) == dict(fixed)]
+        own = [c for c in own if (c.word, c.period) == (word.walls, word.period)]
+        return sorted(regions(own, self.along, self.checks), key=lambda region: region.low)
+
+    @property
+    def along(self) -> str:
+        """The column that falls."""
+        return column([*self.scene.model.DERIVED], self.scene.parameter)
 
 
 def _go_on(ends: Iterable[End]) -> None:
     """Let an interruption go on that has ended a branch or a curve, now that this is kept."""
     if interrupted(ends):
         raise KeyboardInterrupt
+
+
+def _about(check: Check, word: Word, fixed: Mapping[str, float]) -> bool:
+    """Whether a run is one of a word, for a member of the family."""
+    return (check.word, check.period, dict(check.fixed)) == (word.walls, word.period, dict(fixed))
+
+
+def _said(fixed: Mapping[str, float]) -> str:
+    return "".join(f"{name} = {value:.6g}, " for name, value in fixed.items())
 
 
 def _orbit_at_start(branch: Branch, scene: Scene) -> Array | None:
@@ -201,20 +314,3 @@ def _orbit_at_start(branch: Branch, scene: Scene) -> Array | None:
     part = -away[row] / span if span else 0.0
     impacts = np.stack([branch.times, branch.velocities], axis=2).reshape(len(branch), -1)
     return np.asarray(impacts[row] + part * (impacts[row + 1] - impacts[row]))
-
-
-def _passes(curve: Curve, entry: Entry, value: float, fixed: Mapping[str, Any]) -> bool:
-    """Whether a curve passes through an entry's orbit at the entry's second parameter."""
-    if (curve.kind, curve.word, curve.period) != (entry.kind, entry.word, entry.period):
-        return False
-    if dict(curve.fixed) != dict(fixed):
-        return False
-    first, second = curve.parameters
-    rows = np.nonzero(np.abs(curve[second] - value) < SAME_CURVE)[0]
-    speeds = np.array([impact["velocity"] for impact in entry.impacts])
-    return any(
-        abs(curve[first][row] - entry.parameters[first]) < SAME_CURVE
-        and np.max(np.abs([curve[f"v{k + 1}"][row] for k in range(len(speeds))] - speeds))
-        < SAME_CURVE
-        for row in rows
-    )

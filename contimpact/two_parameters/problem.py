@@ -110,12 +110,12 @@ def curve_problem(
     """Return the problem of the curve through a catalogue entry, and where it starts."""
     at = orbit_of(entry, model, kernels)
     problem, orbit = at.problem, at.unknowns
-    system, details = _system(problem, entry)
+    system, details = system_of(problem, entry)
     curve = CurveProblem(entry.kind, system, details, first_span)
     return curve, curve.packed(orbit, system.start(problem.evaluate(orbit)))
 
 
-def _system(problem: OrbitProblem, entry: Entry) -> tuple[ExtendedSystem, dict[str, Any]]:
+def system_of(problem: OrbitProblem, entry: Entry) -> tuple[ExtendedSystem, dict[str, Any]]:
     if entry.kind == "G":
         assert entry.flight is not None
         assert entry.wall is not None

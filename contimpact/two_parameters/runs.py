@@ -1,0 +1,172 @@
+"""One-parameter runs across a map of curves: what the curves are started from and checked against.
+
+A run is at one value of the second parameter, for one member of the family: orbits of every word of
+the scene are looked for at several values of the first parameter, and their branches followed.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..bifurcations import test_functions
+from ..diagram import Entry
+from ..extended import solve
+from ..ghosts import orbit_of
+from ..mechanics.kernels import Kernels
+from ..mechanics.model import Model
+from ..mechanics.orbit import Array, OrbitProblem
+from ..mechanics.search import find_orbits
+from ..mechanics.word import Word
+from ..orbit_branch import Run, both_ways
+from ..scene import Scene
+from .curves import Curve
+from .problem import system_of
+
+SEARCHED = 6
+"""Values of the first parameter at which a run looks for orbits, besides the scene's own."""
+
+SAME_CURVE = 1e-8
+NEAR_CURVE = 1e-3
+
+
+@dataclass(frozen=True)
+class Check:
+    """What a one-parameter run says comes first.
+
+    Attributes
+    ----------
+    fixed : mapping of str to float
+        The family's parameter.
+    word, period, notation
+        The orbit.
+    second : str
+    value : float
+        Of the second parameter.
+    first : str or None
+        Label of the first real bifurcation as d, or the first parameter, falls.
+    """
+
+    fixed: Mapping[str, float]
+    word: str
+    period: int
+    notation: str
+    second: str
+    value: float
+    first: str | None
+
+
+def run_at(scene: Scene, model: Model, word: Word, kernels: Kernels) -> list[Run]:
+    """Follow every orbit of a word that is found at some value of the first parameter.
+
+    Parameters
+    ----------
+    scene : Scene
+    model : Model
+        The member, at the second parameter's value.
+    word : Word
+    kernels : Kernels
+        With the first parameter free.
+    """
+    assert scene.curves is not None
+    problem = OrbitProblem(model, word, kernels)
+    tests = test_functions(problem, [*scene.curves.kinds, *_before(scene)], {})
+    runs: list[Run] = []
+    for value in _searched(scene):
+        at = model.replace(**{scene.parameter: value})
+        found = find_orbits(
+            at, word, kernels=kernels, rng=scene.seed, starts=scene.starts, rounds=scene.rounds
+        )
+        for orbit in found:
+            if not any(run.holds(orbit.unknowns) for run in runs):
+                runs.append(both_ways(problem, orbit.unknowns, scene.range, tests, scene.settings))
+                if runs[-1].interrupted:
+                    raise KeyboardInterrupt
+    return runs
+
+
+def _before(scene: Scene) -> list[str]:
+    """Kinds that explain a change of stability and are wanted on branches that are kept."""
+    assert scene.curves is not None
+    return [kind for kind in scene.events if kind not in scene.curves.kinds]
+
+
+def _searched(scene: Scene) -> list[float]:
+    """The start, and values across the range: even in their logarithms where all are positive."""
+    low, high = scene.range
+    spaced = np.geomspace if low > 0.0 else np.linspace
+    return [scene.start, *spaced(low, high, SEARCHED + 2)[1:-1].tolist()]
+
+
+def first_of(entries: Sequence[Entry], kinds: Sequence[str], along: str) -> str | None:
+    """Return the label of the real bifurcation with the largest value of a column."""
+    real = [e for e in entries if e.kind in kinds and not e.ghost]
+    return max(real, key=lambda e: e.parameters[along]).label if real else None
+
+
+def passes(curve: Curve, entry: Entry, model: Model, kernels: Kernels) -> bool:
+    """Whether a curve of the same member passes through an entry.
+
+    Wherever the curve passes the entry's value of the second parameter, its orbit there is solved
+    for and compared.
+
+    Parameters
+    ----------
+    curve : Curve
+    entry : Entry
+    model : Model
+    kernels : Kernels
+        With the first parameter free.
+    """
+    if (curve.kind, curve.word, curve.period) != (entry.kind, entry.word, entry.period):
+        return False
+    here = orbit_of(entry, model, kernels)
+    problem = here.problem
+    value = entry.parameters[curve.parameters[1]]
+    return any(
+        _same(problem, entry, guess, here.unknowns, size)
+        for guess, size in _crossings(curve, value, problem)
+    )
+
+
+def _crossings(curve: Curve, value: float, problem: OrbitProblem) -> list[tuple[Array, float]]:
+    """Orbits where a curve passes a value, nearly, and the distance of its points around it."""
+    first, second = curve.parameters
+    away = curve[second] - value
+    names = [f"{n}{k + 1}" for k in range(len(curve.word)) for n in ("t", "v")]
+    rows = np.column_stack([curve[name] for name in [*names, first]])
+    found = []
+    for i in np.nonzero((away[:-1] * away[1:] <= 0.0) & (away[:-1] != away[1:]))[0]:
+        part = away[i] / (away[i] - away[i + 1])
+        found.append(
+            (rows[i] + part * (rows[i + 1] - rows[i]), float(np.max(np.abs(rows[i + 1] - rows[i]))))
+        )
+    return found
+
+
+def _same(problem: OrbitProblem, entry: Entry, guess: Array, unknowns: Array, size: float) -> bool:
+    """Whether the bifurcation next to a guess is that of an entry."""
+    away = problem.difference(guess, unknowns)
+    off = float(np.max(np.abs(away)))
+    if off > size + NEAR_CURVE:
+        return False
+    solution = solve(system_of(problem, entry)[0], problem.evaluate(unknowns + away))
+    if solution is None:
+        return off < NEAR_CURVE
+    return bool(np.max(np.abs(problem.difference(solution.unknowns, unknowns))) < SAME_CURVE)
+
+
+def same_curve(one: Curve, other: Curve) -> bool:
+    """Whether two curves have the same ends, in either direction."""
+    about = [(c.kind, c.word, c.period, dict(c.fixed)) for c in (one, other)]
+    if about[0] != about[1]:
+        return False
+    a, b = (_ends(curve) for curve in (one, other))
+    return bool(np.allclose(a, b, atol=1e-6) or np.allclose(a, b[::-1], atol=1e-6))
+
+
+def _ends(curve: Curve) -> Array:
+    names = [*curve.parameters, *(f"v{k + 1}" for k in range(len(curve.word)))]
+    return np.array([[curve[name][row] for name in names] for row in (0, -1)])
