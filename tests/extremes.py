@@ -11,16 +11,20 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
+import mpmath
 import numpy as np
 from scipy.optimize import brentq
 
 from contimpact import ImpactPair, InputError, Oscillator, Settings, find_orbits
 from contimpact.accuracy.reference import Reference
+from contimpact.accuracy.simulated import ExactFlights, plain_voltage, voltages
+from contimpact.attractors.energy import Membrane
 from contimpact.bifurcations import test_functions
 from contimpact.continuation.arclength import correct
 from contimpact.mechanics.kernels import Kernels
 from contimpact.mechanics.orbit import OrbitProblem
 from contimpact.mechanics.search import settle
+from contimpact.mechanics.simulate import Simulator
 from contimpact.mechanics.word import Word
 from contimpact.orbit_branch import both_ways
 from contimpact.switching import switch, touches_at
@@ -337,6 +341,84 @@ def late():
         float(np.linalg.cond(here.jacobian)), 1e-9,
         note=f"a double near 2e6 is rounded by {np.spacing(2e6):.1e}; the search starts in [0, T)",
     )  # fmt: skip
+
+
+def oscillator(**changes):
+    """An oscillator whose forcing is as large as what resists it, so that it reaches its stop."""
+    return Oscillator(
+        **{"a": 1.0, "omega": 1.0, "c": 0.1, "k": 1.0, "sigma": 0.3, "r": 0.8} | changes
+    )
+
+
+for text, c, allowed in (("1e4", 1e4, 1e-9), ("1e8", 1e8, 1e-6)):
+    case(f"oscillator, overdamped, c = {text}: orbits of S")(
+        lambda c=c, e=allowed: measured(
+            oscillator(c=c, a=c), "S", "a", (0.9 * c, 1.1 * c), allowed=e
+        )
+    )
+
+
+@case("oscillator, stiff, k = 1e8: an orbit of S")
+def stiff():
+    """Thousands of free oscillations in a flight; a walk would look for its touches among them."""
+    orbit = find_orbits(oscillator(k=1e8, a=1e8, c=100.0), "S", parameter="a", starts=64)[0]
+    return solved(orbit.problem, orbit.unknowns)
+
+
+def flown(model, wall, time, velocity, impacts, allowed=1e-12):
+    """A simulation, each flight against thirty digits."""
+    simulator = Simulator(model)
+    run = simulator.run(simulator.state(wall, time, velocity), impacts=impacts)
+    errors = ExactFlights(simulator).errors(run)
+    rests = int(np.sum(run.released))
+    return Row(
+        "solved", error=max(errors), allowed=allowed,
+        note=f"{len(errors)} flights, {rests} rests; {run.outcome.name}",
+    )  # fmt: skip
+
+
+case("simulation of the pair, chattering to rest")(
+    lambda: flown(pair(s=1.5, r=0.5, beta=1.2), "B", 0.3, 0.5, 60)
+)
+case("simulation of the pair, r = 1")(lambda: flown(pair(r=1.0), "B", 0.3, 0.5, 60))
+case("simulation of the pair, s = 1e-9")(lambda: flown(pair(s=1e-9), "B", 0.3, 0.5, 60))
+case("simulation of the pair, forcing cos(pi*t) + 0.3*cos(25*pi*t)")(
+    lambda: flown(pair(forcing="cos(pi*t) + 0.3*cos(25*pi*t)"), "B", 0.3, 0.5, 60)
+)
+case("simulation of the oscillator, overdamped, c = 1e4")(
+    lambda: flown(oscillator(c=1e4, a=1e4), "S", 0.3, 0.5, 3, allowed=1e-9)
+)
+case("simulation of the oscillator, overdamped, c = 1e8")(
+    lambda: flown(oscillator(c=1e8, a=1e8), "S", 0.3, 0.5, 3, allowed=1e-6)
+)
+case("simulation of the oscillator, stiff, k = 1e4")(
+    lambda: flown(oscillator(k=1e4, a=1e4), "S", 0.3, 0.5, 3)
+)
+
+
+@case("voltages of impacts from 1e-9 to 30 m/s")
+def voltages_of_impacts():
+    """Table A1 as printed loses all digits at low velocities, in doubles."""
+    membrane, ctx = Membrane(), mpmath.mp.clone()
+    ctx.dps = 60
+    errors = []
+    for velocity in np.geomspace(1e-9, 30.0, 60).tolist():
+        exact = plain_voltage(membrane, ctx.mpf(velocity), ctx)
+        errors.append(abs(float(float(membrane.voltage(velocity)) / exact - 1)))
+    return Row("solved", error=max(errors), note="relative")
+
+
+@case("voltages along a simulation of Fig. 7")
+def voltages_along():
+    """The simulation's own error included."""
+    model, membrane = pair(s=0.34), Membrane()
+    simulator = Simulator(model)
+    run = simulator.run(simulator.state("B", 0.3, 0.5), impacts=30)
+    exact = ExactFlights(simulator)
+    found = voltages(membrane, model.values, run, exact.along(run)[1], exact.exact.ctx)
+    return Row(
+        "solved", error=found["along"], allowed=1e-11, note=f"{found['impacts']} impacts, relative"
+    )
 
 
 def measure(name):

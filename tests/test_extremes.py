@@ -10,7 +10,19 @@ from extremes import CASES, MARK, measure
 DOCS = Path(__file__).parent.parent / "docs" / "extremes.md"
 
 
-@pytest.mark.parametrize("name", CASES)
+LOST = {
+    "oscillator, overdamped, c = 1e8: orbits of S": "k is lost beside (c/2)^2 in a flight",
+}
+"""Cases in which double precision is not reached, and why."""
+
+
+@pytest.mark.parametrize(
+    "name",
+    [
+        pytest.param(n, marks=pytest.mark.xfail(strict=True, reason=LOST[n])) if n in LOST else n
+        for n in CASES
+    ],
+)
 def test_extreme(name):
     row = measure(name)
     said = row.outcome.endswith("said so") or row.outcome.startswith("refused: ")

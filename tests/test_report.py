@@ -11,8 +11,10 @@ import numpy as np
 import pytest
 
 from contimpact.accuracy import report as module
+from contimpact.accuracy.output import _simulation_table
 from contimpact.accuracy.reference import Reference
 from contimpact.accuracy.shooting import Shooting
+from contimpact.accuracy.simulated import simulated
 from contimpact.cli import main
 from contimpact.continuation.arclength import Settings
 from contimpact.errors import InputError
@@ -116,6 +118,26 @@ def test_reported_errors_of_shipped_scenes_are_bounds(name):
     fair = module.honesty(module.measured_events(scene, Kernels(scene.model, scene.parameter)))
     assert fair["events"] == fair["confirmed"] == fair["within_estimate"]
     assert fair["largest_ratio"] < 0.5
+
+
+def test_a_simulation_and_its_voltages_are_measured():
+    """Each flight to rounding; the integrator's error falls with its tolerance."""
+    scene = load_scene(Path(__file__).parent.parent / "branches" / "fig7" / "scene.toml")
+    found = simulated(scene, (1e-4, 1e-8, 1e-12), 2, 30)
+    assert found["flights"] == 40
+    assert found["simulator"]["error"] < 1e-14
+    assert found["along"][0] <= found["simulator"]["error"]
+    assert found["energy"]["formula"] < 1e-14
+    errors = [row["error"] for row in found["solve_ivp"]]
+    assert errors == sorted(errors, reverse=True)
+    assert found["simulator"]["error"] < errors[-1] < 1e-10
+    text = "\n".join(_simulation_table(found))
+    assert "Voltages" in text
+    assert "nan" not in text
+
+
+def test_a_scene_without_a_simulation_has_none_in_its_report(data):
+    assert data["simulation"] is None
 
 
 def test_cost_of_long_words(data):

@@ -53,7 +53,10 @@ def markdown(data: Mapping[str, Any], figures: Sequence[str] = ()) -> str:
     ]  # fmt: skip
     for method in data["methods"]:
         lines += _method_table(method)
-    lines += _event_table(data["events"], fair) + _word_table(data["long_words"])
+    lines += _event_table(data["events"], fair)
+    if data["simulation"] is not None:
+        lines += _simulation_table(data["simulation"])
+    lines += _word_table(data["long_words"])
     return "\n".join(lines) + "\n"
 
 
@@ -90,6 +93,34 @@ def _event_table(events: Sequence[Mapping[str, Any]], fair: Mapping[str, Any]) -
         f"{_number(fair['largest_ratio'])} of it (median {_number(fair['median_ratio'])}).", "",
         "| id | event | value | true error | estimate | ratio | condition |",
         "|---|---|---|---|---|---|---|", *rows, "",
+    ]  # fmt: skip
+
+
+def _simulation_table(found: Mapping[str, Any]) -> list[str]:
+    rows = [
+        f"| {name} | {_number(r['setting'])} | {_number(r['error']) or 'failed'} "
+        f"| {_number(r['seconds']['median'])} | {_number(r['evaluations'])} | {r['failed'] or ''} |"
+        for name, r in [
+            ("closed form", found["simulator"]), *(("solve_ivp", r) for r in found["solve_ivp"]),
+        ]
+    ]  # fmt: skip
+    along, energy = found["along"], found["energy"]
+    said = [
+        f"Along the motion, from its first impact, the error is at most "
+        f"{_number(max(along, default=None))} at the first {len(along)} impacts."
+    ]
+    if energy is not None:
+        said.append(
+            f"Voltages of these impacts are off by at most {_number(energy['formula'])} for the "
+            f"simulated velocities, and {_number(energy['along'])} altogether, relative to them."
+        )
+    return [
+        "## Simulation", "",
+        f"A run of {found['impacts']} impacts after the transient. Errors are the largest of "
+        f"{found['flights']} flights, each from the impact before it; seconds and evaluations are "
+        "those of a flight.", "",
+        "| method | rtol | error | seconds | evaluations | failed |", "|---|---|---|---|---|---|",
+        *rows, "", *said, "",
     ]  # fmt: skip
 
 

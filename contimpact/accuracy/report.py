@@ -37,6 +37,8 @@ from ..orbit_march import walk_orbits
 from ..scene import Scene
 from ..starting_orbits import orbits_at_start
 from .reference import Reference
+from .simulated import simulated
+from .timing import spread, timed
 
 SCHEMA = "contimpact.report/1"
 DIGITS = 30
@@ -89,6 +91,8 @@ def report(
     methods += task.shooting()
     progress("events")
     events = measured_events(scene, kernels)
+    progress("simulation")
+    simulation = simulated(scene, TOLERANCES, repetitions, DIGITS)
     progress("long words")
     return {
         "schema": SCHEMA,
@@ -100,6 +104,7 @@ def report(
         "methods": methods,
         "events": events,
         "honesty": honesty(events),
+        "simulation": simulation,
         "long_words": long_words(orbit, repetitions),
     }
 
@@ -119,22 +124,6 @@ def machine() -> dict[str, Any]:
         "scipy": scipy.__version__,
         "mpmath": mpmath.__version__,
     }
-
-
-def timed(
-    task: Callable[[], Any], repetitions: int, per: float = 1.0
-) -> tuple[Any, dict[str, float]]:
-    """Run a task several times; returns its result and median, least and most seconds per unit."""
-    seconds = []
-    for _ in range(repetitions):
-        began = time.perf_counter()
-        result = task()
-        seconds.append((time.perf_counter() - began) / per)
-    return result, _spread(seconds)
-
-
-def _spread(seconds: Sequence[float]) -> dict[str, float]:
-    return {"median": median(seconds), "low": min(seconds), "high": max(seconds)}
 
 
 _Place = tuple[Array, int]
@@ -183,7 +172,7 @@ class _Task:
                 self.walks(chosen)
                 own.append(time.perf_counter() - began)
         for row, own in zip(rows, seconds, strict=True):
-            row["seconds"] = _spread(own)
+            row["seconds"] = spread(own)
         return methods
 
     def tolerances(self, predictor: str) -> dict[str, Any]:

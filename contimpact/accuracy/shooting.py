@@ -86,16 +86,16 @@ class Shooting:
         now = [float(state[0]), float(state[1])]
         for a, b in problem.kinds:
             rows.append(now)
-            arrival = self._flight(a, b, now, span, p)
+            arrival = self.flight(a, b, now, span, p)
             if arrival is None:
                 return None
             now = arrival
         return np.array([now[0] - span - state[0], now[1] - state[1]]), rows
 
-    def _flight(
+    def flight(
         self, a: str, b: str, impact: list[float], span: float, p: list[float]
     ) -> list[float] | None:
-        """Time and velocity before the next impact."""
+        """Return time and velocity before the next impact, within twice a span of time."""
         walls = self.problem.model.WALLS
         places = self.problem.kernels.setup(*p)[3 : 3 + len(walls)]
         place = dict(zip((w.name for w in walls), places, strict=True))

@@ -1,0 +1,205 @@
+"""Simulations and voltages against many digits, and against `solve_ivp`.
+
+A simulation has no tolerance: each flight is a closed form, and its arrival a zero found to
+rounding. So its error is measured flight by flight, each from the simulated impact as it is, and
+along the motion from one first impact, where errors grow or fade with the motion itself.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from ..mechanics.kernels import Kernels
+from ..mechanics.orbit import OrbitProblem
+from ..mechanics.simulate import Run, Simulator
+from ..mechanics.word import Word
+from .reference import Reference
+from .shooting import Shooting
+from .timing import timed
+
+if TYPE_CHECKING:
+    from ..attractors.energy import Membrane
+    from ..scene import Scene
+
+IMPACTS = 200
+"""Impacts of the simulation that is timed."""
+
+TRANSIENT = 500
+"""Periods before them, in which what is left of the random start fades."""
+
+FLIGHTS = 40
+"""Flights of it that are solved again in many digits, one by one and one after the other."""
+
+INTEGRATED, CLEAR = 6, 1e-3
+"""Flights integrated with `solve_ivp` at every tolerance, and the least speed at their ends: it
+misses the ends of shorter ones."""
+
+ITERATIONS = 12
+
+
+class ExactFlights:
+    """Arrivals in many digits.
+
+    Parameters
+    ----------
+    simulator : Simulator
+    digits : int
+    """
+
+    def __init__(self, simulator: Simulator, digits: int = 30) -> None:
+        model, kernels = simulator.model, simulator.kernels
+        self.letters = simulator.letters
+        self.problem = OrbitProblem(model, Word(self.letters[0]), kernels)
+        self.exact = Reference(self.problem, digits)
+        self.values = [self.exact.ctx.mpf(value) for value in model.values.values()]
+        self.period = self.exact.kernel("setup", kernels.setup)(*self.values)[0]
+
+    def arrival(self, walls: tuple[int, int], start: Sequence[Any], guess: Sequence[Any]) -> Any:
+        """Return time and velocity of the arrival next to a guess; None if it is not reached."""
+        ctx = self.exact.ctx
+        flight = self.exact.flight(*(self.letters[wall] for wall in walls))
+        x = ctx.matrix([ctx.mpf(value) for value in guess])
+        for _ in range(ITERATIONS):
+            out = flight(*map(ctx.mpf, start), x[0], x[1], *self.values)
+            step = ctx.lu_solve(ctx.matrix([out[6:8], out[8:10]]), ctx.matrix(out[:2]))
+            x = x - step
+            if max(abs(step[0]), abs(step[1])) < ctx.mpf(10) ** -self.exact.digits:
+                return x
+        return None
+
+    def errors(self, run: Run, flights: int = FLIGHTS) -> list[float]:
+        """Return the error of each of some flights, from the simulated impact before it."""
+        found = []
+        for k in flights_of(run)[:flights]:
+            start = [float(run.phases[k]), float(run.velocities[k])]
+            found.append(self.off(run, k, self.arrival(*self.about(run, k, start))))
+        return found
+
+    def along(self, run: Run, flights: int = FLIGHTS) -> tuple[list[float], list[Any]]:
+        """Return the errors at the impacts since the first one, and their exact velocities.
+
+        They end where the body sticks to a wall.
+        """
+        errors: list[float] = []
+        velocities: list[Any] = []
+        start: list[Any] = [float(run.phases[0]), float(run.velocities[0])]
+        for k in range(min(flights, len(run) - 1)):
+            if run.released[k + 1]:
+                break
+            found = self.arrival(*self.about(run, k, start))
+            errors.append(self.off(run, k, found))
+            if found is None:
+                break
+            start = [found[0] - self.turns(run, k) * self.period, found[1]]
+            velocities.append(found[1])
+        return errors, velocities
+
+    def about(self, run: Run, k: int, start: Sequence[Any]) -> tuple[Any, ...]:
+        """The walls of flight k, where it starts, and where the simulation has it arrive."""
+        phase = float(run.phases[k + 1]) + self.turns(run, k) * self.period
+        walls = int(run.walls[k]), int(run.walls[k + 1])
+        return walls, start, [phase, float(run.velocities[k + 1])]
+
+    def off(self, run: Run, k: int, found: Any) -> float:
+        """How far the simulated arrival of flight k is from another one."""
+        if found is None:
+            return float("inf")
+        phase = found[0] - self.turns(run, k) * self.period
+        late = abs(float(phase - float(run.phases[k + 1])))
+        return max(late, abs(float(found[1] - float(run.velocities[k + 1]))))
+
+    @staticmethod
+    def turns(run: Run, k: int) -> int:
+        """Forcing periods that end during flight k."""
+        return int(run.turns[k + 1] - run.turns[k])
+
+
+def flights_of(run: Run) -> list[int]:
+    """Return the rows from which the body flies to the next one; before a release it rests."""
+    return [k for k in range(len(run) - 1) if not run.released[k + 1]]
+
+
+def simulated(
+    scene: Scene, tolerances: Sequence[float], repetitions: int, digits: int
+) -> dict[str, Any] | None:
+    """Measure a scene's simulation, and its voltages; None for a scene without ``[simulate]``."""
+    if scene.simulate is None:
+        return None
+    simulator = Simulator(scene.model, Kernels(scene.model, scene.parameter))
+    state = simulator.random_state(np.random.default_rng(scene.seed))
+    state = simulator.run(state, periods=TRANSIENT, record=False).end or state
+    run, seconds = timed(lambda: simulator.run(state, impacts=IMPACTS), repetitions, IMPACTS)
+    exact = ExactFlights(simulator, digits)
+    one_by_one = exact.errors(run)
+    along, velocities = exact.along(run)
+    row = {"setting": None, "error": max(one_by_one, default=None), "seconds": seconds,
+           "evaluations": None, "failed": 0}  # fmt: skip
+    energy = None
+    if scene.energy is not None:
+        energy = voltages(scene.energy, scene.model.values, run, velocities, exact.exact.ctx)
+    return {
+        "impacts": len(run), "flights": len(one_by_one),
+        "simulator": row,
+        "solve_ivp": [integrated(exact, run, tolerance) for tolerance in tolerances],
+        "along": along, "energy": energy,
+    }  # fmt: skip
+
+
+def integrated(exact: ExactFlights, run: Run, tolerance: float) -> dict[str, Any]:
+    """Some of the flights by `solve_ivp`: the largest error, and cost per flight."""
+    shooting = Shooting(exact.problem, tolerance)
+    values = list(exact.problem.model.values.values())
+    span = float(exact.period)
+    clear = np.abs(run.velocities) > CLEAR
+    rows = [k for k in flights_of(run) if clear[k] and clear[k + 1]][:INTEGRATED]
+
+    def fly(k: int) -> list[float] | None:
+        a, b = (exact.letters[int(run.walls[i])] for i in (k, k + 1))
+        start = [float(run.phases[k]), float(run.velocities[k])]
+        return shooting.flight(a, b, start, (1 + exact.turns(run, k)) * span, values)
+
+    arrivals, seconds = timed(lambda: [fly(k) for k in rows], 1, max(len(rows), 1))
+    errors = []
+    for k, found in zip(rows, arrivals, strict=True):
+        start = [float(run.phases[k]), float(run.velocities[k])]
+        truth = exact.arrival(*exact.about(run, k, start))
+        if found is not None and truth is not None:
+            errors.append(max(abs(float(x - y)) for x, y in zip(truth, found, strict=True)))
+    return {
+        "setting": tolerance, "error": max(errors, default=None), "seconds": seconds,
+        "evaluations": shooting.evaluations / max(len(rows), 1), "failed": len(rows) - len(errors),
+    }  # fmt: skip
+
+
+def voltages(
+    membrane: Membrane, values: Mapping[str, float], run: Run, velocities: Sequence[Any], ctx: Any
+) -> dict[str, Any]:
+    """The relative errors of voltages: of the formula alone, and with the simulation's own."""
+    from ..attractors.energy import velocity_scale
+
+    pi = +ctx.pi
+    scale = ctx.mpf(values["A"]) * pi / (ctx.mpf(values["M"]) * ctx.mpf(values["omega"]))
+    formula, whole = [], []
+    for v, exact in zip(run.velocities[1:].tolist(), velocities, strict=False):
+        found = float(membrane.voltage(velocity_scale(values) * v))
+        same, truth = (plain_voltage(membrane, scale * ctx.mpf(speed), ctx) for speed in (v, exact))
+        formula.append(abs(float(found / same - 1)))
+        whole.append(abs(float(found / truth - 1)))
+    return {"impacts": len(formula), "formula": max(formula, default=None),
+            "along": max(whole, default=None)}  # fmt: skip
+
+
+def plain_voltage(membrane: Membrane, velocity: Any, ctx: Any) -> Any:
+    """The formulas of Table A1 as they are printed; what cancels is made good by digits."""
+    m, u, rc, rb, k, nu = (
+        ctx.mpf(getattr(membrane, name)) for name in ("m", "U_in", "R_c", "R_b", "K", "nu")
+    )
+    depth = ((nu + 1) / (2 * k) * m * velocity**2) ** (1 / (nu + 1))
+    root = ctx.sqrt(rc**2 + depth**2 - 2 * depth * rb)
+    cosine = (rb * (rb - depth) + rc * root) / (rc**2 + (depth - rb) ** 2)
+    cap = 2 * ctx.pi * rb**2 * (1 - cosine)
+    cone = ctx.pi * (rc**2 - rb**2 * (1 - cosine**2)) / cosine
+    return u * (((cap + cone) / (ctx.pi * rc**2)) ** 2 - 1)
