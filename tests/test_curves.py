@@ -207,6 +207,10 @@ def test_competition_map(panel):
     assert [r.first for r in found[6]] == ["PD"]
 
 
+def test_no_region_is_a_crossing_found_on_both_curves(panel):
+    assert all(region.high - region.low > 1e-6 for region in regions(panel.curves, "d"))
+
+
 def test_ghosts_change_where_the_curves_cross(panel):
     """PD is a ghost below the crossing, the grazing above it."""
     for curve in panel.curves:
@@ -367,6 +371,20 @@ def test_what_comes_first_is_what_runs_say(fig6d):
     assert low.first == "G[2:1->3:1]"
     assert {check.value for check in fig6d.checks} >= {0.12, 0.2, 0.5}
     assert not [note for note in fig6d.statistics["notes"] if "no curve" in note]
+
+
+def test_a_region_ends_where_the_curve_becomes_a_ghost(fig6d):
+    """At r = 0.24956 a fold is born at the grazing, which the curve passes unstable: a run at
+    r = 0.25 finds no real grazing. The point's own status is a matter of rounding."""
+    found = regions(fig6d.curves, "d", fig6d.checks)
+    first = next(region for region in found if region.first == "G[2:1->3:1]")
+    assert first.high == pytest.approx(0.24956012, abs=1e-8)
+    flipped = []
+    for curve in fig6d.curves:
+        marked = np.array([event not in ("", "UZ") for event in curve["event"]])
+        other = np.where(marked, 1 - curve["physical"], curve["physical"])
+        flipped.append(dataclasses.replace(curve, columns={**curve.columns, "physical": other}))
+    assert regions(flipped, "d", fig6d.checks) == found
 
 
 def test_regions_without_a_run_say_so(fig6d):

@@ -14,10 +14,15 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from ..mechanics.orbit import Array
 from .curves import Curve
 
 if TYPE_CHECKING:
     from .runs import Check
+
+
+SAME_EDGE = 1e-9
+"""Edges of regions closer than this part of the whole are one."""
 
 
 @dataclass(frozen=True)
@@ -105,7 +110,7 @@ def _regions(group: Sequence[Curve], along: str) -> list[Region]:
     ]
     low = min(float(c[second].min()) for c in group)
     high = max(float(c[second].max()) for c in group)
-    edges = sorted({low, high, *(round(x, 12) for x in crossings), *_ends(group, second)})
+    edges = _apart([low, high, *crossings, *_ends(group, second)], SAME_EDGE * (high - low))
     found: list[Region] = []
     for left, right in itertools.pairwise(edges):
         label = _first_at(group, second, along, 0.5 * (left + right))
@@ -118,15 +123,36 @@ def _regions(group: Sequence[Curve], along: str) -> list[Region]:
     return found
 
 
+def _apart(values: Sequence[float], distance: float) -> list[float]:
+    """Values in order, without those that are another one found twice: on both curves of two."""
+    kept: list[float] = []
+    for value in sorted(values):
+        if not kept or value - kept[-1] > distance:
+            kept.append(value)
+    return kept
+
+
 def _ends(group: Sequence[Curve], second: str) -> list[float]:
     """Where curves end or turn, or become ghosts."""
     found = []
     for curve in group:
-        x, ghost = curve[second], curve.ghost
+        x, ghost = curve[second], ghostly(curve)
         turns = np.nonzero(np.diff(x)[:-1] * np.diff(x)[1:] < 0.0)[0] + 1
-        changes = np.nonzero(ghost[1:] != ghost[:-1])[0]
+        changes = np.nonzero(ghost[1:] != ghost[:-1])[0] + 1
         found += [float(x[row]) for row in (0, -1, *turns, *changes)]
     return found
+
+
+def ghostly(curve: Curve) -> Array:
+    """Return whether a curve is a ghost between each point and the next.
+
+    At a point of codimension two a multiplier or a gap is at its limit: rounding decides its own
+    status, which therefore tells nothing of either side.
+    """
+    ghost, marked = curve.ghost, ~np.isin(curve["event"].astype(str), ("", "UZ"))
+    unknown = ghost | marked
+    alone = marked[:-1] & marked[1:]
+    return np.where(alone, ghost[:-1] & ghost[1:], unknown[:-1] & unknown[1:])
 
 
 def _first_at(group: Sequence[Curve], second: str, along: str, value: float) -> str | None:
@@ -140,10 +166,8 @@ def _first_at(group: Sequence[Curve], second: str, along: str, value: float) -> 
 
 def real_heights(curve: Curve, second: str, along: str, value: float) -> list[float]:
     """Return a column's values wherever a curve that is no ghost passes a parameter's value."""
-    x, y, ghost = curve[second] - value, curve[along], curve.ghost
+    x, y, ghost = curve[second] - value, curve[along], ghostly(curve)
     rows = np.nonzero((x[:-1] >= 0.0) != (x[1:] >= 0.0))[0]
     return [
-        float(y[i] + (y[i + 1] - y[i]) * x[i] / (x[i] - x[i + 1]))
-        for i in rows
-        if not (ghost[i] and ghost[i + 1])
+        float(y[i] + (y[i + 1] - y[i]) * x[i] / (x[i] - x[i + 1])) for i in rows if not ghost[i]
     ]
