@@ -1,0 +1,154 @@
+"""Random impact pairs: every change of status has its event, no branch stands twice, loops close.
+
+Harmonics up to three, restitutions from 0 to 1 with both ends among them, walls alike and not, all
+words of up to three impacts and their doubles.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import itertools
+from collections import Counter
+
+import numpy as np
+import pytest
+from zoo import harmonic_pair
+
+from contimpact.bifurcations import test_functions as make_tests
+from contimpact.continuation.arclength import Settings
+from contimpact.errors import InputError
+from contimpact.explore import follow
+from contimpact.mechanics.search import settle
+from contimpact.mechanics.word import parse_word
+from contimpact.orbit_branch import EVENTS, both_ways
+from contimpact.scene import read_scene
+
+ONCE = ("B", "T", "BB", "BT", "TT", "BBB", "BBT", "BTT", "TTT")
+WORDS = [*(f"{word}/1T" for word in ONCE), *(f"{word}/2T" for word in ONCE)]
+WORDS += [f"{word * 2}/2T" for word in ONCE]
+FEW = (1, 6, 11, 17)
+"""Seeds run without the marker `slow`."""
+
+
+def random_pair(rng):
+    """A level pair with equal walls and odd harmonics, or any."""
+    level = rng.uniform() < 0.3
+    orders = [1, 3, 5] if level else [1, *sorted(rng.choice(np.arange(2, 7), 2, replace=False))]
+    more = orders[1 : rng.integers(1, 4)]
+    waves = [(1, 1.0, 0.0), *((int(k), *rng.uniform(-0.5, 0.5, 2)) for k in more)]
+    special = [0.0, 1.0, 10.0 ** -rng.uniform(2, 16), rng.uniform(), rng.uniform(), rng.uniform()]
+    r = float(special[rng.integers(6)])
+    other = float(special[rng.integers(6)])
+    alike = level or rng.uniform() < 0.7
+    return harmonic_pair(
+        waves, beta=0.0 if level else float(rng.uniform(0, 1.5)), A=float(rng.uniform(3, 12)),
+        s=float(rng.uniform(0.15, 1.0)), **({"r": r} if alike else {"r_B": r, "r_T": other}),
+    )  # fmt: skip
+
+
+def random_diagram(seed):
+    """The diagram of a random pair and two random words; None where neither has an orbit."""
+    rng = np.random.default_rng(seed)
+    model = random_pair(rng)
+    words = [str(word) for word in rng.choice(WORDS, 2, replace=False)]
+    start = model.values["s"]
+    table = {
+        "name": f"random-{seed}",
+        "model": {
+            "system": "impact-pair",
+            "parameters": {"beta": 0.1, "r": 0.5, "A": 5, "s": start},
+        },
+        "follow": {
+            "parameter": "s", "range": [0.4 * start, 2.5 * start], "orbits": ["1:1"],
+            "switch": ["G", "PD", "BP"], "depth": 1, "max_branches": 8,
+        },
+        "detect": {"events": list(EVENTS)},
+        "numerics": {"max_step": 0.1, "starts": 32, "rounds": 1},
+    }  # fmt: skip
+    walls = [wall.name for wall in model.WALLS]
+    scene = dataclasses.replace(
+        read_scene(table), model=model, orbits=tuple(parse_word(word, walls) for word in words)
+    )
+    try:
+        return follow(scene)
+    except InputError:  # no orbit of either word
+        return None
+
+
+def unexplained(branch):
+    """Changes of status between rows without an event between or beside them."""
+    events = branch["event"] != ""
+    status = np.column_stack([branch["physical"], branch["n_unstable"]])
+    plain = np.nonzero(~events)[0]
+    return [
+        float(branch[branch.parameter][i])
+        for i, j in itertools.pairwise(plain)
+        if j == i + 1 and i > 0 and j < len(branch) - 1 and np.any(status[i] != status[j])
+    ]
+
+
+def stand_twice(one, other):
+    """Whether the orbit in the middle of a branch lies on another one too."""
+    if (one.word, one.period) != (other.word, other.period):
+        return False
+    orbit = one.orbit(len(one) // 2)
+    problem, value = orbit.problem, orbit.unknowns[-1]
+    times = [name for name in other.columns if name[0] in "tv" and name[1:].isdigit()]
+    table = np.column_stack([other[name] for name in times] + [other[other.parameter]])
+    ahead, behind = table[1:, -1] - value, table[:-1, -1] - value
+    for i in np.nonzero((ahead * behind <= 0.0) & (ahead != behind))[0]:
+        part = behind[i] / (behind[i] - ahead[i])
+        guess = table[i] + part * (table[i + 1] - table[i])
+        guess[-1] = value
+        there = settle(problem, guess)
+        if there is not None:
+            apart = problem.difference(there.unknowns, orbit.unknowns)
+            if np.max(np.abs(apart)) < 1e-7:
+                return True
+    return False
+
+
+def check(seed):
+    """Returns counts: branches, events, loops, notes of what may be missing."""
+    diagram = random_diagram(seed)
+    if diagram is None:
+        return Counter(empty=1)
+    counts = Counter(sets=1)
+    assert diagram.statistics["failure"] is None
+    for branch in diagram.branches:
+        counts.update(branches=1, events=len(branch.events), missed=len(branch.missed))
+        loops = [end for end in branch.ends if end.kind.name == "CLOSED"]
+        assert branch.missed or not unexplained(branch), (seed, branch.id, unexplained(branch))
+        if loops:
+            counts.update(loops=1)
+            assert closes(branch), (seed, branch.id)
+    for one, other in itertools.combinations(diagram.branches, 2):
+        assert not stand_twice(one, other), (seed, one.id, other.id)
+    return counts
+
+
+def closes(branch):
+    """Whether a branch walked in steps a tenth as long is a loop as well."""
+    orbit = branch.orbit(0)
+    values = branch[branch.parameter]
+    limits = (0.5 * values.min(), 2.0 * values.max())
+    tests = make_tests(orbit.problem, (), {})
+    fine = Settings(step=1e-3, max_step=1e-2, max_points=20000)
+    run = both_ways(orbit.problem, orbit.unknowns, limits, tests, fine)
+    return run.walks[0].end.kind.name == "CLOSED"
+
+
+@pytest.mark.parametrize("seed", FEW)
+def test_statuses_branches_and_loops(seed):
+    check(seed)
+
+
+@pytest.mark.slow
+def test_statuses_branches_and_loops_of_five_hundred_sets():
+    counts: Counter[str] = Counter()
+    seed = 10_000
+    while counts["sets"] < 500:
+        counts += check(seed)
+        seed += 1
+    assert counts["events"] > 3000
+    assert counts["missed"] < 0.01 * counts["events"]
