@@ -13,11 +13,13 @@ from .arclength import (
     EPSILON,
     Settings,
     angle,
+    bordered,
     correct,
     cubic,
     inner,
     length,
     point_after,
+    scaled_determinant,
 )
 from .branch import Event, Missed, Point
 from .problem import Array, Problem
@@ -415,7 +417,8 @@ def _by_bracket(
     here = point.evaluation
 
     def value(there: Any) -> float:
-        moved = Point(there, point.tangent, point.orientation, point.arclength, 0)
+        sides = bordered(there.jacobian * segment.scale, point.tangent / segment.scale)
+        moved = Point(there, point.tangent, scaled_determinant(sides), point.arclength, 0)
         return float(test.values(moved)[index])
 
     error = error_of_zero(segment.problem, here, value, segment.scale)

@@ -24,7 +24,7 @@ SAME_SOLUTION = 1e-7
 WIDEST_SPAN = 1e3
 """The natural size of the parameter is that of its range, at most this many times its start."""
 
-OUTGROWN = 2.0
+OUTGROWN = 8.0
 """Lengths are measured anew where a natural size has grown by this factor."""
 
 FEWEST, UNWATCHED, GROWTH, MARCHED = 2, 64, 4, 1024
