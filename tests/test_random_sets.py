@@ -76,14 +76,16 @@ def random_diagram(seed):
 
 
 def unexplained(branch):
-    """Changes of status between rows without an event between or beside them."""
-    events = branch["event"] != ""
+    """Changes of status between rows without an event between or on them."""
+    lengths = branch["arclength"]
+    at = lengths[branch["event"] != ""]
+    plain = np.nonzero(branch["event"] == "")[0]
     status = np.column_stack([branch["physical"], branch["n_unstable"]])
-    plain = np.nonzero(~events)[0]
     return [
         float(branch[branch.parameter][i])
         for i, j in itertools.pairwise(plain)
-        if j == i + 1 and i > 0 and j < len(branch) - 1 and np.any(status[i] != status[j])
+        if np.any(status[i] != status[j])
+        and not np.any((at >= lengths[i] - 1e-9) & (at <= lengths[j] + 1e-9))
     ]
 
 

@@ -6,6 +6,7 @@ import math
 
 import numpy as np
 import pytest
+from scipy.optimize import brentq
 
 from contimpact.bifurcations import test_functions as make_tests
 from contimpact.continuation.arclength import Settings
@@ -24,6 +25,31 @@ def walked(model, limits, kinds=EVENTS, word="1:1", settings=None):
         )
         for o in orbits
     ]
+
+
+def test_the_grazing_without_rebound_against_its_closed_form():
+    """At r = 0 the ball leaves B as the acceleration vanishes and T at rest, each from its wall.
+
+    With u the displacement and v the velocity from rest at t, after dt: gbar dt^2/2 + [cos(pi t) -
+    cos(pi (t + dt)) - pi dt sin(pi t)]/pi^2, both flights pass the same distance d.
+    """
+    model = ImpactPair(beta=math.pi / 6, r=0.0, A=5.0, s=0.45)
+    p = model.values
+    gravity = p["M"] * p["g"] * math.sin(p["beta"]) / p["A"]
+
+    def moved(t, dt):
+        waves = math.cos(math.pi * t) - math.cos(math.pi * (t + dt))
+        return gravity * dt**2 / 2 + (waves - math.pi * dt * math.sin(math.pi * t)) / math.pi**2
+
+    first = math.acos(-gravity) / math.pi
+    second = brentq(
+        lambda t: moved(first, t - first) + moved(t, first + 2.0 - t), 1.5, 1.8, xtol=1e-15
+    )
+    s = -moved(first, second - first) * p["A"] * math.pi**2 / (p["M"] * p["omega"] ** 2)
+    for run in walked(model, (0.1, 1.0)):
+        (grazing,) = [e for e in run.events if e.kind == "G"]
+        assert abs(grazing.parameter - s) <= grazing.error + 1e-15
+        assert grazing.error < 1e-7
 
 
 @pytest.mark.parametrize("r", [0.0, 1e-16, 1e-12, 1e-10, 1e-8, 1e-6])

@@ -113,13 +113,11 @@ def test_the_user_is_told_of_a_near_miss(kernel_cache):
     assert f"note: {note}" in repr(branch)
 
 
-def test_a_turn_below_rounding_ends_the_branch(kernel_cache):
-    """At beta = 1e-14 nu is larger than its error, but no residual is as small."""
+def test_an_unfolding_below_the_error_of_nu_is_a_branch_point_and_says_so(kernel_cache):
     for branch in branches(level(beta=1e-14)):
-        (end,) = (e for e in branch.ends if e.kind is EndKind.NEAR_MISS)
-        assert "branch passes this one at s = 0.364717826975 at a distance of " in end.message
-        assert end.value == pytest.approx(0.364717826975, abs=1e-4)
-        assert not [e for e in branch.events if e.kind == "BP"]
+        (entry,) = [e for e in branch.events if e.kind == "BP"]
+        assert abs(entry.nu) <= entry.nu_error < 1e-13
+        assert entry.value == pytest.approx(0.364717826975, abs=1e-12)
 
 
 @pytest.mark.parametrize("size", [1e-13, 1e-10, 1e-7])
