@@ -161,9 +161,10 @@ def continue_born(
     if not forward.points:
         return None
     symmetry = symmetry_of(problem)
-    if mirrors_back(problem, start.unknowns, start.tangent, symmetry):
+    closed = forward.end.kind is EndKind.CLOSED
+    if not closed and mirrors_back(problem, start.unknowns, start.tangent, symmetry):
         backward = Walk(forward.points[:1], (), again(name, forward.points[0]))
-    elif start.both_ways or forward.end.kind is EndKind.CLOSED:
+    elif start.both_ways or closed:
         backward = other_way(forward, entry.parameter, lambda: go(-1))
     else:
         born = {"entry": entry.id, "parent": entry.branch}
