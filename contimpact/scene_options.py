@@ -9,6 +9,7 @@ from .continuation.arclength import Settings
 CURVE_SETTINGS = Settings(tolerance=1e-13, max_step=0.05, max_points=1000)
 FORMATS = ("svg", "png", "pdf")
 SHOWN = ("period-1", "all", "none")
+LABELS = ("all", "period-1", "real", "none")
 SCENE_SETTINGS = Settings(max_step=0.03)
 """Numerics of a scene that says nothing else; steps short enough for a smooth picture."""
 
@@ -24,13 +25,15 @@ MOST_BRANCHES = 100_000
 @dataclass(frozen=True)
 class PlotOptions:
     """How the diagram is drawn: the parameter on the x axis, limits, on which branches unphysical
-    orbits are shown (``period-1``, ``all``, ``none``), formats to write."""
+    orbits are shown (``period-1``, ``all``, ``none``), formats to write, which events are labelled
+    (``all``, ``period-1``, ``real``, ``none``)."""
 
     x: str
     xlim: tuple[float, float] | None = None
     ylim: tuple[float, float] | None = None
     unphysical: str = "period-1"
     formats: tuple[str, ...] = ("svg", "png")
+    labels: str = "all"
 
 
 @dataclass(frozen=True)

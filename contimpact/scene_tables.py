@@ -18,6 +18,7 @@ from .orbit_branch import EVENTS
 from .scene_options import (
     CURVE_SETTINGS,
     FORMATS,
+    LABELS,
     LARGEST_SEED,
     LARGEST_TOLERANCE,
     MOST_BRANCHES,
@@ -234,11 +235,13 @@ def read_plot(table: Table, model: Model, parameter: str) -> PlotOptions:
         key: table.pair(key) if key in table.data else None for key in ("xlim", "ylim")
     }  # fmt: skip
     table.asked += list(limits)
-    unphysical = table.text("unphysical", "period-1")
-    if unphysical not in SHOWN:
-        raise InputError(
-            "plot.unphysical", f"found {unphysical!r}", f"accepted are {', '.join(SHOWN)}"
-        )
+    chosen = {}
+    for key, known, default in (("unphysical", SHOWN, "period-1"), ("labels", LABELS, "all")):
+        chosen[key] = table.text(key, default)
+        if chosen[key] not in known:
+            raise InputError(
+                f"plot.{key}", f"found {chosen[key]!r}", f"accepted are {', '.join(known)}"
+            )
     formats = table.texts("formats", ["svg", "png"])
     for i, kind in enumerate(formats):
         if kind not in FORMATS:
@@ -246,4 +249,6 @@ def read_plot(table: Table, model: Model, parameter: str) -> PlotOptions:
                 f"plot.formats[{i}]", f"found {kind!r}", f"accepted are {', '.join(FORMATS)}"
             )
     table.finish()
-    return PlotOptions(x, limits["xlim"], limits["ylim"], unphysical, tuple(dict.fromkeys(formats)))
+    return PlotOptions(
+        x, limits["xlim"], limits["ylim"], formats=tuple(dict.fromkeys(formats)), **chosen
+    )

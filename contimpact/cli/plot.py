@@ -26,6 +26,7 @@ def command(options: argparse.Namespace) -> int:
         "xlim": options.xlim or (plot.xlim if not options.x else None),
         "ylim": options.ylim or plot.ylim,
         "unphysical": plot.unphysical,
+        "labels": plot.labels,
     }
     numbers = ["arclength", *diagram.branches[0].parameters] if diagram.branches else []
     if chosen["x"] not in numbers:

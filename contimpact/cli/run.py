@@ -178,7 +178,8 @@ def _save_plots(scene: Scene, diagram: Diagram, files: Files) -> None:
     files.add(
         lambda: save_diagram(
             _own_member(scene, diagram), files.folder, plot.formats, x=plot.x, xlim=plot.xlim,
-            ylim=plot.ylim, unphysical=plot.unphysical, unit=scene.model.unit(plot.x),
+            ylim=plot.ylim, unphysical=plot.unphysical, labels=plot.labels,
+            unit=scene.model.unit(plot.x),
         )
     )  # fmt: skip
 

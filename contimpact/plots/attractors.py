@@ -23,6 +23,7 @@ from ..files import Content, write_all
 from ..mechanics.search import Orbit
 from ..mechanics.simulate import Simulator
 from . import diagram as style
+from .texts import axis_label, symbol
 
 if TYPE_CHECKING:
     from ..attractors.simulation import Simulation
@@ -122,7 +123,7 @@ def _points(rows: Sequence[Row], x: str) -> tuple[list[float], list[float]]:
 
 
 def _label(ax: Any, x: str, unit: str, y: str) -> None:
-    ax.set_xlabel(style.symbol(x) + (f" ({unit})" if unit else ""))
+    ax.set_xlabel(axis_label(x, unit))
     ax.set_ylabel(y)
 
 
@@ -440,7 +441,7 @@ def portrait_figure(simulator: Simulator, row: Row, others: Mapping[str, Attract
     plot_portrait(simulator, row.attractor, left, others=others)
     plot_series(simulator, row.attractor, right)
     value = row.attractor.parameters[x]
-    figure.suptitle(f"{style.symbol(x)} = {value:.6g}: {row.attractor.notation}", fontsize=10)
+    figure.suptitle(f"{symbol(x)} = {value:.6g}: {row.attractor.notation}", fontsize=10)
     return figure
 
 

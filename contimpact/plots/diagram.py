@@ -2,7 +2,7 @@
 
 Velocities before impact against a parameter: stable solid, unstable dashed, unphysical dotted; a
 colour for each wall, and its name at the right end of its curves; events by marker and label,
-ghosts hollow. The only file that imports matplotlib's foundations; global settings are not touched.
+ghosts hollow. Global settings of matplotlib are not touched.
 """
 
 from __future__ import annotations
@@ -10,8 +10,7 @@ from __future__ import annotations
 import io
 import itertools
 import math
-import re
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -20,11 +19,12 @@ import matplotlib
 import matplotlib.figure
 import numpy as np
 from matplotlib.lines import Line2D
-from matplotlib.textpath import TextPath
 
-from ..diagram import LABELLED, Array, Branch, Diagram, Entry
-from ..errors import InputError, printable, shortened, shown
+from ..diagram import Array, Branch, Diagram, Entry
+from ..errors import InputError, shown
 from ..files import Content, write, write_all
+from .labels import CHOICES, chosen, draw_labels, text_width
+from .texts import axis_label, fixed_values, label_text, plain, units_of, values_text
 
 COLOURS = ("#0072B2", "#E69F00", "#009E73", "#CC79A7")
 """One for each wall; from the Okabe-Ito cycle, told apart by most colour-blind readers, the first
@@ -38,13 +38,9 @@ NEUTRAL = "h"
 SHOWN = {"all": 10**9, "period-1": 1, "none": 0}
 """Up to which period unphysical orbits are drawn."""
 
-SIZE = (7.2, 5.1)
+SIZE = (7.2, 5.4)
 AXES = (1.0, 1.0, 5.9, 3.1)
 """A diagram's figure, and in it the axes (left, bottom, width, height), in inches."""
-LABEL_ROWS, ROW, LABEL_SIZE, GAP = 4, 16.0, 8.0, 4.0
-"""Rows of labels above the frame; their height, font and distance in points."""
-ORBIT = r"(?:[^\W_]|[:/()])*"
-"""How orbits are called in labels; nothing in it has a meaning in mathematical text."""
 FLAT = 3e-4
 """How far a drawn chord may be from a smooth curve, by the size of the picture."""
 
@@ -52,7 +48,7 @@ FLAT = 3e-4
 def plot_diagram(
     diagram: Diagram, ax: Any = None, *, x: str | None = None,
     xlim: tuple[float, float] | None = None, ylim: tuple[float, float] | None = None,
-    unphysical: str = "period-1", labels: bool = True, unit: str = "",
+    unphysical: str = "period-1", labels: bool | str = True, unit: str = "",
 ) -> Any:  # fmt: skip
     """Draw a diagram.
 
@@ -67,8 +63,10 @@ def plot_diagram(
     unphysical : {"period-1", "all", "none"}
         On which branches unphysical orbits and their events are drawn: those of period T, all,
         or none.
-    labels : bool
-        Whether to label events above the frame.
+    labels : {"all", "period-1", "real", "none"} or bool
+        Which events are labelled above the frame: all, those on orbits of period T, those that are
+        no ghosts, or none; True is all of them. Labels that find no room are left out, those of
+        ghosts and of long orbits first, and the legend counts them.
     unit : str
         Unit of x, for the axis label.
 
@@ -80,10 +78,13 @@ def plot_diagram(
     ------
     InputError
         For a column that the branches do not have or that holds texts, limits that are not finite
-        and increasing, or another value of `unphysical`.
+        and increasing, or another value of `unphysical` or `labels`.
     """
-    column = _checked(diagram, x, {"xlim": xlim, "ylim": ylim}, unphysical)
-    ax = _fixed_axes() if ax is None else ax
+    labelled = labels if isinstance(labels, str) else "all" if labels else "none"
+    column = _checked(diagram, x, {"xlim": xlim, "ylim": ylim}, unphysical, labelled)
+    if ax is None:
+        ax = fixed_axes()
+        write_heading(ax, diagram)
     walls = list(dict.fromkeys(wall for branch in diagram.branches for wall in sorted(branch.word)))
     colours = dict(zip(walls, itertools.cycle(COLOURS), strict=False))
     pieces = _pieces(diagram, column, xlim, SHOWN[unphysical])
@@ -100,22 +101,24 @@ def plot_diagram(
     low, high = ax.get_xlim()
     entries = [e for e in diagram.entries if e.physical or e.period <= SHOWN[unphysical]]
     drawn = [e for e in entries if low <= e.parameters.get(column, np.nan) <= high]
-    for entry in drawn:
+    for entry in sorted(drawn, key=lambda e: not e.ghost):  # real ones on top
         _draw_event(ax, entry, column, colours)
     _name_walls(ax, pieces, colours)
-    if labels:
-        _draw_labels(ax, [e for e in drawn if e.kind != "UZ"], column)
-    ax.set_xlabel(symbol(column) + (f" ({unit})" if unit else ""))
+    left_out = draw_labels(ax, chosen(drawn, labelled), column)
+    ax.set_xlabel(axis_label(column, unit))
     ax.set_ylabel(_velocity_label(diagram, walls))
-    _draw_legend(ax, colours, [style for _, style, *_ in pieces], drawn)
+    styles = [style for _, style, *_ in pieces]
+    draw_legend(ax, legend_handles(colours, styles, drawn, left_out))
     return ax
 
 
-def _checked(diagram: Diagram, x: str | None, limits: dict[str, Any], unphysical: str) -> str:
+def _checked(
+    diagram: Diagram, x: str | None, limits: dict[str, Any], unphysical: str, labels: str
+) -> str:
     """The column on the x axis, if all that was asked for can be drawn."""
-    if unphysical not in SHOWN:
-        found, accepted = f"found {shown(unphysical)}", f"accepted are {', '.join(SHOWN)}"
-        raise InputError("unphysical", found, accepted)
+    for name, value, known in (("unphysical", unphysical, SHOWN), ("labels", labels, CHOICES)):
+        if value not in known:
+            raise InputError(name, f"found {shown(value)}", f"accepted are {', '.join(known)}")
     for name, pair in limits.items():
         if pair and not (all(map(math.isfinite, pair)) and pair[0] < pair[1]):
             raise InputError(
@@ -147,12 +150,27 @@ def new_figure(width: float = 7.2, height: float = 4.8) -> Any:
     return matplotlib.figure.Figure(figsize=(width, height), dpi=150, layout="constrained")
 
 
-def _fixed_axes() -> Any:
-    """Axes of a size that does not depend on labels and legend, in a new figure."""
+def fixed_axes() -> Any:
+    """Return axes of a size that does not depend on labels and legend, in a new figure."""
     figure = matplotlib.figure.Figure(figsize=SIZE, dpi=150)
     left, bottom, width, height = AXES
     wide, high = SIZE
     return figure.add_axes((left / wide, bottom / high, width / wide, height / high))
+
+
+def write_heading(ax: Any, diagram: Diagram) -> None:
+    """Write at the upper edge of a figure what its diagram is of: name and fixed parameters."""
+    if not diagram.branches:
+        return
+    units = units_of(diagram.branches[0].system)
+    fixed = values_text(fixed_values(diagram.branches), units)
+    text = f"{plain(diagram.name, 60)}: {fixed}"
+    wide, high = ax.figure.get_size_inches()
+    room = 72.0 * (wide - 0.2) / max(text_width(text), 1.0)
+    ax.figure.text(
+        0.5, 1.0 - 0.06 / high, text, ha="center", va="top", fontsize=min(8.0, 8.0 * room),
+        gid="heading",
+    )  # fmt: skip
 
 
 def save_figure(
@@ -348,128 +366,50 @@ def _draw_event(ax: Any, entry: Entry, x: str, colours: dict[str, str]) -> None:
         )  # fmt: skip
 
 
-def _draw_labels(ax: Any, entries: list[Entry], x: str) -> None:
-    """Put each label above the frame, over its value or near it, so that none overlap."""
-    low, high = ax.get_xlim()
-    width = ax.get_window_extent().width / ax.figure.dpi * 72.0
-    named = _kinds_on_several_orbits(entries)
-    told = {(label_text(e, e.kind in named), e.parameters[x]) for e in entries}
-    for value in sorted({value for _, value in told}):
-        _draw_value(ax, value)
-    labels = _merged(sorted(told, key=lambda label: label[1]), 3 * GAP / width * (high - low))
-    places = [(value - low) / (high - low) * width for _, value in labels]
-    widths = [_text_width(text) for text, _ in labels]
-    spots = _arranged(places, widths, width)
-    transform = ax.get_xaxis_transform()
-    for (text, value), place, (row, middle) in sorted(
-        zip(labels, places, spots, strict=True), key=lambda item: -item[2][0]
-    ):
-        line = {"arrowstyle": "-", "color": "0.8", "linewidth": 0.5, "shrinkA": 0, "shrinkB": 0}
-        ax.annotate(
-            text, (value, 1.0), (middle - place, GAP + ROW * row), xycoords=transform,
-            textcoords="offset points", ha="center", va="bottom", fontsize=LABEL_SIZE,
-            arrowprops=line | {"relpos": (0.5, 0.0)} if row or middle != place else None,
-            bbox={"boxstyle": "square,pad=0.05", "facecolor": "white", "edgecolor": "none"},
-        )  # fmt: skip
+def legend_handles(
+    colours: dict[str, str], styles: Sequence[str], entries: Sequence[Entry], left_out: int = 0
+) -> list[Any]:
+    """Return lines and markers for what is drawn and nothing else.
 
-
-def _draw_value(ax: Any, value: float) -> None:
-    transform = ax.get_xaxis_transform()
-    ax.plot([value] * 2, [0.0, 1.0], transform=transform, color="0.8", linewidth=0.5, zorder=0)
-
-
-def _merged(labels: Sequence[tuple[str, float]], near: float) -> list[tuple[str, float]]:
-    """Labels and values, a text not repeated where it stands nearby already."""
-    kept: list[tuple[str, float]] = []
-    for text, value in labels:
-        if not any(text == other and value - before < near for other, before in kept):
-            kept.append((text, value))
-    return kept
-
-
-def _arranged(
-    places: Sequence[float], widths: Sequence[float], width: float
-) -> list[tuple[int, float]]:
-    """Row and middle of each label, from left to right: over its place where a row is free there,
-    else shifted along the row that ends first, and in rows beyond the last where all are full."""
-    edges = [-math.inf] * LABEL_ROWS
-    found = []
-    for place, wide in zip(places, widths, strict=True):
-        free = (i for i, edge in enumerate(edges) if edge + GAP <= place - wide / 2)
-        row = next(free, min(range(len(edges)), key=edges.__getitem__))
-        middle = max(place, edges[row] + GAP + wide / 2)
-        if middle + wide / 2 > width + 10 * GAP and middle > place:
-            edges.append(-math.inf)
-            row, middle = len(edges) - 1, place
-        edges[row] = middle + wide / 2
-        found.append((row, middle))
-    return found
-
-
-def _text_width(text: str) -> float:
-    """Width of a label in points."""
-    path = TextPath((0, 0), text.replace("\n", " ") or " ", size=LABEL_SIZE)
-    return float(path.get_extents().width) if len(path.vertices) else 0.0
-
-
-def _kinds_on_several_orbits(entries: Iterable[Entry]) -> set[str]:
-    """Kinds of events that are found on orbits of several notations."""
-    orbits: dict[str, set[str]] = {}
-    for entry in entries:
-        orbits.setdefault(entry.kind, set()).add(entry.notation)
-    return {kind for kind, names in orbits.items() if len(names) > 1}
-
-
-def label_text(entry: Entry, orbit: bool = False) -> str:
-    """Return an entry's label set as in Table 1: a tilde over ghosts, words raised and lowered.
-
-    A grazing of orbits with the period 2T, 4T, ... is PD_G. With `orbit`, labels without words
-    name the orbit.
+    Parameters
+    ----------
+    colours : dict of str to str
+        By wall.
+    styles : sequence of str
+        Of `STYLES`, those in use.
+    entries : sequence of Entry
+    left_out : int
+        Labels that found no room.
     """
-    if entry.kind not in LABELLED:
-        return _plain(entry.kind)
-    doubled = entry.kind == "G" and entry.period > 1 and entry.period & (entry.period - 1) == 0
-    name = r"\mathrm{PD}" if doubled else rf"\mathrm{{{entry.kind}}}"
-    if entry.ghost:
-        name = rf"\widetilde{{{name}}}"
-    if doubled:
-        name += r"_{\mathrm{G}}"
-    elif match := re.fullmatch(rf"~?\w+\[({ORBIT})->({ORBIT})\]", entry.label):
-        return f"${name}_{{{match[1]}}}^{{\\,{match[2]}}}$"
-    return f"${name}$" + (f"({_plain(entry.notation)})" if orbit else "")
-
-
-def _plain(text: str) -> str:
-    """A text from elsewhere as it is drawn: short, in one line, none of it set as mathematics."""
-    return printable(shortened(text, 40)).replace("\\", "/").replace("$", r"\$")
-
-
-def symbol(name: str) -> str:
-    """Return a parameter's name as it is set in labels."""
-    greek = {"beta": r"$\beta$", "omega": r"$\omega$", "sigma": r"$\sigma$", "gbar": r"$\bar{g}$"}
-    return greek.get(name, f"${name}$" if name else "")
-
-
-def _draw_legend(
-    ax: Any, colours: dict[str, str], styles: Sequence[str], entries: list[Entry]
-) -> None:
-    """Below the frame, what is drawn and nothing else."""
-    handles = [Line2D([], [], color=colour, label=f"wall {w}") for w, colour in colours.items()]
-    handles += [
-        Line2D([], [], color="0.3", linestyle=STYLES[name], linewidth=WIDTHS[name], label=name)
-        for name in STYLES
-        if name in styles
-    ]
+    handles = [legend_mark(color=colour, label=f"wall {w}") for w, colour in colours.items()]
+    handles += style_marks(styles)
     mark: dict[str, Any] = {"color": "0.3", "linestyle": "none", "markersize": 5}
     for kind in dict.fromkeys(e.kind for e in entries):
         label = kind if kind in MARKERS else label_text(next(e for e in entries if e.kind == kind))
-        handles.append(Line2D([], [], marker=MARKERS.get(kind, "P"), label=label, **mark))
+        handles.append(legend_mark(marker=MARKERS.get(kind, "P"), label=label, **mark))
+    if left_out:
+        text = f"no room for {left_out} label{'s' if left_out > 1 else ''}"
+        handles.append(legend_mark(linestyle="none", label=text))
     if any(e.ghost for e in entries):
-        hollow = Line2D([], [], marker=NEUTRAL, markerfacecolor="white", **mark)
+        hollow = legend_mark(marker=NEUTRAL, markerfacecolor="white", **mark)
         hollow.set_label("hollow: ghost")
         handles.append(hollow)
+    return handles
+
+
+def style_marks(styles: Sequence[str]) -> list[Any]:
+    """Return lines for those of `STYLES` that are in use."""
+    return [
+        legend_mark(color="0.3", linestyle=STYLES[name], linewidth=WIDTHS[name], label=name)
+        for name in STYLES
+        if name in styles
+    ]
+
+
+def draw_legend(ax: Any, handles: Sequence[Any]) -> None:
+    """Draw a legend below the frame."""
     columns = max(2, int(ax.get_window_extent().width / ax.figure.dpi * 72.0 / 72.0))
     ax.legend(
-        handles=handles, loc="upper center", bbox_to_anchor=(0.5, 0.0), borderaxespad=4.6,
+        handles=list(handles), loc="upper center", bbox_to_anchor=(0.5, 0.0), borderaxespad=4.6,
         ncols=columns, fontsize=8, frameon=False, handlelength=2.2, columnspacing=1.4,
     )  # fmt: skip

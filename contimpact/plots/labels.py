@@ -1,0 +1,262 @@
+"""Labels of events above the frame of a diagram, none over another and no leader through one.
+
+A leader leans from its value on the frame to a *port* and rises from there to the label, which
+stands over the port. Ports are in the order of the values, so leaders do not cross. Where labels
+are too wide to stand side by side they form a stair, the leftmost one highest, so that no leader
+runs through a label. What would be too far from its value or from the frame is left out and
+counted: ghosts and long orbits before others.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from matplotlib.lines import Line2D
+from matplotlib.textpath import TextPath
+from matplotlib.transforms import ScaledTranslation
+
+from ..diagram import Entry
+from .texts import label_text
+
+CHOICES = ("all", "period-1", "real", "none")
+"""Which events are labelled: all, those of period T, those that are no ghosts, none."""
+
+ROWS, ROW, SIZE, GAP = 4, 16.0, 8.0, 4.0
+"""Rows of labels; their height, font and distance in points."""
+FAN = 10.0
+"""Height above the frame within which leaders lean to their ports, in points."""
+CLEAR = 2.0
+"""Distance of leaders from each other and from labels, in points."""
+BEYOND = 20.0
+"""How far labels may reach beyond the frame on either side, in points."""
+FARTHEST = 60.0
+"""How far a port may be from its value, in points."""
+
+
+@dataclass(frozen=True)
+class Label:
+    """A text, the value it belongs to, and how much it tells: the smaller the more."""
+
+    text: str
+    value: float
+    rank: tuple[Any, ...]
+
+
+@dataclass(frozen=True)
+class Spot:
+    """Where a label stands, in points from the left end of the frame's upper edge."""
+
+    place: float
+    port: float
+    left: float
+    row: int
+    width: float
+
+    @property
+    def right(self) -> float:
+        """The label's right end."""
+        return self.left + self.width
+
+    @property
+    def height(self) -> float:
+        """Of the label's lower edge above the frame."""
+        return FAN + ROW * self.row
+
+
+def chosen(entries: Iterable[Entry], which: str) -> list[Entry]:
+    """Return the events to be labelled, by one of `CHOICES`; values asked for have no label."""
+    wanted = {
+        "all": lambda e: True, "period-1": lambda e: e.period == 1,
+        "real": lambda e: not e.ghost, "none": lambda e: False,
+    }[which]  # fmt: skip
+    return [e for e in entries if e.kind != "UZ" and wanted(e)]
+
+
+def draw_labels(ax: Any, entries: Sequence[Entry], x: str) -> int:
+    """Label events above the frame, with a line down from each label.
+
+    Parameters
+    ----------
+    ax : matplotlib.axes.Axes
+        With its limits as they will be.
+    entries : sequence of Entry
+        Inside the limits.
+    x : str
+        The column on the x axis.
+
+    Returns
+    -------
+    int
+        How many labels found no place.
+    """
+    low, high = ax.get_xlim()
+    width = ax.get_window_extent().width / ax.figure.dpi * 72.0
+    scale = width / (high - low)
+    labels = _merged(_labels(entries, x), 3 * GAP / scale)
+    places = [(label.value - low) * scale for label in labels]
+    limits = _limits(ax, width)
+    spots = arranged(places, [text_width(label.text) for label in labels], limits)
+    for label, spot in zip(labels, spots, strict=True):
+        if spot is not None:
+            _draw(ax, label, spot)
+    return sum(spot is None for spot in spots)
+
+
+def _labels(entries: Sequence[Entry], x: str) -> list[Label]:
+    """The labels of events, each text and value once, those that tell most first."""
+    named = _kinds_on_several_orbits(entries)
+    found: dict[tuple[str, float], Label] = {}
+    for e in entries:
+        text, value = label_text(e, e.kind in named), e.parameters[x]
+        label = Label(text, value, (e.ghost, not e.physical, e.period, len(e.word), value))
+        known = found.get((text, value))
+        found[text, value] = min(known, label, key=lambda one: one.rank) if known else label
+    return sorted(found.values(), key=lambda label: label.rank)
+
+
+def _merged(labels: Sequence[Label], near: float) -> list[Label]:
+    """Labels, a text not repeated where it stands nearby already."""
+    kept: list[Label] = []
+    for label in labels:
+        if not any(label.text == k.text and abs(label.value - k.value) < near for k in kept):
+            kept.append(label)
+    return kept
+
+
+def _kinds_on_several_orbits(entries: Iterable[Entry]) -> set[str]:
+    """Kinds of events that are found on orbits of several notations."""
+    orbits: dict[str, set[str]] = {}
+    for entry in entries:
+        orbits.setdefault(entry.kind, set()).add(entry.notation)
+    return {kind for kind, names in orbits.items() if len(names) > 1}
+
+
+def _limits(ax: Any, width: float) -> tuple[float, float]:
+    """How far labels may reach to the left and right: inside the figure, near the frame."""
+    left = ax.get_window_extent().x0 / ax.figure.dpi * 72.0
+    whole = ax.figure.get_figwidth() * 72.0
+    return -min(BEYOND, left - 1.0), width + min(BEYOND, whole - left - width - 1.0)
+
+
+def text_width(text: str) -> float:
+    """Return the width of a label in points."""
+    path = TextPath((0, 0), text.replace("\n", " ") or " ", size=SIZE)
+    return float(path.get_extents().width) if len(path.vertices) else 0.0
+
+
+def _draw(ax: Any, label: Label, spot: Spot) -> None:
+    transform = ax.get_xaxis_transform()
+    line: dict[str, Any] = {"color": "0.8", "linewidth": 0.5}
+    ax.plot([label.value] * 2, [0.0, 1.0], transform=transform, zorder=0, **line)
+    moved = spot.port - spot.place
+    inches = ax.figure.dpi_scale_trans + ScaledTranslation(label.value, 1.0, transform)
+    path = np.array([(0.0, 0.0), (moved, FAN), (moved, spot.height)]) / 72.0
+    ax.add_artist(Line2D(*path.T, transform=inches, clip_on=False, gid="leader", **line))
+    ax.annotate(
+        label.text, (label.value, 1.0), (spot.left - spot.place, spot.height), xycoords=transform,
+        textcoords="offset points", ha="left", va="bottom", fontsize=SIZE, gid="event",
+    )  # fmt: skip
+
+
+# Places.
+
+
+def arranged(
+    places: Sequence[float], widths: Sequence[float], limits: tuple[float, float]
+) -> list[Spot | None]:
+    """Return where labels stand, None where there is no room left by those before.
+
+    Parameters
+    ----------
+    places, widths : sequence of float
+        Of each label, in points from the left end of the frame.
+    limits : (low, high)
+        Between which labels have to stay.
+    """
+    kept: list[int] = []
+    spots: list[Spot] = []
+    for number in range(len(places)):
+        tried = sorted([*kept, number], key=places.__getitem__)
+        found = _placed([places[k] for k in tried], [widths[k] for k in tried], limits)
+        if all(_excess(spot, limits) <= 0.0 for spot in found):
+            kept, spots = tried, found
+    standing = dict(zip(kept, spots, strict=True))
+    return [standing.get(k) for k in range(len(places))]
+
+
+def _excess(spot: Spot, limits: tuple[float, float]) -> float:
+    """By how much a label is too far away."""
+    return max(
+        limits[0] - spot.left, spot.right - limits[1], abs(spot.port - spot.place) - FARTHEST
+    )
+
+
+def _placed(
+    places: Sequence[float], widths: Sequence[float], limits: tuple[float, float]
+) -> list[Spot]:
+    """Labels in order of their places, spread to both sides where they are crowded.
+
+    Pushing them to the right from their places keeps all distances, pushing them to the left does;
+    so does what lies between the two.
+    """
+    rows = _rows(places, widths)
+    right = _pushed(places, widths, rows)
+    mirrored = ([-p for p in places[::-1]], widths[::-1], rows[::-1])
+    left = [(-port, -start - wide) for (port, start), wide in
+            zip(_pushed(*mirrored), widths[::-1], strict=True)][::-1]  # fmt: skip
+    found: list[Spot] = []
+    for part in (0.5, 0.25, 0.75, 0.0, 1.0):
+        blend = (1.0 - part) * np.array(left) + part * np.array(right)
+        found = [
+            Spot(place, port, start, row, wide)
+            for place, (port, start), row, wide in zip(
+                places, blend.reshape(-1, 2).tolist(), rows, widths, strict=True
+            )
+        ]
+        if all(_excess(spot, limits) <= 0.0 for spot in found):
+            break
+    return found
+
+
+def _pushed(
+    places: Sequence[float], widths: Sequence[float], rows: Sequence[int]
+) -> list[tuple[float, float]]:
+    """Ports and left ends of labels, none to the left of its place.
+
+    A label stays clear of the one before it in its row, and of the leaders before it that rise to
+    higher rows; a leader stays clear of the labels before it in lower rows.
+    """
+    found: list[tuple[float, float]] = []
+    ends = [-np.inf] * ROWS
+    risen = [-np.inf] * ROWS
+    before = -np.inf
+    for k, (place, wide, row) in enumerate(zip(places, widths, rows, strict=True)):
+        start = max(ends[row] + GAP, max(risen[row + 1 :], default=-np.inf) + CLEAR)
+        apart = min(CLEAR, place - places[k - 1]) if k else 0.0
+        port = max(place, before + apart, max(ends[:row], default=-np.inf) + CLEAR, start)
+        start = max(start, port - 0.5 * wide)
+        ends[row], risen[row], before = start + wide, port, port
+        found.append((port, start))
+    return found
+
+
+def _rows(places: Sequence[float], widths: Sequence[float]) -> list[int]:
+    """Rows of labels: zero where they fit side by side, stairs where they do not.
+
+    The division into stairs costs least where ports are at their places; of those that can be so,
+    low stairs cost least.
+    """
+    best: dict[int, tuple[float, list[int]]] = {0: (0.0, [])}
+    for last in range(1, len(places) + 1):
+        options = []
+        for size in range(1, min(ROWS, last) + 1):
+            cost, rows = best[last - size]
+            tried = rows + list(range(size))[::-1]
+            moved = _pushed(places[:last], widths[:last], tried)[last - size :]
+            far = sum(port - p for (port, _), p in zip(moved, places[last - size :], strict=False))
+            options.append((cost + far + 3.0 * size * (size - 1), tried))
+        best[last] = min(options, key=lambda option: option[0])
+    return best[len(places)][1]
