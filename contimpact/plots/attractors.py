@@ -1,45 +1,45 @@
-"""Pictures of simulated motion: attractors over branches, exponents, energy, portraits, basins.
+"""Pictures of simulated motion: attractors over branches, exponents, energy, basins.
 
-In the manner of Figs. 5, 7, 8, 11 and 12 of the paper on vibro-impact pairs. Attractors are open
-circles; where sweeps in both directions are drawn, those of the second one are crosses. Colours
-and line styles are those of `contimpact.plots.diagram`, and the same in print without colours: what
-differs in colour differs in marker, style or panel as well.
+In the manner of Figs. 7, 8, 11 and 12 of the paper on vibro-impact pairs. Attractors are open
+circles beneath the branches; where sweeps in both directions are drawn, crosses show where the
+second one met other attractors. Colours and line styles are those of `contimpact.plots.diagram`,
+and the same in print without colours: what differs in colour differs in marker, style or panel as
+well.
 """
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ..attractors.attractor import Attractor, Kind
+from ..attractors.attractor import Kind
 from ..attractors.basins import Basins
 from ..attractors.energy import Membrane, along, of_attractor
-from ..attractors.sweep import Row, Simulators, Sweep
-from ..diagram import Branch, Diagram
+from ..attractors.sweep import Row, Simulators, Sweep, same
+from ..diagram import Diagram
 from ..files import Content, write_all
-from ..mechanics.search import Orbit
-from ..mechanics.simulate import Simulator
 from . import diagram as style
-from .texts import axis_label, symbol
+from .lines import STYLES, WIDTHS, runs
+from .portraits import SHOWN, others_at, portrait_figure
+from .texts import axis_label, plain, units_of, values_text
 
 if TYPE_CHECKING:
     from ..attractors.simulation import Simulation
     from ..scene import PlotOptions
 
-INK = "0.15"
 MARKS: dict[str, dict[str, Any]] = {
-    "first": {"marker": "o", "markerfacecolor": "none", "markersize": 3.2, "markeredgewidth": 0.7},
-    "second": {"marker": "x", "markersize": 3.0, "markeredgewidth": 0.7},
-    "random": {"marker": "D", "markerfacecolor": "none", "markersize": 3.4, "markeredgewidth": 0.7},
-}
-"""Of the sweep done first, the other one, and random starts."""
-SHOWN = 40
-"""Impacts drawn of a motion that is not periodic, in diagrams and time series."""
-LOOPS = 160
-"""Impacts drawn of such a motion in the phase plane."""
+    "first": {"marker": "o", "markerfacecolor": "none", "markersize": 3.2, "markeredgewidth": 0.6,
+              "color": "0.4", "zorder": 1.5},
+    "second": {"marker": "x", "markersize": 3.6, "markeredgewidth": 0.8, "color": "#D55E00",
+               "zorder": 4},
+    "random": {"marker": "D", "markerfacecolor": "none", "markersize": 3.4, "markeredgewidth": 0.7,
+               "color": "0.15", "zorder": 4},
+}  # fmt: skip
+"""Of the sweep done first, beneath the branches; of the other one; of random starts."""
 SPOTS = ("#0072B2", "#E69F00", "#009E73", "#CC79A7", "#56B4E9", "#F0E442", "0.45")
 
 
@@ -48,7 +48,9 @@ def plot_sweep(
     xlim: tuple[float, float] | None = None, ylim: tuple[float, float] | None = None,
     unit: str = "", **options: Any,
 ) -> Any:  # fmt: skip
-    """Draw attractors as open circles, over branches if there are any.
+    """Draw attractors as open circles, with branches over them if there are any.
+
+    Of a sweep in the second direction what the first one met at the same value is left out.
 
     Parameters
     ----------
@@ -68,7 +70,7 @@ def plot_sweep(
     -------
     matplotlib.axes.Axes
     """
-    ax = ax or style.new_figure().add_subplot()
+    ax = ax or style.fixed_axes()
     x = x or sweep.parameter
     xlim = xlim or _limits(sweep, x)
     if diagram is not None:
@@ -76,25 +78,36 @@ def plot_sweep(
     entries = list(getattr(ax.get_legend(), "legend_handles", []) or [])
     speeds = [0.0]
     for direction, mark in _marks(sweep).items():
-        places, values = _points(sweep.of(direction), x)
-        ax.plot(places, values, linestyle="none", color=INK, zorder=4, **mark)
+        places, values = _points(_news(sweep, direction), x)
+        ax.plot(places, values, linestyle="none", **mark)
         speeds += values
-        entries.append(
-            style.legend_mark(linestyle="none", color=INK, label=_told(direction), **mark)
-        )
+        entries.append(style.legend_mark(linestyle="none", label=_told(sweep, direction), **mark))
     ax.set_xlim(*xlim)
     if ylim is None and diagram is None:
         margin = 0.06 * (max(speeds) - min(speeds) or 1.0)
         ax.set_ylim(min(speeds) - margin, max(speeds) + margin)
     if diagram is None:
         ax.axhline(0.0, color="0.75", linewidth=0.6, zorder=0)
-    _label(ax, x, unit, "velocity before impact")
-    _legend(ax, entries)
+    ax.set_xlabel(axis_label(x, unit))
+    if diagram is None:
+        ax.set_ylabel("impact velocity (before impact)")
+    style.draw_legend(ax, entries)
     return ax
 
 
-def _told(direction: str) -> str:
-    return "random starts" if direction == "random" else f"simulated, {direction}"
+def _news(sweep: Sweep, direction: str) -> list[Row]:
+    """The rows of a direction, without what the first one met at the same values."""
+    rows, first = sweep.of(direction), sweep.directions[0]
+    if direction == first:
+        return rows
+    met = {row.value: row.attractor for row in sweep.of(first)}
+    return [r for r in rows if r.value not in met or not same(met[r.value], r.attractor)]
+
+
+def _told(sweep: Sweep, direction: str) -> str:
+    if direction == "random":
+        return "random starts"
+    return f"simulated, {direction}" + ("" if direction == sweep.directions[0] else ": other ones")
 
 
 def _marks(sweep: Sweep) -> dict[str, dict[str, Any]]:
@@ -168,7 +181,7 @@ def plot_exponents(sweep: Sweep, ax: Any = None, *, x: str | None = None, unit: 
         )  # fmt: skip
         handles.append(style.legend_mark(linestyle="none", label=name, **mark))
     if sticking:
-        mark = {"marker": "v", "markersize": 4, "color": INK, "linestyle": "none"}
+        mark = {"marker": "v", "markersize": 4, "color": "0.15", "linestyle": "none"}
         places = [r.attractor.parameters[x] for r in sticking]
         ax.plot(places, [0.02] * len(places), transform=ax.get_xaxis_transform(), **mark)
         handles.append(style.legend_mark(label="sticking", **mark))
@@ -185,7 +198,8 @@ def plot_energy(
     """Draw the output voltages of attractors, and of the branches of period T.
 
     Open circles are U_k of each impact, squares the mean per impact, triangles the mean per unit of
-    dimensionless time; lines are U_k along the branches, by wall.
+    dimensionless time; lines are U_k along the branches, by wall. Only the first direction of a
+    sweep is drawn.
     """
     ax = ax or style.new_figure().add_subplot()
     x = x or sweep.parameter
@@ -201,16 +215,18 @@ def plot_energy(
         voltages += [(place, u) for u in shown.tolist()]
         means.append((energy.per_impact, energy.per_time))
         places.append(place)
+    sticks = any(row.attractor.kind is Kind.STICKING for row in first)
+    accumulates = "\n(0 where impacts accumulate)" if sticks else ""
     looks = [
-        ("$U_k$", [p for p, _ in voltages], [u for _, u in voltages], MARKS["first"], INK),
-        (r"$\bar{U}_I$, per impact", places, [m[0] for m in means],
-         {"marker": "s", "markersize": 3.0}, "#D55E00"),
+        ("$U_k$", [p for p, _ in voltages], [u for _, u in voltages], MARKS["first"]),
+        (r"$\bar{U}_I$, per impact" + accumulates, places, [m[0] for m in means],
+         {"marker": "s", "markersize": 3.0, "color": "#D55E00", "zorder": 4}),
         (r"$\bar{U}_T$, per time", places, [m[1] for m in means],
-         {"marker": "^", "markersize": 3.2}, "#CC79A7"),
+         {"marker": "^", "markersize": 3.2, "color": "#CC79A7", "zorder": 4}),
     ]  # fmt: skip
-    for label, at, values, mark, colour in looks:
-        ax.plot(at, np.array(values) / 1e3, linestyle="none", color=colour, zorder=4, **mark)
-        handles.append(style.legend_mark(linestyle="none", color=colour, label=label, **mark))
+    for label, at, values, mark in looks:
+        ax.plot(at, np.array(values) / 1e3, linestyle="none", **mark)
+        handles.append(style.legend_mark(linestyle="none", label=label, **mark))
     low, high = xlim or _limits(sweep, x)
     tops = [u for p, u in voltages if low <= p <= high]
     tops += [max(pair) for p, pair in zip(places, means, strict=True) if low <= p <= high]
@@ -223,134 +239,22 @@ def plot_energy(
 
 def _branch_voltages(ax: Any, membrane: Membrane, diagram: Diagram, x: str) -> list[Any]:
     walls = list(dict.fromkeys(wall for b in diagram.branches for wall in sorted(b.word)))
-    colours = dict(zip(walls, style.COLOURS, strict=False))
+    colours = dict(zip(walls, itertools.cycle(style.COLOURS), strict=False))
+    used: set[str] = set()
     for branch in diagram.branches:
         if branch.period > 1:
             continue
         columns = along(membrane, branch)
-        good = branch.stable & branch.physical
-        for k, wall in enumerate(branch.word):
-            for shown, line in ((good, "-"), (~good, (0, (1, 1.6)))):
-                values = np.where(shown, columns[f"U{k + 1}"], np.nan) / 1e3
+        for first, last, state in runs(branch):
+            rows = slice(first, last + 1)
+            used.add(state)
+            for k, wall in enumerate(branch.word):
                 ax.plot(
-                    branch[x], values, color=colours[wall], linewidth=1.0, linestyle=line, zorder=2
-                )
+                    branch[x][rows], columns[f"U{k + 1}"][rows] / 1e3, color=colours[wall],
+                    linewidth=WIDTHS[state], linestyle=STYLES[state], zorder=2,
+                )  # fmt: skip
     handles = [style.legend_mark(color=colours[w], label=f"$U_k$, wall {w}") for w in walls]
-    handles.append(style.legend_mark(color="0.3", label="stable"))
-    handles.append(
-        style.legend_mark(color="0.3", linestyle=(0, (1, 1.6)), label="unstable or\nunphysical")
-    )
-    return handles
-
-
-# Portraits.
-
-
-def motion(
-    simulator: Simulator, attractor: Attractor, periods: int = 0, last: int = SHOWN
-) -> tuple[Any, Any, Any, Any]:
-    """Return times, positions, velocities of a motion, and the rows of its touches.
-
-    A periodic motion is closed, and repeated if `periods` is more than its own; of another one the
-    `last` impacts are taken.
-
-    Returns
-    -------
-    t, z, v : ndarray
-    touches : list of (time, wall, velocity)
-    """
-    if attractor.period is None:
-        rows = slice(-last, None)
-        walls, times = attractor.walls[rows], attractor.times[rows]
-        speeds, released = attractor.velocities[rows], attractor.released[rows]
-    else:
-        times_round = max(1, -(-periods // attractor.period))
-        span = attractor.period * attractor.forcing_period
-        walls = np.tile(attractor.walls, times_round)
-        released = np.tile(attractor.released, times_round)
-        speeds = np.tile(attractor.velocities, times_round)
-        times = np.concatenate([attractor.times + span * k for k in range(times_round)])
-        walls, released = np.append(walls, walls[0]), np.append(released, released[0])
-        speeds = np.append(speeds, speeds[0])
-        times = np.append(times, attractor.times[0] + span * times_round)
-    t, z, v = simulator.path(walls, times, speeds, released)
-    hits = [row for row in zip(times, walls, speeds, released, strict=True) if not row[3]]
-    return t, z, v, [(time, int(wall), speed) for time, wall, speed, _ in hits]
-
-
-def plot_portrait(
-    simulator: Simulator, attractor: Attractor, ax: Any = None, *,
-    others: Mapping[str, Attractor] | None = None,
-) -> Any:  # fmt: skip
-    """Draw the phase plane: velocity against position, with the walls and the touches.
-
-    Parameters
-    ----------
-    simulator : Simulator
-    attractor : Attractor
-    ax : matplotlib.axes.Axes, optional
-    others : mapping of str to Attractor, optional
-        Further orbits at the same parameter values, such as unstable or unphysical ones, by label;
-        drawn dashed.
-    """
-    ax = ax or style.new_figure(4.4, 4.0).add_subplot()
-    handles = []
-    for number, (label, other) in enumerate((others or {}).items()):
-        _, z, v, _ = motion(simulator, other)
-        look: dict[str, Any] = {
-            "color": ("#D55E00", "#CC79A7", "#E69F00")[number % 3], "linewidth": 1.1,
-            "linestyle": ((0, (5, 2)), (0, (1, 1.6)))[number % 2],
-        }  # fmt: skip
-        ax.plot(z, v, zorder=3, **look)
-        handles.append(style.legend_mark(label=label, **look))
-    _, z, v, touches = motion(simulator, attractor, last=LOOPS)
-    thin = 1.3 if attractor.period is not None else 0.3
-    ax.plot(z, v, color="#0072B2", linewidth=thin)
-    handles.append(style.legend_mark(color="#0072B2", label=attractor.notation))
-    _walls(ax.axvline, simulator)
-    for wall, position in enumerate(simulator.positions):
-        ax.annotate(
-            simulator.letters[wall], (position, 1.0), (0, 3), ha="center", fontsize=8,
-            color=style.COLOURS[wall], xycoords=ax.get_xaxis_transform(),
-            textcoords="offset points",
-        )  # fmt: skip
-    for _, wall, speed in touches:
-        ax.plot(simulator.positions[wall], speed, color=INK, **MARKS["first"])
-    ax.axhline(0.0, color="0.85", linewidth=0.6, zorder=0)
-    ax.locator_params(axis="x", nbins=5)
-    ax.set_xlabel("$Z$")
-    ax.set_ylabel(r"$\dot{Z}$")
-    ax.legend(handles=handles, fontsize=7, frameon=False, loc="best")
-    return ax
-
-
-def plot_series(simulator: Simulator, attractor: Attractor, ax: Any = None) -> Any:
-    """Draw position against time in forcing periods, with the walls and the touches."""
-    ax = ax or style.new_figure(5.2, 3.0).add_subplot()
-    periods = 4 if attractor.period is not None else 0
-    t, z, _, touches = motion(simulator, attractor, periods)
-    begin = np.floor(t[0] / simulator.period)
-    ax.plot(t / simulator.period - begin, z, color="#0072B2", linewidth=1.1)
-    _walls(ax.axhline, simulator)
-    for wall, position in enumerate(simulator.positions):
-        ax.annotate(
-            simulator.letters[wall], (1.0, position), (4, 0), va="center", fontsize=8,
-            color=style.COLOURS[wall], xycoords=ax.get_yaxis_transform(),
-            textcoords="offset points",
-        )  # fmt: skip
-    for time, wall, _ in touches:
-        ax.plot(
-            time / simulator.period - begin, simulator.positions[wall], color=INK, **MARKS["first"]
-        )
-    ax.margins(x=0.01)
-    ax.set_xlabel("$t/T$")
-    ax.set_ylabel("$Z$")
-    return ax
-
-
-def _walls(line: Any, simulator: Simulator) -> None:
-    for k, position in enumerate(simulator.positions):
-        line(position, color=style.COLOURS[k], linewidth=1.4, zorder=1)
+    return handles + style.style_marks([state for state in STYLES if state in used])
 
 
 # Basins.
@@ -382,8 +286,9 @@ def plot_basins(found: Basins, ax: Any = None) -> Any:
         here &= (a.velocities >= low) & (a.velocities <= high)
         size = 5 if a.period is not None else 2
         ax.plot((a.times[here] / period) % 1.0, a.velocities[here], **look | {"markersize": size})
-        handles.append(style.legend_mark(label=f"{a.notation}, {share:.0%}", **look))
+        handles.append(style.legend_mark(label=f"{plain(a.notation)}, {share:.0%}", **look))
     ax.set_xlim(0.0, 1.0)
+    ax.set_title(f"{len(found.phases)} by {len(found.velocities)} starts", fontsize=8, loc="right")
     ax.set_xlabel("time of the first impact, $t/T$")
     ax.set_ylabel(f"velocity before it, on wall {found.wall}")
     _legend(ax, handles)
@@ -402,14 +307,13 @@ def _rgb(colour: str) -> tuple[float, float, float]:
 
 def save_simulation(result: Simulation, folder: Path, options: PlotOptions) -> list[str]:
     """Draw all pictures of a simulation to files; returns their names."""
-    scene, sweep, name = result.scene, result.sweep, result.scene.name
-    declared = scene.model.declared.get(options.x)
-    unit = declared.unit if declared else ""
+    scene, sweep = result.scene, result.sweep
+    unit = scene.model.unit(options.x)
+    choices = {"unphysical": options.unphysical, "labels": options.labels}
     figures: dict[str, Any] = {
         "attractors": plot_sweep(
             sweep, x=options.x, diagram=result.diagram, xlim=options.xlim or None,
-            ylim=options.ylim, unit=unit,
-            **({"unphysical": options.unphysical} if result.diagram else {}),
+            ylim=options.ylim, unit=unit, **(choices if result.diagram else {}),
         ).figure,
         "exponents": plot_exponents(sweep, x=options.x, unit=unit).figure,
     }  # fmt: skip
@@ -417,65 +321,26 @@ def save_simulation(result: Simulation, folder: Path, options: PlotOptions) -> l
         figures["energy"] = plot_energy(
             scene.energy, sweep, x=options.x, diagram=result.diagram, xlim=options.xlim, unit=unit
         ).figure
+    for figure in figures.values():
+        _head(figure, result)
     simulators = Simulators(scene.model, scene.parameter)
     for number, row in enumerate(result.portraits, start=1):
         simulator = simulators.at(row.value)
-        figures[f"portrait{number}"] = portrait_figure(
-            simulator, row, _others(result, row, simulator), options.x
-        )
+        others = others_at(result, row, simulator)
+        figure = figures[f"portrait{number}"] = portrait_figure(simulator, row.attractor, others)
+        _head(figure, result, row.attractor.parameters)
     for number, found in enumerate(result.basins, start=1):
-        figures[f"basins{number}"] = plot_basins(found).figure
+        figure = figures[f"basins{number}"] = plot_basins(found).figure
+        _head(figure, result, found.parameters)
     contents: dict[str, Content] = {}
     for stem, figure in figures.items():
-        contents |= style.pictures(figure, stem, options.formats, name)
+        contents |= style.pictures(figure, stem, options.formats, scene.name)
     return write_all(folder, contents)
 
 
-def portrait_figure(simulator: Simulator, row: Row, others: Mapping[str, Attractor], x: str) -> Any:
-    """Return a figure with the phase plane and the time series of an attractor."""
-    figure = style.new_figure(9.0, 3.6)
-    left, right = figure.subplots(1, 2, width_ratios=(1.0, 1.5))
-    if row.attractor.kind in (Kind.RESTING, Kind.NO_IMPACT):
-        left.set_title(row.attractor.notation)
-        return figure
-    plot_portrait(simulator, row.attractor, left, others=others)
-    plot_series(simulator, row.attractor, right)
-    value = row.attractor.parameters[x]
-    figure.suptitle(f"{symbol(x)} = {value:.6g}: {row.attractor.notation}", fontsize=10)
-    return figure
-
-
-def _others(result: Simulation, row: Row, simulator: Simulator) -> dict[str, Attractor]:
-    """Orbits of period T on the branches at a value that cannot be observed.
-
-    Of each notation and state the one with the fastest impact.
-    """
-    if result.diagram is None:
-        return {}
-    from ..attractors.coverage import orbits_on
-
-    found: dict[str, Attractor] = {}
-    for branch in result.diagram.branches:
-        if branch.period > 1:
-            continue
-        for orbit in orbits_on(branch, result.sweep, row.value, simulator.kernels):
-            if not (orbit.stable and orbit.physical):
-                state = "unstable" if orbit.physical else "unphysical"
-                label = f"{branch.notation}, {state}"
-                other = _as_attractor(branch, orbit, simulator)
-                known = found.get(label)
-                if known is None or _fastest(other) > _fastest(known):
-                    found[label] = other
-    return found
-
-
-def _fastest(attractor: Attractor) -> float:
-    return float(np.max(np.abs(attractor.velocities)))
-
-
-def _as_attractor(branch: Branch, orbit: Orbit, simulator: Simulator) -> Attractor:
-    walls = np.array([simulator.letters.index(letter) for letter in branch.word])
-    return Attractor(
-        Kind.PERIODIC, {}, branch.notation, simulator.period, branch.word, branch.period, walls,
-        orbit.times, orbit.velocities, np.zeros(len(walls), dtype=bool),
-    )  # fmt: skip
+def _head(figure: Any, result: Simulation, values: Mapping[str, float] | None = None) -> None:
+    """Write scene and parameters at the upper edge, by default those that are fixed."""
+    model, parameter = result.scene.model, result.scene.parameter
+    fixed = {name: value for name, value in model.values.items() if name != parameter}
+    text = values_text(values or fixed, units_of(model.SYSTEM))
+    style.write_heading(figure, f"{result.scene.name}: {text}")

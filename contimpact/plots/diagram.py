@@ -20,29 +20,26 @@ import matplotlib.figure
 import numpy as np
 from matplotlib.lines import Line2D
 
-from ..diagram import Array, Branch, Diagram, Entry
+from ..diagram import Diagram, Entry
 from ..errors import InputError, shown
 from ..files import Content, write, write_all
 from .labels import CHOICES, chosen, draw_labels, text_width
+from .lines import STYLES, WIDTHS, Piece, pieces_of
 from .texts import axis_label, fixed_values, label_text, plain, units_of, values_text
 
 COLOURS = ("#0072B2", "#E69F00", "#009E73", "#CC79A7")
 """One for each wall; from the Okabe-Ito cycle, told apart by most colour-blind readers, the first
 two by lightness alone."""
 
-STYLES: dict[str, Any] = {"stable": "-", "unstable": (0, (5, 2)), "unphysical": (0, (1, 1.6))}
-WIDTHS = {"stable": 1.6, "unstable": 1.1, "unphysical": 0.9}
 MARKERS = {"FB": "^", "BP": "D", "PD": "s", "NS": "*", "G": "o", "V": "v", "T": "X", "UZ": "|"}
 NEUTRAL = "h"
 """The marker of no kind of event, for what the legend says of all kinds."""
 SHOWN = {"all": 10**9, "period-1": 1, "none": 0}
 """Up to which period unphysical orbits are drawn."""
 
-SIZE = (7.2, 5.4)
-AXES = (1.0, 1.0, 5.9, 3.1)
+SIZE = (7.2, 5.6)
+AXES = (1.0, 1.2, 5.9, 3.1)
 """A diagram's figure, and in it the axes (left, bottom, width, height), in inches."""
-FLAT = 3e-4
-"""How far a drawn chord may be from a smooth curve, by the size of the picture."""
 
 
 def plot_diagram(
@@ -84,10 +81,10 @@ def plot_diagram(
     column = _checked(diagram, x, {"xlim": xlim, "ylim": ylim}, unphysical, labelled)
     if ax is None:
         ax = fixed_axes()
-        write_heading(ax, diagram)
+        write_heading(ax.figure, heading(diagram))
     walls = list(dict.fromkeys(wall for branch in diagram.branches for wall in sorted(branch.word)))
     colours = dict(zip(walls, itertools.cycle(COLOURS), strict=False))
-    pieces = _pieces(diagram, column, xlim, SHOWN[unphysical])
+    pieces = pieces_of(diagram, column, xlim, SHOWN[unphysical])
     for wall, style, places, speeds in pieces:
         ax.plot(
             places, speeds, linestyle=STYLES[style], color=colours[wall], linewidth=WIDTHS[style]
@@ -158,19 +155,23 @@ def fixed_axes() -> Any:
     return figure.add_axes((left / wide, bottom / high, width / wide, height / high))
 
 
-def write_heading(ax: Any, diagram: Diagram) -> None:
-    """Write at the upper edge of a figure what its diagram is of: name and fixed parameters."""
+def heading(diagram: Diagram) -> str:
+    """Return what a diagram is of: its name and the parameters that are fixed."""
     if not diagram.branches:
-        return
-    units = units_of(diagram.branches[0].system)
-    fixed = values_text(fixed_values(diagram.branches), units)
-    text = f"{plain(diagram.name, 60)}: {fixed}"
-    wide, high = ax.figure.get_size_inches()
+        return plain(diagram.name, 60)
+    fixed = fixed_values(diagram.branches)
+    return f"{plain(diagram.name, 60)}: {values_text(fixed, units_of(diagram.branches[0].system))}"
+
+
+def write_heading(figure: Any, text: str) -> None:
+    """Write a line at the upper edge of a figure, as large as there is room for."""
+    wide, high = figure.get_size_inches()
     room = 72.0 * (wide - 0.2) / max(text_width(text), 1.0)
-    ax.figure.text(
-        0.5, 1.0 - 0.06 / high, text, ha="center", va="top", fontsize=min(8.0, 8.0 * room),
-        gid="heading",
-    )  # fmt: skip
+    look: dict[str, Any] = {"fontsize": min(8.0, 8.0 * room), "gid": "heading"}
+    if figure.get_layout_engine() is not None:
+        figure.suptitle(text, **look)
+    else:
+        figure.text(0.5, 1.0 - 0.06 / high, text, ha="center", va="top", **look)
 
 
 def save_figure(
@@ -216,83 +217,6 @@ def picture(figure: Any, kind: str, salt: str) -> bytes:
 def legend_mark(**style: Any) -> Any:
     """Return a line or marker for a legend."""
     return Line2D([], [], **style)
-
-
-Piece = tuple[str, str, Array, Array]
-"""A run of equal status of one impact: wall, style, values on the x axis, velocities."""
-
-
-def _pieces(
-    diagram: Diagram, x: str, xlim: tuple[float, float] | None, longest: int
-) -> list[Piece]:
-    """All that is drawn of branches; of unphysical orbits those up to the longest period."""
-    pieces = []
-    for branch in diagram.branches:
-        low, high = xlim or (np.nanmin(branch[x]), np.nanmax(branch[x]))
-        span = float(high - low) or 1.0
-        runs = [r for r in _runs(branch) if r[2] != "unphysical" or branch.period <= longest]
-        for k, wall in enumerate(branch.word):
-            places, speeds, rows = _smooth(branch, x, branch[f"v{k + 1}"], span)
-            for first, last, style in runs:
-                piece = slice(rows[first], rows[last] + 1)
-                pieces.append((wall, style, places[piece], speeds[piece]))
-    return pieces
-
-
-def _runs(branch: Branch) -> list[tuple[int, int, str]]:
-    """Runs of equal status, each joined to the next at their common row: first row, last, style.
-
-    The status changes at events, so a run that starts at one takes it from its other end.
-    """
-    status = np.where(branch.physical, np.where(branch.stable, 0, 1), 2)
-    at_event = np.nonzero(branch["event"][:-1] != "")[0]
-    status[at_event] = status[at_event + 1]
-    edges = (np.nonzero(np.diff(status))[0] + 1).tolist()
-    names = list(STYLES)
-    last = len(status) - 1
-    return [
-        (first, min(beyond, last), names[status[first]])
-        for first, beyond in zip([0, *edges], [*edges, len(status)], strict=True)
-    ]
-
-
-def _smooth(branch: Branch, x: str, speed: Array, span: float) -> tuple[Array, Array, Array]:
-    """A branch's points, and points of a cubic in arclength where chords would be seen.
-
-    Returns values on the x axis, velocities, and where the branch's own rows stand among them.
-    """
-    own = np.column_stack([branch[x], speed])
-    length = branch["arclength"]
-    names = list(branch.columns)
-    if len(own) < 3 or names.index(x) > names.index("t1"):
-        return own[:, 0], own[:, 1], np.arange(len(own))
-    steps, slopes = np.diff(length), _slopes(length, own)
-    size = np.array([span, float(np.ptp(speed)) or 1.0])
-    bend = np.max(steps[:, None] * np.abs(np.diff(slopes, axis=0)) / (8.0 * size), axis=1)
-    parts = np.clip(np.ceil(np.sqrt(np.nan_to_num(bend) / FLAT)), 1, 24).astype(int)
-    rows = np.concatenate([[0], np.cumsum(parts)])
-    i = np.repeat(np.arange(len(parts)), parts)
-    u = ((np.arange(rows[-1]) - rows[i]) / parts[i])[:, None]
-    dense = np.empty((rows[-1] + 1, 2))
-    dense[:-1] = _cubic(u, steps[i, None], own[i], own[i + 1], slopes[i], slopes[i + 1])
-    dense[rows] = own
-    return dense[:, 0], dense[:, 1], rows
-
-
-def _slopes(length: Array, values: Array) -> Array:
-    """Derivatives by arclength; rows that all but coincide (events on points) share theirs."""
-    apart = np.append(True, np.diff(length) > 1e-9 * (length[-1] - length[0]))
-    if np.count_nonzero(apart) < 3:
-        return np.zeros_like(values)
-    there = np.gradient(values[apart], length[apart], axis=0, edge_order=2)
-    return np.asarray(there[np.cumsum(apart) - 1])
-
-
-def _cubic(u: Array, step: Array, a: Array, b: Array, da: Array, db: Array) -> Array:
-    """Cubics from a to b with derivatives da and db, at fractions u of their steps."""
-    bump = u * (1.0 - u)
-    lean = (1.0 - u) * (step * da - (b - a)) - u * (step * db - (b - a))
-    return a + u * (b - a) + bump * lean
 
 
 def _velocity_limits(pieces: Sequence[Piece], seen: tuple[float, float]) -> tuple[float, float]:

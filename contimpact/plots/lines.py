@@ -1,0 +1,93 @@
+"""The lines of a diagram: branches in runs of equal status, smooth where steps are long."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from ..diagram import Array, Branch, Diagram
+
+STYLES: dict[str, Any] = {"stable": "-", "unstable": (0, (5, 2)), "unphysical": (0, (1, 1.6))}
+WIDTHS = {"stable": 1.6, "unstable": 1.1, "unphysical": 0.9}
+
+FLAT = 3e-4
+"""How far a drawn chord may be from a smooth curve, by the size of the picture."""
+
+Piece = tuple[str, str, Array, Array]
+"""A run of equal status of one impact: wall, style, values on the x axis, velocities."""
+
+
+def pieces_of(
+    diagram: Diagram, x: str, xlim: tuple[float, float] | None, longest: int
+) -> list[Piece]:
+    """Return all that is drawn of branches; of unphysical orbits those up to the longest period."""
+    pieces = []
+    for branch in diagram.branches:
+        low, high = xlim or (np.nanmin(branch[x]), np.nanmax(branch[x]))
+        span = float(high - low) or 1.0
+        parts = [r for r in runs(branch) if r[2] != "unphysical" or branch.period <= longest]
+        for k, wall in enumerate(branch.word):
+            places, speeds, rows = _smooth(branch, x, branch[f"v{k + 1}"], span)
+            for first, last, style in parts:
+                piece = slice(rows[first], rows[last] + 1)
+                pieces.append((wall, style, places[piece], speeds[piece]))
+    return pieces
+
+
+def runs(branch: Branch) -> list[tuple[int, int, str]]:
+    """Return runs of equal status, each joined to the next at their common row.
+
+    Of each the first row, the last one, and which of `STYLES` it has.
+
+    The status changes at events, so a run that starts at one takes it from its other end.
+    """
+    status = np.where(branch.physical, np.where(branch.stable, 0, 1), 2)
+    at_event = np.nonzero(branch["event"][:-1] != "")[0]
+    status[at_event] = status[at_event + 1]
+    edges = (np.nonzero(np.diff(status))[0] + 1).tolist()
+    names = list(STYLES)
+    last = len(status) - 1
+    return [
+        (first, min(beyond, last), names[status[first]])
+        for first, beyond in zip([0, *edges], [*edges, len(status)], strict=True)
+    ]
+
+
+def _smooth(branch: Branch, x: str, speed: Array, span: float) -> tuple[Array, Array, Array]:
+    """A branch's points, and points of a cubic in arclength where chords would be seen.
+
+    Returns values on the x axis, velocities, and where the branch's own rows stand among them.
+    """
+    own = np.column_stack([branch[x], speed])
+    length = branch["arclength"]
+    names = list(branch.columns)
+    if len(own) < 3 or names.index(x) > names.index("t1"):
+        return own[:, 0], own[:, 1], np.arange(len(own))
+    steps, slopes = np.diff(length), _slopes(length, own)
+    size = np.array([span, float(np.ptp(speed)) or 1.0])
+    bend = np.max(steps[:, None] * np.abs(np.diff(slopes, axis=0)) / (8.0 * size), axis=1)
+    parts = np.clip(np.ceil(np.sqrt(np.nan_to_num(bend) / FLAT)), 1, 24).astype(int)
+    rows = np.concatenate([[0], np.cumsum(parts)])
+    i = np.repeat(np.arange(len(parts)), parts)
+    u = ((np.arange(rows[-1]) - rows[i]) / parts[i])[:, None]
+    dense = np.empty((rows[-1] + 1, 2))
+    dense[:-1] = _cubic(u, steps[i, None], own[i], own[i + 1], slopes[i], slopes[i + 1])
+    dense[rows] = own
+    return dense[:, 0], dense[:, 1], rows
+
+
+def _slopes(length: Array, values: Array) -> Array:
+    """Derivatives by arclength; rows that all but coincide (events on points) share theirs."""
+    apart = np.append(True, np.diff(length) > 1e-9 * (length[-1] - length[0]))
+    if np.count_nonzero(apart) < 3:
+        return np.zeros_like(values)
+    there = np.gradient(values[apart], length[apart], axis=0, edge_order=2)
+    return np.asarray(there[np.cumsum(apart) - 1])
+
+
+def _cubic(u: Array, step: Array, a: Array, b: Array, da: Array, db: Array) -> Array:
+    """Cubics from a to b with derivatives da and db, at fractions u of their steps."""
+    bump = u * (1.0 - u)
+    lean = (1.0 - u) * (step * da - (b - a)) - u * (step * db - (b - a))
+    return a + u * (b - a) + bump * lean

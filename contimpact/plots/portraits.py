@@ -1,0 +1,209 @@
+"""Phase planes and time series of simulated motion, in the manner of Figs. 5, 7 and 8 of the paper.
+
+The attractor is black and solid, with a circle at each impact. Orbits beside it have the line
+styles of diagrams: unstable ones are dashed, unphysical ones dotted. They differ in colour and in
+width, so that those that lie on one another can all be seen.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from ..attractors.attractor import Attractor, Kind
+from ..attractors.sweep import Row
+from ..diagram import Branch
+from ..mechanics.search import Orbit
+from ..mechanics.simulate import Simulator
+from . import diagram as style
+from .lines import STYLES
+from .texts import plain
+
+if TYPE_CHECKING:
+    from ..attractors.simulation import Simulation
+
+INK = "0.1"
+TOUCH: dict[str, Any] = {
+    "marker": "o", "markerfacecolor": "white", "markersize": 3.4, "markeredgewidth": 0.7,
+    "color": INK, "zorder": 5,
+}  # fmt: skip
+OTHERS = ("#D55E00", "#009E73", "#CC79A7", "#56B4E9")
+"""Colours of orbits beside the attractor; none is a wall's."""
+SHOWN = 40
+"""Impacts drawn of a motion that is not periodic, in diagrams and time series."""
+LOOPS = 160
+"""Impacts drawn of such a motion in the phase plane."""
+
+
+def motion(
+    simulator: Simulator, attractor: Attractor, periods: int = 0, last: int = SHOWN
+) -> tuple[Any, Any, Any, Any]:
+    """Return times, positions, velocities of a motion, and the rows of its touches.
+
+    A periodic motion is closed, and repeated if `periods` is more than its own; of another one the
+    `last` impacts are taken.
+
+    Returns
+    -------
+    t, z, v : ndarray
+    touches : list of (time, wall, velocity)
+    """
+    if attractor.period is None:
+        rows = slice(-last, None)
+        walls, times = attractor.walls[rows], attractor.times[rows]
+        speeds, released = attractor.velocities[rows], attractor.released[rows]
+    else:
+        times_round = max(1, -(-periods // attractor.period))
+        span = attractor.period * attractor.forcing_period
+        walls = np.tile(attractor.walls, times_round)
+        released = np.tile(attractor.released, times_round)
+        speeds = np.tile(attractor.velocities, times_round)
+        times = np.concatenate([attractor.times + span * k for k in range(times_round)])
+        walls, released = np.append(walls, walls[0]), np.append(released, released[0])
+        speeds = np.append(speeds, speeds[0])
+        times = np.append(times, attractor.times[0] + span * times_round)
+    t, z, v = simulator.path(walls, times, speeds, released)
+    hits = [row for row in zip(times, walls, speeds, released, strict=True) if not row[3]]
+    return t, z, v, [(time, int(wall), speed) for time, wall, speed, _ in hits]
+
+
+def plot_portrait(
+    simulator: Simulator, attractor: Attractor, ax: Any = None, *,
+    others: Mapping[str, Attractor] | None = None,
+) -> Any:  # fmt: skip
+    """Draw the phase plane: velocity against position, with the walls and the touches.
+
+    Parameters
+    ----------
+    simulator : Simulator
+    attractor : Attractor
+    ax : matplotlib.axes.Axes, optional
+    others : mapping of str to Attractor, optional
+        Further orbits at the same parameter values, by label. One that ends in ``unstable`` or
+        ``unphysical`` is drawn in the style of its state, others solid.
+    """
+    ax = ax or style.new_figure(4.4, 4.0).add_subplot()
+    handles = []
+    _, z, v, touches = motion(simulator, attractor, last=LOOPS)
+    closed = attractor.period is not None
+    ax.plot(z, v, color=INK if closed else "0.45", linewidth=1.5 if closed else 0.3)
+    handles.append(style.legend_mark(color=INK, label=plain(attractor.notation)))
+    for (label, other), look in zip(
+        (others or {}).items(), _looks(list(others or {})), strict=True
+    ):
+        _, z, v, _ = motion(simulator, other)
+        ax.plot(z, v, **look)
+        handles.append(style.legend_mark(label=label, **look))
+    _walls(ax.axvline, simulator)
+    for wall, position in enumerate(simulator.positions):
+        ax.annotate(
+            simulator.letters[wall], (position, 1.0), (0, 3), ha="center", fontsize=8,
+            color=style.COLOURS[wall % len(style.COLOURS)], xycoords=ax.get_xaxis_transform(),
+            textcoords="offset points",
+        )  # fmt: skip
+    for _, wall, speed in touches:
+        ax.plot(simulator.positions[wall], speed, **TOUCH)
+    ax.axhline(0.0, color="0.85", linewidth=0.6, zorder=0)
+    ax.locator_params(axis="x", nbins=5)
+    ax.set_xlabel("$Z$")
+    ax.set_ylabel(r"$\dot{Z}$")
+    ax.legend(
+        handles=handles, fontsize=7, frameon=False, loc="upper center", bbox_to_anchor=(0.5, -0.16),
+        ncols=2, handlelength=3.2,
+    )  # fmt: skip
+    return ax
+
+
+def _looks(labels: Sequence[str]) -> list[dict[str, Any]]:
+    """Colour, width and style of orbits beside an attractor: the style tells the state, each is
+    narrower than those beneath it."""
+    found = []
+    for number, label in enumerate(labels):
+        state = label.rpartition(" ")[2]
+        found.append(
+            {
+                "color": OTHERS[number % len(OTHERS)], "zorder": 3 + 0.01 * number,
+                "linestyle": STYLES.get(state, "-"),
+                "linewidth": max(1.0, 2.8 - 0.8 * number),
+            }
+        )  # fmt: skip
+    return found
+
+
+def plot_series(simulator: Simulator, attractor: Attractor, ax: Any = None) -> Any:
+    """Draw position against time in forcing periods, with the walls and the touches."""
+    ax = ax or style.new_figure(5.2, 3.0).add_subplot()
+    periods = 4 if attractor.period is not None else 0
+    t, z, _, touches = motion(simulator, attractor, periods)
+    begin = np.floor(t[0] / simulator.period)
+    ax.plot(t / simulator.period - begin, z, color=INK, linewidth=1.1)
+    _walls(ax.axhline, simulator)
+    for wall, position in enumerate(simulator.positions):
+        ax.annotate(
+            simulator.letters[wall], (1.0, position), (4, 0), va="center", fontsize=8,
+            color=style.COLOURS[wall % len(style.COLOURS)], xycoords=ax.get_yaxis_transform(),
+            textcoords="offset points",
+        )  # fmt: skip
+    for time, wall, _ in touches:
+        ax.plot(time / simulator.period - begin, simulator.positions[wall], **TOUCH)
+    ax.margins(x=0.01)
+    ax.set_xlabel("$t/T$")
+    ax.set_ylabel("$Z$")
+    return ax
+
+
+def _walls(line: Any, simulator: Simulator) -> None:
+    for k, position in enumerate(simulator.positions):
+        line(position, color=style.COLOURS[k % len(style.COLOURS)], linewidth=1.4, zorder=1)
+
+
+def portrait_figure(
+    simulator: Simulator, attractor: Attractor, others: Mapping[str, Attractor]
+) -> Any:
+    """Return a figure with the phase plane and the time series of an attractor."""
+    figure = style.new_figure(9.0, 4.0)
+    left, right = figure.subplots(1, 2, width_ratios=(1.0, 1.5))
+    if attractor.kind in (Kind.RESTING, Kind.NO_IMPACT):
+        left.set_title(plain(attractor.notation))
+        return figure
+    plot_portrait(simulator, attractor, left, others=others)
+    plot_series(simulator, attractor, right)
+    return figure
+
+
+def others_at(result: Simulation, row: Row, simulator: Simulator) -> dict[str, Attractor]:
+    """Return the orbits of period T on the branches at a value that cannot be observed.
+
+    Of each notation and state the one with the fastest impact.
+    """
+    if result.diagram is None:
+        return {}
+    from ..attractors.coverage import orbits_on
+
+    found: dict[str, Attractor] = {}
+    for branch in result.diagram.branches:
+        if branch.period > 1:
+            continue
+        for orbit in orbits_on(branch, result.sweep, row.value, simulator.kernels):
+            if not (orbit.stable and orbit.physical):
+                state = "unstable" if orbit.physical else "unphysical"
+                label = f"{plain(branch.notation)}, {state}"
+                other = _as_attractor(branch, orbit, simulator)
+                known = found.get(label)
+                if known is None or _fastest(other) > _fastest(known):
+                    found[label] = other
+    return found
+
+
+def _fastest(attractor: Attractor) -> float:
+    return float(np.max(np.abs(attractor.velocities)))
+
+
+def _as_attractor(branch: Branch, orbit: Orbit, simulator: Simulator) -> Attractor:
+    walls = np.array([simulator.letters.index(letter) for letter in branch.word])
+    return Attractor(
+        Kind.PERIODIC, {}, branch.notation, simulator.period, branch.word, branch.period, walls,
+        orbit.times, orbit.velocities, np.zeros(len(walls), dtype=bool),
+    )  # fmt: skip

@@ -1,0 +1,150 @@
+"""Pictures of simulated motion: what differs is told apart, nothing hides what lies beneath it."""
+
+from __future__ import annotations
+
+import dataclasses
+import tomllib
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from contimpact.attractors.attractor import Settling, settle
+from contimpact.attractors.energy import Membrane
+from contimpact.attractors.simulation import Simulation
+from contimpact.attractors.sweep import Row, Simulators, Sweep, sweep
+from contimpact.explore import follow
+from contimpact.mechanics.simulate import State
+from contimpact.plots import attractors as pictures
+from contimpact.plots.diagram import STYLES, WIDTHS
+from contimpact.plots.portraits import others_at, plot_portrait, portrait_figure
+from contimpact.scene import read_scene
+
+QUICK = Settling(transient=50, periods=800, impacts=1500)
+SCENE = Path(__file__).parent.parent / "branches" / "fig7" / "scene.toml"
+
+
+@pytest.fixture(scope="module")
+def simulation(kernels_of):
+    """Fig. 7 between s = 0.35 and 0.36 down and up: 2:1 lives longer upwards."""
+    given = tomllib.loads(SCENE.read_text(encoding="utf-8"))
+    given["follow"]["depth"] = 1
+    scene = read_scene(given)
+    kernels = kernels_of(scene.model, "s")
+    values = [0.35, 0.3535, 0.3562, 0.3585]
+    rows = []
+    for way, start in ((values[::-1], State(0, 0.25, 0.6)), (values, State(0, 0.1, 0.6))):
+        rows += sweep(scene.model, "s", way, start=start, settling=QUICK, kernels=kernels).rows
+    return Simulation(scene, Sweep(scene.model, "s", rows), diagram=follow(scene))
+
+
+def marked(ax, marker):
+    return [line for line in ax.lines if line.get_marker() == marker]
+
+
+def test_the_second_direction_shows_other_attractors_alone(simulation):
+    """At 0.3562 the sweep up still has 2:1 where that down is complex; elsewhere they agree."""
+    ax = pictures.plot_sweep(simulation.sweep, diagram=simulation.diagram)
+    (crosses,) = marked(ax, "x")
+    assert set(crosses.get_xdata()) == {0.3562}
+    assert len(crosses.get_xdata()) == 3
+    texts = [t.get_text() for t in ax.get_legend().get_texts()]
+    assert texts[-2:] == ["simulated, down", "simulated, up: other ones"]
+
+
+def test_attractors_do_not_hide_branches(simulation):
+    ax = pictures.plot_sweep(simulation.sweep, diagram=simulation.diagram)
+    circles = [line for line in marked(ax, "o") if line.get_markerfacecolor() == "none"]
+    branches = [line for line in ax.lines if line.get_linewidth() == WIDTHS["stable"]]
+    assert len(circles) == 1
+    assert branches
+    assert circles[0].get_zorder() < min(line.get_zorder() for line in branches)
+
+
+@pytest.mark.parametrize("with_branches", [True, False])
+def test_the_legend_is_inside_the_figure(simulation, with_branches):
+    diagram = simulation.diagram if with_branches else None
+    ax = pictures.plot_sweep(simulation.sweep, diagram=diagram)
+    ax.figure.draw_without_rendering()
+    box = ax.get_legend().get_window_extent()
+    width, height = ax.figure.get_size_inches() * ax.figure.dpi
+    assert box.x0 >= 0.0
+    assert box.y0 >= 0.0
+    assert box.x1 <= width
+    assert box.y1 <= height
+
+
+def test_energy_has_the_three_styles_of_diagrams(simulation):
+    ax = pictures.plot_energy(Membrane(), simulation.sweep, diagram=simulation.diagram)
+    texts = [t.get_text() for t in ax.get_legend().get_texts()]
+    assert {"stable", "unstable", "unphysical"} <= set(texts)
+    drawn = {line._unscaled_dash_pattern for line in ax.lines if line.get_marker() == "None"}
+    assert len(drawn) == len(STYLES)
+    assert not any("accumulate" in text for text in texts)
+
+
+def test_energy_says_where_impacts_accumulate(simulation):
+    row = simulation.sweep.rows[0]
+    sticking = dataclasses.replace(row.attractor, kind=pictures.Kind.STICKING)
+    swept = Sweep(simulation.scene.model, "s", [Row("down", row.value, sticking)])
+    ax = pictures.plot_energy(Membrane(), swept)
+    assert any("accumulate" in t.get_text() for t in ax.get_legend().get_texts())
+
+
+@pytest.fixture(scope="module")
+def portrait(simulation, kernels_of):
+    """At the ghost grazing of 1:1, where the unstable 1:1 and 2:1 all but coincide."""
+    model = simulation.scene.model
+    simulator = Simulators(model, "s", kernels_of(model, "s")).at(0.329)
+    attractor = settle(simulator, State(0, 0.1, 0.6), QUICK)
+    others = others_at(simulation, Row("down", 0.329, attractor), simulator)
+    return simulator, attractor, others
+
+
+def test_dashes_tell_the_state(portrait):
+    """As in diagrams, whatever the order of the orbits."""
+    simulator, attractor, others = portrait
+    assert {label.rpartition(" ")[2] for label in others} == {"unstable", "unphysical"}
+    for order in (list(others), list(others)[::-1]):
+        ax = plot_portrait(simulator, attractor, others={k: others[k] for k in order})
+        handles = {h.get_label(): h for h in ax.get_legend().legend_handles}
+        assert handles.pop(attractor.notation).get_linestyle() == "-"
+        for label, handle in handles.items():
+            dashes = handle._unscaled_dash_pattern[1]
+            assert tuple(dashes) == STYLES[label.rpartition(" ")[2]][1]
+
+
+def test_no_orbit_hides_another(portrait):
+    """Those drawn later are narrower, and all differ in colour from each other and the walls."""
+    simulator, attractor, others = portrait
+    ax = plot_portrait(simulator, attractor, others=others)
+    handles = ax.get_legend().legend_handles[1:]
+    widths = [handle.get_linewidth() for handle in handles]
+    assert widths == sorted(widths, reverse=True)
+    assert len(set(widths)) == len(widths) == 3
+    colours = [handle.get_color() for handle in handles]
+    assert len({*colours, *pictures.style.COLOURS[:2]}) == len(colours) + 2
+
+
+def test_a_portrait_names_all_parameters(simulation, portrait):
+    simulator, attractor, others = portrait
+    figure = portrait_figure(simulator, attractor, others)
+    pictures._head(figure, simulation, attractor.parameters)
+    text = figure.get_suptitle()
+    assert text.startswith("fig7: ")
+    assert "$s$ = 0.329 m" in text
+    assert "$d$ = 0.204802" in text
+    figure.draw_without_rendering()
+
+
+def test_basins_name_value_and_starts(simulation, kernels_of):
+    from contimpact.attractors.basins import basins
+
+    model = simulation.scene.model
+    simulator = Simulators(model, "s", kernels_of(model, "s")).at(0.3562)
+    found = basins(simulator, shape=(3, 4), settling=QUICK)
+    ax = pictures.plot_basins(found)
+    assert sorted(ax.get_title(loc="right").split()[::2][:2]) == ["3", "4"]
+    pictures._head(ax.figure, simulation, found.parameters)
+    assert "$s$ = 0.3562 m" in ax.figure.get_suptitle()
+    assert np.sum(found.shares) == pytest.approx(1.0)
