@@ -174,7 +174,13 @@ def _save_plots(scene: Scene, diagram: Diagram, files: Files) -> None:
     if diagram.curves:
         from ..plots.curves import save_curves
 
-        files.add(lambda: save_curves(diagram.curves, files.folder, plot.formats, diagram.checks))
+        names = (*scene.model.values, *scene.model.DERIVED)
+        units = {name: scene.model.unit(name) for name in names}
+        files.add(
+            lambda: save_curves(
+                diagram.curves, files.folder, plot.formats, diagram.checks, units=units
+            )
+        )
     files.add(
         lambda: save_diagram(
             _own_member(scene, diagram), files.folder, plot.formats, x=plot.x, xlim=plot.xlim,

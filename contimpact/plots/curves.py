@@ -1,110 +1,215 @@
 """Curves of bifurcations in two parameters, in the manner of the paper's Fig. 6.
 
-A panel for each member of the family; PD blue, G green, FB orange, BP and V in further colours;
-ghosts dotted; points of codimension two marked; the band under each panel tells which bifurcation
-comes first as d falls.
+A panel for each member of the family and each pair of parameters; PD blue, G green, FB orange, BP
+and V in further colours; ghosts dotted; points of codimension two marked; the band under each panel
+tells which bifurcation comes first as the quantity on the y axis falls.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import matplotlib.figure
 import numpy as np
 from matplotlib.lines import Line2D
 
-from ..two_parameters.competition import Region, column, regions
+from ..errors import InputError, shown
+from ..two_parameters.competition import Region, regions
 from ..two_parameters.curves import Curve
 from ..two_parameters.runs import Check
-from .diagram import save_figure
+from .diagram import save_figure, write_heading
+from .texts import axis_label, set_label, symbol, values_text
 
 COLOURS = {"PD": "#0072B2", "G": "#009E73", "FB": "#D55E00", "BP": "#CC79A7", "V": "#E69F00"}
-WIDTHS = {"PD": 1.8, "G": 1.2, "FB": 1.2, "BP": 1.2, "V": 1.2}
+WIDTHS = {"PD": 1.8, "G": 1.2, "FB": 0.8, "BP": 1.2, "V": 1.2}
 HATCHES = {"G": "//////", "FB": "......"}
 """Of the bands, so that they differ without colour."""
 MARKERS = {"PD-G": "o", "G-PD": "o", "G-FB": "^", "CP": "v", "GPD": "s", "DG": "D"}
-SYMBOLS = {"beta": r"\beta", "omega": r"\omega", "sigma": r"\sigma", "gbar": r"\bar{g}"}
+
+
+class Key(NamedTuple):
+    """What a colour stands for: a bifurcation of an orbit."""
+
+    kind: str
+    label: str
+    notation: str
+
+
+@dataclass(frozen=True)
+class Panel:
+    """The curves of one member of the family in one pair of parameters.
+
+    `along` is the column on the y axis, `across` that on the x axis, the second parameter.
+    """
+
+    curves: Sequence[Curve]
+    fixed: Mapping[str, float]
+    along: str
+    across: str
 
 
 def plot_curves(
     curves: Sequence[Curve], axes: Any = None, *, along: str | None = None,
-    checks: Sequence[Check] = (),
+    units: Mapping[str, str] | None = None, checks: Sequence[Check] = (),
 ) -> Any:  # fmt: skip
-    """Draw curves, one panel for each member of their family.
+    """Draw curves, one panel for each member of their family and each pair of parameters.
 
     Parameters
     ----------
     curves : sequence of Curve
     axes : sequence of matplotlib.axes.Axes, optional
-        One for each member; a new figure otherwise.
+        One for each panel; a new figure otherwise.
     along : str, optional
-        The column on the y axis: ``d`` where there is one, else the branch's parameter.
+        The parameter on the y axis. By default the curve's first one, or a derived parameter that
+        is that one, or its reciprocal, times a constant: ``d`` of the impact pair where s or A is
+        followed.
+    units : mapping of str to str, optional
+        Of parameters, for the labels of axes.
     checks : sequence of Check, optional
         One-parameter runs; bands that none of them confirms are drawn half as high.
 
     Returns
     -------
     list of matplotlib.axes.Axes
+
+    Raises
+    ------
+    InputError
+        For no curves, a parameter that they do not have, or axes that are too few.
     """
-    members = list({tuple(c.fixed.items()): dict(c.fixed) for c in curves}.values())
-    along = along or column(list(curves[0].columns), curves[0].parameters[0])
-    if axes is None:
-        axes = _panels(len(members))
-    axes = list(np.ravel(axes))
-    labels = list(dict.fromkeys(c.label for c in curves))
-    for ax, fixed in zip(axes, members, strict=False):
-        own = [c for c in curves if dict(c.fixed) == fixed]
-        _draw_member(ax, own, fixed, along, labels)
-        for region in regions(own, along, checks):
-            _draw_region(ax, region, labels)
-    _draw_legend(axes[0], curves, any(r.said for r in regions(curves, along, checks)))
+    if not curves:
+        raise InputError("curves", "empty", "give at least one curve")
+    panels = _panels(curves, along)
+    axes = list(np.ravel(_axes(panels) if axes is None else axes))
+    if len(axes) < len(panels):
+        raise InputError("axes", f"found {len(axes)}", f"give {len(panels)}, one for each panel")
+    keys = list(dict.fromkeys(map(_key, curves)))
+    for ax, panel in zip(axes, panels, strict=False):
+        _draw_panel(ax, panel, keys, units or {})
+    found = [(ax, regions(p.curves, p.along, checks)) for ax, p in zip(axes, panels, strict=False)]
+    for ax, bands in found:
+        for region in bands:
+            _draw_region(ax, region, keys)
+    unconfirmed = any(region.said for _, bands in found for region in bands)
+    _draw_legend(axes[0], panels, keys, unconfirmed)
     return axes
 
 
 def save_curves(
-    curves: Sequence[Curve], folder: Path, formats: Sequence[str], checks: Sequence[Check] = ()
-) -> list[str]:
+    curves: Sequence[Curve], folder: Path, formats: Sequence[str], checks: Sequence[Check] = (),
+    units: Mapping[str, str] | None = None,
+) -> list[str]:  # fmt: skip
     """Draw curves to files ``curves.<format>``; returns their names."""
-    axes = plot_curves(curves, checks=checks)
+    axes = plot_curves(curves, units=units, checks=checks)
+    write_heading(axes[0].figure, values_text(_fixed(curves), units or {}))
     return save_figure(axes[0].figure, folder, "curves", formats, "curves")
 
 
-def _panels(count: int) -> Any:
-    columns = min(count, 4)
-    rows = -(-count // columns)
-    size = (3.0 * columns + 0.6, 2.7 * rows + 0.5) if count > 1 else (5.6, 4.2)
-    figure = matplotlib.figure.Figure(figsize=size, dpi=150, layout="constrained")
-    axes = np.ravel(figure.subplots(rows, columns, sharex=True, sharey=True, squeeze=False))
-    for ax in axes[count:]:
-        ax.set_visible(False)
-    for ax in axes[max(count - columns, 0) : count]:  # nothing stands below these
-        ax.tick_params(labelbottom=True)
-    return axes[:count]
+# Panels.
 
 
-def _draw_member(
-    ax: Any, curves: Sequence[Curve], fixed: Mapping[str, float], along: str, labels: Sequence[str]
-) -> None:
-    second = curves[0].parameters[1]
+def _panels(curves: Sequence[Curve], along: str | None) -> list[Panel]:
+    """The curves by member of the family and pair of parameters."""
+    groups: dict[Any, list[Curve]] = {}
     for curve in curves:
-        _draw_curve(ax, curve, second, along, labels)
+        groups.setdefault((tuple(curve.fixed.items()), curve.parameters), []).append(curve)
+    return [
+        Panel(group, group[0].fixed, _column(group, along), group[0].parameters[1])
+        for group in groups.values()
+    ]
+
+
+def _column(curves: Sequence[Curve], along: str | None) -> str:
+    """The column on the y axis: the one asked for, or the first parameter as it is best known."""
+    names = _parameters(curves[0])
+    if along is None:
+        return _rescaled(curves, names)
+    if along not in names:
+        found = f"curve {curves[0].id} has no parameter {shown(along)}"
+        raise InputError("along", found, f"accepted are {', '.join(names)}")
+    return along
+
+
+def _parameters(curve: Curve) -> list[str]:
+    """Names of all parameters, derived ones included."""
+    names = list(curve.columns)
+    return names[names.index("arclength") + 1 : names.index("t1")]
+
+
+def _fixed(curves: Sequence[Curve]) -> dict[str, float]:
+    """Parameters that are the same on all curves."""
+    found = {}
+    for name in _parameters(curves[0]):
+        values = {value for c in curves for value in (c[name].min(), c[name].max())}
+        if len(values) == 1:
+            found[name] = float(values.pop())
+    return found
+
+
+def _rescaled(curves: Sequence[Curve], names: Sequence[str]) -> str:
+    """A derived parameter that is the first parameter, or its reciprocal, times a constant; the
+    first parameter itself if there is none."""
+    first = curves[0].parameters[0]
+    values = np.concatenate([c[first] for c in curves])
+    for name in names:
+        if name in curves[0].parameters or np.ptp(values) == 0.0:
+            continue
+        others = np.concatenate([c[name] for c in curves])
+        with np.errstate(all="ignore"):
+            constants = (others / values, others * values)
+        if np.ptp(others) > 0.0 and any(np.ptp(c) < 1e-9 * abs(c[0]) for c in constants):
+            return name
+    return first
+
+
+def _axes(panels: Sequence[Panel]) -> Any:
+    """Axes for panels in rows of four, in a new figure; limits are shared where all fit."""
+    columns = min(len(panels), 4)
+    rows = -(-len(panels) // columns)
+    size = (3.0 * columns + 1.2, 2.7 * rows + 0.7) if len(panels) > 1 else (6.2, 4.4)
+    figure = matplotlib.figure.Figure(figsize=size, dpi=150, layout="constrained")
+    axes = np.ravel(
+        figure.subplots(
+            rows, columns, sharex=len({p.across for p in panels}) == 1, sharey=_alike(panels),
+            squeeze=False,
+        )
+    )  # fmt: skip
+    for ax in axes[len(panels) :]:
+        ax.set_visible(False)
+    for ax in axes[max(len(panels) - columns, 0) : len(panels)]:  # nothing stands below these
+        ax.tick_params(labelbottom=True)
+    return axes[: len(panels)]
+
+
+def _alike(panels: Sequence[Panel]) -> bool:
+    """Whether panels have one quantity on the y axis and none needs much less than another."""
+    spans = [np.ptp(np.concatenate([c[p.along] for c in p.curves])) for p in panels]
+    return len({p.along for p in panels}) == 1 and max(spans) < 3.0 * min(spans)
+
+
+# Drawing.
+
+
+def _draw_panel(ax: Any, panel: Panel, keys: Sequence[Key], units: Mapping[str, str]) -> None:
+    for curve in panel.curves:
+        _draw_curve(ax, curve, panel, _colour(_key(curve), keys))
         for point in curve.points:
             ax.plot(
-                point.parameters[second], point.parameters[along], linestyle="none", color="k",
-                marker=MARKERS.get(point.kind, "P"), markersize=4.5, zorder=5,
+                point.parameters[panel.across], point.parameters[panel.along], linestyle="none",
+                color="k", marker=MARKERS.get(point.kind, "P"), markersize=4.5, zorder=5,
             )  # fmt: skip
     if ax.xaxis.get_tick_params().get("labelbottom", True):
-        ax.set_xlabel(f"${_symbol(second)}$")
+        ax.set_xlabel(axis_label(panel.across, units.get(panel.across, "")))
     if ax.yaxis.get_tick_params().get("labelleft", True):
-        ax.set_ylabel(f"${_symbol(along)}$")
-    if fixed:
-        title = ", ".join(f"${_symbol(name)} = {_angle(v)}$" for name, v in fixed.items())
-        ax.set_title(title, fontsize=9)
+        ax.set_ylabel(axis_label(panel.along, units.get(panel.along, "")))
+    if panel.fixed:
+        ax.set_title(values_text(panel.fixed, units), fontsize=9)
 
 
-def _draw_curve(ax: Any, curve: Curve, second: str, along: str, labels: Sequence[str]) -> None:
+def _draw_curve(ax: Any, curve: Curve, panel: Panel, colour: str) -> None:
     """Draw runs of equal status; a piece that starts at a marked point takes it from its end."""
     ghost = curve.ghost.copy()
     marked = np.nonzero(curve["event"][:-1] != "")[0]
@@ -113,55 +218,55 @@ def _draw_curve(ax: Any, curve: Curve, second: str, along: str, labels: Sequence
     for first, last in zip([0, *edges], [*edges, len(ghost)], strict=True):
         piece = slice(first, min(last + 1, len(ghost)))
         ax.plot(
-            curve[second][piece], curve[along][piece], color=_colour(curve.label, labels),
+            curve[panel.across][piece], curve[panel.along][piece], color=colour,
             linestyle=(0, (1, 1.4)) if ghost[first] else "-", linewidth=WIDTHS[curve.kind],
         )  # fmt: skip
 
 
-def _draw_region(ax: Any, region: Region, labels: Sequence[str]) -> None:
-    """A band along the x axis in the colour of what comes first; half as high if unconfirmed."""
-    colour = _colour(region.first, labels)
-    hatch = HATCHES.get(region.first.removeprefix("~").split("[")[0])
+def _draw_region(ax: Any, region: Region, keys: Sequence[Key]) -> None:
+    """A band along the x axis in the colour of what comes first, one over another by orbit; half as
+    high if unconfirmed."""
+    kind = region.first.removeprefix("~").split("[")[0]
+    key = next(k for k in keys if k.label == region.first and k.notation == region.notation)
+    low = 0.04 * list(dict.fromkeys(k.notation for k in keys)).index(region.notation)
     height = 0.015 if region.said else 0.03
     ax.axvspan(
-        region.low, region.high, ymin=0, ymax=height, facecolor=colour, edgecolor="white",
-        alpha=0.6, linewidth=0, hatch=hatch,
+        region.low, region.high, ymin=low, ymax=low + height, facecolor=_colour(key, keys),
+        alpha=0.6, edgecolor="white", linewidth=0, hatch=HATCHES.get(kind),
     )  # fmt: skip
 
 
-def _colour(label: str, labels: Sequence[str]) -> str:
-    """The kind's colour; a second grazing is black."""
-    kind = label.split("[")[0]
-    same = [other for other in labels if other.split("[")[0] == kind]
-    return COLOURS[kind] if label == same[0] else "k"
+def _key(curve: Curve) -> Key:
+    return Key(curve.kind, curve.label, curve.notation)
 
 
-def _draw_legend(ax: Any, curves: Sequence[Curve], unconfirmed: bool) -> None:
-    labels = list(dict.fromkeys(c.label for c in curves))
-    handles = []
-    for kind, label in dict.fromkeys((c.kind, c.label) for c in curves):
-        handles.append(Line2D([], [], color=_colour(label, labels), lw=WIDTHS[kind], label=label))
-    handles.append(Line2D([], [], color="0.3", linestyle=(0, (1, 1.4)), label="ghost"))
+def _colour(key: Key, keys: Sequence[Key]) -> str:
+    """The kind's colour; a second bifurcation of a kind is black, further ones are grey."""
+    same = [other for other in keys if other.kind == key.kind]
+    return (COLOURS[key.kind], "k", "0.45")[min(same.index(key), 2)]
+
+
+def _draw_legend(ax: Any, panels: Sequence[Panel], keys: Sequence[Key], unconfirmed: bool) -> None:
+    handles = [
+        Line2D([], [], color=_colour(k, keys), lw=WIDTHS[k.kind], label=_text(k, keys))
+        for k in keys
+    ]
+    curves = [c for panel in panels for c in panel.curves]
+    if any(c.ghost.any() for c in curves):
+        handles.append(Line2D([], [], color="0.3", linestyle=(0, (1, 1.4)), label="ghost"))
     kinds = {"G-PD": "PD-G"}
     for kind in dict.fromkeys(kinds.get(p.kind, p.kind) for c in curves for p in c.points):
         marker = MARKERS.get(kind, "P")
         handles.append(Line2D([], [], color="k", ls="none", marker=marker, ms=4.5, label=kind))
-    first = "first as d falls" + "\n(half as high: not checked)" * unconfirmed
+    falling = " or ".join(dict.fromkeys(symbol(panel.along) for panel in panels))
+    first = f"first as {falling} falls" + "\n(half as high: not checked)" * unconfirmed
     handles.append(Line2D([], [], color="0.5", lw=4, alpha=0.6, label=first))
     ax.figure.legend(
         handles=handles, loc="outside right upper", fontsize=7.5, frameon=False, handlelength=1.8
     )
 
 
-def _symbol(name: str) -> str:
-    return SYMBOLS.get(name, name)
-
-
-def _angle(value: float) -> str:
-    """A value as a simple multiple of pi, if it is one."""
-    for below in (1, 2, 3, 4, 6, 9, 12, 18):
-        above = value / np.pi * below
-        if abs(above - round(above)) < 1e-12 and round(above):
-            top = "" if round(above) == 1 else str(round(above))
-            return rf"{top}\pi/{below}" if below > 1 else rf"{top}\pi"
-    return f"{value:.4g}"
+def _text(key: Key, keys: Sequence[Key]) -> str:
+    """A bifurcation as in Table 1; with its orbit where there are several."""
+    several = len({k.notation for k in keys}) > 1
+    return set_label(key.kind, key.label, key.notation if several else "")

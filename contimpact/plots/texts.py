@@ -48,6 +48,13 @@ def label_text(entry: Entry, orbit: bool = False) -> str:
     return f"${name}$" + (f"({plain(entry.notation)})" if orbit else "")
 
 
+def set_label(kind: str, label: str, orbit: str = "") -> str:
+    """Return a label as ``G[1:1->2:1]`` with its words raised and lowered; others name `orbit`."""
+    if match := re.fullmatch(rf"~?\w+\[({ORBIT})->({ORBIT})\]", label):
+        return rf"$\mathrm{{{kind}}}_{{{match[1]}}}^{{\,{match[2]}}}$"
+    return rf"$\mathrm{{{kind}}}$" + (f"({plain(orbit)})" if orbit else "")
+
+
 def symbol(name: str) -> str:
     """Return a name as it is set in labels: letters, Greek ones too, as symbols, ``r_B`` with an
     index, words as they are."""

@@ -1,0 +1,116 @@
+"""Curves in two parameters as a picture: panels, axes and their units, what stands for what."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from matplotlib.figure import Figure
+
+from contimpact import plot_curves
+from contimpact.continuation.branch import End, EndKind
+from contimpact.errors import InputError
+from contimpact.plots.curves import save_curves
+from contimpact.two_parameters.curves import Curve
+
+UNITS = {"s": "m", "A": "N", "d": "dimensionless", "a": "kg"}
+END = End(EndKind.RANGE, 1.0, "")
+
+
+def curve(pair, kind="PD", label=None, notation="1:1", fixed=None, **columns):
+    """A curve with eleven points; columns that are not given keep a value of their own."""
+    ramp = np.linspace(0.0, 1.0, 11)
+    numbers = {"r": 0.3 + 0.0 * ramp, "A": 5.0 + 0.0 * ramp, "s": 0.4 + 0.0 * ramp}
+    numbers |= dict(fixed or {})
+    numbers |= {name: np.broadcast_to(values, 11) for name, values in columns.items()}
+    numbers = {name: np.broadcast_to(values, 11).copy() for name, values in numbers.items()}
+    numbers.setdefault("d", 3.1125 * numbers["s"] / numbers["A"])
+    rest = {"t1": ramp, "n_unstable": np.zeros(11, int), "physical": np.ones(11, int),
+            "event": np.full(11, "", dtype=object)}  # fmt: skip
+    return Curve(
+        "c1", kind, label or kind, "B" * int(notation[0]) + "T", 1, notation, pair,
+        {"arclength": ramp} | numbers | rest,
+        (END, END), [], "e1", fixed=fixed or {},
+    )  # fmt: skip
+
+
+RAMP = np.linspace(0.0, 1.0, 11)
+IN_R = curve(("s", "r"), s=0.3 + 0.1 * RAMP, r=0.2 + 0.3 * RAMP)
+IN_A = curve(("s", "A"), s=0.3 + 0.1 * RAMP, A=4.0 + 2.0 * RAMP)
+
+
+def test_each_pair_of_parameters_has_a_panel():
+    axes = plot_curves([IN_R, IN_A], units=UNITS)
+    assert [ax.get_xlabel() for ax in axes] == ["$r$", "$A$ (N)"]
+    assert [ax.get_ylabel() for ax in axes] == ["$d$ (dimensionless)", "$s$ (m)"]
+    for ax, one in zip(axes, (IN_R, IN_A), strict=True):
+        (line,) = [line for line in ax.lines if len(line.get_xdata()) > 1]
+        assert np.array_equal(line.get_xdata(), one[one.parameters[1]])
+    assert not axes[0].get_shared_x_axes().joined(*axes)
+
+
+def test_d_is_not_shown_where_it_is_not_the_first_parameter_rescaled():
+    """Along s and A it depends on both; along A alone it is its reciprocal."""
+    assert plot_curves([IN_A])[0].get_ylabel() == "$s$"
+    over = curve(("A", "r"), A=4.0 + RAMP, r=0.2 + 0.3 * RAMP)
+    assert plot_curves([over])[0].get_ylabel() == "$d$"
+
+
+def test_parameters_of_any_system():
+    """No name is expected; a derived one is found by what it is."""
+    other = curve(("a", "k"), a=1.0 + RAMP, k=2.0 + RAMP, width=5.0 * (1.0 + RAMP), d=RAMP**2)
+    assert plot_curves([other], units=UNITS)[0].get_ylabel() == "width"
+    plain = curve(("a", "k"), a=1.0 + RAMP, k=2.0 + RAMP, d=1.0 + RAMP**2)
+    assert plot_curves([plain], units=UNITS)[0].get_ylabel() == "$a$ (kg)"
+
+
+def test_what_is_asked_for_stands_on_the_y_axis():
+    axes = plot_curves([IN_R, IN_A], along="s")
+    assert [ax.get_ylabel() for ax in axes] == ["$s$", ""]  # one axis for both
+    with pytest.raises(InputError) as caught:
+        plot_curves([IN_R], along="q")
+    assert caught.value.where == "along"
+    assert "r, A, s, d" in str(caught.value)
+
+
+def test_what_cannot_be_drawn_is_refused():
+    with pytest.raises(InputError):
+        plot_curves([])
+    with pytest.raises(InputError) as caught:
+        plot_curves([IN_R, IN_A], axes=Figure().subplots())
+    assert caught.value.where == "axes"
+
+
+def test_members_share_an_axis_where_none_is_squeezed():
+    near = [curve(("s", "r"), fixed={"beta": b}, s=0.3 + 0.1 * RAMP, r=RAMP) for b in (0.1, 0.2)]
+    far = curve(("s", "r"), fixed={"beta": 0.3}, s=0.3 + 9.0 * RAMP, r=RAMP)
+    axes = plot_curves(near)
+    assert axes[0].get_ylim() == axes[1].get_ylim()
+    squeezed = plot_curves([*near, far])
+    assert squeezed[0].get_ylim()[1] < 0.5 * squeezed[2].get_ylim()[1]
+    assert [ax.get_title() for ax in squeezed] == [rf"$\beta$ = {b}" for b in (0.1, 0.2, 0.3)]
+
+
+def test_orbits_are_told_apart():
+    """Two period doublings differ in colour and name, and their bands lie side by side."""
+    two = curve(("s", "r"), notation="2:1", s=0.2 + 0.1 * RAMP, r=RAMP)
+    one = curve(("s", "r"), s=0.3 + 0.1 * RAMP, r=RAMP)
+    (ax,) = plot_curves([one, two])
+    lines = [line for line in ax.lines if len(line.get_xdata()) > 1]
+    assert len({line.get_color() for line in lines}) == 2
+    names = [t.get_text() for t in ax.figure.legends[0].get_texts()]
+    assert names[:2] == [r"$\mathrm{PD}$(1:1)", r"$\mathrm{PD}$(2:1)"]
+    assert "ghost" not in names
+    assert len({patch.get_y() for patch in ax.patches}) == 2
+
+
+def test_labels_are_set_as_in_table_1():
+    grazing = curve(("s", "r"), "G", "G[1:1->2:1]", s=0.3 + 0.1 * RAMP, r=RAMP)
+    (ax,) = plot_curves([grazing])
+    names = [t.get_text() for t in ax.figure.legends[0].get_texts()]
+    assert names[0] == r"$\mathrm{G}_{1:1}^{\,2:1}$"
+    assert names[-1] == "first as $d$ falls\n(half as high: not checked)"
+
+
+def test_the_file_names_what_is_fixed(tmp_path):
+    assert save_curves([IN_R], tmp_path, ["png"], units=UNITS) == ["curves.png"]
+    assert (tmp_path / "curves.png").read_bytes().startswith(b"\x89PNG")
