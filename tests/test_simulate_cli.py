@@ -150,7 +150,7 @@ def test_a_finished_run_is_resumed_without_work(scene_file, tmp_path, monkeypatc
         raise AssertionError("nothing is left to simulate")
 
     monkeypatch.setattr("contimpact.attractors.sweep.settle", forbidden)
-    monkeypatch.setattr("contimpact.attractors.transitions.settle", forbidden)
+    monkeypatch.setattr("contimpact.attractors.edges.settle", forbidden)
     assert run(path, "-o", out, "--no-plot", "-q", "--resume") == 0
     assert {name: (out / name).read_bytes() for name in TABLES} == before
 

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import dataclasses
 import json
+import re
 import tomllib
 
 import numpy as np
@@ -20,8 +22,10 @@ from contimpact.attractors.transitions import (
     name,
 )
 from contimpact.explore import follow
+from contimpact.mechanics.search import find_orbits
 from contimpact.mechanics.simulate import State
 from contimpact.scene import read_scene
+from contimpact.systems.impact_pair import ImpactPair
 
 QUICK = Settling(transient=50, periods=800, impacts=1500)
 PD, G_DOUBLED, FB, G_21 = 0.383143488343, 0.365318559017, 0.356895277, 0.279034781278
@@ -113,13 +117,16 @@ def test_the_end_of_complex_motion_is_bounded(scene, kernels_of, diagram):
 
 
 def test_an_attractor_that_does_not_end(scene, kernels_of):
-    """Ten steps on 1:1 is still there: no transition."""
+    """Ten steps on 1:1 is still there: the change is one of basin, without a name."""
     first = swept(scene, kernels_of, [0.40]).rows[0]
     other = Row("down", 0.399, swept(scene, kernels_of, [0.33]).rows[0].attractor)
     simulators = Simulators(scene.model, "s", kernels_of(scene.model, "s"))
     _, left, right = edge(simulators, first, other, 1e-4, QUICK)
     assert (left.attractor.notation, right) == ("1:1", None)
-    assert list(between(simulators, first, other, 1e-4, QUICK)) == []
+    (change,) = between(simulators, first, other, 1e-4, QUICK)
+    assert (change.kind, change.label) == (None, "1:1->2:1")
+    assert "left the basin of 1:1" in change.evidence
+    assert change.wide
 
 
 def test_records_of_transitions_read_back(scene, kernels_of, diagram):
@@ -188,3 +195,100 @@ def test_the_fragment_keeps_every_parameter(scene, kernels_of):
     assert fragment["model"]["parameters"] == {**scene.model.values, "s": 0.3}
     assert fragment["model"]["forcing"] == scene.model.options["forcing"]
     assert Sweep.of(rows, "down")
+
+
+# What is a period doubling and what is not; brackets
+
+
+def changed(row, value, **changes):
+    """A row at another value whose attractor differs in some attributes."""
+    return Row(row.direction, value, dataclasses.replace(row.attractor, **changes))
+
+
+@pytest.fixture(scope="module")
+def ending(scene, kernels_of):
+    """1:1 twice, its larger multiplier on its way to -1, which it would reach at 0.3999."""
+    row = swept(scene, kernels_of, [0.4]).rows[0]
+    parts = [(-0.98 - 0.02 * step, 0.0) for step in (0.0, 0.95)]
+    return changed(row, 0.4019, multipliers=parts[0]), changed(row, 0.4, multipliers=parts[1])
+
+
+def test_a_multiplier_of_minus_one_alone_is_no_doubling(scene, kernels_of, ending):
+    """Table 1's PD is n:m to n:m/2T; what else follows has no name, and the evidence is kept."""
+    earlier, before = ending
+    other = swept(scene, kernels_of, [0.33]).rows[0]
+    found = name(before, changed(other, 0.3999), earlier)
+    assert (found.kind, found.label) == (None, "1:1->2:1")
+    assert found.evidence == "1 + mu = 0.001, zero at 0.3999, but no doubled orbit follows"
+    assert "no name: 1 + mu" in found.lines("s")[1]
+
+
+def test_a_doubling_is_named_by_what_follows(scene, kernels_of, ending):
+    earlier, before = ending
+    doubled = swept(scene, kernels_of, [0.376]).rows[0]
+    assert doubled.attractor.notation == "1:1/2T"
+    found = name(before, changed(doubled, 0.3999), earlier)
+    assert (found.kind, found.label) == ("PD", "PD[1:1->1:1/2T]")
+    assert found.evidence.startswith("the word is run twice over twice the period")
+    tripled = changed(doubled, 0.3999, word="BTBTBT", period=3, notation="1:1/3T")
+    assert name(before, tripled, earlier).kind is None
+
+
+def test_a_subcritical_doubling_has_no_name(scene, kernels_of):
+    """4:1 loses its stability at s = 0.2558358860, where its branch has a subcritical PD: no
+    doubled orbit is stable beyond it, the motion goes to (7:2)/2T."""
+    found = swept(scene, kernels_of, [0.2550, 0.2560], start=State(0, 0.1, 0.5))
+    simulators = Simulators(scene.model, "s", kernels_of(scene.model, "s"))
+    first = next(between(simulators, *found.rows, 1e-6, QUICK))
+    assert (first.before.notation, first.kind) == ("4:1", None)
+    assert first.after.notation != "4:1/2T"
+    assert first.before.value <= 0.2558358860 <= first.after.value
+    assert first.evidence.startswith("1 + mu")
+    assert float(re.search(r"zero at ([\d.]+)", first.evidence)[1]) == pytest.approx(
+        0.2558358860, abs=1e-8
+    )
+
+
+@pytest.mark.slow  # 20 s of it are spent on motions that settle within thousands of periods
+def test_a_narrow_window_of_the_doubled_orbit_is_resolved(kernels_of):
+    """Fig. 3(a): 1:1/2T lives from s = 0.331622886, a PD, to 0.331580764, where it grazes; 4.2e-5.
+
+    Both are those of the branches; the motion settles within thousands of periods only.
+    """
+    model = ImpactPair(beta=np.pi / 9, r=0.3, A=5.0, s=0.3317)
+    kernels = kernels_of(model, "s")
+    orbit = next(o for o in find_orbits(model, "1:1", kernels=kernels) if o.stable and o.physical)
+    simulators = Simulators(model, "s", kernels)
+    start = simulators.at(0.3317).state("B", orbit.times[0], orbit.velocities[0])
+    long = dataclasses.replace(QUICK, periods=2000)
+    before = sweep(model, "s", [0.3317], start=start, settling=long, kernels=kernels).rows[0]
+    after = sweep(model, "s", [0.3309], start=State(0, 0.25, 0.6), kernels=kernels).rows[0]
+    assert (before.attractor.notation, after.attractor.notation) == ("1:1", "2:1")
+    doubling, grazing = between(simulators, before, after, 1e-5, long)
+    assert (doubling.label, grazing.label) == ("PD[1:1->1:1/2T]", "PD_G[1:1/2T->2:1]")
+    assert doubling.after.value <= 0.331622886 <= doubling.before.value + 1e-9
+    assert doubling.width < 2.5e-5
+    assert grazing.after.value <= 0.331580764 <= grazing.before.value
+    assert grazing.evidence.startswith("smallest gap")
+
+
+def test_wide_brackets_say_why(scene, kernels_of):
+    """Beside a doubling the motion does not settle; the bracket is wider than asked and says so."""
+    found = swept(scene, kernels_of, [0.39, 0.376])
+    simulators = Simulators(scene.model, "s", kernels_of(scene.model, "s"))
+    (wide,) = between(simulators, *found.rows, 1e-9, QUICK)
+    assert wide.width > 1e-9
+    assert "instead of 1e-09" in wide.wide
+    assert "simulate.periods" in wide.wide
+    assert any("wide: " in line for line in wide.lines("s"))
+    (narrow,) = between(simulators, *found.rows, 1e-3, QUICK)
+    assert narrow.width <= 1e-3
+    assert narrow.wide is None
+
+
+def test_records_without_evidence_can_be_read(ending):
+    """Those of runs before it was kept."""
+    record = name(*ending).as_record()
+    del record["evidence"], record["wide"]
+    found = Transition.from_record(record)
+    assert (found.evidence, found.wide) == ("", None)

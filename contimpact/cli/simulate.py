@@ -90,13 +90,10 @@ def _simulated(result: Simulation, folder: Path) -> None:
     """Say what was found."""
     say(repr(result.sweep))
     for transition in result.transitions:
-        low, high = sorted((transition.before.value, transition.after.value))
-        say(
-            f"  {transition.label:24} {transition.direction:4} {result.scene.parameter} from "
-            f"{low:.9g} to {high:.9g}"
-        )
-        for e in transition.explanations:
-            say(f"      {e.role} {e.label} ({e.entry}) at {e.value:.12g}")
+        for line in transition.lines(result.scene.parameter):
+            say(line)
+    if wide := sum(t.wide is not None for t in result.transitions):
+        say(f"{wide} of {len(result.transitions)} brackets are wider than simulate.width")
     if result.coverage is not None:
         say(f"{len(result.coverage.matches)} attractors lie on branches")
         for u in result.coverage.uncovered:

@@ -1,0 +1,113 @@
+"""Where an attractor ends between two values of a sweep.
+
+Beside a period doubling or a fold motions settle slowly: there they are given more periods before
+they count as not settled.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+from .attractor import SETTLING, Attractor, Kind, Settling, settle
+from .sweep import Row, Simulators
+
+EVALUATIONS = 120
+"""Values tried for one change at most."""
+SLOW = 0.95
+"""A multiplier larger than this tells that motions settle slowly."""
+PATIENCE = 16
+"""Times as many periods that a slow motion is given."""
+NEARBY = 16
+"""Widths from the end within which it is given them."""
+
+
+def edge(
+    simulators: Simulators, before: Row, after: Row, width: float, settling: Settling = SETTLING
+) -> tuple[Row, Row, Row | None]:
+    """Locate the end of an attractor between two rows.
+
+    A periodic attractor is followed by simulation, with a step that is halved where it is lost and
+    grows again where it is not, so that beside the end the start is always close to the attractor:
+    a long step can kick the motion out of a small basin before its attractor ends. For other
+    motions, which a step does not leave so, the interval is bisected.
+
+    Returns
+    -------
+    earlier, left, right : Row
+        Two values with the attractor before, the second one the last, and the next one with
+        another; `right` is None if a periodic attractor does not end within ten times the distance
+        of the two rows.
+    """
+    earlier, left, _, right = locate(simulators, before, after, width, settling)
+    return earlier, left, right
+
+
+def locate(
+    simulators: Simulators, before: Row, after: Row, width: float, settling: Settling = SETTLING
+) -> tuple[Row, Row, Row, Row | None]:
+    """As `edge`, with the first row beyond the end before the last one.
+
+    Where that one did not settle, the last one is the first further on that did.
+    """
+    earlier, left, lost = before, before, after
+    step, won = 0.5 * (after.value - before.value), 0
+    furthest, longest = before.value + 20.0 * step, abs(step)
+    follows = before.attractor.kind is Kind.PERIODIC
+    for _ in range(EVALUATIONS):
+        patient = _patient(left.attractor, abs(step), width, settling)
+        row = _row(simulators, left, left.value + step, patient)
+        if row.attractor.label == left.attractor.label:
+            earlier, left, won = left, row, won + 1
+            if (furthest - left.value) * step <= 0.0:
+                return earlier, left, lost, None
+            if not follows:
+                step *= 0.5
+            elif won > 1 and abs(step) < longest:
+                step, won = 2.0 * step, 0
+        else:
+            lost, won = row, 0
+            step *= 0.5
+        if _ahead(lost, left, step) and abs(lost.value - left.value) <= width:
+            break
+        if left.value + step == left.value:
+            break
+    if not _ahead(lost, left, step):
+        return earlier, left, lost, None
+    return earlier, left, lost, _settled(simulators, left, lost, furthest, width, settling)
+
+
+def _patient(attractor: Attractor, distance: float, width: float, settling: Settling) -> Settling:
+    """How long to wait at a distance from an attractor for it, or for what follows it."""
+    slow = attractor.multipliers is not None and abs(attractor.multipliers[0]) > SLOW
+    if slow and distance <= NEARBY * width:
+        return replace(settling, periods=PATIENCE * settling.periods)
+    return settling
+
+
+def _ahead(row: Row, left: Row, step: float) -> bool:
+    """Whether a row lies in front of another, and not just by rounding."""
+    return (row.value - left.value) * math.copysign(1.0, step) > 0.25 * abs(step)
+
+
+def _settled(
+    simulators: Simulators, left: Row, lost: Row, furthest: float, width: float, settling: Settling
+) -> Row:
+    """The first row further on at which the motion settles; the lost one if there is none.
+
+    Steps begin with the width asked for, since what follows a doubling may soon end again.
+    """
+    step, ahead = math.copysign(width, furthest - lost.value), lost
+    while not ahead.attractor.settled and abs(furthest - ahead.value) > abs(step) > 0.0:
+        value = ahead.value + step
+        patient = _patient(left.attractor, abs(value - left.value), width, settling)
+        ahead = _row(simulators, ahead, value, patient)
+        step *= 2.0
+    return ahead if ahead.attractor.settled else lost
+
+
+def _row(simulators: Simulators, before: Row, value: float, settling: Settling) -> Row:
+    simulator, start = simulators.at(value), before.attractor.state
+    if start is None:
+        return Row(before.direction, value, before.attractor)
+    return Row(before.direction, value, settle(simulator, start, settling))
