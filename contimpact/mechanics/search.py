@@ -161,8 +161,9 @@ def find_orbits(
     -------
     list of Orbit
         Sorted by the first impact's velocity, largest first; impacts in order of time, the first
-        in [0, T). Repetitions of an orbit of shorter period are left out. The list can be
-        incomplete: the search is a random one.
+        in [0, T). Where several rotations of the word read the same, the first impact is the
+        fastest of those it can be. Repetitions of an orbit of shorter period are left out. The list
+        can be incomplete: the search is a random one.
 
     Raises
     ------
@@ -234,7 +235,30 @@ def _add(found: list[Orbit], here: Linearisation, same: float) -> None:
     """Add an orbit to the list unless it is there."""
     apart = (here.problem.difference(here.unknowns, orbit.unknowns) for orbit in found)
     if all(np.max(np.abs(difference)) >= same for difference in apart):
-        found.append(Orbit(here.problem, here))
+        found.append(Orbit(here.problem, _turned(here)))
+
+
+def _turned(here: Linearisation) -> Linearisation:
+    """The orbit from the rotation of its word on that begins with the fastest impact.
+
+    Of equally fast ones that with the earlier phase, then by the next impact in turn. Without this
+    rounding would decide which of the equal letters of a word comes first.
+    """
+    problem, shifts = here.problem, here.problem.word.rotations()
+    if len(shifts) == 1:
+        return here
+    period = problem.kernels.setup(*problem.values(here.unknowns))[0]
+    rows = problem.impacts(here.unknowns).copy()
+    speeds = np.abs(rows[:, 1])
+    keys = np.column_stack([speeds / (np.max(speeds) or 1.0), -(rows[:, 0] / period % 1.0)])
+    keys = np.round(keys, 9)
+    first = max(shifts, key=lambda shift: np.roll(keys, -shift, axis=0).ravel().tolist())
+    if first == 0:
+        return here
+    rows[:first, 0] += problem.word.period * period
+    rows = np.roll(rows, -first, axis=0)
+    rows[:, 0] -= np.floor(rows[0, 0] / period) * period
+    return problem.evaluate(np.append(rows.ravel(), here.unknowns[-problem.free :]))
 
 
 def _in_order(here: Linearisation) -> bool:
