@@ -210,6 +210,7 @@ def checked_range(
             "range", f"({low:.12g}, {high:.12g}) does not hold the start "
             f"{problem.parameter} = {start:.12g}", "give low < high around the start",
         )  # fmt: skip
+    problem.model.validate_between(problem.parameter, low, high, "range")
     return low, high
 
 

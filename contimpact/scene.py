@@ -270,6 +270,7 @@ def read_scene(given: Mapping[str, Any]) -> Scene:
             f"{parameter} = {start:.12g}",
             f"widen it or change model.parameters.{parameter}",
         )  # fmt: skip
+    model.validate_between(parameter, low, high, "follow.range")
     letters = [w.name for w in model.WALLS]
     orbits = tuple(
         dict.fromkeys(

@@ -233,6 +233,14 @@ class Model(ABC):
     def validate(self) -> None:  # noqa: B027  most systems have nothing to add
         """Raise `InputError` where values that are admissible one by one do not go together."""
 
+    def validate_between(self, parameter: str, low: float, high: float, where: str) -> None:
+        """Raise `InputError` where the model does not hold at the limits of a parameter's range."""
+        for limit in (low, high):
+            try:
+                self.replace(**{parameter: limit})
+            except InputError as error:
+                raise error.within(where) from None
+
     def require(self, name: str, where: str) -> Parameter:
         """Return the declaration of a parameter, or raise `InputError`."""
         if name not in self._declared:

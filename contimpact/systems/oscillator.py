@@ -12,6 +12,10 @@ from typing import Any
 from ..errors import InputError
 from ..mechanics.model import Formulas, Model, Parameter, Wall
 
+MOST_DAMPING = 4e4
+"""Largest damping, as a multiple of sqrt(k). The slow rate of an overdamped flight, about k/c, is a
+difference of numbers of the size of c: it is lost beside them like (c/2)^2/k, here to 1e-8."""
+
 
 class Oscillator(Model):
     """A forced, damped linear oscillator against a stop; any units that fit each other.
@@ -44,8 +48,14 @@ class Oscillator(Model):
     )
 
     def validate(self) -> None:
-        """Refuse undamped resonance."""
-        stiffness, omega = self.values["k"], self.values["omega"]
+        """Refuse undamped resonance, and damping beside which the stiffness is lost."""
+        stiffness, omega, damping = (self.values[name] for name in ("k", "omega", "c"))
+        most = MOST_DAMPING * math.sqrt(stiffness)
+        if abs(damping) > most:
+            raise InputError(
+                "c", f"{damping:.12g} with k = {stiffness:.12g}: in a flight the stiffness is lost "
+                "beside it", f"give c from {-most:.6g} to {most:.6g}",
+            )  # fmt: skip
         if self.values["c"] == 0 and math.isclose(stiffness, omega**2, rel_tol=1e-15):
             raise InputError(
                 "omega", "an undamped oscillator at resonance has no periodic response",
