@@ -83,8 +83,8 @@ def test_permissions(tmp_path):
 def test_only_plain_files_are_read(tmp_path):
     """A pipe would be waited for."""
     os.mkfifo(tmp_path / "pipe")
-    for name in ("pipe", "."):
-        with pytest.raises(OSError, match="not a plain file"):
+    for name, found in (("pipe", "not a plain file"), (".", "a folder")):
+        with pytest.raises(OSError, match=found):
             read_plain(tmp_path / name)
     with pytest.raises(FileNotFoundError):
         read_plain(tmp_path / "nothing")

@@ -371,8 +371,8 @@ def test_a_simulation_interrupted_in_its_branches_ends_there(run, scene, tmp_pat
 
     walked = explore.both_ways
 
-    def interrupted(*given):
-        given[-1](walked(*given).points[0])
+    def interrupted(problem, unknowns, limits, tests, settings, callback, *more):
+        callback(walked(problem, unknowns, limits, tests, settings, callback, *more).points[0])
         raise KeyboardInterrupt
 
     monkeypatch.setattr(explore, "both_ways", interrupted)

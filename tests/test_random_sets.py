@@ -76,7 +76,11 @@ def random_diagram(seed):
 
 
 def unexplained(branch):
-    """Changes of status between rows without an event between or on them."""
+    """Changes of status between rows without an event between or on them.
+
+    The first and the last row may stand on an event themselves: where a branch is born, or becomes
+    a shorter one.
+    """
     lengths = branch["arclength"]
     at = lengths[branch["event"] != ""]
     plain = np.nonzero(branch["event"] == "")[0]
@@ -84,7 +88,9 @@ def unexplained(branch):
     return [
         float(branch[branch.parameter][i])
         for i, j in itertools.pairwise(plain)
-        if np.any(status[i] != status[j])
+        if i > 0
+        and j < len(branch) - 1
+        and np.any(status[i] != status[j])
         and not np.any((at >= lengths[i] - 1e-9) & (at <= lengths[j] + 1e-9))
     ]
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from zoo import HARMONICS, harmonic_pair
+from zoo import harmonic_pair
 
 from contimpact.bifurcations import test_functions as make_tests
 from contimpact.continuation.arclength import Settings
@@ -12,6 +12,7 @@ from contimpact.mechanics.kernels import Kernels
 from contimpact.mechanics.search import find_orbits
 from contimpact.orbit_branch import EVENTS, both_ways
 
+HARMONICS = 5
 RANGE = (0.08, 1.05)
 WORDS = ("1:1", "1:1", "2:1", "1:1/2T", "2:2", "1:0")
 FINE = Settings(step=5e-4, max_step=5e-3, max_angle=0.01, min_step=1e-9, max_points=40000)
