@@ -46,10 +46,10 @@ def test_tables_are_read_in_one_pass(branch, tmp_path):
 
 
 def test_points_between_are_computed_together(branch, monkeypatch):
-    from contimpact.plots import diagram as pictures
+    from contimpact.plots import diagram, lines
 
     calls = []
-    cubic = pictures._cubic
-    monkeypatch.setattr(pictures, "_cubic", lambda *args: calls.append(1) or cubic(*args))
-    pictures.plot_diagram(Diagram("long", [branch]))
+    cubic = lines._cubic
+    monkeypatch.setattr(lines, "_cubic", lambda *args: calls.append(1) or cubic(*args))
+    diagram.plot_diagram(Diagram("long", [branch]))
     assert 0 < len(calls) <= len(branch.word)
