@@ -10,7 +10,7 @@ import numpy as np
 from case import D_PER_S, EXPECTED, STEPS, follow, problem, start
 from contestant import MODES, Workspace
 
-from contimpact.mechanics.search import settle
+from contimpact.orbits.search import settle
 
 EVENT_ERROR = 1e-12
 """Of d at an event; the expected values have twelve digits."""

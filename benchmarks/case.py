@@ -12,12 +12,12 @@ from collections.abc import Sequence
 import numpy as np
 
 from contimpact import ImpactPair, Settings
-from contimpact.bifurcations import test_functions
+from contimpact.bifurcations.test_functions import test_functions
 from contimpact.continuation.branch import Walk
-from contimpact.mechanics.kernels import Kernels
-from contimpact.mechanics.orbit import Array, OrbitProblem
-from contimpact.mechanics.word import Word
-from contimpact.orbit_march import walk_orbits
+from contimpact.following.orbit_march import walk_orbits
+from contimpact.models.word import Word
+from contimpact.orbits.problem import Array, OrbitProblem
+from contimpact.segments.kernels import Kernels
 
 D_PER_S = 0.6225
 RANGE = (0.05 / D_PER_S, 0.45 / D_PER_S)

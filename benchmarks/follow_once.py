@@ -10,8 +10,8 @@ import sys
 from case import ALL, RANGE, STEPS, problem, start
 
 from contimpact import continue_orbit
-from contimpact.formats import write_auto
-from contimpact.mechanics.search import orbit_at
+from contimpact.orbits.search import orbit_at
+from contimpact.records.formats import write_auto
 
 
 def main() -> None:

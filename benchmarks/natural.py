@@ -13,7 +13,7 @@ from case import D_PER_S, RANGE, START
 from contestant import Contestant, Sample, Workspace, seconds_of
 from scipy.optimize import root
 
-from contimpact.mechanics.orbit import Array
+from contimpact.orbits.problem import Array
 
 POINTS = 1188
 WALKS = 3

@@ -11,7 +11,7 @@ the orbit of one impact per period is born in a fold and loses stability in a pe
 import math
 
 import contimpact as ci
-from contimpact.mechanics.model import Formulas, Model, Parameter, Wall
+from contimpact.models.model import Formulas, Model, Parameter, Wall
 
 
 class BouncingBall(Model):
@@ -31,7 +31,7 @@ class BouncingBall(Model):
         """x'' = -g + a omega^2 sin(omega t), x >= 0."""
         import sympy
 
-        from contimpact.mechanics.symbolic import harmonic_means
+        from contimpact.models.symbolic import harmonic_means
 
         a, omega, r, g = (symbols[name] for name in ("a", "omega", "r", "g"))
         force = a * omega**2

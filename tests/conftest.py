@@ -13,9 +13,9 @@ from pathlib import Path
 import mpmath as mp
 import pytest
 
-from contimpact.mechanics.kernels import Kernels
-from contimpact.mechanics.orbit import OrbitProblem
-from contimpact.mechanics.word import parse_word
+from contimpact.models.word import parse_word
+from contimpact.orbits.problem import OrbitProblem
+from contimpact.segments.kernels import Kernels
 from contimpact.systems.impact_pair import ImpactPair
 from contimpact.systems.oscillator import Oscillator
 

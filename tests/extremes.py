@@ -19,15 +19,15 @@ from contimpact import ImpactPair, InputError, Oscillator, Settings, find_orbits
 from contimpact.accuracy.reference import Reference
 from contimpact.accuracy.simulated import ExactFlights, plain_voltage, voltages
 from contimpact.attractors.energy import Membrane
-from contimpact.bifurcations import test_functions
+from contimpact.bifurcations.switching import switch, touches_at
+from contimpact.bifurcations.test_functions import test_functions
 from contimpact.continuation.arclength import correct
-from contimpact.mechanics.kernels import Kernels
-from contimpact.mechanics.orbit import OrbitProblem
-from contimpact.mechanics.search import settle
-from contimpact.mechanics.simulate import Simulator
-from contimpact.mechanics.word import Word
-from contimpact.orbit_branch import both_ways
-from contimpact.switching import switch, touches_at
+from contimpact.following.orbit_branch import both_ways
+from contimpact.models.word import Word
+from contimpact.orbits.problem import OrbitProblem
+from contimpact.orbits.search import settle
+from contimpact.segments.kernels import Kernels
+from contimpact.simulation.simulator import Simulator
 
 EVENTS = ("FB", "PD", "G", "V", "T")
 CASES: dict[str, Callable[[], Row]] = {}

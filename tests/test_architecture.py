@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ast
+import graphlib
 import re
 from functools import cache
 from pathlib import Path
@@ -19,19 +20,54 @@ FILES = {
 }
 """Every module of the package, by its dotted name."""
 
-COMPILING = {
-    f"contimpact.{name}" for name in ("cache", "compiled", "files", "processes", "program")
-}
-"""Rooms that any part may use: the cache, compiled code, and what it is made of."""
+ROOMS = {
+    "storage": set(),
+    "compiling": {"storage"},
+    "continuation": set(),
+    "models": {"storage"},
+    "systems": {"models"},
+    "segments": {"models", "storage"},
+    "orbits": {"models", "segments"},
+    "simulation": {"compiling", "models", "segments"},
+    "records": {"compiling", "continuation", "models", "orbits", "segments", "storage", "systems"},
+    "bifurcations": {"continuation", "models", "orbits", "records", "segments"},
+    "scenes": {"bifurcations", "continuation", "models", "storage", "systems"},
+    "following": {
+        "bifurcations", "compiling", "continuation", "models", "orbits", "records", "segments",
+    },
+    "two_parameters": {
+        "bifurcations", "continuation", "following", "models", "orbits", "records", "scenes",
+        "segments",
+    },
+    "studies": {
+        "bifurcations", "continuation", "following", "models", "orbits", "records", "scenes",
+        "segments", "two_parameters",
+    },
+    "attractors": {
+        "models", "orbits", "records", "scenes", "segments", "simulation", "storage", "studies",
+        "systems",
+    },
+    "accuracy": {
+        "attractors", "bifurcations", "continuation", "following", "models", "orbits", "plots",
+        "records", "scenes", "segments", "simulation", "storage", "studies",
+    },
+    "plots": {
+        "attractors", "bifurcations", "models", "orbits", "records", "scenes", "simulation",
+        "storage", "systems",
+    },
+    "mechanics": {"models"},
+}  # fmt: skip
+"""The rooms of the package, and which others the modules of each may import."""
+
+FOR_ALL = {"contimpact", "contimpact.errors", "contimpact.progress"}
+"""What any room may import besides."""
 
 TRUSTED = {
-    "contimpact.mechanics.kernels": {"exec"},
-    "contimpact.compiled": {"ctypes"},
-    "contimpact.machine_code": {"exec", "subprocess"},
+    "contimpact.segments.kernels": {"exec"},
+    "contimpact.compiling.compiled": {"ctypes"},
+    "contimpact.compiling.machine_code": {"exec", "subprocess"},
 }
 """Where the package runs what it has written itself: kernels, and compiled code."""
-
-PARTS = ("contimpact.continuation", "contimpact.mechanics", "contimpact.systems")
 
 
 class Import(NamedTuple):
@@ -39,7 +75,11 @@ class Import(NamedTuple):
 
     module: str
     line: int
-    at_import: bool
+    when: str
+
+    @property
+    def at_import(self):
+        return self.when == "import"
 
 
 @cache
@@ -47,12 +87,14 @@ def tree(module):
     return ast.parse(FILES[module].read_text(encoding="utf-8"), str(FILES[module]))
 
 
-def walked(node, at_import=True):
-    """Every node, and whether it is executed when the module is imported."""
+def walked(node, when="import"):
+    """Every node, and when it is executed: on import, later, or for type checkers alone."""
     for child in ast.iter_child_nodes(node):
-        later = isinstance(child, ast.FunctionDef | ast.AsyncFunctionDef | ast.Lambda)
-        typing = isinstance(child, ast.If) and "TYPE_CHECKING" in ast.unparse(child.test)
-        now = at_import and not later and not typing
+        now = when
+        if isinstance(child, ast.If) and "TYPE_CHECKING" in ast.unparse(child.test):
+            now = "typing"
+        elif isinstance(child, ast.FunctionDef | ast.AsyncFunctionDef | ast.Lambda):
+            now = "later" if when == "import" else when
         yield child, now
         yield from walked(child, now)
 
@@ -62,15 +104,15 @@ def imports(module):
     """The modules a module imports; of ``from a import b``, a.b where that is a module."""
     package = module if FILES[module].name == "__init__.py" else module.rpartition(".")[0]
     found = []
-    for node, at_import in walked(tree(module)):
+    for node, when in walked(tree(module)):
         if isinstance(node, ast.Import):
-            found += [Import(alias.name, node.lineno, at_import) for alias in node.names]
+            found += [Import(alias.name, node.lineno, when) for alias in node.names]
         elif isinstance(node, ast.ImportFrom):
             above = package.split(".")[: len(package.split(".")) + 1 - node.level]
             base = ".".join([*(above if node.level else []), *filter(None, [node.module])])
             for alias in node.names:
                 whole = f"{base}.{alias.name}"
-                found.append(Import(whole if whole in FILES else base, node.lineno, at_import))
+                found.append(Import(whole if whole in FILES else base, node.lineno, when))
     return tuple(found)
 
 
@@ -93,9 +135,9 @@ def places(module, wanted):
 
 def test_the_reader_of_imports():
     """The test of the tests: what it must see in the package as it is."""
-    assert set(PARTS) < set(FILES)
-    assert "contimpact.errors" in own("contimpact.mechanics.model")
-    assert "contimpact.mechanics.model" in own("contimpact.systems.impact_pair")
+    assert {f"contimpact.{room}" for room in ROOMS} < set(FILES)
+    assert "contimpact.errors" in own("contimpact.models.model")
+    assert "contimpact.models.model" in own("contimpact.systems.impact_pair")
     symbolic = [i for i in imports("contimpact.systems.impact_pair") if "symbolic" in i.module]
     assert symbolic
     assert not any(i.at_import for i in symbolic)
@@ -103,34 +145,30 @@ def test_the_reader_of_imports():
     assert len(FILES) > 20
 
 
-@pytest.mark.parametrize("module", modules_of("contimpact.continuation"))
-def test_continuation_knows_no_mechanics(module):
-    foreign = {m for m in own(module) if not inside(m, "contimpact.continuation")}
-    assert foreign <= {"contimpact.errors"}
+def room_of(module):
+    return module.split(".")[1] if module.count(".") else ""
 
 
-@pytest.mark.parametrize(
-    "module", modules_of("contimpact.mechanics") + modules_of("contimpact.systems")
-)
-def test_mechanics_knows_no_continuation(module):
-    parts = ("contimpact.mechanics", "contimpact.systems")
-    foreign = {m for m in own(module) if not any(inside(m, part) for part in parts)}
-    assert foreign <= {"contimpact.errors", "contimpact.expressions", *COMPILING}
+@pytest.mark.parametrize("module", [m for m in FILES if room_of(m) in ROOMS])
+def test_rooms_import_what_they_may(module):
+    room = room_of(module)
+    allowed = {room, *ROOMS[room]}
+    assert {m for m in own(module) - FOR_ALL if room_of(m) not in allowed} == set()
 
 
-@pytest.mark.parametrize("module", ["contimpact.machine_code", *sorted(COMPILING)])
-def test_compiling_knows_neither_mechanics_nor_continuation(module):
-    assert own(module) <= {"contimpact.errors", "contimpact.machine_code", *COMPILING}
+def test_every_room_is_known():
+    assert {room_of(m) for m in FILES} - {"", "__main__", "cli", "errors", "progress"} == {*ROOMS}
 
 
-@pytest.mark.parametrize("module", modules_of("contimpact.mechanics"))
-def test_mechanics_knows_no_system(module):
-    assert not any(inside(m, "contimpact.systems") for m in own(module))
+def test_rooms_make_no_circle():
+    """Each stands on those of its list alone, which therefore can be put into an order."""
+    order = list(graphlib.TopologicalSorter(ROOMS).static_order())
+    assert order.index("segments") < order.index("orbits") < order.index("following")
 
 
 @pytest.mark.parametrize("module", modules_of("contimpact.systems"))
 def test_a_system_stands_on_the_model_alone(module):
-    allowed = {"contimpact.errors", "contimpact.mechanics.model", "contimpact.mechanics.symbolic"}
+    allowed = {"contimpact.errors", "contimpact.models.model", "contimpact.models.symbolic"}
     assert own(module) <= allowed
 
 
@@ -158,7 +196,8 @@ def test_pyplot_is_imported_nowhere(module):
 @pytest.mark.parametrize("module", FILES)
 def test_sympy_is_imported_where_it_is_used(module):
     found = places(module, lambda i: inside(i.module, "sympy") and i.at_import)
-    symbolic = {f"contimpact.mechanics.{n}" for n in ("codegen", "equations", "symbolic", "tape")}
+    names = ("models.equations", "models.symbolic", "segments.codegen", "segments.tape")
+    symbolic = {f"contimpact.{name}" for name in names}
     if module not in symbolic:
         assert found == []
 
@@ -166,7 +205,10 @@ def test_sympy_is_imported_where_it_is_used(module):
 @pytest.mark.parametrize("module", FILES)
 def test_the_symbolic_modules_are_imported_where_they_are_used(module):
     """Whoever imports them at import time would bring SymPy along."""
-    symbolic = {"contimpact.mechanics.codegen", "contimpact.mechanics.symbolic"}
+    symbolic = {
+        f"contimpact.{name}"
+        for name in ("segments.codegen", "models.symbolic", "mechanics.symbolic")
+    }
     if module not in symbolic:
         assert places(module, lambda i: i.module in symbolic and i.at_import) == []
 
@@ -256,40 +298,12 @@ def test_imports_are_relative_within_the_package(module):
 
 
 def test_imports_run_one_way():
-    """No cycle among what modules import while they are imported."""
+    """No circle among modules, those counted that are imported inside functions."""
     graph = {
-        module: {i.module for i in imports(module) if i.at_import and i.module in FILES}
+        module: {i.module for i in imports(module) if i.when != "typing"} & set(FILES) - {module}
         for module in FILES
     }
-    done, path = set(), []
-
-    def visit(module):
-        assert module not in path, " -> ".join([*path[path.index(module) :], module])
-        if module in done:
-            return
-        path.append(module)
-        for other in sorted(graph[module]):
-            visit(other)
-        done.add(path.pop())
-
-    for module in graph:
-        visit(module)
-
-
-LAYERS = {
-    "contimpact.scene": {"explore", "cli", "plots.diagram", "catalogue"},
-    "contimpact.diagram": {"explore", "cli", "plots.diagram", "catalogue", "scene"},
-    "contimpact.plots.diagram": {"explore", "cli", "scene", "catalogue"},
-    "contimpact.catalogue": {"explore", "cli", "plots.diagram", "scene"},
-    "contimpact.explore": {"cli", "plots.diagram", "catalogue"},
-    "contimpact.bifurcations": {"explore", "cli", "plots.diagram", "catalogue", "scene", "diagram"},
-}
-"""What each of these must not know."""
-
-
-@pytest.mark.parametrize("module", LAYERS)
-def test_layers(module):
-    assert not {m.removeprefix("contimpact.") for m in own(module)} & LAYERS[module]
+    graphlib.TopologicalSorter(graph).prepare()
 
 
 def test_errors_know_nothing():

@@ -12,8 +12,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from contimpact.continuation import arclength
-from contimpact.continuation.arclength import Settings, correct
+from contimpact.continuation.arclength import correct
 from contimpact.continuation.branch import Point
+from contimpact.continuation.settings import Settings
 from contimpact.errors import InputError
 
 ROUNDING = 4.0 * np.finfo(float).eps

@@ -16,15 +16,15 @@ import numpy as np
 import pytest
 from scipy.spatial import cKDTree
 
-from contimpact.bifurcations import critical, test_functions
-from contimpact.continuation.arclength import Settings
+from contimpact.bifurcations.test_functions import critical, test_functions
 from contimpact.continuation.branch import EndKind, Event, Point
+from contimpact.continuation.settings import Settings
 from contimpact.continuation.walk import walk
 from contimpact.errors import InputError
-from contimpact.mechanics.kernels import Kernels
-from contimpact.mechanics.orbit import OrbitProblem
-from contimpact.mechanics.search import find_orbits
-from contimpact.mechanics.word import Word
+from contimpact.models.word import Word
+from contimpact.orbits.problem import OrbitProblem
+from contimpact.orbits.search import find_orbits
+from contimpact.segments.kernels import Kernels
 from contimpact.systems.impact_pair import ImpactPair
 from contimpact.systems.oscillator import Oscillator
 

@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 
 from contimpact.errors import LONGEST_MESSAGE, InputError
-from contimpact.scene import load_scene, read_scene
+from contimpact.scenes.scene import load_scene, read_scene
 
 DOCS = Path(__file__).parent.parent / "docs"
 

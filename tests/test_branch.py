@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from contimpact.continuation.branch import Block, End, EndKind, Point, Points, Walk, joined
-from contimpact.orbit_branch import continue_orbit
+from contimpact.following.orbit_branch import continue_orbit
 
 
 @dataclass(frozen=True)
@@ -103,8 +103,8 @@ def test_two_walks_are_joined_in_order():
 
 def test_a_watched_walk_keeps_no_objects(pair, kernel_cache):
     """Bytes for each point of a branch: its numbers, not the objects made of them."""
-    from contimpact.continuation.arclength import Settings
-    from contimpact.mechanics.search import find_orbits
+    from contimpact.continuation.settings import Settings
+    from contimpact.orbits.search import find_orbits
 
     orbit = next(o for o in find_orbits(pair(), "1:1", parameter="s") if o.physical)
     fine = Settings(step=5e-4, max_step=5e-4, min_step=1e-7, max_points=4000)

@@ -20,7 +20,9 @@ from hypothesis import strategies as st
 
 import contimpact
 from contimpact import InputError, follow, load_diagram, load_scene, read_scene, write_diagram
-from contimpact.catalogue import (
+from contimpact.cli import main
+from contimpact.records.branch import Branch
+from contimpact.records.catalogue import (
     BRANCH,
     CATALOGUE,
     MANIFEST,
@@ -31,10 +33,10 @@ from contimpact.catalogue import (
     read_branch,
     read_json,
 )
-from contimpact.cli import main
-from contimpact.diagram import Branch, Diagram, Entry
-from contimpact.files import write_text
-from contimpact.result_folder import prepare_folder
+from contimpact.records.diagram import Diagram
+from contimpact.records.entry import Entry
+from contimpact.records.result_folder import prepare_folder
+from contimpact.storage.files import write_text
 
 SCENE = Path(__file__).parent.parent / "branches" / "fig7" / "scene.toml"
 

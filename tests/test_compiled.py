@@ -14,19 +14,19 @@ import numpy as np
 import pytest
 
 from contimpact import ImpactPair, continue_orbit, find_orbits
-from contimpact import compiled as module
-from contimpact.bifurcations import test_functions as functions_of
-from contimpact.compiled import VECTOR
-from contimpact.continuation.arclength import Settings
+from contimpact.bifurcations.test_functions import test_functions as functions_of
+from contimpact.compiling import compiled as module
+from contimpact.compiling.arguments import VECTOR
+from contimpact.compiling.machine_code import _self_contained
+from contimpact.compiling.program import Program
 from contimpact.continuation.branch import EndKind
+from contimpact.continuation.settings import Settings
 from contimpact.errors import InputError
-from contimpact.machine_code import _self_contained
-from contimpact.mechanics.kernels import Kernels
-from contimpact.mechanics.orbit import OrbitProblem
-from contimpact.mechanics.word import parse_word
-from contimpact.orbit_march import system_of, walk_orbits
-from contimpact.orbit_program import program_of
-from contimpact.program import Program
+from contimpact.following.orbit_march import system_of, walk_orbits
+from contimpact.following.orbit_program import program_of
+from contimpact.models.word import parse_word
+from contimpact.orbits.problem import OrbitProblem
+from contimpact.segments.kernels import Kernels
 
 EVENTS = ("FB", "BP", "PD", "NS", "G", "V", "T")
 needs_numba = pytest.mark.skipif(
@@ -324,7 +324,7 @@ def test_a_broken_linker_does_no_harm(
 def test_a_cache_that_cannot_be_written(copied, plain_and_compiled, monkeypatch, caplog):
     """The code is kept for the process, in a place of its own."""
     codes = [path.read_bytes() for path in sorted(copied.glob("compiled-*.o"))]
-    monkeypatch.setattr("contimpact.machine_code.object_code", lambda *given: codes[0])
+    monkeypatch.setattr("contimpact.compiling.machine_code.object_code", lambda *given: codes[0])
     for path in copied.glob("compiled-*"):
         path.unlink()
     intact = module.keep
@@ -346,7 +346,7 @@ def test_what_cannot_be_compiled_runs_plainly_on(empty_cache, monkeypatch, caplo
     def fail(*given):
         raise RuntimeError("this Numba does not know how")
 
-    monkeypatch.setattr("contimpact.machine_code.object_code", fail)
+    monkeypatch.setattr("contimpact.compiling.machine_code.object_code", fail)
     monkeypatch.setenv("CONTIMPACT_COMPILED", "auto")
     module.spend(module.PAYS_AFTER)
     with caplog.at_level(logging.WARNING):
@@ -413,7 +413,7 @@ def test_what_the_linker_would_not_find_is_refused():
 @needs_numba
 @pytest.mark.parametrize("said", ["auto", "always"])
 def test_a_helper_that_is_not_known_ends_compiling_alone(said, monkeypatch, tmp_path, caplog):
-    monkeypatch.setattr("contimpact.machine_code.REPORTING", frozenset())
+    monkeypatch.setattr("contimpact.compiling.machine_code.REPORTING", frozenset())
     monkeypatch.setenv("CONTIMPACT_COMPILED", said)
     monkeypatch.setattr(module, "_SPENT", [1e9])
     program = Program({})

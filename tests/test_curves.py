@@ -10,15 +10,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from contimpact.catalogue import load_diagram, load_entries, write_diagram
 from contimpact.errors import InputError
-from contimpact.explore import follow
-from contimpact.mechanics.search import find_orbits
-from contimpact.orbit_branch import continue_orbit
-from contimpact.scene import read_scene
+from contimpact.following.orbit_branch import continue_orbit
+from contimpact.orbits.search import find_orbits
+from contimpact.records.catalogue import load_diagram, load_entries, write_diagram
+from contimpact.records.competition import real_heights, regions
+from contimpact.scenes.scene import read_scene
+from contimpact.studies.explore import follow
 from contimpact.systems.impact_pair import ImpactPair
 from contimpact.systems.oscillator import Oscillator
-from contimpact.two_parameters.competition import real_heights, regions
 from contimpact.two_parameters.curves import follow_curve
 from contimpact.two_parameters.runs import same_curve
 

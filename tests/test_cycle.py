@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from contimpact.continuation.arclength import bordered, scaled_determinant
-from contimpact.mechanics import stability
-from contimpact.mechanics.cycle import (
+from contimpact.orbits import multipliers as stability
+from contimpact.orbits.block_cyclic import (
     KEPT,
     eliminate,
     multipliers,

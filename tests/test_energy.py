@@ -11,8 +11,8 @@ import pytest
 from contimpact.attractors.attractor import Attractor, Kind
 from contimpact.attractors.energy import Membrane, along, of_attractor, of_impacts, velocity_scale
 from contimpact.errors import InputError
-from contimpact.mechanics.search import find_orbits
-from contimpact.orbit_branch import continue_orbit
+from contimpact.following.orbit_branch import continue_orbit
+from contimpact.orbits.search import find_orbits
 
 
 def plain_voltage(membrane, velocity):

@@ -11,7 +11,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from contimpact.continuation.arclength import Settings, point_after
+from contimpact.continuation.arclength import point_after
 from contimpact.continuation.branch import Event, Missed, Point
 from contimpact.continuation.events import (
     Located,
@@ -20,6 +20,7 @@ from contimpact.continuation.events import (
     UserFunction,
     find_events,
 )
+from contimpact.continuation.settings import Settings
 from contimpact.continuation.sign_changes import Sample, Stretch, crossings
 from contimpact.continuation.walk import walk
 

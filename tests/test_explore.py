@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from contimpact import InputError, find_orbits, follow, load_scene, read_scene
-from contimpact.diagram import Diagram
-from contimpact.reading import read
+from contimpact.records.diagram import Diagram
+from contimpact.records.reading import read
 
 FIG7 = Path(__file__).parent.parent / "branches" / "fig7" / "scene.toml"
 SMALL = {

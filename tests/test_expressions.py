@@ -13,7 +13,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from contimpact.errors import InputError
-from contimpact.expressions import (
+from contimpact.models.expressions import (
     CONSTANTS,
     FUNCTIONS,
     LARGEST_EXPONENT,
@@ -23,7 +23,7 @@ from contimpact.expressions import (
     sympy_expression,
     values_of,
 )
-from contimpact.extent import Beyond, Extent
+from contimpact.models.extent import Beyond, Extent
 
 t = sympy.Symbol("t", real=True)
 
@@ -242,7 +242,7 @@ def test_functions(name):
 
 def test_numbers_do_not_import_sympy():
     code = (
-        "import sys; from contimpact.expressions import number; number('sin(pi/6)**2', 'x');"
+        "import sys; from contimpact.models.expressions import number; number('sin(pi/6)**2', 'x');"
         "sys.exit('sympy' in sys.modules)"
     )
     assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0

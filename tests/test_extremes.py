@@ -8,8 +8,8 @@ import pytest
 from extremes import CASES, MARK, measure
 
 from contimpact.errors import InputError
-from contimpact.mechanics.search import find_orbits
-from contimpact.orbit_branch import continue_orbit
+from contimpact.following.orbit_branch import continue_orbit
+from contimpact.orbits.search import find_orbits
 from contimpact.systems.oscillator import Oscillator
 
 DOCS = Path(__file__).parent.parent / "docs" / "extremes.md"

@@ -8,10 +8,10 @@ from pathlib import Path
 import pytest
 
 from contimpact.accuracy.reference import Reference
-from contimpact.explore import follow
-from contimpact.ghosts import event_of
-from contimpact.mechanics.kernels import Kernels
-from contimpact.scene import load_scene
+from contimpact.bifurcations.ghosts import event_of
+from contimpact.scenes.scene import load_scene
+from contimpact.segments.kernels import Kernels
+from contimpact.studies.explore import follow
 
 BRANCHES = Path(__file__).parent.parent / "branches"
 FINER = 20

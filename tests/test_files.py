@@ -11,7 +11,7 @@ import time
 import pytest
 
 from contimpact.errors import InputError, NotWrittenError
-from contimpact.files import (
+from contimpact.storage.files import (
     append,
     put,
     read_plain,
@@ -20,7 +20,7 @@ from contimpact.files import (
     write_all,
     write_text,
 )
-from contimpact.processes import ENDED, Process, running, start_of, this_process
+from contimpact.storage.processes import ENDED, Process, running, start_of, this_process
 
 links = pytest.mark.skipif(os.name != "posix", reason="links")
 

@@ -9,18 +9,18 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from contimpact.mechanics import zeros as module
-from contimpact.mechanics.flight import (
+from contimpact.models.model import Wall
+from contimpact.orbits.physicality import judge
+from contimpact.orbits.search import find_orbits
+from contimpact.segments import zeros as module
+from contimpact.segments.flight import (
     FlightGaps,
     Touch,
     excursions,
     first_hit,
     flight_gaps,
 )
-from contimpact.mechanics.model import Wall
-from contimpact.mechanics.physicality import judge
-from contimpact.mechanics.search import find_orbits
-from contimpact.mechanics.zeros import chebyshev_zeros, time_zeros
+from contimpact.segments.zeros import chebyshev_zeros, time_zeros
 
 WALLS = (Wall("B", side=+1), Wall("T", side=-1))
 MESH = 4001

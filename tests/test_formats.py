@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 from scipy.io import loadmat
 
-from contimpact.formats import write_auto, write_mat
-from contimpact.mechanics.search import find_orbits
-from contimpact.orbit_branch import continue_orbit
+from contimpact.following.orbit_branch import continue_orbit
+from contimpact.orbits.search import find_orbits
+from contimpact.records.formats import write_auto, write_mat
 from contimpact.systems.impact_pair import ImpactPair
 
 

@@ -30,7 +30,7 @@ from mutations import CURVES, SCENE, SIMULATE, written
 
 from contimpact import cli
 from contimpact.errors import InputError
-from contimpact.expressions import check_expression, number
+from contimpact.models.expressions import check_expression, number
 
 pytestmark = pytest.mark.skipif(
     not hasattr(signal, "SIGPROF"), reason="the time of a case is limited by signals"

@@ -11,9 +11,9 @@ from test_switching import scene
 from test_walk import follow as follow_curve
 
 from contimpact.continuation.branch import EndKind
-from contimpact.explore import follow
-from contimpact.mechanics.search import find_orbits
-from contimpact.orbit_branch import continue_born, continue_orbit
+from contimpact.following.orbit_branch import continue_born, continue_orbit
+from contimpact.orbits.search import find_orbits
+from contimpact.studies.explore import follow
 from contimpact.systems.impact_pair import ImpactPair
 
 DOUBLING = 0.383143488343165

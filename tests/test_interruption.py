@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 
 from contimpact import continue_born, continue_orbit, find_orbits, follow, follow_curve, read_scene
-from contimpact.continuation.arclength import Settings
 from contimpact.continuation.branch import EndKind
-from contimpact.orbit_branch import Run
-from contimpact.reading import read
+from contimpact.continuation.settings import Settings
+from contimpact.following.orbit_branch import Run
+from contimpact.records.reading import read
 
 RANGE = (0.3, 0.4)
 FINE = Settings(step=1e-3, max_step=1e-3)

@@ -14,8 +14,8 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from contimpact.errors import InputError
-from contimpact.mechanics.codegen import KernelWriter
-from contimpact.mechanics.kernels import Kernels
+from contimpact.segments.codegen import KernelWriter
+from contimpact.segments.kernels import Kernels
 
 PAIR_KINDS = ["BB", "BT", "TB", "TT"]
 SHORT_FORCINGS = ["cos(pi*t)", "cos(pi*t)**3", "cos(pi*t+0.3)+sin(4*pi*t)/5-1/8"]
@@ -578,7 +578,7 @@ def test_file_that_cannot_be_read(pair, folder, monkeypatch, caplog):
         raise PermissionError("not yours")
 
     with monkeypatch.context() as patch:
-        patch.setattr("contimpact.mechanics.kernels.kept", refuse)
+        patch.setattr("contimpact.segments.kernels.kept", refuse)
         kernels, out = evaluated(pair())
     assert (kernels.generated, out) == ([QUICK], expected)
     assert any("cannot be read" in message for message in warnings_of(caplog))
@@ -629,7 +629,7 @@ def test_unknown_parameter(pair, parameter):
 
 USE = """
 import sys
-from contimpact.mechanics.kernels import Kernels
+from contimpact.segments.kernels import Kernels
 from contimpact.systems.impact_pair import ImpactPair
 model = ImpactPair(beta=0.5, r=0.3, A=5.0, s=0.389)
 kernels = Kernels(model, "s")
@@ -667,7 +667,7 @@ def test_two_processes_at_once_then_a_warm_one(tmp_path):
 def test_warm_search_imports_neither_sympy_nor_plots(tmp_path):
     code = """
 import sys
-from contimpact.mechanics.search import find_orbits
+from contimpact.orbits.search import find_orbits
 from contimpact.systems.impact_pair import ImpactPair
 orbits = find_orbits(ImpactPair(beta=0.5, r=0.3, A=5.0, s=0.389), "1:1", parameter="s")
 print(len(orbits), *[orbit.physical for orbit in orbits], *[orbit.stable for orbit in orbits])

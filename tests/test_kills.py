@@ -20,8 +20,8 @@ import pytest
 from contimpact import load_diagram
 from contimpact.cli import main
 from contimpact.errors import InputError
-from contimpact.locks import LOCK
-from contimpact.result_folder import MARK, ROWS
+from contimpact.records.result_folder import MARK, ROWS
+from contimpact.storage.locks import LOCK
 
 pytestmark = pytest.mark.skipif(os.name != "posix", reason="POSIX signals")
 

@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 from mutations import SCENE, written
 
-from contimpact.catalogue import branch_text, load_diagram
 from contimpact.cli import main
-from contimpact.diagram import Diagram
-from contimpact.records import BLOCK, read_branch
+from contimpact.records.catalogue import branch_text, load_diagram
+from contimpact.records.diagram import Diagram
+from contimpact.records.loading import BLOCK, read_branch
 
 ROWS = 20 * BLOCK + 7
 

@@ -10,7 +10,7 @@ import pytest
 
 from contimpact.cli import main
 from contimpact.errors import InputError
-from contimpact.merge import merge
+from contimpact.records.merge import merge
 
 BRANCHES = Path(__file__).parent.parent / "branches"
 

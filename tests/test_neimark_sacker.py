@@ -6,8 +6,8 @@ import math
 
 import pytest
 
-from contimpact.mechanics.search import find_orbits
-from contimpact.orbit_branch import continue_orbit
+from contimpact.following.orbit_branch import continue_orbit
+from contimpact.orbits.search import find_orbits
 from contimpact.systems.impact_pair import ImpactPair
 from contimpact.systems.oscillator import Oscillator
 

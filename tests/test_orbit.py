@@ -8,10 +8,10 @@ import mpmath as mp
 import numpy as np
 import pytest
 
-from contimpact.mechanics.orbit import OrbitProblem
-from contimpact.mechanics.recognition import mirrored, repeats, rotated_to
-from contimpact.mechanics.search import find_orbits
-from contimpact.mechanics.word import Word
+from contimpact.models.word import Word
+from contimpact.orbits.problem import OrbitProblem
+from contimpact.orbits.recognition import mirrored, repeats, rotated_to
+from contimpact.orbits.search import find_orbits
 
 PAIR_WORDS = ["B", "T/2T", "BT", "BBT", "BTBT/2T", "BBTBTT/3T"]
 OSCILLATOR_WORDS = ["S", "S/2T", "SS/3T"]

@@ -7,11 +7,11 @@ import math
 import numpy as np
 import pytest
 
-from contimpact.bifurcations import test_functions as functions_of
-from contimpact.continuation.arclength import Settings
+from contimpact.bifurcations.test_functions import test_functions as functions_of
+from contimpact.continuation.settings import Settings
 from contimpact.continuation.walk import walk
-from contimpact.mechanics.search import find_orbits
-from contimpact.orbit_march import system_of, walk_orbits
+from contimpact.following.orbit_march import system_of, walk_orbits
+from contimpact.orbits.search import find_orbits
 
 EVENTS = ("FB", "BP", "PD", "NS", "G", "V", "T")
 

@@ -12,14 +12,14 @@ import pytest
 import sympy
 
 from contimpact.attractors.output import COLUMNS as SWEEP_COLUMNS
-from contimpact.catalogue import EVENT_COLUMNS
 from contimpact.errors import InputError
-from contimpact.mechanics.contract import COLUMNS
-from contimpact.mechanics.kernels import Kernels
-from contimpact.mechanics.model import Formulas, Model, Parameter, Wall
-from contimpact.mechanics.search import find_orbits
-from contimpact.mechanics.symbolic import harmonic_means
-from contimpact.orbit_branch import continue_orbit
+from contimpact.following.orbit_branch import continue_orbit
+from contimpact.models.contract import COLUMNS
+from contimpact.models.model import Formulas, Model, Parameter, Wall
+from contimpact.models.symbolic import harmonic_means
+from contimpact.orbits.search import find_orbits
+from contimpact.records.catalogue import EVENT_COLUMNS
+from contimpact.segments.kernels import Kernels
 
 R, OMEGA, G = 0.5, 50.0, 9.8
 FOLD = math.pi * (1 - R) / (1 + R)
@@ -253,7 +253,7 @@ def test_a_class_without_a_file_leaves_one_file_for_each_kernel(tmp_path, monkey
 SYSTEM = """
 import helper
 import sympy
-from contimpact.mechanics.model import Formulas, Model, Parameter, Wall
+from contimpact.models.model import Formulas, Model, Parameter, Wall
 
 class Falling(helper.Base):
     SYSTEM = "falling"
@@ -271,14 +271,14 @@ class Falling(helper.Base):
         )
 
 if __name__ == "__main__":
-    from contimpact.mechanics.kernels import Kernels
+    from contimpact.segments.kernels import Kernels
     model = Falling(r=0.5)
     kernels = Kernels(model, "r")
     print(kernels.motion("P")(0.0, 0.0, 1.0, 0.5)[2], *kernels.generated)
 """
 
 HELPER = """
-from contimpact.mechanics.model import Model
+from contimpact.models.model import Model
 
 GAIN = {gain}
 

@@ -11,8 +11,8 @@ import pytest
 
 PROBE = """
 import json, sys
-from contimpact.mechanics.kernels import Kernels
-from contimpact.mechanics import orbit, stability
+from contimpact.segments.kernels import Kernels
+from contimpact.orbits import problem as orbit
 counts = {}
 def counted(owner, name):
     function = getattr(owner, name)
@@ -24,9 +24,9 @@ counted(orbit.OrbitProblem, "evaluate")
 counted(orbit.OrbitProblem, "second_along")
 counted(orbit, "flight_gaps")
 given = json.loads(sys.argv[1])
-from contimpact.scene import read_scene
+from contimpact.scenes.scene import read_scene
 scene = read_scene(given)
-from contimpact.explore import follow
+from contimpact.studies.explore import follow
 diagram = follow(scene)
 kernels = diagram.statistics["kernels"]
 print(json.dumps({
@@ -44,14 +44,15 @@ FOR = {
 """The kernels that events need beyond those of a branch; third derivatives are a doubling's."""
 
 HEAVY = ("sympy", "mpmath", "matplotlib", "pandas", "scipy", "numba", "llvmlite", "hypothesis")
-OWN_HEAVY = ("accuracy", "attractors", "plots", "two_parameters", "formats", "merge", "program",
-             "orbit_program", "machine_code", "mechanics.agreement", "mechanics.codegen",
-             "mechanics.equations", "mechanics.lyapunov", "mechanics.simulate",
-             "mechanics.symbolic", "mechanics.tape", "simulate_tables", "systems.membrane",
-             "systems.oscillator")  # fmt: skip
+OWN_HEAVY = (
+    "accuracy", "attractors", "plots", "simulation", "two_parameters", "compiling.machine_code",
+    "compiling.program", "following.orbit_program", "models.agreement", "models.equations",
+    "models.symbolic", "records.formats", "records.merge", "scenes.simulate_tables",
+    "segments.codegen", "segments.tape", "systems.membrane", "systems.oscillator",
+)  # fmt: skip
 """Parts of the package that following an orbit of the impact pair has no use for."""
 
-OF_RESULTS = ("catalogue", "cli", "reading")
+OF_RESULTS = ("records.catalogue", "cli", "records.reading")
 """Parts that only the command needs."""
 
 RARE = ("asyncio", "difflib", "email", "http", "importlib.metadata", "multiprocessing",

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 import contimpact as ci
-from contimpact.orbit_branch import both_ways
+from contimpact.following.orbit_branch import both_ways
 
 SCENE = {
     "name": "pair",

@@ -20,8 +20,8 @@ from matplotlib.lines import Line2D
 from matplotlib.text import Text
 
 from contimpact import InputError, follow, plot_diagram, read_scene
-from contimpact.diagram import Diagram
 from contimpact.plots.diagram import COLOURS, MARKERS, STYLES, label_text, save_diagram
+from contimpact.records.diagram import Diagram
 
 BRANCHES = Path(__file__).parent.parent / "branches"
 

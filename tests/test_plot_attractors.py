@@ -13,12 +13,12 @@ from contimpact.attractors.attractor import Settling, settle
 from contimpact.attractors.energy import Membrane
 from contimpact.attractors.simulation import Simulation
 from contimpact.attractors.sweep import Row, Simulators, Sweep, sweep
-from contimpact.explore import follow
-from contimpact.mechanics.simulate import State
 from contimpact.plots import attractors as pictures
 from contimpact.plots.diagram import STYLES, WIDTHS
 from contimpact.plots.portraits import others_at, plot_portrait, portrait_figure
-from contimpact.scene import read_scene
+from contimpact.scenes.scene import read_scene
+from contimpact.simulation.simulator import State
+from contimpact.studies.explore import follow
 
 QUICK = Settling(transient=50, periods=800, impacts=1500)
 SCENE = Path(__file__).parent.parent / "branches" / "fig7" / "scene.toml"

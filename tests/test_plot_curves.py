@@ -10,7 +10,7 @@ from contimpact import plot_curves
 from contimpact.continuation.branch import End, EndKind
 from contimpact.errors import InputError
 from contimpact.plots.curves import save_curves
-from contimpact.two_parameters.curves import Curve
+from contimpact.records.curve import Curve
 
 UNITS = {"s": "m", "A": "N", "d": "dimensionless", "a": "kg"}
 END = End(EndKind.RANGE, 1.0, "")

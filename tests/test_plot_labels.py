@@ -11,10 +11,10 @@ import numpy as np
 import pytest
 
 from contimpact import InputError, follow, plot_diagram, read_scene
-from contimpact.diagram import Diagram
 from contimpact.plots import labels as placing
 from contimpact.plots.texts import fixed_values, symbol, units_of, value_text, values_text
-from contimpact.scene_options import LABELS
+from contimpact.records.diagram import Diagram
+from contimpact.scenes.options import LABELS
 
 SCENE = Path(__file__).parent.parent / "branches" / "fig7" / "scene.toml"
 

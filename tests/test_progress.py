@@ -17,7 +17,7 @@ import pytest
 from contimpact import load_diagram
 from contimpact.cli import main, progress
 from contimpact.cli.progress import Teller, telling
-from contimpact.result_folder import MARK
+from contimpact.records.result_folder import MARK
 
 SCENE = """
 name = "{name}"
@@ -241,7 +241,7 @@ def test_one_scene_left_of_two_is_in_its_own_folder(run, scene, tmp_path):
 
 
 def test_a_failed_computation_is_named_and_the_others_run(run, scene, tmp_path, monkeypatch):
-    from contimpact import explore
+    from contimpact.studies import explore
 
     walked = explore.both_ways
 
@@ -262,7 +262,7 @@ def test_an_interruption_names_what_was_not_run(run, scene, tmp_path, monkeypatc
     def interrupted(*given):
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("contimpact.explore.follow", interrupted)
+    monkeypatch.setattr("contimpact.studies.explore.follow", interrupted)
     one, two, three = (scene(name) for name in ("one", "two", "three"))
     status, _, err = run("run", one, two, three, "-o", tmp_path / "out", "-q")
     assert status == 1
@@ -329,8 +329,8 @@ def test_an_interruption_while_drawing_leaves_at_once(run, scene, tmp_path, monk
 @pytest.mark.skipif(sys.platform == "win32", reason="POSIX signals")
 def test_an_impatient_user_still_gets_the_manifest(run, scene, tmp_path, monkeypatch):
     """Interruptions after the first, at any moment of the writing, spoil nothing."""
-    from contimpact import result_folder
     from contimpact.plots import diagram
+    from contimpact.records.loading import result_folder
 
     put = result_folder.write_all
 
@@ -350,7 +350,7 @@ def test_an_impatient_user_still_gets_the_manifest(run, scene, tmp_path, monkeyp
 
 @pytest.mark.skipif(sys.platform == "win32", reason="POSIX signals")
 def test_an_interruption_on_a_full_disk_stops_all_scenes(run, scene, tmp_path, monkeypatch):
-    from contimpact import files
+    from contimpact.storage import files
 
     def full(*_, **__):
         signal.raise_signal(signal.SIGINT)
@@ -367,7 +367,7 @@ def test_an_interruption_on_a_full_disk_stops_all_scenes(run, scene, tmp_path, m
 
 
 def test_a_simulation_interrupted_in_its_branches_ends_there(run, scene, tmp_path, monkeypatch):
-    from contimpact import explore
+    from contimpact.studies import explore
 
     walked = explore.both_ways
 

@@ -8,8 +8,8 @@ from hypothesis import strategies as st
 
 from contimpact.continuation.branch import EndKind
 from contimpact.errors import InputError
-from contimpact.explore import follow
-from contimpact.scene import read_scene
+from contimpact.scenes.scene import read_scene
+from contimpact.studies.explore import follow
 
 MODEST = settings(
     max_examples=12, derandomize=True, deadline=None, database=None,

@@ -14,14 +14,15 @@ import numpy as np
 import pytest
 from zoo import harmonic_pair
 
-from contimpact.bifurcations import test_functions as make_tests
-from contimpact.continuation.arclength import Settings
+from contimpact.bifurcations.names import EVENTS
+from contimpact.bifurcations.test_functions import test_functions as make_tests
+from contimpact.continuation.settings import Settings
 from contimpact.errors import InputError
-from contimpact.explore import follow
-from contimpact.mechanics.search import settle
-from contimpact.mechanics.word import parse_word
-from contimpact.orbit_branch import EVENTS, both_ways
-from contimpact.scene import read_scene
+from contimpact.following.orbit_branch import both_ways
+from contimpact.models.word import parse_word
+from contimpact.orbits.search import settle
+from contimpact.scenes.scene import read_scene
+from contimpact.studies.explore import follow
 
 ONCE = ("B", "T", "BB", "BT", "TT", "BBB", "BBT", "BTT", "TTT")
 WORDS = [*(f"{word}/1T" for word in ONCE), *(f"{word}/2T" for word in ONCE)]

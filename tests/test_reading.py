@@ -7,9 +7,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from contimpact.explore import follow
-from contimpact.reading import read, stable_intervals
-from contimpact.scene import load_scene, read_scene
+from contimpact.records.reading import read, stable_intervals
+from contimpact.scenes.scene import load_scene, read_scene
+from contimpact.studies.explore import follow
 
 BRANCHES = Path(__file__).parent.parent / "branches"
 

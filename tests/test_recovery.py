@@ -13,7 +13,7 @@ import pytest
 import contimpact as ci
 from contimpact import InputError
 from contimpact.cli import main
-from contimpact.recovery import model_at
+from contimpact.records.recovery import model_at
 
 LIMITS = (0.08, 1.05)
 KINDS = ["FB", "PD", "G"]

@@ -9,15 +9,15 @@ import numpy as np
 import pytest
 
 from contimpact.accuracy.reference import Reference, _names
-from contimpact.bifurcations import test_functions as make_tests
+from contimpact.bifurcations.test_functions import test_functions as make_tests
 from contimpact.continuation import linear
-from contimpact.continuation.arclength import Settings
-from contimpact.mechanics import stability
-from contimpact.mechanics.kernels import Kernels
-from contimpact.mechanics.orbit import OrbitProblem
-from contimpact.mechanics.search import find_orbits
-from contimpact.mechanics.word import Word
-from contimpact.orbit_branch import both_ways
+from contimpact.continuation.settings import Settings
+from contimpact.following.orbit_branch import both_ways
+from contimpact.models.word import Word
+from contimpact.orbits import multipliers as stability
+from contimpact.orbits.problem import OrbitProblem
+from contimpact.orbits.search import find_orbits
+from contimpact.segments.kernels import Kernels
 
 POINT = (0.37, 0.61, 1.52, -0.43)
 

@@ -16,12 +16,12 @@ from contimpact.accuracy.reference import Reference
 from contimpact.accuracy.shooting import Shooting
 from contimpact.accuracy.simulated import simulated
 from contimpact.cli import main
-from contimpact.continuation.arclength import Settings
+from contimpact.continuation.settings import Settings
 from contimpact.errors import InputError
-from contimpact.mechanics.kernels import Kernels
-from contimpact.mechanics.search import find_orbits
+from contimpact.orbits.search import find_orbits
 from contimpact.plots.report import plot_report
-from contimpact.scene import load_scene, read_scene
+from contimpact.scenes.scene import load_scene, read_scene
+from contimpact.segments.kernels import Kernels
 
 SCENE = """
 name = "small"
@@ -203,7 +203,7 @@ def test_predictors_are_named():
 
 
 def test_the_secant_predictor_reaches_the_same_branch(pair):
-    from contimpact.orbit_branch import continue_orbit
+    from contimpact.following.orbit_branch import continue_orbit
 
     orbit = find_orbits(pair(s=0.34), "2:1", parameter="s", starts=64, rounds=4)[0]
     values = []

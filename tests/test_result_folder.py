@@ -13,15 +13,15 @@ from pathlib import Path
 import pytest
 
 from contimpact import load_diagram, load_scene, write_diagram
-from contimpact.catalogue import load_entries
 from contimpact.cli import main
-from contimpact.diagram import Diagram
 from contimpact.errors import InputError, NotWrittenError
-from contimpact.files import temporary_beside
-from contimpact.formats import write_auto, write_mat
-from contimpact.locks import LOCK, locked
-from contimpact.processes import this_process
-from contimpact.result_folder import MARK, ROWS, held, ours, renewed, sha256
+from contimpact.records.catalogue import load_entries
+from contimpact.records.diagram import Diagram
+from contimpact.records.formats import write_auto, write_mat
+from contimpact.records.result_folder import MARK, ROWS, held, ours, renewed, sha256
+from contimpact.storage.files import temporary_beside
+from contimpact.storage.locks import LOCK, locked
+from contimpact.storage.processes import this_process
 
 BRANCHES = Path(__file__).parent.parent / "branches"
 SCENE = """
@@ -244,7 +244,7 @@ def test_an_export_over_a_run_leaves_no_manifest_of_it(out):
 
 
 def test_a_folder_written_anew_while_it_is_read(out, monkeypatch):
-    from contimpact import catalogue
+    from contimpact.records.loading import catalogue
 
     original = catalogue.read_branch
 
@@ -302,7 +302,7 @@ def test_simulated_twice_with_branches(scene, tmp_path):
 def holder(folder):
     """A process that holds the lock of a folder and is killed in the end."""
     code = (
-        "import sys, time\nfrom pathlib import Path\nfrom contimpact.locks import locked\n"
+        "import sys, time\nfrom pathlib import Path\nfrom contimpact.storage.locks import locked\n"
         "with locked(Path(sys.argv[1])):\n    print('held', flush=True)\n    time.sleep(600)\n"
     )
     with subprocess.Popen([sys.executable, "-c", code, folder], stdout=subprocess.PIPE) as process:
@@ -341,7 +341,7 @@ def test_a_lock_is_given_back(tmp_path):
 @pytest.fixture
 def without_locks(monkeypatch):
     """As on a file system, or a platform, that has no locks on files."""
-    from contimpact import locks
+    from contimpact.storage import locks
 
     monkeypatch.setattr(locks, "fcntl", None)
 
@@ -450,7 +450,7 @@ def test_what_can_be_written_is_written(scene, tmp_path, results, limit):
 
 def full_after(monkeypatch, budget):
     """A disk that takes so many more bytes."""
-    from contimpact import files
+    from contimpact.storage import files
 
     original, left = files.put, [budget]
 
@@ -525,7 +525,7 @@ def test_a_mark_that_cannot_be_made_leaves_everything_as_it_is(out, monkeypatch)
     def full(*_, **__):
         raise OSError(28, "No space left on device")
 
-    monkeypatch.setattr("contimpact.result_folder.put", full)
+    monkeypatch.setattr("contimpact.records.result_folder.put", full)
     with pytest.raises(NotWrittenError, match="No space left"), held(out), renewed(out, ["run"]):
         pass
     assert names(out) == before

@@ -6,11 +6,12 @@ import numpy as np
 import pytest
 from zoo import harmonic_pair
 
-from contimpact.bifurcations import test_functions as make_tests
-from contimpact.continuation.arclength import Settings
-from contimpact.mechanics.kernels import Kernels
-from contimpact.mechanics.search import find_orbits
-from contimpact.orbit_branch import EVENTS, both_ways
+from contimpact.bifurcations.names import EVENTS
+from contimpact.bifurcations.test_functions import test_functions as make_tests
+from contimpact.continuation.settings import Settings
+from contimpact.following.orbit_branch import both_ways
+from contimpact.orbits.search import find_orbits
+from contimpact.segments.kernels import Kernels
 
 HARMONICS = 5
 RANGE = (0.08, 1.05)

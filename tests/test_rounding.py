@@ -11,15 +11,15 @@ import numpy as np
 import pytest
 
 from contimpact.accuracy.reference import Reference
-from contimpact.bifurcations import test_functions as make_tests
-from contimpact.continuation.arclength import Settings
+from contimpact.bifurcations.test_functions import test_functions as make_tests
 from contimpact.continuation.events import UserFunction
-from contimpact.mechanics.kernels import Kernels
-from contimpact.mechanics.orbit import OrbitProblem
-from contimpact.mechanics.rounding import Bounded, bounds_of
-from contimpact.mechanics.search import find_orbits
-from contimpact.mechanics.word import Word
-from contimpact.orbit_branch import both_ways
+from contimpact.continuation.settings import Settings
+from contimpact.following.orbit_branch import both_ways
+from contimpact.models.word import Word
+from contimpact.orbits.problem import OrbitProblem
+from contimpact.orbits.rounding import Bounded, bounds_of
+from contimpact.orbits.search import find_orbits
+from contimpact.segments.kernels import Kernels
 from contimpact.systems.impact_pair import ImpactPair
 from contimpact.systems.oscillator import Oscillator
 

@@ -16,10 +16,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from contimpact.continuation.arclength import Settings
+from contimpact.continuation.settings import Settings
 from contimpact.errors import InputError
-from contimpact.mechanics.word import Word
-from contimpact.scene import Scene, load_scene, read_scene
+from contimpact.models.word import Word
+from contimpact.scenes.scene import Scene, load_scene, read_scene
 
 VALID = {
     "name": "a scene",

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from contimpact.errors import InputError
-from contimpact.mechanics import search
-from contimpact.mechanics.search import find_orbits, orbit_at, settle
-from contimpact.mechanics.word import Word
+from contimpact.models.word import Word
+from contimpact.orbits import search
+from contimpact.orbits.search import find_orbits, orbit_at, settle
 
 
 @pytest.fixture

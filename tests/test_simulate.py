@@ -16,16 +16,18 @@ import mpmath as mp
 import numpy as np
 import pytest
 
-from contimpact import compiled
+from contimpact.compiling import compiled
 from contimpact.errors import InputError
-from contimpact.mechanics import engine, flight, simulate
-from contimpact.mechanics.flight import velocity_zero
-from contimpact.mechanics.impacts import release_after
-from contimpact.mechanics.kernels import Kernels
-from contimpact.mechanics.lyapunov import exponents, exponents_of
-from contimpact.mechanics.search import find_orbits
-from contimpact.mechanics.simulate import Outcome, Simulator, State
-from contimpact.mechanics.zeros import time_zeros
+from contimpact.orbits.search import find_orbits
+from contimpact.segments import flight
+from contimpact.segments.flight import velocity_zero
+from contimpact.segments.kernels import Kernels
+from contimpact.segments.zeros import time_zeros
+from contimpact.simulation import engine
+from contimpact.simulation import simulator as simulate
+from contimpact.simulation.impacts import release_after
+from contimpact.simulation.lyapunov import exponents, exponents_of
+from contimpact.simulation.simulator import Outcome, Simulator, State
 
 
 @pytest.fixture(scope="session")

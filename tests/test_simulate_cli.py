@@ -14,7 +14,7 @@ import pytest
 from contimpact import cli
 from contimpact.attractors import simulation
 from contimpact.errors import InputError
-from contimpact.scene import read_scene
+from contimpact.scenes.scene import read_scene
 
 SCENE = """
 name = "small"
@@ -232,9 +232,9 @@ def test_run_imports_no_simulation_and_no_matplotlib(scene_file, tmp_path):
         return result.stdout.splitlines()[-1].split()
 
     plain = imported(scene_file(SCENE.split("[simulate]")[0]), "run", "--no-plot")
-    assert "contimpact.explore" in plain
+    assert "contimpact.studies.explore" in plain
     places = {f"contimpact.attractors.{name}" for name in ("sweep", "attractor", "energy")}
-    absent = places | {"contimpact.mechanics.simulate", "matplotlib"}
+    absent = places | {"contimpact.simulation.simulator", "matplotlib"}
     assert not absent & set(plain)
     with_table = imported(scene_file(), "run", "--no-plot")
     assert not {"contimpact.attractors.sweep", "contimpact.attractors.energy", "matplotlib"} & set(
@@ -243,4 +243,6 @@ def test_run_imports_no_simulation_and_no_matplotlib(scene_file, tmp_path):
     few = SCENE.replace("values = 7", "values = 2\ntransitions = false")
     simulated = imported(scene_file(few), "simulate", "--no-plot")
     assert "contimpact.attractors.sweep" in simulated
-    assert not {"contimpact.attractors.energy", "contimpact.explore", "matplotlib"} & set(simulated)
+    assert not {"contimpact.attractors.energy", "contimpact.studies.explore", "matplotlib"} & set(
+        simulated
+    )

@@ -8,8 +8,8 @@ import mpmath as mp
 import numpy as np
 import pytest
 
-from contimpact.mechanics import stability
-from contimpact.mechanics.search import find_orbits
+from contimpact.orbits import multipliers as stability
+from contimpact.orbits.search import find_orbits
 
 EPS = 2.0**-52
 

@@ -8,12 +8,13 @@ import numpy as np
 import pytest
 from scipy.optimize import brentq
 
-from contimpact.bifurcations import test_functions as make_tests
-from contimpact.continuation.arclength import Settings
+from contimpact.bifurcations.names import EVENTS
+from contimpact.bifurcations.test_functions import test_functions as make_tests
 from contimpact.continuation.events import TestFunction
-from contimpact.mechanics.search import find_orbits
-from contimpact.mechanics.stability import count_unstable
-from contimpact.orbit_branch import EVENTS, both_ways
+from contimpact.continuation.settings import Settings
+from contimpact.following.orbit_branch import both_ways
+from contimpact.orbits.multipliers import count_unstable
+from contimpact.orbits.search import find_orbits
 from contimpact.systems.impact_pair import ImpactPair
 
 

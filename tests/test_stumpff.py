@@ -13,8 +13,8 @@ import numpy as np
 import pytest
 import sympy
 
-from contimpact.mechanics.stumpff import ARRAY, HIGHEST, SCALAR
-from contimpact.mechanics.symbolic import Stumpff
+from contimpact.models.symbolic import Stumpff
+from contimpact.segments.stumpff import ARRAY, HIGHEST, SCALAR
 
 ORDERS = range(HIGHEST + 1)
 

@@ -11,8 +11,8 @@ import pytest
 from contimpact.attractors.attractor import SETTLING, Attractor, Kind, Settling, polish, settle
 from contimpact.attractors.basins import basins
 from contimpact.attractors.sweep import Row, Simulators, find_attractors, same, sweep, sweep_rows
-from contimpact.mechanics.search import find_orbits
-from contimpact.mechanics.simulate import Simulator, State
+from contimpact.orbits.search import find_orbits
+from contimpact.simulation.simulator import Simulator, State
 
 QUICK = Settling(transient=50, periods=600, impacts=1500)
 

@@ -7,15 +7,15 @@ import math
 import numpy as np
 import pytest
 
-from contimpact.bifurcations import test_functions as functions
-from contimpact.continuation.arclength import Settings
-from contimpact.diagram import Branch
+from contimpact.bifurcations.switching import switch, touches_at
+from contimpact.bifurcations.test_functions import test_functions as functions
+from contimpact.continuation.settings import Settings
 from contimpact.errors import InputError
-from contimpact.explore import follow
-from contimpact.mechanics.search import find_orbits
-from contimpact.orbit_branch import both_ways, continue_born, continue_orbit
-from contimpact.scene import read_scene
-from contimpact.switching import switch, touches_at
+from contimpact.following.orbit_branch import both_ways, continue_born, continue_orbit
+from contimpact.orbits.search import find_orbits
+from contimpact.records.branch import Branch
+from contimpact.scenes.scene import read_scene
+from contimpact.studies.explore import follow
 from contimpact.systems.impact_pair import ImpactPair
 
 
@@ -265,7 +265,7 @@ def test_continue_born_follows_from_an_entry(fig7):
 
 
 def test_twice_gives_the_same_catalogue():
-    from contimpact.catalogue import catalogue_text
+    from contimpact.records.catalogue import catalogue_text
 
     assert catalogue_text(follow(scene())) == catalogue_text(follow(scene()))
 

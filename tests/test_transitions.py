@@ -21,10 +21,10 @@ from contimpact.attractors.transitions import (
     find_transitions,
     name,
 )
-from contimpact.explore import follow
-from contimpact.mechanics.search import find_orbits
-from contimpact.mechanics.simulate import State
-from contimpact.scene import read_scene
+from contimpact.orbits.search import find_orbits
+from contimpact.scenes.scene import read_scene
+from contimpact.simulation.simulator import State
+from contimpact.studies.explore import follow
 from contimpact.systems.impact_pair import ImpactPair
 
 QUICK = Settling(transient=50, periods=800, impacts=1500)

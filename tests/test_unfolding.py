@@ -12,12 +12,12 @@ import math
 import numpy as np
 import pytest
 
-from contimpact.bifurcations import Fold
-from contimpact.bifurcations import test_functions as functions
-from contimpact.continuation.arclength import Settings
+from contimpact.bifurcations.test_functions import Fold
+from contimpact.bifurcations.test_functions import test_functions as functions
 from contimpact.continuation.branch import EndKind, Event, Point
-from contimpact.mechanics.search import find_orbits, settle
-from contimpact.orbit_branch import both_ways, continue_orbit
+from contimpact.continuation.settings import Settings
+from contimpact.following.orbit_branch import both_ways, continue_orbit
+from contimpact.orbits.search import find_orbits, settle
 from contimpact.systems.impact_pair import ImpactPair
 
 FAR = 2e-4

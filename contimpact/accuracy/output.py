@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from ..files import write_all
+from ..storage.files import write_all
 from .report import SAMPLES, SHOT
 
 

@@ -20,8 +20,8 @@ from typing import Any
 import mpmath
 import numpy as np
 
-from ..mechanics.kernels import OWN_NAMES, SCALAR_NAMES, Kernel
-from ..mechanics.orbit import Array, OrbitProblem
+from ..orbits.problem import Array, OrbitProblem
+from ..segments.kernels import OWN_NAMES, SCALAR_NAMES, Kernel
 
 ITERATIONS = 60
 GUARD_DIGITS = 18
@@ -453,6 +453,6 @@ def _source(problem: OrbitProblem, name: str, kernel: Kernel) -> str:
     try:
         return inspect.getsource(getattr(kernel, "py_func", kernel))
     except OSError:
-        from ..mechanics.codegen import KernelWriter
+        from ..segments.codegen import KernelWriter
 
         return KernelWriter(problem.model, problem.kernels.parameters).write(name)

@@ -21,21 +21,22 @@ from typing import Any
 import numpy as np
 
 from .. import __version__
+from ..bifurcations.ghosts import orbit_of
 from ..continuation import linear
-from ..continuation.arclength import PREDICTORS, Settings, bordered
+from ..continuation.arclength import bordered
 from ..continuation.branch import Point, Walk
-from ..diagram import Entry
+from ..continuation.settings import PREDICTORS, Settings
 from ..errors import InputError
-from ..explore import follow
-from ..ghosts import orbit_of
-from ..mechanics import stability
-from ..mechanics.kernels import Kernels
-from ..mechanics.orbit import Array, OrbitProblem
-from ..mechanics.search import Orbit
-from ..mechanics.word import Word
-from ..orbit_march import walk_orbits
-from ..scene import Scene
-from ..starting_orbits import orbits_at_start
+from ..following.orbit_march import walk_orbits
+from ..models.word import Word
+from ..orbits import multipliers as stability
+from ..orbits.problem import Array, OrbitProblem
+from ..orbits.search import Orbit
+from ..records.entry import Entry
+from ..scenes.scene import Scene
+from ..segments.kernels import Kernels
+from ..studies.explore import follow
+from ..studies.starting_orbits import orbits_at_start
 from .reference import Reference
 from .simulated import simulated
 from .timing import spread, timed

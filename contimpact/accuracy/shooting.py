@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from ..mechanics.orbit import Array, OrbitProblem
+from ..orbits.problem import Array, OrbitProblem
 
 ITERATIONS = 12
 

@@ -12,17 +12,17 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ..mechanics.kernels import Kernels
-from ..mechanics.orbit import OrbitProblem
-from ..mechanics.simulate import Run, Simulator
-from ..mechanics.word import Word
+from ..models.word import Word
+from ..orbits.problem import OrbitProblem
+from ..segments.kernels import Kernels
+from ..simulation.simulator import Run, Simulator
 from .reference import Reference
 from .shooting import Shooting
 from .timing import timed
 
 if TYPE_CHECKING:
     from ..attractors.energy import Membrane
-    from ..scene import Scene
+    from ..scenes.scene import Scene
 
 IMPACTS = 200
 """Impacts of the simulation that is timed."""

@@ -17,13 +17,13 @@ from typing import Any
 
 import numpy as np
 
-from ..mechanics.flight import flight_gaps
-from ..mechanics.lyapunov import Exponents, exponents_of
-from ..mechanics.model import Model
-from ..mechanics.simulate import Outcome, Run, Simulator, State
-from ..mechanics.word import Word
-from ..shapes import made
-from ..simulate_tables import SETTLING, Settling
+from ..models.model import Model
+from ..models.word import Word
+from ..scenes.simulate_tables import SETTLING, Settling
+from ..segments.flight import flight_gaps
+from ..simulation.lyapunov import Exponents, exponents_of
+from ..simulation.simulator import Outcome, Run, Simulator, State
+from ..storage.shapes import made
 
 Array = np.ndarray[Any, Any]
 

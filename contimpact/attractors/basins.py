@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from ..mechanics.simulate import Outcome, Run, Simulator, State
+from ..simulation.simulator import Outcome, Run, Simulator, State
 from .attractor import SETTLING, Attractor, Kind, Settling, settle
 from .sweep import same
 

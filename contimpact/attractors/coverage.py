@@ -14,11 +14,12 @@ from typing import Any
 
 import numpy as np
 
-from ..diagram import Branch, Diagram
-from ..mechanics.kernels import Kernels
-from ..mechanics.orbit import OrbitProblem
-from ..mechanics.search import Orbit, settle
-from ..mechanics.word import Word
+from ..models.word import Word
+from ..orbits.problem import OrbitProblem
+from ..orbits.search import Orbit, settle
+from ..records.branch import Branch
+from ..records.diagram import Diagram
+from ..segments.kernels import Kernels
 from .attractor import Attractor, Kind
 from .sweep import Row, Sweep
 

@@ -14,8 +14,8 @@ from typing import Any
 
 import numpy as np
 
-from ..diagram import Branch
 from ..errors import InputError
+from ..records.branch import Branch
 from ..systems.membrane import Membrane
 from .attractor import Attractor, Kind
 

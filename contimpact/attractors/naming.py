@@ -14,7 +14,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from typing import Any
 
-from ..shapes import made
+from ..storage.shapes import made
 from .attractor import Attractor, Kind
 from .sweep import Row
 

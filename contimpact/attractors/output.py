@@ -15,16 +15,17 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from .. import __version__
-from ..diagram import Branch, Diagram
 from ..errors import InputError
-from ..files import append, read_bounded, reason, write_text
-from ..shapes import fitted
-from ..texts import csv_text, json_text
+from ..records.branch import Branch
+from ..records.diagram import Diagram
+from ..storage.files import append, read_bounded, reason, write_text
+from ..storage.shapes import fitted
+from ..storage.texts import csv_text, json_text
 from .attractor import Attractor
 from .sweep import Row, Sweep
 
 if TYPE_CHECKING:
-    from ..mechanics.model import Model
+    from ..models.model import Model
     from .coverage import Coverage
     from .energy import Membrane
     from .transitions import Transition

@@ -15,13 +15,13 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ..catalogue import diagram_files
-from ..files import Content, write_all
-from ..mechanics.kernels import Kernels
 from ..progress import Progress, silent
-from ..result_folder import ROWS
-from ..scene import Scene
-from ..simulate_tables import SimulateOptions
+from ..records.catalogue import diagram_files
+from ..records.result_folder import ROWS
+from ..scenes.scene import Scene
+from ..scenes.simulate_tables import SimulateOptions
+from ..segments.kernels import Kernels
+from ..storage.files import Content, write_all
 from .attractor import Attractor, Kind
 from .output import (
     Checkpoint,
@@ -35,7 +35,7 @@ from .sweep import Row, Simulators, Sweep, find_attractors, same, sweep_rows
 from .transitions import Transition, all_changes, between, explained
 
 if TYPE_CHECKING:
-    from ..diagram import Diagram
+    from ..records.diagram import Diagram
     from .basins import Basins
     from .coverage import Coverage
 
@@ -161,7 +161,7 @@ class _Director:
 
     def branches(self) -> None:
         if self.options.branches:
-            from ..explore import INTERRUPTED, follow
+            from ..studies.explore import INTERRUPTED, follow
 
             diagram = self.result.diagram = follow(self.scene, self.progress)
             self.result.notes += diagram.statistics["notes"]

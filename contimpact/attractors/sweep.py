@@ -13,10 +13,10 @@ from typing import Any
 
 import numpy as np
 
-from ..mechanics.kernels import Kernels
-from ..mechanics.model import Model
-from ..mechanics.simulate import Simulator, State
-from ..shapes import made
+from ..models.model import Model
+from ..segments.kernels import Kernels
+from ..simulation.simulator import Simulator, State
+from ..storage.shapes import made
 from .attractor import SETTLING, Attractor, Kind, Settling, settle
 
 Array = np.ndarray[Any, Any]

@@ -10,7 +10,8 @@ import itertools
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
-from ..diagram import Diagram, Entry
+from ..records.diagram import Diagram
+from ..records.entry import Entry
 from .attractor import SETTLING, Settling
 from .edges import EVALUATIONS, locate
 from .edges import edge as edge

@@ -6,10 +6,10 @@ import argparse
 from collections.abc import Sequence
 
 from ..errors import InputError, printable
-from ..mechanics.kernels import Kernels
 from ..progress import Progress
-from ..scene import CurveOptions, Scene, load_scene
-from ..starting_orbits import SURVEYED, not_found, orbits_at, placed, refusal
+from ..scenes.scene import CurveOptions, Scene, load_scene
+from ..segments.kernels import Kernels
+from ..studies.starting_orbits import SURVEYED, not_found, orbits_at, placed, refusal
 from .progress import telling
 from .terminal import say
 

@@ -12,7 +12,7 @@ from typing import Any
 
 from ..errors import InputError
 from ..progress import Progress
-from ..result_folder import Files
+from ..records.result_folder import Files
 
 
 def require_output(options: argparse.Namespace) -> None:

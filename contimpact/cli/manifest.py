@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from ..catalogue import manifest_text
-from ..result_folder import Files, sha256
-from ..scene import Scene
+from ..records.catalogue import manifest_text
+from ..records.result_folder import Files, sha256
+from ..scenes.scene import Scene
 
 
 def write_manifest(

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import argparse
 
-from ..merge import FILES, merge, write_merged
-from ..result_folder import held
+from ..records.merge import FILES, merge, write_merged
+from ..records.result_folder import held
 from .console import require_output
 from .terminal import say
 

@@ -7,12 +7,12 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from ..catalogue import load_diagram
-from ..diagram import Diagram
 from ..errors import InputError, shown
-from ..recovery import model_at
-from ..result_folder import MANIFEST, read_json
-from ..scene import FORMATS, PlotOptions, Scene, read_scene
+from ..records.catalogue import load_diagram
+from ..records.diagram import Diagram
+from ..records.recovery import model_at
+from ..records.result_folder import MANIFEST, read_json
+from ..scenes.scene import FORMATS, PlotOptions, Scene, read_scene
 from .terminal import say
 
 

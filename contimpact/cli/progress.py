@@ -11,7 +11,7 @@ from collections.abc import Callable, Iterator
 from typing import Any, TextIO
 
 from ..progress import silent
-from ..texts import terminal_text
+from ..storage.texts import terminal_text
 
 BEAT = 0.25
 """Seconds after which a terminal's line is written anew."""

@@ -6,8 +6,8 @@ import argparse
 
 from ..accuracy.output import write_report
 from ..accuracy.report import report
-from ..result_folder import held
-from ..scene import load_scene
+from ..records.result_folder import held
+from ..scenes.scene import load_scene
 from .progress import telling
 from .terminal import say
 

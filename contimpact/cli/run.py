@@ -8,17 +8,17 @@ import time
 from dataclasses import dataclass
 from pathlib import Path
 
-from .. import explore
-from ..catalogue import diagram_files
-from ..compiled import mode
-from ..diagram import Diagram
+from ..compiling.compiled import mode
 from ..errors import InputError, NotWrittenError
-from ..explore import INTERRUPTED
-from ..files import write_all
 from ..progress import Progress
-from ..reading import read
-from ..result_folder import Files, held, renewed
-from ..scene import Scene, load_scene
+from ..records.catalogue import diagram_files
+from ..records.diagram import Diagram
+from ..records.reading import read
+from ..records.result_folder import Files, held, renewed
+from ..scenes.scene import Scene, load_scene
+from ..storage.files import write_all
+from ..studies import explore
+from ..studies.explore import INTERRUPTED
 from .console import Noted, deferred, drawn, require_output
 from .manifest import write_manifest
 from .progress import telling
@@ -226,7 +226,7 @@ def _summary(scene: Scene, diagram: Diagram, folder: Path, total: float) -> None
     for curve in diagram.curves:
         say("".join(f"{n} = {v:.6g}  " for n, v in curve.fixed.items()) + repr(curve))
     if diagram.curves:
-        from ..two_parameters.competition import column, regions
+        from ..records.competition import column, regions
 
         along = column(list(diagram.curves[0].columns), diagram.curves[0].parameters[0])
         for region in regions(diagram.curves, along, diagram.checks):

@@ -7,11 +7,11 @@ import time
 from pathlib import Path
 
 from ..attractors.simulation import Simulation, simulate, write_simulation
-from ..compiled import mode
+from ..compiling.compiled import mode
 from ..errors import InputError
 from ..progress import Progress
-from ..result_folder import ROWS, TABLES, Files, held, renewed
-from ..scene import load_scene
+from ..records.result_folder import ROWS, TABLES, Files, held, renewed
+from ..scenes.scene import load_scene
 from .console import Noted, deferred, drawn
 from .manifest import write_manifest
 from .progress import telling

@@ -5,7 +5,7 @@ from __future__ import annotations
 import sys
 from typing import TextIO
 
-from ..texts import terminal_text
+from ..storage.texts import terminal_text
 
 
 def say(text: str, stream: TextIO | None = None) -> None:

@@ -19,11 +19,12 @@ from typing import Any
 
 import numpy as np
 
-from .arclength import Settings, length
+from .arclength import length
 from .branch import Point
 from .events import Segment
 from .problem import Array, Problem
 from .refusal import Refusal, Refused
+from .settings import Settings
 
 NARROWING, GLANCES = 12, 2
 """How often a step is halved towards the place where its orientation flips, and where it does

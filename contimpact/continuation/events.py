@@ -11,7 +11,6 @@ import numpy as np
 
 from .arclength import (
     EPSILON,
-    Settings,
     angle,
     bordered,
     correct,
@@ -23,6 +22,7 @@ from .arclength import (
 )
 from .branch import Event, Missed, Point
 from .problem import Array, Problem
+from .settings import Settings
 from .sign_changes import DIPS, OFF_THE_ENDS, Sample, Stretch, crosses, crossings
 from .uncertainty import error_of_zero
 

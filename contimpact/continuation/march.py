@@ -1,6 +1,6 @@
 """Routine steps of a walk, many at a time: predict, correct, accept or shrink, test functions.
 
-Written in the plain subset of Python that `contimpact.compiled` compiles: vectors are lists where
+Written in the plain subset of Python that `contimpact.compiling` compiles: vectors are lists where
 it runs plainly, arrays where it runs compiled. What is not routine (the end of the range, a
 tangent that flips, the neighbourhood of the start, a step that cannot shrink further) is left to
 the walker, one step at a time; so is the location of events on the steps marked here.
@@ -18,7 +18,6 @@ import numpy as np
 from .arclength import (
     CONVERGED,
     LARGEST_DEFECT,
-    Settings,
     angle,
     cubic,
     defect,
@@ -29,6 +28,7 @@ from .arclength import (
 )
 from .branch import Block, Point
 from .problem import Array
+from .settings import Settings
 from .sign_changes import noteworthy
 
 STEP, ARCLENGTH, ORIENTATION, BEHIND, POINTS, ITERATIONS, REJECTED, EVALUATIONS = range(8)

@@ -10,7 +10,6 @@ import numpy as np
 
 from ..errors import InputError
 from . import arclength, crossing, loops
-from .arclength import Settings
 from .branch import End, EndKind, Event, Missed, Point, Points, Walk
 from .crossing import Find, Meeting, Passes
 from .events import Segment, TestFunction, find_events
@@ -18,6 +17,7 @@ from .interruption import Interrupted
 from .march import Footing, Made, System, leaves
 from .problem import Array, Evaluation, Problem
 from .refusal import Refusal, Refused
+from .settings import Settings
 from .sign_changes import Sample, Stretch
 
 SAME_SOLUTION = 1e-7

@@ -1,1 +1,1 @@
-"""Impacting systems and their periodic orbits. Knows no continuation."""
+"""The places where systems written for version 0.1.0 find `Model` and its building blocks."""

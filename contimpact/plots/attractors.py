@@ -20,8 +20,8 @@ from ..attractors.attractor import Kind
 from ..attractors.basins import Basins
 from ..attractors.energy import Membrane, along, of_attractor
 from ..attractors.sweep import Row, Simulators, Sweep, same
-from ..diagram import Diagram
-from ..files import Content, write_all
+from ..records.diagram import Diagram
+from ..storage.files import Content, write_all
 from . import diagram as style
 from .lines import STYLES, WIDTHS, runs
 from .portraits import SHOWN, others_at, portrait_figure
@@ -29,7 +29,7 @@ from .texts import axis_label, plain, units_of, values_text
 
 if TYPE_CHECKING:
     from ..attractors.simulation import Simulation
-    from ..scene import PlotOptions
+    from ..scenes.scene import PlotOptions
 
 MARKS: dict[str, dict[str, Any]] = {
     "first": {"marker": "o", "markerfacecolor": "none", "markersize": 3.2, "markeredgewidth": 0.6,

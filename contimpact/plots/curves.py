@@ -17,9 +17,8 @@ import numpy as np
 from matplotlib.lines import Line2D
 
 from ..errors import InputError, shown
-from ..two_parameters.competition import Region, regions
-from ..two_parameters.curves import Curve
-from ..two_parameters.runs import Check
+from ..records.competition import Region, regions
+from ..records.curve import Check, Curve
 from .diagram import save_figure, write_heading
 from .texts import axis_label, set_label, symbol, values_text
 

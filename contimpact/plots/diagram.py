@@ -20,9 +20,10 @@ import matplotlib.figure
 import numpy as np
 from matplotlib.lines import Line2D
 
-from ..diagram import Diagram, Entry
 from ..errors import InputError, shown
-from ..files import Content, write, write_all
+from ..records.diagram import Diagram
+from ..records.entry import Entry
+from ..storage.files import Content, write, write_all
 from .labels import CHOICES, chosen, draw_labels, text_width
 from .lines import STYLES, WIDTHS, Piece, pieces_of
 from .texts import axis_label, fixed_values, label_text, plain, units_of, values_text

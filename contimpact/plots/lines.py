@@ -6,7 +6,8 @@ from typing import Any
 
 import numpy as np
 
-from ..diagram import Array, Branch, Diagram
+from ..records.branch import Array, Branch
+from ..records.diagram import Diagram
 
 STYLES: dict[str, Any] = {"stable": "-", "unstable": (0, (5, 2)), "unphysical": (0, (1, 1.6))}
 WIDTHS = {"stable": 1.6, "unstable": 1.1, "unphysical": 0.9}

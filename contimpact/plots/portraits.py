@@ -14,9 +14,9 @@ import numpy as np
 
 from ..attractors.attractor import Attractor, Kind
 from ..attractors.sweep import Row
-from ..diagram import Branch
-from ..mechanics.search import Orbit
-from ..mechanics.simulate import Simulator
+from ..orbits.search import Orbit
+from ..records.branch import Branch
+from ..simulation.simulator import Simulator
 from . import diagram as style
 from .lines import STYLES
 from .texts import plain

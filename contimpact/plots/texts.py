@@ -7,11 +7,13 @@ import re
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING
 
-from ..diagram import LABELLED, Branch, Entry
+from ..bifurcations.names import LABELLED
 from ..errors import printable, shortened
+from ..records.branch import Branch
+from ..records.entry import Entry
 
 if TYPE_CHECKING:
-    from ..mechanics.model import Model
+    from ..models.model import Model
 
 SYMBOLS = {
     "alpha": r"\alpha", "beta": r"\beta", "gamma": r"\gamma", "delta": r"\delta", "mu": r"\mu",

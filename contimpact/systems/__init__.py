@@ -5,7 +5,7 @@ from __future__ import annotations
 import importlib
 
 from ..errors import InputError
-from ..mechanics.model import Model
+from ..models.model import Model
 
 SYSTEMS = {
     "impact-pair": "impact_pair:ImpactPair",

@@ -14,7 +14,7 @@ import math
 from collections.abc import Mapping, Sequence
 from typing import Any, ClassVar
 
-from ..mechanics.model import Formulas, Model, Parameter, Symmetry, Wall
+from ..models.model import Formulas, Model, Parameter, Symmetry, Wall
 
 
 class ImpactPair(Model):
@@ -70,7 +70,7 @@ class ImpactPair(Model):
         """Equations (6)-(8): flight under gravity and a sum of harmonics."""
         import sympy
 
-        from ..mechanics.symbolic import fourier_series, harmonic_means
+        from ..models.symbolic import fourier_series, harmonic_means
 
         beta, amplitude, s, mass, omega, g = (
             symbols[name] for name in ("beta", "A", "s", "M", "omega", "g")

@@ -10,7 +10,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from ..errors import InputError
-from ..mechanics.model import Formulas, Model, Parameter, Wall
+from ..models.model import Formulas, Model, Parameter, Wall
 
 MOST_DAMPING = 4e4
 """Largest damping, as a multiple of sqrt(k). The slow rate of an overdamped flight, about k/c, is a
@@ -66,7 +66,7 @@ class Oscillator(Model):
         """Steady response plus a transient in Stumpff functions, for any damping."""
         import sympy
 
-        from ..mechanics.symbolic import DecayingStumpff, Stumpff
+        from ..models.symbolic import DecayingStumpff, Stumpff
 
         a, omega, c, k, sigma, r = (symbols[n] for n in ("a", "omega", "c", "k", "sigma", "r"))
         zeta = c / 2

@@ -25,12 +25,13 @@ from typing import Any
 
 import numpy as np
 
+from ..bifurcations.criticality import doubling_bend
 from ..continuation.arclength import scaled_determinant
 from ..continuation.branch import Point
 from ..continuation.events import TestFunction
-from ..criticality import doubling_bend
-from ..mechanics import stability
-from ..mechanics.orbit import Array, Linearisation, OrbitProblem
+from ..orbits import multipliers as stability
+from ..orbits.linearisation import Linearisation
+from ..orbits.problem import Array, OrbitProblem
 from .problem import CurvePoint, CurveProblem
 
 

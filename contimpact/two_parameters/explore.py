@@ -9,22 +9,25 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 
 import numpy as np
 
-from ..bifurcations import Requested, test_functions
+from ..bifurcations.test_functions import Requested, test_functions
 from ..continuation.branch import End
 from ..continuation.interruption import interrupted
-from ..diagram import Branch, Diagram, Entry
-from ..mechanics.kernels import Kernels
-from ..mechanics.model import Model
-from ..mechanics.orbit import Array, OrbitProblem
-from ..mechanics.search import settle
-from ..mechanics.word import Word
-from ..orbit_branch import Run, both_ways
-from ..orbit_march import walk_orbits
+from ..following.orbit_branch import Run, both_ways
+from ..following.orbit_march import walk_orbits
+from ..models.model import Model
+from ..models.word import Word
+from ..orbits.problem import Array, OrbitProblem
+from ..orbits.search import settle
 from ..progress import Progress, counted, silent
-from ..scene import CurveOptions, Scene
-from .competition import Region, column, regions
-from .curves import Curve, follow_curve, with_fixed
-from .runs import Check, first_of, passes, run_at, same_curve
+from ..records.branch import Branch
+from ..records.competition import Region, column, regions
+from ..records.curve import Check, Curve
+from ..records.diagram import Diagram
+from ..records.entry import Entry
+from ..scenes.scene import CurveOptions, Scene
+from ..segments.kernels import Kernels
+from .curves import follow_curve, with_fixed
+from .runs import first_of, passes, run_at, same_curve
 
 MOST_ROUNDS = 6
 """How often what the curves say is checked against runs, and curves are started where it fails."""

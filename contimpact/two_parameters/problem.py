@@ -8,13 +8,15 @@ from typing import Any
 
 import numpy as np
 
-from ..diagram import Entry
+from ..bifurcations.extended import Crossing, ExtendedSystem, Reached, SingularCycle, Touching
+from ..bifurcations.names import CURVES
 from ..errors import InputError, shown
-from ..extended import CURVES, Crossing, ExtendedSystem, Reached, SingularCycle, Touching
-from ..mechanics.kernels import Kernels
-from ..mechanics.model import Model
-from ..mechanics.orbit import Array, Linearisation, OrbitProblem
-from ..recovery import orbit_of
+from ..models.model import Model
+from ..orbits.linearisation import Linearisation
+from ..orbits.problem import Array, OrbitProblem
+from ..records.entry import Entry
+from ..records.recovery import orbit_of
+from ..segments.kernels import Kernels
 
 
 class CurveProblem:

@@ -6,23 +6,22 @@ the scene are looked for at several values of the first parameter, and their bra
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Sequence
 
 import numpy as np
 
-from ..bifurcations import test_functions
-from ..diagram import Entry
-from ..extended import solve
-from ..ghosts import orbit_of
-from ..mechanics.kernels import Kernels
-from ..mechanics.model import Model
-from ..mechanics.orbit import Array, OrbitProblem
-from ..mechanics.search import find_orbits
-from ..mechanics.word import Word
-from ..orbit_branch import Run, both_ways
-from ..scene import Scene
-from .curves import Curve
+from ..bifurcations.extended import solve
+from ..bifurcations.ghosts import orbit_of
+from ..bifurcations.test_functions import test_functions
+from ..following.orbit_branch import Run, both_ways
+from ..models.model import Model
+from ..models.word import Word
+from ..orbits.problem import Array, OrbitProblem
+from ..orbits.search import find_orbits
+from ..records.curve import Curve
+from ..records.entry import Entry
+from ..scenes.scene import Scene
+from ..segments.kernels import Kernels
 from .problem import system_of
 
 SEARCHED = 6
@@ -30,32 +29,6 @@ SEARCHED = 6
 
 SAME_CURVE = 1e-8
 NEAR_CURVE = 1e-3
-
-
-@dataclass(frozen=True)
-class Check:
-    """What a one-parameter run says comes first.
-
-    Attributes
-    ----------
-    fixed : mapping of str to float
-        The family's parameter.
-    word, period, notation
-        The orbit.
-    second : str
-    value : float
-        Of the second parameter.
-    first : str or None
-        Label of the first real bifurcation as d, or the first parameter, falls.
-    """
-
-    fixed: Mapping[str, float]
-    word: str
-    period: int
-    notation: str
-    second: str
-    value: float
-    first: str | None
 
 
 def run_at(scene: Scene, model: Model, word: Word, kernels: Kernels) -> list[Run]:

@@ -1,0 +1,182 @@
+"""Changes of physicality and of stability along a branch, each of which needs an event.
+
+An orbit turns unphysical at a G, V or T, and the number of its multipliers outside the unit circle
+changes at an FB, BP, PD or NS, or where impacts merge (T). Where it does so between two points and
+no such event was found, the segment is searched again, ever closer to the change; what is still not
+explained is recorded as missed.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Sequence
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from ..continuation.branch import Event, Missed, Point, Points, Walk
+from ..continuation.events import Segment, TestFunction, find_events
+from ..continuation.settings import Settings
+from ..continuation.sign_changes import Sample, Stretch
+from ..orbits.multipliers import count_unstable
+from ..orbits.physicality import OUT_OF_ORDER, PASSES, PHYSICAL
+from ..orbits.problem import OrbitProblem
+
+UNPHYSICAL_AT = ("G", "V", "T")
+UNSTABLE_AT = ("FB", "BP", "PD", "NS")
+"""Kinds of events at which an orbit turns unphysical, and at which its stability changes."""
+
+SEARCHED = (0, 4, 10, 20, 34)
+"""After how many bisections a segment is searched for events again."""
+
+BISECTIONS = 44
+
+NEAR_UNIT = 0.02
+"""How near to 1 or -1 a multiplier is taken to pass there."""
+
+
+def explained(
+    problem: OrbitProblem, walk: Walk, tests: Sequence[TestFunction], settings: Settings,
+    switched: bool,
+) -> Walk:  # fmt: skip
+    """Return a walk with the events that explain its changes of status, or what is missing.
+
+    Parameters
+    ----------
+    problem : OrbitProblem
+    walk : Walk
+    tests : sequence of TestFunction
+        What was looked for; a change that only other kinds explain is left alone.
+    settings : Settings
+        Of the walk.
+    switched : bool
+        Whether the walk starts on an event, where a status is that of neither side.
+    """
+    asked = {test.kind for test in tests}
+    if len(walk.points) < 2 or not asked & {*UNPHYSICAL_AT, *UNSTABLE_AT}:
+        return walk
+    events, missed = list(walk.events), list(walk.missed)
+    for i, kinds in _changes(walk, asked):
+        left, right = walk.points[i], walk.points[i + 1]
+        if (switched and i == 0) or _explains(events, left, right, kinds):
+            continue
+        if kinds == UNPHYSICAL_AT and _reason(left, right) not in asked:
+            continue
+        found, lost = _searched(problem, left, right, tests, settings, kinds)
+        events += [event for event in found if not _known(event, events)]
+        missed += lost
+    events.sort(key=lambda event: event.point.arclength)
+    return replace(walk, events=events, missed=missed)
+
+
+def _changes(walk: Walk, asked: Collection[str]) -> list[tuple[int, tuple[str, ...]]]:
+    """The segments on which a status changes, with the kinds of events that explain it."""
+    numbers = Points(walk.points).numbers
+    unphysical = numbers[:, -6] != PHYSICAL
+    unstable = _unstable(numbers)
+    changes = [
+        (int(i), kinds)
+        for values, kinds in ((unphysical, UNPHYSICAL_AT), (unstable, UNSTABLE_AT))
+        if set(kinds) & set(asked)
+        for i in np.nonzero(values[1:] != values[:-1])[0]
+    ]
+    return sorted(changes)
+
+
+def _unstable(numbers: Any) -> Any:
+    return count_unstable(np.ascontiguousarray(numbers[..., 1:-6]).view(complex))
+
+
+def _explains(events: Sequence[Event], left: Point, right: Point, kinds: Collection[str]) -> bool:
+    """Whether an event of these kinds lies between two points, or on one of them."""
+    slack = 1e-9 * (right.arclength - left.arclength)
+    return any(
+        (event.kind in kinds or event.kind == "T")
+        and left.arclength - slack <= event.point.arclength <= right.arclength + slack
+        for event in events
+    )
+
+
+def _known(event: Event, events: Sequence[Event]) -> bool:
+    return any(
+        event.kind == other.kind
+        and event.details.get("index") == other.details.get("index")
+        and bool(np.max(np.abs(event.point.unknowns - other.point.unknowns)) < 1e-8)
+        for other in events
+    )
+
+
+def _searched(
+    problem: OrbitProblem, left: Point, right: Point, tests: Sequence[TestFunction],
+    settings: Settings, kinds: tuple[str, ...],
+) -> tuple[list[Event], list[Missed]]:  # fmt: skip
+    """Bisect the change of status, and look for the event on ever shorter segments."""
+    span = abs(right.parameter - left.parameter) or abs(left.parameter) or 1.0
+    scale = problem.scale(left.unknowns, span)
+    segment = Segment(problem, left, right, scale, settings)
+    state = _state_of(kinds)
+    here = state(left)
+    for bisection in range(BISECTIONS):
+        if bisection in SEARCHED:
+            found = _find(tests, segment)
+            if any(event.kind in kinds for event in found):
+                return found, []
+        middle = segment.at(0.5)
+        ends = segment.left.arclength, segment.right.arclength
+        if middle is None or not ends[0] < middle.arclength < ends[1]:
+            break
+        before, after = segment.halves(middle)
+        segment = after if state(middle) == here else before
+    kind = _needed(segment, kinds)
+    if kind not in {test.kind for test in tests}:
+        return [], []
+    return [], [_unexplained(kind, segment, kinds)]
+
+
+def _state_of(kinds: tuple[str, ...]) -> Any:
+    if kinds == UNPHYSICAL_AT:
+        return lambda point: point.evaluation.verdict.physical
+    return lambda point: point.evaluation.n_unstable
+
+
+def _find(tests: Sequence[TestFunction], segment: Segment) -> list[Event]:
+    ends = (
+        Sample(point.arclength, [test.at(point) for test in tests])
+        for point in (segment.left, segment.right)
+    )
+    return find_events(tests, segment, Stretch(*ends))[0]
+
+
+def _needed(segment: Segment, kinds: tuple[str, ...]) -> str:
+    """The kind of event that would explain a change of status here."""
+    if kinds == UNPHYSICAL_AT:
+        return _reason(segment.left, segment.right)
+    ends = [segment.left.evaluation, segment.right.evaluation]
+    counts = [end.n_unstable for end in ends]
+    if abs(counts[1] - counts[0]) > 1:
+        return "NS"
+    passing = min(
+        (multiplier for end in ends for multiplier in end.multipliers),
+        key=lambda multiplier: abs(abs(multiplier) - 1.0),
+    )
+    if abs(passing - 1.0) < NEAR_UNIT:
+        return "FB"
+    return "PD" if abs(passing + 1.0) < NEAR_UNIT else "NS"
+
+
+def _reason(left: Point, right: Point) -> str:
+    """The kind of event that makes orbits unphysical as the one at one of two points is."""
+    worse = left if not left.evaluation.verdict.physical else right
+    return {PASSES: "G", OUT_OF_ORDER: "T"}.get(int(worse.evaluation.numbers[-6]), "V")
+
+
+def _unexplained(kind: str, segment: Segment, kinds: tuple[str, ...]) -> Missed:
+    left, right = segment.left, segment.right
+    if kinds == UNPHYSICAL_AT:
+        worse = left if not left.evaluation.verdict.physical else right
+        what = f"the orbit turns unphysical there ({worse.evaluation.verdict.reason})"
+    else:
+        counts = left.evaluation.n_unstable, right.evaluation.n_unstable
+        what = f"the number of unstable multipliers changes from {counts[0]} to {counts[1]} there"
+    reason = f"{what}, but no event that explains it was located; a smaller max_step may tell"
+    return Missed(kind, (left.parameter, right.parameter), reason)

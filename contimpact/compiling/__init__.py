@@ -1,0 +1,1 @@
+"""Plain functions compiled to machine code, kept in the cache."""

@@ -1,0 +1,162 @@
+"""Machine code of programs, by Numba: independent of Numba and of Python once it is made."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+from typing import Any
+
+from ..storage.files import temporary_beside
+from .arguments import ENTRY, INTEGERS, TABLE, VECTOR
+from .program import Program
+
+
+def object_code(program: Program, arguments: str) -> bytes:
+    """Return the machine code of a program whose entry is the function ``entry``.
+
+    Parameters
+    ----------
+    program : Program
+    arguments : str
+        Kinds of the entry's arguments.
+    """
+    import llvmlite.binding as llvm
+    from numba import carray, cfunc, njit
+    from numba import types as nb
+
+    namespace: dict[str, Any] = {
+        "compile": njit(error_model="numpy", fastmath=False), "carray": carray
+    }  # fmt: skip
+    pointers = {INTEGERS: (nb.int64, 1), VECTOR: (nb.float64, 1), TABLE: (nb.float64, 2)}
+    signature, names, views = [], [], []
+    for i, kind in enumerate(arguments):
+        number, dimensions = pointers[kind]
+        sizes = [f"n{i}_{d}" for d in range(dimensions)]
+        signature += [nb.CPointer(number), *[nb.int64] * dimensions]
+        names += [f"p{i}", *sizes]
+        views.append(f"carray(p{i}, ({', '.join(sizes)},))")
+    head, body = f"def _c_entry({', '.join(names)}):", f"return entry({', '.join(views)})"
+    text = f"{program.text}\n\n{head}\n    {body}\n"
+    exec(compile(text, "<contimpact program>", "exec"), namespace)
+    entry = cfunc(nb.int64(*signature), error_model="numpy")(namespace["_c_entry"])
+    text = _self_contained(entry.inspect_llvm(), entry.native_name)
+    llvm.initialize_native_target()
+    llvm.initialize_native_asmprinter()
+    machine = llvm.Target.from_default_triple().create_target_machine(
+        cpu=llvm.get_host_cpu_name(), features=llvm.get_host_cpu_features().flatten(), opt=3,
+        reloc="pic", codemodel="default",
+    )  # fmt: skip
+    module = llvm.parse_assembly(text)
+    module.verify()
+    _optimise(module, machine)
+    return bytes(machine.emit_object(module))
+
+
+OF_THE_C_LIBRARY = frozenset(
+    ("acos", "asin", "atan", "ceil", "copysign", "cos", "cosh", "exp", "fabs", "floor", "fmod",
+     "log", "memcpy", "memset", "pow", "sin", "sinh", "sqrt", "tan", "tanh")
+)  # fmt: skip
+
+
+REPORTING = frozenset(
+    ("NRT_Free", "NRT_MemInfo_call_dtor", "PyBytes_FromStringAndSize", "PyErr_Clear",
+     "PyErr_SetNone", "PyErr_SetString", "PyErr_WriteUnraisable", "PyUnicode_FromString",
+     "Py_DecRef", "numba_do_raise", "numba_gil_ensure", "numba_gil_release",
+     "numba_runtime_build_excinfo_struct", "numba_unpickle")
+)  # fmt: skip
+"""What Numba calls only to report an exception and to clear up after one."""
+
+
+def _optimise(module: Any, machine: Any) -> None:
+    """Once more, without what Numba puts between the functions; older LLVMs do without."""
+    import llvmlite.binding as llvm
+
+    if not hasattr(llvm, "create_pass_builder"):
+        return
+    for function in module.functions:
+        if not function.is_declaration and function.name != ENTRY:
+            function.linkage = "internal"
+    builder = llvm.create_pass_builder(machine, llvm.create_pipeline_tuning_options(speed_level=3))
+    builder.getModulePassManager().run(module, builder)
+
+
+COUNTING = re.compile(r"\s*(tail )?call void @NRT_(inc|dec)ref\(")
+"""Counts references to arrays, which are the caller's: there is nothing to count."""
+
+
+def _self_contained(text: str, entry: str) -> str:
+    """Make Numba's intermediate code independent of Numba's own library and of Python's.
+
+    What is called there only reports exceptions, which compiled programs do not raise: their
+    functions are written so that a failure is a value. Those calls are made to do nothing.
+
+    Raises
+    ------
+    NotImplementedError
+        If anything else is called: a call that did nothing could be one that computes.
+    """
+    text = re.sub(rf'@"?{re.escape(entry)}"?', f"@{ENTRY}", text)
+    lines = []
+    for line in text.splitlines():
+        if COUNTING.match(line):
+            continue
+        declared = re.match(r'declare (.*?)@"?([\w.$]+)"?\((.*?)\)', line)
+        known = declared and (declared[2].startswith("llvm.") or declared[2] in OF_THE_C_LIBRARY)
+        if declared and not known:
+            _require(declared[2] in REPORTING, declared[2])
+            line = _stub(declared[1], declared[2], declared[3])
+        outside = re.match(r'@"?([\w.$]+)"? = external (?:local_unnamed_addr )?global (\S+)', line)
+        if outside:
+            _require(outside[1].startswith("PyExc_"), outside[1])
+            line = f"@{outside[1]} = internal global {outside[2]} zeroinitializer"
+        lines.append(line)
+    return "\n".join(lines)
+
+
+def _require(known: bool, name: str) -> None:
+    if not known:
+        raise NotImplementedError(
+            f"Numba needs {name!r}, which contimpact does not know; another version of Numba may "
+            "not, and CONTIMPACT_COMPILED=never runs plainly"
+        )
+
+
+def _stub(kind: str, name: str, arguments: str) -> str:
+    """A function that does nothing."""
+    returned = kind.split()[-1]
+    kinds = [re.sub(r"( \w+(\(.*?\))?)+$", "", a.strip()) for a in arguments.split(",")]
+    result = {"void": "void", "ptr": "ptr null"}.get(returned, f"{returned} 0")
+    return f"define internal {returned} @{name}({', '.join(kinds)}) {{ ret {result} }}"
+
+
+def linked(path: Path) -> bytes | None:
+    """Return an object file made into a shared library; None where there is no linker.
+
+    Raises
+    ------
+    OSError
+        If the linker fails.
+    """
+    import shutil
+    import subprocess
+
+    linker = next((found for name in ("cc", "gcc", "clang") if (found := shutil.which(name))), None)
+    if linker is None:
+        return None
+    folder = temporary_beside(path)
+    folder.mkdir(0o700)
+    library = folder / "library.so"
+    command = [linker, "-shared", "-o", str(library), str(path), "-lm"]
+    try:
+        subprocess.check_output(command, stderr=subprocess.STDOUT, timeout=PATIENCE)
+        return library.read_bytes()
+    except subprocess.CalledProcessError as error:
+        raise OSError(error.output.decode(errors="replace").strip()) from None
+    except subprocess.TimeoutExpired:
+        raise OSError(f"{linker} took more than {PATIENCE} s") from None
+    finally:
+        shutil.rmtree(folder, ignore_errors=True)
+
+
+PATIENCE = 60
+"""Seconds that a linker may take."""

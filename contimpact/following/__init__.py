@@ -1,0 +1,1 @@
+"""Orbits followed along a parameter: from an orbit to its branch."""

@@ -1,0 +1,342 @@
+"""From an orbit to its branch: both walks, joined and tabulated."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from ..bifurcations.ghosts import entry_of, event_of
+from ..bifurcations.names import EVENTS, KINDS, SWITCHES
+from ..bifurcations.switching import switch
+from ..bifurcations.test_functions import BranchPoint, test_functions
+from ..continuation.branch import End, EndKind, Event, Point, Points, Walk, joined
+from ..continuation.events import TestFunction, UserFunction
+from ..continuation.interruption import interrupted, kept, other_way, undisturbed
+from ..continuation.settings import Settings
+from ..continuation.walk import SAME_SOLUTION, Stop
+from ..errors import InputError, shown
+from ..models.model import Model
+from ..models.word import Word
+from ..orbits.problem import OrbitProblem
+from ..orbits.search import Orbit, settle
+from ..records.branch import Branch
+from ..records.diagram import Diagram
+from ..records.entry import Entry
+from ..records.given import as_orbit, entry_first, named
+from ..segments.kernels import Kernels
+from .images import again, at_image, mirrors_back, symmetry_of
+from .orbit_march import walk_orbits
+from .tables import tabulate
+
+UserEvent = tuple[str, Callable[[Orbit], float]]
+Callback = Callable[[Point], bool | None]
+
+
+def continue_orbit(
+    orbit: Orbit | Entry | Event | Point | tuple[Branch | Diagram, int | str],
+    parameter: str | None = None, range: tuple[float, float] | None = None, *,
+    events: Sequence[str | UserEvent] = EVENTS,
+    values: Mapping[str, Sequence[float]] | None = None,
+    settings: Settings | None = None, callback: Callback | None = None, name: str = "b1",
+    model: Model | None = None,
+) -> Branch:  # fmt: skip
+    """Follow a periodic orbit in one parameter, in both directions.
+
+    Parameters
+    ----------
+    orbit : Orbit, Entry or (Branch, row)
+        From `find_orbits`; an event of a branch or a catalogue; a branch and the number of a row
+        or the name of an event on it; a diagram and the name of an event.
+    parameter : str, optional
+        The parameter to follow; by default the one the orbit was found with.
+    range : (low, high)
+        Its range, which holds the orbit's value.
+    events : sequence
+        Kinds of events (FB, BP, PD, NS, G, V, T, UZ), and pairs of a name and a function of the
+        `Orbit` whose zeros are to be located.
+    values : mapping of str to sequence of float, optional
+        Values of the parameter, or of a derived one, to hit exactly (as UZ).
+    settings : Settings, optional
+    callback : callable, optional
+        Called with every accepted point; a true value stops the walk in that direction.
+    name : str
+        The branch's name.
+    model : Model, optional
+        The system of an entry or a branch, where its name does not tell; see `Entry.orbit`.
+
+    Returns
+    -------
+    Branch
+        After an interruption from the keyboard, what was followed until then; its ends say so.
+
+    Raises
+    ------
+    InputError
+        For what is no orbit, a parameter the model does not have, or a range it does not admit.
+    """
+    given = named(orbit)
+    orbit = as_orbit(given, model)
+    problem = orbit.problem
+    parameter = parameter or problem.parameter
+    unknowns = orbit.unknowns
+    if parameter != problem.parameter:
+        model = orbit.model
+        problem = OrbitProblem(model, orbit.word, Kernels(model, parameter))
+        unknowns = np.append(unknowns[:-1], model.values[parameter])
+    limits = checked_range(problem, range, float(unknowns[-1]))
+    stop, tests = at_image(problem), _tests(problem, events, values)
+    settings = settings or Settings()
+    if isinstance(given, Entry) and given.tangent is not None and problem is orbit.problem:
+        unknowns = _beside(problem, unknowns, np.array(given.tangent), limits, settings)
+    run = both_ways(problem, unknowns, limits, _seen(tests, stop), settings, callback, stop)
+    return undisturbed(lambda: run.branch(name, kinds=[test.kind for test in tests]))
+
+
+def _beside(
+    problem: OrbitProblem, unknowns: np.ndarray[Any, Any], tangent: np.ndarray[Any, Any],
+    limits: tuple[float, float], settings: Settings,
+) -> np.ndarray[Any, Any]:  # fmt: skip
+    """The orbit one step from a branch point along one of the two branches that cross there."""
+    first = dataclasses.replace(settings, max_points=2)
+    probe = walk_orbits(
+        problem, unknowns, +1, limits=limits, settings=first, tangent=tangent, branching=True
+    )
+    return probe.points[-1].unknowns if probe.points else unknowns
+
+
+def continue_born(
+    entry: Entry, model: Model | None = None, range: tuple[float, float] | None = None, *,
+    events: Sequence[str | UserEvent] = EVENTS,
+    values: Mapping[str, Sequence[float]] | None = None,
+    settings: Settings | None = None, callback: Callback | None = None, name: str = "b1",
+) -> Branch | None:  # fmt: skip
+    """Follow the branch born at an event of another one, from a catalogue just made or loaded.
+
+    Parameters
+    ----------
+    entry : Entry
+        A G, V, PD or BP.
+    model : Model, optional
+        The system, where its name does not tell; parameter values are taken from the entry. It may
+        also stand before the entry.
+    range : (low, high)
+        Of the entry's parameter.
+    events, values, settings, callback, name
+        As of `continue_orbit`.
+
+    Returns
+    -------
+    Branch or None
+        None where nothing starts: the only impact was dropped, or the event is degenerate. After
+        an interruption from the keyboard, what was followed until then; its ends say so.
+
+    Raises
+    ------
+    InputError
+        For an event of another kind, or a range that does not fit.
+    """
+    entry, model = entry_first(entry, model)
+    if getattr(entry, "kind", None) not in SWITCHES:
+        accepted = f"accepted are entries of {', '.join(SWITCHES)}"
+        raise InputError("entry", f"nothing is born at {shown(entry)}", accepted)
+    start = switch(event_of(entry, model))
+    if start is None:
+        return None
+    problem = start.problem
+    limits = checked_range(problem, range, entry.value)
+    stop, tests = at_image(problem), _tests(problem, events, values)
+
+    def go(direction: int) -> Walk:
+        return walk_orbits(
+            problem, start.unknowns, direction, limits=limits, tests=_seen(tests, stop),
+            settings=settings, tangent=start.tangent, branching=start.branching,
+            callback=callback, stop=stop,
+        )  # fmt: skip
+
+    forward = kept(lambda: go(+1))
+    if not forward.points:
+        return None
+    symmetry = symmetry_of(problem)
+    closed = forward.end.kind is EndKind.CLOSED
+    if not closed and mirrors_back(problem, start.unknowns, start.tangent, symmetry):
+        backward = Walk(forward.points[:1], (), again(name, forward.points[0]))
+    elif start.both_ways or closed:
+        backward = other_way(forward, entry.parameter, lambda: go(-1))
+    else:
+        born = {"entry": entry.id, "parent": entry.branch}
+        end = End.of(EndKind.BORN, entry.parameter, entry.value, **born)
+        backward = Walk(forward.points[:1], (), end)
+    asked = [test.kind for test in tests]
+    run = Run.of(problem, backward, forward)
+    return undisturbed(lambda: run.branch(name, entry.id, kinds=asked))
+
+
+def _seen(tests: list[TestFunction], stop: Stop | None) -> list[TestFunction]:
+    """The test functions of a walk: those asked for, and what `stop` goes by."""
+    if stop is None or any(test.kind == "BP" for test in tests):
+        return tests
+    return [*tests, BranchPoint()]
+
+
+def _tests(
+    problem: OrbitProblem, events: Sequence[str | UserEvent],
+    values: Mapping[str, Sequence[float]] | None,
+) -> list[TestFunction]:  # fmt: skip
+    if isinstance(events, str) or not isinstance(events, Sequence):
+        raise InputError("events", f"found {events!r}", "give a list, such as ['PD', 'G']")
+    kinds = [kind for kind in events if isinstance(kind, str)]
+    if values and "UZ" not in kinds:
+        kinds.append("UZ")
+    if "UZ" in kinds and not values:
+        raise InputError("events", "UZ without values to hit", "give values={name: [...]}")
+    tests = test_functions(problem, kinds, values or {})
+    return tests + [_user(kind) for kind in events if not isinstance(kind, str)]
+
+
+def checked_range(
+    problem: OrbitProblem, limits: tuple[float, float] | None, start: float
+) -> tuple[float, float]:
+    """Return the range as floats, or raise `InputError` if it does not fit."""
+    declared = problem.model.require(problem.parameter, "parameter")
+    if not isinstance(limits, Sequence | np.ndarray) or len(limits) != 2:
+        raise InputError("range", f"found {limits!r}", "give (low, high)")
+    low, high = (declared.check(limit, "range") for limit in limits)
+    if not low < high or not low <= start <= high:
+        raise InputError(
+            "range", f"({low:.12g}, {high:.12g}) does not hold the start "
+            f"{problem.parameter} = {start:.12g}", "give low < high around the start",
+        )  # fmt: skip
+    problem.model.validate_between(problem.parameter, low, high, "range")
+    return low, high
+
+
+def _user(given: UserEvent) -> TestFunction:
+    named = isinstance(given, tuple) and len(given) == 2 and isinstance(given[0], str)
+    if not named or not callable(given[1]) or given[0] in KINDS:
+        accepted = f"give a pair of a name (none of {', '.join(KINDS)}) and a function"
+        raise InputError("events", f"found {given!r}", accepted)
+    kind, function = given
+
+    def value(point: Point) -> float:
+        found = np.asarray(function(_orbit(point)), dtype=float)
+        if found.size != 1:
+            raise InputError(
+                f"event {kind}", f"its function returned {found!r}", "return one number"
+            )
+        return float(found.reshape(()))
+
+    return UserFunction(kind, value)
+
+
+def _orbit(point: Point) -> Orbit:
+    here: Any = point.evaluation
+    return Orbit(here.problem, here)
+
+
+@dataclass(frozen=True, eq=False)
+class Run:
+    """A branch just walked: its points and events in order, not yet tabulated."""
+
+    problem: OrbitProblem
+    walks: tuple[Walk, Walk]
+    points: Points
+    events: Sequence[Event]
+
+    @classmethod
+    def of(cls, problem: OrbitProblem, backward: Walk, forward: Walk) -> Run:
+        """Join two walks that left one point."""
+        return cls(problem, (backward, forward), *joined(backward, forward))
+
+    @property
+    def interrupted(self) -> bool:
+        """Whether the keyboard has interrupted one of the walks."""
+        return interrupted(walk.end for walk in self.walks)
+
+    def branch(
+        self, name: str, origin: str | None = None, first_entry: int = 1,
+        kinds: Sequence[str] | None = None,
+    ) -> Branch:  # fmt: skip
+        """Tabulate it, with the events of the given kinds."""
+        backward, forward = self.walks
+        problem = self.problem
+        events = [e for e in self.events if kinds is None or e.kind in kinds]
+        entries = [
+            entry_of(e, f"e{first_entry + i}", name, *self.around(e)) for i, e in enumerate(events)
+        ]
+        marks = [(event.point, entry) for event, entry in zip(events, entries, strict=True)]
+        missed = [
+            f"{m.kind} between {problem.parameter} = {m.parameters[0]:.12g} and "
+            f"{m.parameters[1]:.12g}: {m.reason}"
+            for m in (*backward.missed, *forward.missed)
+        ]
+        return Branch(
+            id=name,
+            word=problem.word.walls,
+            period=problem.word.period,
+            notation=problem.word.notation([w.name for w in problem.model.WALLS]),
+            system=problem.model.SYSTEM,
+            options=problem.model.options,
+            parameter=problem.parameter,
+            columns=tabulate(self.points, marks),
+            ends=(backward.end, forward.end),
+            events=entries,
+            missed=missed,
+            origin=origin,
+            notes=list(dict.fromkeys([*backward.notes, *forward.notes])),
+        )
+
+    def around(self, event: Event) -> tuple[Point, Point]:
+        """The points before and after an event."""
+        lengths = self.points.arclengths
+        after = int(np.searchsorted(lengths, event.point.arclength, side="right"))
+        before = int(np.searchsorted(lengths, event.point.arclength)) - 1
+        return self.points[max(before, 0)], self.points[min(after, len(self.points) - 1)]
+
+    def passes(self, word: Word, value: float) -> bool:
+        """Whether orbits on this branch have a word, rotated perhaps, at a parameter value."""
+        own, values = self.problem.word, self.points.unknowns[:, -1]
+        same = (len(own), own.period) == (len(word), word.period) and own.walls in 2 * word.walls
+        return same and bool(values.min() <= value <= values.max())
+
+    def holds(self, unknowns: np.ndarray[Any, Any]) -> bool:
+        """Whether an orbit of the same word lies on this branch."""
+        value, rows = unknowns[-1], self.points.unknowns
+        behind, ahead = rows[:-1, -1], rows[1:, -1]
+        passed = ((behind - value) * (ahead - value) <= 0.0) & (behind != ahead)
+        for i in np.nonzero(passed)[0]:
+            left, right = rows[i], rows[i + 1]
+            guess = left + (value - left[-1]) / (right[-1] - left[-1]) * (right - left)
+            guess[-1] = value
+            here = settle(self.problem, guess)
+            if here is not None:
+                apart = self.problem.difference(here.unknowns, unknowns)
+                if np.max(np.abs(apart)) < SAME_SOLUTION:
+                    return True
+        return False
+
+
+def both_ways(
+    problem: OrbitProblem, unknowns: np.ndarray[Any, Any], limits: tuple[float, float],
+    tests: list[TestFunction], settings: Settings, callback: Callback | None = None,
+    stop: Stop | None = None,
+) -> Run:  # fmt: skip
+    """Walk from an orbit in both directions; a closed branch is walked once.
+
+    After an interruption from the keyboard, what was walked until then.
+    """
+
+    def go(direction: int) -> Walk:
+        return walk_orbits(
+            problem, unknowns, direction, limits=limits,
+            tests=tests, settings=settings, callback=callback, stop=stop,
+        )  # fmt: skip
+
+    forward = kept(lambda: go(+1))
+    if not forward.points:
+        raise InputError("orbit", forward.end.message, "give an orbit that solves its equations")
+    backward = other_way(forward, problem.parameter, lambda: go(-1))
+    return Run.of(problem, backward, forward)

@@ -1,0 +1,92 @@
+"""The program that makes routine steps along a branch of any word of a model, for compiling."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from ..compiling.program import Program
+from ..continuation.march import march
+from ..orbits.block_cyclic import store, store_compiled
+from ..segments.flight import excursions
+from ..segments.kernels import Kernels
+from ..segments.zeros import single_zeros
+from .routine import Course, evaluate_cycle, newton_step, observe_cycle, tangent_of_cycle
+
+ENTRY = """
+def entry(
+    kinds, word, counts, values, sides, places, targets, zeros, blocks, kept, reduced, fixed, clock,
+    facts, durations, gaps, times, velocities, options, state, scale, z, tangent, chord, room,
+    rows, size,
+):
+    course = Course(
+        kinds, word, counts, values, sides, places, targets, zeros, blocks, kept, reduced, fixed,
+        clock, facts, durations, gaps, times, velocities,
+    )
+    return march(
+        evaluate, newton_step, tangent_of_cycle, observe, course, options, state, scale, z, tangent,
+        chord, room, rows, size[0], size[1],
+    )
+
+def any_setup(p):
+    return kernel_setup({p})
+
+def evaluate(course, z):
+    return evaluate_cycle(any_flight, any_setup, course, z)
+
+def excursion(head, values, length, arriving, left_side, reached_side, zeros, phase, period):
+    return excursions(
+        any_motion, head, values, length, arriving, left_side, reached_side, zeros, phase, period
+    )
+
+def observe(course, z, tangent, orientation, rows, at):
+    return observe_cycle(breaks, excursion, course, z, tangent, orientation, rows, at)
+"""
+
+
+BREAKS = {
+    "fixed": """
+def breaks(values, period, zeros):
+    return zeros
+""",
+    "single": """
+def breaks(p, period, zeros):
+    mean, order, a, b = kernel_harmonics({p})
+    return zeros[:single_zeros(mean, a, b, period, zeros)]
+""",
+}
+
+
+def program_of(kernels: Kernels, variant: str) -> Program:
+    """Return the program that marches along a branch of any word of a model.
+
+    `variant` says how the zeros of the acceleration are found: they are "fixed" along the branch,
+    or those of a "single" harmonic that changes along it.
+    """
+    program = Program({store: store_compiled})
+    p = ", ".join(f"p[{i}]" for i in range(len(kernels.model.values)))
+    walls = [wall.name for wall in kernels.model.WALLS]
+    flights = {f"flight_{a}_{b}": kernels.flight(a, b) for a in walls for b in walls}
+    motions = {f"motion_{a}": kernels.motion(a) for a in walls}
+    program.glue(_choice("any_flight", "kind, t0, v0, t1, v1, p", "kind", list(flights),
+                         f"t0, v0, t1, v1, {p}"), **flights)  # fmt: skip
+    program.glue(_choice("any_motion", "head, dt, p", "head[0]", list(motions),
+                         f"head[1], head[2], dt, {p}"), **motions)  # fmt: skip
+    program.constant("Course", Course)
+    found = {}
+    if variant == "single":
+        found = {"kernel_harmonics": kernels.harmonics, "single_zeros": single_zeros}
+    program.glue(BREAKS[variant].format(p=p), **found)
+    program.glue(
+        ENTRY.format(p=p), kernel_setup=kernels.setup, march=march, newton_step=newton_step,
+        tangent_of_cycle=tangent_of_cycle, evaluate_cycle=evaluate_cycle,
+        observe_cycle=observe_cycle, excursions=excursions,
+    )  # fmt: skip
+    return program
+
+
+def _choice(name: str, arguments: str, chosen: str, functions: Sequence[str], given: str) -> str:
+    """The text of a function that calls one of several by number."""
+    lines = [f"def {name}({arguments}):"]
+    for i, function in enumerate(functions[:-1]):
+        lines += [f"    if {chosen} == {i}:", f"        return {function}({given})"]
+    return "\n".join([*lines, f"    return {functions[-1]}({given})"])

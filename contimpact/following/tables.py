@@ -1,0 +1,79 @@
+"""From the points of a branch and its entries to the columns of its table."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from ..continuation.branch import Point, Points
+from ..orbits.multipliers import count_unstable
+from ..orbits.physicality import PHYSICAL, reason_of
+from ..orbits.problem import OrbitProblem
+from ..records.branch import Array
+from ..records.entry import Entry
+from ..records.tables import coordinates
+
+
+def tabulate(points: Points, entries: Sequence[tuple[Point, Entry]]) -> dict[str, Array]:
+    """Return the columns of a branch: a row per point, and one for each event between points.
+
+    Parameters
+    ----------
+    points : Points
+    entries : sequence of (Point, Entry)
+        The events' points, in order of arclength. Their rows have the entry's verdicts, which
+        leave the event itself out.
+    """
+    places, between = points.arclengths, []
+    taken = set(places[np.isin(places, [point.arclength for point, _ in entries])].tolist())
+    for point, entry in entries:
+        if point.arclength not in taken:
+            taken.add(point.arclength)
+            between.append((point, entry))
+    columns = _columns(Points([*points.pieces, *(point for point, _ in between)]))
+    columns["event"] = np.full(len(columns["arclength"]), "", dtype=object)
+    for row, (_, entry) in enumerate(between, start=len(points)):
+        columns["n_unstable"][row] = entry.n_unstable
+        columns["physical"][row] = int(entry.physical)
+        columns["reason"][row] = entry.reason or ""
+        columns["event"][row] = entry.id
+    order = np.argsort(columns["arclength"], kind="stable")
+    for name in columns:  # one after the other: a long branch is not held twice
+        columns[name] = columns[name][order]
+    return columns
+
+
+def _columns(points: Points) -> dict[str, Array]:
+    """A row per point, in the points' order."""
+    problem = points[0].evaluation.problem
+    unknowns = points.unknowns
+    columns = {"arclength": points.arclengths, **_parameters(problem, unknowns[:, -1])}
+    named = coordinates(problem.m)
+    for i, column in enumerate(unknowns[:, : problem.n].T):
+        columns[f"{named[i % problem.m]}{i // problem.m + 1}"] = column.copy()
+    numbers = points.numbers
+    factors = numbers[:, 1:-6].copy().view(complex)
+    for k, factor in enumerate(factors.T, start=1):
+        columns |= {f"multiplier{k}_re": factor.real, f"multiplier{k}_im": factor.imag}
+    columns["n_unstable"] = count_unstable(factors)
+    physical = numbers[:, -6] == PHYSICAL
+    columns["physical"] = physical.astype(np.int64)
+    word, named = problem.word.walls, problem.model.WALLS
+    reasons = columns["reason"] = np.full(len(numbers), "", dtype=object)
+    for row in np.nonzero(~physical)[0]:
+        reasons[row] = reason_of(numbers[row, -6:].tolist(), word, named) or ""
+    columns["smallest_gap"] = numbers[:, -1].copy()
+    columns["residual"] = numbers[:, 0].copy()
+    columns["iterations"] = points.iterations
+    return columns
+
+
+def _parameters(problem: OrbitProblem, free: Array) -> dict[str, Array]:
+    """The columns of the parameters and derived parameters, given the followed one's."""
+    values = {name: np.full(len(free), value) for name, value in problem.model.values.items()}
+    values[problem.parameter] = free.copy()
+    derived = np.empty((len(problem.model.DERIVED), len(free)))
+    for row in range(len(free)):
+        derived[:, row] = problem.derived_at(problem.values(free[row : row + 1]))
+    return values | dict(zip(problem.model.DERIVED, derived, strict=True))

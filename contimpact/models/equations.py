@@ -1,0 +1,235 @@
+"""A model's formulas, evaluated once on symbols.
+
+Importing this module imports SymPy. Kernels are written from what is found here and from nothing
+else, so that its digest says all that they depend on.
+"""
+
+from __future__ import annotations
+
+import copy
+import hashlib
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import TYPE_CHECKING, Any
+
+import sympy
+
+from ..errors import InputError, shown
+from .expressions import FUNCTIONS
+
+if TYPE_CHECKING:
+    from .model import Formulas, Model
+
+
+def own(name: str) -> sympy.Symbol:
+    """Return a symbol of ours: the prime keeps it apart from any parameter of that name."""
+    return sympy.Symbol(f"{name}'", real=True)
+
+
+T0, T1, TURN, DT, PHASE = map(own, ("t0", "t1", "turn", "dt", "phase"))
+"""phase = t0 - turn*T and dt = t1 - t0, with `turn` a whole number."""
+
+ELEMENTARY = frozenset((*FUNCTIONS, "Stumpff", "DecayingStumpff"))
+"""Names of the functions that kernels can evaluate."""
+
+
+@dataclass(frozen=True)
+class Departure:
+    """The flight that leaves a wall at `PHASE` and has lasted for `DT`.
+
+    Attributes
+    ----------
+    position : tuple
+        Start positions.
+    velocity : tuple
+        Velocities after the impact.
+    mean, end : tuple
+        Mean velocities and end velocities.
+    acceleration : tuple
+        Accelerations at the end, by the equations of motion.
+    """
+
+    position: tuple[Any, ...]
+    velocity: tuple[Any, ...]
+    mean: tuple[Any, ...]
+    end: tuple[Any, ...]
+    acceleration: tuple[Any, ...]
+
+    @property
+    def now(self) -> list[Any]:
+        """Positions at the end."""
+        return [x + DT * u for x, u in zip(self.position, self.mean, strict=True)]
+
+
+@dataclass(frozen=True)
+class Equations:
+    """A model's formulas in its parameters, section coordinates, `PHASE` and `DT`.
+
+    Attributes
+    ----------
+    parameters : mapping of str to sympy.Symbol
+    start, end : tuple of sympy.Symbol
+        Section coordinates before the impacts at which a flight starts and ends.
+    period : sympy.Expr
+    walls, derived : mapping of str to sympy.Expr
+        In the model's order.
+    departures : mapping of str to Departure
+        By the wall that is left.
+    harmonics : tuple of sympy.Expr
+        The mean and then k, a_k, b_k, where the acceleration depends on time alone; else NaN.
+    """
+
+    parameters: Mapping[str, Any]
+    start: tuple[Any, ...]
+    end: tuple[Any, ...]
+    period: Any
+    walls: Mapping[str, Any]
+    derived: Mapping[str, Any]
+    departures: Mapping[str, Departure]
+    harmonics: tuple[Any, ...]
+
+    def before(self, wall: str, section: Sequence[Any]) -> tuple[list[Any], list[Any]]:
+        """Return positions and velocities before an impact, from its section coordinates."""
+        return [self.walls[wall], *section[1::2]], [section[0], *section[2::2]]
+
+    @cached_property
+    def digest(self) -> str:
+        """A digest of all formulas, in their order."""
+        texts = (f"{place}: {sympy.srepr(e)}" for place, e in self)
+        return hashlib.sha256("\n".join(texts).encode()).hexdigest()
+
+    def __iter__(self) -> Iterator[tuple[str, Any]]:
+        """Every formula, and what it is called in an error."""
+        yield "period", self.period
+        yield from ((f"walls[{name!r}]", e) for name, e in self.walls.items())
+        yield from ((f"derived[{name!r}]", e) for name, e in self.derived.items())
+        for wall, departure in self.departures.items():
+            yield from ((f"reset at {wall!r}", e) for e in departure.velocity)
+            yield from ((f"flight from {wall!r}", e) for e in (*departure.mean, *departure.end))
+            yield from ((f"acceleration after {wall!r}", e) for e in departure.acceleration)
+        yield from (("harmonics", e) for e in self.harmonics)
+
+
+def equations_of(model: Model) -> Equations:
+    """Return the model's formulas on symbols; all `replace` makes of a model share them.
+
+    Raises
+    ------
+    InputError
+        If `Model.formulas` contradicts the class, or says what kernels cannot evaluate.
+    """
+    if "equations" not in model.shared:
+        found = _evaluated(model)
+        for place, e in found:
+            _check(e, f"{_where(model)}: {place}", found)
+        model.shared["equations"] = found
+    return model.shared["equations"]
+
+
+def _where(model: Model) -> str:
+    return f"{type(model).__name__}.formulas"
+
+
+class _Unread(dict[str, float]):
+    """Parameter values that a formula must not read: kernels serve all values."""
+
+    def __init__(self, names: Sequence[str], where: str) -> None:
+        super().__init__(dict.fromkeys(names))  # type: ignore[arg-type]
+        self.where = where
+
+    def __getitem__(self, name: str) -> float:
+        raise InputError(
+            self.where, f"it reads self.values[{name!r}]",
+            "use the symbol that it is given: one kernel serves all values",
+        )  # fmt: skip
+
+    def get(self, name: str, default: Any = None) -> Any:
+        return self[name]
+
+    def values(self) -> Any:
+        return [self[name] for name in self]
+
+    def items(self) -> Any:
+        return [(name, self[name]) for name in self]
+
+
+def _evaluated(model: Model) -> Equations:
+    where = _where(model)
+    view = copy.copy(model)
+    view.values = _Unread(list(model.values), where)
+    parameters = {name: sympy.Symbol(name, real=True) for name in model.values}
+    formulas = view.formulas(parameters)
+    walls = _named(formulas.walls, [wall.name for wall in model.WALLS], "WALLS", f"{where}: walls")
+    size = model.DEGREES_OF_FREEDOM
+    section = ["v"] if size == 1 else [n for i in range(size) for n in (f"x{i}_", f"v{i}_")][1:]
+    found = Equations(
+        parameters,
+        tuple(own(f"{n}0") for n in section),
+        tuple(own(f"{n}1") for n in section),
+        sympy.sympify(formulas.period),
+        walls,
+        _named(formulas.derived, model.DERIVED, "DERIVED", f"{where}: derived"),
+        {},
+        _harmonics(formulas, f"{where}: harmonics"),
+    )
+    departures = {wall: _departure(formulas, wall, found, where) for wall in walls}
+    return Equations(**{**vars(found), "departures": departures})
+
+
+def _named(given: Mapping[str, Any], names: Sequence[str], said: str, where: str) -> dict[str, Any]:
+    """Expressions in the order of the names that the class declares."""
+    if set(given) != set(names):
+        raise InputError(
+            where, f"found {', '.join(map(repr, given)) or 'none'}",
+            f"give those in {said}: {', '.join(map(repr, names)) or 'none'}",
+        )  # fmt: skip
+    return {name: sympy.sympify(given[name]) for name in names}
+
+
+def _departure(formulas: Formulas, wall: str, found: Equations, where: str) -> Departure:
+    position, velocity = found.before(wall, found.start)
+    size = len(position)
+    after = _tuple(formulas.reset(wall, position, velocity), size, f"{where}: reset")
+    flight = formulas.flight(PHASE, position, list(after), DT)
+    if not isinstance(flight, Sequence) or len(flight) != 2:
+        accepted = "give mean velocities and end velocities, a list each"
+        raise InputError(f"{where}: flight", f"found {shown(flight)}", accepted)
+    mean, end = (_tuple(part, size, f"{where}: flight") for part in flight)
+    now = [x + DT * u for x, u in zip(position, mean, strict=True)]
+    pushed = formulas.acceleration(PHASE + DT, now, list(end))
+    acceleration = _tuple(pushed, size, f"{where}: acceleration")
+    return Departure(tuple(position), after, mean, end, acceleration)
+
+
+def _tuple(given: Any, size: int, where: str) -> tuple[Any, ...]:
+    """One expression for each degree of freedom."""
+    if not isinstance(given, Sequence) or len(given) != size:
+        accepted = f"give a list with one entry for each degree of freedom: {size}"
+        raise InputError(where, f"found {shown(given)}", accepted)
+    return tuple(sympy.sympify(e) for e in given)
+
+
+def _harmonics(formulas: Formulas, where: str) -> tuple[Any, ...]:
+    if formulas.harmonics is None:
+        return (sympy.nan,)
+    constant, series = formulas.harmonics
+    orders = [term[0] for term in series]
+    if not all(k == int(k) >= 1 for k in orders) or len(set(orders)) < len(orders):
+        raise InputError(where, f"orders {shown(orders)}", "give different whole numbers >= 1")
+    return (sympy.sympify(constant), *(sympy.sympify(n) for term in series for n in term))
+
+
+def _check(e: Any, where: str, found: Equations) -> None:
+    """Refuse symbols, functions and numbers that kernels know nothing of."""
+    known = {*found.parameters.values(), *found.start, PHASE, DT}
+    for part in sympy.preorder_traversal(e):
+        if part in known or part.is_Rational or part.is_Float or part in (sympy.pi, sympy.E):
+            continue
+        if part.is_Add or part.is_Mul or part.is_Pow or part is sympy.nan:
+            continue
+        if type(part).__name__ not in ELEMENTARY:
+            raise InputError(
+                where, f"found {shown(str(part))}",
+                f"use the symbols given, numbers, pi, + - * / ** and {', '.join(FUNCTIONS)}",
+            )  # fmt: skip

@@ -1,0 +1,227 @@
+"""Text to number or to SymPy expression, without ``eval``.
+
+The text is parsed to Python's syntax tree and only arithmetic, named constants, the elementary
+functions below and the names the caller declares are walked; everything else is refused by name.
+Plain numbers never import SymPy.
+"""
+
+from __future__ import annotations
+
+import ast
+import math
+import operator
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any
+
+from ..errors import InputError, shortened
+from .extent import LARGEST_EXPONENT, Beyond, Extent
+
+FUNCTIONS = (
+    "sin", "cos", "tan", "asin", "acos", "atan", "sinh", "cosh", "tanh", "exp", "log", "sqrt",
+)  # fmt: skip
+CONSTANTS = ("pi",)
+LONGEST_TEXT = 2000
+
+_BINARY: dict[type, Callable[[Any, Any], Any]] = {
+    ast.Add: operator.add,
+    ast.Sub: operator.sub,
+    ast.Mult: operator.mul,
+    ast.Div: operator.truediv,
+}
+_UNARY: dict[type, Callable[[Any], Any]] = {ast.UAdd: operator.pos, ast.USub: operator.neg}
+
+
+def number(text: str, where: str) -> float:
+    """Evaluate an arithmetic expression such as ``"pi/6"``.
+
+    Parameters
+    ----------
+    text : str
+        The expression; `FUNCTIONS` and `CONSTANTS` may appear in it.
+    where : str
+        The place named in an error.
+
+    Returns
+    -------
+    float
+
+    Raises
+    ------
+    InputError
+        If the text is not such an expression or its value is not finite.
+    """
+    names = {name: getattr(math, name) for name in (*FUNCTIONS, *CONSTANTS)}
+    try:
+        value = float(_Walker(text, where, names, float).value())
+    except (ArithmeticError, ValueError, TypeError) as error:
+        if isinstance(error, InputError):
+            raise
+        raise InputError(
+            where, f"{shortened(text)!r} has no real value ({error})", "give a finite number"
+        ) from None
+    if not math.isfinite(value):
+        raise InputError(where, f"{shortened(text)!r} is {value}", "give a finite number")
+    return value
+
+
+def check_expression(text: str, where: str, variables: Sequence[str]) -> float:
+    """Check what can be checked of an expression without SymPy: syntax, names, finite constants.
+
+    Parameters
+    ----------
+    text : str
+        The expression, in the names of `variables`, `FUNCTIONS` and `CONSTANTS`.
+    where : str
+        The place named in an error.
+    variables : sequence of str
+
+    Returns
+    -------
+    float
+        About how many terms arise when it is expanded; see `contimpact.models.extent`.
+
+    Raises
+    ------
+    InputError
+        If anything else stands in it, if a part without variables has no finite real value, or if
+        exponents, functions of functions or arguments of exp() have no bound.
+    """
+    functions = {name: _of_any(name) for name in FUNCTIONS}
+    constants = {name: getattr(math, name) for name in CONSTANTS}
+    names = functions | constants | dict.fromkeys(variables, Extent())
+    try:
+        value = _Checker(text, where, names, float).value()
+    except InputError:
+        raise
+    except Beyond as error:
+        raise InputError(
+            where, f"{error} in {shortened(text)!r}",
+            f"use a simpler expression: sines and cosines of {' and '.join(variables)} are bounded "
+            "and periodic",
+        ) from None  # fmt: skip
+    except (ArithmeticError, ValueError, TypeError) as error:
+        raise InputError(
+            where, f"{shortened(text)!r} has no finite real value ({error})",
+            "use numbers and functions where they are finite and real",
+        ) from None  # fmt: skip
+    return value.work if isinstance(value, Extent) else 1.0
+
+
+def values_of(text: str, where: str, variables: Mapping[str, Any]) -> Any:
+    """Evaluate an expression on arrays, given for its variables; SymPy is not needed.
+
+    Raises
+    ------
+    InputError
+        If anything stands in it that `check_expression` refuses.
+    """
+    import numpy as np
+
+    check_expression(text, where, tuple(variables))
+    numpys = {"asin": "arcsin", "acos": "arccos", "atan": "arctan"}
+    names = {name: getattr(np, numpys.get(name, name)) for name in (*FUNCTIONS, *CONSTANTS)}
+    return _OnArrays(text, where, names | dict(variables), float).value()
+
+
+def sympy_expression(text: str, where: str, symbols: Mapping[str, Any]) -> Any:
+    """Build the SymPy expression a text stands for.
+
+    Parameters
+    ----------
+    text : str
+        The expression, in the names of `symbols`, `FUNCTIONS` and `CONSTANTS`.
+    where : str
+        The place named in an error.
+    symbols : mapping of str to sympy.Symbol
+        The names that may stand in it.
+
+    Raises
+    ------
+    InputError
+        If anything else stands in it.
+    """
+    import sympy
+
+    names = {name: getattr(sympy, name) for name in (*FUNCTIONS, *CONSTANTS)} | dict(symbols)
+    return _Walker(text, where, names, lambda value: sympy.sympify(value)).value()
+
+
+class _Walker:
+    """Walks one text's syntax tree over a table of names."""
+
+    def __init__(
+        self, text: str, where: str, names: Mapping[str, Any], constant: Callable[[Any], Any]
+    ) -> None:
+        self.text, self.where, self.names, self.constant = text, where, names, constant
+
+    def refuse(self, found: str) -> InputError:
+        variables = sorted(set(self.names) - set(FUNCTIONS) - set(CONSTANTS))
+        accepted = f"numbers, + - * / **, {', '.join((*variables, *CONSTANTS))} and " + ", ".join(
+            name + "()" for name in FUNCTIONS
+        )
+        return InputError(self.where, found, f"accepted are {accepted}")
+
+    def value(self) -> Any:
+        if len(self.text) > LONGEST_TEXT:
+            raise self.refuse(f"an expression of {len(self.text)} characters")
+        unreadable = f"{shortened(self.text)!r} cannot be read as an expression"
+        try:
+            tree = ast.parse(self.text.strip(), mode="eval")
+        except (SyntaxError, RecursionError, MemoryError, ValueError) as error:
+            raise self.refuse(unreadable) from error
+        try:
+            return self.walk(tree.body)
+        except RecursionError as error:
+            raise self.refuse(unreadable) from error
+
+    def walk(self, node: ast.expr) -> Any:
+        match node:
+            case ast.Constant(value=bool() | str() | bytes() | complex() | None):
+                pass
+            case ast.Constant(value=int() | float() as value):
+                return self.constant(value)
+            case ast.Name(id=name) if name in self.names and name not in FUNCTIONS:
+                return self.names[name]
+            case ast.Name(id=name) if name not in self.names:
+                raise self.refuse(f"unknown name {name!r} in {shortened(self.text)!r}")
+            case ast.UnaryOp(op=op, operand=operand) if type(op) in _UNARY:
+                return _UNARY[type(op)](self.walk(operand))
+            case ast.BinOp(left=left, op=ast.Pow(), right=right):
+                return self.power(self.walk(left), self.walk(right))
+            case ast.BinOp(left=left, op=op, right=right) if type(op) in _BINARY:
+                return _BINARY[type(op)](self.walk(left), self.walk(right))
+            case ast.Call(func=ast.Name(id=name), args=[argument], keywords=[]) if (
+                name in FUNCTIONS
+            ):
+                return self.names[name](self.walk(argument))
+        raise self.refuse(f"{shortened(ast.unparse(node))!r} in {shortened(self.text)!r}")
+
+    def power(self, base: Any, exponent: Any) -> Any:
+        known = not isinstance(exponent, Extent) and not getattr(exponent, "free_symbols", None)
+        if known and abs(float(exponent)) > LARGEST_EXPONENT:
+            raise self.refuse(f"an exponent of {float(exponent):.6g}")
+        return base**exponent
+
+
+class _Checker(_Walker):
+    """Walks over an `Extent`; parts without variables are numbers, and have to be finite."""
+
+    def walk(self, node: ast.expr) -> Any:
+        value = super().walk(node)
+        if isinstance(value, complex):
+            raise ValueError("a complex number")
+        if isinstance(value, float) and not math.isfinite(value):
+            raise OverflowError("a number that is not finite")
+        return value
+
+
+class _OnArrays(_Walker):
+    """Walks over arrays; what it is given has been checked."""
+
+    def power(self, base: Any, exponent: Any) -> Any:
+        return base**exponent
+
+
+def _of_any(name: str) -> Callable[[Any], Any]:
+    function = getattr(math, name)
+    return lambda value: value.of(name) if isinstance(value, Extent) else function(value)

@@ -1,0 +1,312 @@
+"""What an impacting system must say of itself: parameters, walls, reset and a closed-form flight.
+
+A system is a subclass of `Model` in a file of its own under `contimpact/systems`. Its numbers are
+plain Python; its formulas are SymPy and are asked for only when a kernel has to be generated.
+"""
+
+from __future__ import annotations
+
+import copy
+import math
+import numbers
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any, ClassVar, Self
+
+from ..errors import InputError, shown
+from .contract import check_class, check_complete
+from .expressions import check_expression
+from .sources import identity
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """A physical parameter: its default, unit and the values it may take.
+
+    `default` is None where the user must give a value. `split` names finer parameters that may be
+    given instead of this one (``r`` or ``r_B`` and ``r_T``).
+    """
+
+    name: str
+    unit: str
+    meaning: str
+    default: float | None = None
+    lower: float = -math.inf
+    upper: float = math.inf
+    above_lower: bool = False
+    split: tuple[str, ...] = ()
+
+    @property
+    def accepted(self) -> str:
+        """The values it may take, in words."""
+        if math.isinf(self.lower) and math.isinf(self.upper):
+            return "a finite number"
+        if math.isinf(self.upper):
+            return f"a number {'>' if self.above_lower else '>='} {self.lower:.6g}"
+        return f"a number from {self.lower:.6g} to {self.upper:.6g}"
+
+    def check(self, value: Any, where: str) -> float:
+        """Return the value as a float, or raise `InputError` naming `where`."""
+        if isinstance(value, bool) or not isinstance(value, numbers.Real):
+            raise InputError(where, f"found {shown(value)}", f"give {self.accepted}")
+        try:
+            value = float(value)
+        except OverflowError:
+            value = math.copysign(math.inf, value)
+        inside = self.lower <= value <= self.upper and not (
+            self.above_lower and value == self.lower
+        )
+        if not (math.isfinite(value) and inside):
+            unit = f" ({self.unit})" if self.unit else ""
+            raise InputError(
+                where, f"{self.meaning} is {value!r}", f"it must be {self.accepted}{unit}"
+            )
+        return value
+
+
+@dataclass(frozen=True)
+class Wall:
+    """A wall, at a fixed value of the gap coordinate x_0.
+
+    `side` is +1 where the body stays below the wall (x_0 <= position), -1 where it stays above.
+    """
+
+    name: str
+    side: int
+
+
+@dataclass(frozen=True)
+class Formulas:
+    """A system's mathematics in SymPy.
+
+    Positions and velocities are sequences with one entry per degree of freedom; entry 0 is the gap
+    coordinate, which the walls limit.
+
+    Attributes
+    ----------
+    period : sympy.Expr
+        Forcing period T, in the parameters.
+    walls : mapping of str to sympy.Expr
+        Position of each wall.
+    derived : mapping of str to sympy.Expr
+        Derived parameters, for reports.
+    reset : callable ``(wall, x, v) -> v_plus``
+        Velocities after an impact at `wall`; positions do not change.
+    flight : callable ``(t0, x0, v0, dt) -> (u, v1)``
+        Free flight from the state (x0, v0) at time t0: mean velocities u = (x1 - x0)/dt and
+        velocities v1 after the time dt, in forms that do not cancel as dt goes to zero.
+    acceleration : callable ``(t, x, v) -> a``
+        The equations of motion in free flight.
+    harmonics : tuple of (constant, [(k, a_k, b_k), ...]), optional
+        Where the acceleration of the gap coordinate in flight depends on time alone:
+        constant + sum of a_k cos(2 pi k t/T) + b_k sin(2 pi k t/T).
+    """
+
+    period: Any
+    walls: Mapping[str, Any]
+    reset: Callable[[str, Sequence[Any], Sequence[Any]], Sequence[Any]]
+    flight: Callable[[Any, Sequence[Any], Sequence[Any], Any], tuple[Sequence[Any], Sequence[Any]]]
+    acceleration: Callable[[Any, Sequence[Any], Sequence[Any]], Sequence[Any]]
+    derived: Mapping[str, Any] = field(default_factory=dict)
+    harmonics: tuple[Any, Sequence[tuple[int, Any, Any]]] | None = None
+
+
+@dataclass(frozen=True)
+class Symmetry:
+    """A map of orbits to orbits: walls exchanged, time shifted, section coordinates multiplied.
+
+    `shift` is in forcing periods, `sign` is +1 or -1.
+    """
+
+    walls: Mapping[str, str]
+    shift: float
+    sign: float
+
+
+class Model(ABC):
+    """An impacting system at given parameter values.
+
+    Subclasses set the class attributes, which are checked when the class is defined, and write
+    `formulas`. Instances are not changed after construction; `replace` gives a neighbour. What
+    `formulas` returns is looked at once for an instance and its neighbours.
+
+    Parameters
+    ----------
+    **given
+        Values of `PARAMETERS` (floats) and of `OPTIONS` (text that shapes the formulas).
+
+    Notes
+    -----
+    Of the class attributes these may be left out: `DERIVED_UNITS`, units of derived parameters for
+    labels; `DERIVED_FROM`, the parameters each depends on (all, if nothing is said); `EXPRESSIONS`,
+    the options that are expressions, with the names that may stand in them.
+
+    Raises
+    ------
+    InputError
+        For an unknown, missing, contradictory or inadmissible value.
+    """
+
+    SYSTEM: ClassVar[str]
+    PARAMETERS: ClassVar[tuple[Parameter, ...]]
+    WALLS: ClassVar[tuple[Wall, ...]]
+    DERIVED: ClassVar[tuple[str, ...]] = ()
+    DERIVED_UNITS: ClassVar[Mapping[str, str]] = {}
+    DERIVED_FROM: ClassVar[Mapping[str, tuple[str, ...]]] = {}
+    OPTIONS: ClassVar[Mapping[str, str]] = {}
+    EXPRESSIONS: ClassVar[Mapping[str, tuple[str, ...]]] = {}
+    DEGREES_OF_FREEDOM: ClassVar[int] = 1
+
+    def __init_subclass__(cls, **given: Any) -> None:
+        super().__init_subclass__(**given)
+        check_class(cls)
+
+    def __init__(self, /, **given: Any) -> None:
+        check_complete(type(self))
+        self.shared: dict[str, Any] = {}
+        self.options = {name: str(given.pop(name, text)) for name, text in self.OPTIONS.items()}
+        for name, variables in self.EXPRESSIONS.items():
+            check_expression(self.options[name], name, variables)
+        self._declared = {p.name: p for p in _resolved(self.PARAMETERS, given)}
+        self.values = {
+            name: p.check(given.pop(name, p.default), name) for name, p in self._declared.items()
+        }
+        self.validate()
+
+    @abstractmethod
+    def formulas(self, symbols: Mapping[str, Any]) -> Formulas:
+        """Return the system's mathematics in the given parameter symbols."""
+
+    def symmetry(self, parameter: str, harmonics: Sequence[float]) -> Symmetry | None:
+        """Return the symmetry the model has at every value of the followed parameter, if any.
+
+        Parameters
+        ----------
+        parameter : str
+            The followed parameter.
+        harmonics : sequence of float
+            What the kernel ``harmonics`` returns at the model's values.
+        """
+        return None
+
+    @property
+    def unknowns_per_impact(self) -> int:
+        """Unknowns of one impact: its time and its section coordinates before impact."""
+        return 2 * self.DEGREES_OF_FREEDOM
+
+    @property
+    def declared(self) -> Mapping[str, Parameter]:
+        """The parameters this instance has, by name."""
+        return self._declared
+
+    def unit(self, name: str) -> str:
+        """Return the unit of a parameter or derived parameter; empty where none is declared."""
+        declared = self._declared.get(name)
+        return declared.unit if declared else self.DERIVED_UNITS.get(name, "")
+
+    def varying(self, parameter: str) -> tuple[str, ...]:
+        """Return what varies along a branch in a parameter: itself and derived parameters."""
+        return (
+            parameter,
+            *(n for n in self.DERIVED if parameter in self.DERIVED_FROM.get(n, (parameter,))),
+        )
+
+    def replace(self, /, **changes: float) -> Self:
+        """Return the same system with some parameter values changed.
+
+        Raises
+        ------
+        InputError
+            For a name the system does not have or a value it does not admit.
+        """
+        for name in changes:
+            self.require(name, name)
+        neighbour = copy.copy(self)
+        neighbour.shared = self.shared
+        neighbour.values = self.values | {
+            name: self._declared[name].check(value, name) for name, value in changes.items()
+        }
+        neighbour.validate()
+        return neighbour
+
+    def validate(self) -> None:  # noqa: B027  most systems have nothing to add
+        """Raise `InputError` where values that are admissible one by one do not go together."""
+
+    def validate_between(self, parameter: str, low: float, high: float, where: str) -> None:
+        """Raise `InputError` where the model does not hold at the limits of a parameter's range."""
+        for limit in (low, high):
+            try:
+                self.replace(**{parameter: limit})
+            except InputError as error:
+                raise error.within(where) from None
+
+    def require(self, name: str, where: str) -> Parameter:
+        """Return the declaration of a parameter, or raise `InputError`."""
+        if name not in self._declared:
+            raise InputError(
+                where, f"{self.SYSTEM} has no parameter {name!r}{_hint(name, self._declared)}",
+                f"it has {', '.join(self._declared)}",
+            )  # fmt: skip
+        return self._declared[name]
+
+    @property
+    def identity(self) -> str:
+        """What the kernels depend on: formulas, names and options, not values.
+
+        The formulas of a class outside the package are derived for it, once for a model and all
+        that `replace` makes of it; of the package's own classes the files' texts are taken.
+        """
+        names = tuple(self.values), tuple(wall.name for wall in self.WALLS), self.DERIVED
+        return repr((self.SYSTEM, *names, tuple(self.options.items()), identity(self)))
+
+    def __getstate__(self) -> dict[str, Any]:
+        return self.__dict__ | {"shared": {}}
+
+    def __repr__(self) -> str:
+        shown = self.options | {name: f"{value:.12g}" for name, value in self.values.items()}
+        inside = ", ".join(
+            f"{name}={value!r}" if name in self.options else f"{name}={value}"
+            for name, value in shown.items()
+        )
+        return f"{type(self).__name__}({inside})"
+
+
+def _hint(name: str, known: Iterable[str]) -> str:
+    import difflib
+
+    near = difflib.get_close_matches(name, list(known), 1)
+    return f" (did you mean {near[0]!r}?)" if near else ""
+
+
+def _resolved(parameters: Sequence[Parameter], given: Mapping[str, Any]) -> list[Parameter]:
+    """The parameters in force once the split ones are decided; refuses what does not fit."""
+    known = {name for p in parameters for name in (p.name, *p.split)}
+    for name in given:
+        if name not in known:
+            raise InputError(
+                name, f"no such parameter{_hint(name, known)}",
+                f"accepted are {', '.join(sorted(known))}",
+            )  # fmt: skip
+    resolved = []
+    for p in parameters:
+        finer = [name for name in p.split if name in given]
+        if finer and p.name in given:
+            raise InputError(
+                p.name, f"given together with {' and '.join(finer)}",
+                f"give either {p.name} or {' and '.join(p.split)}",
+            )  # fmt: skip
+        in_force = [p]
+        if finer:
+            in_force = [
+                Parameter(
+                    n, p.unit, f"{p.meaning} ({n})", p.default, p.lower, p.upper, p.above_lower
+                )
+                for n in p.split
+            ]
+        for q in in_force:
+            if q.default is None and q.name not in given:
+                instead = f" (or {' and '.join(p.split)})" if p.split and not finer else ""
+                raise InputError(q.name, "missing", f"give {q.meaning}{instead}, {q.accepted}")
+        resolved += in_force
+    return resolved

@@ -1,0 +1,196 @@
+"""SymPy building blocks from which systems write flights that do not cancel.
+
+Importing this module imports SymPy: systems do so inside `Model.formulas`.
+"""
+
+from __future__ import annotations
+
+import math
+from fractions import Fraction
+from typing import Any
+
+import numpy as np
+import sympy
+from sympy import I, Integer, pi
+
+from ..errors import InputError
+from .expressions import check_expression, sympy_expression, values_of
+
+MOST_HARMONICS = 64
+MOST_TERMS = 300
+MOST_DENOMINATOR = 10**6
+"""Of a rational number that a coefficient may be without looking like one."""
+_SAMPLES = 1024
+
+
+class Stumpff(sympy.Function):
+    """The Stumpff function c_k(q); see `contimpact.segments.stumpff`."""
+
+    nargs = 2
+
+    def fdiff(self, argindex: int = 2) -> sympy.Expr:
+        k, q = self.args
+        return (k * Stumpff(k + 2, q) - Stumpff(k + 1, q)) / 2
+
+
+class DecayingStumpff(sympy.Function):
+    """The product e^-y c_k(q), which stays finite where both factors do not."""
+
+    nargs = 3
+
+    def fdiff(self, argindex: int = 3) -> sympy.Expr:
+        k, y, q = self.args
+        if argindex == 2:
+            return -self
+        return (k * DecayingStumpff(k + 2, y, q) - DecayingStumpff(k + 1, y, q)) / 2
+
+
+def harmonic_means(
+    a: Any, b: Any, w: Any, t0: sympy.Expr, dt: sympy.Expr
+) -> tuple[sympy.Expr, sympy.Expr]:
+    r"""Integrate f(t) = a cos(w t) + b sin(w t) once and twice over a flight.
+
+    Returns :math:`\frac{1}{\Delta}\int_0^\Delta f(t_0+s)\,ds` and
+    :math:`\frac{1}{\Delta^2}\int_0^\Delta (\Delta-s) f(t_0+s)\,ds`. With x = w dt/2 and the phase
+    taken at the middle of the flight these are P c_1(x^2) and [P c_1 + Q x (c_2 - c_3)]/2, the
+    last factor being (sin x - x cos x)/x^2; no term cancels for short flights.
+    """
+    x = w * dt / 2
+    middle = w * (t0 + dt / 2)
+    p = a * sympy.cos(middle) + b * sympy.sin(middle)
+    q = a * sympy.sin(middle) - b * sympy.cos(middle)
+    c1, c2, c3 = (Stumpff(Integer(k), x**2) for k in (1, 2, 3))
+    return p * c1, (p * c1 + q * x * (c2 - c3)) / 2
+
+
+def fourier_series(
+    text: str, where: str, period: sympy.Expr
+) -> tuple[Any, list[tuple[int, Any, Any]]]:
+    """Expand a periodic function of ``t`` into a finite sum of harmonics.
+
+    Sums and products of sines and cosines are expanded exactly, unless that makes more than about
+    `MOST_TERMS` terms. Any other smooth function is sampled; its series must have died out to
+    rounding within `MOST_HARMONICS` terms.
+
+    Parameters
+    ----------
+    text : str
+        The function, an expression in ``t``.
+    where : str
+        The place named in an error.
+    period : sympy.Expr
+        Its period.
+
+    Returns
+    -------
+    mean, [(k, a_k, b_k), ...]
+        f(t) = mean + sum of a_k cos(2 pi k t/period) + b_k sin(2 pi k t/period).
+
+    Raises
+    ------
+    InputError
+        If the text cannot be read, is not periodic, not finite or not smooth enough.
+    """
+    coefficients = None
+    if check_expression(text, where, ("t",)) <= MOST_TERMS:
+        t = sympy.Symbol("t", real=True)
+        expression = sympy_expression(text, where, {"t": t})
+        if expression.has(sympy.oo, -sympy.oo, sympy.zoo, sympy.nan):
+            raise InputError(where, f"{text!r} is not finite", "use a function that is finite")
+        coefficients = _exact_coefficients(expression, t, text, where, period)
+    if coefficients is None:
+        coefficients = _sampled_coefficients(text, where, period)
+    if max((k for k, a, b in coefficients), default=0) > MOST_HARMONICS:
+        raise InputError(
+            where, f"{text!r} has harmonics above order {MOST_HARMONICS}", "use fewer harmonics"
+        )
+    mean = sum((a for k, a, b in coefficients if k == 0), Integer(0))
+    return mean, [(k, a, b) for k, a, b in coefficients if k > 0]
+
+
+def _exact_coefficients(expression, t, text, where, period):
+    """(k, a_k, b_k) of a trigonometric polynomial; None if the expression is not one."""
+    amplitudes: dict[int, Any] = {}
+    for term in sympy.Add.make_args(sympy.expand(expression.rewrite(sympy.exp))):
+        factor, moving = sympy.powsimp(term).as_independent(t)
+        if moving != 1 and not isinstance(moving, sympy.exp):
+            return None
+        exponent = sympy.expand(moving.args[0]) if moving != 1 else Integer(0)
+        if not exponent.is_polynomial(t) or sympy.degree(exponent, t) > 1:
+            return None
+        rate, still = exponent.coeff(t, 1), exponent.coeff(t, 0)
+        k = sympy.nsimplify(rate * period / (2 * pi * I))
+        if not k.is_integer:
+            raise InputError(
+                where, f"{text!r} does not have the period {period}",
+                f"use harmonics such as cos({sympy.sstr(2 * pi / period)}*t), "
+                f"cos({sympy.sstr(4 * pi / period)}*t)",
+            )  # fmt: skip
+        amplitudes[int(k)] = amplitudes.get(int(k), 0) + factor * sympy.exp(still)
+    _require_real(amplitudes, text, where)
+    orders = sorted({abs(k) for k in amplitudes})
+    result = []
+    for k in orders:
+        positive, negative = amplitudes.get(k, 0), amplitudes.get(-k, 0)
+        cosine = positive + negative if k else positive
+        sine = I * (positive - negative) if k else Integer(0)
+        result.append((k, _real(cosine), _real(sine)))
+    return [(k, a, b) for k, a, b in result if (a, b) != (0, 0)]
+
+
+def _require_real(amplitudes, text, where):
+    """Refuse what is not finite, or not real for real t: c_-k has to be the conjugate of c_k."""
+    numbers = {k: complex(sympy.sympify(c).evalf(30)) for k, c in amplitudes.items()}
+    size = max(map(abs, numbers.values()), default=0.0)
+    if not math.isfinite(size):
+        raise InputError(where, f"{text!r} is not finite", "use a function that is finite")
+    if any(abs(numbers.get(-k, 0) - c.conjugate()) > 1e-12 * size for k, c in numbers.items()):
+        raise InputError(where, f"{text!r} is not real", "use a function that is real for real t")
+
+
+def _real(value: Any) -> Any:
+    """A number as a rational if it is one, else as a 53-bit float."""
+    number = sympy.re(value.evalf(30))
+    near = Fraction(str(number)).limit_denominator(MOST_DENOMINATOR)
+    if abs(number - sympy.Rational(near)) <= 1e-25 * max(1, abs(number)):
+        value = sympy.simplify(sympy.expand_complex(value))
+    return value if value.is_Rational else sympy.Float(number, 17)
+
+
+def _sampled_coefficients(text, where, period):
+    length = float(period)
+    times = length * np.arange(_SAMPLES) / _SAMPLES
+    with np.errstate(all="ignore"):
+        values = values_of(text, where, {"t": times}) + 0.0 * times
+        later = values_of(text, where, {"t": times + length}) + 0.0 * times
+    if values.dtype.kind != "f" or not np.all(np.isfinite(values)):
+        raise InputError(
+            where, f"{text!r} is not finite and real over a period", "use a smooth function"
+        )
+    size = float(np.max(np.abs(values)))
+    differs = np.abs(values - later) > 1e-11 * max(size, 1.0)
+    if np.any(differs):
+        if np.all(np.abs(values[differs]) > 1e9 * np.median(np.abs(values))):
+            raise InputError(
+                where, f"{text!r} is not finite near t = {times[differs][0]:.6g}",
+                "use a smooth function",
+            )  # fmt: skip
+        raise InputError(
+            where, f"{text!r} does not have the period {period}",
+            f"use a function of sin({sympy.sstr(2 * pi / period)}*t) and "
+            f"cos({sympy.sstr(2 * pi / period)}*t)",
+        )  # fmt: skip
+    spectrum = np.fft.rfft(values) / _SAMPLES
+    if np.max(np.abs(spectrum[MOST_HARMONICS + 1 :])) > 1e-15 * max(size, 1e-300):
+        raise InputError(
+            where,
+            f"the Fourier series of {text!r} has not died out after {MOST_HARMONICS} harmonics",
+            "use a smoother function or a sum of harmonics",
+        )
+    kept = [k for k in range(MOST_HARMONICS + 1) if abs(spectrum[k]) > 1e-16 * size]
+    doubled = {k: 1 if k == 0 else 2 for k in kept}
+    return [
+        (k, sympy.Float(float(doubled[k] * spectrum[k].real), 17),
+         sympy.Float(float(-doubled[k] * spectrum[k].imag), 17))
+        for k in kept
+    ]  # fmt: skip

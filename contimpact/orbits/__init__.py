@@ -1,0 +1,1 @@
+"""Segments closed into periodic orbits: equations, multipliers, physicality, search."""

@@ -1,0 +1,390 @@
+r"""The cyclic linear systems of an orbit with one degree of freedom, in time linear in its length.
+
+An impact has two unknowns (its time and its velocity), a flight two equations. With the blocks
+A_k, B_k and the columns L_k of the free parameter, Newton's method and the tangent need::
+
+    [ A1 B1    | L1 ] [ z1 ]   [ f1 ]
+    [    A2 B2 | L2 ] [ z2 ] = [ f2 ]
+    [ B3    A3 | L3 ] [ z3 ]   [ f3 ]
+    [ c1 c2 c3 | c  ] [ l  ]   [ g  ]
+
+Impacts 2 to N are eliminated one after the other: an orthogonal transformation of the four rows
+that hold z_k gives two rows R_k z_k + W_k z_1 + V_k z_{k+1} + l_k lambda = f_k, from which z_k
+follows, and two rows without it (Wright, SIAM J. Sci. Stat. Comput. 13, 1992: stable where flights
+expand, as elimination without pivoting is not). What is left, P z_1 + mu Q z_1, has all that is
+asked of the cycle: with mu = 1 the solution, with mu = -1 the period doublings, and as a pencil in
+mu the multipliers.
+
+The functions are scalar code in the plain subset of Python that `contimpact.compiling` compiles.
+Where they run plainly, vectors are lists and `blocks` and `kept` are lists of tuples.
+"""
+
+from __future__ import annotations
+
+import math
+
+TINIEST = -700.0
+"""Logarithm of the smallest determinant told from zero."""
+
+BLOCK = 12
+"""Numbers of a flight: 2 residuals, the blocks A and B row by row, 2 derivatives by lambda."""
+
+KEPT = 15
+"""Numbers of an eliminated impact: R (3), W (4), V (4), l (2), f (2)."""
+
+
+def store(table, row, numbers):
+    """Put a tuple of numbers into a row of a table."""
+    table[row] = numbers
+
+
+def store_compiled(table, row, numbers):
+    """As `store`, for tables that are arrays."""
+    for i in range(len(numbers)):
+        table[row, i] = numbers[i]
+
+
+def assemble(flight, setup, kinds, periods, place, values, blocks, clock, fixed, z):
+    """Evaluate every flight of a cycle at the unknowns z; returns the largest residual.
+
+    Parameters
+    ----------
+    flight : callable ``flight(kind, t0, v0, t1, v1, values)``
+        Residuals and derivatives of one flight.
+    setup : callable ``setup(values)``
+        The forcing period and its derivative by the free parameter first.
+    kinds : vector of int
+        Kind of each flight.
+    periods, place : int
+        Forcing periods of the orbit, and the place of the free parameter among the values.
+    values : vector
+        Parameter values; the free one is set from z.
+    blocks : table
+        Filled with a row per flight.
+    clock : vector
+        Filled with the orbit's period and its derivative by the free parameter.
+    fixed : table
+        Filled with a row: what `setup` returned.
+    z : vector
+        t_1, v_1, ..., t_N, v_N, lambda.
+    """
+    last = len(kinds) - 1
+    values[place] = z[2 * last + 2]
+    setting = setup(values)
+    store(fixed, 0, setting)
+    span, drift = periods * setting[0], periods * setting[1]
+    clock[0], clock[1] = span, drift
+    size, total = 0.0, 0.0
+    for k in range(last):
+        i = 2 * k
+        out = flight(kinds[k], z[i], z[i + 1], z[i + 2], z[i + 3], values)
+        store(blocks, k, out)
+        one, other = abs(out[0]), abs(out[1])
+        size = max(size, one, other)
+        total += one + other
+    i = 2 * last
+    out = flight(kinds[last], z[i], z[i + 1], z[0] + span, z[1], values)
+    # the arrival at t_1 + pT moves with T(lambda)
+    out = out[:10] + (out[10] + drift * out[6], out[11] + drift * out[8])  # noqa: RUF005
+    store(blocks, last, out)
+    one, other = abs(out[0]), abs(out[1])
+    total += one + other  # a maximum may lose what is not a number, a sum does not
+    return max(size, one, other) if total - total == 0.0 else math.nan
+
+
+def eliminate(blocks, kinds, walls, kept, right, exact, z, span):
+    """Eliminate impacts 2 to N.
+
+    Parameters
+    ----------
+    blocks, kinds, walls
+        Flights, their kinds, and the number of walls.
+    kept : table
+        Filled with a row for each eliminated impact, from row 1.
+    right : float
+        1 to carry the right side f_k = -residual along, 0 for zeros.
+    exact : bool
+        Whether z solves the equations. Then the derivative of an arrival by its time is the
+        arriving velocity z holds (over the duration, between impacts on one wall), which has not
+        the rounding of larger terms: multipliers next to a grazing go with its inverse.
+    z, span
+        The unknowns, and the orbit's period; used where `exact`.
+
+    Returns
+    -------
+    p00, p01, p10, p11, q00, q01, q10, q11, l0, l1, f0, f1 : float
+        The two rows left: P z_1 + Q z_{N+1} + l lambda = f.
+    sign, logarithm : float
+        Of the product of all det R_k; the sign is 0 where one vanishes.
+    ratio : float
+        det Q as the product of all det B_k over det R_k, which does not cancel.
+    """
+    count = len(kinds)
+    b = blocks[0]
+    p00, p01, p10, p11 = b[2], b[3], b[4], b[5]
+    q00, q01, q10, q11 = b[6], b[7], b[8], b[9]
+    if exact:
+        q00 = arriving(z, 0, kinds, walls, span, q00)
+    l0, l1 = b[10], b[11]
+    f0, f1 = -right * b[0], -right * b[1]
+    sign, logarithm = 1.0, 0.0
+    ratio = q00 * q11 - q01 * q10
+    for k in range(1, count):
+        g0, g1, u2, x21, u3, x31, b00, b01, b10, b11, m0, m1 = blocks[k]
+        x01, x11 = q01, q11
+        if exact:
+            b00 = arriving(z, k, kinds, walls, span, b00)
+        g0, g1 = -right * g0, -right * g1
+        u0, u1 = q00, q10
+        norm = math.sqrt(u0 * u0 + u1 * u1 + u2 * u2 + u3 * u3)
+        if not norm > 0.0:
+            return (0.0,) * 15
+        # first reflection: the first column becomes (r00, 0, 0, 0)
+        r00 = -norm if u0 >= 0.0 else norm
+        u0 -= r00
+        c = -1.0 / (r00 * u0)
+        s = c * (u0 * x01 + u1 * x11 + u2 * x21 + u3 * x31)
+        r01, x11, x21, x31 = x01 - s * u0, x11 - s * u1, x21 - s * u2, x31 - s * u3
+        s = c * (u0 * p00 + u1 * p10)
+        w00, y10, y20, y30 = p00 - s * u0, p10 - s * u1, -s * u2, -s * u3
+        s = c * (u0 * p01 + u1 * p11)
+        w01, y11, y21, y31 = p01 - s * u0, p11 - s * u1, -s * u2, -s * u3
+        s = c * (u2 * b00 + u3 * b10)
+        v00, t10, t20, t30 = -s * u0, -s * u1, b00 - s * u2, b10 - s * u3
+        s = c * (u2 * b01 + u3 * b11)
+        v01, t11, t21, t31 = -s * u0, -s * u1, b01 - s * u2, b11 - s * u3
+        s = c * (u0 * l0 + u1 * l1 + u2 * m0 + u3 * m1)
+        h0, h1, m0, m1 = l0 - s * u0, l1 - s * u1, m0 - s * u2, m1 - s * u3
+        e0, e1 = f0, f1
+        if right != 0.0:
+            s = c * (u0 * f0 + u1 * f1 + u2 * g0 + u3 * g1)
+            e0, e1, g0, g1 = f0 - s * u0, f1 - s * u1, g0 - s * u2, g1 - s * u3
+        # second reflection, of the last three rows: the second column becomes (r01, r11, 0, 0)
+        norm = math.sqrt(x11 * x11 + x21 * x21 + x31 * x31)
+        if not norm > 0.0:
+            return (0.0,) * 15
+        r11 = -norm if x11 >= 0.0 else norm
+        u1, u2, u3 = x11 - r11, x21, x31
+        c = -1.0 / (r11 * u1)
+        s = c * (u1 * y10 + u2 * y20 + u3 * y30)
+        w10, p00, p10 = y10 - s * u1, y20 - s * u2, y30 - s * u3
+        s = c * (u1 * y11 + u2 * y21 + u3 * y31)
+        w11, p01, p11 = y11 - s * u1, y21 - s * u2, y31 - s * u3
+        s = c * (u1 * t10 + u2 * t20 + u3 * t30)
+        v10, q00, q10 = t10 - s * u1, t20 - s * u2, t30 - s * u3
+        s = c * (u1 * t11 + u2 * t21 + u3 * t31)
+        v11, q01, q11 = t11 - s * u1, t21 - s * u2, t31 - s * u3
+        s = c * (u1 * h1 + u2 * m0 + u3 * m1)
+        h1, l0, l1 = h1 - s * u1, m0 - s * u2, m1 - s * u3
+        f0, f1 = g0, g1
+        if right != 0.0:
+            s = c * (u1 * e1 + u2 * g0 + u3 * g1)
+            e1, f0, f1 = e1 - s * u1, g0 - s * u2, g1 - s * u3
+        store(
+            kept, k,
+            (r00, r01, r11, w00, w01, w10, w11, v00, v01, v10, v11, h0, h1, e0, e1),
+        )  # fmt: skip
+        det = r00 * r11
+        if det < 0.0:
+            sign = -sign
+        logarithm += math.log(abs(det))
+        ratio *= (b00 * b11 - b01 * b10) / det
+    return (
+        p00, p01, p10, p11, q00, q01, q10, q11, l0, l1, f0, f1, sign, logarithm, ratio
+    )  # fmt: skip
+
+
+def arriving(z, k, kinds, walls, span, slope):
+    """Return the derivative of the arrival of flight k by its time, from the unknowns.
+
+    It is the velocity, and between two impacts on one wall the velocity over the duration.
+    `slope`, what the kernel says, stands where that is zero.
+    """
+    i = 2 * k
+    last = k + 1 == len(kinds)
+    velocity = z[1] if last else z[i + 3]
+    if kinds[k] % (walls + 1) != 0:  # kinds are numbered start * walls + end
+        return velocity
+    duration = (z[0] + span if last else z[i + 2]) - z[i]
+    return velocity / duration if duration != 0.0 else slope
+
+
+def border(kept, count, row, g):
+    """Eliminate impacts 2 to N from the row c of the border and its right side g.
+
+    Returns
+    -------
+    c0, c1, c_lambda, g : float
+        The border in z_1 and lambda alone. Not a number where an impact cannot be eliminated.
+    """
+    c0, c1, c, from0, from1 = row[0], row[1], row[2 * count], 0.0, 0.0
+    for k in range(1, count):
+        r00, r01, r11, w00, w01, w10, w11, v00, v01, v10, v11, l0, l1, e0, e1 = kept[k]
+        if r00 == 0.0 or r11 == 0.0:
+            return math.nan, math.nan, math.nan, math.nan
+        a0 = (row[2 * k] + from0) / r00
+        a1 = (row[2 * k + 1] + from1 - a0 * r01) / r11
+        c0 -= a0 * w00 + a1 * w10
+        c1 -= a0 * w01 + a1 * w11
+        from0 = -(a0 * v00 + a1 * v10)
+        from1 = -(a0 * v01 + a1 * v11)
+        c -= a0 * l0 + a1 * l1
+        g -= a0 * e0 + a1 * e1
+    return c0 + from0, c1 + from1, c, g
+
+
+def three(a0, a1, a2, f, b0, b1, b2, g, c0, c1, c2, h):
+    """Solve three equations with partial pivoting; returns x, y, z and the determinant."""
+    det = 1.0
+    if abs(b0) > abs(a0):
+        a0, a1, a2, f, b0, b1, b2, g, det = b0, b1, b2, g, a0, a1, a2, f, -det
+    if abs(c0) > abs(a0):
+        a0, a1, a2, f, c0, c1, c2, h, det = c0, c1, c2, h, a0, a1, a2, f, -det
+    if not abs(a0) > 0.0:
+        return math.nan, math.nan, math.nan, 0.0
+    s, t = b0 / a0, c0 / a0
+    b1, b2, g = b1 - s * a1, b2 - s * a2, g - s * f
+    c1, c2, h = c1 - t * a1, c2 - t * a2, h - t * f
+    if abs(c1) > abs(b1):
+        b1, b2, g, c1, c2, h, det = c1, c2, h, b1, b2, g, -det
+    if not abs(b1) > 0.0:
+        return math.nan, math.nan, math.nan, 0.0
+    s = c1 / b1
+    c2, h = c2 - s * b2, h - s * g
+    if not abs(c2) > 0.0:
+        return math.nan, math.nan, math.nan, 0.0
+    z = h / c2
+    y = (g - b2 * z) / b1
+    return (f - a1 * y - a2 * z) / a0, y, z, det * a0 * b1 * c2
+
+
+def solve(reduced, kept, count, row, g, out):
+    """Solve the bordered system from what `eliminate` returned.
+
+    Parameters
+    ----------
+    reduced : tuple
+        What `eliminate` returned.
+    kept, count
+        What it kept.
+    row : vector
+        The border's coefficients, those of lambda last.
+    g : float
+        The border's right side.
+    out : vector
+        Filled with the solution.
+
+    Returns
+    -------
+    determinant : float
+        Of the two rows left and the border; zero (or not a number) where there is no solution.
+    """
+    p00, p01, p10, p11, q00, q01, q10, q11, l0, l1, f0, f1, sign, _, _ = reduced
+    c0, c1, c, g = border(kept, count, row, g)
+    t, v, free, det = three(
+        p00 + q00, p01 + q01, l0, f0, p10 + q10, p11 + q11, l1, f1, c0, c1, c, g
+    )  # fmt: skip
+    if sign == 0.0 or not abs(det) > 0.0:
+        return 0.0
+    out[0], out[1], out[2 * count] = t, v, free
+    next0, next1 = t, v
+    for k in range(count - 1, 0, -1):
+        r00, r01, r11, w00, w01, w10, w11, v00, v01, v10, v11, l0, l1, e0, e1 = kept[k]
+        y0 = e0 - w00 * t - w01 * v - v00 * next0 - v01 * next1 - l0 * free
+        y1 = e1 - w10 * t - w11 * v - v10 * next0 - v11 * next1 - l1 * free
+        next1 = y1 / r11
+        next0 = (y0 - r01 * next1) / r00
+        out[2 * k], out[2 * k + 1] = next0, next1
+    return det
+
+
+def row_norms(blocks, count, mu, time, velocity, free):
+    """Return the logarithm of the product of the rows' norms in the cyclic matrix.
+
+    The last coupling is multiplied by mu, the columns of times, velocities and the free parameter
+    by the sizes given; a size of zero leaves columns out.
+    """
+    logarithm, product = 0.0, 1.0
+    tt, vv, ff = time * time, velocity * velocity, free * free
+    for k in range(count):
+        _, _, a00, a01, a10, a11, b00, b01, b10, b11, l0, l1 = blocks[k]
+        if count == 1:
+            a00, a01, b00, b01 = a00 + mu * b00, a01 + mu * b01, 0.0, 0.0
+            a10, a11, b10, b11 = a10 + mu * b10, a11 + mu * b11, 0.0, 0.0
+        product *= tt * (a00 * a00 + b00 * b00) + vv * (a01 * a01 + b01 * b01) + ff * l0 * l0
+        product *= tt * (a10 * a10 + b10 * b10) + vv * (a11 * a11 + b11 * b11) + ff * l1 * l1
+        if not 1e-100 < product < 1e100:
+            if not product > 0.0:
+                return -math.inf
+            logarithm += math.log(product)
+            product = 1.0
+    return 0.5 * (logarithm + math.log(product))
+
+
+def scaled(sign, logarithm, det, norms):
+    """Return a determinant, det R_k (by sign and logarithm) times `det`, over the rows' norms."""
+    size = abs(det)
+    if not size > 0.0 or sign == 0.0 or norms == -math.inf:
+        return 0.0
+    value = math.exp(max(logarithm + math.log(size) - norms, TINIEST))
+    return value if sign * det > 0.0 else -value
+
+
+def product_of_multipliers(blocks, kinds, walls, z, span):
+    """Return det A_k / det B_k over the cycle; not a number where an impact velocity is zero."""
+    ratio = 1.0
+    for k in range(len(kinds)):
+        _, _, a00, a01, a10, a11, b00, b01, b10, b11, _, _ = blocks[k]
+        end = arriving(z, k, kinds, walls, span, b00) * b11 - b01 * b10
+        if end == 0.0:
+            return math.nan
+        ratio *= (a00 * a11 - a01 * a10) / end
+    return ratio
+
+
+def multipliers(reduced, product):
+    """Return real and imaginary parts of both multipliers, the larger first.
+
+    Parameters
+    ----------
+    reduced : tuple
+        What `eliminate` returned.
+    product : float
+        Of all multipliers, det A_k / det B_k; not a number where an impact velocity is zero.
+
+    Notes
+    -----
+    The larger comes from the pencil P + mu Q, the smaller from the product of both, which keeps
+    its relative accuracy.
+    """
+    p00, p01, p10, p11, q00, q01, q10, q11 = reduced[:8]
+    return roots(
+        reduced[14], p00 * q11 + q00 * p11 - p01 * q10 - q01 * p10, p00 * p11 - p01 * p10, product
+    )
+
+
+def roots(quadratic, linear, constant, product):
+    """Return the two roots of a quadratic, as real and imaginary parts, the larger first.
+
+    Parameters
+    ----------
+    quadratic, linear, constant : float
+        Coefficients.
+    product : float
+        Of the roots, more accurate than constant/quadratic, or not a number.
+    """
+    known = product - product == 0.0
+    discriminant = linear * linear - 4.0 * quadratic * constant
+    if discriminant < 0.0:
+        real = -0.5 * linear / quadratic
+        square = product if known else constant / quadratic
+        imaginary = math.sqrt(max(square - real * real, 0.0))
+        return real, imaginary, real, -imaginary
+    larger = -0.5 * (linear + math.copysign(math.sqrt(discriminant), linear))
+    if larger == 0.0:  # a nilpotent pencil
+        both = 0.0 if constant == 0.0 else math.inf
+        return both, 0.0, both, 0.0
+    big = larger / quadratic if quadratic != 0.0 else math.inf
+    if known and big - big == 0.0 and big != 0.0:
+        return big, 0.0, product / big, 0.0
+    return big, 0.0, constant / larger, 0.0

@@ -1,0 +1,152 @@
+"""Whether an orbit is physical, and if not why and where."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Collection, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from ..models.model import Wall
+from ..segments.flight import Array, FlightGaps
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """Whether an orbit is physical; if not, the first reason found. `smallest_gap` is not a
+    number where no flight comes nearer to a wall than at its ends."""
+
+    physical: bool
+    reason: str | None
+    smallest_gap: float
+
+
+def judge(
+    word: str, named: Sequence[Wall], impacts: Array, gaps: Sequence[FlightGaps],
+    forgive_touches: Collection[tuple[int, str]] = (), forgive_impact: int | None = None,
+) -> Verdict:  # fmt: skip
+    """Decide whether an orbit is physical.
+
+    Parameters
+    ----------
+    word, named, impacts, gaps
+        As in `findings`.
+    forgive_touches : collection of (flight, wall)
+        Touches that are not held against the orbit: the grazing event itself.
+    forgive_impact : int, optional
+        An impact whose direction is not held against it: the zero velocity itself.
+    """
+    return verdict_of(
+        findings(word, named, impacts, gaps, forgive_touches, forgive_impact), word, named
+    )
+
+
+def findings(
+    word: str, named: Sequence[Wall], impacts: Array, gaps: Sequence[FlightGaps],
+    forgive_touches: Collection[tuple[int, str]] = (), forgive_impact: int | None = None,
+) -> tuple[float, ...]:  # fmt: skip
+    """Return what `verdict` says of an orbit.
+
+    Parameters
+    ----------
+    word : str
+    named : sequence of Wall
+    impacts : ndarray of shape (N, m)
+    gaps : sequence of FlightGaps
+    forgive_touches, forgive_impact
+        As in `judge`.
+    """
+    places = {w.name: i for i, w in enumerate(named)}
+    walls = [places[name] for name in word]
+    touches = [
+        None if t is None or (k, t.wall) in forgive_touches else t
+        for k, flight in enumerate(gaps)
+        for t in flight.touches
+    ]
+    return verdict(
+        walls, [float(w.side) for w in named], [flight.duration for flight in gaps],
+        [math.nan if t is None else t.gap for t in touches],
+        [math.nan if t is None else t.time for t in touches],
+        impacts[:, 1].tolist(), -1 if forgive_impact is None else forgive_impact,
+    )  # fmt: skip
+
+
+def verdict_of(found: Sequence[float], word: str, named: Sequence[Wall]) -> Verdict:
+    """Return what `verdict` found as an object."""
+    return Verdict(found[0] == PHYSICAL, reason_of(found, word, named), found[5])
+
+
+PHYSICAL, OUT_OF_ORDER, PASSES = 0, 1, 2
+"""What `verdict` says; 3 is for an impact that runs the wrong way."""
+
+
+AT_REST = 1e-12
+"""An impact whose velocity is below this part of the largest of the orbit runs neither way: beside
+a zero velocity its sign is rounding."""
+
+
+def verdict(walls, sides, durations, gaps, times, velocities, forgiven):
+    """Decide whether an orbit is physical, from numbers.
+
+    It is if all flights last, none passes a wall, and every impact runs towards its wall or is at
+    rest within `AT_REST`.
+
+    Parameters
+    ----------
+    walls : vector of int
+        The word.
+    sides : vector
+        Of the walls.
+    durations : vector
+        Of the flights.
+    gaps, times : vector
+        Smallest gap of each flight to each wall, and when; not numbers where there is none.
+    velocities : vector
+        Before the impacts.
+    forgiven : int
+        An impact whose direction does not count, or -1.
+
+    Returns
+    -------
+    what : int
+        0 for physical, or why not.
+    place, wall : int
+        Of the flight or impact, and of the wall passed.
+    amount, when : float
+        The duration, the depth or the velocity; the time of a touch.
+    smallest : float
+        Smallest gap of all; not a number where there is none.
+    """
+    what, place, wall, amount, when, smallest = 0, 0, 0, 0.0, 0.0, math.inf
+    count = len(sides)
+    for k in range(len(walls)):
+        if durations[k] < 0.0 and what == 0:
+            what, place, amount = 1, k, durations[k]
+        for i in range(count):
+            gap = gaps[count * k + i]
+            if gap < smallest:  # not where there is none
+                smallest = gap
+                if gap < 0.0 and what == 0:
+                    what, place, wall, amount, when = 2, k, i, -gap, times[count * k + i]
+    fastest = 0.0
+    for k in range(len(walls)):
+        fastest = max(fastest, abs(velocities[k]))
+    for k in range(len(walls)):
+        wrong = velocities[k] * sides[walls[k]] < -AT_REST * fastest
+        if wrong and k != forgiven and what != 3:
+            what, place, amount = 3, k, velocities[k]
+    return what, place, wall, amount, when, smallest if smallest < math.inf else math.nan
+
+
+def reason_of(found: Any, word: str, named: Sequence[Wall]) -> str | None:
+    """Return what `verdict` found as a sentence; None where the orbit is physical."""
+    if found[0] == PHYSICAL:
+        return None
+    what, k, wall = (int(number) for number in found[:3])
+    amount, when = found[3], found[4]
+    flight = f"flight {k} ({word[k]} to {word[(k + 1) % len(word)]})"
+    if what == OUT_OF_ORDER:
+        return f"impacts out of order: {flight} lasts {amount:.6g}"
+    if what == PASSES:
+        return f"{flight} passes wall {named[wall].name} by {amount:.6g} at t = {when:.6g}"
+    return f"impact {k} on wall {word[k]} runs the wrong way: velocity {amount:.6g}"

@@ -1,0 +1,285 @@
+r"""The orbit problem: a word's flights, closed after p periods, and their linearisation.
+
+Unknowns z = (t_1, y_1, ..., t_N, y_N, lambda): each impact's time and section coordinates before
+impact, and the free parameter last (two of them on curves). Flight k leaves impact k and arrives at
+impact k + 1; the last one arrives at impact 1, pT later. Its residual and derivatives come from the
+kernel of its two walls:
+
+.. math:: R_k(t_k, y_k, t_{k+1}, y_{k+1}, \lambda) = 0, \qquad
+          A_k = \partial R_k / \partial(t_k, y_k), \quad
+          B_k = \partial R_k / \partial(t_{k+1}, y_{k+1}), \quad
+          L_k = \partial R_k / \partial\lambda .
+
+The Jacobian is cyclic (N = 3)::
+
+    [ A1 B1    | L1 ]
+    [    A2 B2 | L2 ]
+    [ B3    A3 | L3 ]
+
+Because the times of impacts are unknowns, nothing is divided by an impact velocity and the problem
+is regular where one vanishes.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from ..models.model import Model
+from ..models.word import Word
+from ..segments.kernels import Kernels
+from .linearisation import Described, Linearisation
+
+Array = np.ndarray[Any, Any]
+
+
+class OrbitProblem:
+    """The equations of one word in one free parameter, or two.
+
+    Parameters
+    ----------
+    model : Model
+        Gives the values of all parameters but the free one.
+    word : Word
+    kernels : Kernels
+        Kernels of that model; they name the free parameters.
+
+    Attributes
+    ----------
+    m, n : int
+        Unknowns per impact and of all impacts.
+    free : int
+        Number of free parameters.
+    kernel_evaluations : int
+        Flights evaluated so far.
+    """
+
+    def __init__(self, model: Model, word: Word, kernels: Kernels) -> None:
+        self.model, self.word, self.kernels = model, word, kernels
+        self.parameter = kernels.parameter
+        self.m = model.unknowns_per_impact
+        self.n = self.m * len(word)
+        names = list(model.values)
+        self._values = list(model.values.values())
+        self.free = len(kernels.parameters)
+        self._free = [names.index(name) for name in kernels.parameters]
+        following = word.walls[1:] + word.walls[0]
+        self.kinds = tuple(zip(word.walls, following, strict=True))
+        self._flights = [kernels.flight(a, b) for a, b in self.kinds]
+        self.kernel_evaluations = 0
+        # positions of the blocks A and B in the flattened n x (n + free) Jacobian
+        rows = np.arange(self.n).reshape(-1, self.m, 1) * (self.n + self.free)
+        columns = np.arange(self.n).reshape(-1, 1, self.m)
+        self._at_start = (rows + columns).ravel()
+        self._at_end = (rows + np.roll(columns, -1, axis=0)).ravel()
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        """Made anew from what it was made of; kernels are loaded when they are asked for."""
+        return type(self), (self.model, self.word, self.kernels)
+
+    def values(self, unknowns: Array) -> list[float]:
+        """Return all parameter values at a point, in the model's order."""
+        values = self._values.copy()
+        for place, value in zip(self._free, unknowns[-self.free :].tolist(), strict=True):
+            values[place] = value
+        return values
+
+    def derived_at(self, values: Sequence[float]) -> tuple[float, ...]:
+        """Return the derived parameters at parameter values."""
+        first = 3 + len(self.model.WALLS)
+        return self.kernels.setup(*values)[first : first + len(self.model.DERIVED)]
+
+    def model_at(self, unknowns: Array) -> Model:
+        """Return the model at a point's parameter values."""
+        free = unknowns[-self.free :].tolist()
+        return self.model.replace(**dict(zip(self.kernels.parameters, free, strict=True)))
+
+    def impacts(self, unknowns: Array) -> Array:
+        """Return the (N, m) times and section coordinates of a point."""
+        return unknowns[: -self.free].reshape(-1, self.m)
+
+    def evaluate(self, unknowns: Array) -> Linearisation:
+        """Evaluate residual and blocks at a point.
+
+        Raises
+        ------
+        ArithmeticError, ValueError
+            Where a formula has no value (a parameter outside its domain, an overflow).
+        """
+        m, n = self.m, self.n
+        z = unknowns.tolist()
+        p = self.values(unknowns)
+        setup = self.kernels.setup(*p)
+        span = self.word.period * setup[0]
+        residual: list[float] = []
+        start: list[float] = []
+        end: list[float] = []
+        by_parameter: list[float] = []
+        for k, flight in enumerate(self._flights):
+            i = m * k
+            j = i + m
+            arrival = z[j : j + m] if j < n else [z[0] + span, *z[1:m]]
+            out = flight(*z[i:j], *arrival, *p)
+            residual += out[:m]
+            start += out[m : m + m * m]
+            end += out[m + m * m : m + 2 * m * m]
+            by_parameter += out[m + 2 * m * m :]
+        self.kernel_evaluations += len(self._flights)
+        for i, drift in enumerate(self._period_slopes(setup)):
+            for row in range(n - m, n):  # the arrival at t_1 + pT moves with T(lambda)
+                by_parameter[self.free * row + i] += self.word.period * drift * end[m * row]
+        return Linearisation(
+            self, unknowns, np.array(residual), np.array(start).reshape(-1, m, m),
+            np.array(end).reshape(-1, m, m), np.array(by_parameter).reshape(n, -1),
+        )  # fmt: skip
+
+    def rounding(self, here: Linearisation) -> Array:
+        """Return bounds of the rounding errors of the residuals at a point, shape (n,)."""
+        from .rounding import rounding
+
+        return rounding(here).residual
+
+    def described(self, unknowns: Array, numbers: Array) -> Described:
+        """Return a point of which `numbers` are known; see `Described`."""
+        return Described(self, unknowns, numbers)
+
+    def _period_slopes(self, setup: Sequence[float]) -> list[float]:
+        """The derivatives of the forcing period by the free parameters."""
+        if self.free == 1:
+            return [setup[1]]
+        return [setup[1], setup[self._second_setup()]]
+
+    def _period_curvatures(self, setup: Sequence[float]) -> Array:
+        """The second derivatives of the forcing period by the free parameters."""
+        if self.free == 1:
+            return np.array([[setup[2]]])
+        _, twice, mixed = setup[self._second_setup() :][:3]
+        return np.array([[setup[2], mixed], [mixed, twice]])
+
+    def _second_setup(self) -> int:
+        """Where the kernel ``setup`` begins to speak of a second free parameter."""
+        return 3 + len(self.model.WALLS) + 2 * len(self.model.DERIVED)
+
+    def second_along(
+        self, unknowns: Array, direction: Array, mu: float = 1.0, beside: float = 1.0
+    ) -> Array:
+        """Return the gradient by z of the cyclic matrix times a direction, an (n, n + free) matrix.
+
+        Parameters
+        ----------
+        unknowns, direction : ndarray of shape (n + free,)
+            The direction is q = (q_1, ..., q_N, q_lambda).
+        mu : float
+            In the last flight the arrival moves by mu q_1. With mu = 1 the result is the
+            derivative of the Jacobian along q.
+        beside : float
+            The same factor for the direction the result is multiplied with.
+        """
+        m, n = self.m, self.n
+        z, q = unknowns.tolist(), direction.tolist()
+        p = self.values(unknowns)
+        setup = self.kernels.setup(*p)
+        slopes = self.word.period * np.array(self._period_slopes(setup))
+        curvatures = self.word.period * self._period_curvatures(setup)
+        gradient = np.zeros((n, n + self.free))
+        for k, (a, b) in enumerate(self.kinds):
+            i = m * k
+            j = i + m
+            arrival, moved = z[j : j + m], q[j : j + m]
+            if j == n:
+                arrival = [z[0] + self.word.period * setup[0], *z[1:m]]
+                moved = [mu * c for c in q[:m]]
+                moved[0] += float(slopes @ direction[n:])
+            out = self.kernels.second(a, b)(*z[i:j], *arrival, *q[i:j], *moved, *q[n:], *p)
+            block = np.array(out, dtype=float).reshape(m, -1)
+            rows = slice(i, i + m)
+            gradient[rows, i:j] += block[:, :m]
+            gradient[rows, j % n : j % n + m] += (
+                beside * block[:, m : 2 * m] if j == n else block[:, m : 2 * m]
+            )
+            gradient[rows, n:] += block[:, 2 * m :]
+            if j == n:  # the arrival t_1 + pT moves with T(lambda), and its rate with T'(lambda)
+                gradient[rows, n:] += np.outer(block[:, m], slopes)
+                if np.any(curvatures):
+                    ends = self.kernels.flight(a, b)(*z[i:j], *arrival, *p)[m + m * m :: m][:m]
+                    gradient[rows, n:] += np.outer(ends, curvatures @ direction[n:])
+        self.kernel_evaluations += len(self.kinds)
+        return gradient
+
+    def third_along(self, unknowns: Array, direction: Array, mu: float = 1.0) -> Array:
+        """Return the third derivative of the residual along a direction, shape (n,).
+
+        Parameters
+        ----------
+        unknowns : ndarray of shape (n + free,)
+        direction : ndarray of shape (n,)
+            (q_1, ..., q_N); parameters are held.
+        mu : float
+            In the last flight the arrival moves by mu q_1.
+        """
+        m, n = self.m, self.n
+        z, q = unknowns.tolist(), direction.tolist()
+        p = self.values(unknowns)
+        span = self.word.period * self.kernels.setup(*p)[0]
+        result: list[float] = []
+        for k, (a, b) in enumerate(self.kinds):
+            i = m * k
+            j = i + m
+            last = j == n
+            arrival = [z[0] + span, *z[1:m]] if last else z[j : j + m]
+            moved = [mu * c for c in q[:m]] if last else q[j : j + m]
+            result += self.kernels.third(a, b)(*z[i:j], *arrival, *q[i:j], *moved, *p)
+        self.kernel_evaluations += len(self.kinds)
+        return np.array(result)
+
+    def unknowns_of(self, times: Any, sections: Any, value: float | None = None) -> Array:
+        """Return z from impact times (N,), section coordinates (N, m - 1) and lambda."""
+        times = np.asarray(times, dtype=float).reshape(-1, 1)
+        sections = np.asarray(sections, dtype=float).reshape(len(times), -1)
+        free = [self._values[place] for place in self._free] if value is None else [value]
+        return np.append(np.hstack([times, sections]).ravel(), free)
+
+    def scale(self, unknowns: Array, span: Any) -> Array:
+        """Return natural sizes of the unknowns, by which arclength is measured.
+
+        Times are measured in periods, velocities in the largest along the flights, other section
+        coordinates in the largest of the orbit, all averaged over the impacts; the free parameters
+        in `span`.
+        """
+        impacts = self.impacts(unknowns)
+        period = self.kernels.setup(*self.values(unknowns))[0]
+        sizes = np.max(np.abs(impacts[:, 1:]), axis=0)
+        sizes[0] = max(sizes[0], self._largest_speed(unknowns))
+        one = np.concatenate([[period], np.where(sizes > 0, sizes, 1.0)])
+        return np.append(np.tile(one, len(self.word)) * np.sqrt(len(self.word)), span)
+
+    def _largest_speed(self, unknowns: Array) -> float:
+        """The largest speed at eight instants of each flight."""
+        p = self.values(unknowns)
+        rows = self.impacts(unknowns).tolist()
+        rows.append([rows[0][0] + self.word.period * self.kernels.setup(*p)[0], *rows[0][1:]])
+        speeds = [
+            abs(self.kernels.motion(wall)(*row, part * (later[0] - row[0]) / 8.0, *p)[1])
+            for wall, row, later in zip(self.word.walls, rows, rows[1:], strict=False)
+            for part in range(1, 8)
+        ]
+        return max(speeds)
+
+    def difference(self, one: Array, other: Array) -> Array:
+        """Return one - other as orbits: zero up to whole periods and rotations of the word."""
+        period = self.kernels.setup(*self.values(one))[0]
+        span = self.word.period * period
+        best: Array | None = None
+        for shift in self.word.rotations():
+            moved = np.roll(self.impacts(other), -shift, axis=0).copy()
+            if shift:
+                moved[len(self.word) - shift :, 0] += span
+            gap = self.impacts(one) - moved
+            gap[:, 0] -= period * np.round(np.mean(gap[:, 0]) / period)
+            candidate = np.append(gap.ravel(), one[-self.free :] - other[-self.free :])
+            if best is None or np.linalg.norm(candidate) < np.linalg.norm(best):
+                best = candidate
+        assert best is not None
+        return best

@@ -1,0 +1,81 @@
+"""When two sets of impacts are the same orbit: rotations of the word, and the model's symmetry."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ..models.model import Symmetry
+from ..models.word import Word
+from .problem import Array, OrbitProblem
+
+
+def rotated_to(problem: OrbitProblem, unknowns: Array, word: Word) -> Array | None:
+    """Return an orbit's unknowns with its first impact chosen so that it reads as `word`.
+
+    None if the orbit's word is no rotation of it.
+    """
+    own = problem.word
+    if own.period != word.period or len(own) != len(word):
+        return None
+    shift = (own.walls * 2).find(word.walls)
+    if shift < 0:
+        return None
+    rows = problem.impacts(unknowns).copy()
+    rows[:shift, 0] += own.period * problem.kernels.setup(*problem.values(unknowns))[0]
+    rotated = unknowns.copy()
+    rotated[:-1] = _rolled(rows, shift).ravel()
+    return rotated
+
+
+def mirrored(
+    problem: OrbitProblem, unknowns: Array, symmetry: Symmetry
+) -> tuple[OrbitProblem, Array]:
+    """Return the image of an orbit under the model's symmetry, and its problem."""
+    walls = "".join(symmetry.walls[wall] for wall in problem.word.walls)
+    image = OrbitProblem(problem.model, Word(walls, problem.word.period), problem.kernels)
+    rows = problem.impacts(unknowns).copy()
+    rows[:, 0] += symmetry.shift * problem.kernels.setup(*problem.values(unknowns))[0]
+    rows[:, 1:] *= symmetry.sign
+    moved = unknowns.copy()
+    moved[:-1] = rows.ravel()
+    return image, moved
+
+
+def repeats(problem: OrbitProblem, unknowns: Array, tolerance: float) -> bool:
+    """Whether an orbit is one of fewer periods, run several times."""
+    return _shortest_shift(problem, unknowns, tolerance) is not None
+
+
+def shortest(
+    problem: OrbitProblem, unknowns: Array, tolerance: float
+) -> tuple[OrbitProblem, Array]:
+    """Return an orbit as one of its shortest period, itself if it repeats none."""
+    shift = _shortest_shift(problem, unknowns, tolerance)
+    if shift is None:
+        return problem, unknowns
+    word = Word(problem.word.walls[:shift], problem.word.period * shift // len(problem.word))
+    rows = problem.impacts(unknowns)[:shift]
+    free = unknowns[-problem.free :]
+    return OrbitProblem(problem.model, word, problem.kernels), np.append(rows.ravel(), free)
+
+
+def _shortest_shift(problem: OrbitProblem, unknowns: Array, tolerance: float) -> int | None:
+    """How many impacts the orbit repeats after, None if only after all."""
+    word = problem.word
+    span = word.period * problem.kernels.setup(*problem.values(unknowns))[0]
+    rows = problem.impacts(unknowns)
+    n = len(word)
+    for shift in word.rotations()[1:]:
+        if word.period * shift % n:
+            continue
+        later = rows.copy()
+        later[:shift, 0] += span
+        later = _rolled(later, shift)
+        later[:, 0] -= span * shift / n
+        if abs(later - rows).max() < tolerance:
+            return shift
+    return None
+
+
+def _rolled(rows: Array, shift: int) -> Array:
+    return np.roll(rows, -shift, axis=0)

@@ -1,0 +1,435 @@
+"""All orbits of a word at given parameter values, by vectorised Newton iteration from many starts.
+
+A start is a set of impact times drawn at random; the section coordinates that fit them best follow
+from least squares, since residuals are (close to) linear in them. Newton steps are shortened so
+that impacts stay in order. Rounds of starts are repeated until several in a row find nothing new.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from ..errors import InputError
+from ..models.model import Model
+from ..models.word import Word, parse_word
+from ..segments.kernels import Kernels
+from .linearisation import Linearisation
+from .problem import Array, OrbitProblem
+from .recognition import repeats
+
+ITERATIONS = 25
+FEWEST_STARTS = 16
+MOST_WORK = 40_000
+"""Starts in a round, times the square of the word's length, beyond which fewer starts are made."""
+
+ROUNDS_AT_ONCE = 3
+"""Rounds iterated together; where there is an orbit, no search ends before the third."""
+
+SAME_ORBIT = 1e-7
+SAME_SINGULAR_ORBIT = 1e-4
+SAME_SOLUTION = 1e-9
+"""Solutions this near to a regular one are that one: Newton's next steps are below rounding."""
+
+
+@dataclass(frozen=True, eq=False)
+class Orbit:
+    """A periodic orbit, physical or not.
+
+    Attributes
+    ----------
+    problem : OrbitProblem
+    unknowns : ndarray of shape (n + 1,)
+        Impact times, section coordinates and the free parameter.
+    """
+
+    problem: OrbitProblem
+    linearisation: Linearisation
+
+    @property
+    def unknowns(self) -> Array:
+        return self.linearisation.unknowns
+
+    @property
+    def word(self) -> Word:
+        """The walls visited, and the period."""
+        return self.problem.word
+
+    @property
+    def model(self) -> Model:
+        """The model, at the orbit's parameter values."""
+        return self.problem.model_at(self.unknowns)
+
+    @property
+    def times(self) -> Array:
+        """Impact times, shape (N,), in the model's clock."""
+        return self.problem.impacts(self.unknowns)[:, 0]
+
+    @property
+    def velocities(self) -> Array:
+        """Velocities before impact, shape (N,)."""
+        return self.problem.impacts(self.unknowns)[:, 1]
+
+    @property
+    def multipliers(self) -> Any:
+        """Multipliers, largest first, complex."""
+        return self.linearisation.multipliers
+
+    @property
+    def stable(self) -> bool:
+        """Whether no multiplier lies outside the unit circle."""
+        return self.linearisation.n_unstable == 0
+
+    @property
+    def physical(self) -> bool:
+        """Whether the orbit stays within the walls with its impacts in order."""
+        return self.linearisation.verdict.physical
+
+    @property
+    def parameters(self) -> Mapping[str, float]:
+        """All parameters, derived ones included."""
+        return {**self.model.values, **self.derived}
+
+    @property
+    def derived(self) -> Mapping[str, float]:
+        """Derived parameters."""
+        return self.linearisation.derived
+
+    @property
+    def smallest_gap(self) -> float:
+        """Smallest gap inside a flight; not a number if no flight turns towards a wall."""
+        return self.linearisation.verdict.smallest_gap
+
+    @property
+    def reason(self) -> str | None:
+        """Why the orbit is unphysical, or None."""
+        return self.linearisation.verdict.reason
+
+    @property
+    def residual(self) -> float:
+        """Largest absolute residual."""
+        return float(np.max(np.abs(self.linearisation.residual)))
+
+    def __repr__(self) -> str:
+        letters = [w.name for w in self.model.WALLS]
+        state = ("stable" if self.stable else "unstable") + (
+            "" if self.physical else ", unphysical"
+        )
+        rows = [
+            f"  {wall}  t = {t:.12g}  v = {v:.12g}"
+            for wall, t, v in zip(self.word.walls, self.times, self.velocities, strict=True)
+        ]
+        factors = ", ".join(f"{_plain(mu):.6g}" for mu in self.multipliers)
+        head = (
+            f"Orbit {self.word.notation(letters)} ({self.word}) at {self.problem.parameter} = "
+            f"{self.unknowns[-1]:.12g}: {state}; multipliers {factors}"
+        )
+        why = [f"  {self.reason}"] if self.reason else []
+        return "\n".join([head, *rows, *why])
+
+
+def _plain(mu: complex) -> complex | float:
+    return mu.real if mu.imag == 0.0 else mu
+
+
+def find_orbits(
+    model: Model, word: str | Word, *, parameter: str | None = None,
+    kernels: Kernels | None = None, rng: Any = 0, starts: int = 256, rounds: int = 8,
+) -> list[Orbit]:  # fmt: skip
+    """Find the orbits of a word: stable, unstable and unphysical ones.
+
+    Parameters
+    ----------
+    model : Model
+        The system at the parameter values of interest.
+    word : str or Word
+        ``"2:1"``, ``"1:1/2T"``, ``"BTBT/2T"``, ...
+    parameter : str, optional
+        The parameter that will be followed; the first of the model by default.
+    kernels : Kernels, optional
+        Kernels to use, if some are at hand; they name the parameter.
+    rng : None, int or numpy.random.Generator, default 0
+        Where starts come from; see `numpy.random.default_rng`.
+    starts : int
+        Starts in one round; fewer for words of more than a dozen impacts.
+    rounds : int
+        Rounds at most; the search ends after two rounds in a row that find nothing new.
+
+    Returns
+    -------
+    list of Orbit
+        Sorted by the first impact's velocity, largest first; impacts in order of time, the first
+        in [0, T). Where several rotations of the word read the same, the first impact is the
+        fastest of those it can be. Repetitions of an orbit of shorter period are left out. The list
+        can be incomplete: the search is a random one.
+
+    Raises
+    ------
+    InputError
+        If the word cannot be read or the parameter is unknown.
+    """
+    for name, count in (("starts", starts), ("rounds", rounds)):
+        if count < 1:
+            raise InputError(name, f"found {count!r}", "give a whole number >= 1")
+    letters = [w.name for w in model.WALLS]
+    word = word if isinstance(word, Word) else parse_word(word, letters)
+    kernels = kernels or Kernels(model, parameter or next(iter(model.values)))
+    problem = OrbitProblem(model, word, kernels)
+    generator = np.random.default_rng(rng)
+    starts = min(starts, max(FEWEST_STARTS, MOST_WORK // len(word) ** 2))
+    found: list[Orbit] = []
+    known: list[Array] = []
+    quiet = 0
+    for solutions in _rounds(problem, generator, starts, rounds):
+        before = len(found)
+        _keep(found, known, problem, solutions)
+        quiet = quiet + 1 if len(found) == before else 0
+        if quiet == 2:
+            break
+    return sorted(found, key=lambda orbit: -float(orbit.velocities[0]))
+
+
+def settle(problem: OrbitProblem, unknowns: Array, iterations: int = 12) -> Linearisation | None:
+    """Solve for an orbit at fixed parameter, to rounding, from a good guess; None if it fails."""
+    z = unknowns.copy()
+    best: Linearisation | None = None
+    try:
+        for _ in range(iterations):
+            here = problem.evaluate(z)
+            size = np.max(np.abs(here.residual))
+            if best is not None and not size < 0.5 * np.max(np.abs(best.residual)):
+                break
+            best = here
+            z = z.copy()
+            z[:-1] -= np.linalg.solve(here.jacobian[:, :-1], here.residual)
+    except (ArithmeticError, ValueError, np.linalg.LinAlgError):
+        return None
+    size = max(1.0, float(np.max(np.abs(problem.impacts(unknowns)[:, 1:]))))
+    return best if best is not None and np.max(np.abs(best.residual)) < 1e-11 * size else None
+
+
+def _keep(found: list[Orbit], known: list[Array], problem: OrbitProblem, solutions: Array) -> None:
+    """Add the orbits among solutions to those found, each once; a start often leads to a known one.
+
+    `known` are the regular solutions met so far, repetitions of shorter orbits among them.
+    """
+    left = _reduced(problem, solutions)
+    for other in known:
+        left = left[~_same_solution(problem, left, other)]
+    while len(left):
+        here = settle(problem, left[0])
+        left = left[1:]
+        if here is None or not _in_order(here):
+            continue
+        regular = _regular(here)
+        if regular:
+            known.append(here.unknowns)
+            left = left[~_same_solution(problem, left, here.unknowns)]
+        if not repeats(problem, here.unknowns, SAME_ORBIT):
+            _add(found, here, SAME_ORBIT if regular else SAME_SINGULAR_ORBIT)
+
+
+def _add(found: list[Orbit], here: Linearisation, same: float) -> None:
+    """Add an orbit to the list unless it is there."""
+    apart = (here.problem.difference(here.unknowns, orbit.unknowns) for orbit in found)
+    if all(np.max(np.abs(difference)) >= same for difference in apart):
+        found.append(Orbit(here.problem, _turned(here)))
+
+
+def _turned(here: Linearisation) -> Linearisation:
+    """The orbit from the rotation of its word on that begins with the fastest impact.
+
+    Of equally fast ones that with the earlier phase, then by the next impact in turn. Without this
+    rounding would decide which of the equal letters of a word comes first.
+    """
+    problem, shifts = here.problem, here.problem.word.rotations()
+    if len(shifts) == 1:
+        return here
+    period = problem.kernels.setup(*problem.values(here.unknowns))[0]
+    rows = problem.impacts(here.unknowns).copy()
+    speeds = np.abs(rows[:, 1])
+    keys = np.column_stack([speeds / (np.max(speeds) or 1.0), -(rows[:, 0] / period % 1.0)])
+    keys = np.round(keys, 9)
+    first = max(shifts, key=lambda shift: np.roll(keys, -shift, axis=0).ravel().tolist())
+    if first == 0:
+        return here
+    rows[:first, 0] += problem.word.period * period
+    rows = np.roll(rows, -first, axis=0)
+    rows[:, 0] -= np.floor(rows[0, 0] / period) * period
+    return problem.evaluate(np.append(rows.ravel(), here.unknowns[-problem.free :]))
+
+
+def _in_order(here: Linearisation) -> bool:
+    """Whether the impacts follow each other, none at the time of the next."""
+    problem = here.problem
+    times = problem.impacts(here.unknowns)[:, 0]
+    span = problem.word.period * problem.kernels.setup(*problem.values(here.unknowns))[0]
+    return bool(np.min(np.diff(np.append(times, times[0] + span))) > 1e-9 * span)
+
+
+def _same_solution(problem: OrbitProblem, solutions: Array, other: Array) -> Array:
+    """Which rows are another solution, up to whole periods and rotations of the word."""
+    period = problem.kernels.setup(*problem.values(other))[0]
+    rows = solutions[:, :-1].reshape(-1, len(problem.word), problem.m)
+    same = np.zeros(len(solutions), dtype=bool)
+    for shift in problem.word.rotations():
+        moved = np.roll(problem.impacts(other), -shift, axis=0)
+        moved[len(moved) - shift :, 0] += problem.word.period * period
+        gaps = rows - moved
+        gaps[:, :, 0] -= period * np.round(np.mean(gaps[:, :, :1], axis=1) / period)
+        same |= np.max(np.abs(gaps), axis=(1, 2)) < SAME_SOLUTION
+    return same
+
+
+def _regular(here: Linearisation) -> bool:
+    """Whether an orbit is known to rounding, and not only to its root as at a bifurcation."""
+    sizes = np.linalg.svd(here.cyclic(1.0)[:, : here.problem.n], compute_uv=False)
+    return bool(sizes[-1] > 1e-4 * sizes[0])
+
+
+def _reduced(problem: OrbitProblem, solutions: Array) -> Array:
+    """The same solutions with their first impacts in [0, T)."""
+    period = problem.kernels.setup(*problem.model.values.values())[0]
+    shifted = solutions.copy()
+    shifted[:, : -1 : problem.m] -= np.floor(solutions[:, :1] / period) * period
+    return shifted
+
+
+# The vectorised iteration: arrays have one row per start.
+
+
+def _rounds(
+    problem: OrbitProblem, generator: np.random.Generator, starts: int, rounds: int
+) -> Iterator[Array]:
+    """The solutions that the starts of each round lead to, in the order of their iterations."""
+    for first in range(0, rounds, ROUNDS_AT_ONCE):
+        count = min(ROUNDS_AT_ONCE, rounds - first)
+        times = [_random_times(problem, generator, starts) for _ in range(count)]
+        with np.errstate(all="ignore"):
+            solutions, origin = _newton(problem, _with_sections(problem, np.concatenate(times)))
+        for k in range(count):
+            yield solutions[origin // starts == k]
+
+
+def _random_times(problem: OrbitProblem, generator: np.random.Generator, count: int) -> Array:
+    """Impact times in order, one row per start."""
+    period = problem.kernels.setup(*problem.model.values.values())[0]
+    first = generator.uniform(0.0, period, count)[:, None]
+    durations = generator.dirichlet(np.ones(len(problem.word)), count)
+    durations *= problem.word.period * period
+    return np.hstack([first, first + np.cumsum(durations, axis=1)[:, :-1]])
+
+
+def _with_sections(problem: OrbitProblem, times: Array) -> Array:
+    """The starts with these impact times: section coordinates by least squares."""
+    count, n = times.shape
+    m = problem.m
+    z = np.zeros((count, n, m))
+    z[:, :, 0] = times
+    residual, jacobian = _evaluate_all(problem, z)
+    sections = [i for i in range(n * m) if i % m]
+    by_section = jacobian[:, :, sections]
+    normal = by_section.transpose(0, 2, 1) @ by_section
+    normal += 1e-12 * np.trace(normal, axis1=1, axis2=2)[:, None, None] * np.eye(len(sections))
+    right = -(by_section.transpose(0, 2, 1) @ residual[:, :, None])
+    z.reshape(count, -1)[:, sections] = np.linalg.solve(normal, right)[:, :, 0]
+    return z
+
+
+def _newton(problem: OrbitProblem, z: Array) -> tuple[Array, Array]:
+    """Newton's iteration from every start.
+
+    Returns
+    -------
+    solutions : ndarray of shape (K, n + 1)
+        The unknowns of those that converged, the soonest first.
+    origin : ndarray of shape (K,)
+        The numbers of their starts.
+    """
+    count, n, m = z.shape
+    value = problem.model.values[problem.parameter]
+    period = problem.kernels.setup(*problem.model.values.values())[0]
+    span = problem.word.period * period
+    origin = np.arange(count)
+    reached: list[Array] = []
+    origins: list[Array] = []
+    for _ in range(ITERATIONS):
+        residual, jacobian = _evaluate_all(problem, z)
+        healthy = np.isfinite(jacobian).all(axis=(1, 2)) & np.isfinite(residual).all(axis=1)
+        z, origin = z[healthy], origin[healthy]
+        jacobian = jacobian[healthy] + 1e-300 * np.eye(n * m)
+        step = _solve_all(jacobian, -residual[healthy]).reshape(-1, n, m)
+        done = np.max(np.abs(step), axis=(1, 2)) < 1e-8
+        reached.append((z + step)[done])
+        origins.append(origin[done])
+        z, step, origin = z[~done], step[~done], origin[~done]
+        if not len(z):
+            break
+        z = z + step * _shortening(z, step, span, period)[:, None, None]
+    solutions = np.concatenate(reached).reshape(-1, n * m)
+    return np.insert(solutions, n * m, value, axis=1), np.concatenate(origins)
+
+
+def _solve_all(matrices: Array, right: Array) -> Array:
+    try:
+        return np.linalg.solve(matrices, right[:, :, None])[:, :, 0]
+    except np.linalg.LinAlgError:
+        return (np.linalg.pinv(matrices) @ right[:, :, None])[:, :, 0]
+
+
+def _shortening(z: Array, step: Array, span: float, period: float) -> Array:
+    """The part of each step that keeps impacts in order and moves no time by over T/4."""
+    times, moves = z[:, :, 0], step[:, :, 0]
+    durations = np.diff(np.concatenate([times, times[:, :1] + span], axis=1), axis=1)
+    changes = np.diff(np.concatenate([moves, moves[:, :1]], axis=1), axis=1)
+    shrinking = np.where(
+        changes < 0.0, -0.9 * durations / np.where(changes < 0.0, changes, 1.0), 1.0
+    )
+    largest = 0.25 * period / np.maximum(np.max(np.abs(moves), axis=1), 1e-300)
+    return np.minimum(1.0, np.minimum(np.min(shrinking, axis=1), largest))
+
+
+def _evaluate_all(problem: OrbitProblem, z: Array) -> tuple[Array, Array]:
+    """Residuals (S, n) and square Jacobians (S, n, n) of all starts at the model's parameters.
+
+    All flights between the same walls are evaluated together.
+    """
+    count, n, m = z.shape
+    p = list(problem.model.values.values())
+    arrivals = np.roll(z, -1, axis=1)
+    arrivals[:, -1, 0] += problem.word.period * problem.kernels.setup(*p)[0]
+    residual = np.zeros((count, n, m))
+    jacobian = np.zeros((count, n, m, n, m))
+    for a, b in dict.fromkeys(problem.kinds):
+        leaving = [k for k, kind in enumerate(problem.kinds) if kind == (a, b)]
+        arriving = [(k + 1) % n for k in leaving]
+        start, end = (np.ascontiguousarray(e[:, leaving].transpose(2, 0, 1)) for e in (z, arrivals))
+        kernel = problem.kernels.vectorised(problem.kernels.flight(a, b))
+        out = kernel(*start, *end, *p)
+        for i in range(m):
+            residual[:, leaving, i] = out[i]
+            for j in range(m):
+                jacobian[:, leaving, i, leaving, j] += out[m + m * i + j]
+                jacobian[:, leaving, i, arriving, j] += out[m + m * m + m * i + j]
+    problem.kernel_evaluations += count * n
+    return residual.reshape(count, -1), jacobian.reshape(count, n * m, n * m)
+
+
+def orbit_at(problem: OrbitProblem, unknowns: Array) -> Orbit:
+    """Solve for the orbit next to `unknowns` at their parameter value.
+
+    Raises
+    ------
+    InputError
+        If Newton's iteration does not converge from there.
+    """
+    here = settle(problem, np.asarray(unknowns, dtype=float))
+    if here is None:
+        raise InputError(
+            "unknowns", f"no {problem.word} orbit was reached from them",
+            "give a closer guess, or use find_orbits",
+        )  # fmt: skip
+    return Orbit(problem, here)

@@ -1,0 +1,1 @@
+"""Results as data: tables, entries, catalogues, and the folders that hold them."""

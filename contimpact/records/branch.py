@@ -1,0 +1,164 @@
+"""A branch of periodic orbits, as a table."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from ..continuation.branch import End
+from ..errors import printable
+from .entry import Entry
+from .tables import same_data
+
+if TYPE_CHECKING:
+    from ..models.model import Model
+    from ..orbits.search import Orbit
+
+Array = np.ndarray[Any, Any]
+
+
+@dataclass(frozen=True, eq=False)
+class Branch:
+    """A branch of periodic orbits, as a table.
+
+    Attributes
+    ----------
+    id : str
+    word, period, notation
+        The orbits on it.
+    system, options
+        The model, and the texts that shape its formulas.
+    parameter : str
+        The followed parameter.
+    columns : mapping of str to ndarray
+        One value per point: ``arclength`` (in the branch's metric), every parameter and derived
+        parameter, ``t1``, ``v1``, ... (impact times and velocities before impact, in the model's
+        clock), ``multiplier1_re``, ``multiplier1_im``, ..., ``n_unstable``, ``physical``,
+        ``reason``, ``smallest_gap``, ``residual``, ``iterations``, and ``event``: the name of the
+        entry a row belongs to, empty for the points of the walk. ``branch["s"]`` is a shorthand.
+    ends : (End, End)
+        How it ends, at its first and at its last point.
+    events : sequence of Entry
+        In order of arclength.
+    missed : sequence of str
+        Sign changes of test functions that could not be located.
+    origin : str or None
+        The entry it starts from.
+    meetings : sequence of str
+        Further entries from which switching led to this branch.
+    notes : sequence of str
+        What else is to be known of it: where another branch passes it closely without meeting it.
+    """
+
+    id: str
+    word: str
+    period: int
+    notation: str
+    system: str
+    options: Mapping[str, str]
+    parameter: str
+    columns: Mapping[str, Array]
+    ends: tuple[End, End]
+    events: Sequence[Entry] = ()
+    missed: Sequence[str] = ()
+    origin: str | None = None
+    meetings: Sequence[str] = ()
+    notes: Sequence[str] = ()
+
+    def __getitem__(self, column: str) -> Array:
+        return self.columns[column]
+
+    def __len__(self) -> int:
+        return len(self.columns["arclength"])
+
+    def __eq__(self, other: object) -> bool:
+        return same_data(self, other) if isinstance(other, Branch) else NotImplemented
+
+    __hash__ = None  # type: ignore[assignment]
+
+    def orbit(self, place: int | str, model: Model | None = None) -> Orbit:
+        """Return the orbit of a row, to continue it or to look at it.
+
+        Parameters
+        ----------
+        place : int or str
+            The number of a row, or the name of one of `events`.
+        model : Model, optional
+            The system, where its name does not tell: an own one that is not imported. Parameter
+            values are taken from the branch.
+
+        Raises
+        ------
+        InputError
+            If there is no such row or event, or the system is not known.
+        """
+        from .recovery import orbit_at
+
+        return orbit_at(self, place, model)
+
+    @property
+    def stable(self) -> Array:
+        """Whether no multiplier lies outside the unit circle, point by point."""
+        return np.asarray(self["n_unstable"] == 0)
+
+    @property
+    def physical(self) -> Array:
+        """Whether the orbit is physical, point by point."""
+        return np.asarray(self["physical"] == 1)
+
+    @property
+    def parameters(self) -> list[str]:
+        """Names of the parameters, derived ones included."""
+        names = list(self.columns)
+        return names[names.index("arclength") + 1 : names.index("t1")]
+
+    @property
+    def constant(self) -> list[str]:
+        """Names of the parameters, derived ones included, that do not vary along the branch."""
+        return [n for n in self.parameters if n != self.parameter and np.ptp(self[n]) == 0.0]
+
+    @property
+    def velocities(self) -> Array:
+        """Velocities before impact, shape (points, N)."""
+        return np.column_stack([self[f"v{k + 1}"] for k in range(len(self.word))])
+
+    @property
+    def times(self) -> Array:
+        """Impact times, shape (points, N)."""
+        return np.column_stack([self[f"t{k + 1}"] for k in range(len(self.word))])
+
+    @property
+    def multipliers(self) -> Array:
+        """Multipliers, shape (points, m), complex."""
+        count = sum(name.endswith("_re") for name in self.columns)
+        return np.column_stack(
+            [
+                self[f"multiplier{k}_re"] + 1j * self[f"multiplier{k}_im"]
+                for k in range(1, count + 1)
+            ]
+        )
+
+    def to_dataframe(self) -> Any:
+        """Return the columns as a pandas DataFrame; pandas must be installed."""
+        import pandas
+
+        return pandas.DataFrame(dict(self.columns))
+
+    def __repr__(self) -> str:
+        values = self[self.parameter]
+        lines = [
+            f"Branch {self.id}: {self.notation} ({self.word}), {len(self)} points, "
+            f"{self.parameter} from {values.min():.9g} to {values.max():.9g}",
+            f"  start: {self.ends[0].message}",
+            *(
+                f"  {e.label:16} {e.parameter} = {e.value:.15g} +- {e.error:.1g}"
+                for e in self.events
+            ),
+            f"  end:   {self.ends[1].message}",
+            *(f"  not located: {text}" for text in self.missed),
+            *(f"  note: {text}" for text in self.notes),
+        ]
+        return "\n".join(map(printable, lines))

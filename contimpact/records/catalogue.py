@@ -1,0 +1,332 @@
+"""Writing a diagram to a folder and reading it back.
+
+The files are contracts with a schema name and number in each: ``catalogue.json``, the same flat in
+``events.csv``, ``branches/<id>-<word>.csv``, and ``manifest.json``. Floating-point numbers are
+written so that they read back to the same bits. What is not a finite number is null in JSON files;
+the first lines of tables write it as the text ``inf``, ``-inf`` or ``nan``, which is read back.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import functools
+import platform
+import re
+import sys
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from .. import __version__
+from ..compiling.compiled import mode, used
+from ..continuation.branch import End
+from ..errors import InputError
+from ..storage.files import Content, write_all
+from ..storage.shapes import fitted, made
+from ..storage.texts import csv_text, json_line, json_text
+from .branch import Branch
+from .diagram import Diagram
+from .entry import Entry
+from .loading import BRANCH, CURVE, checking, entry_of, read_branch, read_curve
+from .reading import read
+from .result_folder import (
+    CATALOGUE,
+    MANIFEST,
+    TABLES,
+    WANTED,
+    branch_file,
+    curve_file,
+    held,
+    read_json,
+    reading,
+    renewed,
+)
+
+if TYPE_CHECKING:
+    from .competition import Region
+    from .curve import Check, Curve
+
+
+EVENT_COLUMNS = (
+    "id", "kind", "ghost", "label", "why", "branch", "word", "period", "notation", "becomes",
+    "order", "criticality", "slope", "wall", "flight", "impact", "touch_time", "requested",
+    "parameter", "n_unstable", "stable", "physical", "reason", "residual", "error", "method",
+    "arclength", "opens",
+)  # fmt: skip
+
+# Folders and files.
+
+
+def write_diagram(diagram: Diagram, folder: str | Path) -> list[str]:
+    """Write catalogue, events and branches of a diagram.
+
+    Parameters
+    ----------
+    diagram : Diagram
+    folder : str or Path
+        Made if it is not there. Files of an earlier diagram are replaced.
+
+    Returns
+    -------
+    list of str
+        The files written, relative to the folder.
+
+    Raises
+    ------
+    InputError
+        If the folder cannot be written, or another process writes to it.
+    NotWrittenError
+        If some of the files could not be written; the others are there.
+    """
+    names = [branch.id for branch in diagram.branches]
+    if odd := next((name for name in names if not re.fullmatch(r"[\w-]+", name)), None):
+        accepted = "give names of letters, digits, - and _"
+        raise InputError("branches", f"a branch is called {odd!r}", accepted)
+    if twice := next((name for name in names if names.count(name) > 1), None):
+        raise InputError(
+            "branches",
+            f"two branches are called {twice!r}",
+            "give each its own name when following",
+        )
+    with held(folder, FILES, TABLES) as place, renewed(place, ["run"]):
+        return sorted(write_all(place, diagram_files(diagram)))
+
+
+FILES = ("catalogue.json", "events.csv")
+
+
+def diagram_files(diagram: Diagram) -> dict[str, Content]:
+    """Return what makes the files of `write_diagram`, by name, the catalogue first."""
+    contents: dict[str, Content] = {
+        "catalogue.json": lambda: catalogue_text(diagram),
+        "events.csv": lambda: events_text(diagram),
+    }
+    for branch in diagram.branches:
+        contents[branch_file(branch.id, branch.word)] = functools.partial(branch_text, branch)
+    for curve in diagram.curves:
+        contents[curve_file(curve.id, curve.kind, curve.word)] = functools.partial(
+            curve_text, curve
+        )
+    return contents
+
+
+# The catalogue.
+
+
+def catalogue_text(diagram: Diagram) -> str:
+    """Return ``catalogue.json``."""
+    content = {
+        "schema": CATALOGUE,
+        "scene": diagram.name,
+        "branches": [_branch_record(branch) for branch in diagram.branches],
+        "entries": [dataclasses.asdict(entry) for entry in diagram.entries],
+        "reading": read(diagram).as_record(),
+    }
+    if diagram.curves:
+        content["curves"] = [_curve_record(curve) for curve in diagram.curves]
+        content["competition"] = [dataclasses.asdict(region) for region in _competition(diagram)]
+        content["checks"] = [dataclasses.asdict(check) for check in diagram.checks]
+    return json_text(content)
+
+
+def _branch_record(branch: Branch) -> dict[str, Any]:
+    return {
+        "id": branch.id,
+        "word": branch.word,
+        "period": branch.period,
+        "notation": branch.notation,
+        "parameter": branch.parameter,
+        "from": branch.origin,
+        "meetings": list(branch.meetings),
+        "points": len(branch),
+        "ends": [_end_record(branch, end) for end in branch.ends],
+        "missed": list(branch.missed),
+        "notes": list(branch.notes),
+    }
+
+
+def _curve_record(curve: Curve) -> dict[str, Any]:
+    first, second = curve.parameters
+    return {
+        "id": curve.id,
+        "kind": curve.kind,
+        "label": curve.label,
+        "word": curve.word,
+        "period": curve.period,
+        "notation": curve.notation,
+        "parameters": [first, second],
+        "fixed": dict(curve.fixed),
+        "from": curve.origin,
+        "points": len(curve),
+        "ends": [
+            {
+                "kind": end.kind.name.lower(),
+                "parameter": end.value,
+                **{name: float(curve[name][row]) for name in curve.parameters},
+                "message": end.message,
+            }
+            for end, row in zip(curve.ends, (0, -1), strict=True)
+        ],
+        "missed": list(curve.missed),
+        "codimension2": [dataclasses.asdict(point) for point in curve.points],
+    }
+
+
+def _competition(diagram: Diagram) -> list[Region]:
+    from .competition import column, regions
+
+    curve = diagram.curves[0]
+    along = column(list(curve.columns), curve.parameters[0])
+    return regions(diagram.curves, along, diagram.checks)
+
+
+def curve_text(curve: Curve) -> str:
+    """Return a curve's CSV: a comment line with its record, then the table."""
+    head = {"schema": CURVE, **_curve_record(curve)}
+    rows = zip(*(values.tolist() for values in curve.columns.values()), strict=True)
+    return f"# {json_line(head)}\n" + csv_text(list(curve.columns), rows, exact=True)
+
+
+def _end_record(branch: Branch, end: End) -> dict[str, Any]:
+    return {"kind": end.kind.name.lower(), "parameter": end.value, "message": end.message}
+
+
+def events_text(diagram: Diagram) -> str:
+    """Return ``events.csv``: a row per entry; impacts and multipliers are spread over columns."""
+    rows = [_flat(entry) for entry in diagram.entries]
+    columns = list(EVENT_COLUMNS)
+    for row in rows:
+        columns += [name for name in row if name not in columns]
+    return csv_text(columns, ([row.get(name) for name in columns] for row in rows))
+
+
+def _flat(entry: Entry) -> dict[str, Any]:
+    row: dict[str, Any] = {name: getattr(entry, name) for name in EVENT_COLUMNS}
+    row["opens"] = " ".join(entry.opens)
+    if entry.requested is not None:
+        row["requested"] = " ".join(f"{n}={v!r}" for n, v in entry.requested.items())
+    row |= entry.parameters
+    for k, impact in enumerate(entry.impacts, start=1):
+        row |= {f"{name}{k}": value for name, value in impact.items()}
+    for k, mu in enumerate(entry.multipliers, start=1):
+        real, imaginary = mu or (None, None)
+        row |= {f"multiplier{k}_re": real, f"multiplier{k}_im": imaginary}
+    return row
+
+
+# Branches.
+
+
+def branch_text(branch: Branch) -> str:
+    """Return a branch's CSV: a comment line with all that is not a column, then the table."""
+    head = {
+        "schema": BRANCH,
+        "id": branch.id,
+        "word": branch.word,
+        "period": branch.period,
+        "notation": branch.notation,
+        "system": branch.system,
+        "options": dict(branch.options),
+        "parameter": branch.parameter,
+        "from": branch.origin,
+        "meetings": list(branch.meetings),
+        "points": len(branch),
+        "ends": [_end_record(branch, end) for end in branch.ends],
+        "missed": list(branch.missed),
+        "notes": list(branch.notes),
+        "events": [dataclasses.asdict(entry) for entry in branch.events],
+    }
+    rows = zip(*(values.tolist() for values in branch.columns.values()), strict=True)
+    return f"# {json_line(head)}\n" + csv_text(list(branch.columns), rows, exact=True)
+
+
+def load_entries(folder: str | Path) -> list[Entry]:
+    """Read the entries of a saved catalogue, to start branches and curves from.
+
+    Raises
+    ------
+    InputError
+        If there is no catalogue of this schema, or its run was ended while it wrote the folder.
+    """
+    path = Path(folder) / "catalogue.json"
+    with reading(path.parent), checking(path, CATALOGUE):
+        content = read_json(path, CATALOGUE, WANTED)
+        return [entry_of(record) for record in content["entries"]]
+
+
+def load_diagram(folder: str | Path) -> Diagram:
+    """Read a folder written by `write_diagram`.
+
+    Raises
+    ------
+    InputError
+        If there is no catalogue, its schema is another one, a file is missing or damaged, or the
+        folder's run was ended while it wrote the folder.
+    """
+    folder = Path(folder)
+    path = folder / "catalogue.json"
+    with reading(folder), checking(path, CATALOGUE):
+        catalogue = read_json(path, CATALOGUE, WANTED)
+        branches = [_branch_of(folder, record) for record in catalogue["branches"]]
+        names = [curve_file(c["id"], c["kind"], c["word"]) for c in catalogue.get("curves", [])]
+        curves = [read_curve(folder / name) for name in names]
+        checks = _checks(catalogue.get("checks", []))
+        return Diagram(fitted(catalogue["scene"], str, "scene"), branches, curves or (), checks)
+
+
+def _checks(records: Sequence[Any]) -> Sequence[Check]:
+    """The one-parameter runs a catalogue records, if there are any."""
+    if not records:
+        return ()
+    from .curve import Check
+
+    return [made(Check, record) for record in records]
+
+
+def _branch_of(folder: Path, record: Mapping[str, Any]) -> Branch:
+    """The branch of a record of the catalogue, if its table belongs to it."""
+    path = folder / branch_file(record["id"], record["word"])
+    branch = read_branch(path)
+    if len(branch) != record["points"]:
+        raise InputError(
+            str(path), f"damaged: {len(branch)} of {record['points']} rows",
+            "give a folder whose files are of one run",
+        )  # fmt: skip
+    return branch
+
+
+# The manifest.
+
+
+def manifest_text(
+    scene: Mapping[str, Any], given: Mapping[str, Any], left_out: Sequence[str],
+    statistics: Mapping[str, Any], files: Sequence[str], catalogue: str | None = None,
+) -> str:  # fmt: skip
+    """Return ``manifest.json``: what was asked, what ran, what it cost, what was left out.
+
+    `catalogue` is the digest of the catalogue beside it.
+    """
+    versions = {"contimpact": __version__, "python": platform.python_version()}
+    for name in ("numpy", "scipy", "sympy", "matplotlib"):
+        if name in sys.modules:
+            versions[name] = sys.modules[name].__version__
+    return json_text(
+        {
+            "schema": MANIFEST,
+            "versions": versions,
+            "scene": {"given": given, "resolved": scene},
+            **statistics,
+            "compiled": {"mode": mode(), "programs": used()},
+            "modules": _modules(),
+            "left_out": list(left_out),
+            "files": sorted(files),
+            "sha256": {"catalogue.json": catalogue} if catalogue else {},
+        }
+    )
+
+
+def _modules() -> list[str]:
+    """The package's modules that were imported, and the libraries among its dependencies."""
+    own = [name for name in sys.modules if name.split(".")[0] == "contimpact"]
+    libraries = ("numpy", "scipy", "sympy", "mpmath", "matplotlib", "numba")
+    return sorted(own) + [name for name in libraries if name in sys.modules]

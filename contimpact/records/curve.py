@@ -1,0 +1,139 @@
+"""Curves of bifurcations in two parameters as data, and the runs they are checked against."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from ..continuation.branch import End
+from .tables import same_data
+
+Array = np.ndarray[Any, Any]
+
+
+@dataclass(frozen=True, eq=False)
+class Curve:
+    """A curve of bifurcations, as a table.
+
+    Attributes
+    ----------
+    id, kind, label : str
+        Its name, the kind of bifurcation, and the label of the entry it was started from.
+    word, period, notation
+        The orbits on it.
+    parameters : (str, str)
+        The branch's parameter and the second one.
+    columns : mapping of str to ndarray
+        As of a branch; `n_unstable`, `physical` and `reason` leave the bifurcation itself out.
+    ends : (End, End)
+    points : sequence of Codim2
+        The points of codimension two on it, in order.
+    origin : str
+        The entry it was started from.
+    missed : sequence of str
+    fixed : mapping of str to float
+        Values of a family's parameters.
+    evaluations : int
+        Flights evaluated to follow it; not written to files.
+    """
+
+    id: str
+    kind: str
+    label: str
+    word: str
+    period: int
+    notation: str
+    parameters: tuple[str, str]
+    columns: Mapping[str, Array]
+    ends: tuple[End, End]
+    points: Sequence[Codim2]
+    origin: str
+    missed: Sequence[str] = ()
+    fixed: Mapping[str, float] = field(default_factory=dict)
+    evaluations: int = field(default=0, compare=False)
+
+    def __getitem__(self, column: str) -> Array:
+        return self.columns[column]
+
+    def __len__(self) -> int:
+        return len(self.columns["arclength"])
+
+    def __eq__(self, other: object) -> bool:
+        return same_data(self, other) if isinstance(other, Curve) else NotImplemented
+
+    __hash__ = None  # type: ignore[assignment]
+
+    @property
+    def ghost(self) -> Array:
+        """Whether the bifurcation is a ghost, point by point."""
+        return np.asarray((self["n_unstable"] > 0) | (self["physical"] == 0))
+
+    def __repr__(self) -> str:
+        first, second = self.parameters
+        values = self[second]
+        lines = [
+            f"Curve {self.id}: {self.label} in ({first}, {second}), {len(self)} points, {second} "
+            f"from {values.min():.9g} to {values.max():.9g}",
+            *(f"  end: {end.message}" for end in self.ends),
+            *(
+                f"  {p.kind:6} {first} = {p.parameters[first]:.12g}, "
+                f"{second} = {p.parameters[second]:.12g}: {p.changes}"
+                for p in self.points
+            ),
+        ]
+        return "\n".join(lines)
+
+
+@dataclass(frozen=True)
+class Codim2:
+    """A point of codimension two on a curve, as the catalogue records it.
+
+    Attributes
+    ----------
+    id, curve, kind : str
+        PD-G, FB-G, BP-G, G-FB, G-PD, CP (cusp), GPD, DG (touch with zero acceleration), R1, R2, ...
+    changes : str
+        What changes there.
+    parameters : mapping of str to float
+    impacts : sequence of mappings
+    residual, error : float
+        Of the curve's equations; a bound of the error of the second parameter.
+    """
+
+    id: str
+    curve: str
+    kind: str
+    changes: str
+    parameters: Mapping[str, float]
+    impacts: Sequence[Mapping[str, Any]]
+    residual: float
+    error: float
+
+
+@dataclass(frozen=True)
+class Check:
+    """What a one-parameter run says comes first.
+
+    Attributes
+    ----------
+    fixed : mapping of str to float
+        The family's parameter.
+    word, period, notation
+        The orbit.
+    second : str
+    value : float
+        Of the second parameter.
+    first : str or None
+        Label of the first real bifurcation as d, or the first parameter, falls.
+    """
+
+    fixed: Mapping[str, float]
+    word: str
+    period: int
+    notation: str
+    second: str
+    value: float
+    first: str | None

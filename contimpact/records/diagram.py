@@ -1,0 +1,110 @@
+"""Results as data: branches as tables, entries of the catalogue, the diagram of both."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from ..errors import InputError, printable, shown
+from .branch import Branch
+from .entry import Entry
+
+if TYPE_CHECKING:
+    from ..models.model import Model
+    from ..orbits.search import Orbit
+    from .curve import Check, Curve
+
+Array = np.ndarray[Any, Any]
+
+
+@dataclass(frozen=True)
+class Diagram:
+    """All branches of a scene, with what it cost to compute them.
+
+    Attributes
+    ----------
+    name : str
+        The scene's.
+    branches : sequence of Branch
+    curves : sequence of Curve
+        Of bifurcations in two parameters.
+    checks : sequence of Check
+        One-parameter runs against which the order of the curves was checked.
+    statistics : mapping
+        Seconds per stage, counts, kernels loaded and generated.
+    """
+
+    name: str
+    branches: Sequence[Branch]
+    curves: Sequence[Curve] = ()
+    checks: Sequence[Check] = ()
+    statistics: Mapping[str, Any] = field(default_factory=dict, compare=False)
+
+    @property
+    def entries(self) -> list[Entry]:
+        """The events of all branches."""
+        return [entry for branch in self.branches for entry in branch.events]
+
+    def __getitem__(self, name: str) -> Branch | Curve | Entry:
+        """Return a branch, a curve or an entry by its name: ``b1``, ``c1``, ``e1``."""
+        kept: list[Branch | Curve | Entry] = [*self.branches, *self.curves, *self.entries]
+        for one in kept:
+            if one.id == name:
+                return one
+        groups = (self.branches, self.curves, self.entries)
+        known = [_span([one.id for one in group]) for group in groups if group]
+        raise InputError(
+            f"diagram {self.name}", f"nothing is called {shown(name)}",
+            f"there are {', '.join(known) or 'no branches'}",
+        )  # fmt: skip
+
+    def entry(self, name: str) -> Entry:
+        """Return an entry by its name."""
+        found = self[name]
+        if not isinstance(found, Entry):
+            accepted = "give the name of an entry, such as 'e1'; a row is branch.orbit(row)"
+            raise InputError(f"diagram {self.name}", f"{name} has many orbits", accepted)
+        return found
+
+    def orbit(self, name: str, model: Model | None = None) -> Orbit:
+        """Return the orbit of an entry by its name; see `Entry.orbit`."""
+        return self.entry(name).orbit(model)
+
+    def __repr__(self) -> str:
+        rows = [_branch_line(b) for b in self.branches] + [_curve_line(c) for c in self.curves]
+        if len(rows) > SHOWN:
+            rows[SHOWN - 1 :] = [f"  ... and {len(rows) - SHOWN + 1} more"]
+        counts = f"{len(self.branches)} branches, {len(self.entries)} events"
+        curves = f", {len(self.curves)} curves" if self.curves else ""
+        lines = [f"Diagram {self.name}: {counts}{curves}", *rows]
+        return "\n".join(map(printable, lines))
+
+
+SHOWN = 9
+"""Lines of a diagram's branches and curves that are shown."""
+
+
+def _branch_line(branch: Branch) -> str:
+    values = branch[branch.parameter]
+    events = ", ".join(f"{e.id} {e.label}" for e in branch.events) or "no events"
+    if len(events) > 60:
+        events = f"{len(branch.events)} events, {_span([e.id for e in branch.events])}"
+    missed = f"; {len(branch.missed)} not located" if branch.missed else ""
+    return (
+        f"  {branch.id:4} {branch.notation:9} {branch.parameter} from {values.min():.6g} to "
+        f"{values.max():.6g}: {events}{missed}"
+    )
+
+
+def _span(names: Sequence[str]) -> str:
+    """The first and the last of some names."""
+    return names[0] if len(names) == 1 else f"{names[0]} to {names[-1]}"
+
+
+def _curve_line(curve: Curve) -> str:
+    first, second = curve.parameters
+    low, high = curve[second].min(), curve[second].max()
+    return f"  {curve.id:4} {curve.label} in {first}; {second} from {low:.6g} to {high:.6g}"

@@ -1,0 +1,137 @@
+"""An event on a branch, as the catalogue records it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any
+
+from ..errors import printable
+
+if TYPE_CHECKING:
+    from ..models.model import Model
+    from ..orbits.search import Orbit
+
+
+@dataclass(frozen=True)
+class Entry:
+    """An event on a branch, as the catalogue records it; the attributes are its keys.
+
+    Attributes
+    ----------
+    id, branch : str
+        Its own name and its branch's.
+    kind : str
+        FB, BP, PD, NS, G, V, T, UZ, or a user's name.
+    label : str
+        As in Table 1 of the paper: ``PD``, ``~PD``, ``G[1:1->2:1]``.
+    ghost : bool
+        Whether the orbit that carries it is unstable or unphysical for another reason than the
+        event; `n_unstable`, `stable`, `physical` and `reason` likewise leave the event out.
+    word, period, notation
+        The orbit.
+    why : str or None
+        Why it is a ghost.
+    becomes : str or None
+        The word beyond a grazing or a zero velocity, with its period.
+    order : int or None
+        For G, how many impacts are added.
+    criticality : str or None
+        ``supercritical`` or ``subcritical``, for G and PD, where it can be told.
+    slope : float or None
+        For G, the derivative of the new impact's velocity, towards its wall, by the parameter.
+    flight, impact, wall, touch_time
+        Where it happens, as far as that applies.
+    requested : mapping or None
+        For UZ, the name and value asked for.
+    parameters : mapping of str to float
+        All parameters and derived parameters.
+    impacts : sequence of mappings
+        Wall, time, velocity (and other section coordinates) of each impact; the first time is in
+        [0, T).
+    multipliers : sequence of (real, imaginary)
+        None in the place of an infinite multiplier.
+    multipliers_before, multipliers_after
+        The same at the neighbouring points of the branch.
+    residual, error : float
+        Of the equations it was located with; a bound of the error of the followed parameter.
+    method : str
+        ``newton`` on the extended system, or ``bracket``.
+    arclength : float
+        Where it lies on its branch.
+    tangent : sequence of float or None
+        For BP, the branch's direction: by the time and section coordinates of each impact in turn,
+        and by the parameter.
+    opens : sequence of str
+        Branches that start here.
+    system, options
+        The model, and the texts that shape its formulas; None and empty where a catalogue of an
+        earlier version does not say.
+    nu, nu_error : float or None
+        For BP, what would unfold the crossing of branches, zero within its estimated error.
+    """
+
+    id: str
+    kind: str
+    ghost: bool
+    label: str
+    why: str | None
+    branch: str
+    word: str
+    period: int
+    notation: str
+    becomes: str | None
+    order: int | None
+    criticality: str | None
+    slope: float | None
+    wall: str | None
+    flight: int | None
+    impact: int | None
+    touch_time: float | None
+    requested: Mapping[str, float] | None
+    parameter: str
+    parameters: Mapping[str, float]
+    impacts: Sequence[Mapping[str, Any]]
+    multipliers: Sequence[tuple[float, float] | None]
+    multipliers_before: Sequence[tuple[float, float] | None]
+    multipliers_after: Sequence[tuple[float, float] | None]
+    n_unstable: int
+    stable: bool
+    physical: bool
+    reason: str | None
+    residual: float
+    error: float
+    method: str
+    arclength: float
+    tangent: Sequence[float] | None = None
+    opens: Sequence[str] = ()
+    system: str | None = None
+    options: Mapping[str, str] = field(default_factory=dict)
+    nu: float | None = None
+    nu_error: float | None = None
+
+    @property
+    def value(self) -> float:
+        """Value of the followed parameter."""
+        return self.parameters[self.parameter]
+
+    def orbit(self, model: Model | None = None) -> Orbit:
+        """Return the orbit at the event, to continue it or to look at it.
+
+        Parameters
+        ----------
+        model : Model, optional
+            The system, where its name does not tell: an own one that is not imported. Parameter
+            values are taken from the entry.
+
+        Raises
+        ------
+        InputError
+            If the system is not known, or the entry is none of it.
+        """
+        from .recovery import orbit_of
+
+        return orbit_of(self, model)
+
+    def __repr__(self) -> str:
+        return printable(f"<{self.label} on {self.branch} at {self.parameter} = {self.value:.12g}>")

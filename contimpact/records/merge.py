@@ -1,0 +1,111 @@
+"""Catalogues of several scenes in one table, with where each entry comes from."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+from ..errors import InputError
+from ..storage.files import Content, write_all
+from ..storage.shapes import fitted
+from ..storage.texts import csv_text, json_text, markdown_cell
+from .loading import checking, entry_of
+from .result_folder import CATALOGUE, MANIFEST, WANTED, read_json, reading, sha256
+
+CATALOGUES = "contimpact.catalogues/1"
+FILES = ("catalogues.json", "catalogues.csv", "catalogues.md")
+TABLE = ("scene", "id", "label", "ghost", "why", "criticality", "branch", "word", "period")
+
+
+def merge(folders: Sequence[str | Path]) -> dict[str, Any]:
+    """Merge the catalogues of several output folders.
+
+    Parameters
+    ----------
+    folders : sequence of str or Path
+        Written by ``contimpact run``.
+
+    Returns
+    -------
+    dict
+        ``sources`` (scene, where its numbers are from, versions, digest of the catalogue) and
+        ``entries``, each with its scene.
+
+    Raises
+    ------
+    InputError
+        If a folder has no catalogue, its schema is not this version's, its run was ended while it
+        wrote the folder, or two different catalogues go by the same scene name.
+    """
+    sources: list[dict[str, Any]] = []
+    entries: list[dict[str, Any]] = []
+    for folder in map(Path, folders):
+        path = folder / "catalogue.json"
+        with reading(folder):
+            content = read_json(path, CATALOGUE, WANTED)
+            digest, origin = sha256(path), _origin(folder)
+        with checking(path, CATALOGUE):
+            scene = fitted(content["scene"], str, "scene")
+            for record in content["entries"]:
+                entry_of(record)
+        same = next((s for s in sources if s["scene"] == scene), None)
+        if same is not None:
+            if same["sha256"] != digest:
+                raise InputError(
+                    str(folder), f"a second, different catalogue of the scene {scene!r}",
+                    "give each scene a name of its own",
+                )  # fmt: skip
+            continue
+        sources.append({"scene": scene, "folder": folder.name, "sha256": digest, **origin})
+        entries += [{"scene": scene, **entry} for entry in content["entries"]]
+    return {"schema": CATALOGUES, "sources": sources, "entries": entries}
+
+
+def _origin(folder: Path) -> dict[str, Any]:
+    """What the manifest says of a catalogue; nothing if the folder has none."""
+    path = folder / "manifest.json"
+    if not path.exists():
+        return {"source": None, "versions": None}
+    manifest = read_json(path, MANIFEST, WANTED)
+    try:
+        return {
+            "source": manifest["scene"]["resolved"]["source"],
+            "versions": manifest["versions"],
+        }
+    except (KeyError, TypeError):
+        raise InputError(str(path), "damaged", f"give {WANTED}") from None
+
+
+def write_merged(merged: dict[str, Any], folder: Path) -> list[str]:
+    """Write `FILES` of merged catalogues; returns their names."""
+    for name in FILES:  # so that what is there is of one run
+        (folder / name).unlink(missing_ok=True)
+    makers: tuple[Content, ...] = (
+        lambda: json_text(merged),
+        lambda: csv_text(*_table(merged)),
+        lambda: _markdown(*_table(merged)),
+    )
+    return write_all(folder, dict(zip(FILES, makers, strict=True)))
+
+
+def _table(merged: dict[str, Any]) -> tuple[list[str], list[list[Any]]]:
+    entries = merged["entries"]
+    parameters = list(dict.fromkeys(name for e in entries for name in e["parameters"]))
+    columns = [*TABLE, "parameter", "value", "error", *parameters]
+    rows = [
+        [
+            *(e.get(name) for name in TABLE), e["parameter"], e["parameters"][e["parameter"]],
+            e.get("error"), *(e["parameters"].get(name) for name in parameters),
+        ]
+        for e in entries
+    ]  # fmt: skip
+    return columns, rows
+
+
+def _markdown(columns: list[str], rows: list[list[Any]]) -> str:
+    shown = [i for i, name in enumerate(columns) if name not in ("why", "word", "period")]
+    lines = [" | ".join(markdown_cell(row[i]) for i in shown) for row in (columns, *rows)]
+    lines = [f"| {line} |" for line in lines]
+    lines.insert(1, "|" + "---|" * len(shown))
+    return "\n".join(lines) + "\n"

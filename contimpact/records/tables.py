@@ -1,0 +1,39 @@
+"""What tables and records of orbits have in common: names of columns, equality."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from ..orbits.linearisation import Linearisation
+
+
+def same_data(one: Any, other: Any) -> bool:
+    """Whether two tables, or what they hold, are the same to the bit; nan is the same as nan."""
+    if isinstance(one, np.ndarray) and isinstance(other, np.ndarray):
+        return np.array_equal(one, other, equal_nan=one.dtype.kind == other.dtype.kind == "f")
+    if isinstance(one, float) and isinstance(other, float):
+        return one == other or (one != one and other != other)
+    if isinstance(one, Mapping) and isinstance(other, Mapping):
+        return list(one) == list(other) and all(same_data(one[k], other[k]) for k in one)
+    if isinstance(one, list | tuple) and isinstance(other, list | tuple):
+        return len(one) == len(other) and all(map(same_data, one, other))
+    if dataclasses.is_dataclass(one) and type(one) is type(other):
+        names = [f.name for f in dataclasses.fields(one) if f.compare]
+        return all(same_data(getattr(one, n), getattr(other, n)) for n in names)
+    return bool(one == other)
+
+
+def all_parameters(here: Linearisation) -> dict[str, float]:
+    """Return every parameter and derived parameter at a point, by name."""
+    problem = here.problem
+    values = problem.values(here.unknowns)
+    return dict(zip(problem.model.values, values, strict=True)) | dict(here.derived)
+
+
+def coordinates(m: int) -> list[str]:
+    """Return the names of an impact's time and section coordinates."""
+    return ["t", "v", *(f"{n}{i}_" for i in range(1, m // 2) for n in ("x", "v"))]

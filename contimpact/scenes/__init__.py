@@ -1,0 +1,1 @@
+"""Scenes: what to follow, read from TOML and validated."""

@@ -1,0 +1,67 @@
+"""What a scene may ask for beside its branches: pictures, and curves in a second parameter."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from ..continuation.settings import Settings
+
+CURVE_SETTINGS = Settings(tolerance=1e-13, max_step=0.05, max_points=1000)
+FORMATS = ("svg", "png", "pdf")
+SHOWN = ("period-1", "all", "none")
+LABELS = ("all", "period-1", "real", "none")
+SCENE_SETTINGS = Settings(max_step=0.03)
+"""Numerics of a scene that says nothing else; steps short enough for a smooth picture."""
+
+LARGEST_TOLERANCE = 1e-3
+LARGEST_SEED = 2**63 - 1
+MOST_POINTS = 10**9
+MOST_STARTS = 100_000
+MOST_TRIES = 1000
+"""Of corrector iterations, rounds of the search, and switches one after another."""
+MOST_BRANCHES = 100_000
+
+
+@dataclass(frozen=True)
+class PlotOptions:
+    """How the diagram is drawn: the parameter on the x axis, limits, on which branches unphysical
+    orbits are shown (``period-1``, ``all``, ``none``), formats to write, which events are labelled
+    (``all``, ``period-1``, ``real``, ``none``)."""
+
+    x: str
+    xlim: tuple[float, float] | None = None
+    ylim: tuple[float, float] | None = None
+    unphysical: str = "period-1"
+    formats: tuple[str, ...] = ("svg", "png")
+    labels: str = "all"
+
+
+@dataclass(frozen=True)
+class CurveOptions:
+    """Which curves to follow in a second parameter.
+
+    Attributes
+    ----------
+    parameter : str
+    range : (low, high)
+    kinds : sequence of str
+        Kinds of the entries at which curves start.
+    unphysical : bool
+        Whether also entries of unphysical orbits have their curves followed.
+    values : sequence of float
+        Values of the second parameter to hit exactly.
+    family : (name, values) or None
+        A third parameter, and the values of it for which everything is repeated.
+    settings : Settings
+    start : sequence of float
+        Further values of the second parameter at which curves start and are checked.
+    """
+
+    parameter: str
+    range: tuple[float, float]
+    kinds: tuple[str, ...]
+    unphysical: bool = False
+    values: tuple[float, ...] = ()
+    family: tuple[str, tuple[float, ...]] | None = None
+    settings: Settings = CURVE_SETTINGS
+    start: tuple[float, ...] = ()

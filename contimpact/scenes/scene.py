@@ -1,0 +1,318 @@
+"""Scenes: what to follow, read from TOML and validated.
+
+Every mistake is refused with the path of its key, what was found and what would do. The format is
+a contract, documented key by key in the documentation's page on scenes.
+"""
+
+from __future__ import annotations
+
+import re
+import tomllib
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from ..bifurcations.names import EVENTS, KINDS
+from ..continuation.settings import Settings
+from ..errors import InputError, shown
+from ..models.model import Model
+from ..models.word import Word, parse_word
+from ..storage.files import bounded, read_bounded, reason
+from .options import FORMATS, SCENE_SETTINGS, CurveOptions, PlotOptions
+from .table import Table
+from .tables import (
+    read_curves,
+    read_detect,
+    read_model,
+    read_numerics,
+    read_plot,
+    read_reach,
+    read_simulation,
+)
+
+if TYPE_CHECKING:
+    from ..systems.membrane import Membrane
+    from .simulate_tables import SimulateOptions
+
+LARGEST_FILE = 1_000_000
+"""Bytes of a scene file."""
+LONGEST_KEY = 100
+LONG_KEY = re.compile(
+    r"""^[ \t]*+(?:(?:[\w-]++|"(?:[^"\\\n]|\\.)*+"|'[^'\n]*+')[ \t]*+\.[ \t]*+){100}""",
+    re.MULTILINE,
+)
+"""A dotted key of more names than `LONGEST_KEY`; reading it takes the square of their number."""
+LONGEST_NAME = 200
+
+__all__ = ["FORMATS", "CurveOptions", "PlotOptions", "Scene", "load_scene", "read_scene"]
+
+
+@dataclass(frozen=True)
+class Scene:
+    """A validated scene.
+
+    Attributes
+    ----------
+    name, source : str
+    model : Model
+        At the start's parameter values.
+    parameter : str
+        The followed parameter.
+    range : (low, high)
+    orbits : sequence of Word
+    switch : sequence of str
+        Kinds of events at which to switch to the branch born there.
+    depth : int
+        How many switches deep.
+    max_branches, max_points : int
+        Budget of the whole diagram.
+    survey : bool
+        Whether to look for more orbits of each word across the range.
+    events : sequence of str
+        Kinds to look for.
+    values : mapping of str to sequence of float
+        Values to hit exactly, by parameter.
+    settings : Settings
+    seed, starts, rounds : int
+        Of the search for orbits.
+    plot : PlotOptions
+    curves : CurveOptions or None
+    simulate : SimulateOptions or None
+        What ``contimpact simulate`` computes; ``contimpact run`` does not look at it.
+    energy : Membrane or None
+        What output voltages are computed from, if they are.
+    given : mapping
+        The scene as it was written.
+    """
+
+    name: str
+    source: str
+    model: Model
+    parameter: str
+    range: tuple[float, float]
+    orbits: tuple[Word, ...]
+    switch: tuple[str, ...] = ()
+    depth: int = 1
+    max_branches: int = 50
+    max_points: int = 20000
+    survey: bool = False
+    events: tuple[str, ...] = EVENTS
+    values: Mapping[str, Sequence[float]] = field(default_factory=dict)
+    settings: Settings = SCENE_SETTINGS
+    seed: int = 0
+    starts: int = 256
+    rounds: int = 8
+    plot: PlotOptions = field(default_factory=lambda: PlotOptions("s"))
+    curves: CurveOptions | None = None
+    simulate: SimulateOptions | None = None
+    energy: Membrane | None = None
+    given: Mapping[str, Any] = field(default_factory=dict)
+
+    @property
+    def start(self) -> float:
+        """Value of the followed parameter at the start."""
+        return self.model.values[self.parameter]
+
+    def resolved(self) -> dict[str, Any]:
+        """Return the scene with every default filled in, as plain data."""
+        return {
+            "name": self.name,
+            "source": self.source,
+            "model": {
+                "system": self.model.SYSTEM,
+                **self.model.options,
+                "parameters": dict(self.model.values),
+            },
+            "follow": {
+                "parameter": self.parameter,
+                "range": list(self.range),
+                "orbits": [str(word) for word in self.orbits],
+                "switch": list(self.switch),
+                "depth": self.depth,
+                "max_branches": self.max_branches,
+                "max_points": self.max_points,
+                "survey": self.survey,
+            },
+            "detect": {
+                "events": list(self.events),
+                "values": {name: list(values) for name, values in self.values.items()},
+            },
+            "numerics": {
+                **asdict(self.settings), "seed": self.seed, "starts": self.starts,
+                "rounds": self.rounds,
+            },
+            **({"curves": self._resolved_curves()} if self.curves else {}),
+            **({"simulate": self.simulate.resolved()} if self.simulate else {}),
+            **({"energy": asdict(self.energy)} if self.energy else {}),
+            "plot": {
+                name: list(value) if isinstance(value, tuple) else value
+                for name, value in asdict(self.plot).items()
+                if value is not None
+            },
+        }  # fmt: skip
+
+    def _resolved_curves(self) -> dict[str, Any]:
+        curves = self.curves
+        assert curves is not None
+        family = {} if curves.family is None else {curves.family[0]: list(curves.family[1])}
+        settings = curves.settings
+        return {
+            "parameter": curves.parameter,
+            "range": list(curves.range),
+            "kinds": list(curves.kinds),
+            "unphysical": curves.unphysical,
+            "values": list(curves.values),
+            "start": list(curves.start),
+            "step": settings.step,
+            "max_step": settings.max_step,
+            "max_points": settings.max_points,
+            "family": family,
+        }
+
+    def left_out(self, simulated: bool = False) -> list[str]:
+        """Return what the scene does not ask for, in words; without a simulation that is left out,
+        too, whatever the scene says of it."""
+        unasked = [kind for kind in KINDS if kind not in self.events]
+        words = []
+        if unasked:
+            words.append(f"events {', '.join(unasked)}: not asked for, not evaluated")
+        if not set(self.events) & {"FB", "BP", "PD"}:
+            words.append("second derivatives: no event needs them, not generated")
+        if self.curves is None:
+            words.append("curves: no [curves]")
+        for what, key in (("simulation", "simulate"), ("energy", "energy")):
+            if getattr(self, key) is None:
+                words.append(f"{what}: no [{key}]")
+            elif not simulated:
+                words.append(f"{what}: [{key}] is for contimpact simulate alone")
+        if not self.switch:
+            words.append("switching: follow.switch is empty")
+        if not self.plot.formats:
+            words.append("diagram: plot.formats is empty, matplotlib is not imported")
+        return words
+
+
+def load_scene(path: str | Path) -> Scene:
+    """Read and validate a scene file.
+
+    Raises
+    ------
+    InputError
+        If the file cannot be read or the scene is not valid.
+    """
+    path = Path(path)
+    try:
+        text = _text(path)
+    except FileNotFoundError:
+        raise InputError(str(path), "no such file", "give the path of a scene.toml") from None
+    except IsADirectoryError:
+        raise InputError(
+            str(path), "a folder", f"give the file in it: {path / 'scene.toml'}"
+        ) from None
+    except UnicodeDecodeError as error:
+        raise InputError(str(path), f"not UTF-8 ({error})", "save it as UTF-8 text") from None
+    except OSError as error:
+        raise InputError(str(path), f"cannot be read ({reason(error)})", "check it") from None
+    except ValueError as error:  # too long, or not a path at all
+        raise InputError(str(path), str(error), "give a scene.toml") from None
+    toml = "give lines such as range = [0.1, 1.0] in tables such as [follow]"
+    try:
+        given = tomllib.loads(text)
+    except ValueError as error:  # TOMLDecodeError, and numbers of thousands of digits
+        raise InputError(str(path), f"not TOML: {error}", toml) from None
+    except RecursionError:
+        raise InputError(str(path), "nested too deeply", toml) from None
+    return read_scene(given)
+
+
+def _text(path: Path) -> str:
+    """The text of a scene file, or of what stands for one, such as ``/dev/stdin``."""
+    if path.parts[:2] == ("/", "dev"):
+        with open(path, "rb") as stream:
+            content = bounded(stream.read(LARGEST_FILE + 1), LARGEST_FILE)
+    else:
+        content = read_bounded(path, LARGEST_FILE)
+    text = content.decode("utf-8-sig")
+    if LONG_KEY.search(text):
+        raise ValueError(f"a key of more than {LONGEST_KEY} names")
+    return text
+
+
+def read_scene(given: Mapping[str, Any]) -> Scene:
+    """Validate a scene given as nested mappings.
+
+    Raises
+    ------
+    InputError
+        If it is not valid.
+    """
+    if not isinstance(given, Mapping):
+        raise InputError("scene", f"found {shown(given)}", "give a table of tables")
+    top = Table(given, "")
+    name = _name(top.text("name"))
+    source = top.text("source", "")
+    model = read_model(top.table("model"))
+    follow = top.table("follow")
+    parameter = follow.text("parameter")
+    if parameter in model.DERIVED:
+        raise InputError(
+            "follow.parameter", f"{parameter} is derived from other parameters",
+            f"follow one of {', '.join(model.values)}",
+        )  # fmt: skip
+    declared = model.require(parameter, "follow.parameter")
+    low, high = (declared.check(v, "follow.range") for v in follow.pair("range"))
+    start = model.values[parameter]
+    if not low <= start <= high:
+        raise InputError(
+            "follow.range", f"[{low:.12g}, {high:.12g}] does not hold the start "
+            f"{parameter} = {start:.12g}",
+            f"widen it or change model.parameters.{parameter}",
+        )  # fmt: skip
+    model.validate_between(parameter, low, high, "follow.range")
+    letters = [w.name for w in model.WALLS]
+    orbits = tuple(
+        dict.fromkeys(
+            parse_word(text, letters, f"follow.orbits[{i}]")
+            for i, text in enumerate(follow.texts("orbits"))
+        )
+    )
+    if not orbits:
+        raise InputError("follow.orbits", "empty", "name at least one orbit, such as '1:1'")
+    reach = read_reach(follow)
+    follow.finish()
+    detect = top.table("detect", optional=True)
+    events, values = read_detect(detect, model, parameter, (low, high))
+    for i, kind in enumerate(reach["switch"]):
+        if kind not in events:
+            raise InputError(
+                f"follow.switch[{i}]", f"{kind} is not among the events looked for",
+                f"add it to detect.events, which has {', '.join(events) or 'none'}",
+            )  # fmt: skip
+    settings, search = read_numerics(top.table("numerics", optional=True))
+    plot = read_plot(top.table("plot", optional=True), model, parameter)
+    curves = None
+    if "curves" in given:
+        curves = read_curves(top.table("curves"), model, parameter, events)
+    top.asked.append("curves")
+    simulate, energy = read_simulation(top, model, parameter, (low, high))
+    top.finish()
+    return Scene(
+        name, source, model, parameter, (low, high), orbits, events=events, values=values,
+        settings=settings, plot=plot, given=given, **search, **reach,
+        curves=curves, simulate=simulate, energy=energy,
+    )  # fmt: skip
+
+
+def _name(name: str) -> str:
+    """The scene's name, if a folder can be called so."""
+    if name.strip() in ("", ".", "..") or not name.isprintable() or set(name) & set("/\\"):
+        raise InputError(
+            "name", f"found {shown(name)}",
+            "give a name for a folder: not '.' or '..', no slashes, no control characters",
+        )  # fmt: skip
+    if len(name.encode()) > LONGEST_NAME:
+        raise InputError(
+            "name", f"found {shown(name)}", f"give a name of at most {LONGEST_NAME} bytes in UTF-8"
+        )
+    return name

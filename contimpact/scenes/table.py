@@ -1,0 +1,162 @@
+"""One table of a scene: keys handed out by type, every mistake named with the path of its key.
+
+Everything has a bound, so that no scene can ask for more than a machine has.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from ..errors import InputError, shown
+from ..models.expressions import number
+
+LARGEST_NUMBER = 1e100
+LONGEST_TEXT = 10_000
+LONGEST_LIST = 10_000
+
+_REQUIRED: Any = object()
+
+
+class Table:
+    """One table of a scene: hands out its keys by type, and refuses those nobody asked for.
+
+    Parameters
+    ----------
+    data : mapping
+        The table as it was read.
+    path : str
+        Its place in the scene, empty for the scene itself.
+
+    Attributes
+    ----------
+    asked : list of str
+        The keys asked for so far.
+
+    Notes
+    -----
+    Methods that take a key raise `InputError` if it is missing and has no default, of another type,
+    or out of bounds.
+    """
+
+    def __init__(self, data: Mapping[str, Any], path: str) -> None:
+        self.data, self.path = data, path
+        self.asked: list[str] = []
+
+    def place(self, key: str) -> str:
+        """Return the path of a key."""
+        return f"{self.path}.{key}" if self.path else key
+
+    def take(self, key: str, default: Any, wanted: str) -> Any:
+        """Return what stands at a key, or the default."""
+        self.asked.append(key)
+        if key in self.data:
+            return self.data[key]
+        if default is _REQUIRED:
+            if near := _nearest(key, [k for k in self.data if k not in self.asked]):
+                raise InputError(
+                    self.place(near), f"unknown key (did you mean {key!r}?)",
+                    f"{self.place(key)} is missing: give {wanted}",
+                )  # fmt: skip
+            raise InputError(self.place(key), "missing", f"give {wanted}")
+        return default
+
+    def refuse(self, key: str, found: Any, wanted: str) -> InputError:
+        """Return the error for a value that cannot be used."""
+        return InputError(self.place(key), f"found {shown(found)}", f"give {wanted}")
+
+    def text(self, key: str, default: Any = _REQUIRED) -> str:
+        """Return a text."""
+        value = self.take(key, default, "a text")
+        if not isinstance(value, str):
+            raise self.refuse(key, value, "a text in quotes")
+        if len(value) > LONGEST_TEXT:
+            raise InputError(
+                self.place(key), f"{len(value)} characters", f"at most {LONGEST_TEXT} are admitted"
+            )
+        return value
+
+    def texts(self, key: str, default: Any = _REQUIRED) -> list[str]:
+        """Return a list of texts."""
+        value = self.take(key, default, "a list of texts")
+        if not isinstance(value, list) or not all(isinstance(v, str) for v in value):
+            raise self.refuse(key, value, "a list of texts in quotes")
+        return list(self.bounded(key, value))
+
+    def number(self, key: str, default: Any = _REQUIRED) -> float:
+        """Return a number."""
+        value = self.take(key, default, "a number, or an expression in quotes")
+        return self.as_number(value, key)
+
+    def as_number(self, value: Any, key: str) -> float:
+        """Return a value as a number, of any size a scene may hold."""
+        if isinstance(value, str):
+            value = number(value, self.place(key))
+        if isinstance(value, bool) or not isinstance(value, int | float):
+            raise self.refuse(key, value, "a number, or an expression in quotes")
+        if not -LARGEST_NUMBER <= value <= LARGEST_NUMBER:
+            raise self.refuse(key, value, f"a finite number, at most {LARGEST_NUMBER:g} in size")
+        return float(value)
+
+    def numbers(self, key: str) -> list[float]:
+        """Return a list of numbers."""
+        value = self.take(key, _REQUIRED, "a list of numbers")
+        if not isinstance(value, list):
+            raise self.refuse(key, value, "a list of numbers")
+        return [self.as_number(v, f"{key}[{i}]") for i, v in enumerate(self.bounded(key, value))]
+
+    def bounded(self, key: str, values: list[Any]) -> list[Any]:
+        """Return a list if it is not too long."""
+        if len(values) > LONGEST_LIST:
+            raise InputError(
+                self.place(key), f"a list of {len(values)}", f"at most {LONGEST_LIST} are admitted"
+            )
+        return values
+
+    def pair(self, key: str) -> tuple[float, float]:
+        """Return two numbers, the lower one first."""
+        wanted = "two numbers, the lower one first"
+        if key not in self.data:
+            self.take(key, _REQUIRED, wanted)
+        values = self.numbers(key)
+        if len(values) != 2 or not values[0] < values[1]:
+            raise self.refuse(key, self.data[key], wanted)
+        return values[0], values[1]
+
+    def truth(self, key: str, default: bool) -> bool:
+        """Return true or false."""
+        value = self.take(key, default, "true or false")
+        if not isinstance(value, bool):
+            raise self.refuse(key, value, "true or false")
+        return value
+
+    def whole(self, key: str, default: Any = _REQUIRED, *, least: int = 1, most: int) -> int:
+        """Return a whole number from `least` to `most`."""
+        value = self.take(key, default, "a whole number")
+        if isinstance(value, bool) or not isinstance(value, int) or not least <= value <= most:
+            raise self.refuse(key, value, f"a whole number from {least} to {most}")
+        return value
+
+    def table(self, key: str, optional: bool = False) -> Table:
+        """Return the table at a key."""
+        value = self.take(key, {} if optional else _REQUIRED, f"a table [{self.place(key)}]")
+        if not isinstance(value, dict):
+            raise self.refuse(key, value, f"a table [{self.place(key)}]")
+        return Table(value, self.place(key))
+
+    def finish(self) -> None:
+        """Refuse the keys that nobody asked for."""
+        for key in self.data:
+            if key not in self.asked:
+                near = _nearest(key, self.asked)
+                hint = f" (did you mean {near!r}?)" if near else ""
+                raise InputError(
+                    self.place(key), f"unknown key{hint}", f"accepted are {', '.join(self.asked)}"
+                )
+
+
+def _nearest(key: str, known: Sequence[str]) -> str | None:
+    """The known key that is spelled most like another, if one is."""
+    import difflib
+
+    return next(iter(difflib.get_close_matches(key[:100], known[:100], 1)), None)

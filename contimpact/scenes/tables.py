@@ -1,0 +1,251 @@
+"""The tables of a scene, read one by one.
+
+Every mistake is refused with the path of its key, what was found and what would do.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import asdict, fields, replace
+from typing import TYPE_CHECKING, Any
+
+from ..bifurcations.names import CURVES, EVENTS, KINDS, SWITCHES
+from ..continuation.settings import Settings
+from ..errors import InputError, shown
+from ..models.model import Model
+from ..systems import system
+from .options import (
+    CURVE_SETTINGS,
+    FORMATS,
+    LABELS,
+    LARGEST_SEED,
+    LARGEST_TOLERANCE,
+    MOST_BRANCHES,
+    MOST_POINTS,
+    MOST_STARTS,
+    MOST_TRIES,
+    SCENE_SETTINGS,
+    SHOWN,
+    CurveOptions,
+    PlotOptions,
+)
+from .table import Table
+
+if TYPE_CHECKING:
+    from ..systems.membrane import Membrane
+    from .simulate_tables import SimulateOptions
+
+
+def read_model(table: Table) -> Model:
+    """Return the model of [model] at the start's parameter values."""
+    kind = system(table.text("system"), "model.system")
+    options = {name: table.text(name, default) for name, default in kind.OPTIONS.items()}
+    given = table.table("parameters")
+    for name in options:
+        if name in given.data:
+            raise InputError(
+                given.place(name), "not a parameter but an option", f"give it as model.{name}"
+            )
+    values = {name: given.number(name) for name in list(given.data)}
+    table.finish()
+    try:
+        return kind(**values, **options)
+    except InputError as error:
+        inside = "model" if error.where in options else "model.parameters"
+        raise error.within(inside) from None
+
+
+def read_reach(follow: Table) -> dict[str, Any]:
+    """Return how far to follow what is born on the branches, from [follow]."""
+    switch = follow.texts("switch", [])
+    for i, kind in enumerate(switch):
+        if kind not in SWITCHES:
+            raise InputError(
+                f"follow.switch[{i}]", f"cannot switch at {shown(kind)}",
+                f"accepted are {', '.join(SWITCHES)}",
+            )  # fmt: skip
+    return {
+        "switch": tuple(dict.fromkeys(switch)),
+        "depth": follow.whole("depth", 1, least=0, most=MOST_TRIES),
+        "max_branches": follow.whole("max_branches", 50, most=MOST_BRANCHES),
+        "max_points": follow.whole("max_points", 20000, least=2, most=MOST_POINTS),
+        "survey": follow.truth("survey", False),
+    }
+
+
+def read_detect(
+    table: Table, model: Model, parameter: str, limits: tuple[float, float]
+) -> tuple[tuple[str, ...], dict[str, list[float]]]:
+    """Return the kinds of events of [detect], and the values to hit."""
+    events = table.texts("events", list(EVENTS))
+    for i, kind in enumerate(events):
+        if kind not in KINDS:
+            raise InputError(
+                f"detect.events[{i}]", f"no event kind {shown(kind)}",
+                f"accepted are {', '.join(KINDS)}",
+            )  # fmt: skip
+    requested = table.table("values", optional=True)
+    values = {}
+    for name in list(requested.data):
+        if name not in model.varying(parameter):
+            raise InputError(
+                f"detect.values.{name}", "it does not vary along the branches",
+                f"accepted are {', '.join(model.varying(parameter))}",
+            )  # fmt: skip
+        values[name] = requested.numbers(name)
+        if not values[name]:
+            raise InputError(f"detect.values.{name}", "empty", "give at least one value")
+    low, high = limits
+    for i, value in enumerate(values.get(parameter, [])):
+        if not low <= value <= high:
+            raise InputError(
+                f"detect.values.{parameter}[{i}]", f"{value:.12g} is outside follow.range",
+                f"give a value from {low:.12g} to {high:.12g}",
+            )  # fmt: skip
+    if values and "UZ" not in events:
+        events.append("UZ")
+    if "UZ" in events and not values:
+        raise InputError(
+            "detect.events", "UZ without values to hit", f"give detect.values.{parameter} = [...]"
+        )
+    table.finish()
+    return tuple(dict.fromkeys(events)), values
+
+
+def read_curves(table: Table, model: Model, first: str, events: Sequence[str]) -> CurveOptions:
+    """Return what [curves] asks for."""
+    name = table.text("parameter")
+    declared = model.require(name, "curves.parameter")
+    if name == first:
+        raise InputError("curves.parameter", f"{name} is followed already", "give another one")
+    low, high = (declared.check(v, "curves.range") for v in table.pair("range"))
+    if not low <= model.values[name] <= high:
+        raise InputError(
+            "curves.range", f"[{low:.12g}, {high:.12g}] does not hold {name} = "
+            f"{model.values[name]:.12g}", f"widen it or change model.parameters.{name}",
+        )  # fmt: skip
+    kinds = table.texts("kinds", ["PD", "G"])
+    for i, kind in enumerate(kinds):
+        if kind not in CURVES or kind not in events:
+            looked_for = [k for k in CURVES if k in events]
+            raise InputError(
+                f"curves.kinds[{i}]", f"found {kind!r}",
+                f"accepted are those of {', '.join(CURVES)} that detect.events names: "
+                f"{', '.join(looked_for) or 'none'}",
+            )  # fmt: skip
+    unphysical = table.truth("unphysical", False)
+    values = tuple(table.numbers("values")) if "values" in table.data else ()
+    start = tuple(table.numbers("start")) if "start" in table.data else ()
+    for i, value in enumerate(start):
+        if not low <= value <= high:
+            raise InputError(
+                f"curves.start[{i}]", f"{value:.12g} is outside curves.range",
+                f"give a value from {low:.12g} to {high:.12g}",
+            )  # fmt: skip
+    table.asked += ["values", "start"]
+    family = _family(table.table("family", optional=True), model, (first, name))
+    steps: dict[str, Any] = {
+        k: table.number(k, getattr(CURVE_SETTINGS, k)) for k in ("step", "max_step")
+    }
+    limit = table.whole("max_points", CURVE_SETTINGS.max_points, least=2, most=MOST_POINTS)
+    table.finish()
+    try:
+        settings = replace(CURVE_SETTINGS, max_points=limit, **steps)
+    except InputError as error:
+        raise error.within("curves") from None
+    return CurveOptions(
+        name, (low, high), tuple(dict.fromkeys(kinds)), unphysical, values, family, settings, start
+    )
+
+
+def read_simulation(
+    top: Table, model: Model, parameter: str, limits: tuple[float, float]
+) -> tuple[SimulateOptions | None, Membrane | None]:
+    """Read [simulate] and [energy]; what reads them is imported only if they are there."""
+    simulate = energy = None
+    if "simulate" in top.data:
+        from .simulate_tables import read_simulate
+
+        simulate = read_simulate(top.table("simulate"), model, parameter, limits)
+    if "energy" in top.data:
+        from .simulate_tables import read_energy
+
+        energy = read_energy(top.table("energy"), model)
+    top.asked += ["simulate", "energy"]
+    return simulate, energy
+
+
+def _family(
+    table: Table, model: Model, taken: tuple[str, str]
+) -> tuple[str, tuple[float, ...]] | None:
+    """One parameter and the values it takes."""
+    if not table.data:
+        return None
+    name = next(iter(table.data))
+    declared = model.require(name, f"curves.family.{name}")
+    if name in taken:
+        raise InputError(f"curves.family.{name}", "it is followed already", "give another one")
+    values = tuple(declared.check(v, f"curves.family.{name}") for v in table.numbers(name))
+    table.finish()
+    if not values:
+        raise InputError(f"curves.family.{name}", "empty", "give at least one value")
+    return name, values
+
+
+def read_numerics(table: Table) -> tuple[Settings, dict[str, Any]]:
+    """Return the settings of [numerics] for walks, and those for the search for orbits."""
+    defaults = asdict(SCENE_SETTINGS)
+    chosen: dict[str, Any] = {}
+    readers: dict[type, Any] = {float: table.number, str: table.text}
+    most = {"max_iterations": MOST_TRIES, "max_points": MOST_POINTS}
+    for key in (field.name for field in fields(Settings)):
+        if key in most:
+            chosen[key] = table.whole(key, defaults[key], most=most[key])
+        else:
+            chosen[key] = readers[type(defaults[key])](key, defaults[key])
+    search: dict[str, Any] = {
+        "seed": table.whole("seed", 0, least=0, most=LARGEST_SEED),
+        "starts": table.whole("starts", 256, most=MOST_STARTS),
+        "rounds": table.whole("rounds", 8, most=MOST_TRIES),
+    }
+    table.finish()
+    if chosen["tolerance"] > LARGEST_TOLERANCE:
+        raise InputError(
+            "numerics.tolerance", f"found {chosen['tolerance']!r}",
+            f"give a number above 0, at most {LARGEST_TOLERANCE:g}",
+        )  # fmt: skip
+    try:
+        return Settings(**chosen), search
+    except InputError as error:
+        raise error.within("numerics") from None
+
+
+def read_plot(table: Table, model: Model, parameter: str) -> PlotOptions:
+    """Return what [plot] asks for."""
+    x = table.text("x", parameter)
+    if x not in model.varying(parameter):
+        raise InputError(
+            "plot.x", f"{x!r} does not vary along the branches",
+            f"accepted are {', '.join(model.varying(parameter))}",
+        )  # fmt: skip
+    limits = {
+        key: table.pair(key) if key in table.data else None for key in ("xlim", "ylim")
+    }  # fmt: skip
+    table.asked += list(limits)
+    chosen = {}
+    for key, known, default in (("unphysical", SHOWN, "period-1"), ("labels", LABELS, "all")):
+        chosen[key] = table.text(key, default)
+        if chosen[key] not in known:
+            raise InputError(
+                f"plot.{key}", f"found {chosen[key]!r}", f"accepted are {', '.join(known)}"
+            )
+    formats = table.texts("formats", ["svg", "png"])
+    for i, kind in enumerate(formats):
+        if kind not in FORMATS:
+            raise InputError(
+                f"plot.formats[{i}]", f"found {kind!r}", f"accepted are {', '.join(FORMATS)}"
+            )
+    table.finish()
+    return PlotOptions(
+        x, limits["xlim"], limits["ylim"], formats=tuple(dict.fromkeys(formats)), **chosen
+    )

@@ -1,0 +1,1 @@
+"""One smooth piece of an orbit between two walls: its formulas as code, and what happens on it."""

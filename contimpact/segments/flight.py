@@ -1,0 +1,422 @@
+"""Along a flight: where it turns, where it comes nearest to a wall, and where it first hits one.
+
+Extrema are isolated, not sampled. Between two zeros of the acceleration the velocity is monotone
+and has at most one zero, which a bracketed Newton iteration finds to rounding; that zero is an
+extremum of every gap.
+"""
+
+from __future__ import annotations
+
+import functools
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from ..models.model import Wall
+from .kernels import Kernels
+from .zeros import chebyshev_zeros, time_zeros
+
+Array = np.ndarray[Any, Any]
+
+NEWTON_DONE = 1e-6
+"""A Newton step below this part of the bracket is the last: the next would be its square, and the
+displacement, which turns there, is right to the square of that."""
+
+
+@dataclass(frozen=True)
+class Touch:
+    """A local minimum of the gap to a wall inside a flight."""
+
+    flight: int
+    wall: str
+    time: float
+    gap: float
+
+
+def excursions(
+    motion, head, values, length, arriving, left_side, reached_side, zeros, phase, period
+):  # fmt: skip
+    """Return the highest maximum and the lowest minimum inside a flight, and when they are reached.
+
+    Between two zeros of the acceleration the velocity is monotone and has at most one zero. A
+    flight that leaves its wall outwards, or reaches the next from outside, does so because an
+    impact runs the wrong way; that excursion belongs to the impact and is left out.
+
+    Parameters
+    ----------
+    motion, head, values
+        As in `velocity_zero`.
+    length : float
+        Duration of the flight.
+    arriving : float
+        Velocity before the impact that ends it.
+    left_side, reached_side : float
+        Sides of the walls left and reached.
+    zeros : vector
+        Zeros of the acceleration in [0, period), in order.
+    phase, period : float
+        The flight leaves at `phase`; the zeros repeat every `period`.
+
+    Returns
+    -------
+    highest, when_highest, lowest, when_lowest : float
+        Displacements, and times after leaving; not numbers where there is none.
+    slowest : float
+        The velocity nearest to zero at a zero of the acceleration inside the flight: where it
+        passes zero, two extrema are born or merge. Not a number where there is none.
+    """
+    high, when_high, low, when_low = math.nan, math.nan, math.nan, math.nan
+    slowest = math.nan
+    _, speed, acceleration = motion(head, 0.0, values)
+    rising = speed > 0.0 or (speed == 0.0 and acceleration > 0.0)
+    outwards, inwards = speed * left_side > 0.0, arriving * reached_side < 0.0
+    x, dt, maximum, waiting, first = 0.0, 0.0, False, False, True
+    left, index, turns, done = 0.0, 0, 0, False
+    while not done:
+        right = length
+        if len(zeros) > 0:
+            if index == len(zeros):
+                index, turns = 0, turns + 1
+            right = zeros[index] - phase
+            if turns > 0:
+                right += turns * period
+            index += 1
+            if right <= 0.0:
+                continue
+        if not right < length:
+            right, done = length, True
+        next_speed = arriving if done else motion(head, right, values)[1]
+        if not done and not abs(next_speed) >= abs(slowest):
+            slowest = next_speed
+        next_rising = next_speed > 0.0 or (next_speed == 0.0 and rising)
+        if next_rising != rising:
+            if waiting and maximum and not x <= high:
+                high, when_high = x, dt
+            elif waiting and not maximum and not x >= low:
+                low, when_low = x, dt
+            waiting = not (first and outwards and rising == (left_side > 0.0))
+            first, maximum = False, rising
+            if waiting:
+                guess = turn_guess(speed, next_speed, left > 0.0, not done)
+                dt, x = velocity_zero(motion, head, values, left, speed, right, next_speed, guess)
+        left, speed, rising = right, next_speed, next_rising
+    if waiting and not (inwards and maximum == (reached_side > 0.0)):
+        if maximum and not x <= high:
+            high, when_high = x, dt
+        elif not maximum and not x >= low:
+            low, when_low = x, dt
+    return high, when_high, low, when_low, slowest
+
+
+def velocity_zero(motion, head, values, left, speed_left, right, speed_right, fraction):
+    """Return when the velocity changes sign between two times, and the displacement then.
+
+    Newton's iteration kept inside a bracket in which the velocity is monotone.
+
+    Parameters
+    ----------
+    motion, head, values
+        Called as ``motion(head, dt, values) -> (displacement, velocity, acceleration)``.
+    left, right : float
+        The times.
+    speed_left, speed_right : float
+        Velocities there.
+    fraction : float
+        A guess, as part of the way between them.
+    """
+    length = right - left
+    t = left + length * fraction
+    x = 0.0
+    for _ in range(80):
+        x, speed, acceleration = motion(head, t, values)
+        if speed == 0.0:
+            return t, x
+        if (speed > 0.0) == (speed_left > 0.0) and speed_left != 0.0:
+            left = t
+        else:
+            right = t
+        step = speed / acceleration if acceleration != 0.0 else math.inf
+        new = t - step
+        if left <= new <= right and abs(step) <= NEWTON_DONE * length:
+            return new, x - 0.5 * speed * step  # the next step would be its square
+        if not left < new < right:
+            new = 0.5 * (left + right)
+        if right - left <= 2e-16 * max(abs(left), abs(right)):
+            return new, x
+        t = new
+    return t, x
+
+
+def turn_guess(speed_left, speed_right, flat_left, flat_right):
+    """Return where a monotone velocity changes sign, as part of the way, roughly.
+
+    Where the acceleration vanishes at an end, the velocity is flat there.
+    """
+    u = speed_left / (speed_left - speed_right)
+    if flat_left and flat_right:  # 3 s^2 - 2 s^3 = u
+        return 0.5 - math.sin(math.asin(1.0 - 2.0 * u) / 3.0)
+    if flat_right:
+        return u / (1.0 + math.sqrt(1.0 - u))
+    return math.sqrt(u) if flat_left else u
+
+
+def wall_arrival(motion, head, values, left, at, right, reached, wall, rising):
+    """Return time and velocity at which a monotone displacement reaches a wall.
+
+    Newton's iteration kept inside a bracket, from the end with the larger speed: between two zeros
+    of the acceleration the displacement is convex or concave, and from that end the iteration is
+    monotone.
+
+    Parameters
+    ----------
+    motion, head, values
+        As in `velocity_zero`.
+    left, right : float
+        Times before and after the arrival.
+    at, reached : (displacement, velocity, acceleration)
+        What `motion` returns there.
+    wall : float
+        Displacement of the wall.
+    rising : bool
+        Whether the displacement grows towards it.
+
+    Returns
+    -------
+    dt, speed : float
+        The velocity does not run away from the wall, not even by rounding.
+    """
+    from_left = abs(at[1]) > abs(reached[1])
+    t = left if from_left else right
+    x, speed, acceleration = at if from_left else reached
+    for trial in range(100):
+        if trial > 0:
+            x, speed, acceleration = motion(head, t, values)
+        if (x < wall) == rising:
+            left = t
+        else:
+            right = t
+        step = (x - wall) / speed if speed != 0.0 else math.inf
+        # the next error of Newton's iteration is about step^2 acceleration/(2 speed)
+        after = step * step * abs(acceleration)
+        small = abs(step) <= 1e-8 * right and after <= 1e-17 * right * abs(speed)
+        if small or abs(step) <= 2e-16 * right:
+            t, speed = t - step, speed - acceleration * step
+            break
+        if right - left <= 2e-16 * right:
+            break
+        t = t - step
+        if not left < t < right:
+            t = 0.5 * (left + right)
+    if (speed > 0.0) != rising:
+        speed = 0.0
+    return t, speed
+
+
+def first_hit(motion, head, values, breaks, left, rising, low, high):
+    """Return the first arrival at a wall; as `first_arrival`, between times that are given.
+
+    Parameters
+    ----------
+    breaks : vector
+        Zeros of the acceleration after `left`, in order; further times among them do no harm.
+    """
+    return first_arrival(motion, head, values, breaks, 0.0, 0.0, 1, left, rising, low, high)
+
+
+def first_arrival(motion, head, values, zeros, phase, period, most, left, rising, low, high):
+    """Return the first arrival at a wall, with certainty.
+
+    Between two zeros of the acceleration the velocity is monotone, so it has at most one zero
+    there; between the turning points the displacement is monotone, so that comparing it with the
+    walls at the ends of each piece misses nothing. A touch counts as an arrival.
+
+    Parameters
+    ----------
+    motion, head, values
+        As in `velocity_zero`; displacements are measured from where the flight starts.
+    zeros : vector
+        Zeros of the acceleration in [0, period), in order; further times among them do no harm.
+    phase, period : float
+        The flight starts at `phase`; the zeros repeat every `period`.
+    most : int
+        Periods after which it is given up.
+    left : float
+        Time so far without a hit.
+    rising : bool
+        Direction of motion then; it decides where the velocity is zero.
+    low, high : float
+        Displacements of the walls below and above; infinite where there is none.
+
+    Returns
+    -------
+    side : int
+        +1 at the wall above, -1 at the one below, 0 for no hit.
+    dt, speed : float
+        Time and velocity before the impact; without a hit, at the last zero.
+    rising : bool
+        Direction of motion at that time.
+    """
+    count, first = len(zeros), 0
+    while first < count and zeros[first] <= phase:
+        first += 1
+    at = motion(head, left, values)
+    for turns in range(most):
+        for i in range(first, first + max(count, 1)):
+            if count == 0:
+                right = (turns + 1) * period
+            elif i < count:
+                right = zeros[i] - phase + turns * period
+            else:
+                right = zeros[i - count] - phase + period + turns * period
+            reached = motion(head, right, values)
+            speed = reached[1]
+            turned = speed != 0.0 and (speed > 0.0) != rising
+            ahead = high if rising != turned else low
+            if turned or beyond(reached[0], ahead, rising):
+                side, dt, speed = hit_between(
+                    motion, head, values, left, at, right, reached, turned, rising, low, high
+                )
+                if side != 0:
+                    return side, dt, speed, side > 0
+                rising = rising != turned
+            left, at = right, reached
+    return 0, left, at[1], rising
+
+
+def hit_between(
+    motion, head, values, left, at, right, reached, turned, rising, low, high
+):  # fmt: skip
+    """Return side, time and velocity of the first arrival in a piece of monotone velocity.
+
+    `at` and `reached` are what `motion` returns at its ends, `rising` is the direction of motion at
+    the first, `turned` whether it is another at the second. Without a hit the side is 0.
+    """
+    if turned:
+        wall = high if rising else low
+        if not turns_before(right - left, at, reached, wall, rising):
+            guess = turn_guess(at[1], reached[1], left > 0.0, True)
+            turn, x = velocity_zero(motion, head, values, left, at[1], right, reached[1], guess)
+            if beyond(x, wall, rising):
+                there = motion(head, turn, values)
+                dt, speed = wall_arrival(motion, head, values, left, at, turn, there, wall, rising)
+                return (1 if rising else -1), dt, speed
+            left = turn
+        at, rising = (at[0], 0.0, at[2]), not rising  # sought from the other end, then
+    wall = high if rising else low
+    if not beyond(reached[0], wall, rising):
+        return 0, right, reached[1]
+    dt, speed = wall_arrival(motion, head, values, left, at, right, reached, wall, rising)
+    return (1 if rising else -1), dt, speed
+
+
+def beyond(x, wall, rising):
+    """Whether a displacement has come to a wall."""
+    return x >= wall if rising else x <= wall
+
+
+MARGIN = 1e-9
+"""Part of the displacements by which tangents that tell of a turn must miss a wall."""
+
+
+def turns_before(length, at, reached, wall, rising):
+    """Whether a monotone velocity surely changes sign before a wall is reached.
+
+    The displacement lies on one side of the tangents at both ends: it is enough that these meet
+    before the wall. That it is not sure says nothing. `at` and `reached` are as in `hit_between`.
+    """
+    if at[1] == reached[1]:
+        return False
+    dt = (reached[0] - at[0] - reached[1] * length) / (at[1] - reached[1])
+    margin = MARGIN * (abs(at[0]) + abs(reached[0]) + abs(at[1]) * length)
+    return not beyond(at[0] + at[1] * dt + (margin if rising else -margin), wall, rising)
+
+
+@dataclass(frozen=True)
+class FlightGaps:
+    """The nearest touches of one flight, by wall, and whether the flight runs forward in time.
+
+    `slowest` is the velocity nearest to zero where the acceleration vanishes; see `excursions`.
+    """
+
+    duration: float
+    touches: tuple[Touch | None, ...]
+    slowest: float = math.nan
+
+
+def flight_gaps(
+    kernels: Kernels, walls: str, values: Sequence[float], impacts: Array, span: float
+) -> list[FlightGaps]:
+    """Return the nearest interior touch of each wall on each flight of an orbit.
+
+    A flight that leaves its wall outwards, or reaches the next from outside, does so because an
+    impact runs the wrong way; that excursion belongs to the impact and is not a touch.
+
+    Parameters
+    ----------
+    kernels : Kernels
+    walls : str
+        The word.
+    values : sequence of float
+        Parameter values, in the model's order.
+    impacts : ndarray of shape (N, m)
+        Times and section coordinates.
+    span : float
+        Period of the orbit.
+    """
+    setup = kernels.setup(*values)
+    period, named = setup[0], kernels.model.WALLS
+    places = {w.name: i for i, w in enumerate(named)}
+    positions = setup[3 : 3 + len(named)]
+    zeros = time_zeros(kernels.harmonics(*values), period)
+    excursion = excursion_of(kernels, zeros is not None)
+    rows = impacts.tolist()
+    rows.append([rows[0][0] + span, *rows[0][1:]])
+    result = []
+    for k, wall in enumerate(walls):
+        leave, arrive = rows[k], rows[k + 1]
+        i, j = places[wall], places[walls[(k + 1) % len(walls)]]
+        length = arrive[0] - leave[0]
+        if not length > 0.0:
+            result.append(FlightGaps(length, (None,) * len(named)))
+            continue
+        phase = leave[0] % period
+        found = excursion(
+            (i, *leave), values, length, arrive[1], named[i].side, named[j].side, zeros, phase,
+            period,
+        )  # fmt: skip
+        touches = tuple(
+            _touch(k, leave[0], w, positions[place] - positions[i], found)
+            for place, w in enumerate(named)
+        )
+        result.append(FlightGaps(length, touches, found[4]))
+    return result
+
+
+def excursion_of(kernels: Kernels, in_time: bool) -> Callable[..., Any]:
+    """Return `excursions` for the flights of a model, without its first argument.
+
+    Where the acceleration depends on the state (not `in_time`), its zeros are found for each
+    flight, and those given are not used.
+    """
+    motion, named = kernels.motions, kernels.model.WALLS
+    if in_time:
+        return functools.partial(excursions, motion)
+
+    def excursion(head, values, length, arriving, left_side, reached_side, *_):
+        vectorised = kernels.vectorised(kernels.motion(named[head[0]].name))
+        breaks = chebyshev_zeros(lambda dt: vectorised(*head[1:], dt, *values)[2], length)
+        return excursions(
+            motion, head, values, length, arriving, left_side, reached_side, breaks, 0.0, math.inf
+        )
+
+    return excursion
+
+
+def _touch(flight: int, start: float, wall: Wall, distance: float, found: Any) -> Touch | None:
+    """The smallest gap to a wall among the turning points towards it."""
+    high, when_high, low, when_low = found[:4]
+    gap, dt = (distance - high, when_high) if wall.side > 0 else (low - distance, when_low)
+    return None if math.isnan(gap) else Touch(flight, wall.name, start + dt, gap)

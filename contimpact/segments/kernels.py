@@ -1,0 +1,270 @@
+"""The kernels of a model: generated once, cached as source, loaded as functions.
+
+Every kernel is one function in one readable file. The file's first line carries the key it was
+generated for and a digest of the rest; a file that does not fit (truncated, edited, of another
+version) is generated anew. Loading a cached kernel does not import SymPy.
+"""
+
+from __future__ import annotations
+
+import functools
+import hashlib
+import math
+import re
+import types
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ..errors import InputError
+from ..models.model import Model
+from ..models.sources import digests
+from ..storage.cache import cache_folder, keep, kept, logger
+from ..storage.files import reason
+from . import stumpff
+
+Kernel = Callable[..., tuple[Any, ...]]
+
+_MATH = ("sin", "cos", "tan", "asin", "acos", "atan", "sinh", "cosh", "tanh", "exp", "log", "sqrt",
+         "floor", "pi")  # fmt: skip
+
+
+def square(x):
+    """Return x x."""
+    return x * x
+
+
+def cube(x):
+    """Return x x x."""
+    return x * x * x
+
+
+OWN_NAMES = {"square": square, "cube": cube}
+SCALAR_NAMES = (
+    {name: getattr(math, name) for name in _MATH} | {"nan": math.nan} | OWN_NAMES | stumpff.SCALAR
+)
+_NUMPY_SPELLING = {"asin": "arcsin", "acos": "arccos", "atan": "arctan"}
+ARRAY_NAMES = (
+    {name: getattr(np, _NUMPY_SPELLING.get(name, name)) for name in _MATH}
+    | {"nan": math.nan}
+    | OWN_NAMES
+    | stumpff.ARRAY
+)
+
+
+def _caller(
+    arguments: str, number: str, given: str, model: Model, loaded: _WhenAsked
+) -> Callable[..., Any]:
+    """Return a function that calls a kernel by number, its parameters written out.
+
+    A call with starred arguments takes twice as long.
+    """
+    names = ", ".join(f"p_{name}" for name in model.values)
+    text = f"def call({arguments}):\n {names}, = p\n return loaded[{number}]({given}, {names})"
+    namespace: dict[str, Any] = {"loaded": loaded}
+    exec(text, namespace)
+    return namespace["call"]
+
+
+_PI = re.compile(r"\bpi\b")
+
+
+class _WhenAsked(dict[int, Kernel]):
+    """Kernels by number, loaded when they are first asked for."""
+
+    def __init__(self, load: Callable[[int], Kernel]) -> None:
+        self.load = load
+
+    def __missing__(self, number: int) -> Kernel:
+        self[number] = self.load(number)
+        return self[number]
+
+
+class Kernels:
+    """The kernels of one model with one or two free parameters, loaded as they are asked for.
+
+    Parameters
+    ----------
+    model : Model
+        Only its formulas matter, not its values.
+    parameter, second : str
+        The free parameters, in which flights are differentiated; `second` is for curves.
+
+    Attributes
+    ----------
+    loaded, generated : list of str
+        Names of the kernels read from the cache and of those that had to be generated.
+    """
+
+    def __init__(self, model: Model, parameter: str, second: str | None = None) -> None:
+        self.model, self.parameter = model, parameter
+        self.parameters = (parameter,) if second is None else (parameter, second)
+        for name in self.parameters:
+            model.require(name, "parameter")
+        if second == parameter:
+            raise InputError("parameter", f"{second} twice", "give two different parameters")
+        self.loaded: list[str] = []
+        self.generated: list[str] = []
+        self._functions: dict[str, Kernel] = {}
+        self._writer: Any = None
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        """A copy, or what was pickled, loads its kernels anew: they are functions of no module."""
+        return type(self), (self.model, *self.parameters)
+
+    @functools.cached_property
+    def setup(self) -> Kernel:
+        """``setup(*p)``: period and two derivatives, wall positions, derived parameters."""
+        return self.kernel("setup")
+
+    @functools.cached_property
+    def harmonics(self) -> Kernel:
+        """``harmonics(*p)``: the acceleration where it depends on time alone."""
+        return self.kernel("harmonics")
+
+    def flight(self, a: str, b: str) -> Kernel:
+        """``flight(t0, *y0, t1, *y1, *p)``: residual and first derivatives from wall a to b."""
+        return self.kernel(f"flight_{a}_{b}")
+
+    def second(self, a: str, b: str) -> Kernel:
+        """``second(t0, *y0, t1, *y1, *q, *p)``: second derivatives along q."""
+        return self.kernel(f"second_{a}_{b}")
+
+    def third(self, a: str, b: str) -> Kernel:
+        """``third(t0, *y0, t1, *y1, *q, *p)``: third derivatives along q."""
+        return self.kernel(f"third_{a}_{b}")
+
+    def motion(self, a: str) -> Kernel:
+        """``motion(t0, *y0, dt, *p)``: displacement, velocity, acceleration after wall a."""
+        return self.kernel(f"motion_{a}")
+
+    @functools.cached_property
+    def identity(self) -> str:
+        """What the kernels' formulas depend on, as a hash."""
+        return self._key("")
+
+    def depends(self, name: str) -> bool:
+        """Whether what a kernel returns depends on the free parameter."""
+        body = self.kernel(name).source.rpartition('"""')[2]  # type: ignore[attr-defined]
+        return re.search(rf"\bp_{re.escape(self.parameter)}\b", body) is not None
+
+    @functools.cached_property
+    def flights(self) -> Callable[..., Any]:
+        """``flights(kind, t0, v0, t1, v1, p)``: the flight between two walls by their numbers,
+        kind = start * walls + end; for one degree of freedom."""
+        named = [wall.name for wall in self.model.WALLS]
+        loaded = _WhenAsked(lambda kind: self.flight(*(named[i] for i in divmod(kind, len(named)))))
+
+        return _caller("kind, t0, v0, t1, v1, p", "kind", "t0, v0, t1, v1", self.model, loaded)
+
+    @functools.cached_property
+    def motions(self) -> Callable[..., Any]:
+        """``motions((wall, t0, *y0), dt, p)``: the motion after a wall by its number."""
+        loaded = _WhenAsked(lambda wall: self.motion(self.model.WALLS[wall].name))
+
+        if self.model.DEGREES_OF_FREEDOM == 1:
+            return _caller("head, dt, p", "head[0]", "head[1], head[2], dt", self.model, loaded)
+
+        def motion(head, dt, p):
+            return loaded[head[0]](*head[1:], dt, *p)
+
+        return motion
+
+    def kernel(self, name: str) -> Kernel:
+        """Return a kernel as a function of floats."""
+        if name not in self._functions:
+            self._functions[name] = self._load(name)
+        return self._functions[name]
+
+    def vectorised(self, kernel: Kernel) -> Kernel:
+        """Return the same kernel as a function of NumPy arrays."""
+        assert isinstance(kernel, types.FunctionType)
+        return types.FunctionType(kernel.__code__, dict(ARRAY_NAMES), kernel.__name__)
+
+    def _load(self, name: str) -> Kernel:
+        key = self._key(name)
+        folder = cache_folder()
+        system = re.sub(r"\W", "_", self.model.SYSTEM)
+        path = (
+            folder / f"{system}-{'_'.join(self.parameters)}-{name}-{key[:16]}.py"
+            if folder
+            else None
+        )
+        source = _read(path, key) if path else None
+        if source is None:
+            source = self._generate(name, key)
+            self.generated.append(name)
+            if path:
+                _write(path, source)
+        else:
+            self.loaded.append(name)
+        return _function(name, source, str(path or f"<kernel {name}>"))
+
+    def _key(self, name: str) -> str:
+        parts = (name, *self.parameters, self.model.identity, *digests())
+        return hashlib.sha256("\0".join(parts).encode()).hexdigest()
+
+    def _check(self) -> None:
+        """Compare what the model says of its flights, before the first kernel is written."""
+        from ..models.agreement import check_motion
+
+        names = [f"agreement_{wall.name}_{i}" for wall in self.model.WALLS
+                 for i in range(self.model.DEGREES_OF_FREEDOM)]  # fmt: skip
+        for name in names:
+            kernel = _function(name, self._writer.write(name), f"<{name}>")
+            check_motion(self.model, name.split("_")[1], kernel)
+
+    def _generate(self, name: str, key: str) -> str:
+        from .codegen import KernelWriter
+
+        logger(__name__).info("generating kernel %s of %s", name, self.model.SYSTEM)
+        if self._writer is None:
+            self._writer = KernelWriter(self.model, self.parameters)
+            self._check()
+        free = ", ".join(self.parameters)
+        body = (
+            f"# A kernel of contimpact: {self.model.SYSTEM}, {name}; free: {free}.\n"
+            "# Generated by SymPy from the model's formulas; delete freely, it will be generated "
+            f"again.\n# {self.model.options}\n\n" + self._writer.write(name)
+        )
+        return f"# {key} {_digest(body)}\n{body}"
+
+
+def _function(name: str, source: str, file: str) -> Kernel:
+    """A kernel from its source."""
+    namespace = dict(SCALAR_NAMES)
+    text = _PI.sub(repr(math.pi), source)  # a number, with which the compiler can reckon
+    exec(compile(text, file, "exec"), namespace)
+    namespace[name].source = source
+    return namespace[name]
+
+
+def _digest(body: str) -> str:
+    return hashlib.sha256(body.encode()).hexdigest()
+
+
+def _read(path: Path, key: str) -> str | None:
+    """The source in the file if it is whole and the one asked for, else None."""
+    try:
+        source = kept(path).decode()
+    except FileNotFoundError:
+        return None
+    except (OSError, UnicodeDecodeError) as error:
+        logger(__name__).warning(
+            "cached kernel %s cannot be read (%s): generating it anew", path, reason(error)
+        )
+        return None
+    head, _, body = source.partition("\n")
+    if head != f"# {key} {_digest(body)}":
+        logger(__name__).warning("cached kernel %s is damaged or foreign: generating it anew", path)
+        return None
+    return source
+
+
+def _write(path: Path, source: str) -> None:
+    try:
+        keep(path, source.encode())
+    except OSError as error:
+        logger(__name__).warning("kernel %s is not cached: %s", path.name, error)

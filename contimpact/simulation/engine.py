@@ -1,0 +1,121 @@
+"""The loop of a simulation as compiled code: its program, and when it is looked for."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from ..compiling.arguments import INTEGERS, VECTOR
+from ..compiling.compiled import Compiled, compiled, mode, spend
+from ..segments.kernels import Kernel
+from .impacts import Body, fly_in_time, make_impacts
+
+if TYPE_CHECKING:
+    from ..compiling.program import Program
+
+Array = np.ndarray[Any, Any]
+
+WORTH = 2000
+"""Impacts, asked for at once or made plainly, from which compiled code is looked for."""
+PRICE = 3
+"""Evaluations of a flight that an impact made plainly counts for."""
+
+BODY = VECTOR * 3 + INTEGERS + VECTOR * 5 + INTEGERS * 3
+"""Kinds of a body's fields."""
+ROW = INTEGERS * 2 + VECTOR * 2 + INTEGERS
+"""Kinds of the columns that `make_impacts` fills."""
+ARGUMENTS = BODY + INTEGERS + VECTOR + ROW + INTEGERS
+"""Kinds of the entry's arguments, in its order: a body's fields, then those of `make_impacts`."""
+
+ENTRY = """
+def fly(body, wall, phase, velocity):
+    return fly_in_time(any_motion, body, wall, phase, velocity)
+
+def entry(
+    values, clock, zeros, sides, low, high, restitution, slow, edges, presses, first, longest,
+    state, when, walls, turns, phases, velocities, released, span,
+):
+    body = Body(
+        values, clock, zeros, sides, low, high, restitution, slow, edges, presses, first, longest
+    )
+    return make_impacts(
+        fly, any_motion, body, state, when, walls, turns, phases, velocities, released, span
+    )
+"""
+
+KINDS = {INTEGERS: np.int64, VECTOR: np.float64}
+
+
+def array(numbers: Sequence[float], kind: str) -> Array:
+    """Return a vector for compiled code."""
+    return np.array(numbers, dtype=KINDS[kind])
+
+
+class Engine:
+    """Compiled code for all simulators with the same motions.
+
+    Parameters
+    ----------
+    motions : sequence of Kernel
+        After each wall.
+    """
+
+    def __init__(self, motions: Sequence[Kernel]) -> None:
+        self.motions = motions
+        self.found: Compiled | None = None
+        self.plain = 0
+
+    def compiled(self, asked: int) -> Compiled | None:
+        """Return compiled code, where there is any and the work is worth looking for it.
+
+        Parameters
+        ----------
+        asked : int
+            Impacts asked for.
+        """
+        said = mode()
+        if said == "never":
+            return None
+        if self.found is None and (said == "always" or asked + self.plain >= WORTH):
+            self.plain = 0
+            identity = ("simulate", *formulas(self.motions))
+            self.found = compiled(identity, ARGUMENTS, lambda: program_of(self.motions))
+        return self.found
+
+    def made_plainly(self, impacts: int) -> None:
+        """Note impacts that were made plainly."""
+        self.plain += impacts
+        spend(PRICE * impacts)
+
+
+_ENGINES: dict[tuple[str, ...], Engine] = {}
+
+
+def engine_of(motions: Sequence[Kernel]) -> Engine:
+    """Return the engine for these motions; simulators of the same formulas share it."""
+    return _ENGINES.setdefault(formulas(motions), Engine(motions))
+
+
+def formulas(motions: Sequence[Kernel]) -> tuple[str, ...]:
+    """Return the kernels' texts without their heads, which name the free parameters."""
+    texts = (motion.source for motion in motions)  # type: ignore[attr-defined]
+    return tuple(text[text.index("def ") :] for text in texts)
+
+
+def program_of(motions: Sequence[Kernel]) -> Program:
+    """Return the program that simulates from impact to impact."""
+    from ..compiling.program import Program
+
+    program = Program({})
+    names = {f"motion_{wall}": motion for wall, motion in enumerate(motions)}
+    given = ", ".join(f"p[{i}]" for i in range(motions[0].__code__.co_argcount - 3))
+    lines = ["def any_motion(head, dt, p):"]
+    for wall, name in enumerate(names):
+        condition = f"if head[0] == {wall}: " if wall + 1 < len(names) else ""
+        lines.append(f"    {condition}return {name}(head[1], head[2], dt, {given})")
+    program.glue("\n".join(lines), **names)
+    program.constant("Body", Body)
+    program.glue(ENTRY, fly_in_time=fly_in_time, make_impacts=make_impacts)
+    return program

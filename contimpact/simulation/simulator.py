@@ -1,0 +1,555 @@
+r"""Event-driven simulation: from impact to impact, to rounding, through chatter and sticking.
+
+Each flight is the model's closed form, and its first arrival at a wall is found with certainty
+(`flight.first_arrival`). Time is a phase in [0, T) and a whole number of periods, so that it does
+not lose digits however long a run is.
+
+Where the body is pressed against a wall, impacts with restitution e < 1 accumulate: with the
+acceleration a towards the wall nearly constant, an impact of velocity v is followed by flights of
+2 e v/a, 2 e^2 v/a, ..., which end after
+
+.. math:: \tau = \frac{2 e v}{a (1 - e)} .
+
+Impacts are computed one by one until tau is so short that this is exact to rounding; then the body
+sticks. It is released where the acceleration at the wall next turns away, at a zero of it.
+Knows no orbit problem: it shares kernels and flights with it, and nothing else.
+
+The loop itself is in `contimpact.simulation.impacts`; it runs plainly, and compiled where that
+pays.
+"""
+
+from __future__ import annotations
+
+import enum
+import functools
+import math
+import types
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from ..compiling.arguments import INTEGERS, VECTOR
+from ..errors import InputError
+from ..models.model import Model
+from ..segments.flight import first_arrival, first_hit
+from ..segments.kernels import Kernel, Kernels
+from ..segments.zeros import chebyshev_zeros, time_zeros
+from .engine import BODY, KINDS, ROW, Engine, array, engine_of
+from .impacts import SHORT, Body, fly_in_time, make_impacts, pressed_at, wall_on, wrapped
+
+Array = np.ndarray[Any, Any]
+
+_NUDGE = 1e-9
+"""Zeros of a state-dependent acceleration this near a release belong to the release itself."""
+
+CHUNK, FEW = 65536, 256
+"""Rows made at once, at most and at first: interrupts come through between chunks."""
+_ENDLESS = 2**62
+
+
+class Outcome(enum.Enum):
+    """Why a run ended; the value is a sentence."""
+
+    DONE = "made as many impacts, or ran as many periods, as it was asked to"
+    RESTING = "the body rests on a wall, which the acceleration never leaves"
+    NO_IMPACT = "the body flew on without an impact for as long as a flight may last"
+
+
+_OUTCOMES = tuple(Outcome)
+"""By their numbers."""
+
+
+@dataclass(frozen=True)
+class State:
+    """The body at a wall just before an impact, or at rest there if the velocity is zero.
+
+    Attributes
+    ----------
+    wall : int
+        Number of the wall, in the model's order.
+    phase : float
+        Time in [0, T).
+    velocity : float
+        Before the impact, towards the wall.
+    turns : int
+        Whole periods passed.
+    """
+
+    wall: int
+    phase: float
+    velocity: float
+    turns: int = 0
+
+
+@dataclass(frozen=True, eq=False)
+class Run:
+    """What a simulation met, a row per impact or release.
+
+    Attributes
+    ----------
+    letters : tuple of str
+        Names of the walls.
+    period : float
+        Forcing period T.
+    walls : ndarray of int, shape (N,)
+        Number of the wall hit.
+    turns : ndarray of int, shape (N,)
+    phases : ndarray of float, shape (N,)
+        Time of each row is turns*T + phase.
+    velocities : ndarray of float, shape (N,)
+        Before impact; zero for a release.
+    released : ndarray of bool, shape (N,)
+        Whether the row is a release: the body, at rest on the wall since shortly after the row
+        before, is left by it.
+    outcome : Outcome
+    end : State or None
+        From which a further run goes on; None where there is nothing to go on from.
+    """
+
+    letters: tuple[str, ...]
+    period: float
+    walls: Array
+    turns: Array
+    phases: Array
+    velocities: Array
+    released: Array
+    outcome: Outcome
+    end: State | None
+
+    def __len__(self) -> int:
+        return len(self.walls)
+
+    @property
+    def times(self) -> Array:
+        """Times of the rows, from the start of the first one's period."""
+        first = self.turns[0] if len(self) else 0
+        return (self.turns - first) * self.period + self.phases
+
+    @property
+    def word(self) -> str:
+        """The walls met; a release is written ``*``."""
+        names = [*self.letters, "*"]
+        marked = np.where(self.released, len(self.letters), self.walls)
+        return "".join(names[i] for i in marked)
+
+
+class Simulator:
+    """Simulates one model at fixed parameter values.
+
+    Parameters
+    ----------
+    model : Model
+        With one degree of freedom and, on each side, at most one wall.
+    kernels : Kernels, optional
+        Kernels at hand for the same formulas.
+    longest_flight : int, default 1000
+        Periods after which a flight without an impact is given up.
+
+    Raises
+    ------
+    InputError
+        If the model is of another kind.
+    """
+
+    def __init__(
+        self, model: Model, kernels: Kernels | None = None, *, longest_flight: int = 1000
+    ) -> None:
+        if model.DEGREES_OF_FREEDOM != 1:
+            raise InputError(
+                "model", f"{model.SYSTEM} has {model.DEGREES_OF_FREEDOM} degrees of freedom",
+                "simulate a system with one",
+            )  # fmt: skip
+        sides = [wall.side for wall in model.WALLS]
+        if len(set(sides)) != len(sides):
+            raise InputError("model", "two walls on one side", "give at most one on each side")
+        self.model = model
+        self.kernels = kernels or Kernels(model, next(iter(model.values)))
+        self.longest_flight = longest_flight
+        self.letters = tuple(wall.name for wall in model.WALLS)
+        self.sides = tuple(sides)
+        self.values = tuple(model.values.values())
+        setup = self.kernels.setup(*self.values)
+        self.period = float(setup[0])
+        self.positions = tuple(float(x) for x in setup[3 : 3 + len(sides)])
+        names = model.DERIVED
+        self.derived = dict(zip(names, setup[3 + len(sides) :], strict=False))
+        self._motions = tuple(self.kernels.motion(letter) for letter in self.letters)
+        self._motion = _motion_at(self._motions, self.values)
+        self._zeros = time_zeros(self.kernels.harmonics(*self.values), self.period)
+        self._holds = tuple(self._hold(k) for k in range(len(sides)))
+        self.restitution = tuple(self._restitution(k) for k in range(len(sides)))
+        self._body = self._as_body()
+
+    # What is fixed with the parameters.
+
+    def _around(self, position: float) -> tuple[float, float]:
+        """Displacements, from a position, of the walls below and above."""
+        low, high = -math.inf, math.inf
+        for side, wall in zip(self.sides, self.positions, strict=True):
+            if side > 0:
+                high = wall - position
+            else:
+                low = wall - position
+        return low, high
+
+    def _restitution(self, wall: int) -> float:
+        """Coefficient of restitution at low velocity."""
+        return abs(float(self._motion((wall, 0.0, 1e-6), 0.0)[1])) / 1e-6
+
+    def _hold(self, wall: int) -> tuple[tuple[float, ...], tuple[bool, ...], float]:
+        """When a body at rest on a wall is pressed against it.
+
+        Returns the phases at which the acceleration changes sign, whether it presses in the
+        interval after each, and its largest size. Without a change the one interval begins at 0.
+        """
+        kernel, side, period = self._motions[wall], self.sides[wall], self.period
+        vectorised = self.kernels.vectorised(kernel)
+
+        def held(phase: Any) -> Any:
+            return vectorised(phase, 0.0 * phase, 0.0 * phase, *self.values)[2]
+
+        zeros = self._zeros
+        if zeros is None:
+            zeros = chebyshev_zeros(held, period)
+        edges = sorted(zeros) or [0.0]
+        middles = [
+            0.5 * (a + b) for a, b in zip(edges, [*edges[1:], edges[0] + period], strict=True)
+        ]
+        pressed = [bool(side * float(held(np.float64(t))) > 0.0) for t in middles]
+        changes = [i for i in range(len(edges)) if pressed[i] != pressed[i - 1]] or [0]
+        size = float(np.max(np.abs(held(np.linspace(0.0, period, 65)))))
+        return (
+            tuple(edges[i] for i in changes), tuple(pressed[i] for i in changes), 1.1 * size
+        )  # fmt: skip
+
+    def _slow_velocity(self, wall: int) -> float:
+        """Velocity below which chatter may be near its end; infinite without restitution."""
+        e, size = self.restitution[wall], self._holds[wall][2]
+        if e == 0.0:
+            return math.inf
+        return SHORT * self.period * size * max(1.0 - e, 0.0) / (2.0 * e)
+
+    def _as_body(self) -> Body:
+        """What is fixed with the parameters, as lists."""
+        around = [self._around(position) for position in self.positions]
+        edges = [hold[0] for hold in self._holds]
+        ends = np.cumsum([0, *map(len, edges)]).tolist()
+        return Body(
+            values=list(self.values), clock=[self.period], zeros=self._zeros or [],
+            sides=list(self.sides), low=[low for low, _ in around],
+            high=[high for _, high in around], restitution=list(self.restitution),
+            slow=[self._slow_velocity(k) for k in range(len(self.sides))],
+            edges=[edge for each in edges for edge in each],
+            presses=[int(press) for hold in self._holds for press in hold[1]], first=ends,
+            longest=[self.longest_flight],
+        )  # fmt: skip
+
+    @functools.cached_property
+    def _arrays(self) -> list[Array]:
+        """The same as arrays, for compiled code."""
+        return [array(numbers, kind) for numbers, kind in zip(self._body, BODY, strict=True)]
+
+    # Sticking.
+
+    def pressed(self, wall: int, phase: float) -> tuple[bool, float]:
+        """Return whether a body at rest on a wall is pressed against it, and for how long.
+
+        The time is infinite where the acceleration never turns away.
+        """
+        return pressed_at(self._body, wall, phase)
+
+    # Flights.
+
+    @property
+    def _fly(self) -> Callable[..., Any]:
+        """The flight as `make_impacts` calls it."""
+        if self._zeros is None:
+            return self._fly_in_state
+        return functools.partial(fly_in_time, self._motion)
+
+    def _fly_in_state(self, body: Body, wall: int, phase: float, velocity: float) -> Any:
+        """As `fly_in_time`, where the acceleration depends on the state."""
+        head, rising = (wall, phase, velocity), body.sides[wall] < 0
+        side, left, speed = 0, 0.0, velocity
+        for window in range(self.longest_flight):
+            breaks = self._breaks(wall, phase, velocity, window)
+            side, left, speed, rising = first_hit(
+                self._motion, head, self.values, breaks, left, rising, body.low[wall],
+                body.high[wall],
+            )  # fmt: skip
+            if side:
+                break
+        return side, left, speed
+
+    def _breaks(self, wall: int, phase: float, velocity: float, window: int) -> list[float]:
+        """Times after leaving, in one period's window, between which the velocity is monotone."""
+        start, period = window * self.period, self.period
+        vectorised = self.kernels.vectorised(self._motions[wall])
+        zeros = chebyshev_zeros(
+            lambda dt: vectorised(phase, velocity, start + dt, *self.values)[2], period
+        )
+        at_rest = velocity == 0.0 or self.restitution[wall] == 0.0
+        least = _NUDGE * period if at_rest and window == 0 else 0.0
+        return [*(start + t for t in zeros if least < t < period), start + period]
+
+    def fly(self, wall: int, phase: float, velocity: float) -> tuple[int, float, float]:
+        """Return the wall hit next, the time until then and the velocity before that impact.
+
+        Parameters
+        ----------
+        wall : int
+            The wall left.
+        phase, velocity : float
+            Of the impact there, the velocity before it.
+
+        Returns
+        -------
+        wall : int
+            -1 where a flight of `longest_flight` periods meets none.
+        dt, velocity : float
+        """
+        side, dt, speed = self._fly(self._body, wall, phase, velocity)
+        return wall_on(self._body, side), dt, speed
+
+    def start(self, time: float, position: float, velocity: float) -> State | None:
+        """Return the first impact of a body that starts between the walls.
+
+        Parameters
+        ----------
+        time, position, velocity : float
+
+        Returns
+        -------
+        State or None
+            None where no wall is met.
+
+        Raises
+        ------
+        InputError
+            If the position is not within the walls, or the acceleration depends on the state.
+        """
+        low, high = self._around(position)
+        if not low <= 0.0 <= high:
+            raise InputError("position", f"{position!r} is beyond a wall", "start within the walls")
+        if self._zeros is None:
+            raise InputError(
+                "position", f"the acceleration of {self.model.SYSTEM} depends on the state",
+                "start at a wall",
+            )  # fmt: skip
+        turns = math.floor(time / self.period)
+        phase = time - turns * self.period
+
+        def motion(head: tuple[float, float], dt: float, values: Sequence[float]) -> Any:
+            phase, out = head
+            x, speed, acceleration = self._motion((0, phase, 0.0), dt)
+            return out * dt + x, out + speed, acceleration
+
+        toward = self.sides[0] * (1 if self.pressed(0, phase)[0] else -1)
+        rising = velocity > 0.0 or (velocity == 0.0 and toward > 0)
+        side, dt, speed, _ = first_arrival(
+            motion, (phase, velocity), self.values, self._zeros, phase, self.period,
+            self.longest_flight, 0.0, rising, low, high,
+        )  # fmt: skip
+        if side == 0:
+            return None
+        phase, passed = wrapped(phase + dt, self.period)
+        return State(wall_on(self._body, side), phase, speed, turns + passed)
+
+    # Runs.
+
+    def state(self, wall: str, time: float, velocity: float) -> State:
+        """Return the state before an impact on a wall.
+
+        Parameters
+        ----------
+        wall : str
+        time : float
+        velocity : float
+            Before the impact; it runs towards the wall.
+
+        Raises
+        ------
+        InputError
+            If there is no such wall or the velocity runs away from it.
+        """
+        if wall not in self.letters:
+            raise InputError("wall", f"no wall {wall!r}", f"the walls are {self.letters}")
+        k = self.letters.index(wall)
+        if not velocity * self.sides[k] >= 0.0:
+            raise InputError(
+                "velocity", f"{velocity!r} runs away from the wall {wall}",
+                f"give one {'>=' if self.sides[k] > 0 else '<='} 0",
+            )  # fmt: skip
+        phase, turns = wrapped(time, self.period)
+        return State(k, phase, velocity, turns)
+
+    def random_state(self, generator: np.random.Generator) -> State:
+        """Return an impact at random: wall, phase, and a velocity up to what a period gives."""
+        wall = int(generator.integers(len(self.sides)))
+        phase = float(generator.uniform(0.0, self.period))
+        return State(wall, phase, self.sides[wall] * float(generator.uniform(0.0, self.fastest)))
+
+    @property
+    def fastest(self) -> float:
+        """The velocity that half a period of the largest acceleration gives."""
+        return 0.5 * self.period * max(hold[2] for hold in self._holds)
+
+    def path(
+        self, walls: Array, times: Array, velocities: Array, released: Array, points: int = 200
+    ) -> tuple[Array, Array, Array]:
+        """Return the motion between impacts, for pictures.
+
+        Parameters
+        ----------
+        walls, times, velocities, released : ndarray of shape (N,)
+            Impacts in order; they need not be physical.
+        points : int
+            Times on each flight.
+
+        Returns
+        -------
+        t, x, v : ndarray of shape ((N - 1) points,)
+            Times, gap coordinate and velocity; velocities jump at the impacts.
+        """
+        parts = []
+        for k in range(len(walls) - 1):
+            wall, length = int(walls[k]), float(times[k + 1] - times[k])
+            dt = np.linspace(0.0, length, points)
+            if released[k + 1]:  # at rest since shortly after impact k
+                x, v = np.zeros(points), np.zeros(points)
+            else:
+                motion = self.kernels.vectorised(self._motions[wall])
+                x, v = motion(times[k] + 0.0 * dt, velocities[k] + 0.0 * dt, dt, *self.values)[:2]
+            parts.append((times[k] + dt, self.positions[wall] + x, v))
+        t, x, v = (np.concatenate(column) for column in zip(*parts, strict=True))
+        return t, x, v
+
+    def run(
+        self, state: State, *, impacts: int | None = None, periods: int | None = None,
+        record: bool = True,
+    ) -> Run:  # fmt: skip
+        """Simulate from an impact.
+
+        Parameters
+        ----------
+        state : State
+            The impact that is about to happen; it is not among the rows.
+        impacts : int, optional
+            Rows to make at most.
+        periods : int, optional
+            Stop at the first impact this many whole periods later.
+        record : bool, default True
+            Whether to keep the rows; without them a run takes no memory.
+
+        Returns
+        -------
+        Run
+
+        Raises
+        ------
+        InputError
+            If neither `impacts` nor `periods` is given, or one is no whole number >= 0.
+        """
+        if impacts is None and periods is None:
+            raise InputError("impacts", "no end of the run", "give impacts or periods")
+        for name, number in (("impacts", impacts), ("periods", periods)):
+            if number is not None and (not isinstance(number, int | np.integer) or number < 0):
+                raise InputError(name, f"found {number!r}", "give a whole number >= 0")
+        most = impacts if impacts is not None else _ENDLESS
+        last = state.turns + periods if periods is not None else _ENDLESS
+        asked = min(number for number in (impacts, periods) if number is not None)
+        parts: list[list[Any]] = []
+        made, outcome, size = 0, Outcome.DONE, CHUNK if impacts is not None else FEW
+        while outcome is Outcome.DONE and made < most and state.turns < last:
+            span = min(size, most - made), min(last, state.turns + CHUNK)
+            state, outcome, count, columns = self._make(state, span, asked, record)
+            parts.append(columns)
+            made, size = made + count, min(4 * size, CHUNK)
+        return self._as_run(parts, outcome, state if outcome is not Outcome.NO_IMPACT else None)
+
+    def _make(
+        self, state: State, span: tuple[int, int], asked: int, record: bool
+    ) -> tuple[State, Outcome, int, list[Any]]:
+        """Make so many rows, up to some turn, unless the run ends before.
+
+        Returns where it is then, why it ended, how many rows there are, and their columns.
+        """
+        fast = self._engine.compiled(asked) if self._engine else None
+        room = span[0] if record else 0
+        columns: list[Any] = [np.empty(room, KINDS[k]) if fast else [0] * room for k in ROW]
+        at: Any = [int(state.wall), int(state.turns), 0]
+        when: Any = [float(state.phase), float(state.velocity)]
+        if fast:
+            at, when = array(at, INTEGERS), array(when, VECTOR)
+            count = fast(*self._arrays, at, when, *columns, array(span, INTEGERS))
+        else:
+            given = (at, when, *columns, span)
+            count = make_impacts(self._fly, self._motion, self._body, *given)
+            if self._engine:
+                self._engine.made_plainly(count)
+        end = State(int(at[0]), float(when[0]), float(when[1]), int(at[1]))
+        return end, _OUTCOMES[at[2]], count, [column[:count] for column in columns]
+
+    def _as_run(self, parts: list[list[Any]], outcome: Outcome, end: State | None) -> Run:
+        kinds = (np.int8, np.int64, float, float, bool)
+        walls, turns, phases, velocities, released = (
+            np.concatenate([np.zeros(0, kind), *(np.asarray(part[i], kind) for part in parts)])
+            for i, kind in enumerate(kinds)
+        )
+        return Run(
+            self.letters, self.period, walls, turns, phases, velocities, released, outcome, end
+        )
+
+    @functools.cached_property
+    def _engine(self) -> Engine | None:
+        """None where the acceleration depends on the state: its zeros are not for compiled code."""
+        return None if self._zeros is None else engine_of(self._motions)
+
+    # The linearised map.
+
+    @functools.cached_property
+    def _flights(self) -> dict[tuple[int, int], Any]:
+        """Flight kernels by pairs of walls; only the linearisation needs them."""
+        n = range(len(self.letters))
+        return {(a, b): self.kernels.flight(self.letters[a], self.letters[b]) for a in n for b in n}
+
+    def derivative(self, start: State, end: State) -> tuple[float, float, float, float]:
+        """Return the derivative of the map from one impact to the next.
+
+        Parameters
+        ----------
+        start, end : State
+            Two consecutive impacts.
+
+        Returns
+        -------
+        tt, tv, vt, vv : float
+            Row by row, for (time, velocity before impact): -B^-1 A with the blocks of the flight
+            kernel. A velocity of zero at `end` makes it infinite.
+        """
+        t1 = end.phase + (end.turns - start.turns) * self.period
+        kernel = self._flights[start.wall, end.wall]
+        out = kernel(start.phase, start.velocity, t1, end.velocity, *self.values)
+        a11, a12, a21, a22, b11, b12, b21, b22 = out[2:10]
+        det = b11 * b22 - b12 * b21
+        if det == 0.0:
+            return (math.inf,) * 4
+        return (
+            (b12 * a21 - b22 * a11) / det, (b12 * a22 - b22 * a12) / det,
+            (b21 * a11 - b11 * a21) / det, (b21 * a12 - b11 * a22) / det,
+        )  # fmt: skip
+
+
+def _motion_at(motions: Sequence[Kernel], values: Sequence[float]) -> Callable[..., Any]:
+    """The motion after a wall by its number, at fixed values: ``motion((wall, t0, v0), dt)``."""
+    fixed = tuple(
+        types.FunctionType(kernel.__code__, kernel.__globals__, kernel.__name__, tuple(values))
+        for kernel in motions
+    )
+
+    def motion(head, dt, values=None):
+        return fixed[head[0]](head[1], head[2], dt)
+
+    return motion

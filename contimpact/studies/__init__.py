@@ -1,0 +1,1 @@
+"""Whole diagrams: the orbits of a scene, their branches, and those born on them."""

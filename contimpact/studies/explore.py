@@ -1,0 +1,406 @@
+"""A scene's whole diagram: its orbits, their branches, and those born on them, each once.
+
+Branches are followed breadth first: the scene's orbits, then what is born at their events, physical
+events before unphysical ones, down to the scene's depth and within its budget. A branch that is
+already known (the word rotated, time shifted by whole periods, or the image under the model's
+symmetry) is not followed twice; the second way to it is recorded as a meeting.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import functools
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from ..bifurcations.switching import Start, switch
+from ..bifurcations.test_functions import test_functions
+from ..continuation.branch import End, EndKind, Event, Point, Walk
+from ..continuation.events import TestFunction
+from ..continuation.interruption import kept, other_way
+from ..errors import InputError
+from ..following.images import again, at_image, mirrors_back
+from ..following.orbit_branch import Run, both_ways
+from ..following.orbit_march import walk_orbits
+from ..models.word import Word
+from ..orbits.problem import Array, OrbitProblem
+from ..orbits.recognition import mirrored, rotated_to, shortest
+from ..orbits.search import SAME_ORBIT, Orbit
+from ..progress import Progress, counted, silent
+from ..records.branch import Branch
+from ..records.diagram import Diagram
+from ..records.entry import Entry
+from ..scenes.scene import Scene
+from ..segments.kernels import Kernels
+from .starting_orbits import NotFound, orbits_at, placed, refusal, surveyed
+
+STAGES = ("kernels", "search", "walk", "events", "switching", "tables")
+INTERRUPTED = "interrupted"
+"""What ended a computation early, where the keyboard did."""
+
+
+def follow(scene: Scene, progress: Progress | None = None) -> Diagram:
+    """Compute the diagram of a scene.
+
+    Parameters
+    ----------
+    scene : Scene
+        From `load_scene`.
+    progress : callable, optional
+        Called with a line of text now and then.
+
+    Returns
+    -------
+    Diagram
+
+    Raises
+    ------
+    InputError
+        If none of the words the scene names has an orbit at its start, nor, with a survey, at
+        other values.
+
+    Notes
+    -----
+    An interruption or a numerical failure ends the computation early; what was computed is
+    returned, and ``statistics["failure"]`` says what happened. Words without an orbit at the start
+    are listed in ``statistics["not_found"]``.
+    """
+    diagram = _Explorer(scene, progress or silent).run()
+    if scene.curves is None or diagram.statistics["failure"]:
+        return diagram
+    from ..two_parameters.explore import with_curves
+
+    return with_curves(scene, diagram, progress)
+
+
+@dataclass(frozen=True)
+class _Birth:
+    """A branch waiting to be followed: where it starts, and the entry it is born at."""
+
+    event: Event
+    entry: Entry
+    depth: int
+
+
+@dataclass
+class _Explorer:
+    """The computation of a scene's diagram, as far as it has come."""
+
+    scene: Scene
+    progress: Progress
+    runs: list[Run] = field(default_factory=list)
+    branches: list[Branch] = field(default_factory=list)
+    waiting: list[_Birth] = field(default_factory=list)
+    opens: dict[str, list[str]] = field(default_factory=dict)
+    meetings: dict[str, list[str]] = field(default_factory=dict)
+    notes: list[str] = field(default_factory=list)
+    lacking: dict[Word, NotFound] = field(default_factory=dict)
+    probes: int = 0
+    tested: list[TestFunction] = field(default_factory=list)
+    failure: str | None = None
+    seconds: dict[str, float] = field(default_factory=lambda: dict.fromkeys(STAGES, 0.0))
+
+    def run(self) -> Diagram:
+        scene = self.scene
+        began = time.perf_counter()
+        self.kernels = Kernels(scene.model, scene.parameter)
+        try:
+            self.problems = {word: self.problem(word) for word in scene.orbits}
+        except InputError as error:
+            raise placed(error, scene) from None
+        self.symmetry = scene.model.symmetry(
+            scene.parameter, self.kernels.harmonics(*scene.model.values.values())
+        )
+        self.seconds["kernels"] += time.perf_counter() - began
+        started = self.orbits_at_start()
+        try:
+            for orbit in started:
+                self.follow_orbit(orbit)
+            self.follow_births()
+            if scene.survey:
+                self.survey()
+                self.follow_births()
+            else:
+                self.look_elsewhere()
+        except KeyboardInterrupt:
+            self.failure = INTERRUPTED
+        except (ArithmeticError, np.linalg.LinAlgError) as error:
+            self.failure = f"the computation failed ({type(error).__name__}: {error})"
+        if not self.runs and not self.failure:
+            raise refusal(list(self.lacking.values()))
+        return Diagram(scene.name, self.finished_branches(), statistics=self.statistics())
+
+    def problem(self, word: Word) -> OrbitProblem:
+        return OrbitProblem(self.scene.model, word, self.kernels)
+
+    # Orbits found by search.
+
+    def orbits_at_start(self) -> list[Orbit]:
+        """The orbits of all words at the start; words without any are kept in mind."""
+        found = []
+        for word in self.scene.orbits:
+            orbits = self.search(word, self.scene.start)
+            found += orbits
+            if not orbits:
+                self.lacking[word] = NotFound.of(self.scene, word)
+        return found
+
+    def search(self, word: Word, value: float) -> list[Orbit]:
+        began = time.perf_counter()
+        self.progress(f"looking for {word} at {self.scene.parameter} = {value:.9g}")
+        found = orbits_at(self.scene, self.kernels, word, value)
+        self.seconds["search"] += time.perf_counter() - began
+        if word in self.lacking:
+            self.lacking[word] = self.lacking[word].also_at(value, len(found))
+        return found
+
+    def look_elsewhere(self) -> None:
+        """Look for words without an orbit at the start at other values, to tell of them."""
+        for word in self.lacking:
+            for value in surveyed(self.scene):
+                self.search(word, value)
+
+    def follow_orbit(self, orbit: Orbit) -> None:
+        """Follow an orbit both ways, unless it lies on a branch already known."""
+        if self.known(orbit.problem, orbit.unknowns) is not None or not self.in_budget():
+            return
+        name = self.next_name()
+        tests = self.tests(orbit.problem)
+        settings = self.settings()
+        report = self.reporter(orbit.problem, name)
+        scene = self.scene
+        began = time.perf_counter()
+        stop = at_image(orbit.problem, self.known)
+        run = both_ways(orbit.problem, orbit.unknowns, scene.range, tests, settings, report, stop)
+        self.keep(run, name, None, 0, began)
+
+    def survey(self) -> None:
+        """Look for more orbits of every word met so far, at values across the range."""
+        words = dict.fromkeys([*(run.problem.word for run in self.runs), *self.lacking])
+        for value in surveyed(self.scene):
+            for word in words:
+                if not self.in_budget():
+                    self.notes.append(
+                        f"the survey ended before {word} at {self.scene.parameter} = {value:.6g}: "
+                        f"{self.budget()} was used up"
+                    )
+                    return
+                for orbit in self.search(word, value):
+                    self.follow_orbit(orbit)
+
+    # Branches born at events.
+
+    def follow_births(self) -> None:
+        while self.waiting and self.in_budget():
+            depth = min(birth.depth for birth in self.waiting)
+            order = [b for b in self.waiting if b.depth == depth]
+            birth = next((b for b in order if b.entry.physical), order[0])
+            self.waiting.remove(birth)
+            self.follow_birth(birth)
+        if self.waiting:
+            self.notes.append(
+                f"{len(self.waiting)} events were not switched at: {self.budget()} was used up"
+            )
+            self.waiting = []
+
+    def follow_birth(self, birth: _Birth) -> None:
+        """Follow the branch born at an event; if it is known, record the meeting."""
+        began = time.perf_counter()
+        start = switch(birth.event)
+        if start is None:
+            self.notes.append(f"{birth.entry.id} ({birth.entry.label}): nothing starts there")
+            return
+        known = self.first_step_known(start)
+        self.seconds["switching"] += time.perf_counter() - began
+        if known is not None:
+            self.record(birth.entry, known)
+            return
+        name = self.next_name()
+        began = time.perf_counter()
+        forward = kept(lambda: self.walk_from(start, +1, name))
+        if not forward.points:
+            self.notes.append(f"{birth.entry.id} ({birth.entry.label}): {forward.end.message}")
+            return
+        backward = None
+        if mirrors_back(start.problem, start.unknowns, start.tangent, self.symmetry):
+            backward = Walk(forward.points[:1], (), again(name, forward.points[0]))
+        elif start.both_ways and forward.end.kind is not EndKind.CLOSED:
+            back = functools.partial(self.walk_from, start, -1, name)
+            backward = other_way(forward, self.scene.parameter, back)
+            if not backward.points:
+                backward = Walk(forward.points[:1], (), backward.end)
+        entry = birth.entry
+        born = End.of(
+            EndKind.BORN, self.scene.parameter, entry.value, entry=entry.id, parent=entry.branch
+        )
+        if backward is None:
+            if forward.end.kind is EndKind.CLOSED:
+                born = forward.end
+            backward = Walk(forward.points[:1], (), born)
+        self.keep(Run.of(start.problem, backward, forward), name, entry, birth.depth, began)
+
+    def first_step_known(self, start: Start) -> str | None:
+        """The known branch the first step from a start leads to, if any."""
+        self.probes += 1
+        probe = walk_orbits(
+            start.problem, start.unknowns, +1,
+            limits=self.scene.range, settings=dataclasses.replace(self.settings(), max_points=2),
+            tangent=start.tangent, branching=start.branching,
+        )  # fmt: skip
+        return self.known(start.problem, probe.points[-1].unknowns) if probe.points else None
+
+    def walk_from(self, start: Start, direction: int, name: str) -> Walk:
+        """Walk one way from a start, until the branch ends or runs into its own image."""
+        problem = start.problem
+        return walk_orbits(
+            problem, start.unknowns, direction,
+            limits=self.scene.range, tests=self.tests(problem), settings=self.settings(),
+            tangent=start.tangent, branching=start.branching,
+            callback=self.reporter(problem, name), stop=at_image(problem, self.known),
+        )  # fmt: skip
+
+    # Recognition.
+
+    def known(self, problem: OrbitProblem, unknowns: Array) -> str | None:
+        """The branch an orbit lies on, itself or its mirror image."""
+        images = [shortest(problem, unknowns, SAME_ORBIT)]
+        if self.symmetry is not None:
+            images.append(mirrored(*images[0], self.symmetry))
+        for name, run in zip(self.names(), self.runs, strict=True):
+            for image, moved in images:
+                aligned = rotated_to(image, moved, run.problem.word)
+                if aligned is not None and run.holds(aligned):
+                    return name
+        return None
+
+    def record(self, entry: Entry, branch: str) -> None:
+        """Note that switching at an entry leads to a branch."""
+        self.opens.setdefault(entry.id, []).append(branch)
+        self.meetings.setdefault(branch, []).append(entry.id)
+
+    # Bookkeeping.
+
+    def names(self) -> list[str]:
+        return [branch.id for branch in self.branches]
+
+    def next_name(self) -> str:
+        return f"b{len(self.branches) + 1}"
+
+    def points(self) -> int:
+        return sum(len(run.points) for run in self.runs)
+
+    def in_budget(self) -> bool:
+        return len(self.runs) < self.scene.max_branches and self.points() < self.scene.max_points
+
+    def budget(self) -> str:
+        """The budget in words."""
+        scene = self.scene
+        return f"the budget of {scene.max_branches} branches or {scene.max_points} points"
+
+    def settings(self) -> Any:
+        left = max(self.scene.max_points - self.points(), 2)
+        settings = self.scene.settings
+        return dataclasses.replace(settings, max_points=min(settings.max_points, left))
+
+    def tests(self, problem: OrbitProblem) -> list[TestFunction]:
+        """The scene's test functions, and what tells where a branch runs into its own image."""
+        kinds = list(self.scene.events)
+        if at_image(problem) and "BP" not in kinds:
+            kinds.append("BP")
+        tests = test_functions(problem, kinds, self.scene.values)
+        self.tested += tests
+        return tests
+
+    def reporter(self, problem: OrbitProblem, name: str) -> Callable[[Point], None]:
+        shown = problem.word.notation([w.name for w in self.scene.model.WALLS])
+        count = counted(f"following {name}, {shown}", self.scene.parameter, self.progress)
+
+        def report(point: Point) -> None:
+            here: Any = point.evaluation
+            here.verdict  # noqa: B018  physicality is decided at every point: part of the walk
+            count(point)
+
+        return report
+
+    def keep(self, run: Run, name: str, entry: Entry | None, depth: int, began: float) -> None:
+        """Tabulate a branch and queue what is born on it; an interruption goes on after that."""
+        walked = time.perf_counter()
+        in_events = sum(w.seconds_in_events for w in run.walks)
+        self.seconds["events"] += in_events
+        self.seconds["walk"] += walked - began - in_events
+        first = 1 + sum(len(branch.events) for branch in self.branches)
+        origin = entry.id if entry else None
+        interrupted = run.interrupted
+        try:
+            branch = run.branch(name, origin, first, kinds=self.scene.events)
+        except KeyboardInterrupt:  # the branch is walked, after all
+            branch = run.branch(name, origin, first, kinds=self.scene.events)
+            interrupted = True
+        self.runs.append(run)
+        self.branches.append(branch)
+        if entry is not None:
+            self.opens.setdefault(entry.id, []).append(name)
+        if depth < self.scene.depth:
+            events = (e for e in run.events if e.kind in self.scene.events)
+            self.waiting += [
+                _Birth(event, e, depth + 1)
+                for event, e in zip(events, branch.events, strict=True)
+                if event.kind in self.scene.switch and e.id != origin
+            ]
+        self.seconds["tables"] += time.perf_counter() - walked
+        if interrupted:
+            raise KeyboardInterrupt
+
+    def finished_branches(self) -> list[Branch]:
+        """The branches, their entries told what they open."""
+        return [
+            dataclasses.replace(
+                branch,
+                events=[
+                    dataclasses.replace(e, opens=tuple(self.opens.get(e.id, ())))
+                    for e in branch.events
+                ],
+                meetings=self.meetings.get(branch.id, []),
+            )
+            for branch in self.branches
+        ]
+
+    def not_found(self) -> list[NotFound]:
+        """The words of which no orbit at the start was found, nor a branch that passes it."""
+        return [
+            lacking
+            for word, lacking in self.lacking.items()
+            if not any(run.passes(word, self.scene.start) for run in self.runs)
+        ]
+
+    def evaluations(self) -> dict[str, int]:
+        """How often test functions of each kind were evaluated."""
+        counts: dict[str, int] = {}
+        for test in self.tested:
+            counts[test.kind] = counts.get(test.kind, 0) + test.evaluations
+        return counts
+
+    def statistics(self) -> dict[str, Any]:
+        walks = [w for run in self.runs for w in run.walks]
+        problems = {id(run.problem): run.problem for run in self.runs}
+        lacking = self.not_found()
+        return {
+            "seconds": self.seconds,
+            "counts": {
+                "branches": len(self.runs),
+                "points": self.points(),
+                "corrector_iterations": sum(w.corrector_iterations for w in walks),
+                "rejected_steps": sum(w.rejected_steps for w in walks),
+                "switches_tried": self.probes,
+                "kernel_evaluations": sum(p.kernel_evaluations for p in problems.values()),
+            },
+            "test_functions": self.evaluations(),
+            "kernels": {"loaded": self.kernels.loaded, "generated": self.kernels.generated},
+            "not_found": [each.as_record() for each in lacking],
+            "notes": [*self.notes, *(each.told(self.scene.survey) for each in lacking)],
+            "failure": self.failure,
+        }

@@ -1,0 +1,155 @@
+"""The orbits a scene starts from, and the words of which none was found.
+
+The search is a random one: a word is never said to have no orbit, only that none was found, where,
+and with how many starts.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from ..errors import InputError
+from ..models.word import Word
+from ..orbits.search import Orbit, find_orbits
+from ..progress import Progress, silent
+from ..scenes.scene import Scene
+from ..segments.kernels import Kernels
+
+SURVEYED = 9
+"""Values of the followed parameter at which words are looked for besides the start."""
+
+
+@dataclass(frozen=True)
+class NotFound:
+    """A word of which no orbit was found at a scene's start.
+
+    Attributes
+    ----------
+    word : Word
+    notation : str
+    parameter : str
+    value : float
+        Of the followed parameter, at the start.
+    starts : int
+        Random starts in each round of the search.
+    rounds : int
+        Rounds that were made.
+    tried : int
+        Other values at which orbits were looked for.
+    elsewhere : sequence of (float, int)
+        Those at which some were found, and how many.
+    """
+
+    word: Word
+    notation: str
+    parameter: str
+    value: float
+    starts: int
+    rounds: int
+    tried: int = 0
+    elsewhere: tuple[tuple[float, int], ...] = ()
+
+    @classmethod
+    def of(cls, scene: Scene, word: Word) -> NotFound:
+        """Tell what a search in vain at a scene's start has tried: it ends after two rounds."""
+        notation = word.notation([w.name for w in scene.model.WALLS])
+        return cls(word, notation, scene.parameter, scene.start, scene.starts, min(scene.rounds, 2))
+
+    def also_at(self, value: float, count: int) -> NotFound:
+        """Return the same, after a search at another value found so many orbits."""
+        found = ((value, count),) if count else ()
+        return replace(self, tried=self.tried + 1, elsewhere=self.elsewhere + found)
+
+    @property
+    def nearby(self) -> str:
+        """How many orbits there are elsewhere, in words."""
+        return ", ".join(f"{n} at {self.parameter} = {value:.6g}" for value, n in self.elsewhere)
+
+    def told(self, surveyed: bool) -> str:
+        """Return what a diagram's note says; a survey has followed what was found elsewhere."""
+        if self.elsewhere:
+            done = "followed from there" if surveyed else "follow.survey = true follows them"
+            return f"{self}; {self.nearby} ({done})"
+        return f"{self}" + (f", nor at {self.tried} other values" if self.tried else "")
+
+    def as_record(self) -> dict[str, Any]:
+        """Return plain data, as the manifest has it."""
+        return {
+            "word": self.word.walls,
+            "period": self.word.period,
+            "notation": self.notation,
+            "parameter": self.parameter,
+            "value": self.value,
+            "starts": self.starts,
+            "rounds": self.rounds,
+            "tried": self.tried,
+            "elsewhere": [[value, count] for value, count in self.elsewhere],
+        }
+
+    def __str__(self) -> str:
+        rounds = "1 round" if self.rounds == 1 else f"{self.rounds} rounds"
+        return (
+            f"no {self.word} orbit was found at {self.parameter} = {self.value:.9g} ({rounds} of "
+            f"{self.starts} random starts)"
+        )
+
+
+def placed(error: InputError, scene: Scene) -> InputError:
+    """Return an error of a scene's kernels; an option's text is read when they are made."""
+    return error.within("model") if error.where in scene.model.options else error
+
+
+def orbits_at(scene: Scene, kernels: Kernels, word: Word, value: float) -> list[Orbit]:
+    """Find orbits of a word at a value of a scene's parameter, with the scene's options."""
+    model = scene.model.replace(**{scene.parameter: value})
+    return find_orbits(
+        model, word, kernels=kernels, rng=scene.seed, starts=scene.starts, rounds=scene.rounds
+    )
+
+
+def surveyed(scene: Scene) -> list[float]:
+    """Return the values across a scene's range at which words are looked for."""
+    values: list[float] = np.linspace(*scene.range, SURVEYED + 2)[1:-1].tolist()
+    return values
+
+
+def not_found(
+    scene: Scene, kernels: Kernels, word: Word, progress: Progress = silent
+) -> NotFound:  # fmt: skip
+    """Return what is known of a word without an orbit at the start, looked for elsewhere."""
+    found = NotFound.of(scene, word)
+    for value in surveyed(scene):
+        progress(f"looking for {word} at {scene.parameter} = {value:.6g}")
+        found = found.also_at(value, len(orbits_at(scene, kernels, word, value)))
+    return found
+
+
+def refusal(missing: Sequence[NotFound]) -> InputError:
+    """Return the error of a scene of whose words none has an orbit at its start."""
+    first = next((each for each in missing if each.elsewhere), missing[0])
+    others = [str(each.word) for each in missing if each is not first]
+    return InputError(
+        "follow.orbits",
+        str(first) + (f", nor of {', '.join(others)}" if others else ""),
+        f"start where one exists, by model.parameters.{first.parameter}: {first.nearby}"
+        if first.elsewhere
+        else f"nor at {SURVEYED} other values within the range; try another word or parameters",
+    )
+
+
+def orbits_at_start(scene: Scene, kernels: Kernels, word: Word) -> list[Orbit]:
+    """Find the orbits of a word at a scene's start.
+
+    Raises
+    ------
+    InputError
+        If there is none; it says what was tried and what exists nearby.
+    """
+    found = orbits_at(scene, kernels, word, scene.start)
+    if not found:
+        raise refusal([not_found(scene, kernels, word)])
+    return found
