@@ -8,12 +8,11 @@ from __future__ import annotations
 
 import re
 import unicodedata
-from pathlib import Path
 
 import pytest
 from matplotlib._mathtext_data import tex2uni
+from zoo import ROOT
 
-ROOT = Path(__file__).parent.parent
 PAGES = [*sorted(ROOT.glob("docs/*.md")), *sorted(ROOT.glob("branches/*.md")),
          *sorted(ROOT.glob("*.md"))]  # fmt: skip
 TEXTS = [

@@ -4,15 +4,15 @@ from __future__ import annotations
 
 import csv
 import json
-from pathlib import Path
 
 import pytest
+from zoo import ROOT
 
 from contimpact.cli import main
 from contimpact.errors import InputError
 from contimpact.records.merge import merge
 
-BRANCHES = Path(__file__).parent.parent / "branches"
+BRANCHES = ROOT / "branches"
 
 
 @pytest.fixture(scope="module")

@@ -2,17 +2,16 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import pytest
 from extremes import CASES, MARK, measure
+from zoo import ROOT
 
 from contimpact.errors import InputError
 from contimpact.following.orbit_branch import continue_orbit
 from contimpact.orbits.search import find_orbits
 from contimpact.systems.oscillator import Oscillator
 
-DOCS = Path(__file__).parent.parent / "docs" / "extremes.md"
+DOCS = ROOT / "docs" / "extremes.md"
 
 
 @pytest.mark.parametrize("name", CASES)

@@ -5,10 +5,10 @@ from __future__ import annotations
 import dataclasses
 import math
 import tomllib
-from pathlib import Path
 
 import numpy as np
 import pytest
+from zoo import ROOT
 
 from contimpact.errors import InputError
 from contimpact.following.orbit_branch import continue_orbit
@@ -343,7 +343,7 @@ def test_ranges_and_values_that_do_not_fit_are_refused(limits, values):
 @pytest.fixture(scope="module")
 def fig6d():
     """Fig. 6(d) at pi/6, where curves through r = 0.5 alone name G[2:1->2:2] first for small r."""
-    text = (Path(__file__).parent.parent / "branches" / "fig6d" / "scene.toml").read_text("utf-8")
+    text = (ROOT / "branches" / "fig6d" / "scene.toml").read_text("utf-8")
     data = tomllib.loads(text)
     data["curves"]["family"] = {"beta": ["pi/6"]}
     data["curves"]["start"] = [0.12, 0.2]

@@ -6,6 +6,7 @@ import math
 
 import numpy as np
 import pytest
+from zoo import scene
 
 from contimpact.bifurcations.switching import switch, touches_at
 from contimpact.bifurcations.test_functions import test_functions as functions
@@ -14,27 +15,8 @@ from contimpact.errors import InputError
 from contimpact.following.orbit_branch import both_ways, continue_born, continue_orbit
 from contimpact.orbits.search import find_orbits
 from contimpact.records.branch import Branch
-from contimpact.scenes.scene import read_scene
 from contimpact.studies.explore import follow
 from contimpact.systems.impact_pair import ImpactPair
-
-
-def scene(**changes):
-    given = {
-        "name": "t",
-        "model": {
-            "system": "impact-pair",
-            "parameters": {"beta": "pi/6", "r": 0.3, "A": 5.0, "s": 0.34},
-        },
-        "follow": {
-            "parameter": "s", "range": [0.08, 1.05], "orbits": ["1:1"],
-            "switch": ["G", "PD"], "depth": 2,
-        },
-        "detect": {"events": ["FB", "PD", "G"]},
-    }  # fmt: skip
-    for table, values in changes.items():
-        given[table] = {**given.get(table, {}), **values}
-    return read_scene(given)
 
 
 @pytest.fixture(scope="module")

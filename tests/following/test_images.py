@@ -7,8 +7,8 @@ import math
 import numpy as np
 import pytest
 from algebraic import Algebraic
-from test_switching import scene
-from test_walk import follow as follow_curve
+from algebraic import follow as follow_curve
+from zoo import scene
 
 from contimpact.continuation.branch import EndKind
 from contimpact.following.orbit_branch import continue_born, continue_orbit

@@ -2,16 +2,15 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import numpy as np
 import pytest
+from zoo import ROOT
 
 from contimpact.records.reading import read, stable_intervals
 from contimpact.scenes.scene import load_scene, read_scene
 from contimpact.studies.explore import follow
 
-BRANCHES = Path(__file__).parent.parent / "branches"
+BRANCHES = ROOT / "branches"
 
 
 @pytest.fixture(scope="module")

@@ -11,15 +11,15 @@ import dataclasses
 import functools
 import json
 import math
-from pathlib import Path
 
 import numpy as np
 import pytest
+from zoo import ROOT
 
 from contimpact import follow, load_scene, read
 from contimpact.continuation.branch import EndKind
 
-FOLDER = Path(__file__).parent.parent / "branches"
+FOLDER = ROOT / "branches"
 NAMES = sorted(path.parent.name for path in FOLDER.glob("*/scene.toml"))
 SIMULATED = [name for name in NAMES if (FOLDER / name / "simulation").is_dir()]
 MAPS = [name for name in NAMES if name.startswith("fig6")]

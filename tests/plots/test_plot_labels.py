@@ -5,10 +5,10 @@ from __future__ import annotations
 import dataclasses
 import itertools
 import tomllib
-from pathlib import Path
 
 import numpy as np
 import pytest
+from zoo import ROOT
 
 from contimpact import InputError, follow, plot_diagram, read_scene
 from contimpact.plots import labels as placing
@@ -16,7 +16,7 @@ from contimpact.plots.texts import fixed_values, symbol, units_of, value_text, v
 from contimpact.records.diagram import Diagram
 from contimpact.scenes.options import LABELS
 
-SCENE = Path(__file__).parent.parent / "branches" / "fig7" / "scene.toml"
+SCENE = ROOT / "branches" / "fig7" / "scene.toml"
 
 
 @pytest.fixture(scope="module")

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import dataclasses
 import tomllib
-from pathlib import Path
 
 import numpy as np
 import pytest
+from zoo import ROOT
 
 from contimpact.attractors.attractor import Settling, settle
 from contimpact.attractors.energy import Membrane
@@ -21,7 +21,7 @@ from contimpact.simulation.simulator import State
 from contimpact.studies.explore import follow
 
 QUICK = Settling(transient=50, periods=800, impacts=1500)
-SCENE = Path(__file__).parent.parent / "branches" / "fig7" / "scene.toml"
+SCENE = ROOT / "branches" / "fig7" / "scene.toml"
 
 
 @pytest.fixture(scope="module")

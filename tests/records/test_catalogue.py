@@ -17,6 +17,7 @@ import numpy as np
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
+from zoo import ROOT
 
 import contimpact
 from contimpact import InputError, follow, load_diagram, load_scene, read_scene, write_diagram
@@ -38,7 +39,7 @@ from contimpact.records.entry import Entry
 from contimpact.records.result_folder import prepare_folder
 from contimpact.storage.files import write_text
 
-SCENE = Path(__file__).parent.parent / "branches" / "fig7" / "scene.toml"
+SCENE = ROOT / "branches" / "fig7" / "scene.toml"
 
 
 @pytest.fixture(scope="module")

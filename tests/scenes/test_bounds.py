@@ -6,14 +6,14 @@ import copy
 import os
 import re
 import time
-from pathlib import Path
 
 import pytest
+from zoo import ROOT
 
 from contimpact.errors import LONGEST_MESSAGE, InputError
 from contimpact.scenes.scene import load_scene, read_scene
 
-DOCS = Path(__file__).parent.parent / "docs"
+DOCS = ROOT / "docs"
 
 SCENE = {
     "name": "bounds",

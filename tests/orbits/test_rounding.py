@@ -5,10 +5,10 @@ from __future__ import annotations
 import importlib.util
 import math
 from fractions import Fraction
-from pathlib import Path
 
 import numpy as np
 import pytest
+from zoo import ROOT
 
 from contimpact.accuracy.reference import Reference
 from contimpact.bifurcations.test_functions import test_functions as make_tests
@@ -39,7 +39,7 @@ def test_whole_turns_are_exact_and_their_length_is_not():
 
 
 def bouncing_ball():
-    path = Path(__file__).parent.parent / "examples" / "bouncing_ball.py"
+    path = ROOT / "examples" / "bouncing_ball.py"
     spec = importlib.util.spec_from_file_location("bouncing_ball", path)
     module = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(module)

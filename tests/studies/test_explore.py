@@ -3,16 +3,16 @@
 from __future__ import annotations
 
 import dataclasses
-from pathlib import Path
 
 import numpy as np
 import pytest
+from zoo import ROOT
 
 from contimpact import InputError, find_orbits, follow, load_scene, read_scene
 from contimpact.records.diagram import Diagram
 from contimpact.records.reading import read
 
-FIG7 = Path(__file__).parent.parent / "branches" / "fig7" / "scene.toml"
+FIG7 = ROOT / "branches" / "fig7" / "scene.toml"
 SMALL = {
     "name": "small",
     "model": {

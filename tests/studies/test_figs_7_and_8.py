@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import dataclasses
-from pathlib import Path
 
 import pytest
+from zoo import ROOT
 
 from contimpact.accuracy.reference import Reference
 from contimpact.bifurcations.ghosts import event_of
@@ -13,7 +13,7 @@ from contimpact.scenes.scene import load_scene
 from contimpact.segments.kernels import Kernels
 from contimpact.studies.explore import follow
 
-BRANCHES = Path(__file__).parent.parent / "branches"
+BRANCHES = ROOT / "branches"
 FINER = 20
 
 

@@ -5,10 +5,10 @@ from __future__ import annotations
 import json
 import math
 import tomllib
-from pathlib import Path
 
 import numpy as np
 import pytest
+from zoo import ROOT
 
 from contimpact.accuracy import report as module
 from contimpact.accuracy.output import _simulation_table
@@ -114,7 +114,7 @@ def test_events_of_a_family_are_compared_at_their_own_values():
 
 @pytest.mark.parametrize("name", ["stop", "fig6a"])
 def test_reported_errors_of_shipped_scenes_are_bounds(name):
-    scene = load_scene(Path(__file__).parent.parent / "branches" / name / "scene.toml")
+    scene = load_scene(ROOT / "branches" / name / "scene.toml")
     fair = module.honesty(module.measured_events(scene, Kernels(scene.model, scene.parameter)))
     assert fair["events"] == fair["confirmed"] == fair["within_estimate"]
     assert fair["largest_ratio"] < 0.5
@@ -122,7 +122,7 @@ def test_reported_errors_of_shipped_scenes_are_bounds(name):
 
 def test_a_simulation_and_its_voltages_are_measured():
     """Each flight to rounding; the integrator's error falls with its tolerance."""
-    scene = load_scene(Path(__file__).parent.parent / "branches" / "fig7" / "scene.toml")
+    scene = load_scene(ROOT / "branches" / "fig7" / "scene.toml")
     found = simulated(scene, (1e-4, 1e-8, 1e-12), 2, 30)
     assert found["flights"] == 40
     assert found["simulator"]["error"] < 1e-14

@@ -9,7 +9,6 @@ import re
 import subprocess
 import sys
 import tomllib
-from pathlib import Path
 
 import matplotlib
 import numpy as np
@@ -18,12 +17,13 @@ from matplotlib.colors import to_hex, to_rgb
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.text import Text
+from zoo import ROOT
 
 from contimpact import InputError, follow, plot_diagram, read_scene
 from contimpact.plots.diagram import COLOURS, MARKERS, STYLES, label_text, save_diagram
 from contimpact.records.diagram import Diagram
 
-BRANCHES = Path(__file__).parent.parent / "branches"
+BRANCHES = ROOT / "branches"
 
 
 def scene_of(name, **detect):

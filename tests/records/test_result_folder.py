@@ -11,6 +11,7 @@ import sys
 from pathlib import Path
 
 import pytest
+from zoo import ROOT
 
 from contimpact import load_diagram, load_scene, write_diagram
 from contimpact.cli import main
@@ -23,7 +24,7 @@ from contimpact.storage.files import temporary_beside
 from contimpact.storage.locks import LOCK, locked
 from contimpact.storage.processes import this_process
 
-BRANCHES = Path(__file__).parent.parent / "branches"
+BRANCHES = ROOT / "branches"
 SCENE = """
 name = "small"
 [model]
