@@ -12,7 +12,7 @@ import pytest
 PROBE = """
 import json, sys
 from contimpact.segments.kernels import Kernels
-from contimpact.orbits import problem as orbit
+from contimpact.orbits import linearisation, problem
 counts = {}
 def counted(owner, name):
     function = getattr(owner, name)
@@ -20,9 +20,9 @@ def counted(owner, name):
         counts[name] = counts.get(name, 0) + 1
         return function(*given, **named)
     setattr(owner, name, wrapper)
-counted(orbit.OrbitProblem, "evaluate")
-counted(orbit.OrbitProblem, "second_along")
-counted(orbit, "flight_gaps")
+counted(problem.OrbitProblem, "evaluate")
+counted(problem.OrbitProblem, "second_along")
+counted(linearisation, "flight_gaps")
 given = json.loads(sys.argv[1])
 from contimpact.scenes.scene import read_scene
 scene = read_scene(given)
@@ -150,7 +150,7 @@ COMMANDS = {
 
 
 @pytest.mark.parametrize(("tables", "allowed"), [
-    ("", ()), (SIMULATED, ("simulate_tables", "systems.membrane")),
+    ("", ()), (SIMULATED, ("scenes.simulate_tables", "systems.membrane")),
 ])  # fmt: skip
 @pytest.mark.parametrize("name", COMMANDS)
 def test_a_command_imports_what_it_needs(name, tables, allowed, tmp_path, of_numpy):

@@ -330,7 +330,7 @@ def test_an_interruption_while_drawing_leaves_at_once(run, scene, tmp_path, monk
 def test_an_impatient_user_still_gets_the_manifest(run, scene, tmp_path, monkeypatch):
     """Interruptions after the first, at any moment of the writing, spoil nothing."""
     from contimpact.plots import diagram
-    from contimpact.records.loading import result_folder
+    from contimpact.records import result_folder
 
     put = result_folder.write_all
 

@@ -245,7 +245,7 @@ def test_an_export_over_a_run_leaves_no_manifest_of_it(out):
 
 
 def test_a_folder_written_anew_while_it_is_read(out, monkeypatch):
-    from contimpact.records.loading import catalogue
+    from contimpact.records import catalogue
 
     original = catalogue.read_branch
 
