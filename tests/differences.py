@@ -109,9 +109,14 @@ class Difference:
     """The stated error of the event, if the cell is its value of the followed parameter."""
 
     @property
+    def name(self) -> str:
+        """The column or key."""
+        return self.place.rpartition("/")[2]
+
+    @property
     def ulps(self) -> int | None:
-        """How many numbers lie between the two, one of them included."""
-        if is_number(self.old) and is_number(self.new):
+        """The distance of two floats in units of the last place: how many doubles further."""
+        if isinstance(self.old, float) and isinstance(self.new, float):
             return abs(_rank(self.old) - _rank(self.new))
         return None
 
@@ -120,7 +125,7 @@ class Difference:
         """The difference as a multiple of the stated error."""
         if not self.stated or self.ulps is None:
             return None
-        return abs(self.new - self.old) / self.stated
+        return float(abs(self.new - self.old) / self.stated)
 
     def __str__(self) -> str:
         if self.new is ...:

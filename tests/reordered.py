@@ -1,32 +1,33 @@
 """What may differ between two folders of results where only arithmetic was reordered.
 
 - An event's value of the followed parameter is right to its stated error, against its value in 30
-  digits where a report has it, else against the other value within both stated errors.
-- Other numbers agree to `TOLERANCE`, relative to themselves or to 1, whichever is larger; and so do
-  the numbers within texts, to the digits they are written with.
-- Residuals, error estimates and such are rounding themselves: they must not grow tenfold, or stay
-  below `NEGLIGIBLE`. Corrector iterations are not compared.
-- Motion that is not periodic forgets how it was rounded: of such attractors the kind is compared.
+  digits where the recording has a report, else against the recorded value and both stated errors.
+- Other numbers agree to `TOLERANCE`, relative to themselves or to 1, whichever is larger; so do the
+  numbers within texts, to the digits they are written with. Multipliers agree so, or their
+  reciprocals do: where an impact velocity vanishes they are infinite.
+- Residuals, error estimates and such are rounding themselves: they may not grow tenfold, unless
+  they stay below `NEGLIGIBLE`. Corrector iterations and evaluations are not compared.
+- Motion that is not periodic forgets how it was rounded: the kind of such attractors is compared.
 
-Everything else, texts, order and number of events, points and files, has to be the same.
+Everything else has to be the same: texts, order and number of events, points and files.
 """
 
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from fractions import Fraction
 
 from differences import Difference, Table, is_number
 
 TOLERANCE = 1e-10
 WRITTEN = 1e-5
-"""Relative, of numbers within texts: some are written to six digits."""
+"""Of numbers within texts, relative: some are written to six digits."""
 
 NEGLIGIBLE = 1e-12
-ROUNDING = {"residual", "error", "nu_error", "closing", "distance", "true_error", "estimated_error"}
-ROUNDING |= {"ratio", "median_ratio", "largest_ratio", "largest_true_error", "moved"}
-UNCOMPARED = {"iterations", "corrector_iterations", "kernel_evaluations", "evaluations"}
+NOISE = {"residual", "error", "nu_error", "closing", "distance", "true_error", "estimated_error"}
+NOISE |= {"ratio", "median_ratio", "largest_ratio", "largest_true_error", "moved"}
+COUNTS = {"iterations", "corrector_iterations", "kernel_evaluations", "evaluations"}
 IRREGULAR = {"complex", "not settled"}
 
 _NUMERAL = re.compile(r"-?\d+(?:\.\d+)?(?:e[+-]?\d+)?")
@@ -44,40 +45,56 @@ class Judge:
     def __init__(self, digits: Mapping[str, str]) -> None:
         self.digits = digits
 
-    def accepts(self, found: Difference, old: Table, new: Table) -> bool:
-        """Whether a difference between two tables is one of rounding."""
-        owner, _, name = found.place.rpartition("/")
-        if name in UNCOMPARED or (
-            owner and new.get(f"{owner}/kind") in IRREGULAR and name != "kind"
-        ):
-            return True
-        if found.stated is not None:
-            return self.right(found, old, new)
-        if is_number(found.old) and is_number(found.new):
-            if name in ROUNDING:
-                return abs(found.new) <= max(10.0 * abs(found.old), NEGLIGIBLE)
-            return abs(found.new - found.old) <= TOLERANCE * max(1.0, abs(found.old))
-        if isinstance(found.old, str) and isinstance(found.new, str):
-            return same_text(found.old, found.new)
-        return False
+    def refused(
+        self, file: str, found: Sequence[Difference], old: Table, new: Table
+    ) -> list[Difference]:
+        """Return the differences between two tables that are not accepted, and wrong events."""
+        left = [one for one in found if not self.accepts(one, old, new)]
+        return [*left, *(self.wrong(file, new) if file == "catalogue.json" else ())]
 
-    def right(self, found: Difference, old: Table, new: Table) -> bool:
+    def accepts(self, one: Difference, old: Table, new: Table) -> bool:
+        """Whether a difference between two tables is one of rounding."""
+        if one.name in COUNTS or irregular(one, old, new):
+            return True
+        if one.stated is not None:
+            return self.right(one, old)
+        if is_number(one.old) and is_number(one.new):
+            return close(one.place, one.old, one.new)
+        texts = isinstance(one.old, str) and isinstance(one.new, str)
+        return texts and same_text(one.old, one.new)
+
+    def right(self, one: Difference, old: Table) -> bool:
         """Whether an event's value is right to its stated error."""
-        owner = found.place.rpartition("/")[0].removesuffix("/parameters")
+        owner = one.place.rpartition("/")[0].removesuffix("/parameters")
         exact = self.digits.get(owner.rpartition("/")[2])
         if exact is not None:
-            return off(found.new, exact) <= found.stated
-        return abs(found.new - found.old) <= found.stated + old[f"{owner}/error"]
+            return off(one.new, exact) <= one.stated
+        return abs(one.new - one.old) <= one.stated + old[f"{owner}/error"]
 
     def wrong(self, file: str, cells: Table) -> Iterator[Difference]:
-        """Events of a catalogue whose error is larger than they state."""
+        """Events of a catalogue that are farther from their exact value than they state."""
         for event, exact in self.digits.items():
             owner = f"entries/{event}"
             if f"{owner}/error" in cells:
                 place = f"{owner}/parameters/{cells[f'{owner}/parameter']}"
-                stated, value = cells[f"{owner}/error"], cells[place]
-                if off(value, exact) > stated:
-                    yield Difference(file, place, float(exact), value, stated)
+                stated = cells[f"{owner}/error"]
+                if off(cells[place], exact) > stated:
+                    yield Difference(file, place, float(exact), cells[place], stated)
+
+
+def irregular(one: Difference, old: Table, new: Table) -> bool:
+    """Whether a cell tells of motion that is not periodic, before and now."""
+    kind = f"{one.place.rpartition('/')[0]}/kind"
+    return one.name != "kind" and {old.get(kind), new.get(kind)} <= IRREGULAR
+
+
+def close(place: str, old: float, new: float) -> bool:
+    """Whether two numbers are the same but for rounding."""
+    if place.rpartition("/")[2] in NOISE:
+        return abs(new) <= max(10.0 * abs(old), NEGLIGIBLE)
+    if "multiplier" in place and min(abs(old), abs(new)) > 1.0:
+        return abs(1.0 / new - 1.0 / old) <= TOLERANCE
+    return abs(new - old) <= TOLERANCE * max(1.0, abs(old))
 
 
 def off(value: float, exact: str) -> Fraction:

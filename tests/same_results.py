@@ -1,22 +1,24 @@
 """Whether the shipped scenes still give the same results, to the last bit.
 
-    python tests/same_results.py record FOLDER [SCENE ...]
+    python tests/same_results.py record FOLDER [SCENE ...] [--quick]
     python tests/same_results.py compare FOLDER [SCENE ...] [--quick] [--reordered]
 
 ``record`` runs the scenes of ``branches/``, plain and compiled, simulates those with a table
 ``[simulate]``, reports on them, and keeps in a folder what was written. ``compare`` does the same
-again with the code of this checkout and names every cell that differs; its exit status is 1 if one
-does. It also compares the compiled results with the plain ones. ``compare branches`` compares with
-what is committed there.
+with the code of this checkout and names what differs from the recording; its exit status is 1 if
+anything does. Both compare compiled results with plain ones. ``compare branches`` compares with
+what is committed there, ``compare OLD --with NEW`` one recording with another.
 
-With ``--reordered`` numbers may differ where arithmetic was reordered, see `reordered.py`. Only the
-command line and the files it writes are used, so modules may be moved and renamed freely.
+With ``--reordered`` numbers may differ as far as reordered arithmetic explains it, see
+`reordered.py`. Only the command line and the files it writes are used, so that modules may be
+moved and renamed freely.
 """
 
 from __future__ import annotations
 
 import argparse
 import dataclasses
+import importlib.util
 import json
 import os
 import subprocess
@@ -26,49 +28,53 @@ import time
 from pathlib import Path
 
 from differences import Difference, differences, is_number, results, table
-from reordered import Judge
+from reordered import NOISE, Judge
 
 ROOT = Path(__file__).resolve().parent.parent
 BRANCHES = ROOT / "branches"
 SCENES = sorted(path.parent.name for path in BRANCHES.glob("*/scene.toml"))
 QUICK = ["fig3a", "fig6a", "fig7", "stop"]
+SIMULATED_PLAINLY = ["fig3c"]
+"""Simulations take minutes plainly; of the others only the compiled ones are compared."""
+
 REPORTED = ["fig7", "stop"]
-"""Scenes whose reports are compared; of the others they serve as the exact values of events."""
+"""Scenes whose reports are compared. Those of all scenes are recorded: they hold exact values."""
 
 MODES = {"plain": "never", "compiled": "always"}
-SHOWN = 8
-"""Differences shown for each file."""
+SHOWN = 3
+"""Differences shown of each file."""
 
 
 def main(arguments: list[str] | None = None) -> int:
     options = parsed(arguments)
-    return options.does(options)
+    if importlib.util.find_spec("numba") is None:
+        MODES.pop("compiled", None)
+        print("Compiled results are left out: Numba was not found.")
+    return record(options) if options.command == "record" else compare(options)
 
 
 def parsed(arguments: list[str] | None) -> argparse.Namespace:
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    commands = parser.add_subparsers(required=True, metavar="COMMAND")
+    """Read the command line."""
     shared = argparse.ArgumentParser(add_help=False)
     shared.add_argument("folder", type=Path, metavar="FOLDER")
     shared.add_argument("scenes", nargs="*", metavar="SCENE", help=f"of {', '.join(SCENES)}")
-    shared.add_argument(
-        "--quick", action="store_true",
-        help=f"only run {', '.join(QUICK)}: no simulations, no reports",
-    )  # fmt: skip
-    shared.add_argument(
-        "--checkout", type=Path, default=ROOT, help="whose package to run (default: this one)"
-    )
-    record_parser = commands.add_parser("record", parents=[shared], help="run, and keep results")
-    record_parser.set_defaults(does=record)
-    compare_parser = commands.add_parser("compare", parents=[shared], help="run, and compare")
-    compare_parser.add_argument(
-        "--reordered", action="store_true", help="accept what reordered arithmetic explains"
-    )
-    compare_parser.add_argument("--keep", type=Path, help="folder for the new results")
-    compare_parser.set_defaults(does=compare)
+    text = f"{', '.join(QUICK)} alone, without simulations and reports"
+    shared.add_argument("--quick", action="store_true", help=text)
+    text = "the checkout whose package runs (default: this one)"
+    shared.add_argument("--checkout", type=Path, default=ROOT, metavar="DIR", help=text)
+    text = "show all differences, not the first of each file"
+    shared.add_argument("--all", action="store_true", help=text)
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    commands = parser.add_subparsers(required=True, dest="command", metavar="COMMAND")
+    commands.add_parser("record", parents=[shared], help="run the scenes and keep the results")
+    again = commands.add_parser("compare", parents=[shared], help="run them and compare")
+    text = "accept what reordered arithmetic explains"
+    again.add_argument("--reordered", action="store_true", help=text)
+    text = "a recording to compare, instead of running anything"
+    again.add_argument("--with", type=Path, dest="made", metavar="FOLDER", help=text)
     options = parser.parse_args(arguments)
-    if unknown := set(options.scenes) - set(SCENES):
-        parser.error(f"no scene {', '.join(sorted(unknown))}; there are {', '.join(SCENES)}")
+    if unknown := sorted(set(options.scenes) - set(SCENES)):
+        parser.error(f"no scene {', '.join(unknown)}; there are {', '.join(SCENES)}")
     options.scenes = options.scenes or (QUICK if options.quick else SCENES)
     return options
 
@@ -91,13 +97,17 @@ class Job:
     def folder(self) -> Path:
         return Path(self.mode, self.scene, self.command)
 
+    @property
+    def plain(self) -> Job:
+        return dataclasses.replace(self, mode="plain")
+
     def run(self, folder: Path, checkout: Path) -> None:
         """Write the results into the job's folder below `folder`."""
         began = time.perf_counter()
         command = [sys.executable, "-m", "contimpact", self.command]
         command += [str(BRANCHES / self.scene / "scene.toml"), "-o", str(folder / self.folder)]
         command += ["--quiet", "--no-plot", *(["-n", "1"] if self.command == "report" else [])]
-        own = {"PYTHONPATH": str(checkout), "CONTIMPACT_COMPILED": MODES[self.mode]}
+        own = {"PYTHONPATH": str(checkout.resolve()), "CONTIMPACT_COMPILED": MODES[self.mode]}
         status = subprocess.run(command, env=os.environ | own, cwd=checkout).returncode
         if status:
             raise SystemExit(f"{self}: exit status {status}")
@@ -105,26 +115,27 @@ class Job:
 
 
 def jobs(scenes: list[str], quick: bool) -> list[Job]:
-    """What is run for some scenes."""
+    """Return what is run for some scenes; of a plain and a compiled job the plain one first."""
     made = []
     for scene in scenes:
         made += [Job(mode, scene, "run") for mode in MODES]
         if not quick and (BRANCHES / scene / "simulation").is_dir():
-            made += [Job(mode, scene, "simulate") for mode in MODES]
+            modes = [mode for mode in MODES if mode != "plain" or scene in SIMULATED_PLAINLY]
+            made += [Job(mode, scene, "simulate") for mode in modes]
         if not quick:
             made.append(Job("plain", scene, "report"))
     return made
 
 
 def record(options: argparse.Namespace) -> int:
-    """Run everything and keep what is written."""
-    folder = options.folder.resolve()
-    for job in jobs(options.scenes, options.quick):
-        job.run(folder, options.checkout)
+    """Run everything and keep what is written; returns 1 if plain and compiled results differ."""
+    todo = jobs(options.scenes, options.quick)
+    for job in todo:
+        job.run(options.folder.resolve(), options.checkout)
     notes = {"commit": commit(options.checkout), "scenes": options.scenes}
-    (folder / "recording.json").write_text(json.dumps(notes) + "\n", encoding="utf-8")
-    print(f"recorded in {folder}, of commit {notes['commit']}")
-    return 0
+    (options.folder / "recording.json").write_text(json.dumps(notes) + "\n", encoding="utf-8")
+    print(f"recorded in {options.folder}: commit {notes['commit']}")
+    return compare_jobs(todo, None, Results(options.folder), options)
 
 
 def commit(checkout: Path) -> str:
@@ -133,118 +144,130 @@ def commit(checkout: Path) -> str:
     return subprocess.check_output(command, text=True).strip()
 
 
-# Comparing them.
-
-
-def compare(options: argparse.Namespace) -> int:
-    """Run everything again and compare it; returns 1 if something differs."""
-    reference = Reference(options.folder.resolve())
-    repeated = [job for job in jobs(options.scenes, options.quick) if reference.repeats(job)]
-    if missing := set(options.scenes) - {job.scene for job in repeated}:
-        raise SystemExit(f"{options.folder} has no {', '.join(sorted(missing))}")
-    with tempfile.TemporaryDirectory() as temporary:
-        made = (options.keep or Path(temporary)).resolve()
-        for job in repeated:
-            job.run(made, options.checkout)
-        counts = [
-            compare_scene(scene, [job for job in repeated if job.scene == scene], reference, made,
-                          options.reordered)
-            for scene in options.scenes
-        ]  # fmt: skip
-    return 1 if any(counts) else 0
-
-
 @dataclasses.dataclass(frozen=True)
-class Reference:
+class Results:
     """A folder made by ``record``, or the folder of committed results."""
 
     folder: Path
 
     @property
     def recorded(self) -> bool:
-        return (self.folder / "recording.json").exists()
+        return not any((self.folder / scene).is_dir() for scene in SCENES)
 
-    def of(self, job: Job) -> Path:
-        """The results of a job."""
+    def of(self, job: Job) -> dict[str, Path]:
+        """The files of a job by their names; none if there are none."""
         if self.recorded:
-            return self.folder / job.folder
-        return self.folder / job.scene / {"run": "", "simulate": "simulation"}.get(job.command, "-")
+            return results(self.folder / job.folder)
+        committed = {"run": "", "simulate": "simulation", "report": "report"}
+        return results(self.folder / job.scene / committed[job.command])
 
-    def repeats(self, job: Job) -> bool:
-        """Whether a job is made again and compared."""
-        return self.of(job).is_dir() and (job.command != "report" or job.scene in REPORTED)
+    def like(self, job: Job) -> dict[str, Path]:
+        """The files of a job, or of the same one plain, whose results are the same."""
+        return self.of(job) or self.of(job.plain)
 
     def digits(self, scene: str) -> dict[str, str]:
         """The values of a scene's events in 30 digits, by their ids."""
-        path = self.of(Job("plain", scene, "report")) / "report.json"
-        events = json.loads(path.read_text(encoding="utf-8"))["events"] if path.exists() else []
+        path = self.of(Job("plain", scene, "report")).get("report.json")
+        events = json.loads(path.read_text(encoding="utf-8"))["events"] if path else []
         return {event["id"]: event["digits"] for event in events if event["digits"]}
 
 
-def compare_scene(
-    scene: str, made_again: list[Job], reference: Reference, made: Path, reordered: bool
+# Comparing them.
+
+
+def compare(options: argparse.Namespace) -> int:
+    """Compare everything with the reference; returns 1 if something differs."""
+    reference = Results(options.folder)
+    todo = [job for job in jobs(options.scenes, options.quick) if reference.like(job)]
+    todo = [job for job in todo if job.command != "report" or job.scene in REPORTED]
+    if missing := sorted(set(options.scenes) - {job.scene for job in todo}):
+        raise SystemExit(f"{options.folder} has no results of {', '.join(missing)}")
+    if options.made:
+        return compare_jobs(todo, reference, Results(options.made), options)
+    with tempfile.TemporaryDirectory() as folder:
+        for job in todo:
+            job.run(Path(folder), options.checkout)
+        return compare_jobs(todo, reference, Results(Path(folder)), options)
+
+
+def compare_jobs(
+    todo: list[Job], reference: Results | None, made: Results, options: argparse.Namespace
 ) -> int:
-    """Compare all of one scene and say so; returns how many differences are not accepted."""
-    judge = Judge(reference.digits(scene)) if reordered else None
-    tally = Tally()
-    for job in made_again:
-        now = results(made / job.folder)
-        before = results(reference.of(job))
+    """Compare results with those of a reference and with each other; returns the exit status."""
+    refused = 0
+    for scene in options.scenes:
+        judge = Judge(reference.digits(scene)) if reference and options.reordered else None
+        tally = Tally(shown=sys.maxsize if options.all else SHOWN)
+        for job in todo:
+            if job.scene == scene:
+                compare_job(job, reference, made, judge, tally)
+        print(f"{scene}: {tally}", flush=True)
+        refused += tally.refused
+    return 1 if refused else 0
+
+
+def compare_job(
+    job: Job, reference: Results | None, made: Results, judge: Judge | None, tally: Tally
+) -> None:
+    """Compare one job's results; those the same as the plain ones are compared in them."""
+    now, plain = made.of(job), made.of(job.plain)
+    if job != job.plain and plain and tally.add(f"{job}, against plain", plain, now):
+        return
+    if reference is not None:
+        before = reference.like(job)
         if not reference.recorded:
             now = {name: path for name, path in now.items() if name in before}
-        tally.add(f"{job}", before, now, judge)
-        if job.mode == "compiled":
-            plain = dataclasses.replace(job, mode="plain")
-            tally.add(
-                f"{job} against plain", results(made / plain.folder), results(made / job.folder)
-            )
-    print(f"{scene}: {tally}", flush=True)
-    return tally.refused
+        tally.add(str(job), before, now, judge)
 
 
 class Tally:
-    """Counts of what was compared and of what differs, which it prints."""
+    """Counts what was compared and what differs, and prints the first differences.
 
-    def __init__(self) -> None:
+    Parameters
+    ----------
+    shown : int
+        How many differences of a file are printed.
+    """
+
+    def __init__(self, shown: int = SHOWN) -> None:
+        self.shown = shown
         self.numbers = self.refused = 0
         self.found: list[Difference] = []
 
     def add(
         self, title: str, old: dict[str, Path], new: dict[str, Path], judge: Judge | None = None
-    ) -> None:
-        """Compare the files of two folders."""
+    ) -> bool:
+        """Compare the files of two folders; returns whether they are the same."""
+        before = len(self.found)
         for name in sorted(old.keys() | new.keys()):
-            before, now = (table(files[name]) if name in files else {} for files in (old, new))
-            self.numbers += sum(map(is_number, now.values()))
-            found = differences(name, before, now)
+            cells, others = (table(files[name]) if name in files else {} for files in (old, new))
+            found = differences(name, cells, others)
+            refused = judge.refused(name, found, cells, others) if judge else found
+            self.numbers += sum(map(is_number, others.values()))
             self.found += found
-            refused = [one for one in found if not (judge and judge.accepts(one, before, now))]
-            if judge and name == "catalogue.json":
-                refused += judge.wrong(name, now)
             self.refused += len(refused)
-            show(title, refused)
+            self.show(title, refused)
+        return len(self.found) == before
+
+    def show(self, title: str, refused: list[Difference]) -> None:
+        """Print the first differences of a file."""
+        for one in refused[: self.shown]:
+            print(f"  {title}: {one}")
+        if len(refused) > self.shown:
+            print(f"  {title}: {refused[0].file}: and {len(refused) - self.shown:,} more")
 
     def __str__(self) -> str:
-        numbers = [one for one in self.found if one.ulps is not None]
-        text = f"{self.numbers:,} numbers, "
         if not self.found and not self.refused:
-            return text + "all the same"
-        text += f"{len(numbers):,} differ"
-        if numbers:
-            text += f", by at most {max(one.ulps for one in numbers):,} ulp"
+            return f"{self.numbers:,} numbers, all the same"
+        numbers = [one for one in self.found if one.ulps is not None]
+        text = f"{self.numbers:,} numbers, {len(numbers):,} differ"
+        if sizes := [one.ulps for one in numbers if one.name not in NOISE]:
+            text += f", by at most {max(sizes):,} ulp"
         if shares := [one.share for one in numbers if one.share is not None]:
             text += f", {max(shares):.2g} of the stated error"
-        if others := len(self.found) - len(numbers):
-            text += f"; {others:,} other differences"
-        return text + f"; {self.refused:,} not accepted"
-
-
-def show(title: str, refused: list[Difference]) -> None:
-    """Print the first differences of a file."""
-    for one in refused[:SHOWN]:
-        print(f"  {title}: {one}")
-    if len(refused) > SHOWN:
-        print(f"  {title}: {refused[0].file}: and {len(refused) - SHOWN:,} more")
+        if len(self.found) > len(numbers):
+            text += f"; {len(self.found) - len(numbers):,} other differences"
+        return text + ("" if self.refused else "; all accepted")
 
 
 if __name__ == "__main__":

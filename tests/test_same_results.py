@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import json
 import math
+import shutil
 from pathlib import Path
 
 import pytest
 import same_results
 from differences import Difference, differences, results, table
-from reordered import Judge
+from reordered import Judge, close
 from same_results import BRANCHES, Tally
 
 STOP = BRANCHES / "stop"
@@ -138,6 +139,27 @@ def test_what_no_rounding_explains_is_refused(altered, key, value):
     assert accepted(path, {}) == [False]
 
 
+def test_large_multipliers_agree_by_their_reciprocals(altered):
+    def first(multiplier):
+        return altered(lambda data: data["entries"][0].update(multipliers=multiplier))
+
+    assert accepted(first([[-1.00000000001, 0.0], [-0.3414323782983008, 0.0]]), {}) == [True]
+    assert accepted(first([[-1.000000001, 0.0], [-0.3414323782983008, 0.0]]), {}) == [False]
+    assert close("e1/multiplier1_re", -2.8e16, math.inf)
+    assert close("e1/multiplier1_re", 5849.524535, 5849.524538)
+    assert not close("e1/multiplier1_re", 5.0, math.inf)
+    assert not close("e1/velocity1", 5849.524535, 5849.524538)
+
+
+def test_irregular_motion_is_compared_by_its_kind(tmp_path):
+    before, after = tmp_path / "before.csv", tmp_path / "after.csv"
+    before.write_text("kind,exponent1\ncomplex,0.5\nperiodic,-0.5\n", encoding="utf-8")
+    after.write_text("kind,exponent1\ncomplex,0.6\nperiodic,-0.4\n", encoding="utf-8")
+    old, new = table(before), table(after)
+    (one,) = Judge({}).refused("sweep.csv", differences("sweep.csv", old, new), old, new)
+    assert one.place == "row 2/exponent1"
+
+
 def test_numbers_within_texts_may_end_otherwise(altered):
     def end(message):
         return altered(lambda data: data["branches"][0]["ends"][0].update(message=message))
@@ -164,6 +186,35 @@ def test_tallies_say_what_was_compared(altered, capsys):
     assert "numbers, 1 differ, by at most 3 ulp, " in str(tally)
     assert "entries/e1/parameters/a" in capsys.readouterr().out
     assert tally.refused == 1
+
+
+@pytest.fixture
+def recorded(tmp_path, monkeypatch):
+    """``recorded(name, **files)``: the results of a run, plain and compiled, as recorded."""
+    monkeypatch.setitem(same_results.MODES, "compiled", "always")
+
+    def make(name, plain, compiled):
+        for mode, path in (("plain", plain), ("compiled", compiled)):
+            folder = tmp_path / name / mode / "stop" / "run"
+            folder.mkdir(parents=True)
+            shutil.copy(path, folder)
+        return str(tmp_path / name)
+
+    return make
+
+
+def test_recordings_are_compared(recorded, altered, capsys):
+    path = STOP / "catalogue.json"
+    old, new = recorded("old", path, path), recorded("new", path, path)
+    assert same_results.main(["compare", old, "stop", "--with", new]) == 0
+    assert capsys.readouterr().out.endswith("numbers, all the same\n")
+    other = recorded("other", altered(moved(1)), path)
+    assert same_results.main(["compare", old, "stop", "--with", other]) == 1
+    printed = capsys.readouterr().out
+    assert "stop, run, plain: catalogue.json: entries/e1/parameters/a: " in printed
+    assert "stop, run, compiled, against plain: catalogue.json: entries/e1/parameters/a" in printed
+    assert same_results.main(["compare", old, "stop", "--with", old, "--reordered"]) == 0
+    assert same_results.main(["compare", old, "stop", "--with", other, "--reordered"]) == 1
 
 
 def test_scenes_are_checked(capsys):

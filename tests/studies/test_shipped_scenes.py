@@ -14,9 +14,11 @@ import math
 
 import numpy as np
 import pytest
+from differences import differences, table
+from reordered import Judge
 from zoo import ROOT
 
-from contimpact import follow, load_scene, read
+from contimpact import follow, load_scene, read, write_diagram
 from contimpact.continuation.branch import EndKind
 
 FOLDER = ROOT / "branches"
@@ -251,21 +253,12 @@ def test_requested_values_are_hit_exactly():
 
 
 @pytest.mark.parametrize("name", EVERY)
-def test_exported_events_agree_with_a_fresh_run(name):
-    with open(FOLDER / name / "events.csv", encoding="utf-8", newline="") as file:
-        rows = list(csv.DictReader(file))
-    entries = diagram(name).entries
-    assert [row["id"] for row in rows] == [entry.id for entry in entries]
-    for row, entry in zip(rows, entries, strict=True):
-        assert (row["label"], row["branch"], row["word"], int(row["period"])) == (
-            entry.label, entry.branch, entry.word, entry.period,
-        )  # fmt: skip
-        for parameter, value in entry.parameters.items():
-            assert float(row[parameter]) == pytest.approx(value, rel=1e-10, abs=1e-10)
-        for k, impact in enumerate(entry.impacts, start=1):
-            assert row[f"wall{k}"] == impact["wall"]
-            for key in ("time", "velocity"):
-                assert float(row[f"{key}{k}"]) == pytest.approx(impact[key], rel=1e-10, abs=1e-10)
+def test_exported_events_agree_with_a_fresh_run(name, tmp_path):
+    """To their stated errors; arclength also depends on where the points lie."""
+    write_diagram(diagram(name), tmp_path)
+    old, new = table(FOLDER / name / "events.csv"), table(tmp_path / "events.csv")
+    found = [one for one in differences("events.csv", old, new) if one.name != "arclength"]
+    assert Judge({}).refused("events.csv", found, old, new) == []
 
 
 @pytest.mark.parametrize("name", SIMULATED)
