@@ -66,7 +66,8 @@ def parsed(arguments: list[str] | None) -> argparse.Namespace:
     shared.add_argument("--all", action="store_true", help=text)
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     commands = parser.add_subparsers(required=True, dest="command", metavar="COMMAND")
-    commands.add_parser("record", parents=[shared], help="run the scenes and keep the results")
+    first = commands.add_parser("record", parents=[shared], help="run scenes and keep the results")
+    first.set_defaults(reordered=False)
     again = commands.add_parser("compare", parents=[shared], help="run them and compare")
     text = "accept what reordered arithmetic explains"
     again.add_argument("--reordered", action="store_true", help=text)
@@ -114,28 +115,27 @@ class Job:
         print(f"{self}: {time.perf_counter() - began:.1f} s", file=sys.stderr, flush=True)
 
 
-def jobs(scenes: list[str], quick: bool) -> list[Job]:
-    """Return what is run for some scenes; of a plain and a compiled job the plain one first."""
-    made = []
-    for scene in scenes:
-        made += [Job(mode, scene, "run") for mode in MODES]
-        if not quick and (BRANCHES / scene / "simulation").is_dir():
-            modes = [mode for mode in MODES if mode != "plain" or scene in SIMULATED_PLAINLY]
-            made += [Job(mode, scene, "simulate") for mode in modes]
-        if not quick:
-            made.append(Job("plain", scene, "report"))
-    return made
+def jobs(scene: str, quick: bool) -> list[Job]:
+    """Return what is run for a scene; of a plain and a compiled job the plain one first."""
+    made = [Job(mode, scene, "run") for mode in MODES]
+    if not quick and (BRANCHES / scene / "simulation").is_dir():
+        modes = [mode for mode in MODES if mode != "plain" or scene in SIMULATED_PLAINLY]
+        made += [Job(mode, scene, "simulate") for mode in modes]
+    return made if quick else [*made, Job("plain", scene, "report")]
 
 
 def record(options: argparse.Namespace) -> int:
     """Run everything and keep what is written; returns 1 if plain and compiled results differ."""
-    todo = jobs(options.scenes, options.quick)
-    for job in todo:
-        job.run(options.folder.resolve(), options.checkout)
+    made, refused = Results(options.folder.resolve()), 0
+    for scene in options.scenes:
+        todo = jobs(scene, options.quick)
+        for job in todo:
+            job.run(made.folder, options.checkout)
+        refused += compare_scene(todo, None, made, options)
     notes = {"commit": commit(options.checkout), "scenes": options.scenes}
-    (options.folder / "recording.json").write_text(json.dumps(notes) + "\n", encoding="utf-8")
+    (made.folder / "recording.json").write_text(json.dumps(notes) + "\n", encoding="utf-8")
     print(f"recorded in {options.folder}: commit {notes['commit']}")
-    return compare_jobs(todo, None, Results(options.folder), options)
+    return 1 if refused else 0
 
 
 def commit(checkout: Path) -> str:
@@ -177,33 +177,35 @@ class Results:
 
 def compare(options: argparse.Namespace) -> int:
     """Compare everything with the reference; returns 1 if something differs."""
-    reference = Results(options.folder)
-    todo = [job for job in jobs(options.scenes, options.quick) if reference.like(job)]
-    todo = [job for job in todo if job.command != "report" or job.scene in REPORTED]
-    if missing := sorted(set(options.scenes) - {job.scene for job in todo}):
-        raise SystemExit(f"{options.folder} has no results of {', '.join(missing)}")
-    if options.made:
-        return compare_jobs(todo, reference, Results(options.made), options)
+    reference, refused = Results(options.folder), 0
     with tempfile.TemporaryDirectory() as folder:
-        for job in todo:
-            job.run(Path(folder), options.checkout)
-        return compare_jobs(todo, reference, Results(Path(folder)), options)
+        made = Results(options.made or Path(folder))
+        for scene in options.scenes:
+            todo = [job for job in jobs(scene, options.quick) if repeated(job, reference)]
+            if not todo:
+                raise SystemExit(f"{options.folder} has no results of {scene}")
+            for job in () if options.made else todo:
+                job.run(made.folder, options.checkout)
+            refused += compare_scene(todo, reference, made, options)
+    return 1 if refused else 0
 
 
-def compare_jobs(
+def repeated(job: Job, reference: Results) -> bool:
+    """Whether a job is made again and compared."""
+    return bool(reference.like(job)) and (job.command != "report" or job.scene in REPORTED)
+
+
+def compare_scene(
     todo: list[Job], reference: Results | None, made: Results, options: argparse.Namespace
 ) -> int:
-    """Compare results with those of a reference and with each other; returns the exit status."""
-    refused = 0
-    for scene in options.scenes:
-        judge = Judge(reference.digits(scene)) if reference and options.reordered else None
-        tally = Tally(shown=sys.maxsize if options.all else SHOWN)
-        for job in todo:
-            if job.scene == scene:
-                compare_job(job, reference, made, judge, tally)
-        print(f"{scene}: {tally}", flush=True)
-        refused += tally.refused
-    return 1 if refused else 0
+    """Compare results with a reference and with each other; returns how many are refused."""
+    scene = todo[0].scene
+    judge = Judge(reference.digits(scene)) if reference and options.reordered else None
+    tally = Tally(sys.maxsize if options.all else SHOWN)
+    for job in todo:
+        compare_job(job, reference, made, judge, tally)
+    print(f"{scene}: {tally}", flush=True)
+    return tally.refused
 
 
 def compare_job(
