@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from .arclength import correct, inner, length, point_after
 from .branch import Point
-from .events import Segment
+from .events import Segment, hermite
 from .problem import Array, Problem
 
 PART = 1e-6
@@ -17,7 +17,7 @@ PART = 1e-6
 
 
 def closing(segment: Segment, first: Point, same: float) -> Point | None:
-    """Return the start of a walk, solved for anew, if a step passes it; None otherwise.
+    """Return the start of a walk, solved for anew from a step that passes it; None otherwise.
 
     Parameters
     ----------
@@ -37,7 +37,8 @@ def closing(segment: Segment, first: Point, same: float) -> Point | None:
         leaving = image_of_tangent(problem, start, first)
         if not passes(segment, start, leaving):
             continue
-        found = correct(problem, start, leaving / scale**2, scale, segment.settings)
+        guess = where_passing(segment, start, leaving)
+        found = correct(problem, guess, leaving / scale**2, scale, segment.settings)
         if found.evaluation is not None:
             apart = problem.difference(found.evaluation.unknowns, first.unknowns)
             if length(apart, scale) <= same:
@@ -49,6 +50,19 @@ def image_of_tangent(problem: Problem, start: Array, first: Point) -> Array:
     """Return the tangent of the first point as it is at an image of it."""
     moved = problem.difference(start, first.unknowns + PART * first.tangent)
     return -moved / PART
+
+
+def where_passing(segment: Segment, start: Array, leaving: Array) -> Array:
+    """Return where the cubic between both ends of a step passes beside a point.
+
+    From there Newton leads back to the walk's own branch, and to the point only if it is on it.
+    """
+    here, new, scale = segment.left, segment.right, segment.scale
+    behind, beyond = (inner(end.unknowns - start, leaving, scale) for end in (here, new))
+    span = new.arclength - here.arclength
+    beside = hermite(here, new, span, behind / (behind - beyond))
+    along = inner(beside - start, leaving, scale) / inner(leaving, leaving, scale)
+    return beside - along * leaving
 
 
 def passes(segment: Segment, start: Array, leaving: Array) -> bool:

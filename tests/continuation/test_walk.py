@@ -138,6 +138,21 @@ def test_a_figure_of_eight_is_not_closed_at_its_crossing():
     assert len({point.orientation >= 0.0 for point in found.points}) == 2
 
 
+def test_a_helix_that_passes_close_to_its_start_is_no_loop():
+    """Its turns lie closer to each other than a step is long."""
+    pitch = 0.03 / (2.0 * math.pi)
+    problem = Algebraic(
+        lambda x, y, p: [x - math.cos(y / pitch), p - math.sin(y / pitch)],
+        lambda x, y, p: [
+            [1.0, math.sin(y / pitch) / pitch, 0.0], [0.0, -math.cos(y / pitch) / pitch, 1.0],
+        ],
+    )  # fmt: skip
+    found = follow(problem, [1.0, 0.0, 0.0], settings=Settings(max_points=300))
+    assert found.end.kind is EndKind.POINTS
+    turns = abs(found.points[-1].unknowns[1]) / (2.0 * math.pi * pitch)
+    assert turns > 3.0
+
+
 def test_a_loop_started_inside_a_narrow_range_ends_on_its_limits():
     walks = [follow(circle(), [1.0, 0.0], d, limits=(-0.5, 0.5)) for d in (1, -1)]
     for found, limit in zip(walks, (0.5, -0.5), strict=True):
