@@ -37,6 +37,9 @@ NARROWEST = 1e-12
 NEAR_LIMIT = 1e-9
 """A test function smaller than this part of its value one step before may vanish on a limit."""
 
+AT_START = 1e-9
+"""An event this near to a branch point a walk starts from is one of the branch it comes from."""
+
 NO_CROSSING = 1e-9
 """A test function below this at a branch point a walk starts from vanishes because of it."""
 
@@ -323,7 +326,7 @@ class _Walker:
         left, right = Sample(here.arclength, self.values), Sample(new.arclength, values)
         found, missed = find_events(self.tests, segment, Stretch(left, right, self.before))
         self.before = left
-        found = [event for event in found if self.in_range(event)]
+        found = [e for e in found if self.in_range(e) and not self.at_start(e)]
         self.events += found
         self.missed += missed
         self.values = values
@@ -337,6 +340,10 @@ class _Walker:
         low, high = self.limits
         slack = event.error + 4.0 * arclength.EPSILON * abs(event.parameter)
         return low - slack <= event.parameter <= high + slack
+
+    def at_start(self, event: Event) -> bool:
+        """Whether an event is at the branch point the walk left: rounding finds that again."""
+        return self.branching and event.point.arclength < AT_START
 
     def begin(self, start: Array, direction: int, tangent: Array | None) -> str:
         """Put the first point down; returns why it could not be, or nothing."""
