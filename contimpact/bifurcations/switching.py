@@ -29,9 +29,13 @@ from ..continuation.branch import Event
 from ..models.word import Word
 from ..orbits.linearisation import Linearisation
 from ..orbits.problem import Array, OrbitProblem
+from ..orbits.recognition import shortest
 
 TOUCHING = 1e-9
 """A gap below this at a grazing is a second touch at the same parameter value."""
+
+ALONG, REPEATS = 1e-3, 1e-7
+"""How far along a branch it is seen whether its orbits repeat shorter ones, and how nearly."""
 
 
 @dataclass(frozen=True)
@@ -73,6 +77,21 @@ def switch(event: Event) -> Start | None:
     """
     makers = {"G": _at_grazing, "V": _at_zero_velocity, "PD": _at_doubling, "BP": _at_branch_point}
     return makers[event.kind](event)
+
+
+def once(start: Start) -> Start:
+    """Return a start whose branch is one of shorter orbits run several times as one of these.
+
+    So it is where an orbit of several periods touches in each of them, and where one becomes an
+    orbit of a shorter period.
+    """
+    problem, unknowns, tangent = start.problem, start.unknowns, start.tangent
+    ahead = unknowns + ALONG * tangent / np.max(np.abs(tangent))
+    shorter, _ = shortest(problem, ahead, REPEATS)
+    if shorter is problem:
+        return start
+    first = np.r_[: shorter.n, problem.n : len(unknowns)]
+    return Start(shorter, unknowns[first], tangent[first], False, True)
 
 
 def touches_at(event: Event) -> list[tuple[int, str, float]]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import functools
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -11,7 +12,7 @@ import numpy as np
 
 from ..bifurcations.ghosts import entry_of, event_of
 from ..bifurcations.names import EVENTS, KINDS, SWITCHES
-from ..bifurcations.switching import switch
+from ..bifurcations.switching import once, switch
 from ..bifurcations.test_functions import BranchPoint, test_functions
 from ..continuation.branch import End, EndKind, Event, Point, Points, Walk, joined
 from ..continuation.events import TestFunction, UserFunction
@@ -146,6 +147,7 @@ def continue_born(
     start = switch(event_of(entry, model))
     if start is None:
         return None
+    start = once(start)
     problem = start.problem
     limits = checked_range(problem, range, entry.value)
     stop, tests = at_image(problem), _tests(problem, events, values)
@@ -296,6 +298,14 @@ class Run:
         before = int(np.searchsorted(lengths, event.point.arclength)) - 1
         return self.points[max(before, 0)], self.points[min(after, len(self.points) - 1)]
 
+    @functools.cached_property
+    def rows(self) -> np.ndarray[Any, Any]:
+        """The unknowns of points and events in order: between folds too the parameter runs on."""
+        events = [event.point for event in self.events]
+        places = [*self.points.arclengths, *(point.arclength for point in events)]
+        rows = np.vstack([self.points.unknowns, *(point.unknowns for point in events)])
+        return rows[np.argsort(places, kind="stable")]
+
     def passes(self, word: Word, value: float) -> bool:
         """Whether orbits on this branch have a word, rotated perhaps, at a parameter value."""
         own, values = self.problem.word, self.points.unknowns[:, -1]
@@ -304,7 +314,7 @@ class Run:
 
     def holds(self, unknowns: np.ndarray[Any, Any]) -> bool:
         """Whether an orbit of the same word lies on this branch."""
-        value, rows = unknowns[-1], self.points.unknowns
+        value, rows = unknowns[-1], self.rows
         behind, ahead = rows[:-1, -1], rows[1:, -1]
         passed = ((behind - value) * (ahead - value) <= 0.0) & (behind != ahead)
         for i in np.nonzero(passed)[0]:

@@ -17,7 +17,7 @@ from typing import Any
 
 import numpy as np
 
-from ..bifurcations.switching import Start, switch
+from ..bifurcations.switching import Start, once, switch
 from ..bifurcations.test_functions import test_functions
 from ..continuation.branch import End, EndKind, Event, Point, Walk
 from ..continuation.events import TestFunction
@@ -214,6 +214,7 @@ class _Explorer:
         if start is None:
             self.notes.append(f"{birth.entry.id} ({birth.entry.label}): nothing starts there")
             return
+        start = once(start)
         known = self.first_step_known(start)
         self.seconds["switching"] += time.perf_counter() - began
         if known is not None:
@@ -241,7 +242,13 @@ class _Explorer:
             if forward.end.kind is EndKind.CLOSED:
                 born = forward.end
             backward = Walk(forward.points[:1], (), born)
-        self.keep(Run.of(start.problem, backward, forward), name, entry, birth.depth, began)
+        run = Run.of(start.problem, backward, forward)
+        if len(run.points) == 1 and EndKind.RANGE not in (forward.end.kind, backward.end.kind):
+            self.notes.append(f"{entry.id} ({entry.label}): {forward.end.message}")
+        elif known := self.run_known(run):
+            self.record(entry, known)
+        else:
+            self.keep(run, name, entry, birth.depth, began)
 
     def first_step_known(self, start: Start) -> str | None:
         """The known branch the first step from a start leads to, if any."""
@@ -252,6 +259,13 @@ class _Explorer:
             tangent=start.tangent, branching=start.branching,
         )  # fmt: skip
         return self.known(start.problem, probe.points[-1].unknowns) if probe.points else None
+
+    def run_known(self, run: Run) -> str | None:
+        """The known branch a walk went along, where its first step was too short to tell."""
+        lengths = run.points.arclengths
+        inside = np.searchsorted(lengths, lengths[-1] * np.array([1 / 3, 2 / 3])).tolist()
+        one, other = (self.known(run.problem, run.points[i].unknowns) for i in inside)
+        return one if one == other else None
 
     def walk_from(self, start: Start, direction: int, name: str) -> Walk:
         """Walk one way from a start, until the branch ends or runs into its own image."""
