@@ -22,18 +22,22 @@ def tabulate(points: Points, entries: Sequence[tuple[Point, Entry]]) -> dict[str
     ----------
     points : Points
     entries : sequence of (Point, Entry)
-        The events' points, in order of arclength. Their rows have the entry's verdicts, which
-        leave the event itself out.
+        The events' points, in order of arclength. Their rows, or those of the points they stand on,
+        have the verdicts of the first entry there, which leave the event itself out.
     """
-    places, between = points.arclengths, []
-    taken = set(places[np.isin(places, [point.arclength for point, _ in entries])].tolist())
+    places = points.arclengths
+    between: list[Point] = []
+    on_events = np.nonzero(np.isin(places, [point.arclength for point, _ in entries]))[0]
+    rows = dict(zip(places[on_events].tolist(), on_events.tolist(), strict=True))
+    marked: dict[int, Entry] = {}
     for point, entry in entries:
-        if point.arclength not in taken:
-            taken.add(point.arclength)
-            between.append((point, entry))
-    columns = _columns(Points([*points.pieces, *(point for point, _ in between)]))
+        if point.arclength not in rows:
+            rows[point.arclength] = len(points) + len(between)
+            between.append(point)
+        marked.setdefault(rows[point.arclength], entry)
+    columns = _columns(Points([*points.pieces, *between]))
     columns["event"] = np.full(len(columns["arclength"]), "", dtype=object)
-    for row, (_, entry) in enumerate(between, start=len(points)):
+    for row, entry in marked.items():
         columns["n_unstable"][row] = entry.n_unstable
         columns["physical"][row] = int(entry.physical)
         columns["reason"][row] = entry.reason or ""
