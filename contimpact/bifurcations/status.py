@@ -31,8 +31,8 @@ SEARCHED = (0, 4, 10, 20, 34)
 
 BISECTIONS = 44
 
-NEAR_UNIT = 0.02
-"""How near to 1 or -1 a multiplier is taken to pass there."""
+BLURRED = 10.0
+"""How near to a branch point the status of points tells nothing, in roots of the tolerance."""
 
 
 def explained(
@@ -56,8 +56,8 @@ def explained(
     if len(walk.points) < 2 or not asked & {*UNPHYSICAL_AT, *UNSTABLE_AT}:
         return walk
     events, missed = list(walk.events), list(walk.missed)
-    for i, kinds in _changes(walk, asked):
-        left, right = walk.points[i], walk.points[i + 1]
+    for i, j, kinds in _changes(walk, asked, with_status(walk, settings)):
+        left, right = walk.points[i], walk.points[j]
         if (switched and i == 0) or _explains(events, left, right, kinds):
             continue
         if kinds == UNPHYSICAL_AT and _reason(left, right) not in asked:
@@ -69,13 +69,28 @@ def explained(
     return replace(walk, events=events, missed=missed)
 
 
-def _changes(walk: Walk, asked: Collection[str]) -> list[tuple[int, tuple[str, ...]]]:
-    """The segments on which a status changes, with the kinds of events that explain it."""
-    numbers = Points(walk.points).numbers
+def with_status(walk: Walk, settings: Settings) -> Any:
+    """Return the places of the points whose status tells of the branch.
+
+    Next to a branch point, where the equations vanish with the square of the distance from two
+    branches, a point within the tolerance may be off both.
+    """
+    places = Points(walk.points).arclengths
+    crossings = [event.point.arclength for event in walk.events if event.kind == "BP"]
+    near = BLURRED * np.sqrt(settings.tolerance)
+    apart = [np.abs(places - place) > near for place in crossings]
+    return np.nonzero(np.all(apart, axis=0) if apart else np.ones(len(places), dtype=bool))[0]
+
+
+def _changes(
+    walk: Walk, asked: Collection[str], told: Any
+) -> list[tuple[int, int, tuple[str, ...]]]:
+    """Points between which a status changes, with the kinds of events that explain it."""
+    numbers = Points(walk.points).numbers[told]
     unphysical = numbers[:, -6] != PHYSICAL
     unstable = _unstable(numbers)
     changes = [
-        (int(i), kinds)
+        (int(told[i]), int(told[i + 1]), kinds)
         for values, kinds in ((unphysical, UNPHYSICAL_AT), (unstable, UNSTABLE_AT))
         if set(kinds) & set(asked)
         for i in np.nonzero(values[1:] != values[:-1])[0]
@@ -159,9 +174,9 @@ def _needed(segment: Segment, kinds: tuple[str, ...]) -> str:
         (multiplier for end in ends for multiplier in end.multipliers),
         key=lambda multiplier: abs(abs(multiplier) - 1.0),
     )
-    if abs(passing - 1.0) < NEAR_UNIT:
-        return "FB"
-    return "PD" if abs(passing + 1.0) < NEAR_UNIT else "NS"
+    if passing.imag != 0.0:
+        return "NS"
+    return "FB" if passing.real > 0.0 else "PD"
 
 
 def _reason(left: Point, right: Point) -> str:

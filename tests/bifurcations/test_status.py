@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
 
 import numpy as np
@@ -9,7 +10,9 @@ import pytest
 from scipy.optimize import brentq
 
 from contimpact.bifurcations.names import EVENTS
+from contimpact.bifurcations.status import with_status
 from contimpact.bifurcations.test_functions import test_functions as make_tests
+from contimpact.continuation.branch import Points
 from contimpact.continuation.events import TestFunction
 from contimpact.continuation.settings import Settings
 from contimpact.following.orbit_branch import both_ways
@@ -160,3 +163,19 @@ def test_statuses_change_at_events_alone():
                     if lengths[i] - 1e-9 <= e.point.arclength <= lengths[i + 1] + 1e-9
                 ]
                 assert inside or any(walk.missed for walk in run.walks)
+
+
+def test_next_to_a_branch_point_a_status_tells_nothing():
+    """A point within the root of the tolerance may lie off both branches that cross there."""
+    model = ImpactPair(beta=0.0, r=0.3, A=5.0, s=0.34)
+    walks = [walk for run in walked(model, (0.1, 1.0)) for walk in run.walks]
+    walk = next(w for w in walks if any(e.kind == "BP" for e in w.events))
+    places = np.array([point.arclength for point in walk.points])
+    crossing = next(e for e in walk.events if e.kind == "BP").point.arclength
+    after = int(np.searchsorted(places, crossing))
+    for beside, told in ((1e-6, False), (1e-3, True)):
+        points = list(walk.points)
+        points[after] = dataclasses.replace(points[after], arclength=crossing + beside)
+        left = with_status(dataclasses.replace(walk, points=Points(points)), Settings())
+        assert (after in left) == told
+        assert set(range(len(points))) - {after} <= set(left.tolist())
