@@ -18,7 +18,7 @@ import numpy as np
 
 from .problem import Array
 
-MARGIN = 0.1
+MARGIN = 0.5
 """Added to the bend of a function, as part of it."""
 
 ALONE = 2.0

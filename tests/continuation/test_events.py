@@ -21,7 +21,7 @@ from contimpact.continuation.events import (
     find_events,
 )
 from contimpact.continuation.settings import Settings
-from contimpact.continuation.sign_changes import Sample, Stretch, crossings
+from contimpact.continuation.sign_changes import DIPS, Sample, Stretch, crossings, suspects
 from contimpact.continuation.walk import walk
 
 EPSILON = float(np.finfo(float).eps)
@@ -484,3 +484,11 @@ def test_a_segment_between_two_branches_is_not_connected(gap):
     """Closer than 4e-4 of a step they are taken to cross; here the step is 0.1."""
     pair = Curve(lambda x, p: x * (x - gap), lambda x, p: [2.0 * x - gap, 0.0])
     assert not segment_of(pair, [0.0, 0.0], [gap, 0.1]).connected()
+
+
+def test_a_dip_between_two_parabolas_that_agree_is_suspected():
+    """A determinant with the factor of a doubling, which passes zero twice in the second step."""
+    before, left, right, after = (np.array([v]) for v in (0.0557, 0.0210, 0.0049, 0.0924))
+    found, places = suspects(before, left, right, after, 0.0080, 0.0157, 0.0220)
+    assert found.tolist() == [DIPS]
+    assert 0.5 < places[0] < 0.9
