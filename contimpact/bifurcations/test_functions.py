@@ -39,6 +39,9 @@ from .unfolding import crossed, meeting, stands_upright, unfolding
 UNIT_CIRCLE = 1e-2
 """How near to the unit circle a located event's multiplier is at least."""
 
+PASSING = 1e-9
+"""A gap of a located touch below minus this is that of another place, where the flight passes."""
+
 ROUNDING = 1e-14
 """Rounding of the scaled determinants, and of gaps as part of the distance between walls."""
 
@@ -160,14 +163,14 @@ class Grazing(TestFunction):
         gaps = np.vstack([left[: -self.guides], right[: -self.guides]])
         return np.all(np.isnan(gaps.reshape(2, self.guides, -1)), axis=(0, 2))
 
-    def touch(self, point: Point, index: int) -> Any:
-        flight = index // (len(self.places) // len(point.evaluation.gaps))
-        touches = point.evaluation.gaps[flight].touches
-        return touches[index % len(touches)]
+    @staticmethod
+    def touch(evaluation: Any, index: int) -> Any:
+        walls = len(evaluation.problem.model.WALLS)
+        return evaluation.gaps[index // walls].touches[index % walls]
 
     def locate(self, problem: Any, guess: Point, index: int) -> Located | None:
         flight, wall = self.places[index]
-        touch = self.touch(guess, index)
+        touch = self.touch(guess.evaluation, index)
         if touch is None:
             return None
         system = Touching(problem, flight, wall, touch.time)
@@ -178,11 +181,18 @@ class Grazing(TestFunction):
             return None
         times = problem.impacts(found.unknowns)[:, 0]
         arrival = times[flight + 1] if flight + 1 < len(times) else np.inf
-        return found if times[flight] < found.details["touch_time"] < arrival else None
+        within = times[flight] < found.details["touch_time"] < arrival
+        return found if within and self.nearest(problem, found, index) else None
+
+    def nearest(self, problem: Any, found: Located, index: int) -> bool:
+        """Whether a flight does not pass the wall where it touches it at one of several extrema."""
+        touch = self.touch(problem.evaluate(found.unknowns), index)
+        return touch is None or touch.gap > -PASSING
 
     def details(self, point: Point, index: int) -> Mapping[str, Any]:
         flight, wall = self.places[index]
-        return {"index": index, **self._described(flight, wall, self.touch(point, index).time)}
+        time = self.touch(point.evaluation, index).time
+        return {"index": index, **self._described(flight, wall, time)}
 
     @staticmethod
     def _described(flight: int, wall: str, time: float) -> dict[str, Any]:
