@@ -244,16 +244,25 @@ class OrbitProblem:
     def scale(self, unknowns: Array, span: Any) -> Array:
         """Return natural sizes of the unknowns, by which arclength is measured.
 
-        Times are measured in periods, velocities in the largest along the flights, other section
-        coordinates in the largest of the orbit, all averaged over the impacts; the free parameters
-        in `span`.
+        Times are measured in waves of the forcing, velocities in the largest along the flights,
+        other section coordinates in the largest of the orbit, all averaged over the impacts; the
+        free parameters in `span`.
         """
         impacts = self.impacts(unknowns)
         period = self.kernels.setup(*self.values(unknowns))[0]
         sizes = np.max(np.abs(impacts[:, 1:]), axis=0)
         sizes[0] = max(sizes[0], self._largest_speed(unknowns))
-        one = np.concatenate([[period], np.where(sizes > 0, sizes, 1.0)])
+        wave = period / self._mean_order(unknowns)
+        one = np.concatenate([[wave], np.where(sizes > 0, sizes, 1.0)])
         return np.append(np.tile(one, len(self.word)) * np.sqrt(len(self.word)), span)
+
+    def _mean_order(self, unknowns: Array) -> float:
+        """The root of the mean square of the harmonics' orders; 1 where they are not known."""
+        waves = self.kernels.harmonics(*self.values(unknowns))[1:]
+        orders, cosines, sines = np.reshape(waves, (-1, 3)).T
+        weights = cosines**2 + sines**2
+        total = float(np.sum(weights))
+        return float(np.sqrt(orders**2 @ weights / total)) if total > 0.0 else 1.0
 
     def _largest_speed(self, unknowns: Array) -> float:
         """The largest speed at eight instants of each flight."""
