@@ -79,7 +79,7 @@ def random_diagram(seed):
         return None
 
 
-def unexplained(branch, born=np.nan):
+def unexplained(branch, born):
     """Changes of status between rows without an event between or on them.
 
     The first and the last row may stand on an event themselves: where a branch is born, or becomes
@@ -100,10 +100,11 @@ def unexplained(branch, born=np.nan):
     ]
 
 
-def ordinary_orbits(branch):
-    """Three orbits of a branch, none next to a point where it crosses others."""
+def ordinary_orbits(branch, born):
+    """Three orbits of a branch, none next to a point where it crosses others or is born."""
     lengths = branch["arclength"]
     crossings = [event.arclength for event in branch.events if event.kind == "BP"]
+    crossings += lengths[np.abs(branch[branch.parameter] - born) < 1e-12].tolist()
     near = [np.any(np.abs(length - np.array(crossings)) < 1e-3) for length in lengths]
     rows = np.nonzero((branch["event"] == "") & ~np.array(near))[0]
     return [branch.orbit(int(rows[len(rows) * k // 4])) for k in (1, 2, 3)] if len(rows) else []
@@ -140,7 +141,8 @@ def check(seed):
     for branch in diagram.branches:
         counts.update(branches=1, events=len(branch.events), missed=len(branch.missed))
         loops = [end for end in branch.ends if end.kind.name == "CLOSED"]
-        changes = unexplained(branch, origins.get(branch.origin, np.nan))
+        born = origins.get(branch.origin, np.nan)
+        changes = unexplained(branch, born)
         assert branch.missed or not changes, (seed, branch.id, changes)
         assert branch["arclength"][-1] > 1e-9, (seed, branch.id)
         marked = branch["arclength"][branch["event"] != ""]
@@ -148,7 +150,7 @@ def check(seed):
         if loops:
             counts.update(loops=1)
             assert closes(branch), (seed, branch.id)
-        orbits = ordinary_orbits(branch)
+        orbits = ordinary_orbits(branch, born)
         assert not any(repeats(o.problem, o.unknowns, 1e-7) for o in orbits), (seed, branch.id)
         for other in diagram.branches:
             if other is not branch:
