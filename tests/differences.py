@@ -44,24 +44,24 @@ def table(path: Path) -> Table:
     """Read a JSON file, or a CSV file with or without a first line of JSON."""
     text = path.read_text(encoding="utf-8")
     if path.suffix == ".json":
-        return dict(_flat(json.loads(text), ""))
+        return dict(flat(json.loads(text), ""))
     lines = text.split("\n")
     head = json.loads(lines.pop(0)[2:]) if text.startswith("# ") else {}
-    return dict(itertools.chain(_flat(head, "head"), _rows(csv.DictReader(lines, restval=""))))
+    return dict(itertools.chain(flat(head, "head"), _rows(csv.DictReader(lines, restval=""))))
 
 
-def _flat(data: object, place: str) -> Iterator[tuple[str, Value]]:
+def flat(data: object, place: str) -> Iterator[tuple[str, Value]]:
     """The leaves of nested data with their places; an empty list or object is a leaf."""
     if isinstance(data, Mapping) and data:
         for key, item in data.items():
             if key not in VOLATILE:
-                yield from _flat(item, f"{place}/{key}" if place else key)
+                yield from flat(item, f"{place}/{key}" if place else key)
     elif isinstance(data, list) and data:
         keys = _ids(data)
         if keys:
             yield f"{place}/order", " ".join(keys)
         for key, item in zip(keys or range(1, len(data) + 1), data, strict=True):
-            yield from _flat(item, f"{place}/{key}")
+            yield from flat(item, f"{place}/{key}")
     else:
         yield place, str(data) if isinstance(data, Mapping | list) else data
 

@@ -6,8 +6,10 @@
   numbers within texts, to the digits they are written with. Multipliers agree so, or their
   reciprocals do: where an impact velocity vanishes they are infinite.
 - Residuals, error estimates and such are rounding themselves: they may not grow tenfold, unless
-  they stay below `NEGLIGIBLE`. Corrector iterations and evaluations are not compared.
-- Motion that is not periodic forgets how it was rounded: the kind of such attractors is compared.
+  they stay below `NEGLIGIBLE`. Counts of iterations and evaluations are not compared, nor how near
+  a motion had come to the orbit it was taken for.
+- Motion that is not periodic forgets how it was rounded: of such attractors the kind is compared,
+  of transitions from and to them the name. Other transitions agree to `SETTLED`.
 
 Everything else has to be the same: texts, order and number of events, points and files.
 """
@@ -25,9 +27,13 @@ WRITTEN = 1e-5
 """Of numbers within texts, relative: some are written to six digits."""
 
 NEGLIGIBLE = 1e-12
-NOISE = {"residual", "error", "nu_error", "closing", "distance", "true_error", "estimated_error"}
+SETTLED = 1e-8
+"""Motions settle on their orbits to 1e-9."""
+
+NOISE = {"residual", "error", "nu_error", "closing", "true_error", "estimated_error"}
 NOISE |= {"ratio", "median_ratio", "largest_ratio", "largest_true_error", "moved"}
-COUNTS = {"iterations", "corrector_iterations", "kernel_evaluations", "evaluations"}
+UNCOMPARED = {"iterations", "evaluations", "distance"}
+COUNTS = ("counts/", "test_functions/")
 IRREGULAR = {"complex", "not settled"}
 
 _NUMERAL = re.compile(r"-?\d+(?:\.\d+)?(?:e[+-]?\d+)?")
@@ -54,12 +60,13 @@ class Judge:
 
     def accepts(self, one: Difference, old: Table, new: Table) -> bool:
         """Whether a difference between two tables is one of rounding."""
-        if one.name in COUNTS or irregular(one, old, new):
+        if one.name in UNCOMPARED or one.place.startswith(COUNTS) or irregular(one, old, new):
             return True
         if one.stated is not None:
             return self.right(one, old)
         if is_number(one.old) and is_number(one.new):
-            return close(one.place, one.old, one.new)
+            tolerance = SETTLED if one.file == "transitions.json" else TOLERANCE
+            return close(one.place, one.old, one.new, tolerance)
         texts = isinstance(one.old, str) and isinstance(one.new, str)
         return texts and same_text(one.old, one.new)
 
@@ -83,18 +90,23 @@ class Judge:
 
 
 def irregular(one: Difference, old: Table, new: Table) -> bool:
-    """Whether a cell tells of motion that is not periodic, before and now."""
-    kind = f"{one.place.rpartition('/')[0]}/kind"
-    return one.name != "kind" and {old.get(kind), new.get(kind)} <= IRREGULAR
+    """Whether a cell tells of motion that is not periodic, or of a transition from or to it."""
+    owner = one.place.rpartition("/")[0]
+    if one.file == "transitions.json" and one.name not in {"kind", "label", "direction"}:
+        transition = "/".join(one.place.split("/")[:2])
+        sides = (f"{transition}/before/kind", f"{transition}/after/kind")
+        return any(cells.get(side) in IRREGULAR for side in sides for cells in (old, new))
+    kinds = {old.get(f"{owner}/kind"), new.get(f"{owner}/kind")}
+    return one.name != "kind" and kinds <= IRREGULAR
 
 
-def close(place: str, old: float, new: float) -> bool:
+def close(place: str, old: float, new: float, tolerance: float = TOLERANCE) -> bool:
     """Whether two numbers are the same but for rounding."""
     if place.rpartition("/")[2] in NOISE:
         return abs(new) <= max(10.0 * abs(old), NEGLIGIBLE)
     if "multiplier" in place and min(abs(old), abs(new)) > 1.0:
-        return abs(1.0 / new - 1.0 / old) <= TOLERANCE
-    return abs(new - old) <= TOLERANCE * max(1.0, abs(old))
+        return abs(1.0 / new - 1.0 / old) <= tolerance
+    return abs(new - old) <= tolerance * max(1.0, abs(old))
 
 
 def off(value: float, exact: str) -> Fraction:

@@ -28,7 +28,7 @@ import time
 from pathlib import Path
 
 from differences import Difference, differences, is_number, results, table
-from reordered import NOISE, Judge
+from reordered import NOISE, UNCOMPARED, Judge
 
 ROOT = Path(__file__).resolve().parent.parent
 BRANCHES = ROOT / "branches"
@@ -132,7 +132,7 @@ def record(options: argparse.Namespace) -> int:
         for job in todo:
             job.run(made.folder, options.checkout)
         refused += compare_scene(todo, None, made, options)
-    notes = {"commit": commit(options.checkout), "scenes": options.scenes}
+    notes = {"commit": commit(options.checkout)}
     (made.folder / "recording.json").write_text(json.dumps(notes) + "\n", encoding="utf-8")
     print(f"recorded in {options.folder}: commit {notes['commit']}")
     return 1 if refused else 0
@@ -263,7 +263,7 @@ class Tally:
             return f"{self.numbers:,} numbers, all the same"
         numbers = [one for one in self.found if one.ulps is not None]
         text = f"{self.numbers:,} numbers, {len(numbers):,} differ"
-        if sizes := [one.ulps for one in numbers if one.name not in NOISE]:
+        if sizes := [one.ulps for one in numbers if one.name not in NOISE | UNCOMPARED]:
             text += f", by at most {max(sizes):,} ulp"
         if shares := [one.share for one in numbers if one.share is not None]:
             text += f", {max(shares):.2g} of the stated error"

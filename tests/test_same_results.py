@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 import json
 import math
 import shutil
@@ -9,7 +10,7 @@ from pathlib import Path
 
 import pytest
 import same_results
-from differences import Difference, differences, results, table
+from differences import Difference, differences, flat, results, table
 from reordered import Judge, close
 from same_results import BRANCHES, Tally
 
@@ -158,6 +159,22 @@ def test_irregular_motion_is_compared_by_its_kind(tmp_path):
     old, new = table(before), table(after)
     (one,) = Judge({}).refused("sweep.csv", differences("sweep.csv", old, new), old, new)
     assert one.place == "row 2/exponent1"
+
+
+def test_transitions_of_irregular_motion_are_compared_by_their_names():
+    def refused(kind, **changes):
+        side = {"kind": kind, "value": 0.5}
+        old = {"transitions": [{"label": "TG", "before": side, "after": side, "width": 1e-3}]}
+        new = copy.deepcopy(old)
+        new["transitions"][0].update(changes)
+        tables = [dict(flat(data, "")) for data in (old, new)]
+        return Judge({}).refused(
+            "transitions.json", differences("transitions.json", *tables), *tables
+        )
+
+    assert not refused("complex", width=2e-3)
+    assert refused("complex", label="G")
+    assert refused("periodic", width=2e-3)
 
 
 def test_numbers_within_texts_may_end_otherwise(altered):
