@@ -163,19 +163,19 @@ def _find(tests: Sequence[TestFunction], segment: Segment) -> list[Event]:
 
 
 def _needed(segment: Segment, kinds: tuple[str, ...]) -> str:
-    """The kind of event that would explain a change of status here."""
+    """The kind of event that would explain a change of status here.
+
+    An odd number of multipliers leaves the unit circle only through 1 or -1.
+    """
     if kinds == UNPHYSICAL_AT:
         return _reason(segment.left, segment.right)
-    ends = [segment.left.evaluation, segment.right.evaluation]
-    counts = [end.n_unstable for end in ends]
-    if abs(counts[1] - counts[0]) > 1:
-        return "NS"
-    passing = min(
-        (multiplier for end in ends for multiplier in end.multipliers),
-        key=lambda multiplier: abs(abs(multiplier) - 1.0),
+    stable, unstable = sorted(
+        (segment.left.evaluation, segment.right.evaluation), key=lambda end: end.n_unstable
     )
-    if passing.imag != 0.0:
+    outside = [m for m in unstable.multipliers if abs(m) > 1.0 and m.imag == 0.0]
+    if (unstable.n_unstable - stable.n_unstable) % 2 == 0 or not outside:
         return "NS"
+    passing = min(outside, key=abs)
     return "FB" if passing.real > 0.0 else "PD"
 
 
