@@ -12,7 +12,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from contimpact import ImpactPair, Settings
-from contimpact.bifurcations.test_functions import test_functions
+from contimpact.bifurcations.kinds import test_functions
 from contimpact.continuation.branch import Walk
 from contimpact.following.orbit_march import walk_orbits
 from contimpact.models.word import Word

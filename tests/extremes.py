@@ -19,8 +19,8 @@ from contimpact import ImpactPair, InputError, Oscillator, Settings, find_orbits
 from contimpact.accuracy.reference import Reference
 from contimpact.accuracy.simulated import ExactFlights, plain_voltage, voltages
 from contimpact.attractors.energy import Membrane
-from contimpact.bifurcations.switching import switch, touches_at
-from contimpact.bifurcations.test_functions import test_functions
+from contimpact.bifurcations.grazing import touches_at
+from contimpact.bifurcations.kinds import switch, test_functions
 from contimpact.continuation.arclength import correct
 from contimpact.following.orbit_branch import both_ways
 from contimpact.models.word import Word

@@ -29,8 +29,11 @@ ROOMS = {
     "segments": {"models", "storage"},
     "orbits": {"models", "segments"},
     "simulation": {"compiling", "models", "segments"},
-    "records": {"compiling", "continuation", "models", "orbits", "segments", "storage", "systems"},
-    "bifurcations": {"continuation", "models", "orbits", "records", "segments"},
+    "bifurcations": {"continuation", "models", "orbits", "segments"},
+    "records": {
+        "bifurcations", "compiling", "continuation", "models", "orbits", "segments", "storage",
+        "systems",
+    },
     "scenes": {"bifurcations", "continuation", "models", "storage", "systems"},
     "following": {
         "bifurcations", "compiling", "continuation", "models", "orbits", "records", "segments",

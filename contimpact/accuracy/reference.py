@@ -20,6 +20,8 @@ from typing import Any
 import mpmath
 import numpy as np
 
+from ..bifurcations.kind import System
+from ..bifurcations.kinds import kind_of
 from ..orbits.problem import Array, OrbitProblem
 from ..segments.kernels import OWN_NAMES, SCALAR_NAMES, Kernel
 
@@ -113,7 +115,9 @@ class Reference:
     def event(
         self, kind: str, unknowns: Array, details: Mapping[str, Any] | None = None
     ) -> Exact | None:
-        """Return the event of a kind next to a point; None where the iteration does not converge.
+        """Return the event of a kind next to a point.
+
+        None where the iteration does not converge, and for a kind without such equations.
 
         Parameters
         ----------
@@ -123,9 +127,12 @@ class Reference:
             As `Event.details` has them: for G ``flight``, ``wall`` and ``touch_time``, for V
             ``impact``, for T ``flight``, for UZ ``requested``.
         """
-        system, extra = self._system(kind, np.asarray(unknowns, dtype=float), details or {})
+        given = np.asarray(unknowns, dtype=float)
+        equations = kind_of(kind).in_many_digits(self, given, details or {})
+        if equations is None:
+            return None
         count = self.problem.n + 1
-        solved = self._solve(system, [*map(float, unknowns), *extra])
+        solved = self._solve(equations[0], [*given.tolist(), *equations[1]])
         if solved is None:
             return None
         x, residual, step, condition, iterations = solved
@@ -198,29 +205,14 @@ class Reference:
 
     # Systems.
 
-    def _system(
-        self, kind: str, z: Array, details: Mapping[str, Any]
-    ) -> tuple[Callable[[list[Any]], list[Any]], list[float]]:
-        """The equations of an event, and a guess for the unknowns beyond z."""
-        if kind in ("FB", "PD"):
-            return self._singular(z, 1 if kind == "FB" else -1)
-        if kind == "BP":
-            return self._branch_point(z)
-        if kind == "G":
-            return self._grazing(z, details)
-        scalars: dict[str, Callable[[list[Any]], Any]] = {
-            "NS": lambda x: self._product(x) - 1,
-            "V": lambda x: x[self.problem.m * details["impact"] + 1],
-            "T": lambda x: self._duration(x, details["flight"]),
-            "UZ": lambda x: self._requested(x, details["requested"]),
-        }
-        scalar = scalars[kind]
-        return lambda x: [*self.residual(x), scalar(x)], []
+    def vanishing(self, function: Callable[[list[Any]], Any]) -> System:
+        """Return F = 0 and a function = 0."""
+        return lambda x: [*self.residual(x), function(x)], []
 
-    def _singular(self, z: Array, mu: int) -> tuple[Callable[[list[Any]], list[Any]], list[float]]:
+    def singular(self, z: Array, mu: float) -> System:
         """F = 0, C(mu) q = 0, l.q = 1."""
         n = self.problem.n
-        null = np.linalg.svd(self.problem.evaluate(z).cyclic(float(mu))[:, :-1])[2][-1].tolist()
+        null = np.linalg.svd(self.problem.evaluate(z).cyclic(mu)[:, :-1])[2][-1].tolist()
 
         def system(x: list[Any]) -> list[Any]:
             residual, blocks = self.flights(x[: n + 1])
@@ -230,7 +222,7 @@ class Reference:
 
         return system, null
 
-    def _cycle(self, blocks: Sequence[Any], q: Sequence[Any], mu: int) -> list[Any]:
+    def _cycle(self, blocks: Sequence[Any], q: Sequence[Any], mu: float) -> list[Any]:
         """The cyclic matrix with its last coupling multiplied by mu, times a vector."""
         m, count = self.problem.m, len(blocks)
         rows = []
@@ -242,7 +234,7 @@ class Reference:
                 rows += [own + factor * sum(end[r, c] * q[m * j + c] for c in range(m))]
         return rows
 
-    def _branch_point(self, z: Array) -> tuple[Callable[[list[Any]], list[Any]], list[float]]:
+    def branch_point(self, z: Array) -> System:
         """F + nu psi = 0, J' psi = 0, |psi| = 1."""
         n, m = self.problem.n, self.problem.m
         left = np.linalg.svd(self.problem.evaluate(z).jacobian)[0][:, -1].tolist()
@@ -264,9 +256,7 @@ class Reference:
 
         return system, [0.0, *left]
 
-    def _grazing(
-        self, z: Array, details: Mapping[str, Any]
-    ) -> tuple[Callable[[list[Any]], list[Any]], list[float]]:
+    def grazing(self, z: Array, details: Mapping[str, Any]) -> System:
         """F = 0, and a flight to a touch of zero velocity."""
         problem = self.problem
         m, n = problem.m, problem.n
@@ -281,14 +271,14 @@ class Reference:
 
         return system, [float(details["touch_time"]), *[0.0] * (m - 2)]
 
-    def _product(self, z: list[Any]) -> Any:
+    def product(self, z: list[Any]) -> Any:
         """The product of all multipliers; for m = 2 a pair on the unit circle has the product 1."""
         total = self.ctx.one
         for start, end, _ in self.flights(z)[1]:
             total *= self.ctx.det(start) / self.ctx.det(end)
         return total
 
-    def _duration(self, z: list[Any], flight: int) -> Any:
+    def duration(self, z: list[Any], flight: int) -> Any:
         m, n = self.problem.m, self.problem.n
         i, j = m * flight, m * flight + m
         if j < n:
@@ -296,7 +286,7 @@ class Reference:
         period = self.kernel("setup", self.problem.kernels.setup)(*self.values(z))[0]
         return z[0] + self.problem.word.period * period - z[i]
 
-    def _requested(self, z: list[Any], requested: Mapping[str, float]) -> Any:
+    def requested(self, z: list[Any], requested: Mapping[str, float]) -> Any:
         ((name, wanted),) = requested.items()
         if name == self.problem.parameter:
             return z[-1] - wanted

@@ -21,7 +21,7 @@ from typing import Any
 import numpy as np
 
 from .. import __version__
-from ..bifurcations.ghosts import orbit_of
+from ..bifurcations.names import KINDS
 from ..continuation import linear
 from ..continuation.arclength import bordered
 from ..continuation.branch import Point, Walk
@@ -33,6 +33,7 @@ from ..orbits import multipliers as stability
 from ..orbits.problem import Array, OrbitProblem
 from ..orbits.search import Orbit
 from ..records.entry import Entry
+from ..records.recovery import orbit_of
 from ..scenes.scene import Scene
 from ..segments.kernels import Kernels
 from ..studies.explore import follow
@@ -53,8 +54,6 @@ SHOT = 6
 
 WORD_LENGTHS = (10, 20, 50, 100, 150, 200)
 POINTS = 400
-CONFIRMED = ("FB", "BP", "PD", "NS", "G", "V", "T", "UZ")
-"""Kinds of events that are solved again in many digits."""
 
 
 def report(
@@ -299,7 +298,7 @@ def measured_events(scene: Scene, kernels: Kernels) -> list[dict[str, Any]]:
     references: dict[Any, Reference] = {}
     rows = []
     for entry in follow(scene).entries:
-        if entry.kind in CONFIRMED:
+        if entry.kind in KINDS:
             here = orbit_of(entry, scene.model, kernels)
             problem = here.problem
             fixed = [v for n, v in problem.model.values.items() if n != scene.parameter]

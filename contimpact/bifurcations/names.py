@@ -1,16 +1,77 @@
-"""Names of the kinds of events, for whoever only has to read or to list them."""
+"""The kinds of events by name, for whoever only has to read or to list them.
 
-KINDS = ("FB", "BP", "PD", "NS", "G", "V", "T", "UZ")
+A kind is declared here, for scenes, and defined in the file of its own that the declaration names.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import NamedTuple
+
+from ..errors import InputError
+
+
+class Declared(NamedTuple):
+    """What can be said of a kind before anything is computed.
+
+    `file` is the module that defines it, in a class of its name. It is looked for unless a scene
+    says otherwise if it is `usual`; other branches are `born` there; it has `curves` in two
+    parameters; its equations need `second` derivatives.
+    """
+
+    name: str
+    file: str
+    usual: bool = True
+    born: bool = False
+    curves: bool = False
+    second: bool = False
+
+
+DECLARED = (
+    Declared("FB", "fold", curves=True, second=True),
+    Declared("BP", "branch_point", born=True, curves=True, second=True),
+    Declared("PD", "doubling", born=True, curves=True, second=True),
+    Declared("NS", "torus", usual=False),
+    Declared("G", "grazing", born=True, curves=True),
+    Declared("V", "zero_velocity", born=True, curves=True),
+    Declared("T", "zero_duration"),
+    Declared("UZ", "requested", usual=False),
+)
+
+FILES = {kind.name: kind.file for kind in DECLARED}
+KINDS = tuple(FILES)
 """Every kind that is looked for along branches."""
 
-EVENTS = ("FB", "BP", "PD", "G", "V", "T")
+EVENTS = tuple(kind.name for kind in DECLARED if kind.usual)
 """Those looked for where nothing else is said."""
 
-LABELLED = ("FB", "BP", "PD", "NS", "G", "V", "T")
-"""Those that can be ghosts by name; requested values and users' events are not marked."""
-
-SWITCHES = ("G", "V", "PD", "BP")
+SWITCHES = tuple(kind.name for kind in DECLARED if kind.born)
 """Those at which other branches are born."""
 
-CURVES = ("FB", "BP", "PD", "G", "V")
+CURVES = tuple(kind.name for kind in DECLARED if kind.curves)
 """Those that have curves in two parameters."""
+
+SECOND = tuple(kind.name for kind in DECLARED if kind.second)
+"""Those whose equations need second derivatives."""
+
+REQUESTED = "UZ"
+"""The kind of the values to hit."""
+
+CROSSINGS = ("PD-G", "G-PD")
+"""Where curves of PD and of G cross, by the curve on which the point is found."""
+
+
+def with_values(
+    kinds: Sequence[str], values: Mapping[str, Sequence[float]] | None, where: str, accepted: str
+) -> list[str]:
+    """Return the kinds to look for, each once: those named, and UZ where there are values to hit.
+
+    Raises
+    ------
+    InputError
+        At `where`, if UZ is named and there are none.
+    """
+    asked = list(dict.fromkeys([*kinds, *([REQUESTED] if values else [])]))
+    if REQUESTED in asked and not values:
+        raise InputError(where, f"{REQUESTED} without values to hit", accepted)
+    return asked

@@ -1,14 +1,14 @@
 """Changes of physicality and of stability along a branch, each of which needs an event.
 
 An orbit turns unphysical at a G, V or T, and the number of its multipliers outside the unit circle
-changes at an FB, BP, PD or NS, or where impacts merge (T). Where it does so between two points and
-no such event was found, the segment is searched again, ever closer to the change; what is still not
-explained is recorded as missed.
+changes at an FB, BP, PD or NS, or where impacts merge (T): each kind says so itself. Where it does
+so between two points and no such event was found, the segment is searched again, ever closer to the
+change; what is still not explained is recorded as missed.
 """
 
 from __future__ import annotations
 
-from collections.abc import Collection, Sequence
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -18,13 +18,13 @@ from ..continuation.branch import Event, Missed, Point, Points, Walk
 from ..continuation.events import Segment, TestFunction, find_events
 from ..continuation.settings import Settings
 from ..continuation.sign_changes import Sample, Stretch
+from ..orbits.linearisation import Linearisation
 from ..orbits.multipliers import count_unstable
-from ..orbits.physicality import OUT_OF_ORDER, PASSES, PHYSICAL
+from ..orbits.physicality import PHYSICAL
 from ..orbits.problem import OrbitProblem
-
-UNPHYSICAL_AT = ("G", "V", "T")
-UNSTABLE_AT = ("FB", "BP", "PD", "NS")
-"""Kinds of events at which an orbit turns unphysical, and at which its stability changes."""
+from .kind import Change
+from .kinds import kind_of
+from .names import KINDS
 
 SEARCHED = (0, 4, 10, 20, 34)
 """After how many bisections a segment is searched for events again."""
@@ -53,16 +53,17 @@ def explained(
         Whether the walk starts on an event, where a status is that of neither side.
     """
     asked = {test.kind for test in tests}
-    if len(walk.points) < 2 or not asked & {*UNPHYSICAL_AT, *UNSTABLE_AT}:
+    sought = {kind_of(kind).changes for kind in asked} - {None}
+    if len(walk.points) < 2 or not sought:
         return walk
     events, missed = list(walk.events), list(walk.missed)
-    for i, j, kinds in _changes(walk, asked, with_status(walk, settings)):
+    for i, j, change in _changes(walk, sought, with_status(walk, settings)):
         left, right = walk.points[i], walk.points[j]
-        if (switched and i == 0) or _explains(events, left, right, kinds):
+        if (switched and i == 0) or _explains(events, left, right, change):
             continue
-        if kinds == UNPHYSICAL_AT and _reason(left, right) not in asked:
+        if change is Change.PHYSICALITY and _needed(left, right, change) not in asked:
             continue
-        found, lost = _searched(problem, left, right, tests, settings, kinds)
+        found, lost = _searched(problem, left, right, tests, settings, change)
         events += [event for event in found if not _known(event, events)]
         missed += lost
     events.sort(key=lambda event: event.point.arclength)
@@ -76,37 +77,37 @@ def with_status(walk: Walk, settings: Settings) -> Any:
     branches, a point within the tolerance may be off both.
     """
     places = Points(walk.points).arclengths
-    crossings = [event.point.arclength for event in walk.events if event.kind == "BP"]
+    crossings = [event.point.arclength for event in walk.events if kind_of(event.kind).crossing]
     near = BLURRED * np.sqrt(settings.tolerance)
     apart = [np.abs(places - place) > near for place in crossings]
     return np.nonzero(np.all(apart, axis=0) if apart else np.ones(len(places), dtype=bool))[0]
 
 
 def _changes(
-    walk: Walk, asked: Collection[str], told: Any
-) -> list[tuple[int, int, tuple[str, ...]]]:
-    """Points between which a status changes, with the kinds of events that explain it."""
+    walk: Walk, sought: Collection[Change | None], told: Any
+) -> list[tuple[int, int, Change]]:
+    """Points between which a status changes; where both do, stability comes first."""
     numbers = Points(walk.points).numbers[told]
     unphysical = numbers[:, -6] != PHYSICAL
-    unstable = _unstable(numbers)
+    status = {Change.STABILITY: _unstable(numbers), Change.PHYSICALITY: unphysical}
     changes = [
-        (int(told[i]), int(told[i + 1]), kinds)
-        for values, kinds in ((unphysical, UNPHYSICAL_AT), (unstable, UNSTABLE_AT))
-        if set(kinds) & set(asked)
+        (int(told[i]), int(told[i + 1]), change)
+        for change, values in status.items()
+        if change in sought
         for i in np.nonzero(values[1:] != values[:-1])[0]
     ]
-    return sorted(changes)
+    return sorted(changes, key=lambda found: found[0])
 
 
 def _unstable(numbers: Any) -> Any:
     return count_unstable(np.ascontiguousarray(numbers[..., 1:-6]).view(complex))
 
 
-def _explains(events: Sequence[Event], left: Point, right: Point, kinds: Collection[str]) -> bool:
-    """Whether an event of these kinds lies between two points, or on one of them."""
+def _explains(events: Sequence[Event], left: Point, right: Point, change: Change) -> bool:
+    """Whether an event that explains a change lies between two points, or on one of them."""
     slack = 1e-9 * (right.arclength - left.arclength)
     return any(
-        (event.kind in kinds or event.kind == "T")
+        kind_of(event.kind).explains(change)
         and left.arclength - slack <= event.point.arclength <= right.arclength + slack
         for event in events
     )
@@ -123,18 +124,18 @@ def _known(event: Event, events: Sequence[Event]) -> bool:
 
 def _searched(
     problem: OrbitProblem, left: Point, right: Point, tests: Sequence[TestFunction],
-    settings: Settings, kinds: tuple[str, ...],
+    settings: Settings, change: Change,
 ) -> tuple[list[Event], list[Missed]]:  # fmt: skip
     """Bisect the change of status, and look for the event on ever shorter segments."""
     span = abs(right.parameter - left.parameter) or abs(left.parameter) or 1.0
     scale = problem.scale(left.unknowns, span)
     segment = Segment(problem, left, right, scale, settings)
-    state = _state_of(kinds)
+    state = _state_of(change)
     here = state(left)
     for bisection in range(BISECTIONS):
         if bisection in SEARCHED:
             found = _find(tests, segment)
-            if any(event.kind in kinds for event in found):
+            if any(kind_of(event.kind).changes is change for event in found):
                 return found, []
         middle = segment.at(0.5)
         ends = segment.left.arclength, segment.right.arclength
@@ -142,14 +143,14 @@ def _searched(
             break
         before, after = segment.halves(middle)
         segment = after if state(middle) == here else before
-    kind = _needed(segment, kinds)
+    kind = _needed(segment.left, segment.right, change)
     if kind not in {test.kind for test in tests}:
         return [], []
-    return [], [_unexplained(kind, segment, kinds)]
+    return [], [_unexplained(kind, segment, change)]
 
 
-def _state_of(kinds: tuple[str, ...]) -> Any:
-    if kinds == UNPHYSICAL_AT:
+def _state_of(change: Change) -> Callable[[Point], int]:
+    if change is Change.PHYSICALITY:
         return lambda point: point.evaluation.verdict.physical
     return lambda point: point.evaluation.n_unstable
 
@@ -162,34 +163,38 @@ def _find(tests: Sequence[TestFunction], segment: Segment) -> list[Event]:
     return find_events(tests, segment, Stretch(*ends))[0]
 
 
-def _needed(segment: Segment, kinds: tuple[str, ...]) -> str:
-    """The kind of event that would explain a change of status here.
+def _needed(left: Point, right: Point, change: Change) -> str:
+    """The kind of event that would explain a change of status between two points."""
+    kinds = [kind_of(name) for name in KINDS]
+    if change is Change.PHYSICALITY:
+        finding = int(_worse(left, right).evaluation.numbers[-6])
+        return next(kind.name for kind in kinds if kind.finding == finding)
+    passing = _passing(left.evaluation, right.evaluation)
+    return next(kind.name for kind in kinds if kind.passed(passing))
+
+
+def _passing(one: Linearisation, other: Linearisation) -> float | None:
+    """The multiplier that passes 1 or -1 between two orbits; None where only pairs pass.
 
     An odd number of multipliers leaves the unit circle only through 1 or -1.
     """
-    if kinds == UNPHYSICAL_AT:
-        return _reason(segment.left, segment.right)
-    stable, unstable = sorted(
-        (segment.left.evaluation, segment.right.evaluation), key=lambda end: end.n_unstable
-    )
-    outside = [m for m in unstable.multipliers if abs(m) > 1.0 and m.imag == 0.0]
-    if (unstable.n_unstable - stable.n_unstable) % 2 == 0 or not outside:
-        return "NS"
-    passing = min(outside, key=abs)
-    return "FB" if passing.real > 0.0 else "PD"
+    stable, unstable = sorted((one, other), key=lambda end: end.n_unstable)
+    outside = [m.real for m in unstable.multipliers if abs(m) > 1.0 and m.imag == 0.0]
+    if (unstable.n_unstable - stable.n_unstable) % 2 == 0:
+        return None
+    return min(outside, key=abs, default=None)
 
 
-def _reason(left: Point, right: Point) -> str:
-    """The kind of event that makes orbits unphysical as the one at one of two points is."""
-    worse = left if not left.evaluation.verdict.physical else right
-    return {PASSES: "G", OUT_OF_ORDER: "T"}.get(int(worse.evaluation.numbers[-6]), "V")
+def _worse(left: Point, right: Point) -> Point:
+    """The one of two points at which the orbit is unphysical."""
+    return left if not left.evaluation.verdict.physical else right
 
 
-def _unexplained(kind: str, segment: Segment, kinds: tuple[str, ...]) -> Missed:
+def _unexplained(kind: str, segment: Segment, change: Change) -> Missed:
     left, right = segment.left, segment.right
-    if kinds == UNPHYSICAL_AT:
-        worse = left if not left.evaluation.verdict.physical else right
-        what = f"the orbit turns unphysical there ({worse.evaluation.verdict.reason})"
+    if change is Change.PHYSICALITY:
+        verdict = _worse(left, right).evaluation.verdict
+        what = f"the orbit turns unphysical there ({verdict.reason})"
     else:
         counts = left.evaluation.n_unstable, right.evaluation.n_unstable
         what = f"the number of unstable multipliers changes from {counts[0]} to {counts[1]} there"

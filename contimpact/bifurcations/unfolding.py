@@ -12,8 +12,19 @@ import numpy as np
 
 from ..continuation.branch import Point
 from ..continuation.crossing import Meeting
+from ..orbits.linearisation import Linearisation
 from ..orbits.problem import Array
-from .extended import Crossing, Solution, solve
+from ..orbits.rounding import rounding
+from .extended_system import (
+    EPSILON,
+    FIRST_ORDER,
+    Assembled,
+    ExtendedSystem,
+    Solution,
+    rounding_of_length,
+    rounding_of_product,
+    solve,
+)
 
 UPRIGHT = 1e-6
 """A branch whose direction at a branch point changes the parameter by less is not told from one
@@ -21,6 +32,53 @@ that stands upright there: their folds lie within the square of this."""
 
 BESIDE = 1e-3
 """How near to such a branch point a fold is not told from it."""
+
+
+class Crossing(ExtendedSystem):
+    """Two branches cross, with respect to the first free parameter; nu measures how far from it."""
+
+    def start(self, here: Linearisation) -> Array:
+        n = self.problem.n
+        return np.concatenate([[0.0], np.linalg.svd(here.jacobian[:, : n + 1])[0][:, -1]])
+
+    def assemble(self, here: Linearisation, own: Array) -> Assembled:
+        problem, n = self.problem, self.problem.n
+        orbit = len(here.unknowns)
+        nu, psi = own[0], own[1:]
+        square = here.jacobian[:, : n + 1]
+        hessian = np.vstack(
+            [psi @ problem.second_along(here.unknowns, e) for e in np.eye(orbit)[: n + 1]]
+        )
+        jacobian = np.zeros((2 * n + 2, orbit + n + 1))
+        jacobian[:n, :orbit] = here.jacobian
+        jacobian[:n, orbit] = psi
+        jacobian[:n, orbit + 1 :] = nu * np.eye(n)
+        jacobian[n : 2 * n + 1, :orbit] = hessian
+        jacobian[n : 2 * n + 1, orbit + 1 :] = square.T
+        jacobian[2 * n + 1, orbit + 1 :] = 2.0 * psi
+        return Assembled(
+            np.concatenate([here.residual + nu * psi, square.T @ psi, [psi @ psi - 1.0]]), jacobian
+        )
+
+    def rounding(self, here: Linearisation, own: Array) -> Array:
+        bounds, n, psi = rounding(here), self.problem.n, own[1:]
+        shifted = bounds.residual + EPSILON * (np.abs(here.residual) + np.abs(own[0] * psi))
+        product = rounding_of_product(
+            here.jacobian[:, : n + 1].T, bounds.jacobian[:, : n + 1].T, psi
+        )
+        return np.concatenate([shifted, product, [2.0 * rounding_of_length(psi)]])
+
+    def nu_error(self, solution: Solution) -> float:
+        """Bound the error of nu by its row of the inverse Jacobian, as that of the parameter."""
+        orbit = len(solution.unknowns)
+        here = self.problem.evaluate(solution.unknowns)
+        at = self.assemble(here, solution.own)
+        try:
+            row = np.linalg.solve(at.jacobian.T, np.eye(len(at.residual))[orbit])
+        except np.linalg.LinAlgError:
+            return float("inf")
+        off = FIRST_ORDER * np.abs(at.residual) + self.rounding(here, solution.own)
+        return float(np.abs(row) @ off)
 
 
 def unfolding(system: Crossing, solution: Solution) -> dict[str, float]:

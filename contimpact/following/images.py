@@ -11,7 +11,9 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
+from ..bifurcations.branch_point import BranchPoint
 from ..continuation.branch import End, EndKind, Event, Point
+from ..continuation.events import TestFunction
 from ..continuation.walk import Stop
 from ..models.model import Symmetry
 from ..orbits.problem import Array, OrbitProblem
@@ -81,6 +83,12 @@ def at_image(problem: OrbitProblem, known: Known | None = None) -> Stop | None:
     return _AtImage(problem, known)
 
 
+def watched(tests: Sequence[TestFunction], stop: Stop | None) -> list[TestFunction]:
+    """Return the test functions of a walk: those asked for, and that of what `stop` goes by."""
+    asked = stop is None or any(isinstance(test, BranchPoint) for test in tests)
+    return [*tests, *([] if asked else [BranchPoint()])]
+
+
 class _AtImage:
     """See `at_image`; nothing ends where orbits are their own images from the first point on."""
 
@@ -94,7 +102,7 @@ class _AtImage:
             own = self.images(point.unknowns, OFF_IMAGE)
             self.kinds = [k for k in (EndKind.SHORTER, EndKind.SYMMETRIC) if k not in own]
         for event in events:
-            if event.kind == "BP":
+            if event.kind == BranchPoint.kind:
                 for kind in self.images(event.point.unknowns, AT_IMAGE):
                     if kind in self.kinds:
                         return self.end(kind, event.point), event.point

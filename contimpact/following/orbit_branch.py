@@ -10,10 +10,9 @@ from typing import Any
 
 import numpy as np
 
-from ..bifurcations.ghosts import entry_of, event_of
-from ..bifurcations.names import EVENTS, KINDS, SWITCHES
-from ..bifurcations.switching import once, switch
-from ..bifurcations.test_functions import BranchPoint, test_functions
+from ..bifurcations.kinds import switch, test_functions
+from ..bifurcations.names import EVENTS, KINDS, SWITCHES, with_values
+from ..bifurcations.start import once
 from ..continuation.branch import End, EndKind, Event, Point, Points, Walk, joined
 from ..continuation.events import TestFunction, UserFunction
 from ..continuation.interruption import interrupted, kept, other_way, undisturbed
@@ -26,10 +25,11 @@ from ..orbits.problem import OrbitProblem
 from ..orbits.search import Orbit, settle
 from ..records.branch import Branch
 from ..records.diagram import Diagram
+from ..records.entries import entry_of, event_of
 from ..records.entry import Entry
 from ..records.given import as_orbit, entry_first, named
 from ..segments.kernels import Kernels
-from .images import again, at_image, mirrors_back, symmetry_of
+from .images import again, at_image, mirrors_back, symmetry_of, watched
 from .orbit_march import walk_orbits
 from .tables import tabulate
 
@@ -93,7 +93,7 @@ def continue_orbit(
     settings = settings or Settings()
     if isinstance(given, Entry) and given.tangent is not None and problem is orbit.problem:
         unknowns = _beside(problem, unknowns, np.array(given.tangent), limits, settings)
-    run = both_ways(problem, unknowns, limits, _seen(tests, stop), settings, callback, stop)
+    run = both_ways(problem, unknowns, limits, watched(tests, stop), settings, callback, stop)
     return undisturbed(lambda: run.branch(name, kinds=[test.kind for test in tests]))
 
 
@@ -154,7 +154,7 @@ def continue_born(
 
     def go(direction: int) -> Walk:
         return walk_orbits(
-            problem, start.unknowns, direction, limits=limits, tests=_seen(tests, stop),
+            problem, start.unknowns, direction, limits=limits, tests=watched(tests, stop),
             settings=settings, tangent=start.tangent, branching=start.branching,
             callback=callback, stop=stop,
         )  # fmt: skip
@@ -177,24 +177,14 @@ def continue_born(
     return undisturbed(lambda: run.branch(name, entry.id, kinds=asked))
 
 
-def _seen(tests: list[TestFunction], stop: Stop | None) -> list[TestFunction]:
-    """The test functions of a walk: those asked for, and what `stop` goes by."""
-    if stop is None or any(test.kind == "BP" for test in tests):
-        return tests
-    return [*tests, BranchPoint()]
-
-
 def _tests(
     problem: OrbitProblem, events: Sequence[str | UserEvent],
     values: Mapping[str, Sequence[float]] | None,
 ) -> list[TestFunction]:  # fmt: skip
     if isinstance(events, str) or not isinstance(events, Sequence):
         raise InputError("events", f"found {events!r}", "give a list, such as ['PD', 'G']")
-    kinds = [kind for kind in events if isinstance(kind, str)]
-    if values and "UZ" not in kinds:
-        kinds.append("UZ")
-    if "UZ" in kinds and not values:
-        raise InputError("events", "UZ without values to hit", "give values={name: [...]}")
+    named = [kind for kind in events if isinstance(kind, str)]
+    kinds = with_values(named, values, "events", "give values={name: [...]}")
     tests = test_functions(problem, kinds, values or {})
     return tests + [_user(kind) for kind in events if not isinstance(kind, str)]
 

@@ -13,18 +13,16 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from ..bifurcations.branch_point import BranchPoint
+from ..bifurcations.doubling import PeriodDoubling
+from ..bifurcations.fold import Fold
+from ..bifurcations.grazing import Grazing
+from ..bifurcations.requested import Requested
 from ..bifurcations.status import explained
-from ..bifurcations.test_functions import (
-    BranchPoint,
-    Fold,
-    Grazing,
-    NeimarkSacker,
-    PeriodDoubling,
-    Requested,
-    ZeroDuration,
-    ZeroVelocity,
-)
+from ..bifurcations.torus import NeimarkSacker
 from ..bifurcations.unfolding import meeting
+from ..bifurcations.zero_duration import ZeroDuration
+from ..bifurcations.zero_velocity import ZeroVelocity
 from ..compiling.compiled import Compiled, compiled, mode, spend
 from ..continuation.branch import Walk
 from ..continuation.events import TestFunction

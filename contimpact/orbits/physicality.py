@@ -76,8 +76,8 @@ def verdict_of(found: Sequence[float], word: str, named: Sequence[Wall]) -> Verd
     return Verdict(found[0] == PHYSICAL, reason_of(found, word, named), found[5])
 
 
-PHYSICAL, OUT_OF_ORDER, PASSES = 0, 1, 2
-"""What `verdict` says; 3 is for an impact that runs the wrong way."""
+PHYSICAL, OUT_OF_ORDER, PASSES, WRONG_WAY = 0, 1, 2, 3
+"""What `verdict` says."""
 
 
 AT_REST = 1e-12

@@ -7,7 +7,7 @@ import re
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING
 
-from ..bifurcations.names import LABELLED
+from ..bifurcations.kinds import kind_of
 from ..errors import printable, shortened
 from ..records.branch import Branch
 from ..records.entry import Entry
@@ -37,14 +37,15 @@ def label_text(entry: Entry, orbit: bool = False) -> str:
     A grazing of orbits with the period 2T, 4T, ... is PD_G. With `orbit`, labels without words
     name the orbit.
     """
-    if entry.kind not in LABELLED:
+    kind = kind_of(entry.kind)
+    if not kind.tilde:
         return plain(entry.kind)
-    doubled = entry.kind == "G" and entry.period > 1 and entry.period & (entry.period - 1) == 0
-    name = r"\mathrm{PD}" if doubled else rf"\mathrm{{{entry.kind}}}"
+    upright, _, index = kind.symbol(entry.period).partition("_")
+    name = rf"\mathrm{{{upright}}}"
     if entry.ghost:
         name = rf"\widetilde{{{name}}}"
-    if doubled:
-        name += r"_{\mathrm{G}}"
+    if index:
+        name += rf"_{{\mathrm{{{index}}}}}"
     elif match := re.fullmatch(rf"~?\w+\[({ORBIT})->({ORBIT})\]", entry.label):
         return f"${name}_{{{match[1]}}}^{{\\,{match[2]}}}$"
     return f"${name}$" + (f"({plain(entry.notation)})" if orbit else "")

@@ -13,7 +13,7 @@ from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from ..bifurcations.names import EVENTS, KINDS
+from ..bifurcations.names import EVENTS, KINDS, SECOND
 from ..continuation.settings import Settings
 from ..errors import InputError, shown
 from ..models.model import Model
@@ -177,7 +177,7 @@ class Scene:
         words = []
         if unasked:
             words.append(f"events {', '.join(unasked)}: not asked for, not evaluated")
-        if not set(self.events) & {"FB", "BP", "PD"}:
+        if not set(self.events) & {*SECOND}:
             words.append("second derivatives: no event needs them, not generated")
         if self.curves is None:
             words.append("curves: no [curves]")

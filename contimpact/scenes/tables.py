@@ -9,7 +9,7 @@ from collections.abc import Sequence
 from dataclasses import asdict, fields, replace
 from typing import TYPE_CHECKING, Any
 
-from ..bifurcations.names import CURVES, EVENTS, KINDS, SWITCHES
+from ..bifurcations.names import CURVES, EVENTS, KINDS, SWITCHES, with_values
 from ..continuation.settings import Settings
 from ..errors import InputError, shown
 from ..models.model import Model
@@ -102,14 +102,10 @@ def read_detect(
                 f"detect.values.{parameter}[{i}]", f"{value:.12g} is outside follow.range",
                 f"give a value from {low:.12g} to {high:.12g}",
             )  # fmt: skip
-    if values and "UZ" not in events:
-        events.append("UZ")
-    if "UZ" in events and not values:
-        raise InputError(
-            "detect.events", "UZ without values to hit", f"give detect.values.{parameter} = [...]"
-        )
+    accepted = f"give detect.values.{parameter} = [...]"
+    events = with_values(events, values, "detect.events", accepted)
     table.finish()
-    return tuple(dict.fromkeys(events)), values
+    return tuple(events), values
 
 
 def read_curves(table: Table, model: Model, first: str, events: Sequence[str]) -> CurveOptions:

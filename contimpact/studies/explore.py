@@ -17,13 +17,13 @@ from typing import Any
 
 import numpy as np
 
-from ..bifurcations.switching import Start, once, switch
-from ..bifurcations.test_functions import test_functions
+from ..bifurcations.kinds import switch, test_functions
+from ..bifurcations.start import Start, once
 from ..continuation.branch import End, EndKind, Event, Point, Walk
 from ..continuation.events import TestFunction
 from ..continuation.interruption import kept, other_way
 from ..errors import InputError
-from ..following.images import again, at_image, mirrors_back
+from ..following.images import again, at_image, mirrors_back, watched
 from ..following.orbit_branch import Run, both_ways
 from ..following.orbit_march import walk_orbits
 from ..models.word import Word
@@ -322,10 +322,8 @@ class _Explorer:
 
     def tests(self, problem: OrbitProblem) -> list[TestFunction]:
         """The scene's test functions, and what tells where a branch runs into its own image."""
-        kinds = list(self.scene.events)
-        if at_image(problem) and "BP" not in kinds:
-            kinds.append("BP")
-        tests = test_functions(problem, kinds, self.scene.values)
+        tests = test_functions(problem, self.scene.events, self.scene.values)
+        tests = watched(tests, at_image(problem))
         self.tested += tests
         return tests
 

@@ -1,8 +1,8 @@
 """Curves of bifurcations in two parameters, followed with the same continuer as branches.
 
-A curve is the solution set of an extended system (`contimpact.bifurcations.extended`) with two
-free parameters: the branch's own, lambda, and a second one, mu, along which the walk is limited.
-Its unknowns are the orbit, lambda, what the system adds, and mu last.
+A curve is the solution set of an event's equations (`contimpact.bifurcations.extended_system`) with
+two free parameters: the branch's own, lambda, and a second one, mu, along which the walk is
+limited. Its unknowns are the orbit, lambda, what the system adds, and mu last.
 """
 
 from __future__ import annotations
@@ -13,7 +13,8 @@ from typing import Any
 
 import numpy as np
 
-from ..bifurcations.ghosts import apart_from_event, forgiven, impacts_of
+from ..bifurcations.kind import Kind
+from ..bifurcations.names import REQUESTED
 from ..continuation.branch import End, EndKind, Event, Point, Walk, joined
 from ..continuation.events import TestFunction
 from ..continuation.interruption import kept, other_way
@@ -23,16 +24,15 @@ from ..errors import InputError
 from ..models.model import Model
 from ..orbits.problem import Array
 from ..records.curve import Codim2, Curve
+from ..records.entries import impacts_of
 from ..records.entry import Entry
 from ..records.given import entry_first
 from ..records.recovery import model_of
 from ..records.tables import all_parameters, coordinates
 from ..segments.kernels import Kernels
-from .codimension import codimension_two
 from .problem import CurvePoint, CurveProblem, curve_problem, require_curve
 
 CURVE_SETTINGS = Settings(tolerance=1e-13, max_step=0.05, max_points=1000)
-UNFOLDED = 1e-8
 
 
 def follow_curve(
@@ -91,20 +91,20 @@ def follow_curve(
         raise InputError("values", f"{outside[0]!r} is outside {second_range}", "widen the range")
     problem, start = curve_problem(model, entry, second, kernels, first_range[1] - first_range[0])
     before = problem.orbit.kernel_evaluations
-    tests: list[TestFunction] = [FirstLimit(first_range), SecondValue(values)]
-    if entry.kind == "G":
-        tests.append(TouchLimit())
-    tests += codimension_two(problem) if detect else []
+    kind = problem.kind
+    limits = {EndKind.RANGE: FirstLimit(first_range), **kind.curve_limits()}
+    special = kind.codimension_two(problem.orbit.word) if detect else []
+    tests = [*limits.values(), SecondValue(values), *special]
 
     def go(direction: int) -> Walk:
         return walk(
             problem, start, direction, parameter=second, limits=second_range, tests=tests,
-            settings=settings, callback=callback, stop=_leaving(first, entry.kind),
+            settings=settings, callback=callback, stop=_leaving(first, kind, limits),
         )  # fmt: skip
 
     forward = kept(lambda: go(+1))
     backward = other_way(forward, second, lambda: go(-1))
-    return _curve(name, entry, problem, backward, forward, before)
+    return _curve(name, entry, problem, (backward, forward), special, before)
 
 
 def _checked_range(model: Model, entry: Entry, parameter: str, limits: Any) -> tuple[float, float]:
@@ -122,18 +122,19 @@ def _checked_range(model: Model, entry: Entry, parameter: str, limits: Any) -> t
     return low, high
 
 
-def _leaving(first: str, kind: str) -> Callable[[Point, Sequence[Event]], tuple[End, Point] | None]:
-    """End a walk where the first parameter leaves its range, or a crossing of branches unfolds."""
+def _leaving(
+    first: str, kind: Kind, limits: Mapping[EndKind, TestFunction]
+) -> Callable[[Point, Sequence[Event]], tuple[End, Point] | None]:
+    """End a walk where the first parameter leaves its range, or where the kind says so."""
+    ends = {test.kind: end for end, test in limits.items()}
 
     def stop(point: Point, events: Sequence[Event]) -> tuple[End, Point] | None:
-        for event in events:
-            if event.kind in (FirstLimit.kind, TouchLimit.kind):
-                value = float(event.point.evaluation.orbit.unknowns[-2])
-                reason = EndKind.RANGE if event.kind == FirstLimit.kind else EndKind.TOUCH
-                return End.of(reason, first, value), event.point
-        here: Any = point.evaluation
-        if kind == "BP" and abs(here.own[0]) > UNFOLDED:
-            return End.of(EndKind.UNFOLDED, first, float(here.orbit.unknowns[-2])), point
+        here: CurvePoint = point.evaluation
+        found = [(ends[event.kind], event.point) for event in events if event.kind in ends]
+        if reached := kind.curve_end(here.own):
+            found.append((reached, point))
+        for end, at in found:
+            return End.of(end, first, float(at.evaluation.orbit.unknowns[-2])), at
         return None
 
     return stop
@@ -152,28 +153,10 @@ class FirstLimit(TestFunction):
         return np.array([value - self.limits[0], self.limits[1] - value])
 
 
-class TouchLimit(TestFunction):
-    """The touch of a grazing reaches the impact at either end of its flight."""
-
-    kind = "touch"
-
-    def values(self, point: Point) -> Array:
-        here: Any = point.evaluation
-        problem = here.orbit.problem
-        times = problem.impacts(here.orbit.unknowns)[:, 0]
-        flight = here.problem.details["flight"]
-        if flight + 1 < len(times):
-            arrival = times[flight + 1]
-        else:
-            period = problem.kernels.setup(*problem.values(here.orbit.unknowns))[0]
-            arrival = times[0] + problem.word.period * period
-        return np.array([here.own[0] - times[flight], arrival - here.own[0]])
-
-
 class SecondValue(TestFunction):
     """The second parameter takes a value that was asked for."""
 
-    kind = "UZ"
+    kind = REQUESTED
 
     def __init__(self, wanted: Sequence[float]) -> None:
         self.wanted = np.array(wanted, dtype=float)
@@ -186,24 +169,26 @@ class SecondValue(TestFunction):
 
 
 def _curve(
-    name: str, entry: Entry, problem: CurveProblem, backward: Walk, forward: Walk, before: int
-) -> Curve:
+    name: str, entry: Entry, problem: CurveProblem, walks: tuple[Walk, Walk],
+    codimension_two: Sequence[TestFunction], before: int,
+) -> Curve:  # fmt: skip
     first, *others = problem.orbit.kernels.parameters
     second = others[0]
-    points, events = joined(backward, forward)
-    limits = (FirstLimit.kind, TouchLimit.kind, "UZ")
-    special = [e for e in events if e.kind not in limits]
+    points, events = joined(*walks)
+    kinds = {test.kind for test in codimension_two}
+    special = [e for e in events if e.kind in kinds]
     codim2 = [_codim2(e, f"{name}.{i}", name) for i, e in enumerate(special, start=1)]
-    marks = [(e.point, "UZ") for e in events if e.kind == "UZ"]
+    marks = [(e.point, e.kind) for e in events if e.kind == REQUESTED]
     marks += [(e.point, p.id) for e, p in zip(special, codim2, strict=True)]
     missed = [
         f"{m.kind} between {second} = {m.parameters[0]:.12g} and {m.parameters[1]:.12g}: {m.reason}"
-        for m in (*backward.missed, *forward.missed)
+        for walk in walks
+        for m in walk.missed
     ]
     return Curve(
         name, entry.kind, entry.label.removeprefix("~"), entry.word, entry.period, entry.notation,
         (first, second), _columns(points, marks),
-        (backward.end, forward.end), codim2, entry.id, missed,
+        (walks[0].end, walks[1].end), codim2, entry.id, missed,
         evaluations=problem.orbit.kernel_evaluations - before,
     )  # fmt: skip
 
@@ -231,15 +216,15 @@ def _columns(points: Sequence[Point], marks: Sequence[tuple[Point, str]]) -> dic
 
 def _row(point: Point) -> dict[str, Any]:
     here: CurvePoint = point.evaluation
-    orbit, kind = here.orbit, here.problem.kind
+    orbit, kind, details = here.orbit, here.problem.kind, here.details
     row: dict[str, Any] = {"arclength": point.arclength} | all_parameters(orbit)
     names = coordinates(orbit.problem.m)
     for k, impact in enumerate(orbit.problem.impacts(orbit.unknowns).tolist(), start=1):
         row |= {f"{name}{k}": value for name, value in zip(names, impact, strict=True)}
-    multipliers, n_unstable = apart_from_event(kind, orbit, here.details)
+    multipliers, n_unstable = kind.multipliers(orbit, details)
     for k, mu in enumerate(multipliers.tolist(), start=1):
         row |= {f"multiplier{k}_re": mu.real, f"multiplier{k}_im": mu.imag}
-    verdict = forgiven(kind, orbit, here.details)
+    verdict = kind.verdict(orbit, details)
     return row | {
         "n_unstable": n_unstable,
         "physical": int(verdict.physical),

@@ -9,7 +9,8 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 
 import numpy as np
 
-from ..bifurcations.test_functions import Requested, test_functions
+from ..bifurcations.kinds import test_functions
+from ..bifurcations.requested import Requested
 from ..continuation.branch import End
 from ..continuation.interruption import interrupted
 from ..following.orbit_branch import Run, both_ways

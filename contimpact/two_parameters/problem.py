@@ -8,12 +8,15 @@ from typing import Any
 
 import numpy as np
 
-from ..bifurcations.extended import Crossing, ExtendedSystem, Reached, SingularCycle, Touching
+from ..bifurcations.extended_system import ExtendedSystem
+from ..bifurcations.kind import Kind
+from ..bifurcations.kinds import kind_of
 from ..bifurcations.names import CURVES
 from ..errors import InputError, shown
 from ..models.model import Model
 from ..orbits.linearisation import Linearisation
 from ..orbits.problem import Array, OrbitProblem
+from ..records.entries import details_of
 from ..records.entry import Entry
 from ..records.recovery import orbit_of
 from ..segments.kernels import Kernels
@@ -24,8 +27,8 @@ class CurveProblem:
 
     Parameters
     ----------
-    kind : str
-        One of `CURVES`.
+    kind : Kind
+        Named in `CURVES`.
     system : ExtendedSystem
         On an `OrbitProblem` with two free parameters.
     details : mapping
@@ -35,7 +38,7 @@ class CurveProblem:
     """
 
     def __init__(
-        self, kind: str, system: ExtendedSystem, details: Mapping[str, Any], first_span: float
+        self, kind: Kind, system: ExtendedSystem, details: Mapping[str, Any], first_span: float
     ) -> None:
         self.kind, self.system, self.details = kind, system, dict(details)
         self.orbit = system.problem
@@ -67,10 +70,7 @@ class CurveProblem:
         """Return natural sizes: those of the orbit, one for unit vectors, times for touches."""
         orbit, own = self.unpacked(unknowns)
         sizes = self.orbit.scale(orbit, [self.first_span, span])
-        others = np.ones(len(own))
-        if self.kind == "G":
-            others[0] = sizes[0]
-        return self.packed(sizes, others)
+        return self.packed(sizes, self.system.scale(own, sizes))
 
     def difference(self, one: Array, other: Array) -> Array:
         """Return one - other, orbits compared as orbits."""
@@ -93,10 +93,7 @@ class CurvePoint:
     @property
     def details(self) -> dict[str, Any]:
         """Where on the orbit it happens, the time of a touch included."""
-        told = dict(self.problem.details)
-        if self.problem.kind == "G":
-            told["touch_time"] = float(self.own[0])
-        return told
+        return self.problem.details | self.problem.system.details(self.own)
 
 
 def require_curve(entry: Entry) -> None:
@@ -112,26 +109,13 @@ def curve_problem(
     """Return the problem of the curve through a catalogue entry, and where it starts."""
     at = orbit_of(entry, model, kernels)
     problem, orbit = at.problem, at.unknowns
-    system, details = system_of(problem, entry)
-    curve = CurveProblem(entry.kind, system, details, first_span)
+    system = system_of(problem, entry)
+    curve = CurveProblem(kind_of(entry.kind), system, details_of(entry), first_span)
     return curve, curve.packed(orbit, system.start(problem.evaluate(orbit)))
 
 
-def system_of(problem: OrbitProblem, entry: Entry) -> tuple[ExtendedSystem, dict[str, Any]]:
-    if entry.kind == "G":
-        assert entry.flight is not None
-        assert entry.wall is not None
-        assert entry.touch_time is not None
-        touching = Touching(problem, entry.flight, entry.wall, entry.touch_time)
-        return touching, {"flight": entry.flight, "wall": entry.wall}
-    if entry.kind == "V":
-        assert entry.impact is not None
-        place = problem.m * entry.impact + 1
-
-        def velocity(_: OrbitProblem, z: Array) -> tuple[float, Array]:
-            return float(z[place]), np.eye(len(z))[place]
-
-        return Reached(problem, velocity), {"impact": entry.impact, "wall": entry.wall}
-    if entry.kind == "BP":
-        return Crossing(problem), {}
-    return SingularCycle(problem, 1.0 if entry.kind == "FB" else -1.0), {}
+def system_of(problem: OrbitProblem, entry: Entry) -> ExtendedSystem:
+    """Return the exact equations of an entry's event."""
+    system = kind_of(entry.kind).equations(problem, details_of(entry))
+    assert system is not None, "every kind that has curves has equations"
+    return system

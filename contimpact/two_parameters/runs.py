@@ -10,9 +10,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from ..bifurcations.extended import solve
-from ..bifurcations.ghosts import orbit_of
-from ..bifurcations.test_functions import test_functions
+from ..bifurcations.extended_system import solve
+from ..bifurcations.kinds import test_functions
 from ..following.orbit_branch import Run, both_ways
 from ..models.model import Model
 from ..models.word import Word
@@ -20,6 +19,7 @@ from ..orbits.problem import Array, OrbitProblem
 from ..orbits.search import find_orbits
 from ..records.curve import Curve
 from ..records.entry import Entry
+from ..records.recovery import orbit_of
 from ..scenes.scene import Scene
 from ..segments.kernels import Kernels
 from .problem import system_of
@@ -125,7 +125,7 @@ def _same(problem: OrbitProblem, entry: Entry, guess: Array, unknowns: Array, si
     off = float(np.max(np.abs(away)))
     if off > size + NEAR_CURVE:
         return False
-    solution = solve(system_of(problem, entry)[0], problem.evaluate(unknowns + away))
+    solution = solve(system_of(problem, entry), problem.evaluate(unknowns + away))
     if solution is None:
         return off < NEAR_CURVE
     return bool(np.max(np.abs(problem.difference(solution.unknowns, unknowns))) < SAME_CURVE)

@@ -16,7 +16,7 @@ import numpy as np
 import pytest
 from scipy.spatial import cKDTree
 
-from contimpact.bifurcations.test_functions import critical, test_functions
+from contimpact.bifurcations.kinds import kind_of, test_functions
 from contimpact.continuation.branch import EndKind, Event, Point
 from contimpact.continuation.settings import Settings
 from contimpact.continuation.walk import walk
@@ -292,7 +292,7 @@ def test_critical_lengths_of_figures_7_and_8(figure, word, kind, d, stable, phys
     event = min(found, key=lambda e: abs(d_of(e) - d))
     assert abs(d_of(event) - d) < 1e-11
     here = event.point.evaluation
-    own = critical(kind, here.multipliers)
+    own = kind_of(kind).critical(here.multipliers)
     others = np.delete(here.multipliers, own)
     assert bool(np.all(np.abs(others) < 1.0)) == stable
     place = (event.details["flight"], event.details["wall"]) if kind == "G" else None
@@ -668,7 +668,7 @@ def test_neimark_sacker_under_negative_damping(omega, k, r, sigma):
         assert np.abs(orbit.multipliers) == pytest.approx([1.0, 1.0], abs=1e-14)
         assert orbit.stable
         assert test.accept(Event("NS", as_point(orbit), 0.0, 0.0, "bracket"))
-        assert sorted(critical("NS", orbit.multipliers)) == [0, 1]
+        assert sorted(kind_of("NS").critical(orbit.multipliers)) == [0, 1]
 
 
 @pytest.mark.parametrize(

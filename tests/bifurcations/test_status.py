@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 from scipy.optimize import brentq
 
+from contimpact.bifurcations.kinds import test_functions as make_tests
 from contimpact.bifurcations.names import EVENTS
 from contimpact.bifurcations.status import with_status
-from contimpact.bifurcations.test_functions import test_functions as make_tests
 from contimpact.continuation.branch import Points
 from contimpact.continuation.events import TestFunction
 from contimpact.continuation.settings import Settings

@@ -8,8 +8,9 @@ import numpy as np
 import pytest
 from zoo import scene
 
-from contimpact.bifurcations.switching import switch, touches_at
-from contimpact.bifurcations.test_functions import test_functions as functions
+from contimpact.bifurcations.grazing import touches_at
+from contimpact.bifurcations.kinds import switch
+from contimpact.bifurcations.kinds import test_functions as functions
 from contimpact.continuation.settings import Settings
 from contimpact.errors import InputError
 from contimpact.following.orbit_branch import both_ways, continue_born, continue_orbit

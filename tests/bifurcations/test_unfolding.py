@@ -12,8 +12,8 @@ import math
 import numpy as np
 import pytest
 
-from contimpact.bifurcations.test_functions import Fold
-from contimpact.bifurcations.test_functions import test_functions as functions
+from contimpact.bifurcations.fold import Fold
+from contimpact.bifurcations.kinds import test_functions as functions
 from contimpact.continuation.branch import EndKind, Event, Point
 from contimpact.continuation.settings import Settings
 from contimpact.following.orbit_branch import both_ways, continue_orbit

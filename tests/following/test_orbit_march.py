@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from contimpact.bifurcations.test_functions import test_functions as functions_of
+from contimpact.bifurcations.kinds import test_functions as functions_of
 from contimpact.continuation.settings import Settings
 from contimpact.continuation.walk import walk
 from contimpact.following.orbit_march import system_of, walk_orbits

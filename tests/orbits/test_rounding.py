@@ -11,7 +11,7 @@ import pytest
 from zoo import ROOT
 
 from contimpact.accuracy.reference import Reference
-from contimpact.bifurcations.test_functions import test_functions as make_tests
+from contimpact.bifurcations.kinds import test_functions as make_tests
 from contimpact.continuation.events import UserFunction
 from contimpact.continuation.settings import Settings
 from contimpact.following.orbit_branch import both_ways

@@ -14,8 +14,8 @@ import numpy as np
 import pytest
 from zoo import harmonic_pair
 
+from contimpact.bifurcations.kinds import test_functions as make_tests
 from contimpact.bifurcations.names import EVENTS
-from contimpact.bifurcations.test_functions import test_functions as make_tests
 from contimpact.continuation.settings import Settings
 from contimpact.errors import InputError
 from contimpact.following.orbit_branch import both_ways

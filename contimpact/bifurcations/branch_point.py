@@ -1,0 +1,105 @@
+r"""BP: two branches of orbits of one word cross.
+
+With null vectors phi_1 (the branch's tangent) and phi_2 and left null vector psi, the directions
+a phi_1 + b phi_2 of the branches solve
+
+.. math:: \alpha_{11} a^2 + 2 \alpha_{12} a b + \alpha_{22} b^2 = 0, \qquad
+          \alpha_{ij} = \psi \cdot F_{zz}[\phi_i, \phi_j],
+
+(Keller 1977), of which the branch itself is the root b = 0.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from ..continuation.branch import EndKind, Event, Point
+from ..continuation.events import Located, TestFunction
+from ..models.word import Word
+from ..orbits.linearisation import Linearisation
+from ..orbits.problem import Array, OrbitProblem
+from .codimension_two import AlsoGrazes, AlsoStops
+from .extended_system import ExtendedSystem, located
+from .kind import Change, Details, Kind, Look, ManyDigits, System, Values
+from .singular_cycle import ROUNDING, has_multiplier
+from .start import Start
+from .unfolding import Crossing, crossed, meeting, unfolding
+
+UNFOLDED = 1e-8
+"""Size of nu beyond which a curve of branch points has none any more."""
+
+
+class BranchPoint(TestFunction):
+    """The determinant of the Jacobian bordered by the tangent."""
+
+    kind = "BP"
+    rounding = ROUNDING
+
+    def values(self, point: Point) -> Array:
+        return np.array([point.orientation])
+
+    def locate(self, problem: Any, guess: Point, index: int) -> Located | None:
+        system = Crossing(problem)
+        found = located(system, guess, lambda solution: unfolding(system, solution))
+        return found if found is not None and crossed(found.details) else None
+
+    def accept(self, event: Event) -> bool:
+        """Bracketing does not tell a crossing of branches from a near miss."""
+        if event.method == "bracket":
+            scale = np.ones(len(event.point.unknowns))
+            near = meeting(event.point.evaluation.problem, event.point, scale)
+            if near is not None and not near.crosses:
+                return False
+        return has_multiplier(event, 1.0)
+
+
+class BP(Kind):
+    """Branch point."""
+
+    name = BranchPoint.kind
+    changes = Change.STABILITY
+    multiplier = 1.0
+    crossing = True
+    auto = 6
+    look = Look("D", "#CC79A7")
+
+    def test(self, problem: OrbitProblem, values: Values) -> TestFunction:
+        return BranchPoint()
+
+    def equations(self, problem: OrbitProblem, details: Details) -> ExtendedSystem:
+        return Crossing(problem)
+
+    def in_many_digits(self, orbit: ManyDigits, unknowns: Array, details: Details) -> System:
+        return orbit.branch_point(unknowns)
+
+    def born(self, event: Event) -> Start | None:
+        here: Linearisation = event.point.evaluation
+        problem = here.problem
+        left, _, right = np.linalg.svd(here.jacobian)
+        psi, null = left[:, -1], right[-2:]
+        along = [problem.second_along(here.unknowns, vector) for vector in null]
+        form = np.array([[float(psi @ row @ vector) for vector in null] for row in along])
+        directions = _isotropic(form)
+        if directions is None:
+            return None
+        own = null @ event.point.tangent
+        own /= np.linalg.norm(own)
+        other = min(directions, key=lambda pair: abs(pair @ own))
+        return Start(problem, here.unknowns, other @ null, branching=True, both_ways=True)
+
+    def curve_end(self, own: Array) -> EndKind | None:
+        return EndKind.UNFOLDED if abs(own[0]) > UNFOLDED else None
+
+    def codimension_two(self, word: Word) -> list[TestFunction]:
+        return [AlsoGrazes(self.name), AlsoStops(self.name)]
+
+
+def _isotropic(form: Array) -> list[Array] | None:
+    """The two unit vectors on which an indefinite quadratic form in the plane vanishes."""
+    sizes, axes = np.linalg.eigh(0.5 * (form + form.T))
+    if not sizes[0] < 0.0 < sizes[1] or min(abs(sizes)) < 1e-10 * max(abs(sizes)):
+        return None
+    angle = np.arctan(np.sqrt(-sizes[0] / sizes[1]))
+    return [np.cos(angle) * axes[:, 0] + sign * np.sin(angle) * axes[:, 1] for sign in (1.0, -1.0)]

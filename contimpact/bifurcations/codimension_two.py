@@ -1,0 +1,178 @@
+r"""Points of codimension two on curves of bifurcations, as test functions along a curve.
+
+====== ============ ======================================================================
+kind   on           test function
+====== ============ ======================================================================
+FB-G.. FB, BP, PD   smallest interior gap of each flight and wall: the orbit also grazes
+..-V   FB, BP, PD   velocity of each impact
+G-PD   G, V         determinant of C(-1) of the orbit that grazes
+G-FB   G, V         determinant of C(1) of the orbit that grazes (the old branch folds), and
+                    parameter rate of the branch with one impact more (its fold is born)
+DG     G, V         acceleration at the touch
+R1, R2 FB, PD       product of two multipliers minus one: a second one at 1, or at -1
+====== ============ ======================================================================
+
+Those of one kind alone stand with it: CP in `fold`, GPD in `doubling`. They are located by
+bracketing along the curve, whose points solve its equations to rounding.
+"""
+
+from __future__ import annotations
+
+from abc import abstractmethod
+from collections.abc import Callable, Mapping
+from typing import Any, Protocol
+
+import numpy as np
+
+from ..continuation.arclength import scaled_determinant
+from ..continuation.branch import Point
+from ..continuation.events import TestFunction
+from ..orbits.linearisation import Linearisation
+from ..orbits.multipliers import neimark_sacker
+from ..orbits.problem import Array
+from .names import CROSSINGS
+
+MARKERS = dict.fromkeys(CROSSINGS, "o") | {"G-FB": "^", "CP": "v", "GPD": "s", "DG": "D"}
+"""In pictures."""
+
+
+class CurvePoint(Protocol):
+    """A point of a curve: its orbit, what its equations add, and where on the orbit it happens."""
+
+    @property
+    def orbit(self) -> Linearisation: ...
+    @property
+    def own(self) -> Array: ...
+    @property
+    def details(self) -> Mapping[str, Any]: ...
+
+
+class OnCurve(TestFunction):
+    """A test function of the points of a curve, with a sentence on what changes at its zeros."""
+
+    changes: str = ""
+
+    def values(self, point: Point) -> Array:
+        try:
+            here: Any = point.evaluation
+            return np.atleast_1d(np.array(self.of(here), dtype=float))
+        except (ArithmeticError, np.linalg.LinAlgError):
+            return np.array([np.nan])
+
+    @abstractmethod
+    def of(self, here: CurvePoint) -> Any:
+        """Return the values, as a number or a sequence."""
+
+    def details(self, point: Point, index: int) -> Mapping[str, Any]:
+        return {"index": index, "changes": self.changes}
+
+
+# On curves of smooth bifurcations.
+
+
+class AlsoGrazes(OnCurve):
+    """The bifurcating orbit touches a wall."""
+
+    def __init__(self, kind: str) -> None:
+        self.kind = f"{kind}-G"
+        self.changes = (
+            f"the {kind} and a grazing happen on the same orbit: beyond, the orbit is unphysical "
+            f"at the {kind}, which becomes a ghost"
+        )
+
+    def of(self, here: CurvePoint) -> Any:
+        touches = [t for flight in here.orbit.gaps for t in flight.touches]
+        return [np.nan if t is None else t.gap for t in touches]
+
+
+class AlsoStops(OnCurve):
+    """An impact of the bifurcating orbit loses its velocity."""
+
+    def __init__(self, kind: str) -> None:
+        self.kind = f"{kind}-V"
+        self.changes = (
+            f"an impact loses its velocity on the orbit of the {kind}: beyond, it runs the wrong "
+            "way"
+        )
+
+    def of(self, here: CurvePoint) -> Any:
+        return here.orbit.problem.impacts(here.orbit.unknowns)[:, 1]
+
+
+class Resonance(OnCurve):
+    """A second multiplier joins the critical one."""
+
+    def __init__(self, kind: str, multiplier: str) -> None:
+        self.kind = kind
+        self.changes = f"two multipliers are {multiplier}: a curve of NS begins"
+
+    def of(self, here: CurvePoint) -> Any:
+        value = neimark_sacker(here.orbit.start, here.orbit.end)
+        return value if abs(value) > 1e-9 else np.nan
+
+
+# On curves of orbits that touch a wall, seen from the shorter or from the longer word.
+
+
+class DegenerateTouch(OnCurve):
+    """The touch has no acceleration."""
+
+    kind = "DG"
+    changes = "the touch has zero acceleration: two touches of the flight are born or meet"
+
+    def __init__(self, touch: Callable[[CurvePoint], tuple[int, float]]) -> None:
+        self.touch = touch
+
+    def of(self, here: CurvePoint) -> Any:
+        orbit, problem = here.orbit, here.orbit.problem
+        left, since = self.touch(here)
+        row = problem.impacts(orbit.unknowns)[left].tolist()
+        kernel = problem.kernels.motion(problem.word.walls[left])
+        return kernel(*row, since, *problem.values(orbit.unknowns))[2]
+
+
+class TouchSingular(OnCurve):
+    """A multiplier of the orbit, counted as one of a word, is mu."""
+
+    def __init__(
+        self, kind: str, changes: str, mu: float, counted: Callable[[CurvePoint], Linearisation]
+    ) -> None:
+        self.kind, self.changes, self.mu, self.counted = kind, changes, mu, counted
+
+    def of(self, here: CurvePoint) -> Any:
+        orbit = self.counted(here)
+        return scaled_determinant(orbit.cyclic(self.mu)[:, : orbit.problem.n])
+
+
+def touch_points(
+    touch: Callable[[CurvePoint], tuple[int, float]],
+    longer: Callable[[CurvePoint], Linearisation],
+    shorter: Callable[[CurvePoint], Linearisation] | None,
+) -> list[TestFunction]:
+    """Return the test functions of a curve of orbits that touch a wall.
+
+    Parameters
+    ----------
+    touch : callable ``touch(point) -> impact, since``
+        The impact before the touch, and the time since then.
+    longer, shorter : callable
+        The orbit with the touch as an impact of its word, and without; None if no impact is left.
+    """
+    points: list[TestFunction] = [
+        DegenerateTouch(touch),
+        TouchSingular(
+            "G-FB",
+            "the fold of the new branch is born at the grazing: the grazing changes between "
+            "supercritical and subcritical",
+            1.0,
+            longer,
+        ),
+    ]
+    if shorter is not None:
+        doubles = "the grazing orbit doubles its period here: the grazing is real on one side only"
+        folds = "the branch that grazes folds at its grazing"
+        points += [
+            TouchSingular("G-PD", doubles, -1.0, shorter),
+            TouchSingular("G-FB", folds, 1.0, shorter),
+        ]
+    return points

@@ -1,0 +1,134 @@
+r"""PD: a multiplier passes -1, and the word run twice leaves the branch.
+
+The branch born there leaves along (q, -q), q the eigenvector of -1; both ways lead to the same
+orbits, half a period apart. It is supercritical where the doubled orbit exists for values at which
+the old one has a multiplier beyond -1. With z = z_0 + a q + a^2 w + ... on one half of the doubled
+orbit and z_0 - a q + a^2 w + ... on the other, lambda = lambda_0 + c a^2 solves the equations to
+third order:
+
+.. math:: C(1) w_0 = -\tfrac12 B[q,q], \quad C(1) z_\lambda = -F_\lambda, \quad
+          c = -\frac{\psi \cdot (B[q, w_0] + T[q,q,q]/6)}
+                    {\psi \cdot (B[q, z_\lambda] + F_{z\lambda} q)},
+
+with psi the left null vector of C(-1), B and T the second and third derivatives of F, the
+directions q continued with the factor -1 over the period (Lyapunov and Schmidt; see Golubitsky and
+Schaeffer 1985).
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from ..continuation.arclength import scaled_determinant
+from ..continuation.branch import Event, Point
+from ..continuation.events import Located, TestFunction
+from ..models.word import Word
+from ..orbits.linearisation import Linearisation
+from ..orbits.problem import Array, OrbitProblem
+from .codimension_two import AlsoGrazes, AlsoStops, CurvePoint, OnCurve, Resonance
+from .extended_system import ExtendedSystem, located
+from .kind import SUB, SUPER, Change, Details, Kind, Look, ManyDigits, System, Values
+from .singular_cycle import ROUNDING, SingularCycle, has_multiplier
+from .start import Start
+
+
+class PeriodDoubling(TestFunction):
+    """The determinant of the cyclic block matrix with its last coupling multiplied by -1."""
+
+    kind = "PD"
+    rounding = ROUNDING
+
+    def values(self, point: Point) -> Array:
+        matrix = point.evaluation.cyclic(-1.0)[:, :-1]
+        return np.array([scaled_determinant(matrix)])
+
+    def locate(self, problem: Any, guess: Point, index: int) -> Located | None:
+        return located(SingularCycle(problem, -1.0), guess)
+
+    def accept(self, event: Event) -> bool:
+        return has_multiplier(event, -1.0)
+
+
+class DoublingTurns(OnCurve):
+    """GPD: lambda - lambda_0 over the squared amplitude of the doubled orbit, in the limit."""
+
+    kind = "GPD"
+    changes = "the period doubling changes between supercritical and subcritical"
+
+    def of(self, here: CurvePoint) -> Any:
+        return doubling_bend(here.orbit)
+
+
+class PD(Kind):
+    """Period doubling."""
+
+    name = PeriodDoubling.kind
+    changes = Change.STABILITY
+    multiplier = -1.0
+    auto = 7
+    look = Look("s", "#0072B2", 1.8)
+
+    def test(self, problem: OrbitProblem, values: Values) -> TestFunction:
+        return PeriodDoubling()
+
+    def equations(self, problem: OrbitProblem, details: Details) -> ExtendedSystem:
+        return SingularCycle(problem, -1.0)
+
+    def in_many_digits(self, orbit: ManyDigits, unknowns: Array, details: Details) -> System:
+        return orbit.singular(unknowns, -1.0)
+
+    def born(self, event: Event) -> Start:
+        here: Linearisation = event.point.evaluation
+        problem, word = here.problem, here.problem.word
+        null = np.linalg.svd(here.cyclic(-1.0)[:, :-1])[2][-1]
+        null *= np.sign(null[np.argmax(np.abs(null))])  # of two equal branches, always the same
+        rows = problem.impacts(here.unknowns)
+        later = rows.copy()
+        later[:, 0] += word.period * problem.kernels.setup(*problem.values(here.unknowns))[0]
+        twice = Word(word.walls * 2, word.period * 2)
+        unknowns = np.append(np.vstack([rows, later]).ravel(), here.unknowns[-1])
+        tangent = np.concatenate([null, -null, [0.0]])
+        doubled = OrbitProblem(problem.model, twice, problem.kernels)
+        return Start(doubled, unknowns, tangent, branching=True, both_ways=False)
+
+    def criticality(self, event: Event, before: Point, after: Point) -> tuple[str | None, None]:
+        """None where the branch folds between the points around the event."""
+        value = event.parameter
+        bend = doubling_bend(event.point.evaluation)
+        if not bend or (before.parameter - value) * (after.parameter - value) >= 0.0:
+            return None, None
+        before_is_there = (before.parameter - value) * bend > 0.0
+        there, other = (before, after) if before_is_there else (after, before)
+        unstable = [p.evaluation.n_unstable for p in (there, other)]
+        if unstable[0] == unstable[1]:
+            return None, None
+        return (SUPER if unstable[0] > unstable[1] else SUB), None
+
+    def codimension_two(self, word: Word) -> list[TestFunction]:
+        resonance = Resonance("R2", "-1")
+        return [AlsoGrazes(self.name), AlsoStops(self.name), DoublingTurns(), resonance]
+
+
+def doubling_bend(here: Linearisation) -> float:
+    """Return c of lambda = lambda_0 + c a^2 on the branch born at a period doubling.
+
+    Parameters
+    ----------
+    here : Linearisation
+        The orbit at its period doubling. Its first free parameter is lambda.
+    """
+    problem, n = here.problem, here.problem.n
+    left, _, right = np.linalg.svd(here.cyclic(-1.0)[:, :n])
+    psi, q = left[:, -1], right[-1]
+    along = np.concatenate([q, np.zeros(problem.free)])
+    mixed = problem.second_along(here.unknowns, along, -1.0)
+    squared = problem.second_along(here.unknowns, along, -1.0, beside=-1.0)[:, :n] @ q
+    cubed = problem.third_along(here.unknowns, q, -1.0)
+    periodic = here.cyclic(1.0)[:, :n]
+    bent, moved = np.linalg.solve(
+        periodic, np.column_stack([-0.5 * squared, -here.by_parameter[:, 0]])
+    ).T
+    crossing = psi @ (mixed[:, :n] @ moved + mixed[:, n])
+    return float(-psi @ (mixed[:, :n] @ bent + cubed / 6.0) / crossing)

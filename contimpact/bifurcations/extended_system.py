@@ -1,0 +1,144 @@
+r"""Exact equations of events: those of the orbit, and what makes it one of the kind.
+
+======  ===================================================  ====================================
+kind    equations                                            unknowns besides orbit and parameters
+======  ===================================================  ====================================
+FB      F = 0, C(1) q = 0, (q.q - 1)/2 = 0                   q, the eigenvector of the multiplier 1
+PD      F = 0, C(-1) q = 0, (q.q - 1)/2 = 0                  q, the eigenvector of -1
+BP      F + nu psi = 0, J' psi = 0, psi.psi - 1 = 0          nu (zero at a branch point), psi
+G       F = 0, flight from its impact to the touch = 0       the touch: its time, and the section
+                                                             coordinates other than its velocity
+V       F = 0, v_k = 0
+T       F = 0, t_{k+1} - t_k = 0
+UZ      F = 0, parameter - value = 0
+======  ===================================================  ====================================
+
+C(mu) is the cyclic block matrix with its last coupling multiplied by mu; J the Jacobian including
+the first parameter. With one free parameter a system is square and its solution an event; with two,
+its solutions are a curve. FB and PD after Seydel (1979), BP after Moore (1980).
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from ..continuation.branch import Point
+from ..continuation.events import Located
+from ..orbits.linearisation import Linearisation
+from ..orbits.problem import Array, OrbitProblem
+
+EPSILON = float(np.finfo(float).eps)
+NEWTON_ITERATIONS = 12
+CONVERGED = 1e-10
+FIRST_ORDER = 2.0
+"""How much larger an error may be than what the linear equations say."""
+
+
+@dataclass(frozen=True)
+class Assembled:
+    """An extended system at one point.
+
+    Attributes
+    ----------
+    residual : ndarray of shape (q,)
+    jacobian : ndarray
+        Columns by the orbit's unknowns and parameters, then by the system's own unknowns.
+    """
+
+    residual: Array
+    jacobian: Array
+
+
+class ExtendedSystem(ABC):
+    """The defining equations of one kind of event, on the orbits of one problem."""
+
+    def __init__(self, problem: OrbitProblem) -> None:
+        self.problem = problem
+
+    @abstractmethod
+    def start(self, here: Linearisation) -> Array:
+        """Return a guess of the system's own unknowns at an orbit near the event."""
+
+    @abstractmethod
+    def assemble(self, here: Linearisation, own: Array) -> Assembled:
+        """Return the system at an orbit and its own unknowns."""
+
+    @abstractmethod
+    def rounding(self, here: Linearisation, own: Array) -> Array:
+        """Return bounds of the rounding errors of the residuals there, shape (q,)."""
+
+    def scale(self, own: Array, sizes: Array) -> Array:
+        """Return natural sizes of the system's own unknowns, given those of the orbit's."""
+        return np.ones(len(own))
+
+    def details(self, own: Array) -> dict[str, Any]:
+        """Return what the system's own unknowns tell of where on the orbit it is."""
+        return {}
+
+
+@dataclass(frozen=True)
+class Solution:
+    """A solved square system: where, its largest residual, and a bound of the parameter's error."""
+
+    unknowns: Array
+    own: Array
+    residual: float
+    error: float
+
+
+def solve(system: ExtendedSystem, here: Linearisation) -> Solution | None:
+    """Solve a system with one free parameter to rounding; None if Newton's iteration fails.
+
+    The error of the parameter is its row of the inverse Jacobian against residual and rounding,
+    both taken at their largest: what cannot be told from zero in double precision.
+    """
+    problem, orbit = system.problem, len(here.unknowns)
+    x, best = np.concatenate([here.unknowns, system.start(here)]), None
+    try:
+        at = system.assemble(here, x[orbit:])
+        for _ in range(NEWTON_ITERATIONS):
+            size = float(np.max(np.abs(at.residual)))
+            if not np.isfinite(size) or (
+                best is not None and size >= 0.5 * best[0] < 0.5 * CONVERGED
+            ):
+                break
+            best = (size, x, at, here)
+            x = x - np.linalg.solve(at.jacobian, at.residual)
+            here = problem.evaluate(x[:orbit])
+            at = system.assemble(here, x[orbit:])
+        if best is None or best[0] >= CONVERGED:
+            return None
+        size, x, at, here = best
+        row = np.linalg.solve(at.jacobian.T, np.eye(len(x))[orbit - 1])
+        off = FIRST_ORDER * np.abs(at.residual) + system.rounding(here, x[orbit:])
+    except (ArithmeticError, ValueError, np.linalg.LinAlgError):
+        return None
+    return Solution(x[:orbit], x[orbit:], size, float(np.abs(row) @ off))
+
+
+def located(
+    system: ExtendedSystem, guess: Point,
+    details: Callable[[Solution], Mapping[str, Any]] | None = None,
+) -> Located | None:  # fmt: skip
+    """Solve a system from a point as a test function does; None if that fails."""
+    solution = solve(system, guess.evaluation)
+    if solution is None:
+        return None
+    told = details(solution) if details else {}
+    return Located(solution.unknowns, solution.residual, solution.error, told)
+
+
+def rounding_of_product(matrix: Array, bounds: Array, vector: Array) -> Array:
+    """Bound the rounding of a product with a matrix whose entries have errors of their own."""
+    terms = np.count_nonzero(matrix, axis=1)
+    return bounds @ np.abs(vector) + EPSILON * terms * (np.abs(matrix) @ np.abs(vector))
+
+
+def rounding_of_length(vector: Array) -> float:
+    """Bound the rounding of half the difference of a vector's squared length from one."""
+    return EPSILON * len(vector) * float(vector @ vector)

@@ -1,0 +1,69 @@
+"""FB: the parameter turns back along the branch, and a multiplier passes 1."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from ..continuation.branch import Event, Point
+from ..continuation.events import Located, TestFunction
+from ..models.word import Word
+from ..orbits.problem import Array, OrbitProblem
+from .codimension_two import AlsoGrazes, AlsoStops, CurvePoint, OnCurve, Resonance
+from .extended_system import ExtendedSystem, located
+from .kind import Change, Details, Kind, Look, ManyDigits, System, Values
+from .singular_cycle import SingularCycle, has_multiplier
+from .unfolding import stands_upright
+
+
+class Fold(TestFunction):
+    """The parameter's component of the tangent."""
+
+    kind = "FB"
+
+    def values(self, point: Point) -> Array:
+        return point.tangent[-1:]
+
+    def locate(self, problem: Any, guess: Point, index: int) -> Located | None:
+        return located(SingularCycle(problem, 1.0), guess)
+
+    def accept(self, event: Event) -> bool:
+        """A branch that passes a branch point sideways turns there too, but is not folded."""
+        return has_multiplier(event, 1.0) and not stands_upright(event.point)
+
+
+class Cusp(OnCurve):
+    """CP: psi . F_zz[q, q], oriented by psi . F_lambda > 0."""
+
+    kind = "CP"
+    changes = "a cusp: two folds meet and end"
+
+    def of(self, here: CurvePoint) -> Any:
+        orbit, n = here.orbit, here.orbit.problem.n
+        psi = np.linalg.svd(orbit.cyclic(1.0)[:, :n])[0][:, -1]
+        psi = psi * np.sign(psi @ orbit.by_parameter[:, 0])
+        along = np.concatenate([here.own, np.zeros(2)])
+        return psi @ orbit.problem.second_along(orbit.unknowns, along) @ along
+
+
+class FB(Kind):
+    """Fold bifurcation."""
+
+    name = Fold.kind
+    changes = Change.STABILITY
+    multiplier = 1.0
+    auto = 5
+    look = Look("^", "#D55E00", 0.8, "......")
+
+    def test(self, problem: OrbitProblem, values: Values) -> TestFunction:
+        return Fold()
+
+    def equations(self, problem: OrbitProblem, details: Details) -> ExtendedSystem:
+        return SingularCycle(problem, 1.0)
+
+    def in_many_digits(self, orbit: ManyDigits, unknowns: Array, details: Details) -> System:
+        return orbit.singular(unknowns, 1.0)
+
+    def codimension_two(self, word: Word) -> list[TestFunction]:
+        return [AlsoGrazes(self.name), AlsoStops(self.name), Cusp(), Resonance("R1", "1")]

@@ -1,0 +1,315 @@
+r"""G: a flight touches a wall between its impacts; beyond, it passes the wall.
+
+The touch, as an impact of zero velocity, makes a longer word, whose Jacobian is regular there: its
+null vector is the tangent of the branch that is born, which is physical on one side.
+
+A grazing is supercritical where the orbit with one impact more exists for parameter values at which
+the old one is unphysical, and subcritical where both exist together; a fold then follows on the new
+branch. The slope of the new impact's velocity decides, with that of the old orbit's gap:
+
+.. math:: \frac{dv}{d\lambda} = \frac{\dot v}{\dot\lambda}\Big|_{new}, \qquad
+          \dot g \propto -\sigma\,\partial R_x \cdot \dot z\,|_{old},
+
+both exact, from the tangents: at a touch the gap does not depend on its time, and R_x is the
+position residual of the flight to the touch.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from ..continuation.branch import EndKind, Event, Point
+from ..continuation.events import Located, TestFunction
+from ..models.word import Word
+from ..orbits.linearisation import Linearisation
+from ..orbits.physicality import PASSES, Verdict
+from ..orbits.problem import Array, OrbitProblem
+from ..orbits.rounding import bounds_of, rounding
+from ..segments.flight import Touch
+from .codimension_two import CurvePoint, touch_points
+from .extended_system import Assembled, ExtendedSystem, located
+from .kind import SUB, SUPER, Change, Details, Kind, Look, ManyDigits, System, Values
+from .start import Start, regular
+
+TOUCHING = 1e-9
+"""A gap below this at a grazing is a second touch at the same parameter value."""
+
+PASSING = 1e-9
+"""A gap of a located touch below minus this is that of another place, where the flight passes."""
+
+ROUNDING = 1e-14
+"""Rounding of gaps as part of the distance between walls."""
+
+
+class Grazing(TestFunction):
+    """The smallest interior gap of each flight and wall."""
+
+    kind = "G"
+
+    def __init__(self, problem: OrbitProblem) -> None:
+        walls = [w.name for w in problem.model.WALLS]
+        self.places = [(k, wall) for k in range(len(problem.word)) for wall in walls]
+        positions = problem.kernels.setup(*problem.model.values.values())[3 : 3 + len(walls)]
+        self.rounding = ROUNDING * max(abs(position) for position in positions)
+        self.guides = len(problem.word)
+
+    def values(self, point: Point) -> Array:
+        """Gaps; then, to see where extrema of a flight are born, how nearly it turns elsewhere."""
+        flights = point.evaluation.gaps
+        gaps = [np.nan if t is None else t.gap for flight in flights for t in flight.touches]
+        return np.array(gaps + [flight.slowest for flight in flights])
+
+    def guided(self, left: Array, right: Array) -> Array:
+        """Flights that turn nowhere at either end of a segment may do so between."""
+        gaps = np.vstack([left[: -self.guides], right[: -self.guides]])
+        return np.all(np.isnan(gaps.reshape(2, self.guides, -1)), axis=(0, 2))
+
+    @staticmethod
+    def touch(evaluation: Any, index: int) -> Any:
+        walls = len(evaluation.problem.model.WALLS)
+        return evaluation.gaps[index // walls].touches[index % walls]
+
+    def locate(self, problem: Any, guess: Point, index: int) -> Located | None:
+        flight, wall = self.places[index]
+        touch = self.touch(guess.evaluation, index)
+        if touch is None:
+            return None
+        system = Touching(problem, flight, wall, touch.time)
+        found = located(
+            system, guess, lambda s: self._described(flight, wall, system.touch(s.own)[0])
+        )
+        if found is None:
+            return None
+        times = problem.impacts(found.unknowns)[:, 0]
+        arrival = times[flight + 1] if flight + 1 < len(times) else np.inf
+        within = times[flight] < found.details["touch_time"] < arrival
+        return found if within and self.nearest(problem, found, index) else None
+
+    def nearest(self, problem: Any, found: Located, index: int) -> bool:
+        """Whether a flight does not pass the wall where it touches it at one of several extrema."""
+        touch = self.touch(problem.evaluate(found.unknowns), index)
+        return touch is None or touch.gap > -PASSING
+
+    def details(self, point: Point, index: int) -> Mapping[str, Any]:
+        flight, wall = self.places[index]
+        time = self.touch(point.evaluation, index).time
+        return {"index": index, **self._described(flight, wall, time)}
+
+    @staticmethod
+    def _described(flight: int, wall: str, time: float) -> dict[str, Any]:
+        return {"flight": flight, "wall": wall, "touch_time": float(time)}
+
+
+class Touching(ExtendedSystem):
+    """A flight reaches a wall with zero velocity."""
+
+    def __init__(self, problem: OrbitProblem, flight: int, wall: str, time: float) -> None:
+        super().__init__(problem)
+        self.flight, self.wall, self.time = flight, wall, time
+        m = problem.m
+        self.own_impact = slice(m * flight, m * flight + m)
+        self.free = [i for i in range(m) if i != 1]
+        self.kernel = problem.kernels.flight(problem.word.walls[flight], wall)
+
+    def touch(self, own: Array) -> Array:
+        """Return the touch as an impact: its time and section coordinates."""
+        touch = np.zeros(self.problem.m)
+        touch[self.free] = own
+        return touch
+
+    def start(self, here: Linearisation) -> Array:
+        own = np.zeros(len(self.free))
+        own[0] = self.time
+        if len(own) > 1:  # the other coordinates, from the (near) linear flight equations
+            out, _, end, _ = self.arrival(here, own)
+            own[1:] -= np.linalg.lstsq(end[:, self.free[1:]], out, rcond=None)[0]
+        return own
+
+    def assemble(self, here: Linearisation, own: Array) -> Assembled:
+        n, m = self.problem.n, self.problem.m
+        orbit = len(here.unknowns)
+        arrival, start, end, by_parameter = self.arrival(here, own)
+        self.problem.kernel_evaluations += 1
+        jacobian = np.zeros((n + m, orbit + m - 1))
+        jacobian[:n, :orbit] = here.jacobian
+        jacobian[n:, self.own_impact] = start
+        jacobian[n:, n:orbit] = by_parameter
+        jacobian[n:, orbit:] = end[:, self.free]
+        return Assembled(np.concatenate([here.residual, arrival]), jacobian)
+
+    def rounding(self, here: Linearisation, own: Array) -> Array:
+        arrival = bounds_of(self.kernel, self._arguments(here, own))[1][: self.problem.m]
+        return np.concatenate([rounding(here).residual, arrival])
+
+    def scale(self, own: Array, sizes: Array) -> Array:
+        others = super().scale(own, sizes)
+        others[0] = sizes[0]
+        return others
+
+    def details(self, own: Array) -> dict[str, Any]:
+        return {"touch_time": float(own[0])}
+
+    def arrival(self, here: Linearisation, own: Array) -> tuple[Array, Array, Array, Array]:
+        """Return residual and derivatives of the flight to the touch."""
+        m = self.problem.m
+        out = np.array(self.kernel(*self._arguments(here, own)))
+        start, end = out[m : m + 2 * m * m].reshape(2, m, m)
+        return out[:m], start, end, out[m + 2 * m * m :].reshape(m, -1)
+
+    def _arguments(self, here: Linearisation, own: Array) -> list[float]:
+        left = here.unknowns[self.own_impact].tolist()
+        return [*left, *self.touch(own).tolist(), *self.problem.values(here.unknowns)]
+
+
+class TouchLimit(TestFunction):
+    """Along a curve, the touch reaches the impact at either end of its flight."""
+
+    kind = "touch"
+
+    def values(self, point: Point) -> Array:
+        here: CurvePoint = point.evaluation
+        problem, flight = here.orbit.problem, here.details["flight"]
+        times = problem.impacts(here.orbit.unknowns)[:, 0]
+        if flight + 1 < len(times):
+            arrival = times[flight + 1]
+        else:
+            period = problem.kernels.setup(*problem.values(here.orbit.unknowns))[0]
+            arrival = times[0] + problem.word.period * period
+        return np.array([here.own[0] - times[flight], arrival - here.own[0]])
+
+
+class G(Kind):
+    """Grazing."""
+
+    name = Grazing.kind
+    changes = Change.PHYSICALITY
+    finding = PASSES
+    needed = ("flight", "wall", "touch_time")
+    look = Look("o", "#009E73", hatch="//////")
+
+    def test(self, problem: OrbitProblem, values: Values) -> TestFunction:
+        return Grazing(problem)
+
+    def equations(self, problem: OrbitProblem, details: Details) -> Touching:
+        return Touching(problem, details["flight"], details["wall"], details["touch_time"])
+
+    def in_many_digits(self, orbit: ManyDigits, unknowns: Array, details: Details) -> System:
+        return orbit.grazing(unknowns, details)
+
+    def born(self, event: Event) -> Start | None:
+        here: Linearisation = event.point.evaluation
+        problem = here.problem
+        rows = problem.impacts(here.unknowns)
+        for flight, wall, time in _last_first(touches_at(event)):
+            system = Touching(problem, flight, wall, time)
+            rows = np.insert(rows, flight + 1, system.touch(system.start(here)), axis=0)
+        longer = OrbitProblem(problem.model, grown_word(event), problem.kernels)
+        start = regular(longer, np.append(rows.ravel(), here.unknowns[-1]))
+        return start if start is None or _new_speed(event, start) >= 0.0 else start.reversed()
+
+    def next_word(self, event: Event) -> Word:
+        return grown_word(event)
+
+    def criticality(
+        self, event: Event, before: Point, after: Point
+    ) -> tuple[str | None, float | None]:
+        start = self.born(event)
+        if start is None:
+            return None, None
+        speed, rate = _new_speed(event, start), float(start.tangent[-1])
+        slope = speed / rate if rate != 0.0 else None
+        old, new = _gap_slope(event), speed * rate
+        if old == 0.0 or new == 0.0:
+            return None, slope
+        return (SUB if (old > 0.0) == (new > 0.0) else SUPER), slope
+
+    def verdict(self, here: Linearisation, details: Details) -> Verdict:
+        touching = {(t.flight, t.wall) for t in _touching(here)}
+        return here.judge(forgive_touches={(details["flight"], details["wall"]), *touching})
+
+    def symbol(self, period: int) -> str:
+        """On orbits of the period 2T, 4T, ... it is PD_G."""
+        return "PD_G" if period > 1 and period & (period - 1) == 0 else self.name
+
+    def curve_limits(self) -> Mapping[EndKind, TestFunction]:
+        return {EndKind.TOUCH: TouchLimit()}
+
+    def codimension_two(self, word: Word) -> list[TestFunction]:
+        return touch_points(_since_impact, _with_touch, lambda here: here.orbit)
+
+
+# Touches.
+
+
+def _touching(here: Linearisation) -> list[Touch]:
+    """The touches at which an orbit is not told from one that grazes."""
+    touches = (t for flight in here.gaps for t in flight.touches)
+    return [t for t in touches if t is not None and abs(t.gap) < TOUCHING]
+
+
+def touches_at(event: Event) -> list[tuple[int, str, float]]:
+    """Return (flight, wall, time) of every touch at a grazing, the event's own first."""
+    own = (event.details["flight"], event.details["wall"], event.details["touch_time"])
+    touching = _touching(event.point.evaluation)
+    return [own, *((t.flight, t.wall, t.time) for t in touching if (t.flight, t.wall) != own[:2])]
+
+
+def _last_first(touches: list[tuple[int, str, float]]) -> list[tuple[int, str, float]]:
+    """In this order, inserting one does not move the places of the others."""
+    return sorted(touches, key=lambda touch: (touch[0], touch[2]), reverse=True)
+
+
+def grown_word(event: Event) -> Word:
+    """Return the word of a grazing orbit with its touches counted as impacts."""
+    word: Word = event.point.evaluation.problem.word
+    for flight, wall, _ in _last_first(touches_at(event)):
+        word = word.insert(flight, wall)
+    return word
+
+
+# Slopes.
+
+
+def _new_speed(event: Event, start: Start) -> float:
+    """The rate of the new impact's velocity towards its wall, along the new branch."""
+    problem = start.problem
+    rows = problem.impacts(start.unknowns)
+    impact = int(np.argmin(np.abs(rows[:, 0] - event.details["touch_time"])))
+    return _side(problem, event) * float(start.tangent[problem.m * impact + 1])
+
+
+def _gap_slope(event: Event) -> float:
+    """The sign of the derivative of the old orbit's gap by the parameter."""
+    here: Linearisation = event.point.evaluation
+    along = event.point.tangent
+    system = G().equations(here.problem, event.details)
+    _, start, _, by_parameter = system.arrival(here, system.start(here))
+    rate = float(start[0] @ along[system.own_impact] + by_parameter[0, 0] * along[-1])
+    return float(-_side(here.problem, event) * rate * along[-1])
+
+
+def _side(problem: OrbitProblem, event: Event) -> float:
+    return next(w.side for w in problem.model.WALLS if w.name == event.details["wall"])
+
+
+# Along curves.
+
+
+def _since_impact(here: CurvePoint) -> tuple[int, float]:
+    orbit, flight = here.orbit, here.details["flight"]
+    start = orbit.problem.impacts(orbit.unknowns)[flight, 0]
+    return flight, here.details["touch_time"] - start
+
+
+def _with_touch(here: CurvePoint) -> Linearisation:
+    """The grazing orbit as one of the longer word."""
+    orbit, problem = here.orbit, here.orbit.problem
+    flight, wall = here.details["flight"], here.details["wall"]
+    touch = np.insert(here.own, 1, 0.0)
+    rows = np.insert(problem.impacts(orbit.unknowns), flight + 1, touch, axis=0)
+    longer = OrbitProblem(problem.model, problem.word.insert(flight, wall), problem.kernels)
+    problem.kernel_evaluations += len(longer.word)
+    return longer.evaluate(np.append(rows.ravel(), orbit.unknowns[-2:]))

@@ -1,0 +1,213 @@
+"""The contract of a kind of event, which each kind fulfils in a file of its own.
+
+A kind has no state; what belongs to one branch is kept by its test function. To be given: `name`,
+and `test`. Everything else has a default, that of an event which is only recorded: it is located
+by bracketing, nothing changes and nothing is born there, and no multiplier or touch is set aside
+when its orbit is judged.
+"""
+
+from __future__ import annotations
+
+import enum
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, Protocol
+
+import numpy as np
+
+from ..continuation.branch import EndKind, Event, Point
+from ..continuation.events import TestFunction
+from ..models.word import Word
+from ..orbits.linearisation import Linearisation
+from ..orbits.multipliers import count_unstable
+from ..orbits.physicality import Verdict
+from ..orbits.problem import Array, OrbitProblem
+from .extended_system import ExtendedSystem
+from .start import Start
+
+Details = Mapping[str, Any]
+"""Where on its orbit an event happens: ``flight``, ``wall``, ``touch_time``, ``impact``,
+``requested``, as far as they apply."""
+
+Values = Mapping[str, Sequence[float]]
+"""Values to hit, by the name of a parameter."""
+
+SUPER, SUB = "supercritical", "subcritical"
+
+
+class Change(enum.Enum):
+    """What changes along a branch at an event."""
+
+    STABILITY = "the number of unstable multipliers"
+    PHYSICALITY = "whether the orbit is physical"
+
+
+@dataclass(frozen=True)
+class Look:
+    """How pictures show a kind: the marker of its events, and colour, width and hatch of its
+    curves."""
+
+    marker: str = "P"
+    colour: str = "0.3"
+    width: float = 1.2
+    hatch: str | None = None
+
+
+class ManyDigits(Protocol):
+    """An orbit problem in many digits, as `contimpact.accuracy.reference` states it anew.
+
+    Each system is a function of all unknowns, as a list, with a guess of those beyond the orbit's.
+    """
+
+    problem: OrbitProblem
+
+    def singular(self, z: Array, mu: float) -> System:
+        """F = 0, C(mu) q = 0, l.q = 1."""
+
+    def branch_point(self, z: Array) -> System:
+        """F + nu psi = 0, J' psi = 0, |psi| = 1."""
+
+    def grazing(self, z: Array, details: Details) -> System:
+        """F = 0, and a flight to a touch of zero velocity."""
+
+    def vanishing(self, function: Callable[[list[Any]], Any]) -> System:
+        """F = 0, and a function of the unknowns is zero."""
+
+    def product(self, z: list[Any]) -> Any:
+        """The product of all multipliers."""
+
+    def duration(self, z: list[Any], flight: int) -> Any:
+        """A flight's duration."""
+
+    def requested(self, z: list[Any], requested: Mapping[str, float]) -> Any:
+        """How far a parameter is from the value asked for."""
+
+
+System = tuple[Callable[[list[Any]], list[Any]], list[float]]
+
+
+class Kind(ABC):
+    """A kind of event on branches of periodic orbits.
+
+    Attributes
+    ----------
+    name : str
+        As scenes and catalogues have it.
+    changes : Change or None
+        What changes along a branch there as a rule.
+    finding : int or None
+        Why orbits beyond it are unphysical: a finding of `contimpact.orbits.physicality`.
+    multiplier : float or None
+        The value of a multiplier there.
+    crossing : bool
+        Whether branches cross there: the catalogue keeps the branch's direction.
+    needed : tuple of str
+        Keys of its details without which an entry cannot be restored.
+    tilde : bool
+        Whether the labels of ghosts are marked.
+    auto : int
+        AUTO-07p's code for it; -4 is its code for a value asked for.
+    look : Look
+    """
+
+    name: str
+    changes: Change | None = None
+    finding: int | None = None
+    multiplier: float | None = None
+    crossing: bool = False
+    needed: tuple[str, ...] = ()
+    tilde: bool = True
+    auto: int = -4
+    look: Look = Look()
+
+    # Finding it.
+
+    @abstractmethod
+    def test(self, problem: OrbitProblem, values: Values) -> TestFunction:
+        """Return its test function on the branches of a problem."""
+
+    def equations(self, problem: OrbitProblem, details: Details) -> ExtendedSystem | None:
+        """Return its exact equations at a place of the orbit, in one free parameter or two."""
+        return None
+
+    def in_many_digits(self, orbit: ManyDigits, unknowns: Array, details: Details) -> System | None:
+        """Return its equations in many digits; None for a kind that reports do not confirm."""
+        return None
+
+    # What happens there.
+
+    def born(self, event: Event) -> Start | None:
+        """Return the start of the branch born there; None where nothing can start."""
+        return None
+
+    def next_word(self, event: Event) -> Word | None:
+        """Return the word of the branch beyond, if it is another one."""
+        return None
+
+    def criticality(
+        self, event: Event, before: Point, after: Point
+    ) -> tuple[str | None, float | None]:
+        """Return on which side the new branch lies, and at what slope, as far as can be told.
+
+        Parameters
+        ----------
+        event : Event
+        before, after : Point
+            The branch's points around it.
+        """
+        return None, None
+
+    def explains(self, change: Change) -> bool:
+        """Whether such a change beside an event of this kind needs no other."""
+        return self.changes is change
+
+    def passed(self, multiplier: float | None) -> bool:
+        """Whether an event of this kind is missing where a multiplier has passed the unit circle;
+        None stands for pairs of them."""
+        if self.multiplier is None or multiplier is None:
+            return False
+        return (multiplier > 0.0) == (self.multiplier > 0.0)
+
+    # Whether it is a ghost, and what it is called.
+
+    def critical(self, multipliers: Array) -> list[int]:
+        """Return the places of the multipliers that the event itself puts on the unit circle."""
+        if self.multiplier is None:
+            return []
+        return [int(np.argmin(np.abs(multipliers - self.multiplier)))]
+
+    def multipliers(self, here: Linearisation, details: Details) -> tuple[Array, int]:
+        """Return the orbit's multipliers, and how many outside the unit circle are not the
+        event's."""
+        others = np.delete(here.multipliers, self.critical(here.multipliers))
+        return here.multipliers, int(count_unstable(others))
+
+    def verdict(self, here: Linearisation, details: Details) -> Verdict:
+        """Return the verdict on the orbit, the event itself not held against it."""
+        return here.verdict
+
+    def label(self, ghost: bool, word: Word, beyond: Word | None, walls: Sequence[str]) -> str:
+        """Return the label of an event: ``~G[2:1->2:2]``."""
+        mark = "~" if ghost and self.tilde else ""
+        if beyond is None:
+            return mark + self.name
+        return f"{mark}{self.name}[{word.notation(walls)}->{beyond.notation(walls)}]"
+
+    def symbol(self, period: int) -> str:
+        """Return its name in pictures, on orbits of this many forcing periods: ``PD_G``."""
+        return self.name
+
+    # Its curves in two parameters.
+
+    def curve_limits(self) -> Mapping[EndKind, TestFunction]:
+        """Return test functions of a curve's points at whose zeros it ends, by how it ends."""
+        return {}
+
+    def curve_end(self, own: Array) -> EndKind | None:
+        """Return how a curve ends at a point, by the unknowns its equations add, if it does."""
+        return None
+
+    def codimension_two(self, word: Word) -> list[TestFunction]:
+        """Return test functions of a curve's points for the points of codimension two on it."""
+        return []

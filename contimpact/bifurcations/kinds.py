@@ -1,0 +1,88 @@
+"""The kinds of events by their names: the package's, and those of a user's own."""
+
+from __future__ import annotations
+
+import functools
+import importlib
+from collections.abc import Iterator, Sequence
+from typing import Any
+
+from ..continuation.branch import Event
+from ..continuation.events import TestFunction
+from ..errors import InputError
+from ..orbits.problem import OrbitProblem
+from .kind import Kind, Values
+from .names import FILES, KINDS
+from .start import Start
+
+
+class Unknown(Kind):
+    """An event of which only the name is known: that of a user's function."""
+
+    tilde = False
+
+    def __init__(self, name: str) -> None:
+        self.name = name
+
+    def test(self, problem: OrbitProblem, values: Values) -> TestFunction:
+        raise InputError(
+            "events", f"no event kind {self.name!r}", f"accepted are {', '.join(KINDS)}"
+        )
+
+
+def kind_of(name: str) -> Kind:
+    """Return a kind by its name.
+
+    A kind that `names` does not declare is found by its class, once that is imported; one defined
+    anew, as in a notebook, takes the place of the earlier one.
+    """
+    if name in FILES:
+        return _declared(name)
+    own = [kind for kind in _below(Kind) if getattr(kind, "name", None) == name]
+    return own[-1]() if own else Unknown(name)
+
+
+@functools.cache
+def _declared(name: str) -> Kind:
+    kind: Kind = getattr(importlib.import_module(f".{FILES[name]}", __package__), name)()
+    return kind
+
+
+def _below(kind: Any) -> Iterator[type[Kind]]:
+    """All subclasses, in the order of their definition."""
+    for one in kind.__subclasses__():
+        yield one
+        yield from _below(one)
+
+
+def test_functions(
+    problem: OrbitProblem, kinds: Sequence[str], values: Values
+) -> list[TestFunction]:
+    """Return the test functions of the kinds asked for; nothing else is evaluated.
+
+    Raises
+    ------
+    InputError
+        For a kind that does not exist, or a requested value of what does not vary.
+    """
+    return [kind_of(kind).test(problem, values) for kind in dict.fromkeys(kinds)]
+
+
+test_functions.__test__ = False  # type: ignore[attr-defined]
+
+
+def switch(event: Event) -> Start | None:
+    """Return the start of the branch born at an event.
+
+    Parameters
+    ----------
+    event : Event
+        Of a kind in `SWITCHES`, on a branch of periodic orbits.
+
+    Returns
+    -------
+    Start or None
+        None where nothing can start: a dropped impact was the only one, or the tangent is not
+        defined (a degenerate event).
+    """
+    return kind_of(event.kind).born(event)

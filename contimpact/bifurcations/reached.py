@@ -1,0 +1,69 @@
+"""A function of the unknowns with a known gradient reaches zero: V, T and UZ share this."""
+
+from __future__ import annotations
+
+from abc import abstractmethod
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from ..continuation.branch import Point
+from ..continuation.events import Located, TestFunction
+from ..orbits.linearisation import Linearisation
+from ..orbits.problem import Array, OrbitProblem
+from ..orbits.rounding import rounding
+from .extended_system import Assembled, ExtendedSystem, located
+
+
+class ScalarTest(TestFunction):
+    """A function of the unknowns with a known gradient: F = 0 and this function = 0."""
+
+    @abstractmethod
+    def scalar(self, problem: OrbitProblem, z: Array, index: int) -> tuple[float, Array]:
+        """Return the function and its gradient, shape (n + 1,)."""
+
+    def values(self, point: Point) -> Array:
+        problem = point.evaluation.problem
+        return np.array(
+            [self.scalar(problem, point.unknowns, i)[0] for i in range(self.count(problem))]
+        )
+
+    def count(self, problem: OrbitProblem) -> int:
+        """Return how many functions there are."""
+        return len(problem.word)
+
+    def locate(self, problem: Any, guess: Point, index: int) -> Located | None:
+        system = Reached(problem, self, index)
+        return located(system, guess, lambda solution: self.described(problem, index))
+
+    def details(self, point: Point, index: int) -> Mapping[str, Any]:
+        problem = point.evaluation.problem
+        return {"index": index, **self.described(problem, index)}
+
+    def described(self, problem: OrbitProblem, index: int) -> dict[str, Any]:
+        """What to record of a zero."""
+        return {}
+
+    def noise_of(self, problem: OrbitProblem, z: Array, index: int) -> float:
+        """Return a bound of the function's rounding error; zero where it is an unknown itself."""
+        return 0.0
+
+
+class Reached(ExtendedSystem):
+    """One of a test's functions vanishes."""
+
+    def __init__(self, problem: OrbitProblem, test: ScalarTest, index: int) -> None:
+        super().__init__(problem)
+        self.test, self.index = test, index
+
+    def start(self, here: Linearisation) -> Array:
+        return np.zeros(0)
+
+    def assemble(self, here: Linearisation, own: Array) -> Assembled:
+        value, gradient = self.test.scalar(self.problem, here.unknowns, self.index)
+        return Assembled(np.append(here.residual, value), np.vstack([here.jacobian, gradient]))
+
+    def rounding(self, here: Linearisation, own: Array) -> Array:
+        noise = self.test.noise_of(self.problem, here.unknowns, self.index)
+        return np.append(rounding(here).residual, noise)

@@ -1,0 +1,82 @@
+"""UZ: the free parameter, or a derived one, takes a value that was asked for."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from ..continuation.events import TestFunction
+from ..errors import InputError
+from ..orbits.problem import Array, OrbitProblem
+from ..orbits.rounding import rounding_of_setup
+from .extended_system import EPSILON, ExtendedSystem
+from .kind import Details, Kind, Look, ManyDigits, System, Values
+from .names import REQUESTED
+from .reached import Reached, ScalarTest
+
+
+class Requested(ScalarTest):
+    """A parameter or derived parameter minus each value.
+
+    Parameters
+    ----------
+    problem : OrbitProblem
+    requested : mapping of str to sequence of float
+        Values by name.
+    """
+
+    kind = REQUESTED
+
+    def __init__(self, problem: OrbitProblem, requested: Values) -> None:
+        known = (problem.parameter, *problem.model.DERIVED)
+        for name in requested:
+            if name not in known:
+                accepted = f"accepted are {', '.join(known)}"
+                raise InputError(f"values.{name}", "it does not vary along the branch", accepted)
+        self.requested = [(name, float(v)) for name, values in requested.items() for v in values]
+
+    def count(self, problem: OrbitProblem) -> int:
+        return len(self.requested)
+
+    def scalar(self, problem: OrbitProblem, z: Array, index: int) -> tuple[float, Array]:
+        name, wanted = self.requested[index]
+        gradient = np.zeros(len(z))
+        if name == problem.parameter:
+            gradient[-1] = 1.0
+            return float(z[-1]) - wanted, gradient
+        names = problem.model.DERIVED
+        derived = problem.kernels.setup(*problem.values(z))[3 + len(problem.model.WALLS) :]
+        place = names.index(name)
+        gradient[-1] = derived[len(names) + place]
+        return derived[place] - wanted, gradient
+
+    def noise_of(self, problem: OrbitProblem, z: Array, index: int) -> float:
+        name, wanted = self.requested[index]
+        if name == problem.parameter:
+            return 0.0
+        first = 3 + len(problem.model.WALLS)
+        place = first + problem.model.DERIVED.index(name)
+        return rounding_of_setup(problem, z)[place] + EPSILON * abs(wanted)
+
+    def described(self, problem: OrbitProblem, index: int) -> dict[str, Any]:
+        name, wanted = self.requested[index]
+        return {"requested": {name: wanted}}
+
+
+class UZ(Kind):
+    """Requested value; AUTO's name for it."""
+
+    name = Requested.kind
+    tilde = False
+    look = Look("|")
+
+    def test(self, problem: OrbitProblem, values: Values) -> TestFunction:
+        return Requested(problem, values)
+
+    def equations(self, problem: OrbitProblem, details: Details) -> ExtendedSystem:
+        ((name, value),) = details["requested"].items()
+        return Reached(problem, Requested(problem, {name: [value]}), 0)
+
+    def in_many_digits(self, orbit: ManyDigits, unknowns: Array, details: Details) -> System:
+        return orbit.vanishing(lambda x: orbit.requested(x, details["requested"]))

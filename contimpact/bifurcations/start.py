@@ -1,0 +1,63 @@
+"""Where a branch begins that is born at an event of another one."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ..continuation.arclength import first_tangent
+from ..orbits.problem import Array, OrbitProblem
+from ..orbits.recognition import shortest
+
+ALONG, REPEATS = 1e-3, 1e-7
+"""How far along a branch it is seen whether its orbits repeat shorter ones, and how nearly."""
+
+
+@dataclass(frozen=True)
+class Start:
+    """Where a branch begins, and which way it leaves.
+
+    Attributes
+    ----------
+    problem : OrbitProblem
+        Of the new word.
+    unknowns, tangent : ndarray of shape (n + 1,)
+        The tangent is not normalised. At a G it points to where the touch is a physical impact.
+    branching : bool
+        Whether the start is a branch point of the new problem.
+    both_ways : bool
+        Whether both directions lead to different orbits.
+    """
+
+    problem: OrbitProblem
+    unknowns: Array
+    tangent: Array
+    branching: bool
+    both_ways: bool
+
+    def reversed(self) -> Start:
+        """Return the start the other way."""
+        return replace(self, tangent=-self.tangent)
+
+
+def regular(problem: OrbitProblem, unknowns: Array) -> Start | None:
+    """Return the start along the null vector of the Jacobian; None where it is not regular."""
+    jacobian = problem.evaluate(unknowns).jacobian
+    tangent = first_tangent(jacobian, np.ones(len(unknowns)))
+    return None if tangent is None else Start(problem, unknowns, tangent, False, True)
+
+
+def once(start: Start) -> Start:
+    """Return a start whose branch is one of shorter orbits run several times as one of these.
+
+    So it is where an orbit of several periods touches in each of them, and where one becomes an
+    orbit of a shorter period.
+    """
+    problem, unknowns, tangent = start.problem, start.unknowns, start.tangent
+    ahead = unknowns + ALONG * tangent / np.max(np.abs(tangent))
+    shorter, _ = shortest(problem, ahead, REPEATS)
+    if shorter is problem:
+        return start
+    first = np.r_[: shorter.n, problem.n : len(unknowns)]
+    return Start(shorter, unknowns[first], tangent[first], False, True)

@@ -1,0 +1,72 @@
+"""T: a flight's duration vanishes; beyond, impacts are out of order."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from ..continuation.branch import Point
+from ..continuation.events import TestFunction
+from ..orbits.physicality import OUT_OF_ORDER
+from ..orbits.problem import Array, OrbitProblem
+from ..orbits.rounding import rounding_of_setup
+from .extended_system import EPSILON, ExtendedSystem
+from .kind import Change, Details, Kind, Look, ManyDigits, System, Values
+from .reached import Reached, ScalarTest
+
+
+class ZeroDuration(ScalarTest):
+    """The duration of each flight.
+
+    Durations within rounding of zero have no value: where r vanishes, those of a series of impacts
+    do so together, without changing sign.
+    """
+
+    kind = "T"
+    vanishing = 1e-12
+
+    def values(self, point: Point) -> Array:
+        found = super().values(point)
+        return np.where(np.abs(found) < self.vanishing, np.nan, found)
+
+    def scalar(self, problem: OrbitProblem, z: Array, index: int) -> tuple[float, Array]:
+        m, n = problem.m, problem.n
+        i, j = m * index, m * (index + 1)
+        gradient = np.zeros(len(z))
+        gradient[i] -= 1.0
+        gradient[j % n] += 1.0
+        if j < n:
+            return float(z[j] - z[i]), gradient
+        period, slope = problem.kernels.setup(*problem.values(z))[:2]
+        gradient[n] = problem.word.period * slope
+        return float(z[0] + problem.word.period * period - z[i]), gradient
+
+    def described(self, problem: OrbitProblem, index: int) -> dict[str, Any]:
+        return {"flight": index}
+
+    def noise_of(self, problem: OrbitProblem, z: Array, index: int) -> float:
+        turns = problem.word.period if index == len(problem.word) - 1 else 0
+        return turns * rounding_of_setup(problem, z)[0] + 2.0 * EPSILON * float(np.max(np.abs(z)))
+
+
+class T(Kind):
+    """Zero duration of a flight."""
+
+    name = ZeroDuration.kind
+    changes = Change.PHYSICALITY
+    finding = OUT_OF_ORDER
+    look = Look("X")
+
+    def test(self, problem: OrbitProblem, values: Values) -> TestFunction:
+        return ZeroDuration()
+
+    def equations(self, problem: OrbitProblem, details: Details) -> ExtendedSystem:
+        return Reached(problem, ZeroDuration(), details["flight"])
+
+    def in_many_digits(self, orbit: ManyDigits, unknowns: Array, details: Details) -> System:
+        return orbit.vanishing(lambda x: orbit.duration(x, details["flight"]))
+
+    def explains(self, change: Change) -> bool:
+        """Where impacts merge, multipliers change too."""
+        return True

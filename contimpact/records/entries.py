@@ -1,0 +1,145 @@
+"""Events as entries of a catalogue, and entries as events again.
+
+An event is a ghost when the orbit that carries it is unstable, or unphysical, for a reason other
+than the event itself: of its multipliers the critical one is left out, of its gaps the touch.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from ..bifurcations.kinds import kind_of
+from ..continuation.branch import Event, Point
+from ..errors import InputError
+from ..models.model import Model
+from ..orbits.linearisation import Linearisation
+from ..orbits.physicality import Verdict
+from ..orbits.problem import Array, OrbitProblem
+from ..segments.kernels import Kernels
+from .entry import Entry
+from .recovery import orbit_of
+from .tables import all_parameters, coordinates
+
+DETAILS = ("flight", "wall", "impact", "touch_time", "requested")
+"""What an entry keeps of an event's details."""
+
+
+def entry_of(event: Event, identity: str, branch: str, before: Point, after: Point) -> Entry:
+    """Return the catalogue entry of an event, given the branch's points around it."""
+    here: Linearisation = event.point.evaluation
+    kind, problem = kind_of(event.kind), here.problem
+    word, details = problem.word, event.details
+    letters = [w.name for w in problem.model.WALLS]
+    becomes = kind.next_word(event)
+    added = len(becomes) - len(word) if becomes else 0
+    multipliers, n_unstable = kind.multipliers(here, details)
+    verdict = kind.verdict(here, details)
+    ghost = n_unstable > 0 or not verdict.physical
+    side, slope = kind.criticality(event, before, after)
+    return Entry(
+        id=identity,
+        kind=event.kind,
+        ghost=ghost,
+        label=kind.label(ghost, word, becomes, letters),
+        why=_why(n_unstable, verdict),
+        branch=branch,
+        word=word.walls,
+        period=word.period,
+        notation=word.notation(letters),
+        becomes=str(becomes) if becomes else None,
+        order=added if added > 0 else None,
+        criticality=side,
+        slope=slope,
+        wall=details.get("wall"),
+        flight=details.get("flight"),
+        impact=details.get("impact"),
+        touch_time=_shifted(problem, here.unknowns, details.get("touch_time")),
+        requested=details.get("requested"),
+        parameter=problem.parameter,
+        parameters=all_parameters(here),
+        impacts=impacts_of(problem, here.unknowns),
+        multipliers=_pairs(multipliers),
+        multipliers_before=_pairs(before.evaluation.multipliers),
+        multipliers_after=_pairs(after.evaluation.multipliers),
+        n_unstable=n_unstable,
+        stable=n_unstable == 0,
+        physical=verdict.physical,
+        reason=verdict.reason,
+        residual=event.residual,
+        error=event.error,
+        method=event.method,
+        arclength=event.point.arclength,
+        tangent=event.point.tangent.tolist() if kind.crossing else None,
+        system=problem.model.SYSTEM,
+        options=problem.model.options,
+        nu=details.get("nu"),
+        nu_error=details.get("nu_error"),
+    )
+
+
+def event_of(entry: Entry, model: Model | None = None, kernels: Kernels | None = None) -> Event:
+    """Return the event a catalogue entry records, to switch at it; see `recovery.orbit_of`.
+
+    Raises
+    ------
+    InputError
+        If the entry is damaged, or of another model.
+    """
+    orbit = orbit_of(entry, model, kernels)
+    problem = orbit.problem
+    details = details_of(entry)
+    tangent = np.array(entry.tangent) if entry.tangent is not None else np.zeros(problem.n + 1)
+    point = Point(orbit.linearisation, tangent, 0.0, entry.arclength, 0)
+    return Event(entry.kind, point, entry.residual, entry.error, entry.method, details)
+
+
+def details_of(entry: Entry) -> dict[str, Any]:
+    """Return where on its orbit an entry's event happens.
+
+    Raises
+    ------
+    InputError
+        If the entry does not say.
+    """
+    kept = {name: getattr(entry, name) for name in DETAILS}
+    details = {name: value for name, value in kept.items() if value is not None}
+    if lacking := [name for name in kind_of(entry.kind).needed if name not in details]:
+        found = f"it has no {lacking[0]}"
+        raise InputError("entry", found, "give an entry as a catalogue records it")
+    return details
+
+
+def _pairs(multipliers: Array) -> list[tuple[float, float] | None]:
+    return [(m.real, m.imag) if np.isfinite(m) else None for m in multipliers.tolist()]
+
+
+def _why(n_unstable: int, verdict: Verdict) -> str | None:
+    """Why an event is a ghost, or None."""
+    reasons = []
+    if n_unstable:
+        reasons.append(f"unstable: {n_unstable} multiplier{'s' * (n_unstable > 1)} outside")
+    if verdict.reason:
+        reasons.append(f"unphysical: {verdict.reason}")
+    return "; ".join(reasons) or None
+
+
+def impacts_of(problem: OrbitProblem, unknowns: Array) -> list[dict[str, Any]]:
+    """Return the impacts as records, the first one's time in [0, T)."""
+    names = ["time", "velocity", *coordinates(problem.m)[2:]]
+    rows = problem.impacts(unknowns).tolist()
+    for row in rows:
+        row[0] = _shifted(problem, unknowns, row[0])
+    return [
+        {"wall": wall} | dict(zip(names, row, strict=True))
+        for wall, row in zip(problem.word.walls, rows, strict=True)
+    ]
+
+
+def _shifted(problem: OrbitProblem, unknowns: Array, time: Any) -> Any:
+    """A time in the clock in which the first impact comes in [0, T)."""
+    if time is None:
+        return None
+    period = problem.kernels.setup(*problem.values(unknowns))[0]
+    return time - float(np.floor(unknowns[0] / period)) * period
