@@ -16,17 +16,14 @@ import matplotlib.figure
 import numpy as np
 from matplotlib.lines import Line2D
 
+from ..bifurcations.codimension_two import MARKERS
+from ..bifurcations.kinds import kind_of
+from ..bifurcations.names import CROSSINGS
 from ..errors import InputError, shown
 from ..records.competition import Region, regions
 from ..records.curve import Check, Curve
 from .diagram import save_figure, write_heading
 from .texts import axis_label, set_label, symbol, values_text
-
-COLOURS = {"PD": "#0072B2", "G": "#009E73", "FB": "#D55E00", "BP": "#CC79A7", "V": "#E69F00"}
-WIDTHS = {"PD": 1.8, "G": 1.2, "FB": 0.8, "BP": 1.2, "V": 1.2}
-HATCHES = {"G": "//////", "FB": "......"}
-"""Of the bands, so that they differ without colour."""
-MARKERS = {"PD-G": "o", "G-PD": "o", "G-FB": "^", "CP": "v", "GPD": "s", "DG": "D"}
 
 
 class Key(NamedTuple):
@@ -214,24 +211,22 @@ def _draw_curve(ax: Any, curve: Curve, panel: Panel, colour: str) -> None:
     marked = np.nonzero(curve["event"][:-1] != "")[0]
     ghost[marked] = ghost[marked + 1]
     edges = np.nonzero(np.diff(ghost.astype(int)))[0] + 1
+    x, y, width = curve[panel.across], curve[panel.along], kind_of(curve.kind).look.width
     for first, last in zip([0, *edges], [*edges, len(ghost)], strict=True):
         piece = slice(first, min(last + 1, len(ghost)))
-        ax.plot(
-            curve[panel.across][piece], curve[panel.along][piece], color=colour,
-            linestyle=(0, (1, 1.4)) if ghost[first] else "-", linewidth=WIDTHS[curve.kind],
-        )  # fmt: skip
+        style = (0, (1, 1.4)) if ghost[first] else "-"
+        ax.plot(x[piece], y[piece], color=colour, linestyle=style, linewidth=width)
 
 
 def _draw_region(ax: Any, region: Region, keys: Sequence[Key]) -> None:
     """A band along the x axis in the colour of what comes first, one over another by orbit; half as
     high if unconfirmed."""
-    kind = region.first.removeprefix("~").split("[")[0]
     key = next(k for k in keys if k.label == region.first and k.notation == region.notation)
     low = 0.04 * list(dict.fromkeys(k.notation for k in keys)).index(region.notation)
     height = 0.015 if region.said else 0.03
     ax.axvspan(
         region.low, region.high, ymin=low, ymax=low + height, facecolor=_colour(key, keys),
-        alpha=0.6, edgecolor="white", linewidth=0, hatch=HATCHES.get(kind),
+        alpha=0.6, edgecolor="white", linewidth=0, hatch=kind_of(key.kind).look.hatch,
     )  # fmt: skip
 
 
@@ -242,19 +237,19 @@ def _key(curve: Curve) -> Key:
 def _colour(key: Key, keys: Sequence[Key]) -> str:
     """The kind's colour; a second bifurcation of a kind is black, further ones are grey."""
     same = [other for other in keys if other.kind == key.kind]
-    return (COLOURS[key.kind], "k", "0.45")[min(same.index(key), 2)]
+    return (kind_of(key.kind).look.colour, "k", "0.45")[min(same.index(key), 2)]
 
 
 def _draw_legend(ax: Any, panels: Sequence[Panel], keys: Sequence[Key], unconfirmed: bool) -> None:
     handles = [
-        Line2D([], [], color=_colour(k, keys), lw=WIDTHS[k.kind], label=_text(k, keys))
+        Line2D([], [], color=_colour(k, keys), lw=kind_of(k.kind).look.width, label=_text(k, keys))
         for k in keys
     ]
     curves = [c for panel in panels for c in panel.curves]
     if any(c.ghost.any() for c in curves):
         handles.append(Line2D([], [], color="0.3", linestyle=(0, (1, 1.4)), label="ghost"))
-    kinds = {"G-PD": "PD-G"}
-    for kind in dict.fromkeys(kinds.get(p.kind, p.kind) for c in curves for p in c.points):
+    kinds = (p.kind for c in curves for p in c.points)
+    for kind in dict.fromkeys(CROSSINGS[0] if k in CROSSINGS else k for k in kinds):
         marker = MARKERS.get(kind, "P")
         handles.append(Line2D([], [], color="k", ls="none", marker=marker, ms=4.5, label=kind))
     falling = " or ".join(dict.fromkeys(symbol(panel.along) for panel in panels))

@@ -20,19 +20,19 @@ import matplotlib.figure
 import numpy as np
 from matplotlib.lines import Line2D
 
+from ..bifurcations.kinds import kind_of
 from ..errors import InputError, shown
 from ..records.diagram import Diagram
 from ..records.entry import Entry
 from ..storage.files import Content, write, write_all
 from .labels import CHOICES, chosen, draw_labels, text_width
 from .lines import STYLES, WIDTHS, Piece, pieces_of
-from .texts import axis_label, fixed_values, label_text, plain, units_of, values_text
+from .texts import axis_label, fixed_values, plain, units_of, values_text
 
 COLOURS = ("#0072B2", "#E69F00", "#009E73", "#CC79A7")
 """One for each wall; from the Okabe-Ito cycle, told apart by most colour-blind readers, the first
 two by lightness alone."""
 
-MARKERS = {"FB": "^", "BP": "D", "PD": "s", "NS": "*", "G": "o", "V": "v", "T": "X", "UZ": "|"}
 NEUTRAL = "h"
 """The marker of no kind of event, for what the legend says of all kinds."""
 SHOWN = {"all": 10**9, "period-1": 1, "none": 0}
@@ -281,11 +281,12 @@ def _rightmost(ax: Any, pieces: Sequence[Piece]) -> list[tuple[float, float]]:
 
 def _draw_event(ax: Any, entry: Entry, x: str, colours: dict[str, str]) -> None:
     marks = [(impact["wall"], impact["velocity"]) for impact in entry.impacts]
-    if entry.kind == "G":
+    kind = kind_of(entry.kind)
+    if "touch_time" in kind.needed:
         marks.append((entry.wall, 0.0))
     for wall, speed in marks:
         ax.plot(
-            entry.parameters[x], speed, linestyle="none", marker=MARKERS.get(entry.kind, "P"),
+            entry.parameters[x], speed, linestyle="none", marker=kind.look.marker,
             markersize=5.0, color=colours.get(wall, "k"), zorder=5,
             markerfacecolor="white" if entry.ghost else colours.get(wall, "k"),
         )  # fmt: skip
@@ -310,8 +311,8 @@ def legend_handles(
     handles += style_marks(styles)
     mark: dict[str, Any] = {"color": "0.3", "linestyle": "none", "markersize": 5}
     for kind in dict.fromkeys(e.kind for e in entries):
-        label = kind if kind in MARKERS else label_text(next(e for e in entries if e.kind == kind))
-        handles.append(legend_mark(marker=MARKERS.get(kind, "P"), label=label, **mark))
+        marker = kind_of(kind).look.marker
+        handles.append(legend_mark(marker=marker, label=plain(kind), **mark))
     if left_out:
         text = f"no room for {left_out} label{'s' if left_out > 1 else ''}"
         handles.append(legend_mark(linestyle="none", label=text))

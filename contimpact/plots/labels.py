@@ -72,7 +72,7 @@ def chosen(entries: Iterable[Entry], which: str) -> list[Entry]:
         "all": lambda e: True, "period-1": lambda e: e.period == 1,
         "real": lambda e: not e.ghost, "none": lambda e: False,
     }[which]  # fmt: skip
-    return [e for e in entries if e.kind != "UZ" and wanted(e)]
+    return [e for e in entries if e.requested is None and wanted(e)]
 
 
 def draw_labels(ax: Any, entries: Sequence[Entry], x: str) -> int:

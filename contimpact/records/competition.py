@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from ..bifurcations.names import CROSSINGS, REQUESTED
 from ..orbits.problem import Array
 from .curve import Curve
 
@@ -105,9 +106,7 @@ def _compared(region: Region, checks: Sequence[Check]) -> Region:
 
 def _regions(group: Sequence[Curve], along: str) -> list[Region]:
     second = group[0].parameters[1]
-    crossings = [
-        p.parameters[second] for c in group for p in c.points if p.kind in ("PD-G", "G-PD")
-    ]
+    crossings = [p.parameters[second] for c in group for p in c.points if p.kind in CROSSINGS]
     low = min(float(c[second].min()) for c in group)
     high = max(float(c[second].max()) for c in group)
     edges = _apart([low, high, *crossings, *_ends(group, second)], SAME_EDGE * (high - low))
@@ -149,7 +148,7 @@ def ghostly(curve: Curve) -> Array:
     At a point of codimension two a multiplier or a gap is at its limit: rounding decides its own
     status, which therefore tells nothing of either side.
     """
-    ghost, marked = curve.ghost, ~np.isin(curve["event"].astype(str), ("", "UZ"))
+    ghost, marked = curve.ghost, ~np.isin(curve["event"].astype(str), ("", REQUESTED))
     unknown = ghost | marked
     alone = marked[:-1] & marked[1:]
     return np.where(alone, ghost[:-1] & ghost[1:], unknown[:-1] & unknown[1:])

@@ -8,11 +8,9 @@ from typing import Any
 
 import numpy as np
 
+from ..bifurcations.kinds import kind_of
 from ..storage.files import write, write_text
 from .branch import Branch
-
-AUTO_TYPES = {"FB": 5, "BP": 6, "PD": 7, "NS": 8, "UZ": -4}
-"""AUTO-07p's codes for points on branches of periodic orbits; other events are written as UZ."""
 
 END_POINT = 9
 
@@ -29,7 +27,7 @@ def write_auto(branch: Branch, path: str | Path) -> None:
     path : str or Path
     """
     number = int("".join(c for c in branch.id if c.isdigit()) or 1)
-    kinds = {entry.id: AUTO_TYPES.get(entry.kind, AUTO_TYPES["UZ"]) for entry in branch.events}
+    kinds = {entry.id: kind_of(entry.kind).auto for entry in branch.events}
     names = [f"{name}{k + 1}" for k in range(len(branch.word)) for name in ("t", "v")]
     titles = [branch.parameter, "L2-NORM", *names]
     lines = ["   0    PT  TY  LAB " + "".join(f"{title:^19}" for title in titles)]

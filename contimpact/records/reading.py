@@ -21,6 +21,9 @@ from typing import Any
 
 import numpy as np
 
+from ..bifurcations.doubling import PD
+from ..bifurcations.fold import FB
+from ..bifurcations.grazing import G
 from .branch import Branch
 from .diagram import Diagram
 from .entry import Entry
@@ -126,7 +129,7 @@ def read(diagram: Diagram) -> Reading:
     """
     stable = [interval for branch in diagram.branches for interval in stable_intervals(branch)]
     member = {branch.id: _member(branch) for branch in diagram.branches}
-    grazings = [e for e in diagram.entries if e.kind == "G" and e.physical and e.order == 1]
+    grazings = [e for e in diagram.entries if e.kind == G.name and e.physical and e.order == 1]
     known = {branch.id for branch in diagram.branches}
     transitions = [
         _transition(diagram, stable, entry)
@@ -224,7 +227,7 @@ def _transition(diagram: Diagram, stable: Sequence[Interval], grazing: Entry) ->
         doubling.value if doubling else None,
         fold.id if fold else None,
         fold.value if fold else None,
-        [(e.id, e.value) for b in doubled for e in b.events if e.kind == "G" and e.physical],
+        [(e.id, e.value) for b in doubled for e in b.events if e.kind == G.name and e.physical],
     )
 
 
@@ -236,7 +239,7 @@ def _beyond(target: Branch, grazing: Entry) -> tuple[bool, Entry | None]:
         rows = range(start + direction, len(target) if direction > 0 else -1, direction)
         for count, row in enumerate(rows):
             entry = entries.get(str(target["event"][row]))
-            if entry is not None and entry.kind == "FB":
+            if entry is not None and entry.kind == FB.name:
                 after = row + direction
                 gained = 0 <= after < len(target) and bool(target.stable[after])
                 return False, entry if gained else None
@@ -264,14 +267,14 @@ def _doubled_from(diagram: Diagram, doubling: Entry | None) -> list[Branch]:
     entries = {e.id: e for e in diagram.entries}
     for branch in diagram.branches:  # parents come before their children
         born = entries.get(branch.origin or "")
-        if born is not None and born.kind == "PD" and born.branch in names:
+        if born is not None and born.kind == PD.name and born.branch in names:
             names.append(branch.id)
     return [branch for branch in diagram.branches if branch.id in names]
 
 
 def _doubling_before(source: Branch, grazing: Entry) -> Entry | None:
     """The real period doubling nearest to a grazing along its branch."""
-    doublings = [e for e in source.events if e.kind == "PD" and not e.ghost]
+    doublings = [e for e in source.events if e.kind == PD.name and not e.ghost]
     return min(doublings, key=lambda e: abs(e.arclength - grazing.arclength), default=None)
 
 

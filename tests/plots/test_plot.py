@@ -20,10 +20,14 @@ from matplotlib.text import Text
 from zoo import ROOT
 
 from contimpact import InputError, follow, plot_diagram, read_scene
-from contimpact.plots.diagram import COLOURS, MARKERS, STYLES, label_text, save_diagram
+from contimpact.bifurcations.kinds import kind_of
+from contimpact.bifurcations.names import KINDS
+from contimpact.plots.diagram import COLOURS, STYLES, save_diagram
+from contimpact.plots.texts import label_text
 from contimpact.records.diagram import Diagram
 
 BRANCHES = ROOT / "branches"
+MARKERS = {name: kind_of(name).look.marker for name in KINDS}
 
 
 def scene_of(name, **detect):
@@ -247,8 +251,8 @@ def test_ghosts_are_hollow(fig7):
 
 
 def test_kinds_have_markers_of_their_own():
-    assert len(set(MARKERS.values())) == len(MARKERS)
     assert set(MARKERS) == {"FB", "BP", "PD", "NS", "G", "V", "T", "UZ"}
+    assert len({*MARKERS.values(), kind_of("a user's own").look.marker}) == len(MARKERS) + 1
 
 
 def test_legend_names_the_kinds_shown(fig7):
