@@ -1,0 +1,134 @@
+"""Kinds of events: their declarations and their files agree; one's own is one file."""
+
+from __future__ import annotations
+
+import importlib.util
+import json
+import math
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+from zoo import ROOT
+
+from contimpact import InputError, continue_orbit, find_orbits, plot_diagram, write_auto
+from contimpact.accuracy.reference import Reference
+from contimpact.bifurcations.kind import Kind
+from contimpact.bifurcations.kinds import kind_of
+from contimpact.bifurcations.names import CURVES, DECLARED, SECOND, SWITCHES
+from contimpact.bifurcations.singular_cycle import SingularCycle
+from contimpact.bifurcations.unfolding import Crossing
+from contimpact.records.diagram import Diagram
+from contimpact.records.entries import event_of
+
+
+@pytest.mark.parametrize("declared", DECLARED, ids=lambda declared: declared.name)
+def test_a_kind_is_what_its_declaration_says(declared, pair, problem_of):
+    """What scenes are told of it without its file agrees with what the file defines."""
+    name, kind = declared.name, kind_of(declared.name)
+    assert kind.name == name
+    assert type(kind).__module__ == f"contimpact.bifurcations.{declared.file}"
+    assert (type(kind).born is not Kind.born) == (name in SWITCHES)
+    problem = problem_of(pair(), "1:1", "s")
+    details = {"flight": 0, "wall": "B", "touch_time": 0.5, "impact": 0, "requested": {"s": 0.3}}
+    system = kind.equations(problem, details)
+    assert isinstance(system, SingularCycle | Crossing) == (name in SECOND)
+    if name in CURVES:
+        assert system is not None
+        assert kind.codimension_two(problem.word)
+    assert kind.test(problem, {"s": [0.3]}).kind == name
+
+
+def test_names_are_read_without_numerics():
+    code = "import json, sys, contimpact.bifurcations.names; print(json.dumps([*sys.modules]))"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert "numpy" not in json.loads(done.stdout)
+
+
+def test_a_kind_that_is_not_defined_is_refused(pair):
+    orbit = find_orbits(pair(), "1:1", parameter="s")[0]
+    with pytest.raises(InputError, match=r"no event kind 'XY'.*accepted are FB, BP"):
+        continue_orbit(orbit, range=(0.3, 0.4), events=["XY"])
+
+
+# A kind of one's own: a multiplier takes a given value.
+
+
+def example(name):
+    path = ROOT / "examples" / f"{name}.py"
+    spec = importlib.util.spec_from_file_location(name, path)
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+MU = example("requested_multiplier").MU
+
+
+class Contracting(MU):
+    name, value = "MU 0.7", 0.7
+
+
+class Alternating(MU):
+    name, value = "MU -0.7", -0.7
+
+
+class Expanding(MU):
+    name, value = "MU 2", 2.0
+
+
+OWN = (MU, Contracting, Alternating, Expanding)
+R, OMEGA, G = 0.4, 50.0, 9.8
+
+
+def amplitude(multiplier):
+    """Where the ball's orbit of one impact per period has a multiplier: the trace is mu + r^2/mu,
+    and 1 + r^2 - (1 + r)^2 Gamma cos(phase), with Gamma sin(phase) as at the fold."""
+    fold = math.pi * (1.0 - R) / (1.0 + R)
+    cosine = (1.0 + R**2 - multiplier - R**2 / multiplier) / (1.0 + R) ** 2
+    return math.hypot(fold, cosine) * G / OMEGA**2
+
+
+@pytest.fixture(scope="module")
+def followed(kernel_cache):
+    ball = example("bouncing_ball").BouncingBall(a=1.5 * G / OMEGA**2, omega=OMEGA, r=R, g=G)
+    orbit = find_orbits(ball, "1", parameter="a")[0]
+    span = (0.8 * amplitude(1.0), 1.1 * amplitude(-1.0))
+    kinds = ["FB", *(kind.name for kind in OWN)]
+    return orbit, continue_orbit(orbit, range=span, events=kinds)
+
+
+@pytest.mark.parametrize("kind", OWN)
+def test_a_kind_of_ones_own_is_located(followed, kind):
+    """Measured: within 2e-18 m, as its error says; thirty digits confirm it."""
+    orbit, branch = followed
+    (entry,) = (e for e in branch.events if e.kind == kind.name)
+    assert entry.method == "newton"
+    assert abs(entry.value - amplitude(kind.value)) <= entry.error < 1e-15
+    assert min(abs(complex(*mu) - kind.value) for mu in entry.multipliers) < 1e-9
+    event = event_of(entry, orbit.model)
+    exact = Reference(event.point.evaluation.problem, 30).event(
+        entry.kind, event.point.unknowns, event.details
+    )
+    assert abs(exact.parameter_error(entry.value)) <= entry.error
+
+
+def test_an_event_at_which_nothing_happens_sets_nothing_aside(followed):
+    """Where a multiplier is 2 the orbit is unstable, and the event says so."""
+    _, branch = followed
+    ghosts = {entry.label: entry.ghost for entry in branch.events}
+    assert ghosts == {"FB": False, **{kind.name: kind.value == 2.0 for kind in OWN}}
+    assert not branch.missed
+
+
+def test_a_kind_of_ones_own_is_drawn_and_exported(followed, tmp_path):
+    _, branch = followed
+    ax = plot_diagram(Diagram("ball", [branch]))
+    labels = {handle.get_label(): handle.get_marker() for handle in ax.get_legend().legend_handles}
+    assert labels["MU"] == labels["MU 2"] == "d"
+    write_auto(branch, tmp_path / "b.ball")
+    types = [line.split()[2] for line in (tmp_path / "b.ball").read_text().splitlines()[1:]]
+    assert types.count("-4") == len(OWN)
+    assert types.count("5") == 1
+    assert np.all(np.isfinite(branch["a"]))
