@@ -12,6 +12,7 @@ from typing import NamedTuple
 import pytest
 
 import contimpact
+from contimpact.bifurcations.names import CROSSINGS, KINDS
 
 PACKAGE = Path(contimpact.__file__).parent
 FILES = {
@@ -307,6 +308,19 @@ def test_imports_run_one_way():
         for module in FILES
     }
     graphlib.TopologicalSorter(graph).prepare()
+
+
+@pytest.mark.parametrize("module", FILES)
+def test_no_kind_of_event_is_told_by_its_name(module):
+    """What depends on the kind stands with the kind; changes of attractors have names alone."""
+    found = [
+        f"{FILES[module].name}:{node.lineno}: {ast.unparse(node)}"
+        for node, _ in walked(tree(module))
+        if isinstance(node, ast.Compare)
+        and "kind" in ast.unparse(node)
+        and {n.value for n in ast.walk(node) if isinstance(n, ast.Constant)} & {*KINDS, *CROSSINGS}
+    ]
+    assert found == [] or module == "contimpact.attractors.naming"
 
 
 def test_errors_know_nothing():

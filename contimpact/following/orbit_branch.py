@@ -57,8 +57,8 @@ def continue_orbit(
     range : (low, high)
         Its range, which holds the orbit's value.
     events : sequence
-        Kinds of events (FB, BP, PD, NS, G, V, T, UZ), and pairs of a name and a function of the
-        `Orbit` whose zeros are to be located.
+        Kinds of events (FB, BP, PD, NS, G, V, T, UZ, or one's own), and pairs of a name and a
+        function of the `Orbit` whose zeros are to be located.
     values : mapping of str to sequence of float, optional
         Values of the parameter, or of a derived one, to hit exactly (as UZ).
     settings : Settings, optional
@@ -183,8 +183,8 @@ def _tests(
 ) -> list[TestFunction]:  # fmt: skip
     if isinstance(events, str) or not isinstance(events, Sequence):
         raise InputError("events", f"found {events!r}", "give a list, such as ['PD', 'G']")
-    named = [kind for kind in events if isinstance(kind, str)]
-    kinds = with_values(named, values, "events", "give values={name: [...]}")
+    texts = [kind for kind in events if isinstance(kind, str)]
+    kinds = with_values(texts, values, "events", "give values={name: [...]}")
     tests = test_functions(problem, kinds, values or {})
     return tests + [_user(kind) for kind in events if not isinstance(kind, str)]
 
