@@ -21,7 +21,7 @@ from contimpact.accuracy.simulated import ExactFlights, plain_voltage, voltages
 from contimpact.attractors.energy import Membrane
 from contimpact.bifurcations.grazing import touches_at
 from contimpact.bifurcations.kinds import switch, test_functions
-from contimpact.continuation.arclength import correct
+from contimpact.continuation.corrector import correct
 from contimpact.following.orbit_branch import both_ways
 from contimpact.models.word import Word
 from contimpact.orbits.problem import OrbitProblem

@@ -23,11 +23,11 @@ import numpy as np
 from .. import __version__
 from ..bifurcations.names import KINDS
 from ..continuation import linear
-from ..continuation.arclength import bordered
+from ..continuation.bordered import bordered
 from ..continuation.branch import Point, Walk
 from ..continuation.settings import PREDICTORS, Settings
 from ..errors import InputError
-from ..following.orbit_march import walk_orbits
+from ..following.orbit_backend import walk_orbits
 from ..models.word import Word
 from ..orbits import multipliers as stability
 from ..orbits.problem import Array, OrbitProblem

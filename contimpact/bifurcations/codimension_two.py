@@ -24,9 +24,9 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from ..continuation.arclength import scaled_determinant
+from ..continuation.bordered import scaled_determinant
 from ..continuation.branch import Point
-from ..continuation.events import TestFunction
+from ..continuation.test_function import TestFunction
 from ..orbits.linearisation import Linearisation
 from ..orbits.multipliers import neimark_sacker
 from ..orbits.problem import Array

@@ -21,9 +21,9 @@ from typing import Any
 
 import numpy as np
 
-from ..continuation.arclength import scaled_determinant
+from ..continuation.bordered import scaled_determinant
 from ..continuation.branch import Event, Point
-from ..continuation.events import Located, TestFunction
+from ..continuation.test_function import Located, TestFunction
 from ..models.word import Word
 from ..orbits.linearisation import Linearisation
 from ..orbits.problem import Array, OrbitProblem

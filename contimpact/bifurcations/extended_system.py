@@ -28,7 +28,7 @@ from typing import Any
 import numpy as np
 
 from ..continuation.branch import Point
-from ..continuation.events import Located
+from ..continuation.test_function import Located
 from ..orbits.linearisation import Linearisation
 from ..orbits.problem import Array, OrbitProblem
 

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from ..continuation.branch import Event, Point
-from ..continuation.events import Located, TestFunction
+from ..continuation.test_function import Located, TestFunction
 from ..models.word import Word
 from ..orbits.problem import Array, OrbitProblem
 from .codimension_two import AlsoGrazes, AlsoStops, CurvePoint, OnCurve, Resonance

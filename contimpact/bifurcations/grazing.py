@@ -22,7 +22,7 @@ from typing import Any
 import numpy as np
 
 from ..continuation.branch import EndKind, Event, Point
-from ..continuation.events import Located, TestFunction
+from ..continuation.test_function import Located, TestFunction
 from ..models.word import Word
 from ..orbits.linearisation import Linearisation
 from ..orbits.physicality import PASSES, Verdict

@@ -17,7 +17,7 @@ from typing import Any, Protocol
 import numpy as np
 
 from ..continuation.branch import EndKind, Event, Point
-from ..continuation.events import TestFunction
+from ..continuation.test_function import TestFunction
 from ..models.word import Word
 from ..orbits.linearisation import Linearisation
 from ..orbits.multipliers import count_unstable

@@ -8,7 +8,7 @@ from collections.abc import Iterator, Sequence
 from typing import Any
 
 from ..continuation.branch import Event
-from ..continuation.events import TestFunction
+from ..continuation.test_function import TestFunction
 from ..errors import InputError
 from ..orbits.problem import OrbitProblem
 from .kind import Kind, Values

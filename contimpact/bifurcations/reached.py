@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from ..continuation.branch import Point
-from ..continuation.events import Located, TestFunction
+from ..continuation.test_function import Located, TestFunction
 from ..orbits.linearisation import Linearisation
 from ..orbits.problem import Array, OrbitProblem
 from ..orbits.rounding import rounding

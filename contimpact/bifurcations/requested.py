@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from ..continuation.events import TestFunction
+from ..continuation.test_function import TestFunction
 from ..errors import InputError
 from ..orbits.problem import Array, OrbitProblem
 from ..orbits.rounding import rounding_of_setup

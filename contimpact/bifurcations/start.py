@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ..continuation.arclength import first_tangent
+from ..continuation.bordered import first_tangent
 from ..orbits.problem import Array, OrbitProblem
 from ..orbits.recognition import shortest
 

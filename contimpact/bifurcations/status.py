@@ -15,9 +15,11 @@ from typing import Any
 import numpy as np
 
 from ..continuation.branch import Event, Missed, Point, Points, Walk
-from ..continuation.events import Segment, TestFunction, find_events
+from ..continuation.events import find_events
+from ..continuation.segment import Segment
 from ..continuation.settings import Settings
 from ..continuation.sign_changes import Sample, Stretch
+from ..continuation.test_function import TestFunction
 from ..orbits.linearisation import Linearisation
 from ..orbits.multipliers import count_unstable
 from ..orbits.physicality import PHYSICAL

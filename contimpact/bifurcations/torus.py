@@ -8,7 +8,7 @@ from __future__ import annotations
 import numpy as np
 
 from ..continuation.branch import Event, Point
-from ..continuation.events import TestFunction
+from ..continuation.test_function import TestFunction
 from ..orbits.linearisation import Linearisation
 from ..orbits.multipliers import neimark_sacker
 from ..orbits.problem import Array, OrbitProblem

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from ..continuation.branch import Point
-from ..continuation.events import TestFunction
+from ..continuation.test_function import TestFunction
 from ..orbits.physicality import OUT_OF_ORDER
 from ..orbits.problem import Array, OrbitProblem
 from ..orbits.rounding import rounding_of_setup

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from ..continuation.branch import Event
-from ..continuation.events import TestFunction
+from ..continuation.test_function import TestFunction
 from ..models.word import Word
 from ..orbits.linearisation import Linearisation
 from ..orbits.multipliers import count_unstable, multipliers

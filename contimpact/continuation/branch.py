@@ -309,18 +309,21 @@ class Points(Sequence[Point]):
         self.append(point)
 
     def append(self, point: Point) -> None:
-        """Put a point down."""
+        """Add a point."""
         self._put(point)
 
-    def extend(self, block: Block, first: int, last: int) -> None:
-        """Put the points of a block from `first` up to `last` down; a block piece by piece."""
+    def extend(self, piece: Point | Block, first: int, last: int) -> None:
+        """Add a piece's points from `first` up to `last`; a block may be added part by part."""
         if first == last:
             return
-        if self._open is block:
+        if isinstance(piece, Point):
+            self._put(piece)
+            return
+        if self._open is piece:
             first -= _count(self.pieces.pop())
             self._ends.pop()
-        self._put(block[first:last])
-        self._open = block
+        self._put(piece[first:last])
+        self._open = piece
 
     def moved(self, sign: float, origin: float) -> Points:
         """Return the points with arclength origin + sign s, their tangents turned accordingly."""

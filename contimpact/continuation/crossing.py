@@ -15,15 +15,15 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
-from typing import Any
 
 import numpy as np
 
-from .arclength import length
+from .batch import Notice
 from .branch import Point
-from .events import Segment
+from .metric import length
 from .problem import Array, Problem
 from .refusal import Refusal, Refused
+from .segment import Segment
 from .settings import Settings
 
 NARROWING, GLANCES = 12, 2
@@ -36,9 +36,6 @@ step as a part of the turn's radius; where it crosses: the residual by the error
 
 TURN = 0.25
 """A step along a turn beside a near miss is at most this part of the distance."""
-
-LITTLE = 0.25
-"""What is left of the orientation where it is about to vanish."""
 
 BESIDE, BLURRED = 4.0, 30.0
 """Where another branch passes: how near steps are made one by one, in lengths of the step that led
@@ -95,13 +92,6 @@ class Meeting:
         return f"{self.distance:.2g} (nu = {self.nu:.2g} +- {self.nu_error:.1g})"
 
 
-def dips(a: Any, b: Any, behind: Any, ahead: Any) -> Any:
-    """Whether the orientation, a and then b, was to vanish within the next step or just beyond."""
-    with np.errstate(all="ignore"):
-        there = b + (b - a) * (ahead / behind)
-        return (behind > 0.0) & (np.sign(b) * there < LITTLE * np.abs(b))
-
-
 Find = Callable[[Problem, Point, Array], Meeting | None]
 """``find(problem, guess, scale)`` solves for the meeting of branches next to a point."""
 
@@ -139,24 +129,16 @@ class Passes:
     find: Find | None = None
     known: list[tuple[Meeting, float]] = field(default_factory=list)
 
-    def refuse(self, segment: Segment, before: Point | None) -> Refused | None:
+    def refuse(self, segment: Segment, notices: Notice) -> Refused | None:
         """Why a step is refused that may have led to another branch; None if it has not.
 
         The orientation flips where the step passes two branches that cross, and where it lands on
         another branch. From one branch to another that crosses it the step may lead without a
         flip; then the orientation was about to vanish, and has not.
         """
-        left, right = segment.left, segment.right
-        if np.isnan(left.orientation):
-            return None
-        if (left.orientation >= 0.0) != (right.orientation >= 0.0):
+        if Notice.FLIPS in notices:
             return self.flipped(segment)
-        if before is None or self.find is None:
-            return None
-        behind, ahead = left.arclength - before.arclength, right.arclength - left.arclength
-        if not dips(before.orientation, left.orientation, behind, ahead):
-            return None
-        return self.dipped(segment)
+        return self.dipped(segment) if Notice.DIPS in notices else None
 
     def met(self, segment: Segment) -> Meeting | None:
         """The known meeting on a segment, if there is one."""

@@ -7,10 +7,13 @@ its own way; if it comes from the other side, it has turned back on its way, and
 
 from __future__ import annotations
 
-from .arclength import correct, inner, length, point_after
+from .bordered import point_after
 from .branch import Point
-from .events import Segment, hermite
+from .corrector import correct
+from .metric import inner, length
+from .predictor import hermite
 from .problem import Array, Problem
+from .segment import Segment
 
 PART = 1e-6
 """The part of a tangent that is followed to an image."""
@@ -29,9 +32,6 @@ def closing(segment: Segment, first: Point, same: float) -> Point | None:
         How near two points are that stand for the same solution.
     """
     here, new, problem, scale = segment.left, segment.right, segment.problem, segment.scale
-    reach = 1.5 * abs(new.parameter - here.parameter) + same * scale[-1]
-    if abs(new.parameter - first.parameter) > reach:
-        return None
     for near in (here, new):
         start = near.unknowns - problem.difference(near.unknowns, first.unknowns)
         leaving = image_of_tangent(problem, start, first)

@@ -11,6 +11,7 @@ parabolas through a, b, c and b, c, d, and from how far these two disagree::
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -152,6 +153,70 @@ def _may_pass(last: Array, earlier: Array, ratio: Any) -> Array:
     """Whether a value that ends after `last` may pass zero before: twice its rate would do."""
     reached = last + 2.0 * ratio * (last - earlier)
     return np.isnan(reached) | ((reached >= 0.0) != (last >= 0.0))
+
+
+@dataclass(frozen=True, eq=False)
+class Samples:
+    """The test functions at points of a walk that follow each other.
+
+    Attributes
+    ----------
+    arclengths : ndarray of shape (P + 2,)
+        First those of the points before; NaN where there is none.
+    values : ndarray of shape (P + 2, q)
+    sizes : sequence of int
+        How many values each test function has.
+    """
+
+    arclengths: Array
+    values: Array
+    sizes: Sequence[int]
+
+    @classmethod
+    def of(cls, arclength: float, values: Sequence[Array]) -> Samples:
+        """Return those at one point, with none before."""
+        here = np.concatenate([*values, np.zeros(0)])
+        none = np.full(len(here), np.nan)
+        return cls(np.array([np.nan, arclength]), np.array([none, here]), [len(v) for v in values])
+
+    def then(self, arclengths: Array, values: Array) -> Samples:
+        """Return those at the last two points and further ones."""
+        lengths = np.concatenate([self.arclengths[-2:], arclengths])
+        return replace(self, arclengths=lengths, values=np.vstack([self.values[-2:], values]))
+
+    @property
+    def follows(self) -> bool:
+        """Whether there is a point before the last one."""
+        return not np.isnan(self.arclengths[-2])
+
+    def last(self) -> Samples:
+        """Return those at the last two points."""
+        return replace(self, arclengths=self.arclengths[-2:], values=self.values[-2:])
+
+    def alone(self) -> Samples:
+        """Return those at the last point, with none before."""
+        return self.of(float(self.arclengths[-1]), self.split(self.values[-1]))
+
+    def split(self, values: Array) -> list[Array]:
+        """Return a row of values by test function."""
+        return np.split(values, np.cumsum(self.sizes)[:-1]) if self.sizes else []
+
+    def at(self, i: int) -> Sample | None:
+        """Return those at one point, None where there is none."""
+        if i >= len(self.arclengths) or np.isnan(self.arclengths[i]):
+            return None
+        return Sample(float(self.arclengths[i]), self.split(self.values[i]))
+
+    def stretch(self, i: int) -> Stretch:
+        """Return those around the step to point i of the P."""
+        left, right = self.at(i + 1), self.at(i + 2)
+        assert left is not None
+        assert right is not None
+        return Stretch(left, right, self.at(i), self.at(i + 3))
+
+    def noteworthy(self) -> list[int]:
+        """Return before which of the P points events lie or may lie unseen."""
+        return noteworthy(self.values, self.arclengths)
 
 
 def noteworthy(values: Array, arclengths: Array) -> list[int]:

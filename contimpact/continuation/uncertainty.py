@@ -7,7 +7,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from .arclength import EPSILON
+from .metric import EPSILON
 from .problem import Array, Evaluation, Problem
 
 NEARBY = 1e-7

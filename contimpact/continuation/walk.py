@@ -1,4 +1,4 @@
-"""The loop: predict, correct, accept or shrink, locate events, until the branch ends."""
+"""The loop: take steps, judge those that are not routine, locate events, until the branch ends."""
 
 from __future__ import annotations
 
@@ -8,17 +8,25 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from ..errors import InputError
-from . import arclength, crossing, loops
-from .branch import End, EndKind, Event, Missed, Point, Points, Walk
+from . import loops
+from .batch import Backend, Batch, Notice, Position, Proposal
+from .bordered import point_after
+from .branch import Block, End, EndKind, Event, Missed, Point, Points, Walk
+from .corrector import correct
 from .crossing import Find, Meeting, Passes
-from .events import Segment, TestFunction, find_events
+from .dense import DenseBackend
+from .events import find_events
 from .interruption import Interrupted
-from .march import Footing, Made, System, leaves
-from .problem import Array, Evaluation, Problem
+from .limits import apart, check, on_limit
+from .metric import EPSILON, length
+from .problem import Array, Problem
 from .refusal import Refusal, Refused
+from .segment import Segment
 from .settings import Settings
-from .sign_changes import Sample, Stretch
+from .sign_changes import Samples, Stretch
+from .start import first_point, leaving, settled
+from .step_control import shorter
+from .test_function import TestFunction
 
 SAME_SOLUTION = 1e-7
 WIDEST_SPAN = 1e3
@@ -27,21 +35,12 @@ WIDEST_SPAN = 1e3
 OUTGROWN = 8.0
 """Lengths are measured anew where a natural size has grown by this factor."""
 
-FEWEST, UNWATCHED, GROWTH, MARCHED = 2, 64, 4, 1024
-"""Routine steps made at a time: at first where somebody watches and where nobody does, how the
-number grows, and its ceiling."""
-
-NARROWEST = 1e-12
-"""A range narrower than this part of its limits cannot be walked in doubles."""
-
-NEAR_LIMIT = 1e-9
-"""A test function smaller than this part of its value one step before may vanish on a limit."""
-
 AT_START = 1e-9
 """An event this near to a branch point a walk starts from is one of the branch it comes from."""
 
-NO_CROSSING = 1e-9
-"""A test function below this at a branch point a walk starts from vanishes because of it."""
+FEWEST, UNWATCHED, GROWTH, LARGEST = 2, 64, 4, 1024
+"""Steps asked for at a time: at first where somebody watches and where nobody does, how the number
+grows, and its ceiling. Points beyond an end that `stop` or `callback` decide on are discarded."""
 
 Stop = Callable[[Point, Sequence[Event]], "tuple[End, Point] | None"]
 
@@ -51,7 +50,7 @@ def walk(
     limits: tuple[float, float], tests: Sequence[TestFunction] = (),
     settings: Settings | None = None, tangent: Array | None = None, branching: bool = False,
     callback: Callable[[Point], bool | None] | None = None, stop: Stop | None = None,
-    system: System | None = None, meeting: Find | None = None,
+    backend: Backend | None = None, meeting: Find | None = None,
 ) -> Walk:  # fmt: skip
     """Follow a branch from a point in one direction until it ends.
 
@@ -80,9 +79,8 @@ def walk(
     stop : callable ``stop(point, events) -> (End, Point) or None``, optional
         Called with every accepted point and the events just before it; may end the walk, at the
         point it returns.
-    system : System, optional
-        The problem and its test functions in the plain form in which routine steps are made many
-        at a time.
+    backend : Backend, optional
+        The problem as steps ask for it; by default on dense linear algebra.
     meeting : callable ``meeting(problem, guess, scale) -> Meeting or None``, optional
         Solves for the place next to a point where two branches cross or pass each other; without
         it bisection decides.
@@ -101,10 +99,11 @@ def walk(
     """
     settings = settings or Settings()
     start = np.asarray(start, dtype=float)
-    _check(start, direction, limits)
+    check(start, direction, limits)
     walker = _Walker(
-        problem, parameter, limits, list(tests), settings, callback, stop, branching, system
-    )
+        problem, backend or DenseBackend(problem), parameter, limits, list(tests), settings,
+        callback, stop, branching,
+    )  # fmt: skip
     walker.passes.find = meeting
     try:
         return walker.run(start, direction, tangent)
@@ -114,37 +113,12 @@ def walk(
         raise Interrupted(walker.interrupted()) from None
 
 
-def _check(start: Array, direction: int, limits: tuple[float, float]) -> None:
-    low, high = limits
-    if direction not in (1, -1):
-        raise InputError("direction", f"found {direction!r}", "give +1 or -1")
-    if not (np.isfinite(low) and np.isfinite(high) and low < high):
-        raise InputError("limits", f"found ({low}, {high})", "give two finite numbers, low < high")
-    if high - low < max(NARROWEST * max(abs(low), abs(high)), 1e-100):
-        found = f"({low}, {high}) is as narrow as rounding"
-        raise InputError("limits", found, "give a wider range")
-    if not low <= start[-1] <= high:
-        found = f"they do not hold the start, {start[-1]:.12g}"
-        raise InputError("limits", found, "start within the limits")
-
-
-@dataclass(eq=False)
-class _Step:
-    """What one attempt at a step gave: a point, perhaps the last one, or why it was refused."""
-
-    point: Point | None
-    refused: Refused | None = None
-    ending: EndKind | None = None
-    turned: float = 0.0
-    first_correction: float = 0.0
-    defect: float = 0.0
-
-
 @dataclass(eq=False)
 class _Walker:
     """One walk under way."""
 
     problem: Problem
+    backend: Backend
     parameter: str
     limits: tuple[float, float]
     tests: list[TestFunction]
@@ -152,7 +126,6 @@ class _Walker:
     callback: Callable[[Point], bool | None] | None
     stop: Stop | None
     branching: bool
-    system: System | None
     points: Points = field(default_factory=Points)
     events: list[Event] = field(default_factory=list)
     missed: list[Missed] = field(default_factory=list)
@@ -160,8 +133,7 @@ class _Walker:
     rejected: int = 0
     seconds_in_events: float = 0.0
     scale: Array = field(default_factory=lambda: np.ones(1))
-    values: list[Array] = field(default_factory=list)
-    before: Sample | None = None
+    seen: Samples = field(default_factory=lambda: Samples.of(0.0, []))
     passes: Passes = field(default_factory=Passes)
 
     def run(self, start: Array, direction: int, tangent: Array | None) -> Walk:
@@ -170,52 +142,40 @@ class _Walker:
         if reason:
             kind = EndKind.SINGULAR if self.points else EndKind.START
             return self.finished(self.end(kind, start[-1], why=reason))
-        step = self.settings.step
-        while len(self.points) < self.settings.max_points:
-            narrow = self.near(self.points[-1]) is not None
-            if self.system is not None and len(self.points) > 1 and not narrow:
-                step, end = self.march(self.system, step)
-                if end is not None:
-                    return self.finished(end)
-                if len(self.points) >= self.settings.max_points:
-                    break
-            self.grow()
-            attempt, step = self.advance(step)
-            here = self.points[-1]
-            if attempt.point is None:
-                return self.finished(self.refusal(here, attempt.refused))
-            stop = self.callback is not None and self.callback(attempt.point)
-            found = self.accept(here, attempt.point, attempt.ending)
-            if self.stop is not None and (stopped := self.stop(attempt.point, found)):
-                return self.finished(self.stopped(*stopped))
-            if ending := attempt.ending or (EndKind.STOPPED if stop else None):
-                return self.finished(self.end(ending))
-            step = arclength.step_after(
-                step, attempt.turned, attempt.first_correction, attempt.defect,
-                self.settings.max_angle, self.settings.max_step,
-            )  # fmt: skip
+        step, most = self.settings.step, self.fewest
+        while (left := self.settings.max_points - len(self.points)) > 0:
+            if self.grow():
+                most = self.fewest
+            careful = len(self.points) == 1 or self.near(self.points[-1]) is not None
+            batch = self.advance(step, 1 if careful else min(most, left))
+            step, end = self.follow(batch)
+            if end is not None:
+                return self.finished(end)
+            most = min(GROWTH * most, LARGEST) if batch.routine and not careful else self.fewest
         return self.finished(self.end(EndKind.POINTS, limit=self.settings.max_points))
 
-    def march(self, system: System, step: float) -> tuple[float, End | None]:
-        """Make routine steps until one is not; returns the next step, and the end if it was met.
+    def begin(self, start: Array, direction: int, tangent: Array | None) -> str:
+        """Record the first point; returns why none can follow, or nothing."""
+        first = first_point(
+            self.problem, start, direction, tangent, self.branching, self.scale, self.settings
+        )
+        self.iterations += first.iterations
+        if first.point is None:
+            return first.reason
+        self.points.append(first.point)
+        if not first.reason:
+            values = [test.at(first.point) for test in self.tests]
+            self.seen = Samples.of(0.0, settled(values, self.branching, tangent is not None))
+        return first.reason
 
-        A few are made first and then ever more at a time: those made beyond an end that `stop` or
-        `callback` decide on are lost.
-        """
-        chunk = FEWEST if self.watched else UNWATCHED
-        while (left := self.settings.max_points - len(self.points)) > 0:
-            made = system.march(self.footing(step), self.settings, min(chunk, left))
-            made = self.until_dip(made)
-            self.iterations += made.iterations
-            self.rejected += made.rejected
-            end = self.put_down(made)
-            if end is not None or made.unusual:
-                return made.step, end
-            step = made.step
-            chunk = min(GROWTH * chunk, MARCHED)
-            if self.grow():
-                chunk = FEWEST if self.watched else UNWATCHED
-        return step, None
+    @property
+    def watched(self) -> bool:
+        return self.callback is not None or self.stop is not None
+
+    @property
+    def fewest(self) -> int:
+        """How many steps to ask for at first."""
+        return FEWEST if self.watched else UNWATCHED
 
     def sizes(self, unknowns: Array) -> Array:
         """The natural sizes of the unknowns at a point."""
@@ -231,201 +191,10 @@ class _Walker:
         if not np.any(sizes > OUTGROWN * self.scale):
             return False
         self.scale = np.maximum(self.scale, sizes)
-        tangent = here.tangent / arclength.length(here.tangent, self.scale)
+        tangent = here.tangent / length(here.tangent, self.scale)
         self.points.end_with(replace(here, tangent=tangent))
-        self.before = None
+        self.seen = self.seen.alone()
         return True
-
-    def until_dip(self, made: Made) -> Made:
-        """Routine steps up to one that may have led to another branch; see `Passes.refuse`."""
-        behind = np.nan if self.before is None else self.points[-2].orientation
-        values = np.concatenate([[behind, self.points[-1].orientation], made.block.orientations])
-        lengths = np.diff(made.arclengths)
-        found = crossing.dips(values[:-2], values[1:-1], lengths[:-1], lengths[1:])
-        found &= (values[1:-1] >= 0.0) == (values[2:] >= 0.0)
-        if self.passes.find is None or not np.any(found):
-            return made
-        return made.until(int(np.argmax(found)))
-
-    @property
-    def watched(self) -> bool:
-        return self.callback is not None or self.stop is not None
-
-    def footing(self, step: float) -> Footing:
-        """Where the walk is, for routine steps to go on from."""
-        behind = None if self.before is None else self.points[-2]
-        return Footing(
-            self.points[-1], behind, self.points[0].parameter, len(self.points), step, self.scale,
-            self.limits, SAME_SOLUTION, _flat(self.values),
-            _flat(self.values if self.before is None else self.before.values),
-        )  # fmt: skip
-
-    def put_down(self, made: Made) -> End | None:
-        """Put points of routine steps down, with the events between them.
-
-        Returns the end that `stop` or `callback` decide on.
-        """
-        for test in self.tests:
-            test.evaluations += len(made)
-        done, block, marked = 0, made.block.kept(), set(made.marked)
-        for i in range(len(made)) if self.watched else made.marked:
-            self.points.extend(block, done, i)
-            point = block.point(i)
-            asked = self.callback is not None and self.callback(point)
-            found = self.events_on(made, i, point) if i in marked else []
-            self.points.extend(block, i, i + 1)
-            done = i + 1
-            if self.stop is not None and (stopped := self.stop(point, found)):
-                return self.stopped(*stopped)
-            if asked:
-                return self.end(EndKind.STOPPED)
-        self.points.extend(block, done, len(made))
-        if len(made):
-            last = len(made) - 1
-            self.values, self.before = self.seen(made, last).values, self.seen(made, last - 1)
-        return None
-
-    def stopped(self, end: End, last: Point) -> End:
-        """Let the walk end at a point before the last one."""
-        self.points.end_with(last)
-        self.events = [e for e in self.events if e.point.arclength <= last.arclength]
-        return end
-
-    def seen(self, made: Made, i: int) -> Sample:
-        """The test functions at the point of a routine step, from -2 for one before the footing."""
-        return Sample(float(made.arclengths[i + 2]), _like(self.values, made.values[i + 2]))
-
-    def events_on(self, made: Made, i: int, point: Point) -> list[Event]:
-        """Locate the events on a routine step."""
-        began = time.perf_counter()
-        segment = self.segment(self.points[-1], point)
-        earlier = self.seen(made, i - 2) if i > 0 else self.before
-        later = self.seen(made, i + 1) if i + 1 < len(made) else None
-        stretch = Stretch(self.seen(made, i - 1), self.seen(made, i), earlier, later)
-        found, missed = find_events(self.tests, segment, stretch)
-        self.events += found
-        self.missed += missed
-        self.seconds_in_events += time.perf_counter() - began
-        return found
-
-    def accept(self, here: Point, new: Point, ending: EndKind | None) -> list[Event]:
-        """Put a point down, and the events between it and the one before; returns these.
-
-        No walk comes from beyond a limit of the range: a zero on it, within its error, is found
-        from inside.
-        """
-        before = time.perf_counter()
-        values = [test.at(new) for test in self.tests]
-        if here is self.points[0] and self.branching:
-            self.values = _leaving(self.values, values)
-        elif here is self.points[0] and here.parameter in self.limits:
-            self.values = _apart(self.values, values)
-        if ending is EndKind.RANGE:
-            values = _apart(values, self.values)
-        segment = self.segment(here, new)
-        left, right = Sample(here.arclength, self.values), Sample(new.arclength, values)
-        found, missed = find_events(self.tests, segment, Stretch(left, right, self.before))
-        self.before = left
-        found = [e for e in found if self.in_range(e) and not self.at_start(e)]
-        self.events += found
-        self.missed += missed
-        self.values = values
-        if new.arclength > here.arclength:
-            self.points.append(new)
-        self.seconds_in_events += time.perf_counter() - before
-        return found
-
-    def in_range(self, event: Event) -> bool:
-        """Whether an event lies within the limits, or within its error of one."""
-        low, high = self.limits
-        slack = event.error + 4.0 * arclength.EPSILON * abs(event.parameter)
-        return low - slack <= event.parameter <= high + slack
-
-    def at_start(self, event: Event) -> bool:
-        """Whether an event is at the branch point the walk left: rounding finds that again."""
-        return self.branching and event.point.arclength < AT_START
-
-    def begin(self, start: Array, direction: int, tangent: Array | None) -> str:
-        """Put the first point down; returns why it could not be, or nothing."""
-        switched = tangent is not None
-        fixed = np.zeros(len(start))
-        fixed[-1] = 1.0
-        row = fixed if tangent is None else tangent / self.scale**2
-        result = arclength.correct(self.problem, start, row, self.scale, self.settings)
-        self.iterations += result.iterations
-        if result.evaluation is None:
-            return result.reason
-        if tangent is None:
-            tangent = arclength.first_tangent(result.evaluation.jacobian, self.scale)
-            if tangent is None:
-                self.points.append(Point(result.evaluation, fixed, 0.0, 0.0, result.iterations))
-                return "two directions leave the first point"
-            direction = direction if tangent[-1] >= 0.0 else -direction
-        else:
-            tangent = tangent / arclength.length(tangent, self.scale)
-        first = Point(result.evaluation, direction * tangent, np.nan, 0.0, result.iterations)
-        if not self.branching:
-            regular = self.after(first, result.evaluation, result.iterations)
-            if regular is None:
-                return "the tangent is not defined"
-            first = regular
-        self.points.append(first)
-        self.values = [test.at(first) for test in self.tests]
-        if switched and not self.branching:  # on a zero, within rounding: exactly on it
-            self.values = [np.where(np.abs(v) < 1e-12, 0.0, v) for v in self.values]
-        if self.branching:
-            self.values = [np.where(np.abs(v) < NO_CROSSING, 0.0, v) for v in self.values]
-        return ""
-
-    def advance(self, step: float) -> tuple[_Step, float]:
-        """Try steps of decreasing length until one is accepted or the floor is reached."""
-        while True:
-            here = self.sharpened()
-            attempt = self.attempt(here, step)
-            if attempt.point is not None:
-                return attempt, step
-            self.rejected += 1
-            floor = self.numerics(here).min_step
-            if step > floor:
-                step = max(0.5 * step, floor)
-                continue
-            other = self.passes.look(self.problem, here, self.scale, self.settings)
-            if other <= floor:
-                return attempt, step
-            step = other
-
-    def attempt(self, here: Point, step: float) -> _Step:
-        """Predict, correct, and accept if the branch was not left."""
-        guess = here.unknowns + step * self.direction(here)
-        row = here.tangent / self.scale**2
-        result = arclength.correct(self.problem, guess, row, self.scale, self.numerics(here))
-        self.iterations += result.iterations
-        if result.evaluation is None:
-            return _Step(None, result.refused)
-        new = self.after(here, result.evaluation, result.iterations)
-        if new is None:
-            return _Step(None, Refused(Refusal.NO_TANGENT))
-        turned = arclength.angle(here.tangent, new.tangent, self.scale)
-        if turned > self.settings.max_angle:
-            return _Step(None, Refused(Refusal.TURNS, turned))
-        tangents = here.tangent, new.tangent
-        off = 0.0
-        if self.numerics(here) is self.settings:  # else steps are as short as points are exact
-            off = arclength.defect(here.unknowns, new.unknowns, *tangents, self.scale)
-        if off > arclength.LARGEST_DEFECT * self.settings.max_angle:
-            return _Step(None, Refused(Refusal.BENDS, off))
-        if leaves(here.unknowns, new.unknowns, *tangents, self.scale, *self.limits):
-            return _Step(None, Refused(Refusal.LEAVES))
-        before = self.points[-2] if self.before is not None else None
-        if refused := self.passes.refuse(self.segment(here, new), before):
-            return _Step(None, refused)
-        ending = None
-        if not self.limits[0] <= new.parameter <= self.limits[1]:
-            new, ending = self.on_limit(here, new), EndKind.RANGE
-        elif closing := self.closing(here, new):
-            new, ending = closing, EndKind.CLOSED
-        refused = None if new else Refused(Refusal.NO_LIMIT)
-        return _Step(new, refused, ending, turned, result.first_step, off)
 
     def near(self, here: Point) -> Meeting | None:
         """Where branches meet near a point, if the walk had to be careful there."""
@@ -443,50 +212,154 @@ class _Walker:
             return here
         if np.max(np.abs(here.evaluation.residual)) <= wanted.tolerance:
             return here
-        row = here.tangent / self.scale**2
-        result = arclength.correct(self.problem, here.unknowns, row, self.scale, wanted)
-        new = result.evaluation and self.after(here, result.evaluation, here.iterations)
-        if new:
-            self.points.end_with(replace(new, arclength=here.arclength))
+        found = correct(
+            self.problem, here.unknowns, here.tangent / self.scale**2, self.scale, wanted
+        )
+        if found.evaluation is not None:
+            new = point_after(here, found.evaluation, here.iterations, self.scale)
+            if new is not None:
+                self.points.end_with(replace(new, arclength=here.arclength))
         return self.points[-1]
 
-    def direction(self, here: Point) -> Array:
-        """The unit vector along which the next point is guessed."""
-        if self.settings.predictor == "tangent" or len(self.points) < 2:
-            return here.tangent
-        chord = here.unknowns - self.points[-2].unknowns
-        return chord / arclength.length(chord, self.scale)
+    def advance(self, step: float, most: int) -> Batch:
+        """Take steps from the last point."""
+        here = self.sharpened()
+        numerics = self.numerics(here)
+        position = Position(
+            here, self.points[-2] if self.seen.follows else None, self.points[0].parameter,
+            len(self.points), step, self.scale, self.limits, SAME_SOLUTION, numerics,
+            by_defect=numerics is self.settings, meetings=self.passes.find is not None,
+        )  # fmt: skip
+        batch = self.backend.advance(position, most)
+        self.iterations += batch.iterations
+        self.rejected += batch.rejected
+        return batch
 
-    def on_limit(self, here: Point, beyond: Point) -> Point | None:
-        """The point of the branch on the limit that was passed."""
-        low, high = self.limits
-        limit = low if beyond.parameter < low else high
-        fraction = (limit - here.parameter) / (beyond.parameter - here.parameter)
-        guess = here.unknowns + fraction * (beyond.unknowns - here.unknowns)
-        guess[-1] = limit
-        fixed = np.zeros(len(guess))
-        fixed[-1] = 1.0
-        result = arclength.correct(self.problem, guess, fixed, self.scale, self.settings)
-        self.iterations += result.iterations
-        if result.evaluation is None:
-            return None
-        new = self.after(here, result.evaluation, result.iterations)
-        if new is None or new.arclength - here.arclength > beyond.arclength - here.arclength:
-            return None
-        turned = arclength.angle(here.tangent, new.tangent, self.scale)
-        return new if turned <= self.settings.max_angle else None
+    def follow(self, batch: Batch) -> tuple[float, End | None]:
+        """Record what was made, and judge what was not; returns the next step, or the end."""
+        if batch.piece is not None:
+            end = self.record(batch.piece, batch.values)
+            if end is not None:
+                return batch.step, end
+        if batch.routine or self.grow():
+            return batch.step, None
+        if batch.proposal is None:
+            return self.look_about(batch.step, batch.refused)
+        return self.judge(batch.step, batch.proposal)
 
-    def closing(self, here: Point, new: Point) -> Point | None:
+    def judge(self, step: float, proposal: Proposal) -> tuple[float, End | None]:
+        """Accept a proposed step, perhaps as the last one, or refuse it."""
+        here = self.points[-1]
+        segment = self.segment(here, proposal.point)
+        refused = self.passes.refuse(segment, proposal.notices)
+        if refused is None and Notice.BEYOND in proposal.notices:
+            last, iterations = on_limit(segment, self.limits)
+            self.iterations += iterations
+            if last is not None:
+                further = last.arclength > here.arclength
+                return step, self.record(last, None, EndKind.RANGE) if further else self.end(
+                    EndKind.RANGE
+                )
+            refused = Refused(Refusal.NO_LIMIT)
+        if refused is None:
+            start = self.closing(segment) if Notice.NEAR_START in proposal.notices else None
+            if start is not None:
+                return step, self.record(start, None, EndKind.CLOSED)
+            return proposal.next_step, self.record(proposal.piece, proposal.values)
+        self.rejected += 1
+        floor = self.numerics(here).min_step
+        return (shorter(step, floor), None) if step > floor else self.look_about(step, refused)
+
+    def look_about(self, step: float, refused: Refused | None) -> tuple[float, End | None]:
+        """Go on towards a meeting of branches next to a point from which no step leads, or end."""
+        here = self.points[-1]
+        other = self.passes.look(self.problem, here, self.scale, self.settings)
+        if other > self.numerics(here).min_step:
+            return other, None
+        return step, self.refusal(here, refused)
+
+    def closing(self, step: Segment) -> Point | None:
         """The start again, if this step passed it in the direction it was left in."""
-        if len(self.points) < 4:
-            return None
-        return loops.closing(self.segment(here, new), self.points[0], SAME_SOLUTION)
-
-    def after(self, here: Point, evaluation: Evaluation, iterations: int) -> Point | None:
-        return arclength.point_after(here, evaluation, iterations, self.scale)
+        return loops.closing(step, self.points[0], SAME_SOLUTION)
 
     def segment(self, left: Point, right: Point) -> Segment:
         return Segment(self.problem, left, right, self.scale, self.settings)
+
+    def record(
+        self, piece: Point | Block, values: Array | None, ending: EndKind | None = None
+    ) -> End | None:
+        """Record points with the events between them; returns the end if it has come.
+
+        That is the one that was to follow, or one that `stop` or `callback` decide on.
+        """
+        new = Points([piece])
+        seen = self.tested(new, values, ending)
+        marked = set(seen.noteworthy())
+        done = 0
+        for i in range(len(new)) if self.watched else sorted(marked):
+            self.points.extend(piece, done, i)
+            point = new[i]
+            asked = self.callback is not None and self.callback(point)
+            found = self.events_before(point, seen.stretch(i)) if i in marked else []
+            self.points.extend(piece, i, i + 1)
+            done = i + 1
+            if self.stop is not None and (stopped := self.stop(point, found)):
+                return self.stopped(*stopped)
+            if asked:
+                return self.end(ending or EndKind.STOPPED)
+        self.points.extend(piece, done, len(new))
+        self.seen = seen.last()
+        return self.end(ending) if ending else None
+
+    def tested(self, new: Points, values: Array | None, ending: EndKind | None) -> Samples:
+        """The test functions at new points, and at the two before.
+
+        No walk comes from beyond a limit of the range: a zero on it, within its error, is found
+        from inside.
+        """
+        began = time.perf_counter()
+        if values is None:
+            values = np.array([[v for test in self.tests for v in test.at(p)] for p in new])
+        else:
+            for test in self.tests:
+                test.evaluations += len(new)
+        seen = self.seen.then(new.arclengths, values)
+        first, second = seen.values[1], seen.values[2]
+        if len(self.points) == 1 and self.branching:
+            first[:] = leaving(first, second)
+        elif len(self.points) == 1 and self.points[0].parameter in self.limits:
+            first[:] = apart(first, second)
+        if ending is EndKind.RANGE:
+            second[:] = apart(second, first)
+        self.seconds_in_events += time.perf_counter() - began
+        return seen
+
+    def events_before(self, point: Point, stretch: Stretch) -> list[Event]:
+        """Locate the events on the step to a point, within the range."""
+        began = time.perf_counter()
+        segment = self.segment(self.points[-1], point)
+        found, missed = find_events(self.tests, segment, stretch)
+        found = [e for e in found if self.in_range(e) and not self.at_start(e)]
+        self.events += found
+        self.missed += missed
+        self.seconds_in_events += time.perf_counter() - began
+        return found
+
+    def in_range(self, event: Event) -> bool:
+        """Whether an event lies within the limits, or within its error of one."""
+        low, high = self.limits
+        slack = event.error + 4.0 * EPSILON * abs(event.parameter)
+        return low - slack <= event.parameter <= high + slack
+
+    def at_start(self, event: Event) -> bool:
+        """Whether an event is at the branch point the walk left: rounding finds that again."""
+        return self.branching and event.point.arclength < AT_START
+
+    def stopped(self, end: End, last: Point) -> End:
+        """Let the walk end at a point before the last one."""
+        self.points.end_with(last)
+        self.events = [e for e in self.events if e.point.arclength <= last.arclength]
+        return end
 
     def refusal(self, here: Point, refused: Refused | None) -> End:
         """The end of a branch on which no further step was accepted."""
@@ -512,38 +385,3 @@ class _Walker:
             self.points, self.events, end, self.missed, self.iterations, self.rejected,
             self.seconds_in_events, self.passes.notes(self.parameter),
         )  # fmt: skip
-
-
-def _like(lists: list[Array], flat: Array) -> list[Array]:
-    """A vector cut into pieces as long as the lists."""
-    pieces, first = [], 0
-    for values in lists:
-        pieces.append(flat[first : first + len(values)])
-        first += len(values)
-    return pieces
-
-
-def _flat(values: list[Array]) -> Array:
-    return np.concatenate(values) if values else np.zeros(0)
-
-
-def _leaving(starts: list[Array], others: list[Array]) -> list[Array]:
-    """Give what vanishes or has no value at a branch point the sign it leaves with."""
-    tiny = np.finfo(float).tiny
-    return [
-        np.where((start == 0.0) | np.isnan(start), np.sign(other) * tiny, start)
-        for start, other in zip(starts, others, strict=True)
-    ]
-
-
-def _apart(zeros: list[Array], others: list[Array]) -> list[Array]:
-    """Give what may vanish on a limit the sign the other values do not have."""
-    tiny = np.finfo(float).tiny
-    return [
-        np.where(
-            (np.abs(z) <= NEAR_LIMIT * np.abs(other)) & (other != 0.0),
-            np.where(other >= 0.0, -tiny, tiny),
-            z,
-        )
-        for z, other in zip(zeros, others, strict=True)
-    ]

@@ -13,7 +13,7 @@ import numpy as np
 
 from ..bifurcations.branch_point import BranchPoint
 from ..continuation.branch import End, EndKind, Event, Point
-from ..continuation.events import TestFunction
+from ..continuation.test_function import TestFunction
 from ..continuation.walk import Stop
 from ..models.model import Symmetry
 from ..orbits.problem import Array, OrbitProblem

@@ -14,9 +14,9 @@ from ..bifurcations.kinds import switch, test_functions
 from ..bifurcations.names import EVENTS, KINDS, SWITCHES, with_values
 from ..bifurcations.start import once
 from ..continuation.branch import End, EndKind, Event, Point, Points, Walk, joined
-from ..continuation.events import TestFunction, UserFunction
 from ..continuation.interruption import interrupted, kept, other_way, undisturbed
 from ..continuation.settings import Settings
+from ..continuation.test_function import TestFunction, UserFunction
 from ..continuation.walk import SAME_SOLUTION, Stop
 from ..errors import InputError, shown
 from ..models.model import Model
@@ -30,7 +30,7 @@ from ..records.entry import Entry
 from ..records.given import as_orbit, entry_first, named
 from ..segments.kernels import Kernels
 from .images import again, at_image, mirrors_back, symmetry_of, watched
-from .orbit_march import walk_orbits
+from .orbit_backend import walk_orbits
 from .tables import tabulate
 
 UserEvent = tuple[str, Callable[[Orbit], float]]

@@ -1,11 +1,11 @@
-"""The program that makes routine steps along a branch of any word of a model, for compiling."""
+"""The program that takes steps along a branch of any word of a model, for compiling."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 
 from ..compiling.program import Program
-from ..continuation.march import march
+from ..continuation.step import take_steps
 from ..orbits.block_cyclic import store, store_compiled
 from ..segments.flight import excursions
 from ..segments.kernels import Kernels
@@ -15,16 +15,16 @@ from .routine import Course, evaluate_cycle, newton_step, observe_cycle, tangent
 ENTRY = """
 def entry(
     kinds, word, counts, values, sides, places, targets, zeros, blocks, kept, reduced, fixed, clock,
-    facts, durations, gaps, times, velocities, options, state, scale, z, tangent, chord, room,
+    facts, durations, gaps, times, velocities, options, state, scale, z, tangent, chord, work,
     rows, size,
 ):
     course = Course(
         kinds, word, counts, values, sides, places, targets, zeros, blocks, kept, reduced, fixed,
         clock, facts, durations, gaps, times, velocities,
     )
-    return march(
+    return take_steps(
         evaluate, newton_step, tangent_of_cycle, observe, course, options, state, scale, z, tangent,
-        chord, room, rows, size[0], size[1],
+        chord, work, rows, size[0], size[1],
     )
 
 def any_setup(p):
@@ -57,7 +57,7 @@ def breaks(p, period, zeros):
 
 
 def program_of(kernels: Kernels, variant: str) -> Program:
-    """Return the program that marches along a branch of any word of a model.
+    """Return the program that takes steps along a branch of any word of a model.
 
     `variant` says how the zeros of the acceleration are found: they are "fixed" along the branch,
     or those of a "single" harmonic that changes along it.
@@ -77,9 +77,9 @@ def program_of(kernels: Kernels, variant: str) -> Program:
         found = {"kernel_harmonics": kernels.harmonics, "single_zeros": single_zeros}
     program.glue(BREAKS[variant].format(p=p), **found)
     program.glue(
-        ENTRY.format(p=p), kernel_setup=kernels.setup, march=march, newton_step=newton_step,
-        tangent_of_cycle=tangent_of_cycle, evaluate_cycle=evaluate_cycle,
-        observe_cycle=observe_cycle, excursions=excursions,
+        ENTRY.format(p=p), kernel_setup=kernels.setup, take_steps=take_steps,
+        newton_step=newton_step, tangent_of_cycle=tangent_of_cycle,
+        evaluate_cycle=evaluate_cycle, observe_cycle=observe_cycle, excursions=excursions,
     )  # fmt: skip
     return program
 

@@ -20,12 +20,12 @@ import numpy as np
 from ..bifurcations.kinds import switch, test_functions
 from ..bifurcations.start import Start, once
 from ..continuation.branch import End, EndKind, Event, Point, Walk
-from ..continuation.events import TestFunction
 from ..continuation.interruption import kept, other_way
+from ..continuation.test_function import TestFunction
 from ..errors import InputError
 from ..following.images import again, at_image, mirrors_back, watched
+from ..following.orbit_backend import walk_orbits
 from ..following.orbit_branch import Run, both_ways
-from ..following.orbit_march import walk_orbits
 from ..models.word import Word
 from ..orbits.problem import Array, OrbitProblem
 from ..orbits.recognition import mirrored, rotated_to, shortest

@@ -16,9 +16,9 @@ import numpy as np
 from ..bifurcations.kind import Kind
 from ..bifurcations.names import REQUESTED
 from ..continuation.branch import End, EndKind, Event, Point, Walk, joined
-from ..continuation.events import TestFunction
 from ..continuation.interruption import kept, other_way
 from ..continuation.settings import Settings
+from ..continuation.test_function import TestFunction
 from ..continuation.walk import walk
 from ..errors import InputError
 from ..models.model import Model

@@ -13,8 +13,8 @@ from ..bifurcations.kinds import test_functions
 from ..bifurcations.requested import Requested
 from ..continuation.branch import End
 from ..continuation.interruption import interrupted
+from ..following.orbit_backend import walk_orbits
 from ..following.orbit_branch import Run, both_ways
-from ..following.orbit_march import walk_orbits
 from ..models.model import Model
 from ..models.word import Word
 from ..orbits.problem import Array, OrbitProblem

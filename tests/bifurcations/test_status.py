@@ -13,8 +13,8 @@ from contimpact.bifurcations.kinds import test_functions as make_tests
 from contimpact.bifurcations.names import EVENTS
 from contimpact.bifurcations.status import with_status
 from contimpact.continuation.branch import Points
-from contimpact.continuation.events import TestFunction
 from contimpact.continuation.settings import Settings
+from contimpact.continuation.test_function import TestFunction
 from contimpact.following.orbit_branch import both_ways
 from contimpact.orbits.multipliers import count_unstable
 from contimpact.orbits.search import find_orbits

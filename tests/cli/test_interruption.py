@@ -79,15 +79,15 @@ def test_no_event_beyond_the_last_point(orbit, monkeypatch):
 
     branch = continue_orbit(orbit, "s", (0.34, 0.4), settings=FINE, events=["PD"])
     assert [e.kind for e in branch.events] == ["PD"]
-    original = walk._Walker.events_on
+    original = walk._Walker.events_before
 
-    def events_on(self, made, i, point):
-        found = original(self, made, i, point)
+    def events_before(self, point, stretch):
+        found = original(self, point, stretch)
         if found:
             raise KeyboardInterrupt
         return found
 
-    monkeypatch.setattr(walk._Walker, "events_on", events_on)
+    monkeypatch.setattr(walk._Walker, "events_before", events_before)
     cut = continue_orbit(orbit, "s", (0.34, 0.4), settings=FINE, events=["PD"])
     assert cut.events == []
     assert cut["s"].max() < branch.events[0].value
@@ -113,7 +113,7 @@ def test_an_interruption_before_the_first_point_is_one(orbit, monkeypatch):
     def interrupted(*given):
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("contimpact.continuation.walk.arclength.correct", interrupted)
+    monkeypatch.setattr("contimpact.continuation.start.correct", interrupted)
     with pytest.raises(KeyboardInterrupt):
         continue_orbit(orbit, "s", RANGE)
 

@@ -22,7 +22,7 @@ from contimpact.compiling.program import Program
 from contimpact.continuation.branch import EndKind
 from contimpact.continuation.settings import Settings
 from contimpact.errors import InputError
-from contimpact.following.orbit_march import system_of, walk_orbits
+from contimpact.following.orbit_backend import backend_of, walk_orbits
 from contimpact.following.orbit_program import program_of
 from contimpact.models.word import parse_word
 from contimpact.orbits.problem import OrbitProblem
@@ -197,7 +197,7 @@ def test_always_without_numba_says_what_to_install(monkeypatch, tmp_path):
     monkeypatch.setattr(module, "_MISSING", set())
     monkeypatch.setattr(module, "available", lambda: False)
     with pytest.raises(InputError, match=r"install contimpact\[fast\]"):
-        system_of(problem_of(), ()).compiled(10)
+        backend_of(problem_of(), ()).compiled(10)
 
 
 def test_compiling_waits_until_it_pays(monkeypatch):
@@ -225,7 +225,7 @@ def test_flights_evaluated_plainly_are_counted(monkeypatch):
 RUN = """
 import math, sys
 from contimpact import ImpactPair, continue_orbit, find_orbits
-from contimpact.continuation.arclength import Settings
+from contimpact.continuation.settings import Settings
 orbit = find_orbits(ImpactPair(beta=math.pi / 6, r=0.3, A=5.0, s=0.7), "1:1")[0]
 branch = continue_orbit(orbit, "s", (0.3, 0.72), settings=Settings(step=0.001, max_step=0.001))
 print(len(branch), *sorted({"numba", "llvmlite", "sympy"} & set(sys.modules)))
@@ -243,7 +243,7 @@ def run_with(cache, mode):
 @needs_numba
 def test_a_later_process_loads_compiled_code_without_numba(plain_and_compiled, cache):
     problem = problem_of()
-    plain_and_compiled(lambda: system_of(problem, ()).compiled(1))
+    plain_and_compiled(lambda: backend_of(problem, ()).compiled(1))
     run_with(cache, "never")  # kernels are there now
     assert run_with(cache, "always")[1:] == []
     assert run_with(cache, "auto")[1:] == []
@@ -252,7 +252,7 @@ def test_a_later_process_loads_compiled_code_without_numba(plain_and_compiled, c
 @needs_numba
 def test_without_a_linker_machine_code_is_loaded_through_llvm(plain_and_compiled, monkeypatch):
     problem = problem_of()
-    plain_and_compiled(lambda: system_of(problem, ()).compiled(1))
+    plain_and_compiled(lambda: backend_of(problem, ()).compiled(1))
     intact = module._whole
     monkeypatch.setattr(module, "_LOADED", {})
     monkeypatch.setattr(module, "_whole", lambda path: path.suffix == ".o" and intact(path))
@@ -266,7 +266,7 @@ def test_without_a_linker_machine_code_is_loaded_through_llvm(plain_and_compiled
 def copied(plain_and_compiled, cache, tmp_path, monkeypatch):
     """A copy of the cache for one test, with compiled code that no other test has loaded."""
     problem = problem_of()
-    plain_and_compiled(lambda: system_of(problem, ()).compiled(1))
+    plain_and_compiled(lambda: backend_of(problem, ()).compiled(1))
     folder = tmp_path / "cache"
     shutil.copytree(cache, folder)
     monkeypatch.setenv("CONTIMPACT_CACHE", str(folder))
@@ -281,7 +281,7 @@ def run_again(plain_and_compiled):
     plain, fast = plain_and_compiled(lambda: walks(model, "BT", "s", (0.3, 0.4)))
     for one, other in zip(plain, fast, strict=True):
         same(one, other)
-    assert system_of(problem_of(), ()).compiled(1) is not None
+    assert backend_of(problem_of(), ()).compiled(1) is not None
 
 
 def libraries(folder):
@@ -337,7 +337,7 @@ def test_a_cache_that_cannot_be_written(copied, plain_and_compiled, monkeypatch,
     monkeypatch.setattr(module, "keep", refuse)
     monkeypatch.setenv("CONTIMPACT_COMPILED", "always")
     with caplog.at_level(logging.WARNING):
-        assert system_of(problem_of(), ()).compiled(1) is not None
+        assert backend_of(problem_of(), ()).compiled(1) is not None
     assert "not cached: read-only" in caplog.text
     assert not list(copied.glob("compiled-*"))
 
@@ -350,12 +350,12 @@ def test_what_cannot_be_compiled_runs_plainly_on(empty_cache, monkeypatch, caplo
     monkeypatch.setenv("CONTIMPACT_COMPILED", "auto")
     module.spend(module.PAYS_AFTER)
     with caplog.at_level(logging.WARNING):
-        assert system_of(problem_of(), ()).compiled(1000) is None
+        assert backend_of(problem_of(), ()).compiled(1000) is None
     assert "RuntimeError: this Numba does not know how" in caplog.text
     assert not module.pays()  # not tried again
     monkeypatch.setenv("CONTIMPACT_COMPILED", "always")
     with pytest.raises(RuntimeError, match="does not know how"):
-        system_of(problem_of(), ()).compiled(1)
+        backend_of(problem_of(), ()).compiled(1)
 
 
 @pytest.fixture

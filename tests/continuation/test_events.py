@@ -11,17 +11,13 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from contimpact.continuation.arclength import point_after
+from contimpact.continuation.bordered import point_after
 from contimpact.continuation.branch import Event, Missed, Point
-from contimpact.continuation.events import (
-    Located,
-    Segment,
-    TestFunction,
-    UserFunction,
-    find_events,
-)
+from contimpact.continuation.events import find_events
+from contimpact.continuation.segment import Segment
 from contimpact.continuation.settings import Settings
 from contimpact.continuation.sign_changes import DIPS, Sample, Stretch, crossings, suspects
+from contimpact.continuation.test_function import Located, TestFunction, UserFunction
 from contimpact.continuation.walk import walk
 
 EPSILON = float(np.finfo(float).eps)

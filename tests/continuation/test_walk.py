@@ -10,9 +10,9 @@ import pytest
 from algebraic import Algebraic, follow
 
 from contimpact.continuation.branch import End, EndKind, Event, joined
-from contimpact.continuation.events import TestFunction, UserFunction
 from contimpact.continuation.refusal import Refusal, Refused
 from contimpact.continuation.settings import Settings
+from contimpact.continuation.test_function import TestFunction, UserFunction
 from contimpact.continuation.walk import walk
 
 EPSILON = float(np.finfo(float).eps)

@@ -12,8 +12,8 @@ from zoo import ROOT
 
 from contimpact.accuracy.reference import Reference
 from contimpact.bifurcations.kinds import test_functions as make_tests
-from contimpact.continuation.events import UserFunction
 from contimpact.continuation.settings import Settings
+from contimpact.continuation.test_function import UserFunction
 from contimpact.following.orbit_branch import both_ways
 from contimpact.models.word import Word
 from contimpact.orbits.problem import OrbitProblem

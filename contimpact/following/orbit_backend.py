@@ -1,7 +1,7 @@
 """Routine steps along a branch of orbits with one degree of freedom: many points at a time.
 
 Everything a step needs of the orbit problem and of the test functions, as functions in the plain
-subset of Python on flat vectors: `contimpact.continuation.march` runs them, plainly or compiled.
+subset of Python on flat vectors: `contimpact.continuation.step` runs them, plainly or compiled.
 """
 
 from __future__ import annotations
@@ -24,10 +24,20 @@ from ..bifurcations.unfolding import meeting
 from ..bifurcations.zero_duration import ZeroDuration
 from ..bifurcations.zero_velocity import ZeroVelocity
 from ..compiling.compiled import Compiled, compiled, mode, spend
-from ..continuation.branch import Walk
-from ..continuation.events import TestFunction
-from ..continuation.march import EVALUATIONS, EXTRA, Footing, Made, march
+from ..continuation.batch import Batch, Notice, Position, Proposal, refusal
+from ..continuation.branch import Block, Walk
 from ..continuation.settings import Settings
+from ..continuation.step import (
+    EVALUATIONS,
+    HEAD,
+    ITERATIONS,
+    NEXT_STEP,
+    NOTICE,
+    REJECTED,
+    STEP,
+    take_steps,
+)
+from ..continuation.test_function import TestFunction
 from ..continuation.walk import walk
 from ..orbits.block_cyclic import (
     BLOCK,
@@ -59,7 +69,7 @@ WORTH = 64
 """Points asked for at once from which compiled code is looked for."""
 
 
-class OrbitSystem:
+class OrbitBackend:
     """An orbit problem with its test functions, for routine steps of a walk.
 
     Parameters
@@ -110,26 +120,45 @@ class OrbitSystem:
             velocities=vector([0.0] * count),
         )  # fmt: skip
 
-    def march(self, footing: Footing, settings: Settings, most: int) -> Made:
-        """Make routine steps, `most` of them unless one is not routine."""
-        n, q = len(footing.scale), len(self.tests)
-        width = 2 * n + EXTRA + q + DESCRIBED
+    def advance(self, position: Position, most: int) -> Batch:
+        """Take steps until one is proposed or refused, `most` at most."""
+        n, q = len(position.scale), len(self.tests)
+        width = 2 * n + HEAD + q + DESCRIBED
         fast = self.compiled(most)
         vector = _array if fast else _list
-        state, rows = vector(footing.state()), vector(np.zeros(width * most))
-        here = footing.here
-        points = (footing.scale, here.unknowns, here.tangent, footing.chord())
+        state, rows = vector(position.state()), vector(np.zeros(width * most))
+        work = np.zeros((4, n)) if fast else _list_table(4, n)
+        here = position.here
+        points = (position.scale, here.unknowns, here.tangent, position.chord())
         given: list[Any] = [
-            *(self.arrays if fast else [self.lists]), vector(footing.options(settings)), state,
-            *(vector(p) for p in points), np.zeros((4, n)) if fast else _list_table(4, n), rows,
+            *(self.arrays if fast else [self.lists]), vector(position.options(), float), state,
+            *(vector(p) for p in points), work, rows,
             *([vector([width, most])] if fast else [width, most]),
         ]  # fmt: skip
-        made = fast(*given) if fast else march(*self.functions, *given)
+        made = fast(*given) if fast else take_steps(*self.functions, *given)
         flights = int(state[EVALUATIONS]) * len(self.problem.word)
         self.problem.kernel_evaluations += flights
         spend(0 if fast else flights)
-        block = np.asarray(rows[: width * made]).reshape(made, width)
-        return Made.of(footing, state, block, most, self.problem.described)
+        table = np.asarray(rows).reshape(most, width)
+        notices = Notice(int(state[NOTICE]))
+        proposal = None
+        if notices:
+            piece, values = self.read(table[made : made + 1], n)
+            proposal = Proposal(piece, notices, float(state[NEXT_STEP]), values)
+        piece, values = self.read(table[:made], n)
+        return Batch(
+            piece if made else None, float(state[STEP]), int(state[ITERATIONS]),
+            int(state[REJECTED]), proposal, refusal(position, state, self.problem, work[1]), values,
+        )  # fmt: skip
+
+    def read(self, rows: Array, n: int) -> tuple[Block, Array]:
+        """The points in the rows of `take_steps`, and their test functions."""
+        mark, q = 2 * n, len(self.tests)
+        block = Block(
+            rows[:, :n], rows[:, n:mark], rows[:, mark], rows[:, mark + 1], rows[:, mark + 2],
+            rows[:, mark + HEAD + q :], self.problem.described,
+        )  # fmt: skip
+        return block.kept(), rows[:, mark + HEAD : mark + HEAD + q]
 
     @functools.cached_property
     def lists(self) -> Course:
@@ -182,11 +211,11 @@ def _array(numbers: Any, kind: type | None = None) -> Any:
 
 
 ARGUMENTS = "iiiff" "iff" "FFFF" "ffffff" "ff" "ffff" "Ffi"  # fmt: skip
-"""Kinds of the entry's arguments, in its order: a course's fields, then those of `march`."""
+"""Kinds of the entry's arguments, in its order: a course's fields, then those of `take_steps`."""
 
 
 def plain_functions(problem: OrbitProblem, fixed: list[float] | None) -> tuple[Any, Any, Any, Any]:
-    """Return what `march` needs of a problem: evaluate, solve, tangent_at and observe.
+    """Return what `take_steps` needs of a problem: evaluate, solve, tangent_at and observe.
 
     `fixed` are the zeros of the acceleration, where they are the same along the branch.
     """
@@ -250,7 +279,7 @@ def walk_orbits(
     """
     found = walk(
         problem, start, direction, parameter=problem.parameter, tests=tests,
-        system=system_of(problem, tests, gaps), meeting=meeting, **options,
+        backend=backend_of(problem, tests, gaps), meeting=meeting, **options,
     )  # fmt: skip
     if not gaps:
         return found
@@ -258,9 +287,9 @@ def walk_orbits(
     return explained(problem, found, tests, settings, switched)
 
 
-def system_of(
+def backend_of(
     problem: OrbitProblem, tests: Sequence[TestFunction], gaps: bool = True
-) -> OrbitSystem | None:
+) -> OrbitBackend | None:
     """Return a problem with its test functions for routine steps.
 
     None where there is none: for more than one degree of freedom, for two free parameters, and
@@ -270,4 +299,4 @@ def system_of(
     if problem.m != 2 or problem.free != 1 or any(place is None for place in places):
         return None
     wanted = gaps or any(isinstance(test, Grazing) for test in tests)
-    return OrbitSystem(problem, [place for found in places for place in found or ()], wanted)
+    return OrbitBackend(problem, [place for found in places for place in found or ()], wanted)

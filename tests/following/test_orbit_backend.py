@@ -10,7 +10,7 @@ import pytest
 from contimpact.bifurcations.kinds import test_functions as functions_of
 from contimpact.continuation.settings import Settings
 from contimpact.continuation.walk import walk
-from contimpact.following.orbit_march import system_of, walk_orbits
+from contimpact.following.orbit_backend import backend_of, walk_orbits
 from contimpact.orbits.search import find_orbits
 
 EVENTS = ("FB", "BP", "PD", "NS", "G", "V", "T")
@@ -79,11 +79,11 @@ def test_requested_values_are_among_the_test_functions(pair):
 
 
 def test_what_has_no_routine_steps_is_walked_step_by_step(pair):
-    from contimpact.continuation.events import UserFunction
+    from contimpact.continuation.test_function import UserFunction
 
     (orbit, *_) = find_orbits(pair(s=0.5), "BT", parameter="s")
     own = UserFunction("own", lambda point: point.parameter - 0.4)
-    assert system_of(orbit.problem, [own]) is None
+    assert backend_of(orbit.problem, [own]) is None
     walked = walk_orbits(orbit.problem, orbit.unknowns, -1, limits=(0.3, 0.6), tests=[own])
     assert [event.parameter for event in walked.events] == pytest.approx([0.4], abs=1e-12)
 

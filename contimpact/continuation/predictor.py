@@ -1,0 +1,43 @@
+"""The predictor: where the next point is guessed, along the tangent or the chord behind."""
+
+from __future__ import annotations
+
+from .branch import Point
+from .metric import norm
+from .problem import Array
+
+
+def predict(z, tangent, chord, secant, step, scale, guess):
+    """Fill `guess` with the point one step ahead of z.
+
+    Written in the plain subset of Python that `contimpact.compiling` compiles.
+
+    Parameters
+    ----------
+    z, tangent, chord : vector
+        The point, its unit tangent, and the way from the point before.
+    secant : bool
+        Whether to go on along the chord.
+    step : float
+    scale : vector
+    guess : vector
+    """
+    size = 1.0
+    if secant:
+        size = norm(chord, scale)
+    for i in range(len(z)):
+        guess[i] = z[i] + step * (chord[i] / size if secant else tangent[i])
+
+
+def cubic(left, right, rate, next_rate, span, s):
+    """Return a value of the cubic through two values with their rates, at a fraction s."""
+    t = 1.0 - s
+    return (
+        left * t * t * (1.0 + 2.0 * s) + right * s * s * (1.0 + 2.0 * t)
+        + span * s * t * (t * rate - s * next_rate)
+    )  # fmt: skip
+
+
+def hermite(left: Point, right: Point, span: float, fraction: float) -> Array:
+    """Return a value of the cubic through two points with their tangents."""
+    return cubic(left.unknowns, right.unknowns, left.tangent, right.tangent, span, fraction)
