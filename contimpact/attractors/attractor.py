@@ -19,6 +19,7 @@ import numpy as np
 
 from ..models.model import Model
 from ..models.word import Word
+from ..orbits.block_cyclic import roots
 from ..scenes.simulate_tables import SETTLING, Settling
 from ..segments.flight import flight_gaps
 from ..simulation.lyapunov import Exponents, exponents_of
@@ -403,12 +404,8 @@ def _product(
 
 def _eigenvalues(m: Sequence[float], det: float) -> tuple[complex, complex]:
     """The larger one first; the smaller one from the determinant."""
-    half = 0.5 * (m[0] + m[3])
-    square = half * half - det
-    if square < 0.0:
-        return complex(half, math.sqrt(-square)), complex(half, -math.sqrt(-square))
-    large = half + math.copysign(math.sqrt(square), half)
-    return large, det / large if large else 0.0
+    a, b, c, d = roots(1.0, -(m[0] + m[3]), det, det)
+    return complex(a, b), complex(c, d)
 
 
 def _as_cycle(

@@ -23,6 +23,7 @@ from ..orbits.problem import Array, OrbitProblem
 from .codimension_two import AlsoGrazes, AlsoStops
 from .extended_system import ExtendedSystem, located
 from .kind import Change, Details, Kind, Look, ManyDigits, System, Values
+from .orbit_test import Orbits, OrbitTest
 from .singular_cycle import ROUNDING, has_multiplier
 from .start import Start
 from .unfolding import Crossing, crossed, meeting, unfolding
@@ -31,14 +32,14 @@ UNFOLDED = 1e-8
 """Size of nu beyond which a curve of branch points has none any more."""
 
 
-class BranchPoint(TestFunction):
+class BranchPoint(OrbitTest):
     """The determinant of the Jacobian bordered by the tangent."""
 
     kind = "BP"
     rounding = ROUNDING
 
-    def values(self, point: Point) -> Array:
-        return np.array([point.orientation])
+    def of(self, orbits: Orbits) -> Array:
+        return orbits.orientations[:, None]
 
     def locate(self, problem: Any, guess: Point, index: int) -> Located | None:
         system = Crossing(problem)

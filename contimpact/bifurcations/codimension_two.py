@@ -107,7 +107,7 @@ class Resonance(OnCurve):
         self.changes = f"two multipliers are {multiplier}: a curve of NS begins"
 
     def of(self, here: CurvePoint) -> Any:
-        value = neimark_sacker(here.orbit.start, here.orbit.end)
+        value = float(neimark_sacker(here.orbit.stability.products))
         return value if abs(value) > 1e-9 else np.nan
 
 

@@ -21,7 +21,6 @@ from typing import Any
 
 import numpy as np
 
-from ..continuation.bordered import scaled_determinant
 from ..continuation.branch import Event, Point
 from ..continuation.test_function import Located, TestFunction
 from ..models.word import Word
@@ -30,19 +29,20 @@ from ..orbits.problem import Array, OrbitProblem
 from .codimension_two import AlsoGrazes, AlsoStops, CurvePoint, OnCurve, Resonance
 from .extended_system import ExtendedSystem, located
 from .kind import SUB, SUPER, Change, Details, Kind, Look, ManyDigits, System, Values
+from .orbit_test import Orbits, OrbitTest
 from .singular_cycle import ROUNDING, SingularCycle, has_multiplier
 from .start import Start
 
 
-class PeriodDoubling(TestFunction):
+class PeriodDoubling(OrbitTest):
     """The determinant of the cyclic block matrix with its last coupling multiplied by -1."""
 
     kind = "PD"
     rounding = ROUNDING
+    needs = ("doubling",)
 
-    def values(self, point: Point) -> Array:
-        matrix = point.evaluation.cyclic(-1.0)[:, :-1]
-        return np.array([scaled_determinant(matrix)])
+    def of(self, orbits: Orbits) -> Array:
+        return orbits.doubling[:, None]
 
     def locate(self, problem: Any, guess: Point, index: int) -> Located | None:
         return located(SingularCycle(problem, -1.0), guess)

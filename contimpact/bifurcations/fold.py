@@ -13,17 +13,18 @@ from ..orbits.problem import Array, OrbitProblem
 from .codimension_two import AlsoGrazes, AlsoStops, CurvePoint, OnCurve, Resonance
 from .extended_system import ExtendedSystem, located
 from .kind import Change, Details, Kind, Look, ManyDigits, System, Values
+from .orbit_test import Orbits, OrbitTest
 from .singular_cycle import SingularCycle, has_multiplier
 from .unfolding import stands_upright
 
 
-class Fold(TestFunction):
+class Fold(OrbitTest):
     """The parameter's component of the tangent."""
 
     kind = "FB"
 
-    def values(self, point: Point) -> Array:
-        return point.tangent[-1:]
+    def of(self, orbits: Orbits) -> Array:
+        return orbits.tangents[:, -1:]
 
     def locate(self, problem: Any, guess: Point, index: int) -> Located | None:
         return located(SingularCycle(problem, 1.0), guess)

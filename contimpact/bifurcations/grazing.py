@@ -32,6 +32,7 @@ from ..segments.flight import Touch
 from .codimension_two import CurvePoint, touch_points
 from .extended_system import Assembled, ExtendedSystem, located
 from .kind import SUB, SUPER, Change, Details, Kind, Look, ManyDigits, System, Values
+from .orbit_test import Orbits, OrbitTest
 from .start import Start, regular
 
 TOUCHING = 1e-9
@@ -44,10 +45,11 @@ ROUNDING = 1e-14
 """Rounding of gaps as part of the distance between walls."""
 
 
-class Grazing(TestFunction):
+class Grazing(OrbitTest):
     """The smallest interior gap of each flight and wall."""
 
     kind = "G"
+    needs = ("gaps",)
 
     def __init__(self, problem: OrbitProblem) -> None:
         walls = [w.name for w in problem.model.WALLS]
@@ -56,11 +58,9 @@ class Grazing(TestFunction):
         self.rounding = ROUNDING * max(abs(position) for position in positions)
         self.guides = len(problem.word)
 
-    def values(self, point: Point) -> Array:
+    def of(self, orbits: Orbits) -> Array:
         """Gaps; then, to see where extrema of a flight are born, how nearly it turns elsewhere."""
-        flights = point.evaluation.gaps
-        gaps = [np.nan if t is None else t.gap for flight in flights for t in flight.touches]
-        return np.array(gaps + [flight.slowest for flight in flights])
+        return np.hstack([orbits.gaps.reshape(len(orbits.gaps), -1), orbits.slowest])
 
     def guided(self, left: Array, right: Array) -> Array:
         """Flights that turn nowhere at either end of a segment may do so between."""

@@ -9,29 +9,20 @@ from typing import Any
 import numpy as np
 
 from ..continuation.branch import Point
-from ..continuation.test_function import Located, TestFunction
+from ..continuation.test_function import Located
 from ..orbits.linearisation import Linearisation
 from ..orbits.problem import Array, OrbitProblem
 from ..orbits.rounding import rounding
 from .extended_system import Assembled, ExtendedSystem, located
+from .orbit_test import OneOrbit, OrbitTest
 
 
-class ScalarTest(TestFunction):
+class ScalarTest(OrbitTest):
     """A function of the unknowns with a known gradient: F = 0 and this function = 0."""
 
     @abstractmethod
-    def scalar(self, problem: OrbitProblem, z: Array, index: int) -> tuple[float, Array]:
-        """Return the function and its gradient, shape (n + 1,)."""
-
-    def values(self, point: Point) -> Array:
-        problem = point.evaluation.problem
-        return np.array(
-            [self.scalar(problem, point.unknowns, i)[0] for i in range(self.count(problem))]
-        )
-
-    def count(self, problem: OrbitProblem) -> int:
-        """Return how many functions there are."""
-        return len(problem.word)
+    def gradient(self, problem: OrbitProblem, z: Array, index: int) -> Array:
+        """Return the gradient of one of the values, shape (n + 1,)."""
 
     def locate(self, problem: Any, guess: Point, index: int) -> Located | None:
         system = Reached(problem, self, index)
@@ -61,7 +52,8 @@ class Reached(ExtendedSystem):
         return np.zeros(0)
 
     def assemble(self, here: Linearisation, own: Array) -> Assembled:
-        value, gradient = self.test.scalar(self.problem, here.unknowns, self.index)
+        value = self.test.of(OneOrbit(here))[0, self.index]
+        gradient = self.test.gradient(self.problem, here.unknowns, self.index)
         return Assembled(np.append(here.residual, value), np.vstack([here.jacobian, gradient]))
 
     def rounding(self, here: Linearisation, own: Array) -> Array:

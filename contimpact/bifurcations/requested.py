@@ -13,6 +13,7 @@ from ..orbits.rounding import rounding_of_setup
 from .extended_system import EPSILON, ExtendedSystem
 from .kind import Details, Kind, Look, ManyDigits, System, Values
 from .names import REQUESTED
+from .orbit_test import Orbits
 from .reached import Reached, ScalarTest
 
 
@@ -35,21 +36,21 @@ class Requested(ScalarTest):
                 accepted = f"accepted are {', '.join(known)}"
                 raise InputError(f"values.{name}", "it does not vary along the branch", accepted)
         self.requested = [(name, float(v)) for name, values in requested.items() for v in values]
+        derived = list(problem.model.DERIVED)
+        self.columns = [derived.index(n) if n in derived else -1 for n, _ in self.requested]
 
-    def count(self, problem: OrbitProblem) -> int:
-        return len(self.requested)
+    def of(self, orbits: Orbits) -> Array:
+        """The columns of the derived parameters, the free one last, minus the values."""
+        columns = np.hstack([orbits.derived, orbits.unknowns[:, -1:]])
+        return columns[:, self.columns] - [value for _, value in self.requested]
 
-    def scalar(self, problem: OrbitProblem, z: Array, index: int) -> tuple[float, Array]:
-        name, wanted = self.requested[index]
-        gradient = np.zeros(len(z))
-        if name == problem.parameter:
-            gradient[-1] = 1.0
-            return float(z[-1]) - wanted, gradient
-        names = problem.model.DERIVED
-        derived = problem.kernels.setup(*problem.values(z))[3 + len(problem.model.WALLS) :]
-        place = names.index(name)
-        gradient[-1] = derived[len(names) + place]
-        return derived[place] - wanted, gradient
+    def gradient(self, problem: OrbitProblem, z: Array, index: int) -> Array:
+        gradient, column = np.zeros(len(z)), self.columns[index]
+        gradient[-1] = 1.0
+        if column >= 0:
+            slopes = 3 + len(problem.model.WALLS) + len(problem.model.DERIVED)
+            gradient[-1] = problem.kernels.setup(*problem.values(z))[slopes + column]
+        return gradient
 
     def noise_of(self, problem: OrbitProblem, z: Array, index: int) -> float:
         name, wanted = self.requested[index]

@@ -7,23 +7,22 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..continuation.branch import Event, Point
+from ..continuation.branch import Event
 from ..continuation.test_function import TestFunction
-from ..orbits.linearisation import Linearisation
 from ..orbits.multipliers import neimark_sacker
 from ..orbits.problem import Array, OrbitProblem
 from .kind import Change, Details, Kind, Look, ManyDigits, System, Values
+from .orbit_test import Orbits, OrbitTest
 
 
-class NeimarkSacker(TestFunction):
+class NeimarkSacker(OrbitTest):
     """The product of two multipliers minus one."""
 
     kind = "NS"
     noise = 1e-9  # without damping and losses the product is one everywhere, within rounding
 
-    def values(self, point: Point) -> Array:
-        here: Linearisation = point.evaluation
-        return np.array([neimark_sacker(here.start, here.end)])
+    def of(self, orbits: Orbits) -> Array:
+        return neimark_sacker(orbits.products)[:, None]
 
     def accept(self, event: Event) -> bool:
         """Two real multipliers with the product one are a neutral saddle."""

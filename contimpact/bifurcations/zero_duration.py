@@ -6,13 +6,13 @@ from typing import Any
 
 import numpy as np
 
-from ..continuation.branch import Point
 from ..continuation.test_function import TestFunction
 from ..orbits.physicality import OUT_OF_ORDER
 from ..orbits.problem import Array, OrbitProblem
 from ..orbits.rounding import rounding_of_setup
 from .extended_system import EPSILON, ExtendedSystem
 from .kind import Change, Details, Kind, Look, ManyDigits, System, Values
+from .orbit_test import Orbits
 from .reached import Reached, ScalarTest
 
 
@@ -26,21 +26,23 @@ class ZeroDuration(ScalarTest):
     kind = "T"
     vanishing = 1e-12
 
-    def values(self, point: Point) -> Array:
-        found = super().values(point)
-        return np.where(np.abs(found) < self.vanishing, np.nan, found)
+    def __init__(self, problem: OrbitProblem) -> None:
+        self.times = np.arange(0, problem.n, problem.m)
 
-    def scalar(self, problem: OrbitProblem, z: Array, index: int) -> tuple[float, Array]:
+    def of(self, orbits: Orbits) -> Array:
+        times = orbits.unknowns[:, self.times]
+        return np.diff(times, axis=1, append=times[:, :1] + orbits.spans[:, None])
+
+    def gradient(self, problem: OrbitProblem, z: Array, index: int) -> Array:
         m, n = problem.m, problem.n
         i, j = m * index, m * (index + 1)
         gradient = np.zeros(len(z))
         gradient[i] -= 1.0
         gradient[j % n] += 1.0
-        if j < n:
-            return float(z[j] - z[i]), gradient
-        period, slope = problem.kernels.setup(*problem.values(z))[:2]
-        gradient[n] = problem.word.period * slope
-        return float(z[0] + problem.word.period * period - z[i]), gradient
+        if j == n:
+            slope = problem.kernels.setup(*problem.values(z))[1]
+            gradient[n] = problem.word.period * slope
+        return gradient
 
     def described(self, problem: OrbitProblem, index: int) -> dict[str, Any]:
         return {"flight": index}
@@ -59,10 +61,10 @@ class T(Kind):
     look = Look("X")
 
     def test(self, problem: OrbitProblem, values: Values) -> TestFunction:
-        return ZeroDuration()
+        return ZeroDuration(problem)
 
     def equations(self, problem: OrbitProblem, details: Details) -> ExtendedSystem:
-        return Reached(problem, ZeroDuration(), details["flight"])
+        return Reached(problem, ZeroDuration(problem), details["flight"])
 
     def in_many_digits(self, orbit: ManyDigits, unknowns: Array, details: Details) -> System:
         return orbit.vanishing(lambda x: orbit.duration(x, details["flight"]))

@@ -20,6 +20,7 @@ from ..orbits.problem import Array, OrbitProblem
 from .codimension_two import CurvePoint, touch_points
 from .extended_system import ExtendedSystem
 from .kind import Change, Details, Kind, Look, ManyDigits, System, Values
+from .orbit_test import Orbits
 from .reached import Reached, ScalarTest
 from .start import Start, regular
 
@@ -31,13 +32,16 @@ class ZeroVelocity(ScalarTest):
 
     def __init__(self, problem: OrbitProblem) -> None:
         sides = {w.name: float(w.side) for w in problem.model.WALLS}
-        self.sides = [sides[w] for w in problem.word.walls]
+        self.sides = np.array([sides[w] for w in problem.word.walls])
+        self.velocities = np.arange(1, problem.n, problem.m)
 
-    def scalar(self, problem: OrbitProblem, z: Array, index: int) -> tuple[float, Array]:
-        position = problem.m * index + 1
+    def of(self, orbits: Orbits) -> Array:
+        return self.sides * orbits.unknowns[:, self.velocities]
+
+    def gradient(self, problem: OrbitProblem, z: Array, index: int) -> Array:
         gradient = np.zeros(len(z))
-        gradient[position] = self.sides[index]
-        return self.sides[index] * float(z[position]), gradient
+        gradient[self.velocities[index]] = self.sides[index]
+        return gradient
 
     def described(self, problem: OrbitProblem, index: int) -> dict[str, Any]:
         return {"impact": index, "wall": problem.word.walls[index]}

@@ -104,14 +104,11 @@ class Proposal:
     notices : Notice
     next_step : float
         The length to go on with if it is accepted.
-    values : ndarray of shape (1, q) or None
-        The test functions there, where the backend has evaluated them.
     """
 
     piece: Point | Block
     notices: Notice
     next_step: float
-    values: Array | None = None
 
     @property
     def point(self) -> Point:
@@ -134,8 +131,6 @@ class Batch:
         The step after them, if it is for the walker to judge.
     refused : Refused or None
         Why the step after them was refused, however short.
-    values : ndarray of shape (P, q) or None
-        The test functions at the points, where the backend has evaluated them.
     """
 
     piece: Point | Block | None
@@ -144,7 +139,6 @@ class Batch:
     rejected: int
     proposal: Proposal | None = None
     refused: Refused | None = None
-    values: Array | None = None
 
     @property
     def routine(self) -> bool:

@@ -186,6 +186,8 @@ class Block:
         The evaluation at a point.
     sign, origin : float
         A point lies at arclength origin + sign s; its tangent and orientation are turned with it.
+    measured : object
+        What else the problem's test functions go by; not kept in parts of a block.
     """
 
     unknowns: Array
@@ -197,12 +199,14 @@ class Block:
     make: Callable[[Array, Array], Any]
     sign: float = 1.0
     origin: float = 0.0
+    measured: object = None
 
     def __len__(self) -> int:
         return len(self.iterations)
 
     def __getitem__(self, rows: slice) -> Block:
-        return replace(self, **{name: getattr(self, name)[rows] for name in self._arrays})
+        parts = {name: getattr(self, name)[rows] for name in self._arrays}
+        return replace(self, measured=None, **parts)
 
     _arrays = ("unknowns", "tangents", "orientations", "arclengths", "iterations", "described")
 

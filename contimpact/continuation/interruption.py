@@ -12,7 +12,7 @@ from typing import TypeVar
 
 from .branch import End, EndKind, Walk
 
-Made = TypeVar("Made")
+T = TypeVar("T")
 
 
 class Interrupted(KeyboardInterrupt):
@@ -52,7 +52,7 @@ def interrupted(ends: Iterable[End]) -> bool:
     return any(end.kind is EndKind.INTERRUPTED for end in ends)
 
 
-def undisturbed(make: Callable[[], Made]) -> Made:
+def undisturbed(make: Callable[[], T]) -> T:
     """Return what is made, begun again if it is interrupted.
 
     For what takes a moment and without which long work would be lost; a second interruption leaves.

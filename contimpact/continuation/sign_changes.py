@@ -228,6 +228,11 @@ def noteworthy(values: Array, arclengths: Array) -> list[int]:
         Test functions.
     arclengths : ndarray of shape (P + 2,)
     """
+    if len(values) == 3:
+        a, b, c = values
+        behind, ahead = np.diff(arclengths)
+        found, _ = suspects(a, b, c, np.full(len(c), np.nan), behind, ahead, np.nan)
+        return [0] if np.any(crosses(b, c) | (found > 0)) else []
     a, b, c = values[:-2], values[1:-1], values[2:]
     d = np.vstack([values[3:], np.full((1, values.shape[1]), np.nan)])
     steps = np.diff(arclengths)

@@ -138,16 +138,17 @@ def attempt(
     if orientation != orientation:
         return NO_TANGENT
     turned = angle(along, tangent, scale)
-    off = defect(z, new, tangent, along, scale)
+    travelled = distance(new, z, scale)
+    off = defect(z, new, tangent, along, travelled, scale)
     state[CORRECTION], state[TURNED], state[DEFECT] = first, turned, off
     if not turned <= options[MAX_ANGLE]:
         return TURNS
     if not off <= options[MAX_DEFECT]:
         return BENDS
-    if leaves(z, new, tangent, along, scale, options[LOW], options[HIGH]):
+    if leaves(z, new, tangent, along, travelled, options[LOW], options[HIGH]):
         return LEAVES
     rows[mark] = orientation
-    rows[mark + 1] = state[ARCLENGTH] + distance(new, z, scale)
+    rows[mark + 1] = state[ARCLENGTH] + travelled
     rows[mark + 2] = iterations
     state[NEXT_STEP] = step_after(
         state[STEP], turned, first, off, options[MAX_ANGLE], options[MAX_DEFECT], options[MAX_STEP]
@@ -169,7 +170,7 @@ def accept(state, z, tangent, chord, new, along, orientation, arclength):
     state[STEP] = state[NEXT_STEP]
 
 
-def leaves(z, new, tangent, along, scale, low, high):
+def leaves(z, new, tangent, along, travelled, low, high):
     """Whether the parameter turns beyond a limit between two points within the range.
 
     Where it turns, by the cubic through both points with their tangents.
@@ -178,7 +179,7 @@ def leaves(z, new, tangent, along, scale, low, high):
     if tangent[last] * along[last] >= 0.0 or not low <= new[last] <= high:
         return False
     s = tangent[last] / (tangent[last] - along[last])
-    highest = cubic(z[last], new[last], tangent[last], along[last], distance(new, z, scale), s)
+    highest = cubic(z[last], new[last], tangent[last], along[last], travelled, s)
     return not low <= highest <= high
 
 

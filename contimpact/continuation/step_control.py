@@ -7,21 +7,18 @@ from __future__ import annotations
 
 import math
 
-from .metric import distance
-
 LARGEST_DEFECT = 0.1
 """Largest defect of a step (see `defect`), as part of the largest angle."""
 
 
-def defect(z, new, tangent, along, scale):
+def defect(z, new, tangent, along, size, scale):
     """Return by how much a step differs from what the tangents at its ends make of it.
 
     The distance between the chord and the mean of both unit tangents times the chord's length, as
     part of that length: the error of the trapezoidal rule. It falls with the square of the step
     where the branch is resolved, and does not where a step spans a wiggle, however well the
-    tangents agree.
+    tangents agree. `size` is the distance of both points.
     """
-    size = distance(new, z, scale)
     if size == 0.0:
         return 0.0
     off = 0.0

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from .branch import Event, Point
+from .branch import Block, Event, Point
 from .problem import Array, Problem
 
 
@@ -54,6 +54,17 @@ class TestFunction(ABC):
         """Return `values`, and count the evaluation."""
         self.evaluations += 1
         return self.values(point)
+
+    def on(self, piece: Point | Block) -> Array:
+        """Return the values at every point of a piece, and count the evaluations, shape (P, q)."""
+        if isinstance(piece, Point):
+            return self.at(piece)[None]
+        self.evaluations += len(piece)
+        return self.batch(piece)
+
+    def batch(self, block: Block) -> Array:
+        """Return the values at every point of a block, shape (P, q)."""
+        return np.array([self.values(block.point(i)) for i in range(len(block))])
 
     @abstractmethod
     def values(self, point: Point) -> Array:

@@ -238,7 +238,7 @@ class _Walker:
     def follow(self, batch: Batch) -> tuple[float, End | None]:
         """Record what was made, and judge what was not; returns the next step, or the end."""
         if batch.piece is not None:
-            end = self.record(batch.piece, batch.values)
+            end = self.record(batch.piece)
             if end is not None:
                 return batch.step, end
         if batch.routine or self.grow():
@@ -255,17 +255,16 @@ class _Walker:
         if refused is None and Notice.BEYOND in proposal.notices:
             last, iterations = on_limit(segment, self.limits)
             self.iterations += iterations
+            if last is not None and last.arclength > here.arclength:
+                return step, self.record(last, EndKind.RANGE)
             if last is not None:
-                further = last.arclength > here.arclength
-                return step, self.record(last, None, EndKind.RANGE) if further else self.end(
-                    EndKind.RANGE
-                )
+                return step, self.end(EndKind.RANGE)
             refused = Refused(Refusal.NO_LIMIT)
         if refused is None:
             start = self.closing(segment) if Notice.NEAR_START in proposal.notices else None
             if start is not None:
-                return step, self.record(start, None, EndKind.CLOSED)
-            return proposal.next_step, self.record(proposal.piece, proposal.values)
+                return step, self.record(start, EndKind.CLOSED)
+            return proposal.next_step, self.record(proposal.piece)
         self.rejected += 1
         floor = self.numerics(here).min_step
         return (shorter(step, floor), None) if step > floor else self.look_about(step, refused)
@@ -285,15 +284,13 @@ class _Walker:
     def segment(self, left: Point, right: Point) -> Segment:
         return Segment(self.problem, left, right, self.scale, self.settings)
 
-    def record(
-        self, piece: Point | Block, values: Array | None, ending: EndKind | None = None
-    ) -> End | None:
+    def record(self, piece: Point | Block, ending: EndKind | None = None) -> End | None:
         """Record points with the events between them; returns the end if it has come.
 
         That is the one that was to follow, or one that `stop` or `callback` decide on.
         """
         new = Points([piece])
-        seen = self.tested(new, values, ending)
+        seen = self.tested(piece, new, ending)
         marked = set(seen.noteworthy())
         done = 0
         for i in range(len(new)) if self.watched else sorted(marked):
@@ -311,18 +308,13 @@ class _Walker:
         self.seen = seen.last()
         return self.end(ending) if ending else None
 
-    def tested(self, new: Points, values: Array | None, ending: EndKind | None) -> Samples:
+    def tested(self, piece: Point | Block, new: Points, ending: EndKind | None) -> Samples:
         """The test functions at new points, and at the two before.
 
         No walk comes from beyond a limit of the range: a zero on it, within its error, is found
         from inside.
         """
-        began = time.perf_counter()
-        if values is None:
-            values = np.array([[v for test in self.tests for v in test.at(p)] for p in new])
-        else:
-            for test in self.tests:
-                test.evaluations += len(new)
+        values = np.hstack([np.zeros((len(new), 0)), *(test.on(piece) for test in self.tests)])
         seen = self.seen.then(new.arclengths, values)
         first, second = seen.values[1], seen.values[2]
         if len(self.points) == 1 and self.branching:
@@ -331,7 +323,6 @@ class _Walker:
             first[:] = apart(first, second)
         if ending is EndKind.RANGE:
             second[:] = apart(second, first)
-        self.seconds_in_events += time.perf_counter() - began
         return seen
 
     def events_before(self, point: Point, stretch: Stretch) -> list[Event]:

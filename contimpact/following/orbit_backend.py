@@ -1,28 +1,18 @@
-"""Routine steps along a branch of orbits with one degree of freedom: many points at a time.
-
-Everything a step needs of the orbit problem and of the test functions, as functions in the plain
-subset of Python on flat vectors: `contimpact.continuation.step` runs them, plainly or compiled.
-"""
+"""The backend for orbits with one degree of freedom: many steps at a time, plain or compiled."""
 
 from __future__ import annotations
 
 import functools
 import math
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ..bifurcations.branch_point import BranchPoint
-from ..bifurcations.doubling import PeriodDoubling
-from ..bifurcations.fold import Fold
-from ..bifurcations.grazing import Grazing
-from ..bifurcations.requested import Requested
+from ..bifurcations.orbit_test import ManyOrbits, OrbitTest
 from ..bifurcations.status import explained
-from ..bifurcations.torus import NeimarkSacker
 from ..bifurcations.unfolding import meeting
-from ..bifurcations.zero_duration import ZeroDuration
-from ..bifurcations.zero_velocity import ZeroVelocity
 from ..compiling.compiled import Compiled, compiled, mode, spend
 from ..continuation.batch import Batch, Notice, Position, Proposal, refusal
 from ..continuation.branch import Block, Walk
@@ -39,22 +29,17 @@ from ..continuation.step import (
 )
 from ..continuation.test_function import TestFunction
 from ..continuation.walk import walk
-from ..orbits.block_cyclic import (
-    BLOCK,
-    KEPT,
-)
+from ..orbits.block_cyclic import BLOCK, KEPT
 from ..orbits.problem import Array, OrbitProblem
 from ..segments.flight import excursion_of
 from ..segments.zeros import time_zeros
-from .routine import (
-    BP,
+from .orbit_functions import (
     DESCRIBED,
-    FB,
-    LISTS,
-    NS,
-    PARAMETER,
-    PD,
-    Course,
+    DETERMINANT,
+    MEASURED,
+    PRODUCT,
+    SPAN,
+    OrbitVectors,
     evaluate_cycle,
     newton_step,
     observe_cycle,
@@ -70,63 +55,60 @@ WORTH = 64
 
 
 class OrbitBackend:
-    """An orbit problem with its test functions, for routine steps of a walk.
+    """An orbit problem as steps ask for it: block-cyclic elimination, many steps at a time.
 
     Parameters
     ----------
     problem : OrbitProblem
         With one degree of freedom and one free parameter.
-    tests : sequence of (place, target)
-        The test functions, by their places in `Course.facts`.
     gaps : bool
         Whether to decide at every point if it is physical.
+    doubling : bool
+        Whether the determinant of a PD is wanted.
     """
 
-    def __init__(
-        self, problem: OrbitProblem, tests: Sequence[tuple[int, float]], gaps: bool
-    ) -> None:
-        self.problem, self.gaps, self.tests = problem, gaps, list(tests)
+    def __init__(self, problem: OrbitProblem, gaps: bool, doubling: bool) -> None:
+        self.problem, self.gaps, self.doubling = problem, gaps, doubling
         kernels, values = problem.kernels, problem.model.values.values()
         self.fixed = kernels.setup(*values)
         self.zeros = time_zeros(kernels.harmonics(*values), self.fixed[0])
         self.functions = plain_functions(problem, self.zeros)
+        self.count, self.walls = len(problem.word), len(problem.model.WALLS)
+        self.derived = len(problem.model.DERIVED)
 
-    def course(self, vector: Callable[..., Any], table: Callable[[int, int], Any]) -> Course:
+    def vectors(self, vector: Callable[..., Any], table: Callable[[int, int], Any]) -> OrbitVectors:
         """The branch as vectors and tables: lists, or arrays for compiled code."""
-        problem = self.problem
+        problem, count, walls = self.problem, self.count, self.walls
         named = [wall.name for wall in problem.model.WALLS]
         word = [named.index(letter) for letter in problem.word.walls]
-        count, walls = len(word), len(named)
         place = list(problem.model.values).index(problem.parameter)
-        values = list(problem.model.values.values())
-        places, targets = [place for place, _ in self.tests], [target for _, target in self.tests]
-        facts = LISTS + count * (walls + 3)
-        return Course(
+        wanted = [int(self.gaps), int(self.doubling)]
+        return OrbitVectors(
             kinds=vector([a * walls + b for a, b in zip(word, word[1:] + word[:1], strict=True)]),
             word=vector(word),
-            counts=vector([
-                walls, problem.word.period, place, int(self.gaps), int(PD in places),
-                int(max(places, default=0) >= facts),
-            ]),
-            values=vector(values),
+            counts=vector([walls, problem.word.period, place, self.derived, *wanted]),
+            values=vector(list(problem.model.values.values())),
             sides=vector([float(wall.side) for wall in problem.model.WALLS]),
-            places=vector(places), targets=vector(targets, float),
             zeros=vector([0.0] * 2 if self.variant == "single" else self.zeros or [], float),
-            blocks=table(count, BLOCK), kept=table(count, KEPT), reduced=table(1, KEPT),
+            blocks=table(count, BLOCK),
+            kept=table(count, KEPT),
+            reduced=table(1, KEPT),
             fixed=table(1, len(self.fixed)),
-            clock=vector([0.0] * 2), facts=vector([0.0] * (facts + len(self.fixed))),
+            clock=vector([0.0] * 2),
             durations=vector([0.0] * count),
-            gaps=vector([0.0] * count * walls), times=vector([0.0] * count * walls),
+            gaps=vector([0.0] * count * walls),
+            times=vector([0.0] * count * walls),
             velocities=vector([0.0] * count),
-        )  # fmt: skip
+        )
 
     def advance(self, position: Position, most: int) -> Batch:
         """Take steps until one is proposed or refused, `most` at most."""
-        n, q = len(position.scale), len(self.tests)
-        width = 2 * n + HEAD + q + DESCRIBED
+        n = len(position.scale)
+        width = 2 * n + HEAD + MEASURED + self.count * (self.walls + 1) + self.derived
         fast = self.compiled(most)
         vector = _array if fast else _list
-        state, rows = vector(position.state()), vector(np.zeros(width * most))
+        state = vector(position.state())
+        rows = np.zeros(width * most) if fast else [0.0] * (width * most)
         work = np.zeros((4, n)) if fast else _list_table(4, n)
         here = position.here
         points = (position.scale, here.unknowns, here.tangent, position.chord())
@@ -136,39 +118,48 @@ class OrbitBackend:
             *([vector([width, most])] if fast else [width, most]),
         ]  # fmt: skip
         made = fast(*given) if fast else take_steps(*self.functions, *given)
-        flights = int(state[EVALUATIONS]) * len(self.problem.word)
+        flights = int(state[EVALUATIONS]) * self.count
         self.problem.kernel_evaluations += flights
         spend(0 if fast else flights)
         table = np.asarray(rows).reshape(most, width)
+        del given, rows  # lists take four times the space
         notices = Notice(int(state[NOTICE]))
         proposal = None
         if notices:
-            piece, values = self.read(table[made : made + 1], n)
-            proposal = Proposal(piece, notices, float(state[NEXT_STEP]), values)
-        piece, values = self.read(table[:made], n)
+            proposed = self.block(table[made : made + 1], n)
+            proposal = Proposal(proposed, notices, float(state[NEXT_STEP]))
         return Batch(
-            piece if made else None, float(state[STEP]), int(state[ITERATIONS]),
-            int(state[REJECTED]), proposal, refusal(position, state, self.problem, work[1]), values,
+            self.block(table[:made], n) if made else None, float(state[STEP]),
+            int(state[ITERATIONS]), int(state[REJECTED]), proposal,
+            refusal(position, state, self.problem, work[1]),
         )  # fmt: skip
 
-    def read(self, rows: Array, n: int) -> tuple[Block, Array]:
-        """The points in the rows of `take_steps`, and their test functions."""
-        mark, q = 2 * n, len(self.tests)
+    def block(self, rows: Array, n: int) -> Block:
+        """The points in the rows of `take_steps`."""
+        mark = 2 * n
+        seen = rows[:, mark + HEAD :]
         block = Block(
             rows[:, :n], rows[:, n:mark], rows[:, mark], rows[:, mark + 1], rows[:, mark + 2],
-            rows[:, mark + HEAD + q :], self.problem.described,
+            seen[:, :DESCRIBED], self.problem.described,
+        ).kept()  # fmt: skip
+        gaps, turns = MEASURED + self.count * self.walls, self.count
+        measured = ManyOrbits(
+            block.unknowns, block.tangents, block.orientations, seen[:, SPAN],
+            seen[:, DETERMINANT], seen[:, PRODUCT, None],
+            seen[:, MEASURED:gaps].reshape(-1, self.count, self.walls),
+            seen[:, gaps : gaps + turns], seen[:, gaps + turns :],
         )  # fmt: skip
-        return block.kept(), rows[:, mark + HEAD : mark + HEAD + q]
+        return replace(block, measured=measured)
 
     @functools.cached_property
-    def lists(self) -> Course:
+    def lists(self) -> OrbitVectors:
         """The branch as lists, for a plain run."""
-        return self.course(_list, _list_table)
+        return self.vectors(_list, _list_table)
 
     @functools.cached_property
-    def arrays(self) -> Course:
+    def arrays(self) -> OrbitVectors:
         """The branch as arrays, for compiled code."""
-        return self.course(_array, lambda rows, columns: np.zeros((rows, columns)))
+        return self.vectors(_array, lambda rows, columns: np.zeros((rows, columns)))
 
     def compiled(self, most: int) -> Compiled | None:
         """Compiled code, where there is any and the work is worth it."""
@@ -210,8 +201,8 @@ def _array(numbers: Any, kind: type | None = None) -> Any:
     return np.array(numbers, dtype=kind)
 
 
-ARGUMENTS = "iiiff" "iff" "FFFF" "ffffff" "ff" "ffff" "Ffi"  # fmt: skip
-"""Kinds of the entry's arguments, in its order: a course's fields, then those of `take_steps`."""
+ARGUMENTS = "iiifff" "FFFF" "fffff" "ff" "ffff" "Ffi"  # fmt: skip
+"""Kinds of the entry's arguments: those of `OrbitVectors`, then those of `take_steps`."""
 
 
 def plain_functions(problem: OrbitProblem, fixed: list[float] | None) -> tuple[Any, Any, Any, Any]:
@@ -227,52 +218,26 @@ def plain_functions(problem: OrbitProblem, fixed: list[float] | None) -> tuple[A
     def setup(values):
         return kernels.setup(*values)
 
-    def evaluate(course, z):
+    def evaluate(orbit, z):
         try:
-            return evaluate_cycle(flight, setup, course, z)
+            return evaluate_cycle(flight, setup, orbit, z)
         except (ArithmeticError, ValueError):
             return math.nan
 
     def breaks(values, period, zeros):
         return time_zeros(kernels.harmonics(*values), period) if moving else fixed
 
-    def observe(course, z, tangent, orientation, rows, at):
-        return observe_cycle(breaks, excursion, course, z, tangent, orientation, rows, at)
+    def observe(orbit, z, tangent, orientation, rows, at):
+        return observe_cycle(breaks, excursion, orbit, z, tangent, orientation, rows, at)
 
     return evaluate, newton_step, tangent_of_cycle, observe
-
-
-def places_of(problem: OrbitProblem, test: TestFunction) -> list[tuple[int, float]] | None:
-    """Return the places of a test function's values, and what each is to reach.
-
-    None for one that has none.
-    """
-    count, walls = len(problem.word), len(problem.model.WALLS)
-    one = {Fold: FB, BranchPoint: BP, PeriodDoubling: PD, NeimarkSacker: NS}.get(type(test))
-    if one is not None:
-        return [(one, 0.0)]
-    velocities = LISTS + walls * count
-    slowest = velocities + 2 * count
-    if isinstance(test, Grazing):
-        gaps = range(LISTS, LISTS + walls * count)
-        return [(place, 0.0) for place in (*gaps, *range(slowest, slowest + count))]
-    first = {ZeroVelocity: velocities, ZeroDuration: velocities + count}.get(type(test))
-    if first is not None:
-        return [(first + i, 0.0) for i in range(count)]
-    if isinstance(test, Requested):
-        names, derived = list(problem.model.DERIVED), slowest + count + 3 + walls
-        return [
-            (PARAMETER if name == problem.parameter else derived + names.index(name), value)
-            for name, value in test.requested
-        ]
-    return None
 
 
 def walk_orbits(
     problem: OrbitProblem, start: Array, direction: int, *, tests: Sequence[TestFunction] = (),
     gaps: bool = True, **options: Any,
 ) -> Walk:  # fmt: skip
-    """As `contimpact.continuation.walk.walk`, for orbits: routine steps are made many at once.
+    """As `contimpact.continuation.walk.walk`, for orbits: on a backend of their own.
 
     With `gaps` it is decided at every point if the orbit is physical, and changes of that or of the
     number of unstable multipliers are explained by events; see `contimpact.bifurcations.status`.
@@ -290,13 +255,11 @@ def walk_orbits(
 def backend_of(
     problem: OrbitProblem, tests: Sequence[TestFunction], gaps: bool = True
 ) -> OrbitBackend | None:
-    """Return a problem with its test functions for routine steps.
+    """Return a problem on block-cyclic elimination.
 
-    None where there is none: for more than one degree of freedom, for two free parameters, and
-    for a user's own test functions.
+    None where there is none: for more than one degree of freedom, and for two free parameters.
     """
-    places = [places_of(problem, test) for test in tests]
-    if problem.m != 2 or problem.free != 1 or any(place is None for place in places):
+    if problem.m != 2 or problem.free != 1:
         return None
-    wanted = gaps or any(isinstance(test, Grazing) for test in tests)
-    return OrbitBackend(problem, [place for found in places for place in found or ()], wanted)
+    needs = {need for test in tests if isinstance(test, OrbitTest) for need in test.needs}
+    return OrbitBackend(problem, gaps or "gaps" in needs, "doubling" in needs)

@@ -10,36 +10,41 @@ from ..orbits.block_cyclic import store, store_compiled
 from ..segments.flight import excursions
 from ..segments.kernels import Kernels
 from ..segments.zeros import single_zeros
-from .routine import Course, evaluate_cycle, newton_step, observe_cycle, tangent_of_cycle
+from .orbit_functions import (
+    OrbitVectors,
+    evaluate_cycle,
+    newton_step,
+    observe_cycle,
+    tangent_of_cycle,
+)
 
 ENTRY = """
 def entry(
-    kinds, word, counts, values, sides, places, targets, zeros, blocks, kept, reduced, fixed, clock,
-    facts, durations, gaps, times, velocities, options, state, scale, z, tangent, chord, work,
-    rows, size,
+    kinds, word, counts, values, sides, zeros, blocks, kept, reduced, fixed, clock, durations, gaps,
+    times, velocities, options, state, scale, z, tangent, chord, work, rows, size,
 ):
-    course = Course(
-        kinds, word, counts, values, sides, places, targets, zeros, blocks, kept, reduced, fixed,
-        clock, facts, durations, gaps, times, velocities,
+    orbit = OrbitVectors(
+        kinds, word, counts, values, sides, zeros, blocks, kept, reduced, fixed, clock, durations,
+        gaps, times, velocities,
     )
     return take_steps(
-        evaluate, newton_step, tangent_of_cycle, observe, course, options, state, scale, z, tangent,
+        evaluate, newton_step, tangent_of_cycle, observe, orbit, options, state, scale, z, tangent,
         chord, work, rows, size[0], size[1],
     )
 
 def any_setup(p):
     return kernel_setup({p})
 
-def evaluate(course, z):
-    return evaluate_cycle(any_flight, any_setup, course, z)
+def evaluate(orbit, z):
+    return evaluate_cycle(any_flight, any_setup, orbit, z)
 
 def excursion(head, values, length, arriving, left_side, reached_side, zeros, phase, period):
     return excursions(
         any_motion, head, values, length, arriving, left_side, reached_side, zeros, phase, period
     )
 
-def observe(course, z, tangent, orientation, rows, at):
-    return observe_cycle(breaks, excursion, course, z, tangent, orientation, rows, at)
+def observe(orbit, z, tangent, orientation, rows, at):
+    return observe_cycle(breaks, excursion, orbit, z, tangent, orientation, rows, at)
 """
 
 
@@ -71,7 +76,7 @@ def program_of(kernels: Kernels, variant: str) -> Program:
                          f"t0, v0, t1, v1, {p}"), **flights)  # fmt: skip
     program.glue(_choice("any_motion", "head, dt, p", "head[0]", list(motions),
                          f"head[1], head[2], dt, {p}"), **motions)  # fmt: skip
-    program.constant("Course", Course)
+    program.constant("OrbitVectors", OrbitVectors)
     found = {}
     if variant == "single":
         found = {"kernel_harmonics": kernels.harmonics, "single_zeros": single_zeros}

@@ -330,8 +330,15 @@ def scaled(sign, logarithm, det, norms):
     return value if sign * det > 0.0 else -value
 
 
+def doubling(reduced, blocks, count):
+    """Return the scaled determinant of the cyclic matrix with its last coupling negative."""
+    p00, p01, p10, p11, q00, q01, q10, q11, _, _, _, _, sign, logarithm, _ = reduced
+    det = (p00 - q00) * (p11 - q11) - (p01 - q01) * (p10 - q10)
+    return scaled(sign, logarithm, det, row_norms(blocks, count, -1.0, 1.0, 1.0, 0.0))
+
+
 def product_of_multipliers(blocks, kinds, walls, z, span):
-    """Return det A_k / det B_k over the cycle; not a number where an impact velocity is zero."""
+    """Return det A_k / det B_k over the cycle; NaN where an impact velocity is zero."""
     ratio = 1.0
     for k in range(len(kinds)):
         _, _, a00, a01, a10, a11, b00, b01, b10, b11, _, _ = blocks[k]
@@ -350,7 +357,7 @@ def multipliers(reduced, product):
     reduced : tuple
         What `eliminate` returned.
     product : float
-        Of all multipliers, det A_k / det B_k; not a number where an impact velocity is zero.
+        Of all multipliers, det A_k / det B_k; NaN where an impact velocity is zero.
 
     Notes
     -----

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ..segments.flight import FlightGaps, flight_gaps
-from . import multipliers as stability
+from .multipliers import Stability, count_unstable, stability_of
 from .physicality import Verdict, findings, judge, verdict_of
 
 if TYPE_CHECKING:
@@ -59,8 +59,8 @@ class Linearisation:
         return matrix.reshape(n, n + free)
 
     @functools.cached_property
-    def multipliers(self) -> Array:
-        """Multipliers, largest first; infinite where an impact velocity vanishes.
+    def stability(self) -> Stability:
+        """Multipliers, their products, and the determinant of a period doubling.
 
         The derivative of an arrival by its time is the arrival's velocity (over the duration,
         between impacts on one wall). The orbit's own is put in its place: the multipliers next to
@@ -68,14 +68,24 @@ class Linearisation:
         """
         problem, end = self.problem, self.end.copy()
         rows = problem.impacts(self.unknowns)
-        span = problem.word.period * problem.kernels.setup(*problem.values(self.unknowns))[0]
-        durations = np.diff(np.append(rows[:, 0], rows[0, 0] + span))
+        durations = np.diff(np.append(rows[:, 0], rows[0, 0] + self.span))
         same = np.array([a == b for a, b in problem.kinds]) & (durations != 0.0)
         different = np.array([a != b for a, b in problem.kinds])
         arriving = np.roll(rows[:, 1], -1)
         end[same, 0, 0] = arriving[same] / durations[same]
         end[different, 0, 0] = arriving[different]
-        return stability.multipliers(self.start, end)
+        return stability_of(self.start, end)
+
+    @property
+    def multipliers(self) -> Array:
+        """Multipliers, largest first; infinite where an impact velocity vanishes."""
+        return self.stability.multipliers
+
+    @property
+    def span(self) -> float:
+        """The orbit's period."""
+        problem = self.problem
+        return problem.word.period * problem.kernels.setup(*problem.values(self.unknowns))[0]
 
     @property
     def largest_residual(self) -> float:
@@ -85,17 +95,16 @@ class Linearisation:
     @functools.cached_property
     def n_unstable(self) -> int:
         """Number of multipliers outside the unit circle."""
-        return int(stability.count_unstable(self.multipliers))
+        return int(count_unstable(self.multipliers))
 
     @functools.cached_property
     def gaps(self) -> list[FlightGaps]:
         """The interior touches of every flight."""
         problem = self.problem
-        values = problem.values(self.unknowns)
-        span = problem.word.period * problem.kernels.setup(*values)[0]
         return flight_gaps(
-            problem.kernels, problem.word.walls, values, problem.impacts(self.unknowns), span
-        )
+            problem.kernels, problem.word.walls, problem.values(self.unknowns),
+            problem.impacts(self.unknowns), self.span,
+        )  # fmt: skip
 
     @functools.cached_property
     def verdict(self) -> Verdict:
@@ -160,7 +169,7 @@ class Described(Linearisation):
             return np.concatenate([self.given[:-6], self.findings()])
         return self.given
 
-    @functools.cached_property
+    @property
     def multipliers(self) -> Array:
         """Multipliers, largest first; infinite where an impact velocity vanishes."""
         return self.given[1:-6].copy().view(complex)

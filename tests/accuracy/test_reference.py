@@ -154,15 +154,16 @@ def test_multipliers_of_long_words(pair, times):
         assert abs(float(large)) > 1e11
 
 
+@pytest.mark.parametrize("m", [2, 4])
 @pytest.mark.parametrize("count", [2, 3, 5, 8, 17, 64, 200])
-def test_collapse_keeps_determinants(rng, count):
-    """The factor that merging puts between the pencil's determinants and those of the flights."""
-    start, end = rng.normal(size=(2, count, 2, 2))
-    p, q, factor = stability._collapsed(start, end)
-    sign, size = np.linalg.slogdet(end)
-    expected = np.prod(sign) * math.exp(np.sum(size) + math.log(abs(factor))) * np.sign(factor)
-    # det q itself loses what its size is below that of its entries
-    assert np.linalg.det(q) == pytest.approx(expected, abs=1e-12 * np.linalg.norm(q) ** 2)
+def test_collapse_keeps_determinants(rng, count, m):
+    """The factor that merging puts between the pencil's determinants and the cyclic matrix's."""
+    start, end = rng.normal(size=(2, count, m, m))
+    p, q, sign, logarithm = stability.collapse(start, end)
+    # with the last coupling alone multiplied by mu, its highest power has the product of all det B
+    signs, sizes = np.linalg.slogdet(end)
+    expected = sign * np.prod(signs) * math.exp(np.sum(sizes) - logarithm)
+    assert np.linalg.det(q) == pytest.approx(expected, abs=1e-12 * np.linalg.norm(q) ** m)
     assert np.all(np.isfinite(p))
 
 

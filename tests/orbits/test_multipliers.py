@@ -8,6 +8,7 @@ import mpmath as mp
 import numpy as np
 import pytest
 
+from contimpact.continuation.bordered import scaled_determinant
 from contimpact.orbits import multipliers as stability
 from contimpact.orbits.search import find_orbits
 
@@ -195,7 +196,7 @@ def test_collapse_keeps_the_pencil():
     rng = np.random.default_rng(500)
     for count in (1, 2, 3, 7):
         start, end = gentle_blocks(rng, count, 2)
-        p, q = stability.collapse(start, end)
+        p, q, _, _ = stability.collapse(start, end)
         assert p.shape == q.shape == (2, 2)
         for value in exact_multipliers(start, end):
             pencil = p + complex(value) * q
@@ -206,7 +207,7 @@ def test_inputs_are_left_alone():
     start, end = np.random.default_rng(600).normal(size=(2, 5, 2, 2))
     copies = start.copy(), end.copy()
     stability.multipliers(start, end)
-    stability.neimark_sacker(start, end)
+    torus(start, end)
     np.testing.assert_array_equal(start, copies[0])
     np.testing.assert_array_equal(end, copies[1])
 
@@ -237,10 +238,26 @@ def cycle_with(values):
     return -(end @ product)[None], end[None]
 
 
+def torus(start, end):
+    return float(stability.neimark_sacker(stability.stability_of(start, end).products))
+
+
+@pytest.mark.parametrize("m", [2, 4, 6])
+@pytest.mark.parametrize("count", [1, 2, 3, 8, 40])
+def test_the_determinant_of_a_doubling_is_that_of_the_dense_matrix(m, count):
+    start, end = gentle_blocks(np.random.default_rng(900 + count), count, m)
+    matrix = np.zeros((count, m, count, m))
+    for k in range(count):
+        matrix[k, :, k] += start[k]
+        matrix[k, :, (k + 1) % count] += end[k] if k + 1 < count else -end[k]
+    expected = scaled_determinant(matrix.reshape(count * m, count * m))
+    assert stability.stability_of(start, end).doubling == pytest.approx(expected, rel=1e-10)
+
+
 @pytest.mark.parametrize("others", [[], [0.3, 0.7], [5.0, -0.01]])
 def test_neimark_sacker_vanishes_where_a_product_is_one(others):
     """Positive on one side, negative on the other, zero to rounding between."""
-    at = [stability.neimark_sacker(*cycle_with([2.0, x, *others])) for x in (0.4, 0.5, 0.6)]
+    at = [torus(*cycle_with([2.0, x, *others])) for x in (0.4, 0.5, 0.6)]
     assert abs(at[1]) < 1e-13
     assert at[0] * at[2] < 0.0
 
@@ -248,4 +265,4 @@ def test_neimark_sacker_vanishes_where_a_product_is_one(others):
 def test_neimark_sacker_is_finite_at_a_singular_block():
     start, end = gentle_blocks(np.random.default_rng(800), 3, 2)
     end[1, :, 0] = 0.0
-    assert math.isfinite(stability.neimark_sacker(start, end))
+    assert math.isfinite(torus(start, end))

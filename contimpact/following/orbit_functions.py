@@ -1,0 +1,191 @@
+"""What a step asks of an orbit problem with one degree of freedom: its block-cyclic backend.
+
+Functions in the plain subset of Python that `contimpact.compiling` compiles, on flat vectors, which
+run plainly or compiled.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any, NamedTuple
+
+from ..orbits.block_cyclic import (
+    assemble,
+    doubling,
+    eliminate,
+    multipliers,
+    product_of_multipliers,
+    row_norms,
+    scaled,
+    solve,
+    store,
+)
+from ..orbits.physicality import verdict
+
+WALLS, PERIODS, FREE, DERIVED, GAPS, DOUBLING = range(6)
+"""Places in `counts`: how many walls and periods, the place of the free parameter among the
+values, how many derived parameters, and whether gaps and the determinant of a PD are wanted."""
+
+DESCRIBED = 11
+"""Numbers that describe a point: the residual, two multipliers, and what `verdict` says."""
+
+SPAN, DETERMINANT, PRODUCT, MEASURED = range(DESCRIBED, DESCRIBED + 4)
+"""Places beside them of what test functions go by: the orbit's period, the determinant of a PD, the
+product of the multipliers. Last, where the gaps of all flights begin, followed by the flights'
+slowest turns and by derived parameters."""
+
+
+class OrbitVectors(NamedTuple):
+    """The orbits of a branch as vectors and tables.
+
+    Attributes
+    ----------
+    kinds, word : vector of int
+        Kinds of the flights, and the walls they leave.
+    counts : vector of int
+        See `WALLS`.
+    values, sides : vector
+        Parameter values; sides of the walls.
+    zeros : vector
+        Zeros of the acceleration, where they are the same along the branch.
+    blocks, kept, reduced, fixed : table
+        Scratch space for the flights, for their elimination, for what is left, and for what the
+        kernel ``setup`` returns.
+    clock, durations, gaps, times, velocities : vector
+        Scratch space for the period, and for what decides whether an orbit is physical.
+    """
+
+    kinds: Any
+    word: Any
+    counts: Any
+    values: Any
+    sides: Any
+    zeros: Any
+    blocks: Any
+    kept: Any
+    reduced: Any
+    fixed: Any
+    clock: Any
+    durations: Any
+    gaps: Any
+    times: Any
+    velocities: Any
+
+
+def evaluate_cycle(flight, setup, orbit, z):
+    """Evaluate the flights of an orbit; returns the largest residual."""
+    counts = orbit.counts
+    return assemble(
+        flight, setup, orbit.kinds, counts[PERIODS], counts[FREE], orbit.values, orbit.blocks,
+        orbit.clock, orbit.fixed, z,
+    )  # fmt: skip
+
+
+def newton_step(orbit, row, g, out):
+    """Fill `out` with Newton's step at the point last evaluated; whether there is one."""
+    reduced = eliminate(
+        orbit.blocks, orbit.kinds, orbit.counts[WALLS], orbit.kept, 1.0, False, out, 0.0
+    )
+    return abs(solve(reduced, orbit.kept, len(orbit.kinds), row, g, out)) > 0.0
+
+
+def tangent_of_cycle(orbit, z, row, scale, out):
+    """Fill `out` with the unit tangent at the point last evaluated that goes on along `row`.
+
+    Returns the determinant of the Jacobian bordered by the tangent, rows and columns scaled; NaN
+    where no tangent is defined.
+    """
+    count = len(orbit.kinds)
+    reduced = eliminate(
+        orbit.blocks, orbit.kinds, orbit.counts[WALLS], orbit.kept, 0.0, True, z,
+        orbit.clock[0],
+    )  # fmt: skip
+    store(orbit.reduced, 0, reduced)
+    det = solve(reduced, orbit.kept, count, row, 1.0, out)
+    size = 0.0
+    for i in range(2 * count + 1):
+        part = out[i] / scale[i]
+        size += part * part
+    size = math.sqrt(size)
+    if not (abs(det) > 0.0 and size > 0.0 and size - size == 0.0):
+        return math.nan
+    for i in range(2 * count + 1):
+        out[i] /= size
+    time, velocity, free = scale[0], scale[1], scale[2 * count]
+    sizes = count * math.log(time * velocity) + math.log(free)
+    norms = row_norms(orbit.blocks, count, 1.0, time, velocity, free)
+    # the border is row / scale^2; with the tangent itself in its place it is longer by `size`
+    return scaled(reduced[12], reduced[13] + sizes, det * size, norms)
+
+
+def measure(breaks, excursion, orbit, z, rows, at):
+    """Record gaps, slowest turns and derived parameters in a row, from `at` on.
+
+    Returns the smallest gap of all (infinite if there is none), and whether the orbit is surely
+    physical. What decides that is filled in.
+    """
+    fixed, counts = orbit.fixed[0], orbit.counts
+    count, walls, wanted = len(orbit.kinds), counts[WALLS], counts[GAPS] != 0
+    word, sides, values = orbit.word, orbit.sides, orbit.values
+    gaps, times, span = orbit.gaps, orbit.times, orbit.clock[0]
+    period = fixed[0]
+    zeros = breaks(values, period, orbit.zeros)
+    slowest = at + walls * count
+    smallest, sure = math.inf, True
+    for k in range(count):
+        i = 2 * k
+        start, speed, wall = z[i], z[i + 1], word[k]
+        if k + 1 < count:
+            length, arriving, following = z[i + 2] - start, z[i + 3], word[k + 1]
+        else:
+            length, arriving, following = z[0] + span - start, z[1], word[0]
+        orbit.durations[k], orbit.velocities[k] = length, speed
+        if length < 0.0 or sides[wall] * speed < 0.0:
+            sure = False
+        high, when_high, low, when_low, slow = math.nan, math.nan, math.nan, math.nan, math.nan
+        if wanted and length > 0.0:
+            high, when_high, low, when_low, slow = excursion(
+                (wall, start, speed), values, length, arriving, sides[wall], sides[following],
+                zeros, start % period, period,
+            )  # fmt: skip
+        rows[slowest + k] = slow
+        for j in range(walls):
+            place = walls * k + j
+            gap, dt = fixed[3 + j] - fixed[3 + wall], when_high
+            if sides[j] > 0.0:
+                gap -= high
+            else:
+                gap, dt = low - gap, when_low
+            gaps[place], times[place], rows[at + place] = gap, start + dt, gap
+            if gap < smallest:
+                smallest = gap
+    for i in range(counts[DERIVED]):
+        rows[slowest + count + i] = fixed[3 + walls + i]
+    return smallest, sure and smallest >= 0.0
+
+
+def observe_cycle(breaks, excursion, orbit, z, tangent, orientation, rows, at):
+    """Record what describes a point, and what test functions go by, in a row."""
+    smallest, sure = measure(breaks, excursion, orbit, z, rows, at + MEASURED)
+    walls, count, span = orbit.counts[WALLS], len(orbit.kinds), orbit.clock[0]
+    reduced = orbit.reduced[0]
+    product = product_of_multipliers(orbit.blocks, orbit.kinds, walls, z, span)
+    rows[at + SPAN], rows[at + PRODUCT] = span, product
+    wanted = orbit.counts[DOUBLING] != 0
+    rows[at + DETERMINANT] = doubling(reduced, orbit.blocks, count) if wanted else math.nan
+    worst = 0.0
+    for k in range(count):
+        block = orbit.blocks[k]
+        worst = max(worst, abs(block[0]), abs(block[1]))
+    rows[at] = worst
+    rows[at + 1], rows[at + 2], rows[at + 3], rows[at + 4] = multipliers(reduced, product)
+    what, place, wall, amount, when = 0, 0, 0, 0.0, 0.0
+    if sure:
+        smallest = smallest if smallest < math.inf else math.nan
+    else:
+        what, place, wall, amount, when, smallest = verdict(
+            orbit.word, orbit.sides, orbit.durations, orbit.gaps, orbit.times, orbit.velocities, -1
+        )
+    known = orbit.counts[GAPS] != 0
+    rows[at + 5], rows[at + 6], rows[at + 7] = what if known else math.nan, place, wall
+    rows[at + 8], rows[at + 9], rows[at + 10] = amount, when, smallest
