@@ -67,6 +67,7 @@ FOR_ALL = {"contimpact", "contimpact.errors", "contimpact.progress"}
 """What any room may import besides."""
 
 TRUSTED = {
+    "contimpact.segments.arithmetic": {"exec"},
     "contimpact.segments.kernels": {"exec"},
     "contimpact.compiling.compiled": {"ctypes"},
     "contimpact.compiling.machine_code": {"exec", "subprocess"},

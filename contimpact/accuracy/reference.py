@@ -1,18 +1,14 @@
 r"""Orbits, multipliers and events to thirty digits and more: what the doubles are compared with.
 
-The generated kernels are evaluated in mpmath's arithmetic: their source is compiled again with
-mpmath's functions and with quotients of whole numbers kept exact. Parameters are the model's
-doubles, taken as exact. Every system is written down anew from residuals and blocks alone: the
-second derivatives of the library, its Jacobians and its step control have no part in what a
-solution is. Only the step of Newton's iteration is computed in double precision, so that an
-iteration contracts by about the condition number times 1e-16 until the digits asked for stand.
+The generated kernels are evaluated in mpmath's arithmetic. Parameters are the model's doubles,
+taken as exact. Every system is written down anew from residuals and blocks alone: the second
+derivatives of the library, its Jacobians and its step control have no part in what a solution is.
+Only the step of Newton's iteration is computed in double precision, so that an iteration contracts
+by about the condition number times 1e-16 until the digits asked for stand.
 """
 
 from __future__ import annotations
 
-import ast
-import inspect
-import types
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -23,7 +19,8 @@ import numpy as np
 from ..bifurcations.kind import System
 from ..bifurcations.kinds import kind_of
 from ..orbits.problem import Array, OrbitProblem
-from ..segments.kernels import OWN_NAMES, SCALAR_NAMES, Kernel
+from ..segments.arithmetic import evaluate_in
+from ..segments.many_digits import many_digits
 
 ITERATIONS = 60
 GUARD_DIGITS = 18
@@ -83,8 +80,7 @@ class Reference:
         self.problem, self.digits = problem, digits
         self.ctx = mpmath.mp.clone()
         self.ctx.dps = digits + GUARD_DIGITS
-        self.names = _names(self.ctx)
-        self._compiled: dict[str, Kernel] = {}
+        self.arithmetic = many_digits(self.ctx)
         values = problem.model.values
         self._values = [self.ctx.mpf(value) for value in values.values()]
         self._free = list(values).index(problem.parameter)
@@ -164,7 +160,7 @@ class Reference:
         problem, ctx = self.problem, self.ctx
         m, n = problem.m, problem.n
         p = self.values(z)
-        period, slope = self.kernel("setup", problem.kernels.setup)(*p)[:2]
+        period, slope = self.setup(p)[:2]
         turns = problem.word.period
         residual: list[Any] = []
         blocks = []
@@ -193,15 +189,13 @@ class Reference:
         values[self._free] = self.ctx.mpf(z[-1])
         return values
 
-    def flight(self, a: str, b: str) -> Kernel:
+    def flight(self, a: str, b: str) -> Callable[..., Any]:
         """Return the kernel of a flight in this arithmetic."""
-        return self.kernel(f"flight_{a}_{b}", self.problem.kernels.flight(a, b))
+        return evaluate_in(self.problem.kernels.flight(a, b), self.arithmetic)
 
-    def kernel(self, name: str, kernel: Kernel) -> Kernel:
-        """Return a kernel in this arithmetic, given as a function of floats."""
-        if name not in self._compiled:
-            self._compiled[name] = _recompiled(self.problem, name, kernel, self.names)
-        return self._compiled[name]
+    def setup(self, p: Sequence[Any]) -> Any:
+        """Return what the kernel ``setup`` says at parameter values."""
+        return evaluate_in(self.problem.kernels.setup, self.arithmetic)(*p)
 
     # Systems.
 
@@ -283,7 +277,7 @@ class Reference:
         i, j = m * flight, m * flight + m
         if j < n:
             return z[j] - z[i]
-        period = self.kernel("setup", self.problem.kernels.setup)(*self.values(z))[0]
+        period = self.setup(self.values(z))[0]
         return z[0] + self.problem.word.period * period - z[i]
 
     def requested(self, z: list[Any], requested: Mapping[str, float]) -> Any:
@@ -291,7 +285,7 @@ class Reference:
         if name == self.problem.parameter:
             return z[-1] - wanted
         model = self.problem.model
-        out = self.kernel("setup", self.problem.kernels.setup)(*self.values(z))
+        out = self.setup(self.values(z))
         return out[3 + len(model.WALLS) + model.DERIVED.index(name)] - wanted
 
     # Newton's iteration.
@@ -346,103 +340,3 @@ def _step(ctx: Any, jacobian: Array, residual: list[Any]) -> list[Any] | None:
     except np.linalg.LinAlgError:
         return None
     return [size * ctx.mpf(s) for s in step.tolist()]
-
-
-# Kernels in mpmath's arithmetic.
-
-
-def _names(ctx: Any) -> dict[str, Any]:
-    """What stands for the kernels' names."""
-    names: dict[str, Any] = {"_whole": ctx.mpf}
-    for name in SCALAR_NAMES:
-        if name.startswith("stumpffs"):
-            names[name] = _stumpffs(ctx, int(name.removeprefix("stumpffs")))
-        elif name.startswith("stumpff"):
-            names[name] = _stumpff(ctx, int(name.removeprefix("stumpff")))
-        elif name.startswith("decaying"):
-            names[name] = _decaying(ctx, int(name.removeprefix("decaying")))
-        elif name in OWN_NAMES:
-            names[name] = OWN_NAMES[name]
-        else:
-            names[name] = getattr(ctx, name)
-    return names | {"pi": +ctx.pi}
-
-
-def _decaying(ctx: Any, k: int) -> Callable[[Any, Any], Any]:
-    """e^-y c_k(q); nothing overflows here."""
-    function = _stumpff(ctx, k)
-    return lambda y, q: ctx.exp(-ctx.mpf(y)) * function(q)
-
-
-def _stumpff(ctx: Any, k: int) -> Callable[[Any], Any]:
-    """c_k by its series near zero, by the recurrence from c_0 and c_1 away from it."""
-
-    def function(q: Any) -> Any:
-        q = ctx.mpf(q)
-        if k > 1 and abs(q) < 30:
-            return _series(ctx, k, q)
-        if k == 0:
-            return ctx.cos(ctx.sqrt(q)) if q >= 0 else ctx.cosh(ctx.sqrt(-q))
-        if k == 1:
-            x = ctx.sqrt(abs(q))
-            return ctx.one if x == 0 else (ctx.sin(x) if q > 0 else ctx.sinh(x)) / x
-        return (1 / ctx.factorial(k - 2) - _stumpff(ctx, k - 2)(q)) / q
-
-    return function
-
-
-def _stumpffs(ctx: Any, highest: int) -> Callable[[Any], Any]:
-    """All c_k from the first on."""
-    functions = [_stumpff(ctx, k) for k in range(1, highest + 1)]
-    return lambda q: tuple(function(q) for function in functions)
-
-
-def _series(ctx: Any, k: int, q: Any) -> Any:
-    with ctx.extradps(6):
-        term = total = 1 / ctx.factorial(k)
-        j = 0
-        while term and abs(term) > ctx.eps * abs(total) * 1e-3:
-            term *= -q / ((2 * j + k + 1) * (2 * j + k + 2))
-            total += term
-            j += 1
-    return +total
-
-
-class _ExactQuotients(ast.NodeTransformer):
-    """Make 1/3 in a kernel's source a quotient in the arithmetic it runs in."""
-
-    def visit_BinOp(self, node: ast.BinOp) -> ast.AST:
-        self.generic_visit(node)
-        if isinstance(node.op, ast.Div) and _is_whole(node.left):
-            name = ast.Name("_whole", ast.Load())
-            node.left = ast.Call(func=name, args=[node.left], keywords=[])
-        return node
-
-
-def _is_whole(node: ast.expr) -> bool:
-    if isinstance(node, ast.UnaryOp):
-        node = node.operand
-    return isinstance(node, ast.Constant) and isinstance(node.value, int)
-
-
-def _recompiled(
-    problem: OrbitProblem, name: str, kernel: Kernel, names: Mapping[str, Any]
-) -> Kernel:
-    """Compile a kernel's own source over other names."""
-    tree = ast.parse(_source(problem, name, kernel))
-    whole = ast.fix_missing_locations(_ExactQuotients().visit(tree))
-    (code,) = (
-        c for c in compile(whole, f"<{name} in many digits>", "exec").co_consts
-        if isinstance(c, types.CodeType)
-    )  # fmt: skip
-    return types.FunctionType(code, dict(names), name)
-
-
-def _source(problem: OrbitProblem, name: str, kernel: Kernel) -> str:
-    """A kernel's source, from its file in the cache; written anew where there is none."""
-    try:
-        return inspect.getsource(getattr(kernel, "py_func", kernel))
-    except OSError:
-        from ..segments.codegen import KernelWriter
-
-        return KernelWriter(problem.model, problem.kernels.parameters).write(name)

@@ -55,7 +55,7 @@ class ExactFlights:
         self.problem = OrbitProblem(model, Word(self.letters[0]), kernels)
         self.exact = Reference(self.problem, digits)
         self.values = [self.exact.ctx.mpf(value) for value in model.values.values()]
-        self.period = self.exact.kernel("setup", kernels.setup)(*self.values)[0]
+        self.period = self.exact.setup(self.values)[0]
 
     def arrival(self, walls: tuple[int, int], start: Sequence[Any], guess: Sequence[Any]) -> Any:
         """Return time and velocity of the arrival next to a guess; None if it is not reached."""

@@ -27,7 +27,8 @@ from ..models.word import Word
 from ..orbits.linearisation import Linearisation
 from ..orbits.physicality import PASSES, Verdict
 from ..orbits.problem import Array, OrbitProblem
-from ..orbits.rounding import bounds_of, rounding
+from ..orbits.rounding import rounding
+from ..segments.bounded import bounds_of
 from ..segments.flight import Touch
 from .codimension_two import CurvePoint, touch_points
 from .extended_system import Assembled, ExtendedSystem, located

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Any
 
 from ..compiling.program import Program
 from ..continuation.step import take_steps
@@ -77,7 +78,7 @@ def program_of(kernels: Kernels, variant: str) -> Program:
     program.glue(_choice("any_motion", "head, dt, p", "head[0]", list(motions),
                          f"head[1], head[2], dt, {p}"), **motions)  # fmt: skip
     program.constant("OrbitVectors", OrbitVectors)
-    found = {}
+    found: dict[str, Any] = {}
     if variant == "single":
         found = {"kernel_harmonics": kernels.harmonics, "single_zeros": single_zeros}
     program.glue(BREAKS[variant].format(p=p), **found)

@@ -16,6 +16,7 @@ import numpy as np
 from ..errors import InputError
 from ..models.model import Model
 from ..models.word import Word, parse_word
+from ..segments.arithmetic import ARRAYS, evaluate_in
 from ..segments.kernels import Kernels
 from .linearisation import Linearisation
 from .problem import Array, OrbitProblem
@@ -407,7 +408,7 @@ def _evaluate_all(problem: OrbitProblem, z: Array) -> tuple[Array, Array]:
         leaving = [k for k, kind in enumerate(problem.kinds) if kind == (a, b)]
         arriving = [(k + 1) % n for k in leaving]
         start, end = (np.ascontiguousarray(e[:, leaving].transpose(2, 0, 1)) for e in (z, arrivals))
-        kernel = problem.kernels.vectorised(problem.kernels.flight(a, b))
+        kernel = evaluate_in(problem.kernels.flight(a, b), ARRAYS)
         out = kernel(*start, *end, *p)
         for i in range(m):
             residual[:, leaving, i] = out[i]

@@ -69,7 +69,7 @@ class _Printer(PythonCodePrinter):
         return repr(float(expr))
 
     def _print_Rational(self, expr: Any) -> str:
-        return f"{expr.p}/{expr.q}" if expr.q != 1 else f"{expr.p}"
+        return f"ratio({expr.p}, {expr.q})" if expr.q != 1 else f"{expr.p}"
 
 
 def _as_float(printed: str) -> str:

@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 
 from ..models.model import Wall
+from .arithmetic import ARRAYS, evaluate_in
 from .kernels import Kernels
 from .zeros import chebyshev_zeros, time_zeros
 
@@ -406,7 +407,7 @@ def excursion_of(kernels: Kernels, in_time: bool) -> Callable[..., Any]:
         return functools.partial(excursions, motion)
 
     def excursion(head, values, length, arriving, left_side, reached_side, *_):
-        vectorised = kernels.vectorised(kernels.motion(named[head[0]].name))
+        vectorised = evaluate_in(kernels.motion(named[head[0]].name), ARRAYS)
         breaks = chebyshev_zeros(lambda dt: vectorised(*head[1:], dt, *values)[2], length)
         return excursions(
             motion, head, values, length, arriving, left_side, reached_side, breaks, 0.0, math.inf

@@ -9,49 +9,17 @@ from __future__ import annotations
 
 import functools
 import hashlib
-import math
 import re
-import types
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
-
-import numpy as np
 
 from ..errors import InputError
 from ..models.model import Model
 from ..models.sources import digests
 from ..storage.cache import cache_folder, keep, kept, logger
 from ..storage.files import reason
-from . import stumpff
-
-Kernel = Callable[..., tuple[Any, ...]]
-
-_MATH = ("sin", "cos", "tan", "asin", "acos", "atan", "sinh", "cosh", "tanh", "exp", "log", "sqrt",
-         "floor", "pi")  # fmt: skip
-
-
-def square(x):
-    """Return x x."""
-    return x * x
-
-
-def cube(x):
-    """Return x x x."""
-    return x * x * x
-
-
-OWN_NAMES = {"square": square, "cube": cube}
-SCALAR_NAMES = (
-    {name: getattr(math, name) for name in _MATH} | {"nan": math.nan} | OWN_NAMES | stumpff.SCALAR
-)
-_NUMPY_SPELLING = {"asin": "arcsin", "acos": "arccos", "atan": "arctan"}
-ARRAY_NAMES = (
-    {name: getattr(np, _NUMPY_SPELLING.get(name, name)) for name in _MATH}
-    | {"nan": math.nan}
-    | OWN_NAMES
-    | stumpff.ARRAY
-)
+from .arithmetic import Kernel, kernel_of
 
 
 def _caller(
@@ -66,9 +34,6 @@ def _caller(
     namespace: dict[str, Any] = {"loaded": loaded}
     exec(text, namespace)
     return namespace["call"]
-
-
-_PI = re.compile(r"\bpi\b")
 
 
 class _WhenAsked(dict[int, Kernel]):
@@ -147,7 +112,7 @@ class Kernels:
 
     def depends(self, name: str) -> bool:
         """Whether what a kernel returns depends on the free parameter."""
-        body = self.kernel(name).source.rpartition('"""')[2]  # type: ignore[attr-defined]
+        body = self.kernel(name).source.rpartition('"""')[2]
         return re.search(rf"\bp_{re.escape(self.parameter)}\b", body) is not None
 
     @functools.cached_property
@@ -178,11 +143,6 @@ class Kernels:
             self._functions[name] = self._load(name)
         return self._functions[name]
 
-    def vectorised(self, kernel: Kernel) -> Kernel:
-        """Return the same kernel as a function of NumPy arrays."""
-        assert isinstance(kernel, types.FunctionType)
-        return types.FunctionType(kernel.__code__, dict(ARRAY_NAMES), kernel.__name__)
-
     def _load(self, name: str) -> Kernel:
         key = self._key(name)
         folder = cache_folder()
@@ -200,7 +160,7 @@ class Kernels:
                 _write(path, source)
         else:
             self.loaded.append(name)
-        return _function(name, source, str(path or f"<kernel {name}>"))
+        return kernel_of(name, source, str(path or f"<kernel {name}>"))
 
     def _key(self, name: str) -> str:
         parts = (name, *self.parameters, self.model.identity, *digests())
@@ -213,7 +173,7 @@ class Kernels:
         names = [f"agreement_{wall.name}_{i}" for wall in self.model.WALLS
                  for i in range(self.model.DEGREES_OF_FREEDOM)]  # fmt: skip
         for name in names:
-            kernel = _function(name, self._writer.write(name), f"<{name}>")
+            kernel = kernel_of(name, self._writer.write(name), f"<{name}>")
             check_motion(self.model, name.split("_")[1], kernel)
 
     def _generate(self, name: str, key: str) -> str:
@@ -230,15 +190,6 @@ class Kernels:
             f"again.\n# {self.model.options}\n\n" + self._writer.write(name)
         )
         return f"# {key} {_digest(body)}\n{body}"
-
-
-def _function(name: str, source: str, file: str) -> Kernel:
-    """A kernel from its source."""
-    namespace = dict(SCALAR_NAMES)
-    text = _PI.sub(repr(math.pi), source)  # a number, with which the compiler can reckon
-    exec(compile(text, file, "exec"), namespace)
-    namespace[name].source = source
-    return namespace[name]
 
 
 def _digest(body: str) -> str:

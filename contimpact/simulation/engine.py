@@ -9,7 +9,7 @@ import numpy as np
 
 from ..compiling.arguments import INTEGERS, VECTOR
 from ..compiling.compiled import Compiled, compiled, mode, spend
-from ..segments.kernels import Kernel
+from ..segments.arithmetic import Kernel
 from .impacts import Body, fly_in_time, make_impacts
 
 if TYPE_CHECKING:
@@ -100,7 +100,7 @@ def engine_of(motions: Sequence[Kernel]) -> Engine:
 
 def formulas(motions: Sequence[Kernel]) -> tuple[str, ...]:
     """Return the kernels' texts without their heads, which name the free parameters."""
-    texts = (motion.source for motion in motions)  # type: ignore[attr-defined]
+    texts = (motion.source for motion in motions)
     return tuple(text[text.index("def ") :] for text in texts)
 
 

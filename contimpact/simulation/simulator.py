@@ -33,8 +33,9 @@ import numpy as np
 from ..compiling.arguments import INTEGERS, VECTOR
 from ..errors import InputError
 from ..models.model import Model
+from ..segments.arithmetic import ARRAYS, Kernel, evaluate_in
 from ..segments.flight import first_arrival, first_hit
-from ..segments.kernels import Kernel, Kernels
+from ..segments.kernels import Kernels
 from ..segments.zeros import chebyshev_zeros, time_zeros
 from .engine import BODY, KINDS, ROW, Engine, array, engine_of
 from .impacts import SHORT, Body, fly_in_time, make_impacts, pressed_at, wall_on, wrapped
@@ -205,7 +206,7 @@ class Simulator:
         interval after each, and its largest size. Without a change the one interval begins at 0.
         """
         kernel, side, period = self._motions[wall], self.sides[wall], self.period
-        vectorised = self.kernels.vectorised(kernel)
+        vectorised = evaluate_in(kernel, ARRAYS)
 
         def held(phase: Any) -> Any:
             return vectorised(phase, 0.0 * phase, 0.0 * phase, *self.values)[2]
@@ -286,7 +287,7 @@ class Simulator:
     def _breaks(self, wall: int, phase: float, velocity: float, window: int) -> list[float]:
         """Times after leaving, in one period's window, between which the velocity is monotone."""
         start, period = window * self.period, self.period
-        vectorised = self.kernels.vectorised(self._motions[wall])
+        vectorised = evaluate_in(self._motions[wall], ARRAYS)
         zeros = chebyshev_zeros(
             lambda dt: vectorised(phase, velocity, start + dt, *self.values)[2], period
         )
@@ -420,7 +421,7 @@ class Simulator:
             if released[k + 1]:  # at rest since shortly after impact k
                 x, v = np.zeros(points), np.zeros(points)
             else:
-                motion = self.kernels.vectorised(self._motions[wall])
+                motion = evaluate_in(self._motions[wall], ARRAYS)
                 x, v = motion(times[k] + 0.0 * dt, velocities[k] + 0.0 * dt, dt, *self.values)[:2]
             parts.append((times[k] + dt, self.positions[wall] + x, v))
         t, x, v = (np.concatenate(column) for column in zip(*parts, strict=True))

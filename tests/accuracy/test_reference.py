@@ -8,7 +8,7 @@ import mpmath
 import numpy as np
 import pytest
 
-from contimpact.accuracy.reference import Reference, _names
+from contimpact.accuracy.reference import Reference
 from contimpact.bifurcations.kinds import test_functions as make_tests
 from contimpact.continuation import linear
 from contimpact.continuation.settings import Settings
@@ -18,6 +18,7 @@ from contimpact.orbits import multipliers as stability
 from contimpact.orbits.problem import OrbitProblem
 from contimpact.orbits.search import find_orbits
 from contimpact.segments.kernels import Kernels
+from contimpact.segments.many_digits import many_digits
 
 POINT = (0.37, 0.61, 1.52, -0.43)
 
@@ -60,7 +61,7 @@ def test_stumpff_functions(q):
     """c_k = 1/k! - q c_{k+2}, and the cosine that c_0 is."""
     ctx = mpmath.mp.clone()
     ctx.dps = 50
-    names = _names(ctx)
+    names = many_digits(ctx).names
     value = ctx.mpf(q)
     assert abs(names["stumpff0"](value) - ctx.cos(ctx.sqrt(value)).real) <= 1e-45 * max(
         1, abs(names["stumpff0"](value))
@@ -112,8 +113,7 @@ def test_the_printed_values_of_the_paper_family(fig7):
     for event in fig7[0].events:
         if event.kind in expected:
             found = reference.event(event.kind, event.point.unknowns, event.details)
-            setup = reference.kernel("setup", fig7[0].problem.kernels.setup)
-            d = setup(*reference.values(found.unknowns))[5]
+            d = reference.setup(reference.values(found.unknowns))[5]
             assert float(d) == pytest.approx(expected[event.kind], abs=2e-11)
 
 

@@ -17,8 +17,8 @@ from contimpact.continuation.test_function import UserFunction
 from contimpact.following.orbit_branch import both_ways
 from contimpact.models.word import Word
 from contimpact.orbits.problem import OrbitProblem
-from contimpact.orbits.rounding import Bounded, bounds_of
 from contimpact.orbits.search import find_orbits
+from contimpact.segments.bounded import Bounded, bounds_of
 from contimpact.segments.kernels import Kernels
 from contimpact.systems.impact_pair import ImpactPair
 from contimpact.systems.oscillator import Oscillator

@@ -13,6 +13,7 @@ from contimpact.models.model import Wall
 from contimpact.orbits.physicality import judge
 from contimpact.orbits.search import find_orbits
 from contimpact.segments import zeros as module
+from contimpact.segments.arithmetic import ARRAYS, evaluate_in
 from contimpact.segments.flight import (
     FlightGaps,
     Touch,
@@ -184,7 +185,7 @@ def test_excursions_of_the_pair(pair, kernels_of, forcing, start, speed, length)
     zeros = tiled(time_zeros(kernels.harmonics(*p), 2.0), 2.0, start, length)
     check_excursions(
         lambda dt: kernel(start, speed, dt, *p),
-        lambda dt: kernels.vectorised(kernel)(start, speed, dt, *p),
+        lambda dt: evaluate_in(kernel, ARRAYS)(start, speed, dt, *p),
         length,
         zeros,
     )
@@ -199,7 +200,7 @@ def test_excursions_of_the_oscillator(oscillator, kernels_of, c, start, speed, l
     kernel = kernels.motion("S")
 
     def vectorised(dt):
-        return kernels.vectorised(kernel)(start, speed, dt, *p)
+        return evaluate_in(kernel, ARRAYS)(start, speed, dt, *p)
 
     check_excursions(
         lambda dt: kernel(start, speed, dt, *p),
@@ -227,7 +228,7 @@ def test_first_hit(pair, kernels_of, low, high, start, speed, length):
         kernels.motions, (0, *head), p, breaks, 0.0, after > 0, low, high
     )
     mesh = np.linspace(0.0, length, MESH)
-    x = kernels.vectorised(kernel)(*head, mesh, *p)[0]
+    x = evaluate_in(kernel, ARRAYS)(*head, mesh, *p)[0]
     outside = np.nonzero((x >= high) | (x <= low))[0]
     if side == 0:
         assert len(outside) == 0
@@ -322,7 +323,7 @@ def dense_gaps(orbit):
     for k, (a, b) in enumerate(problem.kinds):
         kernel = problem.kernels.motion(a)
         mesh = np.linspace(0.0, times[k + 1] - times[k], MESH)
-        x = places[a] + problem.kernels.vectorised(kernel)(times[k], speeds[k], mesh, *p)[0]
+        x = places[a] + evaluate_in(kernel, ARRAYS)(times[k], speeds[k], mesh, *p)[0]
         turns = np.nonzero(np.diff(np.sign(np.diff(x))) != 0)[0] + 1
         rises = [bool(x[i] > x[i - 1]) for i in turns]
         after = kernel(times[k], speeds[k], 0.0, *p)[1]

@@ -14,6 +14,7 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from contimpact.errors import InputError
+from contimpact.segments.arithmetic import ARRAYS, evaluate_in
 from contimpact.segments.codegen import KernelWriter
 from contimpact.segments.kernels import Kernels
 
@@ -415,7 +416,7 @@ def test_vectorised_flight_is_the_scalar_one(pair, oscillator, kernels_of):
         ends = np.array(list(flights(200, latest=50.0, seed=7)))
         for kind in kinds:
             kernel = kernels.flight(*kind)
-            columns = kernels.vectorised(kernel)(*ends.T, *values_of(model))
+            columns = evaluate_in(kernel, ARRAYS)(*ends.T, *values_of(model))
             columns = np.stack([np.broadcast_to(c, len(ends)) for c in columns], axis=1)
             rows = np.array([kernel(*row, *values_of(model)) for row in ends.tolist()])
             np.testing.assert_allclose(columns, rows, rtol=0, atol=2e-13 * np.max(np.abs(rows)))
@@ -428,7 +429,7 @@ def test_vectorised_motion_broadcasts(pair, kernels_of):
     kernels = kernels_of(model, "s")
     motion = kernels.motion("B")
     dt = np.linspace(0.0, 3.0, 50)
-    out = kernels.vectorised(motion)(0.2, 0.7, dt, *values_of(model))
+    out = evaluate_in(motion, ARRAYS)(0.2, 0.7, dt, *values_of(model))
     for i in (0, 7, 49):
         assert [o[i] for o in out] == pytest.approx(
             motion(0.2, 0.7, dt[i], *values_of(model)), rel=1e-14, abs=1e-15

@@ -1,0 +1,121 @@
+"""The arithmetics in which a kernel can be evaluated.
+
+A kernel is one straight-line text: sums, products, quotients, powers and functions, all by name.
+What the names stand for makes the arithmetic: floats, arrays, numbers with bounds of their rounding
+errors (`bounded`), many digits (`many_digits`), truncated Taylor series (`series`). Two constants
+are not whole numbers: ``pi``, and ``ratio(p, q)`` for the quotient of two of these. Floats and
+arrays see them as numbers; an exact arithmetic makes them itself.
+"""
+
+from __future__ import annotations
+
+import functools
+import math
+import re
+import types
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any, Protocol
+
+import numpy as np
+
+from . import stumpff
+
+
+class Kernel(Protocol):
+    """A kernel as a function of floats.
+
+    Attributes
+    ----------
+    text : str
+        As it was written, its constants by name.
+    source : str
+        What runs, with constants as numbers.
+    """
+
+    text: str
+    source: str
+    __name__: str
+    __code__: types.CodeType
+    __globals__: dict[str, Any]
+
+    def __call__(self, *arguments: Any) -> Any: ...
+
+
+@dataclass(frozen=True)
+class Arithmetic:
+    """What the names in a kernel stand for.
+
+    Attributes
+    ----------
+    names : dict of str to object
+        Functions and ``nan``. An exact arithmetic has ``pi`` and ``ratio`` besides.
+    exact : bool
+        Whether constants are looked up among the names, rather than taken as floats.
+    """
+
+    names: dict[str, Any]
+    exact: bool = False
+
+
+def evaluate_in(kernel: Kernel, arithmetic: Arithmetic) -> Callable[..., Any]:
+    """Return a kernel as a function of the numbers of an arithmetic."""
+    code = _exact_code(kernel.text) if arithmetic.exact else kernel.__code__
+    return types.FunctionType(code, arithmetic.names, kernel.__name__)
+
+
+def kernel_of(name: str, text: str, file: str) -> Kernel:
+    """Return a kernel, as a function of floats, from its text."""
+    namespace = dict(FLOATS.names)
+    source = _CONSTANT.sub(_as_number, text)
+    exec(compile(source, file, "exec"), namespace)
+    kernel: Kernel = namespace[name]
+    kernel.text, kernel.source = text, source
+    return kernel
+
+
+_CONSTANT = re.compile(r"\bpi\b|\bratio(\(-?\d+), (\d+\))")
+
+
+def _as_number(constant: re.Match[str]) -> str:
+    """A number instead of a name, so that compilers can fold constants."""
+    above, below = constant.groups()
+    return f"{above}/{below}" if above else repr(math.pi)
+
+
+@functools.cache
+def _exact_code(text: str) -> types.CodeType:
+    module = compile(text, "<kernel>", "exec")
+    return next(c for c in module.co_consts if isinstance(c, types.CodeType))
+
+
+FUNCTIONS = (
+    "sin", "cos", "tan", "asin", "acos", "atan", "sinh", "cosh", "tanh", "exp", "log", "sqrt",
+    "floor",
+)  # fmt: skip
+"""Elementary functions; Stumpff functions come besides."""
+
+
+def square(x):
+    """Return x x."""
+    return x * x
+
+
+def cube(x):
+    """Return x x x."""
+    return x * x * x
+
+
+PLAIN: dict[str, Any] = {"square": square, "cube": cube}
+"""Names that stand for the same in every arithmetic."""
+
+FLOATS = Arithmetic(
+    {name: getattr(math, name) for name in FUNCTIONS} | {"nan": math.nan, **PLAIN} | stumpff.SCALAR
+)
+
+_NUMPY_SPELLING = {"asin": "arcsin", "acos": "arccos", "atan": "arctan"}
+ARRAYS = Arithmetic(
+    {name: getattr(np, _NUMPY_SPELLING.get(name, name)) for name in FUNCTIONS}
+    | {"nan": math.nan, **PLAIN}
+    | stumpff.ARRAY
+)

@@ -1,0 +1,174 @@
+r"""Numbers that carry a bound of their rounding error.
+
+Running error analysis (Higham, Accuracy and Stability of Numerical Algorithms, sec. 3.3): every
+operation adds its own rounding to what the errors of its operands become,
+
+.. math:: |e_{xy}| \le |x|\,e_y + |y|\,e_x + e_x e_y + u\,|xy|,
+
+and likewise for sums, quotients and functions. Unknowns and parameters are taken as exact, as the
+doubles they are; cancellation inside a formula, which derivatives by its arguments do not show,
+counts.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import numpy as np
+
+from .arithmetic import FLOATS, PLAIN, Arithmetic, Kernel, evaluate_in
+
+Array = np.ndarray[Any, Any]
+
+UNIT = 0.5 * float(np.finfo(float).eps)
+"""The unit roundoff: largest relative error of one operation."""
+
+NEARBY = 1e-7
+"""Relative distance at which the slope of a function is read from a difference."""
+
+
+class Bounded:
+    """A double and a bound of its error; the operations of kernels, each with its own rounding."""
+
+    __slots__ = ("error", "value")
+
+    def __init__(self, value: float, error: float = 0.0) -> None:
+        self.value, self.error = value, error
+
+    @classmethod
+    def of(cls, number: Any) -> Bounded:
+        """Return a number of a formula: whole ones are exact, others have been rounded."""
+        if isinstance(number, cls):
+            return number
+        value = float(number)
+        return cls(value, 0.0 if value.is_integer() else 2.0 * UNIT * abs(value))
+
+    def __add__(self, other: Any) -> Bounded:
+        other = self.of(other)
+        value = self.value + other.value
+        return Bounded(value, self.error + other.error + UNIT * abs(value))
+
+    def __mul__(self, other: Any) -> Bounded:
+        other = self.of(other)
+        value = self.value * other.value
+        spread = abs(self.value) * other.error + abs(other.value) * self.error
+        return Bounded(value, spread + self.error * other.error + UNIT * abs(value))
+
+    def __truediv__(self, other: Any) -> Bounded:
+        other = self.of(other)
+        value = self.value / other.value
+        least = abs(other.value) - other.error
+        spread = (self.error + abs(value) * other.error) / least if least > 0.0 else math.inf
+        return Bounded(value, spread + UNIT * abs(value))
+
+    def __mod__(self, other: Any) -> Bounded:
+        other = self.of(other)
+        value = self.value % other.value
+        turns = abs(round((self.value - value) / other.value))
+        return Bounded(value, self.error + turns * other.error + UNIT * abs(value))
+
+    def __pow__(self, exponent: Any) -> Bounded:
+        return _power(self, self.of(exponent))
+
+    def __neg__(self) -> Bounded:
+        return Bounded(-self.value, self.error)
+
+    def __abs__(self) -> Bounded:
+        return Bounded(abs(self.value), self.error)
+
+    def __sub__(self, other: Any) -> Bounded:
+        return self + -self.of(other)
+
+    def __rsub__(self, other: Any) -> Bounded:
+        return self.of(other) - self
+
+    def __rtruediv__(self, other: Any) -> Bounded:
+        return self.of(other) / self
+
+    def __rmod__(self, other: Any) -> Bounded:
+        return self.of(other) % self
+
+    def __rpow__(self, base: Any) -> Bounded:
+        return _power(self.of(base), self)
+
+    __radd__, __rmul__, __pos__ = __add__, __mul__, lambda self: self
+
+    def __float__(self) -> float:
+        return self.value
+
+    def __lt__(self, other: Any) -> bool:
+        return self.value < float(other)
+
+    def __le__(self, other: Any) -> bool:
+        return self.value <= float(other)
+
+    def __gt__(self, other: Any) -> bool:
+        return self.value > float(other)
+
+    def __ge__(self, other: Any) -> bool:
+        return self.value >= float(other)
+
+
+def _bounded(function: Callable[..., Any]) -> Callable[..., Any]:
+    """A function of floats as one of numbers with bounds.
+
+    A function's own result is good to two units of its last place and to the rounding of its
+    arguments, by which its inner steps are no better than the argument they reduce.
+    """
+
+    def on_bounded(*arguments: Any) -> Any:
+        given = [Bounded.of(a) for a in arguments]
+        values = [a.value for a in given]
+        found = function(*values)
+        several = isinstance(found, tuple)
+        results = np.array(found if several else (found,), dtype=float)
+        errors = 4.0 * UNIT * np.abs(results)
+        for i, argument in enumerate(given):
+            slopes = _slopes(function, values, i, results)
+            errors = errors + slopes * (argument.error + 2.0 * UNIT * abs(argument.value))
+        pairs = [Bounded(*pair) for pair in zip(results.tolist(), errors.tolist(), strict=True)]
+        return tuple(pairs) if several else pairs[0]
+
+    return on_bounded
+
+
+def _slopes(function: Callable[..., Any], values: list[float], i: int, here: Array) -> Array:
+    """The size of a function's derivatives by one argument, from both sides, the larger one."""
+    step = NEARBY * (abs(values[i]) or 1.0)
+    sizes = [np.zeros(len(here))]
+    for side in (-step, step):
+        moved = [*values[:i], values[i] + side, *values[i + 1 :]]
+        try:
+            there = np.atleast_1d(np.array(function(*moved), dtype=float))
+        except (ValueError, ArithmeticError):  # beyond the end of its domain
+            continue
+        sizes.append(np.abs(there - here) / step)
+    return np.max(sizes, axis=0)
+
+
+def _floor(x: Any) -> Bounded:
+    """A whole number of turns; which one does not matter."""
+    return Bounded(float(math.floor(Bounded.of(x).value)))
+
+
+_power = _bounded(pow)
+_OWN = {"floor": _floor, "nan": Bounded(math.nan), **PLAIN}
+BOUNDED = Arithmetic(
+    {name: _OWN[name] if name in _OWN else _bounded(f) for name, f in FLOATS.names.items()}
+)
+
+
+def bounds_of(kernel: Kernel, arguments: Sequence[Any]) -> tuple[list[float], list[float]]:
+    """Return what a kernel says of numbers, and bounds of the errors.
+
+    Parameters
+    ----------
+    kernel : Kernel
+    arguments : sequence of float or Bounded
+        Floats are exact.
+    """
+    given = (a if isinstance(a, Bounded) else Bounded(float(a)) for a in arguments)
+    found = [Bounded.of(out) for out in evaluate_in(kernel, BOUNDED)(*given)]
+    return [out.value for out in found], [out.error for out in found]
