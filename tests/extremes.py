@@ -166,7 +166,7 @@ def many_impacts():
     line of orbits."""
     model = pair(s=0.02, r=1.0, beta=0.0)
     problem = OrbitProblem(model, Word("BT" * 100), Kernels(model, "s"))
-    gap = problem.kernels.setup(*model.values.values())[5]
+    gap = problem.kernels.setup(*model.values.values()).derived[0]
     times = np.arange(200) / 100.0
     speeds = np.where(np.arange(200) % 2 == 0, 1.0, -1.0) * gap * 100.0
     return solved(problem, problem.unknowns_of(times, speeds), allowed=1e-9)

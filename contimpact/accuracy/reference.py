@@ -160,23 +160,20 @@ class Reference:
         problem, ctx = self.problem, self.ctx
         m, n = problem.m, problem.n
         p = self.values(z)
-        period, slope = self.setup(p)[:2]
+        setup = self.setup(p)
         turns = problem.word.period
         residual: list[Any] = []
         blocks = []
         for k, (a, b) in enumerate(problem.kinds):
             i, j = m * k, m * k + m
-            arrival = z[j : j + m] if j < n else [z[0] + turns * period, *z[1:m]]
-            out = self.flight(a, b)(*z[i:j], *arrival, *p)
-            residual += out[:m]
-            start, end = (
-                ctx.matrix([list(out[o + m * r : o + m * r + m]) for r in range(m)])
-                for o in (m, m + m * m)
-            )
-            by_parameter = list(out[m + 2 * m * m :])
+            arrival = z[j : j + m] if j < n else [z[0] + turns * setup.period, *z[1:m]]
+            rows, *entries, by_parameter = self.flight(a, b)(*z[i:j], *arrival, *p)
+            residual += rows
+            start, end = (ctx.matrix([e[m * r : m * r + m] for r in range(m)]) for e in entries)
             if j == n:
-                by_parameter = [g + turns * slope * end[r, 0] for r, g in enumerate(by_parameter)]
-            blocks.append((start, end, by_parameter))
+                drift = turns * setup.slopes[0]
+                by_parameter = [g + drift * end[r, 0] for r, g in enumerate(by_parameter)]
+            blocks.append((start, end, list(by_parameter)))
         return residual, blocks
 
     def residual(self, z: Sequence[Any]) -> list[Any]:
@@ -260,8 +257,8 @@ class Reference:
 
         def system(x: list[Any]) -> list[Any]:
             touch = [x[n + 1], self.ctx.zero, *x[n + 2 :]]
-            out = kernel(*x[left], *touch, *self.values(x[: n + 1]))
-            return [*self.residual(x[: n + 1]), *out[:m]]
+            rows, _, _, _ = kernel(*x[left], *touch, *self.values(x[: n + 1]))
+            return [*self.residual(x[: n + 1]), *rows]
 
         return system, [float(details["touch_time"]), *[0.0] * (m - 2)]
 
@@ -277,16 +274,15 @@ class Reference:
         i, j = m * flight, m * flight + m
         if j < n:
             return z[j] - z[i]
-        period = self.setup(self.values(z))[0]
+        period = self.setup(self.values(z)).period
         return z[0] + self.problem.word.period * period - z[i]
 
     def requested(self, z: list[Any], requested: Mapping[str, float]) -> Any:
         ((name, wanted),) = requested.items()
         if name == self.problem.parameter:
             return z[-1] - wanted
-        model = self.problem.model
-        out = self.setup(self.values(z))
-        return out[3 + len(model.WALLS) + model.DERIVED.index(name)] - wanted
+        place = self.problem.model.DERIVED.index(name)
+        return self.setup(self.values(z)).derived[place] - wanted
 
     # Newton's iteration.
 

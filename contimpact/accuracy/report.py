@@ -389,7 +389,7 @@ def _often(part: Callable[[], Any], times: int) -> None:
 
 def _repeated(orbit: Orbit, times: int) -> tuple[OrbitProblem, Array]:
     problem, word = orbit.problem, orbit.word
-    span = word.period * problem.kernels.setup(*problem.values(orbit.unknowns))[0]
+    span = problem.span(orbit.unknowns)
     rows = np.vstack([problem.impacts(orbit.unknowns)] * times)
     rows[:, 0] += span * np.repeat(np.arange(times), len(word))
     longer = OrbitProblem(problem.model, Word(word.walls * times, word.period * times),

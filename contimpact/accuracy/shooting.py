@@ -81,7 +81,7 @@ class Shooting:
     def _around(self, state: Array, p: list[float]) -> tuple[Array, list[list[float]]] | None:
         """Residual of the return map, and the impacts on the way; None if a wall is missed."""
         problem = self.problem
-        span = problem.word.period * problem.kernels.setup(*p)[0]
+        span = problem.word.period * problem.kernels.setup(*p).period
         rows = []
         now = [float(state[0]), float(state[1])]
         for a, b in problem.kinds:
@@ -97,7 +97,7 @@ class Shooting:
     ) -> list[float] | None:
         """Return time and velocity before the next impact, within twice a span of time."""
         walls = self.problem.model.WALLS
-        places = self.problem.kernels.setup(*p)[3 : 3 + len(walls)]
+        places = self.problem.kernels.setup(*p).walls
         place = dict(zip((w.name for w in walls), places, strict=True))
         start = [place[a], self._reset[a](place[a], impact[1], *p)]
 

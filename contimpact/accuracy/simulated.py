@@ -55,7 +55,7 @@ class ExactFlights:
         self.problem = OrbitProblem(model, Word(self.letters[0]), kernels)
         self.exact = Reference(self.problem, digits)
         self.values = [self.exact.ctx.mpf(value) for value in model.values.values()]
-        self.period = self.exact.setup(self.values)[0]
+        self.period = self.exact.setup(self.values).period
 
     def arrival(self, walls: tuple[int, int], start: Sequence[Any], guess: Sequence[Any]) -> Any:
         """Return time and velocity of the arrival next to a guess; None if it is not reached."""
@@ -63,8 +63,8 @@ class ExactFlights:
         flight = self.exact.flight(*(self.letters[wall] for wall in walls))
         x = ctx.matrix([ctx.mpf(value) for value in guess])
         for _ in range(ITERATIONS):
-            out = flight(*map(ctx.mpf, start), x[0], x[1], *self.values)
-            step = ctx.lu_solve(ctx.matrix([out[6:8], out[8:10]]), ctx.matrix(out[:2]))
+            rows, _, end, _ = flight(*map(ctx.mpf, start), x[0], x[1], *self.values)
+            step = ctx.lu_solve(ctx.matrix([end[:2], end[2:]]), ctx.matrix(rows))
             x = x - step
             if max(abs(step[0]), abs(step[1])) < ctx.mpf(10) ** -self.exact.digits:
                 return x

@@ -86,7 +86,7 @@ class PD(Kind):
         null *= np.sign(null[np.argmax(np.abs(null))])  # of two equal branches, always the same
         rows = problem.impacts(here.unknowns)
         later = rows.copy()
-        later[:, 0] += word.period * problem.kernels.setup(*problem.values(here.unknowns))[0]
+        later[:, 0] += problem.span(here.unknowns)
         twice = Word(word.walls * 2, word.period * 2)
         unknowns = np.append(np.vstack([rows, later]).ravel(), here.unknowns[-1])
         tangent = np.concatenate([null, -null, [0.0]])

@@ -55,7 +55,7 @@ class Grazing(OrbitTest):
     def __init__(self, problem: OrbitProblem) -> None:
         walls = [w.name for w in problem.model.WALLS]
         self.places = [(k, wall) for k in range(len(problem.word)) for wall in walls]
-        positions = problem.kernels.setup(*problem.model.values.values())[3 : 3 + len(walls)]
+        positions = problem.kernels.setup(*problem.model.values.values()).walls
         self.rounding = ROUNDING * max(abs(position) for position in positions)
         self.guides = len(problem.word)
 
@@ -142,7 +142,7 @@ class Touching(ExtendedSystem):
         return Assembled(np.concatenate([here.residual, arrival]), jacobian)
 
     def rounding(self, here: Linearisation, own: Array) -> Array:
-        arrival = bounds_of(self.kernel, self._arguments(here, own))[1][: self.problem.m]
+        arrival, _, _, _ = bounds_of(self.kernel, self._arguments(here, own))[1]
         return np.concatenate([rounding(here).residual, arrival])
 
     def scale(self, own: Array, sizes: Array) -> Array:
@@ -156,9 +156,9 @@ class Touching(ExtendedSystem):
     def arrival(self, here: Linearisation, own: Array) -> tuple[Array, Array, Array, Array]:
         """Return residual and derivatives of the flight to the touch."""
         m = self.problem.m
-        out = np.array(self.kernel(*self._arguments(here, own)))
-        start, end = out[m : m + 2 * m * m].reshape(2, m, m)
-        return out[:m], start, end, out[m + 2 * m * m :].reshape(m, -1)
+        blocks = self.kernel(*self._arguments(here, own))
+        rows, start, end, free = map(np.array, blocks)
+        return rows, start.reshape(m, m), end.reshape(m, m), free.reshape(m, -1)
 
     def _arguments(self, here: Linearisation, own: Array) -> list[float]:
         left = here.unknowns[self.own_impact].tolist()
@@ -177,8 +177,7 @@ class TouchLimit(TestFunction):
         if flight + 1 < len(times):
             arrival = times[flight + 1]
         else:
-            period = problem.kernels.setup(*problem.values(here.orbit.unknowns))[0]
-            arrival = times[0] + problem.word.period * period
+            arrival = times[0] + problem.span(here.orbit.unknowns)
         return np.array([here.own[0] - times[flight], arrival - here.own[0]])
 
 

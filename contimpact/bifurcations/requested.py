@@ -48,17 +48,15 @@ class Requested(ScalarTest):
         gradient, column = np.zeros(len(z)), self.columns[index]
         gradient[-1] = 1.0
         if column >= 0:
-            slopes = 3 + len(problem.model.WALLS) + len(problem.model.DERIVED)
-            gradient[-1] = problem.kernels.setup(*problem.values(z))[slopes + column]
+            gradient[-1] = problem.kernels.setup(*problem.values(z)).derived_slopes[column]
         return gradient
 
     def noise_of(self, problem: OrbitProblem, z: Array, index: int) -> float:
         name, wanted = self.requested[index]
         if name == problem.parameter:
             return 0.0
-        first = 3 + len(problem.model.WALLS)
-        place = first + problem.model.DERIVED.index(name)
-        return rounding_of_setup(problem, z)[place] + EPSILON * abs(wanted)
+        place = problem.model.DERIVED.index(name)
+        return rounding_of_setup(problem, z).derived[place] + EPSILON * abs(wanted)
 
     def described(self, problem: OrbitProblem, index: int) -> dict[str, Any]:
         name, wanted = self.requested[index]

@@ -40,7 +40,7 @@ class ZeroDuration(ScalarTest):
         gradient[i] -= 1.0
         gradient[j % n] += 1.0
         if j == n:
-            slope = problem.kernels.setup(*problem.values(z))[1]
+            slope = problem.kernels.setup(*problem.values(z)).slopes[0]
             gradient[n] = problem.word.period * slope
         return gradient
 
@@ -49,7 +49,8 @@ class ZeroDuration(ScalarTest):
 
     def noise_of(self, problem: OrbitProblem, z: Array, index: int) -> float:
         turns = problem.word.period if index == len(problem.word) - 1 else 0
-        return turns * rounding_of_setup(problem, z)[0] + 2.0 * EPSILON * float(np.max(np.abs(z)))
+        span = turns * rounding_of_setup(problem, z).period
+        return span + 2.0 * EPSILON * float(np.max(np.abs(z)))
 
 
 class T(Kind):

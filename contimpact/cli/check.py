@@ -41,7 +41,7 @@ def _computed(scene: Scene, tell: Progress) -> tuple[Sequence[float], list[str]]
     """The derived parameters at the start, and what is said of the orbits there."""
     kernels = Kernels(scene.model, scene.parameter)
     try:
-        derived = kernels.setup(*scene.model.values.values())[3 + len(scene.model.WALLS) :]
+        derived = kernels.setup(*scene.model.values.values()).derived
     except InputError as error:
         raise placed(error, scene) from None
     return derived, _orbits(scene, kernels, tell)

@@ -29,7 +29,7 @@ from ..continuation.step import (
 )
 from ..continuation.test_function import TestFunction
 from ..continuation.walk import walk
-from ..orbits.block_cyclic import BLOCK, KEPT
+from ..orbits.block_cyclic import BLOCK, KEPT, POSITIONS
 from ..orbits.problem import Array, OrbitProblem
 from ..segments.flight import excursion_of
 from ..segments.zeros import time_zeros
@@ -70,8 +70,9 @@ class OrbitBackend:
     def __init__(self, problem: OrbitProblem, gaps: bool, doubling: bool) -> None:
         self.problem, self.gaps, self.doubling = problem, gaps, doubling
         kernels, values = problem.kernels, problem.model.values.values()
-        self.fixed = kernels.setup(*values)
-        self.zeros = time_zeros(kernels.harmonics(*values), self.fixed[0])
+        setup = kernels.setup(*values)
+        self.fixed = POSITIONS + len(setup.walls) + len(setup.derived)
+        self.zeros = time_zeros(kernels.harmonics(*values), setup.period)
         self.functions = plain_functions(problem, self.zeros)
         self.count, self.walls = len(problem.word), len(problem.model.WALLS)
         self.derived = len(problem.model.DERIVED)
@@ -93,7 +94,7 @@ class OrbitBackend:
             blocks=table(count, BLOCK),
             kept=table(count, KEPT),
             reduced=table(1, KEPT),
-            fixed=table(1, len(self.fixed)),
+            fixed=table(1, self.fixed),
             clock=vector([0.0] * 2),
             durations=vector([0.0] * count),
             gaps=vector([0.0] * count * walls),

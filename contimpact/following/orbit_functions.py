@@ -10,6 +10,7 @@ import math
 from typing import Any, NamedTuple
 
 from ..orbits.block_cyclic import (
+    POSITIONS,
     assemble,
     doubling,
     eliminate,
@@ -49,8 +50,8 @@ class OrbitVectors(NamedTuple):
     zeros : vector
         Zeros of the acceleration, where they are the same along the branch.
     blocks, kept, reduced, fixed : table
-        Scratch space for the flights, for their elimination, for what is left, and for what the
-        kernel ``setup`` returns.
+        Scratch space for the flights, for their elimination, for what is left, and for what depends
+        on the parameters alone.
     clock, durations, gaps, times, velocities : vector
         Scratch space for the period, and for what decides whether an orbit is physical.
     """
@@ -151,7 +152,7 @@ def measure(breaks, excursion, orbit, z, rows, at):
         rows[slowest + k] = slow
         for j in range(walls):
             place = walls * k + j
-            gap, dt = fixed[3 + j] - fixed[3 + wall], when_high
+            gap, dt = fixed[POSITIONS + j] - fixed[POSITIONS + wall], when_high
             if sides[j] > 0.0:
                 gap -= high
             else:
@@ -160,7 +161,7 @@ def measure(breaks, excursion, orbit, z, rows, at):
             if gap < smallest:
                 smallest = gap
     for i in range(counts[DERIVED]):
-        rows[slowest + count + i] = fixed[3 + walls + i]
+        rows[slowest + count + i] = fixed[POSITIONS + walls + i]
     return smallest, sure and smallest >= 0.0
 
 

@@ -29,6 +29,10 @@ TINIEST = -700.0
 BLOCK = 12
 """Numbers of a flight: 2 residuals, the blocks A and B row by row, 2 derivatives by lambda."""
 
+POSITIONS = 1
+"""Place of the walls' positions in the row `fixed`: the forcing period stands before them, the
+derived parameters behind."""
+
 KEPT = 15
 """Numbers of an eliminated impact: R (3), W (4), V (4), l (2), f (2)."""
 
@@ -50,9 +54,9 @@ def assemble(flight, setup, kinds, periods, place, values, blocks, clock, fixed,
     Parameters
     ----------
     flight : callable ``flight(kind, t0, v0, t1, v1, values)``
-        Residuals and derivatives of one flight.
+        The `segments.layout.Blocks` of one flight.
     setup : callable ``setup(values)``
-        The forcing period and its derivative by the free parameter first.
+        The `segments.layout.Setup` of the model.
     kinds : vector of int
         Kind of each flight.
     periods, place : int
@@ -64,30 +68,30 @@ def assemble(flight, setup, kinds, periods, place, values, blocks, clock, fixed,
     clock : vector
         Filled with the orbit's period and its derivative by the free parameter.
     fixed : table
-        Filled with a row: what `setup` returned.
+        Filled with a row: the forcing period, positions of the walls, derived parameters.
     z : vector
         t_1, v_1, ..., t_N, v_N, lambda.
     """
     last = len(kinds) - 1
     values[place] = z[2 * last + 2]
-    setting = setup(values)
-    store(fixed, 0, setting)
-    span, drift = periods * setting[0], periods * setting[1]
+    period, slopes, _, positions, derived, _ = setup(values)
+    store(fixed, 0, (period,) + positions + derived)  # noqa: RUF005
+    span, drift = periods * period, periods * slopes[0]
     clock[0], clock[1] = span, drift
     size, total = 0.0, 0.0
     for k in range(last):
         i = 2 * k
-        out = flight(kinds[k], z[i], z[i + 1], z[i + 2], z[i + 3], values)
-        store(blocks, k, out)
-        one, other = abs(out[0]), abs(out[1])
+        rows, start, end, free = flight(kinds[k], z[i], z[i + 1], z[i + 2], z[i + 3], values)
+        store(blocks, k, rows + start + end + free)
+        one, other = abs(rows[0]), abs(rows[1])
         size = max(size, one, other)
         total += one + other
     i = 2 * last
-    out = flight(kinds[last], z[i], z[i + 1], z[0] + span, z[1], values)
+    rows, start, end, free = flight(kinds[last], z[i], z[i + 1], z[0] + span, z[1], values)
     # the arrival at t_1 + pT moves with T(lambda)
-    out = out[:10] + (out[10] + drift * out[6], out[11] + drift * out[8])  # noqa: RUF005
-    store(blocks, last, out)
-    one, other = abs(out[0]), abs(out[1])
+    free = (free[0] + drift * end[0], free[1] + drift * end[2])
+    store(blocks, last, rows + start + end + free)
+    one, other = abs(rows[0]), abs(rows[1])
     total += one + other  # a maximum may lose what is not a number, a sum does not
     return max(size, one, other) if total - total == 0.0 else math.nan
 

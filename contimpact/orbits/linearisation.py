@@ -84,8 +84,7 @@ class Linearisation:
     @property
     def span(self) -> float:
         """The orbit's period."""
-        problem = self.problem
-        return problem.word.period * problem.kernels.setup(*problem.values(self.unknowns))[0]
+        return self.problem.span(self.unknowns)
 
     @property
     def largest_residual(self) -> float:

@@ -86,10 +86,17 @@ class OrbitProblem:
             values[place] = value
         return values
 
+    def period(self, unknowns: Array) -> float:
+        """Return the forcing period at a point."""
+        return self.kernels.setup(*self.values(unknowns)).period
+
+    def span(self, unknowns: Array) -> float:
+        """Return the orbit's period at a point, a multiple of the forcing's."""
+        return self.word.period * self.period(unknowns)
+
     def derived_at(self, values: Sequence[float]) -> tuple[float, ...]:
         """Return the derived parameters at parameter values."""
-        first = 3 + len(self.model.WALLS)
-        return self.kernels.setup(*values)[first : first + len(self.model.DERIVED)]
+        return tuple(self.kernels.setup(*values).derived)
 
     def model_at(self, unknowns: Array) -> Model:
         """Return the model at a point's parameter values."""
@@ -112,7 +119,7 @@ class OrbitProblem:
         z = unknowns.tolist()
         p = self.values(unknowns)
         setup = self.kernels.setup(*p)
-        span = self.word.period * setup[0]
+        span = self.word.period * setup.period
         residual: list[float] = []
         start: list[float] = []
         end: list[float] = []
@@ -121,13 +128,13 @@ class OrbitProblem:
             i = m * k
             j = i + m
             arrival = z[j : j + m] if j < n else [z[0] + span, *z[1:m]]
-            out = flight(*z[i:j], *arrival, *p)
-            residual += out[:m]
-            start += out[m : m + m * m]
-            end += out[m + m * m : m + 2 * m * m]
-            by_parameter += out[m + 2 * m * m :]
+            rows, leaving, arriving, free = flight(*z[i:j], *arrival, *p)
+            residual += rows
+            start += leaving
+            end += arriving
+            by_parameter += free
         self.kernel_evaluations += len(self._flights)
-        for i, drift in enumerate(self._period_slopes(setup)):
+        for i, drift in enumerate(setup.slopes):
             for row in range(n - m, n):  # the arrival at t_1 + pT moves with T(lambda)
                 by_parameter[self.free * row + i] += self.word.period * drift * end[m * row]
         return Linearisation(
@@ -144,23 +151,6 @@ class OrbitProblem:
     def described(self, unknowns: Array, numbers: Array) -> Described:
         """Return a point of which `numbers` are known; see `Described`."""
         return Described(self, unknowns, numbers)
-
-    def _period_slopes(self, setup: Sequence[float]) -> list[float]:
-        """The derivatives of the forcing period by the free parameters."""
-        if self.free == 1:
-            return [setup[1]]
-        return [setup[1], setup[self._second_setup()]]
-
-    def _period_curvatures(self, setup: Sequence[float]) -> Array:
-        """The second derivatives of the forcing period by the free parameters."""
-        if self.free == 1:
-            return np.array([[setup[2]]])
-        _, twice, mixed = setup[self._second_setup() :][:3]
-        return np.array([[setup[2], mixed], [mixed, twice]])
-
-    def _second_setup(self) -> int:
-        """Where the kernel ``setup`` begins to speak of a second free parameter."""
-        return 3 + len(self.model.WALLS) + 2 * len(self.model.DERIVED)
 
     def second_along(
         self, unknowns: Array, direction: Array, mu: float = 1.0, beside: float = 1.0
@@ -181,29 +171,29 @@ class OrbitProblem:
         z, q = unknowns.tolist(), direction.tolist()
         p = self.values(unknowns)
         setup = self.kernels.setup(*p)
-        slopes = self.word.period * np.array(self._period_slopes(setup))
-        curvatures = self.word.period * self._period_curvatures(setup)
+        slopes = self.word.period * np.array(setup.slopes)
+        curvatures = self.word.period * np.reshape(setup.curvatures, (self.free, self.free))
         gradient = np.zeros((n, n + self.free))
         for k, (a, b) in enumerate(self.kinds):
             i = m * k
             j = i + m
             arrival, moved = z[j : j + m], q[j : j + m]
             if j == n:
-                arrival = [z[0] + self.word.period * setup[0], *z[1:m]]
+                arrival = [z[0] + self.word.period * setup.period, *z[1:m]]
                 moved = [mu * c for c in q[:m]]
                 moved[0] += float(slopes @ direction[n:])
-            out = self.kernels.second(a, b)(*z[i:j], *arrival, *q[i:j], *moved, *q[n:], *p)
-            block = np.array(out, dtype=float).reshape(m, -1)
+            second = self.kernels.second(a, b)
+            _, *changes = second(*z[i:j], *arrival, *q[i:j], *moved, *q[n:], *p)
+            start, end, free = (np.reshape(part, (m, -1)) for part in changes)
             rows = slice(i, i + m)
-            gradient[rows, i:j] += block[:, :m]
-            gradient[rows, j % n : j % n + m] += (
-                beside * block[:, m : 2 * m] if j == n else block[:, m : 2 * m]
-            )
-            gradient[rows, n:] += block[:, 2 * m :]
+            gradient[rows, i:j] += start
+            gradient[rows, j % n : j % n + m] += beside * end if j == n else end
+            gradient[rows, n:] += free
             if j == n:  # the arrival t_1 + pT moves with T(lambda), and its rate with T'(lambda)
-                gradient[rows, n:] += np.outer(block[:, m], slopes)
+                gradient[rows, n:] += np.outer(end[:, 0], slopes)
                 if np.any(curvatures):
-                    ends = self.kernels.flight(a, b)(*z[i:j], *arrival, *p)[m + m * m :: m][:m]
+                    _, _, arriving, _ = self.kernels.flight(a, b)(*z[i:j], *arrival, *p)
+                    ends = arriving[::m]
                     gradient[rows, n:] += np.outer(ends, curvatures @ direction[n:])
         self.kernel_evaluations += len(self.kinds)
         return gradient
@@ -222,7 +212,7 @@ class OrbitProblem:
         m, n = self.m, self.n
         z, q = unknowns.tolist(), direction.tolist()
         p = self.values(unknowns)
-        span = self.word.period * self.kernels.setup(*p)[0]
+        span = self.span(unknowns)
         result: list[float] = []
         for k, (a, b) in enumerate(self.kinds):
             i = m * k
@@ -249,7 +239,7 @@ class OrbitProblem:
         free parameters in `span`.
         """
         impacts = self.impacts(unknowns)
-        period = self.kernels.setup(*self.values(unknowns))[0]
+        period = self.period(unknowns)
         sizes = np.max(np.abs(impacts[:, 1:]), axis=0)
         sizes[0] = max(sizes[0], self._largest_speed(unknowns))
         wave = period / self._mean_order(unknowns)
@@ -268,7 +258,7 @@ class OrbitProblem:
         """The largest speed at eight instants of each flight."""
         p = self.values(unknowns)
         rows = self.impacts(unknowns).tolist()
-        rows.append([rows[0][0] + self.word.period * self.kernels.setup(*p)[0], *rows[0][1:]])
+        rows.append([rows[0][0] + self.span(unknowns), *rows[0][1:]])
         speeds = [
             abs(self.kernels.motion(wall)(*row, part * (later[0] - row[0]) / 8.0, *p)[1])
             for wall, row, later in zip(self.word.walls, rows, rows[1:], strict=False)
@@ -278,7 +268,7 @@ class OrbitProblem:
 
     def difference(self, one: Array, other: Array) -> Array:
         """Return one - other as orbits: zero up to whole periods and rotations of the word."""
-        period = self.kernels.setup(*self.values(one))[0]
+        period = self.period(one)
         span = self.word.period * period
         best: Array | None = None
         for shift in self.word.rotations():

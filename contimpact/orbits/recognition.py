@@ -21,7 +21,7 @@ def rotated_to(problem: OrbitProblem, unknowns: Array, word: Word) -> Array | No
     if shift < 0:
         return None
     rows = problem.impacts(unknowns).copy()
-    rows[:shift, 0] += own.period * problem.kernels.setup(*problem.values(unknowns))[0]
+    rows[:shift, 0] += own.period * problem.period(unknowns)
     rotated = unknowns.copy()
     rotated[:-1] = _rolled(rows, shift).ravel()
     return rotated
@@ -34,7 +34,7 @@ def mirrored(
     walls = "".join(symmetry.walls[wall] for wall in problem.word.walls)
     image = OrbitProblem(problem.model, Word(walls, problem.word.period), problem.kernels)
     rows = problem.impacts(unknowns).copy()
-    rows[:, 0] += symmetry.shift * problem.kernels.setup(*problem.values(unknowns))[0]
+    rows[:, 0] += symmetry.shift * problem.period(unknowns)
     rows[:, 1:] *= symmetry.sign
     moved = unknowns.copy()
     moved[:-1] = rows.ravel()
@@ -62,7 +62,7 @@ def shortest(
 def _shortest_shift(problem: OrbitProblem, unknowns: Array, tolerance: float) -> int | None:
     """How many impacts the orbit repeats after, None if only after all."""
     word = problem.word
-    span = word.period * problem.kernels.setup(*problem.values(unknowns))[0]
+    span = problem.span(unknowns)
     rows = problem.impacts(unknowns)
     n = len(word)
     for shift in word.rotations()[1:]:

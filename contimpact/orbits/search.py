@@ -249,7 +249,7 @@ def _turned(here: Linearisation) -> Linearisation:
     problem, shifts = here.problem, here.problem.word.rotations()
     if len(shifts) == 1:
         return here
-    period = problem.kernels.setup(*problem.values(here.unknowns))[0]
+    period = problem.period(here.unknowns)
     rows = problem.impacts(here.unknowns).copy()
     speeds = np.abs(rows[:, 1])
     keys = np.column_stack([speeds / (np.max(speeds) or 1.0), -(rows[:, 0] / period % 1.0)])
@@ -267,13 +267,13 @@ def _in_order(here: Linearisation) -> bool:
     """Whether the impacts follow each other, none at the time of the next."""
     problem = here.problem
     times = problem.impacts(here.unknowns)[:, 0]
-    span = problem.word.period * problem.kernels.setup(*problem.values(here.unknowns))[0]
+    span = problem.span(here.unknowns)
     return bool(np.min(np.diff(np.append(times, times[0] + span))) > 1e-9 * span)
 
 
 def _same_solution(problem: OrbitProblem, solutions: Array, other: Array) -> Array:
     """Which rows are another solution, up to whole periods and rotations of the word."""
-    period = problem.kernels.setup(*problem.values(other))[0]
+    period = problem.period(other)
     rows = solutions[:, :-1].reshape(-1, len(problem.word), problem.m)
     same = np.zeros(len(solutions), dtype=bool)
     for shift in problem.word.rotations():
@@ -293,7 +293,7 @@ def _regular(here: Linearisation) -> bool:
 
 def _reduced(problem: OrbitProblem, solutions: Array) -> Array:
     """The same solutions with their first impacts in [0, T)."""
-    period = problem.kernels.setup(*problem.model.values.values())[0]
+    period = problem.kernels.setup(*problem.model.values.values()).period
     shifted = solutions.copy()
     shifted[:, : -1 : problem.m] -= np.floor(solutions[:, :1] / period) * period
     return shifted
@@ -317,7 +317,7 @@ def _rounds(
 
 def _random_times(problem: OrbitProblem, generator: np.random.Generator, count: int) -> Array:
     """Impact times in order, one row per start."""
-    period = problem.kernels.setup(*problem.model.values.values())[0]
+    period = problem.kernels.setup(*problem.model.values.values()).period
     first = generator.uniform(0.0, period, count)[:, None]
     durations = generator.dirichlet(np.ones(len(problem.word)), count)
     durations *= problem.word.period * period
@@ -352,7 +352,7 @@ def _newton(problem: OrbitProblem, z: Array) -> tuple[Array, Array]:
     """
     count, n, m = z.shape
     value = problem.model.values[problem.parameter]
-    period = problem.kernels.setup(*problem.model.values.values())[0]
+    period = problem.kernels.setup(*problem.model.values.values()).period
     span = problem.word.period * period
     origin = np.arange(count)
     reached: list[Array] = []
@@ -401,7 +401,7 @@ def _evaluate_all(problem: OrbitProblem, z: Array) -> tuple[Array, Array]:
     count, n, m = z.shape
     p = list(problem.model.values.values())
     arrivals = np.roll(z, -1, axis=1)
-    arrivals[:, -1, 0] += problem.word.period * problem.kernels.setup(*p)[0]
+    arrivals[:, -1, 0] += problem.word.period * problem.kernels.setup(*p).period
     residual = np.zeros((count, n, m))
     jacobian = np.zeros((count, n, m, n, m))
     for a, b in dict.fromkeys(problem.kinds):
@@ -409,12 +409,12 @@ def _evaluate_all(problem: OrbitProblem, z: Array) -> tuple[Array, Array]:
         arriving = [(k + 1) % n for k in leaving]
         start, end = (np.ascontiguousarray(e[:, leaving].transpose(2, 0, 1)) for e in (z, arrivals))
         kernel = evaluate_in(problem.kernels.flight(a, b), ARRAYS)
-        out = kernel(*start, *end, *p)
+        rows, by_start, by_end, _ = kernel(*start, *end, *p)
         for i in range(m):
-            residual[:, leaving, i] = out[i]
+            residual[:, leaving, i] = rows[i]
             for j in range(m):
-                jacobian[:, leaving, i, leaving, j] += out[m + m * i + j]
-                jacobian[:, leaving, i, arriving, j] += out[m + m * m + m * i + j]
+                jacobian[:, leaving, i, leaving, j] += by_start[m * i + j]
+                jacobian[:, leaving, i, arriving, j] += by_end[m * i + j]
     problem.kernel_evaluations += count * n
     return residual.reshape(count, -1), jacobian.reshape(count, n * m, n * m)
 

@@ -141,5 +141,5 @@ def _shifted(problem: OrbitProblem, unknowns: Array, time: Any) -> Any:
     """A time in the clock in which the first impact comes in [0, T)."""
     if time is None:
         return None
-    period = problem.kernels.setup(*problem.values(unknowns))[0]
+    period = problem.period(unknowns)
     return time - float(np.floor(unknowns[0] / period)) * period

@@ -19,7 +19,7 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from . import stumpff
+from . import layout, stumpff
 
 
 class Kernel(Protocol):
@@ -49,7 +49,8 @@ class Arithmetic:
     Attributes
     ----------
     names : dict of str to object
-        Functions and ``nan``. An exact arithmetic has ``pi`` and ``ratio`` besides.
+        Functions, ``nan``, and what lays results out. An exact arithmetic has ``pi`` and ``ratio``
+        besides.
     exact : bool
         Whether constants are looked up among the names, rather than taken as floats.
     """
@@ -106,7 +107,7 @@ def cube(x):
     return x * x * x
 
 
-PLAIN: dict[str, Any] = {"square": square, "cube": cube}
+PLAIN: dict[str, Any] = {"square": square, "cube": cube, **layout.NAMES}
 """Names that stand for the same in every arithmetic."""
 
 FLOATS = Arithmetic(

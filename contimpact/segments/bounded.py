@@ -19,6 +19,7 @@ from typing import Any
 import numpy as np
 
 from .arithmetic import FLOATS, PLAIN, Arithmetic, Kernel, evaluate_in
+from .layout import flat, refilled
 
 Array = np.ndarray[Any, Any]
 
@@ -160,8 +161,8 @@ BOUNDED = Arithmetic(
 )
 
 
-def bounds_of(kernel: Kernel, arguments: Sequence[Any]) -> tuple[list[float], list[float]]:
-    """Return what a kernel says of numbers, and bounds of the errors.
+def bounds_of(kernel: Kernel, arguments: Sequence[Any]) -> tuple[Any, Any]:
+    """Return a kernel's result, and bounds of its errors in the same layout.
 
     Parameters
     ----------
@@ -170,5 +171,7 @@ def bounds_of(kernel: Kernel, arguments: Sequence[Any]) -> tuple[list[float], li
         Floats are exact.
     """
     given = (a if isinstance(a, Bounded) else Bounded(float(a)) for a in arguments)
-    found = [Bounded.of(out) for out in evaluate_in(kernel, BOUNDED)(*given)]
-    return [out.value for out in found], [out.error for out in found]
+    result = evaluate_in(kernel, BOUNDED)(*given)
+    found = [Bounded.of(number) for number in flat(result)]
+    values, errors = ([getattr(number, part) for number in found] for part in ("value", "error"))
+    return refilled(result, values), refilled(result, errors)

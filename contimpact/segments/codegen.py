@@ -20,6 +20,7 @@ from ..models.equations import DT, PHASE, T0, T1, TURN, Departure, equations_of,
 from ..models.model import Model
 from ..models.symbolic import Stumpff
 from . import stumpff
+from .layout import Setup, flat, refilled, result_text
 from .tape import Tape
 
 LARGE = 300
@@ -119,14 +120,12 @@ class KernelWriter:
 
     def write(self, name: str) -> str:
         """Return the source of the kernel `name`: ``setup``, ``harmonics``, ``flight_<a>_<b>``,
-        ``second_<a>_<b>``, ``third_<a>_<b>``, ``motion_<a>`` or ``agreement_<a>_<coordinate>``."""
+        ``motion_<a>`` or ``agreement_<a>_<coordinate>``."""
         kind, *walls = name.split("_")
         writers: dict[str, Callable[..., str]] = {
             "setup": self.setup,
             "harmonics": self.harmonics,
             "flight": self.flight,
-            "second": self.second,
-            "third": self.third,
             "motion": self.motion,
             "agreement": self.agreement,
         }
@@ -184,95 +183,44 @@ class KernelWriter:
             rows = [tape.put(e) for e in rows]
             gradients = self._gradients(tape, rows)
         m = len(rows)
-        outputs = [
-            *rows,
-            *(g for gradient in gradients for g in gradient[:m]),
-            *(g for gradient in gradients for g in gradient[m : 2 * m]),
-            *(g for gradient in gradients for g in gradient[2 * m :]),
-        ]
+        blocks = (
+            tuple(rows),
+            tuple(g for gradient in gradients for g in gradient[:m]),
+            tuple(g for gradient in gradients for g in gradient[m : 2 * m]),
+            tuple(g for gradient in gradients for g in gradient[2 * m :]),
+        )
         about = f"""Flight from wall {a} to wall {b}: residual and first derivatives.
 
-        Returns {m} residuals (arrival minus embedding), their {m}x{m} derivatives by the start
-        (t0, {self._names(self.start)}), by the end (t1, {self._names(self.end)}), row by row, and
-        by {", ".join(self.parameters)}."""
+        Returns {m} residuals (arrival minus embedding), and their derivatives row by row: with
+        respect to the start (t0, {self._names(self.start)}), to the end
+        (t1, {self._names(self.end)}), and to {", ".join(self.parameters)}."""
         if tape is None:
-            return self._shared(name, self._ends(), about, outputs, reduce=True)
-        return self._listed(name, self._ends(), about, tape, outputs)
-
-    def second(self, name: str, a: str, b: str) -> str:
-        tape = Tape()
-        rows = [tape.put(e) for e in self.residual(a, b)]
-        m = len(rows)
-        size = 2 * m + len(self.free)
-        along = [own(f"q{i}") for i in range(size)]
-        rates = self._rates(along) | dict(zip(self.free, along[2 * m :], strict=True))
-        rates[PHASE] -= sum(
-            (q * self.drift(free) for q, free in zip(along[2 * m :], self.free, strict=True)),
-            sympy.S.Zero,
-        )
-        slopes = tape.along(rows, {x: tape.put(rate) for x, rate in rates.items()})
-        outputs = [g for gradient in self._gradients(tape, slopes) for g in gradient]
-        about = f"""Flight from wall {a} to wall {b}: second derivatives along a direction.
-
-        The direction q is (t0, {self._names(self.start)}, t1, {self._names(self.end)},
-        {", ".join(self.parameters)}). Returns, for each of the {m} residuals, the gradient of its
-        derivative along q by the same {size} variables."""
-        return self._listed(name, [*self._ends(), *along], about, tape, outputs)
-
-    def third(self, name: str, a: str, b: str) -> str:
-        tape = Tape()
-        rows = [tape.put(e) for e in self.residual(a, b)]
-        along = [own(f"q{i}") for i in range(2 * len(rows))]
-        rates = {x: tape.put(rate) for x, rate in self._rates(along).items()}
-        for _ in range(3):
-            rows = tape.along(rows, rates)
-        about = f"""Flight from wall {a} to wall {b}: third derivatives along a direction.
-
-        The direction q is (t0, {self._names(self.start)}, t1, {self._names(self.end)}). Returns,
-        for each residual, its third derivative along q."""
-        return self._listed(name, [*self._ends(), *along], about, tape, rows)
-
-    def _rates(self, along: Sequence[Any]) -> dict[Any, Any]:
-        """What changes along a direction in (t0, y0, t1, y1), and how fast."""
-        m = 1 + len(self.start)
-        return {
-            PHASE: along[0],
-            DT: along[m] - along[0],
-            **dict(zip(self.start, along[1:m], strict=True)),
-            **dict(zip(self.end, along[m + 1 : 2 * m], strict=True)),
-        }
+            return self._shared(name, self._ends(), about, blocks, reduce=True)
+        return self._listed(name, self._ends(), about, tape, blocks)
 
     def motion(self, name: str, a: str) -> str:
         leave = self.leave(a)
-        outputs = [DT * leave.mean[0], leave.end[0], leave.acceleration[0]]
+        outputs = (DT * leave.mean[0], leave.end[0], leave.acceleration[0])
         about = f"""Flight after wall {a}: the gap coordinate at the time dt after leaving.
 
         Returns its displacement from the wall, its velocity and its acceleration."""
         return self._shared(name, [T0, *self.start, DT], about, outputs, reduce=True)
 
     def setup(self, name: str) -> str:
-        period, derived = self.equations.period, list(self.equations.derived.values())
-        first, *further = self.free
-        outputs = [
+        period, derived = self.equations.period, tuple(self.equations.derived.values())
+        found = Setup(
             period,
-            sympy.diff(period, first),
-            sympy.diff(period, first, 2),
-            *self.equations.walls.values(),
-            *derived,
-            *(sympy.diff(e, first) for e in derived),
-        ]
-        for free in further:
-            outputs += [sympy.diff(period, free), sympy.diff(period, free, 2)]
-            outputs += [sympy.diff(period, first, free), *(sympy.diff(e, free) for e in derived)]
-        named = ", ".join(self.model.DERIVED) or "none"
+            tuple(sympy.diff(period, free) for free in self.free),
+            tuple(sympy.diff(period, one, other) for one in self.free for other in self.free),
+            tuple(self.equations.walls.values()),
+            derived,
+            tuple(sympy.diff(e, self.free[0]) for e in derived),
+        )
         about = f"""What depends on the parameters alone.
 
-        Returns the forcing period and its first two derivatives by {self.parameters[0]}, the
-        positions of the walls {", ".join(w.name for w in self.model.WALLS)}, and the derived
-        parameters ({named}) followed by their derivatives by {self.parameters[0]}. With a second
-        free parameter mu these follow: the period's derivatives by mu, mu twice, and both, and the
-        derived parameters' by mu."""
-        return self._shared(name, [], about, outputs)
+        Walls: {", ".join(w.name for w in self.model.WALLS)}; derived parameters:
+        {", ".join(self.model.DERIVED) or "none"}; free: {", ".join(self.parameters)}."""
+        return self._shared(name, [], about, found)
 
     def harmonics(self, name: str) -> str:
         about = """Acceleration in flight where it depends on time alone.
@@ -284,11 +232,11 @@ class KernelWriter:
     def agreement(self, name: str, a: str, i: str) -> str:
         """Not kept in the cache: it is evaluated before any kernel is written."""
         leave, k = self.leave(a), int(i)
-        outputs = [
+        outputs = (
             self.equations.period, leave.velocity[k], leave.mean[k], leave.end[k],
             leave.acceleration[k],
             self._sum_of_harmonics() if k == 0 else leave.acceleration[k],
-        ]  # fmt: skip
+        )  # fmt: skip
         about = f"""Flight after wall {a}, coordinate {i}: what has to agree.
 
         Returns the period, the velocity after impact, mean velocity, end velocity, acceleration,
@@ -314,42 +262,44 @@ class KernelWriter:
         return ", ".join(_Printer().doprint(s) for s in symbols)
 
     def _shared(
-        self, name: str, arguments: Sequence[Any], about: str, outputs: Sequence[Any],
+        self, name: str, arguments: Sequence[Any], about: str, outputs: tuple[Any, ...],
         reduce: bool = False,
     ) -> str:  # fmt: skip
         """A kernel that computes what its outputs have in common once."""
-        outputs = [sympy.sympify(e) for e in outputs]
         shared, reduced = sympy.cse(
-            outputs, symbols=(own(f"w{i}") for i in itertools.count()),
-            optimizations="basic", order="none",
-        )  # fmt: skip
-        return self._text(name, arguments, about, shared, reduced, reduce)
+            [sympy.sympify(e) for e in flat(outputs)],
+            symbols=(own(f"w{i}") for i in itertools.count()),
+            optimizations="basic",
+            order="none",
+        )
+        return self._text(name, arguments, about, shared, refilled(outputs, reduced), reduce)
 
     def _listed(
-        self, name: str, arguments: Sequence[Any], about: str, tape: Tape, values: Sequence[Any]
+        self, name: str, arguments: Sequence[Any], about: str, tape: Tape, outputs: Any
     ) -> str:  # fmt: skip
         """A kernel that makes the steps of a tape."""
-        return self._text(name, arguments, about, *tape.listing(values), reduce=True)
+        steps, values = tape.listing(flat(outputs))
+        return self._text(name, arguments, about, steps, refilled(outputs, values), reduce=True)
 
     def _text(
         self, name: str, arguments: Sequence[Any], about: str, steps: Sequence[tuple[Any, Any]],
-        outputs: Sequence[Any], reduce: bool,
+        outputs: Any, reduce: bool,
     ) -> str:  # fmt: skip
-        printer = _Printer()
+        printer, values = _Printer(), flat(outputs)
         signature = self._names([*arguments, *self.equations.parameters.values()])
-        used = set().union(*(e.free_symbols for e in (*outputs, *(e for _, e in steps))))
+        used = set().union(*(e.free_symbols for e in (*values, *(e for _, e in steps))))
         lines = self._reduction(T1 in arguments, TURN in used) if reduce else []
-        together, names = _together([*(e for _, e in steps), *outputs])
+        together, names = _together([*(e for _, e in steps), *values])
         for symbol, e in steps:
             lines.append(f"{printer.doprint(symbol)} = {printer.doprint(e.xreplace(names))}")
             if symbol in together:
                 lines.append(together[symbol])
-        results = ",\n    ".join(_as_float(printer.doprint(e.xreplace(names))) for e in outputs)
+        printed = [_as_float(printer.doprint(e.xreplace(names))) for e in values]
         doc = textwrap.indent(textwrap.dedent("        " + about), "    ").strip()
         body = "\n".join(f"    {line}" for line in lines)
         return (
             f'def {name}({signature}):\n    """{doc}\n    """\n{body}\n'
-            f"    return (\n    {results},\n    )\n"
+            f"    return {result_text(refilled(outputs, printed))}\n"
         )
 
     def _reduction(self, to_an_end: bool, turning: bool) -> list[str]:

@@ -368,9 +368,8 @@ def flight_gaps(
         Period of the orbit.
     """
     setup = kernels.setup(*values)
-    period, named = setup[0], kernels.model.WALLS
+    period, named = setup.period, kernels.model.WALLS
     places = {w.name: i for i, w in enumerate(named)}
-    positions = setup[3 : 3 + len(named)]
     zeros = time_zeros(kernels.harmonics(*values), period)
     excursion = excursion_of(kernels, zeros is not None)
     rows = impacts.tolist()
@@ -389,7 +388,7 @@ def flight_gaps(
             period,
         )  # fmt: skip
         touches = tuple(
-            _touch(k, leave[0], w, positions[place] - positions[i], found)
+            _touch(k, leave[0], w, setup.walls[place] - setup.walls[i], found)
             for place, w in enumerate(named)
         )
         result.append(FlightGaps(length, touches, found[4]))

@@ -81,7 +81,7 @@ class Kernels:
 
     @functools.cached_property
     def setup(self) -> Kernel:
-        """``setup(*p)``: period and two derivatives, wall positions, derived parameters."""
+        """``setup(*p)``: the `Setup`, what depends on the parameters alone."""
         return self.kernel("setup")
 
     @functools.cached_property
@@ -90,16 +90,32 @@ class Kernels:
         return self.kernel("harmonics")
 
     def flight(self, a: str, b: str) -> Kernel:
-        """``flight(t0, *y0, t1, *y1, *p)``: residual and first derivatives from wall a to b."""
+        """``flight(t0, *y0, t1, *y1, *p)``: the `Blocks` of a flight from wall a to wall b."""
         return self.kernel(f"flight_{a}_{b}")
 
     def second(self, a: str, b: str) -> Kernel:
-        """``second(t0, *y0, t1, *y1, *q, *p)``: second derivatives along q."""
-        return self.kernel(f"second_{a}_{b}")
+        """``second(t0, *y0, t1, *y1, *q, *p)``: how the `Blocks` of a flight change along q."""
+        name = f"second_{a}_{b}"
+        if name not in self._functions:
+            from .derivatives import second_derivatives
+
+            found = second_derivatives(self.flight(a, b), self._ends, self.parameters)
+            self._functions[name] = found
+        return self._functions[name]
 
     def third(self, a: str, b: str) -> Kernel:
-        """``third(t0, *y0, t1, *y1, *q, *p)``: third derivatives along q."""
-        return self.kernel(f"third_{a}_{b}")
+        """``third(t0, *y0, t1, *y1, *q, *p)``: third derivatives of the residual along q."""
+        name = f"third_{a}_{b}"
+        if name not in self._functions:
+            from .derivatives import third_derivatives
+
+            self._functions[name] = third_derivatives(self.flight(a, b), self._ends)
+        return self._functions[name]
+
+    @property
+    def _ends(self) -> int:
+        """Unknowns at both ends of a flight."""
+        return 2 * self.model.unknowns_per_impact
 
     def motion(self, a: str) -> Kernel:
         """``motion(t0, *y0, dt, *p)``: displacement, velocity, acceleration after wall a."""

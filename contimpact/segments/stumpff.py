@@ -17,8 +17,10 @@ import math
 
 import numpy as np
 
-HIGHEST = 9
+HIGHEST = 11
 _SERIES_BELOW = 4.0
+_LONGER_SERIES_BELOW = 20.0
+"""For orders above 9, which the recurrence reaches in more steps."""
 _TERMS = 12
 _SERIES = tuple(
     tuple(1.0 / math.factorial(2 * j + k) for j in reversed(range(_TERMS)))
@@ -43,16 +45,21 @@ def stumpff2(q):
     return 0.5 * half * half
 
 
+def _near_zero(k):
+    """The size of arguments up to which the series of c_k is summed."""
+    return _SERIES_BELOW if k <= 9 else _LONGER_SERIES_BELOW
+
+
 def _higher(k, lower):
     """c_k for k > 2: its series near zero, the recurrence from c_{k-2} away from it.
 
     The series is one expression: a loop over its coefficients takes several times as long.
     """
     c11, c10, c9, c8, c7, c6, c5, c4, c3, c2, c1, c0 = _SERIES[k]
-    start = _INVERSE_FACTORIAL[k - 2]
+    start, near = _INVERSE_FACTORIAL[k - 2], _near_zero(k)
 
     def function(q):
-        if -_SERIES_BELOW < q < _SERIES_BELOW:
+        if -near < q < near:
             half = c6 - q * (c7 - q * (c8 - q * (c9 - q * (c10 - q * c11))))
             return c0 - q * (c1 - q * (c2 - q * (c3 - q * (c4 - q * (c5 - q * half)))))
         return (start - lower(q)) / q
@@ -68,6 +75,8 @@ stumpff6 = _higher(6, stumpff4)
 stumpff7 = _higher(7, stumpff5)
 stumpff8 = _higher(8, stumpff6)
 stumpff9 = _higher(9, stumpff7)
+stumpff10 = _higher(10, stumpff8)
+stumpff11 = _higher(11, stumpff9)
 
 
 TOGETHER = (3, 5)
@@ -145,6 +154,8 @@ decaying6 = _decaying(6, decaying4)
 decaying7 = _decaying(7, decaying5)
 decaying8 = _decaying(8, decaying6)
 decaying9 = _decaying(9, decaying7)
+decaying10 = _decaying(10, decaying8)
+decaying11 = _decaying(11, decaying9)
 
 SCALAR = {
     f"{name}{k}": globals()[f"{name}{k}"]
@@ -167,13 +178,14 @@ def _array_stumpff(k):
             return np.where(x == 0, 1.0, np.where(q >= 0, np.sin(x), hyperbolic) / divisor)
         if k == 2:
             return 0.5 * ARRAY["stumpff1"](0.25 * q) ** 2
-        near = np.where(np.abs(q) < _SERIES_BELOW, q, 0.0)
+        below = _near_zero(k)
+        near = np.where(np.abs(q) < below, q, 0.0)
         total = np.zeros_like(near)
         for coefficient in _SERIES[k]:
             total = coefficient - near * total
-        far = np.where(np.abs(q) < _SERIES_BELOW, 1.0, q)
+        far = np.where(np.abs(q) < below, 1.0, q)
         recurrence = (_INVERSE_FACTORIAL[k - 2] - ARRAY[f"stumpff{k - 2}"](q)) / far
-        return np.where(np.abs(q) < _SERIES_BELOW, total, recurrence)
+        return np.where(np.abs(q) < below, total, recurrence)
 
     return function
 

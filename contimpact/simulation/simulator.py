@@ -172,10 +172,9 @@ class Simulator:
         self.sides = tuple(sides)
         self.values = tuple(model.values.values())
         setup = self.kernels.setup(*self.values)
-        self.period = float(setup[0])
-        self.positions = tuple(float(x) for x in setup[3 : 3 + len(sides)])
-        names = model.DERIVED
-        self.derived = dict(zip(names, setup[3 + len(sides) :], strict=False))
+        self.period = float(setup.period)
+        self.positions = tuple(float(x) for x in setup.walls)
+        self.derived = dict(zip(model.DERIVED, setup.derived, strict=True))
         self._motions = tuple(self.kernels.motion(letter) for letter in self.letters)
         self._motion = _motion_at(self._motions, self.values)
         self._zeros = time_zeros(self.kernels.harmonics(*self.values), self.period)
@@ -532,8 +531,11 @@ class Simulator:
         """
         t1 = end.phase + (end.turns - start.turns) * self.period
         kernel = self._flights[start.wall, end.wall]
-        out = kernel(start.phase, start.velocity, t1, end.velocity, *self.values)
-        a11, a12, a21, a22, b11, b12, b21, b22 = out[2:10]
+        _, leaving, arriving, _ = kernel(
+            start.phase, start.velocity, t1, end.velocity, *self.values
+        )
+        a11, a12, a21, a22 = leaving
+        b11, b12, b21, b22 = arriving
         det = b11 * b22 - b12 * b21
         if det == 0.0:
             return (math.inf,) * 4

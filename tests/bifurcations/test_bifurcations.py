@@ -129,7 +129,7 @@ def check_no_repetition(found):
     """No orbit comes twice, up to whole periods; a closed branch ends where it began."""
     points = found.points[:-1] if found.end.kind is EndKind.CLOSED else found.points
     problem = points[0].evaluation.problem
-    periods = np.array([problem.kernels.setup(*problem.values(p.unknowns))[0] for p in points])
+    periods = np.array([problem.period(p.unknowns) for p in points])
     rows = impacts_of(points)
     phases = 2.0 * math.pi * rows[:, :, 0] / periods[:, None]
     values = np.array([[point.parameter] for point in points])

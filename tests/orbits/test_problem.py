@@ -21,7 +21,7 @@ def random_point(problem, seed, value=None):
     """Times in order over the orbit's span, velocities of order one."""
     rng = np.random.default_rng(seed)
     n = len(problem.word)
-    period = problem.kernels.setup(*problem.model.values.values())[0]
+    period = problem.kernels.setup(*problem.model.values.values()).period
     times = rng.uniform(0, period) + np.sort(rng.uniform(0, problem.word.period * period, n))
     return problem.unknowns_of(times, rng.normal(size=n), value)
 

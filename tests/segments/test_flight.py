@@ -315,9 +315,9 @@ def dense_gaps(orbit):
     p = problem.values(orbit.unknowns)
     setup = problem.kernels.setup(*p)
     walls = {wall.name: wall.side for wall in problem.model.WALLS}
-    places = dict(zip(walls, setup[3:], strict=False))
+    places = dict(zip(walls, setup.walls, strict=True))
     impacts = problem.impacts(orbit.unknowns)
-    times = np.append(impacts[:, 0], impacts[0, 0] + problem.word.period * setup[0])
+    times = np.append(impacts[:, 0], impacts[0, 0] + problem.word.period * setup.period)
     speeds = np.append(impacts[:, 1], impacts[0, 1])
     result = []
     for k, (a, b) in enumerate(problem.kinds):

@@ -15,8 +15,8 @@ from scipy.integrate import solve_ivp
 
 from contimpact.errors import InputError
 from contimpact.segments.arithmetic import ARRAYS, evaluate_in
-from contimpact.segments.codegen import KernelWriter
 from contimpact.segments.kernels import Kernels
+from contimpact.segments.layout import flat
 
 PAIR_KINDS = ["BB", "BT", "TB", "TT"]
 SHORT_FORCINGS = ["cos(pi*t)", "cos(pi*t)**3", "cos(pi*t+0.3)+sin(4*pi*t)/5-1/8"]
@@ -94,7 +94,7 @@ def test_residual_of_the_pair(pair, exact, kernels_of, forcing, kind):
     model = pair(forcing=forcing)
     flight = kernels_of(model, "s").flight(*kind)
     for ends in flights(80, latest=1e3):
-        out = flight(*ends, *values_of(model))
+        out, *_ = flight(*ends, *values_of(model))
         for row, (residual, size) in enumerate(zip(*exact(model, *kind, ends), strict=True)):
             error = abs(out[row] - residual)
             assert error < 2e-15 * size
@@ -106,7 +106,7 @@ def test_residual_with_two_restitutions(pair, exact, kernels_of):
     for kind in PAIR_KINDS:
         flight = kernels_of(model, "r_T").flight(*kind)
         for ends in flights(20, latest=10.0):
-            out = flight(*ends, *values_of(model))
+            out, *_ = flight(*ends, *values_of(model))
             residual, size = exact(model, *kind, ends)
             assert all(abs(out[i] - residual[i]) < 2e-15 * size[i] for i in range(2))
 
@@ -119,7 +119,7 @@ def test_residual_of_the_oscillator(oscillator, exact, kernels_of, c):
     flight = kernels_of(model, "omega").flight("S", "S")
     for latest in (1.0, 1e3):
         for ends in flights(40, latest=latest):
-            out = flight(*ends, *values_of(model))
+            out, *_ = flight(*ends, *values_of(model))
             late = 1e-15 * (1 + model.values["omega"] * ends[0])
             residual, size = exact(model, "S", "S", ends)
             assert all(abs(out[i] - residual[i]) < late * size[i] for i in range(2))
@@ -136,7 +136,7 @@ def test_oscillator_against_integration(oscillator, kernels_of, c):
         lambda t, y: [y[1], math.cos(p["omega"] * t) - c * y[1] - y[0]],
         (t0, t1), start, method="DOP853", rtol=1e-12, atol=1e-13,
     )  # fmt: skip
-    out = kernels_of(model, "omega").flight("S", "S")(t0, v0, t1, 0.0, *values_of(model))
+    out, *_ = kernels_of(model, "omega").flight("S", "S")(t0, v0, t1, 0.0, *values_of(model))
     assert out[0] * (t1 - t0) == pytest.approx(run.y[0, -1] - p["sigma"], abs=2e-11)
     assert out[1] == pytest.approx(run.y[1, -1], abs=2e-11)
 
@@ -145,7 +145,9 @@ def test_zero_duration(pair, oscillator, kernels_of):
     """A flight that has not begun: the mean velocity is the velocity after impact."""
     for model, wall, parameter in ((pair(), "B", "s"), (oscillator(c=0.1), "S", "omega")):
         r, v = model.values["r"], 0.7
-        out = kernels_of(model, parameter).flight(wall, wall)(1.3, v, 1.3, 0.2, *values_of(model))
+        out, *_ = kernels_of(model, parameter).flight(wall, wall)(
+            1.3, v, 1.3, 0.2, *values_of(model)
+        )
         assert out[0] == pytest.approx(-r * v, rel=1e-15)
         assert out[1] == pytest.approx(-r * v - 0.2, rel=1e-15)
         assert all(map(math.isfinite, out))
@@ -185,9 +187,9 @@ def check_rows(rows, expected, tolerance):
             assert abs(value - e) <= tolerance * largest
 
 
-def first_rows(out):
-    """Gradients of both residuals from a flight kernel's output."""
-    start, end, by_parameter = out[2:6], out[6:10], out[10:12]
+def first_rows(blocks):
+    """Gradients of both residuals, from what a flight's kernel returns."""
+    _, start, end, by_parameter = blocks
     return [
         [*start[2 * row : 2 * row + 2], *end[2 * row : 2 * row + 2], by_parameter[row]]
         for row in range(2)
@@ -256,7 +258,7 @@ def test_second_derivatives_of_the_pair(pair, exact, kernels_of, parameter, forc
         q = rng.normal(size=5)
         out = second(*ends, *q, *values_of(model))
         expected = exact_gradients(exact, model, kind, ends, parameter, q)
-        check_rows([out[:5], out[5:]], expected, 5e-13)
+        check_rows(first_rows(out), expected, 5e-13)
 
 
 @pytest.mark.parametrize("c", DAMPINGS)
@@ -269,7 +271,7 @@ def test_second_derivatives_of_the_oscillator(oscillator, exact, kernels_of, c):
         q = rng.normal(size=5)
         out = second(*ends, *q, *values_of(model))
         expected = exact_gradients(exact, model, "SS", ends, "omega", q)
-        check_rows([out[:5], out[5:]], expected, 1e-12)
+        check_rows(first_rows(out), expected, 1e-12)
 
 
 # Motion, setup, harmonics
@@ -300,8 +302,8 @@ def test_setup_of_the_pair(pair, kernels_of):
     """d = 0.6225 s at A = 5 N and gbar = 0.12201 at beta = pi/6, as in the paper."""
     model = pair(s=0.5)
     out = kernels_of(model, "A").setup(*values_of(model))
-    period, slope, curvature, bottom, top, d, gbar, d_slope, gbar_slope = out
-    assert (period, slope, curvature) == (2, 0, 0)
+    (bottom, top), (d, gbar), (d_slope, gbar_slope) = out.walls, out.derived, out.derived_slopes
+    assert (out.period, out.slopes, out.curvatures) == (2, (0,), (0,))
     assert d == pytest.approx(0.6225 * 0.5, rel=1e-15)
     assert (bottom, top) == pytest.approx((d / 2, -d / 2), rel=1e-15)
     assert gbar == pytest.approx(0.12201, rel=1e-15)
@@ -314,7 +316,8 @@ def test_setup_of_the_oscillator(oscillator, kernels_of):
     out = kernels_of(model, "omega").setup(*values_of(model))
     period = 2 * math.pi / 0.7
     expected = (period, -period / 0.7, 2 * period / 0.49, model.values["sigma"])
-    assert out == pytest.approx(expected, rel=4e-16)
+    assert flat(out) == pytest.approx(expected, rel=4e-16)
+    assert (out.derived, out.derived_slopes) == ((), ())
 
 
 @pytest.mark.parametrize("forcing", SHORT_FORCINGS)
@@ -322,8 +325,8 @@ def test_harmonics_of_the_pair(pair, kernels_of, forcings, forcing):
     model = pair(forcing=forcing)
     out = kernels_of(model, "s").harmonics(*values_of(model))
     mean, series = forcings[forcing]()
-    flat = [0.12201 + float(mean), *(float(x) for term in series for x in term)]
-    assert out == pytest.approx(flat, rel=4e-16)
+    expected = [0.12201 + float(mean), *(float(x) for term in series for x in term)]
+    assert out == pytest.approx(expected, rel=4e-16)
 
 
 def test_sampled_harmonics(pair, kernels_of):
@@ -416,9 +419,9 @@ def test_vectorised_flight_is_the_scalar_one(pair, oscillator, kernels_of):
         ends = np.array(list(flights(200, latest=50.0, seed=7)))
         for kind in kinds:
             kernel = kernels.flight(*kind)
-            columns = evaluate_in(kernel, ARRAYS)(*ends.T, *values_of(model))
+            columns = flat(evaluate_in(kernel, ARRAYS)(*ends.T, *values_of(model)))
             columns = np.stack([np.broadcast_to(c, len(ends)) for c in columns], axis=1)
-            rows = np.array([kernel(*row, *values_of(model)) for row in ends.tolist()])
+            rows = np.array([flat(kernel(*row, *values_of(model))) for row in ends.tolist()])
             np.testing.assert_allclose(columns, rows, rtol=0, atol=2e-13 * np.max(np.abs(rows)))
             largest = np.max(np.abs(rows), axis=1, keepdims=True)
             assert np.max(np.abs(columns - rows) / largest) < 4e-15  # measured: 9e-16
@@ -438,8 +441,8 @@ def test_vectorised_motion_broadcasts(pair, kernels_of):
 
 def test_kernels_are_scalar(pair, kernels_of):
     out = kernels_of(pair(), "s").flight("B", "T")(0.1, 0.6, 1.4, -0.5, *values_of(pair()))
-    assert len(out) == 12
-    assert all(type(value) in (float, int) for value in out)
+    assert [len(block) for block in out] == [2, 4, 4, 2]
+    assert all(type(value) in (float, int) for value in flat(out))
 
 
 # The cache
@@ -592,25 +595,27 @@ def test_two_free_parameters(pair, exact, kernels_of):
     for ends in flights(5, latest=10.0, seed=8):
         out = flight(*ends, *values_of(model))
         by_amplitude = kernels_of(model, "A").flight("B", "T")(*ends, *values_of(model))
-        assert out[:10] == pytest.approx(by_amplitude[:10], rel=1e-13, abs=1e-15)
+        for both, alone in zip(out[:3], by_amplitude[:3], strict=True):
+            assert both == pytest.approx(alone, rel=1e-13, abs=1e-15)
         for column, name in enumerate(("A", "r")):
             expected = exact_gradients(exact, model, "BT", ends, name)
-            rows = first_rows([*out[:10], out[10 + column], out[12 + column]])
+            rows = first_rows([*out[:3], out[3][column::2]])
             check_rows(rows, expected, 1e-13)
 
 
 def test_setup_with_two_free_parameters(pair, oscillator, kernels_of):
-    """After what one parameter gives: the period's slopes by the second, then the derived ones'."""
+    """The period has slopes by both; the rest is as with the first alone."""
     model = pair(s=0.5)
     alone = kernels_of(model, "A").setup(*values_of(model))
     out = kernels_of(model, "A", "s").setup(*values_of(model))
-    assert out[: len(alone)] == pytest.approx(alone, rel=1e-15)
-    assert out[len(alone) :] == pytest.approx((0, 0, 0, 0.6225, 0), rel=1e-15)
+    assert (out.period, *out[3:]) == (alone.period, *alone[3:])
+    assert (out.slopes, out.curvatures) == ((0, 0), (0, 0, 0, 0))
     model = oscillator(omega=0.7)
     period = 2 * math.pi / 0.7
     out = kernels_of(model, "sigma", "omega").setup(*values_of(model))
-    slopes = (-period / 0.7, 2 * period / 0.49, 0)
-    assert out == pytest.approx((period, 0, 0, model.values["sigma"], *slopes), rel=4e-16)
+    assert (out.period, *out.walls) == pytest.approx((period, model.values["sigma"]), rel=4e-16)
+    assert out.slopes == pytest.approx((0, -period / 0.7), rel=4e-16)
+    assert out.curvatures == pytest.approx((0, 0, 0, 2 * period / 0.49), rel=4e-16)
 
 
 def test_one_parameter_twice(pair):
@@ -635,7 +640,7 @@ from contimpact.systems.impact_pair import ImpactPair
 model = ImpactPair(beta=0.5, r=0.3, A=5.0, s=0.389)
 kernels = Kernels(model, "s")
 p = model.values.values()
-print(kernels.flight("B", "T")(0.1, 0.6, 1.4, -0.5, *p)[0].hex(), kernels.setup(*p)[3].hex())
+print(kernels.flight("B", "T")(0.1, 0.6, 1.4, -0.5, *p)[0][0].hex(), kernels.setup(*p).walls[0].hex())
 print(*kernels.generated)
 print("sympy" in sys.modules)
 """
@@ -727,10 +732,10 @@ def test_derivatives_of_any_order_take_a_few_steps_for_each_harmonic(pair):
     steps = {}
     for count in (2, 4, 8):
         forcing = "+".join(f"cos({k}*pi*t)" for k in range(1, count + 1))
-        writer = KernelWriter(pair(forcing=forcing), ["s"])
-        for name in ("flight_B_T", "second_B_T", "third_B_T"):
-            steps[name, count] = len(writer.write(name))
-    for name in ("flight_B_T", "second_B_T", "third_B_T"):
+        kernels = Kernels(pair(forcing=forcing), "s")
+        for ask in (kernels.flight, kernels.second, kernels.third):
+            steps[ask.__name__, count] = len(ask("B", "T").source)
+    for name in ("flight", "second", "third"):
         assert steps[name, 8] < 2.2 * steps[name, 4] < 2.2 * 2.2 * steps[name, 2]
 
 

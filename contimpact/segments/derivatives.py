@@ -1,0 +1,75 @@
+"""Second and third derivatives of a segment along a direction, from the text of its kernel.
+
+The kernel is evaluated once on series whose coefficients write down what is done with them; what
+they have written is a kernel of floats. That takes milliseconds, and no formulas.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+from .arithmetic import Kernel, evaluate_in, kernel_of
+from .layout import Blocks
+from .recording import RECORDED, Tape
+from .series import Series, series
+
+SERIES = series(RECORDED)
+
+
+def second_derivatives(kernel: Kernel, ends: int, parameters: Sequence[str]) -> Kernel:
+    """Return ``second(t0, *y0, t1, *y1, *q, *p)``: how `Blocks` change along a direction q.
+
+    Parameters
+    ----------
+    kernel : Kernel
+        Of a flight.
+    ends : int
+        Unknowns at both ends of the flight.
+    parameters : sequence of str
+        Those that the direction has entries for, behind those of the ends.
+    """
+    tape, arguments, blocks = _along(kernel, ends, parameters, 1)
+    changes = tuple(tuple(_coefficient(number, 1) for number in block) for block in blocks)
+    about = f"How {kernel.__name__} changes along a direction q."
+    return kernel_of("second", tape.kernel("second", arguments, about, changes), "<second>")
+
+
+def third_derivatives(kernel: Kernel, ends: int) -> Kernel:
+    """Return ``third(t0, *y0, t1, *y1, *q, *p)``: third derivatives of the residual along q.
+
+    Parameters
+    ----------
+    kernel : Kernel
+        Of a flight.
+    ends : int
+        Unknowns at both ends of the flight, the entries of the direction.
+    """
+    tape, arguments, blocks = _along(kernel, ends, (), 3)
+    found = tuple(6 * _coefficient(number, 3) for number in blocks[0])
+    about = f"Third derivatives of the residual of {kernel.__name__} along a direction q."
+    return kernel_of("third", tape.kernel("third", arguments, about, found), "<third>")
+
+
+def _along(
+    kernel: Kernel, ends: int, parameters: Sequence[str], degree: int
+) -> tuple[Tape, list[str], Blocks]:
+    """Evaluate a flight where its ends and some parameters move along a direction."""
+    tape = Tape()
+    names = kernel.__code__.co_varnames[: kernel.__code__.co_argcount]
+    moving = [*names[:ends], *(f"p_{parameter}" for parameter in parameters)]
+    along = {name: f"q{i}" for i, name in enumerate(moving)}
+    rest = [0] * (degree - 1)
+    given = [
+        Series([tape.step(name), tape.step(along[name]), *rest])
+        if name in along
+        else tape.step(name)
+        for name in names
+    ]
+    arguments = [*names[:ends], *along.values(), *names[ends:]]
+    return tape, arguments, evaluate_in(kernel, SERIES)(*given)
+
+
+def _coefficient(number: Any, order: int) -> Any:
+    """A coefficient of a result, which does not move where it is no series."""
+    return number.coefficients[order] if isinstance(number, Series) else 0

@@ -1,0 +1,81 @@
+"""What kernels return: the one place that knows how their results are laid out.
+
+=================  ============================================================================
+kernel             returns
+=================  ============================================================================
+``flight_<a>_<b>`` `Blocks`, as a plain tuple: residual, start, end, by_parameter
+``setup``          `Setup`
+``motion_<a>``     displacement from the wall, velocity and acceleration of the gap coordinate
+``harmonics``      the mean, then k, a_k, b_k for each harmonic; NaN alone where there are none
+=================  ============================================================================
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Sequence
+from typing import Any, NamedTuple, TypeAlias
+
+Row: TypeAlias = Sequence[Any]
+"""Numbers of the arithmetic a kernel is evaluated in; of a matrix, row by row."""
+
+Blocks: TypeAlias = tuple[Row, Row, Row, Row]
+"""A segment's residual (m), and its derivatives: with respect to the unknowns of the impact it
+leaves (m x m), to those of the impact it reaches (m x m), and to the free parameters (m x free)."""
+
+
+class Setup(NamedTuple):
+    """What depends on the parameters alone.
+
+    Attributes
+    ----------
+    period : float
+        The forcing period.
+    slopes : tuple of shape (free,)
+        Its derivatives with respect to the free parameters.
+    curvatures : tuple of shape (free * free,)
+        Its second derivatives, row by row.
+    walls : tuple of shape (w,)
+        Positions of the walls, in the model's order.
+    derived : tuple of shape (d,)
+        Derived parameters, in the model's order.
+    derived_slopes : tuple of shape (d,)
+        Their derivatives with respect to the first free parameter.
+    """
+
+    period: Any
+    slopes: Row
+    curvatures: Row
+    walls: Row
+    derived: Row
+    derived_slopes: Row
+
+
+NAMES: dict[str, Any] = {"Setup": Setup}
+"""What a kernel calls in order to return its results."""
+
+
+def result_text(result: tuple[Any, ...]) -> str:
+    """Return what stands behind ``return`` in a kernel, from the texts of its numbers."""
+    parts = [
+        f"({' '.join(f'{e},' for e in part)})" if isinstance(part, tuple) else part
+        for part in result
+    ]
+    lines = "".join(f"        {part},\n" for part in parts)
+    return f"{'Setup' if isinstance(result, Setup) else ''}(\n{lines}    )"
+
+
+def flat(result: Any) -> list[Any]:
+    """Return all numbers of a kernel's result, in order."""
+    return [e for part in result for e in flat(part)] if isinstance(result, tuple) else [result]
+
+
+def refilled(result: Any, values: Iterable[Any]) -> Any:
+    """Return a result laid out as another one, with other values in order."""
+    return _refilled(result, iter(values))
+
+
+def _refilled(result: Any, values: Iterator[Any]) -> Any:
+    if not isinstance(result, tuple):
+        return next(values)
+    parts = (_refilled(part, values) for part in result)
+    return Setup(*parts) if isinstance(result, Setup) else tuple(parts)

@@ -1,0 +1,195 @@
+r"""Kernels on truncated Taylor series: derivatives along a direction, of any order.
+
+A kernel evaluated at x + q e, with e a small quantity whose powers beyond the n-th are dropped,
+returns the derivatives of its results along q,
+
+.. math:: f(x + q e) = \sum_{k \le n} \frac{e^k}{k!} \, \partial_q^k f(x) + O(e^{n+1}),
+
+exactly but for rounding (Griewank and Walther, Evaluating Derivatives, 2008, ch. 13). The
+coefficients are numbers of another arithmetic: floats, many digits, or numbers that write down what
+is done with them (`recording`). The whole number 0 stands for a coefficient that vanishes whatever
+the arguments, and costs nothing.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Sequence
+from typing import Any
+
+from .arithmetic import PLAIN, Arithmetic
+from .stumpff import HIGHEST, TOGETHER
+
+
+class Series:
+    """A polynomial in e, by its coefficients from that of e^0 on; all in a sum have as many."""
+
+    __slots__ = ("coefficients",)
+
+    def __init__(self, coefficients: Iterable[Any]) -> None:
+        self.coefficients = list(coefficients)
+
+    def _of(self, other: Any) -> Series:
+        if isinstance(other, Series):
+            return other
+        return Series([other, *[0] * (len(self.coefficients) - 1)])
+
+    def __add__(self, other: Any) -> Series:
+        return Series(map(_sum, self.coefficients, self._of(other).coefficients))
+
+    __radd__ = __add__
+
+    def __neg__(self) -> Series:
+        return Series([0 if _vanishes(a) else -a for a in self.coefficients])
+
+    def __sub__(self, other: Any) -> Series:
+        return Series(map(_difference, self.coefficients, self._of(other).coefficients))
+
+    def __rsub__(self, other: Any) -> Series:
+        return self._of(other) - self
+
+    def __mul__(self, other: Any) -> Series:
+        a, b = self.coefficients, self._of(other).coefficients
+        return Series([_product(a[: n + 1], b[n::-1]) for n in range(len(a))])
+
+    __rmul__ = __mul__
+
+    def __truediv__(self, other: Any) -> Series:
+        a, b = self.coefficients, self._of(other).coefficients
+        found: list[Any] = []
+        for n in range(len(a)):
+            left = _difference(a[n], _product(b[1 : n + 1], found[::-1]))
+            found.append(0 if _vanishes(left) else left / b[0])
+        return Series(found)
+
+    def __rtruediv__(self, other: Any) -> Series:
+        return self._of(other) / self
+
+    def __pow__(self, exponent: Any) -> Series:
+        return composed(lambda x: x**exponent, [lambda x: exponent * x ** (exponent - 1)], self)
+
+    def __mod__(self, other: Any) -> Series:
+        (a, *rest), (b, *by) = self.coefficients, self._of(other).coefficients
+        turns = (a - a % b) / b
+        return Series([a % b, *map(_difference, rest, (_product([turns], [c]) for c in by))])
+
+
+def _vanishes(coefficient: Any) -> bool:
+    return type(coefficient) is int and coefficient == 0
+
+
+def _sum(a: Any, b: Any) -> Any:
+    return b if _vanishes(a) else a if _vanishes(b) else a + b
+
+
+def _difference(a: Any, b: Any) -> Any:
+    return a if _vanishes(b) else -b if _vanishes(a) else a - b
+
+
+def _product(a: Sequence[Any], b: Sequence[Any]) -> Any:
+    """The sum of the products of coefficients."""
+    total: Any = 0
+    for x, y in zip(a, b, strict=True):
+        if not (_vanishes(x) or _vanishes(y)):
+            total = _sum(total, x * y)
+    return total
+
+
+def composed(
+    function: Callable[..., Any], slopes: Sequence[Callable[..., Any]], *arguments: Any
+) -> Series:
+    """Return a function of series, from its values and its derivatives as functions of series.
+
+    From f' = sum of df/dx_i x_i', coefficient by coefficient: n f_n = sum of k x_k (df/dx)_{n-k}.
+    """
+    size = max(len(x.coefficients) for x in arguments if isinstance(x, Series))
+    given = [x if isinstance(x, Series) else Series([x, *[0] * (size - 1)]) for x in arguments]
+    found = [function(*(x.coefficients[0] for x in given))] + [0] * (size - 1)
+    if size == 1:
+        return Series(found)
+    shorter = [Series(x.coefficients[:-1]) for x in given]
+    for x, slope in zip(given, slopes, strict=True):
+        rates = [k * c if k > 1 else c for k, c in enumerate(x.coefficients)][1:]
+        if all(map(_vanishes, rates)):
+            continue
+        by = shorter[0]._of(slope(*shorter)).coefficients
+        for n in range(1, size):
+            found[n] = _sum(found[n], _product(rates[:n], by[n - 1 :: -1]))
+    return Series([c / n if n > 1 and not _vanishes(c) else c for n, c in enumerate(found)])
+
+
+def series(inner: Arithmetic) -> Arithmetic:
+    """Return the arithmetic of series whose coefficients are numbers of another one."""
+    names: dict[str, Any] = {}
+    for name, slopes in _slopes(names).items():
+        names[name] = _of_series(inner.names[name], slopes)
+    for highest in TOGETHER:
+        names[f"stumpffs{highest}"] = _together(inner, names, highest)
+    constants = {name: inner.names[name] for name in ("nan", "pi", "ratio") if name in inner.names}
+    return Arithmetic(names | constants | PLAIN, inner.exact)
+
+
+def _of_series(function: Callable[..., Any], slopes: Sequence[Callable[..., Any]]) -> Any:
+    def on_series(*arguments: Any) -> Any:
+        if any(isinstance(x, Series) for x in arguments):
+            return composed(function, slopes, *arguments)
+        return function(*arguments)
+
+    return on_series
+
+
+def _slopes(names: dict[str, Any]) -> dict[str, list[Callable[..., Any]]]:
+    """The derivatives of every function with respect to each of its arguments."""
+    f = names
+    found: dict[str, list[Callable[..., Any]]] = {
+        "sin": [lambda x: f["cos"](x)],
+        "cos": [lambda x: -f["sin"](x)],
+        "tan": [lambda x: 1 + f["tan"](x) ** 2],
+        "asin": [lambda x: 1 / f["sqrt"](1 - x * x)],
+        "acos": [lambda x: -1 / f["sqrt"](1 - x * x)],
+        "atan": [lambda x: 1 / (1 + x * x)],
+        "sinh": [lambda x: f["cosh"](x)],
+        "cosh": [lambda x: f["sinh"](x)],
+        "tanh": [lambda x: 1 - f["tanh"](x) ** 2],
+        "exp": [lambda x: f["exp"](x)],
+        "log": [lambda x: 1 / x],
+        "sqrt": [lambda x: 1 / (2 * f["sqrt"](x))],
+        "floor": [lambda x: 0],
+    }
+    for k in range(HIGHEST - 1):  # c_k' = (k c_{k+2} - c_{k+1})/2, and e^-y in front
+        found[f"stumpff{k}"] = [lambda q, k=k: _stumpff_slope(f, "stumpff", k, q)]
+        found[f"decaying{k}"] = [
+            lambda y, q, k=k: -f[f"decaying{k}"](y, q),
+            lambda y, q, k=k: _stumpff_slope(f, "decaying", k, y, q),
+        ]
+    for k in (HIGHEST - 1, HIGHEST):  # their derivatives are further than there are functions
+        found[f"stumpff{k}"] = [_beyond]
+        found[f"decaying{k}"] = [_beyond, _beyond]
+    return found
+
+
+def _stumpff_slope(f: dict[str, Any], name: str, k: int, *arguments: Any) -> Any:
+    above = f[f"{name}{k + 1}"](*arguments)
+    if k == 0:
+        return above / -2
+    further = f[f"{name}{k + 2}"](*arguments)
+    return ((further if k == 1 else k * further) - above) / 2
+
+
+def _beyond(*arguments: Any) -> Any:
+    raise NotImplementedError(f"derivatives of Stumpff functions beyond c_{HIGHEST}")
+
+
+def _together(inner: Arithmetic, names: dict[str, Any], highest: int) -> Callable[[Any], Any]:
+    """All c_k from the first on, by the function of the coefficients' arithmetic for all."""
+    slopes = _slopes(names)
+
+    def on_series(q: Any) -> Any:
+        if not isinstance(q, Series):
+            return inner.names[f"stumpffs{highest}"](q)
+        values = inner.names[f"stumpffs{highest}"](q.coefficients[0])
+        return tuple(
+            composed(lambda _, c=c: c, slopes[f"stumpff{k}"], q)
+            for k, c in enumerate(values, start=1)
+        )
+
+    return on_series
