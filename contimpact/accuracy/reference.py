@@ -164,10 +164,10 @@ class Reference:
         turns = problem.word.period
         residual: list[Any] = []
         blocks = []
-        for k, (a, b) in enumerate(problem.kinds):
+        for k, segment in enumerate(problem.segments):
             i, j = m * k, m * k + m
             arrival = z[j : j + m] if j < n else [z[0] + turns * setup.period, *z[1:m]]
-            rows, *entries, by_parameter = self.flight(a, b)(*z[i:j], *arrival, *p)
+            rows, *entries, by_parameter = segment.over(self.arithmetic)(z[i:j], arrival, p)
             residual += rows
             start, end = (ctx.matrix([e[m * r : m * r + m] for r in range(m)]) for e in entries)
             if j == n:

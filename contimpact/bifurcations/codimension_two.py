@@ -127,8 +127,7 @@ class DegenerateTouch(OnCurve):
         orbit, problem = here.orbit, here.orbit.problem
         left, since = self.touch(here)
         row = problem.impacts(orbit.unknowns)[left].tolist()
-        kernel = problem.kernels.motion(problem.word.walls[left])
-        return kernel(*row, since, *problem.values(orbit.unknowns))[2]
+        return problem.segments[left].track(row, since, problem.values(orbit.unknowns))[2]
 
 
 class TouchSingular(OnCurve):

@@ -113,7 +113,7 @@ class Touching(ExtendedSystem):
         m = problem.m
         self.own_impact = slice(m * flight, m * flight + m)
         self.free = [i for i in range(m) if i != 1]
-        self.kernel = problem.kernels.flight(problem.word.walls[flight], wall)
+        self.segment = problem.kernels.segment(problem.word.walls[flight], wall)
 
     def touch(self, own: Array) -> Array:
         """Return the touch as an impact: its time and section coordinates."""
@@ -142,7 +142,7 @@ class Touching(ExtendedSystem):
         return Assembled(np.concatenate([here.residual, arrival]), jacobian)
 
     def rounding(self, here: Linearisation, own: Array) -> Array:
-        arrival, _, _, _ = bounds_of(self.kernel, self._arguments(here, own))[1]
+        arrival, _, _, _ = bounds_of(self.segment, *self._arguments(here, own))[1]
         return np.concatenate([rounding(here).residual, arrival])
 
     def scale(self, own: Array, sizes: Array) -> Array:
@@ -156,13 +156,13 @@ class Touching(ExtendedSystem):
     def arrival(self, here: Linearisation, own: Array) -> tuple[Array, Array, Array, Array]:
         """Return residual and derivatives of the flight to the touch."""
         m = self.problem.m
-        blocks = self.kernel(*self._arguments(here, own))
+        blocks = self.segment.blocks(*self._arguments(here, own))
         rows, start, end, free = map(np.array, blocks)
         return rows, start.reshape(m, m), end.reshape(m, m), free.reshape(m, -1)
 
-    def _arguments(self, here: Linearisation, own: Array) -> list[float]:
+    def _arguments(self, here: Linearisation, own: Array) -> tuple[list[float], ...]:
         left = here.unknowns[self.own_impact].tolist()
-        return [*left, *self.touch(own).tolist(), *self.problem.values(here.unknowns)]
+        return left, self.touch(own).tolist(), self.problem.values(here.unknowns)
 
 
 class TouchLimit(TestFunction):

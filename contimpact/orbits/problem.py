@@ -3,7 +3,7 @@ r"""The orbit problem: a word's flights, closed after p periods, and their linea
 Unknowns z = (t_1, y_1, ..., t_N, y_N, lambda): each impact's time and section coordinates before
 impact, and the free parameter last (two of them on curves). Flight k leaves impact k and arrives at
 impact k + 1; the last one arrives at impact 1, pT later. Its residual and derivatives come from the
-kernel of its two walls:
+segment between its two walls:
 
 .. math:: R_k(t_k, y_k, t_{k+1}, y_{k+1}, \lambda) = 0, \qquad
           A_k = \partial R_k / \partial(t_k, y_k), \quad
@@ -23,6 +23,7 @@ is regular where one vanishes.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -67,7 +68,7 @@ class OrbitProblem:
         self._free = [names.index(name) for name in kernels.parameters]
         following = word.walls[1:] + word.walls[0]
         self.kinds = tuple(zip(word.walls, following, strict=True))
-        self._flights = [kernels.flight(a, b) for a, b in self.kinds]
+        self.segments = [kernels.segment(a, b) for a, b in self.kinds]
         self.kernel_evaluations = 0
         # positions of the blocks A and B in the flattened n x (n + free) Jacobian
         rows = np.arange(self.n).reshape(-1, self.m, 1) * (self.n + self.free)
@@ -124,16 +125,16 @@ class OrbitProblem:
         start: list[float] = []
         end: list[float] = []
         by_parameter: list[float] = []
-        for k, flight in enumerate(self._flights):
+        for k, segment in enumerate(self.segments):
             i = m * k
             j = i + m
             arrival = z[j : j + m] if j < n else [z[0] + span, *z[1:m]]
-            rows, leaving, arriving, free = flight(*z[i:j], *arrival, *p)
+            rows, leaving, arriving, free = segment.blocks(z[i:j], arrival, p)
             residual += rows
             start += leaving
             end += arriving
             by_parameter += free
-        self.kernel_evaluations += len(self._flights)
+        self.kernel_evaluations += len(self.segments)
         for i, drift in enumerate(setup.slopes):
             for row in range(n - m, n):  # the arrival at t_1 + pT moves with T(lambda)
                 by_parameter[self.free * row + i] += self.word.period * drift * end[m * row]
@@ -174,7 +175,7 @@ class OrbitProblem:
         slopes = self.word.period * np.array(setup.slopes)
         curvatures = self.word.period * np.reshape(setup.curvatures, (self.free, self.free))
         gradient = np.zeros((n, n + self.free))
-        for k, (a, b) in enumerate(self.kinds):
+        for k, segment in enumerate(self.segments):
             i = m * k
             j = i + m
             arrival, moved = z[j : j + m], q[j : j + m]
@@ -182,8 +183,8 @@ class OrbitProblem:
                 arrival = [z[0] + self.word.period * setup.period, *z[1:m]]
                 moved = [mu * c for c in q[:m]]
                 moved[0] += float(slopes @ direction[n:])
-            second = self.kernels.second(a, b)
-            _, *changes = second(*z[i:j], *arrival, *q[i:j], *moved, *q[n:], *p)
+            along = [*q[i:j], *moved, *q[n:]]
+            _, *changes = segment.second(z[i:j], arrival, along, p)
             start, end, free = (np.reshape(part, (m, -1)) for part in changes)
             rows = slice(i, i + m)
             gradient[rows, i:j] += start
@@ -192,10 +193,10 @@ class OrbitProblem:
             if j == n:  # the arrival t_1 + pT moves with T(lambda), and its rate with T'(lambda)
                 gradient[rows, n:] += np.outer(end[:, 0], slopes)
                 if np.any(curvatures):
-                    _, _, arriving, _ = self.kernels.flight(a, b)(*z[i:j], *arrival, *p)
+                    _, _, arriving, _ = segment.blocks(z[i:j], arrival, p)
                     ends = arriving[::m]
                     gradient[rows, n:] += np.outer(ends, curvatures @ direction[n:])
-        self.kernel_evaluations += len(self.kinds)
+        self.kernel_evaluations += len(self.segments)
         return gradient
 
     def third_along(self, unknowns: Array, direction: Array, mu: float = 1.0) -> Array:
@@ -214,14 +215,14 @@ class OrbitProblem:
         p = self.values(unknowns)
         span = self.span(unknowns)
         result: list[float] = []
-        for k, (a, b) in enumerate(self.kinds):
+        for k, segment in enumerate(self.segments):
             i = m * k
             j = i + m
             last = j == n
             arrival = [z[0] + span, *z[1:m]] if last else z[j : j + m]
             moved = [mu * c for c in q[:m]] if last else q[j : j + m]
-            result += self.kernels.third(a, b)(*z[i:j], *arrival, *q[i:j], *moved, *p)
-        self.kernel_evaluations += len(self.kinds)
+            result += segment.third(z[i:j], arrival, [*q[i:j], *moved], p)
+        self.kernel_evaluations += len(self.segments)
         return np.array(result)
 
     def unknowns_of(self, times: Any, sections: Any, value: float | None = None) -> Array:
@@ -260,8 +261,8 @@ class OrbitProblem:
         rows = self.impacts(unknowns).tolist()
         rows.append([rows[0][0] + self.span(unknowns), *rows[0][1:]])
         speeds = [
-            abs(self.kernels.motion(wall)(*row, part * (later[0] - row[0]) / 8.0, *p)[1])
-            for wall, row, later in zip(self.word.walls, rows, rows[1:], strict=False)
+            abs(segment.track(row, part * (later[0] - row[0]) / 8.0, p)[1])
+            for segment, (row, later) in zip(self.segments, pairwise(rows), strict=True)
             for part in range(1, 8)
         ]
         return max(speeds)

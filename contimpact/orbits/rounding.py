@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..segments.bounded import UNIT, Bounded, bounds_of
+from ..segments.bounded import UNIT, Bounded, bounds_of, bounds_of_kernel
 from ..segments.layout import Setup
 from .linearisation import Array, Linearisation
 
@@ -19,13 +19,13 @@ def rounding(here: Linearisation) -> Linearisation:
     problem = here.problem
     m, n = problem.m, problem.n
     z, p = here.unknowns.tolist(), problem.values(here.unknowns)
-    setup, off = bounds_of(problem.kernels.setup, p)
+    setup, off = bounds_of_kernel(problem.kernels.setup, p)
     span = Bounded(setup.period, off.period) * problem.word.period
     parts: list[list[float]] = [[], [], [], []]
-    for k, (a, b) in enumerate(problem.kinds):
+    for k, segment in enumerate(problem.segments):
         i, j = m * k, m * k + m
         arrival = z[j : j + m] if j < n else [Bounded(z[0]) + span, *z[1:m]]
-        _, errors = bounds_of(problem.kernels.flight(a, b), [*z[i:j], *arrival, *p])
+        _, errors = bounds_of(segment, z[i:j], arrival, p)
         for part, block in zip(parts, errors, strict=True):
             part += block
     residual, start, end, by_parameter = map(np.array, parts)
@@ -49,4 +49,4 @@ def _add_drift(bounds: Linearisation, here: Linearisation, slopes: Array, off: A
 
 def rounding_of_setup(problem: OrbitProblem, unknowns: Array) -> Setup:
     """Return bounds of the rounding errors of what the kernel ``setup`` says at a point."""
-    return bounds_of(problem.kernels.setup, problem.values(unknowns))[1]
+    return bounds_of_kernel(problem.kernels.setup, problem.values(unknowns))[1]

@@ -16,7 +16,7 @@ import numpy as np
 from ..errors import InputError
 from ..models.model import Model
 from ..models.word import Word, parse_word
-from ..segments.arithmetic import ARRAYS, evaluate_in
+from ..segments.arithmetic import ARRAYS
 from ..segments.kernels import Kernels
 from .linearisation import Linearisation
 from .problem import Array, OrbitProblem
@@ -408,8 +408,8 @@ def _evaluate_all(problem: OrbitProblem, z: Array) -> tuple[Array, Array]:
         leaving = [k for k, kind in enumerate(problem.kinds) if kind == (a, b)]
         arriving = [(k + 1) % n for k in leaving]
         start, end = (np.ascontiguousarray(e[:, leaving].transpose(2, 0, 1)) for e in (z, arrivals))
-        kernel = evaluate_in(problem.kernels.flight(a, b), ARRAYS)
-        rows, by_start, by_end, _ = kernel(*start, *end, *p)
+        blocks = problem.kernels.segment(a, b).over(ARRAYS)
+        rows, by_start, by_end, _ = blocks(start, end, p)
         for i in range(m):
             residual[:, leaving, i] = rows[i]
             for j in range(m):

@@ -13,13 +13,14 @@ counts.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
 
 from .arithmetic import FLOATS, PLAIN, Arithmetic, Kernel, evaluate_in
 from .layout import flat, refilled
+from .segment import Numbers, Segment
 
 Array = np.ndarray[Any, Any]
 
@@ -161,7 +162,20 @@ BOUNDED = Arithmetic(
 )
 
 
-def bounds_of(kernel: Kernel, arguments: Sequence[Any]) -> tuple[Any, Any]:
+def bounds_of(segment: Segment, start: Numbers, end: Numbers, values: Numbers) -> Any:
+    """Return the blocks of a segment, and bounds of their errors in the same layout.
+
+    Parameters
+    ----------
+    segment : Segment
+    start, end, values : sequence of float or Bounded
+        As of `Segment.blocks`; floats are exact.
+    """
+    given = ([_exact(number) for number in part] for part in (start, end, values))
+    return _apart(segment.over(BOUNDED)(*given))
+
+
+def bounds_of_kernel(kernel: Kernel, arguments: Numbers) -> Any:
     """Return a kernel's result, and bounds of its errors in the same layout.
 
     Parameters
@@ -170,8 +184,15 @@ def bounds_of(kernel: Kernel, arguments: Sequence[Any]) -> tuple[Any, Any]:
     arguments : sequence of float or Bounded
         Floats are exact.
     """
-    given = (a if isinstance(a, Bounded) else Bounded(float(a)) for a in arguments)
-    result = evaluate_in(kernel, BOUNDED)(*given)
+    return _apart(evaluate_in(kernel, BOUNDED)(*map(_exact, arguments)))
+
+
+def _exact(number: Any) -> Bounded:
+    return number if isinstance(number, Bounded) else Bounded(float(number))
+
+
+def _apart(result: Any) -> tuple[Any, Any]:
+    """Values and errors of a result, each laid out as it is."""
     found = [Bounded.of(number) for number in flat(result)]
     values, errors = ([getattr(number, part) for number in found] for part in ("value", "error"))
     return refilled(result, values), refilled(result, errors)

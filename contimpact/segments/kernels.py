@@ -20,6 +20,7 @@ from ..models.sources import digests
 from ..storage.cache import cache_folder, keep, kept, logger
 from ..storage.files import reason
 from .arithmetic import Kernel, kernel_of
+from .closed_form import ClosedForm
 
 
 def _caller(
@@ -73,6 +74,7 @@ class Kernels:
         self.loaded: list[str] = []
         self.generated: list[str] = []
         self._functions: dict[str, Kernel] = {}
+        self._segments: dict[tuple[str, str], ClosedForm] = {}
         self._writer: Any = None
 
     def __reduce__(self) -> tuple[Any, ...]:
@@ -88,6 +90,12 @@ class Kernels:
     def harmonics(self) -> Kernel:
         """``harmonics(*p)``: the acceleration where it depends on time alone."""
         return self.kernel("harmonics")
+
+    def segment(self, start: str, end: str) -> ClosedForm:
+        """The segment from one wall to another, by their letters."""
+        if (start, end) not in self._segments:
+            self._segments[start, end] = ClosedForm(self, start, end)
+        return self._segments[start, end]
 
     def flight(self, a: str, b: str) -> Kernel:
         """``flight(t0, *y0, t1, *y1, *p)``: the `Blocks` of a flight from wall a to wall b."""

@@ -18,7 +18,7 @@ from contimpact.following.orbit_branch import both_ways
 from contimpact.models.word import Word
 from contimpact.orbits.problem import OrbitProblem
 from contimpact.orbits.search import find_orbits
-from contimpact.segments.bounded import Bounded, bounds_of
+from contimpact.segments.bounded import Bounded, bounds_of_kernel
 from contimpact.segments.kernels import Kernels
 from contimpact.segments.layout import flat
 from contimpact.systems.impact_pair import ImpactPair
@@ -72,7 +72,7 @@ def test_no_kernel_is_off_by_more_than_its_bound(name):
         for _ in range(10):
             t0, v0, v1 = rng.normal(size=3).tolist()
             point = [t0, v0, t0 + rng.uniform(0.05, 5.0), v1, *model.values.values()]
-            values, bounds = bounds_of(problem.kernels.flight(a, b), point)
+            values, bounds = bounds_of_kernel(problem.kernels.flight(a, b), point)
             truth = exact.flight(a, b)(*map(exact.ctx.mpf, point))
             off = [abs(float(t - v)) for t, v in zip(flat(truth), flat(values), strict=True)]
             pairs = list(zip(off, flat(bounds), strict=True))

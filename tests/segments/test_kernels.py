@@ -640,7 +640,8 @@ from contimpact.systems.impact_pair import ImpactPair
 model = ImpactPair(beta=0.5, r=0.3, A=5.0, s=0.389)
 kernels = Kernels(model, "s")
 p = model.values.values()
-print(kernels.flight("B", "T")(0.1, 0.6, 1.4, -0.5, *p)[0][0].hex(), kernels.setup(*p).walls[0].hex())
+rows, *_ = kernels.flight("B", "T")(0.1, 0.6, 1.4, -0.5, *p)
+print(rows[0].hex(), kernels.setup(*p).walls[0].hex())
 print(*kernels.generated)
 print("sympy" in sys.modules)
 """
@@ -728,7 +729,10 @@ def test_rich_forcings_are_read(pair, kernels_of, forcing, harmonics):
 
 
 def test_derivatives_of_any_order_take_a_few_steps_for_each_harmonic(pair):
-    """Written out, the third derivative of ten harmonics has a hundred thousand operations."""
+    """Written out, the third derivative of ten harmonics has a hundred thousand operations.
+
+    Texts twice as long, and a little more for the longer names in them.
+    """
     steps = {}
     for count in (2, 4, 8):
         forcing = "+".join(f"cos({k}*pi*t)" for k in range(1, count + 1))
@@ -736,7 +740,7 @@ def test_derivatives_of_any_order_take_a_few_steps_for_each_harmonic(pair):
         for ask in (kernels.flight, kernels.second, kernels.third):
             steps[ask.__name__, count] = len(ask("B", "T").source)
     for name in ("flight", "second", "third"):
-        assert steps[name, 8] < 2.2 * steps[name, 4] < 2.2 * 2.2 * steps[name, 2]
+        assert steps[name, 8] < 2.3 * steps[name, 4] < 2.3 * 2.3 * steps[name, 2]
 
 
 def test_third_derivatives(pair, oscillator, exact, kernels_of):

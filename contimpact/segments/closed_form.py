@@ -1,0 +1,50 @@
+"""Segments with a closed form, answered by generated kernels."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Any
+
+from .arithmetic import Arithmetic, evaluate_in
+from .layout import Blocks, Row
+from .segment import Numbers
+
+if TYPE_CHECKING:
+    from .kernels import Kernels
+
+
+class ClosedForm:
+    """The flight from one wall to another; see `segment.Segment`.
+
+    Parameters
+    ----------
+    kernels : Kernels
+    start, end : str
+        The walls left and reached.
+    """
+
+    def __init__(self, kernels: Kernels, start: str, end: str) -> None:
+        self.name = start + end
+        self._kernels, self._walls = kernels, (start, end)
+        self._flight = kernels.flight(start, end)
+
+    def blocks(self, start: Numbers, end: Numbers, values: Numbers) -> Blocks:
+        """Return residual and first derivatives."""
+        return self._flight(*start, *end, *values)
+
+    def over(self, arithmetic: Arithmetic) -> Callable[[Numbers, Numbers, Numbers], Blocks]:
+        """Return `blocks` for the numbers of another arithmetic."""
+        flight = evaluate_in(self._flight, arithmetic)
+        return lambda start, end, values: flight(*start, *end, *values)
+
+    def second(self, start: Numbers, end: Numbers, along: Numbers, values: Numbers) -> Blocks:
+        """Return the derivatives of `blocks` along a direction."""
+        return self._kernels.second(*self._walls)(*start, *end, *along, *values)
+
+    def third(self, start: Numbers, end: Numbers, along: Numbers, values: Numbers) -> Row:
+        """Return the third derivatives of the residual along a direction."""
+        return self._kernels.third(*self._walls)(*start, *end, *along, *values)
+
+    def track(self, start: Numbers, dt: Any, values: Numbers) -> tuple[Any, Any, Any]:
+        """Return displacement, velocity and acceleration of the gap coordinate."""
+        return self._kernels.motion(self._walls[0])(*start, dt, *values)

@@ -1,0 +1,106 @@
+"""What an answerer of segments must provide.
+
+A segment is one smooth piece of an orbit, from the impact it leaves to the one it reaches. An orbit
+problem closes segments into an orbit and asks them for everything; it knows nothing of how they are
+computed. `closed_form.ClosedForm` answers with generated kernels.
+
+The unknowns of an impact are its time and its section coordinates before impact: m of them where
+the segment starts, m where it ends, and m equations. Parameter values are all of the model's, in
+its order; derivatives are taken with respect to the `Source.parameters` among them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import Any, Protocol, TypeAlias
+
+import numpy as np
+
+from .arithmetic import Arithmetic
+from .layout import Blocks, Row, Setup
+
+Numbers: TypeAlias = Sequence[Any] | np.ndarray[Any, Any]
+
+
+class Segment(Protocol):
+    """One smooth piece of an orbit between two guards.
+
+    Attributes
+    ----------
+    name : str
+        The letters of the guards it leaves and reaches.
+    """
+
+    name: str
+
+    def blocks(self, start: Numbers, end: Numbers, values: Numbers) -> Blocks:
+        """Return residual and first derivatives.
+
+        Parameters
+        ----------
+        start, end : sequence of shape (m,)
+            Unknowns of the impacts left and reached.
+        values : sequence
+            Parameter values.
+
+        Returns
+        -------
+        residual : tuple of shape (m,)
+            What arrives, less what `end` says.
+        start, end, by_parameter : tuple of shape (m * m,), (m * m,), (m * free,)
+            Its derivatives, row by row.
+        """
+        ...
+
+    def over(self, arithmetic: Arithmetic) -> Callable[[Numbers, Numbers, Numbers], Blocks]:
+        """Return `blocks` for the numbers of another arithmetic."""
+        ...
+
+    def second(self, start: Numbers, end: Numbers, along: Numbers, values: Numbers) -> Blocks:
+        """Return the derivatives of `blocks` along a direction.
+
+        Parameters
+        ----------
+        along : sequence of shape (2 * m + free,)
+            Rates of the unknowns at the start, at the end, and of the free parameters.
+        """
+        ...
+
+    def third(self, start: Numbers, end: Numbers, along: Numbers, values: Numbers) -> Row:
+        """Return the third derivatives of the residual along a direction, shape (m,).
+
+        Parameters
+        ----------
+        along : sequence of shape (2 * m,)
+            Rates of the unknowns at the start and at the end; parameters are held.
+        """
+        ...
+
+    def track(self, start: Numbers, dt: Any, values: Numbers) -> tuple[Any, Any, Any]:
+        """Return how the gap coordinate moves: displacement from the guard left, velocity and
+        acceleration at the time dt after leaving.
+
+        Its extrema, and where it first arrives at a wall, are found by `flight.excursions` and
+        `flight.first_arrival`.
+        """
+        ...
+
+
+class Source(Protocol):
+    """Where an orbit problem has its segments from.
+
+    Attributes
+    ----------
+    parameters : tuple of str
+        The free parameters: one, or two on curves.
+    """
+
+    parameters: tuple[str, ...]
+
+    def segment(self, start: str, end: str) -> Segment:
+        """Return the segment from one guard to another, by their letters."""
+        ...
+
+    def setup(self, *values: Any) -> Setup:
+        """Return what depends on the parameters alone."""
+        ...
