@@ -7,6 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from ..continuation.branch import Point, Points
+from ..orbits.linearisation import Summary
 from ..orbits.multipliers import count_unstable
 from ..orbits.physicality import PHYSICAL, reason_of
 from ..orbits.problem import OrbitProblem
@@ -56,19 +57,19 @@ def _columns(points: Points) -> dict[str, Array]:
     named = coordinates(problem.m)
     for i, column in enumerate(unknowns[:, : problem.n].T):
         columns[f"{named[i % problem.m]}{i // problem.m + 1}"] = column.copy()
-    numbers = points.numbers
-    factors = numbers[:, 1:-6].copy().view(complex)
+    summary = Summary.of(points.numbers)
+    factors, findings = summary.multipliers, summary.findings
     for k, factor in enumerate(factors.T, start=1):
         columns |= {f"multiplier{k}_re": factor.real, f"multiplier{k}_im": factor.imag}
     columns["n_unstable"] = count_unstable(factors)
-    physical = numbers[:, -6] == PHYSICAL
+    physical = findings[:, 0] == PHYSICAL
     columns["physical"] = physical.astype(np.int64)
     word, named = problem.word.walls, problem.model.WALLS
-    reasons = columns["reason"] = np.full(len(numbers), "", dtype=object)
+    reasons = columns["reason"] = np.full(len(findings), "", dtype=object)
     for row in np.nonzero(~physical)[0]:
-        reasons[row] = reason_of(numbers[row, -6:].tolist(), word, named) or ""
-    columns["smallest_gap"] = numbers[:, -1].copy()
-    columns["residual"] = numbers[:, 0].copy()
+        reasons[row] = reason_of(findings[row].tolist(), word, named) or ""
+    columns["smallest_gap"] = findings[:, -1].copy()
+    columns["residual"] = summary.largest_residual.copy()
     columns["iterations"] = points.iterations
     return columns
 

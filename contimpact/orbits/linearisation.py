@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import functools
-from collections.abc import Mapping
-from typing import TYPE_CHECKING, Any
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
@@ -18,25 +18,100 @@ if TYPE_CHECKING:
 Array = np.ndarray[Any, Any]
 
 
-class Linearisation:
-    """Residual and blocks at one point; what follows from them is computed when asked for.
+class CyclicBlocks(NamedTuple):
+    """Residual and blocks of all segments of an orbit.
 
     Attributes
     ----------
-    unknowns : ndarray of shape (n + free,)
     residual : ndarray of shape (n,)
     start, end : ndarray of shape (N, m, m)
         The blocks A_k and B_k.
     by_parameter : ndarray of shape (n, free)
     """
 
+    residual: Array
+    start: Array
+    end: Array
+    by_parameter: Array
+
+
+class Summary(NamedTuple):
+    """What a branch keeps of a point, as a row of 2 m + 7 numbers; or of many, as rows.
+
+    Attributes
+    ----------
+    largest_residual : float
+    multipliers : ndarray of complex, shape (m,)
+        Largest first.
+    findings : ndarray of shape (6,)
+        What `physicality.verdict` returns; the first is NaN where that was not asked for.
+    """
+
+    largest_residual: Any
+    multipliers: Array
+    findings: Array
+
+    @classmethod
+    def of(cls, rows: Array) -> Summary:
+        """Return the summary in a row, or those in rows."""
+        multipliers = np.ascontiguousarray(rows[..., 1:-6]).view(complex)
+        return cls(rows[..., 0], multipliers, rows[..., -6:])
+
+    @property
+    def row(self) -> Array:
+        """The summary of one point as a row."""
+        parts = self.multipliers.astype(complex).view(float)
+        return np.concatenate([[self.largest_residual], parts, self.findings])
+
+
+class Linearisation:
+    """An orbit problem at one point; what follows from it is computed when asked for.
+
+    Parameters
+    ----------
+    problem : OrbitProblem
+    unknowns : ndarray of shape (n + free,)
+    blocks : CyclicBlocks, optional
+        Evaluated when asked for if not given.
+    summary : Summary, optional
+        What is known of the point already.
+    """
+
     def __init__(
-        self, problem: OrbitProblem, unknowns: Array, residual: Array, start: Array, end: Array,
-        by_parameter: Array,
-    ) -> None:  # fmt: skip
-        self.problem, self.unknowns = problem, unknowns
-        self.residual, self.start, self.end = residual, start, end
-        self.by_parameter = by_parameter
+        self,
+        problem: OrbitProblem,
+        unknowns: Array,
+        blocks: CyclicBlocks | None = None,
+        summary: Summary | None = None,
+    ) -> None:
+        self.problem, self.unknowns, self._known = problem, unknowns, summary
+        if blocks is not None:
+            self.blocks = blocks
+
+    @functools.cached_property
+    def blocks(self) -> CyclicBlocks:
+        """Residual and blocks."""
+        return self.problem.evaluate(self.unknowns).blocks
+
+    @property
+    def residual(self) -> Array:
+        """The residual, shape (n,)."""
+        return self.blocks.residual
+
+    @property
+    def start(self) -> Array:
+        """The blocks A_k, shape (N, m, m)."""
+        return self.blocks.start
+
+    @property
+    def end(self) -> Array:
+        """The blocks B_k, shape (N, m, m)."""
+        return self.blocks.end
+
+    @property
+    def by_parameter(self) -> Array:
+        """Derivatives of the residual with respect to the free parameters, shape (n, free)."""
+        return self.blocks.by_parameter
 
     @functools.cached_property
     def jacobian(self) -> Array:
@@ -79,7 +154,7 @@ class Linearisation:
     @property
     def multipliers(self) -> Array:
         """Multipliers, largest first; infinite where an impact velocity vanishes."""
-        return self.stability.multipliers
+        return self._known.multipliers if self._known else self.stability.multipliers
 
     @property
     def span(self) -> float:
@@ -89,7 +164,8 @@ class Linearisation:
     @property
     def largest_residual(self) -> float:
         """The largest absolute residual."""
-        return float(np.max(np.abs(self.residual)))
+        known = self._known
+        return float(known.largest_residual if known else np.max(np.abs(self.residual)))
 
     @functools.cached_property
     def n_unstable(self) -> int:
@@ -108,14 +184,18 @@ class Linearisation:
     @functools.cached_property
     def verdict(self) -> Verdict:
         """Whether the orbit is physical, and if not why and where."""
-        return self.judge()
+        problem = self.problem
+        return verdict_of(self.findings, problem.word.walls, problem.model.WALLS)
 
     def judge(self, **forgiven: Any) -> Verdict:
         """As `verdict`, with a touch or an impact forgiven; see `physicality.judge`."""
         return judge(*self._flights(), **forgiven)
 
-    def findings(self) -> tuple[float, ...]:
+    @functools.cached_property
+    def findings(self) -> Sequence[float]:
         """What `physicality.verdict` says of the orbit."""
+        if self._known and not np.isnan(self._known.findings[0]):
+            return self._known.findings.tolist()
         return findings(*self._flights())
 
     def _flights(self) -> tuple[Any, ...]:
@@ -125,10 +205,8 @@ class Linearisation:
 
     @functools.cached_property
     def numbers(self) -> Array:
-        """What is told of a point in a row of numbers, shape (2 m + 7,): the largest residual, the
-        multipliers' real and imaginary parts, and what `physicality.verdict` says."""
-        parts = self.multipliers.astype(complex).view(float)
-        return np.concatenate([[self.largest_residual], parts, self.findings()])
+        """The row of the point's `Summary`."""
+        return Summary(self.largest_residual, self.multipliers, np.array(self.findings)).row
 
     @functools.cached_property
     def derived(self) -> Mapping[str, float]:
@@ -136,50 +214,3 @@ class Linearisation:
         problem = self.problem
         found = problem.derived_at(problem.values(self.unknowns))
         return dict(zip(problem.model.DERIVED, found, strict=True))
-
-
-class Described(Linearisation):
-    """A point whose stability and verdict are known; residual and blocks follow when asked for.
-
-    Parameters
-    ----------
-    problem : OrbitProblem
-    unknowns : ndarray of shape (n + 1,)
-    numbers : ndarray of shape (2 m + 7,)
-        As `Linearisation.numbers`; the first of the last six is not a number where the verdict was
-        not asked for.
-    """
-
-    def __init__(self, problem: OrbitProblem, unknowns: Array, numbers: Array) -> None:
-        self.problem, self.unknowns, self.given = problem, unknowns, numbers
-
-    def __getattr__(self, name: str) -> Any:
-        if name not in ("residual", "start", "end", "by_parameter"):
-            raise AttributeError(name)
-        here = self.problem.evaluate(self.unknowns)
-        self.residual, self.start, self.end = here.residual, here.start, here.end
-        self.by_parameter = here.by_parameter
-        return getattr(self, name)
-
-    @functools.cached_property
-    def numbers(self) -> Array:
-        """What is told of a point in a row of numbers."""
-        if np.isnan(self.given[-6]):
-            return np.concatenate([self.given[:-6], self.findings()])
-        return self.given
-
-    @property
-    def multipliers(self) -> Array:
-        """Multipliers, largest first; infinite where an impact velocity vanishes."""
-        return self.given[1:-6].copy().view(complex)
-
-    @functools.cached_property
-    def verdict(self) -> Verdict:
-        """Whether the orbit is physical, and if not why and where."""
-        problem = self.problem
-        return verdict_of(self.numbers[-6:].tolist(), problem.word.walls, problem.model.WALLS)
-
-    @property
-    def largest_residual(self) -> float:
-        """The largest absolute residual."""
-        return float(self.given[0])

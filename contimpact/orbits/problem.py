@@ -31,7 +31,7 @@ import numpy as np
 from ..models.model import Model
 from ..models.word import Word
 from ..segments.kernels import Kernels
-from .linearisation import Described, Linearisation
+from .linearisation import CyclicBlocks, Linearisation, Summary
 
 Array = np.ndarray[Any, Any]
 
@@ -138,10 +138,13 @@ class OrbitProblem:
         for i, drift in enumerate(setup.slopes):
             for row in range(n - m, n):  # the arrival at t_1 + pT moves with T(lambda)
                 by_parameter[self.free * row + i] += self.word.period * drift * end[m * row]
-        return Linearisation(
-            self, unknowns, np.array(residual), np.array(start).reshape(-1, m, m),
-            np.array(end).reshape(-1, m, m), np.array(by_parameter).reshape(n, -1),
-        )  # fmt: skip
+        blocks = CyclicBlocks(
+            np.array(residual),
+            np.array(start).reshape(-1, m, m),
+            np.array(end).reshape(-1, m, m),
+            np.array(by_parameter).reshape(n, -1),
+        )
+        return Linearisation(self, unknowns, blocks)
 
     def rounding(self, here: Linearisation) -> Array:
         """Return bounds of the rounding errors of the residuals at a point, shape (n,)."""
@@ -149,9 +152,10 @@ class OrbitProblem:
 
         return rounding(here).residual
 
-    def described(self, unknowns: Array, numbers: Array) -> Described:
-        """Return a point of which `numbers` are known; see `Described`."""
-        return Described(self, unknowns, numbers)
+    def described(self, unknowns: Array, row: Array) -> Linearisation:
+        """Return a point of which the `Summary` in a row is known; the rest follows when asked
+        for."""
+        return Linearisation(self, unknowns, summary=Summary.of(row))
 
     def second_along(
         self, unknowns: Array, direction: Array, mu: float = 1.0, beside: float = 1.0

@@ -8,7 +8,7 @@ import numpy as np
 
 from ..segments.bounded import UNIT, Bounded, bounds_of, bounds_of_kernel
 from ..segments.layout import Setup
-from .linearisation import Array, Linearisation
+from .linearisation import Array, CyclicBlocks, Linearisation
 
 if TYPE_CHECKING:
     from .problem import OrbitProblem
@@ -29,10 +29,8 @@ def rounding(here: Linearisation) -> Linearisation:
         for part, block in zip(parts, errors, strict=True):
             part += block
     residual, start, end, by_parameter = map(np.array, parts)
-    bounds = Linearisation(
-        problem, here.unknowns, residual, start.reshape(-1, m, m), end.reshape(-1, m, m),
-        by_parameter.reshape(n, -1),
-    )  # fmt: skip
+    blocks = start.reshape(-1, m, m), end.reshape(-1, m, m), by_parameter.reshape(n, -1)
+    bounds = Linearisation(problem, here.unknowns, CyclicBlocks(residual, *blocks))
     _add_drift(bounds, here, np.array(setup.slopes), np.array(off.slopes))
     return bounds
 
