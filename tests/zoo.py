@@ -4,8 +4,10 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from contimpact.models.model import Formulas, Model, Parameter, Wall
 from contimpact.scenes.scene import read_scene
 from contimpact.systems.impact_pair import ImpactPair
+from contimpact.systems.oscillator import Oscillator
 
 ROOT = Path(__file__).parent.parent
 """The checkout."""
@@ -39,3 +41,62 @@ def scene(**changes):
     for table, values in changes.items():
         given[table] = {**given.get(table, {}), **values}
     return read_scene(given)
+
+
+class TwoMasses(Model):
+    """Two equal masses in a row, the first one against a stop.
+
+    x1'' + c x1' + k1 x1 + k2 (x1 - x2) = a cos(omega t), x2'' + c x2' + k2 (x2 - x1) = 0,
+    x1 <= sigma: two oscillators in the coordinates that diagonalise the stiffness.
+    """
+
+    SYSTEM = "two-equal-masses"
+    WALLS = (Wall("A", side=+1),)
+    DEGREES_OF_FREEDOM = 2
+    PARAMETERS = tuple(
+        Parameter(name, "", f"parameter {name}", lower=0)
+        for name in ("a", "omega", "c", "k1", "k2", "sigma", "r")
+    )
+
+    def formulas(self, symbols):
+        import sympy
+
+        a, omega, c, k1, k2, sigma, r = symbols.values()
+        middle, spread = k1 / 2 + k2, sympy.sqrt(k1**2 / 4 + k2**2)
+        cosine, sine = (sympy.sqrt((1 + s * k1 / (2 * spread)) / 2) for s in (1, -1))
+        modes = [
+            Oscillator.formulas(
+                None, {"a": a * part, "omega": omega, "c": c, "k": k, "sigma": sigma, "r": r}
+            ).flight
+            for part, k in ((cosine, middle + spread), (sine, middle - spread))
+        ]
+
+        def to_modes(x):
+            return cosine * x[0] - sine * x[1], sine * x[0] + cosine * x[1]
+
+        def from_modes(y):
+            return [cosine * y[0] + sine * y[1], -sine * y[0] + cosine * y[1]]
+
+        def flight(t0, x0, v0, dt):
+            parts = [
+                mode(t0, [x], [v], dt)
+                for mode, x, v in zip(modes, to_modes(x0), to_modes(v0), strict=True)
+            ]
+            return tuple(from_modes([part[i][0] for part in parts]) for i in (0, 1))
+
+        return Formulas(
+            period=2 * sympy.pi / omega,
+            walls={"A": sigma},
+            reset=lambda wall, x, v: [-r * v[0], v[1]],
+            flight=flight,
+            acceleration=lambda t, x, v: [
+                a * sympy.cos(omega * t) - c * v[0] - k1 * x[0] - k2 * (x[0] - x[1]),
+                -c * v[1] - k2 * (x[1] - x[0]),
+            ],
+        )
+
+
+def two_masses(**given):
+    """Two equal masses at values where they hit the stop once in a period."""
+    values = {"a": 1.0, "omega": 1.3, "c": 0.1, "k1": 1.0, "k2": 0.6, "sigma": 0.5, "r": 0.8}
+    return TwoMasses(**(values | given))
