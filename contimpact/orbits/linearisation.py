@@ -123,15 +123,11 @@ class Linearisation:
     def cyclic(self, mu: float) -> Array:
         """The (n, n + free) cyclic matrix, its last coupling multiplied by mu; the columns of the
         parameters are zero."""
-        n, free = self.problem.n, self.problem.free
-        matrix = np.zeros(n * (n + free))
         end = self.end.ravel()
         if mu != 1.0:
             end = end.copy()
             end[-(self.problem.m**2) :] *= mu
-        matrix[self.problem._at_start] = self.start.ravel()
-        matrix[self.problem._at_end] += end
-        return matrix.reshape(n, n + free)
+        return self.problem.cyclic(self.start.ravel(), end)
 
     @functools.cached_property
     def stability(self) -> Stability:

@@ -177,8 +177,9 @@ class OrbitProblem:
         p = self.values(unknowns)
         setup = self.kernels.setup(*p)
         slopes = self.word.period * np.array(setup.slopes)
-        curvatures = self.word.period * np.reshape(setup.curvatures, (self.free, self.free))
-        gradient = np.zeros((n, n + self.free))
+        start: list[float] = []
+        end: list[float] = []
+        by_parameter: list[float] = []
         for k, segment in enumerate(self.segments):
             i = m * k
             j = i + m
@@ -188,20 +189,30 @@ class OrbitProblem:
                 moved = [mu * c for c in q[:m]]
                 moved[0] += float(slopes @ direction[n:])
             along = [*q[i:j], *moved, *q[n:]]
-            _, *changes = segment.second(z[i:j], arrival, along, p)
-            start, end, free = (np.reshape(part, (m, -1)) for part in changes)
-            rows = slice(i, i + m)
-            gradient[rows, i:j] += start
-            gradient[rows, j % n : j % n + m] += beside * end if j == n else end
-            gradient[rows, n:] += free
-            if j == n:  # the arrival t_1 + pT moves with T(lambda), and its rate with T'(lambda)
-                gradient[rows, n:] += np.outer(end[:, 0], slopes)
-                if np.any(curvatures):
-                    _, _, arriving, _ = segment.blocks(z[i:j], arrival, p)
-                    ends = arriving[::m]
-                    gradient[rows, n:] += np.outer(ends, curvatures @ direction[n:])
+            _, leaving, arriving, free = segment.second(z[i:j], arrival, along, p)
+            start += leaving
+            end += arriving
+            by_parameter += free
         self.kernel_evaluations += len(self.segments)
+        last = np.array(end[-m * m :: m])  # the arrival moves with T(lambda), its rate with T'
+        end[-m * m :] = [beside * rate for rate in end[-m * m :]]
+        gradient = self.cyclic(np.array(start), np.array(end))
+        gradient[:, n:] = np.reshape(by_parameter, (n, -1))
+        gradient[n - m :, n:] += np.outer(last, slopes)
+        if any(setup.curvatures):
+            _, _, arriving, _ = self.segments[-1].blocks(z[n - m : n], arrival, p)
+            curvatures = np.reshape(setup.curvatures, (self.free, self.free))
+            bend = self.word.period * curvatures @ direction[n:]
+            gradient[n - m :, n:] += np.outer(arriving[::m], bend)
         return gradient
+
+    def cyclic(self, start: Array, end: Array) -> Array:
+        """Return the (n, n + free) cyclic matrix of flattened blocks, zero in the columns of the
+        parameters."""
+        matrix = np.zeros(self.n * (self.n + self.free))
+        matrix[self._at_start] = start
+        matrix[self._at_end] += end
+        return matrix.reshape(self.n, -1)
 
     def third_along(self, unknowns: Array, direction: Array, mu: float = 1.0) -> Array:
         """Return the third derivative of the residual along a direction, shape (n,).

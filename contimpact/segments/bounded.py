@@ -194,5 +194,5 @@ def _exact(number: Any) -> Bounded:
 def _apart(result: Any) -> tuple[Any, Any]:
     """Values and errors of a result, each laid out as it is."""
     found = [Bounded.of(number) for number in flat(result)]
-    values, errors = ([getattr(number, part) for number in found] for part in ("value", "error"))
+    values, errors = (number.value for number in found), (number.error for number in found)
     return refilled(result, values), refilled(result, errors)
