@@ -69,7 +69,7 @@ FOR_ALL = {"contimpact", "contimpact.errors", "contimpact.progress"}
 TRUSTED = {
     "contimpact.segments.arithmetic": {"exec"},
     "contimpact.segments.kernels": {"exec"},
-    "contimpact.compiling.compiled": {"ctypes"},
+    "contimpact.compiling.library": {"ctypes"},
     "contimpact.compiling.machine_code": {"exec", "subprocess"},
 }
 """Where the package runs what it has written itself: kernels, and compiled code."""

@@ -8,7 +8,7 @@ import time
 from dataclasses import dataclass
 from pathlib import Path
 
-from ..compiling.compiled import mode
+from ..compiling.library import mode
 from ..errors import InputError, NotWrittenError
 from ..progress import Progress
 from ..records.catalogue import diagram_files

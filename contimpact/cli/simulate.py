@@ -7,7 +7,7 @@ import time
 from pathlib import Path
 
 from ..attractors.simulation import Simulation, simulate, write_simulation
-from ..compiling.compiled import mode
+from ..compiling.library import mode
 from ..errors import InputError
 from ..progress import Progress
 from ..records.result_folder import ROWS, TABLES, Files, held, renewed

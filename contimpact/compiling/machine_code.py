@@ -24,9 +24,8 @@ def object_code(program: Program, arguments: str) -> bytes:
     from numba import carray, cfunc, njit
     from numba import types as nb
 
-    namespace: dict[str, Any] = {
-        "compile": njit(error_model="numpy", fastmath=False), "carray": carray
-    }  # fmt: skip
+    plain = njit(error_model="numpy", fastmath=False)
+    namespace: dict[str, Any] = {"compile": plain, "carray": carray}
     pointers = {INTEGERS: (nb.int64, 1), VECTOR: (nb.float64, 1), TABLE: (nb.float64, 2)}
     signature, names, views = [], [], []
     for i, kind in enumerate(arguments):
@@ -42,10 +41,10 @@ def object_code(program: Program, arguments: str) -> bytes:
     text = _self_contained(entry.inspect_llvm(), entry.native_name)
     llvm.initialize_native_target()
     llvm.initialize_native_asmprinter()
+    cpu, features = llvm.get_host_cpu_name(), llvm.get_host_cpu_features().flatten()
     machine = llvm.Target.from_default_triple().create_target_machine(
-        cpu=llvm.get_host_cpu_name(), features=llvm.get_host_cpu_features().flatten(), opt=3,
-        reloc="pic", codemodel="default",
-    )  # fmt: skip
+        cpu=cpu, features=features, opt=3, reloc="pic", codemodel="default"
+    )
     module = llvm.parse_assembly(text)
     module.verify()
     _optimise(module, machine)
@@ -53,18 +52,15 @@ def object_code(program: Program, arguments: str) -> bytes:
 
 
 OF_THE_C_LIBRARY = frozenset(
-    ("acos", "asin", "atan", "ceil", "copysign", "cos", "cosh", "exp", "fabs", "floor", "fmod",
-     "log", "memcpy", "memset", "pow", "sin", "sinh", "sqrt", "tan", "tanh")
-)  # fmt: skip
-
-
+    """acos asin atan ceil copysign cos cosh exp fabs floor fmod log memcpy memset pow sin sinh sqrt
+    tan tanh""".split()
+)
 REPORTING = frozenset(
-    ("NRT_Free", "NRT_MemInfo_call_dtor", "PyBytes_FromStringAndSize", "PyErr_Clear",
-     "PyErr_SetNone", "PyErr_SetString", "PyErr_WriteUnraisable", "PyUnicode_FromString",
-     "Py_DecRef", "numba_do_raise", "numba_gil_ensure", "numba_gil_release",
-     "numba_runtime_build_excinfo_struct", "numba_unpickle")
-)  # fmt: skip
-"""What Numba calls only to report an exception and to clear up after one."""
+    """NRT_Free NRT_MemInfo_call_dtor PyBytes_FromStringAndSize PyErr_Clear PyErr_SetNone
+    PyErr_SetString PyErr_WriteUnraisable PyUnicode_FromString Py_DecRef numba_do_raise
+    numba_gil_ensure numba_gil_release numba_runtime_build_excinfo_struct numba_unpickle""".split()
+)
+"""What Numba calls only to report an exception and to clean up after it."""
 
 
 def _optimise(module: Any, machine: Any) -> None:

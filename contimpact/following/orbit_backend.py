@@ -13,7 +13,7 @@ import numpy as np
 from ..bifurcations.orbit_test import ManyOrbits, OrbitTest
 from ..bifurcations.status import explained
 from ..bifurcations.unfolding import meeting
-from ..compiling.compiled import Compiled, compiled, mode, spend
+from ..compiling.library import CompiledProgram, load, mode, spend
 from ..continuation.batch import Batch, Notice, Position, Proposal, refusal
 from ..continuation.branch import Block, Walk
 from ..continuation.settings import Settings
@@ -162,7 +162,7 @@ class OrbitBackend:
         """The branch as arrays, for compiled code."""
         return self.vectors(_array, lambda rows, columns: np.zeros((rows, columns)))
 
-    def compiled(self, most: int) -> Compiled | None:
+    def compiled(self, most: int) -> CompiledProgram | None:
         """Compiled code, where there is any and the work is worth it."""
         said = mode()
         if self.variant is None or said == "never" or (said == "auto" and most < WORTH):
@@ -174,7 +174,7 @@ class OrbitBackend:
 
             return program_of(kernels, variant)
 
-        return compiled((kernels.identity, variant), ARGUMENTS, build)
+        return load((kernels.identity, variant), ARGUMENTS, build)
 
     @functools.cached_property
     def variant(self) -> str | None:

@@ -18,7 +18,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from .. import __version__
-from ..compiling.compiled import mode, used
+from ..compiling.library import mode, used
 from ..continuation.branch import End
 from ..errors import InputError
 from ..storage.files import Content, write_all

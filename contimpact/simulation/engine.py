@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ..compiling.arguments import INTEGERS, VECTOR
-from ..compiling.compiled import Compiled, compiled, mode, spend
+from ..compiling.library import CompiledProgram, load, mode, spend
 from ..segments.arithmetic import Kernel
 from .impacts import Body, fly_in_time, make_impacts
 
@@ -64,10 +64,10 @@ class Engine:
 
     def __init__(self, motions: Sequence[Kernel]) -> None:
         self.motions = motions
-        self.found: Compiled | None = None
+        self.found: CompiledProgram | None = None
         self.plain = 0
 
-    def compiled(self, asked: int) -> Compiled | None:
+    def program(self, asked: int) -> CompiledProgram | None:
         """Return compiled code, where there is any and the work is worth looking for it.
 
         Parameters
@@ -81,7 +81,7 @@ class Engine:
         if self.found is None and (said == "always" or asked + self.plain >= WORTH):
             self.plain = 0
             identity = ("simulate", *formulas(self.motions))
-            self.found = compiled(identity, ARGUMENTS, lambda: program_of(self.motions))
+            self.found = load(identity, ARGUMENTS, lambda: program_of(self.motions))
         return self.found
 
     def made_plainly(self, impacts: int) -> None:

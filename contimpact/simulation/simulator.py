@@ -476,7 +476,7 @@ class Simulator:
 
         Returns where it is then, why it ended, how many rows there are, and their columns.
         """
-        fast = self._engine.compiled(asked) if self._engine else None
+        fast = self._engine.program(asked) if self._engine else None
         room = span[0] if record else 0
         columns: list[Any] = [np.empty(room, KINDS[k]) if fast else [0] * room for k in ROW]
         at: Any = [int(state.wall), int(state.turns), 0]

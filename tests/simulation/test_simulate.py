@@ -16,7 +16,7 @@ import mpmath as mp
 import numpy as np
 import pytest
 
-from contimpact.compiling import compiled
+from contimpact.compiling import library
 from contimpact.errors import InputError
 from contimpact.orbits.search import find_orbits
 from contimpact.segments import flight
@@ -622,7 +622,7 @@ def test_a_run_may_go_on_compiled(pair, simulator_of, plain_and_compiled, monkey
     simulator, start = simulator_of(pair(s=0.3631)), State(0, 0.14, 0.686)
     plain, _ = plain_and_compiled(lambda: simulator.run(start, impacts=5000))
     monkeypatch.setattr(simulate, "CHUNK", 700)
-    monkeypatch.setattr(simulator._engine, "compiled", lambda asked, found=simulator._engine.found:
+    monkeypatch.setattr(simulator._engine, "program", lambda asked, found=simulator._engine.found:
                         found if simulator._engine.plain >= 1400 else None)  # fmt: skip
     simulator._engine.plain = 0
     same_runs(simulator.run(start, impacts=5000), plain)
@@ -654,8 +654,8 @@ def looked_for(monkeypatch):
     """How often compiled code is looked for; there is none."""
     calls = []
     monkeypatch.setattr(engine, "_ENGINES", {})
-    monkeypatch.setattr(compiled, "_SPENT", [0])
-    monkeypatch.setattr(engine, "compiled", lambda *given: calls.append(given) and None)
+    monkeypatch.setattr(library, "_SPENT", [0])
+    monkeypatch.setattr(engine, "load", lambda *given: calls.append(given) and None)
     return calls
 
 
@@ -676,7 +676,7 @@ def test_compiled_code_is_looked_for_where_it_is_worth_it(
     model = pair()
     run = Simulator(model, kernels_of(model, "s")).run(State(0, 0.14, 0.686), **kind)
     assert len(looked_for) == times
-    assert compiled._SPENT[0] == engine.PRICE * len(run)
+    assert library._SPENT[0] == engine.PRICE * len(run)
 
 
 def test_many_short_runs_are_worth_it_too(pair, kernels_of, looked_for, monkeypatch):

@@ -15,7 +15,7 @@ import pytest
 
 from contimpact import ImpactPair, continue_orbit, find_orbits
 from contimpact.bifurcations.kinds import test_functions as functions_of
-from contimpact.compiling import compiled as module
+from contimpact.compiling import library as module
 from contimpact.compiling.arguments import VECTOR
 from contimpact.compiling.machine_code import _self_contained
 from contimpact.compiling.program import Program
@@ -420,7 +420,7 @@ def test_a_helper_that_is_not_known_ends_compiling_alone(said, monkeypatch, tmp_
     program.glue("def entry(x):\n    if x[0] == 0.0:\n        raise ValueError\n    return 1")
     if said == "always":
         with pytest.raises(NotImplementedError, match="Numba needs"):
-            module.compiled((str(tmp_path),), VECTOR, lambda: program)
+            module.load((str(tmp_path),), VECTOR, lambda: program)
         return
-    assert module.compiled((str(tmp_path),), VECTOR, lambda: program) is None
+    assert module.load((str(tmp_path),), VECTOR, lambda: program) is None
     assert any("nothing is compiled" in record.getMessage() for record in caplog.records)

@@ -1,8 +1,8 @@
-"""Compiled code, taken from the cache or made where the work pays for it.
+"""The library of compiled programs: loaded from the cache, or compiled where that pays.
 
-What is to run compiled is a `contimpact.compiling.program.Program`, which Numba (the optional
-extra ``fast``) translates once, see `contimpact.compiling.machine_code`. The machine code is kept
-in the cache, and later processes load it without importing Numba.
+Numba (the optional extra ``fast``) translates a `contimpact.compiling.program.Program` once, see
+`contimpact.compiling.machine_code`. The machine code is kept in the cache; later processes load it
+without importing Numba.
 
 ``CONTIMPACT_COMPILED`` decides: ``auto`` (the default: compile where the work pays for it),
 ``always`` (compile at once; Numba must be installed) or ``never``.
@@ -31,22 +31,22 @@ if TYPE_CHECKING:
 
 MODES = ("auto", "always", "never")
 PAYS_AFTER = 1_000_000
-"""Flights evaluated plainly in one process after which compiling is taken to pay: by then they
-have taken about as long as compiling does."""
+"""Flights evaluated by plain Python in one process after which compiling pays: by then they have
+taken about as long as compiling does."""
 
 
 def mode() -> str:
-    """Return what ``CONTIMPACT_COMPILED`` says.
+    """Return the value of ``CONTIMPACT_COMPILED``.
 
     Raises
     ------
     InputError
-        If it says anything unknown.
+        If it is not one of `MODES`.
     """
-    said = os.environ.get("CONTIMPACT_COMPILED") or "auto"
-    if said not in MODES:
-        raise InputError("CONTIMPACT_COMPILED", f"found {said!r}", f"give {', '.join(MODES)}")
-    return said
+    found = os.environ.get("CONTIMPACT_COMPILED") or "auto"
+    if found not in MODES:
+        raise InputError("CONTIMPACT_COMPILED", f"found {found!r}", f"give {', '.join(MODES)}")
+    return found
 
 
 def available() -> bool:
@@ -54,15 +54,15 @@ def available() -> bool:
     return importlib.util.find_spec("numba") is not None
 
 
-class Compiled:
+class CompiledProgram:
     """A compiled entry function.
 
     Parameters
     ----------
     function
-        As ctypes calls it.
+        Called through ctypes.
     keep
-        What must live as long as it.
+        Objects that must live as long as the function.
     """
 
     def __init__(self, function: Any, keep: Any) -> None:
@@ -76,10 +76,10 @@ class Compiled:
         return int(self.function(*numbers))
 
 
-def compiled(
+def load(
     identity: Sequence[str], arguments: str, build: Callable[[], Program]
-) -> Compiled | None:
-    """Return an entry function compiled, from the cache if it is there.
+) -> CompiledProgram | None:
+    """Load a program from the cache, or compile it if that pays.
 
     Parameters
     ----------
@@ -88,12 +88,12 @@ def compiled(
     arguments : str
         Kinds of the entry's arguments.
     build : callable
-        Makes the program, whose entry is the function ``entry``.
+        Returns the program, whose entry is the function ``entry``.
 
     Returns
     -------
-    Compiled or None
-        None where it is not in the cache and compiling it does not (yet) pay.
+    CompiledProgram or None
+        None if it is not in the cache and compiling it does not (yet) pay.
     """
     key = hashlib.sha256("\0".join((*identity, arguments, *_machine())).encode()).hexdigest()
     if key in _LOADED:
@@ -101,7 +101,7 @@ def compiled(
     folder, name = cache_folder(), f"compiled-{key[:24]}"
     found = None
     if folder is not None and key not in _MISSING:
-        found = _load(folder, name, arguments)
+        found = _from_cache(folder, name, arguments)
     if found is None and pays():
         found = _make(build, arguments, folder, name)
     if found is None:
@@ -112,18 +112,17 @@ def compiled(
 
 
 def pays() -> bool:
-    """Whether to compile what is not in the cache.
+    """Whether to compile programs that are not in the cache.
 
     Raises
     ------
     InputError
-        If it is to be compiled always, but Numba is not installed.
+        If the mode is ``always`` and Numba is not installed.
     """
     if mode() == "always" and not available():
-        raise InputError(
-            "CONTIMPACT_COMPILED", "always, but Numba is not installed",
-            "install contimpact[fast], or say auto or never",
-        )  # fmt: skip
+        found = "always, but Numba is not installed"
+        accepted = "install contimpact[fast], or say auto or never"
+        raise InputError("CONTIMPACT_COMPILED", found, accepted)
     return mode() == "always" or (_SPENT[0] >= PAYS_AFTER and available())
 
 
@@ -133,7 +132,7 @@ def used() -> int:
 
 
 def spend(flights: int) -> None:
-    """Note flights that were evaluated plainly."""
+    """Count flights that were evaluated by plain Python."""
     _SPENT[0] += flights
 
 
@@ -142,8 +141,8 @@ _SPENT = [0.0]
 
 def _make(
     build: Callable[[], Program], arguments: str, folder: Path | None, name: str
-) -> Compiled | None:  # fmt: skip
-    """Compile a program, and put its machine code into the cache if that can be written."""
+) -> CompiledProgram | None:
+    """Compile a program, and store its machine code in the cache if that can be written."""
     import tempfile
     import time
 
@@ -163,28 +162,28 @@ def _make(
     logger(__name__).info("compiled %s in %.1f s", name, time.perf_counter() - began)
     if folder is not None:
         try:
-            put_whole(folder / f"{name}.o", machine_code)
+            put_with_digest(folder / f"{name}.o", machine_code)
         except OSError as error:
             logger(__name__).warning("compiled code is not cached: %s", error)
         else:
-            return _load(folder, name, arguments)
+            return _from_cache(folder, name, arguments)
     with tempfile.TemporaryDirectory(prefix="contimpact-", ignore_cleanup_errors=True) as place:
-        put_whole(Path(place) / f"{name}.o", machine_code)
-        return _load(Path(place), name, arguments)
+        put_with_digest(Path(place) / f"{name}.o", machine_code)
+        return _from_cache(Path(place), name, arguments)
 
 
-_LOADED: dict[str, Compiled] = {}
+_LOADED: dict[str, CompiledProgram] = {}
 _MISSING: set[str] = set()
 
 
 @functools.cache
 def _machine() -> tuple[str, ...]:
-    """What machine code depends on besides the program: the package, machine and processor."""
+    """What machine code depends on besides the program: package, system and processor."""
     return _own_files(), sys.platform, platform.machine(), _processor()
 
 
 def _own_files() -> str:
-    """Digest of the package's own files, of which programs are made."""
+    """Digest of the package's source files, from which programs are made."""
     digest = hashlib.sha256()
     for file in sorted(Path(__file__).parent.parent.rglob("*.py")):
         digest.update(file.read_bytes())
@@ -192,7 +191,7 @@ def _own_files() -> str:
 
 
 def _processor() -> str:
-    """The processor's model and features as the system tells them."""
+    """The processor's model and features as the system reports them."""
     try:
         text = Path("/proc/cpuinfo").read_text()
     except OSError:
@@ -201,7 +200,7 @@ def _processor() -> str:
     return "\n".join(lines[:2])
 
 
-def _load(folder: Path, name: str, arguments: Sequence[str]) -> Compiled | None:
+def _from_cache(folder: Path, name: str, arguments: Sequence[str]) -> CompiledProgram | None:
     """Load machine code from the cache: a shared library, or an object file through LLVM."""
     import ctypes
 
@@ -221,26 +220,26 @@ def _load(folder: Path, name: str, arguments: Sequence[str]) -> Compiled | None:
             logger(__name__).warning("compiled code %s cannot be loaded: %s", library, error)
         else:
             function.argtypes, function.restype = kinds, ctypes.c_int64
-            return Compiled(function, loaded)
+            return CompiledProgram(function, loaded)
     if importlib.util.find_spec("llvmlite") is None or not _whole(machine_code):
         return None
     return _by_llvm(machine_code, kinds)
 
 
 def _link(machine_code: Path, library: Path) -> None:
-    """Make a shared library, where the machine has a linker."""
+    """Make a shared library if the machine has a linker."""
     from .machine_code import linked
 
     try:
         content = linked(machine_code)
         if content is not None:
-            put_whole(library, content)
+            put_with_digest(library, content)
     except OSError as error:
         logger(__name__).info("%s is not made: %s", library, error)
 
 
-def put_whole(path: Path, content: bytes) -> None:
-    """Put a file and its digest down."""
+def put_with_digest(path: Path, content: bytes) -> None:
+    """Store a file and its digest."""
     keep(path, content)
     keep(_digest_beside(path), _digest(path, content))
 
@@ -251,12 +250,12 @@ def _digest_beside(path: Path) -> Path:
 
 
 def _digest(path: Path, content: bytes) -> bytes:
-    """Digest of a file and its name: one that has got another's name does not fit."""
+    """Digest of a file with its name, so that a renamed file does not match."""
     return hashlib.sha256(path.name.encode() + b"\0" + content).hexdigest().encode()
 
 
 def _whole(path: Path) -> bool:
-    """Whether a file is there and is what this user wrote; loading a damaged one could crash."""
+    """Whether a file is as this user wrote it; loading a damaged one could crash."""
     try:
         expected, found = kept(_digest_beside(path)), _digest(path, kept(path))
     except FileNotFoundError:
@@ -269,7 +268,7 @@ def _whole(path: Path) -> bool:
     return found == expected
 
 
-def _by_llvm(path: Path, kinds: Sequence[Any]) -> Compiled:
+def _by_llvm(path: Path, kinds: Sequence[Any]) -> CompiledProgram:
     """Load an object file without a linker."""
     import ctypes
 
@@ -282,4 +281,4 @@ def _by_llvm(path: Path, kinds: Sequence[Any]) -> Compiled:
     engine.add_object_file(llvm.ObjectFileRef.from_path(str(path)))
     engine.finalize_object()
     address = engine.get_function_address(ENTRY)
-    return Compiled(ctypes.CFUNCTYPE(ctypes.c_int64, *kinds)(address), engine)
+    return CompiledProgram(ctypes.CFUNCTYPE(ctypes.c_int64, *kinds)(address), engine)
