@@ -39,7 +39,7 @@ _PLACES = {
     "Diagram": "records.diagram",
     "Entry": "records.entry",
     "Simulator": "simulation.simulator",
-    "settle": "attractors.attractor",
+    "settle": "attractors.verdict",
     "sweep": "attractors.sweep",
     "find_transitions": "attractors.transitions",
     "cover": "attractors.coverage",

@@ -5,15 +5,15 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 
+from ..arrays import Array
+from ..scenes.simulate_tables import SETTLING, Settling
 from ..simulation.simulator import Outcome, Run, Simulator, State
-from .attractor import SETTLING, Attractor, Kind, Settling, settle
+from .attractor import Attractor, Kind
 from .sweep import same
-
-Array = np.ndarray[Any, Any]
+from .verdict import settle
 
 REACHED = 1e-5
 """A motion this near to a known periodic attractor, round after round, has reached it."""

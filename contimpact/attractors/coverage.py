@@ -14,6 +14,7 @@ from typing import Any
 
 import numpy as np
 
+from ..arrays import Array
 from ..models.word import Word
 from ..orbits.problem import OrbitProblem
 from ..orbits.search import Orbit, settle
@@ -22,8 +23,6 @@ from ..records.diagram import Diagram
 from ..segments.kernels import Kernels
 from .attractor import Attractor, Kind
 from .sweep import Row, Sweep
-
-Array = np.ndarray[Any, Any]
 
 MATCH = 1e-7
 """An attractor whose velocities and phases are this near to a branch's orbit lies on it."""

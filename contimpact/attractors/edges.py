@@ -9,8 +9,10 @@ from __future__ import annotations
 import math
 from dataclasses import replace
 
-from .attractor import SETTLING, Attractor, Kind, Settling, settle
+from ..scenes.simulate_tables import SETTLING, Settling
+from .attractor import Attractor, Kind
 from .sweep import Row, Simulators
+from .verdict import settle
 
 EVALUATIONS = 120
 """Values tried for one change at most."""

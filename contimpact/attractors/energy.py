@@ -14,12 +14,11 @@ from typing import Any
 
 import numpy as np
 
+from ..arrays import Array
 from ..errors import InputError
 from ..records.branch import Branch
 from ..systems.membrane import Membrane
 from .attractor import Attractor, Kind
-
-Array = np.ndarray[Any, Any]
 
 
 def velocity_scale(parameters: Mapping[str, float]) -> float:

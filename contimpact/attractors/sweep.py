@@ -14,12 +14,12 @@ from typing import Any
 import numpy as np
 
 from ..models.model import Model
+from ..scenes.simulate_tables import SETTLING, Settling
 from ..segments.kernels import Kernels
 from ..simulation.simulator import Simulator, State
 from ..storage.shapes import made
-from .attractor import SETTLING, Attractor, Kind, Settling, settle
-
-Array = np.ndarray[Any, Any]
+from .attractor import Attractor, Kind
+from .verdict import settle
 
 SAME = 1e-6
 """Periodic attractors whose velocities and phases differ by less are one."""

@@ -12,7 +12,7 @@ from dataclasses import replace
 
 from ..records.diagram import Diagram
 from ..records.entry import Entry
-from .attractor import SETTLING, Settling
+from ..scenes.simulate_tables import SETTLING, Settling
 from .edges import EVALUATIONS, locate
 from .edges import edge as edge
 from .naming import Explanation, Transition, name

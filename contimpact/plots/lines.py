@@ -6,7 +6,8 @@ from typing import Any
 
 import numpy as np
 
-from ..records.branch import Array, Branch
+from ..arrays import Array
+from ..records.branch import Branch
 from ..records.diagram import Diagram
 
 STYLES: dict[str, Any] = {"stable": "-", "unstable": (0, (5, 2)), "unphysical": (0, (1, 1.6))}

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from ..models.model import Model
     from ..orbits.search import Orbit
 
-Array = np.ndarray[Any, Any]
+from ..arrays import Array
 
 
 @dataclass(frozen=True, eq=False)

@@ -8,10 +8,9 @@ from typing import Any
 
 import numpy as np
 
+from ..arrays import Array
 from ..continuation.branch import End
 from .tables import same_data
-
-Array = np.ndarray[Any, Any]
 
 
 @dataclass(frozen=True, eq=False)

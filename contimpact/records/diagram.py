@@ -6,8 +6,6 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
-
 from ..errors import InputError, printable, shown
 from .branch import Branch
 from .entry import Entry
@@ -16,8 +14,6 @@ if TYPE_CHECKING:
     from ..models.model import Model
     from ..orbits.search import Orbit
     from .curve import Check, Curve
-
-Array = np.ndarray[Any, Any]
 
 
 @dataclass(frozen=True)

@@ -18,13 +18,14 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from ..arrays import Array
 from ..continuation.branch import End, EndKind
 from ..errors import InputError
 from ..models.word import LONGEST_WORD
 from ..storage.files import LARGEST_RECORD, bounded, open_plain, reason
 from ..storage.shapes import fitted, made
 from ..storage.texts import original
-from .branch import Array, Branch
+from .branch import Branch
 from .entry import Entry
 
 if TYPE_CHECKING:

@@ -17,9 +17,8 @@ from typing import Any
 
 import numpy as np
 
+from ..arrays import Array
 from ..errors import InputError
-
-Array = np.ndarray[Any, Any]
 
 STEEL = 7850.0
 """Density of steel, kg/m^3; the ball is taken to be of steel where nothing else is said."""

@@ -8,10 +8,13 @@ import math
 import numpy as np
 import pytest
 
-from contimpact.attractors.attractor import SETTLING, Attractor, Kind, Settling, polish, settle
+from contimpact.attractors.attractor import Attractor, Kind
 from contimpact.attractors.basins import basins
+from contimpact.attractors.cycle import polish
 from contimpact.attractors.sweep import Row, Simulators, find_attractors, same, sweep, sweep_rows
+from contimpact.attractors.verdict import settle
 from contimpact.orbits.search import find_orbits
+from contimpact.scenes.simulate_tables import SETTLING, Settling
 from contimpact.simulation.simulator import Simulator, State
 
 QUICK = Settling(transient=50, periods=600, impacts=1500)

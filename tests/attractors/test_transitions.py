@@ -10,7 +10,6 @@ import tomllib
 import numpy as np
 import pytest
 
-from contimpact.attractors.attractor import Settling
 from contimpact.attractors.coverage import cover, scene_fragment
 from contimpact.attractors.sweep import Row, Simulators, Sweep, sweep
 from contimpact.attractors.transitions import (
@@ -23,6 +22,7 @@ from contimpact.attractors.transitions import (
 )
 from contimpact.orbits.search import find_orbits
 from contimpact.scenes.scene import read_scene
+from contimpact.scenes.simulate_tables import Settling
 from contimpact.simulation.simulator import State
 from contimpact.studies.explore import follow
 from contimpact.systems.impact_pair import ImpactPair

@@ -9,14 +9,15 @@ import numpy as np
 import pytest
 from zoo import ROOT
 
-from contimpact.attractors.attractor import Settling, settle
 from contimpact.attractors.energy import Membrane
 from contimpact.attractors.simulation import Simulation
 from contimpact.attractors.sweep import Row, Simulators, Sweep, sweep
+from contimpact.attractors.verdict import settle
 from contimpact.plots import attractors as pictures
 from contimpact.plots.diagram import STYLES, WIDTHS
 from contimpact.plots.portraits import others_at, plot_portrait, portrait_figure
 from contimpact.scenes.scene import read_scene
+from contimpact.scenes.simulate_tables import Settling
 from contimpact.simulation.simulator import State
 from contimpact.studies.explore import follow
 

@@ -1,0 +1,113 @@
+"""What a simulated motion settles on: a periodic orbit, complex motion, sticking, rest; or nothing.
+
+A motion counts as periodic only if it closes. When it returns close to an earlier impact, Newton's
+iteration on the simulated map solves for the cycle nearby; the cycle has to be stable, and the
+motion has to have reached it within `Settling.tolerance` or to approach it with its word unchanged.
+Motion is complex if its largest Lyapunov exponent exceeds zero by three standard errors; motion
+that is neither is reported as not settled.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ..scenes.simulate_tables import SETTLING, Settling
+from ..simulation.lyapunov import exponents_of
+from ..simulation.simulator import Outcome, Run, Simulator, State
+from .attractor import Attractor, Kind
+from .cycle import Cycle, cycle_near, sticking_cycle
+from .periodic import parameters, periodic
+
+KEPT = 1000
+"""Impacts kept of a motion that is not periodic."""
+FIRST = 64
+"""Impacts after which a motion is examined for the first time."""
+
+
+def settle(simulator: Simulator, state: State, settling: Settling = SETTLING) -> Attractor:
+    """Simulate until it is known what the motion settles on, or the time is up.
+
+    Parameters
+    ----------
+    simulator : Simulator
+    state : State
+        Where the motion starts.
+    settling : Settling
+
+    Returns
+    -------
+    Attractor
+    """
+    begun, made = state.turns, 0
+    run = simulator.run(state, impacts=FIRST)
+    if run.released.any() and (found := sticking_cycle(run)):
+        return periodic(simulator, *found, periods=int(run.turns[-1]) - begun)
+    run = simulator.run(state, periods=settling.transient, record=False)
+    earlier: tuple[Cycle, float, int] | None = None
+    window = FIRST
+    while run.outcome is Outcome.DONE and run.end is not None:
+        periods = run.end.turns - begun
+        if periods - settling.transient > settling.periods:
+            return _unsettled(simulator, run.end, settling, periods)
+        run = simulator.run(run.end, impacts=window)
+        made += len(run)
+        window = min(2 * window, 2 * settling.longest)
+        found = cycle_near(simulator, run, settling.longest)
+        if found is not None:
+            cycle, distance = found
+            if distance < settling.tolerance or _approached(earlier, cycle, distance, made):
+                return periodic(simulator, cycle, distance, periods)
+            if earlier is None or not np.array_equal(earlier[0].walls, cycle.walls):
+                earlier = (cycle, distance, made)
+    return _ended(simulator, run)
+
+
+def _approached(
+    earlier: tuple[Cycle, float, int] | None, cycle: Cycle, distance: float, made: int
+) -> bool:
+    """Whether a motion approaches its cycle at the rate of the cycle's multiplier.
+
+    At least half of the logarithm of the decay is required.
+    """
+    if earlier is None or not np.array_equal(earlier[0].walls, cycle.walls):
+        return False
+    rounds = (made - earlier[2]) / len(cycle.walls)
+    return distance < earlier[1] * abs(cycle.multipliers[0]) ** (0.5 * rounds)
+
+
+def _ended(simulator: Simulator, run: Run) -> Attractor:
+    """The attractor of a run that ended by itself."""
+    kind = Kind.RESTING if run.outcome is Outcome.RESTING else Kind.NO_IMPACT
+    return Attractor(kind, parameters(simulator), kind.value, simulator.period, state=run.end)
+
+
+def _unsettled(simulator: Simulator, state: State, settling: Settling, periods: int) -> Attractor:
+    """Complex motion if the largest exponent is clearly positive, otherwise not settled."""
+    run = simulator.run(state, impacts=settling.impacts)
+    if run.outcome is not Outcome.DONE:
+        return _ended(simulator, run)
+    if run.released.any() and (sticking := sticking_cycle(run)):
+        return periodic(simulator, *sticking, periods=periods)
+    found = exponents_of(simulator, state, run)
+    is_complex = found.per_impact[0] > 3.0 * found.error
+    rate = found.impacts / found.periods
+    shares = [np.count_nonzero(run.walls == k) / len(run) for k in range(len(simulator.letters))]
+    counts = ":".join(str(round(share * rate)) for share in shares)
+    last = slice(-KEPT, None)
+    return Attractor(
+        Kind.COMPLEX if is_complex else Kind.NOT_SETTLED,
+        parameters(simulator),
+        f"{counts}/C" if is_complex else Kind.NOT_SETTLED.value,
+        simulator.period,
+        walls=run.walls[last],
+        times=run.times[last],
+        velocities=run.velocities[last],
+        released=run.released[last],
+        exponents=found.per_impact,
+        error=found.error,
+        restitution=found.restitution,
+        per_period=found.per_period,
+        rate=rate,
+        periods=periods,
+        state=run.end,
+    )
