@@ -53,7 +53,7 @@ ROOMS = {
     },
     "accuracy": {
         "attractors", "bifurcations", "continuation", "following", "models", "orbits", "plots",
-        "records", "scenes", "segments", "simulation", "storage", "studies",
+        "records", "scenes", "segments", "simulation", "storage", "studies", "systems",
     },
     "plots": {
         "attractors", "bifurcations", "models", "orbits", "records", "scenes", "simulation",

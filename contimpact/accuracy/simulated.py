@@ -178,7 +178,7 @@ def voltages(
     membrane: Membrane, values: Mapping[str, float], run: Run, velocities: Sequence[Any], ctx: Any
 ) -> dict[str, Any]:
     """The relative errors of voltages: of the formula alone, and with the simulation's own."""
-    from ..attractors.energy import velocity_scale
+    from ..systems.membrane import velocity_scale
 
     pi = +ctx.pi
     scale = ctx.mpf(values["A"]) * pi / (ctx.mpf(values["M"]) * ctx.mpf(values["omega"]))

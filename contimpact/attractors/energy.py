@@ -1,13 +1,11 @@
 """The output voltage of the energy harvester, impact by impact and on average.
 
-An impact of dimensionless velocity Z' is one of A pi/(M omega) Z' in m/s; what voltage the
-membrane gives then is `contimpact.systems.membrane`'s affair. Means are equations (9) of the paper
-on vibro-impact pairs.
+The voltage of one impact is `contimpact.systems.membrane`'s affair. Means are equations (9) of the
+paper on vibro-impact pairs.
 """
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -15,27 +13,9 @@ from typing import Any
 import numpy as np
 
 from ..arrays import Array
-from ..errors import InputError
 from ..records.branch import Branch
-from ..systems.membrane import Membrane
+from ..systems.membrane import Membrane, velocity_scale
 from .attractor import Attractor, Kind
-
-
-def velocity_scale(parameters: Mapping[str, float]) -> float:
-    """Return A pi/(M omega), the dimensional velocity of one unit of the impact pair's, m/s.
-
-    Raises
-    ------
-    InputError
-        If the parameters are not those of an impact pair.
-    """
-    try:
-        amplitude, mass, omega = (parameters[name] for name in ("A", "M", "omega"))
-    except KeyError as error:
-        raise InputError(
-            "energy", f"the system has no parameter {error}", "use the impact pair"
-        ) from None
-    return amplitude * math.pi / (mass * omega)
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,7 +45,7 @@ def of_impacts(
     ----------
     membrane : Membrane
     parameters : mapping of str to float
-        Of the impact pair.
+        Of a system with membranes.
     velocities : array_like of shape (N,)
         Dimensionless, before impact.
     span : float
@@ -102,10 +82,7 @@ def along(membrane: Membrane, branch: Branch, forcing_period: float = 2.0) -> di
         ``U1``, ``U2``, ... of each impact, ``U_I`` per impact, ``U_T`` per time; one value for
         each point.
     """
-    names = [name for name in ("A", "M", "omega") if name in branch.columns]
-    if len(names) < 3:
-        raise InputError("energy", f"branch {branch.id} is of {branch.system}", "use impact-pair")
-    scale = branch["A"] * math.pi / (branch["M"] * branch["omega"])
+    scale = np.asarray(velocity_scale(branch.columns))
     voltages = membrane.voltage(scale[:, None] * branch.velocities)
     columns = {f"U{k + 1}": voltages[:, k] for k in range(voltages.shape[1])}
     total = voltages.sum(axis=1)

@@ -244,17 +244,15 @@ def coverage_text(coverage: Coverage, parameter: str) -> str:
     return json_text({"schema": COVERAGE, "parameter": parameter, **coverage.as_record()})
 
 
-def energy_text(
-    membrane: Membrane, parameter: str, sweep: Sweep | None = None, diagram: Diagram | None = None
-) -> str:
+def energy_text(membrane: Membrane, sweep: Sweep, diagram: Diagram | None = None) -> str:
     """Return ``energy.csv``: a row per attractor and per point of a branch.
 
     The column ``from`` is a direction of the sweep or a branch; the comment line holds the
     constants of membranes and ball.
     """
-    rows = _attractor_rows(membrane, sweep) if sweep else []
+    parameter, rows = sweep.parameter, _attractor_rows(membrane, sweep)
     for branch in diagram.branches if diagram else []:
-        rows += _branch_rows(membrane, branch)
+        rows += _branch_rows(membrane, branch, sweep.model.DERIVED)
     columns = ["from", "notation", "stable", "physical", parameter]
     columns += [name for row in rows for name in row if name not in columns]
     columns = list(dict.fromkeys(columns))
@@ -277,10 +275,12 @@ def _attractor_rows(membrane: Membrane, sweep: Sweep) -> list[dict[str, Any]]:
     return rows
 
 
-def _branch_rows(membrane: Membrane, branch: Branch) -> list[dict[str, Any]]:
+def _branch_rows(
+    membrane: Membrane, branch: Branch, derived: Sequence[str]
+) -> list[dict[str, Any]]:
     from .energy import along
 
-    names = [branch.parameter, *(n for n in ("d", "gbar") if n in branch.columns)]
+    names = [branch.parameter, *derived]
     columns = {name: branch[name].tolist() for name in names}
     columns["stable"], columns["physical"] = branch.stable.tolist(), branch.physical.tolist()
     columns |= {name: values.tolist() for name, values in along(membrane, branch).items()}

@@ -330,9 +330,7 @@ def write_simulation(result: Simulation, folder: Path) -> list[str]:
     if result.coverage is not None:
         files["coverage.json"] = partial(coverage_text, result.coverage, scene.parameter)
     if scene.energy is not None:
-        files["energy.csv"] = partial(
-            energy_text, scene.energy, scene.parameter, result.sweep, result.diagram
-        )
+        files["energy.csv"] = partial(energy_text, scene.energy, result.sweep, result.diagram)
     if result.diagram is not None:
         files |= diagram_files(result.diagram)
     return sorted(write_all(folder, files))

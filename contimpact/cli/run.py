@@ -226,10 +226,9 @@ def _summary(scene: Scene, diagram: Diagram, folder: Path, total: float) -> None
     for curve in diagram.curves:
         say("".join(f"{n} = {v:.6g}  " for n, v in curve.fixed.items()) + repr(curve))
     if diagram.curves:
-        from ..records.competition import column, regions
+        from ..records.competition import competition
 
-        along = column(list(diagram.curves[0].columns), diagram.curves[0].parameters[0])
-        for region in regions(diagram.curves, along, diagram.checks):
+        for region in competition(diagram):
             fixed = "".join(f"{n} = {v:.6g}  " for n, v in region.fixed.items())
             say(
                 f"first    {fixed}{region.notation}: {region.first} for {region.second} from "

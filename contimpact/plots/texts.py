@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 SYMBOLS = {
     "alpha": r"\alpha", "beta": r"\beta", "gamma": r"\gamma", "delta": r"\delta", "mu": r"\mu",
     "omega": r"\omega", "phi": r"\varphi", "sigma": r"\sigma", "tau": r"\tau", "theta": r"\theta",
-    "zeta": r"\zeta", "gbar": r"\bar{g}",
+    "zeta": r"\zeta",
 }  # fmt: skip
 DENOMINATORS = (1, 2, 3, 4, 6, 9, 12, 18)
 """Of the multiples of pi that are written as such."""
@@ -60,11 +60,12 @@ def set_label(kind: str, label: str, orbit: str = "") -> str:
 
 def symbol(name: str) -> str:
     """Return a name as it is set in labels: letters, Greek ones too, as symbols, ``r_B`` with an
-    index, words as they are."""
-    match = re.fullmatch(r"([A-Za-z]+)(?:_([A-Za-z0-9]+)|([0-9]+))?", name)
+    index, ``gbar`` with a bar, words as they are."""
+    match = re.fullmatch(r"([A-Za-z]+?)(bar)?(?:_([A-Za-z0-9]+)|([0-9]+))?", name)
     if match is None or (len(match[1]) > 1 and match[1] not in SYMBOLS):
         return plain(name)
-    letter, index = SYMBOLS.get(match[1], match[1]), match[2] or match[3]
+    letter, index = SYMBOLS.get(match[1], match[1]), match[3] or match[4]
+    letter = rf"\bar{{{letter}}}" if match[2] else letter
     return f"${letter}_{{{index}}}$" if index else f"${letter}$"
 
 

@@ -43,7 +43,6 @@ from .result_folder import (
 )
 
 if TYPE_CHECKING:
-    from .competition import Region
     from .curve import Check, Curve
 
 
@@ -123,8 +122,10 @@ def catalogue_text(diagram: Diagram) -> str:
         "reading": read(diagram).as_record(),
     }
     if diagram.curves:
+        from .competition import competition
+
         content["curves"] = [_curve_record(curve) for curve in diagram.curves]
-        content["competition"] = [dataclasses.asdict(region) for region in _competition(diagram)]
+        content["competition"] = [dataclasses.asdict(region) for region in competition(diagram)]
         content["checks"] = [dataclasses.asdict(check) for check in diagram.checks]
     return json_text(content)
 
@@ -170,14 +171,6 @@ def _curve_record(curve: Curve) -> dict[str, Any]:
         "missed": list(curve.missed),
         "codimension2": [dataclasses.asdict(point) for point in curve.points],
     }
-
-
-def _competition(diagram: Diagram) -> list[Region]:
-    from .competition import column, regions
-
-    curve = diagram.curves[0]
-    along = column(list(curve.columns), curve.parameters[0])
-    return regions(diagram.curves, along, diagram.checks)
 
 
 def curve_text(curve: Curve) -> str:

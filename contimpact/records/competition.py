@@ -1,8 +1,8 @@
 """Which bifurcation comes first: the competition of curves in two parameters.
 
-For a family member and a word, every curve is read as the derived parameter (d, or the branch's
-parameter) over the second one. As d falls, the orbit meets the curve with the largest d first that
-is no ghost; where curves cross, the order changes.
+For a family member and a word, every curve is read as one quantity over the second parameter: the
+system's principal derived parameter, or the branch's parameter. As it falls, the orbit first meets
+the highest curve that is no ghost; where curves cross, the order changes.
 """
 
 from __future__ import annotations
@@ -14,13 +14,14 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from ..arrays import Array
 from ..bifurcations.names import CROSSINGS, REQUESTED
-from ..orbits.problem import Array
 from .curve import Curve
+from .recovery import imported_system
 
 if TYPE_CHECKING:
     from .curve import Check
-
+    from .diagram import Diagram
 
 SAME_EDGE = 1e-9
 """Edges of regions closer than this part of the whole are one."""
@@ -28,7 +29,7 @@ SAME_EDGE = 1e-9
 
 @dataclass(frozen=True)
 class Region:
-    """A range of the second parameter in which one bifurcation comes first as d falls.
+    """A range of the second parameter in which one bifurcation comes first.
 
     Attributes
     ----------
@@ -67,9 +68,11 @@ class Region:
         return "" if self.checked else "not checked by a run"
 
 
-def column(derived: Sequence[str], first: str) -> str:
-    """Return the column that falls: d where there is one, else the branch's parameter."""
-    return "d" if "d" in derived else first
+def competition(diagram: Diagram) -> list[Region]:
+    """Return which bifurcation comes first on the curves of a diagram, region by region."""
+    kind = imported_system(diagram.branches[0].system) if diagram.branches else None
+    along = (kind and kind.PRINCIPAL) or diagram.curves[0].parameters[0]
+    return regions(diagram.curves, along, diagram.checks)
 
 
 def regions(curves: Sequence[Curve], along: str, checks: Sequence[Check] = ()) -> list[Region]:
@@ -79,7 +82,7 @@ def regions(curves: Sequence[Curve], along: str, checks: Sequence[Check] = ()) -
     ----------
     curves : sequence of Curve
     along : str
-        The column that falls, such as ``d``.
+        The column that falls.
     checks : sequence of Check
         What one-parameter runs say.
     """

@@ -152,14 +152,25 @@ def _system(name: str | None, where: str) -> type[Model]:
     accepted = "give the model it was computed with, as model="
     if name is None:
         raise InputError(where, "it does not say of what system it is", accepted)
-    if name in SYSTEMS:
-        return system(name)
-    # a class that was defined anew, as in a notebook, takes the place of the earlier one
-    own = {(k.__module__, k.__qualname__): k for k in _below(Model) if _is(k, name)}
-    if len(own) != 1:
-        found = f"{len(own)} imported classes are the system {name!r}"
+    known = _classes(name)
+    if len(known) != 1:
+        found = f"{len(known)} imported classes are the system {name!r}"
         raise InputError(where, found, accepted)
-    return own.popitem()[1]
+    return known[0]
+
+
+def imported_system(name: str) -> type[Model] | None:
+    """Return the class of a system by its name; None if it is not imported, or ambiguous."""
+    known = _classes(name)
+    return known[0] if len(known) == 1 else None
+
+
+def _classes(name: str) -> list[type[Model]]:
+    if name in SYSTEMS:
+        return [system(name)]
+    # a class that is defined again, as in a notebook, replaces the earlier one
+    own = {(k.__module__, k.__qualname__): k for k in _below(Model) if _is(k, name)}
+    return list(own.values())
 
 
 def _is(kind: type[Model], name: str) -> bool:

@@ -103,7 +103,7 @@ class Scene:
     seed: int = 0
     starts: int = 256
     rounds: int = 8
-    plot: PlotOptions = field(default_factory=lambda: PlotOptions("s"))
+    plot: PlotOptions = field(kw_only=True)
     curves: CurveOptions | None = None
     simulate: SimulateOptions | None = None
     energy: Membrane | None = None

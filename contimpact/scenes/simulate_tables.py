@@ -8,8 +8,6 @@ from __future__ import annotations
 from dataclasses import asdict, dataclass, fields
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
-
 from ..errors import InputError
 from ..models.model import Model
 from .options import LARGEST_SEED, MOST_STARTS
@@ -99,6 +97,8 @@ class SimulateOptions:
 
     def sweeps(self) -> list[tuple[str, list[float]]]:
         """Return each sweep's direction and its values in order."""
+        import numpy as np
+
         rising = np.linspace(*self.range, self.values).tolist()
         ways = {"down": rising[::-1], "up": rising}
         names = ("down", "up") if self.direction == "both" else (self.direction,)
@@ -194,7 +194,7 @@ def read_energy(table: Any, model: Model) -> Membrane:
     InputError
         If a key is unknown, of a wrong type or inadmissible, or the system has no membranes.
     """
-    if model.SYSTEM != "impact-pair":
+    if not model.MEMBRANES:
         raise InputError(
             "energy", f"the system {model.SYSTEM} has no membranes", "leave [energy] out"
         )

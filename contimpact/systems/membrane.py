@@ -12,13 +12,14 @@ written so that nothing cancels at low velocities. The paper does not give the m
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass, fields
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-import numpy as np
-
-from ..arrays import Array
 from ..errors import InputError
+
+if TYPE_CHECKING:
+    from ..arrays import Array
 
 STEEL = 7850.0
 """Density of steel, kg/m^3; the ball is taken to be of steel where nothing else is said."""
@@ -80,6 +81,8 @@ class Membrane:
         ndarray
             U_k in V, zero for an impact without velocity.
         """
+        import numpy as np
+
         speed = np.asarray(velocity, dtype=float)
         depth = ((self.nu + 1.0) / (2.0 * self.K) * self.m * speed**2) ** (1.0 / (self.nu + 1.0))
         # with e = delta (2 R_b - delta), h = R_b - delta, q = sqrt(R_c^2 - e) the cone touches the
@@ -96,3 +99,23 @@ class Membrane:
         missing = np.where(cosine > 0.0, sine**2 / (1.0 + np.abs(cosine)), 1.0 - cosine)
         x = missing * (self.R_c**2 - self.R_b**2 * missing) / (self.R_c**2 * cosine)
         return np.asarray(self.U_in * x * (2.0 + x))
+
+
+def velocity_scale(parameters: Mapping[str, Any]) -> Any:
+    """Return A pi/(M omega), the dimensional velocity of one unit of the impact pair's, m/s.
+
+    Parameters
+    ----------
+    parameters : mapping of str to float or ndarray
+
+    Raises
+    ------
+    InputError
+        If the parameters are not those of an impact pair.
+    """
+    try:
+        amplitude, mass, omega = (parameters[name] for name in ("A", "M", "omega"))
+    except KeyError as error:
+        found = f"the system has no parameter {error}"
+        raise InputError("energy", found, "use the impact pair") from None
+    return amplitude * math.pi / (mass * omega)

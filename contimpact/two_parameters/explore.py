@@ -21,7 +21,7 @@ from ..orbits.problem import Array, OrbitProblem
 from ..orbits.search import settle
 from ..progress import Progress, counted, silent
 from ..records.branch import Branch
-from ..records.competition import Region, column, regions
+from ..records.competition import Region, regions
 from ..records.curve import Check, Curve
 from ..records.diagram import Diagram
 from ..records.entry import Entry
@@ -289,7 +289,7 @@ class _CurveExplorer:
     @property
     def along(self) -> str:
         """The column that falls."""
-        return column([*self.scene.model.DERIVED], self.scene.parameter)
+        return self.scene.model.PRINCIPAL or self.scene.parameter
 
 
 def _go_on(ends: Iterable[End]) -> None:
