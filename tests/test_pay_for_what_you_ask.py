@@ -140,6 +140,20 @@ energy = { m = 0.004 }
 """
 """Tables that only ``contimpact simulate`` acts on; the others validate them."""
 
+CURVES = """
+curves = { parameter = "r", range = [0.2, 0.5], kinds = ["PD", "G"] }
+"""
+
+
+@pytest.mark.parametrize("tables", ["", SIMULATED, CURVES])
+def test_reading_a_scene_loads_no_numerics(tables, tmp_path):
+    (tmp_path / "scene.toml").write_text(TOML + tables, encoding="utf-8")
+    code = "import sys\nfrom contimpact.scenes.scene import load_scene\nload_scene(sys.argv[1])"
+    modules = imported(code, str(tmp_path / "scene.toml"))
+    assert among(modules, (*HEAVY, "numpy")) == []
+    assert among(modules, own("arrays", "attractors", "orbits", "records", "segments")) == []
+
+
 COMMANDS = {
     "check": ["check", "{scene}"],
     "run": ["run", "{scene}", "-o", "{folder}", "-q"],
@@ -168,7 +182,7 @@ def test_a_command_imports_what_it_needs(name, tables, allowed, tmp_path, of_num
     if name == "help":
         assert among(modules, ("numpy",)) == []
     if name == "check":
-        assert among(modules, own("catalogue", "reading")) == []
+        assert among(modules, own("records.catalogue", "records.reading")) == []
 
 
 SCENES = {
