@@ -7,7 +7,8 @@ import math
 from contestant import MODES, Contestant, Sample, Workspace, seconds_of
 
 from contimpact import ImpactPair
-from contimpact.simulation.simulator import Simulator, State
+from contimpact.simulation.run import State
+from contimpact.simulation.simulator import Simulator
 
 MOTIONS = {
     "1:1, periodic": {"A": 5.0, "s": 0.389},

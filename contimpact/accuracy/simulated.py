@@ -15,7 +15,8 @@ import numpy as np
 from ..models.word import Word
 from ..orbits.problem import OrbitProblem
 from ..segments.kernels import Kernels
-from ..simulation.simulator import Run, Simulator
+from ..simulation.run import Run
+from ..simulation.simulator import Simulator
 from .reference import Reference
 from .shooting import Shooting
 from .timing import timed

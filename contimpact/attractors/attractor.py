@@ -12,7 +12,7 @@ import numpy as np
 
 from ..arrays import Array
 from ..models.model import Model
-from ..simulation.simulator import State
+from ..simulation.run import State
 from ..storage.shapes import made
 
 

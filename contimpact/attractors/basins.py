@@ -10,7 +10,8 @@ import numpy as np
 
 from ..arrays import Array
 from ..scenes.simulate_tables import SETTLING, Settling
-from ..simulation.simulator import Outcome, Run, Simulator, State
+from ..simulation.run import Outcome, Run, State
+from ..simulation.simulator import Simulator
 from .attractor import Attractor, Kind
 from .sweep import same
 from .verdict import settle

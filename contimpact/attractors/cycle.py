@@ -11,7 +11,8 @@ import numpy as np
 
 from ..arrays import Array
 from ..orbits.block_cyclic import roots
-from ..simulation.simulator import Run, Simulator, State
+from ..simulation.run import Run, State
+from ..simulation.simulator import Simulator
 
 NEAR = 1e-4
 """A motion this close to an earlier impact may be periodic; in periods and largest velocities."""

@@ -16,7 +16,8 @@ import numpy as np
 from ..models.model import Model
 from ..scenes.simulate_tables import SETTLING, Settling
 from ..segments.kernels import Kernels
-from ..simulation.simulator import Simulator, State
+from ..simulation.run import State
+from ..simulation.simulator import Simulator
 from ..storage.shapes import made
 from .attractor import Attractor, Kind
 from .verdict import settle

@@ -13,7 +13,8 @@ import numpy as np
 
 from ..scenes.simulate_tables import SETTLING, Settling
 from ..simulation.lyapunov import exponents_of
-from ..simulation.simulator import Outcome, Run, Simulator, State
+from ..simulation.run import Outcome, Run, State
+from ..simulation.simulator import Simulator
 from .attractor import Attractor, Kind
 from .cycle import Cycle, cycle_near, sticking_cycle
 from .periodic import parameters, periodic

@@ -1,26 +1,27 @@
-"""The loop of a simulation as compiled code: its program, and when it is looked for."""
+"""The loop of a simulation as a compiled program, and when that is loaded."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
+from ..arrays import Array
 from ..compiling.arguments import INTEGERS, VECTOR
 from ..compiling.library import CompiledProgram, load, mode, spend
 from ..segments.arithmetic import Kernel
-from .impacts import Body, fly_in_time, make_impacts
+from .body import Body
+from .flights import fly_in_time
+from .impacts import make_impacts
 
 if TYPE_CHECKING:
     from ..compiling.program import Program
 
-Array = np.ndarray[Any, Any]
-
 WORTH = 2000
-"""Impacts, asked for at once or made plainly, from which compiled code is looked for."""
+"""Impacts, in one run or made so far by plain Python, from which compiled code is worth loading."""
 PRICE = 3
-"""Evaluations of a flight that an impact made plainly counts for."""
+"""Evaluations of a flight that one impact in plain Python counts for."""
 
 BODY = VECTOR * 3 + INTEGERS + VECTOR * 5 + INTEGERS * 3
 """Kinds of a body's fields."""
@@ -45,12 +46,12 @@ def entry(
     )
 """
 
-KINDS = {INTEGERS: np.int64, VECTOR: np.float64}
+DTYPES = {INTEGERS: np.int64, VECTOR: np.float64}
 
 
 def array(numbers: Sequence[float], kind: str) -> Array:
     """Return a vector for compiled code."""
-    return np.array(numbers, dtype=KINDS[kind])
+    return np.array(numbers, dtype=DTYPES[kind])
 
 
 class Engine:
@@ -68,24 +69,24 @@ class Engine:
         self.plain = 0
 
     def program(self, asked: int) -> CompiledProgram | None:
-        """Return compiled code, where there is any and the work is worth looking for it.
+        """Return the compiled program if there is one and the work is worth loading it.
 
         Parameters
         ----------
         asked : int
             Impacts asked for.
         """
-        said = mode()
-        if said == "never":
+        chosen = mode()
+        if chosen == "never":
             return None
-        if self.found is None and (said == "always" or asked + self.plain >= WORTH):
+        if self.found is None and (chosen == "always" or asked + self.plain >= WORTH):
             self.plain = 0
             identity = ("simulate", *formulas(self.motions))
             self.found = load(identity, ARGUMENTS, lambda: program_of(self.motions))
         return self.found
 
     def made_plainly(self, impacts: int) -> None:
-        """Note impacts that were made plainly."""
+        """Count impacts that were made by plain Python."""
         self.plain += impacts
         spend(PRICE * impacts)
 

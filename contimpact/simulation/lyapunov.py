@@ -18,7 +18,8 @@ from typing import Any
 
 import numpy as np
 
-from .simulator import Run, Simulator, State
+from .run import Run, State
+from .simulator import Simulator
 
 
 @dataclass(frozen=True)

@@ -1,139 +1,45 @@
-r"""Event-driven simulation: from impact to impact, to rounding, through chatter and sticking.
+"""Event-driven simulation: from impact to impact, to rounding, through chatter and sticking.
 
 Each flight is the model's closed form, and its first arrival at a wall is found with certainty
 (`flight.first_arrival`). Time is a phase in [0, T) and a whole number of periods, so that it does
-not lose digits however long a run is.
+not lose digits however long a run is. Chatter is completed analytically near its end; then the body
+sticks, until the acceleration at the wall turns away. The loop itself is in
+`contimpact.simulation.impacts`; it runs plainly, and compiled where that pays.
 
-Where the body is pressed against a wall, impacts with restitution e < 1 accumulate: with the
-acceleration a towards the wall nearly constant, an impact of velocity v is followed by flights of
-2 e v/a, 2 e^2 v/a, ..., which end after
-
-.. math:: \tau = \frac{2 e v}{a (1 - e)} .
-
-Impacts are computed one by one until tau is so short that this is exact to rounding; then the body
-sticks. It is released where the acceleration at the wall next turns away, at a zero of it.
-Knows no orbit problem: it shares kernels and flights with it, and nothing else.
-
-The loop itself is in `contimpact.simulation.impacts`; it runs plainly, and compiled where that
-pays.
+Knows no orbit problem: the two share kernels and flights, and nothing else.
 """
 
 from __future__ import annotations
 
-import enum
 import functools
 import math
-import types
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
+from ..arrays import Array
 from ..compiling.arguments import INTEGERS, VECTOR
 from ..errors import InputError
 from ..models.model import Model
-from ..segments.arithmetic import ARRAYS, Kernel, evaluate_in
-from ..segments.flight import first_arrival, first_hit
+from ..segments.arithmetic import ARRAYS, evaluate_in
+from ..segments.flight import first_arrival
 from ..segments.kernels import Kernels
 from ..segments.zeros import chebyshev_zeros, time_zeros
-from .engine import BODY, KINDS, ROW, Engine, array, engine_of
-from .impacts import SHORT, Body, fly_in_time, make_impacts, pressed_at, wall_on, wrapped
-
-Array = np.ndarray[Any, Any]
-
-_NUDGE = 1e-9
-"""Zeros of a state-dependent acceleration this near a release belong to the release itself."""
+from .body import Body, wall_on, wrapped
+from .chatter import slow_velocity
+from .engine import BODY, DTYPES, ROW, Engine, array, engine_of
+from .flights import FlightInState, fly_in_time, motion_at
+from .impacts import make_impacts
+from .restitution import coefficient
+from .run import Outcome, Run, State
+from .sticking import Hold, hold_of, pressed_at
 
 CHUNK, FEW = 65536, 256
 """Rows made at once, at most and at first: interrupts come through between chunks."""
 _ENDLESS = 2**62
-
-
-class Outcome(enum.Enum):
-    """Why a run ended; the value is a sentence."""
-
-    DONE = "made as many impacts, or ran as many periods, as it was asked to"
-    RESTING = "the body rests on a wall, which the acceleration never leaves"
-    NO_IMPACT = "the body flew on without an impact for as long as a flight may last"
-
-
 _OUTCOMES = tuple(Outcome)
 """By their numbers."""
-
-
-@dataclass(frozen=True)
-class State:
-    """The body at a wall just before an impact, or at rest there if the velocity is zero.
-
-    Attributes
-    ----------
-    wall : int
-        Number of the wall, in the model's order.
-    phase : float
-        Time in [0, T).
-    velocity : float
-        Before the impact, towards the wall.
-    turns : int
-        Whole periods passed.
-    """
-
-    wall: int
-    phase: float
-    velocity: float
-    turns: int = 0
-
-
-@dataclass(frozen=True, eq=False)
-class Run:
-    """What a simulation met, a row per impact or release.
-
-    Attributes
-    ----------
-    letters : tuple of str
-        Names of the walls.
-    period : float
-        Forcing period T.
-    walls : ndarray of int, shape (N,)
-        Number of the wall hit.
-    turns : ndarray of int, shape (N,)
-    phases : ndarray of float, shape (N,)
-        Time of each row is turns*T + phase.
-    velocities : ndarray of float, shape (N,)
-        Before impact; zero for a release.
-    released : ndarray of bool, shape (N,)
-        Whether the row is a release: the body, at rest on the wall since shortly after the row
-        before, is left by it.
-    outcome : Outcome
-    end : State or None
-        From which a further run goes on; None where there is nothing to go on from.
-    """
-
-    letters: tuple[str, ...]
-    period: float
-    walls: Array
-    turns: Array
-    phases: Array
-    velocities: Array
-    released: Array
-    outcome: Outcome
-    end: State | None
-
-    def __len__(self) -> int:
-        return len(self.walls)
-
-    @property
-    def times(self) -> Array:
-        """Times of the rows, from the start of the first one's period."""
-        first = self.turns[0] if len(self) else 0
-        return (self.turns - first) * self.period + self.phases
-
-    @property
-    def word(self) -> str:
-        """The walls met; a release is written ``*``."""
-        names = [*self.letters, "*"]
-        marked = np.where(self.released, len(self.letters), self.walls)
-        return "".join(names[i] for i in marked)
 
 
 class Simulator:
@@ -158,10 +64,8 @@ class Simulator:
         self, model: Model, kernels: Kernels | None = None, *, longest_flight: int = 1000
     ) -> None:
         if model.DEGREES_OF_FREEDOM != 1:
-            raise InputError(
-                "model", f"{model.SYSTEM} has {model.DEGREES_OF_FREEDOM} degrees of freedom",
-                "simulate a system with one",
-            )  # fmt: skip
+            found = f"{model.SYSTEM} has {model.DEGREES_OF_FREEDOM} degrees of freedom"
+            raise InputError("model", found, "simulate a system with one")
         sides = [wall.side for wall in model.WALLS]
         if len(set(sides)) != len(sides):
             raise InputError("model", "two walls on one side", "give at most one on each side")
@@ -176,10 +80,10 @@ class Simulator:
         self.positions = tuple(float(x) for x in setup.walls)
         self.derived = dict(zip(model.DERIVED, setup.derived, strict=True))
         self._motions = tuple(self.kernels.motion(letter) for letter in self.letters)
-        self._motion = _motion_at(self._motions, self.values)
+        self._motion = motion_at(self._motions, self.values)
         self._zeros = time_zeros(self.kernels.harmonics(*self.values), self.period)
         self._holds = tuple(self._hold(k) for k in range(len(sides)))
-        self.restitution = tuple(self._restitution(k) for k in range(len(sides)))
+        self.restitution = tuple(coefficient(self._motion, k) for k in range(len(sides)))
         self._body = self._as_body()
 
     # What is fixed with the parameters.
@@ -194,105 +98,56 @@ class Simulator:
                 low = wall - position
         return low, high
 
-    def _restitution(self, wall: int) -> float:
-        """Coefficient of restitution at low velocity."""
-        return abs(float(self._motion((wall, 0.0, 1e-6), 0.0)[1])) / 1e-6
-
-    def _hold(self, wall: int) -> tuple[tuple[float, ...], tuple[bool, ...], float]:
-        """When a body at rest on a wall is pressed against it.
-
-        Returns the phases at which the acceleration changes sign, whether it presses in the
-        interval after each, and its largest size. Without a change the one interval begins at 0.
-        """
-        kernel, side, period = self._motions[wall], self.sides[wall], self.period
+    def _hold(self, wall: int) -> Hold:
+        """When a body at rest on a wall is pressed against it."""
+        kernel, period = self._motions[wall], self.period
         vectorised = evaluate_in(kernel, ARRAYS)
 
         def held(phase: Any) -> Any:
             return vectorised(phase, 0.0 * phase, 0.0 * phase, *self.values)[2]
 
-        zeros = self._zeros
-        if zeros is None:
-            zeros = chebyshev_zeros(held, period)
-        edges = sorted(zeros) or [0.0]
-        middles = [
-            0.5 * (a + b) for a, b in zip(edges, [*edges[1:], edges[0] + period], strict=True)
-        ]
-        pressed = [bool(side * float(held(np.float64(t))) > 0.0) for t in middles]
-        changes = [i for i in range(len(edges)) if pressed[i] != pressed[i - 1]] or [0]
-        size = float(np.max(np.abs(held(np.linspace(0.0, period, 65)))))
-        return (
-            tuple(edges[i] for i in changes), tuple(pressed[i] for i in changes), 1.1 * size
-        )  # fmt: skip
-
-    def _slow_velocity(self, wall: int) -> float:
-        """Velocity below which chatter may be near its end; infinite without restitution."""
-        e, size = self.restitution[wall], self._holds[wall][2]
-        if e == 0.0:
-            return math.inf
-        return SHORT * self.period * size * max(1.0 - e, 0.0) / (2.0 * e)
+        zeros = chebyshev_zeros(held, period) if self._zeros is None else self._zeros
+        return hold_of(held, zeros, self.sides[wall], period)
 
     def _as_body(self) -> Body:
         """What is fixed with the parameters, as lists."""
         around = [self._around(position) for position in self.positions]
-        edges = [hold[0] for hold in self._holds]
-        ends = np.cumsum([0, *map(len, edges)]).tolist()
+        pairs = zip(self.restitution, self._holds, strict=True)
         return Body(
-            values=list(self.values), clock=[self.period], zeros=self._zeros or [],
-            sides=list(self.sides), low=[low for low, _ in around],
-            high=[high for _, high in around], restitution=list(self.restitution),
-            slow=[self._slow_velocity(k) for k in range(len(self.sides))],
-            edges=[edge for each in edges for edge in each],
-            presses=[int(press) for hold in self._holds for press in hold[1]], first=ends,
+            values=list(self.values),
+            clock=[self.period],
+            zeros=self._zeros or [],
+            sides=list(self.sides),
+            low=[low for low, _ in around],
+            high=[high for _, high in around],
+            restitution=list(self.restitution),
+            slow=[slow_velocity(e, hold.largest, self.period) for e, hold in pairs],
+            edges=[edge for hold in self._holds for edge in hold.edges],
+            presses=[int(press) for hold in self._holds for press in hold.presses],
+            first=np.cumsum([0, *(len(hold.edges) for hold in self._holds)]).tolist(),
             longest=[self.longest_flight],
-        )  # fmt: skip
+        )
 
     @functools.cached_property
     def _arrays(self) -> list[Array]:
         """The same as arrays, for compiled code."""
         return [array(numbers, kind) for numbers, kind in zip(self._body, BODY, strict=True)]
 
-    # Sticking.
+    # Sticking and flights.
 
     def pressed(self, wall: int, phase: float) -> tuple[bool, float]:
         """Return whether a body at rest on a wall is pressed against it, and for how long.
 
-        The time is infinite where the acceleration never turns away.
+        The time is infinite if the acceleration never turns away.
         """
         return pressed_at(self._body, wall, phase)
-
-    # Flights.
 
     @property
     def _fly(self) -> Callable[..., Any]:
         """The flight as `make_impacts` calls it."""
         if self._zeros is None:
-            return self._fly_in_state
+            return FlightInState(self._motions, self._motion)
         return functools.partial(fly_in_time, self._motion)
-
-    def _fly_in_state(self, body: Body, wall: int, phase: float, velocity: float) -> Any:
-        """As `fly_in_time`, where the acceleration depends on the state."""
-        head, rising = (wall, phase, velocity), body.sides[wall] < 0
-        side, left, speed = 0, 0.0, velocity
-        for window in range(self.longest_flight):
-            breaks = self._breaks(wall, phase, velocity, window)
-            side, left, speed, rising = first_hit(
-                self._motion, head, self.values, breaks, left, rising, body.low[wall],
-                body.high[wall],
-            )  # fmt: skip
-            if side:
-                break
-        return side, left, speed
-
-    def _breaks(self, wall: int, phase: float, velocity: float, window: int) -> list[float]:
-        """Times after leaving, in one period's window, between which the velocity is monotone."""
-        start, period = window * self.period, self.period
-        vectorised = evaluate_in(self._motions[wall], ARRAYS)
-        zeros = chebyshev_zeros(
-            lambda dt: vectorised(phase, velocity, start + dt, *self.values)[2], period
-        )
-        at_rest = velocity == 0.0 or self.restitution[wall] == 0.0
-        least = _NUDGE * period if at_rest and window == 0 else 0.0
-        return [*(start + t for t in zeros if least < t < period), start + period]
 
     def fly(self, wall: int, phase: float, velocity: float) -> tuple[int, float, float]:
         """Return the wall hit next, the time until then and the velocity before that impact.
@@ -307,7 +162,7 @@ class Simulator:
         Returns
         -------
         wall : int
-            -1 where a flight of `longest_flight` periods meets none.
+            -1 if a flight of `longest_flight` periods meets none.
         dt, velocity : float
         """
         side, dt, speed = self._fly(self._body, wall, phase, velocity)
@@ -323,7 +178,7 @@ class Simulator:
         Returns
         -------
         State or None
-            None where no wall is met.
+            None if no wall is met.
 
         Raises
         ------
@@ -334,10 +189,8 @@ class Simulator:
         if not low <= 0.0 <= high:
             raise InputError("position", f"{position!r} is beyond a wall", "start within the walls")
         if self._zeros is None:
-            raise InputError(
-                "position", f"the acceleration of {self.model.SYSTEM} depends on the state",
-                "start at a wall",
-            )  # fmt: skip
+            found = f"the acceleration of {self.model.SYSTEM} depends on the state"
+            raise InputError("position", found, "start at a wall")
         turns = math.floor(time / self.period)
         phase = time - turns * self.period
 
@@ -348,10 +201,11 @@ class Simulator:
 
         toward = self.sides[0] * (1 if self.pressed(0, phase)[0] else -1)
         rising = velocity > 0.0 or (velocity == 0.0 and toward > 0)
+        head, longest = (phase, velocity), self.longest_flight
+        times = (self._zeros, phase, self.period, longest)
         side, dt, speed, _ = first_arrival(
-            motion, (phase, velocity), self.values, self._zeros, phase, self.period,
-            self.longest_flight, 0.0, rising, low, high,
-        )  # fmt: skip
+            motion, head, self.values, *times, 0.0, rising, low, high
+        )
         if side == 0:
             return None
         phase, passed = wrapped(phase + dt, self.period)
@@ -378,10 +232,8 @@ class Simulator:
             raise InputError("wall", f"no wall {wall!r}", f"the walls are {self.letters}")
         k = self.letters.index(wall)
         if not velocity * self.sides[k] >= 0.0:
-            raise InputError(
-                "velocity", f"{velocity!r} runs away from the wall {wall}",
-                f"give one {'>=' if self.sides[k] > 0 else '<='} 0",
-            )  # fmt: skip
+            accepted = f"give one {'>=' if self.sides[k] > 0 else '<='} 0"
+            raise InputError("velocity", f"{velocity!r} runs away from the wall {wall}", accepted)
         phase, turns = wrapped(time, self.period)
         return State(k, phase, velocity, turns)
 
@@ -394,7 +246,7 @@ class Simulator:
     @property
     def fastest(self) -> float:
         """The velocity that half a period of the largest acceleration gives."""
-        return 0.5 * self.period * max(hold[2] for hold in self._holds)
+        return 0.5 * self.period * max(hold.largest for hold in self._holds)
 
     def path(
         self, walls: Array, times: Array, velocities: Array, released: Array, points: int = 200
@@ -427,9 +279,13 @@ class Simulator:
         return t, x, v
 
     def run(
-        self, state: State, *, impacts: int | None = None, periods: int | None = None,
+        self,
+        state: State,
+        *,
+        impacts: int | None = None,
+        periods: int | None = None,
         record: bool = True,
-    ) -> Run:  # fmt: skip
+    ) -> Run:
         """Simulate from an impact.
 
         Parameters
@@ -474,11 +330,11 @@ class Simulator:
     ) -> tuple[State, Outcome, int, list[Any]]:
         """Make so many rows, up to some turn, unless the run ends before.
 
-        Returns where it is then, why it ended, how many rows there are, and their columns.
+        Returns the last state, why the run ended, the number of rows, and their columns.
         """
         fast = self._engine.program(asked) if self._engine else None
-        room = span[0] if record else 0
-        columns: list[Any] = [np.empty(room, KINDS[k]) if fast else [0] * room for k in ROW]
+        rows = span[0] if record else 0
+        columns: list[Any] = [np.empty(rows, DTYPES[k]) if fast else [0] * rows for k in ROW]
         at: Any = [int(state.wall), int(state.turns), 0]
         when: Any = [float(state.phase), float(state.velocity)]
         if fast:
@@ -540,19 +396,8 @@ class Simulator:
         if det == 0.0:
             return (math.inf,) * 4
         return (
-            (b12 * a21 - b22 * a11) / det, (b12 * a22 - b22 * a12) / det,
-            (b21 * a11 - b11 * a21) / det, (b21 * a12 - b11 * a22) / det,
-        )  # fmt: skip
-
-
-def _motion_at(motions: Sequence[Kernel], values: Sequence[float]) -> Callable[..., Any]:
-    """The motion after a wall by its number, at fixed values: ``motion((wall, t0, v0), dt)``."""
-    fixed = tuple(
-        types.FunctionType(kernel.__code__, kernel.__globals__, kernel.__name__, tuple(values))
-        for kernel in motions
-    )
-
-    def motion(head, dt, values=None):
-        return fixed[head[0]](head[1], head[2], dt)
-
-    return motion
+            (b12 * a21 - b22 * a11) / det,
+            (b12 * a22 - b22 * a12) / det,
+            (b21 * a11 - b11 * a21) / det,
+            (b21 * a12 - b11 * a22) / det,
+        )

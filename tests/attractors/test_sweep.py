@@ -15,7 +15,8 @@ from contimpact.attractors.sweep import Row, Simulators, find_attractors, same, 
 from contimpact.attractors.verdict import settle
 from contimpact.orbits.search import find_orbits
 from contimpact.scenes.simulate_tables import SETTLING, Settling
-from contimpact.simulation.simulator import Simulator, State
+from contimpact.simulation.run import State
+from contimpact.simulation.simulator import Simulator
 
 QUICK = Settling(transient=50, periods=600, impacts=1500)
 

@@ -23,7 +23,7 @@ from contimpact.attractors.transitions import (
 from contimpact.orbits.search import find_orbits
 from contimpact.scenes.scene import read_scene
 from contimpact.scenes.simulate_tables import Settling
-from contimpact.simulation.simulator import State
+from contimpact.simulation.run import State
 from contimpact.studies.explore import follow
 from contimpact.systems.impact_pair import ImpactPair
 

@@ -18,7 +18,7 @@ from contimpact.plots.diagram import STYLES, WIDTHS
 from contimpact.plots.portraits import others_at, plot_portrait, portrait_figure
 from contimpact.scenes.scene import read_scene
 from contimpact.scenes.simulate_tables import Settling
-from contimpact.simulation.simulator import State
+from contimpact.simulation.run import State
 from contimpact.studies.explore import follow
 
 QUICK = Settling(transient=50, periods=800, impacts=1500)

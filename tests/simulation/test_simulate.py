@@ -25,9 +25,10 @@ from contimpact.segments.kernels import Kernels
 from contimpact.segments.zeros import time_zeros
 from contimpact.simulation import engine
 from contimpact.simulation import simulator as simulate
-from contimpact.simulation.impacts import release_after
 from contimpact.simulation.lyapunov import exponents, exponents_of
-from contimpact.simulation.simulator import Outcome, Simulator, State
+from contimpact.simulation.run import Outcome, State
+from contimpact.simulation.simulator import Simulator
+from contimpact.simulation.sticking import release_after
 
 
 @pytest.fixture(scope="session")

@@ -1,0 +1,68 @@
+"""A model at fixed parameter values, as vectors: what the loop from impact to impact reads.
+
+Written in the plain subset of Python that `contimpact.compiling` compiles: vectors are lists when
+it runs plainly, arrays when it runs compiled.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any, NamedTuple
+
+
+class Body(NamedTuple):
+    """A model at fixed parameter values, as vectors.
+
+    Attributes
+    ----------
+    values : vector of shape (p,)
+        Parameter values.
+    clock : vector of shape (1,)
+        The forcing period.
+    zeros : vector
+        Zeros of the acceleration in [0, T), in order, if it depends on time alone.
+    sides : vector of int, shape (w,)
+        Of the walls.
+    low, high : vector of shape (w,)
+        Displacements, from each wall, of the walls below and above.
+    restitution, slow : vector of shape (w,)
+        Coefficients at low velocity; velocities below which chatter may be near its end.
+    edges : vector
+        Phases at which the acceleration at a wall changes sign, wall after wall.
+    presses : vector of int
+        Whether it presses in the interval after each.
+    first : vector of int, shape (w + 1,)
+        Where the edges of each wall begin, and where the last ones end.
+    longest : vector of int, shape (1,)
+        Periods after which a flight is given up.
+    """
+
+    values: Any
+    clock: Any
+    zeros: Any
+    sides: Any
+    low: Any
+    high: Any
+    restitution: Any
+    slow: Any
+    edges: Any
+    presses: Any
+    first: Any
+    longest: Any
+
+
+def wrapped(time: float, period: float) -> tuple[float, int]:
+    """Return a time as a phase in [0, T) and whole periods."""
+    passed = math.floor(time / period)
+    phase = time - passed * period
+    if phase >= period:  # rounding at the edge
+        return 0.0, passed + 1
+    return max(phase, 0.0), passed
+
+
+def wall_on(body: Body, side: int) -> int:
+    """Return the number of the wall on a side; -1 for none."""
+    for wall in range(len(body.sides)):
+        if body.sides[wall] == side:
+            return wall
+    return -1

@@ -1,0 +1,92 @@
+"""What a simulation returns: states at a wall, the rows of a run, and why it ended."""
+
+from __future__ import annotations
+
+import enum
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..arrays import Array
+
+
+class Outcome(enum.Enum):
+    """Why a run ended; the value is a sentence."""
+
+    DONE = "made as many impacts, or ran as many periods, as it was asked to"
+    RESTING = "the body rests on a wall, which the acceleration never leaves"
+    NO_IMPACT = "the body flew on without an impact for as long as a flight may last"
+
+
+@dataclass(frozen=True)
+class State:
+    """The body at a wall just before an impact, or at rest there if the velocity is zero.
+
+    Attributes
+    ----------
+    wall : int
+        Number of the wall, in the model's order.
+    phase : float
+        Time in [0, T).
+    velocity : float
+        Before the impact, towards the wall.
+    turns : int
+        Whole periods passed.
+    """
+
+    wall: int
+    phase: float
+    velocity: float
+    turns: int = 0
+
+
+@dataclass(frozen=True, eq=False)
+class Run:
+    """What a simulation met, a row per impact or release.
+
+    Attributes
+    ----------
+    letters : tuple of str
+        Names of the walls.
+    period : float
+        Forcing period T.
+    walls : ndarray of int, shape (N,)
+        Number of the wall hit.
+    turns : ndarray of int, shape (N,)
+    phases : ndarray of float, shape (N,)
+        Time of each row is turns*T + phase.
+    velocities : ndarray of float, shape (N,)
+        Before impact; zero for a release.
+    released : ndarray of bool, shape (N,)
+        Whether the row is a release: the body, at rest on the wall since shortly after the row
+        before, is left by it.
+    outcome : Outcome
+    end : State or None
+        From which a further run goes on; None where there is nothing to go on from.
+    """
+
+    letters: tuple[str, ...]
+    period: float
+    walls: Array
+    turns: Array
+    phases: Array
+    velocities: Array
+    released: Array
+    outcome: Outcome
+    end: State | None
+
+    def __len__(self) -> int:
+        return len(self.walls)
+
+    @property
+    def times(self) -> Array:
+        """Times of the rows, from the start of the first one's period."""
+        first = self.turns[0] if len(self) else 0
+        return (self.turns - first) * self.period + self.phases
+
+    @property
+    def word(self) -> str:
+        """The walls met; a release is written ``*``."""
+        names = [*self.letters, "*"]
+        marked = np.where(self.released, len(self.letters), self.walls)
+        return "".join(names[i] for i in marked)
