@@ -66,7 +66,8 @@ def scene(tmp_path):
 def results(tmp_path_factory):
     folder = tmp_path_factory.mktemp("folder")
     (folder / "scene.toml").write_text(SCENE, encoding="utf-8")
-    assert main(["run", str(folder / "scene.toml"), "-o", str(folder / "out"), "-q"]) == 0
+    command = [sys.executable, "-m", "contimpact", "run", str(folder / "scene.toml")]
+    subprocess.run([*command, "-o", str(folder / "out"), "-q"], check=True)
     return folder / "out"
 
 
