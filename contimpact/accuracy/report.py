@@ -13,37 +13,28 @@ import os
 import platform
 import sys
 import time
-from collections.abc import Callable, Mapping, Sequence
-from functools import partial
-from statistics import median
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
 
 from .. import __version__
-from ..bifurcations.names import KINDS
-from ..continuation import linear
-from ..continuation.bordered import bordered
 from ..continuation.branch import Point, Walk
 from ..continuation.settings import PREDICTORS, Settings
 from ..errors import InputError
 from ..following.orbit_backend import walk_orbits
-from ..models.word import Word
-from ..orbits import multipliers as stability
-from ..orbits.problem import Array, OrbitProblem
+from ..orbits.problem import Array
 from ..orbits.search import Orbit
-from ..records.entry import Entry
-from ..records.recovery import orbit_of
 from ..scenes.scene import Scene
 from ..segments.kernels import Kernels
-from ..studies.explore import follow
 from ..studies.starting_orbits import orbits_at_start
+from .events import DIGITS, honesty, measured_events
+from .long_words import long_words
 from .reference import Reference
 from .simulated import simulated
 from .timing import spread, timed
 
 SCHEMA = "contimpact.report/1"
-DIGITS = 30
 TOLERANCES = tuple(10.0**-k for k in range(4, 15))
 STEPS = (0.2, 0.1, 0.05, 0.025, 0.0125, 0.00625, 0.003125)
 SAMPLES = 40
@@ -52,7 +43,6 @@ SAMPLES = 40
 SHOT = 6
 """Orbits that the shooting method solves for."""
 
-WORD_LENGTHS = (10, 20, 50, 100, 150, 200)
 POINTS = 400
 
 
@@ -285,120 +275,3 @@ def _nearby(unknowns: Array) -> Array:
     guess = unknowns.copy()
     guess[:-1] *= 1.0 + 1e-3 * np.cos(np.arange(len(guess) - 1))
     return guess
-
-
-# Events.
-
-
-def measured_events(scene: Scene, kernels: Kernels) -> list[dict[str, Any]]:
-    """Return every event of the scene's diagram with its true error and its estimate.
-
-    An event of a family's member is compared at that member's parameter values.
-    """
-    references: dict[Any, Reference] = {}
-    rows = []
-    for entry in follow(scene).entries:
-        if entry.kind in KINDS:
-            here = orbit_of(entry, scene.model, kernels)
-            problem = here.problem
-            fixed = [v for n, v in problem.model.values.items() if n != scene.parameter]
-            key = (entry.word, entry.period, *fixed)
-            exact = references.setdefault(key, Reference(problem, DIGITS))
-            rows.append(_event_row(exact, entry, here.unknowns))
-    return rows
-
-
-def _event_row(exact: Reference, entry: Entry, unknowns: Array) -> dict[str, Any]:
-    details = {
-        "flight": entry.flight, "wall": entry.wall, "impact": entry.impact,
-        "touch_time": entry.touch_time, "requested": entry.requested,
-    }  # fmt: skip
-    found = exact.event(entry.kind, unknowns, details)
-    true = abs(found.parameter_error(entry.value)) if found else None
-    return {
-        "id": entry.id, "label": entry.label, "branch": entry.branch, "value": entry.value,
-        "digits": exact.ctx.nstr(found.parameter, DIGITS) if found else None,
-        "true_error": true, "estimated_error": entry.error,
-        "ratio": None if true is None else _ratio(true, entry.error),
-        "moved": found.distance(unknowns) if found else None,
-        "condition": found.condition if found else None, "method": entry.method,
-    }  # fmt: skip
-
-
-def _ratio(true: float, estimated: float) -> float:
-    """The true error over its estimate; an event that is exact, and says so, is within it."""
-    if estimated == 0.0:
-        return 0.0 if true == 0.0 else np.inf
-    return true / estimated
-
-
-def honesty(events: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
-    """Return how true errors compare with their estimates."""
-    ratios = [e["ratio"] for e in events if e["ratio"] is not None]
-    return {
-        "events": len(events),
-        "confirmed": sum(e["true_error"] is not None for e in events),
-        "within_estimate": sum(ratio <= 1.0 for ratio in ratios),
-        "median_ratio": median(ratios) if ratios else None,
-        "largest_ratio": max(ratios, default=None),
-        "largest_true_error": max(
-            (e["true_error"] for e in events if e["true_error"] is not None), default=None
-        ),
-    }
-
-
-# Long words.
-
-
-def long_words(orbit: Orbit, repetitions: int) -> dict[str, Any]:
-    """Return what a corrector iteration and the multipliers cost against the number of impacts.
-
-    The words are the scene's own, run several times.
-    """
-    rows = []
-    own = len(orbit.word)
-    for length in WORD_LENGTHS:
-        times = max(1, round(length / own))
-        problem, unknowns = _repeated(orbit, times)
-        here = problem.evaluate(unknowns)
-        matrix = bordered(here.jacobian, np.ones(problem.n + 1))
-        right = np.ones(problem.n + 1)
-        loops = max(1, 200 // (own * times))
-        parts: dict[str, Callable[[], Any]] = {
-            "residual and blocks": partial(problem.evaluate, unknowns),
-            "Jacobian": partial(_jacobian, problem, unknowns),
-            "bordered solve": partial(linear.solve, matrix, right),
-            "multipliers": partial(stability.multipliers, here.start, here.end),
-        }
-        row: dict[str, Any] = {"impacts": own * times}
-        for name, part in parts.items():
-            _, row[name] = timed(partial(_often, part, loops), repetitions, loops)
-        rows.append(row)
-    exponents = {name: _exponent(rows, name) for name in parts}
-    return {"rows": rows, "exponents": exponents, "dense_up_to": linear.DENSE_UP_TO}
-
-
-def _jacobian(problem: OrbitProblem, unknowns: Array) -> Array:
-    return problem.evaluate(unknowns).jacobian
-
-
-def _often(part: Callable[[], Any], times: int) -> None:
-    for _ in range(times):
-        part()
-
-
-def _repeated(orbit: Orbit, times: int) -> tuple[OrbitProblem, Array]:
-    problem, word = orbit.problem, orbit.word
-    span = problem.span(orbit.unknowns)
-    rows = np.vstack([problem.impacts(orbit.unknowns)] * times)
-    rows[:, 0] += span * np.repeat(np.arange(times), len(word))
-    longer = OrbitProblem(problem.model, Word(word.walls * times, word.period * times),
-                          problem.kernels)  # fmt: skip
-    return longer, np.append(rows.ravel(), orbit.unknowns[-1])
-
-
-def _exponent(rows: Sequence[Mapping[str, Any]], name: str) -> float:
-    """The slope of log seconds over log impacts, over the longer half of the words."""
-    longer = rows[len(rows) // 2 - 1 :]
-    logs = np.log([[row["impacts"], row[name]["median"]] for row in longer])
-    return float(np.polyfit(logs[:, 0], logs[:, 1], 1)[0])

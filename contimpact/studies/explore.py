@@ -8,6 +8,7 @@ symmetry) is not followed twice; the second way to it is recorded as a meeting.
 
 from __future__ import annotations
 
+import collections
 import dataclasses
 import functools
 import time
@@ -21,6 +22,7 @@ from ..bifurcations.kinds import switch, test_functions
 from ..bifurcations.start import Start, once
 from ..continuation.branch import End, EndKind, Event, Point, Walk
 from ..continuation.interruption import kept, other_way
+from ..continuation.settings import Settings
 from ..continuation.test_function import TestFunction
 from ..errors import InputError
 from ..following.images import again, at_image, mirrors_back, watched
@@ -253,11 +255,8 @@ class _Explorer:
     def first_step_known(self, start: Start) -> str | None:
         """The known branch the first step from a start leads to, if any."""
         self.probes += 1
-        probe = walk_orbits(
-            start.problem, start.unknowns, +1,
-            limits=self.scene.range, settings=dataclasses.replace(self.settings(), max_points=2),
-            tangent=start.tangent, branching=start.branching,
-        )  # fmt: skip
+        settings = dataclasses.replace(self.settings(), max_points=2)
+        probe = self.walk(start, +1, settings)
         return self.known(start.problem, probe.points[-1].unknowns) if probe.points else None
 
     def run_known(self, run: Run) -> str | None:
@@ -270,12 +269,14 @@ class _Explorer:
     def walk_from(self, start: Start, direction: int, name: str) -> Walk:
         """Walk one way from a start, until the branch ends or runs into its own image."""
         problem = start.problem
-        return walk_orbits(
-            problem, start.unknowns, direction,
-            limits=self.scene.range, tests=self.tests(problem), settings=self.settings(),
-            tangent=start.tangent, branching=start.branching,
-            callback=self.reporter(problem, name), stop=at_image(problem, self.known),
-        )  # fmt: skip
+        options = {"tests": self.tests(problem), "callback": self.reporter(problem, name)}
+        stop = at_image(problem, self.known)
+        return self.walk(start, direction, self.settings(), stop=stop, **options)
+
+    def walk(self, start: Start, direction: int, settings: Settings, **options: Any) -> Walk:
+        options |= {"tangent": start.tangent, "branching": start.branching, "settings": settings}
+        limits = self.scene.range
+        return walk_orbits(start.problem, start.unknowns, direction, limits=limits, **options)
 
     # Recognition.
 
@@ -284,11 +285,11 @@ class _Explorer:
         images = [shortest(problem, unknowns, SAME_ORBIT)]
         if self.symmetry is not None:
             images.append(mirrored(*images[0], self.symmetry))
-        for name, run in zip(self.names(), self.runs, strict=True):
+        for branch, run in zip(self.branches, self.runs, strict=True):
             for image, moved in images:
                 aligned = rotated_to(image, moved, run.problem.word)
                 if aligned is not None and run.holds(aligned):
-                    return name
+                    return branch.id
         return None
 
     def record(self, entry: Entry, branch: str) -> None:
@@ -297,9 +298,6 @@ class _Explorer:
         self.meetings.setdefault(branch, []).append(entry.id)
 
     # Bookkeeping.
-
-    def names(self) -> list[str]:
-        return [branch.id for branch in self.branches]
 
     def next_name(self) -> str:
         return f"b{len(self.branches) + 1}"
@@ -311,11 +309,10 @@ class _Explorer:
         return len(self.runs) < self.scene.max_branches and self.points() < self.scene.max_points
 
     def budget(self) -> str:
-        """The budget in words."""
         scene = self.scene
         return f"the budget of {scene.max_branches} branches or {scene.max_points} points"
 
-    def settings(self) -> Any:
+    def settings(self) -> Settings:
         left = max(self.scene.max_points - self.points(), 2)
         settings = self.scene.settings
         return dataclasses.replace(settings, max_points=min(settings.max_points, left))
@@ -368,18 +365,15 @@ class _Explorer:
             raise KeyboardInterrupt
 
     def finished_branches(self) -> list[Branch]:
-        """The branches, their entries told what they open."""
-        return [
-            dataclasses.replace(
-                branch,
-                events=[
-                    dataclasses.replace(e, opens=tuple(self.opens.get(e.id, ())))
-                    for e in branch.events
-                ],
-                meetings=self.meetings.get(branch.id, []),
-            )
-            for branch in self.branches
-        ]
+        """The branches, with what opens at their entries."""
+        finished = []
+        for branch in self.branches:
+            opens = [tuple(self.opens.get(e.id, ())) for e in branch.events]
+            pairs = zip(branch.events, opens, strict=True)
+            events = [dataclasses.replace(e, opens=names) for e, names in pairs]
+            meetings = self.meetings.get(branch.id, [])
+            finished.append(dataclasses.replace(branch, events=events, meetings=meetings))
+        return finished
 
     def not_found(self) -> list[NotFound]:
         """The words of which no orbit at the start was found, nor a branch that passes it."""
@@ -390,11 +384,11 @@ class _Explorer:
         ]
 
     def evaluations(self) -> dict[str, int]:
-        """How often test functions of each kind were evaluated."""
-        counts: dict[str, int] = {}
+        """Evaluations of test functions, by kind."""
+        counts = collections.Counter[str]()
         for test in self.tested:
-            counts[test.kind] = counts.get(test.kind, 0) + test.evaluations
-        return counts
+            counts[test.kind] += test.evaluations
+        return dict(counts)
 
     def statistics(self) -> dict[str, Any]:
         walks = [w for run in self.runs for w in run.walks]

@@ -11,6 +11,7 @@ import pytest
 from zoo import ROOT
 
 from contimpact.accuracy import report as module
+from contimpact.accuracy.events import honesty, measured_events
 from contimpact.accuracy.output import _simulation_table
 from contimpact.accuracy.reference import Reference
 from contimpact.accuracy.shooting import Shooting
@@ -106,8 +107,8 @@ def test_events_of_a_family_are_compared_at_their_own_values():
     )
     text += '[curves]\nparameter = "r"\nrange = [0.29, 0.31]\n[curves.family]\nbeta = [0.4, "pi/6"]'
     scene = read_scene(tomllib.loads(text))
-    events = module.measured_events(scene, Kernels(scene.model, "s"))
-    fair = module.honesty(events)
+    events = measured_events(scene, Kernels(scene.model, "s"))
+    fair = honesty(events)
     assert fair["events"] == fair["confirmed"] == fair["within_estimate"] >= 4
     assert fair["largest_true_error"] < 1e-13
 
@@ -115,7 +116,7 @@ def test_events_of_a_family_are_compared_at_their_own_values():
 @pytest.mark.parametrize("name", ["stop", "fig6a"])
 def test_reported_errors_of_shipped_scenes_are_bounds(name):
     scene = load_scene(ROOT / "branches" / name / "scene.toml")
-    fair = module.honesty(module.measured_events(scene, Kernels(scene.model, scene.parameter)))
+    fair = honesty(measured_events(scene, Kernels(scene.model, scene.parameter)))
     assert fair["events"] == fair["confirmed"] == fair["within_estimate"]
     assert fair["largest_ratio"] < 0.5
 

@@ -1,0 +1,77 @@
+"""Events of a scene against many digits: their true errors, and how honest the estimates are."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from statistics import median
+from typing import Any
+
+import numpy as np
+
+from ..bifurcations.names import KINDS
+from ..orbits.problem import Array
+from ..records.entry import Entry
+from ..records.recovery import orbit_of
+from ..scenes.scene import Scene
+from ..segments.kernels import Kernels
+from ..studies.explore import follow
+from .reference import Reference
+
+DIGITS = 30
+
+
+def measured_events(scene: Scene, kernels: Kernels) -> list[dict[str, Any]]:
+    """Return every event of the scene's diagram with its true error and its estimate.
+
+    An event of a family's member is compared at that member's parameter values.
+    """
+    references: dict[Any, Reference] = {}
+    rows = []
+    for entry in follow(scene).entries:
+        if entry.kind in KINDS:
+            here = orbit_of(entry, scene.model, kernels)
+            problem = here.problem
+            fixed = [v for n, v in problem.model.values.items() if n != scene.parameter]
+            key = (entry.word, entry.period, *fixed)
+            exact = references.setdefault(key, Reference(problem, DIGITS))
+            rows.append(_event_row(exact, entry, here.unknowns))
+    return rows
+
+
+def _event_row(exact: Reference, entry: Entry, unknowns: Array) -> dict[str, Any]:
+    details = {
+        "flight": entry.flight, "wall": entry.wall, "impact": entry.impact,
+        "touch_time": entry.touch_time, "requested": entry.requested,
+    }  # fmt: skip
+    found = exact.event(entry.kind, unknowns, details)
+    true = abs(found.parameter_error(entry.value)) if found else None
+    return {
+        "id": entry.id, "label": entry.label, "branch": entry.branch, "value": entry.value,
+        "digits": exact.ctx.nstr(found.parameter, DIGITS) if found else None,
+        "true_error": true, "estimated_error": entry.error,
+        "ratio": None if true is None else _ratio(true, entry.error),
+        "moved": found.distance(unknowns) if found else None,
+        "condition": found.condition if found else None, "method": entry.method,
+    }  # fmt: skip
+
+
+def _ratio(true: float, estimated: float) -> float:
+    """The true error over its estimate; an event that is exact, and says so, is within it."""
+    if estimated == 0.0:
+        return 0.0 if true == 0.0 else np.inf
+    return true / estimated
+
+
+def honesty(events: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
+    """Return how true errors compare with their estimates."""
+    ratios = [e["ratio"] for e in events if e["ratio"] is not None]
+    return {
+        "events": len(events),
+        "confirmed": sum(e["true_error"] is not None for e in events),
+        "within_estimate": sum(ratio <= 1.0 for ratio in ratios),
+        "median_ratio": median(ratios) if ratios else None,
+        "largest_ratio": max(ratios, default=None),
+        "largest_true_error": max(
+            (e["true_error"] for e in events if e["true_error"] is not None), default=None
+        ),
+    }
