@@ -99,10 +99,8 @@ class Checkpoint:
         lines = self._lines() if resume and path.exists() else []
         head = json.dumps({"schema": ROWS, "scene": digest, "version": __version__})
         if lines and lines[0] != head:
-            raise InputError(
-                str(path), "it belongs to another scene or version",
-                "resume with the scene that was begun, or leave --resume out",
-            )  # fmt: skip
+            accepted = "resume with the scene that was begun, or leave --resume out"
+            raise InputError(str(path), "it belongs to another scene or version", accepted)
         for line in lines[1:]:
             self._take(line)
         write_text(path, "".join(f"{line}\n" for line in [head, *lines[1:]]))

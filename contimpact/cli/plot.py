@@ -70,10 +70,8 @@ def _require_walls(diagram: Diagram, scene: Scene) -> None:
     walls = {wall.name for wall in scene.model.WALLS}
     for branch in diagram.branches:
         if not set(branch.word) <= walls:
-            raise InputError(
-                f"branch {branch.id}", f"the word {shown(branch.word)}",
-                f"{scene.model.SYSTEM} has the walls {', '.join(sorted(walls))}",
-            )  # fmt: skip
+            accepted = f"{scene.model.SYSTEM} has the walls {', '.join(sorted(walls))}"
+            raise InputError(f"branch {branch.id}", f"the word {shown(branch.word)}", accepted)
 
 
 def _scene_of(folder: Path) -> Scene:

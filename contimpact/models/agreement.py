@@ -70,10 +70,8 @@ def _trial(model: Model, agreement: Callable[..., Any], random: Random, where: s
         (flown[4], flown[5], speed / dt, "the harmonics contradict the acceleration"),
     ):
         if abs(one - other) > TOLERANCE * unit:
-            raise InputError(
-                where, f"{found}: {one:.6g} against {other:.6g}",
-                f"check them by hand; here dt = {dt:.6g} and phase = {phase:.6g}",
-            )  # fmt: skip
+            accepted = f"check them by hand; here dt = {dt:.6g} and phase = {phase:.6g}"
+            raise InputError(where, f"{found}: {one:.6g} against {other:.6g}", accepted)
     return True
 
 

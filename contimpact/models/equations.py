@@ -139,10 +139,8 @@ class _Unread(dict[str, float]):
         self.where = where
 
     def __getitem__(self, name: str) -> float:
-        raise InputError(
-            self.where, f"it reads self.values[{name!r}]",
-            "use the symbol that it is given: one kernel serves all values",
-        )  # fmt: skip
+        accepted = "use the symbol that it is given: one kernel serves all values"
+        raise InputError(self.where, f"it reads self.values[{name!r}]", accepted)
 
     def get(self, name: str, default: Any = None) -> Any:
         return self[name]
@@ -180,10 +178,8 @@ def _evaluated(model: Model) -> Equations:
 def _named(given: Mapping[str, Any], names: Sequence[str], said: str, where: str) -> dict[str, Any]:
     """Expressions in the order of the names that the class declares."""
     if set(given) != set(names):
-        raise InputError(
-            where, f"found {', '.join(map(repr, given)) or 'none'}",
-            f"give those in {said}: {', '.join(map(repr, names)) or 'none'}",
-        )  # fmt: skip
+        accepted = f"give those in {said}: {', '.join(map(repr, names)) or 'none'}"
+        raise InputError(where, f"found {', '.join(map(repr, given)) or 'none'}", accepted)
     return {name: sympy.sympify(given[name]) for name in names}
 
 
@@ -229,7 +225,5 @@ def _check(e: Any, where: str, found: Equations) -> None:
         if part.is_Add or part.is_Mul or part.is_Pow or part is sympy.nan:
             continue
         if type(part).__name__ not in ELEMENTARY:
-            raise InputError(
-                where, f"found {shown(str(part))}",
-                f"use the symbols given, numbers, pi, + - * / ** and {', '.join(FUNCTIONS)}",
-            )  # fmt: skip
+            accepted = f"use the symbols given, numbers, pi, + - * / ** and {', '.join(FUNCTIONS)}"
+            raise InputError(where, f"found {shown(str(part))}", accepted)

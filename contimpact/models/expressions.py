@@ -94,16 +94,15 @@ def check_expression(text: str, where: str, variables: Sequence[str]) -> float:
     except InputError:
         raise
     except Beyond as error:
-        raise InputError(
-            where, f"{error} in {shortened(text)!r}",
+        accepted = (
             f"use a simpler expression: sines and cosines of {' and '.join(variables)} are bounded "
-            "and periodic",
-        ) from None  # fmt: skip
+            "and periodic"
+        )
+        raise InputError(where, f"{error} in {shortened(text)!r}", accepted) from None
     except (ArithmeticError, ValueError, TypeError) as error:
-        raise InputError(
-            where, f"{shortened(text)!r} has no finite real value ({error})",
-            "use numbers and functions where they are finite and real",
-        ) from None  # fmt: skip
+        found = f"{shortened(text)!r} has no finite real value ({error})"
+        accepted = "use numbers and functions where they are finite and real"
+        raise InputError(where, found, accepted) from None
     return value.work if isinstance(value, Extent) else 1.0
 
 

@@ -248,10 +248,8 @@ class Model(ABC):
     def require(self, name: str, where: str) -> Parameter:
         """Return the declaration of a parameter, or raise `InputError`."""
         if name not in self._declared:
-            raise InputError(
-                where, f"{self.SYSTEM} has no parameter {name!r}{_hint(name, self._declared)}",
-                f"it has {', '.join(self._declared)}",
-            )  # fmt: skip
+            found = f"{self.SYSTEM} has no parameter {name!r}{_hint(name, self._declared)}"
+            raise InputError(where, found, f"it has {', '.join(self._declared)}")
         return self._declared[name]
 
     @property
@@ -288,18 +286,14 @@ def _resolved(parameters: Sequence[Parameter], given: Mapping[str, Any]) -> list
     known = {name for p in parameters for name in (p.name, *p.split)}
     for name in given:
         if name not in known:
-            raise InputError(
-                name, f"no such parameter{_hint(name, known)}",
-                f"accepted are {', '.join(sorted(known))}",
-            )  # fmt: skip
+            accepted = f"accepted are {', '.join(sorted(known))}"
+            raise InputError(name, f"no such parameter{_hint(name, known)}", accepted)
     resolved = []
     for p in parameters:
         finer = [name for name in p.split if name in given]
         if finer and p.name in given:
-            raise InputError(
-                p.name, f"given together with {' and '.join(finer)}",
-                f"give either {p.name} or {' and '.join(p.split)}",
-            )  # fmt: skip
+            accepted = f"give either {p.name} or {' and '.join(p.split)}"
+            raise InputError(p.name, f"given together with {' and '.join(finer)}", accepted)
         in_force = [p]
         if finer:
             in_force = [

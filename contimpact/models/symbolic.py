@@ -121,11 +121,11 @@ def _exact_coefficients(expression, t, text, where, period):
         rate, still = exponent.coeff(t, 1), exponent.coeff(t, 0)
         k = sympy.nsimplify(rate * period / (2 * pi * I))
         if not k.is_integer:
-            raise InputError(
-                where, f"{text!r} does not have the period {period}",
+            accepted = (
                 f"use harmonics such as cos({sympy.sstr(2 * pi / period)}*t), "
-                f"cos({sympy.sstr(4 * pi / period)}*t)",
-            )  # fmt: skip
+                f"cos({sympy.sstr(4 * pi / period)}*t)"
+            )
+            raise InputError(where, f"{text!r} does not have the period {period}", accepted)
         amplitudes[int(k)] = amplitudes.get(int(k), 0) + factor * sympy.exp(still)
     _require_real(amplitudes, text, where)
     orders = sorted({abs(k) for k in amplitudes})
@@ -171,15 +171,13 @@ def _sampled_coefficients(text, where, period):
     differs = np.abs(values - later) > 1e-11 * max(size, 1.0)
     if np.any(differs):
         if np.all(np.abs(values[differs]) > 1e9 * np.median(np.abs(values))):
-            raise InputError(
-                where, f"{text!r} is not finite near t = {times[differs][0]:.6g}",
-                "use a smooth function",
-            )  # fmt: skip
-        raise InputError(
-            where, f"{text!r} does not have the period {period}",
+            found = f"{text!r} is not finite near t = {times[differs][0]:.6g}"
+            raise InputError(where, found, "use a smooth function")
+        accepted = (
             f"use a function of sin({sympy.sstr(2 * pi / period)}*t) and "
-            f"cos({sympy.sstr(2 * pi / period)}*t)",
-        )  # fmt: skip
+            f"cos({sympy.sstr(2 * pi / period)}*t)"
+        )
+        raise InputError(where, f"{text!r} does not have the period {period}", accepted)
     spectrum = np.fft.rfft(values) / _SAMPLES
     if np.max(np.abs(spectrum[MOST_HARMONICS + 1 :])) > 1e-15 * max(size, 1e-300):
         raise InputError(

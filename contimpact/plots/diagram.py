@@ -128,10 +128,8 @@ def _checked(
     for branch in diagram.branches:
         numbers = [name for name, v in branch.columns.items() if v.dtype.kind in "fi"]
         if column not in numbers:
-            raise InputError(
-                "x", f"branch {branch.id} has no numbers {shown(column)}",
-                f"accepted are {', '.join(numbers)}",
-            )  # fmt: skip
+            accepted = f"accepted are {', '.join(numbers)}"
+            raise InputError("x", f"branch {branch.id} has no numbers {shown(column)}", accepted)
     return column
 
 

@@ -281,10 +281,8 @@ def _branch_of(folder: Path, record: Mapping[str, Any]) -> Branch:
     path = folder / branch_file(record["id"], record["word"])
     branch = read_branch(path)
     if len(branch) != record["points"]:
-        raise InputError(
-            str(path), f"damaged: {len(branch)} of {record['points']} rows",
-            "give a folder whose files are of one run",
-        )  # fmt: skip
+        accepted = "give a folder whose files are of one run"
+        raise InputError(str(path), f"damaged: {len(branch)} of {record['points']} rows", accepted)
     return branch
 
 

@@ -52,10 +52,8 @@ class Diagram:
                 return one
         groups = (self.branches, self.curves, self.entries)
         known = [_span([one.id for one in group]) for group in groups if group]
-        raise InputError(
-            f"diagram {self.name}", f"nothing is called {shown(name)}",
-            f"there are {', '.join(known) or 'no branches'}",
-        )  # fmt: skip
+        accepted = f"there are {', '.join(known) or 'no branches'}"
+        raise InputError(f"diagram {self.name}", f"nothing is called {shown(name)}", accepted)
 
     def entry(self, name: str) -> Entry:
         """Return an entry by its name."""

@@ -52,10 +52,8 @@ def merge(folders: Sequence[str | Path]) -> dict[str, Any]:
         same = next((s for s in sources if s["scene"] == scene), None)
         if same is not None:
             if same["sha256"] != digest:
-                raise InputError(
-                    str(folder), f"a second, different catalogue of the scene {scene!r}",
-                    "give each scene a name of its own",
-                )  # fmt: skip
+                found = f"a second, different catalogue of the scene {scene!r}"
+                raise InputError(str(folder), found, "give each scene a name of its own")
             continue
         sources.append({"scene": scene, "folder": folder.name, "sha256": digest, **origin})
         entries += [{"scene": scene, **entry} for entry in content["entries"]]

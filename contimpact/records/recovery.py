@@ -98,10 +98,8 @@ def _solved(problem: OrbitProblem, rows: Array, where: str) -> Orbit:
     free = [problem.model.values[name] for name in problem.kernels.parameters]
     here = problem.evaluate(np.append(rows.ravel(), free))
     if not here.largest_residual < SOLVED:
-        raise InputError(
-            where, f"it is no orbit of this model (residual {here.largest_residual:.2g})",
-            "give the model it was computed with",
-        )  # fmt: skip
+        found = f"it is no orbit of this model (residual {here.largest_residual:.2g})"
+        raise InputError(where, found, "give the model it was computed with")
     return Orbit(problem, here)
 
 

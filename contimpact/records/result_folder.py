@@ -342,10 +342,8 @@ def _state(folder: Path) -> tuple[str | None, ...]:
     digests = read_json(manifest, MANIFEST, WANTED).get("sha256")
     told = digests.get("catalogue.json") if isinstance(digests, dict) else None
     if found and told and told != found:
-        raise InputError(
-            str(catalogue), "not the one that manifest.json belongs to",
-            "run it again, or remove manifest.json to use the catalogue alone",
-        )  # fmt: skip
+        accepted = "run it again, or remove manifest.json to use the catalogue alone"
+        raise InputError(str(catalogue), "not the one that manifest.json belongs to", accepted)
     return sha256(manifest), found
 
 

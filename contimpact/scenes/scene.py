@@ -256,19 +256,14 @@ def read_scene(given: Mapping[str, Any]) -> Scene:
     follow = top.table("follow")
     parameter = follow.text("parameter")
     if parameter in model.DERIVED:
-        raise InputError(
-            "follow.parameter", f"{parameter} is derived from other parameters",
-            f"follow one of {', '.join(model.values)}",
-        )  # fmt: skip
+        found = f"{parameter} is derived from other parameters"
+        raise InputError("follow.parameter", found, f"follow one of {', '.join(model.values)}")
     declared = model.require(parameter, "follow.parameter")
     low, high = (declared.check(v, "follow.range") for v in follow.pair("range"))
     start = model.values[parameter]
     if not low <= start <= high:
-        raise InputError(
-            "follow.range", f"[{low:.12g}, {high:.12g}] does not hold the start "
-            f"{parameter} = {start:.12g}",
-            f"widen it or change model.parameters.{parameter}",
-        )  # fmt: skip
+        found = f"[{low:.12g}, {high:.12g}] does not hold the start {parameter} = {start:.12g}"
+        raise InputError("follow.range", found, f"widen it or change model.parameters.{parameter}")
     model.validate_between(parameter, low, high, "follow.range")
     letters = [w.name for w in model.WALLS]
     orbits = tuple(
@@ -285,10 +280,9 @@ def read_scene(given: Mapping[str, Any]) -> Scene:
     events, values = read_detect(detect, model, parameter, (low, high))
     for i, kind in enumerate(reach["switch"]):
         if kind not in events:
-            raise InputError(
-                f"follow.switch[{i}]", f"{kind} is not among the events looked for",
-                f"add it to detect.events, which has {', '.join(events) or 'none'}",
-            )  # fmt: skip
+            found = f"{kind} is not among the events looked for"
+            accepted = f"add it to detect.events, which has {', '.join(events) or 'none'}"
+            raise InputError(f"follow.switch[{i}]", found, accepted)
     settings, search = read_numerics(top.table("numerics", optional=True))
     plot = read_plot(top.table("plot", optional=True), model, parameter)
     curves = None
@@ -307,10 +301,8 @@ def read_scene(given: Mapping[str, Any]) -> Scene:
 def _name(name: str) -> str:
     """The scene's name, if a folder can be called so."""
     if name.strip() in ("", ".", "..") or not name.isprintable() or set(name) & set("/\\"):
-        raise InputError(
-            "name", f"found {shown(name)}",
-            "give a name for a folder: not '.' or '..', no slashes, no control characters",
-        )  # fmt: skip
+        accepted = "give a name for a folder: not '.' or '..', no slashes, no control characters"
+        raise InputError("name", f"found {shown(name)}", accepted)
     if len(name.encode()) > LONGEST_NAME:
         raise InputError(
             "name", f"found {shown(name)}", f"give a name of at most {LONGEST_NAME} bytes in UTF-8"

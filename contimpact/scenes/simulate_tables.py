@@ -133,10 +133,8 @@ def read_simulate(
     """
     declared = model.require(parameter, "follow.parameter")
     if model.DEGREES_OF_FREEDOM != 1:
-        raise InputError(
-            "simulate", f"{model.SYSTEM} has {model.DEGREES_OF_FREEDOM} degrees of freedom",
-            "simulate a system with one",
-        )  # fmt: skip
+        found = f"{model.SYSTEM} has {model.DEGREES_OF_FREEDOM} degrees of freedom"
+        raise InputError("simulate", found, "simulate a system with one")
     low, high = limits
     if "range" in table.data:
         low, high = (declared.check(v, "simulate.range") for v in table.pair("range"))

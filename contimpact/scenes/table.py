@@ -54,10 +54,8 @@ class Table:
             return self.data[key]
         if default is _REQUIRED:
             if near := _nearest(key, [k for k in self.data if k not in self.asked]):
-                raise InputError(
-                    self.place(near), f"unknown key (did you mean {key!r}?)",
-                    f"{self.place(key)} is missing: give {wanted}",
-                )  # fmt: skip
+                accepted = f"{self.place(key)} is missing: give {wanted}"
+                raise InputError(self.place(near), f"unknown key (did you mean {key!r}?)", accepted)
             raise InputError(self.place(key), "missing", f"give {wanted}")
         return default
 

@@ -60,10 +60,8 @@ def read_reach(follow: Table) -> dict[str, Any]:
     switch = follow.texts("switch", [])
     for i, kind in enumerate(switch):
         if kind not in SWITCHES:
-            raise InputError(
-                f"follow.switch[{i}]", f"cannot switch at {shown(kind)}",
-                f"accepted are {', '.join(SWITCHES)}",
-            )  # fmt: skip
+            accepted = f"accepted are {', '.join(SWITCHES)}"
+            raise InputError(f"follow.switch[{i}]", f"cannot switch at {shown(kind)}", accepted)
     return {
         "switch": tuple(dict.fromkeys(switch)),
         "depth": follow.whole("depth", 1, least=0, most=MOST_TRIES),
@@ -80,28 +78,24 @@ def read_detect(
     events = table.texts("events", list(EVENTS))
     for i, kind in enumerate(events):
         if kind not in KINDS:
-            raise InputError(
-                f"detect.events[{i}]", f"no event kind {shown(kind)}",
-                f"accepted are {', '.join(KINDS)}",
-            )  # fmt: skip
+            accepted = f"accepted are {', '.join(KINDS)}"
+            raise InputError(f"detect.events[{i}]", f"no event kind {shown(kind)}", accepted)
     requested = table.table("values", optional=True)
     values = {}
     for name in list(requested.data):
         if name not in model.varying(parameter):
-            raise InputError(
-                f"detect.values.{name}", "it does not vary along the branches",
-                f"accepted are {', '.join(model.varying(parameter))}",
-            )  # fmt: skip
+            found = "it does not vary along the branches"
+            accepted = f"accepted are {', '.join(model.varying(parameter))}"
+            raise InputError(f"detect.values.{name}", found, accepted)
         values[name] = requested.numbers(name)
         if not values[name]:
             raise InputError(f"detect.values.{name}", "empty", "give at least one value")
     low, high = limits
     for i, value in enumerate(values.get(parameter, [])):
         if not low <= value <= high:
-            raise InputError(
-                f"detect.values.{parameter}[{i}]", f"{value:.12g} is outside follow.range",
-                f"give a value from {low:.12g} to {high:.12g}",
-            )  # fmt: skip
+            found = f"{value:.12g} is outside follow.range"
+            accepted = f"give a value from {low:.12g} to {high:.12g}"
+            raise InputError(f"detect.values.{parameter}[{i}]", found, accepted)
     accepted = f"give detect.values.{parameter} = [...]"
     events = with_values(events, values, "detect.events", accepted)
     table.finish()
@@ -116,28 +110,25 @@ def read_curves(table: Table, model: Model, first: str, events: Sequence[str]) -
         raise InputError("curves.parameter", f"{name} is followed already", "give another one")
     low, high = (declared.check(v, "curves.range") for v in table.pair("range"))
     if not low <= model.values[name] <= high:
-        raise InputError(
-            "curves.range", f"[{low:.12g}, {high:.12g}] does not hold {name} = "
-            f"{model.values[name]:.12g}", f"widen it or change model.parameters.{name}",
-        )  # fmt: skip
+        found = f"[{low:.12g}, {high:.12g}] does not hold {name} = {model.values[name]:.12g}"
+        raise InputError("curves.range", found, f"widen it or change model.parameters.{name}")
     kinds = table.texts("kinds", ["PD", "G"])
     for i, kind in enumerate(kinds):
         if kind not in CURVES or kind not in events:
             looked_for = [k for k in CURVES if k in events]
-            raise InputError(
-                f"curves.kinds[{i}]", f"found {kind!r}",
+            accepted = (
                 f"accepted are those of {', '.join(CURVES)} that detect.events names: "
-                f"{', '.join(looked_for) or 'none'}",
-            )  # fmt: skip
+                f"{', '.join(looked_for) or 'none'}"
+            )
+            raise InputError(f"curves.kinds[{i}]", f"found {kind!r}", accepted)
     unphysical = table.truth("unphysical", False)
     values = tuple(table.numbers("values")) if "values" in table.data else ()
     start = tuple(table.numbers("start")) if "start" in table.data else ()
     for i, value in enumerate(start):
         if not low <= value <= high:
-            raise InputError(
-                f"curves.start[{i}]", f"{value:.12g} is outside curves.range",
-                f"give a value from {low:.12g} to {high:.12g}",
-            )  # fmt: skip
+            found = f"{value:.12g} is outside curves.range"
+            accepted = f"give a value from {low:.12g} to {high:.12g}"
+            raise InputError(f"curves.start[{i}]", found, accepted)
     table.asked += ["values", "start"]
     family = _family(table.table("family", optional=True), model, (first, name))
     steps: dict[str, Any] = {
@@ -206,10 +197,8 @@ def read_numerics(table: Table) -> tuple[Settings, dict[str, Any]]:
     }
     table.finish()
     if chosen["tolerance"] > LARGEST_TOLERANCE:
-        raise InputError(
-            "numerics.tolerance", f"found {chosen['tolerance']!r}",
-            f"give a number above 0, at most {LARGEST_TOLERANCE:g}",
-        )  # fmt: skip
+        accepted = f"give a number above 0, at most {LARGEST_TOLERANCE:g}"
+        raise InputError("numerics.tolerance", f"found {chosen['tolerance']!r}", accepted)
     try:
         return Settings(**chosen), search
     except InputError as error:
@@ -220,10 +209,8 @@ def read_plot(table: Table, model: Model, parameter: str) -> PlotOptions:
     """Return what [plot] asks for."""
     x = table.text("x", parameter)
     if x not in model.varying(parameter):
-        raise InputError(
-            "plot.x", f"{x!r} does not vary along the branches",
-            f"accepted are {', '.join(model.varying(parameter))}",
-        )  # fmt: skip
+        accepted = f"accepted are {', '.join(model.varying(parameter))}"
+        raise InputError("plot.x", f"{x!r} does not vary along the branches", accepted)
     limits = {
         key: table.pair(key) if key in table.data else None for key in ("xlim", "ylim")
     }  # fmt: skip

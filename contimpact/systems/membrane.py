@@ -63,10 +63,8 @@ class Membrane:
             if not (math.isfinite(value) and value > 0.0):
                 raise InputError(key.name, f"found {value!r}", "give a number > 0")
         if not self.R_b < self.R_c:
-            raise InputError(
-                "R_b", f"{self.R_b!r} is not below R_c = {self.R_c!r}",
-                "give a ball smaller than the membrane",
-            )  # fmt: skip
+            accepted = "give a ball smaller than the membrane"
+            raise InputError("R_b", f"{self.R_b!r} is not below R_c = {self.R_c!r}", accepted)
 
     def voltage(self, velocity: Any) -> Array:
         """Return the net output voltage of impacts.

@@ -52,15 +52,14 @@ class Oscillator(Model):
         stiffness, omega, damping = (self.values[name] for name in ("k", "omega", "c"))
         most = MOST_DAMPING * math.sqrt(stiffness)
         if abs(damping) > most:
-            raise InputError(
-                "c", f"{damping:.12g} with k = {stiffness:.12g}: in a flight the stiffness is lost "
-                "beside it", f"give c from {-most:.6g} to {most:.6g}",
-            )  # fmt: skip
+            found = (
+                f"{damping:.12g} with k = {stiffness:.12g}: in a flight the stiffness is lost "
+                "beside it"
+            )
+            raise InputError("c", found, f"give c from {-most:.6g} to {most:.6g}")
         if self.values["c"] == 0 and math.isclose(stiffness, omega**2, rel_tol=1e-15):
-            raise InputError(
-                "omega", "an undamped oscillator at resonance has no periodic response",
-                "give c != 0 or omega^2 != k",
-            )  # fmt: skip
+            found = "an undamped oscillator at resonance has no periodic response"
+            raise InputError("omega", found, "give c != 0 or omega^2 != k")
 
     def formulas(self, symbols: Mapping[str, Any]) -> Formulas:
         """Steady response plus a transient in Stumpff functions, for any damping."""
