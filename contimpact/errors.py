@@ -48,10 +48,8 @@ class NotWrittenError(InputError):
         self.written, self.failed = list(written), dict(failed)
         reasons = ", ".join(dict.fromkeys(self.failed.values()))
         found = f"not written ({reasons}): {_listed(list(self.failed))}"
-        super().__init__(
-            folder, f"{found}; written: {_listed(self.written)}",
-            "make room or mend what is in the way, and run it again",
-        )  # fmt: skip
+        found += f"; written: {_listed(self.written)}"
+        super().__init__(folder, found, "make room or mend what is in the way, and run it again")
 
 
 def _listed(names: Sequence[str], most: int = 6) -> str:

@@ -55,10 +55,15 @@ class Basins:
 
 
 def basins(
-    simulator: Simulator, *, wall: str | None = None, shape: tuple[int, int] = (40, 40),
-    fastest: float | None = None, settling: Settling = SETTLING,
-    known: Sequence[Attractor] = (), callback: Callable[[int, int], None] | None = None,
-) -> Basins:  # fmt: skip
+    simulator: Simulator,
+    *,
+    wall: str | None = None,
+    shape: tuple[int, int] = (40, 40),
+    fastest: float | None = None,
+    settling: Settling = SETTLING,
+    known: Sequence[Attractor] = (),
+    callback: Callable[[int, int], None] | None = None,
+) -> Basins:
     """Find the attractor each of a grid of starts leads to.
 
     Parameters

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from ..arrays import Array
-from ..models.word import Word
+from ..models.word import Word, is_rotation
 from ..orbits.problem import OrbitProblem
 from ..orbits.search import Orbit, settle
 from ..records.branch import Branch
@@ -113,20 +113,14 @@ def _match(row: Row, sweep: Sweep, diagram: Diagram, kernels: Kernels) -> Match 
     best: Match | None = None
     for branch in diagram.branches:
         same_period = branch.period == attractor.period
-        if not same_period or not _cyclic(branch.word, attractor.word):
+        if not same_period or not is_rotation(branch.word, attractor.word):
             continue
         for orbit in orbits_on(branch, sweep, row.value, kernels):
             distance = _distance(attractor, branch.word, orbit.problem.impacts(orbit.unknowns))
             if distance < MATCH and (best is None or distance < best.distance):
-                best = Match(
-                    row.direction, row.value, attractor.notation, attractor.word,
-                    attractor.period, branch.id, distance,
-                )  # fmt: skip
+                kind = (attractor.notation, attractor.word, attractor.period)
+                best = Match(row.direction, row.value, *kind, branch.id, distance)
     return best
-
-
-def _cyclic(one: str, other: str) -> bool:
-    return len(one) == len(other) and one in other * 2
 
 
 def orbits_on(branch: Branch, sweep: Sweep, value: float, kernels: Kernels) -> list[Orbit]:
@@ -183,12 +177,9 @@ def _uncovered(rows: Sequence[Row], sweep: Sweep) -> list[Uncovered]:
         a = middle.attractor
         periodic = a.kind is Kind.PERIODIC
         why = "no branch has this orbit" if periodic else f"{a.kind.value}: no orbit of finite word"
-        found.append(
-            Uncovered(
-                a.kind.value, a.notation, a.word, a.period, group[0].value, group[-1].value,
-                len(group), why, scene_fragment(middle, sweep) if periodic else None,
-            )
-        )  # fmt: skip
+        scene = scene_fragment(middle, sweep) if periodic else None
+        what = (a.kind.value, a.notation, a.word, a.period)
+        found.append(Uncovered(*what, group[0].value, group[-1].value, len(group), why, scene))
     return found
 
 
@@ -200,11 +191,7 @@ def scene_fragment(row: Row, sweep: Sweep) -> str:
     low, high = min(others), max(others)
     word = Word(attractor.word or "", attractor.period or 1)
     options = [f'{name} = "{text}"' for name, text in model.options.items()]
-    return "\n".join(
-        [
-            "[model]", f'system = "{model.SYSTEM}"', *options, "", "[model.parameters]",
-            *(f"{name} = {value!r}" for name, value in values.items()), "",
-            "[follow]", f'parameter = "{sweep.parameter}"', f"range = [{low!r}, {high!r}]",
-            f'orbits = ["{word}"]', "",
-        ]
-    )  # fmt: skip
+    lines = ["[model]", f'system = "{model.SYSTEM}"', *options, "", "[model.parameters]"]
+    lines += [f"{name} = {value!r}" for name, value in values.items()]
+    lines += ["", "[follow]", f'parameter = "{sweep.parameter}"', f"range = [{low!r}, {high!r}]"]
+    return "\n".join([*lines, f'orbits = ["{word}"]', ""])

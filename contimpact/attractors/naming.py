@@ -14,6 +14,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from typing import Any
 
+from ..models.word import is_rotation
 from ..storage.shapes import made
 from .attractor import Attractor, Kind
 from .sweep import Row
@@ -138,10 +139,9 @@ def name(before: Row, after: Row, earlier: Row | None = None) -> Transition:
     order = round(gained) if whole else None
     kind, evidence = _kind(before, after, earlier)
     arrow = f"{one.notation}->{other.notation}"
-    return Transition(
-        before.direction, kind, f"{kind}[{arrow}]" if kind else arrow, order, _side(before),
-        _side(after), abs(after.value - before.value), evidence=evidence,
-    )  # fmt: skip
+    label = f"{kind}[{arrow}]" if kind else arrow
+    sides, width = (_side(before), _side(after)), abs(after.value - before.value)
+    return Transition(before.direction, kind, label, order, *sides, width, evidence=evidence)
 
 
 def _kind(before: Row, after: Row, earlier: Row | None) -> tuple[str | None, str]:
@@ -225,11 +225,7 @@ def _doubled(one: Attractor, other: Attractor) -> bool:
     """Whether the second has the first's word twice, over twice the period."""
     if one.word is None or other.word is None or one.period is None:
         return False
-    twice = one.word * 2
-    return (
-        other.period == 2 * one.period and len(other.word) == len(twice)
-        and other.word in twice * 2
-    )  # fmt: skip
+    return other.period == 2 * one.period and is_rotation(other.word, one.word * 2)
 
 
 def _multiplier(attractor: Attractor) -> float:

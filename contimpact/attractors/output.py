@@ -19,7 +19,7 @@ from ..errors import InputError
 from ..records.branch import Branch
 from ..records.diagram import Diagram
 from ..storage.files import append, read_bounded, reason, write_text
-from ..storage.shapes import fitted
+from ..storage.shapes import DAMAGE, fitted
 from ..storage.texts import csv_text, json_text
 from .attractor import Attractor
 from .sweep import Row, Sweep
@@ -40,12 +40,11 @@ LARGEST = 2**32
 """Bytes of ``rows.jsonl`` that are read."""
 WRITTEN = 64
 """Velocities of one motion written to ``sweep.csv`` at most."""
-COLUMNS = (
-    "direction", "kind", "notation", "word", "period", "rate", "exponent1", "exponent2",
-    "exponent_error", "exponent_sum", "mean_ln_r2", "exponent_per_period", "multiplier1_re",
-    "multiplier1_im", "multiplier2_re", "multiplier2_im", "smallest_gap", "closing", "distance",
-    "periods", "impacts",
-)  # fmt: skip
+COLUMNS = tuple(
+    """direction kind notation word period rate exponent1 exponent2 exponent_error exponent_sum
+    mean_ln_r2 exponent_per_period multiplier1_re multiplier1_im multiplier2_re multiplier2_im
+    smallest_gap closing distance periods impacts""".split()
+)
 
 
 # Rows, as they are found.
@@ -126,9 +125,7 @@ class Checkpoint:
                 self.changes[key] = found
             else:
                 self.tried.add(fitted(record["tried"], float, "tried"))
-        except (
-            ValueError, LookupError, TypeError, AttributeError, ArithmeticError, RecursionError,
-        ) as error:  # fmt: skip
+        except DAMAGE as error:
             raise self._unfit(f"damaged ({type(error).__name__}: {error})") from None
 
     def _unfit(self, why: str) -> InputError:
@@ -229,12 +226,8 @@ def _cells(row: Row, names: Sequence[str], letters: Sequence[str], most: int) ->
 
 def transitions_text(transitions: Sequence[Transition], parameter: str, width: float) -> str:
     """Return ``transitions.json``."""
-    return json_text(
-        {
-            "schema": TRANSITIONS, "parameter": parameter, "width": width,
-            "transitions": [transition.as_record() for transition in transitions],
-        }
-    )  # fmt: skip
+    head = {"schema": TRANSITIONS, "parameter": parameter, "width": width}
+    return json_text(head | {"transitions": [t.as_record() for t in transitions]})
 
 
 def coverage_text(coverage: Coverage, parameter: str) -> str:

@@ -89,16 +89,13 @@ class Simulation:
         kinds = [row.attractor.kind.value for row in self.sweep.rows]
         counts = {kind.value: kinds.count(kind.value) for kind in Kind}
         periods = sum(row.attractor.periods for row in self.sweep.rows)
-        return {
-            "attractors": len(kinds), **{k: n for k, n in counts.items() if n},
-            "periods": periods, "transitions": len(self.transitions),
-        }  # fmt: skip
+        found = {"attractors": len(kinds)} | {k: n for k, n in counts.items() if n}
+        return found | {"periods": periods, "transitions": len(self.transitions)}
 
 
 def simulate(
-    scene: Scene, folder: Path, *, resume: bool = False,
-    progress: Progress | None = None,
-) -> Simulation:  # fmt: skip
+    scene: Scene, folder: Path, *, resume: bool = False, progress: Progress | None = None
+) -> Simulation:
     """Simulate a scene.
 
     Parameters
@@ -141,15 +138,10 @@ class _Director:
         self.result = Simulation(scene, sweep, resumed=len(self.kept.rows))
 
     def run(self) -> Simulation:
-        stages = {
-            "branches": self.branches, "sweep": self.sweeps, "random": self.random_starts,
-            "transitions": self.transitions, "coverage": self.coverage,
-            "portraits": self.portraits, "basins": self.basins,
-        }  # fmt: skip
-        for stage, work in stages.items():
+        for stage in STAGES:
             began = time.perf_counter()
             try:
-                work()
+                getattr(self, stage)()
             except KeyboardInterrupt:
                 self.result.interrupted = stage
             self.result.seconds[stage] = time.perf_counter() - began
@@ -173,7 +165,7 @@ class _Director:
 
     # Sweeps.
 
-    def sweeps(self) -> None:
+    def sweep(self) -> None:
         """Each direction, going on after the rows there are."""
         options, rows = self.options, self.result.sweep.rows
         clock = _Clock("sweep", len(options.sweeps()) * options.values, self.progress)
@@ -191,7 +183,7 @@ class _Director:
                 rows.append(row)
                 clock.tick(f"{named} = {row.value:.6g}: {row.attractor.notation}")
 
-    def random_starts(self) -> None:
+    def random(self) -> None:
         """Attractors that random starts find besides those of the sweeps."""
         options, rows = self.options, self.result.sweep.rows
         rows += [row for row in self.kept.rows if row.direction == "random"]
@@ -203,10 +195,10 @@ class _Director:
                 clock.skip(1)
                 continue
             known = [row.attractor for row in rows if row.value == value]
+            simulator, rng = self.simulators.at(value), (options.seed, number)
             found = find_attractors(
-                self.simulators.at(value), options.starts, rng=(options.seed, number),
-                settling=options.settling, known=known,
-            )  # fmt: skip
+                simulator, options.starts, rng=rng, settling=options.settling, known=known
+            )
             for attractor in found:
                 row = Row("random", value, attractor)
                 self.kept.keep(row)
@@ -256,11 +248,10 @@ class _Director:
         rows = self.result.sweep.of(direction)
         sign = 1.0 if rows[-1].value >= rows[0].value else -1.0
         earlier = [row for row in rows if sign * (value - row.value) >= 0.0] or rows[:1]
-        found = sweep_rows(
-            self.simulators, [value], earlier[-1].attractor.state, self.options.settling,
-            self.options.seed, direction,
-        )  # fmt: skip
-        return next(found)
+        start, options = earlier[-1].attractor.state, self.options
+        return next(
+            sweep_rows(self.simulators, [value], start, options.settling, options.seed, direction)
+        )
 
     def basins(self) -> None:
         from .basins import basins
@@ -277,12 +268,10 @@ class _Director:
             def report(done: int, total: int, shown: str = shown) -> None:
                 self.progress(f"{shown}: {done} of {total} starts")
 
+            shape, settling = (self.options.grid,) * 2, self.options.settling
             self.result.basins.append(
-                basins(
-                    simulator, shape=(self.options.grid,) * 2, settling=self.options.settling,
-                    known=known, callback=report,
-                )
-            )  # fmt: skip
+                basins(simulator, shape=shape, settling=settling, known=known, callback=report)
+            )
 
 
 def _last_state(rows: list[Row]) -> Any:

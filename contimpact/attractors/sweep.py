@@ -109,10 +109,16 @@ class Simulators:
 
 
 def sweep(
-    model: Model, parameter: str, values: Iterable[float], *, start: State | None = None,
-    settling: Settling = SETTLING, kernels: Kernels | None = None,
-    rng: Any = 0, callback: Callable[[Row], None] | None = None,
-) -> Sweep:  # fmt: skip
+    model: Model,
+    parameter: str,
+    values: Iterable[float],
+    *,
+    start: State | None = None,
+    settling: Settling = SETTLING,
+    kernels: Kernels | None = None,
+    rng: Any = 0,
+    callback: Callable[[Row], None] | None = None,
+) -> Sweep:
     """Find the attractor at each value, starting from the one before.
 
     Parameters
@@ -145,9 +151,13 @@ def sweep(
 
 
 def sweep_rows(
-    simulators: Simulators, values: Sequence[float], start: State | None = None,
-    settling: Settling = SETTLING, rng: Any = 0, direction: str | None = None,
-) -> Iterator[Row]:  # fmt: skip
+    simulators: Simulators,
+    values: Sequence[float],
+    start: State | None = None,
+    settling: Settling = SETTLING,
+    rng: Any = 0,
+    direction: str | None = None,
+) -> Iterator[Row]:
     """Yield the rows of one sweep; `start` is where the first value begins.
 
     `direction` is told from the values where it is not given.
@@ -183,9 +193,13 @@ def same(one: Attractor, other: Attractor, tolerance: float = SAME) -> bool:
 
 
 def find_attractors(
-    simulator: Simulator, starts: int, *, rng: Any = 0,
-    settling: Settling = SETTLING, known: Sequence[Attractor] = (),
-) -> list[Attractor]:  # fmt: skip
+    simulator: Simulator,
+    starts: int,
+    *,
+    rng: Any = 0,
+    settling: Settling = SETTLING,
+    known: Sequence[Attractor] = (),
+) -> list[Attractor]:
     """Find attractors from random starts.
 
     Parameters

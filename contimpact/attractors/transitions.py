@@ -10,6 +10,7 @@ import itertools
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
+from ..models.word import is_rotation
 from ..records.diagram import Diagram
 from ..records.entry import Entry
 from ..scenes.simulate_tables import SETTLING, Settling
@@ -32,9 +33,13 @@ def changes(rows: Sequence[Row]) -> Iterator[tuple[Row, Row]]:
 
 
 def find_transitions(
-    sweep: Sweep, width: float, *, settling: Settling = SETTLING, diagram: Diagram | None = None,
+    sweep: Sweep,
+    width: float,
+    *,
+    settling: Settling = SETTLING,
+    diagram: Diagram | None = None,
     simulators: Simulators | None = None,
-) -> list[Transition]:  # fmt: skip
+) -> list[Transition]:
     """Locate and name every change of attractor along the sweeps down and up.
 
     Parameters
@@ -92,20 +97,19 @@ def between(
     if (after.value - before.value) * span <= 0.0:
         yield _changed_basin(first, after, before)
         return
-    yield replace(
-        _unnamed(before, after), evidence=f"{MOST} changes were located before it; this is left",
-        wide="more changes than are located between two values; more simulate.values separate them",
-    )  # fmt: skip
+    evidence = f"{MOST} changes were located before it; this is left"
+    wide = "more changes than are located between two values; more simulate.values separate them"
+    yield replace(_unnamed(before, after), evidence=evidence, wide=wide)
 
 
 def _changed_basin(first: Row, after: Row, last: Row) -> Transition:
     """A change that is no end of the attractor before: a step of the sweep has left its basin."""
-    return replace(
-        _unnamed(first, after),
-        evidence=f"a step of the sweep left the basin of {first.attractor.notation}; followed with "
-        f"small steps, {last.attractor.notation} is met up to {last.value:.9g} at least",
-        wide="it is a step of the sweep; more simulate.values keep to the attractor",
-    )  # fmt: skip
+    evidence = (
+        f"a step of the sweep left the basin of {first.attractor.notation}; followed with "
+        f"small steps, {last.attractor.notation} is met up to {last.value:.9g} at least"
+    )
+    wide = "it is a step of the sweep; more simulate.values keep to the attractor"
+    return replace(_unnamed(first, after), evidence=evidence, wide=wide)
 
 
 def _unnamed(before: Row, after: Row) -> Transition:
@@ -173,15 +177,11 @@ def _related(entry: Entry, transition: Transition) -> bool:
         return False
     return any(_repeats(s.word or "", s.period or 1, entry) for s in periodic) or (
         entry.becomes is not None
-        and any(_cyclic(s.word or "", entry.becomes.split("/")[0]) for s in periodic)
+        and any(is_rotation(s.word or "", entry.becomes.split("/")[0]) for s in periodic)
     )
 
 
 def _repeats(word: str, period: int, entry: Entry) -> bool:
     """Whether an orbit is the entry's, or the entry's run several times."""
     times, rest = divmod(period, entry.period)
-    return rest == 0 and _cyclic(word, entry.word * times)
-
-
-def _cyclic(one: str, other: str) -> bool:
-    return len(one) == len(other) and one in other * 2
+    return rest == 0 and is_rotation(word, entry.word * times)

@@ -14,10 +14,10 @@ def write_manifest(
     scene: Scene, files: Files, left_out: Sequence[str], statistics: Mapping[str, Any]
 ) -> None:
     """Write the manifest; what could not be written is said."""
-    files.close(
-        lambda: manifest_text(
-            scene.resolved(), scene.given, left_out,
-            {**statistics, "not_written": files.not_written()}, files.written,
-            sha256(files.folder / "catalogue.json"),
-        )
-    )  # fmt: skip
+
+    def text() -> str:
+        digest = sha256(files.folder / "catalogue.json")
+        known = {**statistics, "not_written": files.not_written()}
+        return manifest_text(scene.resolved(), scene.given, left_out, known, files.written, digest)
+
+    files.close(text)

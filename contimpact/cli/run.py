@@ -7,6 +7,7 @@ import dataclasses
 import time
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 from ..compiling.library import mode
 from ..errors import InputError, NotWrittenError
@@ -70,13 +71,10 @@ def _validated(options: argparse.Namespace) -> tuple[list[_Job], int]:
         raise InputError("SCENE", f"two scenes are called {twice!r}", "give each its own name")
     if len(paths) == 1:
         return [_Job(scene, Path(options.output), scene.name) for _, scene in scenes], status
-    jobs = [
-        _Job(
-            scene, Path(options.output) / scene.name,
-            f"{scene.name} ({number} of {len(scenes)})", f"{path}: ",
-        )
-        for number, (path, scene) in enumerate(scenes, start=1)
-    ]  # fmt: skip
+    jobs = []
+    for number, (path, scene) in enumerate(scenes, start=1):
+        title = f"{scene.name} ({number} of {len(scenes)})"
+        jobs.append(_Job(scene, Path(options.output) / scene.name, title, f"{path}: "))
     return jobs, status
 
 
@@ -128,9 +126,14 @@ def _run_one(job: _Job, options: argparse.Namespace, noted: Noted) -> str | None
 
 
 def _write_run(
-    scene: Scene, diagram: Diagram, folder: Path, options: argparse.Namespace, began: float,
-    tell: Progress, noted: Noted,
-) -> None:  # fmt: skip
+    scene: Scene,
+    diagram: Diagram,
+    folder: Path,
+    options: argparse.Namespace,
+    began: float,
+    tell: Progress,
+    noted: Noted,
+) -> None:
     """Write everything a run leaves behind, the catalogue first and the manifest last.
 
     An interruption leaves pictures out.
@@ -181,13 +184,10 @@ def _save_plots(scene: Scene, diagram: Diagram, files: Files) -> None:
                 diagram.curves, files.folder, plot.formats, diagram.checks, units=units
             )
         )
-    files.add(
-        lambda: save_diagram(
-            _own_member(scene, diagram), files.folder, plot.formats, x=plot.x, xlim=plot.xlim,
-            ylim=plot.ylim, unphysical=plot.unphysical, labels=plot.labels,
-            unit=scene.model.unit(plot.x),
-        )
-    )  # fmt: skip
+    own = _own_member(scene, diagram)
+    look: dict[str, Any] = dataclasses.asdict(plot)
+    formats, unit = look.pop("formats"), scene.model.unit(plot.x)
+    files.add(lambda: save_diagram(own, files.folder, formats, unit=unit, **look))
 
 
 def _own_member(scene: Scene, diagram: Diagram) -> Diagram:

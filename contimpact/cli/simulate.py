@@ -46,9 +46,13 @@ def command(options: argparse.Namespace) -> int:
 
 
 def _write(
-    result: Simulation, folder: Path, options: argparse.Namespace, began: float, tell: Progress,
+    result: Simulation,
+    folder: Path,
+    options: argparse.Namespace,
+    began: float,
+    tell: Progress,
     noted: Noted,
-) -> None:  # fmt: skip
+) -> None:
     """Write everything a simulation leaves behind, the manifest last.
 
     An interruption leaves pictures out.
@@ -73,10 +77,8 @@ def _write(
                 left_out.append("pictures: the run was interrupted")
             result.seconds["plot"] = time.perf_counter() - drawing
         result.seconds["total"] = time.perf_counter() - began
-        statistics = {
-            "seconds": result.seconds, "counts": result.counts, "notes": result.notes,
-            "interrupted": result.interrupted, "resumed": result.resumed,
-        }  # fmt: skip
+        names = ("seconds", "counts", "notes", "interrupted", "resumed")
+        statistics = {name: getattr(result, name) for name in names}
         write_manifest(scene, files, left_out, statistics)
 
 

@@ -12,13 +12,12 @@ from ..errors import InputError, shown
 REQUIRED = ("SYSTEM", "PARAMETERS", "WALLS")
 
 COLUMNS = frozenset(
-    ("arclength", "becomes", "branch", "closing", "criticality", "direction", "distance", "error",
-     "event", "exponent1", "exponent2", "exponent_error", "exponent_per_period", "exponent_sum",
-     "flight", "from", "ghost", "id", "impact", "impacts", "iterations", "kind", "label",
-     "mean_ln_r2", "method", "n_unstable", "notation", "opens", "order", "parameter", "period",
-     "periods", "physical", "rate", "reason", "requested", "residual", "slope", "smallest_gap",
-     "stable", "touch_time", "wall", "why", "word")
-)  # fmt: skip
+    """arclength becomes branch closing criticality direction distance error event exponent1
+    exponent2 exponent_error exponent_per_period exponent_sum flight from ghost id impact impacts
+    iterations kind label mean_ln_r2 method n_unstable notation opens order parameter period
+    periods physical rate reason requested residual slope smallest_gap stable touch_time wall why
+    word""".split()
+)
 """Columns that the package's tables have, whatever the system."""
 NUMBERED = re.compile(r"(t|v|x\d+_|v\d+_|wall|time|velocity)[1-9]\d*|multiplier\d+_(re|im)")
 """Columns with the number of an impact, a motion or a multiplier."""

@@ -16,9 +16,7 @@ from typing import Any
 from ..errors import InputError, shortened
 from .extent import LARGEST_EXPONENT, Beyond, Extent
 
-FUNCTIONS = (
-    "sin", "cos", "tan", "asin", "acos", "atan", "sinh", "cosh", "tanh", "exp", "log", "sqrt",
-)  # fmt: skip
+FUNCTIONS = tuple("""sin cos tan asin acos atan sinh cosh tanh exp log sqrt""".split())
 CONSTANTS = ("pi",)
 LONGEST_TEXT = 2000
 

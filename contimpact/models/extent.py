@@ -60,14 +60,12 @@ class Extent:
 
     def _with(
         self, other: Extent, terms: float, values: list[float], expanded: float = 0.0
-    ) -> Extent:  # fmt: skip
+    ) -> Extent:
         """The result of an operation on two, with the ends of its values."""
         work = self.work + other.work + (expanded if expanded > 1 else 0.0)
         low, high = (-math.inf, math.inf) if any(map(math.isnan, values)) else _ends(values)
-        return Extent(
-            low, high, min(terms, MOST_WORK), min(work, MOST_WORK),
-            max(self.exponent, other.exponent), max(self.depth, other.depth),
-        )  # fmt: skip
+        exponent, depth = max(self.exponent, other.exponent), max(self.depth, other.depth)
+        return Extent(low, high, min(terms, MOST_WORK), min(work, MOST_WORK), exponent, depth)
 
     def __add__(self, other: Extent | float) -> Extent:
         other = _extent(other)

@@ -16,12 +16,11 @@ from typing import Any
 
 PACKAGE = __package__.partition(".")[0]
 HERE = Path(__file__).parent.parent
-GENERATOR = (
-    "models/equations", "models/expressions", "models/extent", "models/model", "models/symbolic",
-    "segments/codegen", "segments/stumpff", "segments/tape",
-)  # fmt: skip
-HARMLESS = {"__future__", "collections", "dataclasses", "functools", "math", "numpy", "sympy",
-            "typing"}  # fmt: skip
+GENERATOR = tuple(
+    """models/equations models/expressions models/extent models/model models/symbolic
+    segments/codegen segments/stumpff segments/tape""".split()
+)
+HARMLESS = set("__future__ collections dataclasses functools math numpy sympy typing".split())
 """What a system may import besides the package without its formulas depending on more."""
 
 

@@ -187,8 +187,5 @@ def _sampled_coefficients(text, where, period):
         )
     kept = [k for k in range(MOST_HARMONICS + 1) if abs(spectrum[k]) > 1e-16 * size]
     doubled = {k: 1 if k == 0 else 2 for k in kept}
-    return [
-        (k, sympy.Float(float(doubled[k] * spectrum[k].real), 17),
-         sympy.Float(float(-doubled[k] * spectrum[k].imag), 17))
-        for k in kept
-    ]  # fmt: skip
+    waves = ((k, doubled[k] * spectrum[k].real, -doubled[k] * spectrum[k].imag) for k in kept)
+    return [(k, sympy.Float(float(a), 17), sympy.Float(float(b), 17)) for k, a, b in waves]

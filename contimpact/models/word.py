@@ -57,6 +57,11 @@ class Word:
         return [shift for shift in range(n) if doubled[shift : shift + n] == self.walls]
 
 
+def is_rotation(one: str, other: str) -> bool:
+    """Whether two words are cyclic shifts of each other."""
+    return len(one) == len(other) and one in other * 2
+
+
 def parse_word(text: str, letters: Sequence[str], where: str = "word") -> Word:
     """Read an orbit's name.
 
@@ -106,7 +111,7 @@ def parse_word(text: str, letters: Sequence[str], where: str = "word") -> Word:
             where,
             f"{text!r} has {_counted(len(walls), 'impact')} in {_counted(period, 'period')}",
             f"at least one impact and one period, at most {LONGEST_WORD} impacts",
-        )  # fmt: skip
+        )
     return Word(walls, period)
 
 

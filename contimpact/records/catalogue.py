@@ -46,12 +46,11 @@ if TYPE_CHECKING:
     from .curve import Check, Curve
 
 
-EVENT_COLUMNS = (
-    "id", "kind", "ghost", "label", "why", "branch", "word", "period", "notation", "becomes",
-    "order", "criticality", "slope", "wall", "flight", "impact", "touch_time", "requested",
-    "parameter", "n_unstable", "stable", "physical", "reason", "residual", "error", "method",
-    "arclength", "opens",
-)  # fmt: skip
+EVENT_COLUMNS = tuple(
+    """id kind ghost label why branch word period notation becomes order criticality slope wall
+    flight impact touch_time requested parameter n_unstable stable physical reason residual error
+    method arclength opens""".split()
+)
 
 # Folders and files.
 
@@ -290,9 +289,13 @@ def _branch_of(folder: Path, record: Mapping[str, Any]) -> Branch:
 
 
 def manifest_text(
-    scene: Mapping[str, Any], given: Mapping[str, Any], left_out: Sequence[str],
-    statistics: Mapping[str, Any], files: Sequence[str], catalogue: str | None = None,
-) -> str:  # fmt: skip
+    scene: Mapping[str, Any],
+    given: Mapping[str, Any],
+    left_out: Sequence[str],
+    statistics: Mapping[str, Any],
+    files: Sequence[str],
+    catalogue: str | None = None,
+) -> str:
     """Return ``manifest.json``: what was asked, what ran, what it cost, what was left out.
 
     `catalogue` is the digest of the catalogue beside it.

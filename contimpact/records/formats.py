@@ -56,11 +56,9 @@ def write_mat(branch: Branch, path: str | Path) -> None:
     """
     from scipy.io import savemat
 
-    content: dict[str, Any] = {
-        "word": branch.word, "period": branch.period, "notation": branch.notation,
-        "parameter": branch.parameter, "ends": [end.message for end in branch.ends],
-        **branch.columns,
-    }  # fmt: skip
+    names = ("word", "period", "notation", "parameter")
+    content: dict[str, Any] = {name: getattr(branch, name) for name in names}
+    content |= {"ends": [end.message for end in branch.ends], **branch.columns}
     file = io.BytesIO()
     savemat(file, content, long_field_names=True, oned_as="column")
     write(Path(path), file.getvalue())

@@ -23,7 +23,7 @@ from ..continuation.branch import End, EndKind
 from ..errors import InputError
 from ..models.word import LONGEST_WORD
 from ..storage.files import LARGEST_RECORD, bounded, open_plain, reason
-from ..storage.shapes import fitted, made
+from ..storage.shapes import DAMAGE, fitted, made
 from ..storage.texts import original
 from .branch import Branch
 from .entry import Entry
@@ -57,10 +57,7 @@ def checking(path: Path, schema: str) -> Iterator[None]:
         raise InputError(
             str(path), f"cannot be read ({reason(error)})", f"give a file of {schema!r}"
         ) from None
-    except (
-        ValueError, LookupError, TypeError, AttributeError, ArithmeticError, RecursionError,
-        csv.Error,
-    ) as error:  # fmt: skip
+    except (*DAMAGE, csv.Error) as error:
         raise InputError(
             str(path), f"damaged ({type(error).__name__}: {error})", f"give a file of {schema!r}"
         ) from None
@@ -82,11 +79,10 @@ def entry_of(record: Any) -> Entry:
     for impact in entry.impacts:
         fitted(impact.get("wall"), str, "impacts.wall")
         fitted(impact.get("velocity"), float, "impacts.velocity")
-    return dataclasses.replace(
-        entry, multipliers=entry.multipliers or [], opens=tuple(entry.opens or ()),
-        multipliers_before=entry.multipliers_before or [],
-        multipliers_after=entry.multipliers_after or [], options=entry.options or {},
-    )  # fmt: skip
+    names = ("multipliers", "multipliers_before", "multipliers_after")
+    lists: dict[str, Any] = {name: getattr(entry, name) or [] for name in names}
+    opens, options = tuple(entry.opens or ()), entry.options or {}
+    return dataclasses.replace(entry, opens=opens, options=options, **lists)
 
 
 # Tables.
@@ -105,11 +101,9 @@ def read_branch(path: str | Path) -> Branch:
         parameter = head["parameter"]
         _require(columns, head["word"], [parameter], TEXTS)
         earlier = {"system": head["system"], "options": head["options"]}
-        record = head | {
-            "columns": columns, "ends": _ends(head["ends"], parameter),
-            "events": [entry_of(earlier | record) for record in head["events"]],
-            "origin": head["from"], "meetings": head.get("meetings", []),
-        }  # fmt: skip
+        record = {"meetings": [], **head, "columns": columns, "origin": head["from"]}
+        record["ends"] = _ends(head["ends"], parameter)
+        record["events"] = [entry_of(earlier | record) for record in head["events"]]
         return made(Branch, record)
 
 
@@ -126,11 +120,9 @@ def read_curve(path: str | Path) -> Curve:
     with checking(Path(path), CURVE):
         head, columns = _table(Path(path), CURVE)
         _require(columns, head["word"], head["parameters"], ())
-        record = head | {
-            "columns": columns, "ends": _ends(head["ends"], head["parameters"][1]),
-            "points": [made(Codim2, record) for record in head["codimension2"]],
-            "origin": head["from"],
-        }  # fmt: skip
+        record = head | {"columns": columns, "origin": head["from"]}
+        record["ends"] = _ends(head["ends"], head["parameters"][1])
+        record["points"] = [made(Codim2, record) for record in head["codimension2"]]
         return made(Curve, record)
 
 

@@ -91,13 +91,11 @@ def _table(merged: dict[str, Any]) -> tuple[list[str], list[list[Any]]]:
     entries = merged["entries"]
     parameters = list(dict.fromkeys(name for e in entries for name in e["parameters"]))
     columns = [*TABLE, "parameter", "value", "error", *parameters]
-    rows = [
-        [
-            *(e.get(name) for name in TABLE), e["parameter"], e["parameters"][e["parameter"]],
-            e.get("error"), *(e["parameters"].get(name) for name in parameters),
-        ]
-        for e in entries
-    ]  # fmt: skip
+    rows = []
+    for e in entries:
+        values, parameter = e["parameters"], e["parameter"]
+        row = [*map(e.get, TABLE), parameter, values[parameter], e.get("error")]
+        rows.append([*row, *map(values.get, parameters)])
     return columns, rows
 
 

@@ -130,9 +130,12 @@ def model_at(branch: Branch, row: int, given: Model | None = None) -> Model:
 
 
 def _model(
-    name: str | None, options: Mapping[str, str], parameters: Mapping[str, float],
-    given: Model | None, where: str,
-) -> Model:  # fmt: skip
+    name: str | None,
+    options: Mapping[str, str],
+    parameters: Mapping[str, float],
+    given: Model | None,
+    where: str,
+) -> Model:
     """The given model, or the one of a system by name, at recorded parameter values."""
     if given is None:
         kind = _system(name, where)

@@ -332,19 +332,18 @@ def _state(folder: Path) -> tuple[str | None, ...]:
     """Digests of a folder's manifest and catalogue, if they belong to each other."""
     catalogue, manifest = folder / "catalogue.json", folder / "manifest.json"
     if os.path.lexists(folder / MARK):
-        raise InputError(
-            str(folder / MARK), "a run is writing this folder, or ended before all was written",
-            "run it again, or remove this file to use what is there",
-        )  # fmt: skip
-    found = sha256(catalogue)
+        found = "a run is writing this folder, or ended before all was written"
+        accepted = "run it again, or remove this file to use what is there"
+        raise InputError(str(folder / MARK), found, accepted)
+    digest = sha256(catalogue)
     if not manifest.exists():
-        return None, found
+        return None, digest
     digests = read_json(manifest, MANIFEST, WANTED).get("sha256")
     told = digests.get("catalogue.json") if isinstance(digests, dict) else None
-    if found and told and told != found:
+    if digest and told and told != digest:
         accepted = "run it again, or remove manifest.json to use the catalogue alone"
         raise InputError(str(catalogue), "not the one that manifest.json belongs to", accepted)
-    return sha256(manifest), found
+    return sha256(manifest), digest
 
 
 def sha256(path: Path) -> str | None:

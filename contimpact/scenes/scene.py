@@ -139,8 +139,8 @@ class Scene:
                 "values": {name: list(values) for name, values in self.values.items()},
             },
             "numerics": {
-                **asdict(self.settings), "seed": self.seed, "starts": self.starts,
-                "rounds": self.rounds,
+                **asdict(self.settings),
+                **{name: getattr(self, name) for name in ("seed", "starts", "rounds")},
             },
             **({"curves": self._resolved_curves()} if self.curves else {}),
             **({"simulate": self.simulate.resolved()} if self.simulate else {}),
@@ -150,7 +150,7 @@ class Scene:
                 for name, value in asdict(self.plot).items()
                 if value is not None
             },
-        }  # fmt: skip
+        }
 
     def _resolved_curves(self) -> dict[str, Any]:
         curves = self.curves
@@ -286,16 +286,13 @@ def read_scene(given: Mapping[str, Any]) -> Scene:
     settings, search = read_numerics(top.table("numerics", optional=True))
     plot = read_plot(top.table("plot", optional=True), model, parameter)
     curves = None
-    if "curves" in given:
+    if top.has("curves"):
         curves = read_curves(top.table("curves"), model, parameter, events)
-    top.asked.append("curves")
     simulate, energy = read_simulation(top, model, parameter, (low, high))
     top.finish()
-    return Scene(
-        name, source, model, parameter, (low, high), orbits, events=events, values=values,
-        settings=settings, plot=plot, given=given, **search, **reach,
-        curves=curves, simulate=simulate, energy=energy,
-    )  # fmt: skip
+    asked: dict[str, Any] = {"events": events, "values": values, "settings": settings, "plot": plot}
+    asked |= {"curves": curves, "simulate": simulate, "energy": energy, **search, **reach}
+    return Scene(name, source, model, parameter, (low, high), orbits, given=given, **asked)
 
 
 def _name(name: str) -> str:

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 from ..errors import InputError
 from ..models.model import Model
 from .options import LARGEST_SEED, MOST_STARTS
+from .table import Table
 
 if TYPE_CHECKING:
     from ..systems.membrane import Membrane
@@ -19,8 +20,11 @@ DIRECTIONS = ("down", "up", "both")
 MOST_VALUES = 100_000
 LARGEST_GRID = 1000
 SETTLING_BOUNDS = {
-    "transient": (0, 10**8), "periods": (1, 10**8), "longest": (1, 100_000), "impacts": (20, 10**7),
-}  # fmt: skip
+    "transient": (0, 10**8),
+    "periods": (1, 10**8),
+    "longest": (1, 100_000),
+    "impacts": (20, 10**7),
+}
 """Least and most of the whole numbers of `Settling`."""
 
 
@@ -112,7 +116,7 @@ class SimulateOptions:
 
 
 def read_simulate(
-    table: Any, model: Model, parameter: str, limits: tuple[float, float]
+    table: Table, model: Model, parameter: str, limits: tuple[float, float]
 ) -> SimulateOptions:
     """Validate the table [simulate].
 
@@ -136,9 +140,8 @@ def read_simulate(
         found = f"{model.SYSTEM} has {model.DEGREES_OF_FREEDOM} degrees of freedom"
         raise InputError("simulate", found, "simulate a system with one")
     low, high = limits
-    if "range" in table.data:
-        low, high = (declared.check(v, "simulate.range") for v in table.pair("range"))
-    table.asked.append("range")
+    if given := table.optional_pair("range"):
+        low, high = (declared.check(v, "simulate.range") for v in given)
     direction = table.text("direction", "down")
     if direction not in DIRECTIONS:
         raise InputError(
@@ -146,36 +149,37 @@ def read_simulate(
         )
     points = {
         key: tuple(
-            declared.check(v, f"simulate.{key}[{i}]") for i, v in enumerate(_numbers(table, key))
+            declared.check(v, f"simulate.{key}[{i}]")
+            for i, v in enumerate(table.optional_numbers(key))
         )
         for key in ("portraits", "basins")
     }
     options = SimulateOptions(
-        (low, high), table.whole("values", 101, least=2, most=MOST_VALUES), direction,
+        (low, high),
+        table.whole("values", 101, least=2, most=MOST_VALUES),
+        direction,
         _settling(table),
         table.whole("starts", 0, least=0, most=MOST_STARTS),
         table.whole("seed", 0, least=0, most=LARGEST_SEED),
-        table.truth("transitions", True), _positive(table, "width", 1e-6 * (high - low)),
-        table.truth("branches", False), points["portraits"], points["basins"],
+        table.truth("transitions", True),
+        _positive(table, "width", 1e-6 * (high - low)),
+        table.truth("branches", False),
+        points["portraits"],
+        points["basins"],
         table.whole("grid", 40, least=2, most=LARGEST_GRID),
-    )  # fmt: skip
+    )
     table.finish()
     return options
 
 
-def _numbers(table: Any, key: str) -> list[float]:
-    table.asked.append(key)
-    return table.numbers(key) if key in table.data else []
-
-
-def _positive(table: Any, key: str, default: float) -> float:
+def _positive(table: Table, key: str, default: float) -> float:
     value = table.number(key, default)
     if not value > 0.0:
         raise InputError(table.place(key), f"found {value!r}", "give a number > 0")
     return value
 
 
-def _settling(table: Any) -> Settling:
+def _settling(table: Table) -> Settling:
     defaults = asdict(SETTLING)
     chosen: dict[str, Any] = {
         key: table.whole(key, defaults[key], least=least, most=most)
@@ -184,7 +188,7 @@ def _settling(table: Any) -> Settling:
     return Settling(**chosen, tolerance=_positive(table, "tolerance", defaults["tolerance"]))
 
 
-def read_energy(table: Any, model: Model) -> Membrane:
+def read_energy(table: Table, model: Model) -> Membrane:
     """Validate the table [energy].
 
     Raises

@@ -121,6 +121,19 @@ class Table:
             raise self.refuse(key, self.data[key], wanted)
         return values[0], values[1]
 
+    def has(self, key: str) -> bool:
+        """Whether there is anything at a key, which counts as asked for."""
+        self.asked.append(key)
+        return key in self.data
+
+    def optional_numbers(self, key: str) -> list[float]:
+        """Return a list of numbers, empty if there is none."""
+        return self.numbers(key) if self.has(key) else []
+
+    def optional_pair(self, key: str) -> tuple[float, float] | None:
+        """Return two numbers, the lower one first, if they are there."""
+        return self.pair(key) if self.has(key) else None
+
     def truth(self, key: str, default: bool) -> bool:
         """Return true or false."""
         value = self.take(key, default, "true or false")
@@ -144,13 +157,13 @@ class Table:
 
     def finish(self) -> None:
         """Refuse the keys that nobody asked for."""
+        asked = list(dict.fromkeys(self.asked))
         for key in self.data:
-            if key not in self.asked:
-                near = _nearest(key, self.asked)
+            if key not in asked:
+                near = _nearest(key, asked)
                 hint = f" (did you mean {near!r}?)" if near else ""
-                raise InputError(
-                    self.place(key), f"unknown key{hint}", f"accepted are {', '.join(self.asked)}"
-                )
+                accepted = f"accepted are {', '.join(asked)}"
+                raise InputError(self.place(key), f"unknown key{hint}", accepted)
 
 
 def _nearest(key: str, known: Sequence[str]) -> str | None:

@@ -122,14 +122,12 @@ def read_curves(table: Table, model: Model, first: str, events: Sequence[str]) -
             )
             raise InputError(f"curves.kinds[{i}]", f"found {kind!r}", accepted)
     unphysical = table.truth("unphysical", False)
-    values = tuple(table.numbers("values")) if "values" in table.data else ()
-    start = tuple(table.numbers("start")) if "start" in table.data else ()
+    values, start = (tuple(table.optional_numbers(key)) for key in ("values", "start"))
     for i, value in enumerate(start):
         if not low <= value <= high:
             found = f"{value:.12g} is outside curves.range"
             accepted = f"give a value from {low:.12g} to {high:.12g}"
             raise InputError(f"curves.start[{i}]", found, accepted)
-    table.asked += ["values", "start"]
     family = _family(table.table("family", optional=True), model, (first, name))
     steps: dict[str, Any] = {
         k: table.number(k, getattr(CURVE_SETTINGS, k)) for k in ("step", "max_step")
@@ -150,15 +148,14 @@ def read_simulation(
 ) -> tuple[SimulateOptions | None, Membrane | None]:
     """Read [simulate] and [energy]; what reads them is imported only if they are there."""
     simulate = energy = None
-    if "simulate" in top.data:
+    if top.has("simulate"):
         from .simulate_tables import read_simulate
 
         simulate = read_simulate(top.table("simulate"), model, parameter, limits)
-    if "energy" in top.data:
+    if top.has("energy"):
         from .simulate_tables import read_energy
 
         energy = read_energy(top.table("energy"), model)
-    top.asked += ["simulate", "energy"]
     return simulate, energy
 
 
@@ -211,10 +208,7 @@ def read_plot(table: Table, model: Model, parameter: str) -> PlotOptions:
     if x not in model.varying(parameter):
         accepted = f"accepted are {', '.join(model.varying(parameter))}"
         raise InputError("plot.x", f"{x!r} does not vary along the branches", accepted)
-    limits = {
-        key: table.pair(key) if key in table.data else None for key in ("xlim", "ylim")
-    }  # fmt: skip
-    table.asked += list(limits)
+    limits = {key: table.optional_pair(key) for key in ("xlim", "ylim")}
     chosen = {}
     for key, known, default in (("unphysical", SHOWN, "period-1"), ("labels", LABELS, "all")):
         chosen[key] = table.text(key, default)

@@ -16,6 +16,8 @@ T = TypeVar("T")
 
 NOT_FINITE = ("inf", "-inf", "nan")
 LARGEST = 2**63 - 1
+DAMAGE = (ValueError, LookupError, TypeError, AttributeError, ArithmeticError, RecursionError)
+"""What reading a damaged record may raise."""
 
 
 def made(kind: type[T], record: Any, needed: Collection[str] | None = None) -> T:

@@ -117,9 +117,7 @@ def surveyed(scene: Scene) -> list[float]:
     return values
 
 
-def not_found(
-    scene: Scene, kernels: Kernels, word: Word, progress: Progress = silent
-) -> NotFound:  # fmt: skip
+def not_found(scene: Scene, kernels: Kernels, word: Word, progress: Progress = silent) -> NotFound:
     """Return what is known of a word without an orbit at the start, looked for elsewhere."""
     found = NotFound.of(scene, word)
     for value in surveyed(scene):
