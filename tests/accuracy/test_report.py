@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from zoo import ROOT
 
+from contimpact.accuracy import long_words
 from contimpact.accuracy import report as module
 from contimpact.accuracy.events import honesty, measured_events
 from contimpact.accuracy.output import _simulation_table
@@ -50,7 +51,7 @@ def folder(tmp_path_factory):
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(module, "TOLERANCES", (1e-4, 1e-8, 1e-14))
         patch.setattr(module, "STEPS", (0.1, 0.01))
-        patch.setattr(module, "WORD_LENGTHS", (10, 20, 40, 60))
+        patch.setattr(long_words, "WORD_LENGTHS", (10, 20, 40, 60))
         patch.setattr(module, "SHOT", 2)
         command = ["report", str(place / "scene.toml"), "-o", str(place / "out"), "-n", "2"]
         assert main(command) == 0
