@@ -39,20 +39,20 @@ def measured_events(scene: Scene, kernels: Kernels) -> list[dict[str, Any]]:
 
 
 def _event_row(exact: Reference, entry: Entry, unknowns: Array) -> dict[str, Any]:
-    details = {
-        "flight": entry.flight, "wall": entry.wall, "impact": entry.impact,
-        "touch_time": entry.touch_time, "requested": entry.requested,
-    }  # fmt: skip
+    names = ("flight", "wall", "impact", "touch_time", "requested")
+    details = {name: getattr(entry, name) for name in names}
     found = exact.event(entry.kind, unknowns, details)
     true = abs(found.parameter_error(entry.value)) if found else None
     return {
-        "id": entry.id, "label": entry.label, "branch": entry.branch, "value": entry.value,
+        **{name: getattr(entry, name) for name in ("id", "label", "branch", "value")},
         "digits": exact.ctx.nstr(found.parameter, DIGITS) if found else None,
-        "true_error": true, "estimated_error": entry.error,
+        "true_error": true,
+        "estimated_error": entry.error,
         "ratio": None if true is None else _ratio(true, entry.error),
         "moved": found.distance(unknowns) if found else None,
-        "condition": found.condition if found else None, "method": entry.method,
-    }  # fmt: skip
+        "condition": found.condition if found else None,
+        "method": entry.method,
+    }
 
 
 def _ratio(true: float, estimated: float) -> float:

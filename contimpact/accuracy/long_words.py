@@ -61,9 +61,10 @@ def _repeated(orbit: Orbit, times: int) -> tuple[OrbitProblem, Array]:
     span = problem.span(orbit.unknowns)
     rows = np.vstack([problem.impacts(orbit.unknowns)] * times)
     rows[:, 0] += span * np.repeat(np.arange(times), len(word))
-    longer = OrbitProblem(problem.model, Word(word.walls * times, word.period * times),
-                          problem.kernels)  # fmt: skip
-    return longer, np.append(rows.ravel(), orbit.unknowns[-1])
+    longer = Word(word.walls * times, word.period * times)
+    return OrbitProblem(problem.model, longer, problem.kernels), np.append(
+        rows.ravel(), orbit.unknowns[-1]
+    )
 
 
 def _exponent(rows: Sequence[Mapping[str, Any]], name: str) -> float:

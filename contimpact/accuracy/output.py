@@ -41,16 +41,20 @@ def markdown(data: Mapping[str, Any], figures: Sequence[str] = ()) -> str:
     """Return a report as text with tables."""
     machine, fair = data["machine"], data["honesty"]
     about = ", ".join(f"{name} {value}" for name, value in machine.items())
-    lines = [
-        f"# Error against run time: {data['scene']}", "",
-        f"The branch of the orbit {data['orbit']}, without events. Errors are those of impact",
-        f"times and velocities against {data['digits']} digits, at up to {SAMPLES} places.",
-        f"Seconds are medians of {data['repetitions']} repetitions, with least and most.",
-        f"Shooting solves for {SHOT} orbits of the branch, at most 3 times, from guesses good to",
-        "three digits; its cost is scaled to all orbits of the branch. Evaluations are of flight",
-        "kernels; of shooting, of the equations of motion.", "", f"Machine: {about}.", "",
-        *(f"![Error against seconds and evaluations]({name})" for name in figures), "",
-    ]  # fmt: skip
+    text = f"""\
+# Error against run time: {data["scene"]}
+
+The branch of the orbit {data["orbit"]}, without events. Errors are those of impact
+times and velocities against {data["digits"]} digits, at up to {SAMPLES} places.
+Seconds are medians of {data["repetitions"]} repetitions, with least and most.
+Shooting solves for {SHOT} orbits of the branch, at most 3 times, from guesses good to
+three digits; its cost is scaled to all orbits of the branch. Evaluations are of flight
+kernels; of shooting, of the equations of motion.
+
+Machine: {about}.
+"""
+    lines = text.split("\n")
+    lines += [*(f"![Error against seconds and evaluations]({name})" for name in figures), ""]
     for method in data["methods"]:
         lines += _method_table(method)
     lines += _event_table(data["events"], fair)
@@ -72,12 +76,9 @@ def _method_table(method: Mapping[str, Any]) -> list[str]:
         f"| {r['failed'] or ''} |"
         for r in method["rows"]
     ]
-    return [
-        f"## {method['name']}", "",
-        f"Largest error of {method['error_of']}.", "",
-        f"| {method['varied']} | error | seconds | spread | evaluations | orbits | failed |",
-        "|---|---|---|---|---|---|---|", *rows, "",
-    ]  # fmt: skip
+    head = [f"## {method['name']}", "", f"Largest error of {method['error_of']}.", ""]
+    columns = "error | seconds | spread | evaluations | orbits | failed"
+    return [*head, *_table(f"{method['varied']} | {columns}", rows), ""]
 
 
 def _event_table(events: Sequence[Mapping[str, Any]], fair: Mapping[str, Any]) -> list[str]:
@@ -86,24 +87,23 @@ def _event_table(events: Sequence[Mapping[str, Any]], fair: Mapping[str, Any]) -
         f"| {_number(e['estimated_error'])} | {_number(e['ratio'])} | {_number(e['condition'])} |"
         for e in events
     ]
-    return [
-        "## Events", "",
+    summary = (
         f"{fair['confirmed']} of {fair['events']} events confirmed; the true error is within the "
         f"estimate for {fair['within_estimate']} of them, and at most "
-        f"{_number(fair['largest_ratio'])} of it (median {_number(fair['median_ratio'])}).", "",
-        "| id | event | value | true error | estimate | ratio | condition |",
-        "|---|---|---|---|---|---|---|", *rows, "",
-    ]  # fmt: skip
+        f"{_number(fair['largest_ratio'])} of it (median {_number(fair['median_ratio'])})."
+    )
+    columns = "id | event | value | true error | estimate | ratio | condition"
+    return ["## Events", "", summary, "", *_table(columns, rows), ""]
 
 
 def _simulation_table(found: Mapping[str, Any]) -> list[str]:
+    methods = [("closed form", found["simulator"])]
+    methods += [("solve_ivp", row) for row in found["solve_ivp"]]
     rows = [
         f"| {name} | {_number(r['setting'])} | {_number(r['error']) or 'failed'} "
         f"| {_number(r['seconds']['median'])} | {_number(r['evaluations'])} | {r['failed'] or ''} |"
-        for name, r in [
-            ("closed form", found["simulator"]), *(("solve_ivp", r) for r in found["solve_ivp"]),
-        ]
-    ]  # fmt: skip
+        for name, r in methods
+    ]
     along, energy = found["along"], found["energy"]
     said = [
         f"Along the motion, from its first impact, the error is at most "
@@ -114,14 +114,13 @@ def _simulation_table(found: Mapping[str, Any]) -> list[str]:
             f"Voltages of these impacts are off by at most {_number(energy['formula'])} for the "
             f"simulated velocities, and {_number(energy['along'])} altogether, relative to them."
         )
-    return [
-        "## Simulation", "",
+    head = (
         f"A run of {found['impacts']} impacts after the transient. Errors are the largest of "
         f"{found['flights']} flights, each from the impact before it; seconds and evaluations are "
-        "those of a flight.", "",
-        "| method | rtol | error | seconds | evaluations | failed |", "|---|---|---|---|---|---|",
-        *rows, "", *said, "",
-    ]  # fmt: skip
+        "those of a flight."
+    )
+    table = _table("method | rtol | error | seconds | evaluations | failed", rows)
+    return ["## Simulation", "", head, "", *table, "", *said, ""]
 
 
 def _word_table(words: Mapping[str, Any]) -> list[str]:
@@ -131,10 +130,13 @@ def _word_table(words: Mapping[str, Any]) -> list[str]:
         for row in words["rows"]
     ]
     slopes = " | ".join(f"{words['exponents'][n]:.2f}" for n in names)
-    return [
-        "## Long words", "",
-        "Seconds against the number of impacts; the last row is the exponent over the longer "
-        "words.", "",
-        f"| impacts | {' | '.join(names)} |", "|---|" + "---|" * len(names), *rows,
-        f"| exponent | {slopes} |",
-    ]  # fmt: skip
+    head = (
+        "Seconds against the number of impacts; the last row is the exponent over the longer words."
+    )
+    table = _table(" | ".join(["impacts", *names]), [*rows, f"| exponent | {slopes} |"])
+    return ["## Long words", "", head, "", *table]
+
+
+def _table(columns: str, rows: Sequence[str]) -> list[str]:
+    """A table in Markdown: names of columns between bars, and its rows."""
+    return [f"| {columns} |", "|" + "---|" * (columns.count(" | ") + 1), *rows]

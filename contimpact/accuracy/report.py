@@ -132,13 +132,11 @@ class _Task:
         self.exact = Reference(self.problem, DIGITS)
 
     def walks(self, settings: Settings) -> list[Walk]:
+        start, limits = (self.problem, self.orbit.unknowns), self.scene.range
         return [
-            walk_orbits(
-                self.problem, self.orbit.unknowns, direction, gaps=False, limits=self.scene.range,
-                settings=settings,
-            )
+            walk_orbits(*start, direction, gaps=False, limits=limits, settings=settings)
             for direction in (-1, +1)
-        ]  # fmt: skip
+        ]
 
     def settings(self, **changes: Any) -> Settings:
         base = dataclasses.replace(self.scene.settings, max_points=POINTS, min_step=1e-7)
@@ -177,10 +175,11 @@ class _Task:
         """Errors of the curve half way between points, at every largest step."""
         rows = []
         for step in STEPS:
+            least = min(step, self.scene.settings.step)
+            steps = {"max_step": step, "step": least, "max_angle": step * 2.0}
             settings = self.settings(
-                max_step=step, step=min(step, self.scene.settings.step), predictor=predictor,
-                max_angle=step * 2.0, tolerance=1e-13, max_points=20 * POINTS,
-            )  # fmt: skip
+                **steps, predictor=predictor, tolerance=1e-13, max_points=20 * POINTS
+            )
             rows.append(self.row(step, settings, _between_points))
         return _method(f"step, {predictor} predictor", "max_step", "curve between points", rows)
 
@@ -195,9 +194,11 @@ class _Task:
         return {
             "setting": value,
             "error": max((self.error(*place) for place in _some(guesses)), default=None),
-            "evaluations": evaluations, "orbits": sum(len(w.points) for w in walks), "failed": 0,
+            "evaluations": evaluations,
+            "orbits": sum(len(w.points) for w in walks),
+            "failed": 0,
             "settings": settings,
-        }  # fmt: skip
+        }
 
     def error(self, unknowns: Array, held: int = -1) -> float:
         """The distance from the exact branch, where it has the same value of one unknown."""
@@ -221,16 +222,20 @@ class _Task:
 
         shooting = Shooting(self.problem, tolerance)
         repetitions = min(self.repetitions, 3)
-        solved, seconds = timed(
-            lambda: [shooting.orbit(_nearby(unknowns)) for unknowns in chosen],
-            repetitions, 1.0 / share,
-        )  # fmt: skip
+
+        def shoot() -> list[Array | None]:
+            return [shooting.orbit(_nearby(unknowns)) for unknowns in chosen]
+
+        solved, seconds = timed(shoot, repetitions, 1.0 / share)
         reached = [unknowns for unknowns in solved if unknowns is not None]
         return {
-            "setting": tolerance, "error": max(map(self.error, reached), default=None),
-            "seconds": seconds, "evaluations": share * shooting.evaluations / repetitions,
-            "orbits": len(chosen), "failed": len(chosen) - len(reached),
-        }  # fmt: skip
+            "setting": tolerance,
+            "error": max(map(self.error, reached), default=None),
+            "seconds": seconds,
+            "evaluations": share * shooting.evaluations / repetitions,
+            "orbits": len(chosen),
+            "failed": len(chosen) - len(reached),
+        }
 
 
 def _method(name: str, varied: str, measure: str, rows: list[dict[str, Any]]) -> dict[str, Any]:

@@ -111,10 +111,9 @@ class Shooting:
         event: Any = arrival
         event.terminal = True
         event.direction = next(w.side for w in walls if w.name == b)
-        result = self._integrate(
-            motion, (impact[0], impact[0] + 2.0 * span), start, events=event,
-            rtol=self.tolerance, atol=self.tolerance, method="DOP853",
-        )  # fmt: skip
+        window, tolerance = (impact[0], impact[0] + 2.0 * span), self.tolerance
+        options = {"rtol": tolerance, "atol": tolerance, "method": "DOP853"}
+        result = self._integrate(motion, window, start, events=event, **options)
         if result.status != 1:
             return None
         return [float(result.t_events[0][0]), float(result.y_events[0][0][1])]

@@ -136,17 +136,19 @@ def simulated(
     exact = ExactFlights(simulator, digits)
     one_by_one = exact.errors(run)
     along, velocities = exact.along(run)
-    row = {"setting": None, "error": max(one_by_one, default=None), "seconds": seconds,
-           "evaluations": None, "failed": 0}  # fmt: skip
+    row = {"setting": None, "error": max(one_by_one, default=None), "seconds": seconds}
+    row |= {"evaluations": None, "failed": 0}
     energy = None
     if scene.energy is not None:
         energy = voltages(scene.energy, scene.model.values, run, velocities, exact.exact.ctx)
     return {
-        "impacts": len(run), "flights": len(one_by_one),
+        "impacts": len(run),
+        "flights": len(one_by_one),
         "simulator": row,
         "solve_ivp": [integrated(exact, run, tolerance) for tolerance in tolerances],
-        "along": along, "energy": energy,
-    }  # fmt: skip
+        "along": along,
+        "energy": energy,
+    }
 
 
 def integrated(exact: ExactFlights, run: Run, tolerance: float) -> dict[str, Any]:
@@ -170,9 +172,12 @@ def integrated(exact: ExactFlights, run: Run, tolerance: float) -> dict[str, Any
         if found is not None and truth is not None:
             errors.append(max(abs(float(x - y)) for x, y in zip(truth, found, strict=True)))
     return {
-        "setting": tolerance, "error": max(errors, default=None), "seconds": seconds,
-        "evaluations": shooting.evaluations / max(len(rows), 1), "failed": len(rows) - len(errors),
-    }  # fmt: skip
+        "setting": tolerance,
+        "error": max(errors, default=None),
+        "seconds": seconds,
+        "evaluations": shooting.evaluations / max(len(rows), 1),
+        "failed": len(rows) - len(errors),
+    }
 
 
 def voltages(
@@ -189,8 +194,8 @@ def voltages(
         same, truth = (plain_voltage(membrane, scale * ctx.mpf(speed), ctx) for speed in (v, exact))
         formula.append(abs(float(found / same - 1)))
         whole.append(abs(float(found / truth - 1)))
-    return {"impacts": len(formula), "formula": max(formula, default=None),
-            "along": max(whole, default=None)}  # fmt: skip
+    largest = {"formula": max(formula, default=None), "along": max(whole, default=None)}
+    return {"impacts": len(formula), **largest}
 
 
 def plain_voltage(membrane: Membrane, velocity: Any, ctx: Any) -> Any:
