@@ -31,23 +31,33 @@ if TYPE_CHECKING:
     from ..attractors.simulation import Simulation
     from ..scenes.scene import PlotOptions
 
-MARKS: dict[str, dict[str, Any]] = {
-    "first": {"marker": "o", "markerfacecolor": "none", "markersize": 3.2, "markeredgewidth": 0.6,
-              "color": "0.4", "zorder": 1.5},
-    "second": {"marker": "x", "markersize": 3.6, "markeredgewidth": 0.8, "color": "#D55E00",
-               "zorder": 4},
-    "random": {"marker": "D", "markerfacecolor": "none", "markersize": 3.4, "markeredgewidth": 0.7,
-               "color": "0.15", "zorder": 4},
-}  # fmt: skip
+
+def _mark(marker: str, size: float, edge: float, colour: str, zorder: float) -> dict[str, Any]:
+    look: dict[str, Any] = {"marker": marker, "markersize": size, "markeredgewidth": edge}
+    hollow = {} if marker == "x" else {"markerfacecolor": "none"}
+    return look | hollow | {"color": colour, "zorder": zorder}
+
+
+MARKS = {
+    "first": _mark("o", 3.2, 0.6, "0.4", 1.5),
+    "second": _mark("x", 3.6, 0.8, "#D55E00", 4),
+    "random": _mark("D", 3.4, 0.7, "0.15", 4),
+}
 """Of the sweep done first, beneath the branches; of the other one; of random starts."""
 SPOTS = ("#0072B2", "#E69F00", "#009E73", "#CC79A7", "#56B4E9", "#F0E442", "0.45")
 
 
 def plot_sweep(
-    sweep: Sweep, ax: Any = None, *, x: str | None = None, diagram: Diagram | None = None,
-    xlim: tuple[float, float] | None = None, ylim: tuple[float, float] | None = None,
-    unit: str = "", **options: Any,
-) -> Any:  # fmt: skip
+    sweep: Sweep,
+    ax: Any = None,
+    *,
+    x: str | None = None,
+    diagram: Diagram | None = None,
+    xlim: tuple[float, float] | None = None,
+    ylim: tuple[float, float] | None = None,
+    unit: str = "",
+    **options: Any,
+) -> Any:
     """Draw attractors as open circles, with branches over them if there are any.
 
     Of a sweep in the second direction what the first one met at the same value is left out.
@@ -141,10 +151,8 @@ def _label(ax: Any, x: str, unit: str, y: str) -> None:
 
 
 def _legend(ax: Any, handles: Sequence[Any]) -> None:
-    ax.legend(
-        handles=list(handles), loc="upper left", bbox_to_anchor=(1.045, 1.0), fontsize=8,
-        frameon=False, borderaxespad=0.0,
-    )  # fmt: skip
+    beside: dict[str, Any] = {"loc": "upper left", "bbox_to_anchor": (1.045, 1.0)}
+    ax.legend(handles=list(handles), fontsize=8, frameon=False, borderaxespad=0.0, **beside)
 
 
 # Exponents and energy.
@@ -162,23 +170,20 @@ def plot_exponents(sweep: Sweep, ax: Any = None, *, x: str | None = None, unit: 
     sticking = [r for r in sweep.rows if r.attractor.kind is Kind.STICKING]
     handles = []
     ax.axhline(0.0, color="0.6", linewidth=0.8, zorder=0)
+    of_kind = {kind: [r for r in finite if r.attractor.kind is kind] for kind in Kind}
     looks = {
         "periodic": ([r for r in finite if r.attractor.period is not None], "none", "0.15"),
-        "complex": ([r for r in finite if r.attractor.kind is Kind.COMPLEX], "#D55E00", "#D55E00"),
-        "not settled": (
-            [r for r in finite if r.attractor.kind is Kind.NOT_SETTLED], "0.7", "0.4"
-        ),
-    }  # fmt: skip
+        "complex": (of_kind[Kind.COMPLEX], "#D55E00", "#D55E00"),
+        "not settled": (of_kind[Kind.NOT_SETTLED], "0.7", "0.4"),
+    }
     for name, (rows, face, edge) in looks.items():
         if not rows:
             continue
         places = [r.attractor.parameters[x] for r in rows]
         errors = [r.attractor.error * r.attractor.rate for r in rows]
         mark = {"marker": "o", "markersize": 3.2, "markerfacecolor": face, "color": edge}
-        ax.errorbar(
-            places, [r.attractor.per_period for r in rows], yerr=errors, linestyle="none",
-            elinewidth=0.8, **mark,
-        )  # fmt: skip
+        values = [r.attractor.per_period for r in rows]
+        ax.errorbar(places, values, yerr=errors, linestyle="none", elinewidth=0.8, **mark)
         handles.append(style.legend_mark(linestyle="none", label=name, **mark))
     if sticking:
         mark = {"marker": "v", "markersize": 4, "color": "0.15", "linestyle": "none"}
@@ -192,9 +197,15 @@ def plot_exponents(sweep: Sweep, ax: Any = None, *, x: str | None = None, unit: 
 
 
 def plot_energy(
-    membrane: Membrane, sweep: Sweep, ax: Any = None, *, x: str | None = None,
-    diagram: Diagram | None = None, xlim: tuple[float, float] | None = None, unit: str = "",
-) -> Any:  # fmt: skip
+    membrane: Membrane,
+    sweep: Sweep,
+    ax: Any = None,
+    *,
+    x: str | None = None,
+    diagram: Diagram | None = None,
+    xlim: tuple[float, float] | None = None,
+    unit: str = "",
+) -> Any:
     """Draw the output voltages of attractors, and of the branches of period T.
 
     Open circles are U_k of each impact, squares the mean per impact, triangles the mean per unit of
@@ -217,13 +228,14 @@ def plot_energy(
         places.append(place)
     sticks = any(row.attractor.kind is Kind.STICKING for row in first)
     accumulates = "\n(0 where impacts accumulate)" if sticks else ""
-    looks = [
+    square = {"marker": "s", "markersize": 3.0, "color": "#D55E00", "zorder": 4}
+    triangle = {"marker": "^", "markersize": 3.2, "color": "#CC79A7", "zorder": 4}
+    per_impact = r"$\bar{U}_I$, per impact" + accumulates
+    looks: list[tuple[str, list[float], list[float], dict[str, Any]]] = [
         ("$U_k$", [p for p, _ in voltages], [u for _, u in voltages], MARKS["first"]),
-        (r"$\bar{U}_I$, per impact" + accumulates, places, [m[0] for m in means],
-         {"marker": "s", "markersize": 3.0, "color": "#D55E00", "zorder": 4}),
-        (r"$\bar{U}_T$, per time", places, [m[1] for m in means],
-         {"marker": "^", "markersize": 3.2, "color": "#CC79A7", "zorder": 4}),
-    ]  # fmt: skip
+        (per_impact, places, [m[0] for m in means], square),
+        (r"$\bar{U}_T$, per time", places, [m[1] for m in means], triangle),
+    ]
     for label, at, values, mark in looks:
         ax.plot(at, np.array(values) / 1e3, linestyle="none", **mark)
         handles.append(style.legend_mark(linestyle="none", label=label, **mark))
@@ -249,10 +261,9 @@ def _branch_voltages(ax: Any, membrane: Membrane, diagram: Diagram, x: str) -> l
             rows = slice(first, last + 1)
             used.add(state)
             for k, wall in enumerate(branch.word):
-                ax.plot(
-                    branch[x][rows], columns[f"U{k + 1}"][rows] / 1e3, color=colours[wall],
-                    linewidth=WIDTHS[state], linestyle=STYLES[state], zorder=2,
-                )  # fmt: skip
+                line = {"linewidth": WIDTHS[state], "linestyle": STYLES[state]}
+                volts = columns[f"U{k + 1}"][rows]
+                ax.plot(branch[x][rows], volts / 1e3, color=colours[wall], zorder=2, **line)
     handles = [style.legend_mark(color=colours[w], label=f"$U_k$, wall {w}") for w in walls]
     return handles + style.style_marks([state for state in STYLES if state in used])
 
@@ -265,23 +276,19 @@ def plot_basins(found: Basins, ax: Any = None) -> Any:
     ax = ax or style.new_figure(6.4, 4.4).add_subplot()
     colours = np.array([_rgb(SPOTS[k % len(SPOTS)]) for k in range(len(found.attractors))])
     period = found.attractors[0].forcing_period
-    edges_x = np.linspace(0.0, 1.0, len(found.phases) + 1)
     half = 0.5 * abs(found.velocities[1] - found.velocities[0]) if len(found.velocities) > 1 else 1
     low, high = min(found.velocities) - half, max(found.velocities) + half
     image = colours[found.labels]
     if found.velocities[0] > found.velocities[-1]:
         image = image[::-1]
-    ax.imshow(
-        0.35 + 0.65 * image, origin="lower", extent=(edges_x[0], edges_x[-1], low, high),
-        aspect="auto", interpolation="nearest",
-    )  # fmt: skip
+    extent, pixels = (0.0, 1.0, low, high), {"origin": "lower", "interpolation": "nearest"}
+    ax.imshow(0.35 + 0.65 * image, extent=extent, aspect="auto", **pixels)
     handles = []
     marks = ("o", "s", "^", "D", "v", "P", "X")
     for k, (a, share) in enumerate(zip(found.attractors, found.shares, strict=True)):
-        look: dict[str, Any] = {
-            "linestyle": "none", "marker": marks[k % len(marks)], "markersize": 5,
-            "color": SPOTS[k % len(SPOTS)], "markeredgecolor": "k", "markeredgewidth": 0.6,
-        }  # fmt: skip
+        look: dict[str, Any] = {"linestyle": "none", "markersize": 5, "markeredgecolor": "k"}
+        look |= {"marker": marks[k % len(marks)], "color": SPOTS[k % len(SPOTS)]}
+        look |= {"markeredgewidth": 0.6}
         here = (a.walls == found.wall_number) & ~a.released
         here &= (a.velocities >= low) & (a.velocities <= high)
         size = 5 if a.period is not None else 2
@@ -309,14 +316,12 @@ def save_simulation(result: Simulation, folder: Path, options: PlotOptions) -> l
     """Draw all pictures of a simulation to files; returns their names."""
     scene, sweep = result.scene, result.sweep
     unit = scene.model.unit(options.x)
-    choices = {"unphysical": options.unphysical, "labels": options.labels}
-    figures: dict[str, Any] = {
-        "attractors": plot_sweep(
-            sweep, x=options.x, diagram=result.diagram, xlim=options.xlim or None,
-            ylim=options.ylim, unit=unit, **(choices if result.diagram else {}),
-        ).figure,
-        "exponents": plot_exponents(sweep, x=options.x, unit=unit).figure,
-    }  # fmt: skip
+    choices: dict[str, Any] = {"xlim": options.xlim or None, "ylim": options.ylim}
+    if result.diagram:
+        choices |= {"unphysical": options.unphysical, "labels": options.labels}
+    swept = plot_sweep(sweep, x=options.x, diagram=result.diagram, unit=unit, **choices)
+    exponents = plot_exponents(sweep, x=options.x, unit=unit)
+    figures: dict[str, Any] = {"attractors": swept.figure, "exponents": exponents.figure}
     if scene.energy is not None:
         figures["energy"] = plot_energy(
             scene.energy, sweep, x=options.x, diagram=result.diagram, xlim=options.xlim, unit=unit

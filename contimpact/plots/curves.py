@@ -25,6 +25,9 @@ from ..records.curve import Check, Curve
 from .diagram import save_figure, write_heading
 from .texts import axis_label, set_label, symbol, values_text
 
+POINT: dict[str, Any] = {"color": "k", "linestyle": "none", "markersize": 4.5}
+BAND: dict[str, Any] = {"alpha": 0.6, "edgecolor": "white", "linewidth": 0}
+
 
 class Key(NamedTuple):
     """What a colour stands for: a bifurcation of an orbit."""
@@ -48,9 +51,13 @@ class Panel:
 
 
 def plot_curves(
-    curves: Sequence[Curve], axes: Any = None, *, along: str | None = None,
-    units: Mapping[str, str] | None = None, checks: Sequence[Check] = (),
-) -> Any:  # fmt: skip
+    curves: Sequence[Curve],
+    axes: Any = None,
+    *,
+    along: str | None = None,
+    units: Mapping[str, str] | None = None,
+    checks: Sequence[Check] = (),
+) -> Any:
     """Draw curves, one panel for each member of their family and each pair of parameters.
 
     Parameters
@@ -95,9 +102,12 @@ def plot_curves(
 
 
 def save_curves(
-    curves: Sequence[Curve], folder: Path, formats: Sequence[str], checks: Sequence[Check] = (),
+    curves: Sequence[Curve],
+    folder: Path,
+    formats: Sequence[str],
+    checks: Sequence[Check] = (),
     units: Mapping[str, str] | None = None,
-) -> list[str]:  # fmt: skip
+) -> list[str]:
     """Draw curves to files ``curves.<format>``; returns their names."""
     axes = plot_curves(curves, units=units, checks=checks)
     write_heading(axes[0].figure, values_text(_fixed(curves), units or {}))
@@ -167,12 +177,8 @@ def _axes(panels: Sequence[Panel]) -> Any:
     rows = -(-len(panels) // columns)
     size = (3.0 * columns + 1.2, 2.7 * rows + 0.7) if len(panels) > 1 else (6.2, 4.4)
     figure = matplotlib.figure.Figure(figsize=size, dpi=150, layout="constrained")
-    axes = np.ravel(
-        figure.subplots(
-            rows, columns, sharex=len({p.across for p in panels}) == 1, sharey=_alike(panels),
-            squeeze=False,
-        )
-    )  # fmt: skip
+    one, alike = len({p.across for p in panels}) == 1, _alike(panels)
+    axes = np.ravel(figure.subplots(rows, columns, sharex=one, sharey=alike, squeeze=False))
     for ax in axes[len(panels) :]:
         ax.set_visible(False)
     for ax in axes[max(len(panels) - columns, 0) : len(panels)]:  # nothing stands below these
@@ -193,10 +199,8 @@ def _draw_panel(ax: Any, panel: Panel, keys: Sequence[Key], units: Mapping[str, 
     for curve in panel.curves:
         _draw_curve(ax, curve, panel, _colour(_key(curve), keys))
         for point in curve.points:
-            ax.plot(
-                point.parameters[panel.across], point.parameters[panel.along], linestyle="none",
-                color="k", marker=MARKERS.get(point.kind, "P"), markersize=4.5, zorder=5,
-            )  # fmt: skip
+            place = (point.parameters[panel.across], point.parameters[panel.along])
+            ax.plot(*place, marker=MARKERS.get(point.kind, "P"), zorder=5, **POINT)
     if ax.xaxis.get_tick_params().get("labelbottom", True):
         ax.set_xlabel(axis_label(panel.across, units.get(panel.across, "")))
     if ax.yaxis.get_tick_params().get("labelleft", True):
@@ -224,10 +228,8 @@ def _draw_region(ax: Any, region: Region, keys: Sequence[Key]) -> None:
     key = next(k for k in keys if k.label == region.first and k.notation == region.notation)
     low = 0.04 * list(dict.fromkeys(k.notation for k in keys)).index(region.notation)
     height = 0.015 if region.said else 0.03
-    ax.axvspan(
-        region.low, region.high, ymin=low, ymax=low + height, facecolor=_colour(key, keys),
-        alpha=0.6, edgecolor="white", linewidth=0, hatch=kind_of(key.kind).look.hatch,
-    )  # fmt: skip
+    look = {"facecolor": _colour(key, keys), "hatch": kind_of(key.kind).look.hatch, **BAND}
+    ax.axvspan(region.low, region.high, ymin=low, ymax=low + height, **look)
 
 
 def _key(curve: Curve) -> Key:

@@ -44,10 +44,16 @@ AXES = (1.0, 1.2, 5.9, 3.1)
 
 
 def plot_diagram(
-    diagram: Diagram, ax: Any = None, *, x: str | None = None,
-    xlim: tuple[float, float] | None = None, ylim: tuple[float, float] | None = None,
-    unphysical: str = "period-1", labels: bool | str = True, unit: str = "",
-) -> Any:  # fmt: skip
+    diagram: Diagram,
+    ax: Any = None,
+    *,
+    x: str | None = None,
+    xlim: tuple[float, float] | None = None,
+    ylim: tuple[float, float] | None = None,
+    unphysical: str = "period-1",
+    labels: bool | str = True,
+    unit: str = "",
+) -> Any:
     """Draw a diagram.
 
     Parameters
@@ -257,10 +263,9 @@ def _name_walls(ax: Any, pieces: Sequence[Piece], colours: dict[str, str]) -> No
         while any(abs(speed - other) < apart for other in taken):
             speed += apart
         taken.append(speed)
-        ax.annotate(
-            wall, (place, speed), (4, 0), textcoords="offset points", ha="left", va="center",
-            fontsize=9, fontweight="bold", color=colour, annotation_clip=False, gid="wall",
-        )  # fmt: skip
+        look = {"fontsize": 9, "fontweight": "bold", "color": colour, "gid": "wall"}
+        offset: dict[str, Any] = {"textcoords": "offset points", "annotation_clip": False}
+        ax.annotate(wall, (place, speed), (4, 0), ha="left", va="center", **offset, **look)
 
 
 def _rightmost(ax: Any, pieces: Sequence[Piece]) -> list[tuple[float, float]]:
@@ -283,11 +288,10 @@ def _draw_event(ax: Any, entry: Entry, x: str, colours: dict[str, str]) -> None:
     if "touch_time" in kind.needed:
         marks.append((entry.wall, 0.0))
     for wall, speed in marks:
-        ax.plot(
-            entry.parameters[x], speed, linestyle="none", marker=kind.look.marker,
-            markersize=5.0, color=colours.get(wall, "k"), zorder=5,
-            markerfacecolor="white" if entry.ghost else colours.get(wall, "k"),
-        )  # fmt: skip
+        colour, marker = colours.get(wall, "k"), kind.look.marker
+        look = {"color": colour, "markerfacecolor": "white" if entry.ghost else colour}
+        mark: dict[str, Any] = {"linestyle": "none", "marker": marker, "markersize": 5.0}
+        ax.plot(entry.parameters[x], speed, zorder=5, **mark, **look)
 
 
 def legend_handles(
@@ -333,7 +337,6 @@ def style_marks(styles: Sequence[str]) -> list[Any]:
 def draw_legend(ax: Any, handles: Sequence[Any]) -> None:
     """Draw a legend below the frame."""
     columns = max(2, int(ax.get_window_extent().width / ax.figure.dpi * 72.0 / 72.0))
-    ax.legend(
-        handles=list(handles), loc="upper center", bbox_to_anchor=(0.5, 0.0), borderaxespad=4.6,
-        ncols=columns, fontsize=8, frameon=False, handlelength=2.2, columnspacing=1.4,
-    )  # fmt: skip
+    below: dict[str, Any] = {"loc": "upper center", "bbox_to_anchor": (0.5, 0.0)}
+    sizes = {"borderaxespad": 4.6, "fontsize": 8, "handlelength": 2.2, "columnspacing": 1.4}
+    ax.legend(handles=list(handles), ncols=columns, frameon=False, **below, **sizes)

@@ -69,9 +69,11 @@ class Spot:
 def chosen(entries: Iterable[Entry], which: str) -> list[Entry]:
     """Return the events to be labelled, by one of `CHOICES`; values asked for have no label."""
     wanted = {
-        "all": lambda e: True, "period-1": lambda e: e.period == 1,
-        "real": lambda e: not e.ghost, "none": lambda e: False,
-    }[which]  # fmt: skip
+        "all": lambda e: True,
+        "period-1": lambda e: e.period == 1,
+        "real": lambda e: not e.ghost,
+        "none": lambda e: False,
+    }[which]
     return [e for e in entries if e.requested is None and wanted(e)]
 
 
@@ -155,10 +157,10 @@ def _draw(ax: Any, label: Label, spot: Spot) -> None:
     inches = ax.figure.dpi_scale_trans + ScaledTranslation(label.value, 1.0, transform)
     path = np.array([(0.0, 0.0), (moved, FAN), (moved, spot.height)]) / 72.0
     ax.add_artist(Line2D(*path.T, transform=inches, clip_on=False, gid="leader", **line))
-    ax.annotate(
-        label.text, (label.value, 1.0), (spot.left - spot.place, spot.height), xycoords=transform,
-        textcoords="offset points", ha="left", va="bottom", fontsize=SIZE, gid="event",
-    )  # fmt: skip
+    offset = (spot.left - spot.place, spot.height)
+    where: dict[str, Any] = {"xycoords": transform, "textcoords": "offset points"}
+    look: dict[str, Any] = {"ha": "left", "va": "bottom", "fontsize": SIZE, "gid": "event"}
+    ax.annotate(label.text, (label.value, 1.0), offset, **where, **look)
 
 
 # Places.
@@ -205,8 +207,8 @@ def _placed(
     rows = _rows(places, widths)
     right = _pushed(places, widths, rows)
     mirrored = ([-p for p in places[::-1]], widths[::-1], rows[::-1])
-    left = [(-port, -start - wide) for (port, start), wide in
-            zip(_pushed(*mirrored), widths[::-1], strict=True)][::-1]  # fmt: skip
+    pushed = zip(_pushed(*mirrored), widths[::-1], strict=True)
+    left = [(-port, -start - wide) for (port, start), wide in pushed][::-1]
     found: list[Spot] = []
     for part in (0.5, 0.25, 0.75, 0.0, 1.0):
         blend = (1.0 - part) * np.array(left) + part * np.array(right)

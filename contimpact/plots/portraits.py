@@ -25,10 +25,8 @@ if TYPE_CHECKING:
     from ..attractors.simulation import Simulation
 
 INK = "0.1"
-TOUCH: dict[str, Any] = {
-    "marker": "o", "markerfacecolor": "white", "markersize": 3.4, "markeredgewidth": 0.7,
-    "color": INK, "zorder": 5,
-}  # fmt: skip
+TOUCH: dict[str, Any] = {"marker": "o", "markerfacecolor": "white", "color": INK, "zorder": 5}
+TOUCH |= {"markersize": 3.4, "markeredgewidth": 0.7}
 OTHERS = ("#D55E00", "#009E73", "#CC79A7", "#56B4E9")
 """Colours of orbits beside the attractor; none is a wall's."""
 SHOWN = 40
@@ -70,9 +68,12 @@ def motion(
 
 
 def plot_portrait(
-    simulator: Simulator, attractor: Attractor, ax: Any = None, *,
+    simulator: Simulator,
+    attractor: Attractor,
+    ax: Any = None,
+    *,
     others: Mapping[str, Attractor] | None = None,
-) -> Any:  # fmt: skip
+) -> Any:
     """Draw the phase plane: velocity against position, with the walls and the touches.
 
     Parameters
@@ -98,21 +99,16 @@ def plot_portrait(
         handles.append(style.legend_mark(label=label, **look))
     _walls(ax.axvline, simulator)
     for wall, position in enumerate(simulator.positions):
-        ax.annotate(
-            simulator.letters[wall], (position, 1.0), (0, 3), ha="center", fontsize=8,
-            color=style.COLOURS[wall % len(style.COLOURS)], xycoords=ax.get_xaxis_transform(),
-            textcoords="offset points",
-        )  # fmt: skip
+        look = {"ha": "center", "xycoords": ax.get_xaxis_transform()}
+        _name_wall(ax, simulator, wall, (position, 1.0), (0, 3), look)
     for _, wall, speed in touches:
         ax.plot(simulator.positions[wall], speed, **TOUCH)
     ax.axhline(0.0, color="0.85", linewidth=0.6, zorder=0)
     ax.locator_params(axis="x", nbins=5)
     ax.set_xlabel("$Z$")
     ax.set_ylabel(r"$\dot{Z}$")
-    ax.legend(
-        handles=handles, fontsize=7, frameon=False, loc="upper center", bbox_to_anchor=(0.5, -0.16),
-        ncols=2, handlelength=3.2,
-    )  # fmt: skip
+    below: dict[str, Any] = {"loc": "upper center", "bbox_to_anchor": (0.5, -0.16), "ncols": 2}
+    ax.legend(handles=handles, fontsize=7, frameon=False, handlelength=3.2, **below)
     return ax
 
 
@@ -122,13 +118,9 @@ def _looks(labels: Sequence[str]) -> list[dict[str, Any]]:
     found = []
     for number, label in enumerate(labels):
         state = label.rpartition(" ")[2]
-        found.append(
-            {
-                "color": OTHERS[number % len(OTHERS)], "zorder": 3 + 0.01 * number,
-                "linestyle": STYLES.get(state, "-"),
-                "linewidth": max(1.0, 2.8 - 0.8 * number),
-            }
-        )  # fmt: skip
+        colour, width = OTHERS[number % len(OTHERS)], max(1.0, 2.8 - 0.8 * number)
+        look = {"color": colour, "linewidth": width, "linestyle": STYLES.get(state, "-")}
+        found.append(look | {"zorder": 3 + 0.01 * number})
     return found
 
 
@@ -141,17 +133,21 @@ def plot_series(simulator: Simulator, attractor: Attractor, ax: Any = None) -> A
     ax.plot(t / simulator.period - begin, z, color=INK, linewidth=1.1)
     _walls(ax.axhline, simulator)
     for wall, position in enumerate(simulator.positions):
-        ax.annotate(
-            simulator.letters[wall], (1.0, position), (4, 0), va="center", fontsize=8,
-            color=style.COLOURS[wall % len(style.COLOURS)], xycoords=ax.get_yaxis_transform(),
-            textcoords="offset points",
-        )  # fmt: skip
+        look = {"va": "center", "xycoords": ax.get_yaxis_transform()}
+        _name_wall(ax, simulator, wall, (1.0, position), (4, 0), look)
     for time, wall, _ in touches:
         ax.plot(time / simulator.period - begin, simulator.positions[wall], **TOUCH)
     ax.margins(x=0.01)
     ax.set_xlabel("$t/T$")
     ax.set_ylabel("$Z$")
     return ax
+
+
+def _name_wall(
+    ax: Any, simulator: Simulator, wall: int, place: Any, offset: Any, look: Mapping[str, Any]
+) -> None:
+    colour, name = style.COLOURS[wall % len(style.COLOURS)], simulator.letters[wall]
+    ax.annotate(name, place, offset, textcoords="offset points", color=colour, fontsize=8, **look)
 
 
 def _walls(line: Any, simulator: Simulator) -> None:
@@ -203,7 +199,6 @@ def _fastest(attractor: Attractor) -> float:
 
 def _as_attractor(branch: Branch, orbit: Orbit, simulator: Simulator) -> Attractor:
     walls = np.array([simulator.letters.index(letter) for letter in branch.word])
-    return Attractor(
-        Kind.PERIODIC, {}, branch.notation, simulator.period, branch.word, branch.period, walls,
-        orbit.times, orbit.velocities, np.zeros(len(walls), dtype=bool),
-    )  # fmt: skip
+    table = (walls, orbit.times, orbit.velocities, np.zeros(len(walls), dtype=bool))
+    T = simulator.period
+    return Attractor(Kind.PERIODIC, {}, branch.notation, T, branch.word, branch.period, *table)

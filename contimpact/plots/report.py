@@ -44,16 +44,13 @@ def plot_report(data: Mapping[str, Any], ax: Any = None, *, against: str = "seco
             _draw_method(ax, method["name"], rows, against, k)
     ax.set_xscale("log")
     ax.set_yscale("log")
-    ax.set_xlabel(
-        "seconds for the branch" if against == "seconds"
-        else "kernel evaluations (shooting: of the equations of motion)"
-    )  # fmt: skip
+    evaluations = "kernel evaluations (shooting: of the equations of motion)"
+    ax.set_xlabel("seconds for the branch" if against == "seconds" else evaluations)
     ax.set_ylabel("largest error of impact times and velocities")
     ax.axhline(2.2e-16, color="0.75", linewidth=0.6, zorder=0)
-    ax.annotate(
-        "rounding", (1.0, 2.2e-16), (-3, 2), xycoords=ax.get_yaxis_transform(),
-        textcoords="offset points", ha="right", va="bottom", fontsize=7, color="0.45",
-    )  # fmt: skip
+    where = {"xycoords": ax.get_yaxis_transform(), "textcoords": "offset points"}
+    look: dict[str, Any] = {"ha": "right", "va": "bottom", "fontsize": 7, "color": "0.45"}
+    ax.annotate("rounding", (1.0, 2.2e-16), (-3, 2), **where, **look)
     ax.grid(True, which="major", color="0.92", linewidth=0.6)
     ax.set_axisbelow(True)
     return ax
@@ -63,10 +60,9 @@ def _draw_method(
     ax: Any, name: str, rows: Sequence[Mapping[str, Any]], against: str, k: int
 ) -> None:
     errors = [r["error"] for r in rows]
-    style: dict[str, Any] = {
-        "color": COLOURS[k % len(COLOURS)], "marker": MARKERS[k % len(MARKERS)], "markersize": 4,
-        "linestyle": STYLES[k % len(STYLES)], "linewidth": 1.2, "label": name,
-    }  # fmt: skip
+    style: dict[str, Any] = {"markersize": 4, "linewidth": 1.2, "label": name}
+    style |= {"color": COLOURS[k % len(COLOURS)], "marker": MARKERS[k % len(MARKERS)]}
+    style |= {"linestyle": STYLES[k % len(STYLES)]}
     if against == "evaluations":
         ax.plot([r["evaluations"] for r in rows], errors, **style)
         return

@@ -15,11 +15,8 @@ from ..records.entry import Entry
 if TYPE_CHECKING:
     from ..models.model import Model
 
-SYMBOLS = {
-    "alpha": r"\alpha", "beta": r"\beta", "gamma": r"\gamma", "delta": r"\delta", "mu": r"\mu",
-    "omega": r"\omega", "phi": r"\varphi", "sigma": r"\sigma", "tau": r"\tau", "theta": r"\theta",
-    "zeta": r"\zeta",
-}  # fmt: skip
+GREEK = "alpha beta gamma delta mu omega phi sigma tau theta zeta".split()
+SYMBOLS = {name: rf"\{name}" for name in GREEK} | {"phi": r"\varphi"}
 DENOMINATORS = (1, 2, 3, 4, 6, 9, 12, 18)
 """Of the multiples of pi that are written as such."""
 ORBIT = r"(?:[^\W_]|[:/()])*"
