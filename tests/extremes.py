@@ -25,7 +25,7 @@ from contimpact.continuation.corrector import correct
 from contimpact.following.orbit_branch import both_ways
 from contimpact.models.word import Word
 from contimpact.orbits.problem import OrbitProblem
-from contimpact.orbits.search import settle
+from contimpact.orbits.search import solve_near
 from contimpact.segments.kernels import Kernels
 from contimpact.simulation.simulator import Simulator
 
@@ -82,7 +82,7 @@ def measured(model, word, parameter, limits, events=EVENTS, most=2, **extra):
             conditions.append(found.condition if found else math.inf)
             residual = max(residual, event.residual)
         count += len(run.events)
-        here = settle(problem, orbit.unknowns)
+        here = solve_near(problem, orbit.unknowns)
         found = exact.orbit(here.unknowns)
         errors.append(found.distance(here.unknowns) if found else math.inf)
         conditions.append(found.condition if found else math.inf)
@@ -95,7 +95,7 @@ def measured(model, word, parameter, limits, events=EVENTS, most=2, **extra):
 
 def solved(problem, guess, exact=True, **extra):
     """An orbit at fixed parameter from a guess, against thirty digits."""
-    here = settle(problem, guess)
+    here = solve_near(problem, guess)
     if here is None:
         return Row("Newton did not converge, said so")
     found = Reference(problem).orbit(here.unknowns) if exact else None
@@ -191,7 +191,7 @@ def repeated(model, times):
     problem = OrbitProblem(model, Word("BT" * times, times), kernels)
     guess = problem.unknowns_of(np.vstack(later)[:, 0] + 1e-6, np.vstack(later)[:, 1])
     row = solved(problem, guess, allowed=1e-10)
-    here = settle(problem, guess)
+    here = solve_near(problem, guess)
     found = Reference(problem).orbit(here.unknowns)
     large = Reference(problem).multipliers(found.unknowns)[0]
     off = abs(float(here.multipliers[0].real / float(large)) - 1.0)

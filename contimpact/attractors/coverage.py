@@ -17,7 +17,7 @@ import numpy as np
 from ..arrays import Array
 from ..models.word import Word, is_rotation
 from ..orbits.problem import OrbitProblem
-from ..orbits.search import Orbit, settle
+from ..orbits.search import Orbit, solve_near
 from ..records.branch import Branch
 from ..records.diagram import Diagram
 from ..segments.kernels import Kernels
@@ -145,7 +145,7 @@ def orbits_on(branch: Branch, sweep: Sweep, value: float, kernels: Kernels) -> l
         part = (value - parameters[row]) / step if step else 0.0
         points = [np.column_stack([branch.times[k], branch.velocities[k]]) for k in (row, after)]
         guess = points[0] + part * (points[1] - points[0])
-        here = settle(problem, np.append(guess.ravel(), value))
+        here = solve_near(problem, np.append(guess.ravel(), value))
         if here is not None:
             found.append(Orbit(problem, here))
     return found

@@ -22,7 +22,7 @@ from ..errors import InputError, shown
 from ..models.model import Model
 from ..models.word import Word
 from ..orbits.problem import OrbitProblem
-from ..orbits.search import Orbit, settle
+from ..orbits.search import Orbit, solve_near
 from ..records.branch import Branch
 from ..records.diagram import Diagram
 from ..records.entries import entry_of, event_of
@@ -311,7 +311,7 @@ class Run:
             left, right = rows[i], rows[i + 1]
             guess = left + (value - left[-1]) / (right[-1] - left[-1]) * (right - left)
             guess[-1] = value
-            here = settle(self.problem, guess)
+            here = solve_near(self.problem, guess)
             if here is not None:
                 apart = self.problem.difference(here.unknowns, unknowns)
                 if np.max(np.abs(apart)) < SAME_SOLUTION:

@@ -193,7 +193,9 @@ def find_orbits(
     return sorted(found, key=lambda orbit: -float(orbit.velocities[0]))
 
 
-def settle(problem: OrbitProblem, unknowns: Array, iterations: int = 12) -> Linearisation | None:
+def solve_near(
+    problem: OrbitProblem, unknowns: Array, iterations: int = 12
+) -> Linearisation | None:
     """Solve for an orbit at fixed parameter, to rounding, from a good guess; None if it fails."""
     z = unknowns.copy()
     best: Linearisation | None = None
@@ -221,7 +223,7 @@ def _keep(found: list[Orbit], known: list[Array], problem: OrbitProblem, solutio
     for other in known:
         left = left[~_same_solution(problem, left, other)]
     while len(left):
-        here = settle(problem, left[0])
+        here = solve_near(problem, left[0])
         left = left[1:]
         if here is None or not _in_order(here):
             continue
@@ -427,7 +429,7 @@ def orbit_at(problem: OrbitProblem, unknowns: Array) -> Orbit:
     InputError
         If Newton's iteration does not converge from there.
     """
-    here = settle(problem, np.asarray(unknowns, dtype=float))
+    here = solve_near(problem, np.asarray(unknowns, dtype=float))
     if here is None:
         raise InputError(
             "unknowns", f"no {problem.word} orbit was reached from them",

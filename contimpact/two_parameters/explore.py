@@ -18,7 +18,7 @@ from ..following.orbit_branch import Run, both_ways
 from ..models.model import Model
 from ..models.word import Word
 from ..orbits.problem import Array, OrbitProblem
-from ..orbits.search import settle
+from ..orbits.search import solve_near
 from ..progress import Progress, counted, silent
 from ..records.branch import Branch
 from ..records.competition import Region, regions
@@ -176,7 +176,7 @@ class _CurveExplorer:
         scene = self.scene
         here = OrbitProblem(model, problem.word, self.kernels)
         start = np.append(unknowns[:-1], scene.start)
-        settled = settle(here, start)
+        settled = solve_near(here, start)
         tests = test_functions(here, scene.events, scene.values)
         at = start if settled is None else settled.unknowns
         run = both_ways(here, at, scene.range, tests, scene.settings)

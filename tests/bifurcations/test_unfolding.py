@@ -17,7 +17,7 @@ from contimpact.bifurcations.kinds import test_functions as functions
 from contimpact.continuation.branch import EndKind, Event, Point
 from contimpact.continuation.settings import Settings
 from contimpact.following.orbit_branch import both_ways, continue_orbit
-from contimpact.orbits.search import find_orbits, settle
+from contimpact.orbits.search import find_orbits, solve_near
 from contimpact.systems.impact_pair import ImpactPair
 
 FAR = 2e-4
@@ -161,7 +161,7 @@ def test_a_zero_found_badly_beside_a_pitchfork_is_no_fold(off, kernel_cache):
     away = problem.difference(orbit.unknowns, centre)
     guess = centre + away * math.sqrt(off / -away[-1])  # the arm is a parabola
     guess[-1] = centre[-1] - off
-    here = settle(problem, guess)
+    here = solve_near(problem, guess)
     assert np.max(np.abs(problem.difference(here.unknowns, centre))) > 0.3 * math.sqrt(off)
     found = Event("FB", Point(here, away, 0.0, 0.0, 0), 1e-11, 1e-9, "newton", {})
     assert not Fold().accept(found)

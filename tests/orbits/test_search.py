@@ -10,7 +10,7 @@ import pytest
 from contimpact.errors import InputError
 from contimpact.models.word import Word
 from contimpact.orbits import search
-from contimpact.orbits.search import find_orbits, orbit_at, settle
+from contimpact.orbits.search import find_orbits, orbit_at, solve_near
 
 
 @pytest.fixture
@@ -381,7 +381,7 @@ def test_every_solution_is_settled_once(pair, orbits, monkeypatch):
 
     def counted(problem, unknowns):
         settled.append(unknowns)
-        return settle(problem, unknowns)
+        return solve_near(problem, unknowns)
 
     monkeypatch.setattr(search, "settle", counted)
     for word, count in [("1:1", 2), ("1:1/2T", 0)]:
@@ -492,7 +492,7 @@ def test_orbit_at(pair, orbits):
 def test_orbit_at_nowhere(pair, orbits, problem_of):
     problem = problem_of(pair(beta=0.0, d=5.0), "BT", "s")
     guess = problem.unknowns_of([0.1, 1.0], [0.6, -0.6])
-    assert settle(problem, guess) is None
+    assert solve_near(problem, guess) is None
     with pytest.raises(InputError, match="no BT orbit was reached"):
         orbit_at(problem, guess)
     for value in (math.nan, math.inf):

@@ -21,7 +21,7 @@ from contimpact.errors import InputError
 from contimpact.following.orbit_branch import both_ways
 from contimpact.models.word import parse_word
 from contimpact.orbits.recognition import repeats
-from contimpact.orbits.search import settle
+from contimpact.orbits.search import solve_near
 from contimpact.scenes.scene import read_scene
 from contimpact.studies.explore import follow
 
@@ -122,7 +122,7 @@ def lies_on(orbit, other):
         part = behind[i] / (behind[i] - ahead[i])
         guess = table[i] + part * (table[i + 1] - table[i])
         guess[-1] = value
-        there = settle(problem, guess)
+        there = solve_near(problem, guess)
         if there is not None:
             apart = problem.difference(there.unknowns, orbit.unknowns)
             if np.max(np.abs(apart)) < 1e-7:
