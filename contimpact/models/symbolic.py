@@ -6,6 +6,7 @@ Importing this module imports SymPy: systems do so inside `Model.formulas`.
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from fractions import Fraction
 from typing import Any
 
@@ -108,7 +109,9 @@ def fourier_series(
     return mean, [(k, a, b) for k, a, b in coefficients if k > 0]
 
 
-def _exact_coefficients(expression, t, text, where, period):
+def _exact_coefficients(
+    expression: sympy.Expr, t: sympy.Symbol, text: str, where: str, period: sympy.Expr
+) -> list[tuple[int, Any, Any]] | None:
     """(k, a_k, b_k) of a trigonometric polynomial; None if the expression is not one."""
     amplitudes: dict[int, Any] = {}
     for term in sympy.Add.make_args(sympy.expand(expression.rewrite(sympy.exp))):
@@ -138,7 +141,7 @@ def _exact_coefficients(expression, t, text, where, period):
     return [(k, a, b) for k, a, b in result if (a, b) != (0, 0)]
 
 
-def _require_real(amplitudes, text, where):
+def _require_real(amplitudes: Mapping[int, Any], text: str, where: str) -> None:
     """Refuse what is not finite, or not real for real t: c_-k has to be the conjugate of c_k."""
     numbers = {k: complex(sympy.sympify(c).evalf(30)) for k, c in amplitudes.items()}
     size = max(map(abs, numbers.values()), default=0.0)
@@ -157,7 +160,7 @@ def _real(value: Any) -> Any:
     return value if value.is_Rational else sympy.Float(number, 17)
 
 
-def _sampled_coefficients(text, where, period):
+def _sampled_coefficients(text: str, where: str, period: sympy.Expr) -> list[tuple[int, Any, Any]]:
     length = float(period)
     times = length * np.arange(_SAMPLES) / _SAMPLES
     with np.errstate(all="ignore"):

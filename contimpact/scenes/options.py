@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from ..continuation.settings import Settings
 
 CURVE_SETTINGS = Settings(tolerance=1e-13, max_step=0.05, max_points=1000)
+"""Numerics of curves in two parameters."""
 FORMATS = ("svg", "png", "pdf")
 SHOWN = ("period-1", "all", "none")
 LABELS = ("all", "period-1", "real", "none")

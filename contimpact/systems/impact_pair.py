@@ -16,6 +16,9 @@ from typing import Any, ClassVar
 
 from ..models.model import Formulas, Model, Parameter, Symmetry, Wall
 
+State = Sequence[Any]
+"""Positions or velocities, one for each degree of freedom."""
+
 
 class ImpactPair(Model):
     """The impact pair; times in half forcing periods, velocities dimensionless and before impact.
@@ -86,16 +89,16 @@ class ImpactPair(Model):
         gravity = mass * g * sympy.sin(beta) / amplitude
         constant = gravity + mean
 
-        def reset(wall, x, v):
+        def reset(wall: str, x: State, v: State) -> list[Any]:
             return [-restitution[wall] * v[0]]
 
-        def flight(t0, x0, v0, dt):
+        def flight(t0: Any, x0: State, v0: State, dt: Any) -> tuple[list[Any], list[Any]]:
             means = [harmonic_means(a, b, k * sympy.pi, t0, dt) for k, a, b in harmonics]
             once = sum((m[0] for m in means), sympy.Integer(0))
             twice = sum((m[1] for m in means), sympy.Integer(0))
             return [v0[0] + dt * (constant / 2 + twice)], [v0[0] + dt * (constant + once)]
 
-        def acceleration(t, x, v):
+        def acceleration(t: Any, x: State, v: State) -> list[Any]:
             waves = (
                 a * sympy.cos(k * sympy.pi * t) + b * sympy.sin(k * sympy.pi * t)
                 for k, a, b in harmonics

@@ -6,7 +6,7 @@ Impacts at the stop S reverse the velocity with restitution r. The forcing perio
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 from ..errors import InputError
@@ -72,13 +72,15 @@ class Oscillator(Model):
         denominator = (k - omega**2) ** 2 + (c * omega) ** 2
         in_phase, quadrature = a * (k - omega**2) / denominator, a * c * omega / denominator
 
-        def steady(t):
+        def steady(t: Any) -> Any:
             return in_phase * sympy.cos(omega * t) + quadrature * sympy.sin(omega * t)
 
-        def steady_rate(t):
+        def steady_rate(t: Any) -> Any:
             return omega * (quadrature * sympy.cos(omega * t) - in_phase * sympy.sin(omega * t))
 
-        def flight(t0, x0, v0, dt):
+        def flight(
+            t0: Any, x0: Sequence[Any], v0: Sequence[Any], dt: Any
+        ) -> tuple[list[Any], list[Any]]:
             # With A, B the free motions from unit displacement and from unit velocity,
             #   x1 - x0 = [p(t1) - p(t0)] + (x0 - p0)(A - 1) + (v0 - p0') B,
             # each bracket divided by dt in closed form; y = zeta dt and q = (k - zeta^2) dt^2, and
@@ -87,7 +89,7 @@ class Oscillator(Model):
             #   1 - A = dt^2 [zeta^2 (d2 + y d3)(-y^2) + (k - zeta^2)(d2 + y d3)(q)].
             y, q = zeta * dt, (k - zeta**2) * dt**2
 
-            def d_(order, argument):
+            def d_(order: int, argument: Any) -> Any:
                 return DecayingStumpff(sympy.Integer(order), y, argument)
 
             unit_velocity = d_(1, q)  # B/dt

@@ -29,10 +29,9 @@ from ..records.entry import Entry
 from ..records.given import entry_first
 from ..records.recovery import model_of
 from ..records.tables import all_parameters, coordinates
+from ..scenes.options import CURVE_SETTINGS
 from ..segments.kernels import Kernels
 from .problem import CurvePoint, CurveProblem, curve_problem, require_curve
-
-CURVE_SETTINGS = Settings(tolerance=1e-13, max_step=0.05, max_points=1000)
 
 
 def follow_curve(
