@@ -24,33 +24,22 @@ NEARBY = 16
 """Widths from the end within which it is given them."""
 
 
-def edge(
-    simulators: Simulators, before: Row, after: Row, width: float, settling: Settling = SETTLING
-) -> tuple[Row, Row, Row | None]:
-    """Locate the end of an attractor between two rows.
-
-    A periodic attractor is followed by simulation, with a step that is halved where it is lost and
-    grows again where it is not, so that beside the end the start is always close to the attractor:
-    a long step can kick the motion out of a small basin before its attractor ends. For other
-    motions, which a step does not leave so, the interval is bisected.
-
-    Returns
-    -------
-    earlier, left, right : Row
-        Two values with the attractor before, the second one the last, and the next one with
-        another; `right` is None if a periodic attractor does not end within ten times the distance
-        of the two rows.
-    """
-    earlier, left, _, right = locate(simulators, before, after, width, settling)
-    return earlier, left, right
-
-
 def locate(
     simulators: Simulators, before: Row, after: Row, width: float, settling: Settling = SETTLING
 ) -> tuple[Row, Row, Row, Row | None]:
-    """As `edge`, with the first row beyond the end before the last one.
+    """Locate the end of an attractor between two rows.
 
-    Where that one did not settle, the last one is the first further on that did.
+    A periodic attractor is followed by simulation, with a step that is halved where it is lost and
+    grows again where it is not, so that near the end the start is always close to the attractor: a
+    long step can kick the motion out of a small basin before its attractor ends. Other motions are
+    not left in this way; for them the interval is bisected.
+
+    Returns
+    -------
+    earlier, left, lost, right : Row
+        Two values with the attractor before, the second one the last; the first beyond the end; and
+        the first from there on at which the motion settles. `right` is None if a periodic attractor
+        does not end within ten times the distance of the two rows.
     """
     earlier, left, lost = before, before, after
     step, won = 0.5 * (after.value - before.value), 0

@@ -6,7 +6,7 @@ paper on vibro-impact pairs.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -89,8 +89,3 @@ def along(membrane: Membrane, branch: Branch, forcing_period: float = 2.0) -> di
     columns["U_I"] = total / voltages.shape[1]
     columns["U_T"] = total / (branch.period * forcing_period)
     return columns
-
-
-def columns_of(energies: Sequence[Energy]) -> int:
-    """Return how many voltages the longest of these has."""
-    return max((len(energy.impacts) for energy in energies), default=0)

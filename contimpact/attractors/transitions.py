@@ -15,7 +15,6 @@ from ..records.diagram import Diagram
 from ..records.entry import Entry
 from ..scenes.simulate_tables import SETTLING, Settling
 from .edges import EVALUATIONS, locate
-from .edges import edge as edge
 from .naming import Explanation, Transition, name
 from .sweep import Row, Simulators, Sweep
 

@@ -21,24 +21,24 @@ def require_output(options: argparse.Namespace) -> None:
         raise InputError("-o", "empty", "give the path of a folder")
 
 
-class Noted:
+class Interruption:
     """Whether the keyboard has interrupted, and whether that is to be raised at once."""
 
-    interrupted = False
+    happened = False
     raising = False
 
 
 @contextlib.contextmanager
-def deferred(noted: Noted) -> Iterator[None]:
+def deferred(interruption: Interruption) -> Iterator[None]:
     """Put interruptions off until what was computed is on disk; that there was one is noted."""
     if threading.current_thread() is not threading.main_thread():
         yield
         return
 
     def note(*signalled: Any) -> None:
-        noted.interrupted = True
-        if noted.raising:
-            noted.raising = False
+        interruption.happened = True
+        if interruption.raising:
+            interruption.raising = False
             raise KeyboardInterrupt
 
     before = signal.signal(signal.SIGINT, note)
@@ -48,7 +48,9 @@ def deferred(noted: Noted) -> Iterator[None]:
         signal.signal(signal.SIGINT, before if before is not None else signal.SIG_DFL)
 
 
-def drawn(noted: Noted, files: Files, tell: Progress, draw: Callable[[], None]) -> bool:
+def drawn(
+    interruption: Interruption, files: Files, tell: Progress, draw: Callable[[], None]
+) -> bool:
     """Draw pictures; returns whether nothing has interrupted.
 
     Within a block that is `deferred`, an interruption ends the drawing at once. One before has
@@ -56,14 +58,14 @@ def drawn(noted: Noted, files: Files, tell: Progress, draw: Callable[[], None]) 
     """
     before = _states(files.folder)
     try:
-        noted.raising = True
-        if noted.interrupted:
+        interruption.raising = True
+        if interruption.happened:
             raise KeyboardInterrupt
         tell("drawing")
         draw()
-        noted.raising = False
+        interruption.raising = False
     except KeyboardInterrupt:
-        noted.raising, noted.interrupted = False, True
+        interruption.raising, interruption.happened = False, True
         for name, state in _states(files.folder).items():
             if before.get(name) != state and name not in files.written:
                 files.note(name, None)

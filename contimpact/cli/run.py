@@ -20,7 +20,7 @@ from ..scenes.scene import Scene, load_scene
 from ..storage.files import write_all
 from ..studies import explore
 from ..studies.explore import INTERRUPTED
-from .console import Noted, deferred, drawn, require_output
+from .console import Interruption, deferred, drawn, require_output
 from .manifest import write_manifest
 from .progress import telling
 from .terminal import complain, say
@@ -80,9 +80,9 @@ def _validated(options: argparse.Namespace) -> tuple[list[_Job], int]:
 
 def _attempted(job: _Job, options: argparse.Namespace) -> tuple[int, bool]:
     """Run one scene; returns its exit status, and whether the keyboard has interrupted."""
-    noted = Noted()
+    interruption = Interruption()
     try:
-        failure = _run_one(job, options, noted)
+        failure = _run_one(job, options, interruption)
     except _NothingComputedError as error:
         job.complain(f"{error}; nothing was computed or written")
         failure = str(error)
@@ -91,18 +91,18 @@ def _attempted(job: _Job, options: argparse.Namespace) -> tuple[int, bool]:
         failure = str(error)
     except InputError as error:
         job.complain(error)
-        return 2, noted.interrupted
+        return 2, interruption.happened
     except KeyboardInterrupt:
-        noted.interrupted, failure = True, INTERRUPTED
+        interruption.happened, failure = True, INTERRUPTED
         job.complain(failure)
-    return (1 if failure else 0), noted.interrupted
+    return (1 if failure else 0), interruption.happened
 
 
 class _NothingComputedError(Exception):
     """A run ended before it had a branch."""
 
 
-def _run_one(job: _Job, options: argparse.Namespace, noted: Noted) -> str | None:
+def _run_one(job: _Job, options: argparse.Namespace, interruption: Interruption) -> str | None:
     """Compute and write one scene; returns what ended it early, if something did."""
     began = time.perf_counter()
     scene = job.scene
@@ -112,12 +112,12 @@ def _run_one(job: _Job, options: argparse.Namespace, noted: Noted) -> str | None
     ):
         diagram = explore.follow(scene, tell)
         failure: str | None = diagram.statistics["failure"]
-        noted.interrupted = failure == INTERRUPTED
+        interruption.happened = failure == INTERRUPTED
         if failure and not diagram.branches:
             raise _NothingComputedError(failure)
-        with deferred(noted):
-            _write_run(scene, diagram, folder, options, began, tell, noted)
-    failure = INTERRUPTED if noted.interrupted else failure
+        with deferred(interruption):
+            _write_run(scene, diagram, folder, options, began, tell, interruption)
+    failure = INTERRUPTED if interruption.happened else failure
     if not options.quiet:
         _summary(scene, diagram, folder, time.perf_counter() - began)
     if failure:
@@ -132,7 +132,7 @@ def _write_run(
     options: argparse.Namespace,
     began: float,
     tell: Progress,
-    noted: Noted,
+    interruption: Interruption,
 ) -> None:
     """Write everything a run leaves behind, the catalogue first and the manifest last.
 
@@ -149,11 +149,11 @@ def _write_run(
             left_out.append("diagram: --no-plot was given, matplotlib is not imported")
         elif scene.plot.formats:
             drawing = time.perf_counter()
-            if not drawn(noted, files, tell, lambda: _save_plots(scene, diagram, files)):
+            if not drawn(interruption, files, tell, lambda: _save_plots(scene, diagram, files)):
                 left_out.append(f"diagram: {INTERRUPTED}; contimpact plot draws it")
             seconds["plot"] = time.perf_counter() - drawing
         seconds["total"] = time.perf_counter() - began
-        failure = INTERRUPTED if noted.interrupted else diagram.statistics["failure"]
+        failure = INTERRUPTED if interruption.happened else diagram.statistics["failure"]
         statistics = {**diagram.statistics, "seconds": seconds, "failure": failure}
         write_manifest(scene, files, left_out, statistics)
 

@@ -12,7 +12,7 @@ from ..errors import InputError
 from ..progress import Progress
 from ..records.result_folder import ROWS, TABLES, Files, held, renewed
 from ..scenes.scene import load_scene
-from .console import Noted, deferred, drawn
+from .console import Interruption, deferred, drawn
 from .manifest import write_manifest
 from .progress import telling
 from .terminal import complain, say
@@ -25,15 +25,15 @@ def command(options: argparse.Namespace) -> int:
     scene = load_scene(options.scene)
     if scene.simulate is None:
         raise InputError(options.scene, "no table [simulate]", "add one, see the scene format")
-    noted = Noted()
+    interruption = Interruption()
     with (
         telling(scene.name, options.quiet) as tell,
         held(options.output, folders=TABLES) as folder,
     ):
         result = simulate(scene, folder, resume=options.resume, progress=tell)
-        noted.interrupted = result.interrupted is not None
-        with deferred(noted):
-            _write(result, folder, options, began, tell, noted)
+        interruption.happened = result.interrupted is not None
+        with deferred(interruption):
+            _write(result, folder, options, began, tell, interruption)
     if not options.quiet:
         _simulated(result, folder)
     if result.interrupted:
@@ -51,7 +51,7 @@ def _write(
     options: argparse.Namespace,
     began: float,
     tell: Progress,
-    noted: Noted,
+    interruption: Interruption,
 ) -> None:
     """Write everything a simulation leaves behind, the manifest last.
 
@@ -66,13 +66,13 @@ def _write(
         tell("writing tables")
         files.add(lambda: write_simulation(result, folder))
         files.note(ROWS, result.lost)
-        if noted.interrupted:
+        if interruption.happened:
             result.interrupted = result.interrupted or "writing"
         if options.no_plot or not scene.plot.formats:
             left_out.append("pictures: not asked for, matplotlib is not imported")
         else:
             drawing = time.perf_counter()
-            if not drawn(noted, files, tell, lambda: _save_pictures(result, files)):
+            if not drawn(interruption, files, tell, lambda: _save_pictures(result, files)):
                 result.interrupted = result.interrupted or "pictures"
                 left_out.append("pictures: the run was interrupted")
             result.seconds["plot"] = time.perf_counter() - drawing

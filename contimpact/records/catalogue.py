@@ -18,8 +18,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from .. import __version__
+from ..arrays import Array
 from ..compiling.library import mode, used
-from ..continuation.branch import End
 from ..errors import InputError
 from ..storage.files import Content, write_all
 from ..storage.shapes import fitted, made
@@ -139,7 +139,10 @@ def _branch_record(branch: Branch) -> dict[str, Any]:
         "from": branch.origin,
         "meetings": list(branch.meetings),
         "points": len(branch),
-        "ends": [_end_record(branch, end) for end in branch.ends],
+        "ends": [
+            {"kind": end.kind.name.lower(), "parameter": end.value, "message": end.message}
+            for end in branch.ends
+        ],
         "missed": list(branch.missed),
         "notes": list(branch.notes),
     }
@@ -174,13 +177,7 @@ def _curve_record(curve: Curve) -> dict[str, Any]:
 
 def curve_text(curve: Curve) -> str:
     """Return a curve's CSV: a comment line with its record, then the table."""
-    head = {"schema": CURVE, **_curve_record(curve)}
-    rows = zip(*(values.tolist() for values in curve.columns.values()), strict=True)
-    return f"# {json_line(head)}\n" + csv_text(list(curve.columns), rows, exact=True)
-
-
-def _end_record(branch: Branch, end: End) -> dict[str, Any]:
-    return {"kind": end.kind.name.lower(), "parameter": end.value, "message": end.message}
+    return _table_text({"schema": CURVE, **_curve_record(curve)}, curve.columns)
 
 
 def events_text(diagram: Diagram) -> str:
@@ -211,25 +208,17 @@ def _flat(entry: Entry) -> dict[str, Any]:
 
 def branch_text(branch: Branch) -> str:
     """Return a branch's CSV: a comment line with all that is not a column, then the table."""
-    head = {
-        "schema": BRANCH,
-        "id": branch.id,
-        "word": branch.word,
-        "period": branch.period,
-        "notation": branch.notation,
-        "system": branch.system,
-        "options": dict(branch.options),
-        "parameter": branch.parameter,
-        "from": branch.origin,
-        "meetings": list(branch.meetings),
-        "points": len(branch),
-        "ends": [_end_record(branch, end) for end in branch.ends],
-        "missed": list(branch.missed),
-        "notes": list(branch.notes),
-        "events": [dataclasses.asdict(entry) for entry in branch.events],
-    }
-    rows = zip(*(values.tolist() for values in branch.columns.values()), strict=True)
-    return f"# {json_line(head)}\n" + csv_text(list(branch.columns), rows, exact=True)
+    names = ("id", "word", "period", "notation", "system")
+    head = {"schema": BRANCH, **{name: getattr(branch, name) for name in names}}
+    head |= {"options": dict(branch.options), **_branch_record(branch)}
+    head["events"] = [dataclasses.asdict(entry) for entry in branch.events]
+    return _table_text(head, branch.columns)
+
+
+def _table_text(head: Mapping[str, Any], columns: Mapping[str, Array]) -> str:
+    """A table as CSV, its record in a comment line before it."""
+    rows = zip(*(values.tolist() for values in columns.values()), strict=True)
+    return f"# {json_line(head)}\n" + csv_text(list(columns), rows, exact=True)
 
 
 def load_entries(folder: str | Path) -> list[Entry]:

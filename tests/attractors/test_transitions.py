@@ -11,11 +11,11 @@ import numpy as np
 import pytest
 
 from contimpact.attractors.coverage import cover, scene_fragment
+from contimpact.attractors.edges import locate
 from contimpact.attractors.sweep import Row, Simulators, Sweep, sweep
 from contimpact.attractors.transitions import (
     Transition,
     between,
-    edge,
     explained,
     find_transitions,
     name,
@@ -121,7 +121,7 @@ def test_an_attractor_that_does_not_end(scene, kernels_of):
     first = swept(scene, kernels_of, [0.40]).rows[0]
     other = Row("down", 0.399, swept(scene, kernels_of, [0.33]).rows[0].attractor)
     simulators = Simulators(scene.model, "s", kernels_of(scene.model, "s"))
-    _, left, right = edge(simulators, first, other, 1e-4, QUICK)
+    _, left, _, right = locate(simulators, first, other, 1e-4, QUICK)
     assert (left.attractor.notation, right) == ("1:1", None)
     (change,) = between(simulators, first, other, 1e-4, QUICK)
     assert (change.kind, change.label) == (None, "1:1->2:1")
