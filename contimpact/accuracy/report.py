@@ -243,7 +243,7 @@ def _method(name: str, varied: str, measure: str, rows: list[dict[str, Any]]) ->
 
 
 def _some(items: Sequence[Any], most: int = SAMPLES) -> list[Any]:
-    """At most so many of a sequence, evenly spread."""
+    """At most `most` items of a sequence, evenly spread."""
     if len(items) <= most:
         return list(items)
     return [items[int(i)] for i in np.linspace(0, len(items) - 1, most)]

@@ -1,6 +1,6 @@
 """Where an attractor ends between two values of a sweep.
 
-Beside a period doubling or a fold motions settle slowly: there they are given more periods before
+Near a period doubling or a fold motions settle slowly; there they are given more periods before
 they count as not settled.
 """
 
@@ -17,9 +17,9 @@ from .verdict import settle
 EVALUATIONS = 120
 """Values tried for one change at most."""
 SLOW = 0.95
-"""A multiplier larger than this tells that motions settle slowly."""
+"""Motions settle slowly if a multiplier is larger than this."""
 PATIENCE = 16
-"""Times as many periods that a slow motion is given."""
+"""How many times more periods a slow motion is given."""
 NEARBY = 16
 """Widths from the end within which it is given them."""
 
@@ -69,7 +69,7 @@ def locate(
 
 
 def _patient(attractor: Attractor, distance: float, width: float, settling: Settling) -> Settling:
-    """How long to wait at a distance from an attractor for it, or for what follows it."""
+    """How long to wait, at a distance from an attractor, for it or for what follows it."""
     slow = attractor.multipliers is not None and abs(attractor.multipliers[0]) > SLOW
     if slow and distance <= NEARBY * width:
         return replace(settling, periods=PATIENCE * settling.periods)
@@ -86,7 +86,7 @@ def _settled(
 ) -> Row:
     """The first row further on at which the motion settles; the lost one if there is none.
 
-    Steps begin with the width asked for, since what follows a doubling may soon end again.
+    Steps begin with the requested width, since what follows a doubling may soon end again.
     """
     step, ahead = math.copysign(width, furthest - lost.value), lost
     while not ahead.attractor.settled and abs(furthest - ahead.value) > abs(step) > 0.0:

@@ -1,10 +1,10 @@
 """What a change of attractor is called: the names of Table 1 of the paper on vibro-impact pairs.
 
 PD, G with one or more impacts added, PD_G from an orbit of period pT, TG from complex motion, and
-FB. They are told by the last attractor before the change, at a fold a multiplier is near 1, at a
-grazing a flight comes near to a wall, and by what follows: a period doubling is one only if the
-doubled orbit follows. A multiplier of -1 without it, as at a subcritical doubling, has no name;
-what was seen is recorded as evidence.
+FB. The last attractor before the change decides, since a multiplier is near 1 at a fold and a
+flight is near a wall at a grazing, together with what follows: a period doubling is one only if the
+doubled orbit follows. A multiplier of -1 without it, as at a subcritical doubling, has no name; the
+observation is recorded as evidence.
 """
 
 from __future__ import annotations
@@ -64,7 +64,7 @@ class Transition:
     direction : str
         Of the sweep.
     kind : str or None
-        PD, G, PD_G, TG, FB; None where none of these describes it.
+        PD, G, PD_G, TG, FB; None if none of these describes it.
     label : str
         As in Table 1, ``G[1:1->2:1]``, or the two notations.
     order : int or None
@@ -78,7 +78,7 @@ class Transition:
     evidence : str
         What the attractors beside the change show.
     wide : str or None
-        Why the bracket is wider than was asked for, and what may help; None if it is not.
+        Why the bracket is wider than requested, and what may help; None if it is not.
     """
 
     direction: str
@@ -145,7 +145,7 @@ def name(before: Row, after: Row, earlier: Row | None = None) -> Transition:
 
 
 def _kind(before: Row, after: Row, earlier: Row | None) -> tuple[str | None, str]:
-    """The name of a change, if it has one, and what tells so."""
+    """The name of a change, if it has one, and the evidence for it."""
     one, other = before.attractor, after.attractor
     if one.kind is Kind.COMPLEX:
         slow = f"complex motion with impacts as slow as {min(abs(one.velocities)):.2g}"

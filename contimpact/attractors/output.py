@@ -1,6 +1,6 @@
 """Writing what was simulated, and going on with it after an interruption.
 
-``rows.jsonl`` receives what is found as soon as it is found; it is what ``--resume`` reads.
+Each result is added to ``rows.jsonl`` as soon as it is found; ``--resume`` reads that file.
 The other files are contracts, with a schema name and number each: ``sweep.csv``,
 ``transitions.json``, ``coverage.json`` and ``energy.csv``.
 """

@@ -1,8 +1,8 @@
 """A scene simulated: sweeps, random starts, transitions, and the comparison with its branches.
 
-What is found is kept in a `Checkpoint` as it is found, so that an interrupted run can go on; it
-then gives the same result, since each value of a sweep depends on the one before alone and random
-starts depend on the seed and the value's number.
+Results are kept in a `Checkpoint` as they are found, so that an interrupted run can be resumed. It
+then gives the same result: each value of a sweep depends only on the one before, and random starts
+depend on the seed and the value's number.
 """
 
 from __future__ import annotations
@@ -56,7 +56,7 @@ class Simulation:
     coverage : Coverage or None
         Likewise.
     portraits : list of Row
-        Attractors at the values at which portraits are asked for.
+        Attractors at the values at which portraits are requested.
     basins : list of Basins
     interrupted : str or None
         The stage at which the run was interrupted.
@@ -237,7 +237,7 @@ class _Director:
             self.result.coverage = cover(self.result.sweep, self.result.diagram, kernels)
 
     def portraits(self) -> None:
-        """The attractor at each value asked for, reached from the first sweep's row before it."""
+        """The attractor at each requested value, reached from the first sweep's row before it."""
         first = self.options.sweeps()[0][0]
         for value in self.options.portraits:
             self.progress(f"portrait at {self.scene.parameter} = {value:.6g}")

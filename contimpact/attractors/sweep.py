@@ -73,7 +73,7 @@ class Sweep:
 
     @property
     def directions(self) -> list[str]:
-        """The directions there are, in order."""
+        """The directions that occur, in order."""
         return list(dict.fromkeys(row.direction for row in self.rows))
 
     def sequence(self, direction: str) -> list[str]:
@@ -131,7 +131,7 @@ def sweep(
         Where the first value starts; a random impact otherwise.
     settling : Settling
     kernels : Kernels, optional
-        Kernels at hand for this model.
+        Kernels of this model, if there are any already.
     rng : None, int or numpy.random.Generator, default 0
         Gives the first start, and a new one where a motion ended without impacts.
     callback : callable, optional
@@ -160,7 +160,7 @@ def sweep_rows(
 ) -> Iterator[Row]:
     """Yield the rows of one sweep; `start` is where the first value begins.
 
-    `direction` is told from the values where it is not given.
+    `direction` follows from the values if it is not given.
     """
     falling = len(values) < 2 or values[-1] < values[0]
     for value in values:

@@ -48,7 +48,7 @@ def _status(arguments: Sequence[str] | None) -> int:
 
 
 def _close_output() -> None:
-    """Send what is still buffered nowhere, so that the interpreter does not try it again."""
+    """Discard what is still buffered, so that the interpreter does not try to write it again."""
     with contextlib.suppress(OSError, ValueError):
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 

@@ -30,7 +30,7 @@ class Interruption:
 
 @contextlib.contextmanager
 def deferred(interruption: Interruption) -> Iterator[None]:
-    """Put interruptions off until what was computed is on disk; that there was one is noted."""
+    """Defer interruptions until what was computed is on disk; remember that there was one."""
     if threading.current_thread() is not threading.main_thread():
         yield
         return
@@ -53,8 +53,8 @@ def drawn(
 ) -> bool:
     """Draw pictures; returns whether nothing has interrupted.
 
-    Within a block that is `deferred`, an interruption ends the drawing at once. One before has
-    nothing drawn. Pictures that are whole by then are noted among the files.
+    Within a `deferred` block, an interruption ends the drawing at once, and after an earlier one
+    nothing is drawn. Pictures that are complete by then are recorded among the files.
     """
     before = _states(files.folder)
     try:
@@ -74,6 +74,6 @@ def drawn(
 
 
 def _states(folder: Path) -> dict[str, tuple[int, int]]:
-    """The files of a folder, each with what changes when it is written anew."""
+    """The files of a folder, each with what changes when it is rewritten."""
     states = {path.name: path.stat() for path in folder.iterdir() if path.is_file()}
     return {name: (state.st_ino, state.st_mtime_ns) for name, state in states.items()}

@@ -14,7 +14,7 @@ from ..progress import silent
 from ..storage.texts import terminal_text
 
 BEAT = 0.25
-"""Seconds after which a terminal's line is written anew."""
+"""Seconds after which a terminal's line is rewritten."""
 PAUSE = 3.0
 """Seconds between two lines at least, where there is no terminal."""
 QUIET = 30.0
@@ -26,7 +26,7 @@ class Teller:
 
     On a terminal it is one line, rewritten in place. Elsewhere the first text is written at once,
     then the newest at most every `PAUSE` seconds, by a thread of its own: what takes long is named
-    even if nothing is told meanwhile.
+    even if nothing new is said meanwhile.
 
     Parameters
     ----------

@@ -126,7 +126,7 @@ def _stub(kind: str, name: str, arguments: str) -> str:
 
 
 def linked(path: Path) -> bytes | None:
-    """Return an object file made into a shared library; None where there is no linker.
+    """Return an object file linked into a shared library; None if there is no linker.
 
     Raises
     ------

@@ -20,7 +20,7 @@ flights of a few periods of the forcing's highest harmonic."""
 
 
 def check_motion(model: Model, wall: str, agreement: Callable[..., Sequence[float]]) -> None:
-    """Compare what a model says of the flight after a wall.
+    """Compare the formulas of a model for the flight after a wall.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""What a system's class must say, checked when the class is defined."""
+"""The contract of a system's class, checked when the class is defined."""
 
 from __future__ import annotations
 

@@ -1,7 +1,7 @@
 """A model's formulas, evaluated once on symbols.
 
-Importing this module imports SymPy. Kernels are written from what is found here and from nothing
-else, so that its digest says all that they depend on.
+Importing this module imports SymPy. Kernels are written from these equations and nothing else, so
+that their digest identifies all that kernels depend on.
 """
 
 from __future__ import annotations

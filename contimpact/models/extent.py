@@ -24,7 +24,7 @@ class Beyond(Exception):
 
 @dataclass(frozen=True)
 class Extent:
-    """What is known of a part of an expression.
+    """Bounds of a part of an expression.
 
     Attributes
     ----------

@@ -1,4 +1,4 @@
-"""What an impacting system must say of itself: parameters, walls, reset and a closed-form flight.
+"""The definition of an impacting system: parameters, walls, reset and a closed-form flight.
 
 A system is a subclass of `Model` in a file of its own under `contimpact/systems`. Its numbers are
 plain Python; its formulas are SymPy and are asked for only when a kernel has to be generated.

@@ -129,7 +129,7 @@ def _panels(curves: Sequence[Curve], along: str | None) -> list[Panel]:
 
 
 def _column(curves: Sequence[Curve], along: str | None) -> str:
-    """The column on the y axis: the one asked for, or the first parameter as it is best known."""
+    """The column on the y axis: the requested one, or the first parameter as it is best known."""
     names = _parameters(curves[0])
     if along is None:
         return _rescaled(curves, names)

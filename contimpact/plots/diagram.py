@@ -119,7 +119,7 @@ def plot_diagram(
 def _checked(
     diagram: Diagram, x: str | None, limits: dict[str, Any], unphysical: str, labels: str
 ) -> str:
-    """The column on the x axis, if all that was asked for can be drawn."""
+    """The column on the x axis; raises `InputError` if a request cannot be drawn."""
     for name, value, known in (("unphysical", unphysical, SHOWN), ("labels", labels, CHOICES)):
         if value not in known:
             raise InputError(name, f"found {shown(value)}", f"accepted are {', '.join(known)}")

@@ -67,7 +67,7 @@ class Spot:
 
 
 def chosen(entries: Iterable[Entry], which: str) -> list[Entry]:
-    """Return the events to be labelled, by one of `CHOICES`; values asked for have no label."""
+    """Return the events to be labelled, by one of `CHOICES`; requested values have no label."""
     wanted = {
         "all": lambda e: True,
         "period-1": lambda e: e.period == 1,
@@ -169,7 +169,7 @@ def _draw(ax: Any, label: Label, spot: Spot) -> None:
 def arranged(
     places: Sequence[float], widths: Sequence[float], limits: tuple[float, float]
 ) -> list[Spot | None]:
-    """Return where labels stand, None where there is no room left by those before.
+    """Return the places of labels, None for those that no longer find room.
 
     Parameters
     ----------

@@ -80,7 +80,7 @@ def _smooth(branch: Branch, x: str, speed: Array, span: float) -> tuple[Array, A
 
 
 def _slopes(length: Array, values: Array) -> Array:
-    """Derivatives by arclength; rows that all but coincide (events on points) share theirs."""
+    """Derivatives with respect to arclength; coincident rows (events on points) share one."""
     apart = np.append(True, np.diff(length) > 1e-9 * (length[-1] - length[0]))
     if np.count_nonzero(apart) < 3:
         return np.zeros_like(values)

@@ -50,7 +50,7 @@ class Branch:
     meetings : sequence of str
         Further entries from which switching led to this branch.
     notes : sequence of str
-        What else is to be known of it: where another branch passes it closely without meeting it.
+        Further remarks: where another branch passes it closely without meeting it.
     """
 
     id: str

@@ -39,18 +39,19 @@ class Entry:
     criticality : str or None
         ``supercritical`` or ``subcritical``, for G and PD, where it can be told.
     slope : float or None
-        For G, the derivative of the new impact's velocity, towards its wall, by the parameter.
+        For G, the derivative of the new impact's velocity towards its wall with respect to the
+        parameter.
     flight, impact, wall, touch_time
         Where it happens, as far as that applies.
     requested : mapping or None
-        For UZ, the name and value asked for.
+        For UZ, the requested name and value.
     parameters : mapping of str to float
         All parameters and derived parameters.
     impacts : sequence of mappings
         Wall, time, velocity (and other section coordinates) of each impact; the first time is in
         [0, T).
     multipliers : sequence of (real, imaginary)
-        None in the place of an infinite multiplier.
+        None stands for an infinite multiplier.
     multipliers_before, multipliers_after
         The same at the neighbouring points of the branch.
     residual, error : float

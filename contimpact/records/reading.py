@@ -64,7 +64,7 @@ class Transition:
     source, target : str
         Notations.
     mechanism : int or None
-        1 to 4; None where the branches followed do not tell.
+        1 to 4; None if the branches that were followed do not decide.
     entry : str
         The grazing.
     grazing : float
@@ -91,7 +91,7 @@ class Transition:
 
 @dataclass(frozen=True)
 class Reading:
-    """All of it."""
+    """Everything that was read from a diagram."""
 
     stable: Sequence[Interval]
     bistable: Sequence[Bistability]

@@ -196,7 +196,7 @@ class Files:
         self.failed: dict[str, str] = {}
 
     def add(self, write: Callable[[], Iterable[str]]) -> None:
-        """Write files and note their names; go on where some cannot be written."""
+        """Write files and record their names; go on if some cannot be written."""
         try:
             self.written += write()
         except NotWrittenError as error:
@@ -206,7 +206,7 @@ class Files:
             self.failed[error.where] = error.found
 
     def note(self, name: str, failure: str | None) -> None:
-        """Note a file that was written elsewhere, or why it could not be."""
+        """Record a file that was written elsewhere, or why it could not be."""
         if failure is None:
             self.written.append(name)
         else:
@@ -320,7 +320,7 @@ def reading(folder: Path) -> Iterator[None]:
     ------
     InputError
         If a run was ended while it wrote the folder, its manifest belongs to another catalogue, or
-        it is written anew meanwhile.
+        it is rewritten meanwhile.
     """
     before = _state(folder)
     yield

@@ -1,4 +1,4 @@
-"""One table of a scene: keys handed out by type, every mistake named with the path of its key.
+"""One table of a scene: keys are read by type, every mistake is named with the path of its key.
 
 Everything has a bound, so that no scene can ask for more than a machine has.
 """
@@ -19,7 +19,7 @@ _REQUIRED: Any = object()
 
 
 class Table:
-    """One table of a scene: hands out its keys by type, and refuses those nobody asked for.
+    """One table of a scene: reads keys by type, and refuses those that nothing has read.
 
     Parameters
     ----------
@@ -31,7 +31,7 @@ class Table:
     Attributes
     ----------
     asked : list of str
-        The keys asked for so far.
+        The keys read so far.
 
     Notes
     -----
@@ -122,7 +122,7 @@ class Table:
         return values[0], values[1]
 
     def has(self, key: str) -> bool:
-        """Whether there is anything at a key, which counts as asked for."""
+        """Whether a key is there; it counts as read."""
         self.asked.append(key)
         return key in self.data
 
@@ -156,7 +156,7 @@ class Table:
         return Table(value, self.place(key))
 
     def finish(self) -> None:
-        """Refuse the keys that nobody asked for."""
+        """Refuse the keys that nothing has read."""
         asked = list(dict.fromkeys(self.asked))
         for key in self.data:
             if key not in asked:

@@ -1,7 +1,7 @@
 """A model at fixed parameter values, as vectors: what the loop from impact to impact reads.
 
-Written in the plain subset of Python that `contimpact.compiling` compiles: vectors are lists when
-it runs plainly, arrays when it runs compiled.
+Written in the subset of Python that `contimpact.compiling` compiles: vectors are lists in plain
+Python, arrays in compiled code.
 """
 
 from __future__ import annotations

@@ -4,8 +4,8 @@ With restitution e < 1 and the acceleration a towards the wall nearly constant, 
 velocity v is followed by flights of 2 e v/a, 2 e^2 v/a, ..., which end after 2 e v/(a (1 - e)).
 Impacts are computed one by one until that is so short that the formula is exact to rounding.
 
-Written in the plain subset of Python that `contimpact.compiling` compiles: vectors are lists when
-it runs plainly, arrays when it runs compiled.
+Written in the subset of Python that `contimpact.compiling` compiles: vectors are lists in plain
+Python, arrays in compiled code.
 """
 
 from __future__ import annotations

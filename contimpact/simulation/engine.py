@@ -74,7 +74,7 @@ class Engine:
         Parameters
         ----------
         asked : int
-            Impacts asked for.
+            Impacts of the run.
         """
         chosen = mode()
         if chosen == "never":
@@ -85,7 +85,7 @@ class Engine:
             self.found = load(identity, ARGUMENTS, lambda: program_of(self.motions))
         return self.found
 
-    def made_plainly(self, impacts: int) -> None:
+    def count_plain(self, impacts: int) -> None:
         """Count impacts that were made by plain Python."""
         self.plain += impacts
         spend(PRICE * impacts)

@@ -1,7 +1,7 @@
 """From impact to impact: flights, and where they end in chatter, sticking and release.
 
-Written in the plain subset of Python that `contimpact.compiling` compiles: vectors are lists where
-it runs plainly, arrays where it runs compiled. `contimpact.simulation.simulator` says what it does.
+Written in the subset of Python that `contimpact.compiling` compiles: vectors are lists in plain
+Python, arrays in compiled code. `contimpact.simulation.simulator` says what it does.
 """
 
 from __future__ import annotations

@@ -42,7 +42,7 @@ class State:
 
 @dataclass(frozen=True, eq=False)
 class Run:
-    """What a simulation met, a row per impact or release.
+    """The result of a simulation, a row per impact or release.
 
     Attributes
     ----------
@@ -62,7 +62,7 @@ class Run:
         before, is left by it.
     outcome : Outcome
     end : State or None
-        From which a further run goes on; None where there is nothing to go on from.
+        Where a further run can start; None if there is no such state.
     """
 
     letters: tuple[str, ...]

@@ -4,7 +4,7 @@ Each flight is the model's closed form, and its first arrival at a wall is found
 (`flight.first_arrival`). Time is a phase in [0, T) and a whole number of periods, so that it does
 not lose digits however long a run is. Chatter is completed analytically near its end; then the body
 sticks, until the acceleration at the wall turns away. The loop itself is in
-`contimpact.simulation.impacts`; it runs plainly, and compiled where that pays.
+`contimpact.simulation.impacts`; it runs in plain Python, and compiled where that pays.
 
 Knows no orbit problem: the two share kernels and flights, and nothing else.
 """
@@ -50,7 +50,7 @@ class Simulator:
     model : Model
         With one degree of freedom and, on each side, at most one wall.
     kernels : Kernels, optional
-        Kernels at hand for the same formulas.
+        Kernels of the same formulas, if there are any already.
     longest_flight : int, default 1000
         Periods after which a flight without an impact is given up.
 
@@ -344,7 +344,7 @@ class Simulator:
             given = (at, when, *columns, span)
             count = make_impacts(self._fly, self._motion, self._body, *given)
             if self._engine:
-                self._engine.made_plainly(count)
+                self._engine.count_plain(count)
         end = State(int(at[0]), float(when[0]), float(when[1]), int(at[1]))
         return end, _OUTCOMES[at[2]], count, [column[:count] for column in columns]
 
@@ -360,7 +360,7 @@ class Simulator:
 
     @functools.cached_property
     def _engine(self) -> Engine | None:
-        """None where the acceleration depends on the state: its zeros are not for compiled code."""
+        """None if the acceleration depends on the state: compiled code does not find its zeros."""
         return None if self._zeros is None else engine_of(self._motions)
 
     # The linearised map.

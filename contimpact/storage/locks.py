@@ -33,7 +33,7 @@ LONGEST = 4096
 
 @contextlib.contextmanager
 def locked(folder: Path) -> Iterator[None]:
-    """Let no other process write to a folder meanwhile.
+    """Keep other processes from writing to a folder.
 
     Raises
     ------

@@ -32,8 +32,8 @@ def made(kind: type[T], record: Any, needed: Collection[str] | None = None) -> T
         mappings, other dataclasses, None besides any of these, and Any.
     record : mapping
     needed : collection of str, optional
-        The keys it cannot do without, others being None where they are missing; all that have no
-        default if nothing is said.
+        The required keys; others are None if they are missing. By default all keys without a
+        default value are required.
 
     Raises
     ------

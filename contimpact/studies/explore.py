@@ -161,7 +161,7 @@ class _Explorer:
         return found
 
     def look_elsewhere(self) -> None:
-        """Look for words without an orbit at the start at other values, to tell of them."""
+        """Look at other values for words without an orbit at the start, to report them."""
         for word in self.lacking:
             for value in surveyed(self.scene):
                 self.search(word, value)
@@ -293,7 +293,7 @@ class _Explorer:
         return None
 
     def record(self, entry: Entry, branch: str) -> None:
-        """Note that switching at an entry leads to a branch."""
+        """Record that switching at an entry leads to a branch."""
         self.opens.setdefault(entry.id, []).append(branch)
         self.meetings.setdefault(branch, []).append(entry.id)
 

@@ -60,7 +60,7 @@ class NotFound:
         return cls(word, notation, scene.parameter, scene.start, scene.starts, min(scene.rounds, 2))
 
     def also_at(self, value: float, count: int) -> NotFound:
-        """Return the same, after a search at another value found so many orbits."""
+        """Return the same after a search at another value, and how many orbits it found."""
         found = ((value, count),) if count else ()
         return replace(self, tried=self.tried + 1, elsewhere=self.elsewhere + found)
 
