@@ -8,7 +8,6 @@ symmetry) is not followed twice; the second way to it is recorded as a meeting.
 
 from __future__ import annotations
 
-import collections
 import dataclasses
 import functools
 import time
@@ -38,6 +37,7 @@ from ..records.diagram import Diagram
 from ..records.entry import Entry
 from ..scenes.scene import Scene
 from ..segments.kernels import Kernels
+from .counts import counts_of, evaluations_of
 from .starting_orbits import NotFound, orbits_at, placed, refusal, surveyed
 
 STAGES = ("kernels", "search", "walk", "events", "switching", "tables")
@@ -383,28 +383,12 @@ class _Explorer:
             if not any(run.passes(word, self.scene.start) for run in self.runs)
         ]
 
-    def evaluations(self) -> dict[str, int]:
-        """Evaluations of test functions, by kind."""
-        counts = collections.Counter[str]()
-        for test in self.tested:
-            counts[test.kind] += test.evaluations
-        return dict(counts)
-
     def statistics(self) -> dict[str, Any]:
-        walks = [w for run in self.runs for w in run.walks]
-        problems = {id(run.problem): run.problem for run in self.runs}
         lacking = self.not_found()
         return {
             "seconds": self.seconds,
-            "counts": {
-                "branches": len(self.runs),
-                "points": self.points(),
-                "corrector_iterations": sum(w.corrector_iterations for w in walks),
-                "rejected_steps": sum(w.rejected_steps for w in walks),
-                "switches_tried": self.probes,
-                "kernel_evaluations": sum(p.kernel_evaluations for p in problems.values()),
-            },
-            "test_functions": self.evaluations(),
+            "counts": counts_of(self.runs, self.probes),
+            "test_functions": evaluations_of(self.tested),
             "kernels": {"loaded": self.kernels.loaded, "generated": self.kernels.generated},
             "not_found": [each.as_record() for each in lacking],
             "notes": [*self.notes, *(each.told(self.scene.survey) for each in lacking)],
