@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 import pytest
+from zoo import ROOT
 
 import contimpact
 from contimpact.bifurcations.names import CROSSINGS, KINDS
@@ -21,47 +22,13 @@ FILES = {
 }
 """Every module of the package, by its dotted name."""
 
+PAGE = (ROOT / "docs" / "architecture.md").read_text(encoding="utf-8")
+ROW = re.compile(r"^\| `(\w+)` \| (.*) \|$", re.MULTILINE)
 ROOMS = {
-    "storage": set(),
-    "compiling": {"storage"},
-    "continuation": set(),
-    "models": {"storage"},
-    "systems": {"models"},
-    "segments": {"models", "storage"},
-    "orbits": {"models", "segments"},
-    "simulation": {"compiling", "models", "segments"},
-    "bifurcations": {"continuation", "models", "orbits", "segments"},
-    "records": {
-        "bifurcations", "compiling", "continuation", "models", "orbits", "segments", "storage",
-        "systems",
-    },
-    "scenes": {"bifurcations", "continuation", "models", "storage", "systems"},
-    "following": {
-        "bifurcations", "compiling", "continuation", "models", "orbits", "records", "segments",
-    },
-    "two_parameters": {
-        "bifurcations", "continuation", "following", "models", "orbits", "records", "scenes",
-        "segments",
-    },
-    "studies": {
-        "bifurcations", "continuation", "following", "models", "orbits", "records", "scenes",
-        "segments", "two_parameters",
-    },
-    "attractors": {
-        "models", "orbits", "records", "scenes", "segments", "simulation", "storage", "studies",
-        "systems",
-    },
-    "accuracy": {
-        "attractors", "bifurcations", "continuation", "following", "models", "orbits", "plots",
-        "records", "scenes", "segments", "simulation", "storage", "studies", "systems",
-    },
-    "plots": {
-        "attractors", "bifurcations", "models", "orbits", "records", "scenes", "simulation",
-        "storage", "systems",
-    },
-    "mechanics": {"models"},
-}  # fmt: skip
-"""The rooms of the package, and which others the modules of each may import."""
+    room: set(re.findall(r"`(\w+)`", others))
+    for room, others in ROW.findall(PAGE.split("<!-- table of rooms -->")[1].split("\n\n", 2)[1])
+}
+"""The rooms of the package, and which others the modules of each may import, as the page says."""
 
 FOR_ALL = {"contimpact", "contimpact.arrays", "contimpact.errors", "contimpact.progress"}
 """What any room may import besides."""
