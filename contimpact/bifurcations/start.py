@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ..continuation.bordered import first_tangent
+from ..models.word import repetitions
 from ..orbits.problem import Array, OrbitProblem
 from ..orbits.recognition import shortest
 
@@ -28,6 +29,8 @@ class Start:
         Whether the start is a branch point of the new problem.
     both_ways : bool
         Whether both directions lead to different orbits.
+    note : str
+        What a reader should know of the branch; empty if there is nothing.
     """
 
     problem: OrbitProblem
@@ -35,6 +38,7 @@ class Start:
     tangent: Array
     branching: bool
     both_ways: bool
+    note: str = ""
 
     def reversed(self) -> Start:
         """Return the start the other way."""
@@ -60,4 +64,9 @@ def once(start: Start) -> Start:
     if shorter is problem:
         return start
     first = np.r_[: shorter.n, problem.n : len(unknowns)]
-    return Start(shorter, unknowns[first], tangent[first], False, True)
+    letters = problem.model.letters
+    note = (
+        f"the {problem.word.notation(letters)} orbits born there are "
+        f"{repetitions([shorter.word.notation(letters)])}, and followed as such"
+    )
+    return Start(shorter, unknowns[first], tangent[first], False, True, note)

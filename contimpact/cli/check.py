@@ -59,6 +59,7 @@ def _orbits(scene: Scene, kernels: Kernels, tell: Progress) -> list[str]:
         shown += f", {unphysical} of them unphysical" if unphysical else ""
         if not found:
             missing.append(not_found(scene, kernels, word, tell))
+            shown += missing[-1].but
             shown += f"; {missing[-1].nearby or f'none at {SURVEYED} other values'}"
         lines.append(f"{word.notation(letters)} (word {word}): {shown}")
     surveyed = scene.survey and any(each.elsewhere for each in missing)

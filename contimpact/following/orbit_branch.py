@@ -174,7 +174,8 @@ def continue_born(
         backward = Walk(forward.points[:1], (), end)
     asked = [test.kind for test in tests]
     run = Run.of(problem, backward, forward)
-    return undisturbed(lambda: run.branch(name, entry.id, kinds=asked))
+    branch = undisturbed(lambda: run.branch(name, entry.id, kinds=asked))
+    return dataclasses.replace(branch, notes=[start.note, *branch.notes]) if start.note else branch
 
 
 def _tests(

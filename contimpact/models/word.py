@@ -50,6 +50,15 @@ class Word:
         """Return the word without impact number `impact`."""
         return Word(self.walls[:impact] + self.walls[impact + 1 :], self.period)
 
+    def repeated(self) -> list[Word]:
+        """Return the shorter words that read as this one if run several times, shortest first."""
+        n = len(self)
+        return [
+            Word(self.walls[:shift], self.period * shift // n)
+            for shift in self.rotations()[1:]
+            if n % shift == 0 and self.period * shift % n == 0
+        ]
+
     def rotations(self) -> list[int]:
         """Return the cyclic shifts that map the word to itself, 0 among them."""
         doubled = self.walls * 2
@@ -60,6 +69,11 @@ class Word:
 def is_rotation(one: str, other: str) -> bool:
     """Whether two words are cyclic shifts of each other."""
     return len(one) == len(other) and one in other * 2
+
+
+def repetitions(notations: Sequence[str]) -> str:
+    """Return what orbits are called that are shorter ones, run several times."""
+    return f"repetitions of {' and '.join(notations)}"
 
 
 def parse_word(text: str, letters: Sequence[str], where: str = "word") -> Word:

@@ -148,7 +148,7 @@ class _Explorer:
             orbits = self.search(word, self.scene.start)
             found += orbits
             if not orbits:
-                self.lacking[word] = NotFound.of(self.scene, word)
+                self.lacking[word] = NotFound.of(self.scene, self.kernels, word)
         return found
 
     def search(self, word: Word, value: float) -> list[Orbit]:
@@ -217,6 +217,8 @@ class _Explorer:
             self.notes.append(f"{birth.entry.id} ({birth.entry.label}): nothing starts there")
             return
         start = once(start)
+        if start.note:
+            self.notes.append(f"{birth.entry.id} ({birth.entry.label}): {start.note}")
         known = self.first_step_known(start)
         self.seconds["switching"] += time.perf_counter() - began
         if known is not None:

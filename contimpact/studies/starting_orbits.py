@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from ..errors import InputError
-from ..models.word import Word
+from ..models.word import Word, repetitions
 from ..orbits.search import Orbit, find_orbits
 from ..progress import Progress, silent
 from ..scenes.scene import Scene
@@ -38,6 +38,8 @@ class NotFound:
         Random starts in each round of the search.
     rounds : int
         Rounds that were made.
+    repeated : sequence of str
+        Orbits at the start that read as the word if they are run several times, by their notation.
     tried : int
         Other values at which orbits were looked for.
     elsewhere : sequence of (float, int)
@@ -50,19 +52,29 @@ class NotFound:
     value: float
     starts: int
     rounds: int
+    repeated: tuple[str, ...] = ()
     tried: int = 0
     elsewhere: tuple[tuple[float, int], ...] = ()
 
     @classmethod
-    def of(cls, scene: Scene, word: Word) -> NotFound:
+    def of(cls, scene: Scene, kernels: Kernels, word: Word) -> NotFound:
         """Tell what a search in vain at a scene's start has tried: it ends after two rounds."""
-        notation = word.notation([w.name for w in scene.model.WALLS])
-        return cls(word, notation, scene.parameter, scene.start, scene.starts, min(scene.rounds, 2))
+        letters = [w.name for w in scene.model.WALLS]
+        shorter = [w for w in word.repeated() if orbits_at(scene, kernels, w, scene.start)]
+        return cls(
+            word, word.notation(letters), scene.parameter, scene.start, scene.starts,
+            min(scene.rounds, 2), tuple(w.notation(letters) for w in shorter),
+        )  # fmt: skip
 
     def also_at(self, value: float, count: int) -> NotFound:
         """Return the same after a search at another value, and how many orbits it found."""
         found = ((value, count),) if count else ()
         return replace(self, tried=self.tried + 1, elsewhere=self.elsewhere + found)
+
+    @property
+    def but(self) -> str:
+        """What was found instead, in words; empty if nothing was."""
+        return f" but {repetitions(self.repeated)}" if self.repeated else ""
 
     @property
     def nearby(self) -> str:
@@ -86,6 +98,7 @@ class NotFound:
             "value": self.value,
             "starts": self.starts,
             "rounds": self.rounds,
+            "repeated": list(self.repeated),
             "tried": self.tried,
             "elsewhere": [[value, count] for value, count in self.elsewhere],
         }
@@ -93,8 +106,8 @@ class NotFound:
     def __str__(self) -> str:
         rounds = "1 round" if self.rounds == 1 else f"{self.rounds} rounds"
         return (
-            f"no {self.word} orbit was found at {self.parameter} = {self.value:.9g} ({rounds} of "
-            f"{self.starts} random starts)"
+            f"no {self.word} orbit{self.but} was found at {self.parameter} = {self.value:.9g} "
+            f"({rounds} of {self.starts} random starts)"
         )
 
 
@@ -119,7 +132,7 @@ def surveyed(scene: Scene) -> list[float]:
 
 def not_found(scene: Scene, kernels: Kernels, word: Word, progress: Progress = silent) -> NotFound:
     """Return what is known of a word without an orbit at the start, looked for elsewhere."""
-    found = NotFound.of(scene, word)
+    found = NotFound.of(scene, kernels, word)
     for value in surveyed(scene):
         progress(f"looking for {word} at {scene.parameter} = {value:.6g}")
         found = found.also_at(value, len(orbits_at(scene, kernels, word, value)))
@@ -130,13 +143,18 @@ def refusal(missing: Sequence[NotFound]) -> InputError:
     """Return the error of a scene of whose words none has an orbit at its start."""
     first = next((each for each in missing if each.elsewhere), missing[0])
     others = [str(each.word) for each in missing if each is not first]
-    return InputError(
-        "follow.orbits",
-        str(first) + (f", nor of {', '.join(others)}" if others else ""),
-        f"start where one exists, by model.parameters.{first.parameter}: {first.nearby}"
-        if first.elsewhere
-        else f"nor at {SURVEYED} other values within the range; try another word or parameters",
-    )
+    found = str(first) + (f", nor of {', '.join(others)}" if others else "")
+    return InputError("follow.orbits", found, _remedy(first))
+
+
+def _remedy(lacking: NotFound) -> str:
+    """What to do about a word without an orbit at the start."""
+    shorter = f"ask for {' or '.join(lacking.repeated)}, or " if lacking.repeated else ""
+    if lacking.elsewhere:
+        start = f"start where one exists, by model.parameters.{lacking.parameter}"
+        return f"{shorter}{start}: {lacking.nearby}"
+    tried = f"nor at {SURVEYED} other values within the range"
+    return f"{tried}; {shorter}try another word or parameters"
 
 
 def orbits_at_start(scene: Scene, kernels: Kernels, word: Word) -> list[Orbit]:

@@ -231,3 +231,11 @@ def test_digits_are_ascii_and_words_short(text):
 def test_one_is_not_plural():
     with pytest.raises(InputError, match="0 impacts in 1 period;"):
         parse_word("0:0", "BT")
+
+
+def test_words_that_a_word_repeats():
+    assert Word("BTBT", 2).repeated() == [Word("BT")]
+    assert Word("BTBTBTBT", 4).repeated() == [Word("BT"), Word("BTBT", 2)]
+    assert Word("BT" * 3, 3).repeated() == [Word("BT")]
+    assert Word("BTBT").repeated() == []  # half of it is no whole period
+    assert Word("BBT", 3).repeated() == []

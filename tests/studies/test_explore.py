@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from zoo import ROOT
 
-from contimpact import InputError, find_orbits, follow, load_scene, read_scene
+from contimpact import InputError, continue_born, find_orbits, follow, load_scene, read_scene
 from contimpact.records.diagram import Diagram
 from contimpact.records.reading import read
 
@@ -124,3 +124,32 @@ def test_reading_a_part_of_a_diagram():
     diagram = follow(load_scene(FIG7))
     assert read(diagram).transitions
     assert not read(Diagram("part", diagram.branches[:1])).transitions
+
+
+def above_the_doubling(*orbits):
+    """A scene that starts above the doubling of 1:1 at s = 0.38314, where 1:1/2T ends."""
+    given = small(orbits=list(orbits), range=[0.33, 0.45])
+    return dataclasses.replace(given, model=given.model.replace(s=0.42))
+
+
+def test_only_repetitions_of_a_shorter_orbit_are_called_so():
+    with pytest.raises(InputError) as refused:
+        follow(above_the_doubling("1:1/2T"))
+    assert "no BTBT/2T orbit but repetitions of 1:1 was found at s = 0.42" in str(refused.value)
+    assert "ask for 1:1, or " in str(refused.value)
+    diagram = follow(above_the_doubling("1:1", "1:1/2T"))
+    (listed,) = diagram.statistics["not_found"]
+    assert listed["repeated"] == ["1:1"]
+    assert "but repetitions of 1:1 was found" in diagram.statistics["notes"][-1]
+
+
+def test_a_branch_of_repetitions_is_followed_once_and_called_so():
+    """(3:2)/2T grazes in one of its periods only, and becomes 2:1 run twice."""
+    orbits = {"orbits": ["BBTBT/2T"], "range": [0.32, 0.345], "switch": ["G"]}
+    diagram = follow(small(**orbits))
+    (grazing,) = (e for e in diagram.entries if e.label == "~G[(3:2)/2T->2:1/2T]")
+    said = "the 2:1/2T orbits born there are repetitions of 2:1, and followed as such"
+    assert f"{grazing.id} ({grazing.label}): {said}" in diagram.statistics["notes"]
+    assert {diagram[name].notation for name in grazing.opens} == {"2:1"}
+    born = continue_born(grazing, range=(0.32, 0.345))
+    assert (born.notation, born.notes) == ("2:1", [said])
