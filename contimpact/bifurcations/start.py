@@ -64,7 +64,7 @@ def once(start: Start) -> Start:
     if shorter is problem:
         return start
     first = np.r_[: shorter.n, problem.n : len(unknowns)]
-    letters = problem.model.letters
+    letters = [w.name for w in problem.model.WALLS]
     note = (
         f"the {problem.word.notation(letters)} orbits born there are "
         f"{repetitions([shorter.word.notation(letters)])}, and followed as such"

@@ -226,13 +226,13 @@ def _summary(scene: Scene, diagram: Diagram, folder: Path, total: float) -> None
     for curve in diagram.curves:
         say("".join(f"{n} = {v:.6g}  " for n, v in curve.fixed.items()) + repr(curve))
     if diagram.curves:
-        from ..records.competition import competition
+        from ..records.competition import regions
 
-        for region in competition(diagram):
+        for region in regions(diagram.curves, checks=diagram.checks):
             fixed = "".join(f"{n} = {v:.6g}  " for n, v in region.fixed.items())
             say(
-                f"first    {fixed}{region.notation}: {region.first} for {region.second} from "
-                f"{region.low:.9g} to {region.high:.9g}"
+                f"first as {region.along} falls: {fixed}{region.notation}: {region.first} for "
+                f"{region.second} from {region.low:.9g} to {region.high:.9g}"
                 + (f"  ({region.said})" if region.said else "")
             )
     for note in diagram.statistics["notes"]:

@@ -46,8 +46,6 @@ def check_class(kind: Any) -> None:
         ("EXPRESSIONS", kind.OPTIONS),
     ):
         _check_known(getattr(kind, attribute), known, f"{where}.{attribute}")
-    if kind.PRINCIPAL is not None:
-        _check_known([kind.PRINCIPAL], kind.DERIVED, f"{where}.PRINCIPAL")
     for derived, depends in kind.DERIVED_FROM.items():
         _check_known(depends, names, f"{where}.DERIVED_FROM[{derived!r}]")
     size = kind.DEGREES_OF_FREEDOM

@@ -140,9 +140,8 @@ class Model(ABC):
     -----
     Of the class attributes these may be left out: `DERIVED_UNITS`, units of derived parameters for
     labels; `DERIVED_FROM`, the parameters each depends on (all, if nothing is said); `EXPRESSIONS`,
-    the options that are expressions, with the names that may stand in them; `PRINCIPAL`, the
-    derived parameter along which bifurcations compete (the followed one, if nothing is said);
-    `MEMBRANES`, whether impacts hit membranes of an energy harvester.
+    the options that are expressions, with the names that may stand in them; `MEMBRANES`,
+    whether impacts hit membranes of an energy harvester.
 
     Raises
     ------
@@ -159,7 +158,6 @@ class Model(ABC):
     OPTIONS: ClassVar[Mapping[str, str]] = {}
     EXPRESSIONS: ClassVar[Mapping[str, tuple[str, ...]]] = {}
     DEGREES_OF_FREEDOM: ClassVar[int] = 1
-    PRINCIPAL: ClassVar[str | None] = None
     MEMBRANES: ClassVar[bool] = False
 
     def __init_subclass__(cls, **given: Any) -> None:

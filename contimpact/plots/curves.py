@@ -20,7 +20,7 @@ from ..bifurcations.codimension_two import MARKERS
 from ..bifurcations.kinds import kind_of
 from ..bifurcations.names import CROSSINGS
 from ..errors import InputError, shown
-from ..records.competition import Region, regions
+from ..records.competition import Region, falling, panels, parameters_of, regions
 from ..records.curve import Check, Curve
 from .diagram import save_figure, write_heading
 from .texts import axis_label, set_label, symbol, values_text
@@ -119,56 +119,31 @@ def save_curves(
 
 def _panels(curves: Sequence[Curve], along: str | None) -> list[Panel]:
     """The curves by member of the family and pair of parameters."""
-    groups: dict[Any, list[Curve]] = {}
-    for curve in curves:
-        groups.setdefault((tuple(curve.fixed.items()), curve.parameters), []).append(curve)
     return [
         Panel(group, group[0].fixed, _column(group, along), group[0].parameters[1])
-        for group in groups.values()
+        for group in panels(curves)
     ]
 
 
 def _column(curves: Sequence[Curve], along: str | None) -> str:
-    """The column on the y axis: the requested one, or the first parameter as it is best known."""
-    names = _parameters(curves[0])
+    """The column on the y axis: the one asked for, or the one that falls."""
     if along is None:
-        return _rescaled(curves, names)
+        return falling(curves)
+    names = parameters_of(curves[0])
     if along not in names:
         found = f"curve {curves[0].id} has no parameter {shown(along)}"
         raise InputError("along", found, f"accepted are {', '.join(names)}")
     return along
 
 
-def _parameters(curve: Curve) -> list[str]:
-    """Names of all parameters, derived ones included."""
-    names = list(curve.columns)
-    return names[names.index("arclength") + 1 : names.index("t1")]
-
-
 def _fixed(curves: Sequence[Curve]) -> dict[str, float]:
     """Parameters that are the same on all curves."""
     found = {}
-    for name in _parameters(curves[0]):
+    for name in parameters_of(curves[0]):
         values = {value for c in curves for value in (c[name].min(), c[name].max())}
         if len(values) == 1:
             found[name] = float(values.pop())
     return found
-
-
-def _rescaled(curves: Sequence[Curve], names: Sequence[str]) -> str:
-    """A derived parameter that is the first parameter, or its reciprocal, times a constant; the
-    first parameter itself if there is none."""
-    first = curves[0].parameters[0]
-    values = np.concatenate([c[first] for c in curves])
-    for name in names:
-        if name in curves[0].parameters or np.ptp(values) == 0.0:
-            continue
-        others = np.concatenate([c[name] for c in curves])
-        with np.errstate(all="ignore"):
-            constants = (others / values, others * values)
-        if np.ptp(others) > 0.0 and any(np.ptp(c) < 1e-9 * abs(c[0]) for c in constants):
-            return name
-    return first
 
 
 def _axes(panels: Sequence[Panel]) -> Any:

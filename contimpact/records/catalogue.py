@@ -121,10 +121,12 @@ def catalogue_text(diagram: Diagram) -> str:
         "reading": read(diagram).as_record(),
     }
     if diagram.curves:
-        from .competition import competition
+        from .competition import regions
 
         content["curves"] = [_curve_record(curve) for curve in diagram.curves]
-        content["competition"] = [dataclasses.asdict(region) for region in competition(diagram)]
+        content["competition"] = [
+            dataclasses.asdict(r) for r in regions(diagram.curves, checks=diagram.checks)
+        ]
         content["checks"] = [dataclasses.asdict(check) for check in diagram.checks]
     return json_text(content)
 

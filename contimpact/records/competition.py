@@ -1,8 +1,8 @@
 """Which bifurcation comes first: the competition of curves in two parameters.
 
-For a family member and a word, every curve is read as one quantity over the second parameter: the
-system's principal derived parameter, or the branch's parameter. As it falls, the orbit first meets
-the highest curve that is no ghost; where curves cross, the order changes.
+For a family member and a word, every curve is read as the first parameter over the second one,
+or as a derived parameter that is the first one rescaled. As it falls, the orbit meets the curve
+with the largest value first that is no ghost; where curves cross, the order changes.
 """
 
 from __future__ import annotations
@@ -17,11 +17,9 @@ import numpy as np
 from ..arrays import Array
 from ..bifurcations.names import CROSSINGS, REQUESTED
 from .curve import Curve
-from .recovery import imported_system
 
 if TYPE_CHECKING:
     from .curve import Check
-    from .diagram import Diagram
 
 SAME_EDGE = 1e-9
 """Edges of regions closer than this part of the whole are one."""
@@ -29,7 +27,7 @@ SAME_EDGE = 1e-9
 
 @dataclass(frozen=True)
 class Region:
-    """A range of the second parameter in which one bifurcation comes first.
+    """A range of the second parameter in which one bifurcation comes first as another one falls.
 
     Attributes
     ----------
@@ -47,6 +45,8 @@ class Region:
         Values at which a one-parameter run says otherwise.
     period : int
         Of the orbit.
+    along : str
+        The parameter that falls.
     """
 
     fixed: Mapping[str, float]
@@ -58,6 +58,7 @@ class Region:
     checked: Sequence[float] = ()
     doubtful: Sequence[float] = ()
     period: int = 1
+    along: str = ""
 
     @property
     def said(self) -> str:
@@ -68,29 +69,58 @@ class Region:
         return "" if self.checked else "not checked by a run"
 
 
-def competition(diagram: Diagram) -> list[Region]:
-    """Return which bifurcation comes first on the curves of a diagram, region by region."""
-    kind = imported_system(diagram.branches[0].system) if diagram.branches else None
-    along = (kind and kind.PRINCIPAL) or diagram.curves[0].parameters[0]
-    return regions(diagram.curves, along, diagram.checks)
+def panels(curves: Sequence[Curve]) -> list[list[Curve]]:
+    """Return the curves by member of the family and pair of parameters."""
+    groups: dict[Any, list[Curve]] = {}
+    for curve in curves:
+        groups.setdefault((tuple(curve.fixed.items()), curve.parameters), []).append(curve)
+    return list(groups.values())
 
 
-def regions(curves: Sequence[Curve], along: str, checks: Sequence[Check] = ()) -> list[Region]:
+def falling(panel: Sequence[Curve]) -> str:
+    """Return the column that falls: the first parameter as it is best known.
+
+    It is a derived parameter that is the first one, or its reciprocal, times a constant, such as
+    ``d`` of the impact pair where s or A is followed; the first one itself if there is none.
+    """
+    first = panel[0].parameters[0]
+    values = np.concatenate([c[first] for c in panel])
+    for name in parameters_of(panel[0]):
+        if name in panel[0].parameters or np.ptp(values) == 0.0:
+            continue
+        others = np.concatenate([c[name] for c in panel])
+        with np.errstate(all="ignore"):
+            constants = (others / values, others * values)
+        if np.ptp(others) > 0.0 and any(np.ptp(c) < 1e-9 * abs(c[0]) for c in constants):
+            return name
+    return first
+
+
+def parameters_of(curve: Curve) -> list[str]:
+    """Return the names of all parameters, derived ones included."""
+    names = list(curve.columns)
+    return names[names.index("arclength") + 1 : names.index("t1")]
+
+
+def regions(
+    curves: Sequence[Curve], along: str | None = None, checks: Sequence[Check] = ()
+) -> list[Region]:
     """Return the regions of all members and words.
 
     Parameters
     ----------
     curves : sequence of Curve
-    along : str
-        The column that falls.
+    along : str, optional
+        The column that falls; that of `falling` by default.
     checks : sequence of Check
         What one-parameter runs say.
     """
-    groups: dict[Any, list[Curve]] = {}
-    for curve in curves:
-        key = (tuple(curve.fixed.items()), curve.word, curve.period)
-        groups.setdefault(key, []).append(curve)
-    found = [region for group in groups.values() for region in _regions(group, along)]
+    found: list[Region] = []
+    for panel in panels(curves):
+        column = along or falling(panel)
+        words = dict.fromkeys((curve.word, curve.period) for curve in panel)
+        for word in words:
+            found += _regions([c for c in panel if (c.word, c.period) == word], column)
     return [_compared(region, checks) for region in found]
 
 
@@ -121,7 +151,11 @@ def _regions(group: Sequence[Curve], along: str) -> list[Region]:
         if found and found[-1].first == label and found[-1].high == left:
             left = found.pop().low
         one = group[0]
-        found.append(Region(one.fixed, one.notation, second, left, right, label, period=one.period))
+        found.append(
+            Region(
+                one.fixed, one.notation, second, left, right, label, period=one.period, along=along
+            )
+        )  # fmt: skip
     return found
 
 

@@ -126,7 +126,7 @@ class Check:
     value : float
         Of the second parameter.
     first : str or None
-        Label of the first real bifurcation as d, or the first parameter, falls.
+        Label of the first real bifurcation, as the parameter that `regions` go by falls.
     """
 
     fixed: Mapping[str, float]

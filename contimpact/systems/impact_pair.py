@@ -48,7 +48,6 @@ class ImpactPair(Model):
     DERIVED = ("d", "gbar")
     DERIVED_UNITS: ClassVar = {"d": "dimensionless", "gbar": "dimensionless"}
     DERIVED_FROM: ClassVar = {"d": ("A", "s", "M", "omega"), "gbar": ("beta", "A", "M", "g")}
-    PRINCIPAL = "d"
     MEMBRANES = True
     OPTIONS: ClassVar = {"forcing": "cos(pi*t)"}
     EXPRESSIONS: ClassVar = {"forcing": ("t",)}

@@ -21,7 +21,7 @@ from ..orbits.problem import Array, OrbitProblem
 from ..orbits.search import solve_near
 from ..progress import Progress, counted, silent
 from ..records.branch import Branch
-from ..records.competition import Region, regions
+from ..records.competition import Region, falling, regions
 from ..records.curve import Check, Curve
 from ..records.diagram import Diagram
 from ..records.entry import Entry
@@ -191,7 +191,7 @@ class _CurveExplorer:
         """Follow the curve through an entry, unless a curve of this member passes it already."""
         options, scene = self.options, self.scene
         value = entry.parameters[options.parameter]
-        own = [curve for curve in self.curves if dict(curve.fixed) == dict(fixed)]
+        own = self.of_member(fixed)
         if any(passes(curve, entry, model, self.kernels) for curve in own):
             return False
         name = f"c{len(self.curves) + 1}"
@@ -239,7 +239,7 @@ class _CurveExplorer:
         runs = run_at(scene, there, word, self.kernels)
         entries = [entry for run in runs for entry in self.start_from(run, there, fixed)]
         self.evaluations += runs[0].problem.kernel_evaluations if runs else 0
-        first = first_of(entries, self.options.kinds, self.along)
+        first = first_of(entries, self.options.kinds, self.along(fixed))
         notation = word.notation([w.name for w in scene.model.WALLS])
         check = Check(dict(fixed), word.walls, word.period, notation, second, value, first)
         self.checks.append(check)
@@ -282,14 +282,17 @@ class _CurveExplorer:
 
     def regions_of(self, word: Word, fixed: Mapping[str, float]) -> list[Region]:
         """What the curves of a word say comes first, in order."""
-        own = [c for c in self.curves if dict(c.fixed) == dict(fixed)]
-        own = [c for c in own if (c.word, c.period) == (word.walls, word.period)]
-        return sorted(regions(own, self.along, self.checks), key=lambda region: region.low)
+        own = [c for c in self.of_member(fixed) if (c.word, c.period) == (word.walls, word.period)]
+        return sorted(regions(own, self.along(fixed), self.checks), key=lambda region: region.low)
 
-    @property
-    def along(self) -> str:
+    def of_member(self, fixed: Mapping[str, float]) -> list[Curve]:
+        """The curves of a member of the family."""
+        return [curve for curve in self.curves if dict(curve.fixed) == dict(fixed)]
+
+    def along(self, fixed: Mapping[str, float]) -> str:
         """The column that falls."""
-        return self.scene.model.PRINCIPAL or self.scene.parameter
+        own = self.of_member(fixed)
+        return falling(own) if own else self.scene.parameter
 
 
 def _go_on(ends: Iterable[End]) -> None:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import json
+
 import numpy as np
 import pytest
 from matplotlib.figure import Figure
@@ -10,7 +12,10 @@ from contimpact import plot_curves
 from contimpact.continuation.branch import End, EndKind
 from contimpact.errors import InputError
 from contimpact.plots.curves import save_curves
+from contimpact.records.catalogue import catalogue_text
+from contimpact.records.competition import regions
 from contimpact.records.curve import Curve
+from contimpact.records.diagram import Diagram
 
 UNITS = {"s": "m", "A": "N", "d": "dimensionless", "a": "kg"}
 END = End(EndKind.RANGE, 1.0, "")
@@ -53,6 +58,24 @@ def test_d_is_not_shown_where_it_is_not_the_first_parameter_rescaled():
     assert plot_curves([IN_A])[0].get_ylabel() == "$s$"
     over = curve(("A", "r"), A=4.0 + RAMP, r=0.2 + 0.3 * RAMP)
     assert plot_curves([over])[0].get_ylabel() == "$d$"
+
+
+@pytest.mark.parametrize(("drawn", "along"), [([IN_R], "d"), ([IN_A], "s"), ([IN_R, IN_A], "ds")])
+def test_what_comes_first_is_read_along_the_y_axis(drawn, along):
+    """In the picture, in the catalogue and in what is printed."""
+    assert [ax.get_ylabel() for ax in plot_curves(drawn)] == [f"${name}$" for name in along]
+    assert [region.along for region in regions(drawn)] == list(along)
+    told = json.loads(catalogue_text(Diagram("x", [], curves=drawn)))["competition"]
+    assert [region["along"] for region in told] == list(along)
+
+
+def test_the_order_is_that_of_the_y_axis():
+    """At any s the order along A is the reverse of the order along d."""
+    low = curve(("A", "s"), "PD", A=4.0 + RAMP, s=0.3 + 0.1 * RAMP)
+    high = curve(("A", "s"), "FB", A=6.0 + RAMP, s=0.3 + 0.1 * RAMP)
+    assert plot_curves([low, high])[0].get_ylabel() == "$A$"
+    assert [region.first for region in regions([low, high])] == ["FB"]
+    assert [region.first for region in regions([low, high], "d")] == ["PD"]
 
 
 def test_parameters_of_any_system():

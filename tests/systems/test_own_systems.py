@@ -142,7 +142,6 @@ def test_the_columns_of_all_tables_are_known(tmp_path):
         ({"EXPRESSIONS": {"forcing": ("t",)}}, r"Ball\.EXPRESSIONS: unknown name 'forcing'"),
         ({"DERIVED_UNITS": {"gamma": ""}}, r"Ball\.DERIVED_UNITS: unknown name 'gamma'"),
         ({"DERIVED_FROM": {"Gamma": ("b",)}}, r"DERIVED_FROM\['Gamma'\]: unknown name 'b'"),
-        ({"PRINCIPAL": "length"}, r"PRINCIPAL: unknown name 'length'"),
         ({"DEGREES_OF_FREEDOM": 0}, r"DEGREES_OF_FREEDOM: found 0"),
     ],
 )

@@ -14,7 +14,7 @@ from contimpact.errors import InputError
 from contimpact.following.orbit_branch import continue_orbit
 from contimpact.orbits.search import find_orbits
 from contimpact.records.catalogue import load_diagram, load_entries, write_diagram
-from contimpact.records.competition import competition, real_heights, regions
+from contimpact.records.competition import real_heights, regions
 from contimpact.scenes.scene import read_scene
 from contimpact.studies.explore import follow
 from contimpact.systems.impact_pair import ImpactPair
@@ -205,13 +205,6 @@ def test_competition_map(panel):
     assert [r.first for r in found[3]] == ["G[1:1->2:1]", "PD"]
     assert found[3][0].high == pytest.approx(0.185725166, abs=1e-8)
     assert [r.first for r in found[6]] == ["PD"]
-
-
-def test_curves_compete_along_what_their_system_declares(panel, monkeypatch):
-    """A system that declares nothing is read along the followed parameter."""
-    assert competition(panel) == regions(panel.curves, "d", panel.checks)
-    monkeypatch.setattr(ImpactPair, "PRINCIPAL", None)
-    assert competition(panel) == regions(panel.curves, "s", panel.checks)
 
 
 def test_no_region_is_a_crossing_found_on_both_curves(panel):
