@@ -52,7 +52,8 @@ def set_label(kind: str, label: str, orbit: str = "") -> str:
     """Return a label as ``G[1:1->2:1]`` with its words raised and lowered; others name `orbit`."""
     if match := re.fullmatch(rf"~?\w+\[({ORBIT})->({ORBIT})\]", label):
         return rf"$\mathrm{{{kind}}}_{{{match[1]}}}^{{\,{match[2]}}}$"
-    return rf"$\mathrm{{{kind}}}$" + (f"({plain(orbit)})" if orbit else "")
+    name = rf"$\mathrm{{{kind}}}$" if kind in LABELLED else plain(kind)
+    return name + (f"({plain(orbit)})" if orbit else "")
 
 
 def symbol(name: str) -> str:

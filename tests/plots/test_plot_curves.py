@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 from contimpact import plot_curves
 from contimpact.continuation.branch import End, EndKind
 from contimpact.errors import InputError
-from contimpact.plots.curves import save_curves
+from contimpact.plots.curves import COLOURS, save_curves
 from contimpact.records.catalogue import catalogue_text
 from contimpact.records.competition import regions
 from contimpact.records.curve import Curve
@@ -132,6 +132,14 @@ def test_labels_are_set_as_in_table_1():
     names = [t.get_text() for t in ax.figure.legends[0].get_texts()]
     assert names[0] == r"$\mathrm{G}_{1:1}^{\,2:1}$"
     assert names[-1] == "first as $d$ falls\n(half as high: not checked)"
+
+
+def test_a_kind_without_a_colour_of_its_own_is_drawn():
+    (ax,) = plot_curves([curve(("s", "r"), "my_kind $", s=0.3 + 0.1 * RAMP, r=RAMP)])
+    ax.figure.canvas.draw()
+    (line,) = [line for line in ax.lines if len(line.get_xdata()) > 1]
+    assert line.get_color() not in COLOURS.values()
+    assert ax.figure.legends[0].get_texts()[0].get_text() == r"my_kind \$"
 
 
 def test_the_file_names_what_is_fixed(tmp_path):
