@@ -11,14 +11,25 @@ from ..errors import InputError, shown
 from ..records.catalogue import load_diagram
 from ..records.diagram import Diagram
 from ..records.recovery import model_at
-from ..records.result_folder import MANIFEST, read_json
+from ..records.result_folder import MANIFEST, kept_still, read_json
 from ..scenes.scene import FORMATS, PlotOptions, Scene, read_scene
 from .terminal import say
 
 
 def command(options: argparse.Namespace) -> int:
     """Draw a diagram again; returns the exit status."""
+    if options.output == "":
+        raise InputError("-o", "empty", "give a file such as diagram.svg")
     folder = Path(options.folder)
+    target = Path(options.output) if options.output else folder / "diagram.png"
+    with kept_still(target.parent):
+        _draw(folder, target, options)
+    say(f"written to {target}")
+    return 0
+
+
+def _draw(folder: Path, target: Path, options: argparse.Namespace) -> None:
+    """Draw the diagram in a folder to a file."""
     diagram = load_diagram(folder)
     plot, unit = _shown_as(folder, diagram)
     chosen: dict[str, Any] = {
@@ -31,9 +42,6 @@ def command(options: argparse.Namespace) -> int:
     numbers = ["arclength", *diagram.branches[0].parameters] if diagram.branches else []
     if chosen["x"] not in numbers:
         raise InputError("-x", f"no column {chosen['x']!r}", f"accepted are {', '.join(numbers)}")
-    if options.output == "":
-        raise InputError("-o", "empty", "give a file such as diagram.svg")
-    target = Path(options.output) if options.output else folder / "diagram.png"
     kind = target.suffix.removeprefix(".").lower()
     if kind not in FORMATS:
         raise InputError(str(target), f"format {kind!r}", f"accepted are {', '.join(FORMATS)}")
@@ -41,8 +49,6 @@ def command(options: argparse.Namespace) -> int:
 
     ax = plot_diagram(diagram, unit=unit(chosen["x"]), **chosen)
     write_figure(ax.figure, target, kind, diagram.name)
-    say(f"written to {target}")
-    return 0
 
 
 def _shown_as(folder: Path, diagram: Diagram) -> tuple[PlotOptions, Callable[[str], str]]:

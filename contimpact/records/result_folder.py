@@ -27,7 +27,7 @@ from ..storage.files import (
     remove_leftovers,
     write_all,
 )
-from ..storage.locks import locked
+from ..storage.locks import LOCK, locked
 
 CATALOGUE = "contimpact.catalogue/1"
 MANIFEST = "contimpact.manifest/1"
@@ -123,6 +123,19 @@ def held(
             with contextlib.suppress(OSError):
                 empty.rmdir()
         raise
+
+
+def kept_still(folder: Path) -> contextlib.AbstractContextManager[None]:
+    """Let nobody write to a folder meanwhile, if it is one of results or becomes one.
+
+    Raises
+    ------
+    InputError
+        If another process writes to it.
+    """
+    results = (LOCK, MARK, "manifest.json", "catalogue.json")
+    ours = any((folder / name).exists() for name in results)
+    return locked(folder) if ours else contextlib.nullcontext()
 
 
 @contextlib.contextmanager

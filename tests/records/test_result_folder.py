@@ -331,6 +331,21 @@ def test_a_folder_that_another_process_writes_is_refused(scene, out, capsys, com
     assert names(out) == before
 
 
+def test_a_picture_is_not_put_into_a_folder_that_another_process_writes(out, tmp_path, capsys):
+    """Nor into the folder of a run that has written nothing yet; elsewhere it is drawn."""
+    before, begun = names(out), tmp_path / "begun"
+    begun.mkdir()
+    for folder, target in ((out, "diagram.png"), (begun, "new.svg")):
+        with holder(folder) as process:
+            assert run("plot", out, "-o", folder / target) == 2
+            said = capsys.readouterr().err
+            assert f"{folder}: another contimpact is writing to it (pid {process.pid}, " in said
+            assert run("plot", out, "-o", tmp_path / "elsewhere.png") == 0
+        assert not (begun / target).exists()
+    assert run("plot", out, "-o", out / "diagram.png") == 0
+    assert names(out) == before | {"diagram.png"}  # the lock is given back
+
+
 def test_a_lock_is_given_back(tmp_path):
     with locked(tmp_path), pytest.raises(InputError, match="another"), locked(tmp_path):
         pass
