@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from ..segments.flight import FlightGaps, flight_gaps
-from .multipliers import Stability, count_unstable, stability_of
+from .multipliers import Stability, count_unstable, stability_of, stability_of_orbit
 from .physicality import Verdict, findings, judge, verdict_of
 
 if TYPE_CHECKING:
@@ -137,7 +137,13 @@ class Linearisation:
         between impacts on one wall). The orbit's own is put in its place: the multipliers next to
         a grazing go with its inverse, and the kernel's carries the rounding of larger terms.
         """
-        problem, end = self.problem, self.end.copy()
+        problem = self.problem
+        if problem.m == 2:
+            changes = [int(a != b) for a, b in problem.kinds]
+            return stability_of_orbit(
+                self.start, self.end, changes, self.unknowns.tolist(), self.span
+            )
+        end = self.end.copy()
         rows = problem.impacts(self.unknowns)
         durations = np.diff(np.append(rows[:, 0], rows[0, 0] + self.span))
         same = np.array([a == b for a, b in problem.kinds]) & (durations != 0.0)

@@ -63,13 +63,40 @@ def stability_of(start: Array, end: Array) -> Stability:
     """
     if start.shape[1:] != (2, 2):
         return _of_any_size(start, end)
-    count, product = len(start), determinant(start, end)
-    flights = np.hstack([start.reshape(count, 4), end.reshape(count, 4)]).tolist()
-    blocks = [(0.0, 0.0, *flight, 0.0, 0.0) for flight in flights]
-    kept: list[Any] = [()] * count
-    reduced = block_cyclic.eliminate(blocks, [0] * count, 1, kept, 0.0, False, [], 0.0)
+    count, blocks = len(start), _flights(start, end)
+    reduced = block_cyclic.eliminate(blocks, [0] * count, 1, [()] * count, 0.0, False, [], 0.0)
+    return _of_two(reduced, blocks, determinant(start, end))
+
+
+def stability_of_orbit(
+    start: Array, end: Array, changes: list[int], unknowns: list[float], span: float
+) -> Stability:
+    """Return the same for an orbit with two unknowns per impact, as along a branch.
+
+    Parameters
+    ----------
+    start, end : ndarray of shape (N, 2, 2)
+    changes : list of int
+        1 for flights to another wall, else 0.
+    unknowns, span
+        Of the orbit; the derivatives of arrivals by their times are read from them, see
+        `contimpact.orbits.block_cyclic.eliminate`.
+    """
+    count, blocks = len(start), _flights(start, end)
+    reduced = block_cyclic.eliminate(blocks, changes, 1, [()] * count, 0.0, True, unknowns, span)
+    product = block_cyclic.product_of_multipliers(blocks, changes, 1, unknowns, span)
+    return _of_two(reduced, blocks, product)
+
+
+def _flights(start: Array, end: Array) -> list[tuple[float, ...]]:
+    """The blocks as the elimination has them, residuals and columns of parameters zero."""
+    ends = zip(start.reshape(-1, 4).tolist(), end.reshape(-1, 4).tolist(), strict=True)
+    return [(0.0, 0.0, *one, *other, 0.0, 0.0) for one, other in ends]
+
+
+def _of_two(reduced: Any, blocks: list[tuple[float, ...]], product: float) -> Stability:
     a, b, c, d = block_cyclic.multipliers(reduced, product)
-    doubling = block_cyclic.doubling(reduced, blocks, count)
+    doubling = block_cyclic.doubling(reduced, blocks, len(blocks))
     return Stability(np.array([complex(a, b), complex(c, d)]), np.array([product]), doubling)
 
 
