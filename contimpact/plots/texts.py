@@ -52,7 +52,7 @@ def set_label(kind: str, label: str, orbit: str = "") -> str:
     """Return a label as ``G[1:1->2:1]`` with its words raised and lowered; others name `orbit`."""
     if match := re.fullmatch(rf"~?\w+\[({ORBIT})->({ORBIT})\]", label):
         return rf"$\mathrm{{{kind}}}_{{{match[1]}}}^{{\,{match[2]}}}$"
-    name = rf"$\mathrm{{{kind}}}$" if kind in LABELLED else plain(kind)
+    name = rf"$\mathrm{{{kind}}}$" if kind_of(kind).tilde else plain(kind)
     return name + (f"({plain(orbit)})" if orbit else "")
 
 

@@ -9,9 +9,11 @@ import pytest
 from matplotlib.figure import Figure
 
 from contimpact import plot_curves
+from contimpact.bifurcations.kinds import kind_of
+from contimpact.bifurcations.names import CURVES
 from contimpact.continuation.branch import End, EndKind
 from contimpact.errors import InputError
-from contimpact.plots.curves import COLOURS, save_curves
+from contimpact.plots.curves import save_curves
 from contimpact.records.catalogue import catalogue_text
 from contimpact.records.competition import regions
 from contimpact.records.curve import Curve
@@ -138,7 +140,7 @@ def test_a_kind_without_a_colour_of_its_own_is_drawn():
     (ax,) = plot_curves([curve(("s", "r"), "my_kind $", s=0.3 + 0.1 * RAMP, r=RAMP)])
     ax.figure.canvas.draw()
     (line,) = [line for line in ax.lines if len(line.get_xdata()) > 1]
-    assert line.get_color() not in COLOURS.values()
+    assert line.get_color() not in [kind_of(kind).look.colour for kind in CURVES]
     assert ax.figure.legends[0].get_texts()[0].get_text() == r"my_kind \$"
 
 
