@@ -145,7 +145,8 @@ def test_a_branch_and_its_events_are_the_same(plain_and_compiled):
 @needs_numba
 @pytest.mark.parametrize("stop_at", [1, 2, 3, 5, 40, 200])
 def test_a_callback_sees_every_point_of_a_compiled_walk_and_may_stop(plain_and_compiled, stop_at):
-    orbit = find_orbits(ImpactPair(beta=math.pi / 6, r=0.3, A=5.0, s=0.7), "1:1")[0]
+    model = ImpactPair(beta=math.pi / 6, r=0.3, A=5.0, s=0.7)
+    orbit = find_orbits(model, "1:1", parameter="s")[0]
     settings = Settings(step=0.001, max_step=0.001)
 
     def run():
