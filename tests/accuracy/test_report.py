@@ -114,7 +114,7 @@ def test_events_of_a_family_are_compared_at_their_own_values():
     assert fair["largest_true_error"] < 1e-13
 
 
-@pytest.mark.parametrize("name", ["stop", "fig6a"])
+@pytest.mark.parametrize("name", ["stop", pytest.param("fig6a", marks=pytest.mark.slow)])
 def test_reported_errors_of_shipped_scenes_are_bounds(name):
     scene = load_scene(ROOT / "branches" / name / "scene.toml")
     fair = honesty(measured_events(scene, Kernels(scene.model, scene.parameter)))
