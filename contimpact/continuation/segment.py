@@ -17,6 +17,9 @@ from .settings import Settings
 CLOSEST_BRANCHES = 1e-4
 """Branches closer to each other than this part of a step are taken to cross."""
 
+NO_TANGENT = 1e-8
+"""Where the orientation falls below this part of its size, rounding decides on the tangent."""
+
 
 @dataclass(frozen=True, eq=False)
 class Segment:
@@ -54,15 +57,17 @@ class Segment:
         return point_after(self.left, evaluation, iterations, self.scale, travelled)
 
     def event_point(self, evaluation: Evaluation, iterations: int) -> Point:
-        """As `point`; at a branch point, where no tangent is defined, with the left end's."""
-        point = self.point(evaluation, iterations)
+        """As `point`; at a branch point, where none is defined, with a tangent between the ends'."""
+        point, fraction = self.point(evaluation, iterations), self.fraction(evaluation.unknowns)
+        between = (1.0 - fraction) * self.left.tangent + fraction * self.right.tangent
+        between /= length(between, self.scale)
         if point is not None:
-            turned = angle(point.tangent, self.left.tangent, self.scale)
-            if turned <= 2.0 * self.settings.max_angle:
+            usual = np.fmax(abs(self.left.orientation), abs(self.right.orientation))
+            known = not abs(point.orientation) < NO_TANGENT * usual
+            if known and angle(point.tangent, between, self.scale) <= 2.0 * self.settings.max_angle:
                 return point
         span = self.right.arclength - self.left.arclength
-        there = self.left.arclength + self.fraction(evaluation.unknowns) * span
-        return Point(evaluation, self.left.tangent, 0.0, there, iterations)
+        return Point(evaluation, between, 0.0, self.left.arclength + fraction * span, iterations)
 
     def fraction(self, unknowns: Array) -> float:
         """Return how far along the chord a point lies: 0 at the left end, 1 at the right end."""

@@ -383,7 +383,7 @@ def test_every_solution_is_settled_once(pair, orbits, monkeypatch):
         settled.append(unknowns)
         return solve_near(problem, unknowns)
 
-    monkeypatch.setattr(search, "settle", counted)
+    monkeypatch.setattr(search, "solve_near", counted)
     for word, count in [("1:1", 2), ("1:1/2T", 0)]:
         settled.clear()
         assert len(orbits(pair(d=0.242), word)) == count
