@@ -1,5 +1,5 @@
 """Now `contimpact.models.symbolic`."""
 
-from ..models.symbolic import DecayingStumpff, Stumpff, fourier_series, harmonic_means
+from ..models.symbolic import MeanTransient, Stumpff, Transient, fourier_series, harmonic_means
 
-__all__ = ["DecayingStumpff", "Stumpff", "fourier_series", "harmonic_means"]
+__all__ = ["MeanTransient", "Stumpff", "Transient", "fourier_series", "harmonic_means"]

@@ -30,7 +30,7 @@ def own(name: str) -> sympy.Symbol:
 T0, T1, TURN, DT, PHASE = map(own, ("t0", "t1", "turn", "dt", "phase"))
 """phase = t0 - turn*T and dt = t1 - t0, with `turn` a whole number."""
 
-ELEMENTARY = frozenset((*FUNCTIONS, "Stumpff", "DecayingStumpff"))
+ELEMENTARY = frozenset((*FUNCTIONS, "Stumpff", "Transient", "MeanTransient"))
 """Names of the functions that kernels can evaluate."""
 
 

@@ -18,7 +18,7 @@ PACKAGE = __package__.partition(".")[0]
 HERE = Path(__file__).parent.parent
 GENERATOR = tuple(
     """models/equations models/expressions models/extent models/model models/symbolic
-    segments/codegen segments/stumpff segments/tape""".split()
+    segments/codegen segments/stumpff segments/tape segments/transients""".split()
 )
 HARMLESS = set("__future__ collections dataclasses functools math numpy sympy typing".split())
 """What a system may import besides the package without its formulas depending on more."""

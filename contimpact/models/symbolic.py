@@ -34,16 +34,33 @@ class Stumpff(sympy.Function):
         return (k * Stumpff(k + 2, q) - Stumpff(k + 1, q)) / 2
 
 
-class DecayingStumpff(sympy.Function):
-    """The product e^-y c_k(q), which stays finite where both factors do not."""
+class Transient(sympy.Function):
+    r"""A free motion of :math:`\ddot x + c\dot x + kx = 0` at the time t, as ``(n, b, c, k, t)``.
 
-    nargs = 3
+    The inverse Laplace transform of :math:`s^n/(s^2 + cs + k)^b`, without impulses at t = 0: for
+    b = 1, n = 0 is the motion from unit velocity, n = 1 its velocity, and k times n = -1 the fall
+    from unit displacement. Neither these nor their derivatives cancel, whatever the damping.
+    """
 
-    def fdiff(self, argindex: int = 3) -> sympy.Expr:
-        k, y, q = self.args
-        if argindex == 2:
-            return -self
-        return (k * DecayingStumpff(k + 2, y, q) - DecayingStumpff(k + 1, y, q)) / 2
+    nargs = 5
+
+    def fdiff(self, argindex: int = 5) -> sympy.Expr:
+        n, b, c, k, t = self.args
+        if argindex == 5:
+            return Transient(n + 1, b, c, k, t)
+        return -b * Transient(n + 1 if argindex == 3 else n, b + 1, c, k, t)
+
+
+class MeanTransient(sympy.Function):
+    """The same divided by its power of the time, t^(2b-1-n): a mean over the motion so far."""
+
+    nargs = 5
+
+    def fdiff(self, argindex: int = 5) -> sympy.Expr:
+        n, b, c, k, t = self.args
+        by_c = -b * MeanTransient(n + 1, b + 1, c, k, t)
+        by_k = -b * MeanTransient(n, b + 1, c, k, t)
+        return {3: t * by_c, 4: t**2 * by_k, 5: c * by_c + 2 * k * t * by_k}[argindex]
 
 
 def harmonic_means(

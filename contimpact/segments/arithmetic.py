@@ -19,7 +19,7 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from . import layout, stumpff
+from . import layout, stumpff, transients
 
 
 class Kernel(Protocol):
@@ -94,7 +94,7 @@ FUNCTIONS = (
     "sin", "cos", "tan", "asin", "acos", "atan", "sinh", "cosh", "tanh", "exp", "log", "sqrt",
     "floor",
 )  # fmt: skip
-"""Elementary functions; Stumpff functions come besides."""
+"""Elementary functions; Stumpff functions and free motions come besides."""
 
 
 def square(x):
@@ -111,7 +111,10 @@ PLAIN: dict[str, Any] = {"square": square, "cube": cube, **layout.NAMES}
 """Names that stand for the same in every arithmetic."""
 
 FLOATS = Arithmetic(
-    {name: getattr(math, name) for name in FUNCTIONS} | {"nan": math.nan, **PLAIN} | stumpff.SCALAR
+    {name: getattr(math, name) for name in FUNCTIONS}
+    | {"nan": math.nan, **PLAIN}
+    | stumpff.SCALAR
+    | transients.SCALAR
 )
 
 _NUMPY_SPELLING = {"asin": "arcsin", "acos": "arccos", "atan": "arctan"}
@@ -119,4 +122,5 @@ ARRAYS = Arithmetic(
     {name: getattr(np, _NUMPY_SPELLING.get(name, name)) for name in FUNCTIONS}
     | {"nan": math.nan, **PLAIN}
     | stumpff.ARRAY
+    | transients.ARRAY
 )

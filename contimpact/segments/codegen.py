@@ -10,7 +10,8 @@ from __future__ import annotations
 import itertools
 import re
 import textwrap
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import sympy
@@ -18,8 +19,8 @@ from sympy.printing.pycode import PythonCodePrinter
 
 from ..models.equations import DT, PHASE, T0, T1, TURN, Departure, equations_of, own
 from ..models.model import Model
-from ..models.symbolic import Stumpff
-from . import stumpff
+from ..models.symbolic import MeanTransient, Stumpff, Transient
+from . import stumpff, transients
 from .layout import Setup, flat, refilled, result_text
 from .tape import Tape
 
@@ -48,10 +49,6 @@ class _Printer(PythonCodePrinter):
         order, argument = expr.args
         return f"stumpff{order}({self._print(argument)})"
 
-    def _print_DecayingStumpff(self, expr: Any) -> str:
-        order, decay, argument = expr.args
-        return f"decaying{order}({self._print(decay)}, {self._print(argument)})"
-
     def _print_Pow(self, expr: Any, rational: bool = False) -> str:
         """Small whole powers as products: a power of floats takes longer, and compilers differ."""
         base, exponent = expr.args
@@ -78,28 +75,48 @@ def _as_float(printed: str) -> str:
     return f"{printed}.0" if re.fullmatch(r"-?\d+", printed) else printed
 
 
-def _together(expressions: Sequence[Any]) -> tuple[dict[Any, str], dict[Any, Any]]:
-    """Stumpff functions of one argument, to be computed together.
+@dataclass(frozen=True)
+class _Together:
+    """Functions that one line computes: what it needs, and what the functions are called there."""
 
-    Returns the line for each argument that several of them share, and the names in which that line
-    puts what the functions were.
-    """
+    line: str
+    needs: frozenset[Any]
+    names: dict[Any, Any]
+
+
+def _stumpffs(expressions: Sequence[Any]) -> Iterator[_Together]:
+    """Stumpff functions of one argument, where there are several."""
     used: dict[Any, set[int]] = {}
     for call in set().union(*(e.atoms(Stumpff) for e in expressions)):
         order, argument = call.args
         if argument.is_Symbol and order >= 1:
             used.setdefault(argument, set()).add(int(order))
-    lines: dict[Any, str] = {}
-    names: dict[Any, Any] = {}
     for argument, orders in used.items():
         upto = next((n for n in stumpff.TOGETHER if n >= max(orders)), None)
         if len(orders) < 2 or upto is None:
             continue
         name = argument.name.removesuffix("'")
         found = [f"c{k}_{name}" for k in range(1, upto + 1)]
-        lines[argument] = f"{', '.join(found)} = stumpffs{upto}({name})"
-        names |= {Stumpff(k, argument): sympy.Symbol(f"{found[k - 1]}'") for k in orders}
-    return lines, names
+        names = {Stumpff(k, argument): sympy.Symbol(f"{found[k - 1]}'") for k in orders}
+        line = f"{', '.join(found)} = stumpffs{upto}({name})"
+        yield _Together(line, frozenset([argument]), names)
+
+
+def _transients(expressions: Sequence[Any]) -> Iterator[_Together]:
+    """Free motions of one oscillator at one time."""
+    used: dict[Any, set[Any]] = {}
+    for call in set().union(*(e.atoms(Transient, MeanTransient) for e in expressions)):
+        used.setdefault(call.args[2:], set()).add(call)
+    for i, (arguments, calls) in enumerate(sorted(used.items(), key=lambda item: str(item[0]))):
+        wanted = {tuple(map(int, call.args[:2])) for call in calls}
+        order = next(n for n, table in transients.TABLES.items() if wanted <= set(table))
+        means = {(n, b): f"m{i}_{b}_{n + 1}" for n, b in transients.TABLES[order]}
+        motions = {(n, b): f"g{i}_{b}_{n + 1}" for n, b in transients.MOTIONS[order]}
+        by_kind = {MeanTransient: means, Transient: means | motions}
+        names = {c: sympy.Symbol(f"{by_kind[c.func][c.args[:2]]}'") for c in calls}
+        given = ", ".join(map(_Printer().doprint, arguments))
+        line = f"{', '.join((*means.values(), *motions.values()))} = transients{order}({given})"
+        yield _Together(line, frozenset().union(*(a.free_symbols for a in arguments)), names)
 
 
 class KernelWriter:
@@ -289,11 +306,16 @@ class KernelWriter:
         signature = self._names([*arguments, *self.equations.parameters.values()])
         used = set().union(*(e.free_symbols for e in (*values, *(e for _, e in steps))))
         lines = self._reduction(T1 in arguments, TURN in used) if reduce else []
-        together, names = _together([*(e for _, e in steps), *values])
-        for symbol, e in steps:
-            lines.append(f"{printer.doprint(symbol)} = {printer.doprint(e.xreplace(names))}")
-            if symbol in together:
-                lines.append(together[symbol])
+        formulas = [*(e for _, e in steps), *values]
+        waiting = [*_stumpffs(formulas), *_transients(formulas)]
+        names = {call: symbol for group in waiting for call, symbol in group.names.items()}
+        missing = {symbol for symbol, _ in steps}
+        for symbol, e in (*steps, (None, None)):
+            lines += [group.line for group in waiting if not group.needs & missing]
+            waiting = [group for group in waiting if group.needs & missing]
+            if symbol is not None:
+                lines.append(f"{printer.doprint(symbol)} = {printer.doprint(e.xreplace(names))}")
+                missing.remove(symbol)
         printed = [_as_float(printer.doprint(e.xreplace(names))) for e in values]
         doc = textwrap.indent(textwrap.dedent("        " + about), "    ").strip()
         body = "\n".join(f"    {line}" for line in lines)

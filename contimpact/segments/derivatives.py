@@ -72,4 +72,8 @@ def _along(
 
 def _coefficient(number: Any, order: int) -> Any:
     """A coefficient of a result, which does not move where it is no series."""
-    return number.coefficients[order] if isinstance(number, Series) else 0
+    if not isinstance(number, Series):
+        return 0
+    if order >= len(number.coefficients):
+        raise NotImplementedError(f"derivatives of order {order}: a function has fewer")
+    return number.coefficients[order]

@@ -6,7 +6,9 @@ from collections.abc import Callable
 from typing import Any
 
 from .arithmetic import FUNCTIONS, PLAIN, Arithmetic
+from .exact_transients import transients
 from .stumpff import HIGHEST, TOGETHER
+from .transients import TABLES
 
 
 def many_digits(ctx: Any) -> Arithmetic:
@@ -14,15 +16,9 @@ def many_digits(ctx: Any) -> Arithmetic:
     names = {name: getattr(ctx, name) for name in (*FUNCTIONS, "nan")} | PLAIN
     names |= {f"stumpff{k}": _stumpff(ctx, k) for k in range(HIGHEST + 1)}
     names |= {f"stumpffs{n}": _stumpffs(ctx, n) for n in TOGETHER}
-    names |= {f"decaying{k}": _decaying(ctx, k) for k in range(HIGHEST + 1)}
+    names |= {f"transients{order}": transients(ctx, order) for order in TABLES}
     constants = {"pi": +ctx.pi, "ratio": lambda above, below: ctx.mpf(above) / below}
     return Arithmetic(names | constants, exact=True)
-
-
-def _decaying(ctx: Any, k: int) -> Callable[[Any, Any], Any]:
-    """e^-y c_k(q); nothing overflows here."""
-    function = _stumpff(ctx, k)
-    return lambda y, q: ctx.exp(-ctx.mpf(y)) * function(q)
 
 
 def _stumpff(ctx: Any, k: int) -> Callable[[Any], Any]:

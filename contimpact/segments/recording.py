@@ -14,6 +14,7 @@ from typing import Any
 from .arithmetic import FLOATS, PLAIN, Arithmetic
 from .layout import flat, refilled, result_text
 from .stumpff import TOGETHER
+from .transients import MOTIONS, TABLES
 
 DEEPEST = 30
 """Operations inside each other that are written as one expression."""
@@ -141,8 +142,23 @@ def _together(highest: int) -> Callable[[Any], Any]:
     return on_recorded
 
 
+def _transients(order: int) -> Callable[..., Any]:
+    """Free motions, computed together."""
+    name, count = f"transients{order}", len(TABLES[order]) + len(MOTIONS[order])
+    together = _recorded(name, FLOATS.names[name])
+
+    def on_recorded(*arguments: Any) -> Any:
+        found = together(*arguments)
+        if not isinstance(found, Recorded):
+            return found
+        return tuple(found.tape.step(f"{{}}[{i}]", found) for i in range(count))
+
+    return on_recorded
+
+
 RECORDED = Arithmetic(
     {name: _recorded(name, f) for name, f in FLOATS.names.items() if name not in PLAIN}
     | {f"stumpffs{n}": _together(n) for n in TOGETHER}
+    | {f"transients{order}": _transients(order) for order in TABLES}
     | {"nan": math.nan, **PLAIN}
 )

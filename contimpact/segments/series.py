@@ -9,19 +9,23 @@ exactly but for rounding (Griewank and Walther, Evaluating Derivatives, 2008, ch
 coefficients are numbers of another arithmetic: floats, many digits, or numbers that write down what
 is done with them (`recording`). The whole number 0 stands for a coefficient that vanishes whatever
 the arguments, and costs nothing.
+
+Of some functions fewer derivatives are known. Their series are shorter, and so are those of what is
+made from them.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
-from typing import Any
+from typing import Any, TypeAlias
 
 from .arithmetic import PLAIN, Arithmetic
 from .stumpff import HIGHEST, TOGETHER
+from .transients import MOTIONS, TABLES
 
 
 class Series:
-    """A polynomial in e, by its coefficients from that of e^0 on; all in a sum have as many."""
+    """A polynomial in e, by its coefficients from that of e^0 on, as far as they are known."""
 
     __slots__ = ("coefficients",)
 
@@ -49,14 +53,14 @@ class Series:
 
     def __mul__(self, other: Any) -> Series:
         a, b = self.coefficients, self._of(other).coefficients
-        return Series([_product(a[: n + 1], b[n::-1]) for n in range(len(a))])
+        return Series([_product(a[: n + 1], b[n::-1]) for n in range(min(len(a), len(b)))])
 
     __rmul__ = __mul__
 
     def __truediv__(self, other: Any) -> Series:
         a, b = self.coefficients, self._of(other).coefficients
         found: list[Any] = []
-        for n in range(len(a)):
+        for n in range(min(len(a), len(b))):
             left = _difference(a[n], _product(b[1 : n + 1], found[::-1]))
             found.append(0 if _vanishes(left) else left / b[0])
         return Series(found)
@@ -101,8 +105,7 @@ def composed(
 
     From f' = sum of df/dx_i x_i', coefficient by coefficient: n f_n = sum of k x_k (df/dx)_{n-k}.
     """
-    size = max(len(x.coefficients) for x in arguments if isinstance(x, Series))
-    given = [x if isinstance(x, Series) else Series([x, *[0] * (size - 1)]) for x in arguments]
+    size, given = _alike(arguments)
     found = [function(*(x.coefficients[0] for x in given))] + [0] * (size - 1)
     if size == 1:
         return Series(found)
@@ -117,6 +120,13 @@ def composed(
     return Series([c / n if n > 1 and not _vanishes(c) else c for n, c in enumerate(found)])
 
 
+def _alike(arguments: Sequence[Any]) -> tuple[int, list[Series]]:
+    """Arguments as series of one length, and that length."""
+    size = min(len(x.coefficients) for x in arguments if isinstance(x, Series))
+    given = (x.coefficients if isinstance(x, Series) else [x, *[0] * size] for x in arguments)
+    return size, [Series(x[:size]) for x in given]
+
+
 def series(inner: Arithmetic) -> Arithmetic:
     """Return the arithmetic of series whose coefficients are numbers of another one."""
     names: dict[str, Any] = {}
@@ -124,6 +134,8 @@ def series(inner: Arithmetic) -> Arithmetic:
         names[name] = _of_series(inner.names[name], slopes)
     for highest in TOGETHER:
         names[f"stumpffs{highest}"] = _together(inner, names, highest)
+    for order in TABLES:
+        names[f"transients{order}"] = _transients(inner, order)
     constants = {name: inner.names[name] for name in ("nan", "pi", "ratio") if name in inner.names}
     return Arithmetic(names | constants | PLAIN, inner.exact)
 
@@ -155,23 +167,19 @@ def _slopes(names: dict[str, Any]) -> dict[str, list[Callable[..., Any]]]:
         "sqrt": [lambda x: 1 / (2 * f["sqrt"](x))],
         "floor": [lambda x: 0],
     }
-    for k in range(HIGHEST - 1):  # c_k' = (k c_{k+2} - c_{k+1})/2, and e^-y in front
-        found[f"stumpff{k}"] = [lambda q, k=k: _stumpff_slope(f, "stumpff", k, q)]
-        found[f"decaying{k}"] = [
-            lambda y, q, k=k: -f[f"decaying{k}"](y, q),
-            lambda y, q, k=k: _stumpff_slope(f, "decaying", k, y, q),
-        ]
+    for k in range(HIGHEST - 1):
+        found[f"stumpff{k}"] = [lambda q, k=k: _stumpff_slope(f, k, q)]
     for k in (HIGHEST - 1, HIGHEST):  # their derivatives are further than there are functions
         found[f"stumpff{k}"] = [_beyond]
-        found[f"decaying{k}"] = [_beyond, _beyond]
     return found
 
 
-def _stumpff_slope(f: dict[str, Any], name: str, k: int, *arguments: Any) -> Any:
-    above = f[f"{name}{k + 1}"](*arguments)
+def _stumpff_slope(f: dict[str, Any], k: int, q: Any) -> Any:
+    """c_k' = (k c_{k+2} - c_{k+1})/2."""
+    above = f[f"stumpff{k + 1}"](q)
     if k == 0:
         return above / -2
-    further = f[f"{name}{k + 2}"](*arguments)
+    further = f[f"stumpff{k + 2}"](q)
     return ((further if k == 1 else k * further) - above) / 2
 
 
@@ -193,3 +201,61 @@ def _together(inner: Arithmetic, names: dict[str, Any], highest: int) -> Callabl
         )
 
     return on_series
+
+
+def _transients(inner: Arithmetic, order: int) -> Callable[..., Any]:
+    """Free motions of an oscillator, from those with all their derivatives."""
+    highest = max(TABLES)
+
+    def on_series(*arguments: Any) -> Any:
+        if not any(isinstance(x, Series) for x in arguments):
+            return inner.names[f"transients{order}"](*arguments)
+        size, given = _alike(arguments)
+        values = inner.names[f"transients{highest}"](*(x.coefficients[0] for x in given))
+        found = dict(zip(_forms(highest), (Series([v]) for v in values), strict=True))
+        for n in range(2, size + 1):
+            found = _longer(found, [Series(x.coefficients[:n]) for x in given])
+        return tuple(found[form] for form in _forms(order))
+
+    return on_series
+
+
+Form: TypeAlias = tuple[bool, int, int]
+"""A free motion (n, b), and whether it is divided by its power of the time."""
+
+
+def _forms(order: int) -> list[Form]:
+    """What `transients` of that order returns."""
+    means = [(n < 2 * b - 1, n, b) for n, b in TABLES[order]]
+    return [*means, *((False, n, b) for n, b in MOTIONS[order])]
+
+
+def _longer(known: dict[Form, Series], arguments: Sequence[Series]) -> dict[Form, Series]:
+    """Free motions with one coefficient more, as far as their derivatives are known."""
+    moving = [not all(map(_vanishes, x.coefficients[1:])) for x in arguments]
+    shorter = len(arguments[0].coefficients) - 1
+    full = {form: x for form, x in known.items() if len(x.coefficients) == shorter}
+    found = dict(known)
+    for form, x in full.items():
+        slopes = _slopes_of_motion(form, full)
+        if all(slope for slope, moves in zip(slopes, moving, strict=True) if moves):
+            found[form] = composed(lambda *_, x=x: x.coefficients[0], slopes, *arguments)
+    return found
+
+
+def _slopes_of_motion(form: Form, known: dict[Form, Series]) -> list[Any]:
+    """Derivatives with respect to c, k and t; None for one that is not known."""
+    mean, n, b = form
+    both, lower = known.get((mean, n + 1, b + 1)), known.get((mean, n, b + 1))
+    if mean:
+        return [
+            both and (lambda c, k, t: -b * (t * both)),
+            lower and (lambda c, k, t: -b * (t * t * lower)),
+            both and lower and (lambda c, k, t: -b * (c * both + 2 * (k * t) * lower)),
+        ]
+    rate = known.get((mean, n + 1, b))
+    return [
+        both and (lambda c, k, t: -b * both),
+        lower and (lambda c, k, t: -b * lower),
+        rate and (lambda c, k, t: rate),
+    ]

@@ -111,57 +111,8 @@ def _first_two(q):
     return math.sin(x) / x if q > 0 else math.sinh(x) / x, 0.5 * half * half
 
 
-_SAFE = 400.0
-"""Below minus the square of this, e^-y and c_k(q) are not computed apart."""
-
-
-def decaying0(y, q):
-    if q > -(_SAFE**2) and abs(y) < _SAFE:
-        return math.exp(-y) * stumpff0(q)
-    x = math.sqrt(abs(q))
-    return math.exp(-y) * math.cos(x) if q >= 0 else 0.5 * (math.exp(x - y) + math.exp(-x - y))
-
-
-def decaying1(y, q):
-    if q > -(_SAFE**2) and abs(y) < _SAFE:
-        return math.exp(-y) * stumpff1(q)
-    x = math.sqrt(abs(q))
-    if q >= 0:
-        return math.exp(-y) * stumpff1(q)
-    return 0.5 * (math.exp(x - y) - math.exp(-x - y)) / x
-
-
-def _decaying(k, lower):
-    """e^-y c_k for k > 1: apart where that is safe, else by the recurrence from k - 2."""
-    together, start = globals()[f"stumpff{k}"], _INVERSE_FACTORIAL[k - 2]
-
-    def function(y, q):
-        if q > -(_SAFE**2) and abs(y) < _SAFE:
-            return math.exp(-y) * together(q)
-        if -_SERIES_BELOW < q < _SERIES_BELOW:
-            return math.exp(-y) * together(q)
-        return (start * math.exp(-y) - lower(y, q)) / q
-
-    function.__name__ = function.__qualname__ = f"decaying{k}"
-    return function
-
-
-decaying2 = _decaying(2, decaying0)
-decaying3 = _decaying(3, decaying1)
-decaying4 = _decaying(4, decaying2)
-decaying5 = _decaying(5, decaying3)
-decaying6 = _decaying(6, decaying4)
-decaying7 = _decaying(7, decaying5)
-decaying8 = _decaying(8, decaying6)
-decaying9 = _decaying(9, decaying7)
-decaying10 = _decaying(10, decaying8)
-decaying11 = _decaying(11, decaying9)
-
-SCALAR = {
-    f"{name}{k}": globals()[f"{name}{k}"]
-    for name in ("stumpff", "decaying")
-    for k in range(HIGHEST + 1)
-} | {"stumpffs3": stumpffs3, "stumpffs5": stumpffs5}
+SCALAR = {f"stumpff{k}": globals()[f"stumpff{k}"] for k in range(HIGHEST + 1)}
+SCALAR |= {"stumpffs3": stumpffs3, "stumpffs5": stumpffs5}
 
 
 def _array_stumpff(k):
@@ -238,19 +189,3 @@ def _series(k, q):
 
 
 ARRAY |= {f"stumpffs{n}": _array_stumpffs(n) for n in TOGETHER}
-
-
-def _array_decaying(k):
-    """The decaying function for arrays, element by element where it is not safe apart."""
-    scalar = np.vectorize(SCALAR[f"decaying{k}"], otypes=[float])
-
-    def function(y, q):
-        y, q = np.asarray(y, dtype=float), np.asarray(q, dtype=float)
-        if np.all((q > -(_SAFE**2)) & (np.abs(y) < _SAFE)):
-            return np.exp(-y) * ARRAY[f"stumpff{k}"](q)
-        return scalar(y, q)
-
-    return function
-
-
-ARRAY |= {f"decaying{k}": _array_decaying(k) for k in range(HIGHEST + 1)}

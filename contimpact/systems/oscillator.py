@@ -12,10 +12,6 @@ from typing import Any
 from ..errors import InputError
 from ..models.model import Formulas, Model, Parameter, Wall
 
-MOST_DAMPING = 4e4
-"""Largest damping, as a multiple of sqrt(k). The slow rate of an overdamped flight, about k/c, is a
-difference of numbers of the size of c: it is lost beside them like (c/2)^2/k, here to 1e-8."""
-
 
 class Oscillator(Model):
     """A forced, damped linear oscillator against a stop; any units that fit each other.
@@ -48,27 +44,19 @@ class Oscillator(Model):
     )
 
     def validate(self) -> None:
-        """Refuse undamped resonance, and damping beside which the stiffness is lost."""
-        stiffness, omega, damping = (self.values[name] for name in ("k", "omega", "c"))
-        most = MOST_DAMPING * math.sqrt(stiffness)
-        if abs(damping) > most:
-            found = (
-                f"{damping:.12g} with k = {stiffness:.12g}: in a flight the stiffness is lost "
-                "beside it"
-            )
-            raise InputError("c", found, f"give c from {-most:.6g} to {most:.6g}")
+        """Refuse undamped resonance."""
+        stiffness, omega = self.values["k"], self.values["omega"]
         if self.values["c"] == 0 and math.isclose(stiffness, omega**2, rel_tol=1e-15):
             found = "an undamped oscillator at resonance has no periodic response"
             raise InputError("omega", found, "give c != 0 or omega^2 != k")
 
     def formulas(self, symbols: Mapping[str, Any]) -> Formulas:
-        """Steady response plus a transient in Stumpff functions, for any damping."""
+        """Steady response plus a transient, for any damping."""
         import sympy
 
-        from ..models.symbolic import DecayingStumpff, Stumpff
+        from ..models.symbolic import MeanTransient, Stumpff, Transient
 
         a, omega, c, k, sigma, r = (symbols[n] for n in ("a", "omega", "c", "k", "sigma", "r"))
-        zeta = c / 2
         denominator = (k - omega**2) ** 2 + (c * omega) ** 2
         in_phase, quadrature = a * (k - omega**2) / denominator, a * c * omega / denominator
 
@@ -83,29 +71,20 @@ class Oscillator(Model):
         ) -> tuple[list[Any], list[Any]]:
             # With A, B the free motions from unit displacement and from unit velocity,
             #   x1 - x0 = [p(t1) - p(t0)] + (x0 - p0)(A - 1) + (v0 - p0') B,
-            # each bracket divided by dt in closed form; y = zeta dt and q = (k - zeta^2) dt^2, and
-            # with the decaying Stumpff functions d_j(q) = e^-y c_j(q),
-            #   B = dt d1(q),
-            #   1 - A = dt^2 [zeta^2 (d2 + y d3)(-y^2) + (k - zeta^2)(d2 + y d3)(q)].
-            y, q = zeta * dt, (k - zeta**2) * dt**2
+            # each bracket divided by dt in closed form. 1 - A is k times the integral of B.
+            def motion(kind: Any, n: int) -> Any:
+                return kind(sympy.Integer(n), sympy.Integer(1), c, k, dt)
 
-            def d_(order: int, argument: Any) -> Any:
-                return DecayingStumpff(sympy.Integer(order), y, argument)
-
-            unit_velocity = d_(1, q)  # B/dt
-            fall = zeta**2 * (d_(2, -(y**2)) + y * d_(3, -(y**2))) + (k - zeta**2) * (
-                d_(2, q) + y * d_(3, q)
-            )  # (1 - A)/dt^2
-            half = omega * dt / 2
             middle = t0 + dt / 2
-            steady_mean = Stumpff(sympy.Integer(1), half**2) * steady_rate(middle)
+            steady_mean = Stumpff(sympy.Integer(1), (omega * dt / 2) ** 2) * steady_rate(middle)
             offset, rate = x0[0] - steady(t0), v0[0] - steady_rate(t0)
-            mean = steady_mean - offset * dt * fall + rate * unit_velocity
-            # A' = -k B and B' = (d0 - y d1)(q)
+            fall = k * dt * motion(MeanTransient, -1)  # (1 - A)/dt
+            mean = steady_mean - offset * fall + rate * motion(MeanTransient, 0)
+            # A' = -k B
             speed = (
                 steady_rate(t0 + dt)
-                - offset * k * dt * unit_velocity
-                + rate * (d_(0, q) - y * d_(1, q))
+                - offset * k * motion(Transient, 0)
+                + rate * motion(Transient, 1)
             )
             return [mean], [speed]
 

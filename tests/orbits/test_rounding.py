@@ -55,6 +55,7 @@ MODELS = {
     "oscillator": lambda: Oscillator(a=1.0, omega=1.7, c=0.3, k=1.0, sigma=0.4, r=0.8),
     "resonance": lambda: Oscillator(a=1.0, omega=1.0, c=0.1, k=1.0, sigma=1.0, r=0.8),
     "overdamped": lambda: Oscillator(a=1.0, omega=1.7, c=40.0, k=1.0, sigma=0.01, r=0.8),
+    "heavily overdamped": lambda: Oscillator(a=1e8, omega=1.7, c=1e8, k=1.0, sigma=0.3, r=0.8),
     "bouncing ball": bouncing_ball,
 }
 

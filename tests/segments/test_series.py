@@ -11,12 +11,14 @@ from zoo import two_masses
 
 from contimpact.segments.arithmetic import FLOATS, FUNCTIONS, evaluate_in
 from contimpact.segments.derivatives import second_derivatives, third_derivatives
+from contimpact.segments.exact_transients import transient
 from contimpact.segments.kernels import Kernels
 from contimpact.segments.layout import flat
 from contimpact.segments.many_digits import many_digits
 from contimpact.segments.recording import RECORDED, Tape
 from contimpact.segments.series import Series, series
 from contimpact.segments.stumpff import HIGHEST
+from contimpact.segments.transients import MOTIONS, TABLES
 from contimpact.systems.impact_pair import ImpactPair
 from contimpact.systems.oscillator import Oscillator
 
@@ -49,17 +51,34 @@ def test_functions(ctx, name):
         assert abs(one - other) < 1e-30
 
 
-@pytest.mark.parametrize("k", range(6))
-def test_decaying_stumpff_functions_of_two_series(ctx, k):
+@pytest.mark.parametrize("moving", [(1, -1, 2), (0, 0, 1), (1, 0, 0)])
+@pytest.mark.parametrize("order", [1, 2])
+def test_free_motions(ctx, order, moving):
+    """Right as far as they go, and as far as the functions of highest order let them."""
     names = series(many_digits(ctx)).names
-    y, q = Series([ctx.mpf("0.2"), ctx.one, ctx.one, 0]), Series([ctx.mpf("0.7"), -ctx.one, 0, 0])
+    start = [ctx.mpf(x) for x in ("0.4", "0.7", "1.3")]
+    given = [Series([x, ctx.mpf(q), 0, 0]) if q else x for x, q in zip(start, moving, strict=True)]
+    found = names[f"transients{order}"](*given)
+    kinds = [(n, b, max(2 * b - 1 - n, 0) if i < len(TABLES[order]) else 0)
+             for i, (n, b) in enumerate(TABLES[order] + MOTIONS[order])]  # fmt: skip
+    for (n, b, power), one in zip(kinds, found, strict=True):
 
-    def along(e):
-        return names[f"decaying{k}"](ctx.mpf("0.2") + e + e * e, ctx.mpf("0.7") - e)
+        def along(e, n=n, b=b, power=power):
+            c, k, t = (x + e * q for x, q in zip(start, moving, strict=True))
+            return transient(ctx, n, b, c, k, t) * t ** (max(2 * b - 1 - n, 0) - power)
 
-    found = names[f"decaying{k}"](y, q).coefficients
-    for one, other in zip(found, taylor(ctx, along, ctx.zero, 3), strict=True):
-        assert abs(one - other) < 1e-30
+        assert len(one.coefficients) >= (4 if (n, b) in ((-1, 1), (0, 1)) else 2)
+        expected = taylor(ctx, along, ctx.zero, len(one.coefficients) - 1)
+        for x, y in zip(one.coefficients, expected, strict=True):
+            assert abs(x - y) < 1e-30
+
+
+def test_series_of_different_lengths_make_the_shorter_one():
+    long, short = Series([2.0, 3.0, 5.0]), Series([1.0, 7.0])
+    for found in (long + short, short - long, long * short, short * long, long / short):
+        assert len(found.coefficients) == 2
+    assert (long * short).coefficients == [2.0, 17.0]
+    assert (long / short).coefficients == (short / (short * short / long)).coefficients[:2]
 
 
 def test_operations(ctx):
@@ -79,6 +98,7 @@ MODELS = {
     "rich": (lambda: ImpactPair(beta=0.7, r=0.3, A=5.0, s=0.4, forcing="cos(pi*t)**3"), "s", "BB"),
     "oscillator": (lambda: Oscillator(a=1.0, omega=1.7, c=0.3, k=1.0, sigma=0.4, r=0.8),
                    "omega", "SS"),
+    "overdamped": (lambda: Oscillator(a=1e4, omega=1.7, c=1e4, k=1.0, sigma=0.4, r=0.8), "c", "SS"),
     "two masses": (two_masses, "omega", "AA"),
 }  # fmt: skip
 
@@ -143,6 +163,9 @@ def test_functions_of_numbers_are_numbers():
     assert RECORDED.names["sin"](0.5) == math.sin(0.5)
     assert series(FLOATS).names["sin"](0.5) == math.sin(0.5)
     assert RECORDED.names["stumpffs3"](0.5) == FLOATS.names["stumpffs3"](0.5)
+    for names in (RECORDED.names, series(FLOATS).names):
+        given = (0.3, 1.7, 0.5)
+        assert names["transients2"](*given) == FLOATS.names["transients2"](*given)
 
 
 def test_derivatives_beyond_the_highest_stumpff_function_are_refused():

@@ -1,0 +1,382 @@
+r"""Free motions of a damped linear oscillator, without cancellation for any damping.
+
+With y = ct/2 and kappa = kt^2 let :math:`D = s^2 + 2ys + \kappa`, and let :math:`G_{n,b}` be the
+inverse Laplace transform of :math:`s^n/D^b` at time one, without impulses at time zero:
+:math:`G_{0,1}` is the motion from unit velocity, :math:`G_{1,1}` its velocity and
+:math:`\kappa\,G_{-1,1}` the fall from unit displacement. A derivative is one function more of the
+family, :math:`\partial_y G_{n,b} = -2b\,G_{n+1,b+1}` and
+:math:`\partial_\kappa G_{n,b} = -b\,G_{n,b+1}`, so that differentiating does not cancel either.
+
+Where the roots of D are complex, or closer than 4, the functions are made from those of
+:math:`\sigma^2 + q` with sigma = s + y and q = kappa - y^2. Further apart they are sums over both
+roots, of which the slow one is kappa by the fast one: -y + sqrt(y^2 - kappa) would lose kappa
+beside y^2.
+
+With n < 2b, the :math:`G_{n,b}` are means over the motion so far, and have a limit for short
+flights. The functions of time are :math:`g_{n,b} = t^{2b-1-n} G_{n,b}`; those with n >= 2b, which
+appear as accelerations, are given in this form only. Both forms are given because each is
+differentiated in its own: as a product, the rate of :math:`g_{n,b}` would be a small difference.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from typing import Any, TypeAlias
+
+import numpy as np
+
+Values: TypeAlias = tuple[Any, ...]
+
+TABLES = {
+    1: ((-1, 1), (0, 1), (1, 1)),
+    2: ((-1, 1), (0, 1), (1, 1), (2, 1), (-1, 2), (0, 2), (1, 2), (2, 2)),
+    4: (*((n, 1) for n in range(-1, 5)), *((n, b) for b in (2, 3, 4) for n in range(-1, 4))),
+}
+"""The functions (n, b) that are computed together, by their highest b: means where n < 2b."""
+
+MOTIONS = {
+    order: tuple((n, b) for n, b in table if n < 2 * b - 1) for order, table in TABLES.items()
+}
+"""Those that are given as functions of time besides, behind the others."""
+
+_APART = 4.0
+"""Least distance of the roots of D, squared and quartered, to be summed over."""
+_SERIES_BELOW = 4.0
+_SLOW = 3.0
+_TERMS = 28
+_FEW = 20
+_INVERSE_FACTORIAL = tuple(1.0 / math.factorial(i) for i in range(_TERMS + 1))
+
+
+def transients1(c: Any, k: Any, t: Any) -> Values:
+    """The functions of `TABLES[1]`, then those of `MOTIONS[1]`."""
+    return _timed1(t, *_means1(c, k, t))
+
+
+def _timed1(t: Any, f1: Any, p1: Any, u1: Any) -> Values:
+    return f1, p1, u1, t * t * f1, t * p1
+
+
+def _means1(c: Any, k: Any, t: Any) -> Values:
+    y, kappa = 0.5 * c * t, k * t * t
+    q = kappa - y * y
+    if q <= -_APART:
+        return _apart1(y, kappa, t)
+    if q < _SERIES_BELOW:
+        basis = _series1(y, q, _terms(y, kappa))
+    else:
+        x = math.sqrt(q)
+        basis = _swing1(q, math.sin(x) / x, math.cos(x))
+    return _near1(c, k, t, math.exp(-y), kappa < _SERIES_BELOW, *basis)
+
+
+def _terms(y: Any, kappa: Any) -> int:
+    return _FEW if y * y < 0.25 and kappa < 1.0 else _TERMS
+
+
+def _series1(y: Any, q: Any, terms: int) -> Values:
+    """Sum of y^i X(i+1), X(0) and X(-1), where X(i) belongs to 1/(sigma^i (sigma^2 + q))."""
+    total = x = later = 0.0
+    for i in range(terms, 1, -1):
+        x, later = _INVERSE_FACTORIAL[i] - q * later, x
+        total = total * y + x
+    x, later = 1.0 - q * later, x
+    return total, x, 1.0 - q * later
+
+
+def _swing1(q: Any, position: Any, velocity: Any) -> Values:
+    """The same without the sum, where the series does not converge fast."""
+    return 0.0, position, velocity
+
+
+def _near1(
+    c: Any, k: Any, t: Any, decay: Any, short: bool, fall: Any, position: Any, velocity: Any
+) -> Values:
+    """The functions from those of sigma^2 + q; the fall is their sum in short flights only."""
+    y, kappa = 0.5 * c * t, k * t * t
+    g0, g1 = decay * position, decay * (velocity - y * position)
+    if short:
+        return decay * fall, g0, g1
+    return (1.0 - g1 - 2.0 * y * g0) / kappa, g0, g1
+
+
+def _apart1(y: Any, kappa: Any, t: Any) -> Values:
+    high, low = _roots(y, kappa)
+    by = 1.0 / (high - low)
+    eh, el = math.exp(high), math.exp(low)
+    g0, g1 = by * (eh - el), by * (high * eh - low * el)
+    if min(abs(high), abs(low)) < _SLOW:
+        return by * (_lag(1, high) - _lag(1, low)), g0, g1
+    return (1.0 - g1 - 2.0 * y * g0) / kappa, g0, g1
+
+
+def _roots(y: Any, kappa: Any) -> tuple[float, float]:
+    """The roots of D where they are real, the higher one first."""
+    x = math.sqrt(y * y - kappa)
+    if y > 0:
+        low = -(x + y)
+        return kappa / low, low
+    high = x - y
+    return high, kappa / high
+
+
+def _lag(j: int, root: Any) -> Any:
+    """The inverse Laplace transform of 1/(s (s - root)^j) at time one."""
+    if abs(root) < 1.0:
+        total = 0.0
+        for i in range(_FEW + j, j - 1, -1):
+            total = _INVERSE_FACTORIAL[i] - root * total
+        return math.exp(root) * total
+    grown = math.exp(root)
+    lag = (grown - 1.0) / root
+    for i in range(1, j):
+        lag = (grown * _INVERSE_FACTORIAL[i] - lag) / root
+    return lag
+
+
+def transients2(c: Any, k: Any, t: Any) -> Values:
+    """The functions of `TABLES[2]`, then those of `MOTIONS[2]`."""
+    return _timed2(t, *_means2(c, k, t))
+
+
+def _timed2(
+    t: Any, f1: Any, p1: Any, u1: Any, a1: Any, f2: Any, p2: Any, u2: Any, a2: Any
+) -> Values:
+    t2 = t * t
+    return (
+        f1, p1, u1, a1, f2, p2, u2, a2,
+        t2 * f1, t * p1, t2 * t2 * f2, t2 * t * p2, t2 * u2, t * a2,
+    )  # fmt: skip
+
+
+def _means2(c: Any, k: Any, t: Any) -> Values:
+    y, kappa = 0.5 * c * t, k * t * t
+    q = kappa - y * y
+    if q <= -_APART:
+        return _apart2(y, kappa, t)
+    if q < _SERIES_BELOW:
+        basis = _series2(y, q, _terms(y, kappa))
+    else:
+        x = math.sqrt(q)
+        basis = _swing2(q, math.sin(x) / x, math.cos(x))
+    return _near2(c, k, t, math.exp(-y), kappa < _SERIES_BELOW, *basis)
+
+
+def _series2(y: Any, q: Any, terms: int) -> Values:
+    """The same sums for both powers of sigma^2 + q, and X1(0), X1(-1), X2(0)."""
+    total1 = total2 = x1 = x2 = later1 = later2 = 0.0
+    for i in range(terms, 1, -1):
+        above = later1
+        x1, later1 = _INVERSE_FACTORIAL[i] - q * later1, x1
+        x2, later2 = above - q * later2, x2
+        total1, total2 = total1 * y + x1, total2 * y + x2
+    return total1, total2, 1.0 - q * later1, 1.0 - q * x1, later1 - q * later2
+
+
+def _swing2(q: Any, p1: Any, v1: Any) -> Values:
+    return 0.0, 0.0, p1, v1, 0.5 * (p1 - v1) / q
+
+
+def _near2(
+    c: Any, k: Any, t: Any, decay: Any, short: bool, f1: Any, f2: Any, p1: Any, v1: Any, p2: Any
+) -> Values:
+    y, kappa = 0.5 * c * t, k * t * t
+    p1, p2, v1 = decay * p1, decay * p2, decay * v1
+    u1, u2 = v1 - y * p1, 0.5 * p1 - y * p2
+    if short:
+        f1, f2 = decay * f1, decay * f2
+    else:
+        f1 = (1.0 - u1 - 2.0 * y * p1) / kappa
+        f2 = (f1 - u2 - 2.0 * y * p2) / kappa
+    return f1, p1, u1, -c * u1 - k * t * p1, f2, p2, u2, _next(y, kappa, p1, u2, p2)
+
+
+def _apart2(y: Any, kappa: Any, t: Any) -> Values:
+    high, low = _roots(y, kappa)
+    by = 1.0 / (high - low)
+    by2 = by * by
+    eh, el = math.exp(high), math.exp(low)
+    h, m = high * eh, low * el
+    g01, g11, g21 = by * (eh - el), by * (h - m), by * (high * h - low * m)
+    g02 = by2 * (eh + el - 2.0 * g01)
+    g12 = by2 * (h + eh + m + el - 2.0 * g11)
+    g22 = by2 * ((high + 2.0) * h + (low + 2.0) * m - 2.0 * g21)
+    if min(abs(high), abs(low)) < _SLOW:
+        f1 = by * (_lag(1, high) - _lag(1, low))
+        f2 = by2 * (_lag(2, high) + _lag(2, low) - 2.0 * f1)
+    else:
+        f1 = (1.0 - g11 - 2.0 * y * g01) / kappa
+        f2 = (f1 - g12 - 2.0 * y * g02) / kappa
+    return f1, g01, g11, g21 / t, f2, g02, g12, g22
+
+
+def transients4(c: Any, k: Any, t: Any) -> Values:
+    """The functions of `TABLES[4]`, then those of `MOTIONS[4]`: for derivatives of higher order."""
+    return _timed4(t, *_means4(c, k, t))
+
+
+def _timed4(
+    t: Any, f1: Any, p1: Any, u1: Any, a1: Any, j1: Any, s1: Any, f2: Any, p2: Any, u2: Any,
+    a2: Any, j2: Any, f3: Any, p3: Any, u3: Any, a3: Any, j3: Any, f4: Any, p4: Any, u4: Any,
+    a4: Any, j4: Any,
+) -> Values:  # fmt: skip
+    t2 = t * t
+    t3, t4 = t2 * t, t2 * t2
+    return (
+        f1, p1, u1, a1, j1, s1, f2, p2, u2, a2, j2, f3, p3, u3, a3, j3, f4, p4, u4, a4, j4,
+        t2 * f1, t * p1, t4 * f2, t3 * p2, t2 * u2, t * a2,
+        t3 * t3 * f3, t4 * t * p3, t4 * u3, t3 * a3, t2 * j3,
+        t4 * t4 * f4, t4 * t3 * p4, t3 * t3 * u4, t4 * t * a4, t4 * j4,
+    )  # fmt: skip
+
+
+def _means4(c: Any, k: Any, t: Any) -> Values:
+    y, kappa = 0.5 * c * t, k * t * t
+    q = kappa - y * y
+    if q <= -_APART:
+        return _apart4(y, kappa, t)
+    if q < _SERIES_BELOW:
+        basis = _series4(y, q, _terms(y, kappa))
+    else:
+        x = math.sqrt(q)
+        basis = _swing4(q, math.sin(x) / x, math.cos(x))
+    return _near4(c, k, t, math.exp(-y), kappa < _SERIES_BELOW, *basis)
+
+
+def _next(y: Any, kappa: Any, below: Any, one: Any, zero: Any) -> Any:
+    """The function with s^2 on top, where s^2 = D - 2ys - kappa."""
+    return below - 2.0 * y * one - kappa * zero
+
+
+def _series4(y: Any, q: Any, terms: int) -> Values:
+    """The same sums for four powers of sigma^2 + q, and X1(0), X1(-1), X2(0), X3(0), X4(0)."""
+    total1 = total2 = total3 = total4 = 0.0
+    x1 = x2 = x3 = x4 = later1 = later2 = later3 = later4 = 0.0
+    for i in range(terms, 1, -1):
+        x4, later4 = later3 - q * later4, x4
+        x3, later3 = later2 - q * later3, x3
+        x2, later2 = later1 - q * later2, x2
+        x1, later1 = _INVERSE_FACTORIAL[i] - q * later1, x1
+        total1, total2 = total1 * y + x1, total2 * y + x2
+        total3, total4 = total3 * y + x3, total4 * y + x4
+    return (
+        total1, total2, total3, total4, 1.0 - q * later1, 1.0 - q * x1,
+        later1 - q * later2, later2 - q * later3, later3 - q * later4,
+    )  # fmt: skip
+
+
+def _swing4(q: Any, p1: Any, v1: Any) -> Values:
+    p2 = 0.5 * (p1 - v1) / q
+    p3 = 0.25 * (3.0 * p2 - 0.5 * p1) / q
+    return 0.0, 0.0, 0.0, 0.0, p1, v1, p2, p3, (5.0 * p3 - 0.25 * p2) / (6.0 * q)
+
+
+def _near4(
+    c: Any, k: Any, t: Any, decay: Any, short: bool, f1: Any, f2: Any, f3: Any, f4: Any,
+    p1: Any, v1: Any, p2: Any, p3: Any, p4: Any,
+) -> Values:  # fmt: skip
+    y, kappa = 0.5 * c * t, k * t * t
+    p1, p2, p3, p4, v1 = decay * p1, decay * p2, decay * p3, decay * p4, decay * v1
+    u1, u2, u3, u4 = v1 - y * p1, p1 / 2.0 - y * p2, p2 / 4.0 - y * p3, p3 / 6.0 - y * p4
+    if short:
+        f1, f2, f3, f4 = decay * f1, decay * f2, decay * f3, decay * f4
+    else:
+        f1 = (1.0 - u1 - 2.0 * y * p1) / kappa
+        f2 = (f1 - u2 - 2.0 * y * p2) / kappa
+        f3 = (f2 - u3 - 2.0 * y * p3) / kappa
+        f4 = (f3 - u4 - 2.0 * y * p4) / kappa
+    a1 = -c * u1 - k * t * p1
+    a2, a3 = _next(y, kappa, p1, u2, p2), _next(y, kappa, p2, u3, p3)
+    a4, j1 = _next(y, kappa, p3, u4, p4), -c * a1 - k * u1
+    j2, j3 = _next(y, kappa, u1, a2, u2), _next(y, kappa, u2, a3, u3)
+    return (
+        f1, p1, u1, a1, j1, -c * j1 - k * a1, f2, p2, u2, a2, j2, f3, p3, u3, a3, j3,
+        f4, p4, u4, a4, _next(y, kappa, u3, a4, u4),
+    )  # fmt: skip
+
+
+def _apart4(y: Any, kappa: Any, t: Any) -> Values:
+    high, low = _roots(y, kappa)
+    slow = min(abs(high), abs(low)) < _SLOW
+    f1 = f2 = f3 = f4 = 0.0
+    if slow:
+        f1, f2 = _sum(-1, 1, high, low), _sum(-1, 2, high, low)
+        f3, f4 = _sum(-1, 3, high, low), _sum(-1, 4, high, low)
+    p1, p2 = _sum(0, 1, high, low), _sum(0, 2, high, low)
+    p3, p4 = _sum(0, 3, high, low), _sum(0, 4, high, low)
+    u1, u2 = _sum(1, 1, high, low), _sum(1, 2, high, low)
+    u3, u4 = _sum(1, 3, high, low), _sum(1, 4, high, low)
+    a1, a2 = _sum(2, 1, high, low), _sum(2, 2, high, low)
+    a3, a4 = _sum(2, 3, high, low), _sum(2, 4, high, low)
+    j1, j2 = _sum(3, 1, high, low), _sum(3, 2, high, low)
+    j3, j4 = _sum(3, 3, high, low), _sum(3, 4, high, low)
+    if not slow:
+        f1 = (1.0 - u1 - 2.0 * y * p1) / kappa
+        f2 = (f1 - u2 - 2.0 * y * p2) / kappa
+        f3 = (f2 - u3 - 2.0 * y * p3) / kappa
+        f4 = (f3 - u4 - 2.0 * y * p4) / kappa
+    return (
+        f1, p1, u1, a1 / t, j1 / (t * t), _sum(4, 1, high, low) / (t * t * t),
+        f2, p2, u2, a2, j2, f3, p3, u3, a3, j3, f4, p4, u4, a4, j4,
+    )  # fmt: skip
+
+
+def _sum(n: int, b: int, high: Any, low: Any) -> Any:
+    """G_{n,b} in partial fractions: the powers 1 to b of 1/(s - high) and of 1/(s - low)."""
+    by = 1.0 / (high - low)
+    total, factor, sign = 0.0, by**b, 1.0
+    for j in range(b, 0, -1):
+        mirrored = 1.0 if j % 2 == 0 else -1.0
+        total += sign * factor * (_part(n, j, high) + mirrored * _part(n, j, low))
+        sign, factor = -sign, factor * by * (2 * b - j) / (b - j + 1)
+    return total
+
+
+def _part(n: int, j: int, root: Any) -> Any:
+    """The inverse Laplace transform of s^n/(s - root)^j at time one."""
+    if n < 0:
+        return _lag(j, root)
+    total, factor = 0.0, 1.0
+    for i in range(min(n, j - 1) + 1):
+        total += factor * root ** (n - i) * _INVERSE_FACTORIAL[j - 1 - i]
+        factor = factor * (n - i) / (i + 1)
+    return math.exp(root) * total
+
+
+SCALAR = {"transients1": transients1, "transients2": transients2, "transients4": transients4}
+
+
+def _array(order: int) -> Callable[..., Values]:
+    """The same functions for arrays; element by element where the roots are apart."""
+    scalar, near, series, swing, timed = (
+        globals()[f"_{name}{order}"] for name in ("means", "near", "series", "swing", "timed")
+    )
+    count = len(TABLES[order])
+
+    def basis(y, q):
+        if q[0] < _SERIES_BELOW:
+            return series(y, q, _TERMS)
+        x = np.sqrt(q)
+        return swing(q, np.sin(x) / x, np.cos(x))
+
+    def function(c, k, t):
+        given = np.broadcast_arrays(*(np.asarray(x, dtype=float) for x in (c, k, t)))
+        c, k, t = (x.ravel() for x in given)
+        found = np.empty((count, t.size))
+        y, kappa = 0.5 * c * t, k * t * t
+        q = kappa - y * y
+        short, low, apart = kappa < _SERIES_BELOW, q < _SERIES_BELOW, q <= -_APART
+        for i in np.flatnonzero(apart).tolist():
+            found[:, i] = scalar(float(c[i]), float(k[i]), float(t[i]))
+        for part in (low & short & ~apart, low & ~short & ~apart, ~low):
+            if np.any(part):
+                ch, kh, th, yh, qh = (x[part] for x in (c, k, t, y, q))
+                brief = bool(short[part][0])
+                found[:, part] = near(ch, kh, th, np.exp(-yh), brief, *basis(yh, qh))
+        return timed(given[2], *found.reshape(count, *given[0].shape))
+
+    return function
+
+
+ARRAY = {f"transients{order}": _array(order) for order in TABLES}
