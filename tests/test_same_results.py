@@ -142,10 +142,10 @@ def test_what_no_rounding_explains_is_refused(altered, key, value):
 
 def test_large_multipliers_agree_by_their_reciprocals(altered):
     def first(multiplier):
-        return altered(lambda data: data["entries"][0].update(multipliers=multiplier))
+        return altered(lambda data: data["entries"][0]["multipliers"].__setitem__(0, multiplier))
 
-    assert accepted(first([[-1.00000000001, 0.0], [-0.3414323782983008, 0.0]]), {}) == [True]
-    assert accepted(first([[-1.000000001, 0.0], [-0.3414323782983008, 0.0]]), {}) == [False]
+    assert accepted(first([-1.00000000001, 0.0]), {}) == [True]
+    assert accepted(first([-1.000000001, 0.0]), {}) == [False]
     assert close("e1/multiplier1_re", -2.8e16, math.inf)
     assert close("e1/multiplier1_re", 5849.524535, 5849.524538)
     assert not close("e1/multiplier1_re", 5.0, math.inf)
