@@ -63,7 +63,7 @@ def pair(**changes):
     return ImpactPair(**{"beta": math.pi / 6, "r": 0.3, "A": 5.0, "s": 0.389} | changes)
 
 
-def measured(model, word, parameter, limits, events=EVENTS, most=2, **extra):
+def measured(model, word, parameter, limits, events=EVENTS, most=2, max_points=150, **extra):
     """Follow orbits of a word; the worst point and event against thirty digits."""
     kernels = Kernels(model, parameter)
     orbits = find_orbits(model, word, kernels=kernels, starts=64, rounds=4)
@@ -73,7 +73,7 @@ def measured(model, word, parameter, limits, events=EVENTS, most=2, **extra):
     for orbit in orbits[:most]:
         problem, exact = orbit.problem, Reference(orbit.problem)
         tests = test_functions(problem, events, {})
-        run = both_ways(problem, orbit.unknowns, limits, tests, Settings(max_points=150))
+        run = both_ways(problem, orbit.unknowns, limits, tests, Settings(max_points=max_points))
         points += len(run.points)
         missed += sum(len(walk.missed) for walk in run.walks)
         for event in run.events:
@@ -361,6 +361,18 @@ for text, c, allowed in (("1e4", 1e4, 1e-12), ("1e8", 1e8, 1e-8)):  # the condit
     case(f"oscillator, overdamped, c = {text}: orbits of S")(
         lambda c=c, e=allowed: measured(
             oscillator(c=c, a=c), "S", "a", (0.9 * c, 1.1 * c), allowed=e
+        )
+    )
+
+
+for text, c, kinds, allowed in (  # PD stands beside V, 3e-9 of its value from it
+    ("c = 1e4: four decades of a", 1e4, ("FB", "PD", "V"), 1e-8),
+    ("c = 1e8: four decades of a", 1e8, ("PD", "V"), 1e-7),
+    ("c = 1e8: the fold", 1e8, ("FB",), 1.0),  # of 3e7: its condition number is (c/k)^2
+):
+    case(f"oscillator, overdamped, {text}")(
+        lambda c=c, kinds=kinds, e=allowed: measured(
+            oscillator(c=c, a=c), "S", "a", (0.01 * c, 100 * c), kinds, 1, 1000, allowed=e
         )
     )
 
