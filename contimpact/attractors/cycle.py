@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from ..arrays import Array
-from ..orbits.block_cyclic import roots
+from ..orbits.cyclic_multipliers import roots
 from ..simulation.run import Run, State
 from ..simulation.simulator import Simulator
 

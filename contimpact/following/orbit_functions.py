@@ -9,17 +9,13 @@ from __future__ import annotations
 import math
 from typing import Any, NamedTuple
 
-from ..orbits.block_cyclic import (
-    POSITIONS,
-    assemble,
+from ..orbits.block_cyclic import POSITIONS, assemble, eliminate, solve, store
+from ..orbits.cyclic_multipliers import (
     doubling,
-    eliminate,
     multipliers,
     product_of_multipliers,
     row_norms,
     scaled,
-    solve,
-    store,
 )
 from ..orbits.physicality import verdict
 

@@ -20,7 +20,7 @@ from typing import Any
 
 import numpy as np
 
-from . import block_cyclic
+from . import block_cyclic, cyclic_multipliers
 
 Array = np.ndarray[Any, Any]
 
@@ -84,7 +84,7 @@ def stability_of_orbit(
     """
     count, blocks = len(start), _flights(start, end)
     reduced = block_cyclic.eliminate(blocks, changes, 1, [()] * count, 0.0, True, unknowns, span)
-    product = block_cyclic.product_of_multipliers(blocks, changes, 1, unknowns, span)
+    product = cyclic_multipliers.product_of_multipliers(blocks, changes, 1, unknowns, span)
     return _of_two(reduced, blocks, product)
 
 
@@ -95,8 +95,8 @@ def _flights(start: Array, end: Array) -> list[tuple[float, ...]]:
 
 
 def _of_two(reduced: Any, blocks: list[tuple[float, ...]], product: float) -> Stability:
-    a, b, c, d = block_cyclic.multipliers(reduced, product)
-    doubling = block_cyclic.doubling(reduced, blocks, len(blocks))
+    a, b, c, d = cyclic_multipliers.multipliers(reduced, product)
+    doubling = cyclic_multipliers.doubling(reduced, blocks, len(blocks))
     return Stability(np.array([complex(a, b), complex(c, d)]), np.array([product]), doubling)
 
 
@@ -193,7 +193,7 @@ def _of_any_size(start: Array, end: Array) -> Stability:
         products = values[first] * values[second]
     both = np.isfinite(values[first]) & np.isfinite(values[second])
     norms = _row_norms(start, end)
-    value = block_cyclic.scaled(sign, logarithm, float(np.linalg.det(p - q)), norms)
+    value = cyclic_multipliers.scaled(sign, logarithm, float(np.linalg.det(p - q)), norms)
     return Stability(values, np.where(both, products, np.nan), value)
 
 

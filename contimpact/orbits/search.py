@@ -1,13 +1,11 @@
 """All orbits of a word at given parameter values, by vectorised Newton iteration from many starts.
 
-A start is a set of impact times drawn at random; the section coordinates that fit them best follow
-from least squares, since residuals are (close to) linear in them. Newton steps are shortened so
-that impacts stay in order. Rounds of starts are repeated until several in a row find nothing new.
+Rounds of starts (`contimpact.orbits.starts`) are repeated until several in a row find nothing new.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -16,19 +14,15 @@ import numpy as np
 from ..errors import InputError
 from ..models.model import Model
 from ..models.word import Word, parse_word
-from ..segments.arithmetic import ARRAYS
 from ..segments.kernels import Kernels
 from .linearisation import Linearisation
 from .problem import Array, OrbitProblem
 from .recognition import repeats
+from .starts import rounds_of_starts
 
-ITERATIONS = 25
 FEWEST_STARTS = 16
 MOST_WORK = 40_000
 """Starts in a round, times the square of the word's length, beyond which fewer starts are made."""
-
-ROUNDS_AT_ONCE = 3
-"""Rounds iterated together; where there is an orbit, no search ends before the third."""
 
 SAME_ORBIT = 1e-7
 SAME_SINGULAR_ORBIT = 1e-4
@@ -184,7 +178,7 @@ def find_orbits(
     found: list[Orbit] = []
     known: list[Array] = []
     quiet = 0
-    for solutions in _rounds(problem, generator, starts, rounds):
+    for solutions in rounds_of_starts(problem, generator, starts, rounds):
         before = len(found)
         _keep(found, known, problem, solutions)
         quiet = quiet + 1 if len(found) == before else 0
@@ -299,126 +293,6 @@ def _reduced(problem: OrbitProblem, solutions: Array) -> Array:
     shifted = solutions.copy()
     shifted[:, : -1 : problem.m] -= np.floor(solutions[:, :1] / period) * period
     return shifted
-
-
-# The vectorised iteration: arrays have one row per start.
-
-
-def _rounds(
-    problem: OrbitProblem, generator: np.random.Generator, starts: int, rounds: int
-) -> Iterator[Array]:
-    """The solutions that the starts of each round lead to, in the order of their iterations."""
-    for first in range(0, rounds, ROUNDS_AT_ONCE):
-        count = min(ROUNDS_AT_ONCE, rounds - first)
-        times = [_random_times(problem, generator, starts) for _ in range(count)]
-        with np.errstate(all="ignore"):
-            solutions, origin = _newton(problem, _with_sections(problem, np.concatenate(times)))
-        for k in range(count):
-            yield solutions[origin // starts == k]
-
-
-def _random_times(problem: OrbitProblem, generator: np.random.Generator, count: int) -> Array:
-    """Impact times in order, one row per start."""
-    period = problem.kernels.setup(*problem.model.values.values()).period
-    first = generator.uniform(0.0, period, count)[:, None]
-    durations = generator.dirichlet(np.ones(len(problem.word)), count)
-    durations *= problem.word.period * period
-    return np.hstack([first, first + np.cumsum(durations, axis=1)[:, :-1]])
-
-
-def _with_sections(problem: OrbitProblem, times: Array) -> Array:
-    """The starts with these impact times: section coordinates by least squares."""
-    count, n = times.shape
-    m = problem.m
-    z = np.zeros((count, n, m))
-    z[:, :, 0] = times
-    residual, jacobian = _evaluate_all(problem, z)
-    sections = [i for i in range(n * m) if i % m]
-    by_section = jacobian[:, :, sections]
-    normal = by_section.transpose(0, 2, 1) @ by_section
-    normal += 1e-12 * np.trace(normal, axis1=1, axis2=2)[:, None, None] * np.eye(len(sections))
-    right = -(by_section.transpose(0, 2, 1) @ residual[:, :, None])
-    z.reshape(count, -1)[:, sections] = np.linalg.solve(normal, right)[:, :, 0]
-    return z
-
-
-def _newton(problem: OrbitProblem, z: Array) -> tuple[Array, Array]:
-    """Newton's iteration from every start.
-
-    Returns
-    -------
-    solutions : ndarray of shape (K, n + 1)
-        The unknowns of those that converged, the soonest first.
-    origin : ndarray of shape (K,)
-        The numbers of their starts.
-    """
-    count, n, m = z.shape
-    value = problem.model.values[problem.parameter]
-    period = problem.kernels.setup(*problem.model.values.values()).period
-    span = problem.word.period * period
-    origin = np.arange(count)
-    reached: list[Array] = []
-    origins: list[Array] = []
-    for _ in range(ITERATIONS):
-        residual, jacobian = _evaluate_all(problem, z)
-        healthy = np.isfinite(jacobian).all(axis=(1, 2)) & np.isfinite(residual).all(axis=1)
-        z, origin = z[healthy], origin[healthy]
-        jacobian = jacobian[healthy] + 1e-300 * np.eye(n * m)
-        step = _solve_all(jacobian, -residual[healthy]).reshape(-1, n, m)
-        done = np.max(np.abs(step), axis=(1, 2)) < 1e-8
-        reached.append((z + step)[done])
-        origins.append(origin[done])
-        z, step, origin = z[~done], step[~done], origin[~done]
-        if not len(z):
-            break
-        z = z + step * _shortening(z, step, span, period)[:, None, None]
-    solutions = np.concatenate(reached).reshape(-1, n * m)
-    return np.insert(solutions, n * m, value, axis=1), np.concatenate(origins)
-
-
-def _solve_all(matrices: Array, right: Array) -> Array:
-    try:
-        return np.linalg.solve(matrices, right[:, :, None])[:, :, 0]
-    except np.linalg.LinAlgError:
-        return (np.linalg.pinv(matrices) @ right[:, :, None])[:, :, 0]
-
-
-def _shortening(z: Array, step: Array, span: float, period: float) -> Array:
-    """The part of each step that keeps impacts in order and moves no time by over T/4."""
-    times, moves = z[:, :, 0], step[:, :, 0]
-    durations = np.diff(np.concatenate([times, times[:, :1] + span], axis=1), axis=1)
-    changes = np.diff(np.concatenate([moves, moves[:, :1]], axis=1), axis=1)
-    shrinking = np.where(
-        changes < 0.0, -0.9 * durations / np.where(changes < 0.0, changes, 1.0), 1.0
-    )
-    largest = 0.25 * period / np.maximum(np.max(np.abs(moves), axis=1), 1e-300)
-    return np.minimum(1.0, np.minimum(np.min(shrinking, axis=1), largest))
-
-
-def _evaluate_all(problem: OrbitProblem, z: Array) -> tuple[Array, Array]:
-    """Residuals (S, n) and square Jacobians (S, n, n) of all starts at the model's parameters.
-
-    All flights between the same walls are evaluated together.
-    """
-    count, n, m = z.shape
-    p = list(problem.model.values.values())
-    arrivals = np.roll(z, -1, axis=1)
-    arrivals[:, -1, 0] += problem.word.period * problem.kernels.setup(*p).period
-    residual = np.zeros((count, n, m))
-    jacobian = np.zeros((count, n, m, n, m))
-    for a, b in dict.fromkeys(problem.kinds):
-        leaving = [k for k, kind in enumerate(problem.kinds) if kind == (a, b)]
-        arriving = [(k + 1) % n for k in leaving]
-        start, end = (np.ascontiguousarray(e[:, leaving].transpose(2, 0, 1)) for e in (z, arrivals))
-        blocks = problem.kernels.segment(a, b).over(ARRAYS)
-        rows, by_start, by_end, _ = blocks(start, end, p)
-        for i in range(m):
-            residual[:, leaving, i] = rows[i]
-            for j in range(m):
-                jacobian[:, leaving, i, leaving, j] += by_start[m * i + j]
-                jacobian[:, leaving, i, arriving, j] += by_end[m * i + j]
-    problem.kernel_evaluations += count * n
-    return residual.reshape(count, -1), jacobian.reshape(count, n * m, n * m)
 
 
 def orbit_at(problem: OrbitProblem, unknowns: Array) -> Orbit:

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from ..segments.arithmetic import ARRAYS, Kernel, evaluate_in
-from ..segments.flight import first_arrival, first_hit
+from ..segments.arrival import first_arrival, first_hit
 from ..segments.zeros import chebyshev_zeros
 from .body import Body
 

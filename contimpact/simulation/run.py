@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import enum
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -90,3 +92,9 @@ class Run:
         names = [*self.letters, "*"]
         marked = np.where(self.released, len(self.letters), self.walls)
         return "".join(names[i] for i in marked)
+
+
+def joined(parts: Sequence[Sequence[Any]]) -> Iterator[Array]:
+    """Return the columns of a run, walls to releases, from those of its parts."""
+    for i, kind in enumerate((np.int8, np.int64, float, float, bool)):
+        yield np.concatenate([np.zeros(0, kind), *(np.asarray(part[i], kind) for part in parts)])

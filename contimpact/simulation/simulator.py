@@ -1,7 +1,7 @@
 """Event-driven simulation: from impact to impact, to rounding, through chatter and sticking.
 
 Each flight is the model's closed form, and its first arrival at a wall is found with certainty
-(`flight.first_arrival`). Time is a phase in [0, T) and a whole number of periods, so that it does
+(`arrival.first_arrival`). Time is a phase in [0, T) and a whole number of periods, so that it does
 not lose digits however long a run is. Chatter is completed analytically near its end; then the body
 sticks, until the acceleration at the wall turns away. The loop itself is in
 `contimpact.simulation.impacts`; it runs in plain Python, and compiled where that pays.
@@ -23,7 +23,7 @@ from ..compiling.arguments import INTEGERS, VECTOR
 from ..errors import InputError
 from ..models.model import Model
 from ..segments.arithmetic import ARRAYS, evaluate_in
-from ..segments.flight import first_arrival
+from ..segments.arrival import first_arrival
 from ..segments.kernels import Kernels
 from ..segments.zeros import chebyshev_zeros, time_zeros
 from .body import Body, wall_on, wrapped
@@ -32,7 +32,7 @@ from .engine import BODY, DTYPES, ROW, Engine, array, engine_of
 from .flights import FlightInState, fly_in_time, motion_at
 from .impacts import make_impacts
 from .restitution import coefficient
-from .run import Outcome, Run, State
+from .run import Outcome, Run, State, joined
 from .sticking import Hold, hold_of, pressed_at
 
 CHUNK, FEW = 65536, 256
@@ -349,11 +349,7 @@ class Simulator:
         return end, _OUTCOMES[at[2]], count, [column[:count] for column in columns]
 
     def _as_run(self, parts: list[list[Any]], outcome: Outcome, end: State | None) -> Run:
-        kinds = (np.int8, np.int64, float, float, bool)
-        walls, turns, phases, velocities, released = (
-            np.concatenate([np.zeros(0, kind), *(np.asarray(part[i], kind) for part in parts)])
-            for i, kind in enumerate(kinds)
-        )
+        walls, turns, phases, velocities, released = joined(parts)
         return Run(
             self.letters, self.period, walls, turns, phases, velocities, released, outcome, end
         )

@@ -10,15 +10,13 @@ import pytest
 
 from contimpact.continuation.bordered import bordered, scaled_determinant
 from contimpact.orbits import multipliers as stability
-from contimpact.orbits.block_cyclic import (
-    KEPT,
-    eliminate,
+from contimpact.orbits.block_cyclic import KEPT, eliminate, solve
+from contimpact.orbits.cyclic_multipliers import (
     multipliers,
     product_of_multipliers,
     roots,
     row_norms,
     scaled,
-    solve,
 )
 
 WALLS = 2

@@ -14,13 +14,8 @@ from contimpact.orbits.physicality import judge
 from contimpact.orbits.search import find_orbits
 from contimpact.segments import zeros as module
 from contimpact.segments.arithmetic import ARRAYS, evaluate_in
-from contimpact.segments.flight import (
-    FlightGaps,
-    Touch,
-    excursions,
-    first_hit,
-    flight_gaps,
-)
+from contimpact.segments.arrival import first_hit
+from contimpact.segments.flight import FlightGaps, Touch, excursions, flight_gaps
 from contimpact.segments.zeros import chebyshev_zeros, time_zeros
 
 WALLS = (Wall("B", side=+1), Wall("T", side=-1))

@@ -19,7 +19,7 @@ import pytest
 from contimpact.compiling import library
 from contimpact.errors import InputError
 from contimpact.orbits.search import find_orbits
-from contimpact.segments import flight
+from contimpact.segments import arrival
 from contimpact.segments.flight import velocity_zero
 from contimpact.segments.kernels import Kernels
 from contimpact.segments.zeros import time_zeros
@@ -502,18 +502,18 @@ def test_a_turn_told_by_tangents_changes_nothing(pair, simulator_of, monkeypatch
     """Where tangents tell that the body turns before a wall, the turning point is left out."""
     flights = list(random_flights(pair, simulator_of, 5, 600))
     fast = [s.fly(s.letters.index(wall), *at) for s, wall, *at in flights]
-    told = Counter(flight.turns_before(*given) for given in turns_of_flights(flights, monkeypatch))
+    told = Counter(arrival.turns_before(*given) for given in turns_of_flights(flights, monkeypatch))
     assert told[True] > 200
     assert told[False] > 50
-    monkeypatch.setattr(flight, "turns_before", lambda *given: False)
+    monkeypatch.setattr(arrival, "turns_before", lambda *given: False)
     assert [s.fly(s.letters.index(wall), *at) for s, wall, *at in flights] == fast
 
 
 def turns_of_flights(flights, monkeypatch):
     """What `turns_before` is asked on some flights."""
-    asked, tell = [], flight.turns_before
+    asked, tell = [], arrival.turns_before
     with monkeypatch.context() as patch:
-        patch.setattr(flight, "turns_before", lambda *given: asked.append(given) or tell(*given))
+        patch.setattr(arrival, "turns_before", lambda *given: asked.append(given) or tell(*given))
         for simulator, wall, phase, velocity in flights:
             simulator.fly(simulator.letters.index(wall), phase, velocity)
     return asked
