@@ -10,7 +10,7 @@ import numpy as np
 from case import D_PER_S, EXPECTED, STEPS, follow, problem, start
 from contestant import MODES, Workspace
 
-from contimpact.orbits.search import settle
+from contimpact.orbits.search import solve_near
 
 EVENT_ERROR = 1e-12
 """Of d at an event; the expected values have twelve digits."""
@@ -98,7 +98,7 @@ def apart(file: str) -> list[float]:
     equations, distances = problem(), []
     with open(file) as stored:
         for unknowns in np.array(json.load(stored)):
-            orbit = settle(equations, unknowns)
+            orbit = solve_near(equations, unknowns)
             if orbit is None:
                 return [*distances, float("inf")]
             distances.append(float(np.max(np.abs(orbit.unknowns - unknowns))))
