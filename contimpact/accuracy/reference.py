@@ -287,9 +287,11 @@ class Reference:
     # Newton's iteration.
 
     def _solve(
-        self, system: Callable[[list[Any]], list[Any]], guess: Sequence[float],
+        self,
+        system: Callable[[list[Any]], list[Any]],
+        guess: Sequence[float],
         jacobian: Array | None = None,
-    ) -> tuple[list[Any], float, float, float, int] | None:  # fmt: skip
+    ) -> tuple[list[Any], float, float, float, int] | None:
         """Iterate with a Jacobian in doubles, renewed where it no longer serves."""
         ctx = self.ctx
         x = [ctx.mpf(value) for value in guess]

@@ -122,9 +122,10 @@ def solve(system: ExtendedSystem, here: Linearisation) -> Solution | None:
 
 
 def located(
-    system: ExtendedSystem, guess: Point,
+    system: ExtendedSystem,
+    guess: Point,
     details: Callable[[Solution], Mapping[str, Any]] | None = None,
-) -> Located | None:  # fmt: skip
+) -> Located | None:
     """Solve a system from a point as a test function does; None if that fails."""
     solution = solve(system, guess.evaluation)
     if solution is None:

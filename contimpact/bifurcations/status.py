@@ -38,9 +38,12 @@ BLURRED = 10.0
 
 
 def explained(
-    problem: OrbitProblem, walk: Walk, tests: Sequence[TestFunction], settings: Settings,
+    problem: OrbitProblem,
+    walk: Walk,
+    tests: Sequence[TestFunction],
+    settings: Settings,
     switched: bool,
-) -> Walk:  # fmt: skip
+) -> Walk:
     """Return a walk with the events that explain its changes of status, or what is missing.
 
     Parameters

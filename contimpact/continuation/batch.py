@@ -69,11 +69,10 @@ class Position:
         """Return the vector `options` of `take_steps`."""
         given = self.settings
         largest = LARGEST_DEFECT * given.max_angle if self.by_defect else math.inf
-        return [
-            given.tolerance, given.max_iterations, given.min_step, given.max_step, given.max_angle,
-            largest, *self.limits, self.first, self.same, float(given.predictor == "secant"),
-            float(self.meetings),
-        ]  # fmt: skip
+        steps = given.min_step, given.max_step, given.max_angle, largest
+        asked = float(given.predictor == "secant"), float(self.meetings)
+        newton = given.tolerance, given.max_iterations
+        return [*newton, *steps, *self.limits, self.first, self.same, *asked]
 
     def state(self) -> list[float]:
         """Return the vector `state` of `take_steps`."""

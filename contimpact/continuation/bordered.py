@@ -55,9 +55,12 @@ def orientation(jacobian: Array, tangent: Array, scale: Array) -> float:
 
 
 def point_after(
-    previous: Point, evaluation: Evaluation, iterations: int, scale: Array,
+    previous: Point,
+    evaluation: Evaluation,
+    iterations: int,
+    scale: Array,
     travelled: float | None = None,
-) -> Point | None:  # fmt: skip
+) -> Point | None:
     """Return an evaluation as the point that follows another, or None where it has no tangent."""
     jacobian = evaluation.jacobian
     tangent = next_tangent(jacobian, previous.tangent / scale**2, scale)

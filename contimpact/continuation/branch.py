@@ -212,11 +212,9 @@ class Block:
 
     def point(self, i: int) -> Point:
         """Return one of the points."""
-        return Point(
-            self.make(self.unknowns[i], self.described[i]), self.sign * self.tangents[i],
-            self.sign * float(self.orientations[i]), float(self.places[i]),
-            int(self.iterations[i]),
-        )  # fmt: skip
+        here = self.make(self.unknowns[i], self.described[i])
+        tangent, orientation = self.sign * self.tangents[i], self.sign * float(self.orientations[i])
+        return Point(here, tangent, orientation, float(self.places[i]), int(self.iterations[i]))
 
     @property
     def places(self) -> Array:
@@ -367,10 +365,9 @@ def _count(piece: Point | Block) -> int:
 
 
 def _moved(point: Point, sign: float, origin: float) -> Point:
-    return replace(
-        point, tangent=sign * point.tangent, orientation=sign * point.orientation,
-        arclength=origin + sign * point.arclength,
-    )  # fmt: skip
+    tangent, orientation = sign * point.tangent, sign * point.orientation
+    place = origin + sign * point.arclength
+    return replace(point, tangent=tangent, orientation=orientation, arclength=place)
 
 
 def joined(backward: Walk, forward: Walk) -> tuple[Points, list[Event]]:

@@ -109,22 +109,21 @@ def correct(
     """Solve F(z) = 0, row . (z - guess) = 0 by Newton's method; see `newton`."""
     row = row / np.linalg.norm(row * scale)
     system, z = DenseSystem(problem), [0.0] * len(guess)
+    vectors = z, guess.tolist(), row.tolist(), scale.tolist(), [0.0] * len(z)
+    most = settings.max_iterations
     status, iterations, first = newton(
-        DenseSystem.evaluate, DenseSystem.solve, system, z, guess.tolist(), row.tolist(),
-        scale.tolist(), [0.0] * len(z), settings.tolerance, settings.max_iterations,
-    )  # fmt: skip
+        DenseSystem.evaluate, DenseSystem.solve, system, *vectors, settings.tolerance, most
+    )
     if status == CONVERGED:
         return Correction(system.here, iterations, first_step=first)
-    return Correction(None, iterations, failure(status, problem, z, settings.max_iterations))
+    return Correction(None, iterations, failure(status, problem, z, most))
 
 
 def failure(status: int, problem: Problem, z: list[float], most: int) -> Refused:
     """Return why `newton` failed at a point."""
     if status == NO_VALUE:
         return Refused(Refusal.NO_VALUE, why_no_value(problem, np.array(z)))
-    reasons = {
-        NO_SOLUTION: Refusal.NO_SOLUTION, DIVERGES: Refusal.DIVERGES, SLOW: Refusal.SLOW,
-    }  # fmt: skip
+    reasons = {NO_SOLUTION: Refusal.NO_SOLUTION, DIVERGES: Refusal.DIVERGES, SLOW: Refusal.SLOW}
     return Refused(reasons[status], most)
 
 

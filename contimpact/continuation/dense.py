@@ -29,11 +29,12 @@ class DenseBackend:
         )  # fmt: skip
         problem, notices = self.system.problem, int(state[NOTICE])
         point = self.point(row, n) if made or notices else None
-        return Batch(
-            point if made else None, state[STEP], int(state[ITERATIONS]), int(state[REJECTED]),
-            Proposal(point, Notice(notices), state[NEXT_STEP]) if point and notices else None,
-            refusal(position, state, problem, work[1]),
-        )  # fmt: skip
+        proposal = None
+        if point and notices:
+            proposal = Proposal(point, Notice(notices), state[NEXT_STEP])
+        counts = int(state[ITERATIONS]), int(state[REJECTED])
+        refused = refusal(position, state, problem, work[1])
+        return Batch(point if made else None, state[STEP], *counts, proposal, refused)
 
     def point(self, row: list[float], n: int) -> Point:
         """The point last evaluated, which is that of a row."""

@@ -97,10 +97,8 @@ def _by_newton(test: TestFunction, segment: Segment, guess: Point, index: int) -
     if not located.error <= ACCEPTED_ERROR * segment.scale[-1]:
         return None
     point = segment.event_point(segment.problem.evaluate(located.unknowns), guess.iterations)
-    return Event(
-        test.kind, point, located.residual, located.error, "newton",
-        {"index": index, **located.details},
-    )  # fmt: skip
+    details = {"index": index, **located.details}
+    return Event(test.kind, point, located.residual, located.error, "newton", details)
 
 
 def _by_bracket(

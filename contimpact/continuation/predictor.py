@@ -33,9 +33,10 @@ def cubic(left, right, rate, next_rate, span, s):
     """Return a value of the cubic through two values with their rates, at a fraction s."""
     t = 1.0 - s
     return (
-        left * t * t * (1.0 + 2.0 * s) + right * s * s * (1.0 + 2.0 * t)
+        left * t * t * (1.0 + 2.0 * s)
+        + right * s * s * (1.0 + 2.0 * t)
         + span * s * t * (t * rate - s * next_rate)
-    )  # fmt: skip
+    )
 
 
 def hermite(left: Point, right: Point, span: float, fraction: float) -> Array:

@@ -57,8 +57,5 @@ class Settings:
                 "predictor", f"found {self.predictor!r}", f"accepted are {', '.join(PREDICTORS)}"
             )
         if not self.min_step <= self.step <= self.max_step:
-            raise InputError(
-                "step",
-                f"min_step = {self.min_step}, step = {self.step}, max_step = {self.max_step}",
-                "keep them in this order",
-            )  # fmt: skip
+            found = f"min_step = {self.min_step}, step = {self.step}, max_step = {self.max_step}"
+            raise InputError("step", found, "keep them in this order")

@@ -30,9 +30,14 @@ class Start:
 
 
 def first_point(
-    problem: Problem, guess: Array, direction: int, tangent: Array | None, branching: bool,
-    scale: Array, settings: Settings,
-) -> Start:  # fmt: skip
+    problem: Problem,
+    guess: Array,
+    direction: int,
+    tangent: Array | None,
+    branching: bool,
+    scale: Array,
+    settings: Settings,
+) -> Start:
     """Solve for the first point of a walk; parameters as of `contimpact.continuation.walk.walk`."""
     fixed = np.zeros(len(guess))
     fixed[-1] = 1.0

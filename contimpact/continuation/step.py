@@ -126,10 +126,10 @@ def attempt(
     predict(z, tangent, chord, secant, state[STEP], scale, guess)
     for i in range(len(z)):
         row[i] = tangent[i] / scale[i] / scale[i]
+    tolerance, most = options[TOLERANCE], int(options[ITERATIONS_AT_MOST])
     status, iterations, first = newton(
-        evaluate, solve, data, new, guess, row, scale, along,
-        options[TOLERANCE], int(options[ITERATIONS_AT_MOST]),
-    )  # fmt: skip
+        evaluate, solve, data, new, guess, row, scale, along, tolerance, most
+    )
     state[ITERATIONS] += iterations
     state[EVALUATIONS] += iterations + 1
     if status != CONVERGED:

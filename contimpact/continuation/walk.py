@@ -100,10 +100,8 @@ def walk(
     settings = settings or Settings()
     start = np.asarray(start, dtype=float)
     check(start, direction, limits)
-    walker = _Walker(
-        problem, backend or DenseBackend(problem), parameter, limits, list(tests), settings,
-        callback, stop, branching,
-    )  # fmt: skip
+    backend, watching = backend or DenseBackend(problem), (callback, stop, branching)
+    walker = _Walker(problem, backend, parameter, limits, list(tests), settings, *watching)
     walker.passes.find = meeting
     try:
         return walker.run(start, direction, tangent)
@@ -225,11 +223,10 @@ class _Walker:
         """Take steps from the last point."""
         here = self.sharpened()
         numerics = self.numerics(here)
-        position = Position(
-            here, self.points[-2] if self.seen.follows else None, self.points[0].parameter,
-            len(self.points), step, self.scale, self.limits, SAME_SOLUTION, numerics,
-            by_defect=numerics is self.settings, meetings=self.passes.find is not None,
-        )  # fmt: skip
+        before = self.points[-2] if self.seen.follows else None
+        place = here, before, self.points[0].parameter, len(self.points), step, self.scale
+        judged = numerics is self.settings, self.passes.find is not None
+        position = Position(*place, self.limits, SAME_SOLUTION, numerics, *judged)
         batch = self.backend.advance(position, most)
         self.iterations += batch.iterations
         self.rejected += batch.rejected
@@ -372,7 +369,6 @@ class _Walker:
         return self.finished(self.end(EndKind.INTERRUPTED))
 
     def finished(self, end: End) -> Walk:
-        return Walk(
-            self.points, self.events, end, self.missed, self.iterations, self.rejected,
-            self.seconds_in_events, self.passes.notes(self.parameter),
-        )  # fmt: skip
+        effort = self.iterations, self.rejected, self.seconds_in_events
+        notes = self.passes.notes(self.parameter)
+        return Walk(self.points, self.events, end, self.missed, *effort, notes)

@@ -113,11 +113,10 @@ class OrbitBackend:
         work = np.zeros((4, n)) if fast else _list_table(4, n)
         here = position.here
         points = (position.scale, here.unknowns, here.tangent, position.chord())
-        given: list[Any] = [
-            *(self.arrays if fast else [self.lists]), vector(position.options(), float), state,
-            *(vector(p) for p in points), work, rows,
-            *([vector([width, most])] if fast else [width, most]),
-        ]  # fmt: skip
+        orbit = self.arrays if fast else [self.lists]
+        size = [vector([width, most])] if fast else [width, most]
+        settings, at = vector(position.options(), float), [vector(p) for p in points]
+        given: list[Any] = [*orbit, settings, state, *at, work, rows, *size]
         made = fast(*given) if fast else take_steps(*self.functions, *given)
         flights = int(state[EVALUATIONS]) * self.count
         self.problem.kernel_evaluations += flights
@@ -129,27 +128,24 @@ class OrbitBackend:
         if notices:
             proposed = self.block(table[made : made + 1], n)
             proposal = Proposal(proposed, notices, float(state[NEXT_STEP]))
-        return Batch(
-            self.block(table[:made], n) if made else None, float(state[STEP]),
-            int(state[ITERATIONS]), int(state[REJECTED]), proposal,
-            refusal(position, state, self.problem, work[1]),
-        )  # fmt: skip
+        block = self.block(table[:made], n) if made else None
+        counts = int(state[ITERATIONS]), int(state[REJECTED])
+        refused = refusal(position, state, self.problem, work[1])
+        return Batch(block, float(state[STEP]), *counts, proposal, refused)
 
     def block(self, rows: Array, n: int) -> Block:
         """The points in the rows of `take_steps`."""
         mark = 2 * n
         seen = rows[:, mark + HEAD :]
-        block = Block(
-            rows[:, :n], rows[:, n:mark], rows[:, mark], rows[:, mark + 1], rows[:, mark + 2],
-            seen[:, :DESCRIBED], self.problem.described,
-        ).kept()  # fmt: skip
-        gaps, turns = MEASURED + self.count * self.walls, self.count
-        measured = ManyOrbits(
-            block.unknowns, block.tangents, block.orientations, seen[:, SPAN],
-            seen[:, DETERMINANT], seen[:, PRODUCT, None],
-            seen[:, MEASURED:gaps].reshape(-1, self.count, self.walls),
-            seen[:, gaps : gaps + turns], seen[:, gaps + turns :],
-        )  # fmt: skip
+        sign, place, tries = rows[:, mark : mark + HEAD].T
+        about, made = seen[:, :DESCRIBED], self.problem.described
+        block = Block(rows[:, :n], rows[:, n:mark], sign, place, tries, about, made).kept()
+        gaps = MEASURED + self.count * self.walls
+        turns = gaps + self.count
+        points = block.unknowns, block.tangents, block.orientations
+        cycle = seen[:, SPAN], seen[:, DETERMINANT], seen[:, PRODUCT, None]
+        nearest = seen[:, MEASURED:gaps].reshape(-1, self.count, self.walls)
+        measured = ManyOrbits(*points, *cycle, nearest, seen[:, gaps:turns], seen[:, turns:])
         return replace(block, measured=measured)
 
     @functools.cached_property
@@ -202,7 +198,7 @@ def _array(numbers: Any, kind: type | None = None) -> Any:
     return np.array(numbers, dtype=kind)
 
 
-ARGUMENTS = "iiifff" "FFFF" "fffff" "ff" "ffff" "Ffi"  # fmt: skip
+ARGUMENTS = "iiifff" + "FFFF" + "fffff" + "ff" + "ffff" + "Ffi"
 """Kinds of the entry's arguments: those of `OrbitVectors`, then those of `take_steps`."""
 
 
@@ -235,18 +231,21 @@ def plain_functions(problem: OrbitProblem, fixed: list[float] | None) -> tuple[A
 
 
 def walk_orbits(
-    problem: OrbitProblem, start: Array, direction: int, *, tests: Sequence[TestFunction] = (),
-    gaps: bool = True, **options: Any,
-) -> Walk:  # fmt: skip
+    problem: OrbitProblem,
+    start: Array,
+    direction: int,
+    *,
+    tests: Sequence[TestFunction] = (),
+    gaps: bool = True,
+    **options: Any,
+) -> Walk:
     """As `contimpact.continuation.walk.walk`, for orbits: on a backend of their own.
 
     With `gaps` it is decided at every point if the orbit is physical, and changes of that or of the
     number of unstable multipliers are explained by events; see `contimpact.bifurcations.status`.
     """
-    found = walk(
-        problem, start, direction, parameter=problem.parameter, tests=tests,
-        backend=backend_of(problem, tests, gaps), meeting=meeting, **options,
-    )  # fmt: skip
+    options |= {"parameter": problem.parameter, "backend": backend_of(problem, tests, gaps)}
+    found = walk(problem, start, direction, tests=tests, meeting=meeting, **options)
     if not gaps:
         return found
     settings, switched = options.get("settings") or Settings(), options.get("tangent") is not None

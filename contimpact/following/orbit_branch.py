@@ -39,12 +39,16 @@ Callback = Callable[[Point], bool | None]
 
 def continue_orbit(
     orbit: Orbit | Entry | Event | Point | tuple[Branch | Diagram, int | str],
-    parameter: str | None = None, range: tuple[float, float] | None = None, *,
+    parameter: str | None = None,
+    range: tuple[float, float] | None = None,
+    *,
     events: Sequence[str | UserEvent] = EVENTS,
     values: Mapping[str, Sequence[float]] | None = None,
-    settings: Settings | None = None, callback: Callback | None = None, name: str = "b1",
+    settings: Settings | None = None,
+    callback: Callback | None = None,
+    name: str = "b1",
     model: Model | None = None,
-) -> Branch:  # fmt: skip
+) -> Branch:
     """Follow a periodic orbit in one parameter, in both directions.
 
     Parameters
@@ -154,10 +158,17 @@ def continue_born(
 
     def go(direction: int) -> Walk:
         return walk_orbits(
-            problem, start.unknowns, direction, limits=limits, tests=watched(tests, stop),
-            settings=settings, tangent=start.tangent, branching=start.branching,
-            callback=callback, stop=stop,
-        )  # fmt: skip
+            problem,
+            start.unknowns,
+            direction,
+            limits=limits,
+            tests=watched(tests, stop),
+            settings=settings,
+            tangent=start.tangent,
+            branching=start.branching,
+            callback=callback,
+            stop=stop,
+        )
 
     forward = kept(lambda: go(+1))
     if not forward.points:
@@ -179,9 +190,10 @@ def continue_born(
 
 
 def _tests(
-    problem: OrbitProblem, events: Sequence[str | UserEvent],
+    problem: OrbitProblem,
+    events: Sequence[str | UserEvent],
     values: Mapping[str, Sequence[float]] | None,
-) -> list[TestFunction]:  # fmt: skip
+) -> list[TestFunction]:
     if isinstance(events, str) or not isinstance(events, Sequence):
         raise InputError("events", f"found {events!r}", "give a list, such as ['PD', 'G']")
     texts = [kind for kind in events if isinstance(kind, str)]
@@ -199,10 +211,9 @@ def checked_range(
         raise InputError("range", f"found {limits!r}", "give (low, high)")
     low, high = (declared.check(limit, "range") for limit in limits)
     if not low < high or not low <= start <= high:
-        raise InputError(
-            "range", f"({low:.12g}, {high:.12g}) does not hold the start "
-            f"{problem.parameter} = {start:.12g}", "give low < high around the start",
-        )  # fmt: skip
+        at = f"{problem.parameter} = {start:.12g}"
+        found = f"({low:.12g}, {high:.12g}) does not hold the start {at}"
+        raise InputError("range", found, "give low < high around the start")
     problem.model.validate_between(problem.parameter, low, high, "range")
     return low, high
 
@@ -332,9 +343,15 @@ def both_ways(
 
     def go(direction: int) -> Walk:
         return walk_orbits(
-            problem, unknowns, direction, limits=limits,
-            tests=tests, settings=settings, callback=callback, stop=stop,
-        )  # fmt: skip
+            problem,
+            unknowns,
+            direction,
+            limits=limits,
+            tests=tests,
+            settings=settings,
+            callback=callback,
+            stop=stop,
+        )
 
     forward = kept(lambda: go(+1))
     if not forward.points:

@@ -71,11 +71,9 @@ class OrbitVectors(NamedTuple):
 
 def evaluate_cycle(flight, setup, orbit, z):
     """Evaluate the flights of an orbit; returns the largest residual."""
-    counts = orbit.counts
-    return assemble(
-        flight, setup, orbit.kinds, counts[PERIODS], counts[FREE], orbit.values, orbit.blocks,
-        orbit.clock, orbit.fixed, z,
-    )  # fmt: skip
+    periods, place, values = orbit.counts[PERIODS], orbit.counts[FREE], orbit.values
+    blocks, clock, fixed = orbit.blocks, orbit.clock, orbit.fixed
+    return assemble(flight, setup, orbit.kinds, periods, place, values, blocks, clock, fixed, z)
 
 
 def newton_step(orbit, row, g, out):
@@ -92,11 +90,8 @@ def tangent_of_cycle(orbit, z, row, scale, out):
     Returns the determinant of the Jacobian bordered by the tangent, rows and columns scaled; NaN
     where no tangent is defined.
     """
-    count = len(orbit.kinds)
-    reduced = eliminate(
-        orbit.blocks, orbit.kinds, orbit.counts[WALLS], orbit.kept, 0.0, True, z,
-        orbit.clock[0],
-    )  # fmt: skip
+    count, walls, span = len(orbit.kinds), orbit.counts[WALLS], orbit.clock[0]
+    reduced = eliminate(orbit.blocks, orbit.kinds, walls, orbit.kept, 0.0, True, z, span)
     store(orbit.reduced, 0, reduced)
     det = solve(reduced, orbit.kept, count, row, 1.0, out)
     size = 0.0
@@ -141,10 +136,11 @@ def measure(breaks, excursion, orbit, z, rows, at):
             sure = False
         high, when_high, low, when_low, slow = math.nan, math.nan, math.nan, math.nan, math.nan
         if wanted and length > 0.0:
+            head, phase = (wall, start, speed), start % period
+            left, reached = sides[wall], sides[following]
             high, when_high, low, when_low, slow = excursion(
-                (wall, start, speed), values, length, arriving, sides[wall], sides[following],
-                zeros, start % period, period,
-            )  # fmt: skip
+                head, values, length, arriving, left, reached, zeros, phase, period
+            )
         rows[slowest + k] = slow
         for j in range(walls):
             place = walls * k + j

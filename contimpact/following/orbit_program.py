@@ -73,20 +73,19 @@ def program_of(kernels: Kernels, variant: str) -> Program:
     walls = [wall.name for wall in kernels.model.WALLS]
     flights = {f"flight_{a}_{b}": kernels.flight(a, b) for a in walls for b in walls}
     motions = {f"motion_{a}": kernels.motion(a) for a in walls}
-    program.glue(_choice("any_flight", "kind, t0, v0, t1, v1, p", "kind", list(flights),
-                         f"t0, v0, t1, v1, {p}"), **flights)  # fmt: skip
-    program.glue(_choice("any_motion", "head, dt, p", "head[0]", list(motions),
-                         f"head[1], head[2], dt, {p}"), **motions)  # fmt: skip
+    ends, state = f"t0, v0, t1, v1, {p}", f"head[1], head[2], dt, {p}"
+    flight = _choice("any_flight", "kind, t0, v0, t1, v1, p", "kind", list(flights), ends)
+    program.glue(flight, **flights)
+    motion = _choice("any_motion", "head, dt, p", "head[0]", list(motions), state)
+    program.glue(motion, **motions)
     program.constant("OrbitVectors", OrbitVectors)
     found: dict[str, Any] = {}
     if variant == "single":
         found = {"kernel_harmonics": kernels.harmonics, "single_zeros": single_zeros}
     program.glue(BREAKS[variant].format(p=p), **found)
-    program.glue(
-        ENTRY.format(p=p), kernel_setup=kernels.setup, take_steps=take_steps,
-        newton_step=newton_step, tangent_of_cycle=tangent_of_cycle,
-        evaluate_cycle=evaluate_cycle, observe_cycle=observe_cycle, excursions=excursions,
-    )  # fmt: skip
+    called = (take_steps, newton_step, tangent_of_cycle, evaluate_cycle, observe_cycle, excursions)
+    named = {function.__name__: function for function in called}
+    program.glue(ENTRY.format(p=p), kernel_setup=kernels.setup, **named)
     return program
 
 

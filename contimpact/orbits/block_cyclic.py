@@ -181,18 +181,14 @@ def eliminate(blocks, kinds, walls, kept, right, exact, z, span):
         if right != 0.0:
             s = c * (u1 * e1 + u2 * g0 + u3 * g1)
             e1, f0, f1 = e1 - s * u1, g0 - s * u2, g1 - s * u3
-        store(
-            kept, k,
-            (r00, r01, r11, w00, w01, w10, w11, v00, v01, v10, v11, h0, h1, e0, e1),
-        )  # fmt: skip
+        row = (r00, r01, r11, w00, w01, w10, w11, v00, v01, v10, v11, h0, h1, e0, e1)
+        store(kept, k, row)
         det = r00 * r11
         if det < 0.0:
             sign = -sign
         logarithm += math.log(abs(det))
         ratio *= (b00 * b11 - b01 * b10) / det
-    return (
-        p00, p01, p10, p11, q00, q01, q10, q11, l0, l1, f0, f1, sign, logarithm, ratio
-    )  # fmt: skip
+    return (p00, p01, p10, p11, q00, q01, q10, q11, l0, l1, f0, f1, sign, logarithm, ratio)
 
 
 def arriving(z, k, kinds, walls, span, slope):
@@ -284,7 +280,7 @@ def solve(reduced, kept, count, row, g, out):
     c0, c1, c, g = border(kept, count, row, g)
     t, v, free, det = three(
         p00 + q00, p01 + q01, l0, f0, p10 + q10, p11 + q11, l1, f1, c0, c1, c, g
-    )  # fmt: skip
+    )
     if sign == 0.0 or not abs(det) > 0.0:
         return 0.0
     out[0], out[1], out[2 * count] = t, v, free

@@ -177,11 +177,9 @@ class Linearisation:
     @functools.cached_property
     def gaps(self) -> list[FlightGaps]:
         """The interior touches of every flight."""
-        problem = self.problem
-        return flight_gaps(
-            problem.kernels, problem.word.walls, problem.values(self.unknowns),
-            problem.impacts(self.unknowns), self.span,
-        )  # fmt: skip
+        problem, walls = self.problem, self.problem.word.walls
+        values, impacts = problem.values(self.unknowns), problem.impacts(self.unknowns)
+        return flight_gaps(problem.kernels, walls, values, impacts, self.span)
 
     @functools.cached_property
     def verdict(self) -> Verdict:

@@ -22,9 +22,13 @@ class Verdict:
 
 
 def judge(
-    word: str, named: Sequence[Wall], impacts: Array, gaps: Sequence[FlightGaps],
-    forgive_touches: Collection[tuple[int, str]] = (), forgive_impact: int | None = None,
-) -> Verdict:  # fmt: skip
+    word: str,
+    named: Sequence[Wall],
+    impacts: Array,
+    gaps: Sequence[FlightGaps],
+    forgive_touches: Collection[tuple[int, str]] = (),
+    forgive_impact: int | None = None,
+) -> Verdict:
     """Decide whether an orbit is physical.
 
     Parameters
@@ -63,12 +67,11 @@ def findings(
         for k, flight in enumerate(gaps)
         for t in flight.touches
     ]
-    return verdict(
-        walls, [float(w.side) for w in named], [flight.duration for flight in gaps],
-        [math.nan if t is None else t.gap for t in touches],
-        [math.nan if t is None else t.time for t in touches],
-        impacts[:, 1].tolist(), -1 if forgive_impact is None else forgive_impact,
-    )  # fmt: skip
+    sides, durations = [float(w.side) for w in named], [flight.duration for flight in gaps]
+    nearest = [math.nan if t is None else t.gap for t in touches]
+    times = [math.nan if t is None else t.time for t in touches]
+    forgiven = -1 if forgive_impact is None else forgive_impact
+    return verdict(walls, sides, durations, nearest, times, impacts[:, 1].tolist(), forgiven)
 
 
 def verdict_of(found: Sequence[float], word: str, named: Sequence[Wall]) -> Verdict:

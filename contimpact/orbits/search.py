@@ -305,8 +305,6 @@ def orbit_at(problem: OrbitProblem, unknowns: Array) -> Orbit:
     """
     here = solve_near(problem, np.asarray(unknowns, dtype=float))
     if here is None:
-        raise InputError(
-            "unknowns", f"no {problem.word} orbit was reached from them",
-            "give a closer guess, or use find_orbits",
-        )  # fmt: skip
+        found = f"no {problem.word} orbit was reached from them"
+        raise InputError("unknowns", found, "give a closer guess, or use find_orbits")
     return Orbit(problem, here)

@@ -155,7 +155,7 @@ def _regions(group: Sequence[Curve], along: str) -> list[Region]:
             Region(
                 one.fixed, one.notation, second, left, right, label, period=one.period, along=along
             )
-        )  # fmt: skip
+        )
     return found
 
 

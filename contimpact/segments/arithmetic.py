@@ -90,10 +90,7 @@ def _exact_code(text: str) -> types.CodeType:
     return next(c for c in module.co_consts if isinstance(c, types.CodeType))
 
 
-FUNCTIONS = (
-    "sin", "cos", "tan", "asin", "acos", "atan", "sinh", "cosh", "tanh", "exp", "log", "sqrt",
-    "floor",
-)  # fmt: skip
+FUNCTIONS = tuple("sin cos tan asin acos atan sinh cosh tanh exp log sqrt floor".split())
 """Elementary functions; Stumpff functions and free motions come besides."""
 
 

@@ -136,9 +136,7 @@ def first_arrival(motion, head, values, zeros, phase, period, most, left, rising
     return 0, left, at[1], rising
 
 
-def hit_between(
-    motion, head, values, left, at, right, reached, turned, rising, low, high
-):  # fmt: skip
+def hit_between(motion, head, values, left, at, right, reached, turned, rising, low, high):
     """Return side, time and velocity of the first arrival in a piece of monotone velocity.
 
     `at` and `reached` are what `motion` returns at its ends, `rising` is the direction of motion at

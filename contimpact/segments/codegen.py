@@ -249,11 +249,10 @@ class KernelWriter:
     def agreement(self, name: str, a: str, i: str) -> str:
         """Not kept in the cache: it is evaluated before any kernel is written."""
         leave, k = self.leave(a), int(i)
-        outputs = (
-            self.equations.period, leave.velocity[k], leave.mean[k], leave.end[k],
-            leave.acceleration[k],
-            self._sum_of_harmonics() if k == 0 else leave.acceleration[k],
-        )  # fmt: skip
+        acceleration = leave.acceleration[k]
+        summed = self._sum_of_harmonics() if k == 0 else acceleration
+        velocities = leave.velocity[k], leave.mean[k], leave.end[k]
+        outputs = (self.equations.period, *velocities, acceleration, summed)
         about = f"""Flight after wall {a}, coordinate {i}: what has to agree.
 
         Returns the period, the velocity after impact, mean velocity, end velocity, acceleration,
@@ -279,9 +278,13 @@ class KernelWriter:
         return ", ".join(_Printer().doprint(s) for s in symbols)
 
     def _shared(
-        self, name: str, arguments: Sequence[Any], about: str, outputs: tuple[Any, ...],
+        self,
+        name: str,
+        arguments: Sequence[Any],
+        about: str,
+        outputs: tuple[Any, ...],
         reduce: bool = False,
-    ) -> str:  # fmt: skip
+    ) -> str:
         """A kernel that computes what its outputs have in common once."""
         shared, reduced = sympy.cse(
             [sympy.sympify(e) for e in flat(outputs)],
@@ -293,7 +296,7 @@ class KernelWriter:
 
     def _listed(
         self, name: str, arguments: Sequence[Any], about: str, tape: Tape, outputs: Any
-    ) -> str:  # fmt: skip
+    ) -> str:
         """A kernel that makes the steps of a tape."""
         steps, values = tape.listing(flat(outputs))
         return self._text(name, arguments, about, steps, refilled(outputs, values), reduce=True)

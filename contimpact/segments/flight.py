@@ -39,7 +39,7 @@ class Touch:
 
 def excursions(
     motion, head, values, length, arriving, left_side, reached_side, zeros, phase, period
-):  # fmt: skip
+):
     """Return the highest maximum and the lowest minimum inside a flight, and when they are reached.
 
     Between two zeros of the acceleration the velocity is monotone and has at most one zero. A
@@ -211,11 +211,8 @@ def flight_gaps(
         if not length > 0.0:
             result.append(FlightGaps(length, (None,) * len(named)))
             continue
-        phase = leave[0] % period
-        found = excursion(
-            (i, *leave), values, length, arrive[1], named[i].side, named[j].side, zeros, phase,
-            period,
-        )  # fmt: skip
+        head, phase, sides = (i, *leave), leave[0] % period, (named[i].side, named[j].side)
+        found = excursion(head, values, length, arrive[1], *sides, zeros, phase, period)
         touches = tuple(
             _touch(k, leave[0], w, setup.walls[place] - setup.walls[i], found)
             for place, w in enumerate(named)

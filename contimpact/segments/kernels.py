@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import functools
 import hashlib
+import itertools
 import re
 from collections.abc import Callable
 from pathlib import Path
@@ -194,9 +195,8 @@ class Kernels:
         """Compare what the model says of its flights, before the first kernel is written."""
         from ..models.agreement import check_motion
 
-        names = [f"agreement_{wall.name}_{i}" for wall in self.model.WALLS
-                 for i in range(self.model.DEGREES_OF_FREEDOM)]  # fmt: skip
-        for name in names:
+        pairs = itertools.product(self.model.WALLS, range(self.model.DEGREES_OF_FREEDOM))
+        for name in (f"agreement_{wall.name}_{i}" for wall, i in pairs):
             kernel = kernel_of(name, self._writer.write(name), f"<{name}>")
             check_motion(self.model, name.split("_")[1], kernel)
 

@@ -64,8 +64,8 @@ class Tape:
     def _slope(self, e: Any, slopes: dict[Any, Any]) -> Any:
         if e not in slopes:
             inside = self.steps.get(e, e)
-            moving = [(i, slope) for i, a in enumerate(inside.args)
-                      if (slope := self._slope(a, slopes)) != 0]  # fmt: skip
+            inner = [self._slope(a, slopes) for a in inside.args]
+            moving = [(i, slope) for i, slope in enumerate(inner) if slope != 0]
             slopes[e] = self.put(Add(*(slope * _partial(inside, i) for i, slope in moving)))
         return slopes[e]
 
@@ -92,7 +92,7 @@ class Tape:
 
     def _listed(
         self, e: Any, uses: Counter[Any], lines: list[tuple[Any, Any]], done: dict[Any, Any]
-    ) -> Any:  # fmt: skip
+    ) -> Any:
         if e not in done:
             inside = self.steps.get(e, e)
             listed = inside

@@ -61,10 +61,9 @@ class NotFound:
         """Tell what a search in vain at a scene's start has tried: it ends after two rounds."""
         letters = [w.name for w in scene.model.WALLS]
         shorter = [w for w in word.repeated() if orbits_at(scene, kernels, w, scene.start)]
-        return cls(
-            word, word.notation(letters), scene.parameter, scene.start, scene.starts,
-            min(scene.rounds, 2), tuple(w.notation(letters) for w in shorter),
-        )  # fmt: skip
+        tried = scene.parameter, scene.start, scene.starts, min(scene.rounds, 2)
+        repeated = tuple(w.notation(letters) for w in shorter)
+        return cls(word, word.notation(letters), *tried, repeated)
 
     def also_at(self, value: float, count: int) -> NotFound:
         """Return the same after a search at another value, and how many orbits it found."""

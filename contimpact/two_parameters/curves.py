@@ -96,9 +96,10 @@ def follow_curve(
     tests = [*limits.values(), SecondValue(values), *special]
 
     def go(direction: int) -> Walk:
+        stop = _leaving(first, kind, limits)
         return walk(
             problem, start, direction, parameter=second, limits=second_range, tests=tests,
-            settings=settings, callback=callback, stop=_leaving(first, kind, limits),
+            settings=settings, callback=callback, stop=stop,
         )  # fmt: skip
 
     forward = kept(lambda: go(+1))
@@ -184,21 +185,18 @@ def _curve(
         for walk in walks
         for m in walk.missed
     ]
-    return Curve(
-        name, entry.kind, entry.label.removeprefix("~"), entry.word, entry.period, entry.notation,
-        (first, second), _columns(points, marks),
-        (walks[0].end, walks[1].end), codim2, entry.id, missed,
-        evaluations=problem.orbit.kernel_evaluations - before,
-    )  # fmt: skip
+    label, ends = entry.label.removeprefix("~"), (walks[0].end, walks[1].end)
+    about = name, entry.kind, label, entry.word, entry.period, entry.notation, (first, second)
+    evaluations = problem.orbit.kernel_evaluations - before
+    found = _columns(points, marks), ends, codim2, entry.id, missed
+    return Curve(*about, *found, evaluations=evaluations)
 
 
 def _codim2(event: Event, identity: str, curve: str) -> Codim2:
-    here: Any = event.point.evaluation
-    return Codim2(
-        identity, curve, event.kind, str(event.details.get("changes", "")),
-        all_parameters(here.orbit), impacts_of(here.orbit.problem, here.orbit.unknowns),
-        event.residual, event.error,
-    )  # fmt: skip
+    orbit = event.point.evaluation.orbit
+    changes, impacts = event.details.get("changes", ""), impacts_of(orbit.problem, orbit.unknowns)
+    place = str(changes), all_parameters(orbit), impacts
+    return Codim2(identity, curve, event.kind, *place, event.residual, event.error)
 
 
 def _columns(points: Sequence[Point], marks: Sequence[tuple[Point, str]]) -> dict[str, Array]:

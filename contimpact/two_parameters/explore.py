@@ -85,9 +85,8 @@ class _CurveExplorer:
         except (ArithmeticError, np.linalg.LinAlgError) as error:
             failure = f"the computation failed ({type(error).__name__}: {error})"
         statistics = dict(self.diagram.statistics)
-        statistics["seconds"] = {
-            **statistics.get("seconds", {}), "curves": time.perf_counter() - began,
-        }  # fmt: skip
+        seconds = statistics.get("seconds", {})
+        statistics["seconds"] = seconds | {"curves": time.perf_counter() - began}
         statistics["failure"] = failure
         counts = dict(statistics.get("counts", {}))
         counts["curve_points"] = sum(len(curve) for curve in self.curves)
@@ -101,9 +100,12 @@ class _CurveExplorer:
             for how in ("loaded", "generated")
         }
         return dataclasses.replace(
-            self.diagram, branches=self.branches, curves=self.curves, checks=self.checks or (),
+            self.diagram,
+            branches=self.branches,
+            curves=self.curves,
+            checks=self.checks or (),
             statistics=statistics,
-        )  # fmt: skip
+        )
 
     def wanted(self, entry: Entry) -> bool:
         """Whether a curve starts at an entry."""
@@ -156,10 +158,9 @@ class _CurveExplorer:
                 continue
             limits = (min(own, *wanted), max(own, *wanted))
             test = Requested(problem, {name: wanted})
-            done = walk_orbits(
-                problem, np.append(start, own), direction, gaps=False, limits=limits,
-                tests=[test], settings=dataclasses.replace(scene.settings, max_step=0.1),
-            )  # fmt: skip
+            at, settings = np.append(start, own), dataclasses.replace(scene.settings, max_step=0.1)
+            options = {"limits": limits, "settings": settings}
+            done = walk_orbits(problem, at, direction, tests=[test], gaps=False, **options)
             points = {round(e.parameter, 14): e.point.unknowns for e in done.events}
             points[round(done.end.value, 14)] = done.points[-1].unknowns
             for value in wanted:
@@ -198,10 +199,11 @@ class _CurveExplorer:
         shown = f"curve {name}: {entry.label} in ({scene.parameter}, {options.parameter})"
         self.progress(shown)
         wanted = {*options.values, *options.start, scene.model.values[options.parameter], value}
+        callback = counted(shown, options.parameter, self.progress)
+        plane = options.parameter, scene.range, options.range
         curve = follow_curve(
-            entry, model, options.parameter, scene.range, options.range, name=name,
-            values=sorted(wanted), settings=options.settings, kernels=self.pairs,
-            callback=counted(shown, options.parameter, self.progress),
+            entry, model, *plane, name=name, values=sorted(wanted), settings=options.settings,
+            kernels=self.pairs, callback=callback,
         )  # fmt: skip
         curve = with_fixed(curve, fixed)
         if any(same_curve(curve, other) for other in own):
