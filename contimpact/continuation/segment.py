@@ -57,7 +57,7 @@ class Segment:
         return point_after(self.left, evaluation, iterations, self.scale, travelled)
 
     def event_point(self, evaluation: Evaluation, iterations: int) -> Point:
-        """As `point`; at a branch point, where none is defined, with a tangent between the ends'."""
+        """As `point`; at a branch point, where there is none, with a tangent between the ends'."""
         point, fraction = self.point(evaluation, iterations), self.fraction(evaluation.unknowns)
         between = (1.0 - fraction) * self.left.tangent + fraction * self.right.tangent
         between /= length(between, self.scale)
