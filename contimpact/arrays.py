@@ -1,9 +1,16 @@
-"""The type of all arrays: NumPy's, of any shape and kind of number."""
+"""The types of arrays: NumPy's, and what compiled functions take."""
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, TypeAlias
 
 import numpy as np
 
 Array = np.ndarray[Any, Any]
+"""NumPy's arrays, of any shape and kind of number."""
+
+Vector: TypeAlias = Any
+"""A list, tuple or array of numbers, for functions that run plainly and compiled."""
+
+Table: TypeAlias = Any
+"""A list of rows, or an array of two dimensions, for the same."""

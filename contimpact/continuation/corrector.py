@@ -12,13 +12,16 @@ method on the bordered matrix
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
+from ..arrays import Array, Vector
 from .bordered import DenseSystem
 from .metric import EPSILON, norm
-from .problem import Array, Evaluation, Problem
+from .problem import Evaluation, Problem
 from .refusal import Refusal, Refused
 from .settings import Settings
 
@@ -29,7 +32,18 @@ MAY_BE_ROUNDING = 1e-6
 """Newton steps longer than this are not asked if they are rounding."""
 
 
-def newton(evaluate, solve, data, z, guess, row, scale, step, tolerance, most):
+def newton(
+    evaluate: Callable[..., float],
+    solve: Callable[..., bool],
+    data: Any,
+    z: Vector,
+    guess: Vector,
+    row: Vector,
+    scale: Vector,
+    step: Vector,
+    tolerance: float,
+    most: int,
+) -> tuple[int, int, float]:
     """Solve F(z) = 0, row . (z - guess) = 0 by Newton's method.
 
     Accepts a point whose residual is below the tolerance, or whose Newton step is at the rounding

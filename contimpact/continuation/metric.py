@@ -10,7 +10,7 @@ import math
 
 import numpy as np
 
-from .problem import Array
+from ..arrays import Array, Vector
 
 EPSILON = float(np.finfo(float).eps)
 
@@ -25,7 +25,7 @@ def length(a: Array, scale: Array) -> float:
     return float(np.linalg.norm(a / scale))
 
 
-def norm(z, scale):
+def norm(z: Vector, scale: Vector) -> float:
     """Return the length of a vector."""
     size = 0.0
     for i in range(len(z)):
@@ -34,7 +34,7 @@ def norm(z, scale):
     return math.sqrt(size)
 
 
-def distance(one, other, scale):
+def distance(one: Vector, other: Vector, scale: Vector) -> float:
     """Return the length of the difference of two vectors."""
     size = 0.0
     for i in range(len(one)):
@@ -43,6 +43,6 @@ def distance(one, other, scale):
     return math.sqrt(size)
 
 
-def angle(one, other, scale):
+def angle(one: Vector, other: Vector, scale: Vector) -> float:
     """Return the angle between two unit tangents, accurate also when small."""
     return 2.0 * math.asin(min(1.0, 0.5 * distance(one, other, scale)))

@@ -2,12 +2,25 @@
 
 from __future__ import annotations
 
+from typing import TypeVar
+
+from ..arrays import Array, Vector
 from .branch import Point
 from .metric import norm
-from .problem import Array
+
+Value = TypeVar("Value", float, Array)
+"""A number, or many at once."""
 
 
-def predict(z, tangent, chord, secant, step, scale, guess):
+def predict(
+    z: Vector,
+    tangent: Vector,
+    chord: Vector,
+    secant: bool,
+    step: float,
+    scale: Vector,
+    guess: Vector,
+) -> None:
     """Fill `guess` with the point one step ahead of z.
 
     Written in the plain subset of Python that `contimpact.compiling` compiles.
@@ -29,7 +42,7 @@ def predict(z, tangent, chord, secant, step, scale, guess):
         guess[i] = z[i] + step * (chord[i] / size if secant else tangent[i])
 
 
-def cubic(left, right, rate, next_rate, span, s):
+def cubic(left: Value, right: Value, rate: Value, next_rate: Value, span: float, s: float) -> Value:
     """Return a value of the cubic through two values with their rates, at a fraction s."""
     t = 1.0 - s
     return (

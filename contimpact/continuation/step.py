@@ -8,6 +8,10 @@ that may close a loop, is proposed to the walker, which decides.
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from typing import Any
+
+from ..arrays import Table, Vector
 from .corrector import CONVERGED, newton
 from .metric import angle, distance
 from .predictor import cubic, predict
@@ -46,9 +50,22 @@ and iterations."""
 
 
 def take_steps(
-    evaluate, solve, tangent_at, observe, data, options, state, scale, z, tangent, chord, work,
-    rows, width, most,
-):  # fmt: skip
+    evaluate: Callable[..., float],
+    solve: Callable[..., bool],
+    tangent_at: Callable[..., float],
+    observe: Callable[..., None],
+    data: Any,
+    options: Vector,
+    state: Vector,
+    scale: Vector,
+    z: Vector,
+    tangent: Vector,
+    chord: Vector,
+    work: Table,
+    rows: Vector,
+    width: int,
+    most: int,
+) -> int:
     """Take steps until one is proposed to the walker or refused at the smallest length.
 
     Parameters
@@ -114,8 +131,20 @@ def take_steps(
 
 
 def attempt(
-    evaluate, solve, tangent_at, data, options, state, scale, z, tangent, chord, work, rows, mark
-):
+    evaluate: Callable[..., float],
+    solve: Callable[..., bool],
+    tangent_at: Callable[..., float],
+    data: Any,
+    options: Vector,
+    state: Vector,
+    scale: Vector,
+    z: Vector,
+    tangent: Vector,
+    chord: Vector,
+    work: Table,
+    rows: Vector,
+    mark: int,
+) -> int:
     """Try a step of the length in `state`; returns a status.
 
     Fills the second and third row of `work` with the point reached and its tangent, a row of
@@ -156,7 +185,16 @@ def attempt(
     return CONVERGED
 
 
-def accept(state, z, tangent, chord, new, along, orientation, arclength):
+def accept(
+    state: Vector,
+    z: Vector,
+    tangent: Vector,
+    chord: Vector,
+    new: Vector,
+    along: Vector,
+    orientation: float,
+    arclength: float,
+) -> None:
     """Go on from the point reached."""
     for i in range(len(z)):
         chord[i] = new[i] - z[i]
@@ -170,7 +208,15 @@ def accept(state, z, tangent, chord, new, along, orientation, arclength):
     state[STEP] = state[NEXT_STEP]
 
 
-def leaves(z, new, tangent, along, travelled, low, high):
+def leaves(
+    z: Vector,
+    new: Vector,
+    tangent: Vector,
+    along: Vector,
+    travelled: float,
+    low: float,
+    high: float,
+) -> bool:
     """Whether the parameter turns beyond a limit between two points within the range.
 
     Where it turns, by the cubic through both points with their tangents.
@@ -183,7 +229,15 @@ def leaves(z, new, tangent, along, travelled, low, high):
     return not low <= highest <= high
 
 
-def notices(before, now, orientation, arclength, size, options, state):
+def notices(
+    before: float,
+    now: float,
+    orientation: float,
+    arclength: float,
+    size: float,
+    options: Vector,
+    state: Vector,
+) -> int:
     """Return why a step that converged is for the walker to judge, as a sum; 0 for a routine one.
 
     `before` and `now` are the parameter's values, `size` is its natural size.
@@ -202,7 +256,7 @@ def notices(before, now, orientation, arclength, size, options, state):
     return found
 
 
-def dips(state, ahead):
+def dips(state: Vector, ahead: float) -> bool:
     """Whether the orientation was to vanish within the step or just beyond."""
     earlier, known, behind = state[EARLIER], state[ORIENTATION], state[ARCLENGTH] - state[BEHIND]
     if not behind > 0.0 or known == 0.0:

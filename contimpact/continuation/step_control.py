@@ -7,11 +7,15 @@ from __future__ import annotations
 
 import math
 
+from ..arrays import Vector
+
 LARGEST_DEFECT = 0.1
 """Largest defect of a step (see `defect`), as part of the largest angle."""
 
 
-def defect(z, new, tangent, along, size, scale):
+def defect(
+    z: Vector, new: Vector, tangent: Vector, along: Vector, size: float, scale: Vector
+) -> float:
     """Return by how much a step differs from what the tangents at its ends make of it.
 
     The distance between the chord and the mean of both unit tangents times the chord's length, as
@@ -28,7 +32,15 @@ def defect(z, new, tangent, along, size, scale):
     return math.sqrt(off) / size
 
 
-def step_after(step, turned, first_correction, off, max_angle, max_defect, max_step):
+def step_after(
+    step: float,
+    turned: float,
+    first_correction: float,
+    off: float,
+    max_angle: float,
+    max_defect: float,
+    max_step: float,
+) -> float:
     """Return the length of the step after an accepted one.
 
     The angle between tangents grows with the step, the first correction with its square, as part
@@ -43,6 +55,6 @@ def step_after(step, turned, first_correction, off, max_angle, max_defect, max_s
     return min(step * max(factor, 0.5), max_step)
 
 
-def shorter(step, min_step):
+def shorter(step: float, min_step: float) -> float:
     """Return the length to try after a step was refused."""
     return max(0.5 * step, min_step)

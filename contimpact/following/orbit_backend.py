@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from ..arrays import Array, Vector
 from ..bifurcations.orbit_test import ManyOrbits, OrbitTest
 from ..bifurcations.status import explained
 from ..bifurcations.unfolding import meeting
@@ -30,7 +31,7 @@ from ..continuation.step import (
 from ..continuation.test_function import TestFunction
 from ..continuation.walk import walk
 from ..orbits.block_cyclic import BLOCK, KEPT, POSITIONS
-from ..orbits.problem import Array, OrbitProblem
+from ..orbits.problem import OrbitProblem
 from ..segments.flight import excursion_of
 from ..segments.zeros import time_zeros
 from .orbit_functions import (
@@ -212,20 +213,22 @@ def plain_functions(problem: OrbitProblem, fixed: list[float] | None) -> tuple[A
     flight, excursion = kernels.flights, excursion_of(kernels, in_time)
     moving = kernels.depends("harmonics")
 
-    def setup(values):
+    def setup(values: Vector) -> Any:
         return kernels.setup(*values)
 
-    def evaluate(orbit, z):
+    def evaluate(orbit: OrbitVectors, z: Vector) -> float:
         try:
             return evaluate_cycle(flight, setup, orbit, z)
         except (ArithmeticError, ValueError):
             return math.nan
 
-    def breaks(values, period, zeros):
+    def breaks(values: Vector, period: float, zeros: Vector) -> list[float] | None:
         return time_zeros(kernels.harmonics(*values), period) if moving else fixed
 
-    def observe(orbit, z, tangent, orientation, rows, at):
-        return observe_cycle(breaks, excursion, orbit, z, tangent, orientation, rows, at)
+    def observe(
+        orbit: OrbitVectors, z: Vector, tangent: Vector, sign: float, rows: Vector, at: int
+    ) -> None:
+        observe_cycle(breaks, excursion, orbit, z, tangent, sign, rows, at)
 
     return evaluate, newton_step, tangent_of_cycle, observe
 

@@ -7,8 +7,10 @@ run plainly or compiled.
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from typing import Any, NamedTuple
 
+from ..arrays import Table, Vector
 from ..orbits.block_cyclic import POSITIONS, assemble, eliminate, solve, store
 from ..orbits.cyclic_multipliers import (
     doubling,
@@ -52,31 +54,33 @@ class OrbitVectors(NamedTuple):
         Scratch space for the period, and for what decides whether an orbit is physical.
     """
 
-    kinds: Any
-    word: Any
-    counts: Any
-    values: Any
-    sides: Any
-    zeros: Any
-    blocks: Any
-    kept: Any
-    reduced: Any
-    fixed: Any
-    clock: Any
-    durations: Any
-    gaps: Any
-    times: Any
-    velocities: Any
+    kinds: Vector
+    word: Vector
+    counts: Vector
+    values: Vector
+    sides: Vector
+    zeros: Vector
+    blocks: Table
+    kept: Table
+    reduced: Table
+    fixed: Table
+    clock: Vector
+    durations: Vector
+    gaps: Vector
+    times: Vector
+    velocities: Vector
 
 
-def evaluate_cycle(flight, setup, orbit, z):
+def evaluate_cycle(
+    flight: Callable[..., Any], setup: Callable[..., Any], orbit: OrbitVectors, z: Vector
+) -> float:
     """Evaluate the flights of an orbit; returns the largest residual."""
     periods, place, values = orbit.counts[PERIODS], orbit.counts[FREE], orbit.values
     blocks, clock, fixed = orbit.blocks, orbit.clock, orbit.fixed
     return assemble(flight, setup, orbit.kinds, periods, place, values, blocks, clock, fixed, z)
 
 
-def newton_step(orbit, row, g, out):
+def newton_step(orbit: OrbitVectors, row: Vector, g: float, out: Vector) -> bool:
     """Fill `out` with Newton's step at the point last evaluated; whether there is one."""
     reduced = eliminate(
         orbit.blocks, orbit.kinds, orbit.counts[WALLS], orbit.kept, 1.0, False, out, 0.0
@@ -84,7 +88,9 @@ def newton_step(orbit, row, g, out):
     return abs(solve(reduced, orbit.kept, len(orbit.kinds), row, g, out)) > 0.0
 
 
-def tangent_of_cycle(orbit, z, row, scale, out):
+def tangent_of_cycle(
+    orbit: OrbitVectors, z: Vector, row: Vector, scale: Vector, out: Vector
+) -> float:
     """Fill `out` with the unit tangent at the point last evaluated that goes on along `row`.
 
     Returns the determinant of the Jacobian bordered by the tangent, rows and columns scaled; NaN
@@ -110,7 +116,14 @@ def tangent_of_cycle(orbit, z, row, scale, out):
     return scaled(reduced[12], reduced[13] + sizes, det * size, norms)
 
 
-def measure(breaks, excursion, orbit, z, rows, at):
+def measure(
+    breaks: Callable[..., Any],
+    excursion: Callable[..., Any],
+    orbit: OrbitVectors,
+    z: Vector,
+    rows: Vector,
+    at: int,
+) -> tuple[float, bool]:
     """Record gaps, slowest turns and derived parameters in a row, from `at` on.
 
     Returns the smallest gap of all (infinite if there is none), and whether the orbit is surely
@@ -157,7 +170,16 @@ def measure(breaks, excursion, orbit, z, rows, at):
     return smallest, sure and smallest >= 0.0
 
 
-def observe_cycle(breaks, excursion, orbit, z, tangent, orientation, rows, at):
+def observe_cycle(
+    breaks: Callable[..., Any],
+    excursion: Callable[..., Any],
+    orbit: OrbitVectors,
+    z: Vector,
+    tangent: Vector,
+    orientation: float,
+    rows: Vector,
+    at: int,
+) -> None:
     """Record what describes a point, and what test functions go by, in a row."""
     smallest, sure = measure(breaks, excursion, orbit, z, rows, at + MEASURED)
     walls, count, span = orbit.counts[WALLS], len(orbit.kinds), orbit.clock[0]

@@ -22,6 +22,10 @@ Where they run plainly, vectors are lists and `blocks` and `kept` are lists of t
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
+from typing import Any, TypeAlias
+
+from ..arrays import Table, Vector
 
 BLOCK = 12
 """Numbers of a flight: 2 residuals, the blocks A and B row by row, 2 derivatives by lambda."""
@@ -33,19 +37,33 @@ derived parameters behind."""
 KEPT = 15
 """Numbers of an eliminated impact: R (3), W (4), V (4), l (2), f (2)."""
 
+Reduced: TypeAlias = tuple[float, ...]
+"""What `eliminate` returns."""
 
-def store(table, row, numbers):
+
+def store(table: Table, row: int, numbers: tuple[float, ...]) -> None:
     """Put a tuple of numbers into a row of a table."""
     table[row] = numbers
 
 
-def store_compiled(table, row, numbers):
+def store_compiled(table: Table, row: int, numbers: tuple[float, ...]) -> None:
     """As `store`, for tables that are arrays."""
     for i in range(len(numbers)):
         table[row, i] = numbers[i]
 
 
-def assemble(flight, setup, kinds, periods, place, values, blocks, clock, fixed, z):
+def assemble(
+    flight: Callable[..., Any],
+    setup: Callable[..., Any],
+    kinds: Vector,
+    periods: int,
+    place: int,
+    values: Vector,
+    blocks: Table,
+    clock: Vector,
+    fixed: Table,
+    z: Vector,
+) -> float:
     """Evaluate every flight of a cycle at the unknowns z; returns the largest residual.
 
     Parameters
@@ -93,7 +111,16 @@ def assemble(flight, setup, kinds, periods, place, values, blocks, clock, fixed,
     return max(size, one, other) if total - total == 0.0 else math.nan
 
 
-def eliminate(blocks, kinds, walls, kept, right, exact, z, span):
+def eliminate(
+    blocks: Table,
+    kinds: Vector,
+    walls: int,
+    kept: Table,
+    right: float,
+    exact: bool,
+    z: Vector,
+    span: float,
+) -> Reduced:
     """Eliminate impacts 2 to N.
 
     Parameters
@@ -191,7 +218,7 @@ def eliminate(blocks, kinds, walls, kept, right, exact, z, span):
     return (p00, p01, p10, p11, q00, q01, q10, q11, l0, l1, f0, f1, sign, logarithm, ratio)
 
 
-def arriving(z, k, kinds, walls, span, slope):
+def arriving(z: Vector, k: int, kinds: Vector, walls: int, span: float, slope: float) -> float:
     """Return the derivative of the arrival of flight k by its time, from the unknowns.
 
     It is the velocity, and between two impacts on one wall the velocity over the duration.
@@ -206,7 +233,7 @@ def arriving(z, k, kinds, walls, span, slope):
     return velocity / duration if duration != 0.0 else slope
 
 
-def border(kept, count, row, g):
+def border(kept: Table, count: int, row: Vector, g: float) -> tuple[float, float, float, float]:
     """Eliminate impacts 2 to N from the row c of the border and its right side g.
 
     Returns
@@ -230,7 +257,10 @@ def border(kept, count, row, g):
     return c0 + from0, c1 + from1, c, g
 
 
-def three(a0, a1, a2, f, b0, b1, b2, g, c0, c1, c2, h):
+def three(
+    a0: float, a1: float, a2: float, f: float, b0: float, b1: float, b2: float, g: float,
+    c0: float, c1: float, c2: float, h: float,
+) -> tuple[float, float, float, float]:  # fmt: skip
     """Solve three equations with partial pivoting; returns x, y, z and the determinant."""
     det = 1.0
     if abs(b0) > abs(a0):
@@ -255,7 +285,7 @@ def three(a0, a1, a2, f, b0, b1, b2, g, c0, c1, c2, h):
     return (f - a1 * y - a2 * z) / a0, y, z, det * a0 * b1 * c2
 
 
-def solve(reduced, kept, count, row, g, out):
+def solve(reduced: Reduced, kept: Table, count: int, row: Vector, g: float, out: Vector) -> float:
     """Solve the bordered system from what `eliminate` returned.
 
     Parameters

@@ -8,13 +8,16 @@ from __future__ import annotations
 
 import math
 
-from .block_cyclic import arriving
+from ..arrays import Table, Vector
+from .block_cyclic import Reduced, arriving
 
 TINIEST = -700.0
 """Logarithm of the smallest determinant told from zero."""
 
 
-def row_norms(blocks, count, mu, time, velocity, free):
+def row_norms(
+    blocks: Table, count: int, mu: float, time: float, velocity: float, free: float
+) -> float:
     """Return the logarithm of the product of the rows' norms in the cyclic matrix.
 
     The last coupling is multiplied by mu, the columns of times, velocities and the free parameter
@@ -37,7 +40,7 @@ def row_norms(blocks, count, mu, time, velocity, free):
     return 0.5 * (logarithm + math.log(product))
 
 
-def scaled(sign, logarithm, det, norms):
+def scaled(sign: float, logarithm: float, det: float, norms: float) -> float:
     """Return a determinant, det R_k (by sign and logarithm) times `det`, over the rows' norms."""
     size = abs(det)
     if not size > 0.0 or sign == 0.0 or norms == -math.inf:
@@ -46,14 +49,16 @@ def scaled(sign, logarithm, det, norms):
     return value if sign * det > 0.0 else -value
 
 
-def doubling(reduced, blocks, count):
+def doubling(reduced: Reduced, blocks: Table, count: int) -> float:
     """Return the scaled determinant of the cyclic matrix with its last coupling negative."""
     p00, p01, p10, p11, q00, q01, q10, q11, _, _, _, _, sign, logarithm, _ = reduced
     det = (p00 - q00) * (p11 - q11) - (p01 - q01) * (p10 - q10)
     return scaled(sign, logarithm, det, row_norms(blocks, count, -1.0, 1.0, 1.0, 0.0))
 
 
-def product_of_multipliers(blocks, kinds, walls, z, span):
+def product_of_multipliers(
+    blocks: Table, kinds: Vector, walls: int, z: Vector, span: float
+) -> float:
     """Return det A_k / det B_k over the cycle; NaN where an impact velocity is zero."""
     ratio = 1.0
     for k in range(len(kinds)):
@@ -65,7 +70,7 @@ def product_of_multipliers(blocks, kinds, walls, z, span):
     return ratio
 
 
-def multipliers(reduced, product):
+def multipliers(reduced: Reduced, product: float) -> tuple[float, float, float, float]:
     """Return real and imaginary parts of both multipliers, the larger first.
 
     Parameters
@@ -86,7 +91,9 @@ def multipliers(reduced, product):
     )
 
 
-def roots(quadratic, linear, constant, product):
+def roots(
+    quadratic: float, linear: float, constant: float, product: float
+) -> tuple[float, float, float, float]:
     """Return the two roots of a quadratic, as real and imaginary parts, the larger first.
 
     Parameters

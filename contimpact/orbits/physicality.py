@@ -7,8 +7,9 @@ from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 from typing import Any
 
+from ..arrays import Array, Vector
 from ..models.model import Wall
-from ..segments.flight import Array, FlightGaps
+from ..segments.flight import FlightGaps
 
 
 @dataclass(frozen=True)
@@ -88,7 +89,15 @@ AT_REST = 1e-12
 a zero velocity its sign is rounding."""
 
 
-def verdict(walls, sides, durations, gaps, times, velocities, forgiven):
+def verdict(
+    walls: Vector,
+    sides: Vector,
+    durations: Vector,
+    gaps: Vector,
+    times: Vector,
+    velocities: Vector,
+    forgiven: int,
+) -> tuple[int, int, int, float, float, float]:
     """Decide whether an orbit is physical, from numbers.
 
     It is if all flights last, none passes a wall, and every impact runs towards its wall or is at

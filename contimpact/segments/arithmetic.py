@@ -94,12 +94,12 @@ FUNCTIONS = tuple("sin cos tan asin acos atan sinh cosh tanh exp log sqrt floor"
 """Elementary functions; Stumpff functions and free motions come besides."""
 
 
-def square(x):
+def square(x: Any) -> Any:
     """Return x x."""
     return x * x
 
 
-def cube(x):
+def cube(x: Any) -> Any:
     """Return x x x."""
     return x * x * x
 

@@ -7,13 +7,24 @@ from __future__ import annotations
 
 import math
 
-from .flight import turn_guess, velocity_zero
+from ..arrays import Vector
+from .flight import Motion, Moved, turn_guess, velocity_zero
 
 MARGIN = 1e-9
 """Part of the displacements by which tangents that tell of a turn must miss a wall."""
 
 
-def wall_arrival(motion, head, values, left, at, right, reached, wall, rising):
+def wall_arrival(
+    motion: Motion,
+    head: Vector,
+    values: Vector,
+    left: float,
+    at: Moved,
+    right: float,
+    reached: Moved,
+    wall: float,
+    rising: bool,
+) -> tuple[float, float]:
     """Return time and velocity at which a monotone displacement reaches a wall.
 
     Newton's iteration kept inside a bracket, from the end with the larger speed: between two zeros
@@ -65,7 +76,16 @@ def wall_arrival(motion, head, values, left, at, right, reached, wall, rising):
     return t, speed
 
 
-def first_hit(motion, head, values, breaks, left, rising, low, high):
+def first_hit(
+    motion: Motion,
+    head: Vector,
+    values: Vector,
+    breaks: Vector,
+    left: float,
+    rising: bool,
+    low: float,
+    high: float,
+) -> tuple[int, float, float, bool]:
     """Return the first arrival at a wall; as `first_arrival`, between times that are given.
 
     Parameters
@@ -76,7 +96,19 @@ def first_hit(motion, head, values, breaks, left, rising, low, high):
     return first_arrival(motion, head, values, breaks, 0.0, 0.0, 1, left, rising, low, high)
 
 
-def first_arrival(motion, head, values, zeros, phase, period, most, left, rising, low, high):
+def first_arrival(
+    motion: Motion,
+    head: Vector,
+    values: Vector,
+    zeros: Vector,
+    phase: float,
+    period: float,
+    most: int,
+    left: float,
+    rising: bool,
+    low: float,
+    high: float,
+) -> tuple[int, float, float, bool]:
     """Return the first arrival at a wall, with certainty.
 
     Between two zeros of the acceleration the velocity is monotone, so it has at most one zero
@@ -136,7 +168,19 @@ def first_arrival(motion, head, values, zeros, phase, period, most, left, rising
     return 0, left, at[1], rising
 
 
-def hit_between(motion, head, values, left, at, right, reached, turned, rising, low, high):
+def hit_between(
+    motion: Motion,
+    head: Vector,
+    values: Vector,
+    left: float,
+    at: Moved,
+    right: float,
+    reached: Moved,
+    turned: bool,
+    rising: bool,
+    low: float,
+    high: float,
+) -> tuple[int, float, float]:
     """Return side, time and velocity of the first arrival in a piece of monotone velocity.
 
     `at` and `reached` are what `motion` returns at its ends, `rising` is the direction of motion at
@@ -160,12 +204,12 @@ def hit_between(motion, head, values, left, at, right, reached, turned, rising, 
     return (1 if rising else -1), dt, speed
 
 
-def beyond(x, wall, rising):
+def beyond(x: float, wall: float, rising: bool) -> bool:
     """Whether a displacement has come to a wall."""
     return x >= wall if rising else x <= wall
 
 
-def turns_before(length, at, reached, wall, rising):
+def turns_before(length: float, at: Moved, reached: Moved, wall: float, rising: bool) -> bool:
     """Whether a monotone velocity surely changes sign before a wall is reached.
 
     The displacement lies on one side of the tangents at both ends: it is enough that these meet

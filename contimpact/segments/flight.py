@@ -11,16 +11,22 @@ import functools
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, TypeAlias
 
-import numpy as np
-
+from ..arrays import Array, Vector
 from ..models.model import Wall
 from .arithmetic import ARRAYS, evaluate_in
 from .kernels import Kernels
 from .zeros import chebyshev_zeros, time_zeros
 
-Array = np.ndarray[Any, Any]
+Moved: TypeAlias = tuple[float, float, float]
+"""Displacement, velocity and acceleration."""
+
+Motion: TypeAlias = Callable[[Vector, float, Vector], Moved]
+"""``motion(head, dt, values)``: where a flight is a time dt after it left."""
+
+Excursion: TypeAlias = tuple[float, float, float, float, float]
+"""What `excursions` returns."""
 
 NEWTON_DONE = 1e-6
 """A Newton step below this part of the bracket is the last: the next would be its square, and the
@@ -38,8 +44,17 @@ class Touch:
 
 
 def excursions(
-    motion, head, values, length, arriving, left_side, reached_side, zeros, phase, period
-):
+    motion: Motion,
+    head: Vector,
+    values: Vector,
+    length: float,
+    arriving: float,
+    left_side: float,
+    reached_side: float,
+    zeros: Vector,
+    phase: float,
+    period: float,
+) -> Excursion:
     """Return the highest maximum and the lowest minimum inside a flight, and when they are reached.
 
     Between two zeros of the acceleration the velocity is monotone and has at most one zero. A
@@ -112,7 +127,16 @@ def excursions(
     return high, when_high, low, when_low, slowest
 
 
-def velocity_zero(motion, head, values, left, speed_left, right, speed_right, fraction):
+def velocity_zero(
+    motion: Motion,
+    head: Vector,
+    values: Vector,
+    left: float,
+    speed_left: float,
+    right: float,
+    speed_right: float,
+    fraction: float,
+) -> tuple[float, float]:
     """Return when the velocity changes sign between two times, and the displacement then.
 
     Newton's iteration kept inside a bracket in which the velocity is monotone.
@@ -151,7 +175,7 @@ def velocity_zero(motion, head, values, left, speed_left, right, speed_right, fr
     return t, x
 
 
-def turn_guess(speed_left, speed_right, flat_left, flat_right):
+def turn_guess(speed_left: float, speed_right: float, flat_left: bool, flat_right: bool) -> float:
     """Return where a monotone velocity changes sign, as part of the way, roughly.
 
     Where the acceleration vanishes at an end, the velocity is flat there.
@@ -231,7 +255,15 @@ def excursion_of(kernels: Kernels, in_time: bool) -> Callable[..., Any]:
     if in_time:
         return functools.partial(excursions, motion)
 
-    def excursion(head, values, length, arriving, left_side, reached_side, *_):
+    def excursion(
+        head: Vector,
+        values: Vector,
+        length: float,
+        arriving: float,
+        left_side: float,
+        reached_side: float,
+        *_: Any,
+    ) -> Excursion:
         vectorised = evaluate_in(kernels.motion(named[head[0]].name), ARRAYS)
         breaks = chebyshev_zeros(lambda dt: vectorised(*head[1:], dt, *values)[2], length)
         return excursions(

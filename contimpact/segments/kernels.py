@@ -15,6 +15,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+from ..arrays import Vector
 from ..errors import InputError
 from ..models.model import Model
 from ..models.sources import digests
@@ -157,7 +158,7 @@ class Kernels:
         if self.model.DEGREES_OF_FREEDOM == 1:
             return _caller("head, dt, p", "head[0]", "head[1], head[2], dt", self.model, loaded)
 
-        def motion(head, dt, p):
+        def motion(head: Vector, dt: float, p: Vector) -> Any:
             return loaded[head[0]](*head[1:], dt, *p)
 
         return motion

@@ -14,8 +14,12 @@ Mechanics, 1971, sec. 11).
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
+from typing import Any
 
 import numpy as np
+
+from ..arrays import Array
 
 HIGHEST = 11
 _SERIES_BELOW = 4.0
@@ -29,28 +33,28 @@ _SERIES = tuple(
 _INVERSE_FACTORIAL = tuple(1.0 / math.factorial(k) for k in range(HIGHEST + 1))
 
 
-def stumpff0(q):
+def stumpff0(q: float) -> float:
     return math.cos(math.sqrt(q)) if q >= 0 else math.cosh(math.sqrt(-q))
 
 
-def stumpff1(q):
+def stumpff1(q: float) -> float:
     if q == 0:
         return 1.0
     x = math.sqrt(abs(q))
     return math.sin(x) / x if q > 0 else math.sinh(x) / x
 
 
-def stumpff2(q):
+def stumpff2(q: float) -> float:
     half = stumpff1(0.25 * q)
     return 0.5 * half * half
 
 
-def _near_zero(k):
+def _near_zero(k: int) -> float:
     """The size of arguments up to which the series of c_k is summed."""
     return _SERIES_BELOW if k <= 9 else _LONGER_SERIES_BELOW
 
 
-def _higher(k, lower):
+def _higher(k: int, lower: Callable[[float], float]) -> Callable[[float], float]:
     """c_k for k > 2: its series near zero, the recurrence from c_{k-2} away from it.
 
     The series is one expression: a loop over its coefficients takes several times as long.
@@ -58,7 +62,7 @@ def _higher(k, lower):
     c11, c10, c9, c8, c7, c6, c5, c4, c3, c2, c1, c0 = _SERIES[k]
     start, near = _INVERSE_FACTORIAL[k - 2], _near_zero(k)
 
-    def function(q):
+    def function(q: float) -> float:
         if -near < q < near:
             half = c6 - q * (c7 - q * (c8 - q * (c9 - q * (c10 - q * c11))))
             return c0 - q * (c1 - q * (c2 - q * (c3 - q * (c4 - q * (c5 - q * half)))))
@@ -83,13 +87,13 @@ TOGETHER = (3, 5)
 """Up to which order there is a function for all from the first on."""
 
 
-def stumpffs3(q):
+def stumpffs3(q: float) -> tuple[float, float, float]:
     """c_1, c_2, c_3."""
     c1, c2 = _first_two(q)
     return c1, c2, stumpff3(q) if -_SERIES_BELOW < q < _SERIES_BELOW else (1.0 - c1) / q
 
 
-def stumpffs5(q):
+def stumpffs5(q: float) -> tuple[float, float, float, float, float]:
     """c_1, ..., c_5."""
     c1, c2 = _first_two(q)
     if -_SERIES_BELOW < q < _SERIES_BELOW:
@@ -102,7 +106,7 @@ def stumpffs5(q):
 _SIXTH = 1.0 / 6.0
 
 
-def _first_two(q):
+def _first_two(q: float) -> tuple[float, float]:
     if q == 0:
         return 1.0, 0.5
     x = math.sqrt(abs(q))
@@ -115,10 +119,10 @@ SCALAR = {f"stumpff{k}": globals()[f"stumpff{k}"] for k in range(HIGHEST + 1)}
 SCALAR |= {"stumpffs3": stumpffs3, "stumpffs5": stumpffs5}
 
 
-def _array_stumpff(k):
+def _array_stumpff(k: int) -> Callable[[Array], Array]:
     """The same function for arrays of any shape."""
 
-    def function(q):
+    def function(q: Array) -> Array:
         q = np.asarray(q, dtype=float)
         x = np.sqrt(np.abs(q))
         if k == 0:
@@ -141,13 +145,15 @@ def _array_stumpff(k):
     return function
 
 
-ARRAY = {f"stumpff{k}": _array_stumpff(k) for k in range(HIGHEST + 1)}
+ARRAY: dict[str, Callable[..., Any]] = {
+    f"stumpff{k}": _array_stumpff(k) for k in range(HIGHEST + 1)
+}
 
 
-def _array_stumpffs(n):
+def _array_stumpffs(n: int) -> Callable[[Array], tuple[Array, ...]]:
     """The first n functions for arrays, n one of `TOGETHER`, by the steps of the scalar ones."""
 
-    def function(q):
+    def function(q: Array) -> tuple[Array, ...]:
         q = np.asarray(q, dtype=float)
         x = np.sqrt(np.abs(q))
         c1, half = _over(x, q), _over(0.5 * x, q)
@@ -165,7 +171,7 @@ def _array_stumpffs(n):
     return function
 
 
-def _over(x, q):
+def _over(x: Array, q: Array) -> Array:
     """sin x / x, or sinh x / x where q is negative."""
     divisor = np.where(x == 0, 1.0, x)
     found = np.sin(x)
@@ -174,14 +180,14 @@ def _over(x, q):
     return np.where(x == 0, 1.0, found / divisor)
 
 
-def _near(far, near, values):
+def _near(far: Array, near: Array, values: Array) -> Array:
     """An array with other values near zero."""
     found = np.array(far)
     found[near] = values
     return found
 
 
-def _series(k, q):
+def _series(k: int, q: Array) -> Array:
     total = np.zeros_like(q)
     for coefficient in _SERIES[k]:
         total = coefficient - q * total

@@ -8,11 +8,10 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from typing import Any
 
 import numpy as np
 
-Array = np.ndarray[Any, Any]
+from ..arrays import Array, Vector
 
 _DEGREES = (16, 32, 64)
 
@@ -43,7 +42,7 @@ def time_zeros(harmonics: Sequence[float], period: float) -> list[float] | None:
     return sorted((angle % (2.0 * math.pi)) * period / (2.0 * math.pi) for angle in angles)
 
 
-def single_zeros(mean, a, b, period, zeros):
+def single_zeros(mean: float, a: float, b: float, period: float, zeros: Vector) -> int:
     """Fill in where in [0, period) mean + a cos + b sin vanishes, in order; returns how many."""
     size = math.sqrt(a * a + b * b)
     if not abs(mean) < size:
