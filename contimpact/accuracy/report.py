@@ -23,6 +23,7 @@ from ..continuation.branch import Point, Walk
 from ..continuation.settings import PREDICTORS, Settings
 from ..errors import InputError
 from ..following.orbit_backend import walk_orbits
+from ..orbits.linearisation import Linearisation
 from ..orbits.problem import Array
 from ..orbits.search import Orbit
 from ..scenes.scene import Scene
@@ -267,9 +268,9 @@ def _fastest(point: Point) -> int:
     return int(np.argmax(np.abs(point.tangent)))
 
 
-def _shootable(point: Point) -> bool:
+def _shootable(point: Point[Linearisation]) -> bool:
     """Whether a simulation can follow the orbit: physical, not nearly grazing, not at a fold."""
-    here: Any = point.evaluation
+    here = point.evaluation
     speeds = here.problem.impacts(here.unknowns)[:, 1]
     turning = abs(point.tangent[-1]) < 0.05 * np.max(np.abs(point.tangent))
     return bool(here.verdict.physical and np.min(np.abs(speeds)) > 1e-3 and not turning)

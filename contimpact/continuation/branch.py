@@ -6,15 +6,18 @@ import bisect
 import enum
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any, overload
+from typing import Any, Generic, TypeVar, overload
 
 import numpy as np
 
-from .problem import Array
+from .problem import Array, Evaluation
+
+E = TypeVar("E", bound=Evaluation, covariant=True)
+"""What a problem makes of a point."""
 
 
 @dataclass(frozen=True, eq=False)
-class Point:
+class Point(Generic[E]):
     """A solution on a branch.
 
     Attributes
@@ -32,7 +35,7 @@ class Point:
         Corrector iterations it took.
     """
 
-    evaluation: Any
+    evaluation: E
     tangent: Array
     orientation: float
     arclength: float

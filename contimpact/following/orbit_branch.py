@@ -21,6 +21,7 @@ from ..continuation.walk import SAME_SOLUTION, Stop
 from ..errors import InputError, shown
 from ..models.model import Model
 from ..models.word import Word
+from ..orbits.linearisation import Linearisation
 from ..orbits.problem import OrbitProblem
 from ..orbits.search import Orbit, solve_near
 from ..records.branch import Branch
@@ -236,9 +237,8 @@ def _user(given: UserEvent) -> TestFunction:
     return UserFunction(kind, value)
 
 
-def _orbit(point: Point) -> Orbit:
-    here: Any = point.evaluation
-    return Orbit(here.problem, here)
+def _orbit(point: Point[Linearisation]) -> Orbit:
+    return Orbit(point.evaluation.problem, point.evaluation)
 
 
 @dataclass(frozen=True, eq=False)

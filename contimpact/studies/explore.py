@@ -28,6 +28,7 @@ from ..following.images import again, at_image, mirrors_back, watched
 from ..following.orbit_backend import walk_orbits
 from ..following.orbit_branch import Run, both_ways
 from ..models.word import Word
+from ..orbits.linearisation import Linearisation
 from ..orbits.problem import Array, OrbitProblem
 from ..orbits.recognition import mirrored, rotated_to, shortest
 from ..orbits.search import SAME_ORBIT, Orbit
@@ -330,9 +331,8 @@ class _Explorer:
         shown = problem.word.notation([w.name for w in self.scene.model.WALLS])
         count = counted(f"following {name}, {shown}", self.scene.parameter, self.progress)
 
-        def report(point: Point) -> None:
-            here: Any = point.evaluation
-            here.verdict  # noqa: B018  physicality is decided at every point: part of the walk
+        def report(point: Point[Linearisation]) -> None:
+            point.evaluation.verdict  # noqa: B018  physicality is decided at every point: part of the walk
             count(point)
 
         return report

@@ -128,8 +128,8 @@ def _leaving(
     """End a walk where the first parameter leaves its range, or where the kind says so."""
     ends = {test.kind: end for end, test in limits.items()}
 
-    def stop(point: Point, events: Sequence[Event]) -> tuple[End, Point] | None:
-        here: CurvePoint = point.evaluation
+    def stop(point: Point[CurvePoint], events: Sequence[Event]) -> tuple[End, Point] | None:
+        here = point.evaluation
         found = [(ends[event.kind], event.point) for event in events if event.kind in ends]
         if reached := kind.curve_end(here.own):
             found.append((reached, point))
@@ -211,8 +211,8 @@ def _columns(points: Sequence[Point], marks: Sequence[tuple[Point, str]]) -> dic
     return columns
 
 
-def _row(point: Point) -> dict[str, Any]:
-    here: CurvePoint = point.evaluation
+def _row(point: Point[CurvePoint]) -> dict[str, Any]:
+    here = point.evaluation
     orbit, kind, details = here.orbit, here.problem.kind, here.details
     row: dict[str, Any] = {"arclength": point.arclength} | all_parameters(orbit)
     names = coordinates(orbit.problem.m)
