@@ -128,9 +128,13 @@ def _known(event: Event, events: Sequence[Event]) -> bool:
 
 
 def _searched(
-    problem: OrbitProblem, left: Point, right: Point, tests: Sequence[TestFunction],
-    settings: Settings, change: Change,
-) -> tuple[list[Event], list[Missed]]:  # fmt: skip
+    problem: OrbitProblem,
+    left: Point,
+    right: Point,
+    tests: Sequence[TestFunction],
+    settings: Settings,
+    change: Change,
+) -> tuple[list[Event], list[Missed]]:
     """Bisect the change of status, and look for the event on ever shorter segments."""
     span = abs(right.parameter - left.parameter) or abs(left.parameter) or 1.0
     scale = problem.scale(left.unknowns, span)

@@ -103,9 +103,12 @@ def continue_orbit(
 
 
 def _beside(
-    problem: OrbitProblem, unknowns: np.ndarray[Any, Any], tangent: np.ndarray[Any, Any],
-    limits: tuple[float, float], settings: Settings,
-) -> np.ndarray[Any, Any]:  # fmt: skip
+    problem: OrbitProblem,
+    unknowns: np.ndarray[Any, Any],
+    tangent: np.ndarray[Any, Any],
+    limits: tuple[float, float],
+    settings: Settings,
+) -> np.ndarray[Any, Any]:
     """The orbit one step from a branch point along one of the two branches that cross there."""
     first = dataclasses.replace(settings, max_points=2)
     probe = walk_orbits(
@@ -261,9 +264,12 @@ class Run:
         return interrupted(walk.end for walk in self.walks)
 
     def branch(
-        self, name: str, origin: str | None = None, first_entry: int = 1,
+        self,
+        name: str,
+        origin: str | None = None,
+        first_entry: int = 1,
         kinds: Sequence[str] | None = None,
-    ) -> Branch:  # fmt: skip
+    ) -> Branch:
         """Tabulate it, with the events of the given kinds."""
         backward, forward = self.walks
         problem = self.problem
@@ -332,10 +338,14 @@ class Run:
 
 
 def both_ways(
-    problem: OrbitProblem, unknowns: np.ndarray[Any, Any], limits: tuple[float, float],
-    tests: list[TestFunction], settings: Settings, callback: Callback | None = None,
+    problem: OrbitProblem,
+    unknowns: np.ndarray[Any, Any],
+    limits: tuple[float, float],
+    tests: list[TestFunction],
+    settings: Settings,
+    callback: Callback | None = None,
     stop: Stop | None = None,
-) -> Run:  # fmt: skip
+) -> Run:
     """Walk from an orbit in both directions; a closed branch is walked once.
 
     After an interruption from the keyboard, what was walked until then.

@@ -47,9 +47,13 @@ def judge(
 
 
 def findings(
-    word: str, named: Sequence[Wall], impacts: Array, gaps: Sequence[FlightGaps],
-    forgive_touches: Collection[tuple[int, str]] = (), forgive_impact: int | None = None,
-) -> tuple[float, ...]:  # fmt: skip
+    word: str,
+    named: Sequence[Wall],
+    impacts: Array,
+    gaps: Sequence[FlightGaps],
+    forgive_touches: Collection[tuple[int, str]] = (),
+    forgive_impact: int | None = None,
+) -> tuple[float, ...]:
     """Return what `verdict` says of an orbit.
 
     Parameters

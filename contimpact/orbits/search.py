@@ -131,9 +131,15 @@ def _plain(mu: complex) -> complex | float:
 
 
 def find_orbits(
-    model: Model, word: str | Word, *, parameter: str | None = None,
-    kernels: Kernels | None = None, rng: Any = 0, starts: int = 256, rounds: int = 8,
-) -> list[Orbit]:  # fmt: skip
+    model: Model,
+    word: str | Word,
+    *,
+    parameter: str | None = None,
+    kernels: Kernels | None = None,
+    rng: Any = 0,
+    starts: int = 256,
+    rounds: int = 8,
+) -> list[Orbit]:
     """Find the orbits of a word: stable, unstable and unphysical ones.
 
     Parameters

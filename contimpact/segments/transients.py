@@ -354,13 +354,13 @@ def _array(order: int) -> Callable[..., Values]:
     )
     count = len(TABLES[order])
 
-    def basis(y, q):
+    def basis(y: Any, q: Any) -> Values:
         if q[0] < _SERIES_BELOW:
             return series(y, q, _TERMS)
         x = np.sqrt(q)
         return swing(q, np.sin(x) / x, np.cos(x))
 
-    def function(c, k, t):
+    def function(c: Any, k: Any, t: Any) -> Values:
         given = np.broadcast_arrays(*(np.asarray(x, dtype=float) for x in (c, k, t)))
         c, k, t = (x.ravel() for x in given)
         found = np.empty((count, t.size))
