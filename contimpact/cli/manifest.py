@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from ..records.catalogue import manifest_text
+from ..records.manifest import manifest_text
 from ..records.result_folder import Files, sha256
 from ..scenes.scene import Scene
 

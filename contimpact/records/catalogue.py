@@ -10,16 +10,12 @@ from __future__ import annotations
 
 import dataclasses
 import functools
-import platform
 import re
-import sys
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from .. import __version__
 from ..arrays import Array
-from ..compiling.library import mode, used
 from ..errors import InputError
 from ..storage.files import Content, write_all
 from ..storage.shapes import fitted, made
@@ -31,7 +27,6 @@ from .loading import BRANCH, CURVE, checking, entry_of, read_branch, read_curve
 from .reading import read
 from .result_folder import (
     CATALOGUE,
-    MANIFEST,
     TABLES,
     WANTED,
     branch_file,
@@ -274,44 +269,3 @@ def _branch_of(folder: Path, record: Mapping[str, Any]) -> Branch:
         accepted = "give a folder whose files are of one run"
         raise InputError(str(path), f"damaged: {len(branch)} of {record['points']} rows", accepted)
     return branch
-
-
-# The manifest.
-
-
-def manifest_text(
-    scene: Mapping[str, Any],
-    given: Mapping[str, Any],
-    left_out: Sequence[str],
-    statistics: Mapping[str, Any],
-    files: Sequence[str],
-    catalogue: str | None = None,
-) -> str:
-    """Return ``manifest.json``: what was asked, what ran, what it cost, what was left out.
-
-    `catalogue` is the digest of the catalogue beside it.
-    """
-    versions = {"contimpact": __version__, "python": platform.python_version()}
-    for name in ("numpy", "scipy", "sympy", "matplotlib"):
-        if name in sys.modules:
-            versions[name] = sys.modules[name].__version__
-    return json_text(
-        {
-            "schema": MANIFEST,
-            "versions": versions,
-            "scene": {"given": given, "resolved": scene},
-            **statistics,
-            "compiled": {"mode": mode(), "programs": used()},
-            "modules": _modules(),
-            "left_out": list(left_out),
-            "files": sorted(files),
-            "sha256": {"catalogue.json": catalogue} if catalogue else {},
-        }
-    )
-
-
-def _modules() -> list[str]:
-    """The package's modules that were imported, and the libraries among its dependencies."""
-    own = [name for name in sys.modules if name.split(".")[0] == "contimpact"]
-    libraries = ("numpy", "scipy", "sympy", "mpmath", "matplotlib", "numba")
-    return sorted(own) + [name for name in libraries if name in sys.modules]

@@ -1,0 +1,51 @@
+"""The manifest of a folder of results: what was asked, what ran, its cost, what was left out."""
+
+from __future__ import annotations
+
+import platform
+import sys
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from .. import __version__
+from ..compiling.library import mode, used
+from ..storage.texts import json_text
+from .result_folder import MANIFEST
+
+
+def manifest_text(
+    scene: Mapping[str, Any],
+    given: Mapping[str, Any],
+    left_out: Sequence[str],
+    statistics: Mapping[str, Any],
+    files: Sequence[str],
+    catalogue: str | None = None,
+) -> str:
+    """Return ``manifest.json``: what was asked, what ran, what it cost, what was left out.
+
+    `catalogue` is the digest of the catalogue beside it.
+    """
+    versions = {"contimpact": __version__, "python": platform.python_version()}
+    for name in ("numpy", "scipy", "sympy", "matplotlib"):
+        if name in sys.modules:
+            versions[name] = sys.modules[name].__version__
+    return json_text(
+        {
+            "schema": MANIFEST,
+            "versions": versions,
+            "scene": {"given": given, "resolved": scene},
+            **statistics,
+            "compiled": {"mode": mode(), "programs": used()},
+            "modules": _modules(),
+            "left_out": list(left_out),
+            "files": sorted(files),
+            "sha256": {"catalogue.json": catalogue} if catalogue else {},
+        }
+    )
+
+
+def _modules() -> list[str]:
+    """The package's modules that were imported, and the libraries among its dependencies."""
+    own = [name for name in sys.modules if name.split(".")[0] == "contimpact"]
+    libraries = ("numpy", "scipy", "sympy", "mpmath", "matplotlib", "numba")
+    return sorted(own) + [name for name in libraries if name in sys.modules]
