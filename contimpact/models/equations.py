@@ -17,49 +17,15 @@ import sympy
 
 from ..errors import InputError, shown
 from .expressions import FUNCTIONS
+from .restitution import Departure, after_impact
+from .symbols import DT, PHASE, own
 
 if TYPE_CHECKING:
     from .model import Formulas, Model
 
 
-def own(name: str) -> sympy.Symbol:
-    """Return a symbol of ours: the prime keeps it apart from any parameter of that name."""
-    return sympy.Symbol(f"{name}'", real=True)
-
-
-T0, T1, TURN, DT, PHASE = map(own, ("t0", "t1", "turn", "dt", "phase"))
-"""phase = t0 - turn*T and dt = t1 - t0, with `turn` a whole number."""
-
 ELEMENTARY = frozenset((*FUNCTIONS, "Stumpff", "Transient", "MeanTransient"))
 """Names of the functions that kernels can evaluate."""
-
-
-@dataclass(frozen=True)
-class Departure:
-    """The flight that leaves a wall at `PHASE` and has lasted for `DT`.
-
-    Attributes
-    ----------
-    position : tuple
-        Start positions.
-    velocity : tuple
-        Velocities after the impact.
-    mean, end : tuple
-        Mean velocities and end velocities.
-    acceleration : tuple
-        Accelerations at the end, by the equations of motion.
-    """
-
-    position: tuple[Any, ...]
-    velocity: tuple[Any, ...]
-    mean: tuple[Any, ...]
-    end: tuple[Any, ...]
-    acceleration: tuple[Any, ...]
-
-    @property
-    def now(self) -> list[Any]:
-        """Positions at the end."""
-        return [x + DT * u for x, u in zip(self.position, self.mean, strict=True)]
 
 
 @dataclass(frozen=True)
@@ -171,7 +137,10 @@ def _evaluated(model: Model) -> Equations:
         {},
         _harmonics(formulas, f"{where}: harmonics"),
     )
-    departures = {wall: _departure(formulas, wall, found, where) for wall in walls}
+    departures = {
+        wall: after_impact(formulas, wall, *found.before(wall, found.start), where)
+        for wall in walls
+    }
     return Equations(**{**vars(found), "departures": departures})
 
 
@@ -181,29 +150,6 @@ def _named(given: Mapping[str, Any], names: Sequence[str], said: str, where: str
         accepted = f"give those in {said}: {', '.join(map(repr, names)) or 'none'}"
         raise InputError(where, f"found {', '.join(map(repr, given)) or 'none'}", accepted)
     return {name: sympy.sympify(given[name]) for name in names}
-
-
-def _departure(formulas: Formulas, wall: str, found: Equations, where: str) -> Departure:
-    position, velocity = found.before(wall, found.start)
-    size = len(position)
-    after = _tuple(formulas.reset(wall, position, velocity), size, f"{where}: reset")
-    flight = formulas.flight(PHASE, position, list(after), DT)
-    if not isinstance(flight, Sequence) or len(flight) != 2:
-        accepted = "give mean velocities and end velocities, a list each"
-        raise InputError(f"{where}: flight", f"found {shown(flight)}", accepted)
-    mean, end = (_tuple(part, size, f"{where}: flight") for part in flight)
-    now = [x + DT * u for x, u in zip(position, mean, strict=True)]
-    pushed = formulas.acceleration(PHASE + DT, now, list(end))
-    acceleration = _tuple(pushed, size, f"{where}: acceleration")
-    return Departure(tuple(position), after, mean, end, acceleration)
-
-
-def _tuple(given: Any, size: int, where: str) -> tuple[Any, ...]:
-    """One expression for each degree of freedom."""
-    if not isinstance(given, Sequence) or len(given) != size:
-        accepted = f"give a list with one entry for each degree of freedom: {size}"
-        raise InputError(where, f"found {shown(given)}", accepted)
-    return tuple(sympy.sympify(e) for e in given)
 
 
 def _harmonics(formulas: Formulas, where: str) -> tuple[Any, ...]:

@@ -17,9 +17,11 @@ from typing import Any
 import sympy
 from sympy.printing.pycode import PythonCodePrinter
 
-from ..models.equations import DT, PHASE, T0, T1, TURN, Departure, equations_of, own
+from ..models.equations import equations_of
 from ..models.model import Model
+from ..models.restitution import Departure
 from ..models.symbolic import MeanTransient, Stumpff, Transient
+from ..models.symbols import DT, PHASE, T0, T1, TURN, own
 from . import stumpff, transients
 from .layout import Setup, flat, refilled, result_text
 from .tape import Tape

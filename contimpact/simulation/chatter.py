@@ -21,6 +21,8 @@ SHORT = 1e-9
 """Chatter left to come, in periods, that is completed analytically."""
 EARLY = 1e-6
 """... and in units of the time until the acceleration turns away."""
+LOW = 1e-6
+"""A velocity at which the coefficient of chatter is read off."""
 
 
 def rest_after(
@@ -45,3 +47,8 @@ def slow_velocity(e: float, acceleration: float, period: float) -> float:
     if e == 0.0:
         return math.inf
     return SHORT * period * acceleration * max(1.0 - e, 0.0) / (2.0 * e)
+
+
+def coefficient(motion: Callable[..., Any], wall: int) -> float:
+    """Return the coefficient of restitution at low velocity."""
+    return abs(float(motion((wall, 0.0, LOW), 0.0)[1])) / LOW

@@ -27,11 +27,10 @@ from ..segments.arrival import first_arrival
 from ..segments.kernels import Kernels
 from ..segments.zeros import chebyshev_zeros, time_zeros
 from .body import Body, wall_on, wrapped
-from .chatter import slow_velocity
+from .chatter import coefficient, slow_velocity
 from .engine import BODY, DTYPES, ROW, Engine, array, engine_of
 from .flights import FlightInState, fly_in_time, motion_at
 from .impacts import make_impacts
-from .restitution import coefficient
 from .run import Outcome, Run, State, joined
 from .sticking import Hold, hold_of, pressed_at
 
