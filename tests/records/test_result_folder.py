@@ -441,7 +441,7 @@ sys.exit(main(sys.argv[2:]))
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="limits of POSIX")
-@pytest.mark.parametrize("limit", [7_000, 20_000])
+@pytest.mark.parametrize("limit", [12_000, 20_000])
 def test_what_can_be_written_is_written(scene, tmp_path, results, limit):
     """Files above a size cannot be written, as on a full disk."""
     folder = tmp_path / "out"
