@@ -26,7 +26,6 @@ from contimpact.records.branch import Branch
 from contimpact.records.catalogue import (
     BRANCH,
     CATALOGUE,
-    MANIFEST,
     branch_text,
     catalogue_text,
     events_text,
@@ -36,7 +35,7 @@ from contimpact.records.catalogue import (
 )
 from contimpact.records.diagram import Diagram
 from contimpact.records.entry import Entry
-from contimpact.records.result_folder import prepare_folder
+from contimpact.records.result_folder import MANIFEST, prepare_folder
 from contimpact.storage.files import write_text
 
 SCENE = ROOT / "branches" / "fig7" / "scene.toml"
