@@ -17,6 +17,7 @@ from typing import Any
 import sympy
 from sympy.printing.pycode import PythonCodePrinter
 
+from ..errors import InputError
 from ..models.equations import equations_of
 from ..models.model import Model
 from ..models.restitution import Departure
@@ -111,7 +112,11 @@ def _transients(expressions: Sequence[Any]) -> Iterator[_Together]:
         used.setdefault(call.args[2:], set()).add(call)
     for i, (arguments, calls) in enumerate(sorted(used.items(), key=lambda item: str(item[0]))):
         wanted = {tuple(map(int, call.args[:2])) for call in calls}
-        order = next(n for n, table in transients.TABLES.items() if wanted <= set(table))
+        order = next((n for n, known in transients.TABLES.items() if wanted <= set(known)), None)
+        if order is None:
+            beyond = sorted(wanted.difference(*transients.TABLES.values()))
+            found = f"free motions, or derivatives of them, with (n, b) = {beyond}"
+            raise InputError("flight", found, "write it with free motions of lower n and b")
         means = {(n, b): f"m{i}_{b}_{n + 1}" for n, b in transients.TABLES[order]}
         motions = {(n, b): f"g{i}_{b}_{n + 1}" for n, b in transients.MOTIONS[order]}
         by_kind = {MeanTransient: means, Transient: means | motions}

@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
+from ..errors import InputError
 from .arithmetic import Kernel, evaluate_in, kernel_of
 from .layout import Blocks
 from .recording import RECORDED, Tape
@@ -75,5 +76,6 @@ def _coefficient(number: Any, order: int) -> Any:
     if not isinstance(number, Series):
         return 0
     if order >= len(number.coefficients):
-        raise NotImplementedError(f"derivatives of order {order}: a function has fewer")
+        found = f"one of its free motions has no derivatives of order {order}"
+        raise InputError("flight", found, "write it with free motions of lower n and b")
     return number.coefficients[order]

@@ -19,6 +19,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Sequence
 from typing import Any, TypeAlias
 
+from ..errors import InputError
 from .arithmetic import PLAIN, Arithmetic
 from .stumpff import HIGHEST, TOGETHER
 from .transients import MOTIONS, TABLES
@@ -184,7 +185,8 @@ def _stumpff_slope(f: dict[str, Any], k: int, q: Any) -> Any:
 
 
 def _beyond(*arguments: Any) -> Any:
-    raise NotImplementedError(f"derivatives of Stumpff functions beyond c_{HIGHEST}")
+    found = f"derivatives of Stumpff functions beyond c_{HIGHEST} are asked for"
+    raise InputError("flight", found, "write it with Stumpff functions of lower order")
 
 
 def _together(inner: Arithmetic, names: dict[str, Any], highest: int) -> Callable[[Any], Any]:

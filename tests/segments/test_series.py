@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from zoo import two_masses
 
+from contimpact.errors import InputError
 from contimpact.segments.arithmetic import FLOATS, FUNCTIONS, evaluate_in
 from contimpact.segments.derivatives import second_derivatives, third_derivatives
 from contimpact.segments.exact_transients import transient
@@ -169,5 +170,5 @@ def test_functions_of_numbers_are_numbers():
 
 
 def test_derivatives_beyond_the_highest_stumpff_function_are_refused():
-    with pytest.raises(NotImplementedError, match=f"c_{HIGHEST}"):
+    with pytest.raises(InputError, match=f"c_{HIGHEST}"):
         series(FLOATS).names[f"stumpff{HIGHEST}"](Series([0.5, 1.0]))

@@ -9,7 +9,9 @@ import numpy as np
 import pytest
 import sympy
 
+from contimpact.errors import InputError
 from contimpact.models.symbolic import MeanTransient, Transient
+from contimpact.segments import codegen
 from contimpact.segments.bounded import BOUNDED, Bounded
 from contimpact.segments.exact_transients import transient
 from contimpact.segments.kernels import Kernels
@@ -183,3 +185,10 @@ def flown(at):
     grown, shrunk = up * mp.exp(high * dt), down * mp.exp(low * dt)
     mean = (steady(t1) + grown + shrunk - sigma) / dt
     return mp.re(mean), mp.re(rate(t1) + high * grown + low * shrunk)
+
+
+def test_a_free_motion_outside_the_tables_is_refused_by_its_orders():
+    """A system's author, not a solver, can do something about it."""
+    call = Transient(9, 4, *sympy.symbols("c k t", positive=True))
+    with pytest.raises(InputError, match=r"\(n, b\) = \[\(9, 4\)\].*lower n and b"):
+        list(codegen._transients([call]))
