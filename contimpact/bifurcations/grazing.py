@@ -64,7 +64,7 @@ class Grazing(OrbitTest):
         return np.hstack([orbits.gaps.reshape(len(orbits.gaps), -1), orbits.slowest])
 
     def guided(self, left: Array, right: Array) -> Array:
-        """Flights that turn nowhere at either end of a segment may do so between."""
+        """Flights that turn nowhere at either end of an arc may do so between."""
         gaps = np.vstack([left[: -self.guides], right[: -self.guides]])
         return np.all(np.isnan(gaps.reshape(2, self.guides, -1)), axis=(0, 2))
 

@@ -2,7 +2,7 @@
 
 An orbit turns unphysical at a G, V or T, and the number of its multipliers outside the unit circle
 changes at an FB, BP, PD or NS, or where impacts merge (T): each kind says so itself. Where it does
-so between two points and no such event was found, the segment is searched again, ever closer to the
+so between two points and no such event was found, the arc is searched again, ever closer to the
 change; what is still not explained is recorded as missed.
 """
 
@@ -14,9 +14,9 @@ from typing import Any
 
 import numpy as np
 
+from ..continuation.arc import Arc
 from ..continuation.branch import Event, Missed, Point, Points, Walk
 from ..continuation.events import find_events
-from ..continuation.segment import Segment
 from ..continuation.settings import Settings
 from ..continuation.sign_changes import Sample, Stretch
 from ..continuation.test_function import TestFunction
@@ -29,7 +29,7 @@ from .kinds import kind_of
 from .names import KINDS
 
 SEARCHED = (0, 4, 10, 20, 34)
-"""After how many bisections a segment is searched for events again."""
+"""After how many bisections an arc is searched for events again."""
 
 BISECTIONS = 44
 
@@ -135,27 +135,27 @@ def _searched(
     settings: Settings,
     change: Change,
 ) -> tuple[list[Event], list[Missed]]:
-    """Bisect the change of status, and look for the event on ever shorter segments."""
+    """Bisect the change of status, and look for the event on ever shorter arcs."""
     span = abs(right.parameter - left.parameter) or abs(left.parameter) or 1.0
     scale = problem.scale(left.unknowns, span)
-    segment = Segment(problem, left, right, scale, settings)
+    arc = Arc(problem, left, right, scale, settings)
     state = _state_of(change)
     here = state(left)
     for bisection in range(BISECTIONS):
         if bisection in SEARCHED:
-            found = _find(tests, segment)
+            found = _find(tests, arc)
             if any(kind_of(event.kind).changes is change for event in found):
                 return found, []
-        middle = segment.at(0.5)
-        ends = segment.left.arclength, segment.right.arclength
+        middle = arc.at(0.5)
+        ends = arc.left.arclength, arc.right.arclength
         if middle is None or not ends[0] < middle.arclength < ends[1]:
             break
-        before, after = segment.halves(middle)
-        segment = after if state(middle) == here else before
-    kind = _needed(segment.left, segment.right, change)
+        before, after = arc.halves(middle)
+        arc = after if state(middle) == here else before
+    kind = _needed(arc.left, arc.right, change)
     if kind not in {test.kind for test in tests}:
         return [], []
-    return [], [_unexplained(kind, segment, change)]
+    return [], [_unexplained(kind, arc, change)]
 
 
 def _state_of(change: Change) -> Callable[[Point], int]:
@@ -164,12 +164,12 @@ def _state_of(change: Change) -> Callable[[Point], int]:
     return lambda point: point.evaluation.n_unstable
 
 
-def _find(tests: Sequence[TestFunction], segment: Segment) -> list[Event]:
+def _find(tests: Sequence[TestFunction], arc: Arc) -> list[Event]:
     ends = (
         Sample(point.arclength, [test.at(point) for test in tests])
-        for point in (segment.left, segment.right)
+        for point in (arc.left, arc.right)
     )
-    return find_events(tests, segment, Stretch(*ends))[0]
+    return find_events(tests, arc, Stretch(*ends))[0]
 
 
 def _needed(left: Point, right: Point, change: Change) -> str:
@@ -199,8 +199,8 @@ def _worse(left: Point, right: Point) -> Point:
     return left if not left.evaluation.verdict.physical else right
 
 
-def _unexplained(kind: str, segment: Segment, change: Change) -> Missed:
-    left, right = segment.left, segment.right
+def _unexplained(kind: str, arc: Arc, change: Change) -> Missed:
+    left, right = arc.left, arc.right
     if change is Change.PHYSICALITY:
         verdict = _worse(left, right).evaluation.verdict
         what = f"the orbit turns unphysical there ({verdict.reason})"

@@ -18,12 +18,12 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from .arc import Arc
 from .batch import Notice
 from .branch import Point
 from .metric import length
 from .problem import Array, Problem
 from .refusal import Refusal, Refused
-from .segment import Segment
 from .settings import Settings
 
 NARROWING, GLANCES = 12, 2
@@ -96,22 +96,22 @@ Find = Callable[[Problem, Point, Array], Meeting | None]
 """``find(problem, guess, scale)`` solves for the meeting of branches next to a point."""
 
 
-def on(segment: Segment, find: Find, most: int = NARROWING) -> Meeting | None:
-    """Return the meeting on a segment, None if none is found.
+def on(arc: Arc, find: Find, most: int = NARROWING) -> Meeting | None:
+    """Return the meeting on an arc, None if none is found.
 
     From ever closer points, by bisection on the orientation, where it flips.
     """
     a, b = 0.0, 1.0
     for _ in range(most):
         middle = 0.5 * (a + b)
-        guess = segment.at(middle)
-        near = guess or segment.near(middle)
-        found = find(segment.problem, near, segment.scale) if near else None
-        if found is not None and segment.holds(found.unknowns):
+        guess = arc.at(middle)
+        near = guess or arc.near(middle)
+        found = find(arc.problem, near, arc.scale) if near else None
+        if found is not None and arc.holds(found.unknowns):
             return found
         if guess is None:
             return None
-        if (guess.orientation >= 0.0) == (segment.left.orientation >= 0.0):
+        if (guess.orientation >= 0.0) == (arc.left.orientation >= 0.0):
             a = middle
         else:
             b = middle
@@ -129,7 +129,7 @@ class Passes:
     find: Find | None = None
     known: list[tuple[Meeting, float]] = field(default_factory=list)
 
-    def refuse(self, segment: Segment, notices: Notice) -> Refused | None:
+    def refuse(self, arc: Arc, notices: Notice) -> Refused | None:
         """Why a step is refused that may have led to another branch; None if it has not.
 
         The orientation flips where the step passes two branches that cross, and where it lands on
@@ -137,42 +137,42 @@ class Passes:
         flip; then the orientation was about to vanish, and has not.
         """
         if Notice.FLIPS in notices:
-            return self.flipped(segment)
-        return self.dipped(segment) if Notice.DIPS in notices else None
+            return self.flipped(arc)
+        return self.dipped(arc) if Notice.DIPS in notices else None
 
-    def met(self, segment: Segment) -> Meeting | None:
-        """The known meeting on a segment, if there is one."""
-        return next((m for m, _ in self.known if segment.holds(m.unknowns)), None)
+    def met(self, arc: Arc) -> Meeting | None:
+        """The known meeting on an arc, if there is one."""
+        return next((m for m, _ in self.known if arc.holds(m.unknowns)), None)
 
-    def flipped(self, segment: Segment) -> Refused | None:
+    def flipped(self, arc: Arc) -> Refused | None:
         """The same where the orientation flips; bisection decides where no meeting is found."""
-        found = self.met(segment) or (on(segment, self.find) if self.find else None)
+        found = self.met(arc) or (on(arc, self.find) if self.find else None)
         if found is None:
-            return None if segment.connected() else Refused(Refusal.JUMPS)
+            return None if arc.connected() else Refused(Refusal.JUMPS)
         if found.crosses:
             return None
-        self.keep(segment, found)
+        self.keep(arc, found)
         return Refused(Refusal.PASSES)
 
-    def dipped(self, segment: Segment) -> Refused | None:
+    def dipped(self, arc: Arc) -> Refused | None:
         """The same where it does not: the step is short, or no meeting lies on it."""
-        found = self.met(segment)
+        found = self.met(arc)
         if found is None and self.find is not None:
-            found = on(segment, self.find, GLANCES)
+            found = on(arc, self.find, GLANCES)
         if found is None:
             return None
         if found.crosses:
-            self.keep(segment, found)
+            self.keep(arc, found)
             return Refused(Refusal.JUMPS)
-        chord = segment.right.arclength - segment.left.arclength
+        chord = arc.right.arclength - arc.left.arclength
         if chord <= TURN * found.distance:
             return None
-        self.keep(segment, found)
+        self.keep(arc, found)
         return Refused(Refusal.PASSES)
 
-    def keep(self, segment: Segment, meeting: Meeting) -> None:
+    def keep(self, arc: Arc, meeting: Meeting) -> None:
         """Keep a meeting in mind."""
-        chord = segment.right.arclength - segment.left.arclength
+        chord = arc.right.arclength - arc.left.arclength
         if all(known is not meeting for known, _ in self.known):
             self.known.append((meeting, BESIDE * max(chord, meeting.distance)))
 

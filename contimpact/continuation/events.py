@@ -7,10 +7,10 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from .arc import Arc
 from .branch import Event, Missed, Point
 from .locating import locate, missed
 from .problem import Array
-from .segment import Segment
 from .sign_changes import DIPS, OFF_THE_ENDS, Sample, Stretch, crosses, crossings
 from .test_function import TestFunction
 
@@ -18,26 +18,26 @@ GUIDED = 4
 """Beside what `suspects` finds: a guide tells that a value may begin and end between two points."""
 
 DEEPEST = np.array([0, 6, 20, 48, 6])
-"""How often a segment is cut, by what is suspected there."""
+"""How often an arc is cut, by what is suspected there."""
 
 MOST_CUTS = 200
-"""How often a segment is cut in all."""
+"""How often an arc is cut in all."""
 
 UNRESOLVED = "two zeros close to each other are not excluded; a smaller max_step may tell"
 
 
 def find_events(
-    tests: Sequence[TestFunction], segment: Segment, stretch: Stretch
+    tests: Sequence[TestFunction], arc: Arc, stretch: Stretch
 ) -> tuple[list[Event], list[Missed]]:
-    """Locate every crossing on a segment, in order along it.
+    """Locate every crossing on an arc, in order along it.
 
-    Where more crossings are not excluded (see `suspects`), the segment is cut and both parts are
+    Where more crossings are not excluded (see `suspects`), the arc is cut and both parts are
     searched; what cannot be excluded by cutting either is returned as missed.
 
     Parameters
     ----------
     tests : sequence of TestFunction
-    segment : Segment
+    arc : Arc
     stretch : Stretch
         The test functions at its ends, and at the points before and after it, to see how they
         bend.
@@ -45,13 +45,13 @@ def find_events(
     if not stretch.left.flat.size or not stretch.left.arclength < stretch.right.arclength:
         return [], []
     search = _Search(list(tests), [len(values) for values in stretch.left.values])
-    search.on(segment, stretch, 0)
+    search.on(arc, stretch, 0)
     return sorted(search.events, key=lambda e: e.point.arclength), search.missed
 
 
 @dataclass(eq=False)
 class _Search:
-    """The search of a segment for events; `sizes` says how many values each test function has."""
+    """The search of an arc for events; `sizes` says how many values each test function has."""
 
     tests: list[TestFunction]
     sizes: list[int]
@@ -59,19 +59,19 @@ class _Search:
     missed: list[Missed] = field(default_factory=list)
     cuts: int = 0
 
-    def on(self, segment: Segment, stretch: Stretch, depth: int) -> None:
-        """Cut a segment where more crossings are not excluded, else locate those there are."""
+    def on(self, arc: Arc, stretch: Stretch, depth: int) -> None:
+        """Cut an arc where more crossings are not excluded, else locate those there are."""
         found, places = self.suspected(stretch)
         worth = np.where(depth < DEEPEST[found], found, 0)
         if np.any(worth) and self.cuts < MOST_CUTS:
-            middle = segment.at(float(places[np.argmax(worth)]))
+            middle = arc.at(float(places[np.argmax(worth)]))
             ends = stretch.left.arclength, stretch.right.arclength
             if middle is not None and ends[0] < middle.arclength < ends[1]:
-                self.cut(segment, stretch, middle, depth + 1)
+                self.cut(arc, stretch, middle, depth + 1)
                 return
-        self.locate_on(segment, stretch)
+        self.locate_on(arc, stretch)
         if np.any(found == DIPS):
-            self.give_up(segment, stretch)
+            self.give_up(arc, stretch)
 
     def suspected(self, stretch: Stretch) -> tuple[Array, Array]:
         """Where more crossings are not excluded, and not within rounding."""
@@ -94,42 +94,42 @@ class _Search:
         places[aimed] = np.clip(b[aimed] / (b[aimed] - c[aimed]), OFF_THE_ENDS, 1.0 - OFF_THE_ENDS)
         return found, places
 
-    def cut(self, segment: Segment, stretch: Stretch, middle: Point, depth: int) -> None:
-        """Search both parts of a segment."""
+    def cut(self, arc: Arc, stretch: Stretch, middle: Point, depth: int) -> None:
+        """Search both parts of an arc."""
         self.cuts += 1
         known = len(self.events)
         between = Sample(middle.arclength, [test.at(middle) for test in self.tests])
-        for part, side in zip(segment.halves(middle), stretch.cut(between), strict=True):
+        for part, side in zip(arc.halves(middle), stretch.cut(between), strict=True):
             self.on(part, side, depth)
         found = {(event.kind, event.details.get("index")) for event in self.events[known:]}
         values = stretch.left.values, between.values, stretch.right.values
         for test, a, b, c in zip(self.tests, *values, strict=True):
             for index in crossings(a[: len(a) - test.guides], c[: len(a) - test.guides]):
                 if np.isnan(b[index]) and (test.kind, index) not in found:
-                    self.locate_one(test, segment, index, float(a[index]), float(c[index]))
+                    self.locate_one(test, arc, index, float(a[index]), float(c[index]))
 
-    def locate_on(self, segment: Segment, stretch: Stretch) -> None:
+    def locate_on(self, arc: Arc, stretch: Stretch) -> None:
         """Locate what changes sign between both ends."""
         values = stretch.left.values, stretch.right.values
         for test, a, b in zip(self.tests, *values, strict=True):
             for index in crossings(a[: len(a) - test.guides], b[: len(a) - test.guides]):
                 if max(abs(a[index]), abs(b[index])) > test.noise:
-                    self.locate_one(test, segment, index, float(a[index]), float(b[index]))
+                    self.locate_one(test, arc, index, float(a[index]), float(b[index]))
 
     def locate_one(
-        self, test: TestFunction, segment: Segment, index: int, left: float, right: float
+        self, test: TestFunction, arc: Arc, index: int, left: float, right: float
     ) -> None:
         """Locate one value that changes sign."""
-        event = locate(test, segment, index, left, right)
+        event = locate(test, arc, index, left, right)
         if isinstance(event, Missed):
             self.missed.append(event)
         elif test.accept(event):
             self.events.append(event)
 
-    def give_up(self, segment: Segment, stretch: Stretch) -> None:
-        """Record where two zeros were not excluded however often the segment was cut."""
+    def give_up(self, arc: Arc, stretch: Stretch) -> None:
+        """Record where two zeros were not excluded however often the arc was cut."""
         kinds = np.repeat([test.kind for test in self.tests], self.sizes)
         # beside a jump of the function, what lies beyond it says nothing
         found = np.minimum(*(self.suspected(side)[0] for side in stretch.one_sided()))
         unsure = kinds[found == DIPS]
-        self.missed += [missed(str(kind), segment, UNRESOLVED) for kind in unsure]
+        self.missed += [missed(str(kind), arc, UNRESOLVED) for kind in unsure]

@@ -5,12 +5,12 @@ from __future__ import annotations
 import numpy as np
 
 from ..errors import InputError
+from .arc import Arc
 from .bordered import point_after
 from .branch import Point
 from .corrector import correct
 from .metric import angle
 from .problem import Array
-from .segment import Segment
 
 NARROWEST = 1e-12
 """A range narrower than this part of its limits cannot be walked in doubles."""
@@ -34,7 +34,7 @@ def check(start: Array, direction: int, limits: tuple[float, float]) -> None:
         raise InputError("limits", found, "start within the limits")
 
 
-def on_limit(step: Segment, limits: tuple[float, float]) -> tuple[Point | None, int]:
+def on_limit(step: Arc, limits: tuple[float, float]) -> tuple[Point | None, int]:
     """Return the point of the branch on the limit that a step passed, and the iterations it took.
 
     None where the corrector finds none on the way.

@@ -6,10 +6,10 @@ from typing import Any
 
 import numpy as np
 
+from .arc import Arc
 from .bordered import orientation
 from .branch import Event, Missed, Point
 from .metric import EPSILON
-from .segment import Segment
 from .test_function import TestFunction
 from .uncertainty import error_of_zero
 
@@ -29,33 +29,29 @@ ACCEPTED_ERROR = 1e-7
 NO_VALUE = "the test function has no value inside the bracket"
 
 
-def locate(
-    test: TestFunction, segment: Segment, index: int, left: float, right: float
-) -> Event | Missed:
+def locate(test: TestFunction, arc: Arc, index: int, left: float, right: float) -> Event | Missed:
     """Locate one crossing: Newton on the extended system, from ever closer points.
 
     The first guess is linear interpolation along the cubic between both points. If Newton fails or
-    leaves the segment, the bracket is narrowed along the branch and Newton tried again; a bracket
+    leaves the arc, the bracket is narrowed along the branch and Newton tried again; a bracket
     narrowed to rounding is itself the answer.
     """
     a, b, fa, fb = 0.0, 1.0, left, right
-    guess = segment.near(_next_fraction(a, b, fa, fb, 0))
-    event = _by_newton(test, segment, guess, index) if guess is not None else None
+    guess = arc.near(_next_fraction(a, b, fa, fb, 0))
+    event = _by_newton(test, arc, guess, index) if guess is not None else None
     if event is not None:
         return event
     for attempt in range(60):
         fraction = _next_fraction(a, b, fa, fb, attempt)
-        guess = segment.at(fraction) or segment.at(a + BESIDE * (fraction - a))
+        guess = arc.at(fraction) or arc.at(a + BESIDE * (fraction - a))
         if guess is None:  # beside a branch point as well as on it
-            return missed(
-                test.kind, segment, "no point of the branch was reached inside the bracket"
-            )
+            return missed(test.kind, arc, "no point of the branch was reached inside the bracket")
         if attempt % 8 == 0:
-            event = _by_newton(test, segment, guess, index)
+            event = _by_newton(test, arc, guess, index)
             if event is not None:
                 return event
         value = float(test.at(guess)[index])
-        beside = segment.at(a + BESIDE * (fraction - a)) if np.isnan(value) else None
+        beside = arc.at(a + BESIDE * (fraction - a)) if np.isnan(value) else None
         if beside is not None:
             guess, fraction, value = (
                 beside,
@@ -66,9 +62,9 @@ def locate(
             if not test.vanishing:
                 if b - a < CLOSED_IN:
                     break
-                return missed(test.kind, segment, NO_VALUE)
+                return missed(test.kind, arc, NO_VALUE)
             width = min(1.0, test.vanishing / abs(fb - fa)) * (b - a)
-            return _by_bracket(test, segment, guess, index, width)
+            return _by_bracket(test, arc, guess, index, width)
         if (value >= 0.0) == (fa >= 0.0):
             a, fa = fraction, value
         else:
@@ -78,8 +74,8 @@ def locate(
     assert guess is not None
     shrunk = min(abs(fa), abs(fb)) <= SHRUNK * max(abs(left), abs(right))
     if not shrunk:
-        return missed(test.kind, segment, "the test function jumps without passing through zero")
-    return _by_bracket(test, segment, guess, index, 0.0 if value == 0.0 else b - a)
+        return missed(test.kind, arc, "the test function jumps without passing through zero")
+    return _by_bracket(test, arc, guess, index, 0.0 if value == 0.0 else b - a)
 
 
 def _next_fraction(a: float, b: float, fa: float, fb: float, attempt: int) -> float:
@@ -90,20 +86,18 @@ def _next_fraction(a: float, b: float, fa: float, fb: float, attempt: int) -> fl
     return min(max(a + (b - a) * fa / (fa - fb), a + margin), b - margin)
 
 
-def _by_newton(test: TestFunction, segment: Segment, guess: Point, index: int) -> Event | None:
-    located = test.locate(segment.problem, guess, index)
-    if located is None or not segment.holds(located.unknowns):
+def _by_newton(test: TestFunction, arc: Arc, guess: Point, index: int) -> Event | None:
+    located = test.locate(arc.problem, guess, index)
+    if located is None or not arc.holds(located.unknowns):
         return None
-    if not located.error <= ACCEPTED_ERROR * segment.scale[-1]:
+    if not located.error <= ACCEPTED_ERROR * arc.scale[-1]:
         return None
-    point = segment.event_point(segment.problem.evaluate(located.unknowns), guess.iterations)
+    point = arc.event_point(arc.problem.evaluate(located.unknowns), guess.iterations)
     details = {"index": index, **located.details}
     return Event(test.kind, point, located.residual, located.error, "newton", details)
 
 
-def _by_bracket(
-    test: TestFunction, segment: Segment, point: Point, index: int, width: float
-) -> Event:
+def _by_bracket(test: TestFunction, arc: Arc, point: Point, index: int, width: float) -> Event:
     """The event at a point a bracket of relative width `width` has closed on.
 
     At a branch point, where the error has no bound, it is no better than the bracket's own points.
@@ -111,18 +105,18 @@ def _by_bracket(
     here = point.evaluation
 
     def value(there: Any) -> float:
-        sign = orientation(there.jacobian, point.tangent, segment.scale)
+        sign = orientation(there.jacobian, point.tangent, arc.scale)
         moved = Point(there, point.tangent, sign, point.arclength, 0)
         return float(test.values(moved)[index])
 
-    error = error_of_zero(segment.problem, here, value, segment.scale)
+    error = error_of_zero(arc.problem, here, value, arc.scale)
     if not np.isfinite(error):
-        error = float(np.sqrt(EPSILON) * segment.scale[-1])
-    error += width * abs(segment.right.parameter - segment.left.parameter)
+        error = float(np.sqrt(EPSILON) * arc.scale[-1])
+    error += width * abs(arc.right.parameter - arc.left.parameter)
     residual = float(np.max(np.abs(here.residual)))
     return Event(test.kind, point, residual, error, "bracket", test.details(point, index))
 
 
-def missed(kind: str, segment: Segment, reason: str) -> Missed:
-    """Return what could not be located on a segment."""
-    return Missed(kind, (segment.left.parameter, segment.right.parameter), reason)
+def missed(kind: str, arc: Arc, reason: str) -> Missed:
+    """Return what could not be located on an arc."""
+    return Missed(kind, (arc.left.parameter, arc.right.parameter), reason)

@@ -7,38 +7,38 @@ its own way; if it comes from the other side, it has turned back on its way, and
 
 from __future__ import annotations
 
+from .arc import Arc
 from .bordered import point_after
 from .branch import Point
 from .corrector import correct
 from .metric import inner, length
 from .predictor import hermite
 from .problem import Array, Problem
-from .segment import Segment
 
 PART = 1e-6
 """The part of a tangent that is followed to an image."""
 
 
-def closing(segment: Segment, first: Point, same: float) -> Point | None:
+def closing(arc: Arc, first: Point, same: float) -> Point | None:
     """Return the start of a walk, solved for anew from a step that passes it; None otherwise.
 
     Parameters
     ----------
-    segment : Segment
+    arc : Arc
         The step.
     first : Point
         The start.
     same : float
         How near two points are that stand for the same solution.
     """
-    here, new, problem, scale = segment.left, segment.right, segment.problem, segment.scale
+    here, new, problem, scale = arc.left, arc.right, arc.problem, arc.scale
     for near in (here, new):
         start = near.unknowns - problem.difference(near.unknowns, first.unknowns)
         leaving = image_of_tangent(problem, start, first)
-        if not passes(segment, start, leaving):
+        if not passes(arc, start, leaving):
             continue
-        guess = where_passing(segment, start, leaving)
-        found = correct(problem, guess, leaving / scale**2, scale, segment.settings)
+        guess = where_passing(arc, start, leaving)
+        found = correct(problem, guess, leaving / scale**2, scale, arc.settings)
         if found.evaluation is not None:
             apart = problem.difference(found.evaluation.unknowns, first.unknowns)
             if length(apart, scale) <= same:
@@ -52,12 +52,12 @@ def image_of_tangent(problem: Problem, start: Array, first: Point) -> Array:
     return -moved / PART
 
 
-def where_passing(segment: Segment, start: Array, leaving: Array) -> Array:
+def where_passing(arc: Arc, start: Array, leaving: Array) -> Array:
     """Return where the cubic between both ends of a step passes beside a point.
 
     From there Newton leads back to the walk's own branch, and to the point only if it is on it.
     """
-    here, new, scale = segment.left, segment.right, segment.scale
+    here, new, scale = arc.left, arc.right, arc.scale
     behind, beyond = (inner(end.unknowns - start, leaving, scale) for end in (here, new))
     span = new.arclength - here.arclength
     beside = hermite(here, new, span, behind / (behind - beyond))
@@ -65,9 +65,9 @@ def where_passing(segment: Segment, start: Array, leaving: Array) -> Array:
     return beside - along * leaving
 
 
-def passes(segment: Segment, start: Array, leaving: Array) -> bool:
+def passes(arc: Arc, start: Array, leaving: Array) -> bool:
     """Whether a step passes a point in a direction."""
-    here, new, scale = segment.left, segment.right, segment.scale
+    here, new, scale = arc.left, arc.right, arc.scale
     after = new.unknowns - start
     stepped = length(new.unknowns - here.unknowns, scale)
     return (

@@ -26,10 +26,10 @@ ALONE = 2.0
 """Factor of the bend where only one parabola tells of it."""
 
 MIDDLE = 0.4871
-"""Where a segment is cut if nothing says better: off the places that coincidences prefer."""
+"""Where an arc is cut if nothing says better: off the places that coincidences prefer."""
 
 OFF_THE_ENDS = 0.1
-"""A segment is not cut nearer to its ends than this part of it."""
+"""An arc is not cut nearer to its ends than this part of it."""
 
 
 THRICE, DIPS, ENDS = 1, 2, 3
@@ -52,7 +52,7 @@ class Sample:
 
 @dataclass(frozen=True, eq=False)
 class Stretch:
-    """Test functions at both ends of a segment, and at the points before and after it, if known."""
+    """Test functions at both ends of an arc, and at the points before and after it, if known."""
 
     left: Sample
     right: Sample

@@ -9,6 +9,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from . import loops
+from .arc import Arc
 from .batch import Backend, Batch, Notice, Position, Proposal
 from .bordered import point_after
 from .branch import Block, End, EndKind, Event, Missed, Point, Points, Walk
@@ -21,7 +22,6 @@ from .limits import apart, check, on_limit
 from .metric import EPSILON, length
 from .problem import Array, Problem
 from .refusal import Refusal, Refused
-from .segment import Segment
 from .settings import Settings
 from .sign_changes import Samples, Stretch
 from .start import first_point, leaving, settled
@@ -247,10 +247,10 @@ class _Walker:
     def judge(self, step: float, proposal: Proposal) -> tuple[float, End | None]:
         """Accept a proposed step, perhaps as the last one, or refuse it."""
         here = self.points[-1]
-        segment = self.segment(here, proposal.point)
-        refused = self.passes.refuse(segment, proposal.notices)
+        arc = self.arc(here, proposal.point)
+        refused = self.passes.refuse(arc, proposal.notices)
         if refused is None and Notice.BEYOND in proposal.notices:
-            last, iterations = on_limit(segment, self.limits)
+            last, iterations = on_limit(arc, self.limits)
             self.iterations += iterations
             if last is not None and last.arclength > here.arclength:
                 return step, self.record(last, EndKind.RANGE)
@@ -258,7 +258,7 @@ class _Walker:
                 return step, self.end(EndKind.RANGE)
             refused = Refused(Refusal.NO_LIMIT)
         if refused is None:
-            start = self.closing(segment) if Notice.NEAR_START in proposal.notices else None
+            start = self.closing(arc) if Notice.NEAR_START in proposal.notices else None
             if start is not None:
                 return step, self.record(start, EndKind.CLOSED)
             return proposal.next_step, self.record(proposal.piece)
@@ -274,12 +274,12 @@ class _Walker:
             return other, None
         return step, self.refusal(here, refused)
 
-    def closing(self, step: Segment) -> Point | None:
+    def closing(self, step: Arc) -> Point | None:
         """The start again, if this step passed it in the direction it was left in."""
         return loops.closing(step, self.points[0], SAME_SOLUTION)
 
-    def segment(self, left: Point, right: Point) -> Segment:
-        return Segment(self.problem, left, right, self.scale, self.settings)
+    def arc(self, left: Point, right: Point) -> Arc:
+        return Arc(self.problem, left, right, self.scale, self.settings)
 
     def record(self, piece: Point | Block, ending: EndKind | None = None) -> End | None:
         """Record points with the events between them; returns the end if it has come.
@@ -325,8 +325,8 @@ class _Walker:
     def events_before(self, point: Point, stretch: Stretch) -> list[Event]:
         """Locate the events on the step to a point, within the range."""
         began = time.perf_counter()
-        segment = self.segment(self.points[-1], point)
-        found, missed = find_events(self.tests, segment, stretch)
+        arc = self.arc(self.points[-1], point)
+        found, missed = find_events(self.tests, arc, stretch)
         found = [e for e in found if self.in_range(e) and not self.at_start(e)]
         self.events += found
         self.missed += missed

@@ -11,10 +11,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from contimpact.continuation.arc import Arc
 from contimpact.continuation.bordered import point_after
 from contimpact.continuation.branch import Event, Missed, Point
 from contimpact.continuation.events import find_events
-from contimpact.continuation.segment import Segment
 from contimpact.continuation.settings import Settings
 from contimpact.continuation.sign_changes import DIPS, Sample, Stretch, crossings, suspects
 from contimpact.continuation.test_function import Located, TestFunction, UserFunction
@@ -66,21 +66,21 @@ def user(function, kind="mine"):
     return UserFunction(kind, function)
 
 
-def segment_of(curve, left, right):
+def arc_of(curve, left, right):
     """Two points of a curve as neighbours of a walk."""
     left, right = np.array(left), np.array(right)
     chord = right - left
     before = Point(curve.evaluate(left), chord / np.linalg.norm(chord), np.nan, 1.0, 0)
     first = point_after(before, before.evaluation, 0, np.ones(2))
     second = point_after(first, curve.evaluate(right), 0, np.ones(2))
-    return Segment(curve, first, second, np.ones(2), Settings())
+    return Arc(curve, first, second, np.ones(2), Settings())
 
 
-def events_on(segment, *tests):
-    left = [test.values(segment.left) for test in tests]
-    right = [test.values(segment.right) for test in tests]
-    ends = (Sample(p.arclength, v) for p, v in ((segment.left, left), (segment.right, right)))
-    return find_events(list(tests), segment, Stretch(*ends))
+def events_on(arc, *tests):
+    left = [test.values(arc.left) for test in tests]
+    right = [test.values(arc.right) for test in tests]
+    ends = (Sample(p.arclength, v) for p, v in ((arc.left, left), (arc.right, right)))
+    return find_events(list(tests), arc, Stretch(*ends))
 
 
 # The crossing rule: zero counts as positive
@@ -187,9 +187,9 @@ def test_values_that_do_not_exist_cross_nothing():
 
 
 def test_a_value_that_ceases_to_exist_inside_a_bracket_is_reported():
-    segment = segment_of(LINE, [0.0, 0.0], [2.0, 1.0])
+    arc = arc_of(LINE, [0.0, 0.0], [2.0, 1.0])
     test = user(lambda p: math.nan if 0.2 < p.parameter < 0.8 else p.parameter - 0.5)
-    events, (missed,) = events_on(segment, test)
+    events, (missed,) = events_on(arc, test)
     assert events == []
     assert missed == Missed("mine", (0.0, 1.0), "the test function has no value inside the bracket")
 
@@ -269,9 +269,9 @@ def test_a_bracketed_event_lies_on_the_curve_and_in_order():
 
 
 def test_two_zeros_within_one_step_are_put_in_order():
-    segment = segment_of(LINE, [0.0, 0.0], [2.0, 1.0])
+    arc = arc_of(LINE, [0.0, 0.0], [2.0, 1.0])
     tests = [user(lambda p: p.parameter - 0.7, "late"), user(lambda p: 0.2 - p.parameter, "early")]
-    events, missed = events_on(segment, *tests)
+    events, missed = events_on(arc, *tests)
     assert [event.kind for event in events] == ["early", "late"]
     assert missed == []
 
@@ -283,7 +283,7 @@ def test_a_function_of_several_components_says_which_one_vanished():
         def values(self, point):
             return np.array([1.0, 0.75 - point.parameter, math.nan, point.parameter - 0.25])
 
-    events, missed = events_on(segment_of(LINE, [0.0, 0.0], [2.0, 1.0]), Several())
+    events, missed = events_on(arc_of(LINE, [0.0, 0.0], [2.0, 1.0]), Several())
     assert [event.details["index"] for event in events] == [3, 1]
     assert [event.parameter for event in events] == pytest.approx([0.25, 0.75], abs=1e-14)
     assert missed == []
@@ -378,7 +378,7 @@ class Passage(TestFunction):
 
 
 def step_of_line():
-    return segment_of(LINE, [0.2, 0.1], [0.4, 0.2])
+    return arc_of(LINE, [0.2, 0.1], [0.4, 0.2])
 
 
 def test_newton_decides_where_it_works():
@@ -393,9 +393,9 @@ def test_newton_decides_where_it_works():
 
 
 def test_the_arclength_of_an_event_lies_between_its_points():
-    segment = step_of_line()
-    (event,), _ = events_on(segment, Passage(0.15))
-    middle = 0.5 * (segment.left.arclength + segment.right.arclength)
+    arc = step_of_line()
+    (event,), _ = events_on(arc, Passage(0.15))
+    middle = 0.5 * (arc.left.arclength + arc.right.arclength)
     assert event.point.arclength == pytest.approx(middle, abs=1e-15)
 
 
@@ -420,10 +420,10 @@ def test_where_newton_leaves_the_step_the_bracket_decides(test):
 def test_newton_may_land_exactly_on_an_end(target, left):
     """On the left end the function leaves its zero, on the right end it arrives there."""
     test = Passage(target)
-    segment = step_of_line()
+    arc = step_of_line()
     values = [-1.0, 1.0] if not left else [1.0, -1.0]
     left, right = (Sample(s, [np.array([v])]) for s, v in zip((0.0, 1.0), values, strict=True))
-    events, missed = find_events([test], segment, Stretch(left, right))
+    events, missed = find_events([test], arc, Stretch(left, right))
     assert [event.parameter for event in events] == [target]
     assert missed == []
 
@@ -436,50 +436,50 @@ def test_a_bracket_without_points_is_reported():
     """Between both branches of a hyperbola no point is reached, though the sign changes."""
     hyperbola = Curve(lambda x, p: x * x - p * p + 1.0, lambda x, p: [2.0 * x, -2.0 * p])
     left, right = [0.1, -math.sqrt(1.01)], [0.1, math.sqrt(1.01)]
-    segment = segment_of(hyperbola, left, right)
-    events, (missed,) = events_on(segment, user(lambda p: p.parameter - 0.1))
+    arc = arc_of(hyperbola, left, right)
+    events, (missed,) = events_on(arc, user(lambda p: p.parameter - 0.1))
     assert events == []
     assert missed.reason == "no point of the branch was reached inside the bracket"
 
 
-# Segments
+# Arcs
 
 
 @pytest.mark.parametrize("fraction", [0.0, 0.1, 0.5, 0.77, 1.0])
-def test_points_at_a_fraction_of_a_segment(fraction):
+def test_points_at_a_fraction_of_an_arc(fraction):
     turns = (0.3, 0.4)
-    segment = segment_of(CIRCLE, *[[math.cos(turn), math.sin(turn)] for turn in turns])
-    point = segment.at(fraction)
+    arc = arc_of(CIRCLE, *[[math.cos(turn), math.sin(turn)] for turn in turns])
+    point = arc.at(fraction)
     assert abs(np.hypot(*point.unknowns) - 1.0) < 1e-12
     # the chord and the cubic through both ends share their ends, not their pace: measured 1.2e-4
-    along = segment.fraction(point.unknowns)
+    along = arc.fraction(point.unknowns)
     assert along == pytest.approx(fraction, abs=2e-4 if 0.0 < fraction < 1.0 else 1e-14)
-    span = segment.right.arclength - segment.left.arclength
-    expected = segment.left.arclength + along * span
+    span = arc.right.arclength - arc.left.arclength
+    expected = arc.left.arclength + along * span
     assert point.arclength == pytest.approx(expected, abs=1e-14)
-    assert segment.holds(point.unknowns)
+    assert arc.holds(point.unknowns)
 
 
-def test_a_segment_holds_what_is_near_its_chord():
-    segment = segment_of(LINE, [0.0, 0.0], [2.0, 1.0])
+def test_an_arc_holds_what_is_near_its_chord():
+    arc = arc_of(LINE, [0.0, 0.0], [2.0, 1.0])
     inside, beyond = np.array([1.0, 0.5]), np.array([2.02, 1.01])
     aside = inside + 0.6 * np.array([1.0, -2.0])
-    assert segment.holds(inside)
-    assert not segment.holds(beyond)
-    assert not segment.holds(-0.01 * beyond)
-    assert not segment.holds(aside)
+    assert arc.holds(inside)
+    assert not arc.holds(beyond)
+    assert not arc.holds(-0.01 * beyond)
+    assert not arc.holds(aside)
 
 
-def test_a_segment_across_a_branch_point_is_connected():
+def test_an_arc_across_a_branch_point_is_connected():
     pitchfork = Curve(lambda x, p: x**3 - p * x, lambda x, p: [3.0 * x * x - p, -x])
-    assert segment_of(pitchfork, [0.0, -0.05], [0.0, 0.03]).connected()
+    assert arc_of(pitchfork, [0.0, -0.05], [0.0, 0.03]).connected()
 
 
 @pytest.mark.parametrize("gap", [1e-1, 1e-2, 1e-3, 1e-4])
-def test_a_segment_between_two_branches_is_not_connected(gap):
+def test_an_arc_between_two_branches_is_not_connected(gap):
     """Closer than 4e-4 of a step they are taken to cross; here the step is 0.1."""
     pair = Curve(lambda x, p: x * (x - gap), lambda x, p: [2.0 * x - gap, 0.0])
-    assert not segment_of(pair, [0.0, 0.0], [gap, 0.1]).connected()
+    assert not arc_of(pair, [0.0, 0.0], [gap, 0.1]).connected()
 
 
 def test_a_dip_between_two_parabolas_that_agree_is_suspected():

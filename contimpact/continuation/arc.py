@@ -22,7 +22,7 @@ NO_TANGENT = 1e-8
 
 
 @dataclass(frozen=True, eq=False)
-class Segment:
+class Arc:
     """Two neighbouring points of a walk, and what is needed to go between them."""
 
     problem: Problem
@@ -51,7 +51,7 @@ class Segment:
         return Point(here, self.left.tangent, np.nan, self.left.arclength + fraction * span, 0)
 
     def point(self, evaluation: Evaluation, iterations: int) -> Point | None:
-        """Return an evaluation as a point of this segment, None where it has no tangent."""
+        """Return an evaluation as a point of this arc, None where it has no tangent."""
         span = self.right.arclength - self.left.arclength
         travelled = self.fraction(evaluation.unknowns) * span
         return point_after(self.left, evaluation, iterations, self.scale, travelled)
@@ -76,8 +76,8 @@ class Segment:
             chord, chord, self.scale
         )
 
-    def halves(self, middle: Point) -> tuple[Segment, Segment]:
-        """Return the segments on both sides of a point between."""
+    def halves(self, middle: Point) -> tuple[Arc, Arc]:
+        """Return the arcs on both sides of a point between."""
         return replace(self, right=middle), replace(self, left=middle)
 
     def connected(self) -> bool:
