@@ -1,6 +1,6 @@
 """Whether branches of orbits cross, or pass each other: what unfolds the crossing, and its error.
 
-The equations stand in `contimpact.continuation.crossing`.
+The equations stand in `contimpact.continuation.crossing_branches`.
 """
 
 from __future__ import annotations
@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from ..continuation.branch import Point
-from ..continuation.crossing import Meeting
+from ..continuation.crossing_branches import Meeting
 from ..orbits.linearisation import Linearisation
 from ..orbits.problem import Array
 from ..orbits.rounding import rounding

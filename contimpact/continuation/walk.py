@@ -8,13 +8,13 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from . import loops
+from . import closed_branch
 from .arc import Arc
 from .batch import Backend, Batch, Notice, Position, Proposal
 from .bordered import point_after
 from .branch import Block, End, EndKind, Event, Missed, Point, Points, Walk
 from .corrector import correct
-from .crossing import Find, Meeting, Passes
+from .crossing_branches import Find, Meeting, Passes
 from .dense import DenseBackend
 from .events import find_events
 from .interruption import Interrupted
@@ -276,7 +276,7 @@ class _Walker:
 
     def closing(self, step: Arc) -> Point | None:
         """The start again, if this step passed it in the direction it was left in."""
-        return loops.closing(step, self.points[0], SAME_SOLUTION)
+        return closed_branch.closing(step, self.points[0], SAME_SOLUTION)
 
     def arc(self, left: Point, right: Point) -> Arc:
         return Arc(self.problem, left, right, self.scale, self.settings)

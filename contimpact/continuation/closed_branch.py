@@ -1,4 +1,4 @@
-"""When a walk has come round a loop: it passes its start again, in the direction it was left in.
+"""When a branch is closed: a walk passes its start again, in the direction it was left in.
 
 A problem may have images of its solutions that stand for the same one (an orbit's shifts by whole
 periods). A walk that comes to an image of its start has come round if it goes on along the image of
