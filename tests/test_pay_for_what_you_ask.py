@@ -44,7 +44,7 @@ FOR = {
 HEAVY = ("sympy", "mpmath", "matplotlib", "pandas", "scipy", "numba", "llvmlite", "hypothesis")
 OWN_HEAVY = (
     "accuracy", "attractors", "plots", "simulation", "two_parameters", "compiling.machine_code",
-    "compiling.program", "following.orbit_program", "models.agreement", "models.equations",
+    "compiling.program", "orbit_continuation.orbit_program", "models.agreement", "models.equations",
     "models.symbolic", "records.formats", "records.merge", "scenes.simulate_tables",
     "segments.codegen", "segments.tape", "systems.membrane", "systems.oscillator",
 )  # fmt: skip

@@ -22,7 +22,7 @@ from .. import __version__
 from ..continuation.branch import Point, Walk
 from ..continuation.settings import PREDICTORS, Settings
 from ..errors import InputError
-from ..following.orbit_backend import walk_orbits
+from ..orbit_continuation.orbit_backend import walk_orbits
 from ..orbits.linearisation import Linearisation
 from ..orbits.problem import Array
 from ..orbits.search import Orbit

@@ -6,7 +6,7 @@ import collections
 from collections.abc import Iterable, Sequence
 
 from ..continuation.test_function import TestFunction
-from ..following.orbit_branch import Run
+from ..orbit_continuation.orbit_branch import Run
 
 
 def counts_of(runs: Sequence[Run], probes: int) -> dict[str, int]:

@@ -24,10 +24,10 @@ from ..continuation.interruption import kept, other_way
 from ..continuation.settings import Settings
 from ..continuation.test_function import TestFunction
 from ..errors import InputError
-from ..following.images import again, at_image, mirrors_back, watched
-from ..following.orbit_backend import walk_orbits
-from ..following.orbit_branch import Run, both_ways
 from ..models.word import Word
+from ..orbit_continuation.orbit_backend import walk_orbits
+from ..orbit_continuation.orbit_branch import Run, both_ways
+from ..orbit_continuation.symmetry import again, at_image, mirrors_back, watched
 from ..orbits.linearisation import Linearisation
 from ..orbits.problem import Array, OrbitProblem
 from ..orbits.recognition import mirrored, rotated_to, shortest

@@ -13,10 +13,10 @@ from ..bifurcations.kinds import test_functions
 from ..bifurcations.requested import Requested
 from ..continuation.branch import End
 from ..continuation.interruption import interrupted
-from ..following.orbit_backend import walk_orbits
-from ..following.orbit_branch import Run, both_ways
 from ..models.model import Model
 from ..models.word import Word
+from ..orbit_continuation.orbit_backend import walk_orbits
+from ..orbit_continuation.orbit_branch import Run, both_ways
 from ..orbits.problem import Array, OrbitProblem
 from ..orbits.search import solve_near
 from ..progress import Progress, counted, silent

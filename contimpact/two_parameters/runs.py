@@ -12,9 +12,9 @@ import numpy as np
 
 from ..bifurcations.extended_system import solve
 from ..bifurcations.kinds import test_functions
-from ..following.orbit_branch import Run, both_ways
 from ..models.model import Model
 from ..models.word import Word
+from ..orbit_continuation.orbit_branch import Run, both_ways
 from ..orbits.problem import Array, OrbitProblem
 from ..orbits.search import find_orbits
 from ..records.curve import Curve

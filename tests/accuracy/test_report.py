@@ -205,7 +205,7 @@ def test_predictors_are_named():
 
 
 def test_the_secant_predictor_reaches_the_same_branch(pair):
-    from contimpact.following.orbit_branch import continue_orbit
+    from contimpact.orbit_continuation.orbit_branch import continue_orbit
 
     orbit = find_orbits(pair(s=0.34), "2:1", parameter="s", starts=64, rounds=4)[0]
     values = []

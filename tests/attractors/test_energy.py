@@ -11,7 +11,7 @@ import pytest
 from contimpact.attractors.attractor import Attractor, Kind
 from contimpact.attractors.energy import along, of_attractor, of_impacts
 from contimpact.errors import InputError
-from contimpact.following.orbit_branch import continue_orbit
+from contimpact.orbit_continuation.orbit_branch import continue_orbit
 from contimpact.orbits.search import find_orbits
 from contimpact.systems.membrane import Membrane, velocity_scale
 

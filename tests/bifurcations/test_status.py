@@ -15,7 +15,7 @@ from contimpact.bifurcations.status import with_status
 from contimpact.continuation.branch import Points
 from contimpact.continuation.settings import Settings
 from contimpact.continuation.test_function import TestFunction
-from contimpact.following.orbit_branch import both_ways
+from contimpact.orbit_continuation.orbit_branch import both_ways
 from contimpact.orbits.multipliers import count_unstable
 from contimpact.orbits.search import find_orbits
 from contimpact.systems.impact_pair import ImpactPair

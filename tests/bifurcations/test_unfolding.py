@@ -16,7 +16,7 @@ from contimpact.bifurcations.fold import Fold
 from contimpact.bifurcations.kinds import test_functions as functions
 from contimpact.continuation.branch import EndKind, Event, Point
 from contimpact.continuation.settings import Settings
-from contimpact.following.orbit_branch import both_ways, continue_orbit
+from contimpact.orbit_continuation.orbit_branch import both_ways, continue_orbit
 from contimpact.orbits.search import find_orbits, solve_near
 from contimpact.systems.impact_pair import ImpactPair
 

@@ -10,7 +10,7 @@ import pytest
 from contimpact import continue_born, continue_orbit, find_orbits, follow, follow_curve, read_scene
 from contimpact.continuation.branch import EndKind
 from contimpact.continuation.settings import Settings
-from contimpact.following.orbit_branch import Run
+from contimpact.orbit_continuation.orbit_branch import Run
 from contimpact.records.reading import read
 
 RANGE = (0.3, 0.4)

@@ -22,9 +22,9 @@ from contimpact.compiling.program import Program
 from contimpact.continuation.branch import EndKind
 from contimpact.continuation.settings import Settings
 from contimpact.errors import InputError
-from contimpact.following.orbit_backend import backend_of, walk_orbits
-from contimpact.following.orbit_program import program_of
 from contimpact.models.word import parse_word
+from contimpact.orbit_continuation.orbit_backend import backend_of, walk_orbits
+from contimpact.orbit_continuation.orbit_program import program_of
 from contimpact.orbits.problem import OrbitProblem
 from contimpact.segments.kernels import Kernels
 

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from contimpact.continuation.branch import Block, End, EndKind, Point, Points, Walk, joined
-from contimpact.following.orbit_branch import continue_orbit
+from contimpact.orbit_continuation.orbit_branch import continue_orbit
 
 
 @dataclass(frozen=True)

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from scipy.io import loadmat
 
-from contimpact.following.orbit_branch import continue_orbit
+from contimpact.orbit_continuation.orbit_branch import continue_orbit
 from contimpact.orbits.search import find_orbits
 from contimpact.records.formats import write_auto, write_mat
 from contimpact.systems.impact_pair import ImpactPair

@@ -18,8 +18,8 @@ from contimpact.bifurcations.kinds import test_functions as make_tests
 from contimpact.bifurcations.names import EVENTS
 from contimpact.continuation.settings import Settings
 from contimpact.errors import InputError
-from contimpact.following.orbit_branch import both_ways
 from contimpact.models.word import parse_word
+from contimpact.orbit_continuation.orbit_branch import both_ways
 from contimpact.orbits.recognition import repeats
 from contimpact.orbits.search import solve_near
 from contimpact.scenes.scene import read_scene

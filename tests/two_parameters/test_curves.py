@@ -11,7 +11,7 @@ import pytest
 from zoo import ROOT
 
 from contimpact.errors import InputError
-from contimpact.following.orbit_branch import continue_orbit
+from contimpact.orbit_continuation.orbit_branch import continue_orbit
 from contimpact.orbits.search import find_orbits
 from contimpact.records.catalogue import load_diagram, load_entries, write_diagram
 from contimpact.records.competition import real_heights, regions

@@ -1,4 +1,4 @@
-"""Where a branch runs into its own image, and ends: beyond, all of it would come again.
+"""Symmetry: where a branch runs into its own image, and ends, for beyond all of it comes again.
 
 The images of an orbit are its shifts by whole forcing periods and, where the model has one, its
 mirror image. An orbit that is one of its own images is one of a shorter period, or a symmetric one.

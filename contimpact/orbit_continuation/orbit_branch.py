@@ -30,8 +30,8 @@ from ..records.entries import entry_of, event_of
 from ..records.entry import Entry
 from ..records.given import as_orbit, entry_first, named
 from ..segments.kernels import Kernels
-from .images import again, at_image, mirrors_back, symmetry_of, watched
 from .orbit_backend import walk_orbits
+from .symmetry import again, at_image, mirrors_back, symmetry_of, watched
 from .tables import tabulate
 
 UserEvent = tuple[str, Callable[[Orbit], float]]

@@ -12,8 +12,8 @@ from contimpact.bifurcations.kinds import test_functions as make_tests
 from contimpact.bifurcations.names import EVENTS
 from contimpact.continuation.branch import EndKind
 from contimpact.continuation.settings import Settings
-from contimpact.following.images import at_image
-from contimpact.following.orbit_branch import both_ways
+from contimpact.orbit_continuation.orbit_branch import both_ways
+from contimpact.orbit_continuation.symmetry import at_image
 from contimpact.orbits.search import find_orbits
 from contimpact.segments.kernels import Kernels
 

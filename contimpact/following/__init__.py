@@ -1,1 +1,0 @@
-"""Orbits followed along a parameter: from an orbit to its branch."""

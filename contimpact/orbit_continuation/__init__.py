@@ -1,0 +1,1 @@
+"""Continuation of periodic orbits: from an orbit to its branch."""
