@@ -12,7 +12,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from contimpact import ImpactPair, Settings
-from contimpact.bifurcations.kinds import test_functions
+from contimpact.bifurcations.registry import test_functions
 from contimpact.continuation.branch import Walk
 from contimpact.models.word import Word
 from contimpact.orbit_continuation.orbit_backend import walk_orbits

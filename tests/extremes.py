@@ -20,7 +20,7 @@ from contimpact.accuracy.reference import Reference
 from contimpact.accuracy.simulated import ExactFlights, plain_voltage, voltages
 from contimpact.attractors.energy import Membrane
 from contimpact.bifurcations.grazing import touches_at
-from contimpact.bifurcations.kinds import switch, test_functions
+from contimpact.bifurcations.registry import switch, test_functions
 from contimpact.continuation.corrector import correct
 from contimpact.models.word import Word
 from contimpact.orbit_continuation.orbit_branch import both_ways

@@ -13,7 +13,7 @@ import pytest
 from zoo import ROOT
 
 import contimpact
-from contimpact.bifurcations.names import CROSSINGS, KINDS
+from contimpact.bifurcations.declarations import CROSSINGS, KINDS
 from contimpact.models.sources import GENERATOR
 
 PACKAGE = Path(contimpact.__file__).parent

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from ..bifurcations.names import KINDS
+from ..bifurcations.declarations import KINDS
 from ..orbits.problem import Array
 from ..records.entry import Entry
 from ..records.recovery import orbit_of

@@ -17,7 +17,7 @@ import mpmath
 import numpy as np
 
 from ..bifurcations.kind import System
-from ..bifurcations.kinds import kind_of
+from ..bifurcations.registry import kind_of
 from ..orbits.problem import Array, OrbitProblem
 from ..segments.arithmetic import evaluate_in
 from ..segments.many_digits import many_digits

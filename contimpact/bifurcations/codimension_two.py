@@ -30,7 +30,7 @@ from ..continuation.test_function import TestFunction
 from ..orbits.linearisation import Linearisation
 from ..orbits.multipliers import neimark_sacker
 from ..orbits.problem import Array
-from .names import CROSSINGS
+from .declarations import CROSSINGS
 
 MARKERS = dict.fromkeys(CROSSINGS, "o") | {"G-FB": "^", "CP": "v", "GPD": "s", "DG": "D"}
 """In pictures."""

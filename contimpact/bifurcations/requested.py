@@ -10,9 +10,9 @@ from ..continuation.test_function import TestFunction
 from ..errors import InputError
 from ..orbits.problem import Array, OrbitProblem
 from ..orbits.rounding import rounding_of_setup
+from .declarations import REQUESTED
 from .extended_system import EPSILON, ExtendedSystem
 from .kind import Details, Kind, Look, ManyDigits, System, Values
-from .names import REQUESTED
 from .orbit_test import Orbits
 from .reached import Reached, ScalarTest
 

@@ -24,9 +24,9 @@ from ..orbits.linearisation import Linearisation
 from ..orbits.multipliers import count_unstable
 from ..orbits.physicality import PHYSICAL
 from ..orbits.problem import OrbitProblem
+from .declarations import KINDS
 from .kind import Change
-from .kinds import kind_of
-from .names import KINDS
+from .registry import kind_of
 
 SEARCHED = (0, 4, 10, 20, 34)
 """After how many bisections an arc is searched for events again."""

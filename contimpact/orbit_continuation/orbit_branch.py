@@ -10,8 +10,8 @@ from typing import Any
 
 import numpy as np
 
-from ..bifurcations.kinds import switch, test_functions
-from ..bifurcations.names import EVENTS, KINDS, SWITCHES, with_values
+from ..bifurcations.declarations import EVENTS, KINDS, SWITCHES, with_values
+from ..bifurcations.registry import switch, test_functions
 from ..bifurcations.start import once
 from ..continuation.branch import End, EndKind, Event, Point, Points, Walk, joined
 from ..continuation.interruption import interrupted, kept, other_way, undisturbed

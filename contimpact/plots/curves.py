@@ -17,8 +17,8 @@ import numpy as np
 from matplotlib.lines import Line2D
 
 from ..bifurcations.codimension_two import MARKERS
-from ..bifurcations.kinds import kind_of
-from ..bifurcations.names import CROSSINGS
+from ..bifurcations.declarations import CROSSINGS
+from ..bifurcations.registry import kind_of
 from ..errors import InputError, shown
 from ..records.competition import Region, falling, panels, parameters_of, regions
 from ..records.curve import Check, Curve

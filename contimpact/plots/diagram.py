@@ -20,7 +20,7 @@ import matplotlib.figure
 import numpy as np
 from matplotlib.lines import Line2D
 
-from ..bifurcations.kinds import kind_of
+from ..bifurcations.registry import kind_of
 from ..errors import InputError, shown
 from ..records.diagram import Diagram
 from ..records.entry import Entry

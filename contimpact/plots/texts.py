@@ -7,7 +7,7 @@ import re
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING
 
-from ..bifurcations.kinds import kind_of
+from ..bifurcations.registry import kind_of
 from ..errors import printable, shortened
 from ..records.branch import Branch
 from ..records.entry import Entry

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ..arrays import Array
-from ..bifurcations.names import CROSSINGS, REQUESTED
+from ..bifurcations.declarations import CROSSINGS, REQUESTED
 from .curve import Curve
 
 if TYPE_CHECKING:

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from ..bifurcations.kinds import kind_of
+from ..bifurcations.registry import kind_of
 from ..continuation.branch import Event, Point
 from ..errors import InputError
 from ..models.model import Model

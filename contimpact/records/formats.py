@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from ..bifurcations.kinds import kind_of
+from ..bifurcations.registry import kind_of
 from ..storage.files import write, write_text
 from .branch import Branch
 

@@ -13,7 +13,7 @@ from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from ..bifurcations.names import EVENTS, KINDS, SECOND
+from ..bifurcations.declarations import EVENTS, KINDS, SECOND
 from ..continuation.settings import Settings
 from ..errors import InputError, shown
 from ..models.model import Model

@@ -9,7 +9,7 @@ from collections.abc import Sequence
 from dataclasses import asdict, fields, replace
 from typing import TYPE_CHECKING, Any
 
-from ..bifurcations.names import CURVES, EVENTS, KINDS, SWITCHES, with_values
+from ..bifurcations.declarations import CURVES, EVENTS, KINDS, SWITCHES, with_values
 from ..continuation.settings import Settings
 from ..errors import InputError, shown
 from ..models.model import Model

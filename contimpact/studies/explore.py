@@ -17,7 +17,7 @@ from typing import Any
 
 import numpy as np
 
-from ..bifurcations.kinds import switch, test_functions
+from ..bifurcations.registry import switch, test_functions
 from ..bifurcations.start import Start, once
 from ..continuation.branch import End, EndKind, Event, Point, Walk
 from ..continuation.interruption import kept, other_way

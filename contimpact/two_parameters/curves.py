@@ -13,8 +13,8 @@ from typing import Any
 
 import numpy as np
 
+from ..bifurcations.declarations import REQUESTED
 from ..bifurcations.kind import Kind
-from ..bifurcations.names import REQUESTED
 from ..continuation.branch import End, EndKind, Event, Point, Walk, joined
 from ..continuation.interruption import kept, other_way
 from ..continuation.settings import Settings

@@ -8,10 +8,10 @@ from typing import Any
 
 import numpy as np
 
+from ..bifurcations.declarations import CURVES
 from ..bifurcations.extended_system import ExtendedSystem
 from ..bifurcations.kind import Kind
-from ..bifurcations.kinds import kind_of
-from ..bifurcations.names import CURVES
+from ..bifurcations.registry import kind_of
 from ..errors import InputError, shown
 from ..models.model import Model
 from ..orbits.linearisation import Linearisation

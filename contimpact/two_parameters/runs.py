@@ -11,7 +11,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from ..bifurcations.extended_system import solve
-from ..bifurcations.kinds import test_functions
+from ..bifurcations.registry import test_functions
 from ..models.model import Model
 from ..models.word import Word
 from ..orbit_continuation.orbit_branch import Run, both_ways

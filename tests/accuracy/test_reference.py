@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from contimpact.accuracy.reference import Reference
-from contimpact.bifurcations.kinds import test_functions as make_tests
+from contimpact.bifurcations.registry import test_functions as make_tests
 from contimpact.continuation import linear
 from contimpact.continuation.settings import Settings
 from contimpact.models.word import Word

@@ -16,7 +16,7 @@ import numpy as np
 import pytest
 from scipy.spatial import cKDTree
 
-from contimpact.bifurcations.kinds import kind_of, test_functions
+from contimpact.bifurcations.registry import kind_of, test_functions
 from contimpact.continuation.branch import EndKind, Event, Point
 from contimpact.continuation.settings import Settings
 from contimpact.continuation.walk import walk

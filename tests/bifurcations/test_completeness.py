@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from contimpact.accuracy.reference import Reference
-from contimpact.bifurcations.kinds import test_functions as make_tests
-from contimpact.bifurcations.names import EVENTS
+from contimpact.bifurcations.declarations import EVENTS
+from contimpact.bifurcations.registry import test_functions as make_tests
 from contimpact.continuation.settings import Settings
 from contimpact.orbit_continuation.orbit_branch import both_ways
 from contimpact.orbits.search import find_orbits

@@ -14,9 +14,9 @@ from zoo import ROOT
 
 from contimpact import InputError, continue_orbit, find_orbits, plot_diagram, write_auto
 from contimpact.accuracy.reference import Reference
+from contimpact.bifurcations.declarations import CURVES, DECLARED, SECOND, SWITCHES
 from contimpact.bifurcations.kind import Kind
-from contimpact.bifurcations.kinds import kind_of
-from contimpact.bifurcations.names import CURVES, DECLARED, SECOND, SWITCHES
+from contimpact.bifurcations.registry import kind_of
 from contimpact.bifurcations.singular_cycle import SingularCycle
 from contimpact.bifurcations.unfolding import Crossing
 from contimpact.records.diagram import Diagram
@@ -40,8 +40,10 @@ def test_a_kind_is_what_its_declaration_says(declared, pair, problem_of):
     assert kind.test(problem, {"s": [0.3]}).kind == name
 
 
-def test_names_are_read_without_numerics():
-    code = "import json, sys, contimpact.bifurcations.names; print(json.dumps([*sys.modules]))"
+def test_declarations_are_read_without_numerics():
+    code = (
+        "import json, sys, contimpact.bifurcations.declarations; print(json.dumps([*sys.modules]))"
+    )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert "numpy" not in json.loads(done.stdout)
 

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 from scipy.optimize import brentq
 
-from contimpact.bifurcations.kinds import test_functions as make_tests
-from contimpact.bifurcations.names import EVENTS
+from contimpact.bifurcations.declarations import EVENTS
+from contimpact.bifurcations.registry import test_functions as make_tests
 from contimpact.bifurcations.status import with_status
 from contimpact.continuation.branch import Points
 from contimpact.continuation.settings import Settings

@@ -9,8 +9,8 @@ import pytest
 from zoo import scene
 
 from contimpact.bifurcations.grazing import touches_at
-from contimpact.bifurcations.kinds import switch
-from contimpact.bifurcations.kinds import test_functions as functions
+from contimpact.bifurcations.registry import switch
+from contimpact.bifurcations.registry import test_functions as functions
 from contimpact.continuation.settings import Settings
 from contimpact.errors import InputError
 from contimpact.orbit_continuation.orbit_branch import both_ways, continue_born, continue_orbit

@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 from contimpact.bifurcations.fold import Fold
-from contimpact.bifurcations.kinds import test_functions as functions
+from contimpact.bifurcations.registry import test_functions as functions
 from contimpact.continuation.branch import EndKind, Event, Point
 from contimpact.continuation.settings import Settings
 from contimpact.orbit_continuation.orbit_branch import both_ways, continue_orbit

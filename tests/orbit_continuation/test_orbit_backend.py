@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from contimpact.bifurcations.kinds import test_functions as functions_of
+from contimpact.bifurcations.registry import test_functions as functions_of
 from contimpact.continuation.batch import Position
 from contimpact.continuation.settings import Settings
 from contimpact.continuation.test_function import UserFunction

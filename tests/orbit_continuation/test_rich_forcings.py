@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 from zoo import harmonic_pair
 
+from contimpact.bifurcations.declarations import EVENTS
 from contimpact.bifurcations.extended_system import located
 from contimpact.bifurcations.grazing import Grazing, Touching
-from contimpact.bifurcations.kinds import test_functions as make_tests
-from contimpact.bifurcations.names import EVENTS
+from contimpact.bifurcations.registry import test_functions as make_tests
 from contimpact.continuation.branch import EndKind
 from contimpact.continuation.settings import Settings
 from contimpact.orbit_continuation.orbit_branch import both_ways

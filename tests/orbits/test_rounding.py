@@ -11,7 +11,7 @@ import pytest
 from zoo import ROOT
 
 from contimpact.accuracy.reference import Reference
-from contimpact.bifurcations.kinds import test_functions as make_tests
+from contimpact.bifurcations.registry import test_functions as make_tests
 from contimpact.continuation.settings import Settings
 from contimpact.continuation.test_function import UserFunction
 from contimpact.models.word import Word

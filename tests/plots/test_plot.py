@@ -20,8 +20,8 @@ from matplotlib.text import Text
 from zoo import ROOT
 
 from contimpact import InputError, follow, plot_diagram, read_scene
-from contimpact.bifurcations.kinds import kind_of
-from contimpact.bifurcations.names import KINDS
+from contimpact.bifurcations.declarations import KINDS
+from contimpact.bifurcations.registry import kind_of
 from contimpact.plots.diagram import COLOURS, STYLES, save_diagram
 from contimpact.plots.texts import label_text
 from contimpact.records.diagram import Diagram

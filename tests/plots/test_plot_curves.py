@@ -9,8 +9,8 @@ import pytest
 from matplotlib.figure import Figure
 
 from contimpact import plot_curves
-from contimpact.bifurcations.kinds import kind_of
-from contimpact.bifurcations.names import CURVES
+from contimpact.bifurcations.declarations import CURVES
+from contimpact.bifurcations.registry import kind_of
 from contimpact.continuation.branch import End, EndKind
 from contimpact.errors import InputError
 from contimpact.plots.curves import save_curves

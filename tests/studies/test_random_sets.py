@@ -14,8 +14,8 @@ import numpy as np
 import pytest
 from zoo import harmonic_pair
 
-from contimpact.bifurcations.kinds import test_functions as make_tests
-from contimpact.bifurcations.names import EVENTS
+from contimpact.bifurcations.declarations import EVENTS
+from contimpact.bifurcations.registry import test_functions as make_tests
 from contimpact.continuation.settings import Settings
 from contimpact.errors import InputError
 from contimpact.models.word import parse_word

@@ -11,8 +11,8 @@ from ..continuation.branch import Event
 from ..continuation.test_function import TestFunction
 from ..errors import InputError
 from ..orbits.problem import OrbitProblem
+from .declarations import FILES, KINDS
 from .kind import Kind, Values
-from .names import FILES, KINDS
 from .start import Start
 
 
@@ -33,8 +33,8 @@ class Unknown(Kind):
 def kind_of(name: str) -> Kind:
     """Return a kind by its name.
 
-    A kind that `names` does not declare is found by its class, once that is imported; one defined
-    anew, as in a notebook, takes the place of the earlier one.
+    A kind that is not declared is found by its class, once that is imported; one defined anew, as
+    in a notebook, takes the place of the earlier one.
     """
     if name in FILES:
         return _declared(name)
