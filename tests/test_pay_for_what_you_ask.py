@@ -50,7 +50,7 @@ OWN_HEAVY = (
 )  # fmt: skip
 """Parts of the package that following an orbit of the impact pair has no use for."""
 
-OF_RESULTS = ("records.catalogue", "cli", "records.reading")
+OF_RESULTS = ("records.catalogue", "cli", "records.diagram_reading")
 """Parts that only the command needs."""
 
 RARE = ("asyncio", "difflib", "email", "http", "importlib.metadata", "multiprocessing",
@@ -182,7 +182,7 @@ def test_a_command_imports_what_it_needs(name, tables, allowed, tmp_path, of_num
     if name == "help":
         assert among(modules, ("numpy",)) == []
     if name == "check":
-        assert among(modules, own("records.catalogue", "records.reading")) == []
+        assert among(modules, own("records.catalogue", "records.diagram_reading")) == []
 
 
 SCENES = {

@@ -13,7 +13,7 @@ import numpy as np
 from ..arrays import Array
 from ..models.model import Model
 from ..simulation.run import State
-from ..storage.shapes import made
+from ..storage.decoding import made
 
 
 class Kind(enum.Enum):

@@ -18,8 +18,8 @@ from .. import __version__
 from ..errors import InputError
 from ..records.branch import Branch
 from ..records.diagram import Diagram
+from ..storage.decoding import DAMAGE, fitted
 from ..storage.files import append, read_bounded, reason, write_text
-from ..storage.shapes import DAMAGE, fitted
 from ..storage.texts import csv_text, json_text
 from .attractor import Attractor
 from .sweep import Row, Sweep

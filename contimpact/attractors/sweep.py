@@ -18,7 +18,7 @@ from ..scenes.simulate_tables import SETTLING, Settling
 from ..segments.kernels import Kernels
 from ..simulation.run import State
 from ..simulation.simulator import Simulator
-from ..storage.shapes import made
+from ..storage.decoding import made
 from .attractor import Attractor, Kind
 from .verdict import settle
 

@@ -14,7 +14,7 @@ from ..errors import InputError, NotWrittenError
 from ..progress import Progress
 from ..records.catalogue import diagram_files
 from ..records.diagram import Diagram
-from ..records.reading import read
+from ..records.diagram_reading import read
 from ..records.result_folder import Files, held, renewed
 from ..scenes.scene import Scene, load_scene
 from ..storage.files import write_all

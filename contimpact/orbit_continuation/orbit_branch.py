@@ -26,8 +26,8 @@ from ..orbits.problem import OrbitProblem
 from ..orbits.search import Orbit, solve_near
 from ..records.branch import Branch
 from ..records.diagram import Diagram
-from ..records.entries import entry_of, event_of
 from ..records.entry import Entry
+from ..records.entry_conversion import entry_of, event_of
 from ..records.given import as_orbit, entry_first, named
 from ..segments.kernels import Kernels
 from .orbit_backend import walk_orbits

@@ -17,14 +17,14 @@ from typing import TYPE_CHECKING, Any
 
 from ..arrays import Array
 from ..errors import InputError
+from ..storage.decoding import fitted, made
 from ..storage.files import Content, write_all
-from ..storage.shapes import fitted, made
 from ..storage.texts import csv_text, json_line, json_text
 from .branch import Branch
 from .diagram import Diagram
+from .diagram_reading import read
 from .entry import Entry
 from .loading import BRANCH, CURVE, checking, entry_of, read_branch, read_curve
-from .reading import read
 from .result_folder import (
     CATALOGUE,
     TABLES,

@@ -22,8 +22,8 @@ from ..arrays import Array
 from ..continuation.branch import End, EndKind
 from ..errors import InputError
 from ..models.word import LONGEST_WORD
+from ..storage.decoding import DAMAGE, fitted, made
 from ..storage.files import LARGEST_RECORD, bounded, open_plain, reason
-from ..storage.shapes import DAMAGE, fitted, made
 from ..storage.texts import original
 from .branch import Branch
 from .entry import Entry

@@ -24,8 +24,8 @@ from ..errors import InputError
 from ..models.model import Model
 from ..orbits.problem import Array
 from ..records.curve import Codim2, Curve
-from ..records.entries import impacts_of
 from ..records.entry import Entry
+from ..records.entry_conversion import impacts_of
 from ..records.given import entry_first
 from ..records.recovery import model_of
 from ..records.tables import all_parameters, coordinates

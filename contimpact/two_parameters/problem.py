@@ -16,8 +16,8 @@ from ..errors import InputError, shown
 from ..models.model import Model
 from ..orbits.linearisation import Linearisation
 from ..orbits.problem import Array, OrbitProblem
-from ..records.entries import details_of
 from ..records.entry import Entry
+from ..records.entry_conversion import details_of
 from ..records.recovery import orbit_of
 from ..segments.kernels import Kernels
 

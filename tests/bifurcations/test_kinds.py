@@ -20,7 +20,7 @@ from contimpact.bifurcations.registry import kind_of
 from contimpact.bifurcations.singular_cycle import SingularCycle
 from contimpact.bifurcations.unfolding import Crossing
 from contimpact.records.diagram import Diagram
-from contimpact.records.entries import event_of
+from contimpact.records.entry_conversion import event_of
 
 
 @pytest.mark.parametrize("declared", DECLARED, ids=lambda declared: declared.name)

@@ -10,7 +10,7 @@ from zoo import ROOT
 
 from contimpact import InputError, continue_born, find_orbits, follow, load_scene, read_scene
 from contimpact.records.diagram import Diagram
-from contimpact.records.reading import read
+from contimpact.records.diagram_reading import read
 
 FIG7 = ROOT / "branches" / "fig7" / "scene.toml"
 SMALL = {

@@ -8,7 +8,7 @@ import pytest
 from zoo import ROOT
 
 from contimpact.accuracy.reference import Reference
-from contimpact.records.entries import event_of
+from contimpact.records.entry_conversion import event_of
 from contimpact.scenes.scene import load_scene
 from contimpact.segments.kernels import Kernels
 from contimpact.studies.explore import follow

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from zoo import ROOT
 
-from contimpact.records.reading import read, stable_intervals
+from contimpact.records.diagram_reading import read, stable_intervals
 from contimpact.scenes.scene import load_scene, read_scene
 from contimpact.studies.explore import follow
 

@@ -56,7 +56,7 @@ class Bistability:
 
 
 @dataclass(frozen=True)
-class Transition:
+class GrazingTransition:
     """A way from an orbit to one with one impact more.
 
     Attributes
@@ -95,7 +95,7 @@ class Reading:
 
     stable: Sequence[Interval]
     bistable: Sequence[Bistability]
-    transitions: Sequence[Transition]
+    transitions: Sequence[GrazingTransition]
 
     def as_record(self) -> dict[str, Any]:
         """Return plain data."""
@@ -202,7 +202,7 @@ def _bistable(
     return found
 
 
-def _transition(diagram: Diagram, stable: Sequence[Interval], grazing: Entry) -> Transition:
+def _transition(diagram: Diagram, stable: Sequence[Interval], grazing: Entry) -> GrazingTransition:
     branches = {branch.id: branch for branch in diagram.branches}
     source, target = branches[grazing.branch], branches[grazing.opens[0]]
     at_once, fold = _beyond(target, grazing)
@@ -217,7 +217,7 @@ def _transition(diagram: Diagram, stable: Sequence[Interval], grazing: Entry) ->
         mechanism = 3 if still else 4
     elif doubling is not None and at_once:
         mechanism = 3
-    return Transition(
+    return GrazingTransition(
         source.notation,
         target.notation,
         mechanism,
@@ -278,7 +278,7 @@ def _doubling_before(source: Branch, grazing: Entry) -> Entry | None:
     return min(doublings, key=lambda e: abs(e.arclength - grazing.arclength), default=None)
 
 
-def _sentence(t: Transition) -> str:
+def _sentence(t: GrazingTransition) -> str:
     parts = [f"transition {t.source} -> {t.target}: mechanism {t.mechanism or 'not decided'}"]
     if t.doubling:
         parts.append(f"PD {t.doubling} at {t.doubling_value:.9g}")
