@@ -39,7 +39,7 @@ from ..records.entry import Entry
 from ..scenes.scene import Scene
 from ..segments.kernels import Kernels
 from .counts import counts_of, evaluations_of
-from .starting_orbits import NotFound, orbits_at, placed, refusal, surveyed
+from .starting_orbits import NotFound, orbits_at, orbits_elsewhere, placed, refusal, surveyed
 
 STAGES = ("kernels", "search", "walk", "events", "switching", "tables")
 INTERRUPTED = "interrupted"
@@ -152,10 +152,12 @@ class _Explorer:
                 self.lacking[word] = NotFound.of(self.scene, self.kernels, word)
         return found
 
-    def search(self, word: Word, value: float) -> list[Orbit]:
+    def search(
+        self, word: Word, value: float, find: Callable[..., list[Orbit]] = orbits_at
+    ) -> list[Orbit]:
         began = time.perf_counter()
         self.progress(f"looking for {word} at {self.scene.parameter} = {value:.9g}")
-        found = orbits_at(self.scene, self.kernels, word, value)
+        found = find(self.scene, self.kernels, word, value)
         self.seconds["search"] += time.perf_counter() - began
         if word in self.lacking:
             self.lacking[word] = self.lacking[word].also_at(value, len(found))
@@ -165,7 +167,7 @@ class _Explorer:
         """Look at other values for words without an orbit at the start, to report them."""
         for word in self.lacking:
             for value in surveyed(self.scene):
-                self.search(word, value)
+                self.search(word, value, orbits_elsewhere)
 
     def follow_orbit(self, orbit: Orbit) -> None:
         """Follow an orbit both ways, unless it lies on a branch already known."""

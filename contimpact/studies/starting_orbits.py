@@ -22,6 +22,10 @@ from ..segments.kernels import Kernels
 SURVEYED = 9
 """Values of the followed parameter at which words are looked for besides the start."""
 
+GLANCE = 64
+"""Random starts at such a value, unless a survey was asked for; where they find an orbit, it is
+searched as the start is."""
+
 
 @dataclass(frozen=True)
 class NotFound:
@@ -44,6 +48,8 @@ class NotFound:
         Other values at which orbits were looked for.
     elsewhere : sequence of (float, int)
         Those at which some were found, and how many.
+    starts_elsewhere : int
+        Random starts at each of them in the first round.
     """
 
     word: Word
@@ -55,6 +61,7 @@ class NotFound:
     repeated: tuple[str, ...] = ()
     tried: int = 0
     elsewhere: tuple[tuple[float, int], ...] = ()
+    starts_elsewhere: int = GLANCE
 
     @classmethod
     def of(cls, scene: Scene, kernels: Kernels, word: Word) -> NotFound:
@@ -63,7 +70,9 @@ class NotFound:
         shorter = [w for w in word.repeated() if orbits_at(scene, kernels, w, scene.start)]
         tried = scene.parameter, scene.start, scene.starts, min(scene.rounds, 2)
         repeated = tuple(w.notation(letters) for w in shorter)
-        return cls(word, word.notation(letters), *tried, repeated)
+        return cls(
+            word, word.notation(letters), *tried, repeated, starts_elsewhere=_first(scene).starts
+        )
 
     def also_at(self, value: float, count: int) -> NotFound:
         """Return the same after a search at another value, and how many orbits it found."""
@@ -85,7 +94,13 @@ class NotFound:
         if self.elsewhere:
             done = "followed from there" if surveyed else "follow.survey = true follows them"
             return f"{self}; {self.nearby} ({done})"
-        return f"{self}" + (f", nor at {self.tried} other values" if self.tried else "")
+        return f"{self}" + (f", {self.nowhere}" if self.tried else "")
+
+    @property
+    def nowhere(self) -> str:
+        """Where else nothing was found, in words."""
+        starts = f"{self.starts_elsewhere} random starts at each"
+        return f"nor at {self.tried} other values within the range ({starts})"
 
     def as_record(self) -> dict[str, Any]:
         """Return plain data, as the manifest has it."""
@@ -100,6 +115,7 @@ class NotFound:
             "repeated": list(self.repeated),
             "tried": self.tried,
             "elsewhere": [[value, count] for value, count in self.elsewhere],
+            "starts_elsewhere": self.starts_elsewhere,
         }
 
     def __str__(self) -> str:
@@ -123,6 +139,18 @@ def orbits_at(scene: Scene, kernels: Kernels, word: Word, value: float) -> list[
     )
 
 
+def orbits_elsewhere(scene: Scene, kernels: Kernels, word: Word, value: float) -> list[Orbit]:
+    """Find orbits at a value besides the start: with few starts, if only to say where there are."""
+    if not scene.survey and not orbits_at(_first(scene), kernels, word, value):
+        return []
+    return orbits_at(scene, kernels, word, value)
+
+
+def _first(scene: Scene) -> Scene:
+    """The scene with the search by which other values are looked at first."""
+    return scene if scene.survey else replace(scene, starts=min(GLANCE, scene.starts), rounds=1)
+
+
 def surveyed(scene: Scene) -> list[float]:
     """Return the values across a scene's range at which words are looked for."""
     values: list[float] = np.linspace(*scene.range, SURVEYED + 2)[1:-1].tolist()
@@ -134,7 +162,7 @@ def not_found(scene: Scene, kernels: Kernels, word: Word, progress: Progress = s
     found = NotFound.of(scene, kernels, word)
     for value in surveyed(scene):
         progress(f"looking for {word} at {scene.parameter} = {value:.6g}")
-        found = found.also_at(value, len(orbits_at(scene, kernels, word, value)))
+        found = found.also_at(value, len(orbits_elsewhere(scene, kernels, word, value)))
     return found
 
 
@@ -152,8 +180,7 @@ def _remedy(lacking: NotFound) -> str:
     if lacking.elsewhere:
         start = f"start where one exists, by model.parameters.{lacking.parameter}"
         return f"{shorter}{start}: {lacking.nearby}"
-    tried = f"nor at {SURVEYED} other values within the range"
-    return f"{tried}; {shorter}try another word or parameters"
+    return f"{lacking.nowhere}; {shorter}try another word or parameters"
 
 
 def orbits_at_start(scene: Scene, kernels: Kernels, word: Word) -> list[Orbit]:

@@ -11,6 +11,7 @@ from zoo import ROOT
 from contimpact import InputError, continue_born, find_orbits, follow, load_scene, read_scene
 from contimpact.records.diagram import Diagram
 from contimpact.records.diagram_reading import read
+from contimpact.studies import starting_orbits
 
 FIG7 = ROOT / "branches" / "fig7" / "scene.toml"
 SMALL = {
@@ -153,3 +154,21 @@ def test_a_branch_of_repetitions_is_followed_once_and_called_so():
     assert {diagram[name].notation for name in grazing.opens} == {"2:1"}
     born = continue_born(grazing, range=(0.32, 0.345))
     assert (born.notation, born.notes) == ("2:1", [said])
+
+
+def test_elsewhere_few_starts_come_first(monkeypatch):
+    """Nine whole searches in vain took as long as everything else together."""
+    asked = []
+
+    def counted(model, word, **options):
+        asked.append((options["starts"], options["rounds"]))
+        return []
+
+    monkeypatch.setattr(starting_orbits, "find_orbits", counted)
+    with pytest.raises(InputError, match=r"nor at 9 other values .*\(64 random starts at each\)"):
+        follow(small(orbits=["3:1"]))
+    assert asked == [(256, 8)] + 9 * [(64, 1)]
+    asked.clear()
+    with pytest.raises(InputError, match=r"\(256 random starts at each\)"):
+        follow(small(orbits=["3:1"], survey=True))
+    assert asked == 10 * [(256, 8)]
