@@ -175,8 +175,9 @@ def test_pyplot_is_imported_nowhere(module):
 @pytest.mark.parametrize("module", FILES)
 def test_sympy_is_imported_where_it_is_used(module):
     found = places(module, lambda i: inside(i.module, "sympy") and i.at_import)
+    of_models = ("equations", "harmonics", "restitution", "symbolic", "symbols")
     names = (
-        *(f"models.{name}" for name in ("equations", "restitution", "symbolic", "symbols")),
+        *(f"models.{name}" for name in of_models),
         *(f"segments.{name}" for name in ("codegen", "tape")),
     )
     symbolic = {f"contimpact.{name}" for name in names}

@@ -17,6 +17,7 @@ import sympy
 
 from ..errors import InputError, shown
 from .expressions import FUNCTIONS
+from .harmonics import INDICES, HarmonicSum
 from .restitution import Departure, after_impact
 from .symbols import DT, PHASE, own
 
@@ -164,8 +165,10 @@ def _harmonics(formulas: Formulas, where: str) -> tuple[Any, ...]:
 
 def _check(e: Any, where: str, found: Equations) -> None:
     """Refuse symbols, functions and numbers that kernels know nothing of."""
-    known = {*found.parameters.values(), *found.start, PHASE, DT}
+    known = {*found.parameters.values(), *found.start, PHASE, DT, *INDICES}
     for part in sympy.preorder_traversal(e):
+        if isinstance(part, HarmonicSum | sympy.Tuple):
+            continue
         if part in known or part.is_Rational or part.is_Float or part in (sympy.pi, sympy.E):
             continue
         if part.is_Add or part.is_Mul or part.is_Pow or part is sympy.nan:

@@ -16,6 +16,7 @@ from sympy import I, Integer, pi
 
 from ..errors import InputError
 from .expressions import check_expression, sympy_expression, values_of
+from .harmonics import over_harmonics as over_harmonics
 
 MOST_HARMONICS = 64
 MOST_TERMS = 300

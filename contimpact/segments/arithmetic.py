@@ -1,6 +1,7 @@
 """The arithmetics in which a kernel can be evaluated.
 
-A kernel is one straight-line text: sums, products, quotients, powers and functions, all by name.
+A kernel is one straight-line text: sums, products, quotients, powers and functions, all by name;
+where a forcing has many harmonics it holds a loop over these.
 What the names stand for makes the arithmetic: floats, arrays, numbers with bounds of their rounding
 errors (`bounded`), many digits (`many_digits`), truncated Taylor series (`series`). Two constants
 are not whole numbers: ``pi``, and ``ratio(p, q)`` for the quotient of two of these. Floats and
@@ -13,7 +14,7 @@ import functools
 import math
 import re
 import types
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from typing import Any, Protocol
 
@@ -104,7 +105,23 @@ def cube(x: Any) -> Any:
     return x * x * x
 
 
-PLAIN: dict[str, Any] = {"square": square, "cube": cube, **layout.NAMES}
+def waves(rows: Any, phase: Any, dt: Any) -> Any:
+    """Return the rows (k, a_k, b_k) of a sum over harmonics, in each of which stands its term."""
+    return rows
+
+
+def total(x: Any) -> Any:
+    """Return the sum of the terms of a row of `waves`."""
+    return x
+
+
+PLAIN: dict[str, Any] = {
+    "square": square,
+    "cube": cube,
+    "waves": waves,
+    "total": total,
+    **layout.NAMES,
+}
 """Names that stand for the same in every arithmetic."""
 
 FLOATS = Arithmetic(
@@ -114,10 +131,24 @@ FLOATS = Arithmetic(
     | transients.SCALAR
 )
 
+AT_ONCE = 8192
+"""Numbers in the arrays that a sum over harmonics makes: as many as a processor holds nearby."""
+
+
+def _array_waves(rows: Any, phase: Any, dt: Any) -> Iterator[Any]:
+    """Several rows at once, along a first axis of their own."""
+    shape = np.broadcast_shapes(np.shape(phase), np.shape(dt))
+    count = max(1, AT_ONCE // max(1, math.prod(shape)))
+    columns = np.array(rows, dtype=float).T
+    for first in range(0, len(rows), count):
+        part = columns[:, first : first + count]
+        yield part.reshape(*part.shape, *(1 for _ in shape))
+
+
 _NUMPY_SPELLING = {"asin": "arcsin", "acos": "arccos", "atan": "arctan"}
 ARRAYS = Arithmetic(
     {name: getattr(np, _NUMPY_SPELLING.get(name, name)) for name in FUNCTIONS}
-    | {"nan": math.nan, **PLAIN}
+    | {"nan": math.nan, **PLAIN, "waves": _array_waves, "total": lambda x: np.sum(x, axis=0)}
     | stumpff.ARRAY
     | transients.ARRAY
 )

@@ -1,8 +1,9 @@
 """SymPy formulas of a model -> the Python source of one kernel.
 
 Importing this module imports SymPy; `contimpact.segments.kernels` does so only when a kernel is
-not in its cache. A kernel is straight-line arithmetic on floats, so it runs as it stands, on NumPy
-arrays, and under a compiler for the plain subset of Python.
+not in its cache. A kernel is straight-line arithmetic on floats, with a loop over a forcing's
+harmonics where these are many, so it runs as it stands, on NumPy arrays, and under a compiler for
+the plain subset of Python.
 """
 
 from __future__ import annotations
@@ -10,7 +11,7 @@ from __future__ import annotations
 import itertools
 import re
 import textwrap
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -19,6 +20,7 @@ from sympy.printing.pycode import PythonCodePrinter
 
 from ..errors import InputError
 from ..models.equations import equations_of
+from ..models.harmonics import HarmonicSum, over_harmonics
 from ..models.model import Model
 from ..models.restitution import Departure
 from ..models.symbolic import MeanTransient, Stumpff, Transient
@@ -124,6 +126,57 @@ def _transients(expressions: Sequence[Any]) -> Iterator[_Together]:
         given = ", ".join(map(_Printer().doprint, arguments))
         line = f"{', '.join((*means.values(), *motions.values()))} = transients{order}({given})"
         yield _Together(line, frozenset().union(*(a.free_symbols for a in arguments)), names)
+
+
+def _printed(
+    steps: Sequence[tuple[Any, Any]], values: Sequence[Any]
+) -> tuple[list[str], list[str]]:
+    """The lines that make some steps, and the texts of values that follow from these."""
+    printer, lines = _Printer(), []
+    formulas = [*(e for _, e in steps), *values]
+    waiting = [*_stumpffs(formulas), *_transients(formulas)]
+    names = {call: symbol for group in waiting for call, symbol in group.names.items()}
+    missing = {symbol for symbol, _ in steps}
+    for symbol, e in (*steps, (None, None)):
+        lines += [group.line for group in waiting if not group.needs & missing]
+        waiting = [group for group in waiting if group.needs & missing]
+        if symbol is not None:
+            lines.append(f"{printer.doprint(symbol)} = {printer.doprint(e.xreplace(names))}")
+            missing.remove(symbol)
+    return lines, [printer.doprint(e.xreplace(names)) for e in values]
+
+
+def _common(expressions: Sequence[Any], letter: str) -> tuple[list[tuple[Any, Any]], list[Any]]:
+    """Expressions by the steps that they have in common, named by a letter."""
+    symbols = (own(f"{letter}{i}") for i in itertools.count())
+    found: Any = sympy.cse(expressions, symbols=symbols, optimizations="basic", order="none")
+    return found
+
+
+def _looped(outputs: Any) -> tuple[Any, list[str]]:
+    """The same with a symbol for each sum over harmonics, and the loops that make these."""
+    values = [sympy.sympify(e) for e in flat(outputs)]
+    sums = dict.fromkeys(s for e in values for s in sorted(e.atoms(HarmonicSum), key=str))
+    names = {s: own(f"s{i}") for i, s in enumerate(sums)}
+    lines: list[str] = []
+    for rows in dict.fromkeys(s.args[1] for s in sums):
+        terms = {names[s].name[:-1]: s.args[0] for s in sums if s.args[1] == rows}
+        lines += _loop(rows, terms)
+    return refilled(outputs, [e.xreplace(names) for e in values]), lines
+
+
+def _loop(rows: Any, terms: Mapping[str, Any]) -> list[str]:
+    """The lines that sum up terms over the rows of harmonics, all in one loop."""
+    steps, values = _common(list(terms.values()), "u")
+    inside, texts = _printed(steps, values)
+    printed = (", ".join(_as_float(_Printer().doprint(e)) for e in row) for row in rows)
+    table = "".join(f"        ({row}),\n" for row in printed)
+    return [
+        f"{' = '.join(terms)} = 0.0",
+        f"for k, a, b in waves((\n{table}    ), phase, dt):",
+        *(f"    {line}" for line in inside),
+        *(f"    {s} = {s} + total({text})" for s, text in zip(terms, texts, strict=True)),
+    ]
 
 
 class KernelWriter:
@@ -259,22 +312,21 @@ class KernelWriter:
         acceleration = leave.acceleration[k]
         summed = self._sum_of_harmonics() if k == 0 else acceleration
         velocities = leave.velocity[k], leave.mean[k], leave.end[k]
-        outputs = (self.equations.period, *velocities, acceleration, summed)
+        outputs, loops = _looped((self.equations.period, *velocities, acceleration, summed))
         about = f"""Flight after wall {a}, coordinate {i}: what has to agree.
 
         Returns the period, the velocity after impact, mean velocity, end velocity, acceleration,
         and the sum of its harmonics."""
-        return self._text(name, [PHASE, *self.start, DT], about, [], outputs, reduce=False)
+        return self._text(name, [PHASE, *self.start, DT], about, [], outputs, False, loops)
 
     def _sum_of_harmonics(self) -> Any:
         """The acceleration by its harmonics, at the end of a flight; NaN where there are none."""
         constant, *rest = self.equations.harmonics
         angle = 2 * sympy.pi * (PHASE + DT) / self.equations.period
-        waves = (
-            a * sympy.cos(k * angle) + b * sympy.sin(k * angle)
-            for k, a, b in zip(rest[::3], rest[1::3], rest[2::3], strict=True)
+        waves = list(zip(rest[::3], rest[1::3], rest[2::3], strict=True))
+        return constant + over_harmonics(
+            waves, lambda k, a, b: a * sympy.cos(k * angle) + b * sympy.sin(k * angle)
         )
-        return sympy.Add(constant, *waves)
 
     # Printing.
 
@@ -293,40 +345,31 @@ class KernelWriter:
         reduce: bool = False,
     ) -> str:
         """A kernel that computes what its outputs have in common once."""
-        shared, reduced = sympy.cse(
-            [sympy.sympify(e) for e in flat(outputs)],
-            symbols=(own(f"w{i}") for i in itertools.count()),
-            optimizations="basic",
-            order="none",
-        )
-        return self._text(name, arguments, about, shared, refilled(outputs, reduced), reduce)
+        outputs, loops = _looped(outputs)
+        shared, reduced = _common([sympy.sympify(e) for e in flat(outputs)], "w")
+        return self._text(name, arguments, about, shared, refilled(outputs, reduced), reduce, loops)
 
     def _listed(
         self, name: str, arguments: Sequence[Any], about: str, tape: Tape, outputs: Any
     ) -> str:
         """A kernel that makes the steps of a tape."""
         steps, values = tape.listing(flat(outputs))
-        return self._text(name, arguments, about, steps, refilled(outputs, values), reduce=True)
+        found, loops = _looped((*(e for _, e in steps), *values))
+        steps = [(symbol, e) for (symbol, _), e in zip(steps, found, strict=False)]
+        outputs = refilled(outputs, found[len(steps) :])
+        return self._text(name, arguments, about, steps, outputs, True, loops)
 
     def _text(
         self, name: str, arguments: Sequence[Any], about: str, steps: Sequence[tuple[Any, Any]],
-        outputs: Any, reduce: bool,
+        outputs: Any, reduce: bool, loops: Sequence[str] = (),
     ) -> str:  # fmt: skip
-        printer, values = _Printer(), flat(outputs)
+        values = flat(outputs)
         signature = self._names([*arguments, *self.equations.parameters.values()])
         used = set().union(*(e.free_symbols for e in (*values, *(e for _, e in steps))))
         lines = self._reduction(T1 in arguments, TURN in used) if reduce else []
-        formulas = [*(e for _, e in steps), *values]
-        waiting = [*_stumpffs(formulas), *_transients(formulas)]
-        names = {call: symbol for group in waiting for call, symbol in group.names.items()}
-        missing = {symbol for symbol, _ in steps}
-        for symbol, e in (*steps, (None, None)):
-            lines += [group.line for group in waiting if not group.needs & missing]
-            waiting = [group for group in waiting if group.needs & missing]
-            if symbol is not None:
-                lines.append(f"{printer.doprint(symbol)} = {printer.doprint(e.xreplace(names))}")
-                missing.remove(symbol)
-        printed = [_as_float(printer.doprint(e.xreplace(names))) for e in values]
+        found, printed = _printed(steps, values)
+        lines += [*loops, *found]
+        printed = [_as_float(text) for text in printed]
         doc = textwrap.indent(textwrap.dedent("        " + about), "    ").strip()
         body = "\n".join(f"    {line}" for line in lines)
         return (

@@ -14,6 +14,8 @@ from typing import Any
 import sympy
 from sympy import Add, Mul, Pow, S
 
+from ..models.harmonics import HarmonicSum
+
 
 class Tape:
     """Steps of a computation: sums, products, powers and functions of earlier steps.
@@ -34,6 +36,8 @@ class Tape:
         """Add the steps that compute an expression; return its value."""
         if e.is_Atom:
             return e
+        if isinstance(e, HarmonicSum):
+            return self._step(e)
         if e not in self._values:
             factor, rest = _factored(e)
             self._values[e] = factor * self.put(rest) if factor != 1 else self._put(e)
@@ -64,6 +68,10 @@ class Tape:
     def _slope(self, e: Any, slopes: dict[Any, Any]) -> Any:
         if e not in slopes:
             inside = self.steps.get(e, e)
+            if isinstance(inside, HarmonicSum):
+                moved = (slopes.get(x, S.Zero) * sympy.diff(inside, x) for x in inside.free_symbols)
+                slopes[e] = self.put(Add(*moved))
+                return slopes[e]
             inner = [self._slope(a, slopes) for a in inside.args]
             moving = [(i, slope) for i, slope in enumerate(inner) if slope != 0]
             slopes[e] = self.put(Add(*(slope * _partial(inside, i) for i, slope in moving)))

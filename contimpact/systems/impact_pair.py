@@ -74,7 +74,7 @@ class ImpactPair(Model):
         """Equations (6)-(8): flight under gravity and a sum of harmonics."""
         import sympy
 
-        from ..models.symbolic import fourier_series, harmonic_means
+        from ..models.symbolic import fourier_series, harmonic_means, over_harmonics
 
         beta, amplitude, s, mass, omega, g = (
             symbols[name] for name in ("beta", "A", "s", "M", "omega", "g")
@@ -92,17 +92,19 @@ class ImpactPair(Model):
             return [-restitution[wall] * v[0]]
 
         def flight(t0: Any, x0: State, v0: State, dt: Any) -> tuple[list[Any], list[Any]]:
-            means = [harmonic_means(a, b, k * sympy.pi, t0, dt) for k, a, b in harmonics]
-            once = sum((m[0] for m in means), sympy.Integer(0))
-            twice = sum((m[1] for m in means), sympy.Integer(0))
+            def mean(n: int) -> Any:
+                return over_harmonics(
+                    harmonics, lambda k, a, b: harmonic_means(a, b, k * sympy.pi, t0, dt)[n]
+                )
+
+            once, twice = mean(0), mean(1)
             return [v0[0] + dt * (constant / 2 + twice)], [v0[0] + dt * (constant + once)]
 
         def acceleration(t: Any, x: State, v: State) -> list[Any]:
-            waves = (
-                a * sympy.cos(k * sympy.pi * t) + b * sympy.sin(k * sympy.pi * t)
-                for k, a, b in harmonics
-            )
-            return [constant + sum(waves, sympy.Integer(0))]
+            def wave(k: Any, a: Any, b: Any) -> Any:
+                return a * sympy.cos(k * sympy.pi * t) + b * sympy.sin(k * sympy.pi * t)
+
+            return [constant + over_harmonics(harmonics, wave)]
 
         return Formulas(
             period=period,
