@@ -15,6 +15,13 @@ from ..orbits.problem import Array, OrbitProblem
 
 ITERATIONS = 12
 
+MOST_EVALUATIONS = 50_000
+"""In one flight: an explicit integrator takes more where the motion is stiff."""
+
+
+class _TooLong(Exception):
+    """A flight has taken too many evaluations."""
+
 
 class Shooting:
     """The return map of a word, by numerical integration.
@@ -43,9 +50,8 @@ class Shooting:
         t, x, v = sympy.symbols("t x v", real=True)
         formulas = problem.model.formulas(names)
         given = list(names.values())
-        self._force = sympy.lambdify(
-            [t, x, v, *given], formulas.acceleration(t, [x], [v])[0], "math"
-        )
+        force = sympy.sympify(formulas.acceleration(t, [x], [v])[0])
+        self._force = sympy.lambdify([t, x, v, *given], force.doit(), "math")
         self._reset = {
             w.name: sympy.lambdify([x, v, *given], formulas.reset(w.name, [x], [v])[0], "math")
             for w in problem.model.WALLS
@@ -95,25 +101,34 @@ class Shooting:
     def flight(
         self, a: str, b: str, impact: list[float], span: float, p: list[float]
     ) -> list[float] | None:
-        """Return time and velocity before the next impact, within twice a span of time."""
+        """Return time and velocity before the next impact, within twice a span of time.
+
+        None if there is none, or if it takes more than `MOST_EVALUATIONS`.
+        """
         walls = self.problem.model.WALLS
         places = self.problem.kernels.setup(*p).walls
         place = dict(zip((w.name for w in walls), places, strict=True))
-        start = [place[a], self._reset[a](place[a], impact[1], *p)]
+        start, distance = [0.0, self._reset[a](place[a], impact[1], *p)], place[b] - place[a]
+        last = self.evaluations + MOST_EVALUATIONS
 
         def arrival(t: float, y: Array) -> float:
-            return float(y[0] - place[b])
+            return float(y[0] - distance)
 
         def motion(t: float, y: Array) -> list[float]:
             self.evaluations += 1
-            return [y[1], self._force(t, y[0], y[1], *p)]
+            if self.evaluations > last:
+                raise _TooLong
+            return [y[1], self._force(t, place[a] + y[0], y[1], *p)]
 
         event: Any = arrival
         event.terminal = True
         event.direction = next(w.side for w in walls if w.name == b)
         window, tolerance = (impact[0], impact[0] + 2.0 * span), self.tolerance
         options = {"rtol": tolerance, "atol": tolerance, "method": "DOP853"}
-        result = self._integrate(motion, window, start, events=event, **options)
+        try:
+            result = self._integrate(motion, window, start, events=event, **options)
+        except _TooLong:
+            return None
         if result.status != 1:
             return None
         return [float(result.t_events[0][0]), float(result.y_events[0][0][1])]

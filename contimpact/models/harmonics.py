@@ -29,6 +29,11 @@ class HarmonicSum(sympy.Expr):
     def free_symbols(self) -> set[Any]:
         return set(self.args[0].free_symbols) - set(INDICES)
 
+    def doit(self, **hints: Any) -> Any:
+        """Return the sum written out."""
+        term, rows = self.args
+        return sympy.Add(*(term.xreplace(dict(zip(INDICES, row, strict=True))) for row in rows))
+
     def _eval_derivative(self, symbol: Any) -> Any:
         term, rows = self.args
         slope = sympy.diff(term, symbol)

@@ -15,7 +15,7 @@ from contimpact.accuracy import report as module
 from contimpact.accuracy.events import honesty, measured_events
 from contimpact.accuracy.output import _simulation_table
 from contimpact.accuracy.reference import Reference
-from contimpact.accuracy.shooting import Shooting
+from contimpact.accuracy.shooting import MOST_EVALUATIONS, Shooting
 from contimpact.accuracy.simulated import simulated
 from contimpact.cli import main
 from contimpact.continuation.settings import Settings
@@ -196,6 +196,26 @@ def test_shooting_that_misses_its_wall_is_none(pair):
     guess = orbit.unknowns.copy()
     guess[1], guess[-1] = 1e-9, 50.0
     assert Shooting(orbit.problem, 1e-6).orbit(guess) is None
+
+
+def test_shooting_reads_many_harmonics(pair):
+    """Whose sum is one term."""
+    many = "+".join(f"cos({k}*pi*t)*{0.5**k}" for k in range(1, 12))
+    orbit = find_orbits(pair(s=0.36, forcing=many), "1:1", parameter="s", starts=64, rounds=4)[0]
+    guess = orbit.unknowns.copy()
+    guess[:-1] += 1e-6
+    found = Shooting(orbit.problem, 1e-11).orbit(guess)
+    assert Reference(orbit.problem).orbit(orbit.unknowns).distance(found) < 1e-8
+
+
+def test_shooting_gives_up_a_stiff_flight(oscillator):
+    """Thousands of oscillations took an explicit integrator minutes at every tolerance."""
+    model = oscillator(k=1e8, a=1e8, c=100.0, omega=1.0, sigma=0.3)
+    problem = find_orbits(model, "S", parameter="a", starts=64)[0].problem
+    shooting = Shooting(problem, 1e-6)
+    release = [np.arccos(0.3), 0.0]
+    assert shooting.flight("S", "S", release, 2 * np.pi, list(model.values.values())) is None
+    assert shooting.evaluations <= MOST_EVALUATIONS + 1
 
 
 def test_predictors_are_named():
