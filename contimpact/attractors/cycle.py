@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -43,11 +43,11 @@ class Cycle:
     multipliers: tuple[complex, complex]
     closing: float
 
-    @property
-    def state(self) -> State:
-        """A state on the cycle: its fastest impact."""
+    def state(self, forcing_period: float) -> State:
+        """Return a state on the cycle: its fastest impact."""
         k = int(np.argmax(np.abs(self.velocities)))
-        return State(int(self.walls[k]), float(self.times[k]), float(self.velocities[k]))
+        state = State(int(self.walls[k]), float(self.times[k]), float(self.velocities[k]))
+        return replace(state.within(forcing_period), turns=0)
 
 
 def cycle_near(simulator: Simulator, run: Run, longest: int) -> tuple[Cycle, float] | None:
@@ -107,7 +107,8 @@ def _polished(simulator: Simulator, run: Run, impacts: int) -> Cycle | None:
     parts = _repetitions(cycle, simulator.period)
     if parts == 1:
         return cycle
-    return polish(simulator, cycle.state, impacts // parts, cycle.period // parts)
+    state = cycle.state(simulator.period)
+    return polish(simulator, state, impacts // parts, cycle.period // parts)
 
 
 def _repetitions(cycle: Cycle, period: float) -> int:

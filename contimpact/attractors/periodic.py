@@ -49,7 +49,7 @@ def periodic(
         smallest_gap=smallest,
         distance=distance,
         periods=periods,
-        state=cycle.state,
+        state=cycle.state(simulator.period),
     )
 
 

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from ..arrays import Array
+from .body import wrapped
 
 
 class Outcome(enum.Enum):
@@ -40,6 +41,11 @@ class State:
     phase: float
     velocity: float
     turns: int = 0
+
+    def within(self, period: float) -> State:
+        """Return the same with a phase in [0, T) and as many more turns as it had."""
+        phase, passed = wrapped(self.phase, period)
+        return State(self.wall, phase, self.velocity, self.turns + passed)
 
 
 @dataclass(frozen=True, eq=False)

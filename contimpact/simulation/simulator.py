@@ -233,8 +233,7 @@ class Simulator:
         if not velocity * self.sides[k] >= 0.0:
             accepted = f"give one {'>=' if self.sides[k] > 0 else '<='} 0"
             raise InputError("velocity", f"{velocity!r} runs away from the wall {wall}", accepted)
-        phase, turns = wrapped(time, self.period)
-        return State(k, phase, velocity, turns)
+        return State(k, time, velocity).within(self.period)
 
     def random_state(self, generator: np.random.Generator) -> State:
         """Return an impact at random: wall, phase, and a velocity up to what a period gives."""
@@ -290,7 +289,8 @@ class Simulator:
         Parameters
         ----------
         state : State
-            The impact that is about to happen; it is not among the rows.
+            The impact that is about to happen; it is not among the rows. A phase beyond [0, T) is
+            taken as whole periods and a phase.
         impacts : int, optional
             Rows to make at most.
         periods : int, optional
@@ -312,6 +312,7 @@ class Simulator:
         for name, number in (("impacts", impacts), ("periods", periods)):
             if number is not None and (not isinstance(number, int | np.integer) or number < 0):
                 raise InputError(name, f"found {number!r}", "give a whole number >= 0")
+        state = state.within(self.period)
         most = impacts if impacts is not None else _ENDLESS
         last = state.turns + periods if periods is not None else _ENDLESS
         asked = min(number for number in (impacts, periods) if number is not None)

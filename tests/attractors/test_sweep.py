@@ -272,3 +272,16 @@ def test_attractors_are_the_same_up_to_whole_periods(settled):
     )
     assert same(one, shifted)
     assert not same(one, settled(d=0.2335))
+
+
+def test_an_attractor_of_several_periods_goes_on_from_its_state(settled, pair, kernels_of):
+    """Its fastest impact is in a later period than its first."""
+    found = settled(s=50.0, A=50.0, r=0.3)
+    assert found.period == 10
+    assert 0.0 <= found.state.phase < 2.0
+    model = pair(s=50.0, A=50.0, r=0.3)
+    run = Simulator(model, kernels_of(model, "s")).run(found.state, impacts=len(found.walls))
+    np.testing.assert_allclose(np.sort(run.velocities), np.sort(found.velocities), atol=1e-9)
+    assert run.end.phase == pytest.approx(found.state.phase, abs=1e-9)
+    assert run.end.turns == 10
+    found.require(model)
