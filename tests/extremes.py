@@ -17,8 +17,9 @@ from scipy.optimize import brentq
 
 from contimpact import ImpactPair, InputError, Oscillator, Settings, find_orbits
 from contimpact.accuracy.reference import Reference
-from contimpact.accuracy.simulated import ExactFlights, plain_voltage, voltages
-from contimpact.attractors.energy import Membrane
+from contimpact.accuracy.simulated import ExactFlights, flights_of, plain_voltage, voltages
+from contimpact.attractors.energy import Membrane, of_attractor
+from contimpact.attractors.verdict import settle
 from contimpact.bifurcations.grazing import touches_at
 from contimpact.bifurcations.registry import switch, test_functions
 from contimpact.continuation.corrector import correct
@@ -385,20 +386,54 @@ def stiff():
 
 
 def flown(model, wall, time, velocity, impacts, allowed=1e-12):
-    """A simulation, each flight against thirty digits."""
+    """A simulation, each flight against thirty digits, of the oscillator by its roots besides."""
     simulator = Simulator(model)
     run = simulator.run(simulator.state(wall, time, velocity), impacts=impacts)
-    errors = ExactFlights(simulator).errors(run)
+    exact = ExactFlights(simulator)
+    errors = exact.errors(run)
+    flights = len(errors)
+    if isinstance(model, Oscillator):
+        errors += [off_by_roots(model, exact, run, k) for k in flights_of(run)]
     rests = int(np.sum(run.released))
     return Row(
         "solved", error=max(errors), allowed=allowed,
-        note=f"{len(errors)} flights, {rests} rests; {run.outcome.name}",
+        note=f"{flights} flights, {rests} rests; {run.outcome.name}",
     )  # fmt: skip
 
 
-case("simulation of the pair, chattering to rest")(
-    lambda: flown(pair(s=1.5, r=0.5, beta=1.2), "B", 0.3, 0.5, 60)
-)
+def off_by_roots(model, exact, run, k):
+    """How far a flight's arrival is from that of the motion with the roots of s^2 + c s + k.
+
+    In sixty digits, from the equation of motion alone.
+    """
+    ctx = mpmath.mp.clone()
+    ctx.dps = 60
+    _, start, guess = exact.about(run, k, [float(run.phases[k]), float(run.velocities[k])])
+    a, w, c, stiffness, sigma, r = (ctx.mpf(x) for x in model.values.values())
+    high = -c / 2 + ctx.sqrt(ctx.mpc(c**2 / 4 - stiffness))
+    roots, response = (high, -c - high), a / ctx.mpc(stiffness - w**2, c * w)
+    t0 = ctx.mpf(start[0])
+    x, v = sigma - ctx.re(response * ctx.expj(w * t0)), -r * ctx.mpf(start[1])
+    v -= ctx.re(1j * w * response * ctx.expj(w * t0))
+    parts = [(v - other * x) / (one - other) for one, other in (roots, roots[::-1])]
+
+    def state(t):
+        """Position from the stop and velocity."""
+        free = [p * ctx.exp(s * (t - t0)) for p, s in zip(parts, roots, strict=True)]
+        steady = response * ctx.expj(w * t)
+        speed = sum(s * f for s, f in zip(roots, free, strict=True)) + 1j * w * steady
+        return ctx.re(sum(free) + steady) - sigma, ctx.re(speed)
+
+    t = ctx.mpf(guess[0])
+    for _ in range(8):
+        position, speed = state(t)
+        t -= position / speed
+    position, speed = state(t)
+    assert abs(position) < 1e-40
+    return max(abs(float(t - guess[0])), abs(float(speed - guess[1])))
+
+
+case("simulation of the pair, chattering to rest")(lambda: flown(CHATTERING, "B", 0.3, 0.5, 60))
 case("simulation of the pair, r = 1")(lambda: flown(pair(r=1.0), "B", 0.3, 0.5, 60))
 case("simulation of the pair, s = 1e-9")(lambda: flown(pair(s=1e-9), "B", 0.3, 0.5, 60))
 case("simulation of the pair, forcing cos(pi*t) + 0.3*cos(25*pi*t)")(
@@ -410,9 +445,13 @@ case("simulation of the oscillator, overdamped, c = 1e4")(
 case("simulation of the oscillator, overdamped, c = 1e8")(
     lambda: flown(oscillator(c=1e8, a=1e8), "S", 0.3, 0.5, 3)
 )
-case("simulation of the oscillator, stiff, k = 1e4")(
-    lambda: flown(oscillator(k=1e4, a=1e4), "S", 0.3, 0.5, 3)
-)
+for text, k, impacts, allowed in (  # its flight after rest has 1e4 oscillations, whence the error
+    ("1e4", 1e4, 3, 1e-12),
+    ("1e8", 1e8, 40, 1e-11),
+):
+    case(f"simulation of the oscillator, stiff, k = {text}")(
+        lambda k=k, n=impacts, e=allowed: flown(oscillator(k=k, a=k), "S", 0.3, 0.5, n, e)
+    )
 
 
 @case("voltages of impacts from 1e-9 to 30 m/s")
@@ -427,17 +466,55 @@ def voltages_of_impacts():
     return Row("solved", error=max(errors), note="relative")
 
 
-@case("voltages along a simulation of Fig. 7")
-def voltages_along():
+CHATTERING = pair(s=1.5, r=0.5, beta=1.2)
+
+
+def voltages_along(model, impacts, allowed=1e-11):
     """The simulation's own error included."""
-    model, membrane = pair(s=0.34), Membrane()
     simulator = Simulator(model)
-    run = simulator.run(simulator.state("B", 0.3, 0.5), impacts=30)
+    run = simulator.run(simulator.state("B", 0.3, 0.5), impacts=impacts)
     exact = ExactFlights(simulator)
-    found = voltages(membrane, model.values, run, exact.along(run)[1], exact.exact.ctx)
-    return Row(
-        "solved", error=found["along"], allowed=1e-11, note=f"{found['impacts']} impacts, relative"
-    )
+    found = voltages(Membrane(), model.values, run, exact.along(run)[1], exact.exact.ctx)
+    note = f"{found['impacts']} impacts, relative"
+    return Row("solved", error=found["along"], allowed=allowed, note=note)
+
+
+case("voltages along a simulation of Fig. 7")(lambda: voltages_along(pair(s=0.34), 30))
+case("voltages along a simulation, s = 1e-9")(lambda: voltages_along(pair(s=1e-9, r=0.9), 30))
+case("voltages along a chatter to rest")(lambda: voltages_along(CHATTERING, 60))
+
+
+def energy_of(model, allowed=1e-12):
+    """The mean energy in time of the motion that a simulation settles on, against all impacts of
+    its cycle in many digits: one after the other since the first one or since a release."""
+    simulator, membrane = Simulator(model), Membrane()
+    attractor = settle(simulator, simulator.state("B", 0.3, 0.5))
+    run = simulator.run(attractor.state, impacts=len(attractor.walls) + 1)
+    exact, start, speeds = ExactFlights(simulator), None, []
+    for k in range(len(run) - 1):
+        if start is None or run.released[k]:
+            start = [float(run.phases[k]), float(run.velocities[k])]
+        if not run.released[k + 1]:
+            found = exact.arrival(*exact.about(run, k, start))
+            start = [found[0] - exact.turns(run, k) * exact.period, found[1]]
+            speeds.append(found[1])
+    ctx, values = exact.exact.ctx, model.values
+    scale = ctx.mpf(values["A"]) * ctx.pi / (ctx.mpf(values["M"]) * ctx.mpf(values["omega"]))
+    total = sum(plain_voltage(membrane, scale * abs(v), ctx) for v in speeds if v)
+    mean = of_attractor(membrane, attractor).per_time
+    off = abs(float(mean * exact.period * attractor.period / total - 1))
+    note = f"{attractor.notation}, {len(speeds)} impacts in {attractor.period} periods, relative"
+    return Row("solved", error=off, allowed=allowed, note=note)
+
+
+for text, model in (
+    ("Fig. 7", pair()),
+    ("r = 0", pair(r=0.0, s=0.45)),
+    ("s = 1e-9", pair(s=1e-9)),
+    ("s = 50 m", pair(s=50.0, A=50.0)),
+    ("a chatter to rest", CHATTERING),
+):
+    case(f"energy of the motion at {text}")(lambda model=model: energy_of(model))
 
 
 def measure(name):

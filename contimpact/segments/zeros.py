@@ -7,13 +7,16 @@ interpolant resolved to rounding.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 
 import numpy as np
 
 from ..arrays import Array, Vector
 
 _DEGREES = (16, 32, 64)
+
+CUTS, FASTEST = 12, 30
+"""In halves, of a piece that is not resolved: at first, and where something in it oscillates."""
 
 _NOISE = 1e-5
 """Last coefficients below this part of the largest that no longer fall are the rounding of the
@@ -92,7 +95,7 @@ def _polished(angle: float, mean: float, series: Sequence[tuple[int, float, floa
 
 
 def chebyshev_zeros(
-    function: Callable[[Array], Array], length: float, cuts: int = 12
+    function: Callable[[Array], Array], length: float, cuts: int = CUTS
 ) -> list[float]:
     """Return the zeros in (0, length) of a smooth function, from its Chebyshev interpolant.
 
@@ -101,13 +104,61 @@ def chebyshev_zeros(
     may be returned twice, but is not lost. A piece that is still not resolved after all cuts is
     rounding alone: its sign changes on a mesh are returned.
     """
+    pieces = zeros_in_turn(function, length, cuts=cuts, fastest=0)
+    return [zero for piece in pieces for zero in piece]
+
+
+def zeros_in_turn(
+    function: Callable[[Array], Array],
+    length: float,
+    passed: Callable[[float, float], bool] = lambda begin, length: False,
+    begin: float = 0.0,
+    cuts: int = CUTS,
+    fastest: int = FASTEST,
+) -> Iterator[list[float]]:
+    """Yield the same piece by piece, in order, each found when it is asked for.
+
+    Parameters
+    ----------
+    passed : callable ``passed(begin, length) -> bool``
+        Whether zeros in a piece that would have to be cut do not matter; its ends are returned in
+        their place.
+    begin : float
+        Where the function's zero lies for `passed`.
+    cuts, fastest : int
+        A piece that is not resolved after `cuts` is cut on as long as some part of it is resolved
+        that takes `fastest` more, at most: in it something oscillates fast.
+    """
+    found = _interpolated_zeros(function, length)
+    if found is None and passed(begin, length):
+        found = [0.0, length]
+    if found is None and cuts <= 0 and _is_rounding(function, length, cuts + fastest):
+        found = _mesh_zeros(function, length)
+    if found is not None:
+        yield found
+        return
+    half = 0.5 * length
+    limits = cuts - 1, fastest
+    yield from zeros_in_turn(function, half, passed, begin, *limits)
+    for piece in zeros_in_turn(lambda t: function(half + t), half, passed, begin + half, *limits):
+        yield [half + zero for zero in piece]
+
+
+def _is_rounding(function: Callable[[Array], Array], length: float, cuts: int) -> bool:
+    """Whether not even the short parts are resolved that so many cuts make."""
+    parts = (0.5**k for k in range(2, cuts, 3))
+    return all(_interpolated_zeros(function, part * length) is None for part in parts)
+
+
+def _interpolated_zeros(function: Callable[[Array], Array], length: float) -> list[float] | None:
+    """The zeros of the interpolant of the lowest degree that resolves the function, if one does."""
     from numpy.polynomial import chebyshev
 
     before = math.inf
     for degree in _DEGREES:
-        nodes = np.cos(np.pi * (np.arange(degree + 1) + 0.5) / (degree + 1))
-        values = np.broadcast_to(function(0.5 * length * (nodes + 1.0)), nodes.shape)
-        coefficients = _chebyshev_coefficients(values)
+        nodes = chebyshev_nodes(degree + 1, length)
+        values = np.broadcast_to(function(nodes), nodes.shape)
+        coefficients = chebyshev_coefficients(values)
         size = float(np.max(np.abs(coefficients)))
         if size == 0.0:
             return []
@@ -118,11 +169,7 @@ def chebyshev_zeros(
             near = (np.abs(roots.imag) < 1e-6) & (np.abs(roots.real) <= 1.0 + 1e-9)
             return sorted((0.5 * length * (np.clip(roots.real[near], -1.0, 1.0) + 1.0)).tolist())
         before = tail
-    if cuts == 0:
-        return _mesh_zeros(function, length)
-    half = 0.5 * length
-    later = chebyshev_zeros(lambda t: function(half + t), half, cuts - 1)
-    return chebyshev_zeros(function, half, cuts - 1) + [half + root for root in later]
+    return None
 
 
 def _mesh_zeros(function: Callable[[Array], Array], length: float) -> list[float]:
@@ -132,8 +179,14 @@ def _mesh_zeros(function: Callable[[Array], Array], length: float) -> list[float
     return (0.5 * (times[changes] + times[changes + 1])).tolist()
 
 
-def _chebyshev_coefficients(values: Array) -> Array:
-    """Chebyshev coefficients of the interpolant through values at the Chebyshev roots."""
+def chebyshev_nodes(count: int, length: float) -> Array:
+    """Return the roots of a Chebyshev polynomial on (0, length), from the last to the first."""
+    nodes = np.cos(np.pi * (np.arange(count) + 0.5) / count)
+    return 0.5 * length * (nodes + 1.0)
+
+
+def chebyshev_coefficients(values: Array) -> Array:
+    """Return the coefficients of the interpolant through values at `chebyshev_nodes`."""
     n = len(values)
     angles = np.pi * (np.arange(n) + 0.5) / n
     coefficients = 2.0 / n * np.cos(np.outer(np.arange(n), angles)) @ values

@@ -3,17 +3,25 @@
 from __future__ import annotations
 
 import types
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any
 
+import numpy as np
+
+from ..arrays import Array
 from ..segments.arithmetic import ARRAYS, Kernel, evaluate_in
 from ..segments.arrival import first_arrival, first_hit
-from ..segments.zeros import chebyshev_zeros
+from ..segments.zeros import chebyshev_coefficients, chebyshev_nodes, zeros_in_turn
 from .body import Body
 
 NUDGE = 1e-9
 """Zeros of a state-dependent acceleration this near a release belong to the release itself."""
+
+NODES = 67
+"""At which a displacement is looked at that is not resolved: not those of the acceleration."""
+SPREAD = 4.0
+"""What a displacement may do between the nodes, in terms of its higher coefficients."""
 
 
 def motion_at(motions: Sequence[Kernel], values: Sequence[float]) -> Callable[..., Any]:
@@ -66,8 +74,8 @@ class FlightInState:
         head, rising = (wall, phase, velocity), body.sides[wall] < 0
         low, high = body.low[wall], body.high[wall]
         side, left, speed = 0, 0.0, velocity
-        for window in range(body.longest[0]):
-            breaks = self.breaks(body, wall, phase, velocity, window)
+        windows = range(body.longest[0])
+        for breaks in (b for k in windows for b in self.breaks(body, wall, phase, velocity, k)):
             side, left, speed, rising = first_hit(
                 self.motion, head, body.values, breaks, left, rising, low, high
             )
@@ -77,14 +85,36 @@ class FlightInState:
 
     def breaks(
         self, body: Body, wall: int, phase: float, velocity: float, window: int
-    ) -> list[float]:
-        """Times after leaving, in one period's window, between which the velocity is monotone."""
+    ) -> Iterator[list[float]]:
+        """Yield times after leaving, in a window of a period, between which velocity is monotone.
+
+        They come piece by piece: an arrival spares those after it. A piece of many oscillations
+        that keep clear of the walls has its ends alone.
+        """
         period, values = body.clock[0], body.values
-        start = window * period
-        vectorised = evaluate_in(self.motions[wall], ARRAYS)
-        zeros = chebyshev_zeros(
-            lambda dt: vectorised(phase, velocity, start + dt, *values)[2], period
-        )
+        start, vectorised = window * period, evaluate_in(self.motions[wall], ARRAYS)
+
+        def motion(dt: Array) -> Any:
+            return vectorised(phase, velocity, start + dt, *values)
+
+        def clear(begin: float, length: float) -> bool:
+            x = motion(begin + chebyshev_nodes(NODES, length))[0]
+            return keeps_clear(x, body.low[wall], body.high[wall])
+
         at_rest = velocity == 0.0 or body.restitution[wall] == 0.0
         least = NUDGE * period if at_rest and window == 0 else 0.0
-        return [*(start + t for t in zeros if least < t < period), start + period]
+        for zeros in zeros_in_turn(lambda dt: motion(dt)[2], period, clear):
+            inside = [start + t for t in zeros if least < t < period]
+            if inside:
+                yield inside
+        yield [start + period]
+
+
+def keeps_clear(x: Array, low: float, high: float) -> bool:
+    """Whether a displacement stays off both walls, from its values at `chebyshev_nodes`.
+
+    Between the nodes it may leave their range by what its higher coefficients say, oscillations
+    among them that the nodes do not resolve.
+    """
+    rest = SPREAD * float(np.sum(np.abs(chebyshev_coefficients(x)[len(x) // 4 :])))
+    return bool(low + rest < np.min(x) and np.max(x) < high - rest)
