@@ -44,7 +44,7 @@ class Cusp(OnCurve):
         orbit, n = here.orbit, here.orbit.problem.n
         psi = np.linalg.svd(orbit.cyclic(1.0)[:, :n])[0][:, -1]
         psi = psi * np.sign(psi @ orbit.by_parameter[:, 0])
-        along = np.concatenate([here.own, np.zeros(2)])
+        along = np.concatenate([here.own, np.zeros(orbit.problem.free)])
         return psi @ orbit.problem.second_along(orbit.unknowns, along) @ along
 
 

@@ -178,7 +178,8 @@ class TouchLimit(TestFunction):
             arrival = times[flight + 1]
         else:
             arrival = times[0] + problem.span(here.orbit.unknowns)
-        return np.array([here.own[0] - times[flight], arrival - here.own[0]])
+        touch = here.details["touch_time"]
+        return np.array([touch - times[flight], arrival - touch])
 
 
 class G(Kind):
@@ -312,4 +313,4 @@ def _with_touch(here: CurvePoint) -> Linearisation:
     rows = np.insert(problem.impacts(orbit.unknowns), flight + 1, touch, axis=0)
     longer = OrbitProblem(problem.model, problem.word.insert(flight, wall), problem.kernels)
     problem.kernel_evaluations += len(longer.word)
-    return longer.evaluate(np.append(rows.ravel(), orbit.unknowns[-2:]))
+    return longer.evaluate(np.append(rows.ravel(), orbit.unknowns[-problem.free :]))

@@ -51,14 +51,14 @@ class _WhenAsked(dict[int, Kernel]):
 
 
 class Kernels:
-    """The kernels of one model with one or two free parameters, loaded as they are asked for.
+    """The kernels of one model with some free parameters, loaded as they are asked for.
 
     Parameters
     ----------
     model : Model
         Only its formulas matter, not its values.
-    parameter, second : str
-        The free parameters, in which flights are differentiated; `second` is for curves.
+    parameter, *others : str
+        The free parameters, in which flights are differentiated; others are for curves.
 
     Attributes
     ----------
@@ -66,13 +66,13 @@ class Kernels:
         Names of the kernels read from the cache and of those that had to be generated.
     """
 
-    def __init__(self, model: Model, parameter: str, second: str | None = None) -> None:
+    def __init__(self, model: Model, parameter: str, *others: str) -> None:
         self.model, self.parameter = model, parameter
-        self.parameters = (parameter,) if second is None else (parameter, second)
+        self.parameters = (parameter, *others)
         for name in self.parameters:
             model.require(name, "parameter")
-        if second == parameter:
-            raise InputError("parameter", f"{second} twice", "give two different parameters")
+            if self.parameters.count(name) > 1:
+                raise InputError("parameter", f"{name} twice", "give different parameters")
         self.loaded: list[str] = []
         self.generated: list[str] = []
         self._functions: dict[str, Kernel] = {}

@@ -91,7 +91,7 @@ def follow_curve(
     problem, start = curve_problem(model, entry, second, kernels, first_range[1] - first_range[0])
     before = problem.orbit.kernel_evaluations
     kind = problem.kind
-    limits = {EndKind.RANGE: FirstLimit(first_range), **kind.curve_limits()}
+    limits = {EndKind.RANGE: Limit(first, first_range), **kind.curve_limits()}
     special = kind.codimension_two(problem.orbit.word) if detect else []
     tests = [*limits.values(), SecondValue(values), *special]
 
@@ -134,22 +134,20 @@ def _leaving(
         if reached := kind.curve_end(here.own):
             found.append((reached, point))
         for end, at in found:
-            return End.of(end, first, float(at.evaluation.orbit.unknowns[-2])), at
+            return End.of(end, first, at.evaluation.parameter(first)), at
         return None
 
     return stop
 
 
-class FirstLimit(TestFunction):
-    """The first parameter leaves its range."""
+class Limit(TestFunction):
+    """A parameter leaves its range."""
 
-    kind = "limit"
-
-    def __init__(self, limits: tuple[float, float]) -> None:
-        self.limits = limits
+    def __init__(self, parameter: str, limits: tuple[float, float]) -> None:
+        self.parameter, self.limits, self.kind = parameter, limits, f"limit of {parameter}"
 
     def values(self, point: Point) -> Array:
-        value = point.evaluation.orbit.unknowns[-2]
+        value = point.evaluation.parameter(self.parameter)
         return np.array([value - self.limits[0], self.limits[1] - value])
 
 

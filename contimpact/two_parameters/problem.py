@@ -1,8 +1,8 @@
-"""An extended system with two free parameters, as a problem the continuer follows."""
+"""An extended system with further free parameters, as a problem the continuer follows."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -23,34 +23,38 @@ from ..segments.kernels import Kernels
 
 
 class CurveProblem:
-    """An extended system with two free parameters, as a problem to continue.
+    """An extended system with one free parameter more than it has equations for, to be continued.
 
     Parameters
     ----------
     kind : Kind
-        Named in `CURVES`.
+        Named in `CURVES`, or several at once.
     system : ExtendedSystem
-        On an `OrbitProblem` with two free parameters.
+        On an `OrbitProblem` with two free parameters, or as many as make its solutions a curve.
     details : mapping
         Where on the orbit it happens (flight, wall, impact).
-    first_span : float
-        Natural size of the first parameter.
+    spans : sequence of float
+        Natural sizes of the free parameters but the last, along which the walk is limited.
     """
 
     def __init__(
-        self, kind: Kind, system: ExtendedSystem, details: Mapping[str, Any], first_span: float
+        self,
+        kind: Kind,
+        system: ExtendedSystem,
+        details: Mapping[str, Any],
+        spans: Sequence[float],
     ) -> None:
         self.kind, self.system, self.details = kind, system, dict(details)
         self.orbit = system.problem
-        self.first_span = first_span
+        self.spans = list(spans)
 
     def packed(self, orbit: Array, own: Array) -> Array:
-        """Return the curve's unknowns: mu goes last."""
+        """Return the curve's unknowns: the last parameter goes last."""
         return np.concatenate([orbit[:-1], own, orbit[-1:]])
 
     def unpacked(self, unknowns: Array) -> tuple[Array, Array]:
-        """Return the orbit's unknowns with both parameters, and the system's own."""
-        inner = self.orbit.n + 1
+        """Return the orbit's unknowns with all free parameters, and the system's own."""
+        inner = self.orbit.n + self.orbit.free - 1
         return np.append(unknowns[:inner], unknowns[-1]), unknowns[inner:-1]
 
     def evaluate(self, unknowns: Array) -> CurvePoint:
@@ -58,8 +62,8 @@ class CurveProblem:
         orbit, own = self.unpacked(unknowns)
         here = self.orbit.evaluate(orbit)
         at = self.system.assemble(here, own)
-        inner = self.orbit.n + 1
-        columns = [*range(inner), *range(inner + 1, at.jacobian.shape[1]), inner]
+        last = self.orbit.n + self.orbit.free - 1
+        columns = [*range(last), *range(last + 1, at.jacobian.shape[1]), last]
         return CurvePoint(self, unknowns, at.residual, at.jacobian[:, columns], here, own)
 
     def rounding(self, here: CurvePoint) -> Array:
@@ -69,7 +73,7 @@ class CurveProblem:
     def scale(self, unknowns: Array, span: float) -> Array:
         """Return natural sizes: those of the orbit, one for unit vectors, times for touches."""
         orbit, own = self.unpacked(unknowns)
-        sizes = self.orbit.scale(orbit, [self.first_span, span])
+        sizes = self.orbit.scale(orbit, [*self.spans, span])
         return self.packed(sizes, self.system.scale(own, sizes))
 
     def difference(self, one: Array, other: Array) -> Array:
@@ -89,6 +93,11 @@ class CurvePoint:
     jacobian: Array
     orbit: Linearisation
     own: Array
+
+    def parameter(self, name: str) -> float:
+        """Return the value of a free parameter."""
+        names = self.problem.orbit.kernels.parameters
+        return float(self.orbit.unknowns[self.problem.orbit.n + names.index(name)])
 
     @property
     def details(self) -> dict[str, Any]:
@@ -110,7 +119,7 @@ def curve_problem(
     at = orbit_of(entry, model, kernels)
     problem, orbit = at.problem, at.unknowns
     system = system_of(problem, entry)
-    curve = CurveProblem(kind_of(entry.kind), system, details_of(entry), first_span)
+    curve = CurveProblem(kind_of(entry.kind), system, details_of(entry), [first_span])
     return curve, curve.packed(orbit, system.start(problem.evaluate(orbit)))
 
 
