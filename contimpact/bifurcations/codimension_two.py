@@ -30,6 +30,7 @@ from ..continuation.test_function import TestFunction
 from ..orbits.linearisation import Linearisation
 from ..orbits.multipliers import neimark_sacker
 from ..orbits.problem import Array
+from ..segments.flight import Touch
 from .declarations import CROSSINGS
 
 MARKERS = dict.fromkeys(CROSSINGS, "o") | {"G-FB": "^", "CP": "v", "GPD": "s", "DG": "D"}
@@ -66,6 +67,13 @@ class OnCurve(TestFunction):
     def details(self, point: Point, index: int) -> Mapping[str, Any]:
         return {"index": index, "changes": self.changes}
 
+    def other(self, here: CurvePoint, index: int) -> tuple[str, dict[str, Any]] | None:
+        """Return the kind of event that happens there besides the curve's, and where on the orbit.
+
+        None where it is no event of the same orbit: its value is then all there is to solve.
+        """
+        return None
+
 
 # On curves of smooth bifurcations.
 
@@ -81,8 +89,17 @@ class AlsoGrazes(OnCurve):
         )
 
     def of(self, here: CurvePoint) -> Any:
-        touches = [t for flight in here.orbit.gaps for t in flight.touches]
-        return [np.nan if t is None else t.gap for t in touches]
+        return [np.nan if t is None else t.gap for t in self.touches(here)]
+
+    @staticmethod
+    def touches(here: CurvePoint) -> list[Touch | None]:
+        return [t for flight in here.orbit.gaps for t in flight.touches]
+
+    def other(self, here: CurvePoint, index: int) -> tuple[str, dict[str, Any]] | None:
+        touch = self.touches(here)[index]
+        if touch is None:
+            return None
+        return "G", {"flight": touch.flight, "wall": touch.wall, "touch_time": touch.time}
 
 
 class AlsoStops(OnCurve):
@@ -97,6 +114,9 @@ class AlsoStops(OnCurve):
 
     def of(self, here: CurvePoint) -> Any:
         return here.orbit.problem.impacts(here.orbit.unknowns)[:, 1]
+
+    def other(self, here: CurvePoint, index: int) -> tuple[str, dict[str, Any]]:
+        return "V", {"impact": index}
 
 
 class Resonance(OnCurve):
@@ -141,6 +161,10 @@ class TouchSingular(OnCurve):
     def of(self, here: CurvePoint) -> Any:
         orbit = self.counted(here)
         return scaled_determinant(orbit.cyclic(self.mu)[:, : orbit.problem.n])
+
+    def other(self, here: CurvePoint, index: int) -> tuple[str, dict[str, Any]] | None:
+        same = self.counted(here) is here.orbit
+        return ("FB" if self.mu > 0.0 else "PD", {}) if same else None
 
 
 def touch_points(

@@ -52,13 +52,13 @@ class PeriodDoubling(OrbitTest):
 
 
 class DoublingTurns(OnCurve):
-    """GPD: lambda - lambda_0 over the squared amplitude of the doubled orbit, in the limit."""
+    """GPD: the numerator of c, which has no pole where the curve turns in lambda."""
 
     kind = "GPD"
     changes = "the period doubling changes between supercritical and subcritical"
 
     def of(self, here: CurvePoint) -> Any:
-        return doubling_bend(here.orbit)
+        return _bend(here.orbit)[0]
 
 
 class PD(Kind):
@@ -119,6 +119,16 @@ def doubling_bend(here: Linearisation) -> float:
     here : Linearisation
         The orbit at its period doubling. Its first free parameter is lambda.
     """
+    bent, crossing = _bend(here)
+    return -bent / crossing
+
+
+def _bend(here: Linearisation) -> tuple[float, float]:
+    """Numerator and denominator of -c.
+
+    Of the two signs of psi that is taken for which psi . C'(mu) q > 0: it does not vanish where the
+    multiplier -1 is simple.
+    """
     problem, n = here.problem, here.problem.n
     left, _, right = np.linalg.svd(here.cyclic(-1.0)[:, :n])
     psi, q = left[:, -1], right[-1]
@@ -127,8 +137,10 @@ def doubling_bend(here: Linearisation) -> float:
     squared = problem.second_along(here.unknowns, along, -1.0, beside=-1.0)[:, :n] @ q
     cubed = problem.third_along(here.unknowns, q, -1.0)
     periodic = here.cyclic(1.0)[:, :n]
+    if psi @ periodic @ q < 0.0:  # C(1) q = C(-1) q + 2 C'(mu) q
+        psi = -psi
     bent, moved = np.linalg.solve(
         periodic, np.column_stack([-0.5 * squared, -here.by_parameter[:, 0]])
     ).T
     crossing = psi @ (mixed[:, :n] @ moved + mixed[:, n])
-    return float(-psi @ (mixed[:, :n] @ bent + cubed / 6.0) / crossing)
+    return float(psi @ (mixed[:, :n] @ bent + cubed / 6.0)), float(crossing)

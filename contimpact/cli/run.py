@@ -223,7 +223,7 @@ def _summary(scene: Scene, diagram: Diagram, folder: Path, total: float) -> None
             say(f"  note: {text}")
     if text := str(read(diagram)):
         say(text)
-    for curve in diagram.curves:
+    for curve in (*diagram.curves, *diagram.codim2_curves):
         say("".join(f"{n} = {v:.6g}  " for n, v in curve.fixed.items()) + repr(curve))
     if diagram.curves:
         from ..records.competition import regions

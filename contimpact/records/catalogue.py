@@ -96,7 +96,7 @@ def diagram_files(diagram: Diagram) -> dict[str, Content]:
     }
     for branch in diagram.branches:
         contents[branch_file(branch.id, branch.word)] = functools.partial(branch_text, branch)
-    for curve in diagram.curves:
+    for curve in (*diagram.curves, *diagram.codim2_curves):
         contents[curve_file(curve.id, curve.kind, curve.word)] = functools.partial(
             curve_text, curve
         )
@@ -123,6 +123,8 @@ def catalogue_text(diagram: Diagram) -> str:
             dataclasses.asdict(r) for r in regions(diagram.curves, checks=diagram.checks)
         ]
         content["checks"] = [dataclasses.asdict(check) for check in diagram.checks]
+    if diagram.codim2_curves:
+        content["codimension2_curves"] = [_curve_record(c) for c in diagram.codim2_curves]
     return json_text(content)
 
 
@@ -146,7 +148,6 @@ def _branch_record(branch: Branch) -> dict[str, Any]:
 
 
 def _curve_record(curve: Curve) -> dict[str, Any]:
-    first, second = curve.parameters
     return {
         "id": curve.id,
         "kind": curve.kind,
@@ -154,7 +155,7 @@ def _curve_record(curve: Curve) -> dict[str, Any]:
         "word": curve.word,
         "period": curve.period,
         "notation": curve.notation,
-        "parameters": [first, second],
+        "parameters": list(curve.parameters),
         "fixed": dict(curve.fixed),
         "from": curve.origin,
         "points": len(curve),
@@ -246,10 +247,17 @@ def load_diagram(folder: str | Path) -> Diagram:
     with reading(folder), checking(path, CATALOGUE):
         catalogue = read_json(path, CATALOGUE, WANTED)
         branches = [_branch_of(folder, record) for record in catalogue["branches"]]
-        names = [curve_file(c["id"], c["kind"], c["word"]) for c in catalogue.get("curves", [])]
-        curves = [read_curve(folder / name) for name in names]
+        curves, points = (
+            [
+                read_curve(folder / curve_file(c["id"], c["kind"], c["word"]))
+                for c in catalogue.get(key, [])
+            ]
+            or ()
+            for key in ("curves", "codimension2_curves")
+        )
         checks = _checks(catalogue.get("checks", []))
-        return Diagram(fitted(catalogue["scene"], str, "scene"), branches, curves or (), checks)
+        name = fitted(catalogue["scene"], str, "scene")
+        return Diagram(name, branches, curves, checks, codim2_curves=points)
 
 
 def _checks(records: Sequence[Any]) -> Sequence[Check]:

@@ -23,8 +23,9 @@ class Curve:
         Its name, the kind of bifurcation, and the label of the entry it was started from.
     word, period, notation
         The orbits on it.
-    parameters : (str, str)
-        The branch's parameter and the second one.
+    parameters : (str, str) or (str, str, str)
+        The branch's parameter and the second one; on curves of points of codimension two the
+        third one besides.
     columns : mapping of str to ndarray
         As of a branch; `n_unstable`, `physical` and `reason` leave the bifurcation itself out.
     ends : (End, End)
@@ -45,7 +46,7 @@ class Curve:
     word: str
     period: int
     notation: str
-    parameters: tuple[str, str]
+    parameters: tuple[str, ...]
     columns: Mapping[str, Array]
     ends: tuple[End, End]
     points: Sequence[Codim2]
@@ -71,19 +72,18 @@ class Curve:
         return np.asarray((self["n_unstable"] > 0) | (self["physical"] == 0))
 
     def __repr__(self) -> str:
-        first, second = self.parameters
-        values = self[second]
+        last = self.parameters[-1]
+        values = self[last]
         lines = [
-            f"Curve {self.id}: {self.label} in ({first}, {second}), {len(self)} points, {second} "
-            f"from {values.min():.9g} to {values.max():.9g}",
+            f"Curve {self.id}: {self.label} in ({', '.join(self.parameters)}), {len(self)} points, "
+            f"{last} from {values.min():.9g} to {values.max():.9g}",
             *(f"  end: {end.message}" for end in self.ends),
-            *(
-                f"  {p.kind:6} {first} = {p.parameters[first]:.12g}, "
-                f"{second} = {p.parameters[second]:.12g}: {p.changes}"
-                for p in self.points
-            ),
+            *(f"  {p.kind:6} {self._place(p)}: {p.changes}" for p in self.points),
         ]
         return "\n".join(lines)
+
+    def _place(self, point: Codim2) -> str:
+        return ", ".join(f"{name} = {point.parameters[name]:.12g}" for name in self.parameters)
 
 
 @dataclass(frozen=True)

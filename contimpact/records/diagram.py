@@ -27,6 +27,8 @@ class Diagram:
     branches : sequence of Branch
     curves : sequence of Curve
         Of bifurcations in two parameters.
+    codim2_curves : sequence of Curve
+        Of points of codimension two, in three parameters.
     checks : sequence of Check
         One-parameter runs against which the order of the curves was checked.
     statistics : mapping
@@ -38,6 +40,7 @@ class Diagram:
     curves: Sequence[Curve] = ()
     checks: Sequence[Check] = ()
     statistics: Mapping[str, Any] = field(default_factory=dict, compare=False)
+    codim2_curves: Sequence[Curve] = ()
 
     @property
     def entries(self) -> list[Entry]:
@@ -46,11 +49,12 @@ class Diagram:
 
     def __getitem__(self, name: str) -> Branch | Curve | Entry:
         """Return a branch, a curve or an entry by its name: ``b1``, ``c1``, ``e1``."""
-        kept: list[Branch | Curve | Entry] = [*self.branches, *self.curves, *self.entries]
+        curves = [*self.curves, *self.codim2_curves]
+        kept: list[Branch | Curve | Entry] = [*self.branches, *curves, *self.entries]
         for one in kept:
             if one.id == name:
                 return one
-        groups = (self.branches, self.curves, self.entries)
+        groups = (self.branches, self.curves, self.codim2_curves, self.entries)
         known = [_span([one.id for one in group]) for group in groups if group]
         accepted = f"there are {', '.join(known) or 'no branches'}"
         raise InputError(f"diagram {self.name}", f"nothing is called {shown(name)}", accepted)
@@ -68,7 +72,9 @@ class Diagram:
         return self.entry(name).orbit(model)
 
     def __repr__(self) -> str:
-        rows = [_branch_line(b) for b in self.branches] + [_curve_line(c) for c in self.curves]
+        rows = [_branch_line(b) for b in self.branches] + [
+            _curve_line(c) for c in (*self.curves, *self.codim2_curves)
+        ]
         if len(rows) > SHOWN:
             rows[SHOWN - 1 :] = [f"  ... and {len(rows) - SHOWN + 1} more"]
         counts = f"{len(self.branches)} branches, {len(self.entries)} events"
@@ -99,6 +105,7 @@ def _span(names: Sequence[str]) -> str:
 
 
 def _curve_line(curve: Curve) -> str:
-    first, second = curve.parameters
-    low, high = curve[second].min(), curve[second].max()
-    return f"  {curve.id:4} {curve.label} in {first}; {second} from {low:.6g} to {high:.6g}"
+    *others, last = curve.parameters
+    low, high = curve[last].min(), curve[last].max()
+    name = f"{curve.id:4} {curve.label} in {', '.join(others)}"
+    return f"  {name}; {last} from {low:.6g} to {high:.6g}"

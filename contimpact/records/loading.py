@@ -121,7 +121,7 @@ def read_curve(path: str | Path) -> Curve:
         head, columns = _table(Path(path), CURVE)
         _require(columns, head["word"], head["parameters"], ())
         record = head | {"columns": columns, "origin": head["from"]}
-        record["ends"] = _ends(head["ends"], head["parameters"][1])
+        record["ends"] = _ends(head["ends"], head["parameters"][-1])
         record["points"] = [made(Codim2, record) for record in head["codimension2"]]
         return made(Curve, record)
 

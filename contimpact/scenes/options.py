@@ -56,6 +56,8 @@ class CurveOptions:
     settings : Settings
     start : sequence of float
         Further values of the second parameter at which curves start and are checked.
+    third : (name, (low, high)) or None
+        A parameter in which points of codimension two are followed.
     """
 
     parameter: str
@@ -66,3 +68,4 @@ class CurveOptions:
     family: tuple[str, tuple[float, ...]] | None = None
     settings: Settings = CURVE_SETTINGS
     start: tuple[float, ...] = ()
+    third: tuple[str, tuple[float, float]] | None = None

@@ -129,6 +129,7 @@ def read_curves(table: Table, model: Model, first: str, events: Sequence[str]) -
             accepted = f"give a value from {low:.12g} to {high:.12g}"
             raise InputError(f"curves.start[{i}]", found, accepted)
     family = _family(table.table("family", optional=True), model, (first, name))
+    third = _third(table.table("third", optional=True), model, (first, name))
     steps: dict[str, Any] = {
         k: table.number(k, getattr(CURVE_SETTINGS, k)) for k in ("step", "max_step")
     }
@@ -139,8 +140,9 @@ def read_curves(table: Table, model: Model, first: str, events: Sequence[str]) -
     except InputError as error:
         raise error.within("curves") from None
     return CurveOptions(
-        name, (low, high), tuple(dict.fromkeys(kinds)), unphysical, values, family, settings, start
-    )
+        name, (low, high), tuple(dict.fromkeys(kinds)), unphysical, values, family, settings,
+        start, third,
+    )  # fmt: skip
 
 
 def read_simulation(
@@ -174,6 +176,24 @@ def _family(
     if not values:
         raise InputError(f"curves.family.{name}", "empty", "give at least one value")
     return name, values
+
+
+def _third(
+    table: Table, model: Model, taken: tuple[str, str]
+) -> tuple[str, tuple[float, float]] | None:
+    """A further parameter and its range."""
+    if not table.data:
+        return None
+    name = table.text("parameter")
+    declared = model.require(name, "curves.third.parameter")
+    if name in taken:
+        raise InputError("curves.third.parameter", f"{name} is followed already", "give another")
+    low, high = (declared.check(v, "curves.third.range") for v in table.pair("range"))
+    if not low <= model.values[name] <= high:
+        found = f"[{low:.12g}, {high:.12g}] does not hold {name} = {model.values[name]:.12g}"
+        raise InputError("curves.third.range", found, f"widen it or change model.parameters.{name}")
+    table.finish()
+    return name, (low, high)
 
 
 def read_numerics(table: Table) -> tuple[Settings, dict[str, Any]]:

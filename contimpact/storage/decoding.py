@@ -88,6 +88,8 @@ def fitted(value: Any, hint: Any, name: str) -> Any:
         return _one_of(value, inner, name)
     if hint in _PLAIN and (plain := _PLAIN[hint](value)) is not None:
         return plain
+    if origin is tuple and isinstance(value, list | tuple) and inner[1:] == (Ellipsis,):
+        return tuple(fitted(v, inner[0], name) for v in value)
     if origin is tuple and isinstance(value, list | tuple) and len(value) == len(inner):
         return tuple(fitted(v, h, name) for v, h in zip(value, inner, strict=True))
     if origin is Sequence and isinstance(value, list | tuple):

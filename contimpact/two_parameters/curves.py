@@ -33,6 +33,9 @@ from ..scenes.options import CURVE_SETTINGS
 from ..segments.kernels import Kernels
 from .problem import CurvePoint, CurveProblem, curve_problem, require_curve
 
+ON_LIMIT = 1e-12
+"""How far beyond what a parameter admits a point of a curve may be by rounding."""
+
 
 def follow_curve(
     entry: Entry, model: Model | None = None, second: str = "",
@@ -83,20 +86,20 @@ def follow_curve(
     model = model_of(entry, model)
     first = entry.parameter
     kernels = kernels or Kernels(model, first, second)
-    first_range = _checked_range(model, entry, first, first_range)
-    second_range = _checked_range(model, entry, second, second_range)
+    first_range = checked_range(model, entry, first, first_range)
+    second_range = checked_range(model, entry, second, second_range)
     outside = [v for v in values if not second_range[0] <= v <= second_range[1]]
     if outside:
         raise InputError("values", f"{outside[0]!r} is outside {second_range}", "widen the range")
     problem, start = curve_problem(model, entry, second, kernels, first_range[1] - first_range[0])
     before = problem.orbit.kernel_evaluations
     kind = problem.kind
-    limits = {EndKind.RANGE: Limit(first, first_range), **kind.curve_limits()}
+    watched = [Limit(first, first_range), *kind.curve_limits().values()]
     special = kind.codimension_two(problem.orbit.word) if detect else []
-    tests = [*limits.values(), SecondValue(values), *special]
+    tests = [*watched, SecondValue(values), *special]
 
     def go(direction: int) -> Walk:
-        stop = _leaving(first, kind, limits)
+        stop = leaving(kind, watched)
         return walk(
             problem, start, direction, parameter=second, limits=second_range, tests=tests,
             settings=settings, callback=callback, stop=stop,
@@ -104,10 +107,12 @@ def follow_curve(
 
     forward = kept(lambda: go(+1))
     backward = other_way(forward, second, lambda: go(-1))
-    return _curve(name, entry, problem, (backward, forward), special, before)
+    notation, label = entry.notation, entry.label.removeprefix("~")
+    found = tabulated(name, problem, (backward, forward), special, label, notation, entry.id)
+    return dataclasses.replace(found, evaluations=problem.orbit.kernel_evaluations - before)
 
 
-def _checked_range(model: Model, entry: Entry, parameter: str, limits: Any) -> tuple[float, float]:
+def checked_range(model: Model, entry: Entry, parameter: str, limits: Any) -> tuple[float, float]:
     """The range as floats; it must hold the entry."""
     where = f"range of {parameter}"
     declared = model.require(parameter, "parameter")
@@ -122,19 +127,28 @@ def _checked_range(model: Model, entry: Entry, parameter: str, limits: Any) -> t
     return low, high
 
 
-def _leaving(
-    first: str, kind: Kind, limits: Mapping[EndKind, TestFunction]
+def leaving(
+    kind: Kind, watched: Sequence[TestFunction]
 ) -> Callable[[Point, Sequence[Event]], tuple[End, Point] | None]:
-    """End a walk where the first parameter leaves its range, or where the kind says so."""
-    ends = {test.kind: end for end, test in limits.items()}
+    """End a walk where a parameter leaves its range, or where the kind says so.
+
+    Parameters
+    ----------
+    kind : Kind
+    watched : sequence of TestFunction
+        `Limit` of each parameter but the last, and those of `Kind.curve_limits`.
+    """
+    ranges = {test.kind: test.parameter for test in watched if isinstance(test, Limit)}
+    ends = {test.kind: end for end, test in kind.curve_limits().items()}
 
     def stop(point: Point[CurvePoint], events: Sequence[Event]) -> tuple[End, Point] | None:
-        here = point.evaluation
-        found = [(ends[event.kind], event.point) for event in events if event.kind in ends]
-        if reached := kind.curve_end(here.own):
-            found.append((reached, point))
-        for end, at in found:
-            return End.of(end, first, at.evaluation.parameter(first)), at
+        first = point.evaluation.problem.orbit.kernels.parameter
+        found = [(ends[e.kind], first, e.point) for e in events if e.kind in ends]
+        found += [(EndKind.RANGE, ranges[e.kind], e.point) for e in events if e.kind in ranges]
+        if reached := kind.curve_end(point.evaluation.own):
+            found.append((reached, first, point))
+        for end, parameter, at in found:
+            return End.of(end, parameter, at.evaluation.parameter(parameter)), at
         return None
 
     return stop
@@ -166,34 +180,53 @@ class SecondValue(TestFunction):
 # Tabulating.
 
 
-def _curve(
-    name: str, entry: Entry, problem: CurveProblem, walks: tuple[Walk, Walk],
-    codimension_two: Sequence[TestFunction], before: int,
+def tabulated(
+    name: str, problem: CurveProblem, walks: tuple[Walk, Walk], special: Sequence[TestFunction],
+    label: str, notation: str, origin: str,
 ) -> Curve:  # fmt: skip
-    first, *others = problem.orbit.kernels.parameters
-    second = others[0]
+    """Return two walks from one start, backward and forward, as a curve.
+
+    Parameters
+    ----------
+    special : sequence of TestFunction
+        Those of the points that are marked on it.
+    label, notation, origin : str
+        Of what it was started from.
+    """
+    parameters, word = problem.orbit.kernels.parameters, problem.orbit.word
+    last = parameters[-1]
     points, events = joined(*walks)
-    kinds = {test.kind for test in codimension_two}
-    special = [e for e in events if e.kind in kinds]
-    codim2 = [_codim2(e, f"{name}.{i}", name) for i, e in enumerate(special, start=1)]
+    kinds = {test.kind for test in special}
+    marked = [e for e in events if e.kind in kinds]
+    codim2 = [_codim2(e, f"{name}.{i}", name) for i, e in enumerate(marked, start=1)]
     marks = [(e.point, e.kind) for e in events if e.kind == REQUESTED]
-    marks += [(e.point, p.id) for e, p in zip(special, codim2, strict=True)]
+    marks += [(e.point, p.id) for e, p in zip(marked, codim2, strict=True)]
     missed = [
-        f"{m.kind} between {second} = {m.parameters[0]:.12g} and {m.parameters[1]:.12g}: {m.reason}"
+        f"{m.kind} between {last} = {m.parameters[0]:.12g} and {m.parameters[1]:.12g}: {m.reason}"
         for walk in walks
         for m in walk.missed
     ]
-    label, ends = entry.label.removeprefix("~"), (walks[0].end, walks[1].end)
-    about = name, entry.kind, label, entry.word, entry.period, entry.notation, (first, second)
-    evaluations = problem.orbit.kernel_evaluations - before
-    found = _columns(points, marks), ends, codim2, entry.id, missed
-    return Curve(*about, *found, evaluations=evaluations)
+    ends, columns = (walks[0].end, walks[1].end), _columns(points, marks)
+    model = problem.orbit.model
+    columns |= {name: admitted(model, name, columns[name]) for name in parameters}
+    about = name, problem.kind.name, label, word.walls, word.period, notation, parameters
+    return Curve(*about, columns, ends, codim2, origin, missed)
+
+
+def admitted(model: Model, name: str, values: Any) -> Any:
+    """Return values of a parameter, those that are beyond a limit by rounding put on it."""
+    declared = model.declared[name]
+    near = np.clip(values, declared.lower, declared.upper)
+    return np.where(np.abs(near - values) <= ON_LIMIT, near, values)[()]
 
 
 def _codim2(event: Event, identity: str, curve: str) -> Codim2:
     orbit = event.point.evaluation.orbit
     changes, impacts = event.details.get("changes", ""), impacts_of(orbit.problem, orbit.unknowns)
-    place = str(changes), all_parameters(orbit), impacts
+    values = all_parameters(orbit)
+    for name in orbit.problem.kernels.parameters:
+        values[name] = float(admitted(orbit.problem.model, name, values[name]))
+    place = str(changes), values, impacts
     return Codim2(identity, curve, event.kind, *place, event.residual, event.error)
 
 

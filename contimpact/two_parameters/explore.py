@@ -27,6 +27,7 @@ from ..records.diagram import Diagram
 from ..records.entry import Entry
 from ..scenes.scene import CurveOptions, Scene
 from ..segments.kernels import Kernels
+from .codim2_curves import follow_codim2, on_curve
 from .curves import follow_curve, with_fixed
 from .runs import first_of, passes, run_at, same_curve
 
@@ -50,6 +51,9 @@ def with_curves(scene: Scene, diagram: Diagram, progress: Progress | None = None
     return _CurveExplorer(scene, scene.curves, diagram, progress or silent).run()
 
 
+ON_EDGE = 1e-9
+"""Points nearer than this part of a range to its limits are not followed out of it."""
+
 NARROWEST = 1e-4
 """Ranges below this part of the whole are not checked on their own."""
 
@@ -63,6 +67,7 @@ class _CurveExplorer:
     branches: list[Branch] = dataclasses.field(default_factory=list)
     curves: list[Curve] = dataclasses.field(default_factory=list)
     notes: list[str] = dataclasses.field(default_factory=list)
+    points: list[Curve] = dataclasses.field(default_factory=list)
     checks: list[Check] = dataclasses.field(default_factory=list)
     evaluations: int = 0
 
@@ -80,6 +85,8 @@ class _CurveExplorer:
                         self.follow(entry, model, fixed)
                 if options.start:
                     self.check_member(model, fixed)
+            if options.third:
+                self.follow_points(*options.third)
         except KeyboardInterrupt:
             failure = "interrupted"
         except (ArithmeticError, np.linalg.LinAlgError) as error:
@@ -104,6 +111,7 @@ class _CurveExplorer:
             branches=self.branches,
             curves=self.curves,
             checks=self.checks or (),
+            codim2_curves=self.points or (),
             statistics=statistics,
         )
 
@@ -212,6 +220,37 @@ class _CurveExplorer:
         _go_on(curve.ends)
         return True
 
+    # Points of codimension two in a third parameter.
+
+    def follow_points(self, third: str, limits: tuple[float, float]) -> None:
+        """Follow every point of codimension two that lies on no curve of such points yet."""
+        options, scene = self.options, self.scene
+        names = (scene.parameter, options.parameter, third)
+        kernels = Kernels(scene.model, *names)
+        entries = {entry.id: entry for branch in self.branches for entry in branch.events}
+        found = [(entries[c.origin], p) for c in self.curves for p in c.points]
+        values = sorted({p.parameters[third] for _, p in found})
+        for entry, point in found:
+            edges = zip(names, (scene.range, options.range), strict=False)
+            if any(on_edge(point.parameters[n], limits) for n, limits in edges):
+                continue
+            if any(on_curve(entry, point, curve) for curve in self.points):
+                continue
+            name = f"d{len(self.points) + 1}"
+            shown = f"curve {name}: {point.kind} in ({', '.join(names)})"
+            self.progress(shown)
+            curve = follow_codim2(
+                entry, point, scene.model, second=options.parameter, third=third,
+                ranges=[scene.range, options.range, limits], name=name, values=values,
+                settings=options.settings, kernels=kernels,
+                callback=counted(shown, third, self.progress),
+            )  # fmt: skip
+            if isinstance(curve, End):
+                self.notes.append(f"{point.id} {point.kind} is not followed: {curve.message}")
+                continue
+            self.points.append(curve)
+            _go_on(curve.ends)
+
     # One-parameter runs: further curves, and what comes first.
 
     def check_member(self, model: Model, fixed: Mapping[str, float]) -> None:
@@ -295,6 +334,11 @@ class _CurveExplorer:
         """The column that falls."""
         own = self.of_member(fixed)
         return falling(own) if own else self.scene.parameter
+
+
+def on_edge(value: float, limits: tuple[float, float]) -> bool:
+    """Whether a value lies on a limit of its range."""
+    return min(value - limits[0], limits[1] - value) <= ON_EDGE * (limits[1] - limits[0])
 
 
 def _go_on(ends: Iterable[End]) -> None:
