@@ -167,6 +167,8 @@ def _written(scene: Scene, options: argparse.Namespace) -> tuple[list[str], list
     if scene.curves is not None:
         folders.append("curves")
         files += [f"curves.{kind}" for kind in formats]
+        if scene.curves.third is not None:
+            files += [f"codim2.{kind}" for kind in formats]
     return files, folders
 
 
@@ -174,11 +176,15 @@ def _save_plots(scene: Scene, diagram: Diagram, files: Files) -> None:
     from ..plots.diagram import save_diagram
 
     plot = scene.plot
+    names = (*scene.model.values, *scene.model.DERIVED)
+    units = {name: scene.model.unit(name) for name in names}
+    if points := diagram.codim2_curves:
+        from ..plots.codim2 import save_codim2
+
+        files.add(lambda: save_codim2(points, files.folder, plot.formats, units))
     if diagram.curves:
         from ..plots.curves import save_curves
 
-        names = (*scene.model.values, *scene.model.DERIVED)
-        units = {name: scene.model.unit(name) for name in names}
         files.add(
             lambda: save_curves(
                 diagram.curves, files.folder, plot.formats, diagram.checks, units=units

@@ -110,7 +110,7 @@ def save_curves(
 ) -> list[str]:
     """Draw curves to files ``curves.<format>``; returns their names."""
     axes = plot_curves(curves, units=units, checks=checks)
-    write_heading(axes[0].figure, values_text(_fixed(curves), units or {}))
+    write_heading(axes[0].figure, values_text(fixed_values(curves), units or {}))
     return save_figure(axes[0].figure, folder, "curves", formats, "curves")
 
 
@@ -136,7 +136,7 @@ def _column(curves: Sequence[Curve], along: str | None) -> str:
     return along
 
 
-def _fixed(curves: Sequence[Curve]) -> dict[str, float]:
+def fixed_values(curves: Sequence[Curve]) -> dict[str, float]:
     """Parameters that are the same on all curves."""
     found = {}
     for name in parameters_of(curves[0]):

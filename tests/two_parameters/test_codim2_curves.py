@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import json
 import math
 from dataclasses import replace
 
 import numpy as np
 import pytest
-from zoo import scene
+from zoo import ROOT, scene
 
 from contimpact.bifurcations.registry import kind_of
 from contimpact.errors import InputError
@@ -136,6 +137,18 @@ def test_two_points_meet_where_the_angle_turns():
         near = [p for p in other.points if p.kind == "G-FB" and p.parameters["r"] < 0.3]
         counts.append(len(near))
     assert counts[0] == counts[1] + 2
+
+
+def test_codimension_three_is_the_same_in_either_family():
+    """The pair depends on d, gbar and r alone: s and A are two ways through the same points."""
+    found = []
+    for name in ("fig6_A", "fig6_s"):
+        catalogue = json.loads((ROOT / "branches" / name / "catalogue.json").read_text())
+        points = [p for c in catalogue["codimension2_curves"] for p in c["codimension2"]]
+        places = [p["parameters"] for p in points if p["kind"] == "PD-G, GPD"]
+        found.append([[p[n] for n in ("d", "gbar", "r")] for p in places])
+    assert len(found[0]) == 1
+    assert found[0] == [pytest.approx(place, rel=1e-11) for place in found[1]]
 
 
 def test_a_scene_follows_each_point_once(tmp_path):
