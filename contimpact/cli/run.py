@@ -241,6 +241,9 @@ def _summary(scene: Scene, diagram: Diagram, folder: Path, total: float) -> None
                 f"{region.second} from {region.low:.9g} to {region.high:.9g}"
                 + (f"  ({region.said})" if region.said else "")
             )
+    for covered in diagram.coverage:
+        fixed = "".join(f"{n} = {v:.6g}  " for n, v in covered.fixed.items())
+        say(f"covered: {fixed}{covered}")
     for note in diagram.statistics["notes"]:
         say(note)
     say(f"written to {folder} in {total:.2f} s")

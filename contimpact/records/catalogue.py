@@ -38,7 +38,7 @@ from .result_folder import (
 )
 
 if TYPE_CHECKING:
-    from .curve import Check, Curve
+    from .curve import Check, Coverage, Curve
 
 
 EVENT_COLUMNS = tuple(
@@ -123,6 +123,8 @@ def catalogue_text(diagram: Diagram) -> str:
             dataclasses.asdict(r) for r in regions(diagram.curves, checks=diagram.checks)
         ]
         content["checks"] = [dataclasses.asdict(check) for check in diagram.checks]
+    if diagram.coverage:
+        content["coverage"] = [dataclasses.asdict(c) for c in diagram.coverage]
     if diagram.codim2_curves:
         content["codimension2_curves"] = [_curve_record(c) for c in diagram.codim2_curves]
     return json_text(content)
@@ -255,18 +257,19 @@ def load_diagram(folder: str | Path) -> Diagram:
             or ()
             for key in ("curves", "codimension2_curves")
         )
-        checks = _checks(catalogue.get("checks", []))
+        checks, coverage = _checks(catalogue)
         name = fitted(catalogue["scene"], str, "scene")
-        return Diagram(name, branches, curves, checks, codim2_curves=points)
+        return Diagram(name, branches, curves, checks, codim2_curves=points, coverage=coverage)
 
 
-def _checks(records: Sequence[Any]) -> Sequence[Check]:
-    """The one-parameter runs a catalogue records, if there are any."""
-    if not records:
-        return ()
-    from .curve import Check
+def _checks(catalogue: Mapping[str, Any]) -> tuple[Sequence[Check], Sequence[Coverage]]:
+    """The one-parameter runs a catalogue records, and what they cover, if there are any."""
+    checks, coverage = catalogue.get("checks", []), catalogue.get("coverage", [])
+    if not (checks or coverage):
+        return (), ()
+    from .curve import Check, Coverage
 
-    return [made(Check, record) for record in records]
+    return [made(Check, r) for r in checks] or (), [made(Coverage, r) for r in coverage] or ()
 
 
 def _branch_of(folder: Path, record: Mapping[str, Any]) -> Branch:

@@ -136,3 +136,54 @@ class Check:
     second: str
     value: float
     first: str | None
+
+
+@dataclass(frozen=True)
+class Coverage:
+    """What lines across a map of curves say of its completeness.
+
+    Attributes
+    ----------
+    fixed : mapping of str to float
+        The family's parameter.
+    word, period, notation
+        The orbit.
+    lines : mapping of str to sequence of float
+        Where runs were made: values of each of the two parameters at which it was held.
+    entries : int
+        Entries that these runs met, all on curves but those below.
+    started : int
+        Curves that were started from them.
+    uncovered : sequence of mappings
+        Entries that lie on no curve: `kind`, the two parameters, and `reason`.
+    complete : bool
+        Whether the last lines met nothing that was not on a curve.
+    """
+
+    fixed: Mapping[str, float]
+    word: str
+    period: int
+    notation: str
+    lines: Mapping[str, Sequence[float]]
+    entries: int
+    started: int
+    uncovered: Sequence[Mapping[str, Any]]
+    complete: bool
+
+    def __str__(self) -> str:
+        lines = " and ".join(f"{len(v)} lines at values of {n}" for n, v in self.lines.items())
+        told = f"{self.notation}: {self.entries} entries on {lines}, {self.started} curves started"
+        if not self.complete:
+            told += "; the last lines still met new curves: give curves.cover a larger number"
+        if self.uncovered:
+            places = ", ".join(
+                " ".join(f"{k} = {v:.6g}" if isinstance(v, float) else str(v) for k, v in u.items())
+                for u in self.uncovered[:SHOWN]
+            )
+            more = f" and {len(self.uncovered) - SHOWN} more" if len(self.uncovered) > SHOWN else ""
+            told += f"; on no curve: {places}{more}"
+        return told
+
+
+SHOWN = 4
+"""Entries on no curve that are named."""

@@ -13,7 +13,7 @@ from .entry import Entry
 if TYPE_CHECKING:
     from ..models.model import Model
     from ..orbits.search import Orbit
-    from .curve import Check, Curve
+    from .curve import Check, Coverage, Curve
 
 
 @dataclass(frozen=True)
@@ -29,6 +29,8 @@ class Diagram:
         Of bifurcations in two parameters.
     codim2_curves : sequence of Curve
         Of points of codimension two, in three parameters.
+    coverage : sequence of Coverage
+        What lines across the map of curves say of its completeness.
     checks : sequence of Check
         One-parameter runs against which the order of the curves was checked.
     statistics : mapping
@@ -41,6 +43,7 @@ class Diagram:
     checks: Sequence[Check] = ()
     statistics: Mapping[str, Any] = field(default_factory=dict, compare=False)
     codim2_curves: Sequence[Curve] = ()
+    coverage: Sequence[Coverage] = ()
 
     @property
     def entries(self) -> list[Entry]:

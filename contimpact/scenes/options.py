@@ -20,6 +20,7 @@ MOST_POINTS = 10**9
 MOST_STARTS = 100_000
 MOST_TRIES = 1000
 """Of corrector iterations, rounds of the search, and switches one after another."""
+MOST_LINES = 1000
 MOST_BRANCHES = 100_000
 
 
@@ -56,6 +57,9 @@ class CurveOptions:
     settings : Settings
     start : sequence of float
         Further values of the second parameter at which curves start and are checked.
+    cover : int
+        How many lines in each direction must meet nothing new before a map is taken as complete;
+        0 asks for none.
     third : (name, (low, high)) or None
         A parameter in which points of codimension two are followed.
     """
@@ -69,3 +73,4 @@ class CurveOptions:
     settings: Settings = CURVE_SETTINGS
     start: tuple[float, ...] = ()
     third: tuple[str, tuple[float, float]] | None = None
+    cover: int = 0

@@ -21,6 +21,7 @@ from .options import (
     LARGEST_SEED,
     LARGEST_TOLERANCE,
     MOST_BRANCHES,
+    MOST_LINES,
     MOST_POINTS,
     MOST_STARTS,
     MOST_TRIES,
@@ -128,6 +129,7 @@ def read_curves(table: Table, model: Model, first: str, events: Sequence[str]) -
             found = f"{value:.12g} is outside curves.range"
             accepted = f"give a value from {low:.12g} to {high:.12g}"
             raise InputError(f"curves.start[{i}]", found, accepted)
+    cover = table.whole("cover", 0, least=0, most=MOST_LINES)
     family = _family(table.table("family", optional=True), model, (first, name))
     third = _third(table.table("third", optional=True), model, (first, name))
     steps: dict[str, Any] = {
@@ -141,7 +143,7 @@ def read_curves(table: Table, model: Model, first: str, events: Sequence[str]) -
         raise error.within("curves") from None
     return CurveOptions(
         name, (low, high), tuple(dict.fromkeys(kinds)), unphysical, values, family, settings,
-        start, third,
+        start, third, cover,
     )  # fmt: skip
 
 

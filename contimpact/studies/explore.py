@@ -72,12 +72,15 @@ def follow(scene: Scene, progress: Progress | None = None) -> Diagram:
     returned, and ``statistics["failure"]`` says what happened. Words without an orbit at the start
     are listed in ``statistics["not_found"]``.
     """
-    diagram = _Explorer(scene, progress or silent).run()
-    if scene.curves is None or diagram.statistics["failure"]:
-        return diagram
-    from ..two_parameters.explore import with_curves
+    explorer = _Explorer(scene, progress or silent)
+    diagram = explorer.run()
+    if scene.curves is not None and not diagram.statistics["failure"]:
+        from ..two_parameters.explore import with_curves
 
-    return with_curves(scene, diagram, progress)
+        diagram = with_curves(scene, diagram, progress)
+    if not diagram.branches and not diagram.statistics["failure"]:
+        raise refusal(list(explorer.lacking.values()))
+    return diagram
 
 
 @dataclass(frozen=True)
@@ -133,7 +136,8 @@ class _Explorer:
             self.failure = INTERRUPTED
         except (ArithmeticError, np.linalg.LinAlgError) as error:
             self.failure = f"the computation failed ({type(error).__name__}: {error})"
-        if not self.runs and not self.failure:
+        elsewhere = scene.curves is not None and scene.curves.cover
+        if not self.runs and not self.failure and not elsewhere:
             raise refusal(list(self.lacking.values()))
         return Diagram(scene.name, self.finished_branches(), statistics=self.statistics())
 

@@ -22,14 +22,15 @@ from ..orbits.search import solve_near
 from ..progress import Progress, counted, silent
 from ..records.branch import Branch
 from ..records.competition import Region, falling, regions
-from ..records.curve import Check, Curve
+from ..records.curve import Check, Coverage, Curve
 from ..records.diagram import Diagram
 from ..records.entry import Entry
 from ..scenes.scene import CurveOptions, Scene
 from ..segments.kernels import Kernels
 from .codim2_curves import follow_codim2, on_curve
+from .coverage import Lines
 from .curves import follow_curve, with_fixed
-from .runs import first_of, passes, run_at, same_curve
+from .runs import first_of, passes, run_at, run_through, same_curve
 
 MOST_ROUNDS = 6
 """How often what the curves say is checked against runs, and curves are started where it fails."""
@@ -69,6 +70,7 @@ class _CurveExplorer:
     notes: list[str] = dataclasses.field(default_factory=list)
     points: list[Curve] = dataclasses.field(default_factory=list)
     checks: list[Check] = dataclasses.field(default_factory=list)
+    coverage: list[Coverage] = dataclasses.field(default_factory=list)
     evaluations: int = 0
 
     def run(self) -> Diagram:
@@ -85,6 +87,8 @@ class _CurveExplorer:
                         self.follow(entry, model, fixed)
                 if options.start:
                     self.check_member(model, fixed)
+                if options.cover:
+                    self.cover_member(model, fixed)
             if options.third:
                 self.follow_points(*options.third)
         except KeyboardInterrupt:
@@ -112,6 +116,7 @@ class _CurveExplorer:
             curves=self.curves,
             checks=self.checks or (),
             codim2_curves=self.points or (),
+            coverage=self.coverage or (),
             statistics=statistics,
         )
 
@@ -219,6 +224,36 @@ class _CurveExplorer:
         self.curves.append(curve)
         _go_on(curve.ends)
         return True
+
+    # Lines in both directions, until they meet nothing new.
+
+    def cover_member(self, model: Model, fixed: Mapping[str, float]) -> None:
+        """Make runs along lines of the map of each word, and start curves where none passes."""
+        for word in self.scene.orbits:
+
+            def start(entry: Entry, word: Word = word) -> str:
+                return self.start_through(entry, word, model, fixed)
+
+            def covered(entry: Entry) -> bool:
+                return any(passes(c, entry, model, self.kernels) for c in self.of_member(fixed))
+
+            lines = Lines(self.scene, model, word, self.kernels, covered, start, self.progress)
+            self.coverage.append(lines.cover(fixed))
+            self.evaluations += lines.evaluations
+
+    def start_through(
+        self, entry: Entry, word: Word, model: Model, fixed: Mapping[str, float]
+    ) -> str:
+        """Follow the curves of the branch through an entry; returns why its own is not there."""
+        second = self.options.parameter
+        there = model.replace(**{second: entry.parameters[second]})
+        run = run_through(self.scene, there, entry, self.kernels)
+        if run.interrupted:
+            raise KeyboardInterrupt
+        self.start_from(run, there, fixed)
+        if any(passes(curve, entry, model, self.kernels) for curve in self.of_member(fixed)):
+            return ""
+        return "no curve through it could be followed"
 
     # Points of codimension two in a third parameter.
 

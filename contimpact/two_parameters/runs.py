@@ -12,6 +12,7 @@ import numpy as np
 
 from ..bifurcations.extended_system import solve
 from ..bifurcations.registry import test_functions
+from ..continuation.test_function import TestFunction
 from ..models.model import Model
 from ..models.word import Word
 from ..orbit_continuation.orbit_branch import Run, both_ways
@@ -20,6 +21,7 @@ from ..orbits.search import find_orbits
 from ..records.curve import Curve
 from ..records.entry import Entry
 from ..records.recovery import orbit_of
+from ..records.tables import coordinates
 from ..scenes.scene import Scene
 from ..segments.kernels import Kernels
 from .problem import system_of
@@ -43,21 +45,54 @@ def run_at(scene: Scene, model: Model, word: Word, kernels: Kernels) -> list[Run
     kernels : Kernels
         With the first parameter free.
     """
-    assert scene.curves is not None
+    return run_along(scene, model, word, kernels, scene.range, _searched(scene))
+
+
+def run_along(
+    scene: Scene, model: Model, word: Word, kernels: Kernels, limits: tuple[float, float],
+    searched: Sequence[float],
+) -> list[Run]:  # fmt: skip
+    """Follow every orbit of a word that is found at some values of a parameter.
+
+    Parameters
+    ----------
+    scene : Scene
+    model : Model
+        Gives the values of the other parameters.
+    word : Word
+    kernels : Kernels
+        With the parameter free.
+    limits : (low, high)
+        Its range.
+    searched : sequence of float
+        The values.
+    """
     problem = OrbitProblem(model, word, kernels)
-    tests = test_functions(problem, [*scene.curves.kinds, *_before(scene)], {})
+    tests = _tests(scene, problem)
     runs: list[Run] = []
-    for value in _searched(scene):
-        at = model.replace(**{scene.parameter: value})
+    for value in searched:
+        at = model.replace(**{kernels.parameter: value})
         found = find_orbits(
             at, word, kernels=kernels, rng=scene.seed, starts=scene.starts, rounds=scene.rounds
         )
         for orbit in found:
             if not any(run.holds(orbit.unknowns) for run in runs):
-                runs.append(both_ways(problem, orbit.unknowns, scene.range, tests, scene.settings))
+                runs.append(both_ways(problem, orbit.unknowns, limits, tests, scene.settings))
                 if runs[-1].interrupted:
                     raise KeyboardInterrupt
     return runs
+
+
+def run_through(scene: Scene, model: Model, entry: Entry, kernels: Kernels) -> Run:
+    """Follow the branch of the first parameter through the orbit of an entry."""
+    orbit = orbit_of(entry, model, kernels)
+    tests = _tests(scene, orbit.problem)
+    return both_ways(orbit.problem, orbit.unknowns, scene.range, tests, scene.settings)
+
+
+def _tests(scene: Scene, problem: OrbitProblem) -> list[TestFunction]:
+    assert scene.curves is not None
+    return test_functions(problem, [*scene.curves.kinds, *_before(scene)], {})
 
 
 def _before(scene: Scene) -> list[str]:
@@ -97,18 +132,21 @@ def passes(curve: Curve, entry: Entry, model: Model, kernels: Kernels) -> bool:
         return False
     here = orbit_of(entry, model, kernels)
     problem = here.problem
-    value = entry.parameters[curve.parameters[1]]
     return any(
         _same(problem, entry, guess, here.unknowns, size)
-        for guess, size in _crossings(curve, value, problem)
+        for name in curve.parameters[::-1]
+        for guess, size in _crossings(curve, name, entry.parameters[name], problem)
     )
 
 
-def _crossings(curve: Curve, value: float, problem: OrbitProblem) -> list[tuple[Array, float]]:
-    """Orbits where a curve passes a value, nearly, and the distance of its points around it."""
-    first, second = curve.parameters
-    away = curve[second] - value
-    names = [f"{n}{k + 1}" for k in range(len(curve.word)) for n in ("t", "v")]
+def _crossings(
+    curve: Curve, name: str, value: float, problem: OrbitProblem
+) -> list[tuple[Array, float]]:
+    """Orbits where a curve passes a parameter's value, nearly, and the distance of its points
+    around it."""
+    first = curve.parameters[0]
+    away = curve[name] - value
+    names = [f"{n}{k + 1}" for k in range(len(curve.word)) for n in coordinates(problem.m)]
     rows = np.column_stack([curve[name] for name in [*names, first]])
     found = []
     for i in np.nonzero((away[:-1] * away[1:] <= 0.0) & (away[:-1] != away[1:]))[0]:

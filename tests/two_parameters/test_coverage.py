@@ -1,0 +1,98 @@
+"""Maps of curves covered by lines in both directions."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+
+import numpy as np
+import pytest
+from zoo import scene
+
+from contimpact.errors import InputError
+from contimpact.records.catalogue import load_diagram, write_diagram
+from contimpact.segments.kernels import Kernels
+from contimpact.studies.explore import follow
+from contimpact.two_parameters.runs import passes, run_along
+
+RANGES = {"A": (0.8, 40.0), "r": (0.05, 0.9)}
+
+
+def map_of(beta, r=0.5, word="1:1", cover=2, **curves):
+    """PD and grazing over (A, r) at s = 0.5 m, as in Figs. 6(b) and 6(d), from one value of r."""
+    return scene(
+        model={
+            "system": "impact-pair",
+            "parameters": {"beta": beta, "r": r, "A": 7.0, "s": 0.5},
+        },
+        follow={"parameter": "A", "range": list(RANGES["A"]), "orbits": [word], "switch": []},
+        detect={"events": ["FB", "PD", "G"]},
+        curves={"parameter": "r", "range": list(RANGES["r"]), "cover": cover, **curves},
+        numerics={"starts": 32},
+    )
+
+
+@pytest.fixture(scope="module")
+def covered():
+    given = map_of(math.pi / 3)
+    return given, follow(given)
+
+
+def test_both_doublings_of_fig_6b_are_found(covered):
+    """At large r a second region of 1:1 is bounded by PD curves far above the first; none of them
+    passes r = 0.5."""
+    _, diagram = covered
+    upper = [c for c in diagram.curves if c.kind == "PD" and c["d"].max() > 0.5]
+    assert upper
+    assert min(c["r"].min() for c in upper) > 0.5
+    assert any(c.kind == "PD" and c["r"].min() < 0.06 for c in diagram.curves)
+
+
+@pytest.mark.parametrize("held", ["A", "r"])
+def test_nothing_off_the_curves_on_other_lines(covered, held):
+    given, diagram = covered
+    varying = "A" if held == "r" else "r"
+    kernels = Kernels(given.model, varying)
+    own = Kernels(given.model, "A")
+    met = 0
+    for value in np.random.default_rng(5).uniform(*RANGES[held], 3):
+        model = given.model.replace(**{held: value})
+        searched = np.linspace(*RANGES[varying], 6)[1:-1].tolist()
+        runs = run_along(given, model, given.orbits[0], kernels, RANGES[varying], searched)
+        for entry in (e for run in runs for e in run.branch("b", kinds=("PD", "G")).events):
+            if entry.physical:
+                there = dataclasses.replace(entry, parameter="A")
+                assert any(passes(curve, there, given.model, own) for curve in diagram.curves)
+                met += 1
+    assert met >= 3
+
+
+def test_the_statement(covered, tmp_path):
+    _, diagram = covered
+    (told,) = diagram.coverage
+    assert told.complete
+    assert not told.uncovered
+    assert told.started > 0
+    assert {"A", "r"} == {*told.lines}
+    assert all(len(set(values)) == len(values) >= 2 for values in told.lines.values())
+    assert "on no curve" not in str(told)
+    write_diagram(diagram, tmp_path)
+    assert load_diagram(tmp_path) == diagram
+
+
+def test_each_curve_once(covered):
+    _, diagram = covered
+    for one in diagram.curves:
+        for entry in diagram.entries:
+            if entry.id == one.origin:
+                there = [c for c in diagram.curves if c.kind == entry.kind]
+                own = Kernels(covered[0].model, "A")
+                assert sum(passes(c, entry, covered[0].model, own) for c in there) == 1
+
+
+def test_a_map_without_an_orbit_at_its_own_value():
+    """At s = 0.5 m there is no 2:1 orbit at A = 7 and r = 0.5."""
+    diagram = follow(map_of(math.pi / 6, word="2:1", cover=1))
+    assert {"PD", "G"} <= {c.kind for c in diagram.curves}
+    with pytest.raises(InputError, match="no BBT orbit was found"):
+        follow(map_of(math.pi / 6, word="2:1", cover=0))
