@@ -27,6 +27,7 @@ _PLACES = {
     "follow": "studies.explore",
     "follow_codim2": "two_parameters.codim2_curves",
     "follow_curve": "two_parameters.curves",
+    "follow_isoline": "two_parameters.isolines",
     "Curve": "records.curve",
     "read": "records.diagram_reading",
     "stable_intervals": "records.diagram_reading",

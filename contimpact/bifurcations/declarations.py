@@ -31,11 +31,11 @@ DECLARED = (
     Declared("FB", "fold", curves=True, second=True),
     Declared("BP", "branch_point", born=True, curves=True, second=True),
     Declared("PD", "doubling", born=True, curves=True, second=True),
-    Declared("NS", "torus", usual=False),
+    Declared("NS", "torus", usual=False, curves=True, second=True),
     Declared("G", "grazing", born=True, curves=True),
     Declared("V", "zero_velocity", born=True, curves=True),
     Declared("T", "zero_duration"),
-    Declared("UZ", "requested", usual=False),
+    Declared("UZ", "requested", usual=False, curves=True),
 )
 
 FILES = {kind.name: kind.file for kind in DECLARED}

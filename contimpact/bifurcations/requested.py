@@ -8,8 +8,10 @@ import numpy as np
 
 from ..continuation.test_function import TestFunction
 from ..errors import InputError
+from ..models.word import Word
 from ..orbits.problem import Array, OrbitProblem
 from ..orbits.rounding import rounding_of_setup
+from .codimension_two import AlsoGrazes, AlsoStops
 from .declarations import REQUESTED
 from .extended_system import EPSILON, ExtendedSystem
 from .kind import Details, Kind, Look, ManyDigits, System, Values
@@ -37,18 +39,20 @@ class Requested(ScalarTest):
                 raise InputError(f"values.{name}", "it does not vary along the branch", accepted)
         self.requested = [(name, float(v)) for name, values in requested.items() for v in values]
         derived = list(problem.model.DERIVED)
+        self.first = problem.n
         self.columns = [derived.index(n) if n in derived else -1 for n, _ in self.requested]
 
     def of(self, orbits: Orbits) -> Array:
         """The columns of the derived parameters, the free one last, minus the values."""
-        columns = np.hstack([orbits.derived, orbits.unknowns[:, -1:]])
+        columns = np.hstack([orbits.derived, orbits.unknowns[:, self.first, None]])
         return columns[:, self.columns] - [value for _, value in self.requested]
 
     def gradient(self, problem: OrbitProblem, z: Array, index: int) -> Array:
         gradient, column = np.zeros(len(z)), self.columns[index]
-        gradient[-1] = 1.0
+        gradient[self.first] = 1.0
         if column >= 0:
-            gradient[-1] = problem.kernels.setup(*problem.values(z)).derived_slopes[column]
+            slopes = problem.kernels.setup(*problem.values(z)).derived_slopes
+            gradient[self.first :] = np.reshape(slopes, (-1, problem.free))[column]
         return gradient
 
     def noise_of(self, problem: OrbitProblem, z: Array, index: int) -> float:
@@ -76,6 +80,9 @@ class UZ(Kind):
     def equations(self, problem: OrbitProblem, details: Details) -> ExtendedSystem:
         ((name, value),) = details["requested"].items()
         return Reached(problem, Requested(problem, {name: [value]}), 0)
+
+    def codimension_two(self, word: Word) -> list[TestFunction]:
+        return [AlsoGrazes(self.name), AlsoStops(self.name)]
 
     def in_many_digits(self, orbit: ManyDigits, unknowns: Array, details: Details) -> System:
         return orbit.vanishing(lambda x: orbit.requested(x, details["requested"]))

@@ -1,16 +1,24 @@
-"""NS: a complex pair of multipliers crosses the unit circle (Neimark and Sacker); a torus is born.
+r"""NS: a complex pair of multipliers crosses the unit circle (Neimark and Sacker); a torus is born.
 
-The test function is the product of the pair minus one, without poles; located by bracketing.
+The test function is the product of the pair minus one, without poles; located by bracketing. Its
+curves solve F = 0, C(e^{i theta}) q = 0 with q complex, |q| = 1, and the phase of q held.
 """
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 import numpy as np
 
-from ..continuation.branch import Event
+from ..continuation.branch import EndKind, Event, Point
 from ..continuation.test_function import TestFunction
+from ..models.word import Word
+from ..orbits.linearisation import Linearisation
 from ..orbits.multipliers import neimark_sacker
 from ..orbits.problem import Array, OrbitProblem
+from ..orbits.rounding import rounding
+from .codimension_two import AlsoGrazes, AlsoStops, CurvePoint, OnCurve
+from .extended_system import Assembled, ExtendedSystem, rounding_of_length, rounding_of_product
 from .kind import Change, Details, Kind, Look, ManyDigits, System, Values
 from .orbit_test import Orbits, OrbitTest
 
@@ -31,6 +39,90 @@ class NeimarkSacker(OrbitTest):
         return bool(np.any(on_circle & (np.abs(multipliers.imag) > 1e-8)))
 
 
+class SingularPair(ExtendedSystem):
+    """C(e^{i theta}) is singular. Its own unknowns are Re q, Im q and theta.
+
+    C(mu) = C0 + mu C1, with the last coupling in C1, so that its derivatives for a complex mu are
+    those for 0 and 1 put together.
+    """
+
+    def start(self, here: Linearisation) -> Array:
+        multipliers = here.multipliers[np.isfinite(here.multipliers)]
+        pairs = multipliers[multipliers.imag > 0.0]
+        if not len(pairs):
+            raise np.linalg.LinAlgError("no complex pair of multipliers")
+        theta = float(np.angle(pairs[np.argmin(np.abs(np.abs(pairs) - 1.0))]))
+        first, last = self._parts(here)
+        null = np.linalg.svd(first + np.exp(1j * theta) * last)[2][-1].conj()
+        self.phase = null
+        return np.concatenate([null.real, null.imag, [theta]])
+
+    def _parts(self, here: Linearisation) -> tuple[Array, Array]:
+        n = self.problem.n
+        first = here.cyclic(0.0)[:, :n]
+        return first, here.cyclic(1.0)[:, :n] - first
+
+    def assemble(self, here: Linearisation, own: Array) -> Assembled:
+        n, orbit = self.problem.n, len(here.unknowns)
+        re, im, theta = own[:n], own[n : 2 * n], own[-1]
+        cos, sin = np.cos(theta), np.sin(theta)
+        first, last = self._parts(here)
+        real, imaginary = first + cos * last, sin * last
+        jacobian = np.zeros((3 * n + 2, orbit + 2 * n + 1))
+        jacobian[:n, :orbit] = here.jacobian
+        (re_first, re_last), (im_first, im_last) = self._bent(here, re), self._bent(here, im)
+        jacobian[n : 2 * n, :orbit] = re_first + cos * re_last - sin * im_last
+        jacobian[2 * n : 3 * n, :orbit] = im_first + cos * im_last + sin * re_last
+        jacobian[n : 3 * n, orbit:-1] = np.block([[real, -imaginary], [imaginary, real]])
+        jacobian[n : 2 * n, -1] = -last @ (sin * re + cos * im)
+        jacobian[2 * n : 3 * n, -1] = last @ (cos * re - sin * im)
+        jacobian[3 * n, orbit:-1] = own[:-1]
+        jacobian[3 * n + 1, orbit:-1] = np.concatenate([-self.phase.imag, self.phase.real])
+        residual = [
+            here.residual,
+            real @ re - imaginary @ im,
+            real @ im + imaginary @ re,
+            [0.5 * (own[:-1] @ own[:-1] - 1.0), self.phase.real @ im - self.phase.imag @ re],
+        ]
+        return Assembled(np.concatenate(residual), jacobian)
+
+    def _bent(self, here: Linearisation, q: Array) -> tuple[Array, Array]:
+        """The derivatives of C0 q and of C1 q."""
+        problem = self.problem
+        along = np.concatenate([q, np.zeros(problem.free)])
+        first = problem.second_along(here.unknowns, along, 0.0)
+        return first, problem.second_along(here.unknowns, along, 1.0) - first
+
+    def rounding(self, here: Linearisation, own: Array) -> Array:
+        bounds, n = rounding(here), self.problem.n
+        largest = np.abs(own[:n]) + np.abs(own[n : 2 * n])
+        matrix, errors = np.abs(here.cyclic(1.0)[:, :n]), bounds.cyclic(1.0)[:, :n]
+        product = rounding_of_product(matrix, errors, largest)
+        length = rounding_of_length(own[:-1])
+        return np.concatenate([bounds.residual, product, product, [length, length]])
+
+
+class RealPair(TestFunction):
+    """Along a curve, the pair meets on the real axis."""
+
+    kind = "resonance"
+
+    def values(self, point: Point) -> Array:
+        here: CurvePoint = point.evaluation
+        return np.array([np.sin(here.own[-1])])
+
+
+class StrongResonance(OnCurve):
+    """R3, R4: the pair is a third or a fourth root of one."""
+
+    def __init__(self, order: int) -> None:
+        self.kind, self.order = f"R{order}", order
+        self.changes = f"the multipliers are roots of one of order {order}: a strong resonance"
+
+    def of(self, here: CurvePoint) -> float:
+        return float(np.cos(here.own[-1]) - np.cos(2.0 * np.pi / self.order))
+
+
 class NS(Kind):
     """Neimark-Sacker bifurcation."""
 
@@ -42,6 +134,9 @@ class NS(Kind):
     def test(self, problem: OrbitProblem, values: Values) -> TestFunction:
         return NeimarkSacker()
 
+    def equations(self, problem: OrbitProblem, details: Details) -> ExtendedSystem:
+        return SingularPair(problem)
+
     def in_many_digits(self, orbit: ManyDigits, unknowns: Array, details: Details) -> System:
         return orbit.vanishing(lambda x: orbit.product(x) - 1)
 
@@ -50,3 +145,10 @@ class NS(Kind):
 
     def critical(self, multipliers: Array) -> list[int]:
         return np.argsort(np.abs(np.abs(multipliers) - 1.0))[:2].tolist()
+
+    def curve_limits(self) -> Mapping[EndKind, TestFunction]:
+        return {EndKind.RESONANCE: RealPair()}
+
+    def codimension_two(self, word: Word) -> list[TestFunction]:
+        grazes, stops = AlsoGrazes(self.name), AlsoStops(self.name)
+        return [grazes, stops, StrongResonance(3), StrongResonance(4)]

@@ -97,6 +97,7 @@ class EndKind(enum.Enum):
         "pass each other"
     )
     TOUCH = "the touch reaches an impact of its own flight at {parameter} = {value:.12g}"
+    RESONANCE = "the pair of multipliers meets on the real axis at {parameter} = {value:.12g}"
     STOPPED = "stopped at {parameter} = {value:.12g} on request"
     INTERRUPTED = "interrupted at {parameter} = {value:.12g}: what lies beyond was not followed"
 

@@ -291,7 +291,7 @@ class KernelWriter:
             tuple(sympy.diff(period, one, other) for one in self.free for other in self.free),
             tuple(self.equations.walls.values()),
             derived,
-            tuple(sympy.diff(e, self.free[0]) for e in derived),
+            tuple(sympy.diff(e, free) for e in derived for free in self.free),
         )
         about = f"""What depends on the parameters alone.
 

@@ -38,8 +38,8 @@ class Setup(NamedTuple):
         Positions of the walls, in the model's order.
     derived : tuple of shape (d,)
         Derived parameters, in the model's order.
-    derived_slopes : tuple of shape (d,)
-        Their derivatives with respect to the first free parameter.
+    derived_slopes : tuple of shape (d * free,)
+        Their derivatives with respect to the free parameters, row by row.
     """
 
     period: Any

@@ -2,17 +2,14 @@
 
 from __future__ import annotations
 
-import dataclasses
 from collections.abc import Callable, Sequence
 
 import numpy as np
 
 from ..bifurcations.registry import kind_of
-from ..continuation.branch import End, EndKind, Point, Walk
-from ..continuation.interruption import kept, other_way
+from ..continuation.branch import End, EndKind, Point
 from ..continuation.settings import Settings
 from ..continuation.test_function import TestFunction
-from ..continuation.walk import walk
 from ..errors import InputError
 from ..models.model import Model
 from ..models.word import Word
@@ -24,7 +21,7 @@ from ..records.recovery import model_of
 from ..records.tables import coordinates
 from ..scenes.options import CURVE_SETTINGS
 from ..segments.kernels import Kernels
-from .curves import Limit, SecondValue, admitted, checked_range, leaving, tabulated
+from .curves import Range, admitted, checked_range, followed, tabulated
 from .points import double_of
 from .problem import CurveProblem, require_curve
 
@@ -34,8 +31,6 @@ ELSEWHERE = 1e-4
 SAME_VALUE = 1e-12
 SAME_POINT = 1e-8
 """How far apart values and, as part of their ranges, coordinates of one point may be."""
-
-Range = tuple[float, float]
 
 
 def follow_codim2(
@@ -92,34 +87,20 @@ def follow_codim2(
     if len(ranges) != len(names):
         raise InputError("ranges", f"found {len(ranges)}", "give one for each of three parameters")
     limits = [
-        checked_range(at, dataclasses.replace(entry, parameters=at.values), n, r)
-        for n, r in zip(names, ranges, strict=True)
+        checked_range(at, n, at.values.get(n, 0.0), r) for n, r in zip(names, ranges, strict=True)
     ]
     kernels = kernels or Kernels(at, *names)
     problem, tests, start = _problem(entry, point, at, kernels, limits)
     special = tests if detect else []
-    inside = [Limit(n, r) for n, r in zip(names[:-1], limits, strict=False)]
-    watched = [*inside, *problem.kind.curve_limits().values()]
-    before = problem.orbit.kernel_evaluations
-
-    def go(direction: int) -> Walk:
-        return walk(
-            problem, start, direction, parameter=third, limits=limits[-1],
-            tests=[*watched, SecondValue(values), *special],
-            settings=settings, callback=callback, stop=leaving(problem.kind, watched),
-        )  # fmt: skip
-
-    forward = kept(lambda: go(+1))
-    if not forward.points:
-        return forward.end
-    away = problem.difference(forward.points[0].unknowns, start)[: problem.orbit.n]
+    found = followed(problem, start, limits, special, values, settings, callback)
+    if isinstance(found, End):
+        return found
+    away = problem.difference(found[1].points[0].unknowns, start)[: problem.orbit.n]
     if np.max(np.abs(away)) > ELSEWHERE * np.max(np.abs(start[: problem.orbit.n])):
         why = "the equations lead to another orbit"
         return End.of(EndKind.START, third, start[-1], why=why)
-    backward = other_way(forward, third, lambda: go(-1))
     about = problem.kind.name, entry.notation, point.id
-    found = tabulated(name, problem, (backward, forward), special, *about)
-    return dataclasses.replace(found, evaluations=problem.orbit.kernel_evaluations - before)
+    return tabulated(name, problem, found, special, *about)
 
 
 def _problem(

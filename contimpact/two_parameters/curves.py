@@ -33,6 +33,8 @@ from ..scenes.options import CURVE_SETTINGS
 from ..segments.kernels import Kernels
 from .problem import CurvePoint, CurveProblem, curve_problem, require_curve
 
+Range = tuple[float, float]
+
 ON_LIMIT = 1e-12
 """How far beyond what a parameter admits a point of a curve may be by rounding."""
 
@@ -86,34 +88,58 @@ def follow_curve(
     model = model_of(entry, model)
     first = entry.parameter
     kernels = kernels or Kernels(model, first, second)
-    first_range = checked_range(model, entry, first, first_range)
-    second_range = checked_range(model, entry, second, second_range)
+    parameters = entry.parameters
+    first_range = checked_range(model, first, parameters[first], first_range)
+    second_range = checked_range(model, second, parameters[second], second_range)
     outside = [v for v in values if not second_range[0] <= v <= second_range[1]]
     if outside:
         raise InputError("values", f"{outside[0]!r} is outside {second_range}", "widen the range")
     problem, start = curve_problem(model, entry, second, kernels, first_range[1] - first_range[0])
-    before = problem.orbit.kernel_evaluations
-    kind = problem.kind
-    watched = [Limit(first, first_range), *kind.curve_limits().values()]
-    special = kind.codimension_two(problem.orbit.word) if detect else []
-    tests = [*watched, SecondValue(values), *special]
+    special = problem.kind.codimension_two(problem.orbit.word) if detect else []
+    ranges, label = [first_range, second_range], entry.label.removeprefix("~")
+    found = followed(problem, start, ranges, special, values, settings, callback)
+    if isinstance(found, End):
+        accepted = "give another entry of the curve"
+        raise InputError("entry", f"no curve starts there: {found.message}", accepted)
+    return tabulated(name, problem, found, special, label, entry.notation, entry.id)
+
+
+def followed(
+    problem: CurveProblem, start: Array, ranges: Sequence[Range],
+    special: Sequence[TestFunction], values: Sequence[float], settings: Settings,
+    callback: Callable[[Point], bool | None] | None,
+) -> tuple[Walk, Walk] | End:  # fmt: skip
+    """Return the walks backward and forward from a start, or why there is no first point.
+
+    Parameters
+    ----------
+    ranges : sequence of (low, high)
+        Of the free parameters; the walks are limited by the last.
+    special : sequence of TestFunction
+        Of the points to be marked.
+    values : sequence of float
+        Of the last parameter, to hit exactly.
+    """
+    *others, last = problem.orbit.kernels.parameters
+    inside = [Limit(name, limits) for name, limits in zip(others, ranges, strict=False)]
+    watched = [*inside, *problem.kind.curve_limits().values()]
+    stop = leaving(problem.kind, watched)
 
     def go(direction: int) -> Walk:
-        stop = leaving(kind, watched)
         return walk(
-            problem, start, direction, parameter=second, limits=second_range, tests=tests,
+            problem, start, direction, parameter=last, limits=ranges[-1],
+            tests=[*watched, SecondValue(values), *special],
             settings=settings, callback=callback, stop=stop,
         )  # fmt: skip
 
     forward = kept(lambda: go(+1))
-    backward = other_way(forward, second, lambda: go(-1))
-    notation, label = entry.notation, entry.label.removeprefix("~")
-    found = tabulated(name, problem, (backward, forward), special, label, notation, entry.id)
-    return dataclasses.replace(found, evaluations=problem.orbit.kernel_evaluations - before)
+    if not forward.points:
+        return forward.end
+    return other_way(forward, last, lambda: go(-1)), forward
 
 
-def checked_range(model: Model, entry: Entry, parameter: str, limits: Any) -> tuple[float, float]:
-    """The range as floats; it must hold the entry."""
+def checked_range(model: Model, parameter: str, value: float, limits: Any) -> Range:
+    """The range as floats; it must hold a value."""
     where = f"range of {parameter}"
     declared = model.require(parameter, "parameter")
     if not isinstance(limits, Sequence | np.ndarray) or len(limits) != 2:
@@ -121,8 +147,8 @@ def checked_range(model: Model, entry: Entry, parameter: str, limits: Any) -> tu
     low, high = (declared.check(limit, where) for limit in limits)
     if not low < high:
         raise InputError(where, f"found {limits!r}", "give (low, high)")
-    if not low <= entry.parameters[parameter] <= high:
-        found = f"({low:.12g}, {high:.12g}) does not hold {entry.parameters[parameter]:.12g}"
+    if not low <= value <= high:
+        found = f"({low:.12g}, {high:.12g}) does not hold {value:.12g}"
         raise InputError(where, found, "widen it")
     return low, high
 
@@ -210,7 +236,8 @@ def tabulated(
     model = problem.orbit.model
     columns |= {name: admitted(model, name, columns[name]) for name in parameters}
     about = name, problem.kind.name, label, word.walls, word.period, notation, parameters
-    return Curve(*about, columns, ends, codim2, origin, missed)
+    evaluations = problem.orbit.kernel_evaluations
+    return Curve(*about, columns, ends, codim2, origin, missed, evaluations=evaluations)
 
 
 def admitted(model: Model, name: str, values: Any) -> Any:

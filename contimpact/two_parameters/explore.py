@@ -30,7 +30,7 @@ from ..segments.kernels import Kernels
 from .codim2_curves import follow_codim2, on_curve
 from .coverage import Lines
 from .curves import follow_curve, with_fixed
-from .runs import first_of, passes, run_at, run_through, same_curve
+from .runs import first_of, orbit_at_start, passes, run_at, run_through, same_curve
 
 MOST_ROUNDS = 6
 """How often what the curves say is checked against runs, and curves are started where it fails."""
@@ -135,7 +135,7 @@ class _CurveExplorer:
             return
         name, values = family
         carried = [self.carry(branch, name, values) for branch in self.diagram.branches]
-        own = [b for b in self.diagram.branches if _orbit_at_start(b, self.scene) is not None]
+        own = [b for b in self.diagram.branches if orbit_at_start(b, self.scene) is not None]
         for value in values:
             model = scene.model.replace(**{name: value})
             if value == scene.model.values[name]:
@@ -155,7 +155,7 @@ class _CurveExplorer:
     ) -> dict[float, tuple[OrbitProblem, Array]]:
         """A branch's orbit at the scene's start, followed in the family's parameter."""
         scene = self.scene
-        start = _orbit_at_start(branch, scene)
+        start = orbit_at_start(branch, scene)
         if start is None:
             self.notes.append(f"branch {branch.id} is not physical at the start: not in the family")
             return {}
@@ -389,16 +389,3 @@ def _about(check: Check, word: Word, fixed: Mapping[str, float]) -> bool:
 
 def _said(fixed: Mapping[str, float]) -> str:
     return "".join(f"{name} = {value:.6g}, " for name, value in fixed.items())
-
-
-def _orbit_at_start(branch: Branch, scene: Scene) -> Array | None:
-    """Impacts of a physical orbit of the branch at the scene's start, nearly; None without one."""
-    away = branch[branch.parameter] - scene.start
-    passes = (away[:-1] * away[1:] <= 0.0) & branch.physical[:-1] & branch.physical[1:]
-    if not np.any(passes):
-        return None
-    row = int(np.argmax(passes))
-    span = away[row + 1] - away[row]
-    part = -away[row] / span if span else 0.0
-    impacts = np.stack([branch.times, branch.velocities], axis=2).reshape(len(branch), -1)
-    return np.asarray(impacts[row] + part * (impacts[row + 1] - impacts[row]))

@@ -9,7 +9,7 @@ the rate of the difference's error, to the same solution.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -34,6 +34,25 @@ SAMPLES = 500
 
 STEP = float(np.cbrt(EPSILON))
 """Of central differences, as part of an unknown's natural size."""
+
+
+def differenced(value: Callable[[Array], float], x: Array, sizes: Array) -> Array:
+    """Return a function's gradient by central differences, given natural sizes of its arguments."""
+    row = np.zeros(len(x))
+    for place, step in enumerate(STEP * sizes):
+        moved = np.zeros(len(x))
+        moved[place] = step
+        row[place] = (value(x + moved) - value(x - moved)) / (2.0 * step)
+    return row
+
+
+def sizes_of(here: Linearisation) -> Array:
+    """Return natural sizes of an orbit's unknowns, its free parameters by their own."""
+    problem = here.problem
+    free = np.maximum(np.abs(here.unknowns[problem.n :]), STEP)
+    sizes = problem.scale(here.unknowns, free)
+    sizes[: problem.n] /= np.sqrt(len(problem.word))
+    return sizes
 
 
 class Together(ExtendedSystem):
@@ -94,9 +113,10 @@ class Vanishing(ExtendedSystem):
     def assemble(self, here: Linearisation, own: Array) -> Assembled:
         first = self.one.assemble(here, own)
         x = np.concatenate([here.unknowns, own])
-        row = np.array([self._rate(x, i, size) for i, size in enumerate(self._sizes(here, own))])
-        residual = np.append(first.residual, self._value(x))
-        return Assembled(residual, np.vstack([first.jacobian, row]))
+        row = differenced(self._value, x, self._sizes(here, own))
+        return Assembled(
+            np.append(first.residual, self._value(x)), np.vstack([first.jacobian, row])
+        )
 
     def rounding(self, here: Linearisation, own: Array) -> Array:
         first = self.one.rounding(here, own)
@@ -110,14 +130,8 @@ class Vanishing(ExtendedSystem):
         return self.one.details(own)
 
     def _sizes(self, here: Linearisation, own: Array) -> Array:
-        free = np.maximum(np.abs(here.unknowns[self.problem.n :]), STEP)
-        orbit = self.problem.scale(here.unknowns, free) / np.sqrt(len(self.problem.word))
+        orbit = sizes_of(here)
         return np.concatenate([orbit, self.one.scale(own, orbit)])
-
-    def _rate(self, x: Array, place: int, size: float) -> float:
-        step = np.zeros(len(x))
-        step[place] = STEP * size
-        return float((self._value(x + step) - self._value(x - step)) / (2.0 * STEP * size))
 
     def _value(self, x: Array) -> float:
         n, problem = self.problem.n + self.problem.free, self.problem

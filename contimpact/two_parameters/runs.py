@@ -18,6 +18,7 @@ from ..models.word import Word
 from ..orbit_continuation.orbit_branch import Run, both_ways
 from ..orbits.problem import Array, OrbitProblem
 from ..orbits.search import find_orbits
+from ..records.branch import Branch
 from ..records.curve import Curve
 from ..records.entry import Entry
 from ..records.recovery import orbit_of
@@ -106,6 +107,19 @@ def _searched(scene: Scene) -> list[float]:
     low, high = scene.range
     spaced = np.geomspace if low > 0.0 else np.linspace
     return [scene.start, *spaced(low, high, SEARCHED + 2)[1:-1].tolist()]
+
+
+def orbit_at_start(branch: Branch, scene: Scene) -> Array | None:
+    """Impacts of a physical orbit of the branch at the scene's start, nearly; None without one."""
+    away = branch[branch.parameter] - scene.start
+    passes = (away[:-1] * away[1:] <= 0.0) & branch.physical[:-1] & branch.physical[1:]
+    if not np.any(passes):
+        return None
+    row = int(np.argmax(passes))
+    span = away[row + 1] - away[row]
+    part = -away[row] / span if span else 0.0
+    impacts = np.stack([branch.times, branch.velocities], axis=2).reshape(len(branch), -1)
+    return np.asarray(impacts[row] + part * (impacts[row + 1] - impacts[row]))
 
 
 def first_of(entries: Sequence[Entry], kinds: Sequence[str], along: str) -> str | None:

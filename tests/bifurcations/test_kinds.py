@@ -18,6 +18,7 @@ from contimpact.bifurcations.declarations import CURVES, DECLARED, SECOND, SWITC
 from contimpact.bifurcations.kind import Kind
 from contimpact.bifurcations.registry import kind_of
 from contimpact.bifurcations.singular_cycle import SingularCycle
+from contimpact.bifurcations.torus import SingularPair
 from contimpact.bifurcations.unfolding import Crossing
 from contimpact.records.diagram import Diagram
 from contimpact.records.entry_conversion import event_of
@@ -33,7 +34,7 @@ def test_a_kind_is_what_its_declaration_says(declared, pair, problem_of):
     problem = problem_of(pair(), "1:1", "s")
     details = {"flight": 0, "wall": "B", "touch_time": 0.5, "impact": 0, "requested": {"s": 0.3}}
     system = kind.equations(problem, details)
-    assert isinstance(system, SingularCycle | Crossing) == (name in SECOND)
+    assert isinstance(system, SingularCycle | Crossing | SingularPair) == (name in SECOND)
     if name in CURVES:
         assert system is not None
         assert kind.codimension_two(problem.word)

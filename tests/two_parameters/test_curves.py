@@ -312,7 +312,7 @@ def test_cusp_and_degenerate_touch_are_zeros_of_what_they_say():
         ({"range": [0.6, 0.9]}, "curves.range"),
         ({"range": [0.1, 1.2]}, "curves.range"),
         ({"kinds": ["BP"]}, "curves.kinds[0]"),
-        ({"kinds": ["NS"]}, "curves.kinds[0]"),
+        ({"kinds": ["T"]}, "curves.kinds[0]"),
         ({"start": [0.1, 0.95]}, "curves.start[1]"),
         ({"start": 3}, "curves.start"),
         ({"family": {"r": [0.1]}}, "curves.family.r"),

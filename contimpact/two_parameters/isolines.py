@@ -1,0 +1,143 @@
+"""Isolines: curves of orbits on which a function of one's own keeps its value."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import numpy as np
+
+from ..bifurcations.codimension_two import AlsoGrazes, AlsoStops
+from ..bifurcations.extended_system import EPSILON, Assembled, ExtendedSystem
+from ..bifurcations.kind import Kind, Values
+from ..continuation.branch import End, Point
+from ..continuation.settings import Settings
+from ..continuation.test_function import TestFunction
+from ..errors import InputError, shown
+from ..models.model import Model
+from ..models.word import Word
+from ..orbits.linearisation import Linearisation
+from ..orbits.problem import Array, OrbitProblem
+from ..orbits.rounding import rounding
+from ..orbits.search import Orbit
+from ..records.curve import Curve
+from ..records.given import as_orbit
+from ..scenes.options import CURVE_SETTINGS
+from ..segments.kernels import Kernels
+from .curves import Range, checked_range, followed, tabulated
+from .points import differenced, sizes_of
+from .problem import CurveProblem
+
+Function = Callable[[Orbit], float]
+
+
+def follow_isoline(
+    orbit: Any, function: Function, model: Model | None = None, *,
+    second: str, ranges: Sequence[Range], value: float | None = None, label: str = "isoline",
+    name: str = "c1", values: Sequence[float] = (), settings: Settings = CURVE_SETTINGS,
+    callback: Callable[[Point], bool | None] | None = None,
+) -> Curve | End:  # fmt: skip
+    """Follow the orbits on which a function keeps its value, in two parameters.
+
+    Parameters
+    ----------
+    orbit : Orbit or Entry
+        Where the curve starts, nearly if `value` is given.
+    function : callable ``function(orbit) -> float``
+        Smooth where the curve goes; its derivatives are differenced.
+    model : Model, optional
+        The system of an entry, where its name does not tell.
+    second : str
+        The second parameter; the first is the one with which the orbit was found.
+    ranges : sequence of (low, high)
+        Of both parameters; the curve ends where it leaves one.
+    value : float, optional
+        The value to keep; by default the one at the orbit.
+    label : str
+        What the curve is called, such as ``"20 V"``.
+    name : str
+    values : sequence of float
+        Values of the second parameter to hit exactly.
+    settings : Settings
+    callback : callable, optional
+        Called with every accepted point.
+
+    Returns
+    -------
+    Curve or End
+        Where its orbits also graze, or an impact of theirs loses its velocity, is in `points`. The
+        end of a curve that has no point, where the value is not reached next to the orbit.
+
+    Raises
+    ------
+    InputError
+        For a parameter the model does not have, ranges that do not hold the orbit, or a function
+        that does not return a number there.
+    """
+    given = as_orbit(orbit, model)
+    at, first = given.model, given.problem.parameter
+    if len(ranges) != 2:
+        raise InputError("ranges", f"found {len(ranges)}", "give one for each of two parameters")
+    names = (first, second)
+    kernels = Kernels(at, *names)
+    limits = [checked_range(at, n, at.values[n], r) for n, r in zip(names, ranges, strict=True)]
+    problem = OrbitProblem(at, given.word, kernels)
+    start = np.concatenate([given.unknowns[: problem.n], [at.values[n] for n in names]])
+    kept = _number(function(given)) if value is None else float(value)
+    system = Level(problem, function, kept)
+    curve = CurveProblem(Isoline(), system, {}, [limits[0][1] - limits[0][0]])
+    special = curve.kind.codimension_two(given.word)
+    found = followed(curve, start, limits, special, values, settings, callback)
+    if isinstance(found, End):
+        return found
+    notation = given.word.notation([wall.name for wall in at.WALLS])
+    return tabulated(name, curve, found, special, label, notation, "")
+
+
+class Level(ExtendedSystem):
+    """A function of the orbit has a value."""
+
+    def __init__(self, problem: OrbitProblem, function: Function, value: float) -> None:
+        super().__init__(problem)
+        self.function, self.value = function, value
+
+    def start(self, here: Linearisation) -> Array:
+        return np.zeros(0)
+
+    def assemble(self, here: Linearisation, own: Array) -> Assembled:
+        x = here.unknowns
+        row = differenced(self._away, x, sizes_of(here))
+        residual = np.append(here.residual, self._of(here) - self.value)
+        return Assembled(residual, np.vstack([here.jacobian, row]))
+
+    def rounding(self, here: Linearisation, own: Array) -> Array:
+        size = max(abs(self.value), abs(self._of(here)))
+        return np.append(rounding(here).residual, EPSILON * (1.0 + len(here.unknowns) * size))
+
+    def _away(self, x: Array) -> float:
+        return self._of(self.problem.evaluate(x)) - self.value
+
+    def _of(self, here: Linearisation) -> float:
+        return _number(self.function(Orbit(self.problem, here)))
+
+
+class Isoline(Kind):
+    """A value of a function; nothing changes there."""
+
+    name = "isoline"
+
+    def test(self, problem: OrbitProblem, values: Values) -> TestFunction:
+        raise NotImplementedError("isolines are not looked for along branches")
+
+    def codimension_two(self, word: Word) -> list[TestFunction]:
+        return [AlsoGrazes(self.name), AlsoStops(self.name)]
+
+
+def _number(found: Any) -> float:
+    try:
+        value = np.asarray(found, dtype=float)
+    except (TypeError, ValueError):
+        value = np.array([np.nan])
+    if value.size != 1 or not np.isfinite(value).all():
+        raise InputError("function", f"it returned {shown(found)}", "return one finite number")
+    return float(value.reshape(()))
