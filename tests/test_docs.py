@@ -19,7 +19,9 @@ TEXTS = [
     path
     for pattern in ("*.md", "*.toml", "*.py")
     for path in sorted(ROOT.rglob(pattern))
-    if not any(part.startswith((".", "_build")) for part in path.relative_to(ROOT).parts)
+    if not any(
+        part.startswith((".", "_build", "node_modules")) for part in path.relative_to(ROOT).parts
+    )
 ]
 
 STRUCTURE = """

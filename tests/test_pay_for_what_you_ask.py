@@ -43,7 +43,8 @@ FOR = {
 
 HEAVY = ("sympy", "mpmath", "matplotlib", "pandas", "scipy", "numba", "llvmlite", "hypothesis")
 OWN_HEAVY = (
-    "accuracy", "attractors", "plots", "simulation", "two_parameters", "compiling.machine_code",
+    "accuracy", "attractors", "page", "plots", "simulation", "two_parameters",
+    "compiling.machine_code",
     "compiling.program", "orbit_continuation.orbit_program", "models.agreement", "models.equations",
     "models.symbolic", "records.formats", "records.merge", "scenes.simulate_tables",
     "segments.codegen", "segments.tape", "systems.membrane", "systems.oscillator",

@@ -1,4 +1,4 @@
-"""The command line: ``contimpact check``, ``run``, ``simulate``, ``plot`` and ``catalogue``.
+"""The command line: ``contimpact check``, ``run``, ``simulate``, ``plot``, ``view``, ``catalogue``.
 
 Exit status: 0 on success, 2 on input that cannot be used (one message on standard error), 1 on a
 computation that failed; what was computed is written all the same. Each command has a module of its
@@ -76,6 +76,7 @@ def _parser() -> argparse.ArgumentParser:
     )
     run.add_argument("-q", "--quiet", action="store_true", help="print nothing but errors")
     run.add_argument("--no-plot", action="store_true", help="leave the diagram out")
+    run.add_argument("--html", action="store_true", help="write the page diagram.html, too")
     run.set_defaults(module="run")
 
     simulate = commands.add_parser("simulate", help="simulate a scene's attractors")
@@ -83,6 +84,7 @@ def _parser() -> argparse.ArgumentParser:
     simulate.add_argument("-o", "--output", metavar="DIR", required=True, help="folder to write to")
     simulate.add_argument("-q", "--quiet", action="store_true", help="print nothing but errors")
     simulate.add_argument("--no-plot", action="store_true", help="leave pictures out")
+    simulate.add_argument("--html", action="store_true", help="write the page diagram.html, too")
     simulate.add_argument(
         "--resume", action="store_true", help="go on from what an interrupted run has left in DIR"
     )
@@ -105,9 +107,16 @@ def _parser() -> argparse.ArgumentParser:
 
     plot = commands.add_parser("plot", help="draw the diagram of a folder written by run")
     plot.add_argument("folder", metavar="DIR", help="folder written by run")
-    plot.add_argument("-o", "--output", metavar="FILE", help="file to write (svg, png or pdf)")
+    plot.add_argument(
+        "-o", "--output", metavar="FILE", help="file to write (svg, png, pdf or html)"
+    )
+    plot.add_argument("--html", action="store_true", help="write the page: DIR/diagram.html")
     plot.add_argument("-x", metavar="NAME", help="parameter on the x axis")
     plot.add_argument("--xlim", nargs=2, type=float, metavar=("LOW", "HIGH"))
     plot.add_argument("--ylim", nargs=2, type=float, metavar=("LOW", "HIGH"))
     plot.set_defaults(module="plot")
+
+    view = commands.add_parser("view", help="open the page of a folder in the browser")
+    view.add_argument("folder", metavar="DIR", help="folder written by run or simulate")
+    view.set_defaults(module="view")
     return parser

@@ -1,13 +1,14 @@
-"""``contimpact plot``: draw the diagram of a folder written by run."""
+"""``contimpact plot``: draw the diagram of a folder written by run, as a picture or as the page."""
 
 from __future__ import annotations
 
 import argparse
-from collections.abc import Callable
+import dataclasses
 from pathlib import Path
 from typing import Any
 
 from ..errors import InputError, shown
+from ..models.model import Model
 from ..records.catalogue import load_diagram
 from ..records.diagram import Diagram
 from ..records.recovery import model_at
@@ -21,54 +22,91 @@ def command(options: argparse.Namespace) -> int:
     if options.output == "":
         raise InputError("-o", "empty", "give a file such as diagram.svg")
     folder = Path(options.folder)
-    target = Path(options.output) if options.output else folder / "diagram.png"
+    usual = folder / ("diagram.html" if options.html else "diagram.png")
+    target = Path(options.output) if options.output else usual
+    kind = target.suffix.removeprefix(".").lower()
+    if options.html and kind != "html":
+        raise InputError("--html", f"the file {target}", "give one that ends in .html, or none")
     with kept_still(target.parent):
-        _draw(folder, target, options)
+        if kind == "html":
+            draw_page(folder, target, options)
+        else:
+            _draw(folder, target, kind, options)
     say(f"written to {target}")
     return 0
 
 
-def _draw(folder: Path, target: Path, options: argparse.Namespace) -> None:
+def _draw(folder: Path, target: Path, kind: str, options: argparse.Namespace) -> None:
     """Draw the diagram in a folder to a file."""
     diagram = load_diagram(folder)
-    plot, unit = _shown_as(folder, diagram)
-    chosen: dict[str, Any] = {
-        "x": options.x or plot.x,
-        "xlim": options.xlim or (plot.xlim if not options.x else None),
-        "ylim": options.ylim or plot.ylim,
-        "unphysical": plot.unphysical,
-        "labels": plot.labels,
-    }
-    numbers = ["arclength", *diagram.branches[0].parameters] if diagram.branches else []
-    if chosen["x"] not in numbers:
-        raise InputError("-x", f"no column {chosen['x']!r}", f"accepted are {', '.join(numbers)}")
-    kind = target.suffix.removeprefix(".").lower()
+    plot, model = _shown_as(folder, diagram)
+    chosen = _chosen(plot, diagram, options)
     if kind not in FORMATS:
-        raise InputError(str(target), f"format {kind!r}", f"accepted are {', '.join(FORMATS)}")
+        accepted = f"accepted are {', '.join(FORMATS)}, html"
+        raise InputError(str(target), f"format {kind!r}", accepted)
     from ..plots.diagram import plot_diagram, write_figure
 
-    ax = plot_diagram(diagram, unit=unit(chosen["x"]), **chosen)
+    unit = model.unit(chosen["x"]) if model else ""
+    ax = plot_diagram(diagram, unit=unit, labels=plot.labels, **chosen)
     write_figure(ax.figure, target, kind, diagram.name)
 
 
-def _shown_as(folder: Path, diagram: Diagram) -> tuple[PlotOptions, Callable[[str], str]]:
-    """How a diagram is drawn, and the units of its parameters.
+def draw_page(folder: Path, target: Path, options: argparse.Namespace | None = None) -> None:
+    """Draw the page of a folder of results to a file.
 
-    They are those of the scene, or, in a folder that was written from Python, those of the system.
+    Raises
+    ------
+    InputError
+        If the folder holds no results, or the file cannot be written.
+    """
+    from ..page.data import Shown, remarks_in
+    from ..page.document import write_page
+
+    given = (folder / "manifest.json").exists()
+    if given and not (folder / "catalogue.json").exists():  # a simulation without branches
+        diagram = Diagram(_scene_of(folder).name, [])
+    else:
+        diagram = load_diagram(folder)
+    plot, model = _shown_as(folder, diagram)
+    chosen = _chosen(plot, diagram, options) if options else {}
+    shown = Shown(plot.x, plot.xlim, plot.ylim, plot.unphysical)
+    if given:
+        manifest = read_json(folder / "manifest.json", MANIFEST, "a folder made by contimpact run")
+        source, remarks = _scene_of(folder).source, remarks_in(manifest)
+        shown = dataclasses.replace(shown, source=source, remarks=remarks)
+    shown = dataclasses.replace(shown, **chosen)
+    write_page(diagram, model, folder, shown, target)
+
+
+def _chosen(plot: PlotOptions, diagram: Diagram, options: argparse.Namespace) -> dict[str, Any]:
+    """Axis, limits and orbits to draw, as the command line has it or else the scene."""
+    x = options.x or plot.x
+    numbers = ["arclength", *diagram.branches[0].parameters] if diagram.branches else [plot.x]
+    if x not in numbers:
+        raise InputError("-x", f"no column {x!r}", f"accepted are {', '.join(numbers)}")
+    return {
+        "x": x,
+        "xlim": options.xlim or (plot.xlim if not options.x else None),
+        "ylim": options.ylim or plot.ylim,
+        "unphysical": plot.unphysical,
+    }
+
+
+def _shown_as(folder: Path, diagram: Diagram) -> tuple[PlotOptions, Model | None]:
+    """How a diagram is drawn, and the system.
+
+    They are those of the scene, or, in a folder that was written from Python, those that the
+    branches name; None for a system of one's own.
     """
     if (folder / "manifest.json").exists() or not diagram.branches:
         scene = _scene_of(folder)
         _require_walls(diagram, scene)
-        return scene.plot, scene.model.unit
+        return scene.plot, scene.model
     branch = diagram.branches[0]
     try:
-        unit = model_at(branch, 0).unit
-    except InputError:  # a system of one's own: its units are not known here
-
-        def unit(name: str) -> str:
-            return ""
-
-    return PlotOptions(branch.parameter), unit
+        return PlotOptions(branch.parameter), model_at(branch, 0)
+    except InputError:  # a system of one's own is not known here
+        return PlotOptions(branch.parameter), None
 
 
 def _require_walls(diagram: Diagram, scene: Scene) -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import dataclasses
 import time
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -22,6 +23,7 @@ from ..studies import explore
 from ..studies.explore import INTERRUPTED
 from .console import Interruption, deferred, drawn, require_output
 from .manifest import write_manifest
+from .page import add_page, page_wanted
 from .progress import telling
 from .terminal import complain, say
 
@@ -147,11 +149,17 @@ def _write_run(
         seconds["export"] = time.perf_counter() - export
         if options.no_plot:
             left_out.append("diagram: --no-plot was given, matplotlib is not imported")
-        elif scene.plot.formats:
+        pictures: dict[str, Callable[[], None]] = {}
+        if page_wanted(scene, options):
+            pictures["page"] = lambda: add_page(scene, diagram, files)
+        if scene.plot.formats and not options.no_plot:
+            pictures["plot"] = lambda: _save_plots(scene, diagram, files)
+        for name, draw in pictures.items():
             drawing = time.perf_counter()
-            if not drawn(interruption, files, tell, lambda: _save_plots(scene, diagram, files)):
-                left_out.append(f"diagram: {INTERRUPTED}; contimpact plot draws it")
-            seconds["plot"] = time.perf_counter() - drawing
+            if not drawn(interruption, files, tell, draw):
+                what = "diagram" if name == "plot" else name
+                left_out.append(f"{what}: {INTERRUPTED}; contimpact plot draws it")
+            seconds[name] = time.perf_counter() - drawing
         seconds["total"] = time.perf_counter() - began
         failure = INTERRUPTED if interruption.happened else diagram.statistics["failure"]
         statistics = {**diagram.statistics, "seconds": seconds, "failure": failure}
@@ -164,6 +172,7 @@ def _written(scene: Scene, options: argparse.Namespace) -> tuple[list[str], list
     folders = ["branches"]
     formats = () if options.no_plot else scene.plot.formats
     files += [f"diagram.{kind}" for kind in formats]
+    files += ["diagram.html"] if page_wanted(scene, options) else []
     if scene.curves is not None:
         folders.append("curves")
         files += [f"curves.{kind}" for kind in formats]
@@ -193,6 +202,7 @@ def _save_plots(scene: Scene, diagram: Diagram, files: Files) -> None:
     own = _own_member(scene, diagram)
     look: dict[str, Any] = dataclasses.asdict(plot)
     formats, unit = look.pop("formats"), scene.model.unit(plot.x)
+    del look["html"]
     files.add(lambda: save_diagram(own, files.folder, formats, unit=unit, **look))
 
 

@@ -10,10 +10,12 @@ from ..attractors.simulation import Simulation, simulate, write_simulation
 from ..compiling.library import mode
 from ..errors import InputError
 from ..progress import Progress
+from ..records.diagram import Diagram
 from ..records.result_folder import ROWS, TABLES, Files, held, renewed
 from ..scenes.scene import load_scene
 from .console import Interruption, deferred, drawn
 from .manifest import write_manifest
+from .page import add_page, page_wanted
 from .progress import telling
 from .terminal import complain, say
 
@@ -68,6 +70,11 @@ def _write(
         files.note(ROWS, result.lost)
         if interruption.happened:
             result.interrupted = result.interrupted or "writing"
+        if page_wanted(scene, options):
+            diagram = result.diagram or Diagram(scene.name, [])
+            if not drawn(interruption, files, tell, lambda: add_page(scene, diagram, files)):
+                result.interrupted = result.interrupted or "pictures"
+                left_out.append("page: the run was interrupted; contimpact plot --html draws it")
         if options.no_plot or not scene.plot.formats:
             left_out.append("pictures: not asked for, matplotlib is not imported")
         else:

@@ -112,7 +112,7 @@ class Reading:
             f"{b.low:.9g} to {b.high:.9g}"
             for b in self.bistable
         ]
-        lines += [_sentence(t) for t in self.transitions]
+        lines += [sentence(t) for t in self.transitions]
         return "\n".join(lines)
 
 
@@ -278,7 +278,8 @@ def _doubling_before(source: Branch, grazing: Entry) -> Entry | None:
     return min(doublings, key=lambda e: abs(e.arclength - grazing.arclength), default=None)
 
 
-def _sentence(t: GrazingTransition) -> str:
+def sentence(t: GrazingTransition) -> str:
+    """Return a transition in words."""
     parts = [f"transition {t.source} -> {t.target}: mechanism {t.mechanism or 'not decided'}"]
     if t.doubling:
         parts.append(f"PD {t.doubling} at {t.doubling_value:.9g}")

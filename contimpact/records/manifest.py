@@ -38,7 +38,7 @@ def manifest_text(
             "compiled": {"mode": mode(), "programs": used()},
             "modules": _modules(),
             "left_out": list(left_out),
-            "files": sorted(files),
+            "files": sorted(set(files)),
             "sha256": {"catalogue.json": catalogue} if catalogue else {},
         }
     )

@@ -28,7 +28,7 @@ MOST_BRANCHES = 100_000
 class PlotOptions:
     """How the diagram is drawn: the parameter on the x axis, limits, on which branches unphysical
     orbits are shown (``period-1``, ``all``, ``none``), formats to write, which events are labelled
-    (``all``, ``period-1``, ``real``, ``none``)."""
+    (``all``, ``period-1``, ``real``, ``none``), and whether the page is written."""
 
     x: str
     xlim: tuple[float, float] | None = None
@@ -36,6 +36,7 @@ class PlotOptions:
     unphysical: str = "period-1"
     formats: tuple[str, ...] = ("svg", "png")
     labels: str = "all"
+    html: bool = False
 
 
 @dataclass(frozen=True)

@@ -148,7 +148,7 @@ class Scene:
             "plot": {
                 name: list(value) if isinstance(value, tuple) else value
                 for name, value in asdict(self.plot).items()
-                if value is not None
+                if value is not None and value is not False
             },
         }
 

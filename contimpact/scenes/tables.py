@@ -244,7 +244,7 @@ def read_plot(table: Table, model: Model, parameter: str) -> PlotOptions:
             raise InputError(
                 f"plot.formats[{i}]", f"found {kind!r}", f"accepted are {', '.join(FORMATS)}"
             )
+    html = table.truth("html", False)
     table.finish()
-    return PlotOptions(
-        x, limits["xlim"], limits["ylim"], formats=tuple(dict.fromkeys(formats)), **chosen
-    )
+    drawn = tuple(dict.fromkeys(formats))
+    return PlotOptions(x, limits["xlim"], limits["ylim"], formats=drawn, html=html, **chosen)

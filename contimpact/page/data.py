@@ -1,0 +1,323 @@
+"""What a page shows, as plain data made from records alone."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from .. import __version__
+from ..arrays import Array
+from ..bifurcations.registry import kind_of
+from ..models.model import Model
+from ..records.branch import Branch
+from ..records.competition import falling, panels, parameters_of, regions
+from ..records.curve import Curve
+from ..records.diagram import Diagram
+from ..records.diagram_reading import read, sentence
+from ..records.entry import Entry
+from ..records.tables import coordinates
+from .members import fixed, members
+from .packing import packed
+from .swept import Swept
+from .tracks import Orbits, Tracks, stride
+
+SCHEMA = "contimpact.page/1"
+UNSAID = ("system", "options", "tangent", "multipliers_before", "multipliers_after")
+"""Keys of entries that a page leaves out."""
+
+
+@dataclasses.dataclass(frozen=True)
+class Shown:
+    """How a page begins: the axis, limits, and which unphysical orbits are drawn.
+
+    Attributes
+    ----------
+    x : str
+    xlim, ylim : (low, high), optional
+    unphysical : {"period-1", "all", "none"}
+    source : str
+        Where the scene says it comes from.
+    remarks : sequence of str
+        What a reader has to know: that the run was ended early, what it could not find.
+    """
+
+    x: str
+    xlim: tuple[float, float] | None = None
+    ylim: tuple[float, float] | None = None
+    unphysical: str = "period-1"
+    source: str = ""
+    remarks: Sequence[str] = ()
+
+
+def remarks_in(statistics: Mapping[str, Any]) -> list[str]:
+    """Return what the statistics of a run, or its manifest, remark on it."""
+    notes = statistics.get("notes")
+    found = [statistics.get("failure"), *(notes if isinstance(notes, list) else [])]
+    return [text for text in found if text and isinstance(text, str)]
+
+
+def page_data(
+    diagram: Diagram, model: Model | None, shown: Shown, swept: Sequence[Swept] = ()
+) -> dict[str, Any]:
+    """Return what a page shows.
+
+    Parameters
+    ----------
+    diagram : Diagram
+    model : Model, optional
+        The system. Without it no orbits are drawn, and units are not known.
+    shown : Shown
+    swept : sequence of Swept
+        Attractors of a simulation.
+    """
+    derived = model.DERIVED if model else ()
+    branches = diagram.branches
+    lines = [
+        *((len(branch), len(branch.word)) for branch in branches if _known(branch, model)),
+        *((len(found), len(found.word)) for found in swept if found.periodic),
+    ]
+    every, tracks = stride(lines), Tracks(model) if model and lines else None
+    return {
+        "schema": SCHEMA,
+        "version": __version__,
+        "name": diagram.name,
+        "shown": dataclasses.asdict(shown),
+        "parameter": branches[0].parameter if branches else shown.x,
+        "varying": _varying(branches, shown.x),
+        "fixed": fixed(branches, derived),
+        "units": _units(branches, model),
+        "walls": _walls(branches, model),
+        "every": every,
+        "members": (groups := members(branches, derived)),
+        "own": _own(groups, model),
+        "unknown": _unknown(branches, model),
+        "branches": [
+            _branch(branch, tracks if _known(branch, model) else None, every) for branch in branches
+        ],
+        "entries": [_entry(entry, branch) for branch in branches for entry in branch.events],
+        "looks": {kind: _look(kind) for kind in _kinds(diagram)},
+        "reading": _reading(diagram),
+        "curves": [_curve(curve) for curve in diagram.curves],
+        "panels": _panels(diagram),
+        "swept": [_swept(found, tracks, every) for found in swept],
+    }
+
+
+def _known(branch: Branch, model: Model | None) -> bool:
+    """Whether a branch is of the model's formulas."""
+    return (
+        model is not None
+        and branch.system == model.SYSTEM
+        and dict(model.options) == dict(branch.options)
+        and set(model.values) <= set(branch.parameters)
+    )
+
+
+def _own(groups: Sequence[Mapping[str, Any]], model: Model | None) -> int:
+    """The place of the group at the scene's own values; the first one if there is none."""
+    values = model.values if model else {}
+    wanted = (
+        k for k, g in enumerate(groups) if all(values.get(n) == v for n, v in g["fixed"].items())
+    )
+    return next(wanted, 0)
+
+
+def _unknown(branches: Sequence[Branch], model: Model | None) -> str | None:
+    """Why the orbits of some branches cannot be drawn, if so."""
+    lacking = [branch.id for branch in branches if not _known(branch, model)]
+    if not lacking:
+        return None
+    system = next(branch.system for branch in branches if branch.id in lacking)
+    return f"the formulas of the system {system} are not known here (branches {', '.join(lacking)})"
+
+
+def _units(branches: Sequence[Branch], model: Model | None) -> dict[str, str]:
+    unit: Callable[[str], str] = model.unit if model else lambda name: ""
+    names = dict.fromkeys(name for branch in branches for name in branch.parameters)
+    if model:
+        names |= dict.fromkeys((*model.values, *model.DERIVED))
+    return {name: unit(name).replace("dimensionless", "").replace("^2", "\u00b2") for name in names}
+
+
+def _walls(branches: Sequence[Branch], model: Model | None) -> list[str]:
+    if model:
+        return [wall.name for wall in model.WALLS]
+    return sorted({wall for branch in branches for wall in branch.word})
+
+
+def _varying(branches: Sequence[Branch], x: str) -> list[str]:
+    """The parameters that vary along a branch, the followed ones first."""
+    followed = [branch.parameter for branch in branches]
+    others = [
+        name for b in branches for name in b.parameters if name not in b.constant or name == x
+    ]
+    return list(dict.fromkeys([*followed, *others, x]))
+
+
+# Branches.
+
+
+def _branch(branch: Branch, tracks: Tracks | None, every: int) -> dict[str, Any]:
+    names = [*branch.parameters, "arclength", "smallest_gap"]
+    marked = np.nonzero(branch["event"] != "")[0]
+    known, reasons = np.unique(branch["reason"].astype(str), return_inverse=True)
+    record = {name: getattr(branch, name) for name in ("id", "word", "period", "notation")}
+    record |= {"parameter": branch.parameter, "from": branch.origin, "rows": len(branch)}
+    record |= {
+        "ends": [end.message for end in branch.ends],
+        "missed": list(branch.missed),
+        "notes": list(branch.notes),
+        "columns": {name: packed(branch[name]) for name in names if name in branch.columns},
+        "times": packed(branch.times),
+        "velocities": packed(branch.velocities),
+        "multipliers": packed(_pairs(branch.multipliers)),
+        "unstable": packed(np.clip(branch["n_unstable"], 0, 255), "u1"),
+        "physical": packed(branch.physical, "u1"),
+        "reasons": known.tolist(),
+        "reason": packed(reasons.ravel(), "u4"),
+        "tracks": None,
+    }
+    if tracks is not None:
+        record["tracks"] = tracks.record(_orbits(branch), _kept(len(branch), every, marked))
+    return record
+
+
+def _pairs(multipliers: Array) -> Array:
+    return np.stack([multipliers.real, multipliers.imag], axis=-1)
+
+
+def _orbits(branch: Branch) -> Orbits:
+    """The orbits of all rows; section coordinates stand in the order of the unknowns."""
+    extra = sum(f"{name}1" in branch.columns for name in coordinates(64)[2:])
+    names = coordinates(2 + extra)
+    impacts = [
+        np.column_stack([branch[f"{name}{k + 1}"] for name in names])
+        for k in range(len(branch.word))
+    ]
+    parameters = {name: branch[name] for name in branch.parameters}
+    return Orbits(branch.word, branch.period, parameters, np.stack(impacts, axis=1))
+
+
+def _kept(rows: int, every: int, marked: Array) -> Array:
+    """The rows whose orbits are drawn: one of so many, the events and both ends."""
+    return np.unique(np.concatenate([np.arange(0, rows, every), marked, [rows - 1]]))
+
+
+# Entries.
+
+
+def _entry(entry: Entry, branch: Branch) -> dict[str, Any]:
+    record = dataclasses.asdict(entry) | {"branch": branch.id}
+    row = int(np.argmin(np.abs(branch["arclength"] - entry.arclength)))
+    return {name: value for name, value in record.items() if name not in UNSAID} | {"row": row}
+
+
+def _kinds(diagram: Diagram) -> list[str]:
+    entries, curves = diagram.entries, diagram.curves
+    return list(dict.fromkeys([*(e.kind for e in entries), *(c.kind for c in curves)]))
+
+
+def _look(kind: str) -> dict[str, Any]:
+    look = kind_of(kind).look
+    touching = "touch_time" in kind_of(kind).needed
+    return {"marker": look.marker, "colour": look.colour, "touching": touching}
+
+
+def _reading(diagram: Diagram) -> dict[str, Any]:
+    """What was read, stable runs with their rows, transitions with their sentences."""
+    found = read(diagram)
+    branches = {branch.id: branch for branch in diagram.branches}
+    record = found.as_record()
+    for run in record["stable"]:
+        branch = branches[run["branch"]]
+        run["rows"] = [_row_at(branch, run["low"]), _row_at(branch, run["high"])]
+    for one, transition in zip(record["transitions"], found.transitions, strict=True):
+        one["sentence"] = sentence(transition)
+    return record
+
+
+def _row_at(branch: Branch, value: float) -> int:
+    """The row with a value of the followed parameter."""
+    return int(np.argmin(np.abs(branch[branch.parameter] - value)))
+
+
+# Curves in two parameters.
+
+
+def _curve(curve: Curve) -> dict[str, Any]:
+    names = [name for name in parameters_of(curve) if np.ptp(curve[name]) > 0.0]
+    record = {name: getattr(curve, name) for name in ("id", "kind", "label", "word", "notation")}
+    return record | {
+        "parameters": list(curve.parameters),
+        "fixed": dict(curve.fixed),
+        "from": curve.origin,
+        "rows": len(curve),
+        "columns": {name: packed(curve[name]) for name in (*names, "arclength")},
+        "ghost": packed(_status(curve), "u1"),
+        "ends": [end.message for end in curve.ends],
+        "missed": list(curve.missed),
+        "points": [
+            {"kind": p.kind, "changes": p.changes, "parameters": dict(p.parameters)}
+            for p in curve.points
+        ],
+    }
+
+
+def _status(curve: Curve) -> Array:
+    """Whether each piece from one row to the next is a ghost's; see `lines.runs` of pictures."""
+    ghost = curve.ghost.copy()
+    if "event" in curve.columns:
+        marked = np.nonzero(curve["event"][:-1] != "")[0]
+        ghost[marked] = ghost[marked + 1]
+    return ghost
+
+
+def _panels(diagram: Diagram) -> list[dict[str, Any]]:
+    """The curves by member of the family and pair of parameters, with what comes first."""
+    places = {curve.id: place for place, curve in enumerate(diagram.curves)}
+    return [
+        {
+            "fixed": dict(group[0].fixed),
+            "along": (along := falling(group)),
+            "across": group[0].parameters[1],
+            "curves": [places[curve.id] for curve in group],
+            "regions": [
+                {**dataclasses.asdict(region), "said": region.said}
+                for region in regions(group, along, diagram.checks)
+            ],
+        }
+        for group in panels(diagram.curves)
+    ]
+
+
+# Attractors.
+
+
+def _swept(found: Swept, tracks: Tracks | None, every: int) -> dict[str, Any]:
+    """Attractors of one word found in one direction; or motions that have none."""
+    record: dict[str, Any] = {
+        name: getattr(found, name) for name in ("direction", "kind", "notation", "word", "period")
+    }
+    record |= {
+        "rows": len(found),
+        "columns": {name: packed(values) for name, values in found.parameters.items()},
+        "starts": packed(found.starts, "u4"),
+        "times": packed(found.times),
+        "velocities": packed(found.velocities),
+        "walls": packed(found.walls, "u1"),
+        "multipliers": packed(found.multipliers),
+        "tracks": None,
+    }
+    if tracks is not None and found.periodic:
+        record["tracks"] = tracks.record(_cycles(found), _kept(len(found), every, np.zeros(0, int)))
+    return record
+
+
+def _cycles(found: Swept) -> Orbits:
+    shape = (len(found), len(found.word))
+    impacts = np.stack([found.times.reshape(shape), found.velocities.reshape(shape)], axis=2)
+    parameters: Mapping[str, Array] = found.parameters
+    return Orbits(found.word, found.period or 1, parameters, impacts)

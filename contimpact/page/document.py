@@ -1,0 +1,101 @@
+"""The page as one file: template, styles, scripts and data, under a policy that forbids requests.
+
+Nothing in the file is loaded from elsewhere. The policy in its head admits the two scripts and the
+style sheet by their digests and nothing else; data stand in a block that is never executed.
+"""
+
+from __future__ import annotations
+
+import base64
+import hashlib
+import html
+import re
+from collections.abc import Sequence
+from pathlib import Path
+
+from ..errors import printable
+from ..models.model import Model
+from ..records.diagram import Diagram
+from ..storage.files import write, write_all
+from .data import Shown, page_data
+from .packing import script_json
+from .swept import Swept, read_sweep
+
+NAME = "diagram.html"
+FOLDER = Path(__file__).parent
+LIBRARY = "vendor/d3.min.js"
+SCRIPTS = (
+    *("data", "state", "numbers", "shape", "chart", "diagram", "pointer", "labels"),
+    *("motion", "orbit", "moving", "catalogue", "plane", "files", "main"),
+)
+"""Our own scripts, in the order in which they stand on each other."""
+
+
+def page_text(
+    diagram: Diagram, model: Model | None, shown: Shown, swept: Sequence[Swept] = ()
+) -> str:
+    """Return the page; takes the arguments of `data.page_data`."""
+    style = _asset("page.css")
+    library = _asset(LIBRARY)
+    script = "\n".join(["(() => {", '"use strict";', *map(_script, SCRIPTS), "})();"])
+    parts = {
+        "policy": _policy([library, script], [style]),
+        "title": html.escape(f"{printable(diagram.name)} - contimpact"),
+        "style": style,
+        "library": library,
+        "data": script_json(page_data(diagram, model, shown, swept)),
+        "script": script,
+    }
+    return re.sub(r"\{\{(\w+)\}\}", lambda found: parts[found[1]], _asset("page.html"))
+
+
+def save_page(diagram: Diagram, model: Model | None, folder: Path, shown: Shown) -> list[str]:
+    """Write the page of a folder, with its attractors if there are any; returns its name."""
+    swept = attractors_in(folder, model)
+    return write_all(folder, {NAME: lambda: page_text(diagram, model, shown, swept)})
+
+
+def write_page(
+    diagram: Diagram, model: Model | None, folder: Path, shown: Shown, target: Path
+) -> None:
+    """Write the page of a folder to a file.
+
+    Raises
+    ------
+    InputError
+        If the file cannot be written.
+    """
+    write(target, page_text(diagram, model, shown, attractors_in(folder, model)))
+
+
+def attractors_in(folder: Path, model: Model | None) -> list[Swept]:
+    """Return the attractors that a simulation has left in a folder, if one has."""
+    path = folder / "sweep.csv"
+    return read_sweep(path, model) if model is not None and path.exists() else []
+
+
+def _asset(name: str) -> str:
+    """A file of the package, with the line ends that browsers see."""
+    return (FOLDER / name).read_bytes().decode().replace("\r\n", "\n")
+
+
+def _script(name: str) -> str:
+    return _asset(f"scripts/{name}.js")
+
+
+def _policy(scripts: Sequence[str], styles: Sequence[str]) -> str:
+    """A content security policy: our scripts and styles, pictures made by them, nothing else."""
+    return "; ".join(
+        [
+            "default-src 'none'",
+            f"script-src {' '.join(map(_digest, scripts))}",
+            f"style-src {' '.join(map(_digest, styles))}",
+            "img-src blob: data:",
+            "base-uri 'none'",
+            "form-action 'none'",
+        ]
+    )
+
+
+def _digest(text: str) -> str:
+    return f"'sha256-{base64.b64encode(hashlib.sha256(text.encode()).digest()).decode()}'"

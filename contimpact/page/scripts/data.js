@@ -1,0 +1,246 @@
+// What the page shows: the data block, its numbers unpacked.
+// Each file here is part of one script; names declared at the top of a file are known to those after it.
+
+/** A column: one number where it is constant, else a kind and base64. @typedef {number | string} Packed */
+/** @typedef {Float64Array | Float32Array | Uint32Array | Uint8Array} Numbers */
+
+/**
+ * States along the flights of some orbits; `rows` are theirs, null for all.
+ * @typedef {{period: Packed, walls: Record<string, Packed>, rows: Packed | null, nodes: number[], states: Packed}} Tracks
+ */
+/**
+ * @typedef {{id: string, word: string, period: number, notation: string, parameter: string, from: string | null,
+ *   rows: number, ends: string[], missed: string[], notes: string[], columns: Record<string, Packed>,
+ *   times: Packed, velocities: Packed, multipliers: Packed, unstable: Packed, physical: Packed, reasons: string[],
+ *   reason: Packed, tracks: Tracks | null}} Branch
+ */
+/**
+ * @typedef {{direction: string, kind: string, notation: string, word: string, period: number | null, rows: number,
+ *   columns: Record<string, Packed>, starts: Packed, times: Packed, velocities: Packed, walls: Packed,
+ *   multipliers: Packed, tracks: Tracks | null}} Swept
+ */
+/** @typedef {{wall: string, time: number, velocity: number}} Impact */
+/**
+ * @typedef {{id: string, kind: string, ghost: boolean, label: string, why: string | null, branch: string,
+ *   word: string, period: number, notation: string, wall: string | null, touch_time: number | null,
+ *   parameter: string, parameters: Record<string, number>, impacts: Impact[],
+ *   multipliers: ([number, number] | null)[], stable: boolean, physical: boolean, reason: string | null,
+ *   criticality: string | null, residual: number, error: number | null, method: string, opens: string[],
+ *   row: number}} Entry
+ */
+/**
+ * @typedef {{id: string, kind: string, label: string, word: string, notation: string, parameters: [string, string],
+ *   fixed: Record<string, number>, rows: number, columns: Record<string, Packed>, ghost: Packed, ends: string[],
+ *   missed: string[], points: {kind: string, changes: string, parameters: Record<string, number>}[]}} Curve
+ */
+/** @typedef {{branch: string, notation: string, low: number, high: number, rows: [number, number]}} Run */
+/**
+ * @typedef {{fixed: Record<string, number>, along: string, across: string, curves: number[],
+ *   regions: {low: number, high: number, first: string, notation: string, said: string}[]}} Panel
+ */
+/**
+ * @typedef {{name: string, version: string, parameter: string, varying: string[], fixed: Record<string, number>,
+ *   units: Record<string, string>, walls: string[], every: number, own: number, unknown: string | null,
+ *   shown: {x: string, xlim: [number, number] | null, ylim: [number, number] | null, unphysical: string,
+ *     source: string, remarks: string[]},
+ *   members: {fixed: Record<string, number>, branches: number[]}[], branches: Branch[], entries: Entry[],
+ *   looks: Record<string, {marker: string, colour: string, touching: boolean}>,
+ *   reading: {stable: Run[], transitions: {entry: string, sentence: string}[]},
+ *   curves: Curve[], panels: Panel[], swept: Swept[]}} Page
+ */
+
+/**
+ * An element of the page by its id.
+ * @template {Element} [E=HTMLElement]
+ * @param {string} id
+ * @returns {E}
+ */
+function element(id) {
+  const found = document.getElementById(id);
+  if (!found) throw new Error(`no element ${id}`);
+  return /** @type {any} */ (found);
+}
+
+/** @type {Page} */
+const page = JSON.parse(element("data").textContent ?? "");
+
+/** @type {Record<string, new (bytes: ArrayBuffer) => Numbers>} */
+const ARRAYS = {
+  f8: Float64Array,
+  f4: Float32Array,
+  u4: Uint32Array,
+  u1: Uint8Array,
+};
+
+/**
+ * The numbers of a column of a length.
+ * @param {Packed} packed
+ * @param {number} length
+ * @returns {Numbers}
+ */
+function unpacked(packed, length) {
+  if (typeof packed === "number") return new Float64Array(length).fill(packed);
+  const bytes = Uint8Array.from(atob(packed.slice(3)), (letter) => letter.charCodeAt(0));
+  return new ARRAYS[packed.slice(0, 2)](bytes.buffer);
+}
+
+/**
+ * Orbits of one word along a parameter: a branch, or attractors of one kind; motions that are not periodic have no
+ * word. Impact j of row i stands at `starts[i] + j`; `status` is of the piece from a row to the next: 0 stable,
+ * 1 unstable, 2 unphysical.
+ * @typedef {{id: string, layer: "branch" | "swept", notation: string, word: string, period: number, rows: number,
+ *   columns: Record<string, Numbers>, starts: Numbers, times: Numbers, velocities: Numbers, walls: Numbers,
+ *   multipliers: Numbers, unstable: Numbers | null, physical: Numbers | null, status: Uint8Array,
+ *   reason: (row: number) => string, tracks: Tracks | null, branch: Branch | null, swept: Swept | null,
+ *   parameter: string, made: Map<string, Numbers>}} Family
+ */
+
+const STATUS = ["stable", "unstable", "unphysical"];
+
+/**
+ * @param {Record<string, Packed>} columns
+ * @param {number} rows
+ */
+function unpackedAll(columns, rows) {
+  return Object.fromEntries(Object.entries(columns).map(([name, packed]) => [name, unpacked(packed, rows)]));
+}
+
+/**
+ * @param {Branch} branch
+ * @returns {Family}
+ */
+function familyOfBranch(branch) {
+  const { rows, word } = branch,
+    count = word.length;
+  const unstable = unpacked(branch.unstable, rows),
+    physical = unpacked(branch.physical, rows);
+  const reason = unpacked(branch.reason, rows);
+  const status = Uint8Array.from(physical, (whole, row) => (whole ? (unstable[row] ? 1 : 0) : 2));
+  for (const entry of page.entries) {
+    // at an event the status is that of neither side
+    if (entry.branch === branch.id && entry.row < rows - 1) status[entry.row] = status[entry.row + 1];
+  }
+  return {
+    id: branch.id,
+    layer: "branch",
+    notation: branch.notation,
+    word,
+    period: branch.period,
+    rows,
+    columns: unpackedAll(branch.columns, rows),
+    parameter: branch.parameter,
+    starts: Uint32Array.from({ length: rows + 1 }, (_, row) => row * count),
+    times: unpacked(branch.times, rows * count),
+    velocities: unpacked(branch.velocities, rows * count),
+    walls: Uint8Array.from({ length: rows * count }, (_, k) => page.walls.indexOf(word[k % count])),
+    multipliers: unpacked(branch.multipliers, 4 * rows),
+    unstable,
+    physical,
+    status,
+    reason: (row) => branch.reasons[reason[row]],
+    tracks: branch.tracks,
+    branch,
+    swept: null,
+    made: new Map(),
+  };
+}
+
+/**
+ * @param {Swept} swept
+ * @param {number} place
+ * @returns {Family}
+ */
+function familyOfSwept(swept, place) {
+  const starts = unpacked(swept.starts, swept.rows + 1),
+    count = starts[swept.rows];
+  return {
+    id: `a${place + 1}`,
+    layer: "swept",
+    notation: swept.notation,
+    word: swept.word,
+    period: swept.period ?? 1,
+    rows: swept.rows,
+    columns: unpackedAll(swept.columns, swept.rows),
+    parameter: page.parameter,
+    starts,
+    times: unpacked(swept.times, count),
+    velocities: unpacked(swept.velocities, count),
+    walls: unpacked(swept.walls, count),
+    multipliers: unpacked(swept.multipliers, 4 * swept.rows),
+    unstable: null,
+    physical: null,
+    status: new Uint8Array(swept.rows),
+    reason: () => "",
+    tracks: swept.tracks,
+    branch: null,
+    swept,
+    made: new Map(),
+  };
+}
+
+const families = [...page.branches.map(familyOfBranch), ...page.swept.map(familyOfSwept)];
+const familyById = new Map(families.map((family) => [family.id, family]));
+const entryById = new Map(page.entries.map((entry) => [entry.id, entry]));
+
+/**
+ * What is kept of a family once it was made.
+ * @param {Family} family
+ * @param {string} name
+ * @param {() => Numbers} make
+ */
+function kept(family, name, make) {
+  const known = family.made.get(name) ?? make();
+  family.made.set(name, known);
+  return known;
+}
+
+/**
+ * Every n-th of some numbers, from one on.
+ * @param {Numbers} numbers
+ * @param {number} from
+ * @param {number} n
+ */
+function every(numbers, from, n) {
+  return Float64Array.from({ length: Math.floor(numbers.length / n) }, (_, row) => numbers[row * n + from]);
+}
+
+/**
+ * Sizes of the multipliers of each row, the j-th of m.
+ * @param {Family} family
+ * @param {number} j
+ */
+function moduli(family, j) {
+  const m = family.multipliers.length / (2 * family.rows),
+    all = family.multipliers;
+  return Float64Array.from({ length: family.rows }, (_, i) => {
+    const at = 2 * (i * m + j);
+    return Math.hypot(all[at], all[at + 1]);
+  });
+}
+
+/**
+ * What is drawn of a branch over the x axis: lines, each of a wall or of none (-1).
+ * @param {Family} family
+ * @param {string} y
+ * @returns {{wall: number, values: Numbers, name: string}[]}
+ */
+function linesOf(family, y) {
+  const numbered = (/** @type {number} */ n) => Array.from({ length: n }, (_, j) => j);
+  if (y === "gap") return [{ wall: -1, values: family.columns.smallest_gap, name: "gap" }];
+  if (y === "multiplier") {
+    return numbered(family.multipliers.length / (2 * family.rows)).map((j) => {
+      const name = `|mu${j + 1}|`;
+      return {
+        wall: -1,
+        values: kept(family, name, () => moduli(family, j)),
+        name,
+      };
+    });
+  }
+  const count = family.word.length;
+  return numbered(count).map((k) => {
+    const name = `v${k + 1}`,
+      values = kept(family, name, () => every(family.velocities, k, count));
+    return { wall: family.walls[k], values, name };
+  });
+}

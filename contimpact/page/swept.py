@@ -1,0 +1,152 @@
+"""The attractors of a simulation, read from ``sweep.csv`` for the layer that a page shows."""
+
+from __future__ import annotations
+
+import csv
+import io
+import json
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ..arrays import Array
+from ..errors import InputError
+from ..models.model import Model
+from ..records.loading import checking
+from ..storage.files import read_bounded
+from ..storage.texts import original
+
+SWEEP = "contimpact.sweep/1"
+LAST = 40
+"""Impacts shown of a motion that is not periodic."""
+
+
+@dataclass(frozen=True, eq=False)
+class Swept:
+    """Attractors of one kind that a sweep found in one direction.
+
+    Attributes
+    ----------
+    direction, kind, notation : str
+    word : str
+        Of periodic motion without sojourns on a wall; else empty.
+    period : int or None
+    parameters : mapping of str to ndarray of shape (n,)
+    starts : ndarray of shape (n + 1,)
+        Where the impacts of each begin among those of all.
+    times, velocities, walls : ndarray
+        Walls by their numbers.
+    multipliers : ndarray of shape (n, 2, 2)
+        Real and imaginary parts, not numbers where there are none.
+    """
+
+    direction: str
+    kind: str
+    notation: str
+    word: str
+    period: int | None
+    parameters: Mapping[str, Array]
+    starts: Array
+    times: Array
+    velocities: Array
+    walls: Array
+    multipliers: Array
+
+    def __len__(self) -> int:
+        return len(self.starts) - 1
+
+    @property
+    def periodic(self) -> bool:
+        """Whether these are orbits of a word."""
+        return bool(self.word)
+
+
+@dataclass(frozen=True)
+class _Row:
+    """A line of the table."""
+
+    cells: Mapping[str, str]
+    impacts: Sequence[tuple[int, float, float]]
+    word: str
+
+    def key(self) -> tuple[str, ...]:
+        return (*(self.cells[name] for name in ("direction", "kind", "notation")), self.word)
+
+
+def read_sweep(path: Path, model: Model) -> list[Swept]:
+    """Read the attractors of a simulation, those of one word and direction together.
+
+    Raises
+    ------
+    InputError
+        If the file is not of this schema, damaged, or of another system.
+    """
+    with checking(path, SWEEP):
+        head, _, table = read_bounded(path).decode().partition("\n")
+        found = json.loads(head.removeprefix("# ")).get("schema")
+        if found != SWEEP:
+            raise InputError(str(path), f"its schema is {found!r}", f"give {SWEEP!r}")
+        if not table.endswith("\n"):
+            raise ValueError("cut short")
+        groups: dict[tuple[str, ...], list[_Row]] = {}
+        names, *lines = csv.reader(io.StringIO(table))
+        for line in lines:
+            row = _row(dict(zip(names, map(original, line), strict=True)), model)
+            groups.setdefault(row.key(), []).append(row)
+        return [_together(rows, model) for rows in groups.values()]
+
+
+def _row(cells: Mapping[str, str], model: Model) -> _Row:
+    letters = [wall.name for wall in model.WALLS]
+    impacts = []
+    for k in range(1, len(cells)):
+        wall = cells.get(f"wall{k}")
+        if not wall:
+            break
+        if not wall.endswith("*"):
+            time, velocity = _number(cells[f"t{k}"]), _number(cells[f"v{k}"])
+            impacts.append((letters.index(wall), time, velocity))
+    word = "".join(letters[wall] for wall, *_ in impacts)
+    whole = cells["kind"] == "periodic" and len(impacts) == int(cells["impacts"])
+    return _Row(cells, impacts if whole else impacts[-LAST:], word if whole else "")
+
+
+def _together(rows: Sequence[_Row], model: Model) -> Swept:
+    cells = rows[0].cells
+    direction, kind, notation, word = rows[0].key()
+    table = np.array([impact for row in rows for impact in row.impacts]).reshape(-1, 3)
+    names = (*model.values, *model.DERIVED)
+    return Swept(
+        direction,
+        kind,
+        notation,
+        word,
+        int(cells["period"]) if cells["period"] else None,
+        {name: np.array([_number(row.cells[name]) for row in rows]) for name in names},
+        np.cumsum([0, *(len(row.impacts) for row in rows)]),
+        table[:, 1],
+        table[:, 2],
+        table[:, 0],
+        np.array([_multipliers(row.cells) for row in rows]),
+    )
+
+
+def _multipliers(cells: Mapping[str, str]) -> list[list[float]]:
+    parts = ("re", "im")
+    return [[_or_none(cells.get(f"multiplier{k}_{part}")) for part in parts] for k in (1, 2)]
+
+
+def _or_none(cell: str | None) -> float:
+    return float(cell) if cell else math.nan
+
+
+def _number(cell: Any) -> float:
+    """A finite number; raises `ValueError` for anything else."""
+    value = float(cell)
+    if not math.isfinite(value):
+        raise ValueError(f"{cell!r} in a row")
+    return value

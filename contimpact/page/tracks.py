@@ -1,0 +1,146 @@
+"""Orbits as a page draws them without Python: states along each flight, and cubics between them.
+
+Each flight has displacement and velocity at so many equal steps of its duration that the cubics
+which take both on are right to `FLAT` of what they span.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from ..arrays import Array
+from ..models.model import Model
+from ..segments.arithmetic import ARRAYS, evaluate_in
+from ..segments.kernels import Kernels
+from .packing import packed
+
+FLAT = 5e-4
+"""Error of a drawn flight, by the size of the picture."""
+FEWEST, MOST = 4, 512
+"""Steps of a flight."""
+BUDGET = 400_000
+"""States that a page holds at most, about."""
+GUESS = 10
+"""States of a flight, for that."""
+SMALL, TINY = 1e-6, float(np.finfo(float).tiny)
+"""Below which part of its distance from the origin a flight need not be resolved; no zero."""
+
+Moved = Callable[[Array], tuple[Array, Array]]
+"""From fractions of a flight to displacements and velocities, a row for each orbit."""
+
+
+@dataclass(frozen=True)
+class Orbits:
+    """Orbits of one word at different parameter values.
+
+    Attributes
+    ----------
+    word : str
+        A wall for each impact.
+    period : int
+        In forcing periods.
+    parameters : mapping of str to ndarray of shape (n,)
+        Of the model.
+    impacts : ndarray of shape (n, N, m)
+        Times and section coordinates before impact.
+    """
+
+    word: str
+    period: int
+    parameters: Mapping[str, Array]
+    impacts: Array
+
+    def at(self, rows: Array) -> Orbits:
+        """Return some of the orbits."""
+        chosen = {name: values[rows] for name, values in self.parameters.items()}
+        return Orbits(self.word, self.period, chosen, self.impacts[rows])
+
+
+def stride(impacts: Sequence[tuple[int, int]]) -> int:
+    """Return of how many orbits one is kept, given the numbers of orbits and of their impacts."""
+    states = GUESS * sum(orbits * each for orbits, each in impacts)
+    return max(1, -(-states // BUDGET))
+
+
+class Tracks:
+    """Makes tracks of one model's orbits.
+
+    Parameters
+    ----------
+    model : Model
+        Only its formulas matter, not its values.
+    """
+
+    def __init__(self, model: Model) -> None:
+        self.model = model
+        self.kernels = Kernels(model, next(iter(model.values)))
+
+    def clock_and_walls(self, orbits: Orbits) -> tuple[Array, dict[str, Array]]:
+        """Return forcing period and positions of the walls, a value for each orbit."""
+        setup = evaluate_in(self.kernels.setup, ARRAYS)(*self._values(orbits))
+        each = np.zeros(len(orbits.impacts))
+        walls = zip(self.model.WALLS, setup.walls, strict=True)
+        return each + setup.period, {wall.name: each + place for wall, place in walls}
+
+    def record(self, orbits: Orbits, rows: Array) -> dict[str, Any]:
+        """Return the tracks of some orbits, and the walls and forcing periods of all, packed."""
+        periods, walls = self.clock_and_walls(orbits)
+        shown, clock = orbits.at(rows), periods[rows]
+        flights = [self._flight(shown, clock, walls, rows, k) for k in range(len(orbits.word))]
+        states = np.concatenate(flights, axis=1) if flights else np.zeros((len(rows), 0, 2))
+        return {
+            "period": packed(periods),
+            "walls": {name: packed(places) for name, places in walls.items()},
+            "rows": packed(rows, "u4") if len(rows) < len(orbits.impacts) else None,
+            "nodes": [flight.shape[1] for flight in flights],
+            "states": packed(states, "f4"),
+        }
+
+    def _values(self, orbits: Orbits) -> list[Array]:
+        return [orbits.parameters[name] for name in self.model.values]
+
+    def _flight(
+        self, orbits: Orbits, clock: Array, walls: Mapping[str, Array], rows: Array, number: int
+    ) -> Array:
+        """Positions and velocities along one flight of each orbit, shape (n, nodes, 2)."""
+        wall = orbits.word[number]
+        leave, following = orbits.impacts[:, number], (number + 1) % len(orbits.word)
+        arrive = orbits.impacts[:, following, 0]
+        length = arrive - leave[:, 0] + (0.0 if following else orbits.period * clock)
+        motion = evaluate_in(self.kernels.motion(wall), ARRAYS)
+        head, values = leave.T[..., None], [v[:, None] for v in self._values(orbits)]
+
+        def moved(fractions: Array) -> tuple[Array, Array]:
+            x, v = motion(*head, length[:, None] * fractions, *values)[:2]
+            blank = np.zeros((len(length), len(fractions)))
+            return walls[wall][rows][:, None] + blank + x, blank + v
+
+        fastest = np.abs(orbits.impacts[:, :, 1]).max(axis=1)
+        return _fine_enough(moved, length, fastest)
+
+
+def _fine_enough(moved: Moved, length: Array, fastest: Array) -> Array:
+    """States at as many equal steps as their cubics need."""
+    steps = FEWEST
+    while True:
+        x, v = moved(np.linspace(0.0, 1.0, 2 * steps + 1))
+        if steps >= MOST or not _error(x, v, length / steps, fastest) > FLAT:
+            return np.stack([x[:, ::2], v[:, ::2]], axis=2)
+        steps *= 2
+
+
+def _error(x: Array, v: Array, step: Array, fastest: Array) -> float:
+    """How far cubics on every other state are from the others, by the size of a picture."""
+    h = np.where(step == 0.0, 1.0, step)[:, None]
+    a, middle, b = x[:, :-1:2], x[:, 1::2], x[:, 2::2]
+    p, speed, q = v[:, :-1:2], v[:, 1::2], v[:, 2::2]
+    off = np.abs(0.5 * (a + b) + h * (p - q) / 8.0 - middle)
+    slip = np.abs(1.5 * (b - a) / h - 0.25 * (p + q) - speed)
+    tall = np.ptp(x, axis=1) + SMALL * np.abs(x).max(axis=1)
+    wide = np.maximum(fastest, np.abs(v).max(axis=1))
+    parts = (off / (tall + TINY)[:, None], slip / (wide + TINY)[:, None])
+    return max(float(np.max(part[step != 0.0], initial=0.0)) for part in parts)

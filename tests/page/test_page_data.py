@@ -1,0 +1,197 @@
+"""What a page embeds: packed numbers, orbits as cubics, members, rows of events, attractors."""
+
+from __future__ import annotations
+
+import base64
+import dataclasses
+import json
+
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+
+from contimpact.attractors.output import sweep_text
+from contimpact.attractors.sweep import sweep
+from contimpact.errors import InputError
+from contimpact.page import tracks
+from contimpact.page.data import Shown, page_data
+from contimpact.page.packing import packed, script_json
+from contimpact.page.swept import read_sweep
+from contimpact.records.branch import Branch
+from contimpact.records.diagram import Diagram
+
+TYPES = {"f8": "<f8", "f4": "<f4", "u4": "<u4", "u1": "u1"}
+
+
+def unpacked(column, length):
+    """What the script makes of a column."""
+    if isinstance(column, float):
+        return np.full(length, column)
+    return np.frombuffer(base64.b64decode(column[3:]), TYPES[column[:2]])
+
+
+@pytest.fixture(scope="module")
+def data(small, small_scene):
+    return page_data(small, small_scene.model, Shown("d", source="a test"))
+
+
+def test_numbers_come_back_to_the_bit():
+    values = np.array([0.1, -np.inf, np.nan, 1e-300])
+    assert unpacked(packed(values), 4).tobytes() == values.tobytes()
+    assert packed(np.full(7, 0.3)) == 0.3
+    assert isinstance(packed(np.full(2, np.inf)), str)
+    assert unpacked(packed(np.arange(3), "u4"), 3).tolist() == [0, 1, 2]
+
+
+def test_no_text_becomes_markup():
+    hostile = "</script><script>alert(1)</script><!--\u2028\x00&\u202e"
+    text = script_json({"name": hostile, hostile: [1.0, float("nan"), None]})
+    assert not set("<>&\u2028\u202e\x00") & set(text)
+    found = json.loads(text)
+    assert found["name"].startswith("</script><script>alert(1)</script><!--")
+    assert list(found.values())[1] == [1.0, None, None]
+
+
+def test_columns_are_those_of_the_branches(small, data):
+    for branch, record in zip(small.branches, data["branches"], strict=True):
+        rows = len(branch)
+        assert record["rows"] == rows
+        assert np.array_equal(unpacked(record["columns"]["s"], rows), branch["s"])
+        speeds = unpacked(record["velocities"], rows).reshape(rows, -1)
+        assert np.array_equal(speeds, branch.velocities)
+        reasons = np.array(record["reasons"])[unpacked(record["reason"], rows).astype(int)]
+        assert reasons.tolist() == branch["reason"].tolist()
+
+
+def test_events_stand_on_their_rows(small, data):
+    assert [entry["id"] for entry in data["entries"]] == [entry.id for entry in small.entries]
+    for entry in data["entries"]:
+        assert small[entry["branch"]]["s"][entry["row"]] == entry["parameters"]["s"]
+
+
+def test_stable_runs_stand_on_their_rows(small, data):
+    assert data["reading"]["stable"]
+    for run in data["reading"]["stable"]:
+        values = small[run["branch"]]["s"][run["rows"]]
+        assert values.tolist() == [run["low"], run["high"]]
+
+
+def states(record, number):
+    """States of all orbits along one flight, and the flights' nodes."""
+    kept = record["tracks"]
+    nodes, rows = kept["nodes"], record["rows"]
+    if kept["rows"] is not None:
+        rows = len(unpacked(kept["rows"], 0))
+    table = unpacked(kept["states"], 2 * rows * sum(nodes)).reshape(rows, -1, 2)
+    first = sum(nodes[:number])
+    return table[:, first : first + nodes[number]]
+
+
+def hermite(x, v, duration, u):
+    """The cubic through states at equal steps, at a fraction u of the whole."""
+    steps = len(x) - 1
+    i = min(int(u * steps), steps - 1)
+    s, h = u * steps - i, duration / steps
+    blend = (1 + 2 * s) * (1 - s) ** 2, s * (1 - s) ** 2 * h, s**2 * (3 - 2 * s), s**2 * (s - 1) * h
+    return blend[0] * x[i] + blend[1] * v[i] + blend[2] * x[i + 1] + blend[3] * v[i + 1]
+
+
+def test_orbits_are_those_of_the_equation_of_motion(small, data):
+    """Against an integration of Z'' = cos(pi t) + gbar from the impact on."""
+    for branch, record in zip(small.branches, data["branches"], strict=True):
+        for row in (0, len(branch) // 2, len(branch) - 1):
+            d, gbar = branch["d"][row], branch["gbar"][row]
+            times = [*branch.times[row], branch.times[row][0] + 2.0 * branch.period]
+            for k, wall in enumerate(branch.word):
+                x, v = states(record, k)[row].T
+                place = {"B": d / 2, "T": -d / 2}[wall]
+                start = [place, -0.3 * branch.velocities[row][k]]
+                done = solve_ivp(
+                    lambda t, y, gbar=gbar: [y[1], np.cos(np.pi * t) + gbar],
+                    (times[k], times[k + 1]), start, rtol=1e-10, atol=1e-12, dense_output=True,
+                )  # fmt: skip
+                for u in (0.0, 0.13, 0.5, 0.77, 1.0):
+                    length = times[k + 1] - times[k]
+                    there = done.sol(times[k] + u * length)[0]
+                    assert hermite(x, v, length, u) == pytest.approx(there, abs=5e-4 * d)
+
+
+def test_the_oscillators_orbits_close(kernel_cache):
+    """A system whose acceleration depends on the state: flights end where the next one begins."""
+    from contimpact import Oscillator, continue_orbit, find_orbits
+
+    model = Oscillator(a=1.0, omega=1.0, c=0.1, k=1.0, sigma=1.0, r=0.8)
+    branch = continue_orbit(find_orbits(model, "1", parameter="a")[0], "a", range=(0.5, 1.2))
+    record = page_data(Diagram("stop", [branch]), model, Shown("a"))["branches"][0]
+    x, v = states(record, 0)[:, -1].T
+    assert x == pytest.approx(np.ones(len(branch)), abs=1e-6)
+    assert v == pytest.approx(branch["v1"], abs=1e-5)
+
+
+def test_of_very_many_orbits_some_are_kept(small, small_scene, monkeypatch):
+    monkeypatch.setattr(tracks, "BUDGET", 1000)
+    data = page_data(small, small_scene.model, Shown("d"))
+    assert data["every"] > 1
+    for branch, record in zip(small.branches, data["branches"], strict=True):
+        rows = unpacked(record["tracks"]["rows"], 0).astype(int)
+        events = [e["row"] for e in data["entries"] if e["branch"] == branch.id]
+        assert {0, len(branch) - 1, *events} <= set(rows.tolist())
+        assert len(rows) < len(branch)
+        assert states(record, 0)[:, 0, 0] == pytest.approx(branch["d"][rows] / 2, rel=1e-6)
+
+
+def test_without_its_system_a_diagram_has_no_orbits_and_says_so(small):
+    data = page_data(small, None, Shown("d"))
+    assert all(record["tracks"] is None for record in data["branches"])
+    assert "impact-pair" in data["unknown"]
+
+
+def other_value(branch, place, value):
+    columns = {**branch.columns, "r": np.full(len(branch), value)}
+    events = [dataclasses.replace(e, id=f"{e.id}{place}") for e in branch.events]
+    return dataclasses.replace(branch, id=f"b{place}", columns=columns, events=events)
+
+
+def test_members_are_told_apart_by_what_no_branch_varies(small, small_scene):
+    first: Branch = small.branches[0]
+    branches = [first, other_value(first, 8, 0.2), other_value(first, 9, 0.3)]
+    data = page_data(Diagram("family", branches), small_scene.model, Shown("d"))
+    assert data["members"] == [
+        {"fixed": {"r": 0.2}, "branches": [1]},
+        {"fixed": {"r": 0.3}, "branches": [0, 2]},
+    ]
+    assert data["own"] == 1
+    assert "r" not in data["fixed"]
+    assert "d" not in data["fixed"]
+
+
+@pytest.fixture(scope="module")
+def swept(small_scene, tmp_path_factory):
+    model = small_scene.model
+    path = tmp_path_factory.mktemp("swept") / "sweep.csv"
+    values = np.linspace(0.45, 0.36, 6)
+    path.write_text(sweep_text(sweep(model, "s", values)), encoding="utf-8")
+    return path
+
+
+def test_attractors_are_read_and_have_orbits(small, small_scene, swept):
+    found = read_sweep(swept, small_scene.model)
+    assert {"1:1", "1:1/2T"} <= {one.notation for one in found}
+    assert sum(map(len, found)) == 6
+    data = page_data(small, small_scene.model, Shown("d"), found)
+    first = next(one for one in data["swept"] if one["notation"] == "1:1")
+    places = states(first, 0)[:, 0, 0]
+    assert places == pytest.approx(unpacked(first["columns"]["d"], first["rows"]) / 2, rel=1e-6)
+
+
+@pytest.mark.parametrize("change", [
+    lambda text: text.replace("contimpact.sweep/1", "contimpact.sweep/9"),
+    lambda text: text.replace(",B,", ",Q,"),
+    lambda text: text.replace("0.", "nan"),
+    lambda text: text[: len(text) // 3],
+])  # fmt: skip
+def test_a_damaged_table_of_attractors_is_refused(swept, small_scene, tmp_path, change):
+    damaged = tmp_path / "sweep.csv"
+    damaged.write_text(change(swept.read_text(encoding="utf-8")), encoding="utf-8")
+    with pytest.raises(InputError, match=r"sweep\.csv"):
+        read_sweep(damaged, small_scene.model)
