@@ -1,0 +1,391 @@
+"""The page in a browser: headless Chromium loads it, clicks, types, drags and downloads.
+
+Needs Chromium and its driver (Debian: chromium, chromium-driver) and the extra ``browser``; is
+skipped where one of them is missing.
+"""
+
+from __future__ import annotations
+
+import csv
+import dataclasses
+import json
+import shutil
+import time
+import tomllib
+import xml.etree.ElementTree as ElementTree
+
+import pytest
+from zoo import ROOT
+
+from contimpact.page.data import Shown
+from contimpact.page.document import page_text
+from contimpact.scenes.scene import read_scene
+from contimpact.studies.explore import follow
+
+webdriver = pytest.importorskip("selenium.webdriver", reason="pip install contimpact[browser]")
+CHROMIUM = next(filter(None, map(shutil.which, ("chromium", "chromium-browser"))), None)
+DRIVER = shutil.which("chromedriver")
+pytestmark = [
+    pytest.mark.browser,
+    pytest.mark.skipif(
+        not (CHROMIUM and DRIVER), reason="no browser: apt-get install chromium chromium-driver"
+    ),
+]
+
+FLAGS = """--headless --no-sandbox --disable-gpu --disable-quic --no-first-run --disable-sync
+--disable-background-networking --disable-component-update --disable-dev-shm-usage
+--force-device-scale-factor=1 --hide-scrollbars --window-size=1400,1000""".split()
+SCRIPT = "<script>alert(1)</script>"
+TRIED = {
+    "fig7": {},
+    "fig8": {"follow": {"max_branches": 3, "survey": False}},
+    "fig6b": {"curves": {"family": {"beta": ["pi/6"]}, "start": [0.7]}},
+    "stop": {},
+}
+"""Scenes of the paper, some of them shortened."""
+
+
+@pytest.fixture(scope="session")
+def driver(tmp_path_factory):
+    options = webdriver.ChromeOptions()
+    options.binary_location = CHROMIUM
+    folder = tmp_path_factory.mktemp("browser")
+    for flag in [*FLAGS, f"--user-data-dir={folder / 'profile'}"]:
+        options.add_argument(flag)
+    logs = {"browser": "ALL", "performance": "ALL"}
+    options.set_capability("goog:loggingPrefs", logs)
+    chrome = webdriver.Chrome(options=options, service=webdriver.ChromeService(DRIVER))
+    try:
+        yield chrome
+    finally:
+        chrome.quit()
+
+
+class Reader:
+    """Who looks at a page: finds, clicks, types, and notes what the browser complains of."""
+
+    def __init__(self, driver, path, downloads):
+        self.driver, self.path, self.downloads = driver, path, downloads
+        allowed = {"behavior": "allow", "downloadPath": str(downloads)}
+        driver.execute_cdp_cmd("Browser.setDownloadBehavior", allowed)
+
+    def open(self, fragment=""):
+        self.driver.get("about:blank")
+        self.driver.get_log("performance"), self.driver.get_log("browser")
+        self.driver.get(f"{self.path.as_uri()}#{fragment}")
+        assert self.run("return document.documentElement.dataset.ready") == "true"
+        return self
+
+    def run(self, script, *given):
+        return self.driver.execute_script(script, *given)
+
+    def all(self, selector):
+        return self.driver.find_elements("css selector", selector)
+
+    def one(self, selector):
+        return self.driver.find_element("css selector", selector)
+
+    def text(self, selector):
+        return self.run("return document.querySelector(arguments[0]).textContent", selector)
+
+    def click_at(self, selector):
+        """Click an element of a picture where it is drawn."""
+        self.run("document.querySelector(arguments[0]).scrollIntoView({block: 'center'})", selector)
+        mouse = webdriver.ActionChains(self.driver)
+        mouse.move_to_element(self.one(selector)).click().perform()
+
+    def keys(self, selector, *keys):
+        self.one(selector).send_keys(*keys)
+
+    def choose(self, selector, value):
+        self.run(
+            "const e = document.querySelector(arguments[0]); e.value = arguments[1];"
+            "e.dispatchEvent(new Event('input')); e.dispatchEvent(new Event('change'))",
+            selector, value,
+        )  # fmt: skip
+
+    def limits(self):
+        """First and last tick of the x axis."""
+        ticks = self.run(
+            "return [...document.querySelectorAll('#diagram g.below text')].map(t => t.textContent)"
+        )
+        return float(ticks[0].replace("\u2212", "-")), float(ticks[-1].replace("\u2212", "-"))
+
+    def fragment(self):
+        time.sleep(0.3)  # the address is written when nothing has changed for a while
+        return self.run("return location.hash")
+
+    def downloaded(self, name):
+        until = time.monotonic() + 10.0
+        while not (found := list(self.downloads.glob(f"*{name}"))):
+            assert time.monotonic() < until, f"no {name} in {list(self.downloads.iterdir())}"
+            time.sleep(0.02)
+        return found[0]
+
+    def table(self, name):
+        """The rows of a table that was downloaded."""
+        return list(csv.DictReader(self.downloaded(name).read_text(encoding="utf-8").splitlines()))
+
+    def complaints(self):
+        """Messages of the console, and requests that would have left the page."""
+        said = [entry["message"] for entry in self.driver.get_log("browser")]
+        for entry in self.driver.get_log("performance"):
+            message = json.loads(entry["message"])["message"]
+            if message["method"] == "Network.requestWillBeSent":
+                address = message["params"]["request"]["url"]
+                if not address.startswith((self.path.as_uri(), "data:", "blob:", "about:")):
+                    said.append(address)
+        return said
+
+
+@pytest.fixture
+def reader(driver, tmp_path):
+    """``reader(diagram, scene)``: a page in the browser; nothing may have been complained of."""
+    readers = []
+
+    def opened(diagram, scene, fragment=""):
+        plot, path = scene.plot, tmp_path / "diagram.html"
+        shown = Shown(plot.x, plot.xlim, plot.ylim, plot.unphysical, scene.source)
+        path.write_text(page_text(diagram, scene.model, shown), encoding="utf-8")
+        (tmp_path / "downloads").mkdir(exist_ok=True)
+        readers.append(Reader(driver, path, tmp_path / "downloads"))
+        return readers[-1].open(fragment)
+
+    yield opened
+    assert [said for one in readers for said in one.complaints()] == []
+
+
+@pytest.fixture(scope="session")
+def computed():
+    """``computed(name)``: a scene of the paper, followed once."""
+    known = {}
+
+    def compute(name):
+        if name not in known:
+            given = tomllib.loads((ROOT / "branches" / name / "scene.toml").read_text("utf-8"))
+            for table, changes in TRIED[name].items():
+                given[table] |= changes
+            scene = read_scene(given)
+            known[name] = follow(scene), scene
+        return known[name]
+
+    return compute
+
+
+@pytest.mark.parametrize("name", TRIED)
+def test_the_pages_of_the_paper_open(reader, computed, name):
+    diagram, scene = computed(name)
+    page = reader(diagram, scene)
+    assert page.text("h1") == name
+    page.choose("#scope", "all")
+    assert len(page.all("#table tbody tr")) == len(diagram.entries)
+    assert page.all("#diagram .branches path")
+    assert page.run("return document.documentElement.scrollWidth <= innerWidth")
+
+
+def test_a_ghost_is_clicked_and_shows_its_numbers(reader, small, small_scene):
+    page = reader(small, small_scene)
+    ghost = next(e for e in small.entries if e.label == "~G[1:1->2:1]")
+    page.click_at(f"#diagram [data-entry='{ghost.id}']")
+    assert ghost.label in page.text("#orbit-name")
+    assert ghost.why in page.text("#orbit-state")
+    numbers = page.text("#orbit-numbers").replace("\u2212", "-")
+    assert f"{ghost.value:.12g}"[:11] in numbers
+    for impact in ghost.impacts:
+        assert f"{impact['velocity']:.12g}"[:10] in numbers
+    row = page.one("#table tr[aria-current]")
+    assert row.get_attribute("data-entry") == ghost.id
+    assert page.all("#series .touch")
+    assert len(page.all("#circle .beyond")) == 1
+    assert f"at={ghost.id}" in page.fragment()
+
+
+def test_the_table_is_sorted_filtered_and_linked(reader, small, small_scene):
+    page = reader(small, small_scene)
+    page.choose("#filter", "~G b1")
+    wanted = [e.id for e in small.entries if "~G" in e.label and e.branch == "b1"]
+    rows = page.all("#table tbody tr")
+    assert [row.get_attribute("data-entry") for row in rows] == wanted
+    assert page.text("#count") == f"{len(wanted)} of {len(small.entries)}"
+    assert page.all("#diagram .event.faint")
+    rows[0].click()
+    assert wanted[0] in page.text("#orbit-name")
+    page.choose("#filter", "")
+    page.choose("#ghosts", "real")
+    assert len(page.all("#table tbody tr")) == sum(not e.ghost for e in small.entries)
+    page.choose("#ghosts", "all")
+    for order, turn in (("ascending", 1), ("descending", -1)):
+        page.one("#table th:nth-child(5) button").click()
+        head = page.one("#table th:nth-child(5)")
+        assert head.get_attribute("aria-sort") == order
+        ids = [row.get_attribute("data-entry") for row in page.all("#table tbody tr")]
+        values = [turn * small[one].value for one in ids]
+        assert values == sorted(values)
+
+
+def test_the_slider_moves_the_orbit_along_its_branch(reader, small, small_scene):
+    page = reader(small, small_scene, "at=b1:5")
+    branch, before = (
+        small["b1"],
+        page.run("return document.querySelector('#phase .path').outerHTML"),
+    )
+    page.choose("#slider", "9")
+    assert f"{branch['s'][9]:.10g}"[:9] in page.text("#orbit-state")
+    assert page.run("return document.querySelector('#phase .path').outerHTML") != before
+    assert "at=b1%3A9" in page.fragment()
+
+
+def test_the_orbit_plays(reader, small, small_scene):
+    page = reader(small, small_scene, "at=b1:5")
+    where = "return document.querySelector('#series .ball').getAttribute('cy')"
+    before = page.run(where)
+    page.one("#play").click()
+    time.sleep(0.25)
+    assert page.run(where) != before
+    page.one("#play").click()
+    assert page.one("#play").get_attribute("aria-pressed") == "false"
+
+
+def test_the_keyboard_reaches_everything(reader, small, small_scene):
+    page, keys = reader(small, small_scene, "at=b1:5"), webdriver.Keys
+    page.keys("#diagram", keys.ARROW_RIGHT)
+    assert "at=b1%3A6" in page.fragment()
+    page.keys("#diagram", "n")
+    first = page.one("#table tr[aria-current]").get_attribute("data-entry")
+    page.keys("#diagram", "n")
+    assert page.one("#table tr[aria-current]").get_attribute("data-entry") != first
+    low, high = page.limits()
+    page.keys("#diagram", "+")
+    assert page.limits()[1] - page.limits()[0] < high - low
+    page.keys("#diagram", "0")
+    assert page.limits() == (low, high)
+    page.keys("#diagram", keys.ESCAPE)
+    assert "at=" not in page.fragment()
+
+
+def test_the_wheel_zooms_about_the_pointer(reader, small, small_scene):
+    page = reader(small, small_scene)
+    low, high = page.limits()
+    page.run("arguments[0].scrollIntoView({block: 'center'})", page.one("#diagram"))
+    origin = webdriver.common.actions.wheel_input.ScrollOrigin.from_element(page.one("#diagram"))
+    webdriver.ActionChains(page.driver).scroll_from_origin(origin, 0, -400).perform()
+    assert page.limits()[1] - page.limits()[0] < 0.8 * (high - low)
+    assert "xlim=" in page.fragment()
+
+
+def test_a_fragment_is_restored(reader, small, small_scene):
+    cited = "xlim=0.2%2C0.22&ylim=-0.1%2C0.1&hide=wall+T&at=b2%3A3&filter=PD&sort=-s"
+    page = reader(small, small_scene, cited)
+    low, high = page.limits()
+    assert 0.2 <= low < high <= 0.22
+    assert not page.all("#diagram .branch.wall1")
+    assert page.one("#filter").get_attribute("value") == "PD"
+    assert page.text("#orbit-name").startswith("b2")
+    restored = page.fragment()
+    page.open(restored[1:])
+    assert page.fragment() == restored
+
+
+@pytest.mark.parametrize("fragment", [
+    "xlim=2,1&at=b99:1&member=7&view=plane&x=toString", "at=__proto__&sort=constructor",
+    f"filter={SCRIPT}&at=b1:-1&xlim=nan,nan", "%E0%A4%A&hide=%00",
+])  # fmt: skip
+def test_a_fragment_that_means_nothing_does_no_harm(reader, small, small_scene, fragment):
+    page = reader(small, small_scene, fragment)
+    assert page.text("#orbit-name") == "Orbit"
+    assert page.all("#diagram .branches path")
+
+
+def test_what_is_shown_is_downloaded(reader, small, small_scene):
+    page = reader(small, small_scene, "unphysical=none&hide=unstable")
+    page.one("#save-svg").click()
+    picture = ElementTree.parse(page.downloaded("diagram.svg")).getroot()
+    assert {"fill", "stroke"} <= set(picture.find(".//{*}path").attrib)
+    assert not [e for e in picture.iter() if "class" in e.attrib or e.tag.endswith("script")]
+    page.one("#save-png").click()
+    assert page.downloaded("diagram.png").read_bytes().startswith(b"\x89PNG")
+    page.one("#save-csv").click()
+    rows = page.table("points.csv")
+    assert {row["status"] for row in rows} == {"stable"}
+    branch = small[rows[0]["branch"]]
+    assert float(rows[0]["s"]) == branch["s"][int(rows[0]["row"])]
+    assert float(rows[0]["value"]) == branch[rows[0]["line"]][int(rows[0]["row"])]
+    page.one("#save-events").click()
+    events = page.table("events.csv")
+    assert [row["id"] for row in events] == [entry.id for entry in small.entries]
+    assert [float(row["s"]) for row in events] == [entry.value for entry in small.entries]
+
+
+def test_a_click_on_curves_opens_the_diagram_there(reader, computed):
+    diagram, scene = computed("fig6b")
+    page = reader(diagram, scene, "view=plane")
+    values = sorted({branch["r"][0] for branch in diagram.branches})
+    assert len(values) > 1
+    assert page.all("#plane .curve")
+    marks = page.all("#plane .computed")
+    assert len(marks) == len(values)
+    page.click_at("#plane .computed:last-child")
+    assert "view" not in page.fragment()
+    assert f"r = {values[-1]:g}" in page.run(
+        "return document.querySelector('#member').selectedOptions[0].textContent"
+    )
+
+
+def hostile(small, text):
+    """A diagram in which every text is somebody's attempt."""
+    entries = [
+        dataclasses.replace(e, label=text, why=text, reason=text, notation=text)
+        for e in small.branches[0].events
+    ]
+    reasons = small.branches[0]["reason"].copy()
+    reasons[reasons != ""] = text
+    columns = {**small.branches[0].columns, "reason": reasons}
+    branch = dataclasses.replace(
+        small.branches[0], events=entries, notation=text, missed=[text], notes=[text],
+        columns=columns,
+    )  # fmt: skip
+    return dataclasses.replace(small, name=text, branches=[branch])
+
+
+@pytest.mark.parametrize("text", [
+    SCRIPT, "</script><script>document.title='taken'</script>", "<img src=x onerror=alert(1)>",
+    "\"'><svg onload=alert(1)>", "{{script}}", "=1+cmd|' /C calc'!A0",
+])  # fmt: skip
+def test_texts_are_shown_and_nothing_else(reader, small, small_scene, text):
+    page = reader(hostile(small, text), small_scene, "at=e1")
+    assert page.text("h1") == text
+    assert page.run("return document.title") == f"{text} - contimpact"
+    assert text in page.text("#warnings")
+    assert text in page.text("#orbit-name")
+    assert text in page.text("#table tbody")
+    assert len(page.all("script")) == 3
+    assert not page.all("img, #table svg, h1 *")
+    page.one("#save-events").click()
+    events = page.table("events.csv")
+    assert events[0]["label"] == (f"'{text}" if text.startswith("=") else text)
+
+
+def test_it_is_for_everybody(reader, small, small_scene):
+    """Names for screen readers, dark and print styles, small screens."""
+    page = reader(small, small_scene, "at=e1")
+    unnamed = page.run(
+        "return [...document.querySelectorAll('button, select, input, svg[role]')].filter("
+        "e => !(e.textContent.trim() || e.getAttribute('aria-label') || e.labels?.length))"
+        ".map(e => e.outerHTML)"
+    )
+    assert unnamed == []
+    paper = "return getComputedStyle(document.body).backgroundColor"
+    emulate = page.driver.execute_cdp_cmd
+    light = page.run(paper)
+    scheme = {"name": "prefers-color-scheme", "value": "dark"}
+    emulate("Emulation.setEmulatedMedia", {"features": [scheme]})
+    assert page.run(paper) != light
+    emulate("Emulation.setEmulatedMedia", {"media": "print", "features": [scheme]})
+    assert page.run(paper) == light
+    assert not page.one("#save-svg").is_displayed()
+    emulate("Emulation.setEmulatedMedia", {"media": "", "features": []})
+    small_screen = {"width": 360, "height": 740, "deviceScaleFactor": 1, "mobile": True}
+    emulate("Emulation.setDeviceMetricsOverride", small_screen)
+    page.open("at=e1")
+    assert page.run("return document.documentElement.scrollWidth") <= 360
+    emulate("Emulation.clearDeviceMetricsOverride", {})
