@@ -38,7 +38,10 @@ TABLES = ("branches", "curves")
 """Folders of tables in a folder of results."""
 
 WRITTEN = {
-    "run": (r"catalogue\.json|events\.csv", r"(diagram|curves|codim2)\.(svg|png|pdf)|diagram\.html"),
+    "run": (
+        r"catalogue\.json|events\.csv",
+        r"(diagram|curves|codim2)\.(svg|png|pdf)|diagram\.html",
+    ),
     "simulate": (
         r"(sweep|energy)\.csv|(transitions|coverage)\.json",
         r"(attractors|exponents|energy|portrait\d+|basins\d+)\.(svg|png|pdf)",
