@@ -42,6 +42,8 @@ _PLACES = {
     "Diagram": "records.diagram",
     "Entry": "records.entry",
     "Simulator": "simulation.simulator",
+    "Membrane": "systems.membrane",
+    "energy": "attractors.energy",
     "settle": "attractors.verdict",
     "sweep": "attractors.sweep",
     "find_transitions": "attractors.transitions",

@@ -1,60 +1,54 @@
-"""The output voltage of the energy harvester, impact by impact and on average.
-
-The voltage of one impact is `contimpact.systems.membrane`'s affair. Means are equations (9) of the
-paper on vibro-impact pairs.
-"""
+"""The output voltage of the energy harvester: of orbits, along branches, and on attractors."""
 
 from __future__ import annotations
-
-from collections.abc import Mapping
-from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
 from ..arrays import Array
+from ..errors import InputError, shown
+from ..orbits.search import Orbit
 from ..records.branch import Branch
-from ..systems.membrane import Membrane, velocity_scale
+from ..records.energies import Energy, along, of_impacts
+from ..records.entry import Entry
+from ..systems.membrane import Membrane
 from .attractor import Attractor, Kind
 
-
-@dataclass(frozen=True, eq=False)
-class Energy:
-    """Output voltages of a motion.
-
-    Attributes
-    ----------
-    impacts : ndarray of shape (N,)
-        U_k, V.
-    per_impact, per_time : float
-        The means of equations (9), V, the second per unit of dimensionless time. Where impacts
-        accumulate there are infinitely many of them, and the mean per impact is zero.
-    """
-
-    impacts: Array
-    per_impact: float
-    per_time: float
+__all__ = ["Energy", "Membrane", "along", "energy", "of_attractor", "of_impacts"]
 
 
-def of_impacts(
-    membrane: Membrane, parameters: Mapping[str, float], velocities: Any, span: float
-) -> Energy:
-    """Return the voltages of the impacts made in a time `span`.
+def energy(
+    of: Orbit | Entry | Attractor | Branch, membrane: Membrane | None = None
+) -> Energy | dict[str, Array]:
+    """Return the output voltages of an orbit, of an attractor, or along a branch.
 
     Parameters
     ----------
-    membrane : Membrane
-    parameters : mapping of str to float
-        Of a system with membranes.
-    velocities : array_like of shape (N,)
-        Dimensionless, before impact.
-    span : float
-        Dimensionless time in which they happen.
+    of : Orbit, Entry, Attractor or Branch
+        Of the impact pair.
+    membrane : Membrane, optional
+        Membranes and ball; those of the paper by default.
+
+    Returns
+    -------
+    Energy or dict of str to ndarray
+        Of a branch the columns ``U1``, ``U2``, ... of each impact, ``U_I`` per impact and ``U_T``
+        per time, in V, with a value for each point.
+
+    Raises
+    ------
+    InputError
+        For anything else, or a system without membranes.
     """
-    voltages = membrane.voltage(velocity_scale(parameters) * np.asarray(velocities))
-    total = float(np.sum(voltages))
-    mean = total / len(voltages) if len(voltages) else 0.0
-    return Energy(voltages, mean, total / span)
+    membrane = membrane or Membrane()
+    if isinstance(of, Branch):
+        return along(membrane, of)
+    if isinstance(of, Attractor):
+        return of_attractor(membrane, of)
+    orbit = of.orbit() if isinstance(of, Entry) else of
+    if not isinstance(orbit, Orbit):
+        accepted = "give an orbit, an entry, an attractor or a branch"
+        raise InputError("of", f"found {shown(of)}", accepted)
+    return of_impacts(membrane, orbit.parameters, orbit.velocities, orbit.linearisation.span)
 
 
 def of_attractor(membrane: Membrane, attractor: Attractor) -> Energy:
@@ -71,21 +65,3 @@ def of_attractor(membrane: Membrane, attractor: Attractor) -> Energy:
     if attractor.kind is Kind.STICKING:
         return Energy(found.impacts, 0.0, found.per_time)
     return found
-
-
-def along(membrane: Membrane, branch: Branch, forcing_period: float = 2.0) -> dict[str, Array]:
-    """Return the voltages along a branch, unphysical orbits included.
-
-    Returns
-    -------
-    dict of str to ndarray
-        ``U1``, ``U2``, ... of each impact, ``U_I`` per impact, ``U_T`` per time; one value for
-        each point.
-    """
-    scale = np.asarray(velocity_scale(branch.columns))
-    voltages = membrane.voltage(scale[:, None] * branch.velocities)
-    columns = {f"U{k + 1}": voltages[:, k] for k in range(voltages.shape[1])}
-    total = voltages.sum(axis=1)
-    columns["U_I"] = total / voltages.shape[1]
-    columns["U_T"] = total / (branch.period * forcing_period)
-    return columns

@@ -112,6 +112,7 @@ def _parser() -> argparse.ArgumentParser:
     )
     plot.add_argument("--html", action="store_true", help="write the page: DIR/diagram.html")
     plot.add_argument("-x", metavar="NAME", help="parameter on the x axis")
+    plot.add_argument("-y", metavar="NAME", help="quantity on the y axis")
     plot.add_argument("--xlim", nargs=2, type=float, metavar=("LOW", "HIGH"))
     plot.add_argument("--ylim", nargs=2, type=float, metavar=("LOW", "HIGH"))
     plot.set_defaults(module="plot")

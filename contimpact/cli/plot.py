@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 import dataclasses
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from ..errors import InputError, shown
 from ..models.model import Model
@@ -15,6 +15,9 @@ from ..records.recovery import model_at
 from ..records.result_folder import MANIFEST, kept_still, read_json
 from ..scenes.scene import FORMATS, PlotOptions, Scene, read_scene
 from .terminal import say
+
+if TYPE_CHECKING:
+    from ..systems.membrane import Membrane
 
 
 def command(options: argparse.Namespace) -> int:
@@ -39,7 +42,7 @@ def command(options: argparse.Namespace) -> int:
 def _draw(folder: Path, target: Path, kind: str, options: argparse.Namespace) -> None:
     """Draw the diagram in a folder to a file."""
     diagram = load_diagram(folder)
-    plot, model = _shown_as(folder, diagram)
+    plot, model, membrane = _shown_as(folder, diagram)
     chosen = _chosen(plot, diagram, options)
     if kind not in FORMATS:
         accepted = f"accepted are {', '.join(FORMATS)}, html"
@@ -47,7 +50,8 @@ def _draw(folder: Path, target: Path, kind: str, options: argparse.Namespace) ->
     from ..plots.diagram import plot_diagram, write_figure
 
     unit = model.unit(chosen["x"]) if model else ""
-    ax = plot_diagram(diagram, unit=unit, labels=plot.labels, **chosen)
+    y = options.y or plot.y
+    ax = plot_diagram(diagram, y=y, unit=unit, membrane=membrane, labels=plot.labels, **chosen)
     write_figure(ax.figure, target, kind, diagram.name)
 
 
@@ -67,7 +71,7 @@ def draw_page(folder: Path, target: Path, options: argparse.Namespace | None = N
         diagram = Diagram(_scene_of(folder).name, [])
     else:
         diagram = load_diagram(folder)
-    plot, model = _shown_as(folder, diagram)
+    plot, model, _ = _shown_as(folder, diagram)
     chosen = _chosen(plot, diagram, options) if options else {}
     shown = Shown(plot.x, plot.xlim, plot.ylim, plot.unphysical)
     if given:
@@ -87,13 +91,15 @@ def _chosen(plot: PlotOptions, diagram: Diagram, options: argparse.Namespace) ->
     return {
         "x": x,
         "xlim": options.xlim or (plot.xlim if not options.x else None),
-        "ylim": options.ylim or plot.ylim,
+        "ylim": options.ylim or (plot.ylim if not options.y else None),
         "unphysical": plot.unphysical,
     }
 
 
-def _shown_as(folder: Path, diagram: Diagram) -> tuple[PlotOptions, Model | None]:
-    """How a diagram is drawn, and the system.
+def _shown_as(
+    folder: Path, diagram: Diagram
+) -> tuple[PlotOptions, Model | None, Membrane | None]:
+    """How a diagram is drawn, the system, and the membranes that were named.
 
     They are those of the scene, or, in a folder that was written from Python, those that the
     branches name; None for a system of one's own.
@@ -101,12 +107,12 @@ def _shown_as(folder: Path, diagram: Diagram) -> tuple[PlotOptions, Model | None
     if (folder / "manifest.json").exists() or not diagram.branches:
         scene = _scene_of(folder)
         _require_walls(diagram, scene)
-        return scene.plot, scene.model
+        return scene.plot, scene.model, scene.energy
     branch = diagram.branches[0]
     try:
-        return PlotOptions(branch.parameter), model_at(branch, 0)
+        return PlotOptions(branch.parameter), model_at(branch, 0), None
     except InputError:  # a system of one's own is not known here
-        return PlotOptions(branch.parameter), None
+        return PlotOptions(branch.parameter), None, None
 
 
 def _require_walls(diagram: Diagram, scene: Scene) -> None:

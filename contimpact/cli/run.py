@@ -203,7 +203,8 @@ def _save_plots(scene: Scene, diagram: Diagram, files: Files) -> None:
     look: dict[str, Any] = dataclasses.asdict(plot)
     formats, unit = look.pop("formats"), scene.model.unit(plot.x)
     del look["html"]
-    files.add(lambda: save_diagram(own, files.folder, formats, unit=unit, **look))
+    look |= {"unit": unit, "membrane": scene.energy}
+    files.add(lambda: save_diagram(own, files.folder, formats, **look))
 
 
 def _own_member(scene: Scene, diagram: Diagram) -> Diagram:

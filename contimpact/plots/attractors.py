@@ -18,10 +18,12 @@ import numpy as np
 
 from ..attractors.attractor import Kind
 from ..attractors.basins import Basins
-from ..attractors.energy import Membrane, along, of_attractor
+from ..attractors.energy import of_attractor
 from ..attractors.sweep import Row, Simulators, Sweep, same
 from ..records.diagram import Diagram
+from ..records.energies import along
 from ..storage.files import Content, write_all
+from ..systems.membrane import Membrane
 from . import diagram as style
 from .lines import STYLES, WIDTHS, runs
 from .portraits import SHOWN, others_at, portrait_figure

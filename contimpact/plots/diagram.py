@@ -1,8 +1,8 @@
-"""Bifurcation diagrams in the manner of the paper's Figs. 7(a) and 8(a).
+"""Bifurcation diagrams in the manner of the paper's Figs. 7(a), 8(a) and 9.
 
-Velocities before impact against a parameter: stable solid, unstable dashed, unphysical dotted; a
-colour for each wall, and its name at the right end of its curves; events by marker and label,
-ghosts hollow. Global settings of matplotlib are not touched.
+Velocities before impact, or another quantity, against a parameter: stable solid, unstable dashed,
+unphysical dotted; a colour for each wall, and its name at the right end of its curves; events by
+marker and label, ghosts hollow. Global settings of matplotlib are not touched.
 """
 
 from __future__ import annotations
@@ -24,9 +24,12 @@ from ..bifurcations.registry import kind_of
 from ..errors import InputError, shown
 from ..records.diagram import Diagram
 from ..records.entry import Entry
+from ..records.quantities import Quantity, numbers_of
 from ..storage.files import Content, write, write_all
+from ..systems.membrane import Membrane
 from .labels import CHOICES, chosen, draw_labels, text_width
-from .lines import STYLES, WIDTHS, Piece, pieces_of
+from .lines import STYLES, WIDTHS, Piece, pieces_of, series_by_branch
+from .ordinate import draw_guides, limits_of, marks_of, ordinate_label
 from .texts import axis_label, fixed_values, plain, units_of, values_text
 
 COLOURS = ("#0072B2", "#E69F00", "#009E73", "#CC79A7")
@@ -48,11 +51,13 @@ def plot_diagram(
     ax: Any = None,
     *,
     x: str | None = None,
+    y: Quantity = "velocity",
     xlim: tuple[float, float] | None = None,
     ylim: tuple[float, float] | None = None,
     unphysical: str = "period-1",
     labels: bool | str = True,
     unit: str = "",
+    membrane: Membrane | None = None,
 ) -> Any:
     """Draw a diagram.
 
@@ -63,6 +68,10 @@ def plot_diagram(
         Where to draw; a new figure otherwise.
     x : str, optional
         The column on the x axis; the followed parameter by default.
+    y : str or callable
+        The quantity on the y axis: ``velocity``, ``multipliers`` (their real parts), ``moduli``,
+        ``energy`` (the output voltage of each impact), ``U_I``, ``U_T``, ``gap``, ``period``, a
+        numeric column, or a function of a branch that returns an array with a row for each point.
     xlim, ylim : (low, high), optional
     unphysical : {"period-1", "all", "none"}
         On which branches unphysical orbits and their events are drawn: those of period T, all,
@@ -73,6 +82,8 @@ def plot_diagram(
         ghosts and of long orbits first, and the legend counts them.
     unit : str
         Unit of x, for the axis label.
+    membrane : Membrane, optional
+        Of the voltages; with the paper's values by default.
 
     Returns
     -------
@@ -81,36 +92,37 @@ def plot_diagram(
     Raises
     ------
     InputError
-        For a column that the branches do not have or that holds texts, limits that are not finite
-        and increasing, or another value of `unphysical` or `labels`.
+        For a quantity or a column that the branches do not have or that holds texts, limits that
+        are not finite and increasing, or another value of `unphysical` or `labels`.
     """
     labelled = labels if isinstance(labels, str) else "all" if labels else "none"
     column = _checked(diagram, x, {"xlim": xlim, "ylim": ylim}, unphysical, labelled)
     if ax is None:
         ax = fixed_axes()
         write_heading(ax.figure, heading(diagram))
-    walls = list(dict.fromkeys(wall for branch in diagram.branches for wall in sorted(branch.word)))
-    colours = dict(zip(walls, itertools.cycle(COLOURS), strict=False))
-    pieces = pieces_of(diagram, column, xlim, SHOWN[unphysical])
+    series = series_by_branch(diagram, y, membrane)
+    names = list(dict.fromkeys(n for own in series for n in sorted(one.name for one in own)))
+    colours = dict(zip(names, itertools.cycle(COLOURS), strict=False))
+    pieces = pieces_of(diagram, series, column, xlim, SHOWN[unphysical])
     for wall, style, places, speeds in pieces:
         ax.plot(
             places, speeds, linestyle=STYLES[style], color=colours[wall], linewidth=WIDTHS[style]
         )
-    ax.axhline(0.0, color="0.75", linewidth=0.6, zorder=0)
+    draw_guides(ax, y)
     if xlim:
         ax.set_xlim(*xlim)
     else:
         ax.autoscale(axis="x")
-    ax.set_ylim(*(ylim or _velocity_limits(pieces, ax.get_xlim())))
+    ax.set_ylim(*(ylim or limits_of(pieces, ax.get_xlim(), y)))
     low, high = ax.get_xlim()
     entries = [e for e in diagram.entries if e.physical or e.period <= SHOWN[unphysical]]
     drawn = [e for e in entries if low <= e.parameters.get(column, np.nan) <= high]
     for entry in sorted(drawn, key=lambda e: not e.ghost):  # real ones on top
-        _draw_event(ax, entry, column, colours)
-    _name_walls(ax, pieces, colours)
+        _draw_event(ax, entry, column, colours, marks_of(diagram, series, entry, y))
+    _name_curves(ax, pieces, colours)
     left_out = draw_labels(ax, chosen(drawn, labelled), column)
     ax.set_xlabel(axis_label(column, unit))
-    ax.set_ylabel(_velocity_label(diagram, walls))
+    ax.set_ylabel(ordinate_label(diagram, y, names))
     styles = [style for _, style, *_ in pieces]
     draw_legend(ax, legend_handles(colours, styles, drawn, left_out))
     return ax
@@ -132,7 +144,7 @@ def _checked(
         return x or ""
     column = x or diagram.branches[0].parameter
     for branch in diagram.branches:
-        numbers = [name for name, v in branch.columns.items() if v.dtype.kind in "fi"]
+        numbers = numbers_of(branch)
         if column not in numbers:
             accepted = f"accepted are {', '.join(numbers)}"
             raise InputError("x", f"branch {branch.id} has no numbers {shown(column)}", accepted)
@@ -224,36 +236,14 @@ def legend_mark(**style: Any) -> Any:
     return Line2D([], [], **style)
 
 
-def _velocity_limits(pieces: Sequence[Piece], seen: tuple[float, float]) -> tuple[float, float]:
-    """Limits that hold zero and every velocity drawn in the x range, with a margin."""
-    low, high = seen
-    inside = [v[(low <= places) & (places <= high)] for _, _, places, v in pieces]
-    values = np.concatenate([[0.0], *inside])
-    margin = 0.06 * (values.max() - values.min() or 1.0)
-    return float(values.min() - margin), float(values.max() + margin)
-
-
-def _velocity_label(diagram: Diagram, walls: Sequence[str]) -> str:
-    """The label of the y axis: which sign the velocity has at which wall."""
-    signs = []
-    for wall in walls:
-        speeds = [
-            b[f"v{k + 1}"][b.physical]
-            for b in diagram.branches
-            for k, name in enumerate(b.word)
-            if name == wall
-        ]
-        total = float(np.sum(np.concatenate(speeds)))
-        if total:
-            signs.append(f"{'positive' if total > 0 else 'negative'} at {wall}")
-    return "impact velocity (before impact)" + (f"\n{', '.join(signs)}" if signs else "")
-
-
-def _name_walls(ax: Any, pieces: Sequence[Piece], colours: dict[str, str]) -> None:
-    """Write each wall's name to the right of the curves that belong to it."""
+def _name_curves(ax: Any, pieces: Sequence[Piece], colours: dict[str, str]) -> None:
+    """Write each wall's name to the right of the curves that belong to it; longer names stand in
+    the legend alone."""
     apart = 0.06 * float(np.ptp(ax.get_ylim()))
     taken: list[float] = []
     for wall, colour in colours.items():
+        if len(wall) > 1:
+            continue
         own = [p for p in pieces if p[0] == wall]
         physical = [p for p in own if p[1] != "unphysical"]
         spots = _rightmost(ax, physical) or _rightmost(ax, own)
@@ -282,16 +272,14 @@ def _rightmost(ax: Any, pieces: Sequence[Piece]) -> list[tuple[float, float]]:
     return sorted(seen, key=lambda spot: (spot[0], abs(spot[1])))[-1:]
 
 
-def _draw_event(ax: Any, entry: Entry, x: str, colours: dict[str, str]) -> None:
-    marks = [(impact["wall"], impact["velocity"]) for impact in entry.impacts]
-    kind = kind_of(entry.kind)
-    if "touch_time" in kind.needed:
-        marks.append((entry.wall, 0.0))
-    for wall, speed in marks:
-        colour, marker = colours.get(wall, "k"), kind.look.marker
+def _draw_event(
+    ax: Any, entry: Entry, x: str, colours: dict[str, str], marks: Sequence[tuple[str | None, Any]]
+) -> None:
+    for name, value in marks:
+        colour, marker = colours.get(name or "", "k"), kind_of(entry.kind).look.marker
         look = {"color": colour, "markerfacecolor": "white" if entry.ghost else colour}
         mark: dict[str, Any] = {"linestyle": "none", "marker": marker, "markersize": 5.0}
-        ax.plot(entry.parameters[x], speed, zorder=5, **mark, **look)
+        ax.plot(entry.parameters[x], value, zorder=5, **mark, **look)
 
 
 def legend_handles(
@@ -302,14 +290,17 @@ def legend_handles(
     Parameters
     ----------
     colours : dict of str to str
-        By wall.
+        By wall, or by the name of another series.
     styles : sequence of str
         Of `STYLES`, those in use.
     entries : sequence of Entry
     left_out : int
         Labels that found no room.
     """
-    handles = [legend_mark(color=colour, label=f"wall {w}") for w, colour in colours.items()]
+    handles = [
+        legend_mark(color=colour, label=f"wall {name}" if len(name) == 1 else plain(name))
+        for name, colour in colours.items()
+    ]
     handles += style_marks(styles)
     mark: dict[str, Any] = {"color": "0.3", "linestyle": "none", "markersize": 5}
     for kind in dict.fromkeys(e.kind for e in entries):

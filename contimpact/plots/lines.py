@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -9,6 +10,8 @@ import numpy as np
 from ..arrays import Array
 from ..records.branch import Branch
 from ..records.diagram import Diagram
+from ..records.quantities import Quantity, Series, series_of
+from ..systems.membrane import Membrane
 
 STYLES: dict[str, Any] = {"stable": "-", "unstable": (0, (5, 2)), "unphysical": (0, (1, 1.6))}
 WIDTHS = {"stable": 1.6, "unstable": 1.1, "unphysical": 0.9}
@@ -16,24 +19,37 @@ WIDTHS = {"stable": 1.6, "unstable": 1.1, "unphysical": 0.9}
 FLAT = 3e-4
 """How far a drawn chord may be from a smooth curve, by the size of the picture."""
 
+FAR = 3.0
+"""Multipliers of opposite signs that are larger have infinity between them, not zero."""
+
 Piece = tuple[str, str, Array, Array]
-"""A run of equal status of one impact: wall, style, values on the x axis, velocities."""
+"""A run of equal status of one series: its name, style, values on the x axis, values on the y axis;
+of velocities a series is an impact, and its name a wall's."""
+
+
+def series_by_branch(
+    diagram: Diagram, y: Quantity, membrane: Membrane | None = None
+) -> list[list[Series]]:
+    """Return the series of a quantity along each branch."""
+    return [series_of(branch, y, membrane) for branch in diagram.branches]
 
 
 def pieces_of(
-    diagram: Diagram, x: str, xlim: tuple[float, float] | None, longest: int
-) -> list[Piece]:
+    diagram: Diagram, series: Sequence[Sequence[Series]], x: str,
+    xlim: tuple[float, float] | None, longest: int,
+) -> list[Piece]:  # fmt: skip
     """Return all that is drawn of branches; of unphysical orbits those up to the longest period."""
     pieces = []
-    for branch in diagram.branches:
+    for branch, own in zip(diagram.branches, series, strict=True):
         low, high = xlim or (np.nanmin(branch[x]), np.nanmax(branch[x]))
         span = float(high - low) or 1.0
         parts = [r for r in runs(branch) if r[2] != "unphysical" or branch.period <= longest]
-        for k, wall in enumerate(branch.word):
-            places, speeds, rows = _smooth(branch, x, branch[f"v{k + 1}"], span)
+        for one in own:
+            places, values, rows = _smooth(branch, x, one, span)
             for first, last, style in parts:
                 piece = slice(rows[first], rows[last] + 1)
-                pieces.append((wall, style, places[piece], speeds[piece]))
+                drawn = places[piece], values[piece]
+                pieces.append((one.name, style, *(_broken(*drawn) if one.poles else drawn)))
     return pieces
 
 
@@ -56,18 +72,27 @@ def runs(branch: Branch) -> list[tuple[int, int, str]]:
     ]
 
 
-def _smooth(branch: Branch, x: str, speed: Array, span: float) -> tuple[Array, Array, Array]:
+def _broken(places: Array, values: Array) -> tuple[Array, Array]:
+    """A line, broken where it passes infinity from one sign to the other."""
+    far = np.minimum(abs(values[:-1]), abs(values[1:])) > FAR
+    poles = np.nonzero(far & (np.sign(values[:-1]) != np.sign(values[1:])))[0] + 1
+    return np.insert(places, poles, np.nan), np.insert(values, poles, np.nan)
+
+
+def _smooth(branch: Branch, x: str, series: Series, span: float) -> tuple[Array, Array, Array]:
     """A branch's points, and points of a cubic in arclength where chords would be seen.
 
-    Returns values on the x axis, velocities, and where the branch's own rows stand among them.
+    Returns values on the x axis, those on the y axis, and where the branch's own rows stand among
+    them.
     """
-    own = np.column_stack([branch[x], speed])
+    values = series.values
+    own = np.column_stack([branch[x], values])
     length = branch["arclength"]
     names = list(branch.columns)
-    if len(own) < 3 or names.index(x) > names.index("t1"):
+    if len(own) < 3 or names.index(x) > names.index("t1") or not series.smooth:
         return own[:, 0], own[:, 1], np.arange(len(own))
     steps, slopes = np.diff(length), _slopes(length, own)
-    size = np.array([span, float(np.ptp(speed)) or 1.0])
+    size = np.array([span, float(np.ptp(values)) or 1.0])
     bend = np.max(steps[:, None] * np.abs(np.diff(slopes, axis=0)) / (8.0 * size), axis=1)
     parts = np.clip(np.ceil(np.sqrt(np.nan_to_num(bend) / FLAT)), 1, 24).astype(int)
     rows = np.concatenate([[0], np.cumsum(parts)])

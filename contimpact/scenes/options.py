@@ -11,6 +11,8 @@ CURVE_SETTINGS = Settings(tolerance=1e-13, max_step=0.05, max_points=1000)
 FORMATS = ("svg", "png", "pdf")
 SHOWN = ("period-1", "all", "none")
 LABELS = ("all", "period-1", "real", "none")
+QUANTITIES = ("velocity", "multipliers", "moduli", "energy", "U_I", "U_T", "gap", "period")
+VOLTAGES = ("energy", "U_I", "U_T")
 SCENE_SETTINGS = Settings(max_step=0.03)
 """Numerics of a scene that says nothing else; steps short enough for a smooth picture."""
 
@@ -28,7 +30,8 @@ MOST_BRANCHES = 100_000
 class PlotOptions:
     """How the diagram is drawn: the parameter on the x axis, limits, on which branches unphysical
     orbits are shown (``period-1``, ``all``, ``none``), formats to write, which events are labelled
-    (``all``, ``period-1``, ``real``, ``none``), and whether the page is written."""
+    (``all``, ``period-1``, ``real``, ``none``), whether the page is written, and the quantity on
+    the y axis."""
 
     x: str
     xlim: tuple[float, float] | None = None
@@ -37,6 +40,7 @@ class PlotOptions:
     formats: tuple[str, ...] = ("svg", "png")
     labels: str = "all"
     html: bool = False
+    y: str = "velocity"
 
 
 @dataclass(frozen=True)

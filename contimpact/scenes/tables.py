@@ -25,8 +25,10 @@ from .options import (
     MOST_POINTS,
     MOST_STARTS,
     MOST_TRIES,
+    QUANTITIES,
     SCENE_SETTINGS,
     SHOWN,
+    VOLTAGES,
     CurveOptions,
     PlotOptions,
 )
@@ -232,12 +234,19 @@ def read_plot(table: Table, model: Model, parameter: str) -> PlotOptions:
         raise InputError("plot.x", f"{x!r} does not vary along the branches", accepted)
     limits = {key: table.optional_pair(key) for key in ("xlim", "ylim")}
     chosen = {}
-    for key, known, default in (("unphysical", SHOWN, "period-1"), ("labels", LABELS, "all")):
+    for key, known, default in (
+        ("unphysical", SHOWN, "period-1"),
+        ("labels", LABELS, "all"),
+        ("y", QUANTITIES, "velocity"),
+    ):
         chosen[key] = table.text(key, default)
         if chosen[key] not in known:
             raise InputError(
                 f"plot.{key}", f"found {chosen[key]!r}", f"accepted are {', '.join(known)}"
             )
+    if chosen["y"] in VOLTAGES and not model.MEMBRANES:
+        found = f"{chosen['y']!r}, and the system {model.SYSTEM} has no membranes"
+        raise InputError("plot.y", found, "give another quantity")
     formats = table.texts("formats", ["svg", "png"])
     for i, kind in enumerate(formats):
         if kind not in FORMATS:
