@@ -51,6 +51,7 @@ _PLACES = {
     "load_diagram": "records.catalogue",
     "write_diagram": "records.catalogue",
     "plot_diagram": "plots.diagram",
+    "plot_orbit": "plots.orbit",
 }
 
 __all__ = ["__version__", *_PLACES]

@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 
+from ..display import Shown, Summary, frame, in_lines
 from ..models.model import Model
 from ..scenes.simulate_tables import SETTLING, Settling
 from ..segments.kernels import Kernels
@@ -51,7 +52,7 @@ class Row:
 
 
 @dataclass(frozen=True, eq=False)
-class Sweep:
+class Sweep(Shown):
     """Attractors along a parameter.
 
     Attributes
@@ -84,9 +85,33 @@ class Sweep:
                 met.append(row.attractor.notation)
         return met
 
+    def to_dataframe(self) -> Any:
+        """Return the attractors as a pandas DataFrame, a row for each; pandas must be installed."""
+        from .flat import table_of
+
+        columns, rows = table_of(self)
+        return frame([dict(zip(columns, row, strict=True)) for row in rows])
+
+    def summary(self) -> Summary:
+        """Return the changes along the sweep in short."""
+        rows = []
+        for way in self.directions:
+            met = self.of(way)
+            for before, row in zip([None, *met], met, strict=False):
+                if before is None or before.attractor.notation != row.attractor.notation:
+                    velocities = ", ".join(f"{v:.6g}" for v in row.attractor.velocities[:8])
+                    rows.append((way, row.value, row.attractor.notation, velocities))
+        title = f"Sweep in {self.parameter}, {len(self.rows)} attractors"
+        return Summary(title, ("direction", self.parameter, "from there on", "velocities"), rows)
+
     def __repr__(self) -> str:
-        lines = [f"{way}: {', '.join(self.sequence(way))}" for way in self.directions]
-        return "\n".join([f"Sweep in {self.parameter}, {len(self.rows)} attractors", *lines])
+        lines = [f"{way}: {_shortened(self.sequence(way))}" for way in self.directions]
+        return in_lines(f"Sweep in {self.parameter}, {len(self.rows)} attractors", lines)
+
+
+def _shortened(met: Sequence[str], most: int = 12) -> str:
+    left = f", ... and {len(met) - most} more" if len(met) > most else ""
+    return ", ".join(met[:most]) + left
 
 
 class Simulators:

@@ -11,11 +11,13 @@ from typing import Any
 
 import numpy as np
 
+from ..display import Shown, Summary, frame, in_lines
 from ..errors import InputError
 from ..models.model import Model
 from ..models.word import Word, parse_word
 from ..segments.kernels import Kernels
 from .linearisation import Linearisation
+from .path import Path, path_of
 from .problem import Array, OrbitProblem
 from .recognition import repeats
 from .starts import rounds_of_starts
@@ -31,7 +33,7 @@ SAME_SOLUTION = 1e-9
 
 
 @dataclass(frozen=True, eq=False)
-class Orbit:
+class Orbit(Shown):
     """A periodic orbit, physical or not.
 
     Attributes
@@ -108,22 +110,50 @@ class Orbit:
         """Largest absolute residual."""
         return float(np.max(np.abs(self.linearisation.residual)))
 
-    def __repr__(self) -> str:
+    @property
+    def period(self) -> float:
+        """The orbit's period, in the model's clock."""
+        return self.linearisation.span
+
+    def path(self, points: int = 200) -> Path:
+        """Return the motion along one period: times, gap coordinate and velocity.
+
+        Parameters
+        ----------
+        points : int
+            On each flight.
+        """
+        return path_of(self.linearisation, points)
+
+    def to_dataframe(self) -> Any:
+        """Return the impacts as a pandas DataFrame, a row for each; pandas must be installed."""
+        names = ("wall", "time", "velocity")
+        rows = zip(self.word.walls, self.times, self.velocities, strict=True)
+        return frame([dict(zip(names, row, strict=True)) for row in rows])
+
+    def summary(self) -> Summary:
+        """Return the orbit's impacts in short."""
+        rows = zip(self.word.walls, self.times.tolist(), self.velocities.tolist(), strict=True)
+        columns = ("wall", "time", "velocity before impact")
+        return Summary(self._head(), columns, list(rows), [self.reason] if self.reason else [])
+
+    def _head(self) -> str:
         letters = [w.name for w in self.model.WALLS]
         state = ("stable" if self.stable else "unstable") + (
             "" if self.physical else ", unphysical"
         )
+        factors = ", ".join(f"{_plain(mu):.6g}" for mu in self.multipliers)
+        return (
+            f"Orbit {self.word.notation(letters)} ({self.word}) at {self.problem.parameter} = "
+            f"{self.unknowns[-1]:.12g}: {state}; multipliers {factors}"
+        )
+
+    def __repr__(self) -> str:
         rows = [
             f"  {wall}  t = {t:.12g}  v = {v:.12g}"
             for wall, t, v in zip(self.word.walls, self.times, self.velocities, strict=True)
         ]
-        factors = ", ".join(f"{_plain(mu):.6g}" for mu in self.multipliers)
-        head = (
-            f"Orbit {self.word.notation(letters)} ({self.word}) at {self.problem.parameter} = "
-            f"{self.unknowns[-1]:.12g}: {state}; multipliers {factors}"
-        )
-        why = [f"  {self.reason}"] if self.reason else []
-        return "\n".join([head, *rows, *why])
+        return in_lines(self._head(), rows, [f"  {self.reason}"] if self.reason else [])
 
 
 def _plain(mu: complex) -> complex | float:

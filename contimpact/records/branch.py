@@ -9,7 +9,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ..continuation.branch import End
-from ..errors import printable
+from ..display import Shown, Summary, frame, in_lines
+from ..errors import shown
 from .entry import Entry
 from .tables import same_data
 
@@ -21,7 +22,7 @@ from ..arrays import Array
 
 
 @dataclass(frozen=True, eq=False)
-class Branch:
+class Branch(Shown):
     """A branch of periodic orbits, as a table.
 
     Attributes
@@ -69,7 +70,10 @@ class Branch:
     notes: Sequence[str] = ()
 
     def __getitem__(self, column: str) -> Array:
-        return self.columns[column]
+        if column in self.columns:
+            return self.columns[column]
+        found = f"branch {self.id} has no column {shown(column)}; "
+        raise KeyError(found + f"it has {', '.join(self.columns)}")
 
     def __len__(self) -> int:
         return len(self.columns["arclength"])
@@ -143,22 +147,33 @@ class Branch:
 
     def to_dataframe(self) -> Any:
         """Return the columns as a pandas DataFrame; pandas must be installed."""
-        import pandas
+        return frame(self.columns)
 
-        return pandas.DataFrame(dict(self.columns))
+    def summary(self) -> Summary:
+        """Return the branch's events and ends in short."""
+        columns = ("", "event", self.parameter, "error", "why a ghost", "opens")
+        rows = [(e.id, e.label, e.value, e.error, e.why, " ".join(e.opens)) for e in self.events]
+        start, end = (end.message for end in self.ends)
+        return Summary(self._head(), columns, rows, [f"start: {start}; end: {end}", *self._said()])
+
+    def _head(self) -> str:
+        values = self[self.parameter]
+        return (
+            f"Branch {self.id}: {self.notation} ({self.word}), {len(self)} points, "
+            f"{self.parameter} from {values.min():.9g} to {values.max():.9g}"
+        )
+
+    def _said(self) -> list[str]:
+        """What could not be located, and further remarks."""
+        missed = [f"not located: {text}" for text in self.missed]
+        return missed + [f"note: {text}" for text in self.notes]
 
     def __repr__(self) -> str:
-        values = self[self.parameter]
-        lines = [
-            f"Branch {self.id}: {self.notation} ({self.word}), {len(self)} points, "
-            f"{self.parameter} from {values.min():.9g} to {values.max():.9g}",
-            f"  start: {self.ends[0].message}",
-            *(
-                f"  {e.label:16} {e.parameter} = {e.value:.15g} +- {e.error:.1g}"
-                for e in self.events
-            ),
-            f"  end:   {self.ends[1].message}",
-            *(f"  not located: {text}" for text in self.missed),
-            *(f"  note: {text}" for text in self.notes),
+        events = [
+            f"  {e.label:16} {e.parameter} = {e.value:.15g} +- {e.error:.1g}" for e in self.events
         ]
-        return "\n".join(map(printable, lines))
+        said = [f"  {text}" for text in self._said()]
+        if len(said) > 3:
+            said[2:] = [f"  ... and {len(said) - 2} more remarks"]
+        ends = [f"  start: {self.ends[0].message}", f"  end:   {self.ends[1].message}"]
+        return in_lines(self._head(), events, [*ends, *said])

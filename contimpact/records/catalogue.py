@@ -23,7 +23,7 @@ from ..storage.texts import csv_text, json_line, json_text
 from .branch import Branch
 from .diagram import Diagram
 from .diagram_reading import read
-from .entry import Entry
+from .entry import FLAT, Entry
 from .loading import BRANCH, CURVE, checking, entry_of, read_branch, read_curve
 from .result_folder import (
     CATALOGUE,
@@ -40,12 +40,6 @@ from .result_folder import (
 if TYPE_CHECKING:
     from .curve import Check, Coverage, Curve
 
-
-EVENT_COLUMNS = tuple(
-    """id kind ghost label why branch word period notation becomes order criticality slope wall
-    flight impact touch_time requested parameter n_unstable stable physical reason residual error
-    method arclength opens""".split()
-)
 
 # Folders and files.
 
@@ -182,25 +176,11 @@ def curve_text(curve: Curve) -> str:
 
 def events_text(diagram: Diagram) -> str:
     """Return ``events.csv``: a row per entry; impacts and multipliers are spread over columns."""
-    rows = [_flat(entry) for entry in diagram.entries]
-    columns = list(EVENT_COLUMNS)
+    rows = [entry.as_row() for entry in diagram.entries]
+    columns = list(FLAT)
     for row in rows:
         columns += [name for name in row if name not in columns]
     return csv_text(columns, ([row.get(name) for name in columns] for row in rows))
-
-
-def _flat(entry: Entry) -> dict[str, Any]:
-    row: dict[str, Any] = {name: getattr(entry, name) for name in EVENT_COLUMNS}
-    row["opens"] = " ".join(entry.opens)
-    if entry.requested is not None:
-        row["requested"] = " ".join(f"{n}={v!r}" for n, v in entry.requested.items())
-    row |= entry.parameters
-    for k, impact in enumerate(entry.impacts, start=1):
-        row |= {f"{name}{k}": value for name, value in impact.items()}
-    for k, mu in enumerate(entry.multipliers, start=1):
-        real, imaginary = mu or (None, None)
-        row |= {f"multiplier{k}_re": real, f"multiplier{k}_im": imaginary}
-    return row
 
 
 # Branches.

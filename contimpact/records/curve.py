@@ -10,11 +10,12 @@ import numpy as np
 
 from ..arrays import Array
 from ..continuation.branch import End
+from ..display import Shown, Summary, frame, in_lines
 from .tables import same_data
 
 
 @dataclass(frozen=True, eq=False)
-class Curve:
+class Curve(Shown):
     """A curve of bifurcations, as a table.
 
     Attributes
@@ -71,16 +72,37 @@ class Curve:
         """Whether the bifurcation is a ghost, point by point."""
         return np.asarray((self["n_unstable"] > 0) | (self["physical"] == 0))
 
-    def __repr__(self) -> str:
+    def to_dataframe(self) -> Any:
+        """Return the columns as a pandas DataFrame; pandas must be installed."""
+        return frame(self.columns)
+
+    def summary(self) -> Summary:
+        """Return the curve's points of codimension two and its ends in short."""
+        names = self.parameters
+        rows = [
+            (p.id, p.kind, *(p.parameters[n] for n in names), p.error, p.changes)
+            for p in self.points
+        ]
+        notes = [f"end: {end.message}" for end in self.ends]
+        notes += [f"not located: {text}" for text in self.missed]
+        return Summary(self._head(), ("", "point", *names, "error", "changes"), rows, notes)
+
+    def _head(self) -> str:
         last = self.parameters[-1]
         values = self[last]
-        lines = [
+        return (
             f"Curve {self.id}: {self.label} in ({', '.join(self.parameters)}), {len(self)} points, "
-            f"{last} from {values.min():.9g} to {values.max():.9g}",
-            *(f"  end: {end.message}" for end in self.ends),
-            *(f"  {p.kind:6} {self._place(p)}: {p.changes}" for p in self.points),
+            f"{last} from {values.min():.9g} to {values.max():.9g}"
+        )
+
+    def __repr__(self) -> str:
+        points = [
+            f"  {p.kind:6} {self._place(p)}: {p.changes}"
+            for p in self.points
         ]
-        return "\n".join(lines)
+        tail = [f"  end: {end.message}" for end in self.ends]
+        tail += [f"  not located: {len(self.missed)}"] if self.missed else []
+        return in_lines(self._head(), points, tail)
 
     def _place(self, point: Codim2) -> str:
         return ", ".join(f"{name} = {point.parameters[name]:.12g}" for name in self.parameters)

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
-from ..errors import InputError, printable, shown
+import numpy as np
+
+from ..display import Shown, Summary, frame, in_lines
+from ..errors import InputError, shown
 from .branch import Branch
 from .entry import Entry
 
@@ -17,7 +20,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True)
-class Diagram:
+class Diagram(Shown):
     """All branches of a scene, with what it cost to compute them.
 
     Attributes
@@ -74,32 +77,70 @@ class Diagram:
         """Return the orbit of an entry by its name; see `Entry.orbit`."""
         return self.entry(name).orbit(model)
 
-    def __repr__(self) -> str:
-        rows = [_branch_line(b) for b in self.branches] + [
-            _curve_line(c) for c in (*self.curves, *self.codim2_curves)
-        ]
-        if len(rows) > SHOWN:
-            rows[SHOWN - 1 :] = [f"  ... and {len(rows) - SHOWN + 1} more"]
+    def __iter__(self) -> Iterator[Branch]:
+        return iter(self.branches)
+
+    def to_dataframe(self, what: str = "points") -> Any:
+        """Return a table of the diagram as a pandas DataFrame; pandas must be installed.
+
+        Parameters
+        ----------
+        what : {"points", "events"}
+            A row for each point, with the name of its branch and the notation of its orbits, or a
+            row for each event, as in ``events.csv``.
+        """
+        if what == "events":
+            return frame([entry.as_row() for entry in self.entries])
+        if what != "points":
+            raise InputError("what", f"found {shown(what)}", "accepted are 'points', 'events'")
+        names = dict.fromkeys(name for branch in self.branches for name in branch.columns)
+        columns: dict[str, Any] = {
+            name: [getattr(b, name_of) for b in self.branches for _ in range(len(b))]
+            for name, name_of in (("branch", "id"), ("notation", "notation"))
+        }
+        for name in names:
+            parts = [b.columns.get(name, np.full(len(b), np.nan)) for b in self.branches]
+            columns[name] = np.concatenate(parts)
+        return frame(columns)
+
+    def summary(self) -> Summary:
+        """Return the diagram's branches and their events in short."""
+        rows = []
+        for b in self.branches:
+            low, high = float(b[b.parameter].min()), float(b[b.parameter].max())
+            rows.append((b.id, b.notation, len(b), low, high, b.origin, _listed(b)))
+        columns = ("", "orbits", "points", "from", "to", "born at", "events")
+        return Summary(self._head(), columns, rows, [_curve_line(c).strip() for c in self._all_curves])
+
+    @property
+    def _all_curves(self) -> list[Curve]:
+        return [*self.curves, *self.codim2_curves]
+
+    def _head(self) -> str:
         counts = f"{len(self.branches)} branches, {len(self.entries)} events"
         curves = f", {len(self.curves)} curves" if self.curves else ""
-        lines = [f"Diagram {self.name}: {counts}{curves}", *rows]
-        return "\n".join(map(printable, lines))
+        return f"Diagram {self.name}: {counts}{curves}"
 
-
-SHOWN = 9
-"""Lines of a diagram's branches and curves that are shown."""
+    def __repr__(self) -> str:
+        curves = [_curve_line(c) for c in self._all_curves]
+        rows = [_branch_line(b) for b in self.branches] + curves
+        return in_lines(self._head(), rows)
 
 
 def _branch_line(branch: Branch) -> str:
     values = branch[branch.parameter]
+    return (
+        f"  {branch.id:4} {branch.notation:9} {branch.parameter} from {values.min():.6g} to "
+        f"{values.max():.6g}: {_listed(branch)}"
+    )
+
+
+def _listed(branch: Branch) -> str:
+    """A branch's events in a line."""
     events = ", ".join(f"{e.id} {e.label}" for e in branch.events) or "no events"
     if len(events) > 60:
         events = f"{len(branch.events)} events, {_span([e.id for e in branch.events])}"
-    missed = f"; {len(branch.missed)} not located" if branch.missed else ""
-    return (
-        f"  {branch.id:4} {branch.notation:9} {branch.parameter} from {values.min():.6g} to "
-        f"{values.max():.6g}: {events}{missed}"
-    )
+    return events + (f"; {len(branch.missed)} not located" if branch.missed else "")
 
 
 def _span(names: Sequence[str]) -> str:

@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
+from ..display import Shown, Summary, frame
 from ..errors import printable
 
 if TYPE_CHECKING:
@@ -13,8 +14,16 @@ if TYPE_CHECKING:
     from ..orbits.search import Orbit
 
 
+FLAT = tuple(
+    """id kind ghost label why branch word period notation becomes order criticality slope wall
+    flight impact touch_time requested parameter n_unstable stable physical reason residual error
+    method arclength opens""".split()
+)
+"""What stands in an entry's row as it is."""
+
+
 @dataclass(frozen=True)
-class Entry:
+class Entry(Shown):
     """An event on a branch, as the catalogue records it; the attributes are its keys.
 
     Attributes
@@ -133,6 +142,32 @@ class Entry:
         from .recovery import orbit_of
 
         return orbit_of(self, model)
+
+    def as_row(self) -> dict[str, Any]:
+        """Return the entry as a row of a table; impacts and multipliers are spread over columns."""
+        row: dict[str, Any] = {name: getattr(self, name) for name in FLAT}
+        row["opens"] = " ".join(self.opens)
+        if self.requested is not None:
+            row["requested"] = " ".join(f"{n}={v!r}" for n, v in self.requested.items())
+        row |= self.parameters
+        for k, impact in enumerate(self.impacts, start=1):
+            row |= {f"{name}{k}": value for name, value in impact.items()}
+        for k, mu in enumerate(self.multipliers, start=1):
+            real, imaginary = mu or (None, None)
+            row |= {f"multiplier{k}_re": real, f"multiplier{k}_im": imaginary}
+        return row
+
+    def to_dataframe(self) -> Any:
+        """Return the entry as a pandas DataFrame of one row; pandas must be installed."""
+        return frame([self.as_row()])
+
+    def summary(self) -> Summary:
+        """Return the entry's orbit in short."""
+        columns = ("wall", "time", "velocity before impact")
+        rows = [(impact["wall"], impact["time"], impact["velocity"]) for impact in self.impacts]
+        error = f"error {self.error:.1g}, {self.method}"
+        notes = [error, *([f"a ghost: {self.why}"] if self.why else [])]
+        return Summary(repr(self)[1:-1], columns, rows, notes)
 
     def __repr__(self) -> str:
         return printable(f"<{self.label} on {self.branch} at {self.parameter} = {self.value:.12g}>")

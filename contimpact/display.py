@@ -1,0 +1,102 @@
+"""How results show themselves: short texts, tables and pictures in notebooks, data frames.
+
+A result says what it is as a `Summary`; everything else follows. Pictures are drawn by
+`contimpact.plots.notebook`, which is found by its name when a notebook asks for one, as
+`contimpact` finds its public names: what holds results knows of no pictures.
+"""
+
+from __future__ import annotations
+
+import html
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from .errors import InputError, printable
+
+LINES = 10
+"""Of a text that shows a result."""
+ROWS = 20
+"""Of a table in a notebook."""
+
+
+@dataclass(frozen=True)
+class Summary:
+    """A result in short: what it is, a table, and remarks."""
+
+    title: str
+    columns: Sequence[str]
+    rows: Sequence[Sequence[Any]]
+    notes: Sequence[str] = ()
+
+
+class Shown:
+    """What shows itself in a notebook as a table and a picture."""
+
+    def summary(self) -> Summary:
+        """Return what the result is in short: a title, a table, and remarks."""
+        raise NotImplementedError
+
+    def _repr_html_(self) -> str:
+        return table_of(self.summary())
+
+    def _repr_mimebundle_(self, include: Any = None, exclude: Any = None) -> dict[str, Any]:
+        """What Jupyter shows: the table with the picture, or the text where there is no HTML."""
+        text = self._repr_html_() + picture_of(self)
+        return {"text/plain": repr(self), "text/html": text}
+
+
+def in_lines(head: str, rows: Sequence[str], tail: Sequence[str] = ()) -> str:
+    """Return a text of at most `LINES` lines, the rows in the middle left out and counted."""
+    room = LINES - 1 - len(tail)
+    if len(rows) > room:
+        kept = max(room - 1, 1)
+        rows = [*rows[:kept], f"  ... and {len(rows) - kept} more"]
+    return "\n".join(map(printable, [head, *rows, *tail]))
+
+
+def table_of(summary: Summary) -> str:
+    """Return a summary as HTML; whatever is in it is text, not markup."""
+    head = "".join(f"<th>{_cell(name)}</th>" for name in summary.columns)
+    rows = ["".join(f"<td>{_cell(cell)}</td>" for cell in row) for row in summary.rows[:ROWS]]
+    left = len(summary.rows) - len(rows)
+    notes = [*([f"... and {left} more"] if left > 0 else []), *summary.notes]
+    body = "".join(f"<tr>{row}</tr>" for row in rows)
+    below = "".join(f"<p>{_cell(note)}</p>" for note in notes)
+    table = f"<table><thead><tr>{head}</tr></thead><tbody>{body}</tbody></table>" if rows else ""
+    return f"<div><p><strong>{_cell(summary.title)}</strong></p>{table}{below}</div>"
+
+
+def _cell(value: Any) -> str:
+    text = f"{value:.10g}" if isinstance(value, float) else str("" if value is None else value)
+    return html.escape(printable(text))
+
+
+def picture_of(result: Any) -> str:
+    """Return a result's picture as an HTML image, or why there is none."""
+    import base64
+    import importlib
+
+    try:
+        picture = importlib.import_module(".plots.notebook", __package__).picture(result)
+    except InputError as error:
+        return f"<p>no picture: {_cell(error)}</p>"
+    data = base64.b64encode(picture).decode()
+    title = _cell(result.summary().title)
+    return f'<img alt="{title}" style="max-width: 100%" src="data:image/png;base64,{data}">'
+
+
+def frame(columns: Mapping[str, Any] | Sequence[Mapping[str, Any]]) -> Any:
+    """Return columns, or rows as mappings, as a pandas DataFrame.
+
+    Raises
+    ------
+    InputError
+        If pandas is not installed.
+    """
+    try:
+        import pandas
+    except ImportError:
+        found = "pandas is not installed"
+        raise InputError("to_dataframe", found, "pip install 'contimpact[data]'") from None
+    return pandas.DataFrame(columns if not isinstance(columns, Mapping) else dict(columns))

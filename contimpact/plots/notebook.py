@@ -1,0 +1,69 @@
+"""Pictures of results as notebooks show them."""
+
+from __future__ import annotations
+
+import functools
+import io
+from typing import Any
+
+from ..attractors.sweep import Sweep
+from ..errors import InputError
+from ..orbits.search import Orbit
+from ..records.branch import Branch
+from ..records.curve import Curve
+from ..records.diagram import Diagram
+from ..records.entry import Entry
+from .attractors import plot_sweep
+from .curves import plot_curves
+from .diagram import plot_diagram
+from .orbit import plot_orbit
+
+DOTS = 100
+"""Per inch."""
+
+
+def picture(result: Any) -> bytes:
+    """Return the picture of a result as PNG.
+
+    Raises
+    ------
+    InputError
+        If it cannot be drawn.
+    """
+    content = io.BytesIO()
+    drawn(result).savefig(content, format="png", dpi=DOTS)
+    return content.getvalue()
+
+
+@functools.singledispatch
+def drawn(result: Any) -> Any:
+    """Return a figure of a result."""
+    raise InputError("picture", f"found a {type(result).__name__}", "there is none")
+
+
+@drawn.register
+def _(result: Branch) -> Any:
+    return plot_diagram(Diagram(result.id, [result]), unphysical="all").figure
+
+
+@drawn.register
+def _(result: Diagram) -> Any:
+    if not result.branches and result.curves:
+        return plot_curves(result.curves)[0].figure
+    return plot_diagram(result).figure
+
+
+@drawn.register
+def _(result: Curve) -> Any:
+    return plot_curves([result])[0].figure
+
+
+@drawn.register(Orbit)
+@drawn.register(Entry)
+def _(result: Any) -> Any:
+    return plot_orbit(result)[0].figure
+
+
+@drawn.register
+def _(result: Sweep) -> Any:
+    return plot_sweep(result).figure

@@ -1,0 +1,173 @@
+"""Phase planes and time series of orbits, in the manner of Figs. 5, 7 and 8 of the paper.
+
+Line styles are those of diagrams: stable orbits are solid, unstable ones dashed, unphysical ones
+dotted. An open circle is an impact, a triangle the touch of a grazing orbit.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from ..bifurcations.registry import kind_of
+from ..errors import InputError
+from ..orbits.path import positions
+from ..orbits.search import Orbit
+from ..records.entry import Entry
+from ..records.given import as_orbit, named
+from .diagram import COLOURS, legend_mark, new_figure
+from .lines import STYLES
+from .portraits import INK, OTHERS
+from .texts import plain
+
+PERIODS = 2
+"""Forcing periods of a time series at least."""
+IMPACT: dict[str, Any] = {"marker": "o", "markerfacecolor": "white", "markersize": 3.6, "zorder": 5}
+TOUCH: dict[str, Any] = {"marker": kind_of("G").look.marker, "markersize": 6, "zorder": 6}
+
+
+def plot_orbit(
+    *orbits: Any, axes: Any = None, labels: Sequence[str] | None = None, periods: int = PERIODS
+) -> Any:
+    """Draw the phase plane and the time series of an orbit, or of several on one another.
+
+    Parameters
+    ----------
+    *orbits : Orbit, Entry or (Branch, row)
+        Whatever `continue_orbit` takes. An entry of a grazing has its touch marked.
+    axes : pair of matplotlib.axes.Axes, optional
+        For the phase plane and for the time series; None in the place of one leaves it out. A new
+        figure otherwise.
+    labels : sequence of str, optional
+        One for each orbit; its notation and parameter value by default.
+    periods : int
+        Forcing periods that the time series has at least.
+
+    Returns
+    -------
+    pair of matplotlib.axes.Axes
+
+    Raises
+    ------
+    InputError
+        For what is no orbit, or another number of labels.
+    """
+    given = [named(one) for one in orbits]
+    found = [as_orbit(one) for one in given]
+    if not found:
+        raise InputError("orbits", "none", "give an orbit, an entry, or (branch, row)")
+    if labels is not None and len(labels) != len(found):
+        raise InputError("labels", f"found {len(labels)}", f"give {len(found)}, one for each orbit")
+    plane, series = _axes() if axes is None else axes
+    states = list(map(_state, given, found))
+    told = list(labels) if labels is not None else list(map(_label, found, states))
+    looks = _looks(states)
+    if plane is not None:
+        for orbit, look in zip(found, looks, strict=True):
+            _draw_plane(plane, orbit, look)
+        _finish(plane, found, plane.axvline, "$Z$", r"$\dot{Z}$")
+        handles = [legend_mark(label=plain(t, 60), **k) for t, k in zip(told, looks, strict=True)]
+        below: dict[str, Any] = {"loc": "upper center", "bbox_to_anchor": (0.5, -0.16)}
+        plane.legend(handles=handles, fontsize=7.5, frameon=False, handlelength=3.2, **below)
+    if series is not None:
+        for orbit, look in zip(found, looks, strict=True):
+            _draw_series(series, orbit, look, periods)
+        _finish(series, found, series.axhline, "$t/T$", "$Z$")
+    for one, orbit in zip(given, found, strict=True):
+        if isinstance(one, Entry) and one.touch_time is not None:
+            _mark_touch(plane, series, orbit, one)
+    return plane, series
+
+
+def _axes() -> Any:
+    return new_figure(9.0, 4.0).subplots(1, 2, width_ratios=(1.0, 1.5))
+
+
+def _looks(states: Sequence[str]) -> list[dict[str, Any]]:
+    """Colour, width and style of each: each is narrower than those beneath it."""
+    colours = [INK, *OTHERS]
+    return [
+        {
+            "color": colours[k % len(colours)],
+            "linewidth": max(1.0, (1.4 if len(states) == 1 else 2.6) - 0.7 * k),
+            "linestyle": STYLES[state],
+        }
+        for k, state in enumerate(states)
+    ]
+
+
+def _state(given: Any, orbit: Orbit) -> str:
+    """Which of `STYLES` an orbit has; an event of its own is not held against it."""
+    one = given if isinstance(given, Entry) else orbit
+    if not one.physical:
+        return "unphysical"
+    return "stable" if one.stable else "unstable"
+
+
+def _label(orbit: Orbit, state: str) -> str:
+    notation = orbit.word.notation([wall.name for wall in orbit.model.WALLS])
+    parameter = orbit.problem.parameter
+    return f"{notation}, {state}, {parameter} = {orbit.unknowns[-1]:.6g}"
+
+
+def _draw_plane(ax: Any, orbit: Orbit, look: dict[str, Any]) -> None:
+    _, x, v = orbit.path()
+    for flight_x, flight_v in zip(_flights(orbit, x), _flights(orbit, v), strict=True):
+        ax.plot(flight_x, flight_v, **look)
+    walls = positions(orbit.linearisation)
+    for wall, speed in zip(orbit.word.walls, orbit.velocities, strict=True):
+        ax.plot(walls[wall], speed, color=look["color"], linestyle="none", **IMPACT)
+    ax.axhline(0.0, color="0.85", linewidth=0.6, zorder=0)
+    ax.locator_params(axis="x", nbins=5)
+
+
+def _flights(orbit: Orbit, column: Any) -> Any:
+    return np.split(column, len(orbit.word))
+
+
+def _draw_series(ax: Any, orbit: Orbit, look: dict[str, Any], periods: int) -> None:
+    t, x, _ = orbit.path()
+    forcing = orbit.period / orbit.word.period
+    walls = positions(orbit.linearisation)
+    begin = np.floor(t[0] / forcing)
+    for turn in range(-(-periods // orbit.word.period)):
+        shift = turn * orbit.word.period - begin
+        ax.plot(t / forcing + shift, x, **look)
+        for wall, time in zip(orbit.word.walls, orbit.times, strict=True):
+            place = time / forcing + shift
+            ax.plot(place, walls[wall], color=look["color"], linestyle="none", **IMPACT)
+    ax.margins(x=0.01)
+
+
+def _finish(ax: Any, orbits: Sequence[Orbit], line: Any, x: str, y: str) -> None:
+    """The walls of all orbits, each named once, and the labels of the axes."""
+    across = line == ax.axhline
+    named: set[str] = set()
+    for orbit in orbits:
+        for k, (wall, place) in enumerate(positions(orbit.linearisation).items()):
+            colour = COLOURS[k % len(COLOURS)]
+            line(place, color=colour, linewidth=1.4, zorder=1)
+            if wall not in named:
+                at, offset = ((1.0, place), (4, 0)) if across else ((place, 1.0), (0, 3))
+                frame = ax.get_yaxis_transform() if across else ax.get_xaxis_transform()
+                look: dict[str, Any] = {"xycoords": frame, "textcoords": "offset points"}
+                look |= {"va": "center"} if across else {"ha": "center"}
+                ax.annotate(wall, at, offset, color=colour, fontsize=8, **look)
+                named.add(wall)
+    ax.set_xlabel(x)
+    ax.set_ylabel(y)
+
+
+def _mark_touch(plane: Any, series: Any, orbit: Orbit, entry: Entry) -> None:
+    """Mark where a grazing orbit touches a wall."""
+    wall = positions(orbit.linearisation)[str(entry.wall)]
+    look = {"color": OTHERS[0], "linestyle": "none", **TOUCH}
+    look["markerfacecolor"] = "white" if entry.ghost else OTHERS[0]
+    if plane is not None:
+        plane.plot(wall, 0.0, **look)
+    if series is not None:
+        forcing = orbit.period / orbit.word.period
+        begin = np.floor(orbit.times[0] / forcing)
+        series.plot((entry.touch_time or 0.0) / forcing - begin, wall, **look)
