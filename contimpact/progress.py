@@ -5,10 +5,13 @@ The text names the stage: ``following b2, 2:1: 60 points, s = 0.31``.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import contextlib
+from collections.abc import Callable, Iterator
 from typing import Any
 
 Progress = Callable[[str], None]
+Asked = bool | Progress | None
+"""What a caller asks for: nothing, lines on standard error, or lines to a function."""
 
 EVERY = 20
 """Points of a walk between two lines."""
@@ -16,6 +19,28 @@ EVERY = 20
 
 def silent(text: str) -> None:
     """Tell nobody."""
+
+
+@contextlib.contextmanager
+def asked(progress: Asked, name: str) -> Iterator[Progress]:
+    """Yield the function to call with lines of text about a piece of work."""
+    if progress is True:
+        from .telling import telling
+
+        with telling(name, patient=True) as tell:
+            yield tell
+    else:
+        yield progress or silent
+
+
+def both(one: Callable[[Any], Any] | None, tell: Callable[[Any], None]) -> Callable[[Any], Any]:
+    """Return a callback that tells, and then does what the caller's does."""
+
+    def callback(point: Any) -> Any:
+        tell(point)
+        return one(point) if one else None
+
+    return callback
 
 
 def counted(what: str, parameter: str, progress: Progress) -> Callable[[Any], None]:
@@ -26,6 +51,7 @@ def counted(what: str, parameter: str, progress: Progress) -> Callable[[Any], No
         nonlocal count
         count += 1
         if count % EVERY == 0:
-            progress(f"{what}: {count} points, {parameter} = {point.parameter:.6g}")
+            where = f"{count} points, {parameter} = {point.parameter:.6g}"
+            progress(f"{what}: {where}" if what else where)
 
     return callback

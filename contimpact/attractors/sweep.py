@@ -15,6 +15,7 @@ import numpy as np
 
 from ..display import Shown, Summary, frame, in_lines
 from ..models.model import Model
+from ..progress import Asked, asked
 from ..scenes.simulate_tables import SETTLING, Settling
 from ..segments.kernels import Kernels
 from ..simulation.run import State
@@ -143,6 +144,7 @@ def sweep(
     kernels: Kernels | None = None,
     rng: Any = 0,
     callback: Callable[[Row], None] | None = None,
+    progress: Asked = False,
 ) -> Sweep:
     """Find the attractor at each value, starting from the one before.
 
@@ -161,6 +163,9 @@ def sweep(
         Gives the first start, and a new one where a motion ended without impacts.
     callback : callable, optional
         Called with each row.
+    progress : bool or callable
+        Whether to tell on standard error how far the sweep is, or a function to call with lines of
+        text.
 
     Returns
     -------
@@ -168,10 +173,14 @@ def sweep(
     """
     simulators = Simulators(model, parameter, kernels)
     result = Sweep(model, parameter, [])
-    for row in sweep_rows(simulators, list(values), start, settling, rng):
-        result.rows.append(row)
-        if callback:
-            callback(row)
+    values = list(values)
+    with asked(progress, f"sweep in {parameter}") as tell:
+        for number, row in enumerate(sweep_rows(simulators, values, start, settling, rng), 1):
+            result.rows.append(row)
+            place = f"{number} of {len(values)}, {parameter} = {row.value:.6g}"
+            tell(f"{place}: {row.attractor.notation}")
+            if callback:
+                callback(row)
     return result
 
 

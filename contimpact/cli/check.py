@@ -10,7 +10,7 @@ from ..progress import Progress
 from ..scenes.scene import CurveOptions, Scene, load_scene
 from ..segments.kernels import Kernels
 from ..studies.starting_orbits import SURVEYED, not_found, orbits_at, placed, refusal
-from .progress import telling
+from ..telling import telling
 from .terminal import say
 
 

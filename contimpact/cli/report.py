@@ -8,7 +8,7 @@ from ..accuracy.output import write_report
 from ..accuracy.report import report
 from ..records.result_folder import held
 from ..scenes.scene import load_scene
-from .progress import telling
+from ..telling import telling
 from .terminal import say
 
 

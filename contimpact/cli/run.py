@@ -21,10 +21,10 @@ from ..scenes.scene import Scene, load_scene
 from ..storage.files import write_all
 from ..studies import explore
 from ..studies.explore import INTERRUPTED
+from ..telling import telling
 from .console import Interruption, deferred, drawn, require_output
 from .manifest import write_manifest
 from .page import add_page, page_wanted
-from .progress import telling
 from .terminal import complain, say
 
 

@@ -13,10 +13,10 @@ from ..progress import Progress
 from ..records.diagram import Diagram
 from ..records.result_folder import ROWS, TABLES, Files, held, renewed
 from ..scenes.scene import load_scene
+from ..telling import telling
 from .console import Interruption, deferred, drawn
 from .manifest import write_manifest
 from .page import add_page, page_wanted
-from .progress import telling
 from .terminal import complain, say
 
 

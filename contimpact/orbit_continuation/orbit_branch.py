@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import contextlib
 import dataclasses
 import functools
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -24,6 +25,7 @@ from ..models.word import Word
 from ..orbits.linearisation import Linearisation
 from ..orbits.problem import OrbitProblem
 from ..orbits.search import Orbit, solve_near
+from ..progress import Asked, asked, both, counted
 from ..records.branch import Branch
 from ..records.diagram import Diagram
 from ..records.entry import Entry
@@ -49,6 +51,7 @@ def continue_orbit(
     callback: Callback | None = None,
     name: str = "b1",
     model: Model | None = None,
+    progress: Asked = False,
 ) -> Branch:
     """Follow a periodic orbit in one parameter, in both directions.
 
@@ -73,6 +76,9 @@ def continue_orbit(
         The branch's name.
     model : Model, optional
         The system of an entry or a branch, where its name does not tell; see `Entry.orbit`.
+    progress : bool or callable
+        Whether to tell on standard error how far the walk is, or a function to call with lines of
+        text.
 
     Returns
     -------
@@ -98,8 +104,18 @@ def continue_orbit(
     settings = settings or Settings()
     if isinstance(given, Entry) and given.tangent is not None and problem is orbit.problem:
         unknowns = _beside(problem, unknowns, np.array(given.tangent), limits, settings)
-    run = both_ways(problem, unknowns, limits, watched(tests, stop), settings, callback, stop)
+    with _told(progress, f"following {name}, {problem.word}", problem, callback) as told:
+        run = both_ways(problem, unknowns, limits, watched(tests, stop), settings, told, stop)
     return undisturbed(lambda: run.branch(name, kinds=[test.kind for test in tests]))
+
+
+@contextlib.contextmanager
+def _told(
+    progress: Asked, what: str, problem: OrbitProblem, callback: Callback | None
+) -> Iterator[Callback | None]:
+    """Yield the callback of a walk, which tells how far it is if that was asked for."""
+    with asked(progress, what) as tell:
+        yield both(callback, counted("", problem.parameter, tell)) if progress else callback
 
 
 def _beside(
@@ -122,6 +138,7 @@ def continue_born(
     events: Sequence[str | UserEvent] = EVENTS,
     values: Mapping[str, Sequence[float]] | None = None,
     settings: Settings | None = None, callback: Callback | None = None, name: str = "b1",
+    progress: Asked = False,
 ) -> Branch | None:  # fmt: skip
     """Follow the branch born at an event of another one, from a catalogue just made or loaded.
 
@@ -134,7 +151,7 @@ def continue_born(
         also stand before the entry.
     range : (low, high)
         Of the entry's parameter.
-    events, values, settings, callback, name
+    events, values, settings, callback, name, progress
         As of `continue_orbit`.
 
     Returns
@@ -170,23 +187,24 @@ def continue_born(
             settings=settings,
             tangent=start.tangent,
             branching=start.branching,
-            callback=callback,
+            callback=told,
             stop=stop,
         )
 
-    forward = kept(lambda: go(+1))
-    if not forward.points:
-        return None
-    symmetry = symmetry_of(problem)
-    closed = forward.end.kind is EndKind.CLOSED
-    if not closed and mirrors_back(problem, start.unknowns, start.tangent, symmetry):
-        backward = Walk(forward.points[:1], (), again(name, forward.points[0]))
-    elif start.both_ways or closed:
-        backward = other_way(forward, entry.parameter, lambda: go(-1))
-    else:
-        born = {"entry": entry.id, "parent": entry.branch}
-        end = End.of(EndKind.BORN, entry.parameter, entry.value, **born)
-        backward = Walk(forward.points[:1], (), end)
+    with _told(progress, f"following {name}, {problem.word}", problem, callback) as told:
+        forward = kept(lambda: go(+1))
+        if not forward.points:
+            return None
+        symmetry = symmetry_of(problem)
+        closed = forward.end.kind is EndKind.CLOSED
+        if not closed and mirrors_back(problem, start.unknowns, start.tangent, symmetry):
+            backward = Walk(forward.points[:1], (), again(name, forward.points[0]))
+        elif start.both_ways or closed:
+            backward = other_way(forward, entry.parameter, lambda: go(-1))
+        else:
+            born = {"entry": entry.id, "parent": entry.branch}
+            end = End.of(EndKind.BORN, entry.parameter, entry.value, **born)
+            backward = Walk(forward.points[:1], (), end)
     asked = [test.kind for test in tests]
     run = Run.of(problem, backward, forward)
     branch = undisturbed(lambda: run.branch(name, entry.id, kinds=asked))

@@ -15,6 +15,7 @@ from ..display import Shown, Summary, frame, in_lines
 from ..errors import InputError
 from ..models.model import Model
 from ..models.word import Word, parse_word
+from ..progress import Asked, asked
 from ..segments.kernels import Kernels
 from .linearisation import Linearisation
 from .path import Path, path_of
@@ -169,6 +170,7 @@ def find_orbits(
     rng: Any = 0,
     starts: int = 256,
     rounds: int = 8,
+    progress: Asked = False,
 ) -> list[Orbit]:
     """Find the orbits of a word: stable, unstable and unphysical ones.
 
@@ -188,6 +190,9 @@ def find_orbits(
         Starts in one round; fewer for words of more than a dozen impacts.
     rounds : int
         Rounds at most; the search ends after two rounds in a row that find nothing new.
+    progress : bool or callable
+        Whether to tell on standard error how far the search is, or a function to call with lines
+        of text.
 
     Returns
     -------
@@ -214,12 +219,15 @@ def find_orbits(
     found: list[Orbit] = []
     known: list[Array] = []
     quiet = 0
-    for solutions in rounds_of_starts(problem, generator, starts, rounds):
-        before = len(found)
-        _keep(found, known, problem, solutions)
-        quiet = quiet + 1 if len(found) == before else 0
-        if quiet == 2:
-            break
+    with asked(progress, f"find_orbits {word}") as tell:
+        tell(f"{starts} starts in a round")
+        for number, solutions in enumerate(rounds_of_starts(problem, generator, starts, rounds), 1):
+            before = len(found)
+            _keep(found, known, problem, solutions)
+            tell(f"{len(found)} orbits after {number} rounds of {starts} starts")
+            quiet = quiet + 1 if len(found) == before else 0
+            if quiet == 2:
+                break
     return sorted(found, key=lambda orbit: -float(orbit.velocities[0]))
 
 

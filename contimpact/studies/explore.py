@@ -32,7 +32,7 @@ from ..orbits.linearisation import Linearisation
 from ..orbits.problem import Array, OrbitProblem
 from ..orbits.recognition import mirrored, rotated_to, shortest
 from ..orbits.search import SAME_ORBIT, Orbit
-from ..progress import Progress, counted, silent
+from ..progress import Asked, Progress, asked, counted
 from ..records.branch import Branch
 from ..records.diagram import Diagram
 from ..records.entry import Entry
@@ -46,15 +46,16 @@ INTERRUPTED = "interrupted"
 """What ended a computation early, where the keyboard did."""
 
 
-def follow(scene: Scene, progress: Progress | None = None) -> Diagram:
+def follow(scene: Scene, progress: Asked = None) -> Diagram:
     """Compute the diagram of a scene.
 
     Parameters
     ----------
     scene : Scene
         From `load_scene`.
-    progress : callable, optional
-        Called with a line of text now and then.
+    progress : bool or callable
+        Whether to tell on standard error what is being done, or a function to call with a line of
+        text now and then.
 
     Returns
     -------
@@ -72,12 +73,13 @@ def follow(scene: Scene, progress: Progress | None = None) -> Diagram:
     returned, and ``statistics["failure"]`` says what happened. Words without an orbit at the start
     are listed in ``statistics["not_found"]``.
     """
-    explorer = _Explorer(scene, progress or silent)
-    diagram = explorer.run()
-    if scene.curves is not None and not diagram.statistics["failure"]:
-        from ..two_parameters.explore import with_curves
+    with asked(progress, scene.name) as tell:
+        explorer = _Explorer(scene, tell)
+        diagram = explorer.run()
+        if scene.curves is not None and not diagram.statistics["failure"]:
+            from ..two_parameters.explore import with_curves
 
-        diagram = with_curves(scene, diagram, progress)
+            diagram = with_curves(scene, diagram, tell)
     if not diagram.branches and not diagram.statistics["failure"]:
         raise refusal(list(explorer.lacking.values()))
     return diagram

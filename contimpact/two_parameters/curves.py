@@ -23,6 +23,7 @@ from ..continuation.walk import walk
 from ..errors import InputError
 from ..models.model import Model
 from ..orbits.problem import Array
+from ..progress import Asked, asked, both, counted
 from ..records.curve import Codim2, Curve
 from ..records.entry import Entry
 from ..records.entry_conversion import impacts_of
@@ -46,6 +47,7 @@ def follow_curve(
     name: str = "c1", values: Sequence[float] = (),
     settings: Settings = CURVE_SETTINGS, kernels: Kernels | None = None,
     detect: bool = True, callback: Callable[[Point], bool | None] | None = None,
+    progress: Asked = False,
 ) -> Curve:  # fmt: skip
     """Follow the curve of a bifurcation through a catalogue entry, in both directions.
 
@@ -71,6 +73,8 @@ def follow_curve(
         Whether to look for points of codimension two.
     callback : callable, optional
         Called with every accepted point.
+    progress : bool or callable
+        As of `continue_orbit`.
 
     Returns
     -------
@@ -97,7 +101,9 @@ def follow_curve(
     problem, start = curve_problem(model, entry, second, kernels, first_range[1] - first_range[0])
     special = problem.kind.codimension_two(problem.orbit.word) if detect else []
     ranges, label = [first_range, second_range], entry.label.removeprefix("~")
-    found = followed(problem, start, ranges, special, values, settings, callback)
+    with asked(progress, f"following {name}, {entry.label}") as tell:
+        told = both(callback, counted("", second, tell)) if progress else callback
+        found = followed(problem, start, ranges, special, values, settings, told)
     if isinstance(found, End):
         accepted = "give another entry of the curve"
         raise InputError("entry", f"no curve starts there: {found.message}", accepted)

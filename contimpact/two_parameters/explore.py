@@ -13,6 +13,7 @@ from ..bifurcations.registry import test_functions
 from ..bifurcations.requested import Requested
 from ..continuation.branch import End
 from ..continuation.interruption import interrupted
+from ..errors import InputError
 from ..models.model import Model
 from ..models.word import Word
 from ..orbit_continuation.orbit_backend import walk_orbits
@@ -214,10 +215,14 @@ class _CurveExplorer:
         wanted = {*options.values, *options.start, scene.model.values[options.parameter], value}
         callback = counted(shown, options.parameter, self.progress)
         plane = options.parameter, scene.range, options.range
-        curve = follow_curve(
-            entry, model, *plane, name=name, values=sorted(wanted), settings=options.settings,
-            kernels=self.pairs, callback=callback,
-        )  # fmt: skip
+        try:
+            curve = follow_curve(
+                entry, model, *plane, name=name, values=sorted(wanted), settings=options.settings,
+                kernels=self.pairs, callback=callback,
+            )  # fmt: skip
+        except InputError as error:
+            self.notes.append(f"no curve of {entry.id} {entry.label}: {error.found}")
+            return False
         curve = with_fixed(curve, fixed)
         if any(same_curve(curve, other) for other in own):
             return False

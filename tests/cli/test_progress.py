@@ -15,9 +15,10 @@ from pathlib import Path
 import pytest
 
 from contimpact import load_diagram
-from contimpact.cli import main, progress
-from contimpact.cli.progress import Teller, telling
+from contimpact import telling as progress
+from contimpact.cli import main
 from contimpact.records.result_folder import MARK
+from contimpact.telling import Teller, telling
 
 SCENE = """
 name = "{name}"

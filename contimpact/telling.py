@@ -10,8 +10,7 @@ import time
 from collections.abc import Callable, Iterator
 from typing import Any, TextIO
 
-from ..progress import silent
-from ..storage.texts import terminal_text
+from .storage.texts import terminal_text
 
 BEAT = 0.25
 """Seconds after which a terminal's line is rewritten."""
@@ -99,7 +98,7 @@ def telling(name: str, quiet: bool = False, patient: bool = False) -> Iterator[C
     Yields the function to call with a line of text.
     """
     if quiet or sys.stderr is None or sys.stderr.closed:
-        yield silent
+        yield lambda text: None
         return
     teller = Teller(name, sys.stderr, patient)
     try:
