@@ -21,6 +21,7 @@ from .linearisation import Linearisation
 from .path import Path, path_of
 from .problem import Array, OrbitProblem
 from .recognition import repeats
+from .sensitivity import Sensitivity, sensitivity_of
 from .starts import rounds_of_starts
 
 FEWEST_STARTS = 16
@@ -125,6 +126,16 @@ class Orbit(Shown):
             On each flight.
         """
         return path_of(self.linearisation, points)
+
+    def sensitivity(self, parameter: str) -> Sensitivity:
+        """Return the derivatives of impact times and velocities with respect to a parameter.
+
+        Raises
+        ------
+        InputError
+            For a parameter the model does not have, or an orbit at a fold or a branch point.
+        """
+        return sensitivity_of(self, parameter)
 
     def to_dataframe(self) -> Any:
         """Return the impacts as a pandas DataFrame, a row for each; pandas must be installed."""

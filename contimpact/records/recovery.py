@@ -103,7 +103,22 @@ def _solved(problem: OrbitProblem, rows: Array, where: str) -> Orbit:
     return Orbit(problem, here)
 
 
+def orbit_with(model: Model, word: tuple[str, int], parameter: str, unknowns: Array) -> Orbit:
+    """Return the orbit of a word, its walls and its period, that has these unknowns."""
+    problem = OrbitProblem(model, Word(*word), Kernels(model, parameter))
+    if len(unknowns) != problem.n + 1:
+        found = f"{len(unknowns)} unknowns of the word {problem.word}"
+        raise InputError("orbit", found, f"give {problem.n + 1}")
+    return _solved(problem, unknowns[:-1].reshape(-1, problem.m), "orbit")
+
+
 # The system of a record.
+
+
+def named_model(record: Mapping[str, Any], given: Model | None = None) -> Model:
+    """Return the given model, or the one a record names, at the record's parameter values."""
+    options, parameters = dict(record["options"]), dict(record["parameters"])
+    return _model(str(record["system"]), options, parameters, given, "the file")
 
 
 def model_of(entry: Entry, given: Model | None = None) -> Model:
