@@ -55,6 +55,8 @@ _PLACES = {
     "write_diagram": "records.catalogue",
     "plot_diagram": "plots.diagram",
     "plot_orbit": "plots.orbit",
+    "plot_sweep": "plots.attractors",
+    "plot_energy": "plots.attractors",
 }
 
 __all__ = ["__version__", *_PLACES]

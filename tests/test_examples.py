@@ -1,0 +1,28 @@
+"""The examples: each listed, each with the line that runs it; what runs them all is the CI."""
+
+from __future__ import annotations
+
+import ast
+import re
+
+import pytest
+from zoo import ROOT
+
+EXAMPLES = sorted((ROOT / "examples").glob("*.py"))
+
+
+def test_the_list_is_complete():
+    listed = re.findall(r"^\| \[([\w.]+)\]", (ROOT / "examples/README.md").read_text("utf-8"), re.M)
+    assert sorted(listed) == [path.name for path in EXAMPLES]
+
+
+@pytest.mark.parametrize("path", EXAMPLES, ids=lambda path: path.stem)
+def test_an_example_says_how_it_is_run(path):
+    text = ast.get_docstring(ast.parse(path.read_text("utf-8")))
+    assert text.splitlines()[0].endswith((".", "?"))
+    assert f"python examples/{path.name}" in text
+
+
+def test_the_ci_runs_them_all():
+    text = (ROOT / ".ci" / "run").read_text("utf-8")
+    assert "for example in examples/*.py; do" in text
