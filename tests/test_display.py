@@ -77,6 +77,15 @@ def test_long_tables_say_what_they_leave_out():
     assert "... and 30 more" in table
 
 
+def test_a_figure_is_its_own_picture(diagram, results):
+    """Without pyplot nothing else would draw it in a notebook."""
+    figures = [
+        ci.plot_diagram(diagram).figure, ci.plot_curves([results["Curve"]])[0].figure,
+        ci.plot_orbit(results["Orbit"])[0].figure, ci.plot_sweep(results["Sweep"]).figure,
+    ]  # fmt: skip
+    assert all(figure._repr_png_().startswith(b"\x89PNG") for figure in figures)
+
+
 def test_what_has_no_picture_says_so():
     @dataclasses.dataclass
     class Odd:

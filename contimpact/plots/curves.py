@@ -12,7 +12,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, NamedTuple
 
-import matplotlib.figure
 import numpy as np
 from matplotlib.lines import Line2D
 
@@ -23,6 +22,7 @@ from ..errors import InputError, shown
 from ..records.competition import Region, falling, panels, parameters_of, regions
 from ..records.curve import Check, Curve
 from .diagram import save_figure, write_heading
+from .figures import Figure
 from .texts import axis_label, set_label, symbol, values_text
 
 POINT: dict[str, Any] = {"color": "k", "linestyle": "none", "markersize": 4.5}
@@ -151,7 +151,7 @@ def _axes(panels: Sequence[Panel]) -> Any:
     columns = min(len(panels), 4)
     rows = -(-len(panels) // columns)
     size = (3.0 * columns + 1.2, 2.7 * rows + 0.7) if len(panels) > 1 else (6.2, 4.4)
-    figure = matplotlib.figure.Figure(figsize=size, dpi=150, layout="constrained")
+    figure = Figure(figsize=size, dpi=150, layout="constrained")
     one, alike = len({p.across for p in panels}) == 1, _alike(panels)
     axes = np.ravel(figure.subplots(rows, columns, sharex=one, sharey=alike, squeeze=False))
     for ax in axes[len(panels) :]:

@@ -16,7 +16,6 @@ from pathlib import Path
 from typing import Any
 
 import matplotlib
-import matplotlib.figure
 import numpy as np
 from matplotlib.lines import Line2D
 
@@ -27,6 +26,7 @@ from ..records.entry import Entry
 from ..records.quantities import Quantity, numbers_of
 from ..storage.files import Content, write, write_all
 from ..systems.membrane import Membrane
+from .figures import Figure
 from .labels import CHOICES, chosen, draw_labels, text_width
 from .lines import STYLES, WIDTHS, Piece, pieces_of, series_by_branch
 from .ordinate import draw_guides, limits_of, marks_of, ordinate_label
@@ -161,12 +161,12 @@ def save_diagram(
 
 def new_figure(width: float = 7.2, height: float = 4.8) -> Any:
     """Return an empty figure of a size in inches."""
-    return matplotlib.figure.Figure(figsize=(width, height), dpi=150, layout="constrained")
+    return Figure(figsize=(width, height), dpi=150, layout="constrained")
 
 
 def fixed_axes() -> Any:
     """Return axes of a size that does not depend on labels and legend, in a new figure."""
-    figure = matplotlib.figure.Figure(figsize=SIZE, dpi=150)
+    figure = Figure(figsize=SIZE, dpi=150)
     left, bottom, width, height = AXES
     wide, high = SIZE
     return figure.add_axes((left / wide, bottom / high, width / wide, height / high))

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import functools
-import io
 from typing import Any
 
 from ..attractors.sweep import Sweep
@@ -16,10 +15,8 @@ from ..records.entry import Entry
 from .attractors import plot_sweep
 from .curves import plot_curves
 from .diagram import plot_diagram
+from .figures import png_of
 from .orbit import plot_orbit
-
-DOTS = 100
-"""Per inch."""
 
 
 def picture(result: Any) -> bytes:
@@ -30,9 +27,7 @@ def picture(result: Any) -> bytes:
     InputError
         If it cannot be drawn.
     """
-    content = io.BytesIO()
-    drawn(result).savefig(content, format="png", dpi=DOTS)
-    return content.getvalue()
+    return png_of(drawn(result))
 
 
 @functools.singledispatch
