@@ -13,9 +13,11 @@ import importlib
 import os
 import sys
 from collections.abc import Sequence
+from typing import Any
 
 from .. import __version__
 from ..errors import InputError, NotWrittenError
+from .examples import with_examples
 from .terminal import complain, say
 
 
@@ -36,7 +38,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def _status(arguments: Sequence[str] | None) -> int:
-    options = _parser().parse_args(arguments)
+    options = parser().parse_args(arguments)
     try:
         return int(importlib.import_module(f"{__name__}.{options.module}").command(options))
     except InputError as error:
@@ -53,7 +55,8 @@ def _close_output() -> None:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
 
-def _parser() -> argparse.ArgumentParser:
+def parser() -> argparse.ArgumentParser:
+    """Return the parser of the command line."""
     parser = argparse.ArgumentParser(
         prog="contimpact",
         description="Continuation of periodic orbits in impacting systems, ghosts included.",
@@ -111,13 +114,22 @@ def _parser() -> argparse.ArgumentParser:
         "-o", "--output", metavar="FILE", help="file to write (svg, png, pdf or html)"
     )
     plot.add_argument("--html", action="store_true", help="write the page: DIR/diagram.html")
-    plot.add_argument("-x", metavar="NAME", help="parameter on the x axis")
-    plot.add_argument("-y", metavar="NAME", help="quantity on the y axis")
-    plot.add_argument("--xlim", nargs=2, type=float, metavar=("LOW", "HIGH"))
-    plot.add_argument("--ylim", nargs=2, type=float, metavar=("LOW", "HIGH"))
+    plot.add_argument(
+        "-x", metavar="NAME", help="parameter on the x axis, otherwise the one in the scene"
+    )
+    plot.add_argument(
+        "-y", metavar="NAME", help="quantity on the y axis, such as multipliers, or a column"
+    )
+    limits: dict[str, Any] = {"nargs": 2, "type": float, "metavar": ("LOW", "HIGH")}
+    plot.add_argument("--xlim", help="limits of the x axis", **limits)
+    plot.add_argument("--ylim", help="limits of the y axis", **limits)
     plot.set_defaults(module="plot")
 
     view = commands.add_parser("view", help="open the page of a folder in the browser")
     view.add_argument("folder", metavar="DIR", help="folder written by run or simulate")
     view.set_defaults(module="view")
-    return parser
+
+    completion = commands.add_parser("completion", help="print the completion of a shell")
+    completion.add_argument("shell", choices=["bash", "zsh", "fish"], help="the shell")
+    completion.set_defaults(module="completion")
+    return with_examples(parser)

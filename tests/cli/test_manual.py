@@ -1,0 +1,64 @@
+"""Help, manual and completion are of the parser, with an example for every command."""
+
+from __future__ import annotations
+
+import shlex
+import shutil
+import subprocess
+
+import pytest
+from zoo import ROOT
+
+from contimpact.cli import main, parser
+from contimpact.cli.completion import script
+from contimpact.cli.examples import EXAMPLES, commands_of
+from contimpact.cli.manual import manual
+
+COMMANDS = list(commands_of(parser()))
+
+
+def test_the_manual_is_that_of_the_parser():
+    """Made again by ``python -m contimpact.cli.manual > docs/cli.md``."""
+    assert (ROOT / "docs" / "cli.md").read_text(encoding="utf-8") == manual().rstrip("\n") + "\n"
+
+
+@pytest.mark.parametrize("name", COMMANDS)
+def test_help_ends_with_an_example_that_can_be_read(name, capsys):
+    with pytest.raises(SystemExit) as end:
+        main([name, "--help"])
+    assert end.value.code == 0
+    assert capsys.readouterr().out.endswith(f"example:\n  {EXAMPLES[name]}\n")
+    if name != "completion":
+        words = shlex.split(EXAMPLES[name])
+        assert words[:2] == ["contimpact", name]
+        assert parser().parse_args(words[1:]).module
+
+
+@pytest.mark.parametrize("name", COMMANDS)
+def test_every_argument_says_what_it_is(name):
+    lacking = [a.dest for a in commands_of(parser())[name]._actions if not a.help]
+    assert lacking == []
+
+
+@pytest.mark.skipif(shutil.which("bash") is None, reason="needs bash")
+@pytest.mark.parametrize(
+    ("line", "expected"),
+    [(["contimpact", "r"], ["run", "report"]), (["contimpact", "plot", "--x"], ["--xlim"]),
+     (["contimpact", "run", "--no"], ["--no-plot"])],
+)  # fmt: skip
+def test_bash_completes(line, expected, tmp_path):
+    words = " ".join(map(shlex.quote, line))
+    ask = f'COMP_WORDS=({words}); COMP_CWORD={len(line) - 1}; _contimpact; echo "${{COMPREPLY[@]}}"'
+    code = script("bash") + ask
+    done = subprocess.run(
+        ["bash", "-c", code], capture_output=True, text=True, check=True, cwd=tmp_path
+    )
+    assert set(expected) <= set(done.stdout.split())
+
+
+@pytest.mark.parametrize("shell", ["bash", "zsh", "fish"])
+def test_the_command_prints_the_script(shell, capsys):
+    assert main(["completion", shell]) == 0
+    text = capsys.readouterr().out
+    assert text == script(shell)
+    assert all(name in text for name in COMMANDS)
