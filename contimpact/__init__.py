@@ -56,6 +56,7 @@ _PLACES = {
     "plot_diagram": "plots.diagram",
     "plot_orbit": "plots.orbit",
     "plot_sweep": "plots.attractors",
+    "plot_transitions": "plots.transitions",
     "plot_energy": "plots.attractors",
 }
 
