@@ -1,4 +1,7 @@
-"""Sphinx configuration; the build command stands in README.md."""
+"""Sphinx configuration; the build command stands in README.md.
+
+Pages need no network: MathJax is copied along, and the theme brings its own styles.
+"""
 
 from contimpact import __version__
 
@@ -6,10 +9,16 @@ project = "contimpact"
 author = "the contimpact developers"
 release = version = __version__
 
-extensions = ["myst_parser", "sphinx.ext.autodoc", "sphinx.ext.napoleon", "sphinx.ext.mathjax"]
+extensions = ["myst_nb", "sphinx.ext.autodoc", "sphinx.ext.napoleon", "sphinx.ext.mathjax"]
+extensions += ["sphinx-mathjax-offline"]
 myst_enable_extensions = ["deflist", "dollarmath"]
 myst_heading_anchors = 3
-exclude_patterns = ["_build"]
+exclude_patterns = ["_build", "**/.ipynb_checkpoints"]
+
+nb_execution_mode = "force"
+nb_execution_raise_on_error = True
+nb_execution_timeout = 120
+nb_execution_in_temp = True
 
 autodoc_member_order = "bysource"
 autodoc_typehints = "none"
@@ -17,10 +26,6 @@ napoleon_google_docstring = False
 napoleon_use_param = False
 napoleon_use_rtype = False
 
-html_theme = "alabaster"
-html_theme_options = {
-    "description": "Continuation of periodic orbits in impacting systems, ghosts included",
-    "page_width": "1080px",
-    "sidebar_width": "200px",
-}
+html_theme = "furo"
+html_title = f"contimpact {version}"
 html_show_sourcelink = False

@@ -1,0 +1,110 @@
+"""Draw the figures of the paper that no scene draws, for the gallery of the documentation.
+
+    python docs/figures/paper.py [NAME ...]
+
+Names are fig5, fig9, fig10 and fig12; all of them if none is given. Figs. 10 and 12 take a minute.
+"""
+
+import math
+import sys
+from pathlib import Path
+
+import numpy as np
+from matplotlib.figure import Figure
+
+import contimpact as ci
+
+HERE = Path(__file__).parent
+SCENES = HERE.parents[1] / "branches"
+EVENTS = ["FB", "PD", "G"]
+
+
+def written(figure, name):
+    """Write a figure as PNG, the same bytes every time."""
+    figure.savefig(HERE / f"{name}.png", dpi=110, metadata={"Software": None})
+
+
+def fig5():
+    """The 1:1 orbit: stable, unstable after a PD, unphysical after a grazing."""
+    figure = Figure(figsize=(9.0, 9.0), layout="constrained")
+    axes = figure.subplots(3, 2, width_ratios=(1.0, 1.5))
+    for (A, r), row in zip(((6.8, 0.4), (7.35, 0.4), (7.8, 0.25)), axes, strict=True):
+        pair = ci.ImpactPair(beta=math.pi / 6, r=r, A=A, s=0.5)
+        orbits = ci.find_orbits(pair, "1:1", parameter="A")
+        orbit = max(orbits, key=lambda o: o.velocities[0])
+        state = "stable" if orbit.stable else "unstable"
+        state += "" if orbit.physical else ", unphysical"
+        ci.plot_orbit(orbit, axes=row, labels=[f"1:1, {state}, A = {A} N, r = {r}"])
+    written(figure, "fig5")
+
+
+def fig9():
+    """Eigenvalues along the 2:1 branches of Figs. 7 and 8."""
+    figure = Figure(figsize=(12.0, 5.2))
+    axes = figure.subplots(1, 2)
+    figure.subplots_adjust(left=0.06, right=0.97, top=0.82, bottom=0.26)
+    for name, ax in zip(("fig7", "fig8"), axes, strict=True):
+        scene = ci.load_scene(SCENES / name / "scene.toml")
+        pair, followed = scene.model, scene.parameter
+        orbit = next(
+            o for o in ci.find_orbits(pair, "2:1", parameter=followed) if o.stable and o.physical
+        )
+        branch = ci.continue_orbit(orbit, followed, scene.range, events=EVENTS)
+        fold = max(e.parameters["d"] for e in branch.events if e.kind == "FB")
+        lowest = min(e.parameters["d"] for e in branch.events if e.kind in ("PD", "G"))
+        limits = (lowest - 0.01, fold + 0.005)
+        diagram = ci.Diagram(name, [branch])
+        ci.plot_diagram(diagram, ax, x="d", y="multipliers", xlim=limits, unphysical="all")
+    written(figure, "fig9")
+
+
+def fig10():
+    """Transitions of simulated motion over the curves of Fig. 6, for beta = pi/3."""
+    pair = ci.ImpactPair(beta=math.pi / 3, r=0.5, A=5.0, s=0.6)
+    curves = []
+    for word, s in (("1:1", 0.6), ("2:1", 0.32)):
+        orbits = ci.find_orbits(pair.replace(s=s), word, parameter="s")
+        orbit = next(o for o in orbits if o.physical and o.stable)
+        branch = ci.continue_orbit(orbit, "s", (0.1, 1.2), events=EVENTS)
+        for event in branch.events:
+            if event.value < 0.7:
+                curves.append(
+                    ci.follow_curve(
+                        event, second="r", first_range=(0.05, 1.2), second_range=(0.2, 0.8),
+                        name=f"c{len(curves) + 1}",
+                    )
+                )  # fmt: skip
+    sweeps = []
+    for r in np.linspace(0.25, 0.75, 11):
+        values = np.linspace(0.62, 0.14, 49)
+        sweeps.append(ci.sweep(pair.replace(r=float(r), s=0.62), "s", values))
+    figure = Figure(figsize=(8.0, 5.6), layout="constrained")
+    ax = figure.add_subplot()
+    ci.plot_transitions(curves, sweeps, to=["2:1", "3:1"], ax=ax, along="d")
+    written(figure, "fig10")
+
+
+def fig12():
+    """Mean voltages over d for two coefficients of restitution."""
+    figure = Figure(figsize=(8.0, 4.4), layout="constrained")
+    ax = figure.add_subplot()
+    for r, colour in ((0.3, "#0072B2"), (0.6, "#E69F00")):
+        pair = ci.ImpactPair(beta=math.pi / 6, r=r, A=5.0, s=0.45)
+        found = ci.sweep(pair, "s", np.linspace(0.45, 0.16, 59))
+        d = [row.attractor.parameters["d"] for row in found.rows]
+        means = [ci.energy(row.attractor) for row in found.rows]
+        per_time = [e.per_time / 1e3 for e in means]
+        per_impact = [e.per_impact / 1e3 for e in means]
+        ax.plot(d, per_time, "^", color=colour, markersize=4, label=rf"$\bar{{U}}_T$, r = {r}")
+        hollow = {"markerfacecolor": "white", "color": colour, "markersize": 4}
+        ax.plot(d, per_impact, "s", label=rf"$\bar{{U}}_I$, r = {r}", **hollow)
+    ax.set_xlabel("$d$ (dimensionless)")
+    ax.set_ylabel("mean output voltage (kV)")
+    ax.legend(fontsize=8)
+    written(figure, "fig12")
+
+
+if __name__ == "__main__":
+    for chosen in sys.argv[1:] or ["fig5", "fig9", "fig10", "fig12"]:
+        {"fig5": fig5, "fig9": fig9, "fig10": fig10, "fig12": fig12}[chosen]()
+        print(chosen)

@@ -1,0 +1,80 @@
+"""The documentation as a site: notebooks as they are kept, the gallery, the checker of links."""
+
+from __future__ import annotations
+
+import importlib.util
+import json
+import re
+
+import pytest
+from zoo import ROOT
+
+DOCS = ROOT / "docs"
+NOTEBOOKS = sorted((DOCS / "notebooks").glob("*.ipynb"))
+
+
+def code_of(path):
+    cells = json.loads(path.read_text(encoding="utf-8"))["cells"]
+    return ["".join(cell["source"]) for cell in cells if cell["cell_type"] == "code"]
+
+
+def test_four_notebooks_are_in_the_contents():
+    index = (DOCS / "index.md").read_text(encoding="utf-8")
+    assert len(NOTEBOOKS) == 4
+    assert all(f"notebooks/{path.stem}" in index for path in NOTEBOOKS)
+
+
+@pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda path: path.stem)
+def test_notebooks_are_kept_without_outputs_and_places(path):
+    text = path.read_text(encoding="utf-8")
+    assert len(text) < 20_000
+    assert not re.search(r"/(home|root|tmp|Users|work)/", text)
+    for cell in json.loads(text)["cells"]:
+        assert cell.get("outputs", []) == []
+        assert cell.get("execution_count") is None
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda path: path.stem)
+def test_notebooks_run_from_top_to_bottom(path, tmp_path):
+    """In a kernel of their own, as the documentation's build does with all of them."""
+    nbformat = pytest.importorskip("nbformat")
+    nbclient = pytest.importorskip("nbclient")
+    pytest.importorskip("ipykernel")
+    book = nbformat.read(path, 4)
+    place = {"metadata": {"path": str(tmp_path)}}
+    nbclient.NotebookClient(book, timeout=120, kernel_name="python3", resources=place).execute()
+    shown = [o for cell in book.cells for o in cell.get("outputs", []) if "data" in o]
+    assert any("image/png" in o["data"] or "<img" in o["data"].get("text/html", "") for o in shown)
+
+
+def test_the_gallery_has_every_figure_and_its_pictures():
+    text = (DOCS / "gallery.md").read_text(encoding="utf-8")
+    heads = " ".join(re.findall(r"^## (.*)$", text, re.M))
+    assert {int(n) for n in re.findall(r"\d+", heads.replace("1:1", ""))} == {*range(1, 13)}
+    for target in re.findall(r"!\[[^\]]+\]\(([^)]+)\)", text):
+        assert (DOCS / target).is_file(), target
+
+
+@pytest.fixture(scope="module")
+def checker():
+    spec = importlib.util.spec_from_file_location("check_site", DOCS / "check_site.py")
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+def test_broken_links_are_found(checker, tmp_path):
+    (tmp_path / "b.html").write_text('<p id="here">', encoding="utf-8")
+    (tmp_path / "a.html").write_text(
+        '<a href="b.html#here"></a><a href="b.html#there"></a><a href="c.html"></a>'
+        '<a href="https://example.org"></a><script src="https://example.org/x.js"></script>'
+        '<img src="d.png">',
+        encoding="utf-8",
+    )
+    assert checker.faults(tmp_path) == [
+        "a.html: loads https://example.org/x.js",
+        "a.html: b.html#there: no such place",
+        "a.html: c.html: no such file",
+        "a.html: d.png: no such file",
+    ]
