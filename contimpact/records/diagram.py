@@ -55,11 +55,15 @@ class Diagram(Shown):
 
     def __getitem__(self, name: str) -> Branch | Curve | Entry:
         """Return a branch, a curve or an entry by its name: ``b1``, ``c1``, ``e1``."""
-        curves = [*self.curves, *self.codim2_curves]
-        kept: list[Branch | Curve | Entry] = [*self.branches, *curves, *self.entries]
-        for one in kept:
-            if one.id == name:
-                return one
+        kept: list[Branch | Curve | Entry] = [*self.branches, *self._all_curves, *self.entries]
+        found = [one for one in kept if one.id == name]
+        if len(found) == 1:
+            return found[0]
+        if found:
+            own = [f"{one.id} of {one.branch}" for one in found if isinstance(one, Entry)]
+            accepted = f"take it from its branch: diagram['b1'].events; there are {', '.join(own)}"
+            where = f"diagram {self.name}"
+            raise InputError(where, f"{len(found)} are called {shown(name)}", accepted)
         groups = (self.branches, self.curves, self.codim2_curves, self.entries)
         known = [_span([one.id for one in group]) for group in groups if group]
         accepted = f"there are {', '.join(known) or 'no branches'}"

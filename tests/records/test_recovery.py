@@ -290,6 +290,15 @@ def test_parts_of_a_diagram_have_names(live):
             live[name]
 
 
+def test_a_name_that_means_several_is_refused(live):
+    """Branches followed one by one count their events from e1."""
+    other = dataclasses.replace(live["b1"], id="b9", events=live["b1"].events)
+    twice = ci.Diagram("mine", [live["b1"], other])
+    assert twice["b9"] is other
+    with pytest.raises(InputError, match="2 are called 'e1'; take it from its branch"):
+        twice["e1"]
+
+
 def test_a_folder_written_from_python_is_drawn(live, tmp_path, capsys):
     ci.write_diagram(ci.Diagram("mine", [live["b1"]]), tmp_path)
     assert main(["plot", str(tmp_path)]) == 0
