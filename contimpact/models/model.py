@@ -136,17 +136,17 @@ class Model(ABC):
     **given
         Values of `PARAMETERS` (floats) and of `OPTIONS` (text that shapes the formulas).
 
+    Raises
+    ------
+    InputError
+        For an unknown, missing, contradictory or inadmissible value.
+
     Notes
     -----
     Of the class attributes these may be left out: `DERIVED_UNITS`, units of derived parameters for
     labels; `DERIVED_FROM`, the parameters each depends on (all, if nothing is said); `EXPRESSIONS`,
     the options that are expressions, with the names that may stand in them; `MEMBRANES`,
     whether impacts hit membranes of an energy harvester.
-
-    Raises
-    ------
-    InputError
-        For an unknown, missing, contradictory or inadmissible value.
     """
 
     SYSTEM: ClassVar[str]

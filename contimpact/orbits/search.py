@@ -50,6 +50,7 @@ class Orbit(Shown):
 
     @property
     def unknowns(self) -> Array:
+        """Impact times, section coordinates and the free parameter, shape (n + 1,)."""
         return self.linearisation.unknowns
 
     @property

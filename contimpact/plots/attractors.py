@@ -213,6 +213,23 @@ def plot_energy(
     Open circles are U_k of each impact, squares the mean per impact, triangles the mean per unit of
     dimensionless time; lines are U_k along the branches, by wall. Only the first direction of a
     sweep is drawn.
+
+    Parameters
+    ----------
+    membrane : Membrane
+    sweep : Sweep
+    ax : matplotlib.axes.Axes, optional
+    x : str, optional
+        Parameter on the x axis; the swept one by default.
+    diagram : Diagram, optional
+        Whose branches of period T are drawn.
+    xlim : (low, high), optional
+    unit : str
+        Of x.
+
+    Returns
+    -------
+    matplotlib.axes.Axes
     """
     ax = ax or style.new_figure().add_subplot()
     x = x or sweep.parameter

@@ -204,6 +204,14 @@ def _table_text(head: Mapping[str, Any], columns: Mapping[str, Array]) -> str:
 def load_entries(folder: str | Path) -> list[Entry]:
     """Read the entries of a saved catalogue, to start branches and curves from.
 
+    Parameters
+    ----------
+    folder : str or Path
+
+    Returns
+    -------
+    list of Entry
+
     Raises
     ------
     InputError
@@ -217,6 +225,14 @@ def load_entries(folder: str | Path) -> list[Entry]:
 
 def load_diagram(folder: str | Path) -> Diagram:
     """Read a folder written by `write_diagram`.
+
+    Parameters
+    ----------
+    folder : str or Path
+
+    Returns
+    -------
+    Diagram
 
     Raises
     ------

@@ -145,7 +145,17 @@ def _member(branch: Branch) -> tuple[float, ...]:
 
 
 def stable_intervals(branch: Branch) -> list[Interval]:
-    """Return the runs of stable physical orbits of a branch."""
+    """Return the runs of stable physical orbits of a branch.
+
+    Parameters
+    ----------
+    branch : Branch
+
+    Returns
+    -------
+    list of Interval
+        In order of arclength.
+    """
     events = branch["event"]
     good = branch.stable & branch.physical
     good[events != ""] = False  # at an event the status is that of neither side

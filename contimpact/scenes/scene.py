@@ -196,6 +196,14 @@ class Scene:
 def load_scene(path: str | Path) -> Scene:
     """Read and validate a scene file.
 
+    Parameters
+    ----------
+    path : str or Path
+
+    Returns
+    -------
+    Scene
+
     Raises
     ------
     InputError
@@ -241,6 +249,15 @@ def _text(path: Path) -> str:
 
 def read_scene(given: Mapping[str, Any]) -> Scene:
     """Validate a scene given as nested mappings.
+
+    Parameters
+    ----------
+    given : mapping
+        Tables and keys as in a scene file.
+
+    Returns
+    -------
+    Scene
 
     Raises
     ------

@@ -71,7 +71,7 @@ class ImpactPair(Model):
         return None
 
     def formulas(self, symbols: Mapping[str, Any]) -> Formulas:
-        """Equations (6)-(8): flight under gravity and a sum of harmonics."""
+        """Return equations (6)-(8): flight under gravity and a sum of harmonics."""
         import sympy
 
         from ..models.symbolic import fourier_series, harmonic_means, over_harmonics
