@@ -78,3 +78,18 @@ def test_broken_links_are_found(checker, tmp_path):
         "a.html: c.html: no such file",
         "a.html: d.png: no such file",
     ]
+
+
+def test_the_paper_has_its_parts_figures_and_references():
+    """In the form of the Journal of Open Source Software."""
+    text = (DOCS / "paper.md").read_text(encoding="utf-8")
+    heads = re.findall(r"^# (.*)$", text, re.M)
+    wanted = ["Summary", "Statement of need", "State of the field"]
+    wanted += ["Acknowledgements", "References"]
+    assert [head for head in heads if head in wanted] == wanted
+    assert 250 < len(text.split()) < 1000
+    keys = set(re.findall(r"@(\w+)", text.split("---", 2)[2]))
+    known = (DOCS / "paper.bib").read_text(encoding="utf-8")
+    assert keys == set(re.findall(r"^@\w+\{(\w+),", known, re.M))
+    for target in re.findall(r"\]\(([^)]+\.png)\)", text):
+        assert (DOCS / target).is_file(), target
