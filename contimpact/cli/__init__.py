@@ -108,6 +108,22 @@ def parser() -> argparse.ArgumentParser:
     merge.add_argument("-o", "--output", metavar="DIR", required=True, help="folder to write to")
     merge.set_defaults(module="merge")
 
+    study = commands.add_parser("study", help="compute the scenes of a study into a store")
+    study.add_argument("study", metavar="STUDY", help="a study file (TOML)")
+    study.add_argument(
+        "-o", "--output", metavar="STORE", required=True, help="store to write to, or to go on with"
+    )
+    study.add_argument(
+        "-w", "--workers", metavar="N", type=int, help="processes (default all cores)"
+    )
+    study.add_argument(
+        "--scheduler", metavar="ADDRESS", help="compute on a Dask scheduler's workers"
+    )
+    study.add_argument("--mpi", action="store_true", help="compute on the processes of an MPI run")
+    study.add_argument("--again", action="store_true", help="try scenes again that have failed")
+    study.add_argument("-q", "--quiet", action="store_true", help="print nothing but errors")
+    study.set_defaults(module="study")
+
     plot = commands.add_parser("plot", help="draw the diagram of a folder written by run")
     plot.add_argument("folder", metavar="DIR", help="folder written by run")
     plot.add_argument(

@@ -209,6 +209,21 @@ def load_scene(path: str | Path) -> Scene:
     InputError
         If the file cannot be read or the scene is not valid.
     """
+    given = read_toml(path)
+    if "study" in given:
+        accepted = "compute it by contimpact study, or take the table away"
+        raise InputError(str(path), "a table [study]: it is a study of many scenes", accepted)
+    return read_scene(given)
+
+
+def read_toml(path: str | Path) -> dict[str, Any]:
+    """Return what a scene file holds, as nested mappings, not yet validated.
+
+    Raises
+    ------
+    InputError
+        If the file cannot be read or is not TOML.
+    """
     path = Path(path)
     try:
         text = _text(path)
@@ -226,12 +241,11 @@ def load_scene(path: str | Path) -> Scene:
         raise InputError(str(path), str(error), "give a scene.toml") from None
     toml = "give lines such as range = [0.1, 1.0] in tables such as [follow]"
     try:
-        given = tomllib.loads(text)
+        return tomllib.loads(text)
     except ValueError as error:  # TOMLDecodeError, and numbers of thousands of digits
         raise InputError(str(path), f"not TOML: {error}", toml) from None
     except RecursionError:
         raise InputError(str(path), "nested too deeply", toml) from None
-    return read_scene(given)
 
 
 def _text(path: Path) -> str:

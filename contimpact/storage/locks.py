@@ -32,15 +32,15 @@ LONGEST = 4096
 
 
 @contextlib.contextmanager
-def locked(folder: Path) -> Iterator[None]:
-    """Keep other processes from writing to a folder.
+def locked(folder: Path, name: str = LOCK) -> Iterator[None]:
+    """Keep other processes from writing to a folder, or to what a lock of another name is for.
 
     Raises
     ------
     InputError
         If another one does, or the folder cannot be written.
     """
-    path = folder / LOCK
+    path = folder / name
     try:
         descriptor = _taken(path)
     except OSError as error:

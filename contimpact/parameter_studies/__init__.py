@@ -1,0 +1,1 @@
+"""Many scenes as one study: their parameters, their computation on many processes, their store."""

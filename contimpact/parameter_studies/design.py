@@ -1,0 +1,208 @@
+"""The points of a study: the values that its parameters take, scene by scene.
+
+A study's points are all combinations of the values of its grid with the points of its sample, as
+far as the constraints admit them. Each has a number, its place among all combinations, which no
+constraint and no order of computation changes.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from ..arrays import Array
+from ..errors import InputError
+from ..models.expressions import values_of
+from ..scenes.options import LARGEST_SEED
+from ..scenes.table import Table
+
+MOST_SCENES = 10**7
+METHODS = ("random", "sobol")
+SPACINGS = ("linear", "log")
+_ORDER = re.compile(r"<=|>=|<|>")
+_HOLDS = {"<": np.less, "<=": np.less_equal, ">": np.greater, ">=": np.greater_equal}
+
+
+@dataclass(frozen=True)
+class Axis:
+    """A parameter of a grid and the values it takes."""
+
+    name: str
+    values: tuple[float, ...]
+
+
+@dataclass(frozen=True)
+class Sample:
+    """Points drawn at random, or from a Sobol' sequence, within ranges of parameters.
+
+    Attributes
+    ----------
+    method : str
+        ``random`` or ``sobol`` (scrambled).
+    count : int
+    seed : int
+    ranges : mapping of str to (low, high)
+    """
+
+    method: str
+    count: int
+    seed: int
+    ranges: Mapping[str, tuple[float, float]]
+
+    def points(self) -> Array:
+        """Return the points, shape (count, number of ranges); the same for the same seed."""
+        from scipy.stats import qmc
+
+        low, high = np.transpose(list(self.ranges.values()))
+        if self.method == "random":
+            unit = np.random.default_rng(self.seed).random((self.count, len(low)))
+        else:
+            unit = qmc.Sobol(len(low), scramble=True, seed=self.seed).random_base2(
+                (self.count - 1).bit_length()
+            )[: self.count]
+        return np.asarray(low + unit * (high - low))
+
+
+@dataclass(frozen=True)
+class Design:
+    """The points of a study.
+
+    Attributes
+    ----------
+    axes : sequence of Axis
+        Of the grid; the last one varies fastest.
+    sample : Sample or None
+    constraints : sequence of str
+        Such as ``r_T <= r_B``, in the names of `fixed` and of the study's own parameters.
+    fixed : mapping of str to float
+        Parameters that are the same in all scenes.
+    """
+
+    axes: tuple[Axis, ...]
+    sample: Sample | None
+    constraints: tuple[str, ...] = ()
+    fixed: Mapping[str, float] | None = None
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """The parameters that differ between scenes."""
+        drawn = self.sample.ranges if self.sample else ()
+        return (*(axis.name for axis in self.axes), *drawn)
+
+    @property
+    def combinations(self) -> int:
+        """Points before constraints."""
+        count = self.sample.count if self.sample else 1
+        for axis in self.axes:
+            count *= len(axis.values)
+        return count
+
+    def points(self) -> tuple[Array, Array]:
+        """Return the numbers of the points that the constraints admit, and their values.
+
+        Raises
+        ------
+        InputError
+            If a constraint cannot be read, or none is left.
+        """
+        shape = [len(axis.values) for axis in self.axes]
+        drawn = self.sample.points() if self.sample else np.zeros((1, 0))
+        places = np.unravel_index(np.arange(self.combinations), (*shape, len(drawn)))
+        columns = [np.array(a.values)[p] for a, p in zip(self.axes, places, strict=False)]
+        values = np.column_stack([*columns, drawn[places[-1]]])
+        admitted = self._admitted(values)
+        if not np.any(admitted):
+            found = f"they admit none of {len(values)} points"
+            raise InputError("study.constraints", found, "take some of them away")
+        return np.flatnonzero(admitted), values[admitted]
+
+    def _admitted(self, values: Array) -> Array:
+        fixed = {name: np.full(len(values), value) for name, value in (self.fixed or {}).items()}
+        known = fixed | dict(zip(self.names, values.T, strict=True))
+        admitted = np.ones(len(values), dtype=bool)
+        for i, text in enumerate(self.constraints):
+            admitted &= _holds(text, f"study.constraints[{i}]", known)
+        return admitted
+
+
+def _holds(text: str, where: str, known: Mapping[str, Array]) -> Array:
+    """Where a chain of inequalities such as ``0.1 < r_T <= r_B`` holds."""
+    signs, sides = _ORDER.findall(text), _ORDER.split(text)
+    if not signs:
+        accepted = "give an inequality such as 'r_T <= r_B', with <, <=, > or >="
+        raise InputError(where, f"found {text!r}", accepted)
+    values = [values_of(side, where, known) for side in sides]
+    sides_of = zip(signs, values[:-1], values[1:], strict=True)
+    with np.errstate(invalid="ignore"):
+        each = [_HOLDS[sign](one, other) for sign, one, other in sides_of]
+    length = len(next(iter(known.values())))
+    return np.logical_and.reduce([np.broadcast_to(one, length) for one in each])
+
+
+def read_design(table: Table, fixed: Mapping[str, float]) -> Design:
+    """Return the points that [study] asks for."""
+    axes = _axes(table.table("grid", optional=True))
+    sample = _sample(table.table("sample")) if table.has("sample") else None
+    constraints = tuple(table.texts("constraints", []))
+    design = Design(axes, sample, constraints, fixed)
+    names = design.names
+    if not names:
+        accepted = "give the values of parameters in [study.grid], ranges in [study.sample.range]"
+        raise InputError(table.path, "no parameter differs between scenes", accepted)
+    if twice := next((name for name in names if names.count(name) > 1), None):
+        found = f"{twice} is in the grid already"
+        raise InputError(f"study.sample.range.{twice}", found, "give it in one place")
+    if design.combinations > MOST_SCENES:
+        found = f"{design.combinations} scenes"
+        raise InputError(table.path, found, f"at most {MOST_SCENES} are admitted")
+    return design
+
+
+def _axes(table: Table) -> tuple[Axis, ...]:
+    axes = []
+    for name in list(table.data):
+        spaced = isinstance(table.data[name], Mapping)
+        values = _spaced(table.table(name)) if spaced else table.numbers(name)
+        if not values or len(set(values)) < len(values):
+            found = "a value twice" if values else "empty"
+            raise InputError(table.place(name), found, "give different values, at least one")
+        axes.append(Axis(name, tuple(values)))
+    table.finish()
+    return tuple(axes)
+
+
+def _spaced(table: Table) -> Sequence[float]:
+    """Values of equal distance, or of equal ratio."""
+    first, last = table.number("from"), table.number("to")
+    count = table.whole("count", least=2, most=MOST_SCENES)
+    spacing = table.text("spacing", SPACINGS[0])
+    table.finish()
+    if spacing not in SPACINGS:
+        accepted = f"accepted are {', '.join(SPACINGS)}"
+        raise InputError(table.place("spacing"), f"found {spacing!r}", accepted)
+    if spacing == "linear":
+        return [float(value) for value in np.linspace(first, last, count)]
+    if first * last <= 0.0:
+        found = f"found from {first:.6g} to {last:.6g}"
+        raise InputError(table.path, found, "give two numbers above 0, or spacing = 'linear'")
+    return [float(value) for value in np.geomspace(first, last, count)]
+
+
+def _sample(table: Table) -> Sample:
+    method = table.text("method")
+    if method not in METHODS:
+        accepted = f"accepted are {', '.join(METHODS)}"
+        raise InputError(table.place("method"), f"found {method!r}", accepted)
+    count = table.whole("count", most=MOST_SCENES)
+    seed = table.whole("seed", 0, least=0, most=LARGEST_SEED)
+    ranges: Any = table.table("range")
+    limits = {name: ranges.pair(name) for name in list(ranges.data)}
+    if not limits:
+        raise InputError(ranges.path, "empty", "give a range such as beta = [0.1, 1.5]")
+    ranges.finish()
+    table.finish()
+    return Sample(method, count, seed, limits)

@@ -1,0 +1,314 @@
+"""A study computed: scene after scene into the store, from where it stopped.
+
+Scenes are computed in an order of their own, the same for the same study: one drawn at random, so
+that the first few tell what the rest will cost. The store is written by this process alone.
+"""
+
+from __future__ import annotations
+
+import time
+from collections import deque
+from collections.abc import Callable, Iterator
+from concurrent.futures import (
+    FIRST_COMPLETED,
+    BrokenExecutor,
+    CancelledError,
+    Executor,
+    Future,
+    wait,
+)
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from ..errors import InputError
+from ..progress import Progress, silent
+from .executors import UNKNOWN, Workshop
+from .outcome import Outcome, failure
+from .store import Store
+from .study_file import StudyFile
+from .worker import Task, compute, versions
+
+FEW = 24
+"""Scenes, and `FOR_EACH` more for each worker, after which the time that is left is estimated."""
+FOR_EACH = 4
+AHEAD = 2
+"""Scenes given to each worker at once, so that none waits for the store."""
+FLIGHTS = 20_000
+"""Flights of a scene, roughly, by which it is decided whether compiling pays."""
+ATTEMPTS = 2
+"""A scene that ends its worker is tried so often alone."""
+REOPENED = 5
+"""Executors opened one after another without a scene that was finished in between."""
+
+
+class WorkersLostError(InputError):
+    """No worker is left; what was finished is in the store."""
+
+
+@dataclass
+class Tally:
+    """How far a study has come.
+
+    Attributes
+    ----------
+    total : int
+        Scenes of the study.
+    before : int
+        Those that earlier runs have finished.
+    done, failed : int
+        Scenes of this run; the failed ones are among those done.
+    seconds : float
+        Since this run has begun.
+    estimate : float or None
+        Seconds this run was said to take.
+    """
+
+    total: int
+    before: int
+    done: int = 0
+    failed: int = 0
+    seconds: float = 0.0
+    estimate: float | None = None
+
+    @property
+    def left(self) -> int:
+        """Scenes still to compute."""
+        return self.total - self.before - self.done
+
+
+@dataclass
+class _Clock:
+    """What scenes take; the first one, which derives and compiles, is left out."""
+
+    began: float = field(default_factory=time.monotonic)
+    since: float | None = None
+    counted: int = 0
+
+    def tick(self) -> None:
+        if self.since is None:
+            self.since = time.monotonic()
+        else:
+            self.counted += 1
+
+    def each(self) -> float | None:
+        """Seconds from one scene to the next."""
+        if self.since is None or not self.counted:
+            return None
+        return (time.monotonic() - self.since) / self.counted
+
+
+def run_study(
+    study: StudyFile,
+    store: Store,
+    workshop: Workshop,
+    *,
+    again: bool = False,
+    progress: Progress | None = None,
+    announce: Callable[[str], None] = silent,
+) -> Tally:
+    """Compute the scenes of a study that are not in the store.
+
+    Parameters
+    ----------
+    study : StudyFile
+    store : Store
+    workshop : Workshop
+        Where.
+    again : bool
+        Whether scenes that have failed are tried again.
+    progress : callable, optional
+        Called with a line of text after every scene.
+    announce : callable, optional
+        Called with what is to be read even where nobody follows the progress: how many scenes there
+        are, how long it will take, what it has taken.
+
+    Returns
+    -------
+    Tally
+
+    Raises
+    ------
+    InputError
+        If the store holds another study of this name, or cannot be written.
+    WorkersLostError
+        If no worker is left.
+    """
+    with store.claimed(study.name):
+        return _Computation(study, store, workshop, again, progress or silent, announce).run()
+
+
+class _Computation:
+    def __init__(
+        self, study: StudyFile, store: Store, workshop: Workshop, again: bool,
+        progress: Progress, announce: Callable[[str], None],
+    ) -> None:  # fmt: skip
+        self.study, self.store, self.workshop = study, store, workshop
+        self.progress, self.announce = progress, announce
+        self.number = store.enter(study)
+        self.numbers, self.values = study.points
+        finished = store.finished(self.number, failed=not again)
+        order = np.random.default_rng(0).permutation(len(study))
+        self.waiting = deque(int(i) for i in order if int(self.numbers[i]) not in finished)
+        self.tally = Tally(len(study), len(study) - len(self.waiting))
+        self.flying: dict[Future[Outcome], int] = {}
+        self.clock, self.ready, self.opened = _Clock(), False, 0
+        self.few = 0
+        self.derived = next(iter(study.first.model.DERIVED), None)
+
+    def run(self) -> Tally:
+        known = f", {self.tally.before} of them in the store" if self.tally.before else ""
+        self.announce(f"{self.tally.total} scenes{known}")
+        if self.waiting:
+            self.compute_all()
+        return self.tally
+
+    def compute_all(self) -> None:
+        """Compute what is waiting, on one executor after another if they break."""
+        self.record_of_run: int | None = None
+        while self.waiting or self.flying:
+            self.opened += 1
+            if self.opened > REOPENED:
+                raise self.broken("nothing was finished on the last ones")
+            suspects = self.on_an_executor()
+            for place in suspects:
+                self.alone(place)
+        self.tally.seconds = time.monotonic() - self.clock.began
+        assert self.record_of_run is not None
+        self.store.note_run(self.record_of_run, seconds=self.tally.seconds, done=self.tally.done)
+
+    def on_an_executor(self) -> list[int]:
+        """Compute until all is done or the executor is lost; returns the scenes that may have
+        ended their worker."""
+        with self.workshop.opening(None) as executor:
+            workers = self.workshop.workers(executor)
+            self.begin(workers)
+            try:
+                for future in self.finished(executor, AHEAD * workers if workers else UNKNOWN):
+                    self.keep(future)
+            except BrokenExecutor as error:
+                if not self.workshop.reopens:
+                    raise self.broken(str(error)) from None
+                return self.taken_back()
+            except (CancelledError, ConnectionError) as error:  # the scheduler has lost them
+                if not self.workshop.reopens:
+                    raise self.broken(str(error)) from None
+                self.waiting.extendleft(self.taken_back())
+        return []
+
+    def begin(self, workers: int | None) -> None:
+        if self.record_of_run is None:
+            name, count = self.workshop.name, len(self.waiting)
+            self.record_of_run = self.store.begin_run(self.number, name, workers, count)
+            self.few = FEW + FOR_EACH * (workers or 1)
+
+    def taken_back(self) -> list[int]:
+        """The scenes that were given away and are not finished."""
+        places = sorted(self.flying.values())
+        self.flying.clear()
+        return places
+
+    def finished(self, executor: Executor, width: int) -> Iterator[Future[Outcome]]:
+        """Give scenes to an executor, `width` at once, and yield what is finished.
+
+        The first one goes alone: it leaves kernels and compiled code in the cache for the others.
+        """
+        while self.waiting or self.flying:
+            while self.waiting and len(self.flying) < (width if self.ready else 1):
+                place = self.waiting.popleft()
+                self.flying[self.submit(executor, place)] = place
+            yield from wait(self.flying, return_when=FIRST_COMPLETED).done
+
+    def submit(self, executor: Executor, place: int) -> Future[Outcome]:
+        try:
+            return executor.submit(compute, self.task(place))
+        except BaseException:
+            self.waiting.appendleft(place)
+            raise
+
+    def task(self, place: int) -> Task:
+        scene = self.study.scene_at(self.values[place], int(self.numbers[place]))
+        expected = 0 if self.ready else FLIGHTS * len(self.waiting)
+        own = self.workshop.own
+        return Task(scene, self.study.keep, self.derived, self.study.budget, own, expected)
+
+    def keep(self, future: Future[Outcome]) -> None:
+        """Write what came of a scene."""
+        try:
+            outcome = future.result()
+        except (BrokenExecutor, CancelledError, ConnectionError):
+            raise
+        except Exception as error:
+            outcome = lost(f"{type(error).__name__}: {error}")
+        self.record(self.flying.pop(future), outcome)
+
+    def alone(self, place: int) -> None:
+        """Compute a scene on an executor of its own, where it can take no other one along."""
+        for _ in range(ATTEMPTS):
+            with self.workshop.opening(1) as executor:
+                try:
+                    outcome = executor.submit(compute, self.task(place)).result()
+                except BrokenExecutor:
+                    continue
+            self.record(place, outcome)
+            return
+        budget = self.study.budget
+        hung = f", or hung for more than its {budget:g} s" if budget else ""
+        self.record(place, lost(f"its worker ended each of {ATTEMPTS} times: killed, short of "
+                                f"memory{hung}"))  # fmt: skip
+
+    def record(self, place: int, outcome: Outcome) -> None:
+        names = self.study.design.names
+        coordinates = dict(zip(names, map(float, self.values[place]), strict=True))
+        self.store.record(self.number, int(self.numbers[place]), coordinates, outcome)
+        self.ready, self.opened = True, 0
+        self.tally.done += 1
+        self.tally.failed += outcome.status == "failed"
+        self.clock.tick()
+        self.tell()
+
+    def tell(self) -> None:
+        tally, each = self.tally, self.clock.each()
+        if each is not None and tally.estimate is None and self.clock.counted == self.few:
+            self.estimate(each)
+        text = f"{tally.before + tally.done} of {tally.total} scenes"
+        text += f", {tally.failed} failed" if tally.failed else ""
+        if each:
+            text += f", {1 / each:.3g}/s, {duration(tally.left * each)} left"
+        self.progress(text)
+
+    def estimate(self, each: float) -> None:
+        elapsed = time.monotonic() - self.clock.began
+        self.tally.estimate = elapsed + self.tally.left * each
+        assert self.record_of_run is not None
+        self.store.note_run(self.record_of_run, estimate=self.tally.estimate)
+        self.announce(
+            f"estimate after {self.tally.done} scenes: {duration(self.tally.estimate)} for "
+            f"{self.tally.done + self.tally.left}, until {_clock_time(self.tally.left * each)}"
+        )
+
+    def broken(self, why: str) -> WorkersLostError:
+        tally = self.tally
+        found = f"lost, with {tally.before + tally.done} of {tally.total} scenes finished ({why})"
+        accepted = "mend it and start again: the study goes on where it stopped"
+        return WorkersLostError(self.workshop.name, found, accepted)
+
+
+def lost(reason: str) -> Outcome:
+    """Return the outcome of a scene that gave none."""
+    return Outcome("failed", None, versions(), {"failures": [failure("worker", reason)]})
+
+
+def duration(seconds: float) -> str:
+    """Return a time as people say it."""
+    if seconds < 100.0:
+        return f"{seconds:.0f} s"
+    if seconds < 6000.0:
+        return f"{seconds / 60.0:.0f} min"
+    return f"{seconds / 3600.0:.1f} h"
+
+
+def _clock_time(seconds: float) -> Any:
+    return time.strftime("%H:%M" if seconds < 80000 else "%d %b %H:%M",
+                         time.localtime(time.time() + seconds))  # fmt: skip

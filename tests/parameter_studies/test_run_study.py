@@ -1,0 +1,302 @@
+"""Studies computed: what the store holds, whatever fails, hangs, or is killed on the way."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import random
+import signal
+import sqlite3
+import subprocess
+import sys
+import time
+from concurrent.futures import ThreadPoolExecutor
+
+import pytest
+import small_studies
+from small_studies import TOML, contents, study_given
+
+from contimpact import follow, load_entries, read_scene
+from contimpact.cli import main
+from contimpact.errors import InputError
+from contimpact.parameter_studies import executors, run, worker
+from contimpact.parameter_studies.outcome import unpacked
+from contimpact.parameter_studies.run import WorkersLostError, run_study
+from contimpact.parameter_studies.store import Store
+from contimpact.parameter_studies.study_file import read_study
+from contimpact.parameter_studies.worker import Task, compute
+from contimpact.records.catalogue import catalogue_text
+
+
+@pytest.fixture
+def here():
+    """An executor of this process, as anybody may give one."""
+    with ThreadPoolExecutor(1) as executor:
+        yield executors.given(executor)
+
+
+def computed(path, given, workshop, **options):
+    said = []
+    with Store(path) as store:
+        tally = run_study(read_study(given), store, workshop, announce=said.append, **options)
+    return tally, said
+
+
+@pytest.fixture(scope="module")
+def uninterrupted(tmp_path_factory):
+    path = tmp_path_factory.mktemp("store") / "whole.sqlite"
+    with ThreadPoolExecutor(1) as executor:
+        computed(path, study_given(), executors.given(executor))
+    return path
+
+
+def test_the_store_holds_what_follow_gives(uninterrupted):
+    held = contents(uninterrupted)
+    assert [row["status"] for row in held["scenes"]] == ["done"] * 4
+    study = read_study(study_given())
+    for number, values in zip(*study.points, strict=True):
+        diagram = follow(read_scene(study.scene_at(values, int(number))))
+        (whole,) = (r["content"] for r in held["catalogues"] if r["scene"] == number)
+        assert unpacked(whole) == catalogue_text(diagram)
+        events = [r for r in held["events"] if r["scene"] == number]
+        assert [(e.id, e.label, e.value, e.parameters["d"], e.error) for e in diagram.entries] == [
+            (r["event"], r["label"], r["value"], r["derived"], r["error"]) for r in events
+        ]
+        assert diagram.entries
+        placed = {r["name"]: r["value"] for r in held["coordinates"] if r["scene"] == number}
+        assert placed == dict(zip(("beta", "r"), values.tolist(), strict=True))
+
+
+def test_it_is_said_how_many_scenes_there_are_and_how_long_it_will_take(
+    here, tmp_path, monkeypatch
+):
+    monkeypatch.setattr(run, "FEW", 2)
+    monkeypatch.setattr(run, "FOR_EACH", 0)
+    lines = []
+    tally, said = computed(tmp_path / "s.sqlite", study_given(), here, progress=lines.append)
+    assert said[0] == "4 scenes"
+    assert said[1].startswith("estimate after 3 scenes: ")
+    assert tally.estimate == pytest.approx(tally.seconds, rel=0.8)
+    assert lines[0] == "1 of 4 scenes"
+    assert lines[-1].startswith("4 of 4 scenes, ")
+    connection = sqlite3.connect(tmp_path / "s.sqlite")
+    row = connection.execute("SELECT estimate, seconds, done, workers FROM runs").fetchone()
+    connection.close()
+    assert row == (tally.estimate, tally.seconds, 4, 1)
+
+
+def test_a_second_start_has_nothing_to_do(uninterrupted, here):
+    before = contents(uninterrupted)
+    tally, said = computed(uninterrupted, study_given(), here)
+    assert said == ["4 scenes, 4 of them in the store"]
+    assert tally.done == 0
+    assert contents(uninterrupted) == before
+
+
+def test_another_study_of_the_same_name_is_refused(uninterrupted, here):
+    with pytest.raises(InputError, match="another study called 'small'"):
+        computed(uninterrupted, study_given(count=3), here)
+
+
+def test_two_studies_in_one_store_and_names_that_would_be_commands(here, uninterrupted, tmp_path):
+    path, evil = tmp_path / "two.sqlite", "x'); DROP TABLE events; --\""
+    computed(path, study_given(evil), here)
+    computed(path, study_given(), here)
+    held = contents(path)
+    whole = contents(uninterrupted)
+    assert [row for row in held["events"] if row["study"] == "small"] == whole["events"]
+    assert {row["study"] for row in held["events"]} == {"small", evil}
+
+
+def test_a_study_is_computed_by_one_process_at_a_time(here, uninterrupted, tmp_path):
+    with Store(tmp_path / "s.sqlite") as store, store.claimed("small"):
+        with pytest.raises(InputError, match="another contimpact is writing"):
+            computed(tmp_path / "s.sqlite", study_given(), here)
+        computed(tmp_path / "s.sqlite", study_given("other", count=2), here)
+
+
+# Scenes that fail
+
+
+def test_a_scene_without_orbits_is_recorded_and_the_others_go_on(here, tmp_path):
+    given = study_given(grid={"beta": [0.4], "r": [0.3], "s": [0.389, 0.37]})
+    del given["model"]["parameters"]["s"]
+    given["follow"]["orbits"] = ["7:1"]
+    tally, _ = computed(tmp_path / "s.sqlite", given, here)
+    assert (tally.done, tally.failed) == (2, 2)
+    held = contents(tmp_path / "s.sqlite")
+    assert {row["kind"] for row in held["failures"]} == {"refused"}
+    assert "no BBBBBBBT orbit was found" in held["failures"][0]["reason"]
+
+
+def broken_follow(scene, tell):
+    raise ZeroDivisionError("by nothing")
+
+
+def test_any_error_is_recorded_with_its_reason_and_can_be_tried_again(
+    here, uninterrupted, tmp_path, monkeypatch
+):
+    path = tmp_path / "s.sqlite"
+    with monkeypatch.context() as patch:
+        patch.setattr(worker, "follow", broken_follow)
+        tally, _ = computed(path, study_given(), here)
+    assert tally.failed == 4
+    assert {r["reason"] for r in contents(path)["failures"]} == {"ZeroDivisionError: by nothing"}
+    tally, _ = computed(path, study_given(), here)
+    assert tally.done == 0
+    tally, _ = computed(path, study_given(), here, again=True)
+    assert tally.done == 4
+    assert contents(path) == contents(uninterrupted)
+
+
+def hanging(scene, tell):
+    while True:
+        pass
+
+
+def telling(scene, tell):
+    while True:
+        tell("still at it")
+        time.sleep(0.01)
+
+
+def task(budget):
+    study = read_study(study_given())
+    return Task(study.scene_at(study.points[1][0]), study.keep, "d", budget)
+
+
+@pytest.mark.skipif(os.name != "posix", reason="a POSIX timer")
+def test_a_scene_that_hangs_is_ended_by_a_timer(monkeypatch):
+    monkeypatch.setattr(worker, "follow", hanging)
+    outcome = compute(task(0.1))
+    assert outcome.status == "failed"
+    assert outcome.rows["failures"] == [
+        {"kind": "budget", "reason": "not finished within its 0.1 s"}
+    ]
+    assert signal.getitimer(signal.ITIMER_REAL) == (0.0, 0.0)
+
+
+def test_elsewhere_than_in_the_main_thread_it_is_ended_when_it_tells_its_progress(monkeypatch):
+    monkeypatch.setattr(worker, "follow", telling)
+    with ThreadPoolExecutor(1) as executor:
+        outcome = executor.submit(compute, task(0.1)).result()
+    assert outcome.rows["failures"][0]["kind"] == "budget"
+
+
+def test_an_interrupted_diagram_is_incomplete(monkeypatch):
+    def failing(scene, tell):
+        diagram = follow(scene)
+        diagram.statistics["failure"] = "the computation failed"
+        return diagram
+
+    monkeypatch.setattr(worker, "follow", failing)
+    outcome = compute(task(None))
+    assert outcome.status == "incomplete"
+    assert outcome.rows["events"]
+    assert outcome.rows["failures"] == [{"kind": "numerical", "reason": "the computation failed"}]
+
+
+# Processes
+
+
+def test_a_scene_that_kills_its_worker_is_recorded_and_the_others_are_whole(
+    uninterrupted, tmp_path, monkeypatch
+):
+    monkeypatch.setattr(run, "compute", small_studies.deadly)
+    path = tmp_path / "s.sqlite"
+    tally, _ = computed(
+        path, study_given(grid={"beta": [0.3, 0.4], "r": [0.3]}), executors.processes(1)
+    )
+    assert (tally.done, tally.failed) == (2, 1)
+    held = contents(path)
+    assert [row["status"] for row in held["scenes"]] == ["failed", "done"]
+    (failure,) = held["failures"]
+    assert failure["kind"] == "worker"
+    assert failure["reason"].startswith("its worker ended each of 2 times: killed")
+
+
+def test_workers_take_one_thread_each_and_leave_the_environment_alone(monkeypatch):
+    monkeypatch.delenv("OMP_NUM_THREADS", raising=False)
+    monkeypatch.setenv("MKL_NUM_THREADS", "3")
+    with executors.processes(1).opening(None) as pool:
+        found = pool.submit(os.getenv, "OMP_NUM_THREADS").result()
+        given = pool.submit(os.getenv, "MKL_NUM_THREADS").result()
+    assert (found, given) == ("1", "3")
+    assert "OMP_NUM_THREADS" not in os.environ
+
+
+def test_an_executor_that_is_lost_is_reported(tmp_path):
+    with ThreadPoolExecutor(1) as executor:
+        workshop = executors.given(executor)
+
+        class Lost(ThreadPoolExecutor):
+            def submit(self, *given):
+                from concurrent.futures import BrokenExecutor
+
+                raise BrokenExecutor("gone")
+
+        with Lost(1) as lost, pytest.raises(WorkersLostError, match="0 of 4 scenes finished"):
+            computed(tmp_path / "s.sqlite", study_given(), executors.given(lost))
+        tally, _ = computed(tmp_path / "s.sqlite", study_given(), workshop)
+    assert tally.done == 4
+
+
+def command(study, store, *more):
+    return [sys.executable, "-m", "contimpact", "study", str(study), "-o", str(store), "-q", *more]
+
+
+@pytest.mark.skipif(os.name != "posix", reason="POSIX signals")
+@pytest.mark.parametrize("kills", [2, pytest.param(10, marks=pytest.mark.slow)])
+def test_a_killed_study_goes_on_to_the_same_result(kills, tmp_path):
+    """Killed at random moments; the workers end with their parent."""
+    generator = random.Random(3)
+    study = tmp_path / "study.toml"
+    study.write_text(TOML.format(name="small", count=3 * kills))
+    main(["study", str(study), "-o", str(tmp_path / "whole.sqlite"), "-q", "-w", "1"])
+    path, killed = tmp_path / "killed.sqlite", 0
+    while killed < kills:
+        process = subprocess.Popen(command(study, path, "-w", "1"))
+        with contextlib.suppress(subprocess.TimeoutExpired):
+            process.wait(generator.uniform(1.0, 3.0))
+        if process.poll() is None:
+            killed += 1
+            process.kill()
+            process.wait()
+        elif path.exists():  # done before all kills: what is left of them has to find more to do
+            assert process.returncode == 0
+            path.unlink()
+    subprocess.run(command(study, path, "-w", "1"), check=True)
+    assert contents(path) == contents(tmp_path / "whole.sqlite")
+
+
+def test_the_entries_of_a_kept_catalogue_are_those_of_a_run(uninterrupted, tmp_path):
+    (row, *_) = contents(uninterrupted)["catalogues"]
+    (tmp_path / "catalogue.json").write_text(unpacked(row["content"]))
+    assert load_entries(tmp_path)
+
+
+# The command
+
+
+def test_the_command_says_what_it_does(tmp_path, capsys):
+    study = tmp_path / "study.toml"
+    study.write_text(TOML.format(name="small", count=2))
+    store = tmp_path / "s.sqlite"
+    assert main(["study", str(study), "-o", str(store), "-w", "1"]) == 0
+    out, err = capsys.readouterr()
+    assert out.splitlines()[0] == "small: 4 scenes"
+    assert out.splitlines()[-1].startswith(f"small: 4 of 4 scenes in {store}; 4 took ")
+    assert "of 4 scenes" in err
+    assert main(["study", str(study), "-o", str(store), "-q"]) == 0
+    assert capsys.readouterr() == ("", "")
+
+
+@pytest.mark.parametrize(("more", "message"), [
+    (["-w", "0"], "--workers: found 0"),
+    (["--mpi", "--scheduler", "x"], "--mpi: --scheduler is given too"),
+])  # fmt: skip
+def test_options_that_make_no_sense(more, message, tmp_path, capsys):
+    study = tmp_path / "study.toml"
+    study.write_text(TOML.format(name="small", count=2))
+    assert main(["study", str(study), "-o", str(tmp_path / "s"), *more]) == 2
+    assert message in capsys.readouterr().err
