@@ -124,6 +124,21 @@ def parser() -> argparse.ArgumentParser:
     study.add_argument("-q", "--quiet", action="store_true", help="print nothing but errors")
     study.set_defaults(module="study")
 
+    atlas = commands.add_parser("atlas", help="draw maps of studies over two of their axes")
+    atlas.add_argument("store", metavar="STORE", help="a store written by study")
+    atlas.add_argument("-o", "--output", metavar="DIR", required=True, help="folder to write to")
+    atlas.add_argument("--study", metavar="NAME", action="append", help="of these studies alone")
+    atlas.add_argument("--quantity", metavar="NAME", action="append", help="these alone")
+    atlas.add_argument("--axes", nargs=2, metavar=("X", "Y"), help="default: the study's first two")
+    atlas.add_argument("--orbit", metavar="N:M", default="1:1", help="of this orbit (default 1:1)")
+    atlas.add_argument(
+        "--at", metavar="NAME=VALUE", action="append", default=[], help="value of another axis"
+    )
+    atlas.add_argument("--format", action="append", choices=("png", "svg", "pdf"))
+    atlas.add_argument("--no-plot", action="store_true", help="write the tables alone")
+    atlas.add_argument("-q", "--quiet", action="store_true", help="print nothing but errors")
+    atlas.set_defaults(module="atlas")
+
     plot = commands.add_parser("plot", help="draw the diagram of a folder written by run")
     plot.add_argument("folder", metavar="DIR", help="folder written by run")
     plot.add_argument(

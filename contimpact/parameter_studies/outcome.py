@@ -58,6 +58,7 @@ def diagram_rows(diagram: Diagram, keep: Sequence[str], derived: str | None) -> 
         rows |= _readings(diagram, read(diagram), derived)
     if "curves" in keep:
         rows["curves"] = _curves(diagram)
+        rows["codimension_two"] = _codimension_two(diagram, derived)
     if "catalogue" in keep:
         from ..records.catalogue import catalogue_text
 
@@ -161,6 +162,26 @@ def _curves(diagram: Diagram) -> list[dict[str, Any]]:
             "content": packed(curve_text(curve)),
         }
         for curve in diagram.curves
+    ]
+
+
+def _codimension_two(diagram: Diagram, derived: str | None) -> list[dict[str, Any]]:
+    pairs = [(curve, point) for curve in diagram.curves for point in curve.points]
+    return [
+        {
+            "number": number,
+            "curve": curve.id,
+            "kind": point.kind,
+            "notation": curve.notation,
+            "first": curve.parameters[0],
+            "second": curve.parameters[1],
+            "first_value": point.parameters[curve.parameters[0]],
+            "second_value": point.parameters[curve.parameters[1]],
+            "derived": point.parameters[derived] if derived else None,
+            "residual": point.residual,
+            "error": point.error,
+        }
+        for number, (curve, point) in enumerate(pairs)
     ]
 
 

@@ -177,11 +177,29 @@ STEPS = (
         PRIMARY KEY (study, scene)
     ) WITHOUT ROWID;
     """,
+    """
+    CREATE TABLE codimension_two (           -- points on the curves
+        study        INTEGER NOT NULL,
+        scene        INTEGER NOT NULL,
+        number       INTEGER NOT NULL,
+        curve        TEXT NOT NULL,
+        kind         TEXT NOT NULL,
+        notation     TEXT NOT NULL,
+        first        TEXT NOT NULL,          -- the two parameters
+        second       TEXT NOT NULL,
+        first_value  REAL NOT NULL,
+        second_value REAL NOT NULL,
+        derived      REAL,
+        residual     REAL NOT NULL,
+        error        REAL NOT NULL,          -- of the second parameter
+        PRIMARY KEY (study, scene, number)
+    ) WITHOUT ROWID;
+    """,
 )
 
 OF_SCENES = (
     "coordinates", "failures", "branches", "events", "intervals", "transitions", "attractors",
-    "energies", "curves", "catalogues",
+    "energies", "curves", "codimension_two", "catalogues",
 )  # fmt: skip
 """The tables with rows of a scene, besides that of the scenes."""
 TABLES = ("versions", "studies", "runs", "scenes", *OF_SCENES)

@@ -12,9 +12,8 @@ from small_studies import TOML, contents, study_given
 
 from contimpact.cli import main
 from contimpact.errors import InputError, NotWrittenError
-from contimpact.parameter_studies import store as store_module
 from contimpact.parameter_studies.outcome import Outcome
-from contimpact.parameter_studies.schema import OF_SCENES, STEPS, TABLES
+from contimpact.parameter_studies.schema import APPLICATION, STEPS, TABLES
 from contimpact.parameter_studies.store import Store
 from contimpact.parameter_studies.study_file import read_study
 
@@ -64,24 +63,26 @@ def test_a_store_of_a_newer_schema_is_refused_and_not_touched(tmp_path):
     assert path.read_bytes() == before
 
 
-def test_a_store_of_an_older_schema_grows_and_keeps_what_it_holds(tmp_path, monkeypatch):
+@pytest.mark.parametrize("taken", range(1, len(STEPS)))
+def test_a_store_of_an_older_schema_grows_and_keeps_what_it_holds(taken, tmp_path):
     path = tmp_path / "s.sqlite"
-    monkeypatch.setattr(store_module, "STEPS", STEPS[:1])
+    older = sqlite3.connect(path)
+    for step in STEPS[:taken]:
+        older.executescript(step)
+    older.execute(f"PRAGMA user_version = {taken}")
+    older.execute(f"PRAGMA application_id = {APPLICATION}")
+    key = {"study": 1, "scene": 7}
+    names = ", ".join((*key, *EVENT))
+    places = ", ".join("?" * len((*key, *EVENT)))
+    older.execute(f"INSERT INTO events ({names}) VALUES ({places})", [*{**key, **EVENT}.values()])
+    older.commit()
+    before = older.execute("SELECT * FROM events").fetchall()
+    older.close()
     with Store(path) as store:
-        study = store.enter(read_study(study_given()))
-        store.record(study, 0, {"beta": 0.3}, outcome(EVENT))
-        names = store.connection.execute("SELECT name FROM sqlite_master WHERE type = 'table'")
-        first = [name for (name,) in names.fetchall() if name in OF_SCENES]
-        held = {
-            name: store.connection.execute(f"SELECT * FROM {name}").fetchall() for name in first
-        }
-    further = (*STEPS, "CREATE TABLE remarks (study INTEGER, text TEXT);")
-    monkeypatch.setattr(store_module, "STEPS", further)
-    with Store(path) as store:
-        assert store.connection.execute("PRAGMA user_version").fetchone() == (len(further),)
-        assert store.connection.execute("SELECT count(*) FROM remarks").fetchone() == (0,)
-        for name, rows in held.items():
-            assert store.connection.execute(f"SELECT * FROM {name}").fetchall() == rows
+        assert store.connection.execute("PRAGMA user_version").fetchone() == (len(STEPS),)
+        assert store.connection.execute("SELECT * FROM events").fetchall() == before
+        known = store.connection.execute("SELECT name FROM sqlite_master WHERE type = 'table'")
+        assert {name for (name,) in known} == {*TABLES}
 
 
 def other_database(path):

@@ -1,0 +1,144 @@
+"""Maps of studies: a quantity over two parameters, and curves of codimension two over it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import matplotlib.figure
+import numpy as np
+from matplotlib.colors import ListedColormap
+from matplotlib.lines import Line2D
+from matplotlib.patches import Patch
+
+from ..bifurcations.declarations import KINDS
+from ..bifurcations.registry import kind_of
+from ..parameter_studies.maps import Map
+from .diagram import save_figure, write_heading
+from .texts import axis_label, plain, set_label
+
+NAMED = ("#d5e5f2", "#56a0ce", "#f0c05a", "#1f4e79", "#c9733f", "#77913f", "#5b3a6b", "#aaaaaa")
+"""Colours of names that are no kinds of events: of numbers from 1 on, of others by their order."""
+PALE = 0.45
+"""How far colours of events are mixed with white."""
+LINES = ("-", "--", ":", "-.")
+
+
+def plot_map(shown: Map, ax: Any = None, units: Mapping[str, str] | None = None) -> Any:
+    """Draw a map.
+
+    Parameters
+    ----------
+    shown : Map
+    ax : matplotlib.axes.Axes, optional
+        Where to draw; an axes of a new figure by default.
+    units : mapping of str to str, optional
+        Of the parameters.
+
+    Returns
+    -------
+    matplotlib.axes.Axes
+    """
+    ax = ax or matplotlib.figure.Figure(figsize=(6.4, 4.8), layout="constrained").add_subplot()
+    handles = _draw_names(ax, shown) if shown.named else _draw_numbers(ax, shown)
+    handles += _draw_curves(ax, shown)
+    x, y = shown.axes
+    units = units or {}
+    ax.set_xlabel(axis_label(x, units.get(x, "")))
+    ax.set_ylabel(axis_label(y, units.get(y, "")))
+    ax.margins(0)
+    if handles:
+        legend: dict[str, Any] = {
+            "loc": "upper center",
+            "bbox_to_anchor": (0.5, -0.14),
+            "frameon": False,
+        }
+        ax.legend(handles=handles, ncols=min(len(handles), 3), fontsize="small", **legend)
+    return ax
+
+
+def save_map(
+    shown: Map, folder: str | Path, formats: Sequence[str], units: Mapping[str, str] | None = None
+) -> list[str]:
+    """Save a map as ``<study>-<quantity>.<format>``; returns the names."""
+    ax = plot_map(shown, units=units)
+    write_heading(ax.figure, f"{plain(shown.study)}: {plain(shown.text, 80)}")
+    stem = file_stem(shown)
+    return save_figure(ax.figure, Path(folder), stem, formats, stem)
+
+
+def file_stem(shown: Map) -> str:
+    """Return what the files of a map are called."""
+    text = f"{shown.study}-{shown.quantity}"
+    return "".join(c if c.isalnum() or c in "-_." else "_" for c in text)
+
+
+def _draw_names(ax: Any, shown: Map) -> list[Any]:
+    names = sorted({str(value) for value in shown.values if value is not None})
+    colours = [_colour(name, k) for k, name in enumerate(names)]
+    numbers = np.array(
+        [np.nan if v is None else names.index(str(v)) for v in shown.values], dtype=float
+    )
+    options: dict[str, Any] = {
+        "cmap": ListedColormap(colours or ["w"]),
+        "vmin": -0.5,
+        "vmax": len(names) - 0.5,
+    }
+    _draw(ax, shown, numbers, options)
+    counts = [sum(str(v) == name for v in shown.values) for name in names]
+    return [
+        Patch(facecolor=colour, label=f"{_said(name)}  ({count})")
+        for name, colour, count in zip(names, colours, counts, strict=True)
+    ]
+
+
+def _draw_numbers(ax: Any, shown: Map) -> list[Any]:
+    finite = shown.values[np.isfinite(shown.values)]
+    signed = len(finite) > 0 and finite.min() < 0.0 < finite.max()
+    options: dict[str, Any] = {"cmap": "viridis"}
+    if signed:
+        most = float(np.max(np.abs(finite)))
+        options = {"cmap": "RdBu_r", "vmin": -most, "vmax": most}
+    drawn = _draw(ax, shown, shown.values, options)
+    ax.figure.colorbar(drawn, ax=ax)
+    grid = shown.grid() if signed else None
+    if grid is None:
+        return []
+    ax.contour(*grid, levels=[0.0], colors="k", linewidths=2.4, alpha=0.35)
+    return [Line2D([], [], color="k", lw=2.4, alpha=0.35, label="zero of the map")]
+
+
+def _draw(ax: Any, shown: Map, numbers: Any, options: Mapping[str, Any]) -> Any:
+    """Cells of a grid; points where there is none."""
+    grid = shown.grid()
+    if grid is None:
+        return ax.scatter(shown.x, shown.y, c=numbers, s=12, **options)
+    xs, ys, _ = grid
+    table = np.full((len(ys), len(xs)), np.nan)
+    table[np.searchsorted(ys, shown.y), np.searchsorted(xs, shown.x)] = numbers
+    return ax.pcolormesh(xs, ys, table, shading="nearest", rasterized=True, **options)
+
+
+def _draw_curves(ax: Any, shown: Map) -> list[Any]:
+    handles = []
+    for k, (kind, points) in enumerate(shown.curves.items()):
+        style: dict[str, Any] = {"color": "k", "linestyle": LINES[k % len(LINES)], "linewidth": 1.0}
+        ax.plot(*points.T, **style, marker=".", markersize=2.5)
+        handles.append(Line2D([], [], **style, label=f"{kind}, computed directly"))
+    return handles
+
+
+def _colour(name: str, place: int) -> Any:
+    """The colour of a name: an event's own, mixed with white, or the next of `NAMED`."""
+    kind = name.lstrip("~").partition("[")[0]
+    if kind not in KINDS:
+        return NAMED[(int(name) - 1 if name.isdecimal() else place) % len(NAMED)]
+    from matplotlib.colors import to_rgb
+
+    return tuple(PALE + (1.0 - PALE) * part for part in to_rgb(kind_of(kind).look.colour))
+
+
+def _said(name: str) -> str:
+    kind = name.lstrip("~").partition("[")[0]
+    return set_label(kind, name) if kind in KINDS else plain(name)
