@@ -1,4 +1,4 @@
-"""The command line: ``contimpact check``, ``run``, ``simulate``, ``plot``, ``view``, ``catalogue``.
+"""The command line: ``contimpact check``, ``run``, ``simulate``, ``plot``, ``study`` and the rest.
 
 Exit status: 0 on success, 2 on input that cannot be used (one message on standard error), 1 on a
 computation that failed; what was computed is written all the same. Each command has a module of its
@@ -123,6 +123,17 @@ def parser() -> argparse.ArgumentParser:
     study.add_argument("--again", action="store_true", help="try scenes again that have failed")
     study.add_argument("-q", "--quiet", action="store_true", help="print nothing but errors")
     study.set_defaults(module="study")
+
+    export = commands.add_parser("export", help="write the tables of a store as files")
+    export.add_argument("store", metavar="STORE", help="a store written by study")
+    export.add_argument("-o", "--output", metavar="DIR", required=True, help="folder to write to")
+    export.add_argument("--format", choices=("csv", "csv.gz", "json", "parquet"), default="csv")
+    export.add_argument("--study", metavar="NAME", action="append", help="these studies alone")
+    export.add_argument("--table", metavar="NAME", action="append", help="these tables alone")
+    export.add_argument("--columns", metavar="A,B,...", help="these columns alone")
+    export.add_argument("--digits", metavar="N", type=int, help="significant digits (default all)")
+    export.add_argument("-q", "--quiet", action="store_true", help="print nothing but errors")
+    export.set_defaults(module="export")
 
     atlas = commands.add_parser("atlas", help="draw maps of studies over two of their axes")
     atlas.add_argument("store", metavar="STORE", help="a store written by study")

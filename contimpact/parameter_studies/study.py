@@ -217,17 +217,18 @@ class Selection:
     @property
     def columns(self) -> tuple[str, ...]:
         """Names of the columns, the study's axes first."""
-        return tuple(self._places())
+        return tuple(self.types())
+
+    def types(self) -> dict[str, str]:
+        """Return the columns and their types in the store: INTEGER, REAL or TEXT."""
+        info = self.study.rows(f"PRAGMA table_info({self.table})")
+        own = {row[1]: row[2] for row in info if row[1] not in ("study", WHOLE)}
+        return {"scene": "INTEGER"} | dict.fromkeys(self.study.axes, "REAL") | own
 
     def _places(self) -> dict[str, str]:
         """The columns, each with what stands for it in a query."""
         axes = {name: f"x{k}.value" for k, name in enumerate(self.study.axes)}
-        return {"scene": "t.scene"} | axes | {name: f't."{name}"' for name in self._types()}
-
-    def _types(self) -> dict[str, str]:
-        """The types of the table's own columns, as it declares them."""
-        info = self.study.rows(f"PRAGMA table_info({self.table})")
-        return {row[1]: row[2] for row in info if row[1] not in ("study", WHOLE)}
+        return {name: axes.get(name, f't."{name}"') for name in self.types()}
 
     def query(self, chosen: str | None = None) -> tuple[str, list[Any]]:
         """Return the SQL that selects the rows, and the values it takes."""
@@ -262,9 +263,8 @@ class Selection:
         """Return the columns as arrays; numbers that are not there are NaN, texts None."""
         rows = list(self.study.rows(*self.query()))
         columns = zip(*rows, strict=True) if rows else ([] for _ in self.columns)
-        types = dict.fromkeys(self.study.axes, "REAL") | self._types()
-        pairs = zip(self.columns, columns, strict=True)
-        return {name: _array(list(values), types[name]) for name, values in pairs}
+        pairs = zip(self.types().items(), columns, strict=True)
+        return {name: _array(list(values), kind) for (name, kind), values in pairs}
 
     def to_dataframe(self) -> Any:
         """Return the rows as a pandas DataFrame; pandas must be installed."""

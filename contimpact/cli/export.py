@@ -1,0 +1,27 @@
+"""``contimpact export``: write the tables of a store as files."""
+
+from __future__ import annotations
+
+import argparse
+
+from ..parameter_studies.export import export
+from .console import require_output
+from .terminal import say
+
+
+def command(options: argparse.Namespace) -> int:
+    """Write the tables of a store; returns the exit status."""
+    require_output(options)
+    written = export(
+        options.store,
+        options.output,
+        options.format,
+        names=options.study,
+        tables=options.table,
+        columns=options.columns.split(",") if options.columns else None,
+        digits=options.digits,
+    )
+    if not options.quiet:
+        for name, count in written.items():
+            say(f"{name}: {count} rows")
+    return 0
