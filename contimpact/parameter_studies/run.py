@@ -239,6 +239,8 @@ class _Computation:
             outcome = future.result()
         except (BrokenExecutor, CancelledError, ConnectionError):
             raise
+        except ImportError as error:  # of what every scene needs
+            raise self.broken(f"install contimpact where the workers are: {error}") from None
         except Exception as error:
             outcome = lost(f"{type(error).__name__}: {error}")
         self.record(self.flying.pop(future), outcome)
