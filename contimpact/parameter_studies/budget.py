@@ -14,6 +14,8 @@ from ..progress import Progress, silent
 LATE = 2.0
 GRACE = 10.0
 """A process of our own is ended after so many budgets and, besides, so many seconds."""
+AGAIN = 1.0
+"""Seconds after which the timer rings again: what it raises is lost within callbacks of C."""
 
 
 class BudgetError(BaseException):
@@ -64,7 +66,7 @@ def _alarm(seconds: float) -> Iterator[None]:
 
     before = signal.signal(signal.SIGALRM, ring)
     try:
-        signal.setitimer(signal.ITIMER_REAL, seconds)
+        signal.setitimer(signal.ITIMER_REAL, seconds, AGAIN)
         yield
     finally:
         signal.setitimer(signal.ITIMER_REAL, 0.0)

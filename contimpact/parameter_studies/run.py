@@ -37,6 +37,10 @@ AHEAD = 2
 """Scenes given to each worker at once, so that none waits for the store."""
 FLIGHTS = 20_000
 """Flights of a scene, roughly, by which it is decided whether compiling pays."""
+COMPILING = 900.0
+"""Seconds that a first scene may take beyond its budget, on a busy machine."""
+FIRST = 5
+"""Scenes that are computed alone, at most, until one has left kernels and compiled code."""
 ATTEMPTS = 2
 """A scene that ends its worker is tried so often alone."""
 REOPENED = 5
@@ -212,7 +216,8 @@ class _Computation:
     def finished(self, executor: Executor, width: int) -> Iterator[Future[Outcome]]:
         """Give scenes to an executor, `width` at once, and yield what is finished.
 
-        The first one goes alone: it leaves kernels and compiled code in the cache for the others.
+        The first goes alone: it leaves kernels and compiled code in the cache for the others, which
+        may take longer than its budget.
         """
         while self.waiting or self.flying:
             while self.waiting and len(self.flying) < (width if self.ready else 1):
@@ -229,9 +234,10 @@ class _Computation:
 
     def task(self, place: int) -> Task:
         scene = self.study.scene_at(self.values[place], int(self.numbers[place]))
-        expected = 0 if self.ready else FLIGHTS * len(self.waiting)
-        own = self.workshop.own
-        return Task(scene, self.study.keep, self.derived, self.study.budget, own, expected)
+        budget, expected = self.study.budget, 0
+        if not self.ready:
+            budget, expected = budget and budget + COMPILING, FLIGHTS * len(self.waiting)
+        return Task(scene, self.study.keep, self.derived, budget, self.workshop.own, expected)
 
     def keep(self, future: Future[Outcome]) -> None:
         """Write what came of a scene."""
@@ -264,8 +270,9 @@ class _Computation:
         names = self.study.design.names
         coordinates = dict(zip(names, map(float, self.values[place]), strict=True))
         self.store.record(self.number, int(self.numbers[place]), coordinates, outcome)
-        self.ready, self.opened = True, 0
+        self.opened = 0
         self.tally.done += 1
+        self.ready |= outcome.status == "done" or self.tally.done >= FIRST
         self.tally.failed += outcome.status == "failed"
         self.clock.tick()
         self.tell()

@@ -19,7 +19,8 @@ from small_studies import TOML, contents, study_given
 from contimpact import follow, load_entries, read_scene
 from contimpact.cli import main
 from contimpact.errors import InputError
-from contimpact.parameter_studies import executors, run, worker
+from contimpact.parameter_studies import budget, executors, run, worker
+from contimpact.parameter_studies.budget import BudgetError
 from contimpact.parameter_studies.outcome import unpacked
 from contimpact.parameter_studies.run import WorkersLostError, run_study
 from contimpact.parameter_studies.store import Store
@@ -160,9 +161,9 @@ def telling(scene, tell):
         time.sleep(0.01)
 
 
-def task(budget):
+def task(seconds):
     study = read_study(study_given())
-    return Task(study.scene_at(study.points[1][0]), study.keep, "d", budget)
+    return Task(study.scene_at(study.points[1][0]), study.keep, "d", seconds)
 
 
 @pytest.mark.skipif(os.name != "posix", reason="a POSIX timer")
@@ -174,6 +175,34 @@ def test_a_scene_that_hangs_is_ended_by_a_timer(monkeypatch):
         {"kind": "budget", "reason": "not finished within its 0.1 s"}
     ]
     assert signal.getitimer(signal.ITIMER_REAL) == (0.0, 0.0)
+
+
+def swallowing(scene, tell):
+    """Loses what the timer raises, as callbacks of C do."""
+    with contextlib.suppress(BudgetError):
+        hanging(scene, tell)
+    hanging(scene, tell)
+
+
+@pytest.mark.skipif(os.name != "posix", reason="a POSIX timer")
+def test_the_timer_rings_again_where_it_was_not_heard(monkeypatch):
+    monkeypatch.setattr(budget, "AGAIN", 0.05)
+    monkeypatch.setattr(worker, "follow", swallowing)
+    assert compute(task(0.1)).rows["failures"][0]["kind"] == "budget"
+
+
+def test_scenes_go_alone_and_with_time_to_compile_until_one_is_done(here, tmp_path, monkeypatch):
+    """On a busy machine compiling takes longer than a scene may."""
+    tasks = []
+
+    def refused_first(given):
+        tasks.append(given)
+        return run.lost("nothing") if len(tasks) == 1 else compute(given)
+
+    monkeypatch.setattr(run, "compute", refused_first)
+    computed(tmp_path / "s.sqlite", study_given(), here)
+    assert [t.budget for t in tasks] == [60 + run.COMPILING] * 2 + [60] * 2
+    assert [t.expected > 0 for t in tasks] == [True] * 2 + [False] * 2
 
 
 def test_elsewhere_than_in_the_main_thread_it_is_ended_when_it_tells_its_progress(monkeypatch):
