@@ -18,8 +18,9 @@ from ..parameter_studies.maps import Map
 from .diagram import save_figure, write_heading
 from .texts import axis_label, plain, set_label
 
-NAMED = ("#d5e5f2", "#56a0ce", "#f0c05a", "#1f4e79", "#c9733f", "#77913f", "#5b3a6b", "#aaaaaa")
-"""Colours of names that are no kinds of events: of numbers from 1 on, of others by their order."""
+NAMED = ("#d5e5f2", "#56a0ce", "#f0c05a", "#1f4e79", "#cccccc", "#77913f", "#5b3a6b", "#c9733f")
+"""Colours of names that are no kinds of events: of numbers from the first on, of others from the
+fifth on."""
 PALE = 0.45
 """How far colours of events are mixed with white."""
 LINES = ("-", "--", ":", "-.")
@@ -76,7 +77,8 @@ def file_stem(shown: Map) -> str:
 
 def _draw_names(ax: Any, shown: Map) -> list[Any]:
     names = sorted({str(value) for value in shown.values if value is not None})
-    colours = [_colour(name, k) for k, name in enumerate(names)]
+    others = [name for name in names if not name.isdecimal()]
+    colours = [_colour(name, others.index(name) if name in others else 0) for name in names]
     numbers = np.array(
         [np.nan if v is None else names.index(str(v)) for v in shown.values], dtype=float
     )
@@ -133,7 +135,7 @@ def _colour(name: str, place: int) -> Any:
     """The colour of a name: an event's own, mixed with white, or the next of `NAMED`."""
     kind = name.lstrip("~").partition("[")[0]
     if kind not in KINDS:
-        return NAMED[(int(name) - 1 if name.isdecimal() else place) % len(NAMED)]
+        return NAMED[(int(name) - 1 if name.isdecimal() else 4 + place) % len(NAMED)]
     from matplotlib.colors import to_rgb
 
     return tuple(PALE + (1.0 - PALE) * part for part in to_rgb(kind_of(kind).look.colour))
