@@ -187,8 +187,6 @@ def codimension_two(
 
 def _other_studies(study: Study) -> Iterator[tuple[int, dict[str, float]]]:
     """The studies of the same system that may have such points, with their fixed parameters."""
-    if not list(study.rows("SELECT 1 FROM sqlite_master WHERE name = 'codimension_two'")):
-        return  # a store of an earlier schema
     system = _system(study.given)
     for number, record in study.rows("SELECT study, record FROM studies"):
         given = json.loads(record)

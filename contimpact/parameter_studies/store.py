@@ -24,6 +24,8 @@ from .study_file import StudyFile
 
 PATIENCE = 60.0
 """Seconds to wait for another process that writes."""
+CLOSED = ("SQLITE_READONLY_DIRECTORY", "SQLITE_READONLY_CANTINIT", "SQLITE_CANTOPEN")
+"""What SQLite says of a store in WAL mode in a folder that cannot be written."""
 _HEAD = b"SQLite format 3\0"
 
 
@@ -167,11 +169,18 @@ def opened(path: Path, *, readonly: bool = False) -> sqlite3.Connection:
         If there is none, or the file is something else.
     """
     _check_file(path, readonly)
-    place = "file:" + urllib.parse.quote(str(path.absolute()))
-    mode = "ro" if readonly else "rwc"
-    connection = sqlite3.connect(
-        f"{place}?mode={mode}", uri=True, timeout=PATIENCE, isolation_level=None
-    )
+    try:
+        return _checked(path, "ro" if readonly else "rwc")
+    except sqlite3.OperationalError as error:
+        closed = error.sqlite_errorname in CLOSED
+        if not (readonly and closed) or path.with_name(f"{path.name}-wal").exists():
+            raise
+        return _checked(path, "ro&immutable=1")  # nobody writes it, and nobody can
+
+
+def _checked(path: Path, mode: str) -> sqlite3.Connection:
+    place = f"file:{urllib.parse.quote(str(path.absolute()))}?mode={mode}"
+    connection = sqlite3.connect(place, uri=True, timeout=PATIENCE, isolation_level=None)
     try:
         connection.execute("PRAGMA trusted_schema = OFF")
         _check_owner(connection, path)
@@ -222,19 +231,20 @@ def _grown(connection: sqlite3.Connection, path: Path) -> None:
     """Take the steps of the schema that a store lacks."""
     connection.execute("PRAGMA journal_mode = WAL")
     connection.execute("PRAGMA synchronous = NORMAL")
-    while (taken := _taken(connection)) < len(STEPS):
-        script = f"BEGIN IMMEDIATE; {STEPS[taken]} PRAGMA user_version = {taken + 1};"
+    while (done := taken(connection)) < len(STEPS):
+        script = f"BEGIN IMMEDIATE; {STEPS[done]} PRAGMA user_version = {done + 1};"
         script += f" PRAGMA application_id = {APPLICATION}; COMMIT;"
         try:
             connection.executescript(script)
         except sqlite3.OperationalError:
             if connection.in_transaction:
                 connection.execute("ROLLBACK")
-            if _taken(connection) == taken:  # nobody else has taken the step meanwhile
+            if taken(connection) == done:  # nobody else has taken the step meanwhile
                 raise
 
 
-def _taken(connection: sqlite3.Connection) -> int:
+def taken(connection: sqlite3.Connection) -> int:
+    """Return how many steps of the schema a store has taken."""
     return int(connection.execute("PRAGMA user_version").fetchone()[0])
 
 

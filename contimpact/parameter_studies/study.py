@@ -18,8 +18,8 @@ import numpy as np
 from ..arrays import Array
 from ..errors import InputError, shown
 from .outcome import unpacked
-from .schema import OF_SCENES
-from .store import opened, refusal
+from .schema import OF_SCENES, STEPS
+from .store import Store, opened, refusal, taken
 
 if TYPE_CHECKING:
     from ..records.entry import Entry
@@ -286,10 +286,16 @@ def studies(store: str | Path) -> list[str]:
 
 
 def _opened(path: Path) -> sqlite3.Connection:
+    """A connection for reading; a store of an older schema is brought up to date first."""
     try:
-        return opened(path, readonly=True)
+        connection = opened(path, readonly=True)
     except sqlite3.Error as error:
         raise refusal(path, error) from None
+    if taken(connection) == len(STEPS):
+        return connection
+    connection.close()
+    Store(path).connection.close()
+    return opened(path, readonly=True)
 
 
 def _quoted(name: str) -> str:

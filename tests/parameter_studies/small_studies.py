@@ -6,7 +6,6 @@ import json
 import os
 import signal
 import sqlite3
-import time
 
 from contimpact.parameter_studies.schema import OF_SCENES
 from contimpact.parameter_studies.worker import compute
@@ -77,6 +76,10 @@ def deadly(task):
     return compute(task)
 
 
-def slow(task):
-    time.sleep(0.2)
+def killed_once(task):
+    """Compute a scene; the first worker that has one is killed, as anybody may do."""
+    mark = os.environ["KILLED_ONCE"]
+    if not os.path.exists(mark):
+        open(mark, "w").close()
+        os.kill(os.getpid(), signal.SIGKILL)
     return compute(task)

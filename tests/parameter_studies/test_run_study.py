@@ -244,6 +244,14 @@ def test_a_scene_that_kills_its_worker_is_recorded_and_the_others_are_whole(
     assert failure["reason"].startswith("its worker ended each of 2 times: killed")
 
 
+def test_a_worker_that_somebody_kills_costs_nothing(uninterrupted, tmp_path, monkeypatch):
+    monkeypatch.setattr(run, "compute", small_studies.killed_once)
+    monkeypatch.setenv("KILLED_ONCE", str(tmp_path / "mark"))
+    tally, _ = computed(tmp_path / "s.sqlite", study_given(), executors.processes(1))
+    assert (tally.done, tally.failed) == (4, 0)
+    assert contents(tmp_path / "s.sqlite") == contents(uninterrupted)
+
+
 def test_workers_take_one_thread_each_and_leave_the_environment_alone(monkeypatch):
     monkeypatch.delenv("OMP_NUM_THREADS", raising=False)
     monkeypatch.setenv("MKL_NUM_THREADS", "3")

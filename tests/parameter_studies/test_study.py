@@ -3,6 +3,10 @@
 from __future__ import annotations
 
 import json
+import os
+import sqlite3
+import tempfile
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -13,6 +17,7 @@ from contimpact.cli import main
 from contimpact.errors import InputError
 from contimpact.parameter_studies.outcome import Outcome
 from contimpact.parameter_studies.quantities import QUANTITIES
+from contimpact.parameter_studies.schema import APPLICATION, STEPS
 from contimpact.parameter_studies.store import Store
 from contimpact.parameter_studies.study import Study, studies
 from contimpact.parameter_studies.study_file import read_study
@@ -253,14 +258,36 @@ def test_maps_that_cannot_be_drawn(more, message, store, tmp_path, capsys):
     assert message in capsys.readouterr().err
 
 
-def test_a_store_in_a_folder_that_cannot_be_written_is_read(store, tmp_path):
+@pytest.mark.skipif(os.name != "posix", reason="permissions of POSIX")
+def test_a_store_in_a_folder_that_cannot_be_written_is_read(store):
     """A copy of it, as after a study has ended: its log is not there."""
-    copy = tmp_path / "copy.sqlite"
-    copy.write_bytes(store.read_bytes())
-    copy.chmod(0o444)
-    tmp_path.chmod(0o555)
-    try:
-        with Study(copy, NAME) as study:
-            assert len(study.events()) == 60
-    finally:
-        tmp_path.chmod(0o755)
+    with tempfile.TemporaryDirectory() as name:
+        folder, me = Path(name), os.geteuid()
+        copy = folder / "copy.sqlite"
+        copy.write_bytes(store.read_bytes())
+        copy.chmod(0o444)
+        folder.chmod(0o555)
+        if me == 0:
+            os.seteuid(65534)  # no folder is closed to root
+        try:
+            with Study(copy, NAME) as study:
+                assert len(study.events()) == 60
+            with pytest.raises(InputError, match="cannot be written"):
+                Store(copy)
+        finally:
+            os.seteuid(me)
+            folder.chmod(0o755)
+
+
+def test_a_store_of_an_older_schema_is_brought_up_to_date(tmp_path):
+    path = tmp_path / "s.sqlite"
+    older = sqlite3.connect(path)
+    older.executescript(STEPS[0])
+    older.executescript(f"PRAGMA user_version = 1; PRAGMA application_id = {APPLICATION};")
+    names = "name, source, digest, record, keep, axes, parameter, scenes"
+    values = ["old", "", "", json.dumps({"model": {}}), "", "beta r", "s", 0]
+    older.execute(f"INSERT INTO studies ({names}) VALUES (?, ?, ?, ?, ?, ?, ?, ?)", values)
+    older.commit()
+    older.close()
+    with Study(path) as study:
+        assert len(study.select("codimension_two")) == 0
