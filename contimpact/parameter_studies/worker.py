@@ -6,10 +6,10 @@ both of them plain data.
 
 from __future__ import annotations
 
+import contextlib
 import functools
 import json
 import platform
-import sys
 import tempfile
 import time
 from collections.abc import Mapping
@@ -103,6 +103,10 @@ def _simulated(scene: Scene, task: Task, tell: Any) -> Rows:
 @functools.cache
 def versions() -> str:
     """Return the versions of what computes, as JSON."""
+    from importlib import metadata
+
     known = {"contimpact": __version__, "python": platform.python_version()}
-    known |= {n: sys.modules[n].__version__ for n in ("numpy", "scipy") if n in sys.modules}
+    for name in ("numpy", "scipy", "sympy", "numba"):
+        with contextlib.suppress(metadata.PackageNotFoundError):
+            known[name] = metadata.version(name)
     return json.dumps(known | {"machine": platform.machine()}, sort_keys=True)

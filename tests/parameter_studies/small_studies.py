@@ -6,8 +6,13 @@ import json
 import os
 import signal
 import sqlite3
+from concurrent.futures import ThreadPoolExecutor
 
+from contimpact.parameter_studies import executors
+from contimpact.parameter_studies.run import run_study
 from contimpact.parameter_studies.schema import OF_SCENES
+from contimpact.parameter_studies.store import Store
+from contimpact.parameter_studies.study_file import read_study
 from contimpact.parameter_studies.worker import compute
 
 TOML = """
@@ -63,6 +68,20 @@ def contents(path):
         held[table] = sorted(rows, key=lambda row: json.dumps(row, default=repr))
     connection.close()
     return held
+
+
+def computed(path, given, workshop, **options):
+    """What came of a study, and what was said of it."""
+    said = []
+    with Store(path) as store:
+        tally = run_study(read_study(given), store, workshop, announce=said.append, **options)
+    return tally, said
+
+
+def computed_here(path, **given):
+    """Compute a small study in this process."""
+    with ThreadPoolExecutor(1) as executor:
+        computed(path, study_given(**given), executors.given(executor))
 
 
 def beta_of(task):

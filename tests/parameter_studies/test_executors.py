@@ -12,7 +12,7 @@ import time
 from concurrent.futures import ThreadPoolExecutor
 
 import pytest
-from small_studies import TOML, contents, study_given
+from small_studies import TOML, computed_here, contents, study_given
 
 from contimpact.cli import main
 from contimpact.parameter_studies import executors
@@ -37,7 +37,7 @@ with_mpi = pytest.mark.skipif(
 def study(tmp_path_factory):
     path = tmp_path_factory.mktemp("study") / "study.toml"
     path.write_text(TOML.format(name="small", count=COUNT))
-    main(["study", str(path), "-o", str(path.with_name("whole.sqlite")), "-q", "-w", "1"])
+    computed_here(path.with_name("whole.sqlite"), count=COUNT)
     return path
 
 

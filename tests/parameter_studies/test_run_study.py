@@ -14,7 +14,7 @@ from concurrent.futures import ThreadPoolExecutor
 
 import pytest
 import small_studies
-from small_studies import TOML, contents, study_given
+from small_studies import TOML, computed, computed_here, contents, study_given
 
 from contimpact import follow, load_entries, read_scene
 from contimpact.cli import main
@@ -22,7 +22,7 @@ from contimpact.errors import InputError
 from contimpact.parameter_studies import budget, executors, run, worker
 from contimpact.parameter_studies.budget import BudgetError
 from contimpact.parameter_studies.outcome import unpacked
-from contimpact.parameter_studies.run import WorkersLostError, run_study
+from contimpact.parameter_studies.run import WorkersLostError
 from contimpact.parameter_studies.store import Store
 from contimpact.parameter_studies.study_file import read_study
 from contimpact.parameter_studies.worker import Task, compute
@@ -36,18 +36,10 @@ def here():
         yield executors.given(executor)
 
 
-def computed(path, given, workshop, **options):
-    said = []
-    with Store(path) as store:
-        tally = run_study(read_study(given), store, workshop, announce=said.append, **options)
-    return tally, said
-
-
 @pytest.fixture(scope="module")
 def uninterrupted(tmp_path_factory):
     path = tmp_path_factory.mktemp("store") / "whole.sqlite"
-    with ThreadPoolExecutor(1) as executor:
-        computed(path, study_given(), executors.given(executor))
+    computed_here(path)
     return path
 
 
@@ -283,13 +275,13 @@ def command(study, store, *more):
 
 
 @pytest.mark.skipif(os.name != "posix", reason="POSIX signals")
-@pytest.mark.parametrize("kills", [2, pytest.param(10, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("kills", [1, pytest.param(10, marks=pytest.mark.slow)])
 def test_a_killed_study_goes_on_to_the_same_result(kills, tmp_path):
     """Killed at random moments; the workers end with their parent."""
     generator = random.Random(3)
     study = tmp_path / "study.toml"
     study.write_text(TOML.format(name="small", count=3 * kills))
-    main(["study", str(study), "-o", str(tmp_path / "whole.sqlite"), "-q", "-w", "1"])
+    computed_here(tmp_path / "whole.sqlite", count=3 * kills)
     path, killed = tmp_path / "killed.sqlite", 0
     while killed < kills:
         process = subprocess.Popen(command(study, path, "-w", "1"))
