@@ -244,7 +244,7 @@ class Selection:
             marks = ", ".join("?" * len(several))
             conditions.append(f"{places[name]} IN ({marks})")
             values += several
-        what = chosen or ", ".join(f'{place} AS "{name}"' for name, place in places.items())
+        what = chosen or ", ".join(places.values())
         tail = "" if chosen else " ORDER BY t.scene"
         query = f"SELECT {what} FROM {self.table} t{joins} WHERE {' AND '.join(conditions)}{tail}"
         return query, values

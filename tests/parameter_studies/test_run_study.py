@@ -101,6 +101,18 @@ def test_two_studies_in_one_store_and_names_that_would_be_commands(here, uninter
     assert {row["study"] for row in held["events"]} == {"small", evil}
 
 
+def test_two_studies_write_to_one_store_at_the_same_time(tmp_path, uninterrupted):
+    path = tmp_path / "s.sqlite"
+    with ThreadPoolExecutor(2) as both:
+        list(both.map(lambda name: computed_here(path, name=name), ("small", "other")))
+    held, whole = contents(path), contents(uninterrupted)
+    del whole["catalogues"]  # they name their scenes
+    for table, rows in whole.items():
+        for name in ("small", "other"):
+            own = [row | {"study": "small"} for row in held[table] if row["study"] == name]
+            assert own == rows
+
+
 def test_a_study_is_computed_by_one_process_at_a_time(here, uninterrupted, tmp_path):
     with Store(tmp_path / "s.sqlite") as store, store.claimed("small"):
         with pytest.raises(InputError, match="another contimpact is writing"):
