@@ -48,7 +48,7 @@ class Store:
         with self.writing():
             self.connection = opened(self.path)
             try:
-                _grown(self.connection, self.path)
+                _grown(self.connection)
             except BaseException:
                 self.connection.close()
                 raise
@@ -214,11 +214,12 @@ def _check_file(path: Path, readonly: bool) -> None:
 
 def _check_owner(connection: sqlite3.Connection, path: Path) -> None:
     """Refuse other people's databases, and stores of a later version of the package."""
+    # emptiness first: another process may make a store of it at this moment
+    empty = connection.execute("SELECT count(*) FROM sqlite_master").fetchone()[0] == 0
     owner, grown = (
         connection.execute(f"PRAGMA {name}").fetchone()[0]
         for name in ("application_id", "user_version")
     )
-    empty = connection.execute("SELECT count(*) FROM sqlite_master").fetchone()[0] == 0
     if owner != APPLICATION and not (owner == 0 and empty):
         accepted = "give a store, as contimpact study writes it, or a new file"
         raise InputError(str(path), "a database of something else", accepted)
@@ -227,7 +228,7 @@ def _check_owner(connection: sqlite3.Connection, path: Path) -> None:
         raise InputError(str(path), found, "use a newer contimpact, or another store")
 
 
-def _grown(connection: sqlite3.Connection, path: Path) -> None:
+def _grown(connection: sqlite3.Connection) -> None:
     """Take the steps of the schema that a store lacks."""
     connection.execute("PRAGMA journal_mode = WAL")
     connection.execute("PRAGMA synchronous = NORMAL")

@@ -6,6 +6,7 @@ import os
 import sqlite3
 import subprocess
 import sys
+from concurrent.futures import ThreadPoolExecutor
 
 import pytest
 from small_studies import TOML, computed_here, contents, study_given
@@ -35,6 +36,17 @@ def test_tables_are_those_of_the_schema(tmp_path):
         assert {name for (name,) in known} == {*TABLES}
         assert store.connection.execute("PRAGMA journal_mode").fetchone() == ("wal",)
         assert store.connection.execute("PRAGMA user_version").fetchone() == (len(STEPS),)
+
+
+def test_a_store_is_made_by_several_at_once(tmp_path):
+    """None of them takes what another one is making for somebody else's."""
+
+    def make(path):
+        Store(path).connection.close()
+
+    with ThreadPoolExecutor(4) as threads:
+        for number in range(30):
+            list(threads.map(make, [tmp_path / f"{number}.sqlite"] * 4))
 
 
 def test_a_scene_is_there_whole_or_not_at_all(tmp_path):
