@@ -96,10 +96,7 @@ class Curve(Shown):
         )
 
     def __repr__(self) -> str:
-        points = [
-            f"  {p.kind:6} {self._place(p)}: {p.changes}"
-            for p in self.points
-        ]
+        points = [f"  {p.kind:6} {self._place(p)}: {p.changes}" for p in self.points]
         tail = [f"  end: {end.message}" for end in self.ends]
         tail += [f"  not located: {len(self.missed)}"] if self.missed else []
         return in_lines(self._head(), points, tail)

@@ -114,7 +114,8 @@ class Diagram(Shown):
             low, high = float(b[b.parameter].min()), float(b[b.parameter].max())
             rows.append((b.id, b.notation, len(b), low, high, b.origin, _listed(b)))
         columns = ("", "orbits", "points", "from", "to", "born at", "events")
-        return Summary(self._head(), columns, rows, [_curve_line(c).strip() for c in self._all_curves])
+        curves = [_curve_line(c).strip() for c in self._all_curves]
+        return Summary(self._head(), columns, rows, curves)
 
     @property
     def _all_curves(self) -> list[Curve]:

@@ -79,7 +79,8 @@ def test_the_reader_of_the_docs():
     """The test of the test: every whole number of a scene is documented with its bounds."""
     keys = {key for _, key, *_ in documented()}
     assert {"cover", "depth", "max_branches", "max_points", "max_iterations", "seed", "starts",
-            "rounds", "values", "grid", "transient", "periods", "longest", "impacts"} == keys  # fmt: skip
+            "rounds", "values", "grid", "transient", "periods", "longest",
+            "impacts"} == keys  # fmt: skip
     assert len(documented()) == 18
     assert value("2⁶³ - 1") == 2**63 - 1
 
