@@ -43,6 +43,8 @@ class Shooting:
         import sympy
         from scipy.integrate import solve_ivp
 
+        from ..models.restitution import of_mode, state_after
+
         self.problem, self._integrate = problem, solve_ivp
         self.tolerance = max(tolerance, 2.3e-14)  # the least that solve_ivp takes
         self.evaluations = 0
@@ -50,12 +52,13 @@ class Shooting:
         t, x, v = sympy.symbols("t x v", real=True)
         formulas = problem.model.formulas(names)
         given = list(names.values())
-        force = sympy.sympify(formulas.acceleration(t, [x], [v])[0])
-        self._force = sympy.lambdify([t, x, v, *given], force.doit(), "math")
-        self._reset = {
-            w.name: sympy.lambdify([x, v, *given], formulas.reset(w.name, [x], [v])[0], "math")
-            for w in problem.model.WALLS
-        }
+        self._force, self._after = {}, {}
+        for guard in problem.model.WALLS:
+            force = of_mode(formulas.acceleration, guard.next_mode)(t, [x], [v])[0]
+            force = sympy.sympify(force).doit()
+            self._force[guard.name] = sympy.lambdify([t, x, v, *given], force, "math")
+            after = [e[0] for e in state_after(formulas, guard.name, [x], [v], "formulas")]
+            self._after[guard.name] = sympy.lambdify([x, v, *given], after, "math")
 
     def orbit(self, guess: Array) -> Array | None:
         """Return the orbit next to a guess at its parameter value; None if it is not reached."""
@@ -108,7 +111,8 @@ class Shooting:
         walls = self.problem.model.WALLS
         places = self.problem.kernels.setup(*p).walls
         place = dict(zip((w.name for w in walls), places, strict=True))
-        start, distance = [0.0, self._reset[a](place[a], impact[1], *p)], place[b] - place[a]
+        left, velocity = self._after[a](place[a], impact[1], *p)
+        start, distance, force = [left - place[a], velocity], place[b] - place[a], self._force[a]
         last = self.evaluations + MOST_EVALUATIONS
 
         def arrival(t: float, y: Array) -> float:
@@ -118,7 +122,7 @@ class Shooting:
             self.evaluations += 1
             if self.evaluations > last:
                 raise _TooLong
-            return [y[1], self._force(t, place[a] + y[0], y[1], *p)]
+            return [y[1], force(t, place[a] + y[0], y[1], *p)]
 
         event: Any = arrival
         event.terminal = True

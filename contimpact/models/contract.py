@@ -8,6 +8,7 @@ from collections.abc import Iterable
 from typing import Any
 
 from ..errors import InputError, shown
+from .automaton import check_modes, require_all
 
 REQUIRED = ("SYSTEM", "PARAMETERS", "WALLS")
 
@@ -32,10 +33,9 @@ def check_class(kind: Any) -> None:
         Naming the attribute.
     """
     where = kind.__name__
-    if hasattr(kind, "WALLS"):
-        _check_walls(kind.WALLS, f"{where}.WALLS")
+    check_modes(kind, where)
     parameters = getattr(kind, "PARAMETERS", ())
-    _require_all(parameters, ("name", "split", "accepted"), f"{where}.PARAMETERS", "Parameter")
+    require_all(parameters, ("name", "split", "accepted"), f"{where}.PARAMETERS", "Parameter")
     names = [name for p in parameters for name in (p.name, *p.split)]
     _check_names(names, f"{where}.PARAMETERS", taken=())
     _check_names(kind.DERIVED, f"{where}.DERIVED", taken=names)
@@ -48,11 +48,6 @@ def check_class(kind: Any) -> None:
         _check_known(getattr(kind, attribute), known, f"{where}.{attribute}")
     for derived, depends in kind.DERIVED_FROM.items():
         _check_known(depends, names, f"{where}.DERIVED_FROM[{derived!r}]")
-    size = kind.DEGREES_OF_FREEDOM
-    if not isinstance(size, int) or size < 1:
-        raise InputError(
-            f"{where}.DEGREES_OF_FREEDOM", f"found {shown(size)}", "give a whole number >= 1"
-        )
 
 
 def check_complete(kind: Any) -> None:
@@ -60,29 +55,6 @@ def check_complete(kind: Any) -> None:
     for name in REQUIRED:
         if not hasattr(kind, name):
             raise InputError(f"{kind.__name__}.{name}", "missing", f"set {', '.join(REQUIRED)}")
-
-
-def _check_walls(walls: Any, where: str) -> None:
-    _require_all(walls, ("name", "side"), where, "Wall")
-    names = [wall.name for wall in walls]
-    for wall in walls:
-        if not (isinstance(wall.name, str) and len(wall.name) == 1 and wall.name.isalpha()):
-            accepted = "give a single letter: words are written in them"
-            raise InputError(where, f"a wall is called {shown(wall.name)}", accepted)
-        if wall.side not in (1, -1):
-            accepted = "give +1 where the body stays below the wall, -1 where it stays above"
-            raise InputError(where, f"wall {wall.name!r} has side {shown(wall.side)}", accepted)
-    if not names or len(set(names)) < len(names):
-        raise InputError(where, f"found {shown(names)}", "give at least one wall, each name once")
-
-
-def _require_all(given: Any, attributes: Iterable[str], where: str, kind: str) -> None:
-    try:
-        fits = all(hasattr(item, name) for item in given for name in attributes)
-    except TypeError:
-        fits = False
-    if not fits:
-        raise InputError(where, f"found {shown(given)}", f"give a tuple of {kind}")
 
 
 def _check_names(names: Any, where: str, taken: Iterable[str]) -> None:

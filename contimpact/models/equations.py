@@ -17,8 +17,9 @@ import sympy
 
 from ..errors import InputError, shown
 from .expressions import FUNCTIONS
+from .guards import Guard
 from .harmonics import INDICES, HarmonicSum
-from .restitution import Departure, after_impact
+from .restitution import Departure, after_impact, along
 from .symbols import DT, PHASE, own
 
 if TYPE_CHECKING:
@@ -41,8 +42,9 @@ class Equations:
     period : sympy.Expr
     walls, derived : mapping of str to sympy.Expr
         In the model's order.
+    guards : mapping of str to Guard
     departures : mapping of str to Departure
-        By the wall that is left.
+        By the guard that is left.
     harmonics : tuple of sympy.Expr
         The mean and then k, a_k, b_k, where the acceleration depends on time alone; else NaN.
     """
@@ -53,12 +55,34 @@ class Equations:
     period: Any
     walls: Mapping[str, Any]
     derived: Mapping[str, Any]
+    guards: Mapping[str, Guard]
     departures: Mapping[str, Departure]
     harmonics: tuple[Any, ...]
 
     def before(self, wall: str, section: Sequence[Any]) -> tuple[list[Any], list[Any]]:
-        """Return positions and velocities before an impact, from its section coordinates."""
-        return [self.walls[wall], *section[1::2]], [section[0], *section[2::2]]
+        """Return positions and velocities before an impact, from its section coordinates.
+
+        These are the velocity of the gap coordinate, and position and velocity of every coordinate
+        but the guard's `pivot`.
+        """
+        place, row = self.pivot(wall)
+        position, velocity = list(section[1::2]), list(section[2::2])
+        position.insert(place, sympy.S.Zero)
+        velocity.insert(place, sympy.S.Zero)
+        position[place] = (self.walls[wall] - along(row, position)) / row[place]
+        velocity[place] = (section[0] - along(row, velocity)) / row[place]
+        return position, velocity
+
+    def pivot(self, wall: str) -> tuple[int, tuple[Any, ...]]:
+        """Return the coordinate that a guard's surface gives, and the row of its gap coordinate."""
+        row = tuple(map(sympy.nsimplify, self.guards[wall].row((len(self.start) + 1) // 2)))
+        return max(range(len(row)), key=lambda i: abs(row[i])), row
+
+    def returns(self, a: str, b: str) -> bool:
+        """Whether a flight ends on the surface it leaves."""
+        _, row = self.pivot(a)
+        left = along(row, self.departures[a].position)
+        return self.pivot(b)[1] == row and sympy.expand(left - self.walls[b]) == 0
 
     @cached_property
     def digest(self) -> str:
@@ -72,6 +96,7 @@ class Equations:
         yield from ((f"walls[{name!r}]", e) for name, e in self.walls.items())
         yield from ((f"derived[{name!r}]", e) for name, e in self.derived.items())
         for wall, departure in self.departures.items():
+            yield from ((f"jump at {wall!r}", e) for e in departure.position)
             yield from ((f"reset at {wall!r}", e) for e in departure.velocity)
             yield from ((f"flight from {wall!r}", e) for e in (*departure.mean, *departure.end))
             yield from ((f"acceleration after {wall!r}", e) for e in departure.acceleration)
@@ -125,6 +150,7 @@ def _evaluated(model: Model) -> Equations:
     view.values = _Unread(list(model.values), where)
     parameters = {name: sympy.Symbol(name, real=True) for name in model.values}
     formulas = view.formulas(parameters)
+    _check_modes(formulas, [mode.name for mode in model.MODES], where)
     walls = _named(formulas.walls, [wall.name for wall in model.WALLS], "WALLS", f"{where}: walls")
     size = model.DEGREES_OF_FREEDOM
     section = ["v"] if size == 1 else [n for i in range(size) for n in (f"x{i}_", f"v{i}_")][1:]
@@ -135,14 +161,30 @@ def _evaluated(model: Model) -> Equations:
         sympy.sympify(formulas.period),
         walls,
         _named(formulas.derived, model.DERIVED, "DERIVED", f"{where}: derived"),
+        {guard.name: guard for guard in model.WALLS},
         {},
         _harmonics(formulas, f"{where}: harmonics"),
     )
     departures = {
-        wall: after_impact(formulas, wall, *found.before(wall, found.start), where)
-        for wall in walls
+        name: after_impact(formulas, guard, *found.before(name, found.start), where)
+        for name, guard in found.guards.items()
     }
     return Equations(**{**vars(found), "departures": departures})
+
+
+def _check_modes(formulas: Formulas, modes: Sequence[str], where: str) -> None:
+    """Refuse motions that are not stated, or not for each mode."""
+    accepted = f"give one for each mode: {', '.join(map(repr, modes))}"
+    for name in ("flight", "acceleration"):
+        given = getattr(formulas, name)
+        if given is None:
+            raise InputError(f"{where}: {name}", "missing", "give flight and acceleration")
+        if modes and not (isinstance(given, Mapping) and set(given) == set(modes)):
+            found = ", ".join(map(repr, given)) if isinstance(given, Mapping) else shown(given)
+            raise InputError(f"{where}: {name}", f"found {found or 'none'}", accepted)
+    if modes and formulas.harmonics is not None:
+        accepted = "leave them out: they are used in systems of one mode"
+        raise InputError(f"{where}: harmonics", f"{len(modes)} modes", accepted)
 
 
 def _named(given: Mapping[str, Any], names: Sequence[str], said: str, where: str) -> dict[str, Any]:

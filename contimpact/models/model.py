@@ -12,11 +12,14 @@ import numbers
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any, ClassVar, Self
+from typing import Any, ClassVar, Self, TypeAlias
 
 from ..errors import InputError, shown
 from .contract import check_class, check_complete
 from .expressions import check_expression
+from .guards import Guard as Guard
+from .guards import Mode as Mode
+from .guards import Wall as Wall
 from .sources import identity
 
 
@@ -65,51 +68,55 @@ class Parameter:
         return value
 
 
-@dataclass(frozen=True)
-class Wall:
-    """A wall, at a fixed value of the gap coordinate x_0.
+State: TypeAlias = Sequence[Any]
+"""Positions or velocities, one for each degree of freedom."""
 
-    `side` is +1 where the body stays below the wall (x_0 <= position), -1 where it stays above.
-    """
-
-    name: str
-    side: int
+Reset: TypeAlias = Callable[[str, State, State], State]
+Jump: TypeAlias = Callable[[str, State, State], tuple[State, State]]
+Flight: TypeAlias = Callable[[Any, State, State, Any], tuple[State, State]]
+Acceleration: TypeAlias = Callable[[Any, State, State], State]
+Harmonics: TypeAlias = tuple[Any, Sequence[tuple[int, Any, Any]]]
 
 
 @dataclass(frozen=True)
 class Formulas:
     """A system's mathematics in SymPy.
 
-    Positions and velocities are sequences with one entry per degree of freedom; entry 0 is the gap
-    coordinate, which the walls limit.
+    Positions and velocities are sequences with one entry per degree of freedom. In a system of
+    several modes `flight` and `acceleration` are mappings from the modes' names to what is said
+    here of one, and `harmonics` are left out.
 
     Attributes
     ----------
     period : sympy.Expr
         Forcing period T, in the parameters.
     walls : mapping of str to sympy.Expr
-        Position of each wall.
+        Position of each wall, or of the surface of each guard.
     derived : mapping of str to sympy.Expr
         Derived parameters, for reports.
-    reset : callable ``(wall, x, v) -> v_plus``
-        Velocities after an impact at `wall`; positions do not change.
+    reset : callable ``(wall, x, v) -> v_plus``, optional
+        Velocities after an impact at `wall`; positions do not change. Without it velocities do not
+        change either.
+    jump : callable ``(guard, x, v) -> (x_plus, v_plus)``, optional
+        Instead of `reset`, where positions change too.
     flight : callable ``(t0, x0, v0, dt) -> (u, v1)``
         Free flight from the state (x0, v0) at time t0: mean velocities u = (x1 - x0)/dt and
         velocities v1 after the time dt, in forms that do not cancel as dt goes to zero.
     acceleration : callable ``(t, x, v) -> a``
         The equations of motion in free flight.
     harmonics : tuple of (constant, [(k, a_k, b_k), ...]), optional
-        Where the acceleration of the gap coordinate in flight depends on time alone:
+        Where the acceleration of coordinate 0 in flight depends on time alone:
         constant + sum of a_k cos(2 pi k t/T) + b_k sin(2 pi k t/T).
     """
 
     period: Any
     walls: Mapping[str, Any]
-    reset: Callable[[str, Sequence[Any], Sequence[Any]], Sequence[Any]]
-    flight: Callable[[Any, Sequence[Any], Sequence[Any], Any], tuple[Sequence[Any], Sequence[Any]]]
-    acceleration: Callable[[Any, Sequence[Any], Sequence[Any]], Sequence[Any]]
+    reset: Reset | None = None
+    flight: Flight | Mapping[str, Flight] | None = None
+    acceleration: Acceleration | Mapping[str, Acceleration] | None = None
     derived: Mapping[str, Any] = field(default_factory=dict)
-    harmonics: tuple[Any, Sequence[tuple[int, Any, Any]]] | None = None
+    harmonics: Harmonics | None = None
+    jump: Jump | None = None
 
 
 @dataclass(frozen=True)
@@ -128,8 +135,10 @@ class Model(ABC):
     """An impacting system at given parameter values.
 
     Subclasses set the class attributes, which are checked when the class is defined, and write
-    `formulas`. Instances are not changed after construction; `replace` gives a neighbour. What
-    `formulas` returns is looked at once for an instance and its neighbours.
+    `formulas`. A system is a small hybrid automaton: in each of its modes it moves by one law,
+    until it comes to a guard, which leads to the next mode. Most have one mode and rigid walls
+    alone, and say nothing of modes. Instances are not changed after construction; `replace` gives
+    a neighbour. What `formulas` returns is looked at once for an instance and its neighbours.
 
     Parameters
     ----------
@@ -143,15 +152,16 @@ class Model(ABC):
 
     Notes
     -----
-    Of the class attributes these may be left out: `DERIVED_UNITS`, units of derived parameters for
-    labels; `DERIVED_FROM`, the parameters each depends on (all, if nothing is said); `EXPRESSIONS`,
-    the options that are expressions, with the names that may stand in them; `MEMBRANES`,
-    whether impacts hit membranes of an energy harvester.
+    Of the class attributes these may be left out: `MODES`, where there is one; `DERIVED_UNITS`,
+    units of derived parameters for labels; `DERIVED_FROM`, the parameters each depends on (all, if
+    nothing is said); `EXPRESSIONS`, the options that are expressions, with the names that may stand
+    in them; `MEMBRANES`, whether impacts hit membranes of an energy harvester.
     """
 
     SYSTEM: ClassVar[str]
     PARAMETERS: ClassVar[tuple[Parameter, ...]]
-    WALLS: ClassVar[tuple[Wall, ...]]
+    WALLS: ClassVar[tuple[Guard, ...]]
+    MODES: ClassVar[tuple[Mode, ...]] = ()
     DERIVED: ClassVar[tuple[str, ...]] = ()
     DERIVED_UNITS: ClassVar[Mapping[str, str]] = {}
     DERIVED_FROM: ClassVar[Mapping[str, tuple[str, ...]]] = {}
@@ -257,7 +267,7 @@ class Model(ABC):
         The formulas of a class outside the package are derived for it, once for a model and all
         that `replace` makes of it; of the package's own classes the files' texts are taken.
         """
-        names = tuple(self.values), tuple(wall.name for wall in self.WALLS), self.DERIVED
+        names = tuple(self.values), self.WALLS, self.DERIVED
         return repr((self.SYSTEM, *names, tuple(self.options.items()), identity(self)))
 
     def __getstate__(self) -> dict[str, Any]:

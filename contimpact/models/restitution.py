@@ -1,18 +1,19 @@
-"""Restitution: the velocities after an impact, and the flight that leaves with them.
+"""Restitution: the state after an impact, and the flight that leaves with it.
 
-The law is a system's `Formulas.reset`; it is applied here and nowhere else. Kernels of flights and
-of motions are written from what comes out.
+The law is a system's `Formulas.reset`, or `Formulas.jump`; it is applied here and nowhere else.
+Kernels of flights and of motions are written from what comes out.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import sympy
 
 from ..errors import InputError, shown
+from .guards import Guard, Row
 from .symbols import DT, PHASE
 
 if TYPE_CHECKING:
@@ -21,14 +22,12 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Departure:
-    """The flight that leaves a wall at `PHASE` and has lasted for `DT`.
+    """The flight that leaves a guard at `PHASE` and has lasted for `DT`.
 
     Attributes
     ----------
-    position : tuple
-        Start positions.
-    velocity : tuple
-        Velocities after the impact.
+    position, velocity : tuple
+        After the impact.
     mean, end : tuple
         Mean velocities and end velocities.
     acceleration : tuple
@@ -47,27 +46,60 @@ class Departure:
         return [x + DT * u for x, u in zip(self.position, self.mean, strict=True)]
 
 
+def along(row: Row, state: Sequence[Any]) -> Any:
+    """Return a linear combination of positions or velocities."""
+    return sum((c * part for c, part in zip(row, state, strict=True) if c), sympy.S.Zero)
+
+
 def after_impact(
-    formulas: Formulas, wall: str, position: Sequence[Any], velocity: Sequence[Any], where: str
+    formulas: Formulas, guard: Guard, position: Sequence[Any], velocity: Sequence[Any], where: str
 ) -> Departure:
-    """Return what an impact at a wall leaves, from positions and velocities before it.
+    """Return what an impact at a guard leaves, from positions and velocities before it.
 
     Raises
     ------
     InputError
         For a reset, a flight or an acceleration of another form than a system has to give.
     """
+    position, after = state_after(formulas, guard.name, position, velocity, where)
+    return departure(formulas, guard.next_mode, position, after, where)
+
+
+def departure(
+    formulas: Formulas, mode: str, position: Sequence[Any], velocity: Sequence[Any], where: str
+) -> Departure:
+    """Return the flight from a state in a mode."""
     size = len(position)
-    after = _listed(formulas.reset(wall, position, velocity), size, f"{where}: reset")
-    flight = formulas.flight(PHASE, position, list(after), DT)
-    if not isinstance(flight, Sequence) or len(flight) != 2:
+    flown = of_mode(formulas.flight, mode)(PHASE, position, list(velocity), DT)
+    if not isinstance(flown, Sequence) or len(flown) != 2:
         accepted = "give mean velocities and end velocities, a list each"
-        raise InputError(f"{where}: flight", f"found {shown(flight)}", accepted)
-    mean, end = (_listed(part, size, f"{where}: flight") for part in flight)
+        raise InputError(f"{where}: flight", f"found {shown(flown)}", accepted)
+    mean, end = (_listed(part, size, f"{where}: flight") for part in flown)
     now = [x + DT * u for x, u in zip(position, mean, strict=True)]
-    pushed = formulas.acceleration(PHASE + DT, now, list(end))
+    pushed = of_mode(formulas.acceleration, mode)(PHASE + DT, now, list(end))
     acceleration = _listed(pushed, size, f"{where}: acceleration")
-    return Departure(tuple(position), after, mean, end, acceleration)
+    return Departure(tuple(position), tuple(velocity), mean, end, acceleration)
+
+
+def of_mode(given: Any, mode: str) -> Any:
+    """Return what a system of one mode or of several states of one."""
+    return given[mode] if isinstance(given, Mapping) else given
+
+
+def state_after(
+    formulas: Formulas, name: str, position: Sequence[Any], velocity: Sequence[Any], where: str
+) -> tuple[Sequence[Any], Sequence[Any]]:
+    """Return positions and velocities after an impact."""
+    size = len(position)
+    if formulas.jump is not None:
+        jumped = formulas.jump(name, position, velocity)
+        if not isinstance(jumped, Sequence) or len(jumped) != 2:
+            accepted = "give positions and velocities, a list each"
+            raise InputError(f"{where}: jump", f"found {shown(jumped)}", accepted)
+        return tuple(_listed(part, size, f"{where}: jump") for part in jumped)  # type: ignore[return-value]
+    if formulas.reset is None:
+        return position, _listed(velocity, size, where)
+    return position, _listed(formulas.reset(name, position, velocity), size, f"{where}: reset")
 
 
 def _listed(given: Any, size: int, where: str) -> tuple[Any, ...]:

@@ -17,7 +17,7 @@ from typing import Any
 PACKAGE = __package__.partition(".")[0]
 HERE = Path(__file__).parent.parent
 GENERATOR = tuple(
-    """models/equations models/expressions models/extent models/harmonics models/model
+    """models/equations models/expressions models/extent models/guards models/harmonics models/model
     models/restitution models/symbolic models/symbols
     segments/codegen segments/layout segments/stumpff segments/tape segments/transients""".split()
 )

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from ..arrays import Array, Vector
-from ..models.model import Wall
+from ..models.guards import Guard
 from ..segments.flight import FlightGaps
 
 
@@ -24,7 +24,7 @@ class Verdict:
 
 def judge(
     word: str,
-    named: Sequence[Wall],
+    named: Sequence[Guard],
     impacts: Array,
     gaps: Sequence[FlightGaps],
     forgive_touches: Collection[tuple[int, str]] = (),
@@ -48,7 +48,7 @@ def judge(
 
 def findings(
     word: str,
-    named: Sequence[Wall],
+    named: Sequence[Guard],
     impacts: Array,
     gaps: Sequence[FlightGaps],
     forgive_touches: Collection[tuple[int, str]] = (),
@@ -59,7 +59,7 @@ def findings(
     Parameters
     ----------
     word : str
-    named : sequence of Wall
+    named : sequence of Guard
     impacts : ndarray of shape (N, m)
     gaps : sequence of FlightGaps
     forgive_touches, forgive_impact
@@ -79,7 +79,7 @@ def findings(
     return verdict(walls, sides, durations, nearest, times, impacts[:, 1].tolist(), forgiven)
 
 
-def verdict_of(found: Sequence[float], word: str, named: Sequence[Wall]) -> Verdict:
+def verdict_of(found: Sequence[float], word: str, named: Sequence[Guard]) -> Verdict:
     """Return what `verdict` found as an object."""
     return Verdict(found[0] == PHYSICAL, reason_of(found, word, named), found[5])
 
@@ -154,7 +154,7 @@ def verdict(
     return what, place, wall, amount, when, smallest if smallest < math.inf else math.nan
 
 
-def reason_of(found: Any, word: str, named: Sequence[Wall]) -> str | None:
+def reason_of(found: Any, word: str, named: Sequence[Guard]) -> str | None:
     """Return what `verdict` found as a sentence; None where the orbit is physical."""
     if found[0] == PHYSICAL:
         return None

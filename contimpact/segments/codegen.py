@@ -22,7 +22,7 @@ from ..errors import InputError
 from ..models.equations import equations_of
 from ..models.harmonics import HarmonicSum, over_harmonics
 from ..models.model import Model
-from ..models.restitution import Departure
+from ..models.restitution import Departure, along
 from ..models.symbolic import MeanTransient, Stumpff, Transient
 from ..models.symbols import DT, PHASE, T0, T1, TURN, own
 from . import stumpff, transients
@@ -211,16 +211,19 @@ class KernelWriter:
     def residual(self, a: str, b: str) -> list[Any]:
         """Arrival minus embedding, gap coordinate first.
 
-        Between two impacts on one wall the gap equation is divided by the flight's duration: the
+        Between two impacts on one surface the gap equation is divided by the flight's duration: the
         flight of zero duration would solve it whatever the state.
         """
         leave = self.leave(a)
-        position, velocity = self.equations.before(b, self.end)
-        gaps = [x - xb for x, xb in zip(leave.now, position, strict=True)]
-        if a == b:
-            gaps[0] = leave.mean[0]
-        arrivals = [v - vb for v, vb in zip(leave.end, velocity, strict=True)]
-        return [row for pair in zip(gaps, arrivals, strict=True) for row in pair]
+        place, row = self.equations.pivot(b)
+        gap = along(row, leave.now) - self.equations.walls[b]
+        if self.equations.returns(a, b):
+            gap = along(row, leave.mean)
+        rows = [gap, along(row, leave.end) - self.end[0]]
+        others = [i for i in range(len(row)) if i != place]
+        for i, x, v in zip(others, self.end[1::2], self.end[2::2], strict=True):
+            rows += [leave.now[i] - x, leave.end[i] - v]
+        return rows
 
     def leave(self, wall: str) -> Departure:
         """The flight that leaves a wall."""
@@ -276,8 +279,9 @@ class KernelWriter:
         return self._listed(name, self._ends(), about, tape, blocks)
 
     def motion(self, name: str, a: str) -> str:
-        leave = self.leave(a)
-        outputs = (DT * leave.mean[0], leave.end[0], leave.acceleration[0])
+        leave, (_, row) = self.leave(a), self.equations.pivot(a)
+        speed, force = along(row, leave.end), along(row, leave.acceleration)
+        outputs = (DT * along(row, leave.mean), speed, force)
         about = f"""Flight after wall {a}: the gap coordinate at the time dt after leaving.
 
         Returns its displacement from the wall, its velocity and its acceleration."""

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 from typing import Any, TypeAlias
 
 from ..arrays import Array, Vector
-from ..models.model import Wall
+from ..models.guards import Guard
 from .arithmetic import ARRAYS, evaluate_in
 from .kernels import Kernels
 from .zeros import chebyshev_zeros, time_zeros
@@ -273,7 +273,7 @@ def excursion_of(kernels: Kernels, in_time: bool) -> Callable[..., Any]:
     return excursion
 
 
-def _touch(flight: int, start: float, wall: Wall, distance: float, found: Any) -> Touch | None:
+def _touch(flight: int, start: float, wall: Guard, distance: float, found: Any) -> Touch | None:
     """The smallest gap to a wall among the turning points towards it."""
     high, when_high, low, when_low = found[:4]
     gap, dt = (distance - high, when_high) if wall.side > 0 else (low - distance, when_low)

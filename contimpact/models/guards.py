@@ -1,0 +1,101 @@
+"""Modes and guards: a system as a small hybrid automaton.
+
+In a mode the system moves by one law. A guard is a surface in state space at which modes end, each
+with a letter of its own: words are written in these letters, and are paths through the graph of
+modes and guards. A rigid wall is a guard that leads back to the mode it ends.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TypeAlias
+
+Row: TypeAlias = tuple[float, ...]
+"""Coefficients of a linear combination of the positions."""
+
+
+@dataclass(frozen=True)
+class Mode:
+    """A law by which the system moves.
+
+    Attributes
+    ----------
+    name : str
+    degrees_of_freedom : int, optional
+        The system's unless set.
+    """
+
+    name: str
+    degrees_of_freedom: int | None = None
+
+
+@dataclass(frozen=True)
+class Guard:
+    """A surface at which motion ends in some modes and goes on in another.
+
+    Attributes
+    ----------
+    name : str
+        A single letter.
+    side : int
+        +1 where the gap coordinate stays below the surface, -1 where it stays above.
+    mode : str or tuple of str
+        The modes that it ends. Empty in systems of one mode, which has no name.
+    to : str, optional
+        The mode it leads to; for a rigid wall, the one it ends.
+    coordinate : int or tuple of numbers
+        The gap coordinate: one of the positions, by its number, or a linear combination of all, by
+        its coefficients.
+    """
+
+    name: str
+    side: int
+    mode: str | tuple[str, ...] = ""
+    to: str | None = None
+    coordinate: int | Row = 0
+
+    @property
+    def modes(self) -> tuple[str, ...]:
+        """The modes that it ends."""
+        return (self.mode,) if isinstance(self.mode, str) else tuple(self.mode)
+
+    @property
+    def next_mode(self) -> str:
+        """The mode it leads to."""
+        return self.modes[0] if self.to is None else self.to
+
+    @property
+    def rigid(self) -> bool:
+        """Whether it leads back to the only mode it ends."""
+        return self.modes == (self.next_mode,)
+
+    def row(self, size: int) -> Row:
+        """Return the coefficients of the gap coordinate, of so many positions."""
+        if isinstance(self.coordinate, int):
+            return tuple(1 if i == self.coordinate else 0 for i in range(size))
+        return tuple(self.coordinate)
+
+
+@dataclass(frozen=True)
+class Wall(Guard):
+    """A rigid wall: a guard that leads back to the mode it ends.
+
+    `side` is +1 where the body stays below the wall, -1 where it stays above.
+    """
+
+
+def following(guards: Sequence[Guard], letter: str) -> str:
+    """Return the letters of the guards that can come after one."""
+    mode = next(guard.next_mode for guard in guards if guard.name == letter)
+    return watched(guards, mode)
+
+
+def watched(guards: Sequence[Guard], mode: str) -> str:
+    """Return the letters of the guards that can be reached in a mode."""
+    return "".join(guard.name for guard in guards if mode in guard.modes)
+
+
+def every_pair(guards: Sequence[Guard]) -> list[tuple[str, str]]:
+    """Return the letters that can follow each other, in order."""
+    return [(guard.name, after) for guard in guards for after in following(guards, guard.name)]
