@@ -12,6 +12,10 @@ branch. The slope of the new impact's velocity decides, with that of the old orb
 
 both exact, from the tangents: at a touch the gap does not depend on its time, and R_x is the
 position residual of the flight to the touch.
+
+A soft stop without a jump in force is felt with the third power of the velocity of contact only:
+the parameter goes with its square, by which the flight passes the stop. The old orbit becomes the
+new one, and the slope is infinite.
 """
 
 from __future__ import annotations
@@ -23,6 +27,7 @@ import numpy as np
 
 from ..continuation.branch import EndKind, Event, Point
 from ..continuation.test_function import Located, TestFunction
+from ..models.guards import way_back
 from ..models.word import Word
 from ..orbits.linearisation import Linearisation
 from ..orbits.physicality import PASSES, Verdict
@@ -30,6 +35,7 @@ from ..orbits.problem import Array, OrbitProblem
 from ..orbits.rounding import rounding
 from ..segments.bounded import bounds_of
 from ..segments.flight import Touch
+from ..segments.passages import ELSEWHERE
 from .codimension_two import CurvePoint, touch_points
 from .extended_system import Assembled, ExtendedSystem, located
 from .kind import SUB, SUPER, Change, Details, Kind, Look, ManyDigits, System, Values
@@ -41,6 +47,9 @@ TOUCHING = 1e-9
 
 PASSING = 1e-9
 """A gap of a located touch below minus this is that of another place, where the flight passes."""
+
+FLAT = 1e-8
+"""A parameter's rate below this part of the tangent is zero."""
 
 ROUNDING = 1e-14
 """Rounding of gaps as part of the distance between walls."""
@@ -204,14 +213,19 @@ class G(Kind):
         here: Linearisation = event.point.evaluation
         problem = here.problem
         rows = problem.impacts(here.unknowns)
+        word = grown_word(event)
+        if word is None:
+            return None
         for flight, wall, time in _last_first(touches_at(event)):
             system = Touching(problem, flight, wall, time)
-            rows = np.insert(rows, flight + 1, system.touch(system.start(here)), axis=0)
-        longer = OrbitProblem(problem.model, grown_word(event), problem.kernels)
+            touch = system.touch(system.start(here))
+            for _ in _excursion(problem, flight, wall) or "":
+                rows = np.insert(rows, flight + 1, touch, axis=0)
+        longer = OrbitProblem(problem.model, word, problem.kernels)
         start = regular(longer, np.append(rows.ravel(), here.unknowns[-1]))
         return start if start is None or _new_speed(event, start) >= 0.0 else start.reversed()
 
-    def next_word(self, event: Event) -> Word:
+    def next_word(self, event: Event) -> Word | None:
         return grown_word(event)
 
     def criticality(
@@ -221,6 +235,8 @@ class G(Kind):
         if start is None:
             return None, None
         speed, rate = _new_speed(event, start), float(start.tangent[-1])
+        if added_impacts(event) > 1 and abs(rate) < FLAT * np.max(np.abs(start.tangent)):
+            return SUPER, None
         slope = speed / rate if rate != 0.0 else None
         old, new = _gap_slope(event), speed * rate
         if old == 0.0 or new == 0.0:
@@ -263,12 +279,34 @@ def _last_first(touches: list[tuple[int, str, float]]) -> list[tuple[int, str, f
     return sorted(touches, key=lambda touch: (touch[0], touch[2]), reverse=True)
 
 
-def grown_word(event: Event) -> Word:
-    """Return the word of a grazing orbit with its touches counted as impacts."""
-    word: Word = event.point.evaluation.problem.word
+def grown_word(event: Event) -> Word | None:
+    """Return the word of a grazing orbit with its touches counted as impacts.
+
+    None where a touch leads to another mode, and no short way back.
+    """
+    problem: OrbitProblem = event.point.evaluation.problem
+    word = problem.word
     for flight, wall, _ in _last_first(touches_at(event)):
-        word = word.insert(flight, wall)
+        letters = _excursion(problem, flight, wall)
+        if letters is None:
+            return None
+        word = word.insert(flight, letters)
     return word
+
+
+def added_impacts(event: Event) -> int:
+    """Return how many impacts the event's own touch becomes."""
+    details, problem = event.details, event.point.evaluation.problem
+    return len(_excursion(problem, details["flight"], details["wall"]) or "")
+
+
+def _excursion(problem: OrbitProblem, flight: int, wall: str) -> str | None:
+    """The letters of the shortest excursion beyond a guard that is touched."""
+    guards, arrivals = problem.model.WALLS, problem.kernels.passages.arrivals
+    mode = next(g.next_mode for g in guards if g.name == problem.word.walls[flight])
+    touched = next(i for i, g in enumerate(guards) if g.name == wall)
+    there = [g.name for i, g in enumerate(guards) if arrivals[touched][i] != ELSEWHERE]
+    return way_back(guards, wall, mode, "".join(there))
 
 
 # Slopes.
@@ -309,8 +347,10 @@ def _with_touch(here: CurvePoint) -> Linearisation:
     """The grazing orbit as one of the longer word."""
     orbit, problem = here.orbit, here.orbit.problem
     flight, wall = here.details["flight"], here.details["wall"]
-    touch = np.insert(here.own, 1, 0.0)
-    rows = np.insert(problem.impacts(orbit.unknowns), flight + 1, touch, axis=0)
-    longer = OrbitProblem(problem.model, problem.word.insert(flight, wall), problem.kernels)
+    touch, letters = np.insert(here.own, 1, 0.0), _excursion(problem, flight, wall) or wall
+    rows = problem.impacts(orbit.unknowns)
+    for _ in letters:
+        rows = np.insert(rows, flight + 1, touch, axis=0)
+    longer = OrbitProblem(problem.model, problem.word.insert(flight, letters), problem.kernels)
     problem.kernel_evaluations += len(longer.word)
     return longer.evaluate(np.append(rows.ravel(), orbit.unknowns[-problem.free :]))

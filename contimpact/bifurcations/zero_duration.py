@@ -17,7 +17,7 @@ from .reached import Reached, ScalarTest
 
 
 class ZeroDuration(ScalarTest):
-    """The duration of each flight.
+    """The duration of each flight, but of excursions, which are those of a V.
 
     Durations within rounding of zero have no value: where r vanishes, those of a series of impacts
     do so together, without changing sign.
@@ -28,8 +28,15 @@ class ZeroDuration(ScalarTest):
 
     def __init__(self, problem: OrbitProblem) -> None:
         self.times = np.arange(0, problem.n, problem.m)
+        self.excursions = list(problem.excursions)
 
     def of(self, orbits: Orbits) -> Array:
+        lengths = self.lengths(orbits)
+        lengths[:, self.excursions] = np.nan
+        return lengths
+
+    def lengths(self, orbits: Orbits) -> Array:
+        """Return the durations of all flights."""
         times = orbits.unknowns[:, self.times]
         return np.diff(times, axis=1, append=times[:, :1] + orbits.spans[:, None])
 

@@ -2,6 +2,9 @@
 
 It is the grazing of the orbit without that impact, seen from the longer word. Its multipliers are
 those of the shorter word: the same orbit, whose own have no pole.
+
+A contact with a soft stop vanishes as a whole: its two impacts meet, and the velocities of both
+vanish with its duration, which tells when.
 """
 
 from __future__ import annotations
@@ -23,28 +26,52 @@ from .kind import Change, Details, Kind, Look, ManyDigits, System, Values
 from .orbit_test import Orbits
 from .reached import Reached, ScalarTest
 from .start import Start, regular
+from .zero_duration import ZeroDuration
 
 
 class ZeroVelocity(ScalarTest):
-    """The velocity of each impact, towards its wall."""
+    """The velocity of each impact, towards its wall; the duration of each excursion."""
 
     kind = "V"
 
     def __init__(self, problem: OrbitProblem) -> None:
         sides = {w.name: float(w.side) for w in problem.model.WALLS}
-        self.sides = np.array([sides[w] for w in problem.word.walls])
-        self.velocities = np.arange(1, problem.n, problem.m)
+        met = {k for flight in problem.excursions for k in vanishing(problem, flight)}
+        self.impacts = [k for k in range(len(problem.word)) if k not in met]
+        self.sides = np.array([sides[problem.word.walls[k]] for k in self.impacts])
+        self.velocities = 1 + problem.m * np.array(self.impacts, dtype=int)
+        self.excursions = list(problem.excursions)
+        self.durations = ZeroDuration(problem)
 
     def of(self, orbits: Orbits) -> Array:
-        return self.sides * orbits.unknowns[:, self.velocities]
+        speeds = self.sides * orbits.unknowns[:, self.velocities]
+        return np.hstack([speeds, self.durations.lengths(orbits)[:, self.excursions]])
 
     def gradient(self, problem: OrbitProblem, z: Array, index: int) -> Array:
+        if index >= len(self.impacts):
+            return self.durations.gradient(problem, z, self.place(index))
         gradient = np.zeros(len(z))
         gradient[self.velocities[index]] = self.sides[index]
         return gradient
 
+    def noise_of(self, problem: OrbitProblem, z: Array, index: int) -> float:
+        if index < len(self.impacts):
+            return 0.0
+        return self.durations.noise_of(problem, z, self.place(index))
+
+    def place(self, index: int) -> int:
+        """Return the number of the impact, or of the first of those that meet."""
+        return [*self.impacts, *self.excursions][index]
+
     def described(self, problem: OrbitProblem, index: int) -> dict[str, Any]:
-        return {"impact": index, "wall": problem.word.walls[index]}
+        return {"impact": self.place(index), "wall": problem.word.walls[self.place(index)]}
+
+
+def vanishing(problem: OrbitProblem, impact: int) -> tuple[int, ...]:
+    """Return the impacts that vanish with one: itself, and the next at the end of an excursion."""
+    if impact in problem.excursions:
+        return impact, (impact + 1) % len(problem.word)
+    return (impact,)
 
 
 class V(Kind):
@@ -60,53 +87,63 @@ class V(Kind):
         return ZeroVelocity(problem)
 
     def equations(self, problem: OrbitProblem, details: Details) -> ExtendedSystem:
-        return Reached(problem, ZeroVelocity(problem), details["impact"])
+        test = ZeroVelocity(problem)
+        return Reached(problem, test, [*test.impacts, *test.excursions].index(details["impact"]))
 
     def in_many_digits(self, orbit: ManyDigits, unknowns: Array, details: Details) -> System:
-        return orbit.vanishing(lambda x: x[orbit.problem.m * details["impact"] + 1])
+        impact = details["impact"]
+        if impact in orbit.problem.excursions:
+            return orbit.vanishing(lambda x: orbit.duration(x, impact))
+        return orbit.vanishing(lambda x: x[orbit.problem.m * impact + 1])
 
     def born(self, event: Event) -> Start | None:
         here: Linearisation = event.point.evaluation
-        if len(here.problem.word) == 1:
-            return None
-        return regular(*_without(here, event.details["impact"]))
+        shorter = _without(here, event.details["impact"])
+        return None if shorter is None else regular(*shorter)
 
     def next_word(self, event: Event) -> Word | None:
-        word: Word = event.point.evaluation.problem.word
-        return word.drop(event.details["impact"]) if len(word) > 1 else None
+        problem: OrbitProblem = event.point.evaluation.problem
+        dropped = vanishing(problem, event.details["impact"])
+        return problem.word.drop(*dropped) if len(problem.word) > len(dropped) else None
 
     def critical(self, multipliers: Array) -> list[int]:
         """The return map's derivative is infinite there."""
         return [int(np.argmax(np.abs(multipliers)))]
 
     def multipliers(self, here: Linearisation, details: Details) -> tuple[Array, int]:
-        if len(here.problem.word) == 1:
+        shorter = _without(here, details["impact"])
+        if shorter is None:
             return super().multipliers(here, details)
-        shorter, unknowns = _without(here, details["impact"])
-        there = shorter.evaluate(unknowns)
+        there = shorter[0].evaluate(shorter[1])
         found = multipliers(there.start, there.end)
         return found, int(count_unstable(found))
 
     def verdict(self, here: Linearisation, details: Details) -> Verdict:
-        return here.judge(forgive_impact=details["impact"])
+        return here.judge(forgive_impacts=vanishing(here.problem, details["impact"]))
 
     def codimension_two(self, word: Word) -> list[TestFunction]:
         shorter = _without_touch if len(word) > 1 else None
         return touch_points(_at_impact, lambda here: here.orbit, shorter)
 
 
-def _without(here: Linearisation, impact: int) -> tuple[OrbitProblem, Array]:
-    """The problem of the word without an impact of zero velocity, and the same orbit in it."""
-    problem = here.problem
-    shorter = OrbitProblem(problem.model, problem.word.drop(impact), problem.kernels)
-    kept = np.delete(problem.impacts(here.unknowns), impact, axis=0)
+def _without(here: Linearisation, impact: int) -> tuple[OrbitProblem, Array] | None:
+    """The problem of the word without an impact of zero velocity, and the same orbit in it.
+
+    None if no impact is left.
+    """
+    problem, dropped = here.problem, vanishing(here.problem, impact)
+    if len(problem.word) == len(dropped):
+        return None
+    shorter = OrbitProblem(problem.model, problem.word.drop(*dropped), problem.kernels)
+    kept = np.delete(problem.impacts(here.unknowns), dropped, axis=0)
     return shorter, np.append(kept.ravel(), here.unknowns[-problem.free :])
 
 
 def _without_touch(here: CurvePoint) -> Linearisation:
-    shorter, unknowns = _without(here.orbit, here.details["impact"])
-    here.orbit.problem.kernel_evaluations += len(shorter.word)
-    return shorter.evaluate(unknowns)
+    shorter = _without(here.orbit, here.details["impact"])
+    assert shorter is not None
+    here.orbit.problem.kernel_evaluations += len(shorter[0].word)
+    return shorter[0].evaluate(shorter[1])
 
 
 def _at_impact(here: CurvePoint) -> tuple[int, float]:

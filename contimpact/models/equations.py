@@ -169,7 +169,12 @@ def _evaluated(model: Model) -> Equations:
         name: after_impact(formulas, guard, *found.before(name, found.start), where)
         for name, guard in found.guards.items()
     }
-    return Equations(**{**vars(found), "departures": departures})
+    found = Equations(**{**vars(found), "departures": departures})
+    for name in () if model.MODES else walls:
+        if not found.returns(name, name):
+            what = f"an impact at {name!r} leaves its surface"
+            raise InputError(f"{where}: jump", what, "declare MODES, and a Guard for it")
+    return found
 
 
 def _check_modes(formulas: Formulas, modes: Sequence[str], where: str) -> None:

@@ -96,6 +96,34 @@ def watched(guards: Sequence[Guard], mode: str) -> str:
     return "".join(guard.name for guard in guards if mode in guard.modes)
 
 
-def every_pair(guards: Sequence[Guard]) -> list[tuple[str, str]]:
-    """Return the letters that can follow each other, in order."""
-    return [(guard.name, after) for guard in guards for after in following(guards, guard.name)]
+def way_back(guards: Sequence[Guard], letter: str, mode: str, there: str) -> str | None:
+    """Return the shortest way from a guard back to a mode, its own letter first.
+
+    Parameters
+    ----------
+    guards : sequence of Guard
+    letter : str
+        The guard touched.
+    mode : str
+        The mode in which it is.
+    there : str
+        The letters of the guards on the same surface, those that the way may go through.
+
+    Returns
+    -------
+    str or None
+        None if there is no way back through these.
+    """
+    after = {guard.name: guard.next_mode for guard in guards}
+    ways = [letter]
+    for way in ways:  # grows while it is gone through
+        if after[way[-1]] == mode:
+            return way
+        further = watched(guards, after[way[-1]])
+        ways += [way + one for one in further if one in there and one not in way]
+    return None
+
+
+def graph(guards: Sequence[Guard]) -> dict[str, str]:
+    """Return the letters that can follow each letter."""
+    return {guard.name: following(guards, guard.name) for guard in guards}

@@ -6,7 +6,7 @@ Importing this module imports SymPy: systems do so inside `Model.formulas`.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping, Sequence
 from fractions import Fraction
 from typing import Any
 
@@ -80,6 +80,59 @@ def harmonic_means(
     q = a * sympy.sin(middle) - b * sympy.cos(middle)
     c1, c2, c3 = (Stumpff(Integer(k), x**2) for k in (1, 2, 3))
     return p * c1, (p * c1 + q * x * (c2 - c3)) / 2
+
+
+def driven_oscillator(
+    a: Any, omega: Any, c: Any, k: Any, rest: Any = 0, load: Any = 0
+) -> tuple[Callable[..., Any], Callable[..., Any]]:
+    r"""State the motion of :math:`\ddot x + c\dot x + k(x - x_r) = l + a\cos\omega t`.
+
+    It is a steady response plus a transient, for any damping, but not at undamped resonance.
+
+    Parameters
+    ----------
+    a, omega, c, k, rest, load : sympy.Expr
+        The load l is a constant force; where the motion begins at x_r, nothing is lost to the
+        difference of x and x_r however large k is.
+
+    Returns
+    -------
+    flight, acceleration : callable
+        As of `contimpact.models.model.Formulas`.
+    """
+    denominator = (k - omega**2) ** 2 + (c * omega) ** 2
+    in_phase, quadrature = a * (k - omega**2) / denominator, a * c * omega / denominator
+
+    def steady(t: Any) -> Any:
+        return in_phase * sympy.cos(omega * t) + quadrature * sympy.sin(omega * t)
+
+    def steady_rate(t: Any) -> Any:
+        return omega * (quadrature * sympy.cos(omega * t) - in_phase * sympy.sin(omega * t))
+
+    def flight(
+        t0: Any, x0: Sequence[Any], v0: Sequence[Any], dt: Any
+    ) -> tuple[list[Any], list[Any]]:
+        # With A, B the free motions from unit displacement and from unit velocity,
+        #   x1 - x0 = [p(t1) - p(t0)] + (x0 - p0)(A - 1) + (v0 - p0') B,
+        # each bracket divided by dt in closed form. 1 - A is k times the integral of B.
+        def motion(kind: Any, n: int) -> Any:
+            return kind(Integer(n), Integer(1), c, k, dt)
+
+        middle = t0 + dt / 2
+        steady_mean = Stumpff(Integer(1), (omega * dt / 2) ** 2) * steady_rate(middle)
+        offset, rate = x0[0] - rest - load / k - steady(t0), v0[0] - steady_rate(t0)
+        fall = k * dt * motion(MeanTransient, -1)  # (1 - A)/dt
+        mean = steady_mean - offset * fall + rate * motion(MeanTransient, 0)
+        # A' = -k B
+        speed = (
+            steady_rate(t0 + dt) - offset * k * motion(Transient, 0) + rate * motion(Transient, 1)
+        )
+        return [mean], [speed]
+
+    def acceleration(t: Any, x: Sequence[Any], v: Sequence[Any]) -> list[Any]:
+        return [load + a * sympy.cos(omega * t) - c * v[0] - k * (x[0] - rest)]
+
+    return flight, acceleration
 
 
 def fourier_series(

@@ -3,13 +3,14 @@
 ``n:m`` counts the impacts on each wall, in the order the model lists its walls, per forcing
 period: ``2:1`` is BBT. ``n:m/pT`` is that word run p times with period pT: ``1:1/2T`` is BTBT
 over two periods. A word may be written out, alone or with its period: ``BTBT``, ``BTBT/2T``,
-``B/3T`` (one impact in three periods).
+``B/3T`` (one impact in three periods). Where not every wall can follow every other, words are the
+closed paths through the graph of modes and guards. ``0`` is the orbit without impacts.
 """
 
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 from ..errors import InputError, shown
@@ -17,23 +18,30 @@ from ..errors import InputError, shown
 LONGEST_WORD = 1000
 _COUNTS = re.compile(r"([0-9]+(?::[0-9]+)*)(?:/([0-9]+)T)?")
 _LETTERS = re.compile(r"([^\W\d]+)(?:/([0-9]+)T)?")
+_NONE = re.compile(r"0(?:/([0-9]+)T)?")
 
 
 @dataclass(frozen=True)
 class Word:
-    """The walls visited and the period in units of T; prints as users write it."""
+    """The walls visited and the period in units of T; prints as users write it.
+
+    Without walls it is the word `0`.
+    """
 
     walls: str
     period: int = 1
 
     def __str__(self) -> str:
-        return self.walls if self.period == 1 else f"{self.walls}/{self.period}T"
+        walls = self.walls or "0"
+        return walls if self.period == 1 else f"{walls}/{self.period}T"
 
     def __len__(self) -> int:
         return len(self.walls)
 
     def notation(self, letters: Sequence[str]) -> str:
         """Return the count n:m/pT; in parentheses where it is a total over all p periods."""
+        if not self.walls:
+            return str(self)
         totals = [self.walls.count(letter) for letter in letters]
         p = self.period
         if p == 1:
@@ -42,17 +50,20 @@ class Word:
             return ":".join(str(total // p) for total in totals) + f"/{p}T"
         return f"({':'.join(map(str, totals))})/{p}T"
 
-    def insert(self, flight: int, wall: str) -> Word:
-        """Return the word with one more impact, on flight number `flight`."""
-        return Word(self.walls[: flight + 1] + wall + self.walls[flight + 1 :], self.period)
+    def insert(self, flight: int, walls: str) -> Word:
+        """Return the word with more impacts, one for each letter, on flight number `flight`."""
+        return Word(self.walls[: flight + 1] + walls + self.walls[flight + 1 :], self.period)
 
-    def drop(self, impact: int) -> Word:
-        """Return the word without impact number `impact`."""
-        return Word(self.walls[:impact] + self.walls[impact + 1 :], self.period)
+    def drop(self, *impacts: int) -> Word:
+        """Return the word without the impacts of these numbers."""
+        kept = (wall for k, wall in enumerate(self.walls) if k not in impacts)
+        return Word("".join(kept), self.period)
 
     def repeated(self) -> list[Word]:
         """Return the shorter words that read as this one if run several times, shortest first."""
         n = len(self)
+        if n == 0:
+            return [Word("", p) for p in range(1, self.period) if self.period % p == 0]
         return [
             Word(self.walls[:shift], self.period * shift // n)
             for shift in self.rotations()[1:]
@@ -62,7 +73,7 @@ class Word:
     def rotations(self) -> list[int]:
         """Return the cyclic shifts that map the word to itself, 0 among them."""
         doubled = self.walls * 2
-        n = len(self)
+        n = len(self) or 1
         return [shift for shift in range(n) if doubled[shift : shift + n] == self.walls]
 
 
@@ -76,17 +87,24 @@ def repetitions(notations: Sequence[str]) -> str:
     return f"repetitions of {' and '.join(notations)}"
 
 
-def parse_word(text: str, letters: Sequence[str], where: str = "word") -> Word:
+def parse_word(
+    text: str,
+    letters: Sequence[str],
+    where: str = "word",
+    graph: Mapping[str, str] | None = None,
+) -> Word:
     """Read an orbit's name.
 
     Parameters
     ----------
     text : str
-        ``n:m``, ``n:m/pT``, a word, or a word and its period.
+        ``n:m``, ``n:m/pT``, a word, or a word and its period; ``0`` or ``0/pT`` without impacts.
     letters : sequence of str
         The model's walls, in its order.
     where : str
         The place named in an error.
+    graph : mapping of str to str, optional
+        The letters that can follow each; every letter unless given.
 
     Raises
     ------
@@ -100,6 +118,8 @@ def parse_word(text: str, letters: Sequence[str], where: str = "word") -> Word:
         raise InputError(where, f"found {shown(text)}", accepted)
     if len(text) > 2 * LONGEST_WORD:
         raise InputError(where, f"{shown(text)} is too long", f"at most {LONGEST_WORD} impacts")
+    if (match := _NONE.fullmatch(text)) and int(match[1] or 1) > 0:
+        return Word("", int(match[1] or 1))
     if match := _COUNTS.fullmatch(text):
         numbers, period = [int(n) for n in match[1].split(":")], int(match[2] or 1)
         if len(numbers) != len(letters):
@@ -108,7 +128,7 @@ def parse_word(text: str, letters: Sequence[str], where: str = "word") -> Word:
             )
         if sum(numbers) * period > LONGEST_WORD:
             raise InputError(where, f"{text!r} is too long", f"at most {LONGEST_WORD} impacts")
-        walls = "".join(w * n for w, n in zip(letters, numbers, strict=True)) * period
+        walls = _counting(letters, numbers, graph) * period
     elif match := _LETTERS.fullmatch(text):
         walls, period = match[1], int(match[2] or 1)
         unknown = sorted(set(walls) - set(letters))
@@ -126,7 +146,29 @@ def parse_word(text: str, letters: Sequence[str], where: str = "word") -> Word:
             f"{text!r} has {_counted(len(walls), 'impact')} in {_counted(period, 'period')}",
             f"at least one impact and one period, at most {LONGEST_WORD} impacts",
         )
+    if graph is not None and (pair := _forbidden(walls, graph)) is not None:
+        found = text if match[0].startswith(walls) else f"{text}, the word {walls},"
+        accepted = f"after {pair[0]} can come {' or '.join(graph[pair[0]])}, run around and around"
+        raise InputError(where, f"{found} has {pair[1]} after {pair[0]}", accepted)
     return Word(walls, period)
+
+
+def _counting(
+    letters: Sequence[str], numbers: Sequence[int], graph: Mapping[str, str] | None
+) -> str:
+    """The word that visits each wall so often: one wall after the other, or in turn if it must."""
+    counted = list(zip(letters, numbers, strict=True))
+    walls = "".join(w * n for w, n in counted)
+    if graph is None or _forbidden(walls, graph) is None:
+        return walls
+    in_turn = "".join(w for i in range(max(numbers)) for w, n in counted if i < n)
+    return walls if _forbidden(in_turn, graph) else in_turn
+
+
+def _forbidden(walls: str, graph: Mapping[str, str]) -> tuple[str, str] | None:
+    """The first two letters of a word, run around, that cannot follow each other."""
+    pairs = zip(walls, walls[1:] + walls[:1], strict=True)
+    return next((pair for pair in pairs if pair[1] not in graph[pair[0]]), None)
 
 
 def _counted(count: int, thing: str) -> str:

@@ -85,12 +85,16 @@ class OrbitBackend:
         word = [named.index(letter) for letter in problem.word.walls]
         place = list(problem.model.values).index(problem.parameter)
         wanted = [int(self.gaps), int(self.doubling)]
+        passages = problem.kernels.passages
         return OrbitVectors(
             kinds=vector([a * walls + b for a, b in zip(word, word[1:] + word[:1], strict=True)]),
             word=vector(word),
+            arrivals=vector(problem.arrivals),
+            watched=vector([int(meets) for row in passages.watched for meets in row]),
             counts=vector([walls, problem.word.period, place, self.derived, *wanted]),
             values=vector(list(problem.model.values.values())),
             sides=vector([float(wall.side) for wall in problem.model.WALLS]),
+            leaving=vector(passages.leaving),
             zeros=vector([0.0] * 2 if self.variant == "single" else self.zeros or [], float),
             blocks=table(count, BLOCK),
             kept=table(count, KEPT),
@@ -199,7 +203,7 @@ def _array(numbers: Any, kind: type | None = None) -> Any:
     return np.array(numbers, dtype=kind)
 
 
-ARGUMENTS = "iiifff" + "FFFF" + "fffff" + "ff" + "ffff" + "Ffi"
+ARGUMENTS = "iiiii" + "ffff" + "FFFF" + "fffff" + "ff" + "ffff" + "Ffi"
 """Kinds of the entry's arguments: those of `OrbitVectors`, then those of `take_steps`."""
 
 

@@ -39,12 +39,14 @@ class OrbitVectors(NamedTuple):
 
     Attributes
     ----------
-    kinds, word : vector of int
-        Kinds of the flights, and the walls they leave.
+    kinds, word, arrivals : vector of int
+        Kinds of the flights, the walls they leave, and where they end.
     counts : vector of int
         See `WALLS`.
-    values, sides : vector
-        Parameter values; sides of the walls.
+    values, sides, leaving : vector
+        Parameter values; sides of the walls; the same on the flights that leave them.
+    watched : vector of int
+        Of each wall that is left, whether the flight can meet each wall.
     zeros : vector
         Zeros of the acceleration, where they are the same along the branch.
     blocks, kept, reduced, fixed : table
@@ -56,9 +58,12 @@ class OrbitVectors(NamedTuple):
 
     kinds: Vector
     word: Vector
+    arrivals: Vector
+    watched: Vector
     counts: Vector
     values: Vector
     sides: Vector
+    leaving: Vector
     zeros: Vector
     blocks: Table
     kept: Table
@@ -82,9 +87,7 @@ def evaluate_cycle(
 
 def newton_step(orbit: OrbitVectors, row: Vector, g: float, out: Vector) -> bool:
     """Fill `out` with Newton's step at the point last evaluated; whether there is one."""
-    reduced = eliminate(
-        orbit.blocks, orbit.kinds, orbit.counts[WALLS], orbit.kept, 1.0, False, out, 0.0
-    )
+    reduced = eliminate(orbit.blocks, orbit.arrivals, orbit.kept, 1.0, False, out, 0.0)
     return abs(solve(reduced, orbit.kept, len(orbit.kinds), row, g, out)) > 0.0
 
 
@@ -96,8 +99,8 @@ def tangent_of_cycle(
     Returns the determinant of the Jacobian bordered by the tangent, rows and columns scaled; NaN
     where no tangent is defined.
     """
-    count, walls, span = len(orbit.kinds), orbit.counts[WALLS], orbit.clock[0]
-    reduced = eliminate(orbit.blocks, orbit.kinds, walls, orbit.kept, 0.0, True, z, span)
+    count, span = len(orbit.kinds), orbit.clock[0]
+    reduced = eliminate(orbit.blocks, orbit.arrivals, orbit.kept, 0.0, True, z, span)
     store(orbit.reduced, 0, reduced)
     det = solve(reduced, orbit.kept, count, row, 1.0, out)
     size = 0.0
@@ -150,7 +153,7 @@ def measure(
         high, when_high, low, when_low, slow = math.nan, math.nan, math.nan, math.nan, math.nan
         if wanted and length > 0.0:
             head, phase = (wall, start, speed), start % period
-            left, reached = sides[wall], sides[following]
+            left, reached = orbit.leaving[wall], sides[following]
             high, when_high, low, when_low, slow = excursion(
                 head, values, length, arriving, left, reached, zeros, phase, period
             )
@@ -162,6 +165,8 @@ def measure(
                 gap -= high
             else:
                 gap, dt = low - gap, when_low
+            if orbit.watched[walls * wall + j] == 0:
+                gap, dt = math.nan, math.nan
             gaps[place], times[place], rows[at + place] = gap, start + dt, gap
             if gap < smallest:
                 smallest = gap
@@ -182,9 +187,9 @@ def observe_cycle(
 ) -> None:
     """Record what describes a point, and what test functions go by, in a row."""
     smallest, sure = measure(breaks, excursion, orbit, z, rows, at + MEASURED)
-    walls, count, span = orbit.counts[WALLS], len(orbit.kinds), orbit.clock[0]
+    count, span = len(orbit.kinds), orbit.clock[0]
     reduced = orbit.reduced[0]
-    product = product_of_multipliers(orbit.blocks, orbit.kinds, walls, z, span)
+    product = product_of_multipliers(orbit.blocks, orbit.arrivals, z, span)
     rows[at + SPAN], rows[at + PRODUCT] = span, product
     wanted = orbit.counts[DOUBLING] != 0
     rows[at + DETERMINANT] = doubling(reduced, orbit.blocks, count) if wanted else math.nan
@@ -199,7 +204,7 @@ def observe_cycle(
         smallest = smallest if smallest < math.inf else math.nan
     else:
         what, place, wall, amount, when, smallest = verdict(
-            orbit.word, orbit.sides, orbit.durations, orbit.gaps, orbit.times, orbit.velocities, -1
+            orbit.word, orbit.sides, orbit.durations, orbit.gaps, orbit.times, orbit.velocities
         )
     known = orbit.counts[GAPS] != 0
     rows[at + 5], rows[at + 6], rows[at + 7] = what if known else math.nan, place, wall

@@ -21,12 +21,13 @@ from .orbit_functions import (
 
 ENTRY = """
 def entry(
-    kinds, word, counts, values, sides, zeros, blocks, kept, reduced, fixed, clock, durations, gaps,
-    times, velocities, options, state, scale, z, tangent, chord, work, rows, size,
+    kinds, word, arrivals, watched, counts, values, sides, leaving, zeros, blocks, kept, reduced,
+    fixed, clock, durations, gaps, times, velocities, options, state, scale, z, tangent, chord,
+    work, rows, size,
 ):
     orbit = OrbitVectors(
-        kinds, word, counts, values, sides, zeros, blocks, kept, reduced, fixed, clock, durations,
-        gaps, times, velocities,
+        kinds, word, arrivals, watched, counts, values, sides, leaving, zeros, blocks, kept,
+        reduced, fixed, clock, durations, gaps, times, velocities,
     )
     return take_steps(
         evaluate, newton_step, tangent_of_cycle, observe, orbit, options, state, scale, z, tangent,

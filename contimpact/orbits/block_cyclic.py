@@ -26,6 +26,7 @@ from collections.abc import Callable
 from typing import Any, TypeAlias
 
 from ..arrays import Table, Vector
+from ..segments.passages import ELSEWHERE, MEETING
 
 BLOCK = 12
 """Numbers of a flight: 2 residuals, the blocks A and B row by row, 2 derivatives by lambda."""
@@ -36,6 +37,9 @@ derived parameters behind."""
 
 KEPT = 15
 """Numbers of an eliminated impact: R (3), W (4), V (4), l (2), f (2)."""
+
+BRIEF = 0.01
+"""Part of an orbit's period below which a flight that can vanish is a brief one."""
 
 Reduced: TypeAlias = tuple[float, ...]
 """What `eliminate` returns."""
@@ -113,8 +117,7 @@ def assemble(
 
 def eliminate(
     blocks: Table,
-    kinds: Vector,
-    walls: int,
+    arrivals: Vector,
     kept: Table,
     right: float,
     exact: bool,
@@ -125,15 +128,17 @@ def eliminate(
 
     Parameters
     ----------
-    blocks, kinds, walls
-        Flights, their kinds, and the number of walls.
+    blocks : table
+        The flights.
+    arrivals : vector of int
+        Where each of them ends; see `contimpact.segments.passages`.
     kept : table
         Filled with a row for each eliminated impact, from row 1.
     right : float
         1 to carry the right side f_k = -residual along, 0 for zeros.
     exact : bool
         Whether z solves the equations. Then the derivative of an arrival by its time is the
-        arriving velocity z holds (over the duration, between impacts on one wall), which has not
+        arriving velocity z holds (over the duration, back on the surface left), which has not
         the rounding of larger terms: multipliers next to a grazing go with its inverse.
     z, span
         The unknowns, and the orbit's period; used where `exact`.
@@ -147,12 +152,12 @@ def eliminate(
     ratio : float
         det Q as the product of all det B_k over det R_k, which does not cancel.
     """
-    count = len(kinds)
+    count = len(arrivals)
     b = blocks[0]
     p00, p01, p10, p11 = b[2], b[3], b[4], b[5]
     q00, q01, q10, q11 = b[6], b[7], b[8], b[9]
     if exact:
-        q00 = arriving(z, 0, kinds, walls, span, q00)
+        q00 = arriving(z, 0, arrivals, span, q00)
     l0, l1 = b[10], b[11]
     f0, f1 = -right * b[0], -right * b[1]
     sign, logarithm = 1.0, 0.0
@@ -161,7 +166,7 @@ def eliminate(
         g0, g1, u2, x21, u3, x31, b00, b01, b10, b11, m0, m1 = blocks[k]
         x01, x11 = q01, q11
         if exact:
-            b00 = arriving(z, k, kinds, walls, span, b00)
+            b00 = arriving(z, k, arrivals, span, b00)
         g0, g1 = -right * g0, -right * g1
         u0, u1 = q00, q10
         norm = math.sqrt(u0 * u0 + u1 * u1 + u2 * u2 + u3 * u3)
@@ -218,18 +223,20 @@ def eliminate(
     return (p00, p01, p10, p11, q00, q01, q10, q11, l0, l1, f0, f1, sign, logarithm, ratio)
 
 
-def arriving(z: Vector, k: int, kinds: Vector, walls: int, span: float, slope: float) -> float:
+def arriving(z: Vector, k: int, arrivals: Vector, span: float, slope: float) -> float:
     """Return the derivative of the arrival of flight k by its time, from the unknowns.
 
-    It is the velocity, and between two impacts on one wall the velocity over the duration.
-    `slope`, what the kernel says, stands where that is zero.
+    It is the velocity, and on flights back to the surface left the velocity over the duration.
+    `slope`, what the kernel says, stands where that is zero, or about to vanish with the velocity.
     """
     i = 2 * k
-    last = k + 1 == len(kinds)
+    last = k + 1 == len(arrivals)
     velocity = z[1] if last else z[i + 3]
-    if kinds[k] % (walls + 1) != 0:  # kinds are numbered start * walls + end
+    if arrivals[k] == ELSEWHERE:
         return velocity
     duration = (z[0] + span if last else z[i + 2]) - z[i]
+    if arrivals[k] == MEETING and abs(duration) < BRIEF * span:
+        return slope
     return velocity / duration if duration != 0.0 else slope
 
 

@@ -56,14 +56,12 @@ def doubling(reduced: Reduced, blocks: Table, count: int) -> float:
     return scaled(sign, logarithm, det, row_norms(blocks, count, -1.0, 1.0, 1.0, 0.0))
 
 
-def product_of_multipliers(
-    blocks: Table, kinds: Vector, walls: int, z: Vector, span: float
-) -> float:
+def product_of_multipliers(blocks: Table, arrivals: Vector, z: Vector, span: float) -> float:
     """Return det A_k / det B_k over the cycle; NaN where an impact velocity is zero."""
     ratio = 1.0
-    for k in range(len(kinds)):
+    for k in range(len(arrivals)):
         _, _, a00, a01, a10, a11, b00, b01, b10, b11, _, _ = blocks[k]
-        end = arriving(z, k, kinds, walls, span, b00) * b11 - b01 * b10
+        end = arriving(z, k, arrivals, span, b00) * b11 - b01 * b10
         if end == 0.0:
             return math.nan
         ratio *= (a00 * a11 - a01 * a10) / end

@@ -9,6 +9,8 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from ..segments.flight import FlightGaps, flight_gaps
+from ..segments.passages import ELSEWHERE, MEETING
+from .block_cyclic import BRIEF
 from .multipliers import Stability, count_unstable, stability_of, stability_of_orbit
 from .physicality import Verdict, findings, judge, verdict_of
 
@@ -134,20 +136,21 @@ class Linearisation:
         """Multipliers, their products, and the determinant of a period doubling.
 
         The derivative of an arrival by its time is the arrival's velocity (over the duration,
-        between impacts on one wall). The orbit's own is put in its place: the multipliers next to
+        back on the surface left). The orbit's own is put in its place: the multipliers next to
         a grazing go with its inverse, and the kernel's carries the rounding of larger terms.
         """
         problem = self.problem
         if problem.m == 2:
-            changes = [int(a != b) for a, b in problem.kinds]
             return stability_of_orbit(
-                self.start, self.end, changes, self.unknowns.tolist(), self.span
+                self.start, self.end, problem.arrivals, self.unknowns.tolist(), self.span
             )
         end = self.end.copy()
         rows = problem.impacts(self.unknowns)
         durations = np.diff(np.append(rows[:, 0], rows[0, 0] + self.span))
-        same = np.array([a == b for a, b in problem.kinds]) & (durations != 0.0)
-        different = np.array([a != b for a, b in problem.kinds])
+        arrivals = np.array(problem.arrivals)
+        brief = (arrivals == MEETING) & (np.abs(durations) < BRIEF * self.span)
+        same = (arrivals != ELSEWHERE) & (durations != 0.0) & ~brief
+        different = arrivals == ELSEWHERE
         arriving = np.roll(rows[:, 1], -1)
         end[same, 0, 0] = arriving[same] / durations[same]
         end[different, 0, 0] = arriving[different]

@@ -15,6 +15,7 @@ Linear Algebra Appl. 2001).
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -64,27 +65,27 @@ def stability_of(start: Array, end: Array) -> Stability:
     if start.shape[1:] != (2, 2):
         return _of_any_size(start, end)
     count, blocks = len(start), _flights(start, end)
-    reduced = block_cyclic.eliminate(blocks, [0] * count, 1, [()] * count, 0.0, False, [], 0.0)
+    reduced = block_cyclic.eliminate(blocks, [0] * count, [()] * count, 0.0, False, [], 0.0)
     return _of_two(reduced, blocks, determinant(start, end))
 
 
 def stability_of_orbit(
-    start: Array, end: Array, changes: list[int], unknowns: list[float], span: float
+    start: Array, end: Array, arrivals: Sequence[int], unknowns: list[float], span: float
 ) -> Stability:
     """Return the same for an orbit with two unknowns per impact, as along a branch.
 
     Parameters
     ----------
     start, end : ndarray of shape (N, 2, 2)
-    changes : list of int
-        1 for flights to another wall, else 0.
+    arrivals : sequence of int
+        Where each flight ends; see `contimpact.segments.passages`.
     unknowns, span
         Of the orbit; the derivatives of arrivals by their times are read from them, see
         `contimpact.orbits.block_cyclic.eliminate`.
     """
     count, blocks = len(start), _flights(start, end)
-    reduced = block_cyclic.eliminate(blocks, changes, 1, [()] * count, 0.0, True, unknowns, span)
-    product = cyclic_multipliers.product_of_multipliers(blocks, changes, 1, unknowns, span)
+    reduced = block_cyclic.eliminate(blocks, arrivals, [()] * count, 0.0, True, unknowns, span)
+    product = cyclic_multipliers.product_of_multipliers(blocks, arrivals, unknowns, span)
     return _of_two(reduced, blocks, product)
 
 

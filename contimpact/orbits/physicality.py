@@ -28,7 +28,7 @@ def judge(
     impacts: Array,
     gaps: Sequence[FlightGaps],
     forgive_touches: Collection[tuple[int, str]] = (),
-    forgive_impact: int | None = None,
+    forgive_impacts: Collection[int] = (),
 ) -> Verdict:
     """Decide whether an orbit is physical.
 
@@ -38,11 +38,12 @@ def judge(
         As in `findings`.
     forgive_touches : collection of (flight, wall)
         Touches that are not held against the orbit: the grazing event itself.
-    forgive_impact : int, optional
-        An impact whose direction is not held against it: the zero velocity itself.
+    forgive_impacts : collection of int
+        Impacts whose direction is not held against it, nor the order of two in a row: the zero
+        velocity itself.
     """
     return verdict_of(
-        findings(word, named, impacts, gaps, forgive_touches, forgive_impact), word, named
+        findings(word, named, impacts, gaps, forgive_touches, forgive_impacts), word, named
     )
 
 
@@ -52,7 +53,7 @@ def findings(
     impacts: Array,
     gaps: Sequence[FlightGaps],
     forgive_touches: Collection[tuple[int, str]] = (),
-    forgive_impact: int | None = None,
+    forgive_impacts: Collection[int] = (),
 ) -> tuple[float, ...]:
     """Return what `verdict` says of an orbit.
 
@@ -62,7 +63,7 @@ def findings(
     named : sequence of Guard
     impacts : ndarray of shape (N, m)
     gaps : sequence of FlightGaps
-    forgive_touches, forgive_impact
+    forgive_touches, forgive_impacts
         As in `judge`.
     """
     places = {w.name: i for i, w in enumerate(named)}
@@ -73,10 +74,14 @@ def findings(
         for t in flight.touches
     ]
     sides, durations = [float(w.side) for w in named], [flight.duration for flight in gaps]
+    velocities = impacts[:, 1].tolist()
+    for k in forgive_impacts:
+        velocities[k] = 0.0
+        if (k + 1) % len(word) in forgive_impacts:
+            durations[k] = 0.0
     nearest = [math.nan if t is None else t.gap for t in touches]
     times = [math.nan if t is None else t.time for t in touches]
-    forgiven = -1 if forgive_impact is None else forgive_impact
-    return verdict(walls, sides, durations, nearest, times, impacts[:, 1].tolist(), forgiven)
+    return verdict(walls, sides, durations, nearest, times, velocities)
 
 
 def verdict_of(found: Sequence[float], word: str, named: Sequence[Guard]) -> Verdict:
@@ -100,7 +105,6 @@ def verdict(
     gaps: Vector,
     times: Vector,
     velocities: Vector,
-    forgiven: int,
 ) -> tuple[int, int, int, float, float, float]:
     """Decide whether an orbit is physical, from numbers.
 
@@ -119,8 +123,6 @@ def verdict(
         Smallest gap of each flight to each wall, and when; not numbers where there is none.
     velocities : vector
         Before the impacts.
-    forgiven : int
-        An impact whose direction does not count, or -1.
 
     Returns
     -------
@@ -149,7 +151,7 @@ def verdict(
         fastest = max(fastest, abs(velocities[k]))
     for k in range(len(walls)):
         wrong = velocities[k] * sides[walls[k]] < -AT_REST * fastest
-        if wrong and k != forgiven and what != 3:
+        if wrong and what != 3:
             what, place, amount = 3, k, velocities[k]
     return what, place, wall, amount, when, smallest if smallest < math.inf else math.nan
 

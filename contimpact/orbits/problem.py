@@ -31,6 +31,7 @@ import numpy as np
 from ..models.model import Model
 from ..models.word import Word
 from ..segments.kernels import Kernels
+from ..segments.passages import MEETING
 from .linearisation import CyclicBlocks, Linearisation, Summary
 
 Array = np.ndarray[Any, Any]
@@ -53,6 +54,10 @@ class OrbitProblem:
         Unknowns per impact and of all impacts.
     free : int
         Number of free parameters.
+    arrivals : tuple of int
+        Where each flight ends; see `contimpact.segments.passages`.
+    excursions : tuple of int
+        Flights through another mode and back, which can vanish with the velocities at their ends.
     kernel_evaluations : int
         Flights evaluated so far.
     """
@@ -69,6 +74,10 @@ class OrbitProblem:
         following = word.walls[1:] + word.walls[0]
         self.kinds = tuple(zip(word.walls, following, strict=True))
         self.segments = [kernels.segment(a, b) for a, b in self.kinds]
+        places = {guard.name: i for i, guard in enumerate(model.WALLS)}
+        arrivals = kernels.passages.arrivals
+        self.arrivals = tuple(arrivals[places[a]][places[b]] for a, b in self.kinds)
+        self.excursions = self._excursions()
         self.kernel_evaluations = 0
         # positions of the blocks A and B in the flattened n x (n + free) Jacobian
         rows = np.arange(self.n).reshape(-1, self.m, 1) * (self.n + self.free)
@@ -79,6 +88,19 @@ class OrbitProblem:
     def __reduce__(self) -> tuple[Any, ...]:
         """Made anew from what it was made of; kernels are loaded when they are asked for."""
         return type(self), (self.model, self.word, self.kernels)
+
+    def _excursions(self) -> tuple[int, ...]:
+        """The flights that end on the surface they leave, and lead back to the mode before it."""
+        after = {guard.name: guard.next_mode for guard in self.model.WALLS}
+        modes = [after[letter] for letter in self.word.walls]
+        count = len(modes)
+        return tuple(
+            k
+            for k, arrival in enumerate(self.arrivals)
+            if arrival == MEETING
+            and count > 1
+            and modes[(k + 1) % count] == modes[k - 1] != modes[k]
+        )
 
     def values(self, unknowns: Array) -> list[float]:
         """Return all parameter values at a point, in the model's order."""

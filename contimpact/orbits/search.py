@@ -13,6 +13,7 @@ import numpy as np
 
 from ..display import Shown, Summary, frame, in_lines
 from ..errors import InputError
+from ..models.guards import graph
 from ..models.model import Model
 from ..models.word import Word, parse_word
 from ..progress import Asked, asked
@@ -223,7 +224,7 @@ def find_orbits(
         if count < 1:
             raise InputError(name, f"found {count!r}", "give a whole number >= 1")
     letters = [w.name for w in model.WALLS]
-    word = word if isinstance(word, Word) else parse_word(word, letters)
+    word = word if isinstance(word, Word) else parse_word(word, letters, graph=graph(model.WALLS))
     kernels = kernels or Kernels(model, parameter or next(iter(model.values)))
     problem = OrbitProblem(model, word, kernels)
     generator = np.random.default_rng(rng)

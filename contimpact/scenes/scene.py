@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, Any
 from ..bifurcations.declarations import EVENTS, KINDS, SECOND
 from ..continuation.settings import Settings
 from ..errors import InputError, shown
+from ..models.guards import graph
 from ..models.model import Model
 from ..models.word import Word, parse_word
 from ..storage.files import bounded, read_bounded, reason
@@ -299,7 +300,7 @@ def read_scene(given: Mapping[str, Any]) -> Scene:
     letters = [w.name for w in model.WALLS]
     orbits = tuple(
         dict.fromkeys(
-            parse_word(text, letters, f"follow.orbits[{i}]")
+            parse_word(text, letters, f"follow.orbits[{i}]", graph(model.WALLS))
             for i, text in enumerate(follow.texts("orbits"))
         )
     )

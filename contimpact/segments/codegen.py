@@ -196,11 +196,12 @@ class KernelWriter:
         self.start, self.end = self.equations.start, self.equations.end
 
     def write(self, name: str) -> str:
-        """Return the source of the kernel `name`: ``setup``, ``harmonics``, ``flight_<a>_<b>``,
-        ``motion_<a>`` or ``agreement_<a>_<coordinate>``."""
+        """Return the source of the kernel `name`: ``setup``, ``harmonics``, ``surfaces``,
+        ``flight_<a>_<b>``, ``motion_<a>`` or ``agreement_<a>_<coordinate>``."""
         kind, *walls = name.split("_")
         writers: dict[str, Callable[..., str]] = {
             "setup": self.setup,
+            "surfaces": self.surfaces,
             "harmonics": self.harmonics,
             "flight": self.flight,
             "motion": self.motion,
@@ -301,6 +302,15 @@ class KernelWriter:
 
         Walls: {", ".join(w.name for w in self.model.WALLS)}; derived parameters:
         {", ".join(self.model.DERIVED) or "none"}; free: {", ".join(self.parameters)}."""
+        return self._shared(name, [], about, found)
+
+    def surfaces(self, name: str) -> str:
+        letters = list(self.equations.guards)
+        back = self.equations.returns
+        found = tuple(sympy.Integer(back(a, b)) for a in letters for b in letters)
+        about = f"""Which flights end on the surface that they leave: 1, or else 0.
+
+        From {letters[0]} to each of {", ".join(letters)}, then from the next."""
         return self._shared(name, [], about, found)
 
     def harmonics(self, name: str) -> str:

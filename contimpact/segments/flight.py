@@ -70,7 +70,7 @@ def excursions(
     arriving : float
         Velocity before the impact that ends it.
     left_side, reached_side : float
-        Sides of the walls left and reached.
+        Sides, on this flight, of the walls left and reached; zero where there is none.
     zeros : vector
         Zeros of the acceleration in [0, period), in order.
     phase, period : float
@@ -223,6 +223,7 @@ def flight_gaps(
     setup = kernels.setup(*values)
     period, named = setup.period, kernels.model.WALLS
     places = {w.name: i for i, w in enumerate(named)}
+    passages = kernels.passages
     zeros = time_zeros(kernels.harmonics(*values), period)
     excursion = excursion_of(kernels, zeros is not None)
     rows = impacts.tolist()
@@ -235,11 +236,12 @@ def flight_gaps(
         if not length > 0.0:
             result.append(FlightGaps(length, (None,) * len(named)))
             continue
-        head, phase, sides = (i, *leave), leave[0] % period, (named[i].side, named[j].side)
+        head, phase = (i, *leave), leave[0] % period
+        sides = passages.leaving[i], named[j].side
         found = excursion(head, values, length, arrive[1], *sides, zeros, phase, period)
         touches = tuple(
-            _touch(k, leave[0], w, setup.walls[place] - setup.walls[i], found)
-            for place, w in enumerate(named)
+            _touch(k, leave[0], w, setup.walls[place] - setup.walls[i], found) if meets else None
+            for place, (w, meets) in enumerate(zip(named, passages.watched[i], strict=True))
         )
         result.append(FlightGaps(length, touches, found[4]))
     return result

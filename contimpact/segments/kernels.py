@@ -17,12 +17,14 @@ from typing import Any
 
 from ..arrays import Vector
 from ..errors import InputError
+from ..models.guards import following
 from ..models.model import Model
 from ..models.sources import digests
 from ..storage.cache import cache_folder, keep, kept, logger
 from ..storage.files import reason
 from .arithmetic import Kernel, kernel_of
 from .closed_form import ClosedForm
+from .passages import Passages, passages_of
 
 
 def _caller(
@@ -93,9 +95,28 @@ class Kernels:
         """``harmonics(*p)``: the acceleration where it depends on time alone."""
         return self.kernel("harmonics")
 
+    @functools.cached_property
+    def passages(self) -> Passages:
+        """What meets the flights, by the numbers of the guards."""
+        guards = self.model.WALLS
+        if not self.model.MODES:
+            return passages_of(guards, lambda a, b: a == b)
+        back = self.kernel("surfaces")(*self.model.values.values())
+        return passages_of(guards, lambda a, b: back[len(guards) * a + b] == 1.0)
+
     def segment(self, start: str, end: str) -> ClosedForm:
-        """The segment from one wall to another, by their letters."""
+        """The segment from one wall to another, by their letters.
+
+        Raises
+        ------
+        InputError
+            If the second cannot follow the first.
+        """
         if (start, end) not in self._segments:
+            after = following(self.model.WALLS, start)
+            if end not in after:
+                accepted = f"after {start} can come {' or '.join(after)}"
+                raise InputError("word", f"it has {end} after {start}", accepted)
             self._segments[start, end] = ClosedForm(self, start, end)
         return self._segments[start, end]
 

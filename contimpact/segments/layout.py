@@ -6,6 +6,7 @@ kernel             returns
 ``flight_<a>_<b>`` `Blocks`, as a plain tuple: residual, start, end, by_parameter
 ``setup``          `Setup`
 ``motion_<a>``     displacement from the wall, velocity and acceleration of the gap coordinate
+``surfaces``       for each pair of guards, 1 if a flight ends on the surface it leaves, or else 0
 ``harmonics``      the mean, then k, a_k, b_k for each harmonic; NaN alone where there are none
 =================  ============================================================================
 """

@@ -21,10 +21,12 @@ class Body(NamedTuple):
         The forcing period.
     zeros : vector
         Zeros of the acceleration in [0, T), in order, if it depends on time alone.
-    sides : vector of int, shape (w,)
-        Of the walls.
+    sides, leaving : vector of int, shape (w,)
+        Of the walls, and of the same on the flights that leave them; see `segments.passages`.
+    below, above : vector of int, shape (w,)
+        The walls that flights from each wall can meet below and above; -1 for none.
     low, high : vector of shape (w,)
-        Displacements, from each wall, of the walls below and above.
+        Their displacements from it.
     restitution, slow : vector of shape (w,)
         Coefficients at low velocity; velocities below which chatter may be near its end.
     edges : vector
@@ -41,6 +43,9 @@ class Body(NamedTuple):
     clock: Any
     zeros: Any
     sides: Any
+    leaving: Any
+    below: Any
+    above: Any
     low: Any
     high: Any
     restitution: Any
@@ -60,9 +65,9 @@ def wrapped(time: float, period: float) -> tuple[float, int]:
     return max(phase, 0.0), passed
 
 
-def wall_on(body: Body, side: int) -> int:
-    """Return the number of the wall on a side; -1 for none."""
-    for wall in range(len(body.sides)):
-        if body.sides[wall] == side:
-            return wall
-    return -1
+def wall_on(body: Body, wall: int, side: int) -> int:
+    """Return the number of the wall that a flight from a wall meets on a side; -1 for none."""
+    if side == 0:
+        return -1
+    met: int = body.above[wall] if side > 0 else body.below[wall]
+    return met

@@ -2,7 +2,8 @@
 
 With restitution e < 1 and the acceleration a towards the wall nearly constant, an impact of
 velocity v is followed by flights of 2 e v/a, 2 e^2 v/a, ..., which end after 2 e v/(a (1 - e)).
-Impacts are computed one by one until that is so short that the formula is exact to rounding.
+Impacts are computed one by one until that is so short that the formula is exact to rounding. It
+happens at rigid walls alone: where a guard leads to another mode the coefficient is 1.
 
 Written in the subset of Python that `contimpact.compiling` compiles: vectors are lists in plain
 Python, arrays in compiled code.

@@ -23,7 +23,7 @@ WORTH = 2000
 PRICE = 3
 """Evaluations of a flight that one impact in plain Python counts for."""
 
-BODY = VECTOR * 3 + INTEGERS + VECTOR * 5 + INTEGERS * 3
+BODY = VECTOR * 3 + INTEGERS * 4 + VECTOR * 5 + INTEGERS * 3
 """Kinds of a body's fields."""
 ROW = INTEGERS * 2 + VECTOR * 2 + INTEGERS
 """Kinds of the columns that `make_impacts` fills."""
@@ -35,11 +35,12 @@ def fly(body, wall, phase, velocity):
     return fly_in_time(any_motion, body, wall, phase, velocity)
 
 def entry(
-    values, clock, zeros, sides, low, high, restitution, slow, edges, presses, first, longest,
-    state, when, walls, turns, phases, velocities, released, span,
+    values, clock, zeros, sides, leaving, below, above, low, high, restitution, slow, edges,
+    presses, first, longest, state, when, walls, turns, phases, velocities, released, span,
 ):
     body = Body(
-        values, clock, zeros, sides, low, high, restitution, slow, edges, presses, first, longest
+        values, clock, zeros, sides, leaving, below, above, low, high, restitution, slow, edges,
+        presses, first, longest
     )
     return make_impacts(
         fly, any_motion, body, state, when, walls, turns, phases, velocities, released, span

@@ -46,7 +46,7 @@ def fly_in_time(
     `contimpact.compiling` compiles.
     """
     head, period, longest = (wall, phase, velocity), body.clock[0], body.longest[0]
-    low, high, rising = body.low[wall], body.high[wall], body.sides[wall] < 0
+    low, high, rising = body.low[wall], body.high[wall], body.leaving[wall] < 0
     side, dt, speed, _ = first_arrival(
         motion, head, body.values, body.zeros, phase, period, longest, 0.0, rising, low, high
     )
@@ -71,7 +71,7 @@ class FlightInState:
     def __call__(
         self, body: Body, wall: int, phase: float, velocity: float
     ) -> tuple[int, float, float]:
-        head, rising = (wall, phase, velocity), body.sides[wall] < 0
+        head, rising = (wall, phase, velocity), body.leaving[wall] < 0
         low, high = body.low[wall], body.high[wall]
         side, left, speed = 0, 0.0, velocity
         windows = range(body.longest[0])

@@ -72,7 +72,7 @@ def make_impacts(
             if side == 0:
                 outcome = NO_IMPACT
                 break
-            wall = wall_on(body, side)
+            wall = wall_on(body, wall, side)
             velocity = speed
             phase, passed = wrapped(phase + dt, period)
         turn += passed

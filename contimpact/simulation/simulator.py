@@ -47,7 +47,7 @@ class Simulator:
     Parameters
     ----------
     model : Model
-        With one degree of freedom and, on each side, at most one wall.
+        With one degree of freedom and, on each side in each mode, at most one wall.
     kernels : Kernels, optional
         Kernels of the same formulas, if there are any already.
     longest_flight : int, default 1000
@@ -66,10 +66,9 @@ class Simulator:
             found = f"{model.SYSTEM} has {model.DEGREES_OF_FREEDOM} degrees of freedom"
             raise InputError("model", found, "simulate a system with one")
         sides = [wall.side for wall in model.WALLS]
-        if len(set(sides)) != len(sides):
-            raise InputError("model", "two walls on one side", "give at most one on each side")
         self.model = model
         self.kernels = kernels or Kernels(model, next(iter(model.values)))
+        self._met = [self._meets(k) for k in range(len(sides))]
         self.longest_flight = longest_flight
         self.letters = tuple(wall.name for wall in model.WALLS)
         self.sides = tuple(sides)
@@ -82,20 +81,35 @@ class Simulator:
         self._motion = motion_at(self._motions, self.values)
         self._zeros = time_zeros(self.kernels.harmonics(*self.values), self.period)
         self._holds = tuple(self._hold(k) for k in range(len(sides)))
-        self.restitution = tuple(coefficient(self._motion, k) for k in range(len(sides)))
+        self.restitution = tuple(
+            coefficient(self._motion, k) if guard.rigid else 1.0
+            for k, guard in enumerate(model.WALLS)
+        )
         self._body = self._as_body()
 
     # What is fixed with the parameters.
 
-    def _around(self, position: float) -> tuple[float, float]:
-        """Displacements, from a position, of the walls below and above."""
-        low, high = -math.inf, math.inf
-        for side, wall in zip(self.sides, self.positions, strict=True):
-            if side > 0:
-                high = wall - position
-            else:
-                low = wall - position
-        return low, high
+    def _meets(self, wall: int) -> tuple[int, int]:
+        """The walls below and above that a flight from a wall can meet; -1 for none."""
+        guards, watched = self.model.WALLS, self.kernels.passages.watched[wall]
+        if self.kernels.passages.leaving[wall] == 0.0:
+            found = f"{guards[wall].name} leads through its surface to none of the next mode"
+            raise InputError("model", found, "give the mode a guard there to simulate it")
+        met = {-1: [-1], 1: [-1]}
+        for k, guard in enumerate(guards):
+            if watched[k]:
+                met[guard.side].append(k)
+        if max(map(len, met.values())) > 2:
+            found = "two walls on one side in one mode"
+            raise InputError("model", found, "give at most one on each side")
+        return met[-1][-1], met[1][-1]
+
+    def _around(self, position: float, wall: int = 0) -> tuple[float, float]:
+        """Displacements, from a position, of the walls below and above that end the flight from a
+        wall."""
+        below, above = self._met[wall]
+        low = self.positions[below] - position if below >= 0 else -math.inf
+        return low, self.positions[above] - position if above >= 0 else math.inf
 
     def _hold(self, wall: int) -> Hold:
         """When a body at rest on a wall is pressed against it."""
@@ -110,13 +124,17 @@ class Simulator:
 
     def _as_body(self) -> Body:
         """What is fixed with the parameters, as lists."""
-        around = [self._around(position) for position in self.positions]
+        around = [self._around(position, k) for k, position in enumerate(self.positions)]
+        leaving = self.kernels.passages.leaving
         pairs = zip(self.restitution, self._holds, strict=True)
         return Body(
             values=list(self.values),
             clock=[self.period],
             zeros=self._zeros or [],
             sides=list(self.sides),
+            leaving=[int(side) for side in leaving],
+            below=[below for below, _ in self._met],
+            above=[above for _, above in self._met],
             low=[low for low, _ in around],
             high=[high for _, high in around],
             restitution=list(self.restitution),
@@ -165,7 +183,7 @@ class Simulator:
         dt, velocity : float
         """
         side, dt, speed = self._fly(self._body, wall, phase, velocity)
-        return wall_on(self._body, side), dt, speed
+        return wall_on(self._body, wall, side), dt, speed
 
     def start(self, time: float, position: float, velocity: float) -> State | None:
         """Return the first impact of a body that starts between the walls.
@@ -208,7 +226,7 @@ class Simulator:
         if side == 0:
             return None
         phase, passed = wrapped(phase + dt, self.period)
-        return State(wall_on(self._body, side), phase, speed, turns + passed)
+        return State(wall_on(self._body, 0, side), phase, speed, turns + passed)
 
     # Runs.
 
@@ -365,7 +383,9 @@ class Simulator:
     def _flights(self) -> dict[tuple[int, int], Any]:
         """Flight kernels by pairs of walls; only the linearisation needs them."""
         n = range(len(self.letters))
-        return {(a, b): self.kernels.flight(self.letters[a], self.letters[b]) for a in n for b in n}
+        watched = self.kernels.passages.watched
+        pairs = ((a, b) for a in n for b in n if watched[a][b])
+        return {(a, b): self.kernels.flight(self.letters[a], self.letters[b]) for a, b in pairs}
 
     def derivative(self, start: State, end: State) -> tuple[float, float, float, float]:
         """Return the derivative of the map from one impact to the next.

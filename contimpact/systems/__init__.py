@@ -10,6 +10,8 @@ from ..models.model import Model
 SYSTEMS = {
     "impact-pair": "impact_pair:ImpactPair",
     "oscillator": "oscillator:Oscillator",
+    "bouncing-ball": "bouncing_ball:BouncingBall",
+    "soft-stop": "soft_stop:SoftStop",
 }
 
 

@@ -6,7 +6,7 @@ Impacts at the stop S reverse the velocity with restitution r. The forcing perio
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from typing import Any
 
 from ..errors import InputError
@@ -54,44 +54,14 @@ class Oscillator(Model):
         """Steady response plus a transient, for any damping."""
         import sympy
 
-        from ..models.symbolic import MeanTransient, Stumpff, Transient
+        from ..models.symbolic import driven_oscillator
 
         a, omega, c, k, sigma, r = (symbols[n] for n in ("a", "omega", "c", "k", "sigma", "r"))
-        denominator = (k - omega**2) ** 2 + (c * omega) ** 2
-        in_phase, quadrature = a * (k - omega**2) / denominator, a * c * omega / denominator
-
-        def steady(t: Any) -> Any:
-            return in_phase * sympy.cos(omega * t) + quadrature * sympy.sin(omega * t)
-
-        def steady_rate(t: Any) -> Any:
-            return omega * (quadrature * sympy.cos(omega * t) - in_phase * sympy.sin(omega * t))
-
-        def flight(
-            t0: Any, x0: Sequence[Any], v0: Sequence[Any], dt: Any
-        ) -> tuple[list[Any], list[Any]]:
-            # With A, B the free motions from unit displacement and from unit velocity,
-            #   x1 - x0 = [p(t1) - p(t0)] + (x0 - p0)(A - 1) + (v0 - p0') B,
-            # each bracket divided by dt in closed form. 1 - A is k times the integral of B.
-            def motion(kind: Any, n: int) -> Any:
-                return kind(sympy.Integer(n), sympy.Integer(1), c, k, dt)
-
-            middle = t0 + dt / 2
-            steady_mean = Stumpff(sympy.Integer(1), (omega * dt / 2) ** 2) * steady_rate(middle)
-            offset, rate = x0[0] - steady(t0), v0[0] - steady_rate(t0)
-            fall = k * dt * motion(MeanTransient, -1)  # (1 - A)/dt
-            mean = steady_mean - offset * fall + rate * motion(MeanTransient, 0)
-            # A' = -k B
-            speed = (
-                steady_rate(t0 + dt)
-                - offset * k * motion(Transient, 0)
-                + rate * motion(Transient, 1)
-            )
-            return [mean], [speed]
-
+        flight, acceleration = driven_oscillator(a, omega, c, k)
         return Formulas(
             period=2 * sympy.pi / omega,
             walls={"S": sigma},
             reset=lambda wall, x, v: [-r * v[0]],
             flight=flight,
-            acceleration=lambda t, x, v: [a * sympy.cos(omega * t) - c * v[0] - k * x[0]],
+            acceleration=acceleration,
         )

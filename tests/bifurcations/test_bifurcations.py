@@ -607,7 +607,7 @@ def test_grazing_of_the_impact_demo():
     (event,) = events_of(follow_both(orbit, (0.05, 2.0), kinds=("V",)))
     assert abs(event.parameter - 0.1) < 1e-15
     assert event.details == {"index": 0, "impact": 0, "wall": "S"}
-    assert event.point.evaluation.judge(forgive_impact=0).physical
+    assert event.point.evaluation.judge(forgive_impacts={0}).physical
 
 
 STOPS = [

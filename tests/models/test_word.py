@@ -233,6 +233,50 @@ def test_one_is_not_plural():
         parse_word("0:0", "BT")
 
 
+SOFT = {"C": "R", "R": "C"}
+"""Letters that can follow each letter at a soft stop."""
+
+
+@pytest.mark.parametrize(
+    ("text", "walls", "period"),
+    [("CR", "CR", 1), ("RC/2T", "RC", 2), ("1:1", "CR", 1), ("2:2", "CRCR", 1),
+     ("1:1/2T", "CRCR", 2), ("2:2/3T", "CRCRCRCRCRCR", 3)],
+)  # fmt: skip
+def test_words_are_paths_through_the_graph(text, walls, period):
+    assert parse_word(text, "CR", graph=SOFT) == Word(walls, period)
+
+
+@pytest.mark.parametrize(
+    ("text", "says"),
+    [
+        ("CC", "CC has C after C; after C can come R"),
+        ("CRR/2T", "CRR/2T has R after R; after R can come C"),
+        ("C", "C has C after C"),  # run around
+        ("2:1", "2:1, the word CCR, has C after C"),
+    ],
+)
+def test_words_that_are_no_paths_are_refused_with_what_could_follow(text, says):
+    with pytest.raises(InputError, match=says):
+        parse_word(text, "CR", graph=SOFT)
+
+
+@pytest.mark.parametrize("text", ["0", "0/2T"])
+@pytest.mark.parametrize("letters", ["S", "BT"])
+def test_the_word_without_impacts(text, letters):
+    word = parse_word(text, letters)
+    assert (len(word), word.period, str(word)) == (0, 1 if text == "0" else 2, text)
+    assert word.notation(letters) == text
+    assert word.rotations() == [0]
+    assert word.repeated() == ([] if text == "0" else [Word("")])
+    assert word.insert(0, "CR").walls == "CR"
+
+
+def test_letters_are_inserted_and_dropped_together():
+    assert Word("CRCR").drop(1, 2) == Word("CR")
+    assert Word("CRCR").drop(3, 0) == Word("RC")
+    assert Word("CR").insert(1, "CR") == Word("CRCR")
+
+
 def test_words_that_a_word_repeats():
     assert Word("BTBT", 2).repeated() == [Word("BT")]
     assert Word("BTBTBTBT", 4).repeated() == [Word("BT"), Word("BTBT", 2)]

@@ -18,10 +18,7 @@ from contimpact.orbits.cyclic_multipliers import (
     row_norms,
     scaled,
 )
-
-WALLS = 2
-KIND = 1
-"""From the first wall to the second: arrivals go with the velocity."""
+from contimpact.segments.passages import ELSEWHERE
 
 
 def random_cycle(count, rng, growth=1.0):
@@ -50,7 +47,7 @@ def reduce(blocks, z, right=1.0, exact=False):
     count = len(blocks)
     kept = [[0.0] * KEPT for _ in range(count)]
     tables = [tuple(b) for b in blocks.tolist()]
-    found = eliminate(tables, [KIND] * count, WALLS, kept, right, exact, z.tolist(), 2.0)
+    found = eliminate(tables, [ELSEWHERE] * count, kept, right, exact, z.tolist(), 2.0)
     return found, kept, tables
 
 
@@ -91,7 +88,7 @@ def test_multipliers_are_those_of_the_periodic_pencil(count):
     for _ in range(20):
         blocks, z = random_cycle(count, rng)
         found, _, tables = reduce(blocks, z, exact=True)
-        product = product_of_multipliers(tables, [KIND] * count, WALLS, z.tolist(), 2.0)
+        product = product_of_multipliers(tables, [ELSEWHERE] * count, z.tolist(), 2.0)
         real = np.array(multipliers(found, product)).reshape(2, 2)
         start, end = blocks[:, 2:6].reshape(-1, 2, 2), blocks[:, 6:10].reshape(-1, 2, 2)
         expected = stability.multipliers(start, end)

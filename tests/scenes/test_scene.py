@@ -463,7 +463,7 @@ def test_items_of_lists(path, value, index, says):
     assert "\n" not in str(error)
 
 
-@pytest.mark.parametrize("text", ["1:1", "BT", "S:1", "0"])
+@pytest.mark.parametrize("text", ["1:1", "BT", "S:1", "0/0T"])
 def test_words_of_a_system_with_one_wall(text):
     error = refused(changed({"follow/orbits": [text]}, OSCILLATOR))
     assert error.where == "follow.orbits[0]"

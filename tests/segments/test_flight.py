@@ -469,7 +469,7 @@ def test_wrong_way(pair, kernels_of):
     assert orbit.velocities[0] == pytest.approx(0.157103, abs=1e-6)
     assert not orbit.physical
     assert orbit.reason == "impact 1 on wall T runs the wrong way: velocity 0.0306042"
-    forgiven = orbit.linearisation.judge(forgive_impact=1)
+    forgiven = orbit.linearisation.judge(forgive_impacts={1})
     assert (forgiven.physical, forgiven.reason) == (True, None)
 
 
@@ -560,8 +560,8 @@ def test_judge_wrong_way_comes_first():
     found = verdict([(0, "T", -0.25)], velocities=(0.5, 0.125))
     assert found.reason == "impact 1 on wall T runs the wrong way: velocity 0.125"
     assert not verdict([], velocities=(-0.5, -0.5)).physical
-    assert verdict([], velocities=(-0.5, -0.5), forgive_impact=0).physical
-    assert not verdict([], velocities=(-0.5, 0.5), forgive_impact=0).physical
+    assert verdict([], velocities=(-0.5, -0.5), forgive_impacts={0}).physical
+    assert not verdict([], velocities=(-0.5, 0.5), forgive_impacts={0}).physical
     assert verdict([], velocities=(0.0, -0.0)).physical
 
 

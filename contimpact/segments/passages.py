@@ -1,0 +1,60 @@
+"""What meets a flight: the guards that can end it, and how it leaves and reaches their surfaces."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import NamedTuple
+
+from ..models.guards import Guard
+
+ELSEWHERE, BACK, MEETING = range(3)
+"""Where a flight ends: on another surface than it left; on the same; on the same, where both guards
+let the motion pass, so that the flight can vanish with the velocities at its ends."""
+
+
+class Passages(NamedTuple):
+    """What meets the flights of a system, by the numbers of its guards.
+
+    Attributes
+    ----------
+    watched : tuple of tuple of bool
+        Of each guard that is left: whether the flight can meet each guard.
+    leaving : tuple of float
+        The side, on the flight, of the surface that it leaves: its guard's after a rigid wall, that
+        of the guard that the new mode has there after another, or zero if it has none.
+    arrivals : tuple of tuple of int
+        Of each guard that is left: where a flight to each guard ends.
+    """
+
+    watched: tuple[tuple[bool, ...], ...]
+    leaving: tuple[float, ...]
+    arrivals: tuple[tuple[int, ...], ...]
+
+    def vanishes(self, left: int, reached: int) -> bool:
+        """Whether a flight can vanish together with the velocities at its ends."""
+        return self.arrivals[left][reached] == MEETING
+
+
+def passages_of(guards: Sequence[Guard], back: Callable[[int, int], bool]) -> Passages:
+    """Return what meets flights.
+
+    Parameters
+    ----------
+    guards : sequence of Guard
+    back : callable ``back(left, reached) -> bool``
+        Whether a flight between two guards ends on the surface that it leaves.
+    """
+    places = range(len(guards))
+    watched = tuple(tuple(a.next_mode in b.modes for b in guards) for a in guards)
+
+    def arrival(a: int, b: int) -> int:
+        if not back(a, b):
+            return ELSEWHERE
+        return MEETING if guards[a].side != guards[b].side else BACK
+
+    def leaving(a: int) -> float:
+        met = (guards[b].side for b in places if watched[a][b] and back(a, b))
+        return float(next(met, 0))
+
+    arrivals = tuple(tuple(arrival(a, b) for b in places) for a in places)
+    return Passages(watched, tuple(leaving(a) for a in places), arrivals)

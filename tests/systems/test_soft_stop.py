@@ -1,0 +1,177 @@
+"""The oscillator with a soft stop: a system of two modes."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+
+from contimpact.accuracy.reference import Reference
+from contimpact.attractors.verdict import settle
+from contimpact.errors import InputError
+from contimpact.models.word import Word
+from contimpact.orbit_continuation.orbit_branch import continue_born, continue_orbit
+from contimpact.orbits.problem import OrbitProblem
+from contimpact.orbits.search import find_orbits
+from contimpact.segments.kernels import Kernels
+from contimpact.simulation.lyapunov import exponents
+from contimpact.simulation.simulator import Simulator
+from contimpact.systems.soft_stop import SoftStop
+
+VALUES = {"a": 1.0, "omega": 1.3, "c": 0.1, "k": 1.0, "e": 0.5, "k_b": 20.0, "c_b": 0.3}
+
+
+def soft_stop(**changes):
+    return SoftStop(**(VALUES | changes))
+
+
+def physical(model, word, parameter="a"):
+    return [o for o in find_orbits(model, word, parameter=parameter) if o.physical]
+
+
+@pytest.fixture(scope="module")
+def orbit():
+    (found,) = physical(soft_stop(), "CR")
+    return found
+
+
+@pytest.fixture(scope="module")
+def branch(orbit):
+    return continue_orbit(orbit, "a", (0.01, 3.0), events=["FB", "PD", "G", "V", "T"])
+
+
+def forces(t, y, p, contact):
+    x, v = y
+    beyond = p["k_b"] * (x - p["e"]) + p["c_b"] * v if contact else 0.0
+    return [v, p["a"] * math.cos(p["omega"] * t) - p["c"] * v - p["k"] * x - beyond]
+
+
+def flown(model, mode, start, until):
+    """The state at a time, by SciPy."""
+    options = {"rtol": 1e-12, "atol": 1e-13, "method": "DOP853"}
+    contact = mode == "contact"
+    found = solve_ivp(
+        lambda t, y: forces(t, y, model.values, contact), (start[0], until), start[1:], **options
+    )
+    return found.y[:, -1]
+
+
+@pytest.mark.parametrize("parameters", [{}, {"c_b": 30.0}, {"k_b": 1e4, "c": 0.0, "c_b": 0.0}])
+def test_each_flight_runs_in_the_mode_its_guard_leads_to(parameters):
+    """Against the equations of motion."""
+    model = soft_stop(**parameters)
+    kernels = Kernels(model, "a")
+    values = list(model.values.values())
+    for a, b, mode, v0 in (("C", "R", "contact", 1.2), ("R", "C", "free", -0.7)):
+        t0, t1 = 0.4, 1.1
+        rows = kernels.segment(a, b).blocks([t0, v0], [t1, 0.0], values)[0]
+        x, v = flown(model, mode, (t0, model.values["e"], v0), t1)
+        assert rows[0] * (t1 - t0) == pytest.approx(x - model.values["e"], abs=1e-9)
+        assert rows[1] == pytest.approx(v, abs=1e-9)
+
+
+@pytest.mark.parametrize("parameter", ["a", "omega", "c", "k", "e", "k_b", "c_b"])
+def test_derivatives_against_differences_in_many_digits(orbit, parameter):
+    problem = OrbitProblem(orbit.model, Word("CR"), Kernels(orbit.model, parameter))
+    value = orbit.model.values[parameter]
+    z = np.append(orbit.unknowns[:-1], value)
+    exact = Reference(problem)
+    differences = exact._differences(exact.residual, [exact.ctx.mpf(u) for u in z],
+                                     exact.residual([exact.ctx.mpf(u) for u in z]))  # fmt: skip
+    assert problem.evaluate(z).jacobian == pytest.approx(differences, rel=1e-13, abs=1e-13)
+
+
+def test_the_product_of_the_multipliers_has_a_closed_form(branch):
+    """Flights dissipate by their damping; where contacts vanish nothing is lost."""
+    columns = branch.columns
+    contact = columns["t2"] - columns["t1"]
+    period = 2 * math.pi / columns["omega"]
+    want = np.exp(-columns["c"] * period - columns["c_b"] * contact)
+    one, other = (columns[f"multiplier{k}_re"] + 1j * columns[f"multiplier{k}_im"] for k in (1, 2))
+    regular = contact != 0.0  # a row of the V, where the contact has vanished
+    assert np.count_nonzero(~regular) == 1
+    product = (one * other).real
+    assert product[regular] == pytest.approx(want[regular], rel=1e-11)
+
+
+def test_a_vanishing_contact_is_one_event_at_its_closed_form(branch):
+    """There the motion without contact just reaches the stop."""
+    p = branch.events[0].parameters
+    amplitude = p["e"] * math.hypot(p["k"] - p["omega"] ** 2, p["c"] * p["omega"])
+    (event,) = [e for e in branch.events if e.kind in ("V", "T")]
+    assert event.kind == "V"
+    assert event.value == pytest.approx(amplitude, rel=1e-14)
+    assert event.error < 1e-13
+    assert event.physical
+    assert event.method == "newton"
+
+
+def test_the_branch_turns_unphysical_where_the_contact_vanishes(branch):
+    columns = branch.columns
+    contact = columns["t2"] - columns["t1"]
+    assert not np.any(columns["physical"][contact < 0.0])
+    assert np.all(columns["physical"][contact > 0.0])
+    assert branch.missed == []
+
+
+def test_a_touch_is_the_contact_that_vanishes_on_the_longer_word(orbit):
+    """G[1:1->2:2] and V[2:2->1:1]: one event, with one orbit's multipliers."""
+    limits = (0.6, 1.3)
+    before = continue_orbit(orbit, "omega", limits, events=["G"])
+    (touch,) = [e for e in before.events if not e.ghost]
+    assert (touch.becomes, touch.order, touch.criticality, touch.slope) == (
+        "CRCR", 2, "supercritical", None
+    )  # fmt: skip
+    born = continue_born(touch, range=limits, events=["V", "T"])
+    (vanishing,) = [e for e in born.events if abs(e.value - touch.value) < 1e-9]
+    assert (vanishing.kind, vanishing.becomes, vanishing.ghost) == ("V", "CR", False)
+    assert vanishing.value == pytest.approx(touch.value, rel=1e-14)
+    assert np.ravel(vanishing.multipliers) == pytest.approx(np.ravel(touch.multipliers), rel=1e-12)
+    row = list(born.columns["event"]).index(vanishing.id)
+    beside = [row - 1, row + 1]
+    assert sorted(born.columns["physical"][beside]) == [0, 1]
+    assert np.all(born.columns["omega"][beside] < touch.value)  # where the old orbit passes
+
+
+def test_a_simulation_settles_on_the_stable_orbit(orbit):
+    simulator = Simulator(orbit.model)
+    run = simulator.run(simulator.state("C", 0.3, 1.0), impacts=150)
+    last = slice(-2, None) if run.word.endswith("CR") else slice(-3, -1)
+    assert run.phases[last] == pytest.approx(orbit.times % run.period, abs=1e-11)
+    assert run.velocities[last] == pytest.approx(orbit.velocities, abs=1e-11)
+
+
+def test_exponents_of_a_simulation_are_those_of_the_multipliers(orbit):
+    simulator = Simulator(orbit.model)
+    state = simulator.run(simulator.state("C", 0.3, 1.0), impacts=150).end
+    found = exponents(simulator, state, 1000)
+    contact = orbit.times[1] - orbit.times[0]
+    p = orbit.model.values
+    want = -p["c"] * 2 * math.pi / p["omega"] - p["c_b"] * contact
+    assert 2 * sum(found.per_impact) == pytest.approx(want, rel=1e-9)
+    assert found.per_impact[0] == pytest.approx(math.log(abs(orbit.multipliers[0])) / 2, rel=0.02)
+
+
+def test_what_a_motion_settles_on_is_the_orbit(orbit):
+    simulator = Simulator(orbit.model)
+    found = settle(simulator, simulator.state("C", 0.3, 1.0))
+    assert (found.word, found.period, found.notation) == ("CR", 1, "1:1")
+    assert found.times == pytest.approx(orbit.times, abs=1e-12)
+    assert np.array(found.multipliers) == pytest.approx(orbit.multipliers, rel=1e-10)
+
+
+def test_words_off_the_graph_are_refused():
+    with pytest.raises(InputError, match="CC has C after C; after C can come R"):
+        find_orbits(soft_stop(), "CC", parameter="a")
+    with pytest.raises(InputError, match="it has R after R; after R can come C"):
+        OrbitProblem(soft_stop(), Word("R"), Kernels(soft_stop(), "a"))
+
+
+@pytest.mark.parametrize(
+    "changes", [{"c": 0.0, "omega": 1.0}, {"c": 0.0, "c_b": 0.0, "k": 0.69, "k_b": 1.0}]
+)
+def test_undamped_resonance_is_refused_in_each_mode(changes):
+    with pytest.raises(InputError, match="at resonance"):
+        soft_stop(**changes)
