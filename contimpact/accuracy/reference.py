@@ -20,6 +20,7 @@ from ..bifurcations.kind import System
 from ..bifurcations.registry import kind_of
 from ..orbits.problem import Array, OrbitProblem
 from ..segments.arithmetic import evaluate_in
+from ..segments.layout import SECTION
 from ..segments.many_digits import many_digits
 
 ITERATIONS = 60
@@ -167,10 +168,11 @@ class Reference:
         for k, segment in enumerate(problem.segments):
             i, j = m * k, m * k + m
             arrival = z[j : j + m] if j < n else [z[0] + turns * setup.period, *z[1:m]]
+            arrival = arrival if problem.word.walls else z[:m]
             rows, *entries, by_parameter = segment.over(self.arithmetic)(z[i:j], arrival, p)
             residual += rows
             start, end = (ctx.matrix([e[m * r : m * r + m] for r in range(m)]) for e in entries)
-            if j == n:
+            if j == n and problem.word.walls:
                 drift = turns * setup.slopes[0]
                 by_parameter = [g + drift * end[r, 0] for r, g in enumerate(by_parameter)]
             blocks.append((start, end, list(by_parameter)))
@@ -252,7 +254,7 @@ class Reference:
         problem = self.problem
         m, n = problem.m, problem.n
         flight, wall = details["flight"], details["wall"]
-        kernel = self.flight(problem.word.walls[flight], wall)
+        kernel = self.flight(problem.word.walls[flight : flight + 1] or SECTION, wall)
         left = slice(m * flight, m * flight + m)
 
         def system(x: list[Any]) -> list[Any]:

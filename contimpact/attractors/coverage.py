@@ -16,7 +16,7 @@ import numpy as np
 
 from ..arrays import Array
 from ..models.word import Word, is_rotation
-from ..orbits.problem import OrbitProblem
+from ..orbits.quiet import problem_of
 from ..orbits.search import Orbit, solve_near
 from ..records.branch import Branch
 from ..records.diagram import Diagram
@@ -137,7 +137,7 @@ def orbits_on(branch: Branch, sweep: Sweep, value: float, kernels: Kernels) -> l
     rows = np.nonzero((offset[:-1] <= 0.0) != (offset[1:] <= 0.0))[0].tolist()
     rows += [k for k in (0, len(parameters) - 1) if offset[k] == 0.0]
     model = sweep.model.replace(**{sweep.parameter: value})
-    problem = OrbitProblem(model, Word(branch.word, branch.period), kernels)
+    problem = problem_of(model, Word(branch.word, branch.period), kernels)
     found = []
     for row in rows:
         after = min(row + 1, len(parameters) - 1)

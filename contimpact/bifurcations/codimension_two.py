@@ -146,7 +146,7 @@ class DegenerateTouch(OnCurve):
     def of(self, here: CurvePoint) -> Any:
         orbit, problem = here.orbit, here.orbit.problem
         left, since = self.touch(here)
-        row = problem.impacts(orbit.unknowns)[left].tolist()
+        _, row = problem.leaving(orbit.unknowns, left)
         return problem.segments[left].track(row, since, problem.values(orbit.unknowns))[2]
 
 

@@ -79,9 +79,11 @@ class PD(Kind):
     def in_many_digits(self, orbit: ManyDigits, unknowns: Array, details: Details) -> System:
         return orbit.singular(unknowns, -1.0)
 
-    def born(self, event: Event) -> Start:
+    def born(self, event: Event) -> Start | None:
         here: Linearisation = event.point.evaluation
         problem, word = here.problem, here.problem.word
+        if not word.walls:
+            return None
         null = np.linalg.svd(here.cyclic(-1.0)[:, :-1])[2][-1]
         null *= np.sign(null[np.argmax(np.abs(null))])  # of two equal branches, always the same
         rows = problem.impacts(here.unknowns)

@@ -35,6 +35,7 @@ from ..orbits.problem import Array, OrbitProblem
 from ..orbits.rounding import rounding
 from ..segments.bounded import bounds_of
 from ..segments.flight import Touch
+from ..segments.layout import SECTION
 from ..segments.passages import ELSEWHERE
 from .codimension_two import CurvePoint, touch_points
 from .extended_system import Assembled, ExtendedSystem, located
@@ -63,10 +64,10 @@ class Grazing(OrbitTest):
 
     def __init__(self, problem: OrbitProblem) -> None:
         walls = [w.name for w in problem.model.WALLS]
-        self.places = [(k, wall) for k in range(len(problem.word)) for wall in walls]
+        self.places = [(k, wall) for k in range(len(problem.segments)) for wall in walls]
         positions = problem.kernels.setup(*problem.model.values.values()).walls
         self.rounding = ROUNDING * max(abs(position) for position in positions)
-        self.guides = len(problem.word)
+        self.guides = len(problem.segments)
 
     def of(self, orbits: Orbits) -> Array:
         """Gaps; then, to see where extrema of a flight are born, how nearly it turns elsewhere."""
@@ -93,9 +94,8 @@ class Grazing(OrbitTest):
         )
         if found is None:
             return None
-        times = problem.impacts(found.unknowns)[:, 0]
-        arrival = times[flight + 1] if flight + 1 < len(times) else np.inf
-        within = times[flight] < found.details["touch_time"] < arrival
+        start, arrival = problem.times_around(found.unknowns, flight)
+        within = start < found.details["touch_time"] < arrival
         return found if within and self.nearest(problem, found, index) else None
 
     def nearest(self, problem: Any, found: Located, index: int) -> bool:
@@ -122,7 +122,8 @@ class Touching(ExtendedSystem):
         m = problem.m
         self.own_impact = slice(m * flight, m * flight + m)
         self.free = [i for i in range(m) if i != 1]
-        self.segment = problem.kernels.segment(problem.word.walls[flight], wall)
+        left = problem.word.walls[flight : flight + 1] or SECTION
+        self.segment = problem.kernels.segment(left, wall)
 
     def touch(self, own: Array) -> Array:
         """Return the touch as an impact: its time and section coordinates."""
@@ -182,13 +183,11 @@ class TouchLimit(TestFunction):
     def values(self, point: Point) -> Array:
         here: CurvePoint = point.evaluation
         problem, flight = here.orbit.problem, here.details["flight"]
-        times = problem.impacts(here.orbit.unknowns)[:, 0]
-        if flight + 1 < len(times):
-            arrival = times[flight + 1]
-        else:
-            arrival = times[0] + problem.span(here.orbit.unknowns)
+        start, arrival = problem.times_around(here.orbit.unknowns, flight)
+        if not problem.word.walls:  # an orbit without impacts has no ends
+            return np.array([1.0, 1.0])
         touch = here.details["touch_time"]
-        return np.array([touch - times[flight], arrival - touch])
+        return np.array([touch - start, arrival - touch])
 
 
 class G(Kind):
@@ -220,7 +219,7 @@ class G(Kind):
             system = Touching(problem, flight, wall, time)
             touch = system.touch(system.start(here))
             for _ in _excursion(problem, flight, wall) or "":
-                rows = np.insert(rows, flight + 1, touch, axis=0)
+                rows = np.insert(rows, min(flight + 1, len(rows)), touch, axis=0)
         longer = OrbitProblem(problem.model, word, problem.kernels)
         start = regular(longer, np.append(rows.ravel(), here.unknowns[-1]))
         return start if start is None or _new_speed(event, start) >= 0.0 else start.reversed()
@@ -303,7 +302,10 @@ def added_impacts(event: Event) -> int:
 def _excursion(problem: OrbitProblem, flight: int, wall: str) -> str | None:
     """The letters of the shortest excursion beyond a guard that is touched."""
     guards, arrivals = problem.model.WALLS, problem.kernels.passages.arrivals
-    mode = next(g.next_mode for g in guards if g.name == problem.word.walls[flight])
+    mode = guards[0].modes[0] if not problem.model.MODES else problem.model.MODES[0].name
+    for guard in guards:
+        if guard.name == problem.word.walls[flight : flight + 1]:
+            mode = guard.next_mode
     touched = next(i for i, g in enumerate(guards) if g.name == wall)
     there = [g.name for i, g in enumerate(guards) if arrivals[touched][i] != ELSEWHERE]
     return way_back(guards, wall, mode, "".join(there))
@@ -339,7 +341,7 @@ def _side(problem: OrbitProblem, event: Event) -> float:
 
 def _since_impact(here: CurvePoint) -> tuple[int, float]:
     orbit, flight = here.orbit, here.details["flight"]
-    start = orbit.problem.impacts(orbit.unknowns)[flight, 0]
+    start, _ = orbit.problem.times_around(orbit.unknowns, flight)
     return flight, here.details["touch_time"] - start
 
 
@@ -350,7 +352,7 @@ def _with_touch(here: CurvePoint) -> Linearisation:
     touch, letters = np.insert(here.own, 1, 0.0), _excursion(problem, flight, wall) or wall
     rows = problem.impacts(orbit.unknowns)
     for _ in letters:
-        rows = np.insert(rows, flight + 1, touch, axis=0)
+        rows = np.insert(rows, min(flight + 1, len(rows)), touch, axis=0)
     longer = OrbitProblem(problem.model, problem.word.insert(flight, letters), problem.kernels)
     problem.kernel_evaluations += len(longer.word)
     return longer.evaluate(np.append(rows.ravel(), orbit.unknowns[-problem.free :]))

@@ -20,6 +20,7 @@ from ..orbits.linearisation import Linearisation
 from ..orbits.multipliers import count_unstable, multipliers
 from ..orbits.physicality import WRONG_WAY, Verdict
 from ..orbits.problem import Array, OrbitProblem
+from ..orbits.quiet import problem_of
 from .codimension_two import CurvePoint, touch_points
 from .extended_system import ExtendedSystem
 from .kind import Change, Details, Kind, Look, ManyDigits, System, Values
@@ -134,7 +135,7 @@ def _without(here: Linearisation, impact: int) -> tuple[OrbitProblem, Array] | N
     problem, dropped = here.problem, vanishing(here.problem, impact)
     if len(problem.word) == len(dropped):
         return None
-    shorter = OrbitProblem(problem.model, problem.word.drop(*dropped), problem.kernels)
+    shorter = problem_of(problem.model, problem.word.drop(*dropped), problem.kernels)
     kept = np.delete(problem.impacts(here.unknowns), dropped, axis=0)
     return shorter, np.append(kept.ravel(), here.unknowns[-problem.free :])
 

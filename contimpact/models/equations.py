@@ -19,7 +19,7 @@ from ..errors import InputError, shown
 from .expressions import FUNCTIONS
 from .guards import Guard
 from .harmonics import INDICES, HarmonicSum
-from .restitution import Departure, after_impact, along
+from .restitution import Departure, after_impact, along, departure
 from .symbols import DT, PHASE, own
 
 if TYPE_CHECKING:
@@ -45,6 +45,10 @@ class Equations:
     guards : mapping of str to Guard
     departures : mapping of str to Departure
         By the guard that is left.
+    state, back : tuple of sympy.Symbol
+        Positions and velocities in turn on the section t = 0, and when the flight is back there.
+    quiet : Departure
+        The flight from the section, in the first mode.
     harmonics : tuple of sympy.Expr
         The mean and then k, a_k, b_k, where the acceleration depends on time alone; else NaN.
     """
@@ -57,6 +61,9 @@ class Equations:
     derived: Mapping[str, Any]
     guards: Mapping[str, Guard]
     departures: Mapping[str, Departure]
+    state: tuple[Any, ...]
+    back: tuple[Any, ...]
+    quiet: Departure
     harmonics: tuple[Any, ...]
 
     def before(self, wall: str, section: Sequence[Any]) -> tuple[list[Any], list[Any]]:
@@ -95,11 +102,12 @@ class Equations:
         yield "period", self.period
         yield from ((f"walls[{name!r}]", e) for name, e in self.walls.items())
         yield from ((f"derived[{name!r}]", e) for name, e in self.derived.items())
-        for wall, departure in self.departures.items():
-            yield from ((f"jump at {wall!r}", e) for e in departure.position)
-            yield from ((f"reset at {wall!r}", e) for e in departure.velocity)
-            yield from ((f"flight from {wall!r}", e) for e in (*departure.mean, *departure.end))
-            yield from ((f"acceleration after {wall!r}", e) for e in departure.acceleration)
+        for wall, left in self.departures.items():
+            yield from ((f"jump at {wall!r}", e) for e in left.position)
+            yield from ((f"reset at {wall!r}", e) for e in left.velocity)
+            yield from ((f"flight from {wall!r}", e) for e in (*left.mean, *left.end))
+            yield from ((f"acceleration after {wall!r}", e) for e in left.acceleration)
+        yield from (("flight", e) for e in (*self.quiet.mean, *self.quiet.end))
         yield from (("harmonics", e) for e in self.harmonics)
 
 
@@ -153,6 +161,8 @@ def _evaluated(model: Model) -> Equations:
     _check_modes(formulas, [mode.name for mode in model.MODES], where)
     walls = _named(formulas.walls, [wall.name for wall in model.WALLS], "WALLS", f"{where}: walls")
     size = model.DEGREES_OF_FREEDOM
+    state = tuple(own(f"{n}{i}_0") for i in range(size) for n in "xv")
+    mode = model.MODES[0].name if model.MODES else ""
     section = ["v"] if size == 1 else [n for i in range(size) for n in (f"x{i}_", f"v{i}_")][1:]
     found = Equations(
         parameters,
@@ -163,6 +173,9 @@ def _evaluated(model: Model) -> Equations:
         _named(formulas.derived, model.DERIVED, "DERIVED", f"{where}: derived"),
         {guard.name: guard for guard in model.WALLS},
         {},
+        state,
+        tuple(own(f"{n}{i}_1") for i in range(size) for n in "xv"),
+        departure(formulas, mode, state[::2], state[1::2], where),
         _harmonics(formulas, f"{where}: harmonics"),
     )
     departures = {
@@ -212,7 +225,7 @@ def _harmonics(formulas: Formulas, where: str) -> tuple[Any, ...]:
 
 def _check(e: Any, where: str, found: Equations) -> None:
     """Refuse symbols, functions and numbers that kernels know nothing of."""
-    known = {*found.parameters.values(), *found.start, PHASE, DT, *INDICES}
+    known = {*found.parameters.values(), *found.start, *found.state, PHASE, DT, *INDICES}
     for part in sympy.preorder_traversal(e):
         if isinstance(part, HarmonicSum | sympy.Tuple):
             continue

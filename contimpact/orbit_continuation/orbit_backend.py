@@ -264,9 +264,10 @@ def backend_of(
 ) -> OrbitBackend | None:
     """Return a problem on block-cyclic elimination.
 
-    None where there is none: for more than one degree of freedom, and for two free parameters.
+    None where there is none: for more than one degree of freedom, for two free parameters, and for
+    orbits without impacts.
     """
-    if problem.m != 2 or problem.free != 1:
+    if problem.m != 2 or problem.free != 1 or not problem.word.walls:
         return None
     needs = {need for test in tests if isinstance(test, OrbitTest) for need in test.needs}
     return OrbitBackend(problem, gaps or "gaps" in needs, "doubling" in needs)

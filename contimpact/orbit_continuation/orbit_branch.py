@@ -24,6 +24,7 @@ from ..models.model import Model
 from ..models.word import Word
 from ..orbits.linearisation import Linearisation
 from ..orbits.problem import OrbitProblem
+from ..orbits.quiet import problem_of
 from ..orbits.search import Orbit, solve_near
 from ..progress import Asked, asked, both, counted
 from ..records.branch import Branch
@@ -97,7 +98,7 @@ def continue_orbit(
     unknowns = orbit.unknowns
     if parameter != problem.parameter:
         model = orbit.model
-        problem = OrbitProblem(model, orbit.word, Kernels(model, parameter))
+        problem = problem_of(model, orbit.word, Kernels(model, parameter))
         unknowns = np.append(unknowns[:-1], model.values[parameter])
     limits = checked_range(problem, range, float(unknowns[-1]))
     stop, tests = at_image(problem), _tests(problem, events, values)

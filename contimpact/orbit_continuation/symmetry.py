@@ -35,7 +35,7 @@ def symmetric(
     problem: OrbitProblem, unknowns: Array, symmetry: Symmetry | None, tolerance: float
 ) -> bool:
     """Whether an orbit is its own mirror image."""
-    if symmetry is None:
+    if symmetry is None or not problem.word.walls:
         return False
     image = rotated_to(*mirrored(problem, unknowns, symmetry), problem.word)
     if image is None:
@@ -47,7 +47,7 @@ def mirrors_back(
     problem: OrbitProblem, unknowns: Array, tangent: Array, symmetry: Symmetry | None
 ) -> bool:
     """Whether the mirror image of a branch leaves its start as the branch itself, backwards."""
-    if symmetry is None:
+    if symmetry is None or not problem.word.walls:
         return False
     along = 1e-4 * tangent / np.max(np.abs(tangent))
     image = rotated_to(*mirrored(problem, unknowns + along, symmetry), problem.word)

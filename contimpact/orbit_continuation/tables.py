@@ -13,7 +13,7 @@ from ..orbits.physicality import PHYSICAL, reason_of
 from ..orbits.problem import OrbitProblem
 from ..records.branch import Array
 from ..records.entry import Entry
-from ..records.tables import coordinates
+from ..records.tables import columns_of
 
 
 def tabulate(points: Points, entries: Sequence[tuple[Point, Entry]]) -> dict[str, Array]:
@@ -54,9 +54,8 @@ def _columns(points: Points) -> dict[str, Array]:
     problem = points[0].evaluation.problem
     unknowns = points.unknowns
     columns = {"arclength": points.arclengths, **_parameters(problem, unknowns[:, -1])}
-    named = coordinates(problem.m)
-    for i, column in enumerate(unknowns[:, : problem.n].T):
-        columns[f"{named[i % problem.m]}{i // problem.m + 1}"] = column.copy()
+    for name, column in zip(columns_of(problem.word.walls, problem.m), unknowns.T, strict=False):
+        columns[name] = column.copy()
     summary = Summary.of(points.numbers)
     factors, findings = summary.multipliers, summary.findings
     for k, factor in enumerate(factors.T, start=1):

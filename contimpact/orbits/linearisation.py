@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from ..segments.flight import FlightGaps, flight_gaps
+from ..segments.flight import FlightGaps
 from ..segments.passages import ELSEWHERE, MEETING
 from .block_cyclic import BRIEF
 from .multipliers import Stability, count_unstable, stability_of, stability_of_orbit
@@ -140,6 +140,8 @@ class Linearisation:
         a grazing go with its inverse, and the kernel's carries the rounding of larger terms.
         """
         problem = self.problem
+        if not problem.arrivals:  # without impacts
+            return stability_of(self.start, self.end)
         if problem.m == 2:
             return stability_of_orbit(
                 self.start, self.end, problem.arrivals, self.unknowns.tolist(), self.span
@@ -180,9 +182,7 @@ class Linearisation:
     @functools.cached_property
     def gaps(self) -> list[FlightGaps]:
         """The interior touches of every flight."""
-        problem, walls = self.problem, self.problem.word.walls
-        values, impacts = problem.values(self.unknowns), problem.impacts(self.unknowns)
-        return flight_gaps(problem.kernels, walls, values, impacts, self.span)
+        return self.problem.gaps(self.unknowns)
 
     @functools.cached_property
     def verdict(self) -> Verdict:

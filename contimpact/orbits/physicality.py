@@ -137,7 +137,7 @@ def verdict(
     """
     what, place, wall, amount, when, smallest = 0, 0, 0, 0.0, 0.0, math.inf
     count = len(sides)
-    for k in range(len(walls)):
+    for k in range(len(durations)):
         if durations[k] < 0.0 and what == 0:
             what, place, amount = 1, k, durations[k]
         for i in range(count):
@@ -162,7 +162,7 @@ def reason_of(found: Any, word: str, named: Sequence[Guard]) -> str | None:
         return None
     what, k, wall = (int(number) for number in found[:3])
     amount, when = found[3], found[4]
-    flight = f"flight {k} ({word[k]} to {word[(k + 1) % len(word)]})"
+    flight = f"flight {k} ({word[k]} to {word[(k + 1) % len(word)]})" if word else "the orbit"
     if what == OUT_OF_ORDER:
         return f"impacts out of order: {flight} lasts {amount:.6g}"
     if what == PASSES:

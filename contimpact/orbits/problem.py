@@ -30,6 +30,7 @@ import numpy as np
 
 from ..models.model import Model
 from ..models.word import Word
+from ..segments.flight import FlightGaps, flight_gaps
 from ..segments.kernels import Kernels
 from ..segments.passages import MEETING
 from .linearisation import CyclicBlocks, Linearisation, Summary
@@ -38,7 +39,7 @@ Array = np.ndarray[Any, Any]
 
 
 class OrbitProblem:
-    """The equations of one word in one free parameter, or two.
+    """The equations of one word in one free parameter, or two; see `quiet` for those of `0`.
 
     Parameters
     ----------
@@ -63,14 +64,8 @@ class OrbitProblem:
     """
 
     def __init__(self, model: Model, word: Word, kernels: Kernels) -> None:
-        self.model, self.word, self.kernels = model, word, kernels
-        self.parameter = kernels.parameter
-        self.m = model.unknowns_per_impact
+        self._begin(model, word, kernels)
         self.n = self.m * len(word)
-        names = list(model.values)
-        self._values = list(model.values.values())
-        self.free = len(kernels.parameters)
-        self._free = [names.index(name) for name in kernels.parameters]
         following = word.walls[1:] + word.walls[0]
         self.kinds = tuple(zip(word.walls, following, strict=True))
         self.segments = [kernels.segment(a, b) for a, b in self.kinds]
@@ -78,8 +73,21 @@ class OrbitProblem:
         arrivals = kernels.passages.arrivals
         self.arrivals = tuple(arrivals[places[a]][places[b]] for a, b in self.kinds)
         self.excursions = self._excursions()
+        self._place_blocks()
+
+    def _begin(self, model: Model, word: Word, kernels: Kernels) -> None:
+        """What orbits of all words have."""
+        self.model, self.word, self.kernels = model, word, kernels
+        self.parameter = kernels.parameter
+        self.m = model.unknowns_per_impact
+        names = list(model.values)
+        self._values = list(model.values.values())
+        self.free = len(kernels.parameters)
+        self._free = [names.index(name) for name in kernels.parameters]
         self.kernel_evaluations = 0
-        # positions of the blocks A and B in the flattened n x (n + free) Jacobian
+
+    def _place_blocks(self) -> None:
+        """Positions of the blocks A and B in the flattened n x (n + free) Jacobian."""
         rows = np.arange(self.n).reshape(-1, self.m, 1) * (self.n + self.free)
         columns = np.arange(self.n).reshape(-1, 1, self.m)
         self._at_start = (rows + columns).ravel()
@@ -129,6 +137,22 @@ class OrbitProblem:
     def impacts(self, unknowns: Array) -> Array:
         """Return the (N, m) times and section coordinates of a point."""
         return unknowns[: -self.free].reshape(-1, self.m)
+
+    def leaving(self, unknowns: Array, flight: int) -> tuple[str, list[float]]:
+        """Return the letter of the guard a flight leaves, and the unknowns there."""
+        return self.word.walls[flight], self.impacts(unknowns)[flight].tolist()
+
+    def times_around(self, unknowns: Array, flight: int) -> tuple[float, float]:
+        """Return the times at which a flight starts and ends."""
+        times = self.impacts(unknowns)[:, 0]
+        if flight + 1 < len(times):
+            return times[flight], times[flight + 1]
+        return times[flight], times[0] + self.span(unknowns)
+
+    def gaps(self, unknowns: Array) -> list[FlightGaps]:
+        """Return the interior touches of every flight."""
+        values, impacts = self.values(unknowns), self.impacts(unknowns)
+        return flight_gaps(self.kernels, self.word.walls, values, impacts, self.span(unknowns))
 
     def evaluate(self, unknowns: Array) -> Linearisation:
         """Evaluate residual and blocks at a point.

@@ -17,6 +17,8 @@ def rotated_to(problem: OrbitProblem, unknowns: Array, word: Word) -> Array | No
     own = problem.word
     if own.period != word.period or len(own) != len(word):
         return None
+    if not own.walls:
+        return unknowns
     shift = (own.walls * 2).find(word.walls)
     if shift < 0:
         return None

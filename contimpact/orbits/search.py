@@ -21,6 +21,7 @@ from ..segments.kernels import Kernels
 from .linearisation import Linearisation
 from .path import Path, path_of
 from .problem import Array, OrbitProblem
+from .quiet import QuietProblem, problem_of
 from .recognition import repeats
 from .sensitivity import Sensitivity, sensitivity_of
 from .starts import rounds_of_starts
@@ -28,6 +29,9 @@ from .starts import rounds_of_starts
 FEWEST_STARTS = 16
 MOST_WORK = 40_000
 """Starts in a round, times the square of the word's length, beyond which fewer starts are made."""
+
+QUIET_STARTS = 16
+"""For orbits without impacts."""
 
 SAME_ORBIT = 1e-7
 SAME_SINGULAR_ORBIT = 1e-4
@@ -226,8 +230,10 @@ def find_orbits(
     letters = [w.name for w in model.WALLS]
     word = word if isinstance(word, Word) else parse_word(word, letters, graph=graph(model.WALLS))
     kernels = kernels or Kernels(model, parameter or next(iter(model.values)))
-    problem = OrbitProblem(model, word, kernels)
+    problem = problem_of(model, word, kernels)
     generator = np.random.default_rng(rng)
+    if not word.walls:
+        return _without_impacts(problem, generator)
     starts = min(starts, max(FEWEST_STARTS, MOST_WORK // len(word) ** 2))
     found: list[Orbit] = []
     known: list[Array] = []
@@ -244,6 +250,25 @@ def find_orbits(
     return sorted(found, key=lambda orbit: -float(orbit.velocities[0]))
 
 
+def _without_impacts(problem: OrbitProblem, generator: np.random.Generator) -> list[Orbit]:
+    """The orbits of the word `0`; of linear flights the first start leads to the only one."""
+    free = [problem.model.values[name] for name in problem.kernels.parameters]
+    found: list[Orbit] = []
+    for trial in range(QUIET_STARTS):
+        state = generator.normal(scale=10.0 ** (trial % 4 - 2), size=problem.m) * (trial > 0)
+        here = solve_near(problem, np.append(state, free))
+        if here is not None and _regular(here) and not _repeats_quietly(here):
+            _add(found, here, SAME_ORBIT * max(1.0, float(np.max(np.abs(here.unknowns)))))
+    return found
+
+
+def _repeats_quietly(here: Linearisation) -> bool:
+    """Whether an orbit without impacts is one of a shorter period."""
+    problem = here.problem
+    shorter = (QuietProblem(problem.model, w, problem.kernels) for w in problem.word.repeated())
+    return any(one.evaluate(here.unknowns).largest_residual < SAME_ORBIT for one in shorter)
+
+
 def solve_near(
     problem: OrbitProblem, unknowns: Array, iterations: int = 12
 ) -> Linearisation | None:
@@ -258,10 +283,11 @@ def solve_near(
                 break
             best = here
             z = z.copy()
-            z[:-1] -= np.linalg.solve(here.jacobian[:, :-1], here.residual)
+            z[: problem.n] -= np.linalg.solve(here.jacobian[:, : problem.n], here.residual)
     except (ArithmeticError, ValueError, np.linalg.LinAlgError):
         return None
-    size = max(1.0, float(np.max(np.abs(problem.impacts(unknowns)[:, 1:]))))
+    speeds = np.abs(problem.impacts(unknowns)[:, 1:])
+    size = max(1.0, float(np.max(speeds, initial=0.0)))
     return best if best is not None and np.max(np.abs(best.residual)) < 1e-11 * size else None
 
 

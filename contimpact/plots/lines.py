@@ -12,6 +12,7 @@ from ..records.branch import Branch
 from ..records.diagram import Diagram
 from ..records.quantities import Quantity, Series, series_of
 from ..systems.membrane import Membrane
+from ..records.tables import first_unknown
 
 STYLES: dict[str, Any] = {"stable": "-", "unstable": (0, (5, 2)), "unphysical": (0, (1, 1.6))}
 WIDTHS = {"stable": 1.6, "unstable": 1.1, "unphysical": 0.9}
@@ -89,7 +90,7 @@ def _smooth(branch: Branch, x: str, series: Series, span: float) -> tuple[Array,
     own = np.column_stack([branch[x], values])
     length = branch["arclength"]
     names = list(branch.columns)
-    if len(own) < 3 or names.index(x) > names.index("t1") or not series.smooth:
+    if len(own) < 3 or names.index(x) > first_unknown(names) or not series.smooth:
         return own[:, 0], own[:, 1], np.arange(len(own))
     steps, slopes = np.diff(length), _slopes(length, own)
     size = np.array([span, float(np.ptp(values)) or 1.0])

@@ -12,7 +12,7 @@ from ..continuation.branch import End
 from ..display import Shown, Summary, frame, in_lines
 from ..errors import shown
 from .entry import Entry
-from .tables import same_data
+from .tables import first_unknown, same_data
 
 if TYPE_CHECKING:
     from ..models.model import Model
@@ -117,7 +117,7 @@ class Branch(Shown):
     def parameters(self) -> list[str]:
         """Names of the parameters, derived ones included."""
         names = list(self.columns)
-        return names[names.index("arclength") + 1 : names.index("t1")]
+        return names[names.index("arclength") + 1 : first_unknown(names)]
 
     @property
     def constant(self) -> list[str]:
@@ -127,12 +127,17 @@ class Branch(Shown):
     @property
     def velocities(self) -> Array:
         """Velocities before impact, shape (points, N)."""
-        return np.column_stack([self[f"v{k + 1}"] for k in range(len(self.word))])
+        return self._impacts("v")
 
     @property
     def times(self) -> Array:
         """Impact times, shape (points, N)."""
-        return np.column_stack([self[f"t{k + 1}"] for k in range(len(self.word))])
+        return self._impacts("t")
+
+    def _impacts(self, name: str) -> Array:
+        """The columns of a coordinate of all impacts."""
+        columns = [self[f"{name}{k + 1}"] for k in range(len(self.word))]
+        return np.column_stack(columns) if columns else np.zeros((len(self), 0))
 
     @property
     def multipliers(self) -> Array:
@@ -159,7 +164,7 @@ class Branch(Shown):
     def _head(self) -> str:
         values = self[self.parameter]
         return (
-            f"Branch {self.id}: {self.notation} ({self.word}), {len(self)} points, "
+            f"Branch {self.id}: {self.notation} ({self.word or 0}), {len(self)} points, "
             f"{self.parameter} from {values.min():.9g} to {values.max():.9g}"
         )
 

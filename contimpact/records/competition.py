@@ -17,6 +17,7 @@ import numpy as np
 from ..arrays import Array
 from ..bifurcations.declarations import CROSSINGS, REQUESTED
 from .curve import Curve
+from .tables import first_unknown
 
 if TYPE_CHECKING:
     from .curve import Check
@@ -99,7 +100,7 @@ def falling(panel: Sequence[Curve]) -> str:
 def parameters_of(curve: Curve) -> list[str]:
     """Return the names of all parameters, derived ones included."""
     names = list(curve.columns)
-    return names[names.index("arclength") + 1 : names.index("t1")]
+    return names[names.index("arclength") + 1 : first_unknown(names)]
 
 
 def regions(

@@ -142,4 +142,5 @@ def _shifted(problem: OrbitProblem, unknowns: Array, time: Any) -> Any:
     if time is None:
         return None
     period = problem.period(unknowns)
-    return time - float(np.floor(unknowns[0] / period)) * period
+    first, _ = problem.times_around(unknowns, 0)
+    return time - float(np.floor(first / period)) * period

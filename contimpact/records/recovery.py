@@ -16,10 +16,11 @@ from ..errors import InputError, shown
 from ..models.model import Model
 from ..models.word import Word
 from ..orbits.problem import Array, OrbitProblem
-from ..orbits.search import Orbit
+from ..orbits.quiet import problem_of
+from ..orbits.search import Orbit, find_orbits
 from ..segments.kernels import Kernels
 from ..systems import SYSTEMS, system
-from .tables import coordinates
+from .tables import columns_of, coordinates
 
 if TYPE_CHECKING:
     from .branch import Branch
@@ -47,7 +48,9 @@ def orbit_of(entry: Entry, model: Model | None = None, kernels: Kernels | None =
     """
     at = model_of(entry, model)
     kernels = kernels or Kernels(at, entry.parameter)
-    problem = OrbitProblem(at, Word(entry.word, entry.period), kernels)
+    if not entry.word:
+        return _without_impacts(entry, at, kernels)
+    problem = problem_of(at, Word(entry.word, entry.period), kernels)
     names = ["time", "velocity", *coordinates(problem.m)[2:]]
     whole = [impact for impact in entry.impacts if set(names) <= set(impact)]
     if len(whole) != len(entry.word):
@@ -64,12 +67,19 @@ def orbit_at(branch: Branch, place: int | str, model: Model | None = None) -> Or
         return orbit_of(event_of_branch(branch, place), model)
     row = _row(branch, place, where)
     at = model_at(branch, row, model)
-    problem = OrbitProblem(at, Word(branch.word, branch.period), Kernels(at, branch.parameter))
-    rows = [
-        [branch[f"{name}{k}"][row] for name in coordinates(problem.m)]
-        for k in range(1, len(branch.word) + 1)
-    ]
-    return _solved(problem, np.array(rows), where)
+    problem = problem_of(at, Word(branch.word, branch.period), Kernels(at, branch.parameter))
+    unknowns = [branch[name][row] for name in columns_of(branch.word, problem.m)]
+    return _solved(problem, np.array(unknowns), where)
+
+
+def _without_impacts(entry: Entry, at: Model, kernels: Kernels) -> Orbit:
+    """The orbit of the word `0` that has an entry's multipliers: there are no impacts to go by."""
+    found = find_orbits(at, Word("", entry.period), kernels=kernels)
+    if not found:
+        accepted = "give the model it was computed with"
+        raise InputError("entry", "no orbit without impacts was found", accepted)
+    told = np.array([np.inf if pair is None else complex(*pair) for pair in entry.multipliers])
+    return min(found, key=lambda orbit: float(np.max(np.abs(orbit.multipliers - told))))
 
 
 def event_of_branch(branch: Branch, name: str) -> Entry:

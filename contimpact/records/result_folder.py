@@ -250,12 +250,17 @@ class Files:
 
 def branch_file(identity: str, word: str) -> str:
     """Return the name of a branch's table."""
-    return f"branches/{_plain(identity)}-{_plain(word)[:40]}.csv"
+    return f"branches/{_plain(identity)}-{_of_word(word)}.csv"
 
 
 def curve_file(identity: str, kind: str, word: str) -> str:
     """Return the name of a curve's table."""
-    return f"curves/{_plain(identity)}-{_plain(kind)}-{_plain(word)[:40]}.csv"
+    return f"curves/{_plain(identity)}-{_plain(kind)}-{_of_word(word)}.csv"
+
+
+def _of_word(word: str) -> str:
+    """The part that names a word."""
+    return _plain(word or "0")[:40]
 
 
 def _plain(name: str) -> str:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -32,6 +32,18 @@ def all_parameters(here: Linearisation) -> dict[str, float]:
     problem = here.problem
     values = problem.values(here.unknowns)
     return dict(zip(problem.model.values, values, strict=True)) | dict(here.derived)
+
+
+def columns_of(walls: str, m: int) -> list[str]:
+    """Return the names of the columns of an orbit's unknowns."""
+    if not walls:
+        return [f"{n}{i}_0" for i in range(m // 2) for n in ("x", "v")]
+    return [f"{name}{k}" for k in range(1, len(walls) + 1) for name in coordinates(m)]
+
+
+def first_unknown(names: Sequence[str]) -> int:
+    """Return the place of the first column of an orbit's unknowns."""
+    return next(i for i, name in enumerate(names) if name in ("t1", "x0_0"))
 
 
 def coordinates(m: int) -> list[str]:

@@ -26,7 +26,7 @@ from ..models.restitution import Departure, along
 from ..models.symbolic import MeanTransient, Stumpff, Transient
 from ..models.symbols import DT, PHASE, T0, T1, TURN, own
 from . import stumpff, transients
-from .layout import Setup, flat, refilled, result_text
+from .layout import SECTION, Setup, flat, refilled, result_text
 from .tape import Tape
 
 LARGE = 300
@@ -215,11 +215,15 @@ class KernelWriter:
         Between two impacts on one surface the gap equation is divided by the flight's duration: the
         flight of zero duration would solve it whatever the state.
         """
-        leave = self.leave(a)
+        rows = self.arrivals(self.leave(a), b)
+        if self.equations.returns(a, b):
+            rows[0] = along(self.equations.pivot(b)[1], self.leave(a).mean)
+        return rows
+
+    def arrivals(self, leave: Departure, b: str) -> list[Any]:
+        """The same without a division."""
         place, row = self.equations.pivot(b)
         gap = along(row, leave.now) - self.equations.walls[b]
-        if self.equations.returns(a, b):
-            gap = along(row, leave.mean)
         rows = [gap, along(row, leave.end) - self.end[0]]
         others = [i for i in range(len(row)) if i != place]
         for i, x, v in zip(others, self.end[1::2], self.end[2::2], strict=True):
@@ -256,6 +260,8 @@ class KernelWriter:
     # The kernels.
 
     def flight(self, name: str, a: str, b: str) -> str:
+        if a == SECTION:
+            return self.quiet(name, b)
         rows = self.residual(a, b)
         tape = Tape() if sum(e.count_ops() for e in rows) > LARGE else None
         if tape is None:
@@ -279,7 +285,37 @@ class KernelWriter:
             return self._shared(name, self._ends(), about, blocks, reduce=True)
         return self._listed(name, self._ends(), about, tape, blocks)
 
+    def quiet(self, name: str, b: str) -> str:
+        """A flight from the section t = 0, to a guard or back after as many periods as `b` says."""
+        equations, leave = self.equations, self.equations.quiet
+        end, rows = (T1, *self.end), []
+        if b.isdigit():
+            end, states = equations.back, zip(leave.now, leave.end, strict=True)
+            pairs = zip(states, zip(end[::2], end[1::2], strict=True), strict=True)
+            rows = [
+                e - to for arrived, given in pairs for e, to in zip(arrived, given, strict=True)
+            ]
+        else:
+            rows = self.arrivals(leave, b)
+        since = int(b) * equations.period if b.isdigit() else T1
+        rows = [
+            sympy.sympify(e).xreplace({PHASE: sympy.S.Zero}).xreplace({DT: since}) for e in rows
+        ]
+        tape, variables = Tape(), (*equations.state, *end, *self.free)
+        rows = [tape.put(e) for e in rows]
+        by = [tape.along(rows, {x: sympy.S.One}) for x in variables]
+        by = [[tape.put(sympy.sympify(e)) for e in column] for column in by]
+        m = len(rows)
+        parts = by[:m], by[m : 2 * m], by[2 * m :]
+        blocks = (tuple(rows), *(tuple(c[i] for i in range(m) for c in part) for part in parts))
+        about = f"""Flight from the section t = 0 to {b}: residual and first derivatives.
+
+        Laid out as that of a flight between two walls."""
+        return self._listed(name, [*equations.state, *end], about, tape, blocks, reduce=False)
+
     def motion(self, name: str, a: str) -> str:
+        if a == SECTION:
+            return self.quiet_motion(name)
         leave, (_, row) = self.leave(a), self.equations.pivot(a)
         speed, force = along(row, leave.end), along(row, leave.acceleration)
         outputs = (DT * along(row, leave.mean), speed, force)
@@ -287,6 +323,18 @@ class KernelWriter:
 
         Returns its displacement from the wall, its velocity and its acceleration."""
         return self._shared(name, [T0, *self.start, DT], about, outputs, reduce=True)
+
+    def quiet_motion(self, name: str) -> str:
+        first, leave = next(iter(self.equations.guards)), self.equations.quiet
+        _, row = self.equations.pivot(first)
+        states = leave.now, leave.end, leave.acceleration
+        outputs = tuple(
+            sympy.sympify(along(row, state)).xreplace({PHASE: sympy.S.Zero}) for state in states
+        )
+        about = """The gap coordinate at the time dt after the section t = 0, without impacts.
+
+        Returns its position, its velocity and its acceleration."""
+        return self._shared(name, [*self.equations.state, DT], about, outputs)
 
     def setup(self, name: str) -> str:
         period, derived = self.equations.period, tuple(self.equations.derived.values())
@@ -364,14 +412,15 @@ class KernelWriter:
         return self._text(name, arguments, about, shared, refilled(outputs, reduced), reduce, loops)
 
     def _listed(
-        self, name: str, arguments: Sequence[Any], about: str, tape: Tape, outputs: Any
-    ) -> str:
+        self, name: str, arguments: Sequence[Any], about: str, tape: Tape, outputs: Any,
+        reduce: bool = True,
+    ) -> str:  # fmt: skip
         """A kernel that makes the steps of a tape."""
         steps, values = tape.listing(flat(outputs))
         found, loops = _looped((*(e for _, e in steps), *values))
         steps = [(symbol, e) for (symbol, _), e in zip(steps, found, strict=False)]
         outputs = refilled(outputs, found[len(steps) :])
-        return self._text(name, arguments, about, steps, outputs, True, loops)
+        return self._text(name, arguments, about, steps, outputs, reduce, loops)
 
     def _text(
         self, name: str, arguments: Sequence[Any], about: str, steps: Sequence[tuple[Any, Any]],

@@ -240,7 +240,7 @@ def flight_gaps(
         sides = passages.leaving[i], named[j].side
         found = excursion(head, values, length, arrive[1], *sides, zeros, phase, period)
         touches = tuple(
-            _touch(k, leave[0], w, setup.walls[place] - setup.walls[i], found) if meets else None
+            touch_of(k, leave[0], w, setup.walls[place] - setup.walls[i], found) if meets else None
             for place, (w, meets) in enumerate(zip(named, passages.watched[i], strict=True))
         )
         result.append(FlightGaps(length, touches, found[4]))
@@ -275,8 +275,20 @@ def excursion_of(kernels: Kernels, in_time: bool) -> Callable[..., Any]:
     return excursion
 
 
-def _touch(flight: int, start: float, wall: Guard, distance: float, found: Any) -> Touch | None:
-    """The smallest gap to a wall among the turning points towards it."""
+def touch_of(flight: int, start: float, wall: Guard, distance: float, found: Any) -> Touch | None:
+    """Return the smallest gap to a wall among the turning points towards it.
+
+    Parameters
+    ----------
+    flight : int
+    start : float
+        The time from which `found` counts.
+    wall : Guard
+    distance : float
+        Of the wall, from where displacements are measured.
+    found : tuple
+        What `excursions` returns.
+    """
     high, when_high, low, when_low = found[:4]
     gap, dt = (distance - high, when_high) if wall.side > 0 else (low - distance, when_low)
     return None if math.isnan(gap) else Touch(flight, wall.name, start + dt, gap)

@@ -24,6 +24,7 @@ from ..storage.cache import cache_folder, keep, kept, logger
 from ..storage.files import reason
 from .arithmetic import Kernel, kernel_of
 from .closed_form import ClosedForm
+from .layout import SECTION
 from .passages import Passages, passages_of
 
 
@@ -112,11 +113,12 @@ class Kernels:
         InputError
             If the second cannot follow the first.
         """
-        if (start, end) not in self._segments:
+        if (start, end) not in self._segments and start != SECTION:
             after = following(self.model.WALLS, start)
             if end not in after:
                 accepted = f"after {start} can come {' or '.join(after)}"
                 raise InputError("word", f"it has {end} after {start}", accepted)
+        if (start, end) not in self._segments:
             self._segments[start, end] = ClosedForm(self, start, end)
         return self._segments[start, end]
 
@@ -149,7 +151,8 @@ class Kernels:
         return 2 * self.model.unknowns_per_impact
 
     def motion(self, a: str) -> Kernel:
-        """``motion(t0, *y0, dt, *p)``: displacement, velocity, acceleration after wall a."""
+        """``motion(t0, *y0, dt, *p)``: displacement, velocity, acceleration after wall a; from the
+        section ``motion(*state, dt, *p)``."""
         return self.kernel(f"motion_{a}")
 
     @functools.cached_property

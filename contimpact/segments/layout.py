@@ -6,6 +6,9 @@ kernel             returns
 ``flight_<a>_<b>`` `Blocks`, as a plain tuple: residual, start, end, by_parameter
 ``setup``          `Setup`
 ``motion_<a>``     displacement from the wall, velocity and acceleration of the gap coordinate
+``flight_0_<a>``   `Blocks` of the flight from the state on the section t = 0 to a wall
+``flight_0_<p>``   the same for the flight of p periods, back to the section
+``motion_0``       position, velocity and acceleration of the gap coordinate since the section
 ``surfaces``       for each pair of guards, 1 if a flight ends on the surface it leaves, or else 0
 ``harmonics``      the mean, then k, a_k, b_k for each harmonic; NaN alone where there are none
 =================  ============================================================================
@@ -15,6 +18,10 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
 from typing import Any, NamedTuple, TypeAlias
+
+SECTION = "0"
+"""Where flights of orbits without impacts start, in the names of kernels: at t = 0. They end there
+again after a number of periods, which stands in the place of a letter, or at a guard."""
 
 Row: TypeAlias = Sequence[Any]
 """Numbers of the arithmetic a kernel is evaluated in; of a matrix, row by row."""

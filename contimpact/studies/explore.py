@@ -30,6 +30,7 @@ from ..orbit_continuation.orbit_branch import Run, both_ways
 from ..orbit_continuation.symmetry import again, at_image, mirrors_back, watched
 from ..orbits.linearisation import Linearisation
 from ..orbits.problem import Array, OrbitProblem
+from ..orbits.quiet import problem_of
 from ..orbits.recognition import mirrored, rotated_to, shortest
 from ..orbits.search import SAME_ORBIT, Orbit
 from ..progress import Asked, Progress, asked, counted
@@ -144,7 +145,7 @@ class _Explorer:
         return Diagram(scene.name, self.finished_branches(), statistics=self.statistics())
 
     def problem(self, word: Word) -> OrbitProblem:
-        return OrbitProblem(self.scene.model, word, self.kernels)
+        return problem_of(self.scene.model, word, self.kernels)
 
     # Orbits found by search.
 
@@ -294,7 +295,7 @@ class _Explorer:
     def known(self, problem: OrbitProblem, unknowns: Array) -> str | None:
         """The branch an orbit lies on, itself or its mirror image."""
         images = [shortest(problem, unknowns, SAME_ORBIT)]
-        if self.symmetry is not None:
+        if self.symmetry is not None and problem.word.walls:
             images.append(mirrored(*images[0], self.symmetry))
         for branch, run in zip(self.branches, self.runs, strict=True):
             for image, moved in images:

@@ -29,7 +29,7 @@ from ..records.entry import Entry
 from ..records.entry_conversion import impacts_of
 from ..records.given import entry_first
 from ..records.recovery import model_of
-from ..records.tables import all_parameters, coordinates
+from ..records.tables import all_parameters, columns_of
 from ..scenes.options import CURVE_SETTINGS
 from ..segments.kernels import Kernels
 from .problem import CurvePoint, CurveProblem, curve_problem, require_curve
@@ -279,9 +279,8 @@ def _row(point: Point[CurvePoint]) -> dict[str, Any]:
     here = point.evaluation
     orbit, kind, details = here.orbit, here.problem.kind, here.details
     row: dict[str, Any] = {"arclength": point.arclength} | all_parameters(orbit)
-    names = coordinates(orbit.problem.m)
-    for k, impact in enumerate(orbit.problem.impacts(orbit.unknowns).tolist(), start=1):
-        row |= {f"{name}{k}": value for name, value in zip(names, impact, strict=True)}
+    names = columns_of(orbit.problem.word.walls, orbit.problem.m)
+    row |= dict(zip(names, orbit.unknowns.tolist(), strict=False))
     multipliers, n_unstable = kind.multipliers(orbit, details)
     for k, mu in enumerate(multipliers.tolist(), start=1):
         row |= {f"multiplier{k}_re": mu.real, f"multiplier{k}_im": mu.imag}

@@ -19,6 +19,7 @@ from ..models.word import Word
 from ..orbit_continuation.orbit_backend import walk_orbits
 from ..orbit_continuation.orbit_branch import Run, both_ways
 from ..orbits.problem import Array, OrbitProblem
+from ..orbits.quiet import problem_of
 from ..orbits.search import solve_near
 from ..progress import Progress, counted, silent
 from ..records.branch import Branch
@@ -163,7 +164,7 @@ class _CurveExplorer:
         model = scene.model
         kernels = Kernels(model, name)
         word = next(w for w in scene.orbits if w.walls == branch.word and w.period == branch.period)
-        problem = OrbitProblem(model, word, kernels)
+        problem = problem_of(model, word, kernels)
         own = model.values[name]
         reached = {}
         for direction in (-1, 1):
@@ -189,7 +190,7 @@ class _CurveExplorer:
 
     def branch_at(self, model: Model, problem: OrbitProblem, unknowns: Array) -> Branch:
         scene = self.scene
-        here = OrbitProblem(model, problem.word, self.kernels)
+        here = problem_of(model, problem.word, self.kernels)
         start = np.append(unknowns[:-1], scene.start)
         settled = solve_near(here, start)
         tests = test_functions(here, scene.events, scene.values)

@@ -17,12 +17,13 @@ from ..models.model import Model
 from ..models.word import Word
 from ..orbit_continuation.orbit_branch import Run, both_ways
 from ..orbits.problem import Array, OrbitProblem
+from ..orbits.quiet import problem_of
 from ..orbits.search import find_orbits
 from ..records.branch import Branch
 from ..records.curve import Curve
 from ..records.entry import Entry
 from ..records.recovery import orbit_of
-from ..records.tables import coordinates
+from ..records.tables import columns_of
 from ..scenes.scene import Scene
 from ..segments.kernels import Kernels
 from .problem import system_of
@@ -68,7 +69,7 @@ def run_along(
     searched : sequence of float
         The values.
     """
-    problem = OrbitProblem(model, word, kernels)
+    problem = problem_of(model, word, kernels)
     tests = _tests(scene, problem)
     runs: list[Run] = []
     for value in searched:
@@ -160,7 +161,7 @@ def _crossings(
     around it."""
     first = curve.parameters[0]
     away = curve[name] - value
-    names = [f"{n}{k + 1}" for k in range(len(curve.word)) for n in coordinates(problem.m)]
+    names = columns_of(curve.word, problem.m)
     rows = np.column_stack([curve[name] for name in [*names, first]])
     found = []
     for i in np.nonzero((away[:-1] * away[1:] <= 0.0) & (away[:-1] != away[1:]))[0]:

@@ -1,0 +1,153 @@
+"""Orbits without impacts: the word `0`."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from contimpact.accuracy.reference import Reference
+from contimpact.errors import InputError
+from contimpact.models.word import Word
+from contimpact.orbit_continuation.orbit_branch import continue_born, continue_orbit
+from contimpact.orbits.quiet import QuietProblem
+from contimpact.orbits.search import find_orbits
+from contimpact.records.catalogue import load_diagram, write_diagram
+from contimpact.scenes.scene import read_scene
+from contimpact.segments.kernels import Kernels
+from contimpact.studies.explore import follow
+from contimpact.systems.impact_pair import ImpactPair
+from contimpact.systems.oscillator import Oscillator
+from contimpact.systems.soft_stop import SoftStop
+
+VALUES = {"a": 0.3, "omega": 1.3, "c": 0.1, "k": 1.0, "sigma": 0.5, "r": 0.8}
+
+
+def oscillator(**changes):
+    return Oscillator(**(VALUES | changes))
+
+
+def amplitude(p):
+    """Of the response to a force of amplitude one."""
+    return 1.0 / math.hypot(p["k"] - p["omega"] ** 2, p["c"] * p["omega"])
+
+
+def quiet(model, parameter="a"):
+    (orbit,) = find_orbits(model, "0", parameter=parameter)
+    return orbit
+
+
+@pytest.mark.parametrize("changes", [{}, {"c": 0.0}, {"c": 3.0, "omega": 0.2}, {"a": 0.0}])
+def test_the_steady_response(changes):
+    orbit = quiet(oscillator(**changes))
+    p = orbit.model.values
+    in_phase, quadrature = (
+        p["a"] * amplitude(p) ** 2 * part
+        for part in (p["k"] - p["omega"] ** 2, p["c"] * p["omega"])
+    )
+    want = [in_phase, p["omega"] * quadrature, p["a"]]
+    assert orbit.unknowns == pytest.approx(want, rel=1e-13, abs=1e-14)
+    period = 2 * math.pi / p["omega"]
+    assert np.prod(orbit.multipliers) == pytest.approx(math.exp(-p["c"] * period), rel=1e-12)
+    assert len(orbit.times) == 0
+    assert "Orbit 0 (0)" in repr(orbit)
+
+
+@pytest.mark.parametrize("parameter", ["a", "omega", "c", "k", "sigma"])
+def test_derivatives_against_differences_in_many_digits(parameter):
+    problem = quiet(oscillator(), parameter).problem
+    z = np.array([0.3, -0.2, problem.model.values[parameter]])
+    exact = Reference(problem)
+    point = [exact.ctx.mpf(u) for u in z]
+    differences = exact._differences(exact.residual, point, exact.residual(point))
+    assert problem.evaluate(z).jacobian == pytest.approx(differences, rel=1e-13, abs=1e-13)
+    along = np.array([0.7, -0.4, 0.9])
+    step = 1e-6
+    ahead, behind = (problem.evaluate(z + s * step * along).jacobian for s in (1, -1))
+    assert problem.second_along(z, along) == pytest.approx((ahead - behind) / (2 * step), abs=1e-8)
+
+
+@pytest.mark.parametrize("c", [0.0, 0.1])
+def test_the_orbit_grazes_where_its_amplitude_reaches_the_stop(c):
+    """Also where it turns on the section t = 0 itself, without damping."""
+    orbit = quiet(oscillator(c=c))
+    branch = continue_orbit(orbit, "a", (0.01, 1.0), events=["FB", "PD", "G", "V", "T", "BP"])
+    (event,) = branch.events
+    p = event.parameters
+    assert (event.kind, event.label, event.becomes, event.order) == ("G", "G[0->1]", "S", 1)
+    assert event.value == pytest.approx(0.5 / amplitude(p), rel=1e-14)
+    phase = math.atan2(c * p["omega"], p["k"] - p["omega"] ** 2)
+    turn = 2 * math.pi
+    assert event.touch_time * p["omega"] % turn == pytest.approx(phase % turn, abs=1e-12)
+    assert event.error < 1e-13
+    assert set(branch.columns["physical"][branch["a"] < event.value]) == {1}
+    assert set(branch.columns["physical"][branch["a"] > event.value + 1e-12]) == {0}
+    exact = Reference(orbit.problem).event("G", event.orbit().unknowns, vars(event))
+    assert abs(float(exact.parameter) - event.value) <= event.error
+
+
+def test_the_first_impact_is_born_at_the_grazing():
+    """The classical grazing bifurcation: V of the word with one impact, at the same value."""
+    branch = continue_orbit(quiet(oscillator()), "a", (0.01, 1.0), events=["G"])
+    born = continue_born(branch.events[0], range=(0.01, 1.0), events=["V", "FB"])
+    assert born.word == "S"
+    (zero,) = [e for e in born.events if e.kind == "V"]
+    assert zero.value == pytest.approx(branch.events[0].value, rel=1e-14)
+    row = np.argmin(np.abs(born["a"] - 0.9))
+    assert set(born["physical"][born["v1"] > 1e-9]) == {1}
+    assert born.orbit(int(row)).physical
+
+
+def test_the_first_contact_is_born_at_the_grazing():
+    model = SoftStop(a=0.3, omega=1.3, c=0.1, k=1.0, e=0.5, k_b=20.0, c_b=0.3)
+    branch = continue_orbit(quiet(model), "a", (0.01, 1.0), events=["G"])
+    (event,) = branch.events
+    assert (event.becomes, event.order, event.criticality) == ("CR", 2, "supercritical")
+    assert event.value == pytest.approx(0.5 / amplitude(event.parameters), rel=1e-14)
+    born = continue_born(event, range=(0.01, 1.0), events=[])
+    assert (born.word, born.period) == ("CR", 1)
+
+
+def test_a_motion_without_a_steady_response_has_no_such_orbit():
+    pair = ImpactPair(beta=math.pi / 6, r=0.3, A=5.0, s=0.34)
+    assert find_orbits(pair, "0", parameter="s") == []
+
+
+def test_the_orbit_is_not_found_again_with_twice_the_period():
+    assert find_orbits(oscillator(), "0/2T", parameter="a") == []
+    problem = QuietProblem(oscillator(), Word("", 2), Kernels(oscillator(), "a"))
+    once = quiet(oscillator())
+    assert problem.evaluate(once.unknowns).largest_residual < 1e-14
+
+
+def test_a_scene_from_the_word_zero(tmp_path):
+    """Followed, switched, its grazing in two parameters, written and read again."""
+    scene = read_scene(
+        {
+            "name": "t",
+            "model": {"system": "oscillator", "parameters": VALUES},
+            "follow": {
+                "parameter": "a", "range": [0.01, 0.6], "orbits": ["0"], "switch": ["G"],
+                "depth": 1,
+            },
+            "detect": {"events": ["G"]},
+            "curves": {"parameter": "omega", "range": [1.2, 1.4], "kinds": ["G"]},
+        }
+    )  # fmt: skip
+    write_diagram(follow(scene), tmp_path)
+    diagram = load_diagram(tmp_path)
+    assert [b.word for b in diagram.branches] == ["", "S"]
+    (curve,) = diagram.curves
+    rows = zip(curve["a"], curve["omega"], strict=True)
+    want = [0.5 / amplitude(VALUES | {"omega": omega}) for _, omega in rows]
+    assert curve["a"] == pytest.approx(want, rel=1e-12)
+    again = diagram.branches[0].orbit(0)
+    assert again.unknowns[:-1] == pytest.approx(
+        [diagram.branches[0][name][0] for name in ("x0_0", "v0_0")]
+    )
+
+
+def test_names_of_its_columns_are_taken():
+    with pytest.raises(InputError, match="column of that name"):
+        type("Taken", (Oscillator,), {"DERIVED": ("x0_0",)})
