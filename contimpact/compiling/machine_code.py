@@ -52,8 +52,8 @@ def object_code(program: Program, arguments: str) -> bytes:
 
 
 OF_THE_C_LIBRARY = frozenset(
-    """acos asin atan ceil copysign cos cosh exp fabs floor fmod log memcpy memset pow sin sinh sqrt
-    tan tanh""".split()
+    """acos asin atan atan2 ceil copysign cos cosh exp fabs floor fmod log memcpy memset pow sin
+    sinh sqrt tan tanh""".split()
 )
 REPORTING = frozenset(
     """NRT_Free NRT_MemInfo_call_dtor PyBytes_FromStringAndSize PyErr_Clear PyErr_SetNone
