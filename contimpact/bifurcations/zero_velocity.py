@@ -21,6 +21,7 @@ from ..orbits.multipliers import count_unstable, multipliers
 from ..orbits.physicality import WRONG_WAY, Verdict
 from ..orbits.problem import Array, OrbitProblem
 from ..orbits.quiet import problem_of
+from ..orbits.search import solve_near
 from .codimension_two import CurvePoint, touch_points
 from .extended_system import ExtendedSystem
 from .kind import Change, Details, Kind, Look, ManyDigits, System, Values
@@ -28,6 +29,9 @@ from .orbit_test import Orbits
 from .reached import Reached, ScalarTest
 from .start import Start, regular
 from .zero_duration import ZeroDuration
+
+TOUCHING = 1e-6
+"""A gap below this is a touch, where the orbit without impacts is that of a V."""
 
 
 class ZeroVelocity(ScalarTest):
@@ -103,9 +107,8 @@ class V(Kind):
         return None if shorter is None else regular(*shorter)
 
     def next_word(self, event: Event) -> Word | None:
-        problem: OrbitProblem = event.point.evaluation.problem
-        dropped = vanishing(problem, event.details["impact"])
-        return problem.word.drop(*dropped) if len(problem.word) > len(dropped) else None
+        shorter = _without(event.point.evaluation, event.details["impact"])
+        return None if shorter is None else shorter[0].word
 
     def critical(self, multipliers: Array) -> list[int]:
         """The return map's derivative is infinite there."""
@@ -130,19 +133,31 @@ class V(Kind):
 def _without(here: Linearisation, impact: int) -> tuple[OrbitProblem, Array] | None:
     """The problem of the word without an impact of zero velocity, and the same orbit in it.
 
-    None if no impact is left.
+    None if no impact is left, and the motion without any has no orbit that touches there.
     """
     problem, dropped = here.problem, vanishing(here.problem, impact)
     if len(problem.word) == len(dropped):
-        return None
+        return _quiet(here, impact)
     shorter = problem_of(problem.model, problem.word.drop(*dropped), problem.kernels)
     kept = np.delete(problem.impacts(here.unknowns), dropped, axis=0)
     return shorter, np.append(kept.ravel(), here.unknowns[-problem.free :])
 
 
+def _quiet(here: Linearisation, impact: int) -> tuple[OrbitProblem, Array] | None:
+    """The word `0` and its orbit, if that touches where the only impact vanishes."""
+    problem, wall = here.problem, here.problem.word.walls[impact]
+    quiet = problem_of(problem.model, Word("", problem.word.period), problem.kernels)
+    found = solve_near(quiet, np.append(np.zeros(problem.m), here.unknowns[-problem.free :]))
+    touches = () if found is None else found.gaps[0].touches
+    if any(t is not None and t.wall == wall and abs(t.gap) < TOUCHING for t in touches):
+        return quiet, found.unknowns  # type: ignore[union-attr]
+    return None
+
+
 def _without_touch(here: CurvePoint) -> Linearisation:
     shorter = _without(here.orbit, here.details["impact"])
-    assert shorter is not None
+    if shorter is None:
+        raise ArithmeticError("no impact is left")
     here.orbit.problem.kernel_evaluations += len(shorter[0].word)
     return shorter[0].evaluate(shorter[1])
 

@@ -43,10 +43,18 @@ def tabulate(points: Points, entries: Sequence[tuple[Point, Entry]]) -> dict[str
         columns["physical"][row] = int(entry.physical)
         columns["reason"][row] = entry.reason or ""
         columns["event"][row] = entry.id
+        if entry.impact in points[0].evaluation.problem.excursions:
+            _set_multipliers(columns, row, entry)
     order = np.argsort(columns["arclength"], kind="stable")
     for name in columns:  # one after the other: a long branch is not held twice
         columns[name] = columns[name][order]
     return columns
+
+
+def _set_multipliers(columns: dict[str, Array], row: int, entry: Entry) -> None:
+    """Those of the orbit without the excursion that vanishes: with it they have no digits there."""
+    for k, pair in enumerate(entry.multipliers, start=1):
+        columns[f"multiplier{k}_re"][row], columns[f"multiplier{k}_im"][row] = pair or (np.inf, 0.0)
 
 
 def _columns(points: Points) -> dict[str, Array]:

@@ -33,7 +33,7 @@ def entry_of(event: Event, identity: str, branch: str, before: Point, after: Poi
     word, details = problem.word, event.details
     letters = [w.name for w in problem.model.WALLS]
     becomes = kind.next_word(event)
-    added = len(becomes) - len(word) if becomes else 0
+    added = 0 if becomes is None else len(becomes) - len(word)
     multipliers, n_unstable = kind.multipliers(here, details)
     verdict = kind.verdict(here, details)
     ghost = n_unstable > 0 or not verdict.physical
@@ -48,7 +48,7 @@ def entry_of(event: Event, identity: str, branch: str, before: Point, after: Poi
         word=word.walls,
         period=word.period,
         notation=word.notation(letters),
-        becomes=str(becomes) if becomes else None,
+        becomes=None if becomes is None else str(becomes),
         order=added if added > 0 else None,
         criticality=side,
         slope=slope,

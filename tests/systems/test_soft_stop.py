@@ -11,6 +11,7 @@ from scipy.integrate import solve_ivp
 from contimpact.accuracy.reference import Reference
 from contimpact.attractors.verdict import settle
 from contimpact.errors import InputError
+from contimpact.models.model import Parameter
 from contimpact.models.word import Word
 from contimpact.orbit_continuation.orbit_branch import continue_born, continue_orbit
 from contimpact.orbits.problem import OrbitProblem
@@ -18,6 +19,7 @@ from contimpact.orbits.search import find_orbits
 from contimpact.segments.kernels import Kernels
 from contimpact.simulation.lyapunov import exponents
 from contimpact.simulation.simulator import Simulator
+from contimpact.systems.oscillator import Oscillator
 from contimpact.systems.soft_stop import SoftStop
 
 VALUES = {"a": 1.0, "omega": 1.3, "c": 0.1, "k": 1.0, "e": 0.5, "k_b": 20.0, "c_b": 0.3}
@@ -72,7 +74,7 @@ def test_each_flight_runs_in_the_mode_its_guard_leads_to(parameters):
         assert rows[1] == pytest.approx(v, abs=1e-9)
 
 
-@pytest.mark.parametrize("parameter", ["a", "omega", "c", "k", "e", "k_b", "c_b"])
+@pytest.mark.parametrize("parameter", ["omega", "e", "k_b"])
 def test_derivatives_against_differences_in_many_digits(orbit, parameter):
     problem = OrbitProblem(orbit.model, Word("CR"), Kernels(orbit.model, parameter))
     value = orbit.model.values[parameter]
@@ -90,10 +92,8 @@ def test_the_product_of_the_multipliers_has_a_closed_form(branch):
     period = 2 * math.pi / columns["omega"]
     want = np.exp(-columns["c"] * period - columns["c_b"] * contact)
     one, other = (columns[f"multiplier{k}_re"] + 1j * columns[f"multiplier{k}_im"] for k in (1, 2))
-    regular = contact != 0.0  # a row of the V, where the contact has vanished
-    assert np.count_nonzero(~regular) == 1
-    product = (one * other).real
-    assert product[regular] == pytest.approx(want[regular], rel=1e-11)
+    assert np.min(np.abs(contact)) == 0.0  # in the row of the V
+    assert (one * other).real == pytest.approx(want, rel=1e-11)
 
 
 def test_a_vanishing_contact_is_one_event_at_its_closed_form(branch):
@@ -101,7 +101,8 @@ def test_a_vanishing_contact_is_one_event_at_its_closed_form(branch):
     p = branch.events[0].parameters
     amplitude = p["e"] * math.hypot(p["k"] - p["omega"] ** 2, p["c"] * p["omega"])
     (event,) = [e for e in branch.events if e.kind in ("V", "T")]
-    assert event.kind == "V"
+    assert (event.kind, event.label, event.becomes) == ("V", "V[1:1->0]", "0")
+    assert not event.ghost
     assert event.value == pytest.approx(amplitude, rel=1e-14)
     assert event.error < 1e-13
     assert event.physical
@@ -146,12 +147,12 @@ def test_a_simulation_settles_on_the_stable_orbit(orbit):
 def test_exponents_of_a_simulation_are_those_of_the_multipliers(orbit):
     simulator = Simulator(orbit.model)
     state = simulator.run(simulator.state("C", 0.3, 1.0), impacts=150).end
-    found = exponents(simulator, state, 1000)
+    found = exponents(simulator, state, 400)
     contact = orbit.times[1] - orbit.times[0]
     p = orbit.model.values
     want = -p["c"] * 2 * math.pi / p["omega"] - p["c_b"] * contact
     assert 2 * sum(found.per_impact) == pytest.approx(want, rel=1e-9)
-    assert found.per_impact[0] == pytest.approx(math.log(abs(orbit.multipliers[0])) / 2, rel=0.02)
+    assert found.per_impact[0] == pytest.approx(math.log(abs(orbit.multipliers[0])) / 2, rel=0.04)
 
 
 def test_what_a_motion_settles_on_is_the_orbit(orbit):
@@ -167,6 +168,54 @@ def test_words_off_the_graph_are_refused():
         find_orbits(soft_stop(), "CC", parameter="a")
     with pytest.raises(InputError, match="it has R after R; after R can come C"):
         OrbitProblem(soft_stop(), Word("R"), Kernels(soft_stop(), "a"))
+
+
+# Ever stiffer
+
+
+class StopOfRatio(SoftStop):
+    """The soft stop by the damping ratio zeta of contact: c_b = 2 zeta sqrt(k_b)."""
+
+    SYSTEM = "stop-of-ratio"
+    PARAMETERS = (*SoftStop.PARAMETERS[:-1], Parameter("zeta", "", "the damping ratio", lower=0))
+
+    def validate(self):
+        """Nothing is at resonance here."""
+
+    def formulas(self, symbols):
+        import sympy
+
+        given = dict(symbols)
+        damping = 2 * given.pop("zeta") * sympy.sqrt(given["k_b"])
+        return super().formulas(given | {"c_b": damping})
+
+
+@pytest.mark.parametrize(("make", "zeta"), [(SoftStop, 0.0), (StopOfRatio, 0.1)])
+def test_a_stiff_stop_is_a_rigid_one(make, zeta):
+    """Contact lasts pi/sqrt(k_b (1 - zeta^2)), by which the orbit differs; half a swing of it keeps
+    exp(-pi zeta/sqrt(1 - zeta^2)) of the velocity."""
+    values = {n: v for n, v in VALUES.items() if n != "c_b"}
+    damped = {"c_b": 0.0} if make is SoftStop else {"zeta": zeta}
+    (orbit,) = physical(make(**values, **damped), "CR", parameter="k_b")
+    branch = continue_orbit(orbit, "k_b", (20.0, 1e8), events=["FB", "PD", "G", "V", "T"])
+    assert (branch.events, branch.missed) == ([], [])
+    assert branch["k_b"][-1] == 1e8
+    r = math.exp(-math.pi * zeta / math.sqrt(1 - zeta**2))
+    rigid = Oscillator(a=1.0, omega=1.3, c=0.1, k=1.0, sigma=0.5, r=r)
+    (limit,) = physical(rigid, "S")
+    period = 2 * math.pi / 1.3
+    late = branch["t1"] - limit.times[0]
+    off = np.abs([late - period * np.round(late / period), branch["v1"] - limit.velocities[0]])
+    stiff = branch["k_b"] > 1e6
+    roots = np.sqrt(branch["k_b"][stiff])
+    contact = (branch["t2"] - branch["t1"])[stiff]
+    assert contact * roots == pytest.approx(math.pi / math.sqrt(1 - zeta**2), rel=2e-3)
+    for error in off[:, stiff]:
+        assert error * roots == pytest.approx(error[-1] * roots[-1], rel=5e-3)
+        assert 0.0 < error[-1] < 1e-3
+    assert np.max(branch["residual"]) < 1e-11
+    exact = Reference(branch.orbit(-1).problem).orbit(branch.orbit(-1).unknowns)
+    assert exact.distance(branch.orbit(-1).unknowns) < 1e-12
 
 
 @pytest.mark.parametrize(
