@@ -19,7 +19,7 @@ import numpy as np
 from ..models.model import Model
 from ..models.word import Word
 from ..segments.arithmetic import ARRAYS, evaluate_in
-from ..segments.flight import FlightGaps, excursions, touch_of
+from ..segments.flight import Excursion, FlightGaps, excursions, touch_of
 from ..segments.kernels import Kernels
 from ..segments.layout import SECTION
 from ..segments.zeros import chebyshev_zeros
@@ -91,10 +91,25 @@ class QuietProblem(OrbitProblem):
         return np.array(self.segments[0].third(state, state, along, self.values(unknowns)))
 
     def gaps(self, unknowns: Array) -> list[FlightGaps]:
-        """Return the nearest touch of each guard of the mode, in one row."""
+        """Return the nearest touch of each guard of the first mode, in one row."""
+        mode = self.model.MODES[0].name if self.model.MODES else ""
+        positions = self.kernels.setup(*self.values(unknowns)).walls
+        watched = {g.row(self.m // 2): g.name for g in self.model.WALLS if mode in g.modes}
+        found = {row: self._excursion(name, unknowns) for row, name in watched.items()}
+        touches = tuple(
+            touch_of(0, 0.0, guard, position, found[guard.row(self.m // 2)])
+            if mode in guard.modes
+            else None
+            for guard, position in zip(self.model.WALLS, positions, strict=True)
+        )
+        turns = (each[4] for each in found.values() if not math.isnan(each[4]))
+        slowest = min(turns, key=abs, default=math.nan)
+        return [FlightGaps(self.times_around(unknowns, 0)[1], touches, slowest)]
+
+    def _excursion(self, wall: str, unknowns: Array) -> Excursion:
+        """The extrema of a guard's gap coordinate."""
         values, state = self.values(unknowns), unknowns[: self.m].tolist()
-        length = self.times_around(unknowns, 0)[1]
-        kernel = self.kernels.motion(SECTION)
+        length, kernel = self.times_around(unknowns, 0)[1], self.kernels.since(wall)
         along = evaluate_in(kernel, ARRAYS)
         breaks = chebyshev_zeros(lambda dt: along(*state, dt, *values)[2], length)
 
@@ -102,14 +117,8 @@ class QuietProblem(OrbitProblem):
             return kernel(*head, dt, *p)
 
         arriving = motion(state, length, values)[1]
-        found = excursions(motion, state, values, length, arriving, 0.0, 0.0, breaks, 0.0, math.inf)
-        mode = self.model.MODES[0].name if self.model.MODES else ""
-        positions = self.kernels.setup(*values).walls
-        touches = tuple(
-            touch_of(0, 0.0, guard, position, found) if mode in guard.modes else None
-            for guard, position in zip(self.model.WALLS, positions, strict=True)
-        )
-        return [FlightGaps(length, touches, found[4])]
+        ends = (length, arriving, 0.0, 0.0)
+        return excursions(motion, state, values, *ends, breaks, 0.0, math.inf)
 
     def scale(self, unknowns: Array, span: Any) -> Array:
         """Return natural sizes of the unknowns, by which arclength is measured."""
@@ -120,7 +129,7 @@ class QuietProblem(OrbitProblem):
     def _largest_speed(self, unknowns: Array) -> float:
         values, state = self.values(unknowns), unknowns[: self.m].tolist()
         length = self.span(unknowns)
-        track = self.kernels.motion(SECTION)
+        track = self.kernels.since(self.model.WALLS[0].name)
         return max(abs(track(*state, part * length / 8.0, *values)[1]) for part in range(8))
 
     def difference(self, one: Array, other: Array) -> Array:

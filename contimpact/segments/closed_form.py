@@ -6,7 +6,7 @@ from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
 
 from .arithmetic import Arithmetic, evaluate_in
-from .layout import Blocks, Row
+from .layout import SECTION, Blocks, Row
 from .segment import Numbers
 
 if TYPE_CHECKING:
@@ -47,4 +47,6 @@ class ClosedForm:
 
     def track(self, start: Numbers, dt: Any, values: Numbers) -> tuple[Any, Any, Any]:
         """Return displacement, velocity and acceleration of the gap coordinate."""
+        if self._walls[0] == SECTION:
+            return self._kernels.since(self._kernels.model.WALLS[0].name)(*start, dt, *values)
         return self._kernels.motion(self._walls[0])(*start, dt, *values)

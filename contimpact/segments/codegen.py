@@ -197,7 +197,7 @@ class KernelWriter:
 
     def write(self, name: str) -> str:
         """Return the source of the kernel `name`: ``setup``, ``harmonics``, ``surfaces``,
-        ``flight_<a>_<b>``, ``motion_<a>`` or ``agreement_<a>_<coordinate>``."""
+        ``flight_<a>_<b>``, ``motion_<a>``, ``since_<a>`` or ``agreement_<a>_<coordinate>``."""
         kind, *walls = name.split("_")
         writers: dict[str, Callable[..., str]] = {
             "setup": self.setup,
@@ -205,6 +205,7 @@ class KernelWriter:
             "harmonics": self.harmonics,
             "flight": self.flight,
             "motion": self.motion,
+            "since": self.since,
             "agreement": self.agreement,
         }
         return writers[kind](name, *walls)
@@ -314,8 +315,6 @@ class KernelWriter:
         return self._listed(name, [*equations.state, *end], about, tape, blocks, reduce=False)
 
     def motion(self, name: str, a: str) -> str:
-        if a == SECTION:
-            return self.quiet_motion(name)
         leave, (_, row) = self.leave(a), self.equations.pivot(a)
         speed, force = along(row, leave.end), along(row, leave.acceleration)
         outputs = (DT * along(row, leave.mean), speed, force)
@@ -324,14 +323,13 @@ class KernelWriter:
         Returns its displacement from the wall, its velocity and its acceleration."""
         return self._shared(name, [T0, *self.start, DT], about, outputs, reduce=True)
 
-    def quiet_motion(self, name: str) -> str:
-        first, leave = next(iter(self.equations.guards)), self.equations.quiet
-        _, row = self.equations.pivot(first)
+    def since(self, name: str, b: str) -> str:
+        leave, (_, row) = self.equations.quiet, self.equations.pivot(b)
         states = leave.now, leave.end, leave.acceleration
         outputs = tuple(
             sympy.sympify(along(row, state)).xreplace({PHASE: sympy.S.Zero}) for state in states
         )
-        about = """The gap coordinate at the time dt after the section t = 0, without impacts.
+        about = f"""The gap coordinate of wall {b} at the time dt since the section t = 0.
 
         Returns its position, its velocity and its acceleration."""
         return self._shared(name, [*self.equations.state, DT], about, outputs)

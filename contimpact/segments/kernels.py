@@ -151,9 +151,13 @@ class Kernels:
         return 2 * self.model.unknowns_per_impact
 
     def motion(self, a: str) -> Kernel:
-        """``motion(t0, *y0, dt, *p)``: displacement, velocity, acceleration after wall a; from the
-        section ``motion(*state, dt, *p)``."""
+        """``motion(t0, *y0, dt, *p)``: displacement, velocity, acceleration after wall a."""
         return self.kernel(f"motion_{a}")
+
+    def since(self, a: str) -> Kernel:
+        """``since(*state, dt, *p)``: position, velocity and acceleration of the gap coordinate of
+        wall a, from the state on the section t = 0."""
+        return self.kernel(f"since_{a}")
 
     @functools.cached_property
     def identity(self) -> str:
