@@ -177,7 +177,7 @@ def test_pyplot_is_imported_nowhere(module):
 @pytest.mark.parametrize("module", FILES)
 def test_sympy_is_imported_where_it_is_used(module):
     found = places(module, lambda i: inside(i.module, "sympy") and i.at_import)
-    of_models = ("equations", "harmonics", "restitution", "symbolic", "symbols")
+    of_models = ("equations", "harmonics", "linear", "restitution", "symbolic", "symbols")
     names = (
         *(f"models.{name}" for name in of_models),
         *(f"segments.{name}" for name in ("codegen", "tape")),

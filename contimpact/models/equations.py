@@ -19,6 +19,7 @@ from ..errors import InputError, shown
 from .expressions import FUNCTIONS
 from .guards import Guard
 from .harmonics import INDICES, HarmonicSum
+from .linear import Law
 from .restitution import Departure, after_impact, along, departure
 from .symbols import DT, PHASE, own
 
@@ -26,7 +27,7 @@ if TYPE_CHECKING:
     from .model import Formulas, Model
 
 
-ELEMENTARY = frozenset((*FUNCTIONS, "Stumpff", "Transient", "MeanTransient"))
+ELEMENTARY = frozenset((*FUNCTIONS, "Stumpff", "Transient", "MeanTransient", "MeanFlow", "EndFlow"))
 """Names of the functions that kernels can evaluate."""
 
 
@@ -232,6 +233,10 @@ def _check(e: Any, where: str, found: Equations) -> None:
         if part in known or part.is_Rational or part.is_Float or part in (sympy.pi, sympy.E):
             continue
         if part.is_Add or part.is_Mul or part.is_Pow or part is sympy.nan:
+            continue
+        if isinstance(part, Law):
+            for number in part.numbers:
+                _check(number, where, found)
             continue
         if type(part).__name__ not in ELEMENTARY:
             accepted = f"use the symbols given, numbers, pi, + - * / ** and {', '.join(FUNCTIONS)}"

@@ -20,7 +20,7 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from . import layout, stumpff, transients
+from . import layout, linear_flow, stumpff, transients
 
 
 class Kernel(Protocol):
@@ -126,7 +126,7 @@ PLAIN: dict[str, Any] = {
 
 FLOATS = Arithmetic(
     {name: getattr(math, name) for name in FUNCTIONS}
-    | {"nan": math.nan, **PLAIN}
+    | {"nan": math.nan, **linear_flow.SCALAR, **PLAIN}
     | stumpff.SCALAR
     | transients.SCALAR
 )
@@ -148,7 +148,8 @@ def _array_waves(rows: Any, phase: Any, dt: Any) -> Iterator[Any]:
 _NUMPY_SPELLING = {"asin": "arcsin", "acos": "arccos", "atan": "arctan"}
 ARRAYS = Arithmetic(
     {name: getattr(np, _NUMPY_SPELLING.get(name, name)) for name in FUNCTIONS}
-    | {"nan": math.nan, **PLAIN, "waves": _array_waves, "total": lambda x: np.sum(x, axis=0)}
+    | {"nan": math.nan, "waves": _array_waves, "total": lambda x: np.sum(x, axis=0)}
+    | {**linear_flow.ARRAY, **PLAIN}
     | stumpff.ARRAY
     | transients.ARRAY
 )

@@ -14,10 +14,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from functools import partial
 from typing import Any
 
 import numpy as np
 
+from . import linear_flow
 from .arithmetic import FLOATS, PLAIN, Arithmetic, Kernel, evaluate_in
 from .layout import flat, refilled
 from .segment import Numbers, Segment
@@ -117,24 +119,27 @@ ROUGHER = {"transients1": 3.0, "transients2": 5.0, "transients4": 80.0}
 """By how much functions may be less exact than others; measured are 1.9, 3.4 and 51."""
 
 
-def _bounded(function: Callable[..., Any], rougher: float = 1.0) -> Callable[..., Any]:
+def _bounded(
+    function: Callable[..., Any], rougher: float = 1.0, sizes: Callable[[Array], Array] = np.abs
+) -> Callable[..., Any]:
     """A function of floats as one of numbers with bounds.
 
     A function's own result is good to two units of its last place and to the rounding of its
     arguments, by which its inner steps are no better than the argument they reduce; if it is
-    rougher, to a multiple of these.
+    rougher, to a multiple of these. `sizes` are what its results are rounded beside.
     """
 
     def on_bounded(*arguments: Any) -> Any:
         given = [Bounded.of(a) for a in arguments]
         values = [a.value for a in given]
         found = function(*values)
-        several = isinstance(found, tuple)
+        several = isinstance(found, tuple | list)
         results = np.array(found if several else (found,), dtype=float)
-        errors = rougher * 4.0 * UNIT * np.abs(results)
+        errors = rougher * 4.0 * UNIT * sizes(results)
         for i, argument in enumerate(given):
-            slopes = _slopes(function, values, i, results)
-            errors = errors + slopes * (argument.error + rougher * 2.0 * UNIT * abs(argument.value))
+            off = argument.error + rougher * 2.0 * UNIT * abs(argument.value)
+            if off > 0.0:
+                errors = errors + _slopes(function, values, i, results) * off
         pairs = [Bounded(*pair) for pair in zip(results.tolist(), errors.tolist(), strict=True)]
         return tuple(pairs) if several else pairs[0]
 
@@ -160,8 +165,16 @@ def _floor(x: Any) -> Bounded:
     return Bounded(float(math.floor(Bounded.of(x).value)))
 
 
+def _flow(d: int, h: int, directions: int, *arguments: Any) -> Any:
+    """A linear flight."""
+    numbers = [Bounded.of(a).value for a in arguments[1:]]
+    sizes = partial(linear_flow.rounded_beside, d, h, directions, numbers)
+    function = partial(linear_flow.flow, d, h, directions)
+    return _bounded(function, sizes=sizes)(*arguments)
+
+
 _power = _bounded(pow)
-_OWN = {"floor": _floor, "nan": Bounded(math.nan), **PLAIN}
+_OWN = {"floor": _floor, "flow": _flow, "nan": Bounded(math.nan), **PLAIN}
 BOUNDED = Arithmetic(
     {name: _bounded(f, ROUGHER.get(name, 1.0)) for name, f in FLOATS.names.items() if callable(f)}
     | _OWN

@@ -21,12 +21,14 @@ from sympy.printing.pycode import PythonCodePrinter
 from ..errors import InputError
 from ..models.equations import equations_of
 from ..models.harmonics import HarmonicSum, over_harmonics
+from ..models.linear import EndFlow, MeanFlow
 from ..models.model import Model
 from ..models.restitution import Departure, along
 from ..models.symbolic import MeanTransient, Stumpff, Transient
 from ..models.symbols import DT, PHASE, T0, T1, TURN, own
 from . import stumpff, transients
 from .layout import SECTION, Setup, flat, refilled, result_text
+from .linear_flow import Shape
 from .tape import Tape
 
 LARGE = 300
@@ -134,7 +136,7 @@ def _printed(
     """The lines that make some steps, and the texts of values that follow from these."""
     printer, lines = _Printer(), []
     formulas = [*(e for _, e in steps), *values]
-    waiting = [*_stumpffs(formulas), *_transients(formulas)]
+    waiting = [*_stumpffs(formulas), *_transients(formulas), *_flows(formulas)]
     names = {call: symbol for group in waiting for call, symbol in group.names.items()}
     missing = {symbol for symbol, _ in steps}
     for symbol, e in (*steps, (None, None)):
@@ -177,6 +179,30 @@ def _loop(rows: Any, terms: Mapping[str, Any]) -> list[str]:
         *(f"    {line}" for line in inside),
         *(f"    {s} = {s} + total({text})" for s, text in zip(terms, texts, strict=True)),
     ]
+
+
+def _flows(expressions: Sequence[Any]) -> Iterator[_Together]:
+    """Linear flights: the tables that entries of one law are taken from."""
+    used: dict[Any, set[Any]] = {}
+    for call in set().union(*(e.atoms(MeanFlow, EndFlow) for e in expressions)):
+        law, _, _, _, dt, *parameters = call.args
+        used.setdefault((law, dt, *parameters), set()).add(call)
+    laws = sorted(used.items(), key=lambda item: str(item[0]))
+    for k, ((law, dt, *parameters), calls) in enumerate(laws):
+        wanted = sorted({int(call.args[3]) for call in calls if call.args[3] > 1})
+        directions = [parameters[by - 2] for by in wanted]
+        numbers = [*law.numbers, *(e.diff(p) for p in directions for e in law.numbers)]
+        printed = [_as_float(_Printer().doprint(e)) for e in (dt, *numbers)]
+        shape = Shape(law.freedom, law.waves, len(directions))
+        given = f"{', '.join(map(str, shape))}, {', '.join(printed)}"
+        tables = {0: 0, 1: 2, **{by: 4 + 2 * i for i, by in enumerate(wanted)}}
+        names = {}
+        for call in calls:
+            i, j, by = map(int, call.args[1:4])
+            place = shape.place(tables[by] + isinstance(call, EndFlow), i, j)
+            names[call] = own(f"f{k}[{place}]")
+        needs = frozenset().union(*(e.free_symbols for e in (dt, *numbers)))
+        yield _Together(f"f{k} = flow({given})", needs, names)
 
 
 class KernelWriter:

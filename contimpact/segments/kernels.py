@@ -79,6 +79,7 @@ class Kernels:
         self.loaded: list[str] = []
         self.generated: list[str] = []
         self._functions: dict[str, Kernel] = {}
+        self._derivatives: dict[str, Callable[..., Any]] = {}
         self._segments: dict[tuple[str, str], ClosedForm] = {}
         self._writer: Any = None
 
@@ -126,24 +127,24 @@ class Kernels:
         """``flight(t0, *y0, t1, *y1, *p)``: the `Blocks` of a flight from wall a to wall b."""
         return self.kernel(f"flight_{a}_{b}")
 
-    def second(self, a: str, b: str) -> Kernel:
+    def second(self, a: str, b: str) -> Callable[..., Any]:
         """``second(t0, *y0, t1, *y1, *q, *p)``: how the `Blocks` of a flight change along q."""
         name = f"second_{a}_{b}"
-        if name not in self._functions:
+        if name not in self._derivatives:
             from .derivatives import second_derivatives
 
             found = second_derivatives(self.flight(a, b), self._ends, self.parameters)
-            self._functions[name] = found
-        return self._functions[name]
+            self._derivatives[name] = found
+        return self._derivatives[name]
 
-    def third(self, a: str, b: str) -> Kernel:
+    def third(self, a: str, b: str) -> Callable[..., Any]:
         """``third(t0, *y0, t1, *y1, *q, *p)``: third derivatives of the residual along q."""
         name = f"third_{a}_{b}"
-        if name not in self._functions:
+        if name not in self._derivatives:
             from .derivatives import third_derivatives
 
-            self._functions[name] = third_derivatives(self.flight(a, b), self._ends)
-        return self._functions[name]
+            self._derivatives[name] = third_derivatives(self.flight(a, b), self._ends)
+        return self._derivatives[name]
 
     @property
     def _ends(self) -> int:

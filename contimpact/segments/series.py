@@ -137,6 +137,8 @@ def series(inner: Arithmetic) -> Arithmetic:
         names[f"stumpffs{highest}"] = _together(inner, names, highest)
     for order in TABLES:
         names[f"transients{order}"] = _transients(inner, order)
+    if "flow_of_series" in inner.names:
+        names["flow"] = _flow(inner)
     constants = {name: inner.names[name] for name in ("nan", "pi", "ratio") if name in inner.names}
     return Arithmetic(names | constants | PLAIN, inner.exact)
 
@@ -218,6 +220,20 @@ def _transients(inner: Arithmetic, order: int) -> Callable[..., Any]:
         for n in range(2, size + 1):
             found = _longer(found, [Series(x.coefficients[:n]) for x in given])
         return tuple(found[form] for form in _forms(order))
+
+    return on_series
+
+
+def _flow(inner: Arithmetic) -> Callable[..., Any]:
+    """Linear flights."""
+
+    def on_series(d: int, h: int, directions: int, *arguments: Any) -> Any:
+        if not any(isinstance(x, Series) for x in arguments):
+            return inner.names["flow"](d, h, directions, *arguments)
+        _, (dt, *numbers) = _alike(arguments)
+        rows = [x.coefficients for x in numbers]
+        found = inner.names["flow_of_series"](d, h, directions, dt.coefficients, rows)
+        return [Series(row) for row in found.tolist()]
 
     return on_series
 

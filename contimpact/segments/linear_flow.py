@@ -1,0 +1,346 @@
+r"""Linear flights: the flow of :math:`M\ddot x + C\dot x + Kx = f(t)` for any matrices.
+
+With the forcing's harmonics as coordinates of their own, X = (x, x', cos, sin, ..., 1), motion is
+autonomous, :math:`\dot X = GX`, at resonance too. A flight of duration t changes X by
+:math:`t\,QX`, with
+
+.. math:: Q = \frac{e^{Gt} - 1}{t} = G\,\varphi(Gt), \qquad \varphi(z) = \frac{e^z - 1}{z}, \qquad
+          S = GQ, \qquad H = \frac{dQ}{dt} = G^2 \varphi'(Gt) .
+
+Q gives mean velocities that do not cancel for short flights. All three are summed for the time
+t/2^s, and the time is doubled s times:
+
+.. math:: Q(2t) = Q + \tfrac{t}{2} QQ, \qquad S(2t) = S + \tfrac{t}{2} QS, \qquad
+          H(2t) = \tfrac14\left(S + 2H + tQ(S + H)\right) .
+
+Nothing is subtracted from 1, so that slow motions keep their digits beside fast ones, and nothing
+is multiplied by G, whose size would come to the errors. The state is scaled by powers of two first:
+stiff springs and large forces then ask for no more doublings than their frequencies do (Higham,
+Functions of Matrices, 2008, ch. 10).
+
+Derivatives with respect to a parameter follow from the same functions of a block-triangular matrix
+(ibid., sec. 3.1), and so do truncated series: they are upper triangular matrices of their
+coefficients.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from functools import partial
+from typing import Any, NamedTuple, TypeAlias
+
+import numpy as np
+
+from ..arrays import Array
+
+NORM = 0.5
+"""Of z, below which the series are summed."""
+TERMS = 16
+"""0.5^16/17! is 4e-20."""
+
+
+class Shape(NamedTuple):
+    """The whole numbers that a call begins with.
+
+    Attributes
+    ----------
+    freedom : int
+        Degrees of freedom d.
+    waves : int
+        Harmonics h of the forcing.
+    directions : int
+        Parameters with respect to which derivatives are wanted.
+    """
+
+    freedom: int
+    waves: int
+    directions: int
+
+    @property
+    def size(self) -> int:
+        """Coordinates of X."""
+        return 2 * self.freedom + 2 * self.waves + 1
+
+    @property
+    def given(self) -> int:
+        """Numbers that say what G is, or one of its derivatives."""
+        return self.freedom * self.size + self.waves
+
+    def place(self, table: int, i: int, j: int) -> int:
+        """Where entry j of row i of a table stands in what `flow` returns."""
+        return (self.freedom * table + i) * self.size + j
+
+
+Summed: TypeAlias = Callable[[Array], tuple[Array, Array]]
+"""phi and phi' of a matrix of norm `NORM` at most."""
+
+
+def flow(d: int, h: int, directions: int, dt: float, *numbers: float) -> list[float]:
+    """Return the rows of a linear flight that the equations of orbits are made of.
+
+    Parameters
+    ----------
+    d, h, directions : int
+        As in `Shape`.
+    dt : float
+        Duration.
+    *numbers : float
+        The accelerations as d rows of G; the angular frequencies of the harmonics; then, for each
+        direction, the derivatives of all these.
+
+    Returns
+    -------
+    list of float
+        Tables of d rows of `Shape.size` numbers: mean velocities (the rows of Q of the positions),
+        end velocities (those of 1 + tQ of the velocities), the derivatives of both by the
+        duration, and those of both by each direction.
+    """
+    shape = Shape(d, h, directions)
+    matrices = [_generators(shape, numbers)]
+    found: list[float] = _tables(shape, matrices, dt, series_of_floats).ravel().tolist()
+    return found
+
+
+def rounded_beside(
+    d: int, h: int, directions: int, numbers: Sequence[float], tables: Array
+) -> Array:
+    """Return what the results of `flow` are rounded beside: the largest of their tables.
+
+    In the units of `_scales`, end velocities are of the size of the state's, at least, and their
+    rates and accelerations by the fastest frequency larger.
+    """
+    shape = Shape(d, h, directions)
+    generator = _generators(shape, numbers)[0]
+    scales = _scales(shape, generator)
+    fastest = _norm(generator * (scales / scales[:, None]))
+    units = scales / scales[:d, None], scales / scales[d : 2 * d, None]
+    found = np.abs(tables).reshape(-1, d, shape.size)
+    sizes = [float((table * units[i % 2]).max()) for i, table in enumerate(found)]
+    sizes[1] = max(sizes[1], 1.0)
+    sizes[2:4] = max(sizes[2], fastest * sizes[0]), max(sizes[3], fastest * sizes[1])
+    return np.array([size / units[i % 2] for i, size in enumerate(sizes)]).ravel()
+
+
+def flow_of_arrays(d: int, h: int, directions: int, dt: Any, *numbers: Any) -> Array:
+    """Return the same for arrays of durations, or of all arguments; results are along axis 0."""
+    shape = Shape(d, h, directions)
+    given = np.broadcast_arrays(*(np.asarray(x, dtype=float) for x in (dt, *numbers)))
+    if any(np.ndim(x) for x in numbers):
+        rows = np.array([x.ravel() for x in given[1:]]).T.tolist()
+        many = [_generators(shape, row) for row in rows]
+        matrices = [np.array(matrix) for matrix in zip(*many, strict=True)]
+    else:
+        matrices = _generators(shape, numbers)
+    found = _tables(shape, [matrices], given[0].reshape(-1, 1, 1), series_of_floats)
+    return found.reshape(given[0].size, -1).T.reshape(-1, *given[0].shape)
+
+
+def flow_in(summed: Summed) -> Callable[..., list[Any]]:
+    """Return `flow` for numbers of another kind, from what sums the series of these."""
+
+    def function(d: int, h: int, directions: int, dt: Any, *numbers: Any) -> list[Any]:
+        shape = Shape(d, h, directions)
+        matrices = [_generators(shape, numbers, object)]
+        found: list[Any] = _tables(shape, matrices, dt, summed).ravel().tolist()
+        return found
+
+    return function
+
+
+def flow_of_series(
+    d: int, h: int, directions: int, dt: Sequence[Any], numbers: Sequence[Sequence[Any]],
+    summed: Summed | None = None,
+) -> Array:  # fmt: skip
+    """Return `flow` of truncated series, each row the coefficients of one.
+
+    A series is an upper triangular matrix with its coefficients along the diagonals, and one of
+    matrices is a matrix of such blocks.
+    """
+    shape, kind = Shape(d, h, directions), object if summed else float
+    orders = [_generators(shape, row, kind) for row in zip(*numbers, strict=True)]
+    for matrices in orders[1:]:
+        matrices[0][_rates(shape)] = 0
+    one = np.eye(shape.size * (directions + 1), dtype=kind)
+    times = _toeplitz([c * one for c in dt])
+    found = _tables(shape, orders, times, summed or series_of_floats)
+    return found.reshape(len(dt), -1).T
+
+
+def _generators(shape: Shape, numbers: Sequence[Any], kind: Any = float) -> list[Array]:
+    """G and its derivatives by each direction."""
+    size = shape.given
+    parts = [numbers[size * i : size * (i + 1)] for i in range(shape.directions + 1)]
+    found = [_generator(shape, part, kind) for part in parts]
+    found[0][_rates(shape)] = 1
+    return found
+
+
+def _generator(shape: Shape, numbers: Sequence[Any], kind: Any) -> Array:
+    d, h, _ = shape
+    matrix = np.zeros((shape.size, shape.size), kind)
+    matrix[d : 2 * d] = np.array(numbers[: d * shape.size], kind).reshape(d, -1)
+    for i in range(h):
+        j, frequency = 2 * d + 2 * i, numbers[d * shape.size + i]
+        matrix[j, j + 1], matrix[j + 1, j] = -frequency, frequency
+    return matrix
+
+
+def _rates(shape: Shape) -> tuple[range, range]:
+    """Where G says that positions change with the velocities."""
+    return range(shape.freedom), range(shape.freedom, 2 * shape.freedom)
+
+
+def _tables(shape: Shape, orders: list[list[Array]], dt: Any, summed: Summed) -> Array:
+    """What `flow` returns, as an array (..., tables, d, size); for series a row for each order."""
+    d, n = shape.freedom, shape.size
+    scales = _scales(shape, orders[0][0])
+    balance = scales / scales[:, None]
+    balanced = [[matrix * balance for matrix in matrices] for matrices in orders]
+    sizes = [_relative(matrix, balanced[0][0]) for matrix in balanced[0]]
+    whole = _toeplitz([_triangular(matrices, sizes) for matrices in balanced])
+    mean, rate = mean_rates(whole, dt, summed)
+    end = np.eye(whole.shape[-1]) + _times(dt, mean)
+    pushed = whole @ end
+    wanted = [(mean, 0, 0), (end, d, 0), (rate, 0, 0), (pushed, d, 0)]
+    wanted += [(m, at, i) for i in range(1, len(sizes)) for m, at in ((mean, 0), (end, d))]
+    found = [
+        table[..., at : at + d, n * (k + i) : n * (k + i + 1)] * (sizes[i] / balance[at : at + d])
+        for k in range(0, len(orders) * len(sizes), len(sizes))
+        for table, at, i in wanted
+    ]
+    return np.stack(found, axis=-3)
+
+
+def _scales(shape: Shape, generator: Array) -> Array:
+    """Units of X, powers of two: those of velocities and forces by the frequencies there are."""
+    d, h, _ = shape
+    absolute = np.abs(generator).astype(float)
+    sizes = absolute.reshape(-1, shape.size, shape.size).max(axis=0)
+    waves = float(sizes[2 * d :].max(initial=0.0))
+    stiffness = math.sqrt(float(sizes[d : 2 * d, :d].max()))
+    damping = float(sizes[d : 2 * d, d : 2 * d].max())
+    speed = _power_of_two(stiffness or damping or waves or 1.0)
+    fastest = max(stiffness, damping, waves) or 1.0
+    scales = np.ones(shape.size)
+    scales[d : 2 * d] = speed
+    for first, last in [*((2 * d + 2 * i, 2 * d + 2 * i + 2) for i in range(h)), (-1, None)]:
+        push = float(sizes[d : 2 * d, first:last].max())
+        if push > 0.0:
+            scales[first:last] = _power_of_two(fastest * speed / push)
+    return scales
+
+
+def _power_of_two(size: float) -> float:
+    if not 0.0 < size < math.inf:
+        raise OverflowError("a linear flight with numbers beyond the range of floats")
+    return 2.0 ** round(math.log2(size))
+
+
+def _relative(matrix: Array, other: Array) -> float:
+    """The size of a matrix beside another one, as a power of two."""
+    size = _norm(matrix)
+    return (
+        _power_of_two(size / (_norm(other) or 1.0)) if size > 0.0 and matrix is not other else 1.0
+    )
+
+
+def _triangular(parts: list[Array], sizes: list[float]) -> Array:
+    """[[G, G_1, G_2], [0, G, 0], [0, 0, G]], each G_i divided by its size."""
+    if len(parts) == 1:
+        return parts[0]
+    n = parts[0].shape[-1]
+    whole = np.zeros((*parts[0].shape[:-2], n * len(parts), n * len(parts)), parts[0].dtype)
+    for i, part in enumerate(parts):
+        at = slice(n * i, n * i + n)
+        whole[..., at, at] = parts[0]
+        if i > 0:
+            whole[..., :n, at] = part / sizes[i]
+    return whole
+
+
+def _toeplitz(blocks: list[Array]) -> Array:
+    """[[A, B, C], [0, A, B], [0, 0, A]] from A, B, C."""
+    if len(blocks) == 1:
+        return blocks[0]
+    n, count = blocks[0].shape[-1], len(blocks)
+    whole = np.zeros((n * count, n * count), blocks[0].dtype)
+    for i in range(count):
+        for j in range(i, count):
+            whole[n * i : n * i + n, n * j : n * j + n] = blocks[j - i]
+    return whole
+
+
+def _norm(matrices: Array) -> float:
+    return float(np.abs(matrices).sum(axis=-2).max())
+
+
+def _times(dt: Any, matrix: Array) -> Array:
+    """A matrix times a time: a number, numbers of shape (..., 1, 1), or the matrix of a series."""
+    product: Array = dt @ matrix if np.ndim(dt) == 2 else dt * matrix
+    return product
+
+
+def mean_rates(generator: Array, dt: Any, summed: Summed) -> tuple[Array, Array]:
+    """Return Q and H of matrices G, shape (..., n, n), for a time as in `_times`."""
+    size = _norm(_times(dt, generator))
+    if not size < math.inf:
+        raise OverflowError("a linear flight with numbers beyond the range of floats")
+    doublings = max(0, math.ceil(math.log2(size / NORM))) if size > 0.0 else 0
+    t = dt * 0.5**doublings
+    value, slope = summed(_times(t, generator))
+    mean = generator @ value
+    found = np.stack([mean, generator @ mean, generator @ (generator @ slope)])
+    for _ in range(doublings):
+        gained = _times(t, found[0] @ found)
+        last = 0.25 * (found[1] + 2.0 * found[2] + gained[1] + gained[2])
+        found = found + 0.5 * gained
+        found[2] = last
+        t = 2.0 * t
+    return found[0], found[2]
+
+
+_SERIES = np.array([
+    [1.0 / math.factorial(k + 1) for k in range(TERMS)],
+    [(k + 1.0) / math.factorial(k + 2) for k in range(TERMS)],
+]).reshape(8, 4)  # fmt: skip
+"""Coefficients of both functions, four powers in a row."""
+
+
+def series_of_floats(z: Array) -> tuple[Array, Array]:
+    """Both series, by powers of z^4 (Paterson and Stockmeyer)."""
+    n = z.shape[-1]
+    square = z @ z
+    powers = np.stack([np.broadcast_to(np.eye(n), z.shape), z, square, square @ z], axis=-3)
+    flat = powers.reshape(*z.shape[:-2], 4, n * n)
+    parts = (_SERIES @ flat).reshape(*z.shape[:-2], 2, 4, n, n)
+    fourth = (square @ square)[..., None, :, :]
+    total = parts[..., 3, :, :]
+    for i in (2, 1, 0):
+        total = total @ fourth + parts[..., i, :, :]
+    return total[..., 0, :, :], total[..., 1, :, :]
+
+
+def series_in(ctx: Any) -> Summed:
+    """Return what sums both series to the digits of an mpmath context."""
+
+    def summed(z: Array) -> tuple[Array, Array]:
+        one = np.eye(len(z), dtype=object) * ctx.one
+        power, value, slope = one, one * 0, one * 0
+        for k in range(2 * ctx.dps + 10):  # 0.5^k/k! falls faster
+            value = value + power / ctx.factorial(k + 1)
+            slope = slope + power * (k + 1) / ctx.factorial(k + 2)
+            power = power @ z
+        return value, slope
+
+    return summed
+
+
+SCALAR = {"flow": flow, "flow_of_series": flow_of_series}
+ARRAY = {"flow": flow_of_arrays}
+
+
+def in_many_digits(ctx: Any) -> dict[str, Callable[..., Any]]:
+    """Return the same functions for the numbers of an mpmath context."""
+    summed = series_in(ctx)
+    return {"flow": flow_in(summed), "flow_of_series": partial(flow_of_series, summed=summed)}
