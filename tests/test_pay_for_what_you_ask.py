@@ -22,7 +22,7 @@ def counted(owner, name):
     setattr(owner, name, wrapper)
 counted(problem.OrbitProblem, "evaluate")
 counted(problem.OrbitProblem, "second_along")
-counted(linearisation, "flight_gaps")
+counted(linearisation, "interior_touches")
 given = json.loads(sys.argv[1])
 from contimpact.scenes.scene import read_scene
 scene = read_scene(given)
@@ -224,7 +224,7 @@ def test_second_derivatives_are_evaluated_for_events_alone(measured, name):
 def test_gaps_are_evaluated_once_for_each_row(measured):
     """A table tells whether each orbit is physical; no gap is looked at twice."""
     found = measured((), ())
-    assert found["counts"]["flight_gaps"] <= found["points"]["points"]
+    assert found["counts"]["interior_touches"] <= found["points"]["points"]
 
 
 def test_an_event_that_is_not_named_costs_no_evaluation(measured):

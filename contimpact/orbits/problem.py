@@ -30,8 +30,9 @@ import numpy as np
 
 from ..models.model import Model
 from ..models.word import Word
-from ..segments.flight import FlightGaps, flight_gaps
+from ..segments.flight import FlightGaps
 from ..segments.kernels import Kernels
+from ..segments.touches import interior_touches
 from ..segments.passages import MEETING
 from .linearisation import CyclicBlocks, Linearisation, Summary
 
@@ -152,7 +153,7 @@ class OrbitProblem:
     def gaps(self, unknowns: Array) -> list[FlightGaps]:
         """Return the interior touches of every flight."""
         values, impacts = self.values(unknowns), self.impacts(unknowns)
-        return flight_gaps(self.kernels, self.word.walls, values, impacts, self.span(unknowns))
+        return interior_touches(self.kernels, self.word.walls, values, impacts, self.span(unknowns))
 
     def evaluate(self, unknowns: Array) -> Linearisation:
         """Evaluate residual and blocks at a point.

@@ -223,7 +223,8 @@ class KernelWriter:
 
     def write(self, name: str) -> str:
         """Return the source of the kernel `name`: ``setup``, ``harmonics``, ``surfaces``,
-        ``flight_<a>_<b>``, ``motion_<a>``, ``since_<a>`` or ``agreement_<a>_<coordinate>``."""
+        ``flight_<a>_<b>``, ``motion_<a>``, ``since_<a>``, ``gap_<a>_<b>``, ``law_<a>`` or
+        ``agreement_<a>_<coordinate>``."""
         kind, *walls = name.split("_")
         writers: dict[str, Callable[..., str]] = {
             "setup": self.setup,
@@ -232,6 +233,8 @@ class KernelWriter:
             "flight": self.flight,
             "motion": self.motion,
             "since": self.since,
+            "gap": self.gap,
+            "law": self.law,
             "agreement": self.agreement,
         }
         return writers[kind](name, *walls)
@@ -359,6 +362,28 @@ class KernelWriter:
 
         Returns its position, its velocity and its acceleration."""
         return self._shared(name, [*self.equations.state, DT], about, outputs)
+    def gap(self, name: str, a: str, b: str) -> str:
+        leave, (_, row) = self.leave(a), self.equations.pivot(b)
+        outputs = tuple(along(row, e) for e in (leave.now, leave.end, leave.acceleration))
+        about = f"""After wall {a}: the gap coordinate of wall {b} at the time dt after leaving.
+
+        Returns its position, its velocity and its acceleration."""
+        return self._shared(name, [T0, *self.start, DT], about, outputs, reduce=True)
+
+    def law(self, name: str, a: str) -> str:
+        """What a linear flight is computed from; NaN alone where flights are no linear ones."""
+        leave = self.leave(a)
+        laws = {call.args[0] for e in leave.mean for call in e.atoms(MeanFlow)}
+        about = f"""Flight after wall {a}: degrees of freedom and harmonics, the accelerations and
+        frequencies, and the state after impact with the harmonics' cosines and sines, and 1."""
+        if len(laws) != 1:
+            return self._shared(name, [T0, *self.start], about, (sympy.nan,))
+        (law,) = laws
+        angles = [frequency * PHASE for frequency in law.numbers[-law.waves :] if law.waves]
+        waves = [wave(angle) for angle in angles for wave in (sympy.cos, sympy.sin)]
+        state = (*leave.position, *leave.velocity, *waves, sympy.S.One)
+        outputs = (sympy.Integer(law.freedom), sympy.Integer(law.waves), law.numbers, state)
+        return self._shared(name, [T0, *self.start], about, outputs, reduce=True)
 
     def setup(self, name: str) -> str:
         period, derived = self.equations.period, tuple(self.equations.derived.values())

@@ -159,6 +159,13 @@ class Kernels:
         """``since(*state, dt, *p)``: position, velocity and acceleration of the gap coordinate of
         wall a, from the state on the section t = 0."""
         return self.kernel(f"since_{a}")
+    def gap(self, a: str, b: str) -> Kernel:
+        """``gap(t0, *y0, dt, *p)``: the gap coordinate of wall b after wall a."""
+        return self.kernel(f"gap_{a}_{b}")
+
+    def law(self, a: str) -> Kernel:
+        """``law(t0, *y0, *p)``: what a linear flight after a wall is computed from."""
+        return self.kernel(f"law_{a}")
 
     @functools.cached_property
     def identity(self) -> str:

@@ -10,6 +10,8 @@ kernel             returns
 ``flight_0_<p>``   the same for the flight of p periods, back to the section
 ``since_<a>``      position, velocity and acceleration of a wall's gap coordinate since the section
 ``surfaces``       for each pair of guards, 1 if a flight ends on the surface it leaves, or else 0
+``gap_<a>_<b>``    position, velocity and acceleration of the gap coordinate of wall b, after wall a
+``law_<a>``        of a linear flight: degrees of freedom, harmonics, their numbers, start state
 ``harmonics``      the mean, then k, a_k, b_k for each harmonic; NaN alone where there are none
 =================  ============================================================================
 """

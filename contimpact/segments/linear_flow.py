@@ -111,9 +111,8 @@ def rounded_beside(
     rates and accelerations by the fastest frequency larger.
     """
     shape = Shape(d, h, directions)
-    generator = _generators(shape, numbers)[0]
-    scales = _scales(shape, generator)
-    fastest = _norm(generator * (scales / scales[:, None]))
+    generator = generator_of(shape, numbers)
+    scales, fastest = _scales(shape, generator), norm_in_units(shape, generator)
     units = scales / scales[:d, None], scales / scales[d : 2 * d, None]
     found = np.abs(tables).reshape(-1, d, shape.size)
     sizes = [float((table * units[i % 2]).max()) for i, table in enumerate(found)]
@@ -189,6 +188,17 @@ def _generator(shape: Shape, numbers: Sequence[Any], kind: Any) -> Array:
 def _rates(shape: Shape) -> tuple[range, range]:
     """Where G says that positions change with the velocities."""
     return range(shape.freedom), range(shape.freedom, 2 * shape.freedom)
+
+
+def generator_of(shape: Shape, numbers: Sequence[float]) -> Array:
+    """Return G from the numbers that `flow` takes, the duration left out."""
+    return _generators(shape._replace(directions=0), numbers)[0]
+
+
+def norm_in_units(shape: Shape, generator: Array) -> float:
+    """Return the norm of G in the units of `_scales`: about the fastest frequency."""
+    scales = _scales(shape, generator)
+    return _norm(generator * (scales / scales[:, None]))
 
 
 def _tables(shape: Shape, orders: list[list[Array]], dt: Any, summed: Summed) -> Array:
@@ -327,10 +337,11 @@ def series_in(ctx: Any) -> Summed:
     def summed(z: Array) -> tuple[Array, Array]:
         one = np.eye(len(z), dtype=object) * ctx.one
         power, value, slope = one, one * 0, one * 0
-        for k in range(2 * ctx.dps + 10):  # 0.5^k/k! falls faster
+        k, least = 0, ctx.eps * 1e-3
+        while NORM**k > least * math.factorial(k + 1):
             value = value + power / ctx.factorial(k + 1)
             slope = slope + power * (k + 1) / ctx.factorial(k + 2)
-            power = power @ z
+            power, k = power @ z, k + 1
         return value, slope
 
     return summed

@@ -1,0 +1,130 @@
+"""The touches inside the flights of an orbit, of guards on any coordinate.
+
+Guards whose gap coordinates are the same combination of positions are looked at together. Linear
+flights are polynomials in pieces; of others the zeros of every gap coordinate's acceleration are
+found for each flight.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import Any, TypeAlias
+
+from ..arrays import Array
+from ..models.guards import Guard, Row
+from ..models.model import Model
+from .arithmetic import ARRAYS, Kernel, evaluate_in
+from .flight import FlightGaps, Motion, Touch, excursions, flight_gaps
+from .kernels import Kernels
+from .linear_flow import Shape
+from .track import Track
+from .zeros import chebyshev_zeros
+
+
+def interior_touches(
+    kernels: Kernels, walls: str, values: Sequence[float], impacts: Array, span: float
+) -> list[FlightGaps]:
+    """Return the nearest interior touch of each wall on each flight of an orbit.
+
+    Parameters
+    ----------
+    kernels, walls, values, impacts, span
+        As of `flight.flight_gaps`, which does it for guards on one coordinate whose motion is known
+        in closed form.
+    """
+    linear = is_linear(kernels, values)
+    if not linear and len(coordinates(kernels.model)) == 1:
+        return flight_gaps(kernels, walls, values, impacts, span)
+    rows = impacts.tolist()
+    rows.append([rows[0][0] + span, *rows[0][1:]])
+    positions = kernels.setup(*values).walls
+    places = {guard.name: i for i, guard in enumerate(kernels.model.WALLS)}
+    flown = linear_flight if linear else other_flight
+    found = []
+    for k, (wall, leave, arrive) in enumerate(zip(walls, rows[:-1], rows[1:], strict=True)):
+        length = arrive[0] - leave[0]
+        if length > 0.0:
+            ends = places[wall], places[walls[(k + 1) % len(walls)]]
+            motions = flown(kernels, wall, leave, length, values)
+            touches, slowest = _touches(kernels, ends, motions, positions, length, arrive[1])
+            moved = (None if t is None else Touch(k, t[0], leave[0] + t[1], t[2]) for t in touches)
+            found.append(FlightGaps(length, tuple(moved), slowest))
+        else:
+            found.append(FlightGaps(length, (None,) * len(positions)))
+    return found
+
+
+def coordinates(model: Model) -> dict[Row, list[int]]:
+    """Return the numbers of the guards on each gap coordinate."""
+    found: dict[Row, list[int]] = {}
+    for i, guard in enumerate(model.WALLS):
+        found.setdefault(guard.row(model.DEGREES_OF_FREEDOM), []).append(i)
+    return found
+
+
+def is_linear(kernels: Kernels, values: Sequence[float]) -> bool:
+    """Whether all flights are linear ones."""
+    unknowns = [0.0] * kernels.model.unknowns_per_impact
+    laws = (kernels.law(wall.name)(*unknowns, *values) for wall in kernels.model.WALLS)
+    return all(len(law) > 1 for law in laws)
+
+
+Seen: TypeAlias = tuple[Motion, list[float]]
+"""A gap coordinate on a flight: position, velocity and acceleration, and the times between which
+the acceleration has one sign."""
+
+
+def linear_flight(
+    kernels: Kernels, wall: str, leave: Sequence[float], length: float, values: Sequence[float]
+) -> list[Seen]:
+    """Return each of the `coordinates` on a linear flight."""
+    d, h, numbers, state = kernels.law(wall)(*leave, *values)
+    track = Track(Shape(int(d), int(h), 0), numbers, state, length)
+    curves = [track.along(row) for row in coordinates(kernels.model)]
+    return [(curve, curve.breaks()) for curve in curves]
+
+
+def other_flight(
+    kernels: Kernels, wall: str, leave: Sequence[float], length: float, values: Sequence[float]
+) -> list[Seen]:
+    """Return each of the `coordinates` on a flight by its kernels."""
+
+    def seen(kernel: Kernel) -> Seen:
+        vectorised = evaluate_in(kernel, ARRAYS)
+        breaks = chebyshev_zeros(lambda dt: vectorised(*leave, dt, *values)[2], length)
+        return (lambda head, dt, p: kernel(*leave, dt, *values)), breaks
+
+    guards = kernels.model.WALLS
+    first = (guards[numbers[0]].name for numbers in coordinates(kernels.model).values())
+    return [seen(kernels.gap(wall, other)) for other in first]
+
+
+def _touches(
+    kernels: Kernels, ends: tuple[int, int], motions: Sequence[Seen], positions: Sequence[float],
+    length: float, arriving: float,
+) -> tuple[list[tuple[str, float, float] | None], float]:  # fmt: skip
+    """The nearest touch of each wall as (wall, time after leaving, gap), and the slowest turn."""
+    guards, passages = kernels.model.WALLS, kernels.passages
+    left, reached = ends
+    touches: list[tuple[str, float, float] | None] = [None] * len(positions)
+    slowest = math.nan
+    for (motion, breaks), numbers in zip(motions, coordinates(kernels.model).values(), strict=True):
+        leaving = passages.leaving[left] if left in numbers else 0.0
+        here = reached in numbers
+        speed = arriving if here else motion((), length, ())[1]
+        sides = leaving, float(guards[reached].side) if here else 0.0
+        found = excursions(motion, (), (), length, speed, *sides, breaks, 0.0, math.inf)
+        for i in numbers:
+            if passages.watched[left][i]:
+                touches[i] = _touch(guards[i], positions[i], found)
+        if not abs(found[4]) >= abs(slowest):
+            slowest = found[4]
+    return touches, slowest
+
+
+def _touch(guard: Guard, position: float, found: Any) -> tuple[str, float, float] | None:
+    """The smallest gap to a wall among the turning points towards it."""
+    high, when_high, low, when_low = found[:4]
+    gap, dt = (position - high, when_high) if guard.side > 0 else (low - position, when_low)
+    return None if math.isnan(gap) else (guard.name, dt, gap)

@@ -1,0 +1,161 @@
+r"""A linear flight from its start to its end, as polynomials that are right to rounding.
+
+The flight is cut into pieces in which no motion turns by more than about a radian. From one to the
+next leads a matrix, and on each the state is its Taylor polynomial. Zeros of a polynomial are
+isolated by the signs of its Bernstein coefficients: none change, no zero; one change, one zero;
+more, and the piece is halved (Farouki and Rajan, 1987). None is missed between samples.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from ..arrays import Array, Vector
+from .linear_flow import Shape, generator_of, mean_rates, norm_in_units, series_of_floats
+
+DEGREE = 18
+"""1/19! is 8e-18."""
+HALVINGS = 30
+
+
+class Track:
+    """The states of a flight.
+
+    Parameters
+    ----------
+    shape : Shape
+    numbers : sequence of float
+        As of `linear_flow.flow`, without the duration.
+    state : sequence of float
+        X where the flight starts.
+    length : float
+        Its duration, positive.
+    """
+
+    def __init__(
+        self, shape: Shape, numbers: Sequence[float], state: Sequence[float], length: float
+    ) -> None:
+        self.freedom = shape.freedom
+        self.generator = generator_of(shape, numbers)
+        size = norm_in_units(shape, self.generator) * length
+        if not size < math.inf:
+            raise OverflowError("a linear flight with numbers beyond the range of floats")
+        self.count = max(1, math.ceil(size))
+        self.piece = length / self.count
+        mean, _ = mean_rates(self.generator, self.piece, series_of_floats)
+        states = [np.array(state, dtype=float)]
+        for _ in range(self.count - 1):
+            states.append(states[-1] + self.piece * (mean @ states[-1]))
+        step, term = self.generator * self.piece, np.array(states).T
+        terms = [term]
+        for k in range(1, DEGREE + 1):
+            term = (step @ term) / k
+            terms.append(term)
+        self.terms = np.array(terms)
+
+    def along(self, row: Sequence[float]) -> Curve:
+        """Return a linear combination of the positions."""
+        d = self.freedom
+        weights = np.array([float(c) for c in row])
+        accelerations = weights @ self.generator[d : 2 * d]
+        parts = weights @ self.terms[:, :d], weights @ self.terms[:, d : 2 * d]
+        return Curve(self.piece, *(part.T for part in (*parts, accelerations @ self.terms)))
+
+
+class Curve:
+    """A coordinate along a flight: position, velocity and acceleration.
+
+    Parameters
+    ----------
+    piece : float
+        Duration of one piece.
+    position, velocity, acceleration : ndarray of shape (pieces, degree + 1)
+        Coefficients of powers of the time since the piece's start, as a part of its duration.
+    """
+
+    def __init__(self, piece: float, position: Array, velocity: Array, acceleration: Array) -> None:
+        self.piece, self.last = piece, len(position) - 1
+        self._acceleration = acceleration
+        self._parts = list(
+            zip(*(p[:, ::-1].tolist() for p in (position, velocity, acceleration)), strict=True)
+        )
+
+    def __call__(self, head: Vector, dt: float, values: Vector) -> tuple[float, float, float]:
+        """Return position, velocity and acceleration; see `flight.Motion`."""
+        s = dt / self.piece
+        k = min(max(int(s), 0), self.last)
+        s -= k
+        x = v = a = 0.0
+        for b, c, d in zip(*self._parts[k], strict=True):
+            x, v, a = x * s + b, v * s + c, a * s + d
+        return x, v, a
+
+    def breaks(self) -> list[float]:
+        """Return the times at which the acceleration changes sign, in order."""
+        return [self.piece * s for s in sign_changes(self._acceleration)]
+
+
+_TO_BERNSTEIN = np.array([
+    [math.comb(i, k) / math.comb(DEGREE, k) for i in range(DEGREE + 1)] for k in range(DEGREE + 1)
+])  # fmt: skip
+_FIRST_HALF = np.array([
+    [math.comb(i, j) / 2**i for i in range(DEGREE + 1)] for j in range(DEGREE + 1)
+])  # fmt: skip
+_SECOND_HALF = _FIRST_HALF[::-1, ::-1]
+
+
+def sign_changes(pieces: Array) -> list[float]:
+    """Return where polynomials change sign, each on [k, k + 1] with its number k, in order."""
+    found: list[float] = []
+    bernstein, start, width = pieces @ _TO_BERNSTEIN, np.arange(float(len(pieces))), 1.0
+    negative = np.signbit(bernstein)
+    between = np.flatnonzero(negative[:-1, -1] != negative[1:, 0])
+    found += (between + 1.0).tolist()  # by rounding, neither piece may have it
+    for _ in range(HALVINGS):
+        changes = np.count_nonzero(np.diff(np.signbit(bernstein), axis=1), axis=1)
+        for row in np.flatnonzero(changes == 1):
+            found.append(_zero(bernstein[row], float(start[row]), width))
+        open_ = changes > 1
+        if not np.any(open_):
+            break
+        width *= 0.5
+        parts, start = bernstein[open_], start[open_]
+        halves = parts @ _FIRST_HALF, parts @ _SECOND_HALF
+        crossing = np.signbit(halves[0][:, -1]) != np.signbit(halves[1][:, 0])
+        found += (start[crossing] + width).tolist()
+        bernstein, start = np.concatenate(halves), np.concatenate([start, start + width])
+    return sorted(found)
+
+
+def _zero(coefficients: Any, start: float, width: float) -> float:
+    """The zero of a polynomial with one change of sign, by the Illinois method."""
+    rows = coefficients.tolist()
+    low, high, below, above = 0.0, 1.0, rows[0], rows[-1]
+    s, kept = 0.5, 0
+    for _ in range(60):
+        s = (low * above - high * below) / (above - below) if above != below else 0.5
+        if not low < s < high:
+            s = 0.5 * (low + high)
+        value = _value(rows, s)
+        if value == 0.0 or high - low < 1e-14:
+            break
+        if (value < 0.0) == (below < 0.0):
+            low, below, above, kept = s, value, 0.5 * above if kept < 0 else above, -1
+        else:
+            high, above, below, kept = s, value, 0.5 * below if kept > 0 else below, 1
+    return start + width * s
+
+
+def _value(rows: list[float], s: float) -> float:
+    """A polynomial by its Bernstein coefficients, by Horner's scheme in s/(1 - s)."""
+    n, left = len(rows) - 1, 1.0 - s
+    value, power, binomial = rows[0] * left, 1.0, 1.0
+    for i in range(1, n):
+        power *= s
+        binomial = binomial * (n - i + 1) / i
+        value = (value + power * binomial * rows[i]) * left
+    return value + power * s * rows[n]
