@@ -61,12 +61,20 @@ class TwoMasses(Model):
     def formulas(self, symbols):
         import sympy
 
-        a, omega, c, k1, k2, sigma, r = symbols.values()
+        a, omega, _, k1, k2, sigma, r = symbols.values()
         middle, spread = k1 / 2 + k2, sympy.sqrt(k1**2 / 4 + k2**2)
         cosine, sine = (sympy.sqrt((1 + s * k1 / (2 * spread)) / 2) for s in (1, -1))
         modes = [
             Oscillator.formulas(
-                None, {"a": a * part, "omega": omega, "c": c, "k": k, "sigma": sigma, "r": r}
+                None,
+                {
+                    "a": a * part,
+                    "omega": omega,
+                    "c": self.damping(symbols["c"], k),
+                    "k": k,
+                    "sigma": sigma,
+                    "r": r,
+                },
             ).flight
             for part, k in ((cosine, middle + spread), (sine, middle - spread))
         ]
@@ -90,10 +98,34 @@ class TwoMasses(Model):
             reset=lambda wall, x, v: [-r * v[0], v[1]],
             flight=flight,
             acceleration=lambda t, x, v: [
-                a * sympy.cos(omega * t) - c * v[0] - k1 * x[0] - k2 * (x[0] - x[1]),
-                -c * v[1] - k2 * (x[1] - x[0]),
+                a * sympy.cos(omega * t)
+                - k1 * x[0]
+                - k2 * (x[0] - x[1])
+                - self.damped(symbols, v)[0],
+                -k2 * (x[1] - x[0]) - self.damped(symbols, v)[1],
             ],
         )
+
+    def damping(self, c, k):
+        """Of a mode of stiffness k."""
+        return c
+
+    def damped(self, symbols, v):
+        """The forces of damping."""
+        return [symbols["c"] * x for x in v]
+
+
+class ProportionalMasses(TwoMasses):
+    """The same, with damping by c times the stiffness."""
+
+    SYSTEM = "two-proportional-masses"
+
+    def damping(self, c, k):
+        return c * k
+
+    def damped(self, symbols, v):
+        c, k1, k2 = (symbols[name] for name in ("c", "k1", "k2"))
+        return [c * (k1 * v[0] + k2 * (v[0] - v[1])), c * k2 * (v[1] - v[0])]
 
 
 def two_masses(**given):

@@ -12,6 +12,7 @@ SYSTEMS = {
     "oscillator": "oscillator:Oscillator",
     "bouncing-ball": "bouncing_ball:BouncingBall",
     "soft-stop": "soft_stop:SoftStop",
+    "two-masses": "two_masses:TwoMasses",
 }
 
 

@@ -1,0 +1,112 @@
+"""Two masses with a stop each: orbits against modal superposition, events, and simulation."""
+
+from __future__ import annotations
+
+import math
+
+import mpmath
+import numpy as np
+import pytest
+from zoo import ProportionalMasses
+
+from contimpact.accuracy.reference import Reference
+from contimpact.bifurcations.registry import switch
+from contimpact.bifurcations.registry import test_functions as functions
+from contimpact.continuation.settings import Settings
+from contimpact.orbit_continuation.orbit_branch import both_ways
+from contimpact.orbits.search import find_orbits
+from contimpact.segments.arithmetic import evaluate_in
+from contimpact.segments.layout import flat
+from contimpact.segments.many_digits import many_digits
+from contimpact.systems.two_masses import TwoMasses
+
+VALUES = {
+    "c1": 0.1, "c2": 0.05, "k1": 1.0, "k2": 0.6, "a1": 1.0, "omega": 1.3, "sigma_1": 0.5,
+    "sigma_2": 0.4, "r": 0.8,
+}  # fmt: skip
+
+
+def masses(**given):
+    return TwoMasses(**(VALUES | given))
+
+
+@pytest.fixture(scope="module")
+def impacting():
+    """An orbit on which both masses hit their stops."""
+    return find_orbits(masses(), "AB", parameter="omega", starts=64)[0]
+
+
+def test_orbits_are_those_of_modal_superposition():
+    """Damping proportional to stiffness, and the second stop out of reach."""
+    damping, given = 0.07, {"k1": 1.0, "k2": 0.6, "omega": 1.3, "r": 0.8}
+    modal = ProportionalMasses(a=1.0, c=damping, sigma=0.5, **given)
+    both = masses(c1=damping * 1.0, c2=damping * 0.6, sigma_1=0.5, sigma_2=1e3, **given)
+    for word in ("A", "AA/3T"):
+        one, other = (find_orbits(m, word, parameter="omega", starts=64) for m in (modal, both))
+        assert len(one) == len(other) > 0
+        for a, b in zip(one, other, strict=True):
+            assert a.unknowns == pytest.approx(b.unknowns, abs=1e-10)
+            assert np.poly(a.multipliers) == pytest.approx(np.poly(b.multipliers), abs=1e-9)
+            for closed, linear in zip(a.linearisation.gaps, b.linearisation.gaps, strict=True):
+                touch, other = closed.touches[0], linear.touches[0]
+                assert (touch is None) == (other is None)
+                if touch is not None:
+                    assert touch.gap == pytest.approx(other.gap, abs=1e-10)
+                    assert touch.time == pytest.approx(other.time, abs=1e-10)
+
+
+def test_product_of_multipliers(impacting):
+    """Of each impact r^2, and of the flights what damping takes."""
+    found = np.prod(impacting.multipliers)
+    rate = (VALUES["c1"] + VALUES["c2"]) + VALUES["c2"]
+    truth = VALUES["r"] ** 4 * math.exp(-rate * 2.0 * math.pi / VALUES["omega"])
+    assert found == pytest.approx(truth, rel=1e-12)
+
+
+def test_jacobian_against_differences_in_thirty_digits(impacting):
+    ctx = mpmath.mp.clone()
+    ctx.dps = 30
+    problem = impacting.problem
+    kernel = problem.kernels.flight("A", "B")
+    ends = [float(x) for x in problem.impacts(impacting.unknowns).ravel()]
+    values = problem.values(impacting.unknowns)
+    exact = evaluate_in(kernel, many_digits(ctx))
+
+    def residual(given):
+        return np.array(flat(exact(*given)))[:4]
+
+    _, start, end, by_parameter = kernel(*ends, *values)
+    columns = [*np.reshape(start, (4, 4)).T, *np.reshape(end, (4, 4)).T, np.array(by_parameter)]
+    places = [*range(8), 8 + list(problem.model.values).index("omega")]
+    given, h = [ctx.mpf(x) for x in (*ends, *values)], ctx.mpf(10) ** -10
+    for place, column in [*zip(places, columns, strict=True)][::2]:
+        ahead, behind = (
+            residual([x + s * h * (i == place) for i, x in enumerate(given)]) for s in (1, -1)
+        )
+        slope = ((ahead - behind) / (2 * h)).astype(float)
+        assert column == pytest.approx(slope, rel=1e-12, abs=1e-12)
+
+
+def test_an_orbit_in_many_digits(impacting):
+    assert (
+        Reference(impacting.problem).orbit(impacting.unknowns).distance(impacting.unknowns) < 1e-12
+    )
+
+
+def test_events_and_switching():
+    """Period doubling and grazing of the first mass's orbit; the second mass's first impact."""
+    orbit = find_orbits(masses(), "A", parameter="omega", starts=64)[0]
+    tests = functions(orbit.problem, ["FB", "PD", "G"], {})
+    run = both_ways(orbit.problem, orbit.unknowns, (0.97, 1.45), tests, Settings())
+    assert {event.kind for event in run.events} == {"PD", "G"}
+    assert all(event.error < 1e-11 for event in run.events)
+    grazing = next(event for event in run.events if event.kind == "G")
+    assert grazing.details["wall"] == "B"
+    here = grazing.point.evaluation
+    touch = next(t for t in here.gaps[0].touches if t and t.wall == "B")
+    assert abs(touch.gap) < 1e-12
+    longer = switch(grazing)
+    assert longer.problem.word.walls in ("AB", "BA")
+    assert np.max(np.abs(longer.problem.evaluate(longer.unknowns).residual)) < 1e-12
+    doubling = next(event for event in run.events if event.kind == "PD")
+    assert np.min(np.abs(doubling.point.evaluation.multipliers + 1.0)) < 1e-9
