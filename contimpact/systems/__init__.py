@@ -12,7 +12,10 @@ SYSTEMS = {
     "oscillator": "oscillator:Oscillator",
     "bouncing-ball": "bouncing_ball:BouncingBall",
     "soft-stop": "soft_stop:SoftStop",
+    "two-stops": "two_stops:TwoStops",
     "two-masses": "two_masses:TwoMasses",
+    "coupled-by-impact": "coupled_by_impact:CoupledByImpact",
+    "impact-damper": "impact_damper:ImpactDamper",
 }
 
 
