@@ -29,7 +29,7 @@ _BINARY: dict[type, Callable[[Any, Any], Any]] = {
 _UNARY: dict[type, Callable[[Any], Any]] = {ast.UAdd: operator.pos, ast.USub: operator.neg}
 
 
-def number(text: str, where: str) -> float:
+def number(text: str, where: str, values: Mapping[str, float] | None = None) -> float:
     """Evaluate an arithmetic expression such as ``"pi/6"``.
 
     Parameters
@@ -38,6 +38,8 @@ def number(text: str, where: str) -> float:
         The expression; `FUNCTIONS` and `CONSTANTS` may appear in it.
     where : str
         The place named in an error.
+    values : mapping of str to float, optional
+        Further names that may stand in it.
 
     Returns
     -------
@@ -48,7 +50,7 @@ def number(text: str, where: str) -> float:
     InputError
         If the text is not such an expression or its value is not finite.
     """
-    names = {name: getattr(math, name) for name in (*FUNCTIONS, *CONSTANTS)}
+    names = {name: getattr(math, name) for name in (*FUNCTIONS, *CONSTANTS)} | dict(values or {})
     try:
         value = float(_Walker(text, where, names, float).value())
     except (ArithmeticError, ValueError, TypeError) as error:

@@ -96,6 +96,8 @@ class Linear:
     Attributes
     ----------
     law : Law
+    inverse : sympy.Matrix
+        Of the mass matrix.
 
     Raises
     ------
@@ -121,7 +123,7 @@ class Linear:
             raise InputError("force", f"found {len(given)} forces", accepted)
         waves = [harmonics_of(e, t, self.period, f"force[{i}]") for i, e in enumerate(given)]
         self.orders = sorted({n for wave in waves for n in wave if n > 0})
-        inverse = _inverse(m)
+        self.inverse = inverse = _inverse(m)
         columns = [part for n in self.orders for part in ((n, 0), (n, 1))] + [(0, 0)]
         pushes = sympy.Matrix([[wave.get(n, (0, 0))[i] for n, i in columns] for wave in waves])
         table = (-inverse * k).row_join(-inverse * c).row_join(inverse * pushes)

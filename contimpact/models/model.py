@@ -155,7 +155,8 @@ class Model(ABC):
     Of the class attributes these may be left out: `MODES`, where there is one; `DERIVED_UNITS`,
     units of derived parameters for labels; `DERIVED_FROM`, the parameters each depends on (all, if
     nothing is said); `EXPRESSIONS`, the options that are expressions, with the names that may stand
-    in them; `MEMBRANES`, whether impacts hit membranes of an energy harvester.
+    in them; `MEMBRANES`, whether impacts hit membranes of an energy harvester; `STATED`, whether
+    scenes state the system themselves, as its option `machine`.
     """
 
     SYSTEM: ClassVar[str]
@@ -169,6 +170,7 @@ class Model(ABC):
     EXPRESSIONS: ClassVar[Mapping[str, tuple[str, ...]]] = {}
     DEGREES_OF_FREEDOM: ClassVar[int] = 1
     MEMBRANES: ClassVar[bool] = False
+    STATED: ClassVar[bool] = False
 
     def __init_subclass__(cls, **given: Any) -> None:
         super().__init_subclass__(**given)

@@ -15,7 +15,7 @@ LARGEST_NUMBER = 1e100
 LONGEST_TEXT = 10_000
 LONGEST_LIST = 10_000
 
-_REQUIRED: Any = object()
+REQUIRED: Any = object()
 
 
 class Table:
@@ -52,7 +52,7 @@ class Table:
         self.asked.append(key)
         if key in self.data:
             return self.data[key]
-        if default is _REQUIRED:
+        if default is REQUIRED:
             if near := _nearest(key, [k for k in self.data if k not in self.asked]):
                 accepted = f"{self.place(key)} is missing: give {wanted}"
                 raise InputError(self.place(near), f"unknown key (did you mean {key!r}?)", accepted)
@@ -63,7 +63,7 @@ class Table:
         """Return the error for a value that cannot be used."""
         return InputError(self.place(key), f"found {shown(found)}", f"give {wanted}")
 
-    def text(self, key: str, default: Any = _REQUIRED) -> str:
+    def text(self, key: str, default: Any = REQUIRED) -> str:
         """Return a text."""
         value = self.take(key, default, "a text")
         if not isinstance(value, str):
@@ -74,14 +74,14 @@ class Table:
             )
         return value
 
-    def texts(self, key: str, default: Any = _REQUIRED) -> list[str]:
+    def texts(self, key: str, default: Any = REQUIRED) -> list[str]:
         """Return a list of texts."""
         value = self.take(key, default, "a list of texts")
         if not isinstance(value, list) or not all(isinstance(v, str) for v in value):
             raise self.refuse(key, value, "a list of texts in quotes")
         return list(self.bounded(key, value))
 
-    def number(self, key: str, default: Any = _REQUIRED) -> float:
+    def number(self, key: str, default: Any = REQUIRED) -> float:
         """Return a number."""
         value = self.take(key, default, "a number, or an expression in quotes")
         return self.as_number(value, key)
@@ -98,7 +98,7 @@ class Table:
 
     def numbers(self, key: str) -> list[float]:
         """Return a list of numbers."""
-        value = self.take(key, _REQUIRED, "a list of numbers")
+        value = self.take(key, REQUIRED, "a list of numbers")
         if not isinstance(value, list):
             raise self.refuse(key, value, "a list of numbers")
         return [self.as_number(v, f"{key}[{i}]") for i, v in enumerate(self.bounded(key, value))]
@@ -115,7 +115,7 @@ class Table:
         """Return two numbers, the lower one first."""
         wanted = "two numbers, the lower one first"
         if key not in self.data:
-            self.take(key, _REQUIRED, wanted)
+            self.take(key, REQUIRED, wanted)
         values = self.numbers(key)
         if len(values) != 2 or not values[0] < values[1]:
             raise self.refuse(key, self.data[key], wanted)
@@ -141,7 +141,7 @@ class Table:
             raise self.refuse(key, value, "true or false")
         return value
 
-    def whole(self, key: str, default: Any = _REQUIRED, *, least: int = 1, most: int) -> int:
+    def whole(self, key: str, default: Any = REQUIRED, *, least: int = 1, most: int) -> int:
         """Return a whole number from `least` to `most`."""
         value = self.take(key, default, "a whole number")
         if isinstance(value, bool) or not isinstance(value, int) or not least <= value <= most:
@@ -150,7 +150,7 @@ class Table:
 
     def table(self, key: str, optional: bool = False) -> Table:
         """Return the table at a key."""
-        value = self.take(key, {} if optional else _REQUIRED, f"a table [{self.place(key)}]")
+        value = self.take(key, {} if optional else REQUIRED, f"a table [{self.place(key)}]")
         if not isinstance(value, dict):
             raise self.refuse(key, value, f"a table [{self.place(key)}]")
         return Table(value, self.place(key))

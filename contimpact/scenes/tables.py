@@ -32,16 +32,42 @@ from .options import (
     CurveOptions,
     PlotOptions,
 )
-from .table import Table
+from .table import REQUIRED, Table
 
 if TYPE_CHECKING:
     from ..systems.membrane import Membrane
     from .simulate_tables import SimulateOptions
 
 
+def read_machine(table: Table, kind: type[Model]) -> Model:
+    """Return the machine that [model] states."""
+    from ..models.machine import stated
+
+    parameters = table.table("parameters")
+    values = {name: parameters.number(name) for name in parameters.data}
+    lists = {name: table.take(name, REQUIRED, "a list") for name in ("coordinates", "mass")}
+    size = len(lists["coordinates"]) if isinstance(lists["coordinates"], list) else 1
+    given = {
+        **lists,
+        "damping": table.take("damping", [0] * size, "a list"),
+        "stiffness": table.take("stiffness", [0] * size, "a list"),
+        "force": table.take("force", REQUIRED, "a list of expressions in t"),
+        "period": table.take("period", REQUIRED, "the forcing period"),
+        "guards": table.table("guards").data,
+    }
+    table.finish()
+    try:
+        return kind(machine=stated(given, list(values)).text, **values)
+    except InputError as error:
+        inside = "model.parameters" if error.where in values else "model"
+        raise error.within(inside) from None
+
+
 def read_model(table: Table) -> Model:
     """Return the model of [model] at the start's parameter values."""
     kind = system(table.text("system"), "model.system")
+    if kind.STATED and "machine" not in table.data:
+        return read_machine(table, kind)
     options = {name: table.text(name, default) for name, default in kind.OPTIONS.items()}
     given = table.table("parameters")
     for name in options:

@@ -16,6 +16,7 @@ SYSTEMS = {
     "two-masses": "two_masses:TwoMasses",
     "coupled-by-impact": "coupled_by_impact:CoupledByImpact",
     "impact-damper": "impact_damper:ImpactDamper",
+    "linear": "linear:LinearMachine",
 }
 
 

@@ -1,0 +1,233 @@
+"""A linear machine in texts: matrices and forces as expressions of named parameters, and guards.
+
+What a scene states is checked here without SymPy, and kept as one text, by which the machine is
+known in records.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass
+from typing import Any
+
+from ..errors import InputError, shown
+from .expressions import CONSTANTS, FUNCTIONS, check_expression, number
+
+MOST_COORDINATES = 20
+MATRICES = ("mass", "damping", "stiffness")
+TIME = "t"
+
+
+@dataclass(frozen=True)
+class StatedGuard:
+    """A rigid stop, or an impact between bodies.
+
+    Attributes
+    ----------
+    name : str
+        Its letter.
+    row : tuple of float
+        The gap coordinate: a factor for each coordinate.
+    side : int
+        +1 where the gap coordinate stays below the position, -1 where it stays above.
+    position, restitution : str
+        Expressions of the parameters.
+    """
+
+    name: str
+    row: tuple[float, ...]
+    side: int
+    position: str
+    restitution: str
+
+
+@dataclass(frozen=True)
+class Machine:
+    """Everything a linear machine is made of, in the order of its coordinates.
+
+    Attributes
+    ----------
+    parameters, coordinates : tuple of str
+    mass, damping, stiffness : tuple of tuple of str
+    force : tuple of str
+        Expressions of `TIME` and the parameters.
+    period : str
+    guards : tuple of StatedGuard
+    """
+
+    parameters: tuple[str, ...]
+    coordinates: tuple[str, ...]
+    mass: tuple[tuple[str, ...], ...]
+    damping: tuple[tuple[str, ...], ...]
+    stiffness: tuple[tuple[str, ...], ...]
+    force: tuple[str, ...]
+    period: str
+    guards: tuple[StatedGuard, ...]
+
+    @property
+    def text(self) -> str:
+        """The machine as a text, from which `machine_of` makes it again."""
+        return json.dumps(asdict(self), separators=(",", ":"))
+
+
+def machine_of(text: str) -> Machine:
+    """Return the machine that a text holds.
+
+    Raises
+    ------
+    InputError
+        If it is no such text.
+    """
+    try:
+        given = json.loads(text)
+        guards = tuple(StatedGuard(**{**g, "row": tuple(g["row"])}) for g in given["guards"])
+        lists: dict[str, Any] = {n: tuple(given[n]) for n in ("parameters", "coordinates", "force")}
+        lists |= {name: tuple(map(tuple, given[name])) for name in MATRICES}
+        machine = Machine(**lists, period=given["period"], guards=guards)
+    except (ValueError, TypeError, KeyError) as error:
+        accepted = "state the machine in a scene, with mass, stiffness, force and guards"
+        raise InputError("machine", f"found {shown(text)}", accepted) from error
+    _check(machine)
+    return machine
+
+
+def stated(given: Mapping[str, Any], parameters: Sequence[str]) -> Machine:
+    """Return the machine of a scene's table.
+
+    Parameters
+    ----------
+    given : mapping
+        ``coordinates``, ``mass``, ``damping``, ``stiffness``, ``force``, ``period`` and ``guards``,
+        as lists, numbers and texts.
+    parameters : sequence of str
+        The names that have a value.
+
+    Raises
+    ------
+    InputError
+        With the place in the table.
+    """
+    names = _coordinates(given["coordinates"], parameters)
+    matrices = {name: _matrix(given[name], len(names), name) for name in MATRICES}
+    force = _expressions(given["force"], len(names), "force")
+    guards = tuple(_guard(name, g, names) for name, g in given["guards"].items())
+    period = _expression(given["period"], "period")
+    machine = Machine(
+        tuple(parameters), names, **matrices, force=force, period=period, guards=guards
+    )
+    _check(machine)
+    return machine
+
+
+def _coordinates(names: Any, parameters: Sequence[str]) -> tuple[str, ...]:
+    accepted = f"give a list of 1 to {MOST_COORDINATES} names, each once"
+    if not isinstance(names, list) or not 1 <= len(names) <= MOST_COORDINATES:
+        raise InputError("coordinates", f"found {shown(names)}", accepted)
+    taken = {*parameters, *FUNCTIONS, *CONSTANTS, TIME}
+    for i, name in enumerate(names):
+        if not isinstance(name, str) or not name.isidentifier() or name in names[:i]:
+            raise InputError(f"coordinates[{i}]", f"found {shown(name)}", accepted)
+        if name in taken:
+            found = f"{name!r} is the name of something else"
+            raise InputError(f"coordinates[{i}]", found, "give a name of its own")
+    return tuple(names)
+
+
+def _matrix(given: Any, size: int, where: str) -> tuple[tuple[str, ...], ...]:
+    """A square matrix: a list of rows, or of the entries of its diagonal."""
+    if not isinstance(given, list) or len(given) != size:
+        accepted = f"give {size} rows of {size} entries, or the {size} entries of the diagonal"
+        raise InputError(where, f"found {shown(given)}", accepted)
+    if not any(isinstance(row, list) for row in given):
+        diagonal = _expressions(given, size, where)
+        places = range(size)
+        return tuple(tuple(diagonal[i] if i == j else "0" for j in places) for i in places)
+    return tuple(_expressions(row, size, f"{where}[{i}]") for i, row in enumerate(given))
+
+
+def _expressions(given: Any, size: int, where: str) -> tuple[str, ...]:
+    if not isinstance(given, list) or len(given) != size:
+        raise InputError(where, f"found {shown(given)}", f"give a list of {size} entries")
+    return tuple(_expression(e, f"{where}[{i}]") for i, e in enumerate(given))
+
+
+def _expression(given: Any, where: str) -> str:
+    """A number or a text as a text."""
+    if isinstance(given, str):
+        return given
+    if isinstance(given, bool) or not isinstance(given, int | float):
+        accepted = "give a number, or an expression in quotes"
+        raise InputError(where, f"found {shown(given)}", accepted)
+    return repr(given)
+
+
+def _guard(name: str, given: Any, coordinates: Sequence[str]) -> StatedGuard:
+    where = f"guards.{name}"
+    if not isinstance(given, Mapping):
+        accepted = 'give { within = "...", restitution = "..." }'
+        raise InputError(where, f"found {shown(given)}", accepted)
+    for key in given:
+        if key not in ("within", "restitution"):
+            raise InputError(f"{where}.{key}", "unknown key", "accepted are within, restitution")
+    for key in ("within", "restitution"):
+        if key not in given:
+            raise InputError(f"{where}.{key}", "missing", f"give {key}, an expression in quotes")
+    left, side, position = _within(given["within"], f"{where}.within", coordinates)
+    row = _row(left, f"{where}.within", coordinates)
+    restitution = _expression(given["restitution"], f"{where}.restitution")
+    return StatedGuard(name, row, side, position, restitution)
+
+
+def _within(text: Any, where: str, coordinates: Sequence[str]) -> tuple[str, int, str]:
+    """Both sides of an inequality, and which way it goes."""
+    signs = {"<=": +1, ">=": -1}
+    for sign, side in signs.items():
+        if isinstance(text, str) and text.count(sign) == 1:
+            left, right = text.split(sign)
+            return left, side, right.strip()
+    accepted = f'give where the machine stays, such as "{coordinates[0]} <= sigma"'
+    raise InputError(where, f"found {shown(text)}", accepted)
+
+
+def _row(text: str, where: str, coordinates: Sequence[str]) -> tuple[float, ...]:
+    """The factors of a linear combination of coordinates."""
+    check_expression(text, where, coordinates)
+
+    def at(*values: float) -> float:
+        return number(text, where, dict(zip(coordinates, values, strict=True)))
+
+    size = len(coordinates)
+    row = [at(*(float(i == j) for j in range(size))) for i in range(size)]
+    trial = [0.3 + 0.7 * i for i in range(size)]
+    sums = sum(c * x for c, x in zip(row, trial, strict=True)), 0.0
+    found = at(*trial), at(*([0.0] * size))
+    if not any(row) or any(
+        abs(a - b) > 1e-12 * max(1.0, abs(a)) for a, b in zip(found, sums, strict=True)
+    ):
+        accepted = (
+            f"give a linear combination of {', '.join(coordinates)}, such as {coordinates[0]}"
+        )
+        raise InputError(where, f"found {text.strip()!r}", accepted)
+    return tuple(row)
+
+
+def _check(machine: Machine) -> None:
+    """Refuse expressions of anything but the parameters, and of the time in forces."""
+    for name in machine.parameters:
+        if name in (*FUNCTIONS, *CONSTANTS, TIME):
+            accepted = "give another name: expressions know it as something else"
+            raise InputError(f"parameters.{name}", f"the name {name!r}", accepted)
+    for name in MATRICES:
+        for i, row in enumerate(getattr(machine, name)):
+            for j, text in enumerate(row):
+                check_expression(text, f"{name}[{i}][{j}]", machine.parameters)
+    for i, text in enumerate(machine.force):
+        check_expression(text, f"force[{i}]", (TIME, *machine.parameters))
+    check_expression(machine.period, "period", machine.parameters)
+    if not machine.guards:
+        raise InputError("guards", "none", "give at least one")
+    for guard in machine.guards:
+        where = f"guards.{guard.name}"
+        check_expression(guard.position, f"{where}.within", machine.parameters)
+        check_expression(guard.restitution, f"{where}.restitution", machine.parameters)

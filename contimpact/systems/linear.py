@@ -1,0 +1,135 @@
+r"""Linear machines that a scene states: :math:`M\ddot x + C\dot x + Kx = f(t)` within guards.
+
+An impact at a guard with the gap coordinate :math:`n \cdot x` changes the velocities by an impulse
+along n, such that the gap coordinate's velocity is multiplied by -r:
+
+.. math:: v^+ = v - (1 + r)\frac{n \cdot v}{n \cdot M^{-1} n}\,M^{-1} n .
+
+Impacts between bodies thus keep their momentum.
+"""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Mapping, Sequence
+from typing import Any, ClassVar, Self
+
+from ..errors import InputError
+from ..models.machine import TIME, Machine, StatedGuard, machine_of
+from ..models.model import Formulas, Model, Parameter, Wall
+
+
+class LinearMachine(Model):
+    """A linear machine, by the text of its statement.
+
+    The class of an instance has the parameters and guards that its statement names.
+
+    Parameters
+    ----------
+    machine : str
+        As `contimpact.models.machine.Machine.text`.
+    **parameters : float
+        A value for each parameter of it.
+    """
+
+    SYSTEM = "linear"
+    PARAMETERS = ()
+    STATED = True
+    OPTIONS: ClassVar[Mapping[str, str]] = {"machine": ""}
+    machine: ClassVar[Machine]
+
+    def __new__(cls, /, **given: Any) -> Self:
+        kind = class_of(str(given.get("machine", ""))) if cls is LinearMachine else cls
+        return object.__new__(kind)  # type: ignore[return-value]
+
+    def __copy__(self) -> Self:
+        other = object.__new__(type(self))
+        other.__dict__.update(self.__dict__)
+        return other
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return _made, (self.options["machine"], dict(self.values))
+
+    def formulas(self, symbols: Mapping[str, Any]) -> Formulas:
+        """Linear flights, and impulses along the guards."""
+        import sympy
+
+        from ..models.expressions import sympy_expression
+        from ..models.linear import Linear
+
+        stated = self.machine
+
+        def read(text: str, where: str, more: Mapping[str, Any] | None = None) -> Any:
+            return sympy.nsimplify(
+                sympy_expression(text, where, {**symbols, **(more or {})}), rational=True
+            )
+
+        def matrix(name: str) -> list[list[Any]]:
+            rows = enumerate(getattr(stated, name))
+            return [[read(e, f"{name}[{i}][{j}]") for j, e in enumerate(row)] for i, row in rows]
+
+        motion = Linear(
+            **{name: matrix(name) for name in ("mass", "damping", "stiffness")},
+            force=lambda t: [read(e, f"force[{i}]", {TIME: t}) for i, e in enumerate(stated.force)],
+            period=read(stated.period, "period"),
+        )
+        guards = {guard.name: guard for guard in stated.guards}
+
+        def reset(wall: str, x: Sequence[Any], v: Sequence[Any]) -> list[Any]:
+            guard = guards[wall]
+            row = sympy.Matrix([sympy.nsimplify(c, rational=True) for c in guard.row])
+            pushed = motion.inverse * row
+            speed = row.dot(sympy.Matrix(list(v)))
+            restitution = read(guard.restitution, f"guards.{wall}.restitution")
+            impulse = sympy.cancel(1 / row.dot(pushed)) * (1 + restitution) * speed
+            after = (
+                _hit(guard, i, one, restitution) or one - sympy.cancel(part) * impulse
+                for i, (one, part) in enumerate(zip(v, pushed, strict=True))
+            )
+            return list(after)
+
+        return Formulas(
+            period=motion.period,
+            walls={name: read(g.position, f"guards.{name}.within") for name, g in guards.items()},
+            reset=reset,
+            flight=motion.flight,
+            acceleration=motion.acceleration,
+        )
+
+
+def _hit(guard: StatedGuard, i: int, velocity: Any, restitution: Any) -> Any:
+    """The velocity after impact of a coordinate that is the gap coordinate."""
+    alone = [c for c in guard.row if c] == [guard.row[i]]
+    return -restitution * velocity if alone else None
+
+
+@functools.cache
+def class_of(text: str) -> type[LinearMachine]:
+    """Return the class of a machine, by its text."""
+    machine = machine_of(text)
+    names = {g.restitution.strip() for g in machine.guards}
+    restitutions = [n for n in machine.parameters if n in names]
+    parameters = tuple(
+        Parameter(n, "", f"parameter {n}", lower=0, upper=1)
+        if n in restitutions
+        else Parameter(n, "", f"parameter {n}")
+        for n in machine.parameters
+    )
+    attributes = {
+        "__doc__": LinearMachine.__doc__,
+        "__module__": __name__,
+        "PARAMETERS": parameters,
+        "WALLS": tuple(Wall(g.name, g.side, coordinate=g.row) for g in machine.guards),
+        "DEGREES_OF_FREEDOM": len(machine.coordinates),
+        "OPTIONS": {"machine": text},
+        "machine": machine,
+    }
+    try:
+        return type("LinearMachine", (LinearMachine,), attributes)
+    except InputError as error:
+        inside = "guards" if error.where.endswith("WALLS") else "parameters"
+        raise InputError(inside, error.found, error.accepted) from None
+
+
+def _made(text: str, values: Mapping[str, float]) -> LinearMachine:
+    return LinearMachine(machine=text, **values)
