@@ -20,7 +20,10 @@ COLUMNS = frozenset(
     word""".split()
 )
 """Columns that the package's tables have, whatever the system."""
-NUMBERED = re.compile(r"(t|v|wall|time|velocity)[1-9]\d*|[xv]\d+_\d+|multiplier\d+_(re|im)")
+NUMBERED = re.compile(
+    r"(t|v|wall|time|velocity)[1-9]\d*|[xv]\d+_\d+|(position|velocity)\d+_\d+"
+    r"|multiplier\d+_(re|im)"
+)
 """Columns with the number of an impact, a motion or a multiplier."""
 
 

@@ -21,6 +21,7 @@ from .guards import Guard
 from .harmonics import INDICES, HarmonicSum
 from .linear import Law
 from .restitution import Departure, after_impact, along, departure
+from .section import pivot, state_before
 from .symbols import DT, PHASE, own
 
 if TYPE_CHECKING:
@@ -68,23 +69,13 @@ class Equations:
     harmonics: tuple[Any, ...]
 
     def before(self, wall: str, section: Sequence[Any]) -> tuple[list[Any], list[Any]]:
-        """Return positions and velocities before an impact, from its section coordinates.
-
-        These are the velocity of the gap coordinate, and position and velocity of every coordinate
-        but the guard's `pivot`.
-        """
-        place, row = self.pivot(wall)
-        position, velocity = list(section[1::2]), list(section[2::2])
-        position.insert(place, sympy.S.Zero)
-        velocity.insert(place, sympy.S.Zero)
-        position[place] = (self.walls[wall] - along(row, position)) / row[place]
-        velocity[place] = (section[0] - along(row, velocity)) / row[place]
-        return position, velocity
+        """Return positions and velocities before an impact, from its section coordinates."""
+        return state_before(self.pivot(wall)[1], self.walls[wall], section)
 
     def pivot(self, wall: str) -> tuple[int, tuple[Any, ...]]:
         """Return the coordinate that a guard's surface gives, and the row of its gap coordinate."""
         row = tuple(map(sympy.nsimplify, self.guards[wall].row((len(self.start) + 1) // 2)))
-        return max(range(len(row)), key=lambda i: abs(row[i])), row
+        return pivot(row), row
 
     def returns(self, a: str, b: str) -> bool:
         """Whether a flight ends on the surface it leaves."""

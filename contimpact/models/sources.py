@@ -19,7 +19,7 @@ HERE = Path(__file__).parent.parent
 GENERATOR = tuple(
     """models/equations models/expressions models/extent models/guards models/harmonics
     models/linear models/model
-    models/restitution models/symbolic models/symbols
+    models/restitution models/section models/symbolic models/symbols
     segments/codegen segments/layout segments/linear_flow segments/stumpff segments/tape
     segments/transients""".split()
 )

@@ -322,12 +322,16 @@ class OrbitProblem:
         p = self.values(unknowns)
         rows = self.impacts(unknowns).tolist()
         rows.append([rows[0][0] + self.span(unknowns), *rows[0][1:]])
-        speeds = [
+        flown = zip(self.segments, pairwise(rows), strict=True)
+        if self.m > 2:  # together: a call takes longer than an instant
+            parts = np.arange(1.0, 8.0) / 8.0
+            speeds = [s.tracks(row, parts * (later[0] - row[0]), p)[1] for s, (row, later) in flown]
+            return float(np.max(np.abs(speeds)))
+        return max(
             abs(segment.track(row, part * (later[0] - row[0]) / 8.0, p)[1])
-            for segment, (row, later) in zip(self.segments, pairwise(rows), strict=True)
+            for segment, (row, later) in flown
             for part in range(1, 8)
-        ]
-        return max(speeds)
+        )
 
     def difference(self, one: Array, other: Array) -> Array:
         """Return one - other as orbits: zero up to whole periods and rotations of the word."""

@@ -22,6 +22,10 @@ FLAT = tuple(
 """What stands in an entry's row as it is."""
 
 
+STATES = {"positions": "position", "velocities": "velocity"}
+"""Of an impact's record: what a column of one coordinate is called."""
+
+
 @dataclass(frozen=True)
 class Entry(Shown):
     """An event on a branch, as the catalogue records it; the attributes are its keys.
@@ -57,8 +61,8 @@ class Entry(Shown):
     parameters : mapping of str to float
         All parameters and derived parameters.
     impacts : sequence of mappings
-        Wall, time, velocity (and other section coordinates) of each impact; the first time is in
-        [0, T).
+        Wall, time, velocity of each impact (with several degrees of freedom also the other section
+        coordinates, and all positions and velocities before it); the first time is in [0, T).
     multipliers : sequence of (real, imaginary)
         None stands for an infinite multiplier.
     multipliers_before, multipliers_after
@@ -151,7 +155,11 @@ class Entry(Shown):
             row["requested"] = " ".join(f"{n}={v!r}" for n, v in self.requested.items())
         row |= self.parameters
         for k, impact in enumerate(self.impacts, start=1):
-            row |= {f"{name}{k}": value for name, value in impact.items()}
+            for name, value in impact.items():
+                if isinstance(value, list):  # of every coordinate
+                    row |= {f"{STATES[name]}{i}_{k}": x for i, x in enumerate(value, start=1)}
+                else:
+                    row[f"{name}{k}"] = value
         for k, mu in enumerate(self.multipliers, start=1):
             real, imaginary = mu or (None, None)
             row |= {f"multiplier{k}_re": real, f"multiplier{k}_im": imaginary}

@@ -14,6 +14,7 @@ from ..bifurcations.registry import kind_of
 from ..continuation.branch import Event, Point
 from ..errors import InputError
 from ..models.model import Model
+from ..models.section import state_before
 from ..orbits.linearisation import Linearisation
 from ..orbits.physicality import Verdict
 from ..orbits.problem import Array, OrbitProblem
@@ -132,7 +133,25 @@ def impacts_of(problem: OrbitProblem, unknowns: Array) -> list[dict[str, Any]]:
     for row in rows:
         row[0] = _shifted(problem, unknowns, row[0])
     return [
-        {"wall": wall} | dict(zip(names, row, strict=True))
+        {"wall": wall} | dict(zip(names, row, strict=True)) | states
+        for wall, row, states in zip(
+            problem.word.walls, rows, _states(problem, unknowns), strict=True
+        )
+    ]
+
+
+def _states(problem: OrbitProblem, unknowns: Array) -> list[dict[str, list[float]]]:
+    """All positions and velocities before each impact, where there are several."""
+    size = problem.model.DEGREES_OF_FREEDOM
+    if size == 1:
+        return [{}] * len(problem.word)
+    setup = problem.kernels.setup(*problem.values(unknowns))
+    guards = {
+        g.name: (g.row(size), x) for g, x in zip(problem.model.WALLS, setup.walls, strict=True)
+    }
+    rows = problem.impacts(unknowns)[:, 1:].tolist()
+    return [
+        dict(zip(("positions", "velocities"), state_before(*guards[wall], row), strict=True))
         for wall, row in zip(problem.word.walls, rows, strict=True)
     ]
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
 
-from .arithmetic import Arithmetic, evaluate_in
+from .arithmetic import ARRAYS, Arithmetic, evaluate_in
 from .layout import SECTION, Blocks, Row
 from .segment import Numbers
 
@@ -50,3 +50,8 @@ class ClosedForm:
         if self._walls[0] == SECTION:
             return self._kernels.since(self._kernels.model.WALLS[0].name)(*start, dt, *values)
         return self._kernels.motion(self._walls[0])(*start, dt, *values)
+
+    def tracks(self, start: Numbers, dt: Any, values: Numbers) -> tuple[Any, Any, Any]:
+        """Return `track` at an array of times."""
+        motion = evaluate_in(self._kernels.motion(self._walls[0]), ARRAYS)
+        return motion(*start, dt, *values)

@@ -85,6 +85,10 @@ class Segment(Protocol):
         """
         ...
 
+    def tracks(self, start: Numbers, dt: Any, values: Numbers) -> tuple[Any, Any, Any]:
+        """Return `track` at an array of times."""
+        ...
+
 
 class Source(Protocol):
     """Where an orbit problem has its segments from.

@@ -15,6 +15,7 @@ from contimpact.bifurcations.registry import test_functions as functions
 from contimpact.continuation.settings import Settings
 from contimpact.orbit_continuation.orbit_branch import both_ways
 from contimpact.orbits.search import find_orbits
+from contimpact.records.entry_conversion import impacts_of
 from contimpact.segments.arithmetic import evaluate_in
 from contimpact.segments.layout import flat
 from contimpact.segments.many_digits import many_digits
@@ -110,3 +111,13 @@ def test_events_and_switching():
     assert np.max(np.abs(longer.problem.evaluate(longer.unknowns).residual)) < 1e-12
     doubling = next(event for event in run.events if event.kind == "PD")
     assert np.min(np.abs(doubling.point.evaluation.multipliers + 1.0)) < 1e-9
+
+
+def test_a_catalogue_lists_all_positions_and_velocities(impacting):
+    """From B's impact on with B's own position, and the first mass's as the other coordinate."""
+    first, second = impacts_of(impacting.problem, impacting.unknowns)
+    assert first["positions"][0] == VALUES["sigma_1"]
+    assert second["positions"][1] == VALUES["sigma_2"]
+    assert first["positions"][1] == first["x1_"]
+    assert second["positions"][0] == second["x1_"]
+    assert second["velocities"] == [second["v1_"], second["velocity"]]
