@@ -7,10 +7,11 @@ import pickle
 
 import numpy as np
 import pytest
+from zoo import ROOT
 
 from contimpact.errors import InputError
 from contimpact.orbits.search import find_orbits
-from contimpact.scenes.scene import read_scene
+from contimpact.scenes.scene import load_scene, read_scene
 from contimpact.studies.explore import follow
 from contimpact.systems.impact_damper import ImpactDamper
 
@@ -155,3 +156,9 @@ def test_mistakes_are_refused_with_their_place(changes, says):
 def test_a_text_that_is_no_machine_is_refused():
     with pytest.raises(InputError, match=r"model\.machine: found '\{\}'; state the machine in a"):
         scene_of({"system": "linear", "machine": "{}", "parameters": VALUES})
+
+
+def test_the_example_of_the_documentation():
+    scene = load_scene(ROOT / "examples" / "three_masses.toml")
+    orbits = find_orbits(scene.model, "C", parameter="omega", starts=32, rounds=3)
+    assert any(orbit.stable and orbit.physical for orbit in orbits)
