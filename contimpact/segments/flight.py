@@ -17,6 +17,7 @@ from ..arrays import Array, Vector
 from ..models.guards import Guard
 from .arithmetic import ARRAYS, evaluate_in
 from .kernels import Kernels
+from .track import track_of
 from .zeros import chebyshev_zeros, time_zeros
 
 Moved: TypeAlias = tuple[float, float, float]
@@ -266,7 +267,13 @@ def excursion_of(kernels: Kernels, in_time: bool) -> Callable[..., Any]:
         reached_side: float,
         *_: Any,
     ) -> Excursion:
-        vectorised = evaluate_in(kernels.motion(named[head[0]].name), ARRAYS)
+        wall = named[head[0]]
+        if kernels.linear(wall.name):
+            track = track_of(kernels.law(wall.name)(*head[1:], *values), length)
+            curve = track.along(wall.row(kernels.model.DEGREES_OF_FREEDOM), from_start=True)
+            sides, breaks = (left_side, reached_side), curve.breaks()
+            return excursions(curve, (), (), length, arriving, *sides, breaks, 0.0, math.inf)
+        vectorised = evaluate_in(kernels.motion(wall.name), ARRAYS)
         breaks = chebyshev_zeros(lambda dt: vectorised(*head[1:], dt, *values)[2], length)
         return excursions(
             motion, head, values, length, arriving, left_side, reached_side, breaks, 0.0, math.inf

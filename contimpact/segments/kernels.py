@@ -167,6 +167,10 @@ class Kernels:
         """``law(t0, *y0, *p)``: what a linear flight after a wall is computed from."""
         return self.kernel(f"law_{a}")
 
+    def linear(self, a: str) -> bool:
+        """Whether the flight after a wall is a linear one, which `law` describes."""
+        return "flow" in self.motion(a).__code__.co_names
+
     @functools.cached_property
     def identity(self) -> str:
         """What the kernels' formulas depend on, as a hash."""

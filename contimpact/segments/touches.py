@@ -17,8 +17,7 @@ from ..models.model import Model
 from .arithmetic import ARRAYS, Kernel, evaluate_in
 from .flight import FlightGaps, Motion, Touch, excursions, flight_gaps
 from .kernels import Kernels
-from .linear_flow import Shape
-from .track import Track
+from .track import track_of
 from .zeros import chebyshev_zeros
 
 
@@ -33,19 +32,19 @@ def interior_touches(
         As of `flight.flight_gaps`, which does it for guards on one coordinate whose motion is known
         in closed form.
     """
-    linear = is_linear(kernels, values)
-    if not linear and len(coordinates(kernels.model)) == 1:
+    one = len(coordinates(kernels.model)) == 1
+    if one and not any(kernels.linear(wall) for wall in dict.fromkeys(walls)):
         return flight_gaps(kernels, walls, values, impacts, span)
     rows = impacts.tolist()
     rows.append([rows[0][0] + span, *rows[0][1:]])
     positions = kernels.setup(*values).walls
     places = {guard.name: i for i, guard in enumerate(kernels.model.WALLS)}
-    flown = linear_flight if linear else other_flight
     found = []
     for k, (wall, leave, arrive) in enumerate(zip(walls, rows[:-1], rows[1:], strict=True)):
         length = arrive[0] - leave[0]
         if length > 0.0:
             ends = places[wall], places[walls[(k + 1) % len(walls)]]
+            flown = linear_flight if kernels.linear(wall) else other_flight
             motions = flown(kernels, wall, leave, length, values)
             touches, slowest = _touches(kernels, ends, motions, positions, length, arrive[1])
             moved = (None if t is None else Touch(k, t[0], leave[0] + t[1], t[2]) for t in touches)
@@ -63,13 +62,6 @@ def coordinates(model: Model) -> dict[Row, list[int]]:
     return found
 
 
-def is_linear(kernels: Kernels, values: Sequence[float]) -> bool:
-    """Whether all flights are linear ones."""
-    unknowns = [0.0] * kernels.model.unknowns_per_impact
-    laws = (kernels.law(wall.name)(*unknowns, *values) for wall in kernels.model.WALLS)
-    return all(len(law) > 1 for law in laws)
-
-
 Seen: TypeAlias = tuple[Motion, list[float]]
 """A gap coordinate on a flight: position, velocity and acceleration, and the times between which
 the acceleration has one sign."""
@@ -79,8 +71,7 @@ def linear_flight(
     kernels: Kernels, wall: str, leave: Sequence[float], length: float, values: Sequence[float]
 ) -> list[Seen]:
     """Return each of the `coordinates` on a linear flight."""
-    d, h, numbers, state = kernels.law(wall)(*leave, *values)
-    track = Track(Shape(int(d), int(h), 0), numbers, state, length)
+    track = track_of(kernels.law(wall)(*leave, *values), length)
     curves = [track.along(row) for row in coordinates(kernels.model)]
     return [(curve, curve.breaks()) for curve in curves]
 

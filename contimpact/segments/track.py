@@ -57,13 +57,21 @@ class Track:
             terms.append(term)
         self.terms = np.array(terms)
 
-    def along(self, row: Sequence[float]) -> Curve:
-        """Return a linear combination of the positions."""
+    def along(self, row: Sequence[float], from_start: bool = False) -> Curve:
+        """Return a linear combination of the positions, or how far it is from where it starts."""
         d = self.freedom
         weights = np.array([float(c) for c in row])
         accelerations = weights @ self.generator[d : 2 * d]
         parts = weights @ self.terms[:, :d], weights @ self.terms[:, d : 2 * d]
+        if from_start:
+            parts[0][0] -= parts[0][0, 0]
         return Curve(self.piece, *(part.T for part in (*parts, accelerations @ self.terms)))
+
+
+def track_of(law: Any, length: float) -> Track:
+    """Return the track of a flight from what the kernel ``law`` says where it starts."""
+    d, h, numbers, state = law
+    return Track(Shape(int(d), int(h), 0), numbers, state, length)
 
 
 class Curve:

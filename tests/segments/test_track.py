@@ -10,7 +10,7 @@ import pytest
 from contimpact.segments.arithmetic import ARRAYS, evaluate_in
 from contimpact.segments.kernels import Kernels
 from contimpact.segments.linear_flow import Shape
-from contimpact.segments.touches import interior_touches, is_linear
+from contimpact.segments.touches import interior_touches
 from contimpact.segments.track import DEGREE, Track, sign_changes
 from contimpact.systems.two_masses import TwoMasses
 
@@ -72,7 +72,7 @@ def test_touches_of_several_modes():
     """A small fast motion on a slow one: all extrema of both coordinates, against a fine mesh."""
     model = masses(k2=900.0, sigma_1=0.9, sigma_2=0.8, c1=0.0, c2=0.0)
     kernels, values = Kernels(model, "omega"), list(model.values.values())
-    assert is_linear(kernels, values)
+    assert kernels.linear("A")
     leave, span = np.array([[0.2, 0.7, 0.85, -0.3]]), 6.0
     (flight,) = interior_touches(kernels, "A", values, leave, span)
     times = np.linspace(0.0, span, 4001)[1:-1]
