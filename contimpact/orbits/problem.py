@@ -32,8 +32,8 @@ from ..models.model import Model
 from ..models.word import Word
 from ..segments.flight import FlightGaps
 from ..segments.kernels import Kernels
-from ..segments.touches import interior_touches
 from ..segments.passages import MEETING
+from ..segments.touches import interior_touches
 from .linearisation import CyclicBlocks, Linearisation, Summary
 
 Array = np.ndarray[Any, Any]

@@ -11,8 +11,8 @@ from ..arrays import Array
 from ..records.branch import Branch
 from ..records.diagram import Diagram
 from ..records.quantities import Quantity, Series, series_of
-from ..systems.membrane import Membrane
 from ..records.tables import first_unknown
+from ..systems.membrane import Membrane
 
 STYLES: dict[str, Any] = {"stable": "-", "unstable": (0, (5, 2)), "unphysical": (0, (1, 1.6))}
 WIDTHS = {"stable": 1.6, "unstable": 1.1, "unphysical": 0.9}

@@ -362,6 +362,7 @@ class KernelWriter:
 
         Returns its position, its velocity and its acceleration."""
         return self._shared(name, [*self.equations.state, DT], about, outputs)
+
     def gap(self, name: str, a: str, b: str) -> str:
         leave, (_, row) = self.leave(a), self.equations.pivot(b)
         outputs = tuple(along(row, e) for e in (leave.now, leave.end, leave.acceleration))

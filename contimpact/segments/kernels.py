@@ -159,6 +159,7 @@ class Kernels:
         """``since(*state, dt, *p)``: position, velocity and acceleration of the gap coordinate of
         wall a, from the state on the section t = 0."""
         return self.kernel(f"since_{a}")
+
     def gap(self, a: str, b: str) -> Kernel:
         """``gap(t0, *y0, dt, *p)``: the gap coordinate of wall b after wall a."""
         return self.kernel(f"gap_{a}_{b}")
