@@ -59,6 +59,7 @@ def remarks_in(statistics: Mapping[str, Any]) -> list[str]:
     return [text for text in found if text and isinstance(text, str)]
 
 
+@np.errstate(all="ignore")  # numbers of damaged folders
 def page_data(
     diagram: Diagram, model: Model | None, shown: Shown, swept: Sequence[Swept] = ()
 ) -> dict[str, Any]:
@@ -113,6 +114,7 @@ def _known(branch: Branch, model: Model | None) -> bool:
         and branch.system == model.SYSTEM
         and dict(model.options) == dict(branch.options)
         and set(model.values) <= set(branch.parameters)
+        and set(branch.word) <= {wall.name for wall in model.WALLS}
     )
 
 
@@ -211,7 +213,9 @@ def _kept(rows: int, every: int, marked: Array) -> Array:
 
 def _entry(entry: Entry, branch: Branch) -> dict[str, Any]:
     record = dataclasses.asdict(entry) | {"branch": branch.id}
-    row = int(np.argmin(np.abs(branch["arclength"] - entry.arclength)))
+    along = "arclength" if entry.arclength is not None else branch.parameter
+    place = entry.value if entry.arclength is None else entry.arclength
+    row = int(np.argmin(np.abs(branch[along] - place)))
     return {name: value for name, value in record.items() if name not in UNSAID} | {"row": row}
 
 

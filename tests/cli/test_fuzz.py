@@ -136,6 +136,14 @@ def plot_case(random, good, folder, out):
     return ["plot", str(target), "-o", str(out / f"diagram.{kind}"), *given]
 
 
+def page_case(random, good, folder, out):
+    target = hostile_folder(random, good, folder, ("run", "curves", "simulate"))
+    table = target / "sweep.csv"
+    if table.is_file() and random.randrange(3):
+        mutations.hostile_file(table, random)
+    return ["plot", str(target), "-o", str(out / "diagram.html")]
+
+
 def catalogue_case(random, good, folder, out):
     folders = [str(hostile_folder(random, good, folder)), str(good / "run")]
     return ["catalogue", *folders[: random.choice((1, 2))], "-o", str(out)]
@@ -144,7 +152,7 @@ def catalogue_case(random, good, folder, out):
 KINDS = {
     "check": (30, check_case), "run": (10, run_case), "simulate": (6, simulate_case),
     "resume": (12, resume_case), "rerun": (4, rerun_case), "plot": (20, plot_case),
-    "catalogue": (18, catalogue_case),
+    "page": (14, page_case), "catalogue": (18, catalogue_case),
 }  # fmt: skip
 """Kinds of cases: how often, and what makes one."""
 

@@ -8,13 +8,17 @@ from __future__ import annotations
 
 import csv
 import dataclasses
+import io
 import json
 import shutil
 import time
 import tomllib
 import xml.etree.ElementTree as ElementTree
+from pathlib import Path
 
+import numpy as np
 import pytest
+from PIL import Image
 from zoo import ROOT
 
 from contimpact.page.data import Shown
@@ -35,6 +39,8 @@ pytestmark = [
 FLAGS = """--headless --no-sandbox --disable-gpu --disable-quic --no-first-run --disable-sync
 --disable-background-networking --disable-component-update --disable-dev-shm-usage
 --force-device-scale-factor=1 --hide-scrollbars --window-size=1400,1000""".split()
+LOOKED_AT = Path(__file__).parent / "looked_at"
+"""Pictures that somebody has looked at, small, grey, and without texts."""
 SCRIPT = "<script>alert(1)</script>"
 TRIED = {
     "fig7": {},
@@ -181,6 +187,59 @@ def test_the_pages_of_the_paper_open(reader, computed, name):
     assert len(page.all("#table tbody tr")) == len(diagram.entries)
     assert page.all("#diagram .branches path")
     assert page.run("return document.documentElement.scrollWidth <= innerWidth")
+
+
+def looked_at(driver, page):
+    """The diagram as a small grey picture, without its texts: fonts differ."""
+    page.run("for (const t of document.querySelectorAll('#diagram text')) t.style.opacity = 0")
+    picture = Image.open(io.BytesIO(page.one("#diagram").screenshot_as_png))
+    return picture.convert("L").resize((240, 160))
+
+
+def known(name):
+    with Image.open(LOOKED_AT / f"{name}.png") as picture:
+        return picture.copy()
+
+
+def apart(one, other):
+    """Mean difference of two grey pictures, of 255."""
+    return float(np.mean(np.abs(np.asarray(one, float) - np.asarray(other, float))))
+
+
+@pytest.mark.parametrize("name", TRIED)
+def test_pictures_are_those_that_were_looked_at(reader, driver, computed, tmp_path, name):
+    page = reader(*computed(name))
+    picture = looked_at(driver, page)
+    picture.save(tmp_path / f"{name}.png")
+    seen = {one: known(one) for one in TRIED}
+    said = f"look at {tmp_path / f'{name}.png'}; if it is right, copy it to {LOOKED_AT}"
+    assert apart(picture, seen[name]) < 1.0, said
+    assert all(apart(picture, seen[one]) > 2.0 for one in TRIED if one != name)
+
+
+@pytest.mark.slow
+def test_a_hundred_thousand_points_are_drawn_as_few(reader, small, small_scene):
+    """What is drawn is bounded by the picture, at any zoom, not by the number of points."""
+    branch, rows = small.branches[0], 100_000
+    places, known = np.linspace(0, len(branch) - 1, rows), np.arange(len(branch))
+    columns = {
+        name: np.interp(places, known, values)
+        if values.dtype.kind == "f"
+        else values[places.round().astype(int)]
+        for name, values in branch.columns.items()
+    } | {"event": np.full(rows, "", dtype=object)}
+    long = dataclasses.replace(branch, columns=columns)
+    x, y = columns["d"][rows // 2], columns["v1"][rows // 2]
+    middle = f"xlim={x - 0.1},{x + 0.1}&ylim={y - 1},{y + 1}&at=b1:50001"
+    page = reader(dataclasses.replace(small, branches=[long]), small_scene, middle)
+    size = (
+        "return [...document.querySelectorAll('#diagram .branches path')]"
+        ".reduce((sum, path) => sum + path.getAttribute('d').length, 0)"
+    )
+    for _ in range(6):
+        assert 100 < page.run(size) < 60_000
+        page.keys("#diagram", "+")
+    assert "This page holds one orbit of" in page.text("#orbit-missing")
 
 
 def test_a_ghost_is_clicked_and_shows_its_numbers(reader, small, small_scene):
