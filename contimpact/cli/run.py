@@ -157,8 +157,8 @@ def _write_run(
         for name, draw in pictures.items():
             drawing = time.perf_counter()
             if not drawn(interruption, files, tell, draw):
-                what = "diagram" if name == "plot" else name
-                left_out.append(f"{what}: {INTERRUPTED}; contimpact plot draws it")
+                what, how = ("page", "plot --html") if name == "page" else ("diagram", "plot")
+                left_out.append(f"{what}: {INTERRUPTED}; contimpact {how} draws it")
             seconds[name] = time.perf_counter() - drawing
         seconds["total"] = time.perf_counter() - began
         failure = INTERRUPTED if interruption.happened else diagram.statistics["failure"]

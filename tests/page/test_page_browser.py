@@ -255,6 +255,7 @@ def test_a_ghost_is_clicked_and_shows_its_numbers(reader, small, small_scene):
     row = page.one("#table tr[aria-current]")
     assert row.get_attribute("data-entry") == ghost.id
     assert page.all("#series .touch")
+    assert page.all("#phase .touch")
     assert len(page.all("#circle .beyond")) == 1
     assert f"at={ghost.id}" in page.fragment()
 
@@ -375,6 +376,18 @@ def test_what_is_shown_is_downloaded(reader, small, small_scene):
     assert [float(row["s"]) for row in events] == [entry.value for entry in small.entries]
 
 
+def test_an_orbit_is_downloaded(reader, small, small_scene):
+    page, branch = reader(small, small_scene, "at=b1:5"), small["b1"]
+    page.one("#save-motion").click()
+    rows = page.table("motion.csv")
+    assert {row["flight"] for row in rows} == {"1", "2"}
+    assert float(rows[0]["displacement"]) == pytest.approx(branch["d"][5] / 2, rel=1e-6)
+    assert float(rows[-1]["velocity"]) == pytest.approx(branch["v1"][5], rel=1e-6)
+    assert float(rows[-1]["time"]) == pytest.approx(float(rows[0]["time"]) + 1.0, abs=1e-12)
+    page.one("[data-saves=phase]").click()
+    assert ElementTree.parse(page.downloaded("phase.svg")).getroot().find(".//{*}path") is not None
+
+
 def test_a_click_on_curves_opens_the_diagram_there(reader, computed):
     diagram, scene = computed("fig6b")
     page = reader(diagram, scene, "view=plane")
@@ -383,6 +396,8 @@ def test_a_click_on_curves_opens_the_diagram_there(reader, computed):
     assert page.all("#plane .curve")
     marks = page.all("#plane .computed")
     assert len(marks) == len(values)
+    webdriver.ActionChains(page.driver).move_to_element(page.one("#plane .point")).perform()
+    assert "click: the diagram at r = " in page.text("#plane-hover")
     page.click_at("#plane .computed:last-child")
     assert "view" not in page.fragment()
     assert f"r = {values[-1]:g}" in page.run(

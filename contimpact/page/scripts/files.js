@@ -89,6 +89,14 @@ function eventsInSight() {
   ];
 }
 
+/** The motion that is drawn: times in forcing periods, positions, velocities. */
+function motionPoints() {
+  const rows = moving?.motion.flights.flatMap(({ t, x, v }, k) =>
+    t.map((time, i) => [k + 1, time, x[i], v[i]]),
+  );
+  return [["flight", "time", "displacement", "velocity"], ...(rows ?? [])];
+}
+
 /** The curves of the panel, a row for each point. */
 function curvePoints() {
   const panel = page.panels[state.panel],
@@ -115,3 +123,9 @@ element("save-events").addEventListener("click", () => saveCsv("events.csv", eve
 element("plane-svg").addEventListener("click", () => saveSvg("plane"));
 element("plane-png").addEventListener("click", () => savePng("plane"));
 element("plane-csv").addEventListener("click", () => saveCsv("curves.csv", curvePoints()));
+for (const button of document.querySelectorAll("[data-saves]")) {
+  const id = button.getAttribute("data-saves") ?? "";
+  button.setAttribute("aria-label", `Download as SVG: ${id}`);
+  button.addEventListener("click", () => saveSvg(id));
+}
+element("save-motion").addEventListener("click", () => saveCsv("motion.csv", motionPoints()));

@@ -70,13 +70,14 @@ function complex(real, imaginary) {
   return `${shown(real, 8)} ${imaginary < 0 ? "\u2212" : "+"} ${shown(Math.abs(imaginary), 8)}i`;
 }
 
-/** The multipliers of a row. @param {Family} family @param {number} row @returns {[number, number][]} */
+/** The multipliers of a row; none of motions that have none. @param {Family} family @param {number} row @returns {[number, number][]} */
 function multipliersAt(family, row) {
-  const m = family.multipliers.length / (2 * family.rows);
-  return Array.from({ length: m }, (_, j) => {
-    const at = 2 * (row * m + j);
-    return [family.multipliers[at], family.multipliers[at + 1]];
-  });
+  const m = family.multipliers.length / (2 * family.rows),
+    from = 2 * row * m;
+  const pairs = Array.from({ length: m }, (_, j) => family.multipliers.slice(from + 2 * j, from + 2 * j + 2));
+  return pairs
+    .map(([re, im]) => /** @type {[number, number]} */ ([re, im]))
+    .filter(([re]) => !Number.isNaN(re));
 }
 
 /** What an orbit is called. @param {Family} family @param {Entry | null} [entry] */

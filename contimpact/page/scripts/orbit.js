@@ -29,10 +29,12 @@ function drawOrbit() {
   moving = null;
   if (motion) {
     drawSeries(motion, family, drawnRow, entry);
-    drawPhase(motion, family, drawnRow);
+    drawPhase(motion, family, drawnRow, entry);
     drawNow();
   } else play(false);
-  drawCircle(multipliersAt(family, row));
+  const multipliers = multipliersAt(family, row);
+  /** @type {HTMLElement} */ (element("circle").parentElement).hidden = multipliers.length === 0;
+  if (multipliers.length) drawCircle(multipliers);
   drawNumbers(family, row, entry);
 }
 
@@ -161,8 +163,8 @@ function drawTouch(layer, motion, entry, family, row, t, x) {
     .attr("cy", x(wall ? wall[1] : 0));
 }
 
-/** @param {Motion} motion @param {Family} family @param {number} row */
-function drawPhase(motion, family, row) {
+/** @param {Motion} motion @param {Family} family @param {number} row @param {Entry | null} entry */
+function drawPhase(motion, family, row, entry) {
   const svg = d3.select("#phase"),
     width = sized(svg, 230),
     box = { left: 62, right: width - 12, top: 12, bottom: 188 };
@@ -208,6 +210,15 @@ function drawPhase(motion, family, row) {
     .attr("r", 3.5)
     .attr("cx", (hit) => x(hit.x))
     .attr("cy", (hit) => v(hit.v));
+  const touched = motion.walls.filter(([name]) => entry?.touch_time !== null && name === entry?.wall);
+  group(inside, "touches")
+    .selectAll("circle")
+    .data(touched)
+    .join("circle")
+    .attr("class", "touch")
+    .attr("r", 6)
+    .attr("cx", ([, at]) => x(at))
+    .attr("cy", v(0));
   svg.attr("aria-label", `Phase plane of ${titleOf(family)}`);
   if (moving) moving.scale = { ...moving.scale, px: x, pv: v };
 }

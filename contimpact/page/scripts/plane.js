@@ -296,19 +296,35 @@ function nearestOnCurves(px, py) {
   return found;
 }
 
+/** The member whose value is nearest to a place. @param {number} px */
+function nearestComputed(px) {
+  const values = computedIn(page.panels[state.panel]),
+    wanted = planeDrawn.x.invert(px);
+  return d3.least(values, ({ value }) => Math.abs(value - wanted));
+}
+
+/** What is said of a place: the curve there, and what a click opens. @param {number} px @param {number} py */
+function planeText(px, py) {
+  const panel = page.panels[state.panel],
+    found = nearestOnCurves(px, py),
+    member = nearestComputed(px),
+    lines = [];
+  if (found) {
+    const { curve, columns, row, ghost } = found;
+    const names = [...new Set([panel.across, panel.along, ...curve.parameters])];
+    lines.push(`${curve.label} of ${curve.notation}, ${curve.id}${ghost ? ", ghost" : ""}`);
+    lines.push(...names.map((name) => `${symbol(name)} = ${shown(columns[name]?.[row])}`));
+  }
+  if (member) lines.push(`click: the diagram at ${symbol(panel.across)} = ${ofPi(member.value)}`);
+  return { found, text: lines.join("\n") };
+}
+
 plane
   .on("pointermove", (event) => {
-    const panel = page.panels[state.panel],
-      [px, py] = d3.pointer(event, plane.node());
-    const found = event.buttons || !panel ? null : nearestOnCurves(px, py);
-    const text = found
-      ? [
-          `${found.curve.label} of ${found.curve.notation}, ${found.curve.id}${found.ghost ? ", ghost" : ""}`,
-          ...[...new Set([panel.across, panel.along, ...found.curve.parameters])].map(
-            (name) => `${symbol(name)} = ${shown(found.columns[name]?.[found.row])}`,
-          ),
-        ].join("\n")
-      : "";
+    const [px, py] = d3.pointer(event, plane.node()),
+      { box } = planeDrawn;
+    const inside = px >= box.left && px <= box.right && py >= box.top && py <= box.bottom;
+    const { found, text } = inside && !event.buttons ? planeText(px, py) : { found: null, text: "" };
     group(group(plane, "inside"), "pointer")
       .selectAll("circle")
       .data(found ? [found] : [])
@@ -317,17 +333,13 @@ plane
       .attr("r", 6)
       .attr("cx", (spot) => spot.x)
       .attr("cy", (spot) => spot.y);
-    showHover("plane-hover", text, found?.x ?? 0, found?.y ?? 0, planeDrawn.box.right);
+    showHover("plane-hover", text, found?.x ?? px, found?.y ?? py, box.right);
   })
   .on("pointerleave", () => showHover("plane-hover", "", 0, 0, 0))
   .on("click", (event) => {
-    const panel = page.panels[state.panel],
-      [px] = d3.pointer(event, plane.node());
-    if (event.defaultPrevented || event.shiftKey || !panel) return;
-    const wanted = planeDrawn.x.invert(px),
-      values = computedIn(panel);
-    const place = d3.leastIndex(values, (a, b) => Math.abs(a.value - wanted) - Math.abs(b.value - wanted));
-    if (place !== undefined && values[place]) openMember(values[place].place);
+    if (event.defaultPrevented || event.shiftKey) return;
+    const member = nearestComputed(d3.pointer(event, plane.node())[0]);
+    if (member) openMember(member.place);
   });
 
 const zoomPlane = (/** @type {Limits} */ limits) => change({ plane: [...limits.x, ...limits.y] });
