@@ -22,7 +22,7 @@ from PIL import Image
 from zoo import ROOT
 
 from contimpact.page.data import Shown
-from contimpact.page.document import page_text
+from contimpact.page.document import FOLDER, LIBRARY, page_text
 from contimpact.scenes.scene import read_scene
 from contimpact.studies.explore import follow
 
@@ -187,6 +187,7 @@ def test_the_pages_of_the_paper_open(reader, computed, name):
     assert len(page.all("#table tbody tr")) == len(diagram.entries)
     assert page.all("#diagram .branches path")
     assert page.run("return document.documentElement.scrollWidth <= innerWidth")
+    assert page.path.stat().st_size - (FOLDER / LIBRARY).stat().st_size < 2_000_000
 
 
 def looked_at(driver, page):
