@@ -21,8 +21,11 @@ import pytest
 from PIL import Image
 from zoo import ROOT
 
+from contimpact.attractors.output import sweep_text
+from contimpact.attractors.sweep import sweep
 from contimpact.page.data import Shown
 from contimpact.page.document import FOLDER, LIBRARY, page_text
+from contimpact.page.swept import read_sweep
 from contimpact.scenes.scene import read_scene
 from contimpact.studies.explore import follow
 
@@ -149,10 +152,10 @@ def reader(driver, tmp_path):
     """``reader(diagram, scene)``: a page in the browser; nothing may have been complained of."""
     readers = []
 
-    def opened(diagram, scene, fragment=""):
+    def opened(diagram, scene, fragment="", swept=()):
         plot, path = scene.plot, tmp_path / "diagram.html"
         shown = Shown(plot.x, plot.xlim, plot.ylim, plot.unphysical, scene.source)
-        path.write_text(page_text(diagram, scene.model, shown), encoding="utf-8")
+        path.write_text(page_text(diagram, scene.model, shown, swept), encoding="utf-8")
         (tmp_path / "downloads").mkdir(exist_ok=True)
         readers.append(Reader(driver, path, tmp_path / "downloads"))
         return readers[-1].open(fragment)
@@ -404,6 +407,18 @@ def test_a_click_on_curves_opens_the_diagram_there(reader, computed):
     assert f"r = {values[-1]:g}" in page.run(
         "return document.querySelector('#member').selectedOptions[0].textContent"
     )
+
+
+def test_attractors_are_a_layer(reader, small, small_scene, tmp_path):
+    table = tmp_path / "sweep.csv"
+    found = sweep(small_scene.model, "s", [0.395, 0.35])
+    table.write_text(sweep_text(found), encoding="utf-8")
+    page = reader(small, small_scene, "at=a1:0", read_sweep(table, small_scene.model))
+    assert page.all("#diagram path.swept")
+    assert page.text("#orbit-name") == "attractor 1:1, simulated, down"
+    assert page.all("#series .path")
+    page.run("document.querySelector('[data-hides^=simulated]').click()")
+    assert not page.all("#diagram path.swept")
 
 
 def hostile(small, text):

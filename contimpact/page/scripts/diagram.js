@@ -235,10 +235,12 @@ function drawSwept(layer) {
       const name = way ? "swept other" : "swept",
         path = paths.get(name) ?? d3.pathRound(1);
       paths.set(name, path);
+      const met = kept(family, "met", () =>
+        Uint8Array.from({ length: family.rows }, (_, row) => Number(way > 0 && metBefore(family, row))),
+      );
       for (let row = 0; across && row < family.rows; row++) {
         const x = drawn.x(across[row]);
-        if (!(x >= drawn.box.left - 5 && x <= drawn.box.right + 5) || (way && metBefore(family, row)))
-          continue;
+        if (!(x >= drawn.box.left - 5 && x <= drawn.box.right + 5) || met[row]) continue;
         for (let at = family.starts[row]; at < family.starts[row + 1]; at++) {
           if (!wallShown(family.walls[at])) continue;
           (way ? cross : ring)(path, x, drawn.y(family.velocities[at]));
