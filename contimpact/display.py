@@ -46,13 +46,18 @@ class Shown:
         return {"text/plain": repr(self), "text/html": text}
 
 
-def in_lines(head: str, rows: Sequence[str], tail: Sequence[str] = ()) -> str:
-    """Return a text of at most `LINES` lines, the rows in the middle left out and counted."""
-    room = LINES - 1 - len(tail)
+def in_lines(
+    head: str, rows: Sequence[str], tail: Sequence[str] = (), ahead: Sequence[str] = ()
+) -> str:
+    """Return a text of at most `LINES` lines; of the rows the last ones are left out and counted.
+
+    Lines `ahead` stand before the rows, those of the `tail` after them.
+    """
+    room = LINES - 1 - len(ahead) - len(tail)
     if len(rows) > room:
         kept = max(room - 1, 1)
         rows = [*rows[:kept], f"  ... and {len(rows) - kept} more"]
-    return "\n".join(map(printable, [head, *rows, *tail]))
+    return "\n".join(map(printable, [head, *ahead, *rows, *tail]))
 
 
 def table_of(summary: Summary) -> str:

@@ -102,6 +102,8 @@ def test_every_text_has_ten_lines(results):
     )
     shown = repr(rich).splitlines()
     assert len(shown) == LINES
+    assert shown[1].startswith("  start: ")
+    assert shown[-4].startswith("  end:   ")
     assert shown[-1] == "  ... and 5 more remarks"
     assert any(re.fullmatch(r"  \.\.\. and \d+ more", line) for line in shown)
     pair = orbit.model

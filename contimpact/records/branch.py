@@ -180,5 +180,5 @@ class Branch(Shown):
         said = [f"  {text}" for text in self._said()]
         if len(said) > 3:
             said[2:] = [f"  ... and {len(said) - 2} more remarks"]
-        ends = [f"  start: {self.ends[0].message}", f"  end:   {self.ends[1].message}"]
-        return in_lines(self._head(), events, [*ends, *said])
+        start, end = f"  start: {self.ends[0].message}", f"  end:   {self.ends[1].message}"
+        return in_lines(self._head(), events, [end, *said], ahead=[start])
