@@ -46,8 +46,7 @@ class Orbit(Shown):
     Attributes
     ----------
     problem : OrbitProblem
-    unknowns : ndarray of shape (n + 1,)
-        Impact times, section coordinates and the free parameter.
+    linearisation : Linearisation
     """
 
     problem: OrbitProblem
