@@ -1,8 +1,9 @@
 """Quantities of a study's scenes that maps show: a number or a name for each scene.
 
-Most are read from the *main* stable orbit of a notation: of all its intervals of stability the one
-that reaches the largest value of the derived parameter (of the followed one where there is none).
-"As the parameter falls" is said of that value, too.
+Most are read from the *main* stable orbit of a notation: of all branches with stable orbits that on
+which they reach the largest value of the derived parameter (of the followed one where there is
+none). It ends where the last of its intervals of stability does as that value falls; "as the
+parameter falls" is said of that value, too.
 """
 
 from __future__ import annotations
@@ -31,7 +32,8 @@ class Quantity(NamedTuple):
 
 
 class Main(NamedTuple):
-    """The main stable orbit of a scene: its branch, where it ends as the parameter falls."""
+    """The main stable orbit of a scene: its branch, its range, what ends it as the parameter
+    falls."""
 
     branch: str
     low: float
@@ -46,7 +48,7 @@ def along(study: Study) -> str:
 
 def main_orbits(study: Study, orbit: str) -> dict[int, Main]:
     """Return the main stable orbit of a notation in each scene that has one."""
-    found: dict[int, Main] = {}
+    intervals: dict[tuple[int, str], list[Main]] = {}
     columns = ("low_derived", "high_derived") if study.derived else ("low", "high")
     for row in study.rows(
         f"SELECT scene, branch, {', '.join(columns)}, low_end, high_end FROM intervals"
@@ -56,8 +58,12 @@ def main_orbits(study: Study, orbit: str) -> dict[int, Main]:
         scene, branch, low, high, low_end, high_end = row
         if low > high:  # the derived parameter falls as the followed one rises
             low, high, low_end = high, low, high_end
-        if scene not in found or high > found[scene].high:
-            found[scene] = Main(branch, low, high, low_end)
+        intervals.setdefault((scene, branch), []).append(Main(branch, low, high, low_end))
+    found: dict[int, Main] = {}
+    for (scene, _), own in intervals.items():
+        main = min(own, key=lambda one: one.low)._replace(high=max(one.high for one in own))
+        if scene not in found or main.high > found[scene].high:
+            found[scene] = main
     return found
 
 

@@ -27,6 +27,8 @@ if TYPE_CHECKING:
 
 ROWS = ("scenes", *(name for name in OF_SCENES if name not in ("coordinates", "catalogues")))
 """The tables whose rows belong to scenes, which a `Study` gives by these names."""
+KEYS = {"events": "event", "branches": "branch", "curves": "curve"}
+"""Names within scenes by which rows are put in order: e2 before e10."""
 WHOLE = "content"
 """The column of what is kept whole, compressed; it is no column of a selection."""
 
@@ -245,7 +247,9 @@ class Selection:
             conditions.append(f"{places[name]} IN ({marks})")
             values += several
         what = chosen or ", ".join(places.values())
-        tail = "" if chosen else " ORDER BY t.scene"
+        own = KEYS.get(self.table)
+        order = f"t.scene, length(t.{own}), t.{own}" if own else "t.scene"
+        tail = "" if chosen else f" ORDER BY {order}"
         query = f"SELECT {what} FROM {self.table} t{joins} WHERE {' AND '.join(conditions)}{tail}"
         return query, values
 

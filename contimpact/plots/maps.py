@@ -125,8 +125,11 @@ def _draw(ax: Any, shown: Map, numbers: Any, options: Mapping[str, Any]) -> Any:
 def _draw_curves(ax: Any, shown: Map) -> list[Any]:
     handles = []
     for k, (kind, points) in enumerate(shown.curves.items()):
-        style: dict[str, Any] = {"color": "k", "linestyle": LINES[k % len(LINES)], "linewidth": 1.0}
-        ax.plot(*points.T, **style, marker=".", markersize=2.5)
+        joined = len(np.unique(points[:, 0])) == len(points)
+        line = LINES[k % len(LINES)] if joined else "none"
+        style: dict[str, Any] = {"color": "k", "linestyle": line, "linewidth": 1.0}
+        style |= {"marker": "." if joined else "+", "markersize": 2.5 if joined else 4.0}
+        ax.plot(*points.T, **style)
         handles.append(Line2D([], [], **style, label=f"{kind}, computed directly"))
     return handles
 
