@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import math
 import os
 import random
 import signal
@@ -17,6 +18,8 @@ import small_studies
 from small_studies import TOML, computed, computed_here, contents, study_given
 
 from contimpact import follow, load_entries, read_scene
+from contimpact.attractors.energy import of_attractor
+from contimpact.attractors.simulation import simulate
 from contimpact.cli import main
 from contimpact.errors import InputError
 from contimpact.parameter_studies import budget, executors, run, worker
@@ -24,9 +27,10 @@ from contimpact.parameter_studies.budget import BudgetError
 from contimpact.parameter_studies.outcome import unpacked
 from contimpact.parameter_studies.run import WorkersLostError
 from contimpact.parameter_studies.store import Store
+from contimpact.parameter_studies.study import Study
 from contimpact.parameter_studies.study_file import read_study
 from contimpact.parameter_studies.worker import Task, compute
-from contimpact.records.catalogue import catalogue_text
+from contimpact.records.catalogue import branch_text, catalogue_text, curve_text
 
 
 @pytest.fixture
@@ -118,6 +122,34 @@ def test_a_study_is_computed_by_one_process_at_a_time(here, uninterrupted, tmp_p
         with pytest.raises(InputError, match="another contimpact is writing"):
             computed(tmp_path / "s.sqlite", study_given(), here)
         computed(tmp_path / "s.sqlite", study_given("other", count=2), here)
+
+
+def test_what_is_kept_besides_is_what_the_scene_gives(here, tmp_path):
+    """Attractors and voltages of simulated motion, branch tables, curves and their points."""
+    keep = ["attractors", "energies", "tables", "curves"]
+    given = study_given(keep=keep, grid={"beta": [math.pi / 6]})
+    given["model"]["parameters"]["r"] = 0.25
+    given["follow"]["range"] = [0.2, 0.6]
+    given["curves"] = {"parameter": "r", "range": [0.1, 0.3], "kinds": ["PD"]}
+    given["simulate"] = {"range": [0.4, 0.45], "values": 2, "transitions": False}
+    given["energy"] = {}
+    computed(tmp_path / "s.sqlite", given, here)
+    study = read_study(given)
+    scene = read_scene(study.scene_at(study.points[1][0], 0))
+    diagram, simulation = follow(scene), simulate(scene, tmp_path)
+    with Study(tmp_path / "s.sqlite") as asked:
+        found = asked.attractors().arrays()
+        rows = simulation.sweep.rows
+        assert found["notation"].tolist() == [row.attractor.notation for row in rows]
+        assert found["value"].tolist() == [row.value for row in rows] == [0.45, 0.4]
+        energies = asked.select("energies").arrays()["per_time"].tolist()
+        assert energies == [of_attractor(scene.energy, row.attractor).per_time for row in rows]
+        assert min(energies) > 0.0
+        assert asked.table(0, "b1") == branch_text(diagram.branches[0])
+        assert asked.curve(0, "c1") == curve_text(diagram.curves[0])
+        (point,) = asked.select("codimension_two", kind="PD-G")
+    assert point["second_value"] == pytest.approx(0.185725166, abs=1e-8)
+    assert point["derived"] == pytest.approx(0.229925231, abs=1e-8)
 
 
 # Scenes that fail
