@@ -150,7 +150,7 @@ def test_rooms_make_no_circle():
 
 @pytest.mark.parametrize("module", modules_of("contimpact.systems"))
 def test_a_system_stands_on_the_model_alone(module):
-    models = ("model", "symbolic", "linear", "machine", "expressions")
+    models = ("model", "symbolic", "linear", "machine", "expressions", "own_parameters")
     assert own(module) - FOR_ALL <= {f"contimpact.models.{name}" for name in models}
 
 

@@ -40,13 +40,14 @@ def check_class(kind: Any) -> None:
     parameters = getattr(kind, "PARAMETERS", ())
     require_all(parameters, ("name", "split", "accepted"), f"{where}.PARAMETERS", "Parameter")
     names = [name for p in parameters for name in (p.name, *p.split)]
-    _check_names(names, f"{where}.PARAMETERS", taken=())
-    _check_names(kind.DERIVED, f"{where}.DERIVED", taken=names)
-    _check_names(kind.OPTIONS, f"{where}.OPTIONS", taken=("system", "parameters", *names))
+    check_names(names, f"{where}.PARAMETERS", taken=())
+    check_names(kind.DERIVED, f"{where}.DERIVED", taken=names)
+    check_names(kind.OPTIONS, f"{where}.OPTIONS", taken=("system", "parameters", *names))
     for attribute, known in (
         ("DERIVED_UNITS", kind.DERIVED),
         ("DERIVED_FROM", kind.DERIVED),
         ("EXPRESSIONS", kind.OPTIONS),
+        ("PARAMETRIC", kind.EXPRESSIONS),
     ):
         _check_known(getattr(kind, attribute), known, f"{where}.{attribute}")
     for derived, depends in kind.DERIVED_FROM.items():
@@ -60,7 +61,7 @@ def check_complete(kind: Any) -> None:
             raise InputError(f"{kind.__name__}.{name}", "missing", f"set {', '.join(REQUIRED)}")
 
 
-def _check_names(names: Any, where: str, taken: Iterable[str]) -> None:
+def check_names(names: Any, where: str, taken: Iterable[str]) -> None:
     """Refuse names that are no identifiers, that are columns of tables, or that stand twice."""
     used = set(taken)
     for name in names:

@@ -20,6 +20,7 @@ from .expressions import check_expression
 from .guards import Guard as Guard
 from .guards import Mode as Mode
 from .guards import Wall as Wall
+from .own_parameters import check_with_own, own_names
 from .sources import identity
 
 
@@ -155,7 +156,8 @@ class Model(ABC):
     Of the class attributes these may be left out: `MODES`, where there is one; `DERIVED_UNITS`,
     units of derived parameters for labels; `DERIVED_FROM`, the parameters each depends on (all, if
     nothing is said); `EXPRESSIONS`, the options that are expressions, with the names that may stand
-    in them; `MEMBRANES`, whether impacts hit membranes of an energy harvester; `STATED`, whether
+    in them; `PARAMETRIC`, those of them in which any name may stand that is given a value, as a
+    parameter of one's own, and is then in `own`; `MEMBRANES`, whether impacts hit membranes of an energy harvester; `STATED`, whether
     scenes state the system themselves, as its option `machine`.
     """
 
@@ -168,6 +170,7 @@ class Model(ABC):
     DERIVED_FROM: ClassVar[Mapping[str, tuple[str, ...]]] = {}
     OPTIONS: ClassVar[Mapping[str, str]] = {}
     EXPRESSIONS: ClassVar[Mapping[str, tuple[str, ...]]] = {}
+    PARAMETRIC: ClassVar[tuple[str, ...]] = ()
     DEGREES_OF_FREEDOM: ClassVar[int] = 1
     MEMBRANES: ClassVar[bool] = False
     STATED: ClassVar[bool] = False
@@ -180,13 +183,26 @@ class Model(ABC):
         check_complete(type(self))
         self.shared: dict[str, Any] = {}
         self.options = {name: str(given.pop(name, text)) for name, text in self.OPTIONS.items()}
-        for name, variables in self.EXPRESSIONS.items():
-            check_expression(self.options[name], name, variables)
-        self._declared = {p.name: p for p in _resolved(self.PARAMETERS, given)}
+        self.own = self._own_parameters(given)
+        added = tuple(Parameter(n, "", "a parameter of an expression") for n in self.own)
+        self._declared = {p.name: p for p in _resolved((*self.PARAMETERS, *added), given)}
         self.values = {
             name: p.check(given.pop(name, p.default), name) for name, p in self._declared.items()
         }
         self.validate()
+
+    def _own_parameters(self, given: Mapping[str, Any]) -> tuple[str, ...]:
+        """The parameters that expressions have besides those declared, once these are checked."""
+        declared = [name for p in self.PARAMETERS for name in (p.name, *p.split)]
+        known = (*declared, *(v for names in self.EXPRESSIONS.values() for v in names))
+        texts = [self.options[name] for name in self.PARAMETRIC]
+        own = own_names(texts, known, (*self.DERIVED, *self.OPTIONS), given)
+        for name, variables in self.EXPRESSIONS.items():
+            if name in self.PARAMETRIC:
+                check_with_own(self.options[name], name, variables, own, declared)
+            else:
+                check_expression(self.options[name], name, variables)
+        return tuple(own)
 
     @abstractmethod
     def formulas(self, symbols: Mapping[str, Any]) -> Formulas:

@@ -18,7 +18,7 @@ PACKAGE = __package__.partition(".")[0]
 HERE = Path(__file__).parent.parent
 GENERATOR = tuple(
     """models/equations models/expressions models/extent models/guards models/harmonics
-    models/linear models/model
+    models/linear models/model models/own_parameters
     models/restitution models/section models/symbolic models/symbols
     segments/codegen segments/layout segments/linear_flow segments/stumpff segments/tape
     segments/transients""".split()

@@ -14,7 +14,7 @@ import numpy as np
 import sympy
 from sympy import I, Integer, pi
 
-from ..errors import InputError
+from ..errors import InputError, shown
 from .expressions import check_expression, sympy_expression, values_of
 from .harmonics import over_harmonics as over_harmonics
 
@@ -136,7 +136,7 @@ def driven_oscillator(
 
 
 def fourier_series(
-    text: str, where: str, period: sympy.Expr
+    text: str, where: str, period: sympy.Expr, parameters: Mapping[str, Any] | None = None
 ) -> tuple[Any, list[tuple[int, Any, Any]]]:
     """Expand a periodic function of ``t`` into a finite sum of harmonics.
 
@@ -152,6 +152,8 @@ def fourier_series(
         The place named in an error.
     period : sympy.Expr
         Its period.
+    parameters : mapping of str to sympy.Symbol, optional
+        Parameters that stand in it; it has to be a sum or product of sines and cosines then.
 
     Returns
     -------
@@ -164,12 +166,20 @@ def fourier_series(
         If the text cannot be read, is not periodic, not finite or not smooth enough.
     """
     coefficients = None
-    if check_expression(text, where, ("t",)) <= MOST_TERMS:
-        t = sympy.Symbol("t", real=True)
-        expression = sympy_expression(text, where, {"t": t})
+    symbols = dict(parameters or {})
+    if check_expression(text, where, ("t", *symbols)) <= MOST_TERMS:
+        t = sympy.Dummy("t", real=True)
+        expression = sympy_expression(text, where, {"t": t, **symbols})
         if expression.has(sympy.oo, -sympy.oo, sympy.zoo, sympy.nan):
             raise InputError(where, f"{text!r} is not finite", "use a function that is finite")
-        coefficients = _exact_coefficients(expression, t, text, where, period)
+        held: dict[Any, Any] = {}
+        coefficients = _exact_coefficients(_held(expression, t, held), t, text, where, period)
+        let_go = {dummy: e for e, dummy in held.items()}
+        if coefficients is not None:
+            coefficients = [(k, a.xreplace(let_go), b.xreplace(let_go)) for k, a, b in coefficients]
+    if coefficients is None and symbols:
+        found = f"{shown(text)} is no sum of harmonics for all values of {', '.join(symbols)}"
+        raise InputError(where, found, "use sums and products of sines and cosines, with numbers")
     if coefficients is None:
         coefficients = _sampled_coefficients(text, where, period)
     if max((k for k, a, b in coefficients), default=0) > MOST_HARMONICS:
@@ -178,6 +188,15 @@ def fourier_series(
         )
     mean = sum((a for k, a, b in coefficients if k == 0), Integer(0))
     return mean, [(k, a, b) for k, a, b in coefficients if k > 0]
+
+
+def _held(e: Any, t: Any, held: dict[Any, Any]) -> Any:
+    """An expression whose parts in parameters alone are symbols, which expanding leaves alone."""
+    if e.has(t):
+        return e.func(*(_held(a, t, held) for a in e.args)) if e.args else e
+    if e.is_Symbol or not e.free_symbols:
+        return e
+    return held.setdefault(e, sympy.Dummy(real=True))
 
 
 def _exact_coefficients(
@@ -214,7 +233,11 @@ def _exact_coefficients(
 
 def _require_real(amplitudes: Mapping[int, Any], text: str, where: str) -> None:
     """Refuse what is not finite, or not real for real t: c_-k has to be the conjugate of c_k."""
-    numbers = {k: complex(sympy.sympify(c).evalf(30)) for k, c in amplitudes.items()}
+    free = sorted(
+        set().union(*(sympy.sympify(c).free_symbols for c in amplitudes.values())), key=str
+    )
+    some = {symbol: sympy.Float(0.37 + 0.11 * i, 30) for i, symbol in enumerate(free)}
+    numbers = {k: complex(sympy.sympify(c).subs(some).evalf(30)) for k, c in amplitudes.items()}
     size = max(map(abs, numbers.values()), default=0.0)
     if not math.isfinite(size):
         raise InputError(where, f"{text!r} is not finite", "use a function that is finite")
@@ -223,7 +246,9 @@ def _require_real(amplitudes: Mapping[int, Any], text: str, where: str) -> None:
 
 
 def _real(value: Any) -> Any:
-    """A number as a rational if it is one, else as a 53-bit float."""
+    """A number as a rational if it is one, else as a 53-bit float; with parameters as it is."""
+    if value.free_symbols:
+        return sympy.simplify(sympy.expand_complex(value).as_real_imag()[0])
     number = sympy.re(value.evalf(30))
     near = Fraction(str(number)).limit_denominator(MOST_DENOMINATOR)
     if abs(number - sympy.Rational(near)) <= 1e-25 * max(1, abs(number)):

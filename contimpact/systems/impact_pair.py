@@ -15,6 +15,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any, ClassVar
 
 from ..models.model import Formulas, Model, Parameter, Symmetry, Wall
+from ..models.own_parameters import mean_depends
 
 State = Sequence[Any]
 """Positions or velocities, one for each degree of freedom."""
@@ -40,7 +41,7 @@ class ImpactPair(Model):
     g : float, default 9.8
         Gravity, m/s^2.
     forcing : str, default ``"cos(pi*t)"``
-        f(t), of period 2.
+        f(t), of period 2. Any name in it that is given a value, too, is a parameter.
     """
 
     SYSTEM = "impact-pair"
@@ -51,6 +52,7 @@ class ImpactPair(Model):
     MEMBRANES = True
     OPTIONS: ClassVar = {"forcing": "cos(pi*t)"}
     EXPRESSIONS: ClassVar = {"forcing": ("t",)}
+    PARAMETRIC = ("forcing",)
     PARAMETERS = (
         Parameter("beta", "rad", "the inclination", lower=-math.pi / 2, upper=math.pi / 2),
         Parameter("r", "", "the restitution coefficient", lower=0, upper=1, split=("r_B", "r_T")),
@@ -66,6 +68,9 @@ class ImpactPair(Model):
         mean, orders = harmonics[0], harmonics[1::3]
         broken_by = {"beta", "r_B", "r_T"} | ({"g"} if self.values["beta"] != 0 else set())
         equal = "r" in self.values or self.values["r_B"] == self.values["r_T"]
+        own = {name: self.values[name] for name in self.own}
+        if parameter in own and mean_depends(self.options["forcing"], own, parameter, 2.0):
+            return None
         if mean == 0 and equal and all(k % 2 for k in orders) and parameter not in broken_by:
             return Symmetry({"B": "T", "T": "B"}, shift=0.5, sign=-1.0)
         return None
@@ -83,7 +88,8 @@ class ImpactPair(Model):
             wall.name: symbols.get("r", symbols.get(f"r_{wall.name}")) for wall in self.WALLS
         }
         period = sympy.Integer(2)
-        mean, harmonics = fourier_series(self.options["forcing"], "forcing", period)
+        own = {name: symbols[name] for name in self.own}
+        mean, harmonics = fourier_series(self.options["forcing"], "forcing", period, own)
         length = mass * omega**2 * s / (amplitude * sympy.pi**2)
         gravity = mass * g * sympy.sin(beta) / amplitude
         constant = gravity + mean
