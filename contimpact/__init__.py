@@ -19,6 +19,7 @@ _PLACES = {
     "Wall": "models.model",
     "Formulas": "models.model",
     "Symmetry": "models.model",
+    "check_model": "segments.checking",
     "Orbit": "orbits.search",
     "find_orbits": "orbits.search",
     "Settings": "continuation.settings",

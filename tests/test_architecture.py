@@ -193,7 +193,12 @@ def test_the_symbolic_modules_are_imported_where_they_are_used(module):
     """Whoever imports them at import time would bring SymPy along."""
     symbolic = {
         f"contimpact.{name}"
-        for name in ("segments.codegen", "models.symbolic", "mechanics.symbolic")
+        for name in (
+            "segments.checking",
+            "segments.codegen",
+            "models.symbolic",
+            "mechanics.symbolic",
+        )
     }
     if module not in symbolic:
         assert places(module, lambda i: i.module in symbolic and i.at_import) == []

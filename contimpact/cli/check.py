@@ -8,6 +8,8 @@ from collections.abc import Sequence
 from ..errors import InputError, printable
 from ..progress import Progress
 from ..scenes.scene import CurveOptions, Scene, load_scene
+from ..scenes.system_files import systems_of
+from ..segments.checked import checked
 from ..segments.kernels import Kernels
 from ..studies.starting_orbits import SURVEYED, not_found, orbits_at, placed, refusal
 from ..telling import telling
@@ -16,13 +18,15 @@ from .terminal import say
 
 def command(options: argparse.Namespace) -> int:
     """Validate a scene; returns the exit status."""
-    scene = load_scene(options.scene)
+    scene = load_scene(options.scene, systems_of(options.system))
     with telling(scene.name, patient=True) as tell:
+        compared = _compared(scene)
         derived, orbits = _computed(scene, tell)
     say(f"scene {scene.name}" + (f": {printable(scene.source)}" if scene.source else ""))
     say(f"  model    {scene.model!r}")
     for name, value in zip(scene.model.DERIVED, derived, strict=False):
         say(f"           {name} = {value:.12g}")
+    say(f"  checked  {', '.join(compared)}")
     low, high = scene.range
     say(f"  follow   {scene.parameter} from {scene.start:.12g} within [{low:.12g}, {high:.12g}]")
     for line in orbits:
@@ -35,6 +39,14 @@ def command(options: argparse.Namespace) -> int:
     for text in scene.left_out():
         say(f"  left out {text}")
     return 0
+
+
+def _compared(scene: Scene) -> list[str]:
+    """What the model states that was compared."""
+    try:
+        return checked(scene.model)
+    except InputError as error:
+        raise placed(error, scene) from None
 
 
 def _computed(scene: Scene, tell: Progress) -> tuple[Sequence[float], list[str]]:

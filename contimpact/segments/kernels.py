@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import functools
 import hashlib
-import itertools
 import re
 from collections.abc import Callable
 from pathlib import Path
@@ -233,22 +232,15 @@ class Kernels:
         parts = (name, *self.parameters, self.model.identity, *digests())
         return hashlib.sha256("\0".join(parts).encode()).hexdigest()
 
-    def _check(self) -> None:
-        """Compare what the model says of its flights, before the first kernel is written."""
-        from ..models.agreement import check_motion
-
-        pairs = itertools.product(self.model.WALLS, range(self.model.DEGREES_OF_FREEDOM))
-        for name in (f"agreement_{wall.name}_{i}" for wall, i in pairs):
-            kernel = kernel_of(name, self._writer.write(name), f"<{name}>")
-            check_motion(self.model, name.split("_")[1], kernel)
-
     def _generate(self, name: str, key: str) -> str:
+        from .checking import check_model
         from .codegen import KernelWriter
 
         logger(__name__).info("generating kernel %s of %s", name, self.model.SYSTEM)
         if self._writer is None:
             self._writer = KernelWriter(self.model, self.parameters)
-            self._check()
+            if "checked" not in self.model.shared:
+                self.model.shared["checked"] = check_model(self.model)
         free = ", ".join(self.parameters)
         body = (
             f"# A kernel of contimpact: {self.model.SYSTEM}, {name}; free: {free}.\n"

@@ -1,0 +1,166 @@
+"""Whether what a system states fits together: the one door to all such comparisons.
+
+What a class declares is checked when it is defined (`contimpact.models.contract`), names and
+symbols when its formulas are looked at (`contimpact.models.equations`). Here formulas are evaluated
+at random states and compared. Importing this module imports SymPy.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from random import Random
+from typing import TypeAlias
+
+from ..errors import InputError
+from ..models.agreement import TOLERANCE, check_motion
+from ..models.equations import equations_of
+from ..models.model import Model, Symmetry
+from .arithmetic import kernel_of
+from .codegen import KernelWriter
+
+Agreements: TypeAlias = dict[tuple[str, int], Callable[..., Sequence[float]]]
+"""The kernels ``agreement``, by wall and coordinate."""
+
+TRIALS = 3
+
+
+def check_model(model: Model) -> list[str]:
+    """Check that what a system states fits together.
+
+    Derived parameters have to depend on what `DERIVED_FROM` says; flights, resets, accelerations,
+    harmonics and period have to state one motion; a reset has to send the body away from its wall;
+    a symmetry has to be one. It is called by ``contimpact check`` and before the first kernel of a
+    system's formulas is written.
+
+    Parameters
+    ----------
+    model : Model
+        Compared at random parameter values near its own, its symmetries at its own.
+
+    Returns
+    -------
+    list of str
+        What was compared, in words.
+
+    Raises
+    ------
+    InputError
+        Naming the formulas that contradict each other, and where.
+    """
+    writer = KernelWriter(model, (next(iter(model.values)),))
+    kernels = {
+        (wall.name, i): _agreement(writer, f"agreement_{wall.name}_{i}")
+        for wall in model.WALLS
+        for i in range(model.DEGREES_OF_FREEDOM)
+    }
+    done = [*_derived(model), *_period(model, kernels)]
+    for (wall, _), kernel in kernels.items():
+        check_motion(model, wall, kernel)
+    done += [f"flight from {wall.name}" for wall in model.WALLS]
+    return [*done, *_resets(model, kernels), *_symmetries(model, writer, kernels)]
+
+
+def _agreement(writer: KernelWriter, name: str) -> Callable[..., Sequence[float]]:
+    return kernel_of(name, writer.write(name), f"<{name}>")
+
+
+def _derived(model: Model) -> list[str]:
+    """Derived parameters depend on no more than the class says."""
+    for name, e in equations_of(model).derived.items():
+        declared = model.DERIVED_FROM.get(name, tuple(model.values))
+        more = sorted(str(symbol) for symbol in e.free_symbols if str(symbol) not in declared)
+        if more:
+            where = f"{type(model).__name__}.DERIVED_FROM[{name!r}]"
+            found = f"{name} depends on {', '.join(more)}, too"
+            raise InputError(where, found, "name all parameters that it depends on")
+    return ["derived parameters"] if model.DERIVED else []
+
+
+def _period(model: Model, kernels: Agreements) -> list[str]:
+    """The period is positive."""
+    kernel = next(iter(kernels.values()))
+    start = [0.0] * (model.unknowns_per_impact - 1)
+    try:
+        period = kernel(0.0, *start, 0.0, *model.values.values())[0]
+    except (ArithmeticError, ValueError):
+        return []  # of which `check_motion` says that it is not checked
+    if not period > 0.0:
+        where = f"{type(model).__name__}.formulas: period"
+        raise InputError(where, f"it is {period:.6g}", "give a positive one")
+    return ["period"]
+
+
+def _resets(model: Model, kernels: Agreements) -> list[str]:
+    """What hits a rigid wall leaves it, or stays at it; of one degree of freedom."""
+    if model.DEGREES_OF_FREEDOM > 1:
+        return []
+    random, values = Random(1), list(model.values.values())
+    for wall in model.WALLS:
+        for _ in range(TRIALS):
+            before = wall.side * random.uniform(0.1, 1.0)
+            try:
+                after = kernels[wall.name, 0](0.0, before, 0.0, *values)[1]
+            except (ArithmeticError, ValueError):
+                continue
+            if after * wall.side > TOLERANCE * abs(before):
+                where = f"{type(model).__name__}.formulas: reset at {wall.name!r}"
+                found = f"it sends the body on into the wall: {before:.6g} becomes {after:.6g}"
+                accepted = f"return -r*v[0], or mend the wall's side, which is {wall.side:+d}"
+                raise InputError(where, found, accepted)
+    return [f"reset at {wall.name}" for wall in model.WALLS]
+
+
+def _symmetries(model: Model, writer: KernelWriter, kernels: Agreements) -> list[str]:
+    """Every symmetry that the model has at its values maps flights to flights."""
+    values = list(model.values.values())
+    harmonics = kernel_of("harmonics", writer.write("harmonics"), "<harmonics>")(*values)
+    found = []
+    for name in model.values:
+        symmetry = model.symmetry(name, harmonics)
+        if symmetry is not None:
+            _check_symmetry(model, name, symmetry, kernels)
+            found.append(name)
+    return [f"symmetry at all {', '.join(found)}"] if found else []
+
+
+def _check_symmetry(model: Model, name: str, symmetry: Symmetry, kernels: Agreements) -> None:
+    """Flights from a wall against those from its image, at other values of a parameter."""
+    random, where = Random(2), f"{type(model).__name__}.symmetry in {name}"
+    for _ in range(TRIALS):
+        values = _elsewhere(model, name, random)
+        start = [random.uniform(-1, 1) for _ in range(model.unknowns_per_impact - 1)]
+        image = [symmetry.sign * x for x in start]
+        for (wall, i), kernel in kernels.items():
+            if symmetry.walls.get(wall) not in {w.name for w in model.WALLS}:
+                accepted = f"give each of {', '.join(w.name for w in model.WALLS)} its image"
+                raise InputError(where, f"the wall {wall!r} has none", accepted)
+            other = kernels[symmetry.walls[wall], i]
+            try:
+                period = kernel(0.0, *start, 0.0, *values)[0]
+                phase, dt = period * random.random(), period * random.uniform(0.2, 1.2)
+                one = kernel(phase, *start, dt, *values)[1:5]
+                two = other(phase + symmetry.shift * period, *image, dt, *values)[1:5]
+            except (ArithmeticError, ValueError):
+                continue
+            size = max(map(abs, (*one, *two)))
+            for what, a, b in zip(COMPARED, one, two, strict=True):
+                if abs(symmetry.sign * a - b) > TOLERANCE * size:
+                    found = (
+                        f"the {what} after {wall!r} is {a:.6g}, and after {symmetry.walls[wall]!r} "
+                        f"{b:.6g} in place of {symmetry.sign * a:.6g}"
+                    )
+                    raise InputError(where, found, "return None where there is no symmetry")
+
+
+COMPARED = ("velocity", "mean velocity", "end velocity", "acceleration")
+"""What the kernels ``agreement`` return from the second place on."""
+
+
+def _elsewhere(model: Model, name: str, random: Random) -> list[float]:
+    """The model's values, with another one of a parameter."""
+    value = model.values[name]
+    moved = value * random.uniform(0.8, 1.2) if value else random.uniform(0.05, 0.2)
+    try:
+        return list(model.replace(**{name: moved}).values.values())
+    except InputError:
+        return list(model.values.values())
