@@ -174,4 +174,12 @@ def parser() -> argparse.ArgumentParser:
     completion = commands.add_parser("completion", help="print the completion of a shell")
     completion.add_argument("shell", choices=["bash", "zsh", "fish"], help="the shell")
     completion.set_defaults(module="completion")
+    for command in (check, run, simulate, report, plot):
+        command.add_argument(
+            "--system",
+            metavar="FILE",
+            action="append",
+            default=[],
+            help="Python file that defines a system of your own; may be given several times",
+        )
     return with_examples(parser)

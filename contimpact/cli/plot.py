@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import dataclasses
+from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -14,6 +15,7 @@ from ..records.diagram import Diagram
 from ..records.recovery import model_at
 from ..records.result_folder import MANIFEST, kept_still, read_json
 from ..scenes.scene import FORMATS, PlotOptions, Scene, read_scene
+from ..scenes.system_files import systems_of
 from .terminal import say
 
 if TYPE_CHECKING:
@@ -42,7 +44,7 @@ def command(options: argparse.Namespace) -> int:
 def _draw(folder: Path, target: Path, kind: str, options: argparse.Namespace) -> None:
     """Draw the diagram in a folder to a file."""
     diagram = load_diagram(folder)
-    plot, model, membrane = _shown_as(folder, diagram)
+    plot, model, membrane = _shown_as(folder, diagram, systems_of(options.system))
     chosen = _chosen(plot, diagram, options)
     if kind not in FORMATS:
         accepted = f"accepted are {', '.join(FORMATS)}, html"
@@ -66,17 +68,18 @@ def draw_page(folder: Path, target: Path, options: argparse.Namespace | None = N
     from ..page.data import Shown, remarks_in
     from ..page.document import write_page
 
+    systems = systems_of(options.system) if options else {}
     given = (folder / "manifest.json").exists()
     if given and not (folder / "catalogue.json").exists():  # a simulation without branches
-        diagram = Diagram(_scene_of(folder).name, [])
+        diagram = Diagram(_scene_of(folder, systems).name, [])
     else:
         diagram = load_diagram(folder)
-    plot, model, _ = _shown_as(folder, diagram)
+    plot, model, _ = _shown_as(folder, diagram, systems)
     chosen = _chosen(plot, diagram, options) if options else {}
     shown = Shown(plot.x, plot.xlim, plot.ylim, plot.unphysical)
     if given:
         manifest = read_json(folder / "manifest.json", MANIFEST, "a folder made by contimpact run")
-        source, remarks = _scene_of(folder).source, remarks_in(manifest)
+        source, remarks = _scene_of(folder, systems).source, remarks_in(manifest)
         shown = dataclasses.replace(shown, source=source, remarks=remarks)
     shown = dataclasses.replace(shown, **chosen)
     write_page(diagram, model, folder, shown, target)
@@ -96,14 +99,14 @@ def _chosen(plot: PlotOptions, diagram: Diagram, options: argparse.Namespace) ->
     }
 
 
-def _shown_as(folder: Path, diagram: Diagram) -> tuple[PlotOptions, Model | None, Membrane | None]:
+def _shown_as(folder: Path, diagram: Diagram, systems: Mapping[str, type[Model]]) -> tuple[PlotOptions, Model | None, Membrane | None]:
     """How a diagram is drawn, the system, and the membranes that were named.
 
     They are those of the scene, or, in a folder that was written from Python, those that the
     branches name; None for a system of one's own.
     """
     if (folder / "manifest.json").exists() or not diagram.branches:
-        scene = _scene_of(folder)
+        scene = _scene_of(folder, systems)
         _require_walls(diagram, scene)
         return scene.plot, scene.model, scene.energy
     branch = diagram.branches[0]
@@ -122,13 +125,15 @@ def _require_walls(diagram: Diagram, scene: Scene) -> None:
             raise InputError(f"branch {branch.id}", f"the word {shown(branch.word)}", accepted)
 
 
-def _scene_of(folder: Path) -> Scene:
+def _scene_of(folder: Path, systems: Mapping[str, type[Model]]) -> Scene:
     """The scene in a folder's manifest."""
     path, wanted = folder / "manifest.json", "a folder made by contimpact run"
     manifest = read_json(path, MANIFEST, wanted)
     try:
-        return read_scene(manifest["scene"]["resolved"])
+        return read_scene(manifest["scene"]["resolved"], systems)
     except InputError as error:
+        if error.where == "model.system":
+            raise InputError(str(path), error.found, error.accepted) from None
         raise InputError(
             str(path), f"its scene cannot be read: {error}", f"give {wanted}"
         ) from None

@@ -8,13 +8,14 @@ from ..accuracy.output import write_report
 from ..accuracy.report import report
 from ..records.result_folder import held
 from ..scenes.scene import load_scene
+from ..scenes.system_files import systems_of
 from ..telling import telling
 from .terminal import say
 
 
 def command(options: argparse.Namespace) -> int:
     """Measure a scene; returns the exit status."""
-    scene = load_scene(options.scene)
+    scene = load_scene(options.scene, systems_of(options.system))
     with held(options.output) as folder:
         with telling(scene.name, options.quiet) as tell:
             data = report(scene, options.repetitions, tell)

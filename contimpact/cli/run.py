@@ -18,6 +18,7 @@ from ..records.diagram import Diagram
 from ..records.diagram_reading import read
 from ..records.result_folder import Files, held, renewed
 from ..scenes.scene import Scene, load_scene
+from ..scenes.system_files import systems_of
 from ..storage.files import write_all
 from ..studies import explore
 from ..studies.explore import INTERRUPTED
@@ -59,10 +60,11 @@ class _Job:
 def _validated(options: argparse.Namespace) -> tuple[list[_Job], int]:
     """The scenes that can be run, and the exit status of the others; one alone is raised."""
     paths, status = options.scenes, 0
+    systems = systems_of(options.system)
     scenes: list[tuple[str, Scene]] = []
     for path in paths:
         try:
-            scenes.append((path, load_scene(path)))
+            scenes.append((path, load_scene(path, systems)))
         except InputError as error:
             if len(paths) == 1:
                 raise

@@ -13,6 +13,7 @@ from ..progress import Progress
 from ..records.diagram import Diagram
 from ..records.result_folder import ROWS, TABLES, Files, held, renewed
 from ..scenes.scene import load_scene
+from ..scenes.system_files import systems_of
 from ..telling import telling
 from .console import Interruption, deferred, drawn
 from .manifest import write_manifest
@@ -24,7 +25,7 @@ def command(options: argparse.Namespace) -> int:
     """Simulate a scene; returns the exit status."""
     mode()  # refused before anything is computed
     began = time.perf_counter()
-    scene = load_scene(options.scene)
+    scene = load_scene(options.scene, systems_of(options.system))
     if scene.simulate is None:
         raise InputError(options.scene, "no table [simulate]", "add one, see the scene format")
     interruption = Interruption()

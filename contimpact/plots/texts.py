@@ -117,7 +117,7 @@ def fixed_values(branches: Sequence[Branch]) -> dict[str, float]:
 
 
 def _class(name: str) -> type[Model] | None:
-    """The class of a system that comes with the package."""
-    from ..systems import SYSTEMS, system
+    """The class of a system that is installed or imported."""
+    from ..records.recovery import imported_system
 
-    return system(name) if name in SYSTEMS else None
+    return imported_system(name) if name else None

@@ -19,7 +19,7 @@ from ..orbits.problem import Array, OrbitProblem
 from ..orbits.quiet import problem_of
 from ..orbits.search import Orbit, find_orbits
 from ..segments.kernels import Kernels
-from ..systems import SYSTEMS, system
+from ..systems import installed
 from .tables import columns_of, coordinates
 
 if TYPE_CHECKING:
@@ -192,8 +192,8 @@ def imported_system(name: str) -> type[Model] | None:
 
 
 def _classes(name: str) -> list[type[Model]]:
-    if name in SYSTEMS:
-        return [system(name)]
+    if (kind := installed(name)) is not None:
+        return [kind]
     # a class that is defined again, as in a notebook, replaces the earlier one
     own = {(k.__module__, k.__qualname__): k for k in _below(Model) if _is(k, name)}
     return list(own.values())

@@ -194,12 +194,14 @@ class Scene:
         return words
 
 
-def load_scene(path: str | Path) -> Scene:
+def load_scene(path: str | Path, systems: Mapping[str, type[Model]] | None = None) -> Scene:
     """Read and validate a scene file.
 
     Parameters
     ----------
     path : str or Path
+    systems : mapping of str to type, optional
+        Systems of your own that it may name, besides those that are installed.
 
     Returns
     -------
@@ -214,7 +216,7 @@ def load_scene(path: str | Path) -> Scene:
     if "study" in given:
         accepted = "compute it by contimpact study, or take the table away"
         raise InputError(str(path), "a table [study]: it is a study of many scenes", accepted)
-    return read_scene(given)
+    return read_scene(given, systems)
 
 
 def read_toml(path: str | Path) -> dict[str, Any]:
@@ -262,13 +264,15 @@ def _text(path: Path) -> str:
     return text
 
 
-def read_scene(given: Mapping[str, Any]) -> Scene:
+def read_scene(given: Mapping[str, Any], systems: Mapping[str, type[Model]] | None = None) -> Scene:
     """Validate a scene given as nested mappings.
 
     Parameters
     ----------
     given : mapping
         Tables and keys as in a scene file.
+    systems : mapping of str to type, optional
+        Systems of your own that it may name, as in `load_scene`.
 
     Returns
     -------
@@ -284,7 +288,7 @@ def read_scene(given: Mapping[str, Any]) -> Scene:
     top = Table(given, "")
     name = _name(top.text("name"))
     source = top.text("source", "")
-    model = read_model(top.table("model"))
+    model = read_model(top.table("model"), systems)
     follow = top.table("follow")
     parameter = follow.text("parameter")
     if parameter in model.DERIVED:

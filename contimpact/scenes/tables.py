@@ -5,7 +5,7 @@ Every mistake is refused with the path of its key, what was found and what would
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, fields, replace
 from typing import TYPE_CHECKING, Any
 
@@ -63,9 +63,9 @@ def read_machine(table: Table, kind: type[Model]) -> Model:
         raise error.within(inside) from None
 
 
-def read_model(table: Table) -> Model:
+def read_model(table: Table, systems: Mapping[str, type[Model]] | None = None) -> Model:
     """Return the model of [model] at the start's parameter values."""
-    kind = system(table.text("system"), "model.system")
+    kind = system(table.text("system"), "model.system", systems)
     if kind.STATED and "machine" not in table.data:
         return read_machine(table, kind)
     options = {name: table.text(name, default) for name, default in kind.OPTIONS.items()}

@@ -1,8 +1,10 @@
-"""The systems that come with the package, one file each."""
+"""The systems that come with the package, one file each, and those that plugins offer."""
 
 from __future__ import annotations
 
 import importlib
+from collections.abc import Mapping
+from typing import Any
 
 from ..errors import InputError
 from ..models.model import Model
@@ -19,16 +21,65 @@ SYSTEMS = {
     "linear": "linear:LinearMachine",
 }
 
+PLUGINS = "contimpact.systems"
+"""The group of entry points by which other distributions offer systems: ``name = module:Class``."""
 
-def system(name: str, where: str = "system") -> type[Model]:
+
+def system(
+    name: str, where: str = "system", own: Mapping[str, type[Model]] | None = None
+) -> type[Model]:
     """Return the class of a system by the name scenes use.
+
+    Parameters
+    ----------
+    name : str
+    where : str
+        The place named in an error.
+    own : mapping of str to type, optional
+        Systems of the user's own, by name.
 
     Raises
     ------
     InputError
-        If there is no such system.
+        If there is no such system, or the plugin that offers it cannot be loaded.
     """
-    if name not in SYSTEMS:
-        raise InputError(where, f"no system {name!r}", f"accepted are {', '.join(SYSTEMS)}")
-    module, attribute = SYSTEMS[name].split(":")
-    return getattr(importlib.import_module(f"{__name__}.{module}"), attribute)
+    kind = (own or {}).get(name) or installed(name)
+    if kind is None:
+        names = ", ".join(dict.fromkeys((*SYSTEMS, *_plugins(), *(own or {}))))
+        accepted = f"accepted are {names}, and a system of your own by --system FILE.py"
+        raise InputError(where, f"no system {name!r}", accepted)
+    return kind
+
+
+def installed(name: str) -> type[Model] | None:
+    """Return the class of a system of the package or of a plugin; None if there is none."""
+    if name in SYSTEMS:
+        module, attribute = SYSTEMS[name].split(":")
+        return getattr(importlib.import_module(f"{__name__}.{module}"), attribute)
+    entry = _plugins().get(name)
+    return None if entry is None else _loaded(name, entry)
+
+
+def _plugins() -> dict[str, Any]:
+    """Entry points by name; of several with one name the first."""
+    from importlib.metadata import entry_points
+
+    return {entry.name: entry for entry in reversed(list(entry_points(group=PLUGINS)))}
+
+
+def _loaded(name: str, entry: Any) -> type[Model]:
+    """The class that an entry point stands for."""
+    where = f"plugin {entry.value}"
+    try:
+        kind = entry.load()
+    except InputError as error:
+        raise error.within(where) from None
+    except Exception as error:
+        found = f"it cannot be loaded ({type(error).__name__}: {error})"
+        raise InputError(where, found, "mend or remove the package that offers it") from error
+    if not (isinstance(kind, type) and issubclass(kind, Model)):
+        raise InputError(where, f"found {kind!r}", "it has to be a subclass of Model")
+    if getattr(kind, "SYSTEM", None) != name:
+        found = f"its SYSTEM is {getattr(kind, 'SYSTEM', None)!r}"
+        raise InputError(where, found, f"it has to be called {name!r}, as its entry point")
+    return kind
