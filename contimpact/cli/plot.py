@@ -99,7 +99,9 @@ def _chosen(plot: PlotOptions, diagram: Diagram, options: argparse.Namespace) ->
     }
 
 
-def _shown_as(folder: Path, diagram: Diagram, systems: Mapping[str, type[Model]]) -> tuple[PlotOptions, Model | None, Membrane | None]:
+def _shown_as(
+    folder: Path, diagram: Diagram, systems: Mapping[str, type[Model]]
+) -> tuple[PlotOptions, Model | None, Membrane | None]:
     """How a diagram is drawn, the system, and the membranes that were named.
 
     They are those of the scene, or, in a folder that was written from Python, those that the

@@ -157,8 +157,8 @@ class Model(ABC):
     units of derived parameters for labels; `DERIVED_FROM`, the parameters each depends on (all, if
     nothing is said); `EXPRESSIONS`, the options that are expressions, with the names that may stand
     in them; `PARAMETRIC`, those of them in which any name may stand that is given a value, as a
-    parameter of one's own, and is then in `own`; `MEMBRANES`, whether impacts hit membranes of an energy harvester; `STATED`, whether
-    scenes state the system themselves, as its option `machine`.
+    parameter of one's own, and is then in `own`; `MEMBRANES`, whether impacts hit membranes of an
+    energy harvester; `STATED`, whether scenes state the system themselves, as its option `machine`.
     """
 
     SYSTEM: ClassVar[str]
