@@ -68,13 +68,14 @@ def report(
     Raises
     ------
     InputError
-        If the scene's orbit does not exist at its start, or `repetitions` is below 1.
+        If the scene's first orbit with impacts does not exist at its start, it has none, or
+        `repetitions` is below 1.
     """
     if repetitions < 1:
         raise InputError("repetitions", f"found {repetitions!r}", "give a whole number >= 1")
     progress = progress or (lambda text: None)
     kernels = Kernels(scene.model, scene.parameter)
-    orbit = orbits_at_start(scene, kernels, scene.orbits[0])[0]
+    orbit = _orbit(scene, kernels)
     task = _Task(scene, orbit, repetitions)
     progress("tolerances and steps")
     methods = task.walked()
@@ -98,6 +99,17 @@ def report(
         "simulation": simulation,
         "long_words": long_words(orbit, repetitions),
     }
+
+
+def _orbit(scene: Scene, kernels: Kernels) -> Orbit:
+    """The first of a scene's orbits that has impacts, which a report compares."""
+    word = next((word for word in scene.orbits if word.walls), None)
+    if word is None:
+        accepted = (
+            "name one with impacts besides: a report compares times and velocities of impacts"
+        )
+        raise InputError("follow.orbits", "no word but 0", accepted)
+    return orbits_at_start(scene, kernels, word)[0]
 
 
 def machine() -> dict[str, Any]:

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from ..models.guards import way_back
 from ..models.word import Word
 from ..orbits.problem import OrbitProblem
 from ..segments.kernels import Kernels
@@ -53,7 +54,9 @@ class ExactFlights:
     def __init__(self, simulator: Simulator, digits: int = 30) -> None:
         model, kernels = simulator.model, simulator.kernels
         self.letters = simulator.letters
-        self.problem = OrbitProblem(model, Word(self.letters[0]), kernels)
+        guards = model.WALLS
+        around = way_back(guards, self.letters[0], guards[0].modes[0], "".join(self.letters))
+        self.problem = OrbitProblem(model, Word(around or self.letters[0]), kernels)
         self.exact = Reference(self.problem, digits)
         self.values = [self.exact.ctx.mpf(value) for value in model.values.values()]
         self.period = self.exact.setup(self.values).period

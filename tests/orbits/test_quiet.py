@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from contimpact.accuracy.reference import Reference
+from contimpact.accuracy.report import report
 from contimpact.errors import InputError
 from contimpact.models.word import Word
 from contimpact.orbit_continuation.orbit_branch import continue_born, continue_orbit
@@ -151,3 +152,15 @@ def test_a_scene_from_the_word_zero(tmp_path):
 def test_names_of_its_columns_are_taken():
     with pytest.raises(InputError, match="column of that name"):
         type("Taken", (Oscillator,), {"DERIVED": ("x0_0",)})
+
+
+def test_a_report_asks_for_an_orbit_with_impacts():
+    scene = read_scene(
+        {
+            "name": "t",
+            "model": {"system": "oscillator", "parameters": VALUES},
+            "follow": {"parameter": "a", "range": [0.01, 0.6], "orbits": ["0"]},
+        }
+    )
+    with pytest.raises(InputError, match="no word but 0; name one with impacts"):
+        report(scene)
