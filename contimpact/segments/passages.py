@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
+from ..errors import InputError
 from ..models.guards import Guard
 
 ELSEWHERE, BACK, MEETING = range(3)
@@ -33,6 +34,27 @@ class Passages(NamedTuple):
     def vanishes(self, left: int, reached: int) -> bool:
         """Whether a flight can vanish together with the velocities at its ends."""
         return self.arrivals[left][reached] == MEETING
+
+
+def beside(guards: Sequence[Guard], passages: Passages, wall: int) -> tuple[int, int]:
+    """Return the guards below and above that a flight from a guard can meet; -1 for none.
+
+    Raises
+    ------
+    InputError
+        If there is no telling on which side of its surface the flight goes on, or there are two
+        guards on one side.
+    """
+    if passages.leaving[wall] == 0.0:
+        found = f"behind {guards[wall].name} its next mode has no guard on the same surface"
+        raise InputError("model", found, "give the mode one there to simulate it")
+    met = {-1: -1, 1: -1}
+    for k, guard in enumerate(guards):
+        if passages.watched[wall][k] and met[guard.side] >= 0:
+            raise InputError("model", "two walls on one side", "give at most one on each side")
+        if passages.watched[wall][k]:
+            met[guard.side] = k
+    return met[-1], met[1]
 
 
 def passages_of(guards: Sequence[Guard], back: Callable[[int, int], bool]) -> Passages:

@@ -25,6 +25,7 @@ from ..models.model import Model
 from ..segments.arithmetic import ARRAYS, evaluate_in
 from ..segments.arrival import first_arrival
 from ..segments.kernels import Kernels
+from ..segments.passages import beside
 from ..segments.zeros import chebyshev_zeros, time_zeros
 from .body import Body, wall_on, wrapped
 from .chatter import coefficient, slow_velocity
@@ -68,7 +69,8 @@ class Simulator:
         sides = [wall.side for wall in model.WALLS]
         self.model = model
         self.kernels = kernels or Kernels(model, next(iter(model.values)))
-        self._met = [self._meets(k) for k in range(len(sides))]
+        passages = self.kernels.passages
+        self._met = [beside(model.WALLS, passages, k) for k in range(len(sides))]
         self.longest_flight = longest_flight
         self.letters = tuple(wall.name for wall in model.WALLS)
         self.sides = tuple(sides)
@@ -88,21 +90,6 @@ class Simulator:
         self._body = self._as_body()
 
     # What is fixed with the parameters.
-
-    def _meets(self, wall: int) -> tuple[int, int]:
-        """The walls below and above that a flight from a wall can meet; -1 for none."""
-        guards, watched = self.model.WALLS, self.kernels.passages.watched[wall]
-        if self.kernels.passages.leaving[wall] == 0.0:
-            found = f"{guards[wall].name} leads through its surface to none of the next mode"
-            raise InputError("model", found, "give the mode a guard there to simulate it")
-        met = {-1: [-1], 1: [-1]}
-        for k, guard in enumerate(guards):
-            if watched[k]:
-                met[guard.side].append(k)
-        if max(map(len, met.values())) > 2:
-            found = "two walls on one side in one mode"
-            raise InputError("model", found, "give at most one on each side")
-        return met[-1][-1], met[1][-1]
 
     def _around(self, position: float, wall: int = 0) -> tuple[float, float]:
         """Displacements, from a position, of the walls below and above that end the flight from a
