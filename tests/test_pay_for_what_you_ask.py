@@ -12,7 +12,7 @@ import pytest
 PROBE = """
 import json, sys
 from contimpact.segments.kernels import Kernels
-from contimpact.orbits import linearisation, problem
+from contimpact.orbits import problem
 counts = {}
 def counted(owner, name):
     function = getattr(owner, name)
@@ -22,7 +22,7 @@ def counted(owner, name):
     setattr(owner, name, wrapper)
 counted(problem.OrbitProblem, "evaluate")
 counted(problem.OrbitProblem, "second_along")
-counted(linearisation, "interior_touches")
+counted(problem, "interior_touches")
 given = json.loads(sys.argv[1])
 from contimpact.scenes.scene import read_scene
 scene = read_scene(given)
