@@ -12,8 +12,9 @@ from zoo import ProportionalMasses
 from contimpact.accuracy.reference import Reference
 from contimpact.bifurcations.registry import switch
 from contimpact.bifurcations.registry import test_functions as functions
+from contimpact.continuation.branch import EndKind
 from contimpact.continuation.settings import Settings
-from contimpact.orbit_continuation.orbit_branch import both_ways
+from contimpact.orbit_continuation.orbit_branch import both_ways, continue_orbit
 from contimpact.orbits.search import find_orbits
 from contimpact.records.entry_conversion import impacts_of
 from contimpact.segments.arithmetic import evaluate_in
@@ -121,3 +122,21 @@ def test_a_catalogue_lists_all_positions_and_velocities(impacting):
     assert first["positions"][1] == first["x1_"]
     assert second["positions"][0] == second["x1_"]
     assert second["velocities"] == [second["v1_"], second["velocity"]]
+
+
+@pytest.mark.slow
+def test_a_closed_branch_with_impacts_of_both_masses():
+    """AB/3T with the stops further away: a loop, observable on a part of it."""
+    found = find_orbits(masses(sigma_1=1.0, sigma_2=1.0), "AB/3T", parameter="omega", starts=64)
+    assert found
+    settings = Settings(max_points=1500)
+    branches = [continue_orbit(found[0], "omega", (0.9, 2.2), events=[], settings=settings)]
+    for orbit in found[1:]:
+        if not any(np.any(b["physical"]) for b in branches):
+            branches.append(
+                continue_orbit(orbit, "omega", (0.9, 2.2), events=[], settings=settings)
+            )
+    loop = next(b for b in branches if np.any(b["physical"]))
+    assert {end.kind for end in loop.ends} == {EndKind.CLOSED}
+    assert np.any((loop["physical"] == 1) & (loop["n_unstable"] == 0))
+    assert 0.9 < np.min(loop["omega"]) < np.max(loop["omega"]) < 2.0
