@@ -45,6 +45,7 @@ _PLACES = {
     "Branch": "records.branch",
     "Diagram": "records.diagram",
     "Entry": "records.entry",
+    "certify": "certificates.certify",
     "Simulator": "simulation.simulator",
     "Membrane": "systems.membrane",
     "energy": "attractors.energy",

@@ -41,12 +41,23 @@ FOR = {
 }
 """The kernels that events need beyond those of a branch."""
 
-HEAVY = ("sympy", "mpmath", "matplotlib", "pandas", "scipy", "numba", "llvmlite", "hypothesis")
+HEAVY = (
+    "sympy",
+    "mpmath",
+    "matplotlib",
+    "pandas",
+    "scipy",
+    "numba",
+    "llvmlite",
+    "hypothesis",
+    "flint",
+)
 OWN_HEAVY = (
-    "accuracy", "attractors", "page", "plots", "simulation", "two_parameters",
+    "accuracy", "attractors", "certificates", "page", "plots", "simulation", "two_parameters",
     "compiling.machine_code",
     "compiling.program", "orbit_continuation.orbit_program", "models.agreement", "models.equations",
     "models.symbolic", "records.formats", "records.merge", "scenes.simulate_tables",
+    "segments.ball_series", "segments.ball_transients", "segments.balls",
     "segments.codegen", "segments.tape", "systems.membrane", "systems.oscillator",
 )  # fmt: skip
 """Parts of the package that following an orbit of the impact pair has no use for."""

@@ -60,6 +60,8 @@ Machine: {about}.
     lines += _event_table(data["events"], fair)
     if data["simulation"] is not None:
         lines += _simulation_table(data["simulation"])
+    if data.get("certificates") is not None:
+        lines += _proof_table(data["certificates"])
     lines += _word_table(data["long_words"])
     return "\n".join(lines) + "\n"
 
@@ -121,6 +123,23 @@ def _simulation_table(found: Mapping[str, Any]) -> list[str]:
     )
     table = _table("method | rtol | error | seconds | evaluations | failed", rows)
     return ["## Simulation", "", head, "", *table, "", *said, ""]
+
+
+def _proof_table(proofs: Mapping[str, Any]) -> list[str]:
+    rows = [
+        f"| {c['id']} | {c['word']}/{c['period']}T | {'yes' if c['complete'] else 'no'} "
+        f"| {c['share']:.4%} | {c['tubes']} | {_number(c['per_tube'])} |"
+        for c in proofs["branches"]
+    ]
+    head = (
+        f"{proofs['certified']} of {proofs['entries']} entries certified, radii up to "
+        f"{_number(proofs['radius'])}"
+    )
+    if proofs["per_entry"] is not None:
+        own = (_number(proofs["per_entry"][name]) for name in ("median", "low", "high"))
+        head += ", seconds each: median {}, from {} to {}".format(*own)
+    table = _table("branch | word | complete | proven | tubes | seconds per tube", rows)
+    return ["## Certificates", "", head + ".", "", *table, ""]
 
 
 def _word_table(words: Mapping[str, Any]) -> list[str]:

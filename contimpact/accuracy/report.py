@@ -29,6 +29,7 @@ from ..orbits.search import Orbit
 from ..scenes.scene import Scene
 from ..segments.kernels import Kernels
 from ..studies.starting_orbits import orbits_at_start
+from .certified import certified
 from .events import DIGITS, honesty, measured_events
 from .long_words import long_words
 from .reference import Reference
@@ -85,6 +86,7 @@ def report(
     events = measured_events(scene, kernels)
     progress("simulation")
     simulation = simulated(scene, TOLERANCES, repetitions, DIGITS)
+    proofs = certified(scene, progress)
     progress("long words")
     return {
         "schema": SCHEMA,
@@ -97,6 +99,7 @@ def report(
         "events": events,
         "honesty": honesty(events),
         "simulation": simulation,
+        "certificates": proofs,
         "long_words": long_words(orbit, repetitions),
     }
 

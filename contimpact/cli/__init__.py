@@ -103,6 +103,18 @@ def parser() -> argparse.ArgumentParser:
     report.add_argument("--no-plot", action="store_true", help="leave the plots out")
     report.set_defaults(module="report")
 
+    certify = commands.add_parser("certify", help="prove what a catalogue says")
+    certify.add_argument(
+        "target", metavar="SCENE|DIR", help="a scene file (TOML) to run first, or a folder"
+    )
+    certify.add_argument("-o", "--output", metavar="DIR", help="folder to write to, with a scene")
+    certify.add_argument(
+        "--verify", action="store_true", help="repeat the proofs that are stored in DIR"
+    )
+    certify.add_argument("-q", "--quiet", action="store_true", help="print nothing but errors")
+    certify.add_argument("--no-plot", action="store_true", help="leave the diagram out")
+    certify.set_defaults(module="certify")
+
     merge = commands.add_parser("catalogue", help="merge the catalogues of several folders")
     merge.add_argument("folders", metavar="DIR", nargs="+", help="folders written by run")
     merge.add_argument("-o", "--output", metavar="DIR", required=True, help="folder to write to")

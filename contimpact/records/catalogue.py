@@ -106,7 +106,7 @@ def catalogue_text(diagram: Diagram) -> str:
         "schema": CATALOGUE,
         "scene": diagram.name,
         "branches": [_branch_record(branch) for branch in diagram.branches],
-        "entries": [dataclasses.asdict(entry) for entry in diagram.entries],
+        "entries": [_entry_record(entry) for entry in diagram.entries],
         "reading": read(diagram).as_record(),
     }
     if diagram.curves:
@@ -122,6 +122,14 @@ def catalogue_text(diagram: Diagram) -> str:
     if diagram.codim2_curves:
         content["codimension2_curves"] = [_curve_record(c) for c in diagram.codim2_curves]
     return json_text(content)
+
+
+def _entry_record(entry: Entry) -> dict[str, Any]:
+    """An entry as plain data; a certified radius only where there is one."""
+    record = dataclasses.asdict(entry)
+    if entry.certified_radius is None:
+        del record["certified_radius"]
+    return record
 
 
 def _branch_record(branch: Branch) -> dict[str, Any]:
@@ -191,7 +199,7 @@ def branch_text(branch: Branch) -> str:
     names = ("id", "word", "period", "notation", "system")
     head = {"schema": BRANCH, **{name: getattr(branch, name) for name in names}}
     head |= {"options": dict(branch.options), **_branch_record(branch)}
-    head["events"] = [dataclasses.asdict(entry) for entry in branch.events]
+    head["events"] = [_entry_record(entry) for entry in branch.events]
     return _table_text(head, branch.columns)
 
 

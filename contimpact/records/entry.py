@@ -81,6 +81,8 @@ class Entry(Shown):
     system, options
         The model, and the texts that shape its formulas; None and empty where a catalogue of an
         earlier version does not say.
+    certified_radius : float or None
+        Radius of the proven enclosure of the followed parameter, where the entry is certified.
     nu, nu_error : float or None
         For BP, what would unfold the crossing of branches, zero within its estimated error.
     """
@@ -123,6 +125,7 @@ class Entry(Shown):
     options: Mapping[str, str] = field(default_factory=dict)
     nu: float | None = None
     nu_error: float | None = None
+    certified_radius: float | None = None
 
     @property
     def value(self) -> float:

@@ -39,7 +39,7 @@ TABLES = ("branches", "curves")
 
 WRITTEN = {
     "run": (
-        r"catalogue\.json|events\.csv",
+        r"(catalogue|certificates)\.json|events\.csv",
         r"(diagram|curves|codim2)\.(svg|png|pdf)|diagram\.html",
     ),
     "simulate": (
@@ -47,7 +47,8 @@ WRITTEN = {
         r"(attractors|exponents|energy|portrait\d+|basins\d+)\.(svg|png|pdf)",
     ),
 }
-"""Names of the files, and of the pictures, that each command writes besides tables."""
+"""Names of the files, and of the pictures, that each command writes besides tables. Certificates go
+with the catalogue they belong to."""
 
 WANTED = "a folder made by contimpact run"
 DEEPEST = 64

@@ -16,6 +16,8 @@ VOLTAGES = ("energy", "U_I", "U_T")
 SCENE_SETTINGS = Settings(max_step=0.03)
 """Numerics of a scene that says nothing else; steps short enough for a smooth picture."""
 
+MOST_BITS = 4096
+"""Largest precision of proofs."""
 LARGEST_TOLERANCE = 1e-3
 LARGEST_SEED = 2**63 - 1
 MOST_POINTS = 10**9
@@ -79,3 +81,25 @@ class CurveOptions:
     start: tuple[float, ...] = ()
     third: tuple[str, tuple[float, float]] | None = None
     cover: int = 0
+
+
+@dataclass(frozen=True)
+class CertifyOptions:
+    """What ``contimpact certify`` proves.
+
+    Attributes
+    ----------
+    bits : int
+        Precision to begin with.
+    max_bits : int
+        Precision up to which it is doubled where a proof fails.
+    branches : bool
+        Whether branches are proven complete, besides their entries.
+    events : sequence of str
+        For which kinds of events; those the scene looks for.
+    """
+
+    bits: int = 128
+    max_bits: int = 512
+    branches: bool = True
+    events: tuple[str, ...] = ("FB", "PD", "G")

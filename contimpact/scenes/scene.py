@@ -20,9 +20,10 @@ from ..models.guards import graph
 from ..models.model import Model
 from ..models.word import Word, parse_word
 from ..storage.files import bounded, read_bounded, reason
-from .options import FORMATS, SCENE_SETTINGS, CurveOptions, PlotOptions
+from .options import FORMATS, SCENE_SETTINGS, CertifyOptions, CurveOptions, PlotOptions
 from .table import Table
 from .tables import (
+    read_certify,
     read_curves,
     read_detect,
     read_model,
@@ -83,6 +84,8 @@ class Scene:
         What ``contimpact simulate`` computes; ``contimpact run`` does not look at it.
     energy : Membrane or None
         What output voltages are computed from, if they are.
+    certify : CertifyOptions or None
+        What ``contimpact certify`` proves, where the scene says so.
     given : mapping
         The scene as it was written.
     """
@@ -108,6 +111,7 @@ class Scene:
     curves: CurveOptions | None = None
     simulate: SimulateOptions | None = None
     energy: Membrane | None = None
+    certify: CertifyOptions | None = None
     given: Mapping[str, Any] = field(default_factory=dict)
 
     @property
@@ -146,12 +150,17 @@ class Scene:
             **({"curves": self._resolved_curves()} if self.curves else {}),
             **({"simulate": self.simulate.resolved()} if self.simulate else {}),
             **({"energy": asdict(self.energy)} if self.energy else {}),
+            **({"certify": self._resolved_certify()} if self.certify else {}),
             "plot": {
                 name: list(value) if isinstance(value, tuple) else value
                 for name, value in asdict(self.plot).items()
                 if value is not None and value is not False
             },
         }
+
+    def _resolved_certify(self) -> dict[str, Any]:
+        assert self.certify is not None
+        return {name: value for name, value in asdict(self.certify).items() if name != "events"}
 
     def _resolved_curves(self) -> dict[str, Any]:
         curves = self.curves
@@ -187,6 +196,8 @@ class Scene:
                 words.append(f"{what}: no [{key}]")
             elif not simulated:
                 words.append(f"{what}: [{key}] is for contimpact simulate alone")
+        if self.certify is not None:
+            words.append("certificates: [certify] is for contimpact certify alone")
         if not self.switch:
             words.append("switching: follow.switch is empty")
         if not self.plot.formats:
@@ -325,9 +336,11 @@ def read_scene(given: Mapping[str, Any], systems: Mapping[str, type[Model]] | No
     if top.has("curves"):
         curves = read_curves(top.table("curves"), model, parameter, events)
     simulate, energy = read_simulation(top, model, parameter, (low, high))
+    certify = read_certify(top.table("certify"), events) if top.has("certify") else None
     top.finish()
     asked: dict[str, Any] = {"events": events, "values": values, "settings": settings, "plot": plot}
-    asked |= {"curves": curves, "simulate": simulate, "energy": energy, **search, **reach}
+    asked |= {"curves": curves, "simulate": simulate, "energy": energy, "certify": certify}
+    asked |= {**search, **reach}
     return Scene(name, source, model, parameter, (low, high), orbits, given=given, **asked)
 
 

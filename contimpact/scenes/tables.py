@@ -20,6 +20,7 @@ from .options import (
     LABELS,
     LARGEST_SEED,
     LARGEST_TOLERANCE,
+    MOST_BITS,
     MOST_BRANCHES,
     MOST_LINES,
     MOST_POINTS,
@@ -29,6 +30,7 @@ from .options import (
     SCENE_SETTINGS,
     SHOWN,
     VOLTAGES,
+    CertifyOptions,
     CurveOptions,
     PlotOptions,
 )
@@ -224,6 +226,16 @@ def _third(
         raise InputError("curves.third.range", found, f"widen it or change model.parameters.{name}")
     table.finish()
     return name, (low, high)
+
+
+def read_certify(table: Table, events: Sequence[str]) -> CertifyOptions:
+    """Return what [certify] asks for."""
+    defaults = CertifyOptions()
+    bits = table.whole("bits", defaults.bits, least=53, most=MOST_BITS)
+    limit = table.whole("max_bits", max(defaults.max_bits, bits), least=bits, most=MOST_BITS)
+    branches = table.truth("branches", defaults.branches)
+    table.finish()
+    return CertifyOptions(bits, limit, branches, tuple(events))
 
 
 def read_numerics(table: Table) -> tuple[Settings, dict[str, Any]]:

@@ -1,0 +1,1 @@
+"""Proofs by interval arithmetic: what a catalogue records exists, and nothing is missing."""

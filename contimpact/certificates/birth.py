@@ -1,0 +1,300 @@
+r"""The tube at which a branch is born at a period doubling.
+
+There the equations of the word run twice are singular. With the mean s of both halves of the orbit
+and half their difference a e, l.e = 1, they are not: let R(a) be the residuals of one half at
+(s + a e, lambda), its last flight arriving at s - a e, so that R(-a) are those of the other half.
+Then
+
+.. math:: E = \tfrac12 (R(a) + R(-a)) = 0, \quad O = \tfrac1{2a} (R(a) - R(-a)) = 0, \quad
+          l \cdot e = 1
+
+is a regular system for (s, lambda, e) at each a, which at a = 0 is that of the period doubling. In
+A = a^2 it is smooth: with Taylor coefficients R_j, enclosed for all |a| up to the tube's end,
+
+.. math:: E \in R_0 + A R_2, \quad O \in R_1 + A R_3, \quad
+          \frac{dE}{dA} \in R_2, \quad \frac{dO}{dA} \in R_3 ,
+
+where R_0 and R_1 are those at a = 0, because E and O are averages of derivatives between -a and a.
+Krawczyk's test for all a at once proves a curve of doubled orbits that leaves the doubling.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from flint import arb, arb_mat, arb_series
+
+from ..models.word import Word
+from ..orbits.problem import Array, OrbitProblem
+from .equations import BallProblem, Balls, Flight
+from .tube import Segment, Tube, balls_around_zero, coefficient, range_of, up
+
+ROOM = 2.0
+FLOOR = 1e-9
+"""How much larger the box is than the correction it has to hold, and its least size."""
+BEYOND = 1.0 + 1e-6
+"""How far the curve reaches beyond the orbit it is made for, relative."""
+
+
+@dataclass(frozen=True, eq=False)
+class Birth:
+    """A curve of doubled orbits from a period doubling on, u from -1 to 1 being a from 0 to `end`.
+
+    Attributes
+    ----------
+    segment : Segment
+        From the doubling to an orbit on the curve, of the word run twice.
+    once : BallProblem
+        The problem of the word run once.
+    center : ndarray
+        (s, lambda, e) at the doubling.
+    row : ndarray
+        l.
+    end : float
+        The largest a.
+    box, inner, rate : ndarray
+        Half widths of the box in which the curve is the only one, of the part it lies in, and a
+        bound of its derivative by A.
+    turns : bool
+        Whether it is not excluded that the parameter turns back on it.
+    """
+
+    segment: Segment
+    once: BallProblem
+    center: Array
+    row: Array
+    end: float
+    box: Array
+    inner: Array
+    rate: Array
+    turns: bool
+
+    @property
+    def n(self) -> int:
+        return self.once.problem.n
+
+    @cached_property
+    def around(self) -> Balls:
+        """(s, lambda, e) anywhere on the curve."""
+        offsets = balls_around_zero(self.inner)
+        return [arb(c) + w for c, w in zip(self.center.tolist(), offsets, strict=True)]
+
+    def state(self, u: Any) -> Balls:
+        """Return an enclosure of the doubled orbit at u, a number or a ball."""
+        return self._doubled(self.around, (u + 1) / 2 * self.end)
+
+    def moving(self, u: Any) -> list[Any]:
+        """Return an enclosure of the curve at u, and of its derivative by u, as series."""
+        a = (u + 1) / 2 * self.end
+        rates = balls_around_zero(self.rate)
+        along = [
+            arb_series([x, r * a * self.end], prec=2)
+            for x, r in zip(self.around, rates, strict=True)
+        ]
+        return self._doubled(along, arb_series([a, arb(self.end) / 2], prec=2))
+
+    def _doubled(self, x: Sequence[Any], a: Any) -> list[Any]:
+        s, value, e = x[: self.n], x[self.n], x[self.n + 1 :]
+        span = self.once.span([*s, value])
+        first = [m + a * d for m, d in zip(s, e, strict=True)]
+        later = [m - a * d for m, d in zip(s, e, strict=True)]
+        for i in range(0, self.n, self.once.problem.m):
+            later[i] = later[i] + span
+        return [*first, *later, value]
+
+    def meets(self, next_one: Tube) -> bool:
+        """Whether the branch's point at the beginning of the next tube is on the curve."""
+        node, offsets = self.segment.last.unknowns.tolist(), balls_around_zero(next_one.ends[0])
+        return self.holds([arb(x) + w for x, w in zip(node, offsets, strict=True)])
+
+    def holds(self, z: Balls) -> bool:
+        """Whether a doubled orbit is proven to lie on the curve, behind its beginning."""
+        s, e, a = halves(self.once, z, self.row)
+        if not (a > 0 and a < self.end):
+            return False
+        given = [*s, z[-1], *(d / a for d in e)]
+        pairs = zip(given, self.center.tolist(), self.box.tolist(), strict=True)
+        return all(bool(abs(x - c) < w) for x, c, w in pairs)
+
+
+def halves(once: BallProblem, z: Sequence[Any], row: Array) -> tuple[Balls, Balls, Any]:
+    """Return s, a e and a of a doubled orbit."""
+    n, span = once.problem.n, once.span([*z[: once.problem.n], z[-1]])
+    later = list(z[n : 2 * n])
+    for i in range(0, n, once.problem.m):
+        later[i] = later[i] - span
+    s = [(x + y) / 2 for x, y in zip(z, later, strict=False)]
+    d = [(x - y) / 2 for x, y in zip(z, later, strict=False)]
+    return s, d, sum((r * x for r, x in zip(row.tolist(), d, strict=True)), arb(0))
+
+
+def proven_birth(segment: Segment) -> Birth | None:
+    """Return the curve along a segment that begins at a period doubling; None if not proven."""
+    try:
+        return _birth(segment)
+    except (ArithmeticError, ValueError, np.linalg.LinAlgError):
+        return None
+
+
+def _birth(segment: Segment) -> Birth | None:
+    problem = segment.space.problem
+    word = Word(problem.word.walls[: len(problem.word) // 2], problem.word.period // 2)
+    once = BallProblem(OrbitProblem(problem.model, word, problem.kernels), segment.space.bits)
+    n = once.problem.n
+    start = np.append(segment.first.unknowns[:n], segment.first.unknowns[-1])
+    null = np.linalg.svd(once.problem.evaluate(start).cyclic(-1.0)[:, :n])[2][-1]
+    far = [arb(x) for x in segment.last.unknowns.tolist()]
+    if float(halves(once, far, null)[2].mid()) < 0.0:
+        null = -null
+    center = np.concatenate([start, null])
+    end = BEYOND * float(halves(once, far, null)[2].mid())
+    thin = _Expansion(once, [arb(c) for c in center.tolist()], null, end)
+    inverse = np.linalg.inv(
+        np.array([[float(x.mid()) for x in row] for row in thin.jacobian.tolist()])
+    )
+    matrix = arb_mat(inverse.tolist())
+    offset = range_of([matrix * thin.values])
+    half = ROOM * offset + FLOOR
+    for _ in range(3):
+        balls = [arb(c) + w for c, w in zip(center.tolist(), balls_around_zero(half), strict=True)]
+        wide = _Expansion(once, balls, null, end)
+        size = len(half)
+        identity = arb_mat([[int(i == j) for j in range(size)] for i in range(size)])
+        defect = range_of([identity - matrix * wide.jacobian]).reshape(size, size)
+        image = up(offset + up(defect @ half))
+        if (image < half).all():
+            return _accepted(segment, once, center, null, end, half, image, defect, matrix, wide)
+        half = 2.0 * image
+        if (half > 1.0).any():
+            return None
+    return None
+
+
+def _accepted(
+    segment: Segment,
+    once: BallProblem,
+    center: Array,
+    null: Array,
+    end: float,
+    half: Array,
+    inner: Array,
+    defect: Array,
+    matrix: Any,
+    wide: _Expansion,
+) -> Birth:
+    """The curve, with bounds of its derivative by A: J y = -dH/dA."""
+    step = matrix * wide.slopes
+    factor = float(np.max(up(up(defect @ half) / half)))
+    bound = float(np.max(up(range_of([step]) / half))) / np.nextafter(1.0 - factor, 0.0)
+    rate = np.asarray(up(up(bound) * half))
+    slack = up(defect @ rate)
+    n = once.problem.n
+    slope = step.entries()[n] + arb(0, 1) * float(slack[n])
+    turns = not (slope > 0 or slope < 0)
+    return Birth(segment, once, center, null, end, half, inner, rate, turns)
+
+
+class _Expansion:
+    """H = (E, O, l.e - 1), its Jacobian and its derivative by A, for all a up to an end."""
+
+    def __init__(self, once: BallProblem, x: Balls, row: Array, end: float) -> None:
+        self.once, self.n = once, once.problem.n
+        self.s, self.value, self.e = x[: self.n], x[self.n], x[self.n + 1 :]
+        self.row = [arb(r) for r in row.tolist()]
+        self.square = arb(0).union(arb(end) * arb(end))
+        self.near = self._flights(arb(0), 2)
+        self.over = self._flights(arb(0, 1) * end, 4)
+
+    def _flights(self, a: Any, length: int) -> list[Flight]:
+        """The flights of the first half around a, as power series; the last one arrives at the
+        second half."""
+        once, m = self.once, self.once.problem.m
+        one = [arb_series([s + a * e, e], prec=length) for s, e in zip(self.s, self.e, strict=True)]
+        other = [
+            arb_series([s - a * e, -e], prec=length) for s, e in zip(self.s, self.e, strict=True)
+        ]
+        values = once.values([*self.s, self.value])
+        setup = once.setup(values)
+        turns = once.problem.word.period
+        rows = [one[i : i + m] for i in range(0, self.n, m)]
+        rows.append([other[0] + turns * setup.period, *other[1:m]])
+        flights = [once.flight(k, rows[k], rows[k + 1], values) for k in range(len(rows) - 1)]
+        residual, first, last, free = flights[-1]
+        drift = [turns * setup.slopes[0] * last[m * r] for r in range(m)]
+        moved = [g + d for g, d in zip(free, drift, strict=True)]
+        return [*flights[:-1], (residual, first, last, moved)]
+
+    def _even(self, near: Any, over: Any) -> Any:
+        return coefficient(near, 0) + self.square * coefficient(over, 2)
+
+    def _odd(self, near: Any, over: Any) -> Any:
+        return coefficient(near, 1) + self.square * coefficient(over, 3)
+
+    def _residuals(self, flights: list[Flight]) -> list[Any]:
+        return [row for flight in flights for row in flight[0]]
+
+    @property
+    def values(self) -> Any:
+        """H."""
+        pairs = list(zip(self._residuals(self.near), self._residuals(self.over), strict=True))
+        size = sum((r * e for r, e in zip(self.row, self.e, strict=True)), arb(-1))
+        even, odd = [self._even(*p) for p in pairs], [self._odd(*p) for p in pairs]
+        return arb_mat([[x] for x in (*even, *odd, size)])
+
+    @property
+    def slopes(self) -> Any:
+        """dH/dA."""
+        rows = self._residuals(self.over)
+        found = [coefficient(r, 2) for r in rows] + [coefficient(r, 3) for r in rows]
+        return arb_mat([[x] for x in (*found, arb(0))])
+
+    @cached_property
+    def jacobian(self) -> Any:
+        """H' by (s, lambda, e).
+
+        With M the cyclic matrix of the flights, and M' that with its last coupling negative, of
+        which the even and the odd parts are taken: E_s and O_e are those of M and M', even;
+        O_s is that of M, odd; E_e is A times that of M', odd.
+        """
+        plus, minus = (self._cyclic(sign) for sign in (1, -1))
+        free = [
+            (a, b)
+            for one, other in zip(self.near, self.over, strict=True)
+            for a, b in zip(one[3], other[3], strict=True)
+        ]
+        rows = [
+            [
+                *(self._even(*p) for p in plus[i]),
+                self._even(*free[i]),
+                *(self.square * self._odd(*p) for p in minus[i]),
+            ]
+            for i in range(self.n)
+        ]
+        rows += [
+            [
+                *(self._odd(*p) for p in plus[i]),
+                self._odd(*free[i]),
+                *(self._even(*p) for p in minus[i]),
+            ]
+            for i in range(self.n)
+        ]
+        return arb_mat([*rows, [arb(0)] * (self.n + 1) + self.row])
+
+    def _cyclic(self, sign: int) -> list[list[tuple[Any, Any]]]:
+        """The cyclic matrix around a = 0 and around any a, its last coupling with a sign."""
+        m = self.once.problem.m
+        found = []
+        for k, (one, other) in enumerate(zip(self.near, self.over, strict=True)):
+            own = sign if k == len(self.near) - 1 else 1
+            for r in range(m):
+                row: list[tuple[Any, Any]] = [(arb(0), arb(0))] * self.n
+                for c in range(m):
+                    i, j, at = m * k + c, (m * k + m + c) % self.n, m * r + c
+                    row[i] = (row[i][0] + one[1][at], row[i][1] + other[1][at])
+                    row[j] = (row[j][0] + own * one[2][at], row[j][1] + own * other[2][at])
+                found.append(row)
+        return found

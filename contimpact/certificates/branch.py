@@ -1,0 +1,296 @@
+"""The certificate of a branch: one smooth curve, and every event on it recorded.
+
+Tubes are laid from orbit to orbit along the branch's table, as long as they go. Each is searched
+for zeros of the test functions, and each zero has to be an entry. Where a proof fails the tube is
+cut; what is left open is named with its piece of the parameter.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import asdict, dataclass
+from typing import Any
+
+import numpy as np
+from flint import ctx
+
+from ..continuation.branch import EndKind
+from ..models.model import Model
+from ..models.word import Word
+from ..orbits.problem import Array, OrbitProblem
+from ..progress import Progress, silent
+from ..records.branch import Branch
+from ..records.entry import Entry
+from ..records.recovery import model_at
+from ..segments.kernels import Kernels
+from .birth import proven_birth
+from .equations import BallProblem
+from .event import EventCertificate
+from .examination import BITS, DEEPEST, Examination, Findings, Piece, known
+from .laying import laid, nodes_of, points_of, scale_of, split
+from .nodes import halved
+from .tube import Node, Segment, proven_tube
+
+BIRTH = 5
+"""How often the first step of a branch born at a period doubling is halved."""
+CAP = 16
+"""Terms of power series, more than any of these has."""
+
+
+@dataclass(frozen=True)
+class BranchCertificate:
+    """What is proven of a branch.
+
+    Attributes
+    ----------
+    id, word : str
+    period : int
+    parameter : str
+    kinds : sequence of str
+        For which its events are proven to be complete.
+    start, end : float
+        The followed parameter at the ends of what is covered.
+    tubes : int
+    share : float
+        Of the branch's length, what nothing is left open on.
+    events : sequence of str
+        Entries proven to lie on the branch.
+    missing : sequence of Piece
+        Events proven to be there that no entry records.
+    strange : sequence of str
+        Entries that are not proven to lie on the branch.
+    unproven : sequence of Piece
+    nodes, tangents, boxes : sequence of sequence of float
+        The tubes: where they begin and end, the branch's directions there, and half widths.
+        An empty box stands for a tube that is not proven.
+    seconds : float
+    """
+
+    id: str
+    word: str
+    period: int
+    parameter: str
+    kinds: Sequence[str]
+    start: float
+    end: float
+    tubes: int = 0
+    share: float = 0.0
+    events: Sequence[str] = ()
+    missing: Sequence[Piece] = ()
+    strange: Sequence[str] = ()
+    unproven: Sequence[Piece] = ()
+    nodes: Sequence[Sequence[float]] = ()
+    tangents: Sequence[Sequence[float]] = ()
+    boxes: Sequence[Sequence[float]] = ()
+    seconds: float = 0.0
+
+    @property
+    def complete(self) -> bool:
+        """Whether the branch is proven to hold the events recorded, and no others."""
+        return not (self.missing or self.strange or self.unproven)
+
+    @property
+    def refuted(self) -> bool:
+        """Whether the catalogue is proven to lack an event, or has one that is not there."""
+        return bool(self.missing or self.strange)
+
+    def lines(self) -> list[str]:
+        """Return what is proven, in words."""
+        kinds = ", ".join(self.kinds)
+        values = [node[-1] for node in self.nodes] or [self.start, self.end]
+        where = f"{self.parameter} from {min(values):.9g} to {max(values):.9g}"
+        head = f"{self.id} {self.word}/{self.period}T"
+        if self.complete:
+            return [f"{head}: complete for {kinds}, {where}, in {self.tubes} tubes"]
+        found = [f"{head}: {self.share:.2%} proven for {kinds}, {where}, in {self.tubes} tubes"]
+        for name, pieces in (("missing", self.missing), ("unproven", self.unproven)):
+            found += [f"  {name}: {_between(self.parameter, p)}: {p.what}" for p in pieces]
+        return found + [f"  {name} is not proven to lie on the branch" for name in self.strange]
+
+    def record(self) -> dict[str, Any]:
+        """Return the certificate as plain data."""
+        return {**asdict(self), "complete": self.complete}
+
+
+def _between(parameter: str, piece: Piece) -> str:
+    return f"{parameter} from {piece.start:.9g} to {piece.end:.9g}"
+
+
+def problem_of(branch: Branch, model: Model | None, kernels: Kernels | None) -> OrbitProblem:
+    """Return the orbit problem of a branch."""
+    at = model_at(branch, 0, model)
+    kernels = kernels or Kernels(at, branch.parameter)
+    return OrbitProblem(at, Word(branch.word, branch.period), kernels)
+
+
+def certified_branch(
+    branch: Branch,
+    entries: Sequence[Entry],
+    certificates: Mapping[str, EventCertificate],
+    kinds: Sequence[str],
+    model: Model | None = None,
+    kernels: Kernels | None = None,
+    progress: Progress = silent,
+) -> BranchCertificate:
+    """Prove that a branch is one smooth curve on which every event is recorded.
+
+    Parameters
+    ----------
+    branch : Branch
+    entries : sequence of Entry
+        Its events.
+    certificates : mapping of str to EventCertificate
+        Their certificates, by name.
+    kinds : sequence of str
+        Kinds of events that it was searched for.
+    model : Model, optional
+        The system, where its name does not tell.
+    kernels : Kernels, optional
+    progress : callable, optional
+    """
+    began = time.perf_counter()
+    with _precise():
+        problem = problem_of(branch, model, kernels)
+        points = points_of(branch, problem)
+        scale = scale_of(problem, points)
+        own = [e for e in entries if certificates[e.id].located and _of(problem, e)]
+        places = [known(entry, certificates[entry.id], problem) for entry in own]
+        work = Examination(problem, kinds, places)
+        nodes = nodes_of(problem, points, scale)
+        if branch.ends[0].kind is EndKind.BORN and len(nodes) > 1:
+            _born(work, Segment(work.space, nodes[0], nodes[1], scale), BIRTH)
+            nodes = nodes[1:]
+        for segment, tube in laid(work.space, nodes, scale, progress):
+            work.account(segment, tube)
+        return _certificate(branch, work, own, time.perf_counter() - began)
+
+
+def _of(problem: OrbitProblem, entry: Entry) -> bool:
+    """Whether an entry has the word and the parameters of a branch, all but the followed one."""
+    values = problem.model.values.items()
+    same = all(entry.parameters[n] == v for n, v in values if n != problem.parameter)
+    return same and (entry.word, entry.period) == (problem.word.walls, problem.word.period)
+
+
+def without_certificate(branch: Branch) -> BranchCertificate:
+    """Return what is said of a branch that nothing is proven of."""
+    values = branch[branch.parameter]
+    start, end = float(values[0]), float(values[-1])
+    whole = Piece(start, end, "there is no certificate")
+    return BranchCertificate(
+        branch.id, branch.word, branch.period, branch.parameter, (), start, end, unproven=(whole,)
+    )
+
+
+def _born(work: Examination, first: Segment, left: int) -> None:
+    """Account for the first step of a branch that is born at a period doubling."""
+    birth = proven_birth(first)
+    if birth is not None and not work.begin(birth):
+        return
+    parts = halved(first) if left > 0 else None
+    if parts is None:
+        work.account(first, None)
+        return
+    near, far = parts
+    _born(work, near, left - 1)
+    for segment, tube in split(far, DEEPEST):
+        work.account(segment, tube)
+
+
+def verified_branch(
+    branch: Branch,
+    record: BranchCertificate,
+    entries: Sequence[Entry],
+    certificates: Mapping[str, EventCertificate],
+    model: Model | None = None,
+    kernels: Kernels | None = None,
+) -> BranchCertificate:
+    """Prove anew what a certificate says of a branch, from its tubes; none is searched for.
+
+    Parameters are those of `certified_branch`, and the certificate.
+
+    Raises
+    ------
+    ValueError
+        If the record is damaged.
+    """
+    began = time.perf_counter()
+    with _precise():
+        problem = problem_of(branch, model, kernels)
+        points = points_of(branch, problem)
+        scale = scale_of(problem, points)
+        own = [e for e in entries if certificates[e.id].located and _of(problem, e)]
+        places = [known(entry, certificates[entry.id], problem) for entry in own]
+        work = Examination(problem, record.kinds, places)
+        stored = list(_stored(record, work.space, scale))
+        if branch.ends[0].kind is EndKind.BORN and stored:
+            _born(work, stored.pop(0)[0], 0)
+        for segment, box in stored:
+            tube = proven_tube(segment, box) if box is not None else None
+            work.account(segment, tube, DEEPEST)
+        _reaches(work.found, points, scale)
+        return _certificate(branch, work, own, time.perf_counter() - began)
+
+
+def _stored(
+    record: BranchCertificate, space: BallProblem, scale: Array
+) -> Iterator[tuple[Segment, Array | None]]:
+    """The tubes of a record."""
+    pairs = zip(record.nodes, record.tangents, strict=True)
+    nodes = [Node(np.array(z, dtype=float), np.array(t, dtype=float)) for z, t in pairs]
+    if any(node.unknowns.shape != scale.shape for node in nodes):
+        raise ValueError(f"nodes of other than {len(scale)} unknowns")
+    for first, last, box in zip(nodes, nodes[1:], record.boxes, strict=False):
+        given = np.array(box, dtype=float)
+        yield Segment(space, first, last, scale), given if len(box) == len(scale) else None
+
+
+def _reaches(found: Findings, points: Array, scale: Array) -> None:
+    """The tubes of a record run from the first orbit of the table to its last one."""
+    ends = found.tubes[0][0].first, found.tubes[-1][0].last
+    for node, point in zip(ends, (points[0], points[-1]), strict=True):
+        if np.max(np.abs(node.unknowns - point) / scale) > 1e-9:
+            found.leave_open(found.tubes[-1][0], "the tubes do not reach the ends of the branch")
+
+
+class _precise:
+    """Arb's context while tubes are laid."""
+
+    def __enter__(self) -> None:
+        self.before = ctx.prec, ctx.cap
+        ctx.prec, ctx.cap = BITS, CAP
+
+    def __exit__(self, *raised: object) -> None:
+        ctx.prec, ctx.cap = self.before
+
+
+def _certificate(
+    branch: Branch, work: Examination, own: Sequence[Entry], seconds: float
+) -> BranchCertificate:
+    found = work.found
+    found.link()
+    total = sum(segment.length for segment, _ in found.tubes)
+    sought = [c.id for c in own if c.kind in work.kinds]
+    lost = [name for name in sought if found.events.count(name) != 1]
+    segments = [segment for segment, _ in found.tubes]
+    nodes = [segments[0].first, *(segment.last for segment in segments)]
+    return BranchCertificate(
+        branch.id,
+        branch.word,
+        branch.period,
+        branch.parameter,
+        tuple(work.kinds),
+        float(nodes[0].unknowns[-1]),
+        float(nodes[-1].unknowns[-1]),
+        sum(tube is not None for _, tube in found.tubes),
+        max(0.0, 1.0 - found.open_length / total) if total else 0.0,
+        tuple(found.events),
+        tuple(found.missing),
+        () if found.unproven else tuple(lost),
+        tuple(found.unproven),
+        tuple(tuple(node.unknowns.tolist()) for node in nodes),
+        tuple(tuple(node.tangent.tolist()) for node in nodes),
+        tuple(() if t is None else tuple(t.box.tolist()) for _, t in found.tubes),
+        seconds,
+    )

@@ -1,0 +1,124 @@
+r"""Whether a flight keeps clear of a wall, proven by adaptive subdivision.
+
+The time of a flight is cut into cells. In each the gap, or its rate, or its curvature is enclosed;
+the gap of a cell is enclosed around the cell's middle,
+
+.. math:: g(t) \in g(m) + g'(m)(t - m) + \tfrac12 g''(C)(t - m)^2 .
+
+A cell is clear if its gap is positive. Where the flight leaves or reaches the wall itself the gap
+is zero at the cell's end, and the cell is clear if the rate there runs away from the wall, or does
+not run to it and the curvature is positive. Around the event's own touch, where gap and rate are
+zero, the curvature has to be positive: the touch is then a strict local minimum.
+"""
+
+from __future__ import annotations
+
+import enum
+from dataclasses import dataclass
+from typing import Any
+
+from flint import arb
+
+from .equations import BallProblem, Balls
+
+DEEPEST = 40
+"""How often a flight is halved."""
+
+
+class Clear(enum.Enum):
+    """What is proven of a flight and a wall."""
+
+    YES = "clear"
+    PASSES = "passes"
+    UNDECIDED = "undecided"
+
+
+@dataclass(frozen=True)
+class Clearance:
+    """What is proven of a flight and a wall, and where it is not: a time after leaving, and the
+    enclosure of the gap."""
+
+    what: Clear
+    time: float = 0.0
+    gap: str = ""
+
+
+class Gap:
+    """The gap to a wall along a flight.
+
+    Parameters
+    ----------
+    space : BallProblem
+    z : list of arb
+        The orbit.
+    flight : int
+    wall : str
+    touch : arb, optional
+        When the flight touches the wall, its event.
+    """
+
+    def __init__(
+        self, space: BallProblem, z: Balls, flight: int, wall: str, touch: Any = None
+    ) -> None:
+        problem = space.problem
+        walls, letters = problem.word.walls, [w.name for w in problem.model.WALLS]
+        rows = space.impacts(z)
+        self.start, self.values = rows[flight], space.values(z)
+        self.arrival = rows[flight + 1]
+        self.duration = self.arrival[0] - self.start[0]
+        self.touch = None if touch is None else touch - self.start[0]
+        self.left = wall == walls[flight]
+        self.reached = wall == walls[(flight + 1) % len(walls)]
+        self.side = problem.model.WALLS[letters.index(wall)].side
+        places = space.setup(self.values).walls
+        self.distance = places[letters.index(wall)] - places[letters.index(walls[flight])]
+        self.motion = space.motion(walls[flight])
+
+    def at(self, dt: Any) -> tuple[Any, Any, Any]:
+        """Return gap, rate and curvature at a time, or on a cell of times."""
+        x, speed, acceleration = self.motion(self.start, dt, self.values)
+        if self.left:
+            return -self.side * x, -self.side * speed, -self.side * acceleration
+        return self.side * (self.distance - x), -self.side * speed, -self.side * acceleration
+
+    def proven(self) -> Clearance:
+        """Return whether the flight keeps clear of the wall."""
+        if not self.duration > 0:
+            return Clearance(Clear.UNDECIDED, 0.0, f"duration {self.duration.str(6)}")
+        cells = [(arb(0), self.duration.upper(), 0)]
+        while cells:
+            left, right, depth = cells.pop()
+            found, gap = self._cell(left, right)
+            if found is Clear.YES:
+                continue
+            middle = (left + right) / 2
+            if found is Clear.PASSES or depth == DEEPEST:
+                return Clearance(found, float(middle), gap.str(6))
+            cells += [(middle, right, depth + 1), (left, middle, depth + 1)]
+        return Clearance(Clear.YES)
+
+    def _cell(self, left: Any, right: Any) -> tuple[Clear, Any]:
+        cell = left.union(right)
+        middle = cell.mid()
+        _, rate, curvature = self.at(cell)
+        gap, slope, _ = self.at(middle)
+        change = cell - middle
+        whole = gap + slope * change + curvature * change * change / 2
+        first = self.left and left == 0
+        last = self.reached and right >= self.duration.lower()
+        touched = self.touch is not None and cell.overlaps(self.touch)
+        if whole > 0 or (first and not touched and self._leaves(rate, curvature)):
+            return Clear.YES, whole
+        if last and not touched and self._arrives(rate, curvature):
+            return Clear.YES, whole
+        if touched and cell.contains(self.touch) and curvature > 0:
+            return Clear.YES, whole
+        return (Clear.PASSES if gap < 0 else Clear.UNDECIDED), whole
+
+    def _leaves(self, rate: Any, curvature: Any) -> bool:
+        """Whether the gap, zero at the start of a cell, is positive behind it."""
+        return bool(rate > 0 or (curvature > 0 and self.at(arb(0))[1] >= 0))
+
+    def _arrives(self, rate: Any, curvature: Any) -> bool:
+        """Whether the gap, zero at the end of the flight, is positive before it."""
+        return bool(rate < 0 or (curvature > 0 and -self.side * self.arrival[1] <= 0))

@@ -1,0 +1,287 @@
+"""The certificate of an entry: that its event exists where it is recorded, and is what it says."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import asdict, dataclass, replace
+from typing import Any
+
+import numpy as np
+from flint import arb, ctx
+
+from ..bifurcations.registry import kind_of
+from ..errors import InputError
+from ..orbits.problem import OrbitProblem
+from ..records.entry import Entry
+from ..records.entry_conversion import details_of
+from ..records.recovery import orbit_of
+from .equations import BallProblem, Balls
+from .krawczyk import krawczyk, proven
+from .orbit import Orbit
+from .rest import resting
+
+AGREEMENT = 1e-9
+"""Largest relative distance of recorded times, velocities and other parameters from proven ones.
+
+The followed parameter has to be nearer: within its recorded error."""
+DIGITS = 50
+
+SAID = ("touch", "stability", "physicality", "stable", "ghost", "notation", "label")
+"""Clauses about the orbit of an event that is proven to be there."""
+
+FAILURES = (ArithmeticError, ValueError)
+"""What ball arithmetic raises where an enclosure holds a pole, or does not decide."""
+
+Problem = Callable[[], OrbitProblem]
+
+
+@dataclass(frozen=True)
+class EventCertificate:
+    """What is proven of an entry.
+
+    Attributes
+    ----------
+    id, kind, branch : str
+        The entry's.
+    verdict : str
+        ``certified`` or ``rejected``.
+    clause, found : str or None
+        Of a rejected entry: which clause fails, and what was found.
+    bits : int
+        Precision of the proof.
+    certified_radius : float or None
+        Radius of the enclosure of the followed parameter, rounded up.
+    parameter : str or None
+        The enclosure.
+    box : sequence of str
+        In which the event is the only one: the orbit's unknowns, then those the kind's equations
+        add. Every ball is rounded outwards.
+    inner : sequence of str
+        The part of the box in which it lies.
+    seconds : float
+    """
+
+    id: str
+    kind: str
+    branch: str
+    verdict: str = "rejected"
+    clause: str | None = None
+    found: str | None = None
+    bits: int = 0
+    certified_radius: float | None = None
+    parameter: str | None = None
+    box: Sequence[str] = ()
+    inner: Sequence[str] = ()
+    seconds: float = 0.0
+
+    @property
+    def certified(self) -> bool:
+        """Whether every clause is proven."""
+        return self.verdict == "certified"
+
+    @property
+    def located(self) -> bool:
+        """Whether the event is proven to be where it is recorded, whatever is said of its orbit."""
+        return self.certified or self.clause in SAID
+
+    def record(self) -> dict[str, Any]:
+        """Return the certificate as plain data."""
+        return {**asdict(self), "box": list(self.box), "inner": list(self.inner)}
+
+
+class RejectedError(Exception):
+    """A clause that fails, and what was found."""
+
+    def __init__(self, clause: str, found: str) -> None:
+        super().__init__(f"{clause}: {found}")
+        self.clause, self.found = clause, found
+
+
+def certified(
+    entry: Entry, problem: Problem | None = None, bits: int = 128, most: int = 512
+) -> EventCertificate:
+    """Prove an entry of a catalogue.
+
+    Parameters
+    ----------
+    entry : Entry
+    problem : callable, optional
+        Returns the entry's problem; by default that of the system the entry names.
+    bits : int
+        Precision to begin with; it is doubled where a proof fails.
+    most : int
+        Largest precision.
+    """
+    return _attempted(entry, problem, bits, most, _searched)
+
+
+def verified(
+    entry: Entry, record: EventCertificate, problem: Problem | None = None
+) -> EventCertificate:
+    """Prove an entry anew from the boxes of its certificate; nothing is searched for."""
+
+    def stored(space: BallProblem, system: Any, guess: Sequence[float]) -> tuple[Balls, Balls]:
+        box, inner = ([arb(text) for text in part] for part in (record.box, record.inner))
+        if len(box) != len(guess) or len(inner) != len(guess):
+            raise RejectedError("box", f"{len(box)} and {len(inner)} of {len(guess)} unknowns")
+        if krawczyk(space, system, box) is None:
+            raise RejectedError("existence", "Krawczyk's test fails on the recorded box")
+        image = krawczyk(space, system, inner)
+        if image is None or not all(b.contains(i) for b, i in zip(box, inner, strict=True)):
+            raise RejectedError("existence", "Krawczyk's test fails on the recorded inner box")
+        return box, inner
+
+    return _attempted(entry, problem, record.bits, record.bits, stored)
+
+
+Boxes = Callable[[BallProblem, Any, Sequence[float]], tuple[Balls, Balls]]
+
+
+def _searched(space: BallProblem, system: Any, guess: Sequence[float]) -> tuple[Balls, Balls]:
+    found = proven(space, system, guess)
+    if found is None:
+        raise RejectedError("existence", "Krawczyk's test fails: no zero is isolated there")
+    return found
+
+
+def _attempted(
+    entry: Entry, problem: Problem | None, bits: int, most: int, boxes: Boxes
+) -> EventCertificate:
+    began = time.perf_counter()
+    found = EventCertificate(entry.id, entry.kind, entry.branch)
+    try:
+        own = problem() if problem is not None else orbit_of(entry).problem
+        while True:
+            found = _at(entry, own, bits, boxes)
+            if found.certified or found.clause not in PRECISE or 2 * bits > most:
+                break
+            bits *= 2
+    except InputError as error:
+        found = replace(found, clause="entry", found=str(error))
+    return replace(found, seconds=time.perf_counter() - began)
+
+
+PRECISE = ("existence", "stability", "physicality", "touch")
+"""Clauses that more digits may decide."""
+
+
+def _at(entry: Entry, problem: OrbitProblem, bits: int, boxes: Boxes) -> EventCertificate:
+    """The certificate in a precision."""
+    found = EventCertificate(entry.id, entry.kind, entry.branch, bits=bits)
+    with ctx.workprec(bits):
+        try:
+            orbit, box, inner = _existing(entry, problem, bits, boxes)
+            value = inner[problem.n]
+            found = replace(
+                found,
+                certified_radius=float(value.rad().upper()) * (1.0 + 2.0**-50),
+                parameter=decimal(value),
+                box=tuple(map(decimal, box)),
+                inner=tuple(map(decimal, inner)),
+            )
+            _agrees(entry, orbit, inner)
+            _says(entry, orbit)
+        except RejectedError as error:
+            return replace(found, clause=error.clause, found=error.found)
+        except FAILURES as error:
+            return replace(found, clause="existence", found=f"{type(error).__name__}: {error}")
+    return replace(found, verdict="certified")
+
+
+def decimal(ball: Any) -> str:
+    """Return a ball in decimals, rounded outwards; `arb` reads it back."""
+    text: str = ball.str(max(DIGITS, ctx.dps + 8), more=True)
+    return text if "+/-" in text else f"[{text} +/- 0]"
+
+
+def _existing(
+    entry: Entry, problem: OrbitProblem, bits: int, boxes: Boxes
+) -> tuple[Orbit, Balls, Balls]:
+    """Existence and uniqueness in a box that holds what is recorded."""
+    space, details, kind = BallProblem(problem, bits), details_of(entry), kind_of(entry.kind)
+    recorded = recorded_unknowns(entry, problem)
+    equations = kind.in_many_digits(space, recorded, details)
+    if equations is None:
+        raise RejectedError("kind", f"there are no equations of {entry.kind} to be certified")
+    system, own = equations
+    box, inner = boxes(space, system, [*recorded.tolist(), *own])
+    if outside := [i for i, g in enumerate(recorded) if not box[i].contains(arb(g))]:
+        raise RejectedError("value", f"unknown {outside[0]} lies outside the box of the event")
+    z = inner[: problem.n + 1]
+    exact = dict(details)
+    if "touch_time" in details:
+        exact["touch_time"] = inner[problem.n + 1]
+    at_rest = [details["impact"]] if "impact" in details else resting(space, box, inner)
+    for impact in at_rest:
+        z[problem.m * impact + 1] = arb(0)
+    return Orbit(space, z, kind, exact, tuple(at_rest)), box, inner
+
+
+def recorded_unknowns(entry: Entry, problem: OrbitProblem) -> Any:
+    """Return the recorded impacts and the followed parameter."""
+    names = [n for n in entry.impacts[0] if n != "wall"]
+    rows = [[impact[name] for name in names] for impact in entry.impacts]
+    if len(rows) != len(entry.word) or len(names) != problem.m:
+        raise RejectedError("value", f"{len(rows)} impacts of the word {entry.word!r}")
+    return np.append(np.array(rows, dtype=float).ravel(), entry.value)
+
+
+def _agrees(entry: Entry, orbit: Orbit, inner: Balls) -> None:
+    """The recorded numbers are those of the event."""
+    problem, space = orbit.space.problem, orbit.space
+    value = inner[problem.n]
+    if abs(value - entry.value) > entry.error:
+        off = (value - entry.value).str(5)
+        raise RejectedError(
+            "value", f"{entry.parameter} is off by {off}, the recorded error is {entry.error:.3g}"
+        )
+    given = recorded_unknowns(entry, problem)
+    _near("impacts", zip(map(str, range(problem.n)), given.tolist(), inner, strict=False))
+    if entry.touch_time is not None:
+        touch = orbit.details["touch_time"]
+        _near("touch_time", [("touch_time", entry.touch_time, touch)])
+    named = dict(zip(problem.model.values, space.values(orbit.z), strict=True))
+    derived = space.setup(space.values(orbit.z)).derived
+    named |= dict(zip(problem.model.DERIVED, map(arb, derived), strict=True))
+    others = ((n, entry.parameters[n], b) for n, b in named.items() if n != entry.parameter)
+    _near("parameters", others)
+    walls = "".join(impact["wall"] for impact in entry.impacts)
+    if walls != entry.word:
+        raise RejectedError("impacts", f"on the walls {walls}, the word is {entry.word}")
+
+
+def _near(clause: str, numbers: Any) -> None:
+    for name, recorded, proven_ in numbers:
+        if not abs(proven_ - recorded) <= AGREEMENT * max(1.0, abs(recorded)):
+            raise RejectedError(clause, f"{name}: recorded {recorded!r}, proven {proven_.str(18)}")
+
+
+def _says(entry: Entry, orbit: Orbit) -> None:
+    """What the entry says of its orbit."""
+    _clause("touch", orbit.touches(), True)
+    outside, why = orbit.unstable()
+    _clause("stability", (outside, why), entry.n_unstable)
+    physical, reason = orbit.physical()
+    _clause("physicality", (physical, reason), entry.physical)
+    ghost = outside > 0 or not physical
+    _said("stable", entry.stable, outside == 0)
+    _said("ghost", entry.ghost, ghost)
+    letters = [wall.name for wall in orbit.space.problem.model.WALLS]
+    word = orbit.space.problem.word
+    _said("notation", entry.notation, word.notation(letters))
+    tilde = ghost and orbit.kind.tilde
+    _said("label", entry.label.startswith("~"), tilde)
+
+
+def _clause(clause: str, claim: tuple[Any, str], said: Any) -> None:
+    found, why = claim
+    if found is None:
+        raise RejectedError(clause, f"not decided: {why}")
+    if found != said:
+        raise RejectedError(clause, f"recorded {said}, proven {found}{why and ': ' + why}")
+
+
+def _said(clause: str, recorded: Any, proven_: Any) -> None:
+    if recorded != proven_:
+        raise RejectedError(clause, f"recorded {recorded}, proven {proven_}")

@@ -1,0 +1,225 @@
+"""What is proven of the orbit that carries an event: whether it is physical, and how stable.
+
+The event's own touch, impact and multipliers are set aside, as its kind says.
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from flint import acb_mat, arb, arb_mat
+
+from ..bifurcations.kind import Kind
+from ..orbits.problem import OrbitProblem
+from .clearance import Clear, Gap
+from .equations import BallProblem, Balls, Flight
+
+Claim = tuple[Any, str]
+"""What is proven, or None and what could not be decided."""
+
+
+@dataclass(frozen=True)
+class Orbit:
+    """An orbit at its event.
+
+    Attributes
+    ----------
+    space : BallProblem
+    z : list of arb
+        Its unknowns.
+    kind : Kind
+    details : mapping
+        Where the event is, ``touch_time`` as an ``arb``.
+    at_rest : tuple of int
+        Impacts whose velocity is zero.
+    """
+
+    space: BallProblem
+    z: Balls
+    kind: Kind
+    details: Mapping[str, Any]
+    at_rest: tuple[int, ...] = ()
+
+    # Stability.
+
+    def unstable(self) -> Claim:
+        """Return how many multipliers lie outside the unit circle, those of the event set aside."""
+        space, z = self._without_rest()
+        try:
+            return (
+                _outside_of_two(self, space, z) if space.problem.m == 2 else self._outside(space, z)
+            )
+        except (ValueError, ZeroDivisionError) as error:
+            return None, f"the multipliers are not isolated ({error})"
+
+    def critical(self, middles: Sequence[complex]) -> list[int]:
+        """Return the places of the multipliers that belong to the event."""
+        return [] if self._at_rest is not None else self.kind.critical(np.array(middles))
+
+    def _outside(self, space: BallProblem, z: Balls) -> Claim:
+        """The same from enclosures of all multipliers."""
+        found = multipliers(space, z)
+        own = self.critical([complex(float(mu.real.mid()), float(mu.imag.mid())) for mu in found])
+        sizes = [abs(mu) for i, mu in enumerate(found) if i not in own]
+        if near := next((s for s in sizes if not (s < 1 or s > 1)), None):
+            return None, f"a multiplier has the size {near.str(6)}"
+        return sum(1 for s in sizes if s > 1), ""
+
+    def _without_rest(self) -> tuple[BallProblem, Balls]:
+        """The orbit; with an impact at rest, that of the word without it."""
+        rest, problem = self._at_rest, self.space.problem
+        if rest is None:
+            return self.space, self.z
+        shorter = OrbitProblem(problem.model, problem.word.drop(rest), problem.kernels)
+        kept = [*self.z[: problem.m * rest], *self.z[problem.m * rest + problem.m :]]
+        return BallProblem(shorter, self.space.bits), kept
+
+    @property
+    def _at_rest(self) -> int | None:
+        """The impact at rest, if that is the event."""
+        return self.details.get("impact")
+
+    # Physicality.
+
+    def physical(self) -> Claim:
+        """Return whether the orbit is physical but for the event."""
+        if why := self._unphysical():
+            return False, why
+        for k, (row, later) in enumerate(self._pairs()):
+            if not later[0] - row[0] > 0 and not self._vanishing(k):
+                return None, f"flight {k} lasts {(later[0] - row[0]).str(6)}"
+        for k, speed in self._speeds():
+            if not speed > 0:
+                return None, f"impact {k} has the velocity {speed.str(6)} towards its wall"
+        return self._clear()
+
+    def _pairs(self) -> list[tuple[Balls, Balls]]:
+        return list(itertools.pairwise(self.space.impacts(self.z)))
+
+    def _vanishing(self, flight: int) -> bool:
+        """Whether the event is that a flight's duration vanishes."""
+        own = self.details.get("flight") == flight and "touch_time" not in self.details
+        return own
+
+    def _speeds(self) -> list[tuple[int, Any]]:
+        """Velocities towards the walls, that of an impact at rest set aside."""
+        problem = self.space.problem
+        sides = {wall.name: wall.side for wall in problem.model.WALLS}
+        return [
+            (k, sides[wall] * self.z[problem.m * k + 1])
+            for k, wall in enumerate(problem.word.walls)
+            if k not in self.at_rest
+        ]
+
+    def _unphysical(self) -> str:
+        """Why the orbit is proven to be unphysical, if it is."""
+        for k, (row, later) in enumerate(self._pairs()):
+            if later[0] - row[0] < 0 and not self._vanishing(k):
+                return f"flight {k} lasts {(later[0] - row[0]).str(6)}"
+        for k, speed in self._speeds():
+            if speed < 0:
+                return f"impact {k} runs the wrong way"
+        return self._deepest()
+
+    def _deepest(self) -> str:
+        """Where a flight passes a wall, at the nearest touches that doubles find."""
+        space, problem = self.space, self.space.problem
+        here = problem.evaluate(np.array([float(x.mid()) for x in self.z]))
+        for touch in (t for flight in here.gaps for t in flight.touches if t is not None):
+            if touch.gap < 0 and not self._own(touch.flight, touch.wall):
+                gap = Gap(space, self.z, touch.flight, touch.wall)
+                if gap.at(arb(touch.time) - gap.start[0].mid())[0] < 0:
+                    return f"flight {touch.flight} passes wall {touch.wall}"
+        return ""
+
+    def _own(self, flight: int, wall: str) -> bool:
+        """Whether a touch there is the event."""
+        where = self.details.get("flight"), self.details.get("wall")
+        return "touch_time" in self.details and where == (flight, wall)
+
+    def _clear(self) -> Claim:
+        """Whether all flights keep clear of all walls."""
+        for k in range(len(self.space.problem.word)):
+            for wall in self.space.problem.model.WALLS:
+                if self._vanishing(k):
+                    continue
+                touch = self.details["touch_time"] if self._own(k, wall.name) else None
+                found = Gap(self.space, self.z, k, wall.name, touch).proven()
+                if found.what is not Clear.YES:
+                    where = f"flight {k}, wall {wall.name}, {found.time:.6g} after it leaves"
+                    passes = found.what is Clear.PASSES
+                    return False if passes else None, f"{where}: the gap is {found.gap}"
+        return True, ""
+
+    def touches(self) -> Claim:
+        """Return whether the event's touch is a strict local minimum of the gap."""
+        if "touch_time" not in self.details:
+            return True, ""
+        gap = Gap(self.space, self.z, self.details["flight"], self.details["wall"])
+        curvature = gap.at(self.details["touch_time"] - gap.start[0])[2]
+        within = self.details["touch_time"] - gap.start[0]
+        if not (within > 0 and within < gap.duration):
+            return None, f"the touch comes {within.str(6)} after the flight leaves"
+        return (True, "") if curvature > 0 else (None, f"the gap bends by {curvature.str(6)}")
+
+
+def characteristic(flights: Sequence[Flight]) -> tuple[Any, Any, Any]:
+    r"""Return b, c, a of b mu^2 - c mu + a, whose roots are the multipliers, for m = 2.
+
+    .. math:: b = \prod \det B_k, \quad a = \prod \det A_k, \quad
+              c = \operatorname{tr} \prod (-\operatorname{adj} B_k \, A_k) .
+
+    Nothing is divided by: b vanishes with the velocity of an impact. Numbers may be series.
+    """
+    b, a = arb(1), arb(1)
+    total: Any = ((arb(1), arb(0)), (arb(0), arb(1)))
+    for _, (a11, a12, a21, a22), (b11, b12, b21, b22), _ in flights:
+        rows = (
+            (b12 * a21 - b22 * a11, b12 * a22 - b22 * a12),
+            (b21 * a11 - b11 * a21, b21 * a12 - b11 * a22),
+        )
+        (p, q), (r, s) = total
+        total = tuple((x * p + y * r, x * q + y * s) for x, y in rows)
+        b, a = b * (b11 * b22 - b12 * b21), a * (a11 * a22 - a12 * a21)
+    return b, total[0][0] + total[1][1], a
+
+
+def _outside_of_two(orbit: Orbit, space: BallProblem, z: Balls) -> Claim:
+    """How many of two multipliers lie outside, from the signs of their polynomial at 1 and -1.
+
+    Where they differ, one does; where they are the same, both or none, as their product tells.
+    """
+    b, c, a = characteristic(space.flights(z))
+    middles = np.roots([float(x.mid()) for x in (b, -c, a)])
+    own = len(orbit.critical(middles.tolist())) if len(middles) == 2 else 0
+    inside, outside = abs(a) < abs(b), abs(a) > abs(b)
+    if own == 2:
+        return 0, ""
+    if own == 0:
+        at_one, at_minus_one = b - c + a, b + c + a
+        if at_one * at_minus_one < 0:
+            return 1, ""
+        inside, outside = (found and at_one * at_minus_one > 0 for found in (inside, outside))
+    if not (inside or outside):
+        return None, f"the polynomial of the multipliers is {b.str(6)}, {c.str(6)}, {a.str(6)}"
+    return (2 - own if outside else 0), ""
+
+
+def multipliers(space: BallProblem, z: Balls) -> list[Any]:
+    """Return enclosures of all multipliers, ``acb``, each of one.
+
+    Raises
+    ------
+    ValueError, ZeroDivisionError
+        If they are not isolated, or an impact's velocity may be zero.
+    """
+    m = space.problem.m
+    total = arb_mat([[int(i == j) for j in range(m)] for i in range(m)])
+    for _, start, end, _ in space.flights(z):
+        total = -(arb_mat(m, m, end).inv() * arb_mat(m, m, start)) * total
+    found: list[Any] = acb_mat(total).eig()
+    return found

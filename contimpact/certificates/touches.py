@@ -1,0 +1,216 @@
+r"""Touches along a tube: where a flight reaches a wall with zero velocity, between its impacts.
+
+A flight is run through by s from 0 to 1, the branch by u. A cell of both is free of touches if on
+it the velocity does not vanish, or no gap does. At the ends of a flight the gap to the wall left,
+or reached, vanishes by itself. There a cell is free of touches of that wall, too, if the curvature
+of the gap has one sign: a touch would make the gap vanish twice, at the cell's end and at the
+touch, so that its rate vanishes between them and at the touch, and its curvature between these.
+
+Only where the gap bends away from the wall, in a minimum, a touch is a grazing; and only if the
+flight does not pass the wall elsewhere.
+
+A cell holds one touch at most if no matrix of the enclosed derivatives of gap and velocity by s and
+u is singular on it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from flint import arb
+
+from ..segments.arithmetic import evaluate_in
+from ..segments.balls import Time
+from .birth import Birth
+from .tube import Tube, coefficient
+
+DEEPEST = 44
+"""How often a flight and a tube are cut."""
+SELDOM = 6
+"""After how many cuts a cell is compared with the rest of the flight."""
+SIZES = [2.0**-k for k in range(12)]
+"""Half widths of cells around a touch that is known."""
+
+
+@dataclass(frozen=True)
+class Patch:
+    """A cell of a flight and a tube that may hold a touch of a wall.
+
+    Attributes
+    ----------
+    flight : int
+    wall : str
+    along, at : (float, float)
+        Ranges of u, and of s.
+    single : bool
+        Whether it holds one touch at most.
+    """
+
+    flight: int
+    wall: str
+    along: tuple[float, float]
+    at: tuple[float, float]
+    single: bool
+
+    def holds(self, wall: str, along: tuple[float, float], at: tuple[float, float]) -> bool:
+        """Whether a cell is part of this one."""
+        return (
+            wall == self.wall
+            and self.along[0] <= along[0]
+            and along[1] <= self.along[1]
+            and self.at[0] <= at[0]
+            and at[1] <= self.at[1]
+        )
+
+
+@dataclass(frozen=True)
+class _Local:
+    """What is enclosed on a cell: for each wall the gap, and whether a touch is free; the rates."""
+
+    gap: dict[str, Any]
+    gap_along: dict[str, Any]
+    speed: Any
+    speed_along: Any
+    bend: Any
+    duration: Any
+
+
+class Flying:
+    """One flight along a tube."""
+
+    def __init__(self, tube: Tube | Birth, flight: int) -> None:
+        self.tube, self.flight = tube, flight
+        self.space, problem = tube.segment.space, tube.segment.space.problem
+        self.walls = problem.model.WALLS
+        word = problem.word.walls
+        self.left, self.reached = word[flight], word[(flight + 1) % len(word)]
+        kernel = problem.kernels.motion(self.left)
+        self.motion = evaluate_in(kernel, self.space.arithmetic)
+        self.names = [wall.name for wall in self.walls]
+        self.sides = {wall.name: wall.side for wall in self.walls}
+
+    def local(self, s: Any, u: Any) -> _Local:
+        """Return what is enclosed for balls of s and u."""
+        z = self.tube.moving(u)
+        rows, values = self.space.impacts(z), self.space.values(z)
+        start = rows[self.flight]
+        duration = rows[self.flight + 1][0] - start[0]
+        x, speed, bend = self.motion(Time(start[0]), *start[1:], s * duration, *values)
+        places = self.space.setup(values).walls
+        here = places[self.names.index(self.left)]
+        gaps = {
+            name: side * (places[self.names.index(name)] - here - x)
+            for name, side in self.sides.items()
+        }
+        return _Local(
+            {name: coefficient(g, 0) for name, g in gaps.items()},
+            {name: coefficient(g, 1) for name, g in gaps.items()},
+            coefficient(speed, 0),
+            coefficient(speed, 1),
+            coefficient(bend, 0),
+            coefficient(duration, 0),
+        )
+
+    def patches(self, known: Sequence[tuple[str, float, float]]) -> Iterator[Patch]:
+        """Yield the cells that may hold touches.
+
+        Parameters
+        ----------
+        known : sequence of (wall, u, s)
+            Touches that are known. Around each a cell is taken first, as large as it can be and
+            hold no other.
+        """
+        cells = [((-1.0, 1.0), (0.0, 1.0), 0)]
+        taken = [patch for one in known if (patch := self._around(*one)) is not None]
+        yield from taken
+        while cells:
+            along, at, depth = cells.pop()
+            s, u = _ball(at), _ball(along)
+            wide, mid = self.local(s, u), self.local(s.mid(), u.mid())
+            ds, du = s - s.mid(), u - u.mid()
+            speed = mid.speed + wide.bend * wide.duration * ds + wide.speed_along * du
+            if not speed.contains(0) or not wide.speed.contains(0):
+                continue
+            left = [
+                name
+                for name in self.names
+                if not any(patch.holds(name, along, at) for patch in taken)
+                and self._touches(name, wide, mid, at, ds, du)
+            ]
+            if depth % SELDOM == SELDOM - 1:
+                left = [name for name in left if not self.passes(name, along)]
+            if not left:
+                continue
+            alone = all(self._single(name, wide) for name in left)
+            if depth == DEEPEST or (alone and depth > DEEPEST // 2):
+                yield from (Patch(self.flight, name, along, at, alone) for name in left)
+            else:
+                cells += self._cut(along, at, depth, wide, ds, du)
+
+    def _around(self, wall: str, u: float, s: float) -> Patch | None:
+        """The largest of some cells around a touch that holds no other."""
+        for size in SIZES:
+            along = max(u - size, -1.0), min(u + size, 1.0)
+            at = max(s - size / 4.0, 0.0), min(s + size / 4.0, 1.0)
+            if self._single(wall, self.local(_ball(at), _ball(along))):
+                return Patch(self.flight, wall, along, at, True)
+        return None
+
+    def _touches(self, wall: str, wide: _Local, mid: _Local, at: Any, ds: Any, du: Any) -> bool:
+        """Whether a cell may hold a grazing of a wall."""
+        side = self.sides[wall]
+        bend = -side * wide.bend
+        if bend < 0:
+            return False
+        first, last = wall == self.left and at[0] == 0.0, wall == self.reached and at[1] == 1.0
+        if (first or last) and bend > 0:
+            return False
+        slope = -side * wide.speed * wide.duration
+        gap = mid.gap[wall] + slope * ds + wide.gap_along[wall] * du
+        return bool(gap.contains(0) and wide.gap[wall].contains(0))
+
+    def _single(self, wall: str, wide: _Local) -> bool:
+        """Whether no matrix of the derivatives of gap and velocity is singular."""
+        side = self.sides[wall]
+        first = -side * wide.speed * wide.duration * wide.speed_along
+        second = wide.gap_along[wall] * wide.bend * wide.duration
+        return not (first - second).contains(0)
+
+    @staticmethod
+    def _cut(along: Any, at: Any, depth: int, wide: _Local, ds: Any, du: Any) -> list[Any]:
+        """Two cells in place of one, cut where the velocity varies more."""
+        across_s = float((abs(wide.bend * wide.duration) * abs(ds).upper()).upper())
+        across_u = float((abs(wide.speed_along) * abs(du).upper()).upper())
+        if across_s >= across_u:
+            middle = at[0] + 0.4921875 * (at[1] - at[0])
+            return [(along, (at[0], middle), depth + 1), (along, (middle, at[1]), depth + 1)]
+        middle = along[0] + 0.4921875 * (along[1] - along[0])
+        return [((along[0], middle), at, depth + 1), ((middle, along[1]), at, depth + 1)]
+
+    def passes(self, wall: str, along: tuple[float, float]) -> bool:
+        """Whether the flight is proven to pass a wall in a whole range of u.
+
+        What a flight does beyond a wall before it comes back from an impact that runs the wrong way
+        belongs to that impact; between such ends the gap has to be positive before and behind.
+        """
+        u = _ball(along)
+        z = np.array([float(x.mid()) for x in self.tube.state(u.mid())])
+        here = self.space.problem.evaluate(z).gaps[self.flight]
+        touch = here.touches[self.names.index(wall)]
+        if touch is None or not touch.gap < 0.0 or not here.duration > 0.0:
+            return False
+        start = z[self.space.problem.m * self.flight]
+        at = (touch.time - start) / here.duration
+        return bool(self._mean(wall, at, u) < 0)
+
+    def _mean(self, wall: str, s: float, u: Any) -> Any:
+        """The gap at s, for a ball of u."""
+        mid, wide = self.local(arb(s), u.mid()), self.local(arb(s), u)
+        return mid.gap[wall] + wide.gap_along[wall] * (u - u.mid())
+
+
+def _ball(ends: tuple[float, float]) -> Any:
+    return arb(ends[0]).union(arb(ends[1]))

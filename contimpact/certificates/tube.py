@@ -1,0 +1,377 @@
+r"""A tube: between two orbits of a branch there is one smooth curve of orbits, and no other.
+
+Let p be the cubic through two points of a branch with their tangents, on -1 <= u <= 1, and l(u) the
+row that runs from one tangent to the other. A point of the branch is p(u) + w with
+
+.. math:: G(w; u) = \begin{pmatrix} F(p(u) + w) \\ l(u) \cdot w \end{pmatrix} = 0 .
+
+Krawczyk's test is made for all u at once, with a preconditioner Y(u) that is a polynomial near the
+inverse of the Jacobian J: if componentwise
+
+.. math:: |Y(u)\, G(0; u)| + |I - Y(u) J(p(u) + W)| \, W < W \quad \text{for all } u,
+
+then for each u there is exactly one w(u) in the box W, J is regular there, and w is a smooth
+function of u. Everything that depends on u is a polynomial with enclosed coefficients: the Taylor
+coefficients in the middle of the tube, and instead of the highest one its enclosure over the whole
+tube, which is Lagrange's remainder.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import Any, TypeAlias
+
+import numpy as np
+from flint import arb, arb_mat, arb_poly, arb_series
+
+from ..orbits.problem import Array
+from .equations import BallProblem, Balls, Flight
+
+ORDER = 8
+"""Degree of the polynomials of residuals and test functions, the remainder's."""
+ORDER_OF_BLOCKS = 6
+DEGREE = 5
+"""Of the preconditioner."""
+FLOOR = 1e-10
+"""Least size of the box W, in natural sizes of the unknowns."""
+ROOM = 2.0
+"""How much larger W is than the correction it has to hold."""
+
+WHOLE = arb(0, 1)
+"""All u of a tube."""
+
+Model: TypeAlias = list[Any]
+"""Coefficients of a polynomial in u, the last one enclosing the remainder's."""
+
+
+@dataclass(frozen=True)
+class Node:
+    """An orbit of a branch, in doubles: its unknowns, and the branch's direction there."""
+
+    unknowns: Array
+    tangent: Array
+
+
+@dataclass(frozen=True, eq=False)
+class Segment:
+    """The cubic between two nodes.
+
+    Attributes
+    ----------
+    space : BallProblem
+    first, last : Node
+    scale : ndarray
+        Natural sizes of the unknowns.
+    """
+
+    space: BallProblem
+    first: Node
+    last: Node
+    scale: Array
+
+    @cached_property
+    def length(self) -> float:
+        """Distance of the nodes in natural sizes."""
+        change = (self.last.unknowns - self.first.unknowns) / self.scale
+        return float(np.linalg.norm(change))
+
+    @cached_property
+    def coefficients(self) -> list[list[Any]]:
+        """Of the cubic's components, exact but for the rounding of balls."""
+        half = 0.5 * self.length
+        ends = (self.first.unknowns, self.last.unknowns)
+        rates = (half * self.first.tangent, half * self.last.tangent)
+        columns = zip(*(end.tolist() for end in (*ends, *rates)), strict=True)
+        found = []
+        for a, b, slope_a, slope_b in ((arb(x) for x in column) for column in columns):
+            jump, both = b - a, slope_a + slope_b
+            found.append(
+                [
+                    (a + b) / 2 + (slope_a - slope_b) / 4,
+                    (3 * jump - both) / 4,
+                    (slope_b - slope_a) / 4,
+                    (both - jump) / 4,
+                ]
+            )
+        return found
+
+    @cached_property
+    def row(self) -> tuple[Balls, Balls]:
+        """l(u) = row[0] + row[1] u."""
+        weights = self.scale**-2
+        a, b = ((weights * node.tangent).tolist() for node in (self.first, self.last))
+        pairs = [(arb(x), arb(y)) for x, y in zip(a, b, strict=True)]
+        return [(x + y) / 2 for x, y in pairs], [(y - x) / 2 for x, y in pairs]
+
+    def at(self, u: Any) -> Balls:
+        """Return p(u), u a number or a ball."""
+        return [((c3 * u + c2) * u + c1) * u + c0 for c0, c1, c2, c3 in self.coefficients]
+
+    def slope(self, u: Any) -> Balls:
+        """Return p'(u)."""
+        return [(3 * c3 * u + 2 * c2) * u + c1 for _, c1, c2, c3 in self.coefficients]
+
+    def series(self, u: Any, box: Balls, length: int) -> list[Any]:
+        """Return p(u + e) + w as power series in e, for w in a box."""
+        return [
+            arb_series(
+                [
+                    ((c3 * u + c2) * u + c1) * u + c0 + w,
+                    (3 * c3 * u + 2 * c2) * u + c1,
+                    3 * c3 * u + c2,
+                    c3,
+                ][:length],
+                prec=length,
+            )
+            for (c0, c1, c2, c3), w in zip(self.coefficients, box, strict=True)
+        ]
+
+    def doubles(self, u: float) -> Array:
+        """Return p(u) in doubles."""
+        return np.array([float(x.mid()) for x in self.at(arb(u))])
+
+    def jacobian(self, u: float) -> Array:
+        """Return J at p(u) in doubles."""
+        here = self.space.problem.evaluate(self.doubles(u))
+        row = [float((a + b * u).mid()) for a, b in zip(*self.row, strict=True)]
+        return np.vstack([here.jacobian, row])
+
+
+def preconditioner(segment: Segment) -> list[Any]:
+    """Return the coefficients of a polynomial in u, exact matrices, near the inverse of J.
+
+    Raises
+    ------
+    ArithmeticError, ValueError, numpy.linalg.LinAlgError
+        If there is none.
+    """
+    nodes = np.cos(np.pi * (np.arange(DEGREE + 1) + 0.5) / (DEGREE + 1))
+    inverses = np.array([np.linalg.inv(segment.jacobian(float(u))) for u in nodes])
+    powers = np.linalg.inv(np.vander(nodes, increasing=True))
+    found = np.einsum("ij,jkl->ikl", powers, inverses)
+    if not np.isfinite(found).all():
+        raise ArithmeticError("the Jacobian is singular in a tube")
+    return [arb_mat(matrix.tolist()) for matrix in found]
+
+
+@dataclass(frozen=True, eq=False)
+class Tube:
+    """A segment around which the branch is proven to be one smooth curve.
+
+    Attributes
+    ----------
+    segment : Segment
+    box : ndarray
+        W: half widths. In it the curve is the only one.
+    inner : ndarray
+        Half widths of the part in which it lies.
+    ends : (ndarray, ndarray)
+        Bounds of w at both nodes.
+    rate : ndarray
+        Bounds of w'(u).
+    """
+
+    segment: Segment
+    box: Array
+    inner: Array
+    ends: tuple[Array, Array]
+    rate: Array
+    _models: dict[Any, Model] = field(default_factory=dict)
+
+    @cached_property
+    def around(self) -> Balls:
+        """Balls that hold w(u)."""
+        return balls_around_zero(self.inner)
+
+    @cached_property
+    def rates(self) -> Balls:
+        """Balls that hold w'(u)."""
+        return balls_around_zero(self.rate)
+
+    def state(self, u: Any) -> Balls:
+        """Return an enclosure of the branch's point at u, a number or a ball."""
+        return [x + w for x, w in zip(self.segment.at(u), self.around, strict=True)]
+
+    def moving(self, u: Any) -> list[Any]:
+        """Return an enclosure of the branch at u, and of its derivative by u, as series."""
+        slopes = zip(self.segment.slope(u), self.rates, strict=True)
+        return [
+            arb_series([x, s + r], prec=2) for x, (s, r) in zip(self.state(u), slopes, strict=True)
+        ]
+
+    def model(self, name: str, function: Callable[[list[Flight]], Any]) -> Model:
+        """Return a function of the flights along the tube as a polynomial."""
+        if name not in self._models:
+            self._models[name] = taylor(function(self.near), function(self.over), ORDER)
+        return self._models[name]
+
+    @cached_property
+    def near(self) -> list[Flight]:
+        """The flights as series around the middle."""
+        return flights_of(self.segment, arb(0), self.around, ORDER)
+
+    @cached_property
+    def over(self) -> list[Flight]:
+        """The same around any u."""
+        return flights_of(self.segment, WHOLE, self.around, ORDER + 1)
+
+
+def flights_of(segment: Segment, u: Any, box: Balls, length: int) -> list[Flight]:
+    """Return the flights along a segment as power series around u."""
+    return segment.space.flights(segment.series(u, box, length))
+
+
+def taylor(near: Any, over: Any, order: int) -> Model:
+    """Return a polynomial from series around the middle and around any u."""
+    return [*(coefficient(near, j) for j in range(order)), coefficient(over, order)]
+
+
+def coefficient(number: Any, j: int) -> Any:
+    """Return a coefficient of a series, or of a number."""
+    if isinstance(number, arb_series):
+        return number[j]
+    return arb(number) if j == 0 else arb(0)
+
+
+def proven_tube(segment: Segment, box: Array | None = None) -> Tube | None:
+    """Return the tube around a segment; None where the test fails.
+
+    Parameters
+    ----------
+    segment : Segment
+    box : ndarray, optional
+        W; by default it is chosen.
+    """
+    try:
+        return _Test(segment).tube(box)
+    except (ArithmeticError, ValueError, np.linalg.LinAlgError):
+        return None
+
+
+class _Test:
+    """Krawczyk's test along a segment."""
+
+    def __init__(self, segment: Segment) -> None:
+        self.segment = segment
+        self.inverse = preconditioner(segment)
+        self.n = segment.space.problem.n
+        thin = balls_around_zero(np.zeros(self.n + 1))
+        near = flights_of(segment, arb(0), thin, ORDER)
+        over = flights_of(segment, WHOLE, thin, ORDER + 1)
+        residual = self._columns(near, over, ORDER)
+        self.offset = range_of(_times(self.inverse, residual))
+
+    def _columns(self, near: list[Flight], over: list[Flight], order: int) -> list[Any]:
+        """G(0; u): the residuals as columns, zero in the last row."""
+        rows = [
+            taylor(a, b, order)
+            for one, other in zip(near, over, strict=True)
+            for a, b in zip(one[0], other[0], strict=True)
+        ]
+        return [arb_mat([[row[j]] for row in rows] + [[0]]) for j in range(order + 1)]
+
+    def tube(self, box: Array | None) -> Tube | None:
+        """Return the tube, if the test succeeds for a box."""
+        scale = self.segment.scale
+        tries = [box] if box is not None else [ROOM * self.offset + FLOOR * scale] * 3
+        for half in tries:
+            if box is None and (half > 0.1 * scale).any():
+                return None
+            around = balls_around_zero(half)
+            near = flights_of(self.segment, arb(0), around, ORDER)
+            over = flights_of(self.segment, WHOLE, around, ORDER_OF_BLOCKS + 1)
+            defect = self._defect(near, over)
+            image = up(self.offset + up(defect @ half))
+            if (image < half).all():
+                for _ in range(3):
+                    image = np.minimum(image, up(self.offset + up(defect @ image)))
+                return self._accepted(half, image, defect, near, over)
+            tries[1:] = [2.0 * image] * (len(tries) - 1)
+        return None
+
+    def _defect(self, near: list[Flight], over: list[Flight]) -> Array:
+        """A bound of |I - Y J| for all u."""
+        space, order = self.segment.space, ORDER_OF_BLOCKS
+        rows = zip(space.jacobian(near), space.jacobian(over), strict=True)
+        models = [[taylor(a, b, order) for a, b in zip(*pair, strict=True)] for pair in rows]
+        models.append([list(pair) for pair in zip(*self.segment.row, strict=True)])
+        matrices = [
+            arb_mat([[x[j] if j < len(x) else 0 for x in row] for row in models])
+            for j in range(order + 1)
+        ]
+        product = _times(self.inverse, matrices)
+        product[0] -= arb_mat([[int(i == j) for j in range(self.n + 1)] for i in range(self.n + 1)])
+        return range_of(product).reshape(self.n + 1, self.n + 1)
+
+    def _accepted(
+        self, half: Array, inner: Array, defect: Array, near: list[Flight], over: list[Flight]
+    ) -> Tube:
+        """The tube, with bounds of w at its nodes and of w'."""
+        factor = float(np.max(up(up(defect @ half) / half)))
+        ends = tuple(self._shrunk(self._at_node(u), half, factor) for u in (-1, 1))
+        rate = self._shrunk(self._rate(half, near, over), half, factor)
+        return Tube(self.segment, half, inner, (ends[0], ends[1]), rate)
+
+    @staticmethod
+    def _shrunk(offset: Array, half: Array, factor: float) -> Array:
+        """|w| <= |offset| + D |w| in the norm in which W is the unit ball."""
+        bound = float(np.max(up(offset / half))) / np.nextafter(1.0 - factor, 0.0)
+        return np.asarray(up(up(bound) * half))
+
+    def _at_node(self, u: int) -> Array:
+        """|Y G(0; u)| at a node."""
+        point = self.segment.at(arb(u))
+        residual = [*self.segment.space.residual(point), arb(0)]
+        inverse = self.inverse[0]
+        for j, matrix in enumerate(self.inverse[1:], start=1):
+            inverse = inverse + u**j * matrix
+        return range_of([inverse * arb_mat([[r] for r in residual])])
+
+    def _rate(self, half: Array, near: list[Flight], over: list[Flight]) -> Array:
+        """|Y (F'(p + w) p', l' w)| for all u: F'(p + w) p' is the rate of F(p(u) + w), w held."""
+        order = ORDER_OF_BLOCKS
+        columns = self._columns(near, over, order)
+        rates = [j * column for j, column in enumerate(columns)][1:]
+        bend = sum(
+            (abs(r) * float(w) for r, w in zip(self.segment.row[1], half, strict=True)), arb(0)
+        )
+        rates[0] += arb_mat([[0]] * self.n + [[arb(0, 1) * bend]])
+        return range_of(_times(self.inverse, rates))
+
+
+def _times(one: Sequence[Any], other: Sequence[Any]) -> list[Any]:
+    """The product of polynomials of matrices."""
+    found: list[Any] = [None] * (len(one) + len(other) - 1)
+    for i, a in enumerate(one):
+        for j, b in enumerate(other):
+            product = a * b
+            found[i + j] = product if found[i + j] is None else found[i + j] + product
+    return found
+
+
+def range_of(polynomial: Sequence[Any]) -> Array:
+    """Return a bound of the entries of a polynomial of matrices, for all |u| <= 1."""
+    total: Any = 0.0
+    for matrix in polynomial:
+        sizes = np.array([float(abs(x).upper()) for x in matrix.entries()])
+        if not np.isfinite(sizes).all():
+            raise ArithmeticError("an enclosure is not finite")
+        total = up(total + up(sizes))
+    return np.asarray(total)
+
+
+def up(x: Any) -> Any:
+    """Return doubles, or sums and products of a few, rounded upwards."""
+    return np.nextafter(x * (1.0 + 1e-14), np.inf)
+
+
+def balls_around_zero(half: Array) -> Balls:
+    """Return balls around zero of given radii."""
+    return [arb(0, 1) * arb(float(h)) for h in half]
+
+
+def shifted(model: Model, u: Any) -> list[Any]:
+    """Return the coefficients of a polynomial around another u."""
+    return arb_poly(model)(arb_poly([u, 1])).coeffs() or [arb(0)]

@@ -1,0 +1,103 @@
+"""Zeros of a test function along a tube: excluded, or isolated, one in each of some cells.
+
+The function is a polynomial in u with enclosed coefficients. A cell of u is free of zeros if the
+enclosure on it is; it holds exactly one if the function is strictly monotone on it and has
+different signs at its ends. Other cells are cut.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+from flint import arb, arb_series
+
+from .equations import Flight
+from .orbit import characteristic
+from .tube import Model, Tube, coefficient, shifted
+
+DEEPEST = 10
+"""How often a tube is cut."""
+CUT = 0.4921875
+"""Where a cell is cut: not where an event is likely to lie."""
+
+
+@dataclass(frozen=True)
+class Cell:
+    """A part of a tube; `what` is ``zero`` with exactly one, or ``open`` if that is not known."""
+
+    left: float
+    right: float
+    what: str
+
+
+def doubling(flights: list[Flight]) -> Any:
+    """The multipliers' polynomial at -1: with the product of impact speeds, so without poles."""
+    b, c, a = characteristic(flights)
+    return b + c + a
+
+
+def turning(flights: list[Flight]) -> Any:
+    """The same at 1: zero where the parameter turns along a branch."""
+    b, c, a = characteristic(flights)
+    return b - c + a
+
+
+TESTS: dict[float, Callable[[list[Flight]], Any]] = {1.0: turning, -1.0: doubling}
+"""By the multiplier that passes the unit circle."""
+
+
+def zeros(tube: Tube, name: str, function: Callable[[list[Flight]], Any]) -> list[Cell]:
+    """Return the cells of a tube that hold a zero of a function of the flights, or may."""
+    model = tube.model(name, function)
+    rates = [j * c for j, c in enumerate(model)][1:]
+    sideways = None
+    found: list[Cell] = []
+    cells = [(-1.0, 1.0, 0)]
+    while cells:
+        left, right, depth = cells.pop()
+        if not over(model, left, right).contains(0):
+            continue
+        if sideways is None:
+            sideways = across(tube, function)
+        slope = over(rates, left, right) + sideways
+        ends = [over(model, u, u) for u in (left, right)]
+        if not slope.contains(0) and not any(end.contains(0) for end in ends):
+            if (ends[0] > 0) != (ends[1] > 0):
+                found.append(Cell(left, right, "zero"))
+            continue
+        if depth == DEEPEST:
+            found.append(Cell(left, right, "open"))
+            continue
+        middle = left + CUT * (right - left)
+        cells += [(middle, right, depth + 1), (left, middle, depth + 1)]
+    return _merged(found)
+
+
+def over(model: Model, left: float, right: float) -> Any:
+    """Return the range of a polynomial on a cell, an outer enclosure."""
+    half = (arb(right) - arb(left)) / 2
+    first, *others = shifted(model, arb(left) + half)
+    spread, power = arb(0), arb(1)
+    for c in others:
+        power *= half
+        spread += abs(c) * power
+    return first + arb(0, 1) * spread
+
+
+def across(tube: Tube, function: Callable[[list[Flight]], Any]) -> Any:
+    """Return the function's derivative along w'(u), anywhere in the tube."""
+    pairs = zip(tube.state(arb(0, 1)), tube.rates, strict=True)
+    moving = [arb_series([x, r], prec=2) for x, r in pairs]
+    return coefficient(function(tube.segment.space.flights(moving)), 1)
+
+
+def _merged(cells: list[Cell]) -> list[Cell]:
+    """Open cells that touch each other as one."""
+    found: list[Cell] = []
+    for cell in sorted(cells, key=lambda c: c.left):
+        if found and found[-1].what == cell.what == "open" and found[-1].right == cell.left:
+            cell = Cell(found.pop().left, cell.right, "open")
+        found.append(cell)
+    return found
