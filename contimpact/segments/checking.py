@@ -95,7 +95,8 @@ def _resets(model: Model, kernels: Agreements) -> list[str]:
     if model.DEGREES_OF_FREEDOM > 1:
         return []
     random, values = Random(1), list(model.values.values())
-    for wall in model.WALLS:
+    rigid = [guard for guard in model.WALLS if guard.rigid]
+    for wall in rigid:
         for _ in range(TRIALS):
             before = wall.side * random.uniform(0.1, 1.0)
             try:
@@ -107,7 +108,7 @@ def _resets(model: Model, kernels: Agreements) -> list[str]:
                 found = f"it sends the body on into the wall: {before:.6g} becomes {after:.6g}"
                 accepted = f"return -r*v[0], or mend the wall's side, which is {wall.side:+d}"
                 raise InputError(where, found, accepted)
-    return [f"reset at {wall.name}" for wall in model.WALLS]
+    return [f"reset at {wall.name}" for wall in rigid]
 
 
 def _symmetries(model: Model, writer: KernelWriter, kernels: Agreements) -> list[str]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
 
-from .arithmetic import ARRAYS, Arithmetic, evaluate_in
+from .arithmetic import ARRAYS, Arithmetic, Kernel, evaluate_in
 from .layout import SECTION, Blocks, Row
 from .segment import Numbers
 
@@ -47,11 +47,15 @@ class ClosedForm:
 
     def track(self, start: Numbers, dt: Any, values: Numbers) -> tuple[Any, Any, Any]:
         """Return displacement, velocity and acceleration of the gap coordinate."""
-        if self._walls[0] == SECTION:
-            return self._kernels.since(self._kernels.model.WALLS[0].name)(*start, dt, *values)
-        return self._kernels.motion(self._walls[0])(*start, dt, *values)
+        return self._motion(*start, dt, *values)
 
     def tracks(self, start: Numbers, dt: Any, values: Numbers) -> tuple[Any, Any, Any]:
         """Return `track` at an array of times."""
-        motion = evaluate_in(self._kernels.motion(self._walls[0]), ARRAYS)
-        return motion(*start, dt, *values)
+        return evaluate_in(self._motion, ARRAYS)(*start, dt, *values)
+
+    @property
+    def _motion(self) -> Kernel:
+        """The motion of the gap coordinate of the guard left, or of the first guard."""
+        if self._walls[0] == SECTION:
+            return self._kernels.since(self._kernels.model.WALLS[0].name)
+        return self._kernels.motion(self._walls[0])

@@ -13,7 +13,8 @@ from ..continuation.test_function import TestFunction
 from ..errors import InputError
 from ..models.model import Model
 from ..models.word import Word
-from ..orbits.problem import Array, OrbitProblem
+from ..orbits.problem import Array
+from ..orbits.quiet import problem_of
 from ..records.curve import Codim2, Curve
 from ..records.entry import Entry
 from ..records.entry_conversion import details_of
@@ -107,7 +108,7 @@ def _problem(
     entry: Entry, point: Codim2, model: Model, kernels: Kernels, limits: Sequence[Range]
 ) -> tuple[CurveProblem, Sequence[TestFunction], Array]:
     """The problem of a point's curve, what to look for on it, and where it starts."""
-    problem = OrbitProblem(model, Word(entry.word, entry.period), kernels)
+    problem = problem_of(model, Word(entry.word, entry.period), kernels)
     names = ["time", "velocity", *coordinates(problem.m)[2:]]
     rows = [[impact[name] for name in names] for impact in point.impacts]
     free = [model.values[name] for name in kernels.parameters]
