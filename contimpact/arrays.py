@@ -6,8 +6,11 @@ from typing import Any, TypeAlias
 
 import numpy as np
 
-Array = np.ndarray[Any, Any]
+Array: TypeAlias = np.ndarray[Any, Any]
 """NumPy's arrays, of any shape and kind of number."""
+
+Number: TypeAlias = Any
+"""A number of some arithmetic: a float, an array of them, one with bounds, one of many digits."""
 
 Vector: TypeAlias = Any
 """A list, tuple or array of numbers, for functions that run plainly and compiled."""

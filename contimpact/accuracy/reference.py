@@ -174,7 +174,7 @@ class Reference:
             start, end = (ctx.matrix([e[m * r : m * r + m] for r in range(m)]) for e in entries)
             if j == n and problem.word.walls:
                 drift = turns * setup.slopes[0]
-                by_parameter = [g + drift * end[r, 0] for r, g in enumerate(by_parameter)]
+                by_parameter = tuple(g + drift * end[r, 0] for r, g in enumerate(by_parameter))
             blocks.append((start, end, list(by_parameter)))
         return residual, blocks
 

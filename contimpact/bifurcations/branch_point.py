@@ -11,19 +11,18 @@ a phi_1 + b phi_2 of the branches solve
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 
-from ..continuation.branch import EndKind, Event, Point
+from ..continuation.branch import EndKind
+from ..continuation.problem import Problem
 from ..continuation.test_function import Located, TestFunction
 from ..models.word import Word
 from ..orbits.linearisation import Linearisation
 from ..orbits.problem import Array, OrbitProblem
-from .codimension_two import AlsoGrazes, AlsoStops
+from .codimension_two import AlsoGrazes, AlsoStops, CurvePoint
 from .extended_system import ExtendedSystem, located
 from .kind import Change, Details, Kind, Look, ManyDigits, System, Values
-from .orbit_test import Orbits, OrbitTest
+from .orbit_test import OrbitEvent, OrbitPoint, Orbits, OrbitTest
 from .singular_cycle import ROUNDING, has_multiplier
 from .start import Start
 from .unfolding import Crossing, crossed, meeting, unfolding
@@ -41,12 +40,14 @@ class BranchPoint(OrbitTest):
     def of(self, orbits: Orbits) -> Array:
         return orbits.orientations[:, None]
 
-    def locate(self, problem: Any, guess: Point, index: int) -> Located | None:
-        system = Crossing(problem)
+    def locate(
+        self, problem: Problem[Linearisation], guess: OrbitPoint, index: int
+    ) -> Located | None:
+        system = Crossing(guess.evaluation.problem)
         found = located(system, guess, lambda solution: unfolding(system, solution))
         return found if found is not None and crossed(found.details) else None
 
-    def accept(self, event: Event) -> bool:
+    def accept(self, event: OrbitEvent) -> bool:
         """Bracketing does not tell a crossing of branches from a near miss."""
         if event.method == "bracket":
             scale = np.ones(len(event.point.unknowns))
@@ -66,7 +67,7 @@ class BP(Kind):
     auto = 6
     look = Look("D", "#CC79A7")
 
-    def test(self, problem: OrbitProblem, values: Values) -> TestFunction:
+    def test(self, problem: OrbitProblem, values: Values) -> TestFunction[Linearisation]:
         return BranchPoint()
 
     def equations(self, problem: OrbitProblem, details: Details) -> ExtendedSystem:
@@ -75,7 +76,7 @@ class BP(Kind):
     def in_many_digits(self, orbit: ManyDigits, unknowns: Array, details: Details) -> System:
         return orbit.branch_point(unknowns)
 
-    def born(self, event: Event) -> Start | None:
+    def born(self, event: OrbitEvent) -> Start | None:
         here: Linearisation = event.point.evaluation
         problem = here.problem
         left, _, right = np.linalg.svd(here.jacobian)
@@ -93,7 +94,7 @@ class BP(Kind):
     def curve_end(self, own: Array) -> EndKind | None:
         return EndKind.UNFOLDED if abs(own[0]) > UNFOLDED else None
 
-    def codimension_two(self, word: Word) -> list[TestFunction]:
+    def codimension_two(self, word: Word) -> list[TestFunction[CurvePoint]]:
         return [AlsoGrazes(self.name), AlsoStops(self.name)]
 
 

@@ -19,13 +19,15 @@ bracketing along the curve, whose points solve its equations to rounding.
 from __future__ import annotations
 
 from abc import abstractmethod
-from collections.abc import Callable, Mapping
-from typing import Any, Protocol
+from collections.abc import Callable
+from typing import Protocol
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from ..continuation.bordered import scaled_determinant
-from ..continuation.branch import Point
+from ..continuation.branch import Details, Point
+from ..continuation.problem import Evaluation
 from ..continuation.test_function import TestFunction
 from ..orbits.linearisation import Linearisation
 from ..orbits.multipliers import neimark_sacker
@@ -37,7 +39,7 @@ MARKERS = dict.fromkeys(CROSSINGS, "o") | {"G-FB": "^", "CP": "v", "GPD": "s", "
 """In pictures."""
 
 
-class CurvePoint(Protocol):
+class CurvePoint(Evaluation, Protocol):
     """A point of a curve: its orbit, what its equations add, and where on the orbit it happens."""
 
     @property
@@ -45,29 +47,28 @@ class CurvePoint(Protocol):
     @property
     def own(self) -> Array: ...
     @property
-    def details(self) -> Mapping[str, Any]: ...
+    def details(self) -> Details: ...
 
 
-class OnCurve(TestFunction):
+class OnCurve(TestFunction[CurvePoint]):
     """A test function of the points of a curve, with a sentence on what changes at its zeros."""
 
     changes: str = ""
 
-    def values(self, point: Point) -> Array:
+    def values(self, point: Point[CurvePoint]) -> Array:
         try:
-            here: Any = point.evaluation
-            return np.atleast_1d(np.array(self.of(here), dtype=float))
+            return np.atleast_1d(np.array(self.of(point.evaluation), dtype=float))
         except (ArithmeticError, np.linalg.LinAlgError):
             return np.array([np.nan])
 
     @abstractmethod
-    def of(self, here: CurvePoint) -> Any:
+    def of(self, here: CurvePoint) -> ArrayLike:
         """Return the values, as a number or a sequence."""
 
-    def details(self, point: Point, index: int) -> Mapping[str, Any]:
+    def details(self, point: Point[CurvePoint], index: int) -> Details:
         return {"index": index, "changes": self.changes}
 
-    def other(self, here: CurvePoint, index: int) -> tuple[str, dict[str, Any]] | None:
+    def other(self, here: CurvePoint, index: int) -> tuple[str, Details] | None:
         """Return the kind of event that happens there besides the curve's, and where on the orbit.
 
         None where it is no event of the same orbit: its value is then all there is to solve.
@@ -88,14 +89,14 @@ class AlsoGrazes(OnCurve):
             f"at the {kind}, which becomes a ghost"
         )
 
-    def of(self, here: CurvePoint) -> Any:
+    def of(self, here: CurvePoint) -> ArrayLike:
         return [np.nan if t is None else t.gap for t in self.touches(here)]
 
     @staticmethod
     def touches(here: CurvePoint) -> list[Touch | None]:
         return [t for flight in here.orbit.gaps for t in flight.touches]
 
-    def other(self, here: CurvePoint, index: int) -> tuple[str, dict[str, Any]] | None:
+    def other(self, here: CurvePoint, index: int) -> tuple[str, Details] | None:
         touch = self.touches(here)[index]
         if touch is None:
             return None
@@ -112,10 +113,10 @@ class AlsoStops(OnCurve):
             "way"
         )
 
-    def of(self, here: CurvePoint) -> Any:
+    def of(self, here: CurvePoint) -> ArrayLike:
         return here.orbit.problem.impacts(here.orbit.unknowns)[:, 1]
 
-    def other(self, here: CurvePoint, index: int) -> tuple[str, dict[str, Any]]:
+    def other(self, here: CurvePoint, index: int) -> tuple[str, Details]:
         return "V", {"impact": index}
 
 
@@ -126,7 +127,7 @@ class Resonance(OnCurve):
         self.kind = kind
         self.changes = f"two multipliers are {multiplier}: a curve of NS begins"
 
-    def of(self, here: CurvePoint) -> Any:
+    def of(self, here: CurvePoint) -> ArrayLike:
         value = float(neimark_sacker(here.orbit.stability.products))
         return value if abs(value) > 1e-9 else np.nan
 
@@ -143,7 +144,7 @@ class DegenerateTouch(OnCurve):
     def __init__(self, touch: Callable[[CurvePoint], tuple[int, float]]) -> None:
         self.touch = touch
 
-    def of(self, here: CurvePoint) -> Any:
+    def of(self, here: CurvePoint) -> ArrayLike:
         orbit, problem = here.orbit, here.orbit.problem
         left, since = self.touch(here)
         _, row = problem.leaving(orbit.unknowns, left)
@@ -158,11 +159,11 @@ class TouchSingular(OnCurve):
     ) -> None:
         self.kind, self.changes, self.mu, self.counted = kind, changes, mu, counted
 
-    def of(self, here: CurvePoint) -> Any:
+    def of(self, here: CurvePoint) -> ArrayLike:
         orbit = self.counted(here)
         return scaled_determinant(orbit.cyclic(self.mu)[:, : orbit.problem.n])
 
-    def other(self, here: CurvePoint, index: int) -> tuple[str, dict[str, Any]] | None:
+    def other(self, here: CurvePoint, index: int) -> tuple[str, Details] | None:
         same = self.counted(here) is here.orbit
         return ("FB" if self.mu > 0.0 else "PD", {}) if same else None
 
@@ -171,7 +172,7 @@ def touch_points(
     touch: Callable[[CurvePoint], tuple[int, float]],
     longer: Callable[[CurvePoint], Linearisation],
     shorter: Callable[[CurvePoint], Linearisation] | None,
-) -> list[TestFunction]:
+) -> list[TestFunction[CurvePoint]]:
     """Return the test functions of a curve of orbits that touch a wall.
 
     Parameters
@@ -181,7 +182,7 @@ def touch_points(
     longer, shorter : callable
         The orbit with the touch as an impact of its word, and without; None if no impact is left.
     """
-    points: list[TestFunction] = [
+    points: list[TestFunction[CurvePoint]] = [
         DegenerateTouch(touch),
         TouchSingular(
             "G-FB",

@@ -17,11 +17,9 @@ Schaeffer 1985).
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 
-from ..continuation.branch import Event, Point
+from ..continuation.problem import Problem
 from ..continuation.test_function import Located, TestFunction
 from ..models.word import Word
 from ..orbits.linearisation import Linearisation
@@ -29,7 +27,7 @@ from ..orbits.problem import Array, OrbitProblem
 from .codimension_two import AlsoGrazes, AlsoStops, CurvePoint, OnCurve, Resonance
 from .extended_system import ExtendedSystem, located
 from .kind import SUB, SUPER, Change, Details, Kind, Look, ManyDigits, System, Values
-from .orbit_test import Orbits, OrbitTest
+from .orbit_test import OrbitEvent, OrbitPoint, Orbits, OrbitTest
 from .singular_cycle import ROUNDING, SingularCycle, has_multiplier
 from .start import Start
 
@@ -44,10 +42,12 @@ class PeriodDoubling(OrbitTest):
     def of(self, orbits: Orbits) -> Array:
         return orbits.doubling[:, None]
 
-    def locate(self, problem: Any, guess: Point, index: int) -> Located | None:
-        return located(SingularCycle(problem, -1.0), guess)
+    def locate(
+        self, problem: Problem[Linearisation], guess: OrbitPoint, index: int
+    ) -> Located | None:
+        return located(SingularCycle(guess.evaluation.problem, -1.0), guess)
 
-    def accept(self, event: Event) -> bool:
+    def accept(self, event: OrbitEvent) -> bool:
         return has_multiplier(event, -1.0)
 
 
@@ -57,7 +57,7 @@ class DoublingTurns(OnCurve):
     kind = "GPD"
     changes = "the period doubling changes between supercritical and subcritical"
 
-    def of(self, here: CurvePoint) -> Any:
+    def of(self, here: CurvePoint) -> float:
         return _bend(here.orbit)[0]
 
 
@@ -70,7 +70,7 @@ class PD(Kind):
     auto = 7
     look = Look("s", "#0072B2", 1.8)
 
-    def test(self, problem: OrbitProblem, values: Values) -> TestFunction:
+    def test(self, problem: OrbitProblem, values: Values) -> TestFunction[Linearisation]:
         return PeriodDoubling()
 
     def equations(self, problem: OrbitProblem, details: Details) -> ExtendedSystem:
@@ -79,7 +79,7 @@ class PD(Kind):
     def in_many_digits(self, orbit: ManyDigits, unknowns: Array, details: Details) -> System:
         return orbit.singular(unknowns, -1.0)
 
-    def born(self, event: Event) -> Start | None:
+    def born(self, event: OrbitEvent) -> Start | None:
         here: Linearisation = event.point.evaluation
         problem, word = here.problem, here.problem.word
         if not word.walls:
@@ -95,7 +95,9 @@ class PD(Kind):
         doubled = OrbitProblem(problem.model, twice, problem.kernels)
         return Start(doubled, unknowns, tangent, branching=True, both_ways=False)
 
-    def criticality(self, event: Event, before: Point, after: Point) -> tuple[str | None, None]:
+    def criticality(
+        self, event: OrbitEvent, before: OrbitPoint, after: OrbitPoint
+    ) -> tuple[str | None, None]:
         """None where the branch folds between the points around the event."""
         value = event.parameter
         bend = doubling_bend(event.point.evaluation)
@@ -108,7 +110,7 @@ class PD(Kind):
             return None, None
         return (SUPER if unstable[0] > unstable[1] else SUB), None
 
-    def codimension_two(self, word: Word) -> list[TestFunction]:
+    def codimension_two(self, word: Word) -> list[TestFunction[CurvePoint]]:
         resonance = Resonance("R2", "-1")
         return [AlsoGrazes(self.name), AlsoStops(self.name), DoublingTurns(), resonance]
 

@@ -22,16 +22,16 @@ its solutions are a curve. FB and PD after Seydel (1979), BP after Moore (1980).
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
-from ..continuation.branch import Point
+from ..continuation.branch import Details
 from ..continuation.test_function import Located
 from ..orbits.linearisation import Linearisation
 from ..orbits.problem import Array, OrbitProblem
+from .orbit_test import OrbitPoint
 
 EPSILON = float(np.finfo(float).eps)
 NEWTON_ITERATIONS = 12
@@ -77,7 +77,7 @@ class ExtendedSystem(ABC):
         """Return natural sizes of the system's own unknowns, given those of the orbit's."""
         return np.ones(len(own))
 
-    def details(self, own: Array) -> dict[str, Any]:
+    def details(self, own: Array) -> Details:
         """Return what the system's own unknowns tell of where on the orbit it is."""
         return {}
 
@@ -124,8 +124,8 @@ def solve(system: ExtendedSystem, here: Linearisation) -> Solution | None:
 
 def located(
     system: ExtendedSystem,
-    guess: Point,
-    details: Callable[[Solution], Mapping[str, Any]] | None = None,
+    guess: OrbitPoint,
+    details: Callable[[Solution], Details] | None = None,
 ) -> Located | None:
     """Solve a system from a point as a test function does; None if that fails."""
     solution = solve(system, guess.evaluation)

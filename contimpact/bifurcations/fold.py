@@ -2,18 +2,17 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 
-from ..continuation.branch import Event, Point
+from ..continuation.problem import Problem
 from ..continuation.test_function import Located, TestFunction
 from ..models.word import Word
+from ..orbits.linearisation import Linearisation
 from ..orbits.problem import Array, OrbitProblem
 from .codimension_two import AlsoGrazes, AlsoStops, CurvePoint, OnCurve, Resonance
 from .extended_system import ExtendedSystem, located
 from .kind import Change, Details, Kind, Look, ManyDigits, System, Values
-from .orbit_test import Orbits, OrbitTest
+from .orbit_test import OrbitEvent, OrbitPoint, Orbits, OrbitTest
 from .singular_cycle import SingularCycle, has_multiplier
 from .unfolding import stands_upright
 
@@ -26,10 +25,12 @@ class Fold(OrbitTest):
     def of(self, orbits: Orbits) -> Array:
         return orbits.tangents[:, -1:]
 
-    def locate(self, problem: Any, guess: Point, index: int) -> Located | None:
-        return located(SingularCycle(problem, 1.0), guess)
+    def locate(
+        self, problem: Problem[Linearisation], guess: OrbitPoint, index: int
+    ) -> Located | None:
+        return located(SingularCycle(guess.evaluation.problem, 1.0), guess)
 
-    def accept(self, event: Event) -> bool:
+    def accept(self, event: OrbitEvent) -> bool:
         """A branch that passes a branch point sideways turns there too, but is not folded."""
         return has_multiplier(event, 1.0) and not stands_upright(event.point)
 
@@ -40,7 +41,7 @@ class Cusp(OnCurve):
     kind = "CP"
     changes = "a cusp: two folds meet and end"
 
-    def of(self, here: CurvePoint) -> Any:
+    def of(self, here: CurvePoint) -> float:
         orbit, n = here.orbit, here.orbit.problem.n
         psi = np.linalg.svd(orbit.cyclic(1.0)[:, :n])[0][:, -1]
         psi = psi * np.sign(psi @ orbit.by_parameter[:, 0])
@@ -57,7 +58,7 @@ class FB(Kind):
     auto = 5
     look = Look("^", "#D55E00", 0.8, "......")
 
-    def test(self, problem: OrbitProblem, values: Values) -> TestFunction:
+    def test(self, problem: OrbitProblem, values: Values) -> TestFunction[Linearisation]:
         return Fold()
 
     def equations(self, problem: OrbitProblem, details: Details) -> ExtendedSystem:
@@ -66,5 +67,5 @@ class FB(Kind):
     def in_many_digits(self, orbit: ManyDigits, unknowns: Array, details: Details) -> System:
         return orbit.singular(unknowns, 1.0)
 
-    def codimension_two(self, word: Word) -> list[TestFunction]:
+    def codimension_two(self, word: Word) -> list[TestFunction[CurvePoint]]:
         return [AlsoGrazes(self.name), AlsoStops(self.name), Cusp(), Resonance("R1", "1")]

@@ -21,11 +21,11 @@ new one, and the slope is infinite.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any
 
 import numpy as np
 
-from ..continuation.branch import EndKind, Event, Point
+from ..continuation.branch import EndKind, Point
+from ..continuation.problem import Problem
 from ..continuation.test_function import Located, TestFunction
 from ..models.guards import way_back
 from ..models.word import Word
@@ -40,7 +40,7 @@ from ..segments.passages import ELSEWHERE
 from .codimension_two import CurvePoint, touch_points
 from .extended_system import Assembled, ExtendedSystem, located
 from .kind import SUB, SUPER, Change, Details, Kind, Look, ManyDigits, System, Values
-from .orbit_test import Orbits, OrbitTest
+from .orbit_test import OrbitEvent, OrbitPoint, Orbits, OrbitTest
 from .start import Start, regular
 
 TOUCHING = 1e-9
@@ -79,13 +79,15 @@ class Grazing(OrbitTest):
         return np.all(np.isnan(gaps.reshape(2, self.guides, -1)), axis=(0, 2))
 
     @staticmethod
-    def touch(evaluation: Any, index: int) -> Any:
+    def touch(evaluation: Linearisation, index: int) -> Touch | None:
         walls = len(evaluation.problem.model.WALLS)
         return evaluation.gaps[index // walls].touches[index % walls]
 
-    def locate(self, problem: Any, guess: Point, index: int) -> Located | None:
+    def locate(
+        self, problem: Problem[Linearisation], guess: OrbitPoint, index: int
+    ) -> Located | None:
         flight, wall = self.places[index]
-        touch = self.touch(guess.evaluation, index)
+        problem, touch = guess.evaluation.problem, self.touch(guess.evaluation, index)
         if touch is None:
             return None
         system = Touching(problem, flight, wall, touch.time)
@@ -98,18 +100,19 @@ class Grazing(OrbitTest):
         within = start < found.details["touch_time"] < arrival
         return found if within and self.nearest(problem, found, index) else None
 
-    def nearest(self, problem: Any, found: Located, index: int) -> bool:
+    def nearest(self, problem: OrbitProblem, found: Located, index: int) -> bool:
         """Whether a flight does not pass the wall where it touches it at one of several extrema."""
         touch = self.touch(problem.evaluate(found.unknowns), index)
         return touch is None or touch.gap > -PASSING
 
-    def details(self, point: Point, index: int) -> Mapping[str, Any]:
+    def details(self, point: OrbitPoint, index: int) -> Details:
         flight, wall = self.places[index]
-        time = self.touch(point.evaluation, index).time
-        return {"index": index, **self._described(flight, wall, time)}
+        touch = self.touch(point.evaluation, index)
+        assert touch is not None, "only a gap that exists has a zero"
+        return {"index": index, **self._described(flight, wall, touch.time)}
 
     @staticmethod
-    def _described(flight: int, wall: str, time: float) -> dict[str, Any]:
+    def _described(flight: int, wall: str, time: float) -> Details:
         return {"flight": flight, "wall": wall, "touch_time": float(time)}
 
 
@@ -160,7 +163,7 @@ class Touching(ExtendedSystem):
         others[0] = sizes[0]
         return others
 
-    def details(self, own: Array) -> dict[str, Any]:
+    def details(self, own: Array) -> Details:
         return {"touch_time": float(own[0])}
 
     def arrival(self, here: Linearisation, own: Array) -> tuple[Array, Array, Array, Array]:
@@ -175,12 +178,12 @@ class Touching(ExtendedSystem):
         return left, self.touch(own).tolist(), self.problem.values(here.unknowns)
 
 
-class TouchLimit(TestFunction):
+class TouchLimit(TestFunction[CurvePoint]):
     """Along a curve, the touch reaches the impact at either end of its flight."""
 
     kind = "touch"
 
-    def values(self, point: Point) -> Array:
+    def values(self, point: Point[CurvePoint]) -> Array:
         here: CurvePoint = point.evaluation
         problem, flight = here.orbit.problem, here.details["flight"]
         start, arrival = problem.times_around(here.orbit.unknowns, flight)
@@ -199,7 +202,7 @@ class G(Kind):
     needed = ("flight", "wall", "touch_time")
     look = Look("o", "#009E73", hatch="//////")
 
-    def test(self, problem: OrbitProblem, values: Values) -> TestFunction:
+    def test(self, problem: OrbitProblem, values: Values) -> TestFunction[Linearisation]:
         return Grazing(problem)
 
     def equations(self, problem: OrbitProblem, details: Details) -> Touching:
@@ -208,7 +211,7 @@ class G(Kind):
     def in_many_digits(self, orbit: ManyDigits, unknowns: Array, details: Details) -> System:
         return orbit.grazing(unknowns, details)
 
-    def born(self, event: Event) -> Start | None:
+    def born(self, event: OrbitEvent) -> Start | None:
         here: Linearisation = event.point.evaluation
         problem = here.problem
         rows = problem.impacts(here.unknowns)
@@ -224,11 +227,11 @@ class G(Kind):
         start = regular(longer, np.append(rows.ravel(), here.unknowns[-1]))
         return start if start is None or _new_speed(event, start) >= 0.0 else start.reversed()
 
-    def next_word(self, event: Event) -> Word | None:
+    def next_word(self, event: OrbitEvent) -> Word | None:
         return grown_word(event)
 
     def criticality(
-        self, event: Event, before: Point, after: Point
+        self, event: OrbitEvent, before: OrbitPoint, after: OrbitPoint
     ) -> tuple[str | None, float | None]:
         start = self.born(event)
         if start is None:
@@ -250,10 +253,10 @@ class G(Kind):
         """On orbits of the period 2T, 4T, ... it is PD_G."""
         return "PD_G" if period > 1 and period & (period - 1) == 0 else self.name
 
-    def curve_limits(self) -> Mapping[EndKind, TestFunction]:
+    def curve_limits(self) -> Mapping[EndKind, TestFunction[CurvePoint]]:
         return {EndKind.TOUCH: TouchLimit()}
 
-    def codimension_two(self, word: Word) -> list[TestFunction]:
+    def codimension_two(self, word: Word) -> list[TestFunction[CurvePoint]]:
         return touch_points(_since_impact, _with_touch, lambda here: here.orbit)
 
 
@@ -266,7 +269,7 @@ def _touching(here: Linearisation) -> list[Touch]:
     return [t for t in touches if t is not None and abs(t.gap) < TOUCHING]
 
 
-def touches_at(event: Event) -> list[tuple[int, str, float]]:
+def touches_at(event: OrbitEvent) -> list[tuple[int, str, float]]:
     """Return (flight, wall, time) of every touch at a grazing, the event's own first."""
     own = (event.details["flight"], event.details["wall"], event.details["touch_time"])
     touching = _touching(event.point.evaluation)
@@ -278,7 +281,7 @@ def _last_first(touches: list[tuple[int, str, float]]) -> list[tuple[int, str, f
     return sorted(touches, key=lambda touch: (touch[0], touch[2]), reverse=True)
 
 
-def grown_word(event: Event) -> Word | None:
+def grown_word(event: OrbitEvent) -> Word | None:
     """Return the word of a grazing orbit with its touches counted as impacts.
 
     None where a touch leads to another mode, and no short way back.
@@ -293,7 +296,7 @@ def grown_word(event: Event) -> Word | None:
     return word
 
 
-def added_impacts(event: Event) -> int:
+def added_impacts(event: OrbitEvent) -> int:
     """Return how many impacts the event's own touch becomes."""
     details, problem = event.details, event.point.evaluation.problem
     return len(_excursion(problem, details["flight"], details["wall"]) or "")
@@ -314,7 +317,7 @@ def _excursion(problem: OrbitProblem, flight: int, wall: str) -> str | None:
 # Slopes.
 
 
-def _new_speed(event: Event, start: Start) -> float:
+def _new_speed(event: OrbitEvent, start: Start) -> float:
     """The rate of the new impact's velocity towards its wall, along the new branch."""
     problem = start.problem
     rows = problem.impacts(start.unknowns)
@@ -322,7 +325,7 @@ def _new_speed(event: Event, start: Start) -> float:
     return _side(problem, event) * float(start.tangent[problem.m * impact + 1])
 
 
-def _gap_slope(event: Event) -> float:
+def _gap_slope(event: OrbitEvent) -> float:
     """The sign of the derivative of the old orbit's gap by the parameter."""
     here: Linearisation = event.point.evaluation
     along = event.point.tangent
@@ -332,7 +335,7 @@ def _gap_slope(event: Event) -> float:
     return float(-_side(here.problem, event) * rate * along[-1])
 
 
-def _side(problem: OrbitProblem, event: Event) -> float:
+def _side(problem: OrbitProblem, event: OrbitEvent) -> float:
     return next(w.side for w in problem.model.WALLS if w.name == event.details["wall"])
 
 

@@ -12,21 +12,23 @@ import enum
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, Protocol
+from typing import Protocol
 
 import numpy as np
 
-from ..continuation.branch import EndKind, Event, Point
+from ..arrays import Number
+from ..continuation.branch import Details, EndKind
 from ..continuation.test_function import TestFunction
 from ..models.word import Word
 from ..orbits.linearisation import Linearisation
 from ..orbits.multipliers import count_unstable
 from ..orbits.physicality import Verdict
 from ..orbits.problem import Array, OrbitProblem
+from .codimension_two import CurvePoint
 from .extended_system import ExtendedSystem
+from .orbit_test import OrbitEvent, OrbitPoint
 from .start import Start
 
-Details = Mapping[str, Any]
 """Where on its orbit an event happens: ``flight``, ``wall``, ``touch_time``, ``impact``,
 ``requested``, as far as they apply."""
 
@@ -71,20 +73,20 @@ class ManyDigits(Protocol):
     def grazing(self, z: Array, details: Details) -> System:
         """F = 0, and a flight to a touch of zero velocity."""
 
-    def vanishing(self, function: Callable[[list[Any]], Any]) -> System:
+    def vanishing(self, function: Callable[[list[Number]], Number]) -> System:
         """F = 0, and a function of the unknowns is zero."""
 
-    def product(self, z: list[Any]) -> Any:
+    def product(self, z: list[Number]) -> Number:
         """The product of all multipliers."""
 
-    def duration(self, z: list[Any], flight: int) -> Any:
+    def duration(self, z: list[Number], flight: int) -> Number:
         """A flight's duration."""
 
-    def requested(self, z: list[Any], requested: Mapping[str, float]) -> Any:
+    def requested(self, z: list[Number], requested: Mapping[str, float]) -> Number:
         """How far a parameter is from the value asked for."""
 
 
-System = tuple[Callable[[list[Any]], list[Any]], list[float]]
+System = tuple[Callable[[list[Number]], list[Number]], list[float]]
 
 
 class Kind(ABC):
@@ -124,7 +126,7 @@ class Kind(ABC):
     # Finding it.
 
     @abstractmethod
-    def test(self, problem: OrbitProblem, values: Values) -> TestFunction:
+    def test(self, problem: OrbitProblem, values: Values) -> TestFunction[Linearisation]:
         """Return its test function on the branches of a problem."""
 
     def equations(self, problem: OrbitProblem, details: Details) -> ExtendedSystem | None:
@@ -137,16 +139,16 @@ class Kind(ABC):
 
     # What happens there.
 
-    def born(self, event: Event) -> Start | None:
+    def born(self, event: OrbitEvent) -> Start | None:
         """Return the start of the branch born there; None where nothing can start."""
         return None
 
-    def next_word(self, event: Event) -> Word | None:
+    def next_word(self, event: OrbitEvent) -> Word | None:
         """Return the word of the branch beyond, if it is another one."""
         return None
 
     def criticality(
-        self, event: Event, before: Point, after: Point
+        self, event: OrbitEvent, before: OrbitPoint, after: OrbitPoint
     ) -> tuple[str | None, float | None]:
         """Return on which side the new branch lies, and at what slope, as far as can be told.
 
@@ -200,7 +202,7 @@ class Kind(ABC):
 
     # Its curves in two parameters.
 
-    def curve_limits(self) -> Mapping[EndKind, TestFunction]:
+    def curve_limits(self) -> Mapping[EndKind, TestFunction[CurvePoint]]:
         """Return test functions of a curve's points at whose zeros it ends, by how it ends."""
         return {}
 
@@ -208,6 +210,6 @@ class Kind(ABC):
         """Return how a curve ends at a point, by the unknowns its equations add, if it does."""
         return None
 
-    def codimension_two(self, word: Word) -> list[TestFunction]:
+    def codimension_two(self, word: Word) -> list[TestFunction[CurvePoint]]:
         """Return test functions of a curve's points for the points of codimension two on it."""
         return []

@@ -4,14 +4,18 @@ from __future__ import annotations
 
 from abc import abstractmethod
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Protocol, TypeAlias
 
 import numpy as np
 
-from ..continuation.branch import Block, Point
+from ..continuation.branch import Block, Event, Point
 from ..continuation.test_function import TestFunction
 from ..orbits.linearisation import Linearisation
 from ..orbits.problem import Array
+
+OrbitPoint: TypeAlias = Point[Linearisation]
+OrbitEvent: TypeAlias = Event[Linearisation]
+"""On branches of periodic orbits."""
 
 
 class Orbits(Protocol):
@@ -72,7 +76,7 @@ class ManyOrbits:
 class OneOrbit:
     """A single orbit; see `Orbits`. Without a point it has no tangent."""
 
-    def __init__(self, here: Linearisation, point: Point | None = None) -> None:
+    def __init__(self, here: Linearisation, point: OrbitPoint | None = None) -> None:
         self.here, self.unknowns = here, here.unknowns[None]
         none = np.full(len(here.unknowns), np.nan)
         self.tangents = (none if point is None else point.tangent)[None]
@@ -104,7 +108,7 @@ class OneOrbit:
         return np.array([list(self.here.derived.values())])
 
 
-class OrbitTest(TestFunction):
+class OrbitTest(TestFunction[Linearisation]):
     """A test function of orbits.
 
     Implementers give `kind`, `of`, and, where they can, `locate`. `needs` names what of `Orbits`
@@ -117,7 +121,7 @@ class OrbitTest(TestFunction):
     def of(self, orbits: Orbits) -> Array:
         """Return the values, shape (P, q)."""
 
-    def values(self, point: Point) -> Array:
+    def values(self, point: OrbitPoint) -> Array:
         return self._existing(self.of(OneOrbit(point.evaluation, point)))[0]
 
     def batch(self, block: Block) -> Array:

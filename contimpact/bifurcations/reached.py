@@ -3,18 +3,17 @@
 from __future__ import annotations
 
 from abc import abstractmethod
-from collections.abc import Mapping
-from typing import Any
 
 import numpy as np
 
-from ..continuation.branch import Point
+from ..continuation.branch import Details
+from ..continuation.problem import Problem
 from ..continuation.test_function import Located
 from ..orbits.linearisation import Linearisation
 from ..orbits.problem import Array, OrbitProblem
 from ..orbits.rounding import rounding
 from .extended_system import Assembled, ExtendedSystem, located
-from .orbit_test import OneOrbit, OrbitTest
+from .orbit_test import OneOrbit, OrbitPoint, OrbitTest
 
 
 class ScalarTest(OrbitTest):
@@ -24,15 +23,17 @@ class ScalarTest(OrbitTest):
     def gradient(self, problem: OrbitProblem, z: Array, index: int) -> Array:
         """Return the gradient of one of the values, shape (n + 1,)."""
 
-    def locate(self, problem: Any, guess: Point, index: int) -> Located | None:
-        system = Reached(problem, self, index)
-        return located(system, guess, lambda solution: self.described(problem, index))
+    def locate(
+        self, problem: Problem[Linearisation], guess: OrbitPoint, index: int
+    ) -> Located | None:
+        system = Reached(guess.evaluation.problem, self, index)
+        return located(system, guess, lambda solution: self.described(system.problem, index))
 
-    def details(self, point: Point, index: int) -> Mapping[str, Any]:
+    def details(self, point: OrbitPoint, index: int) -> Details:
         problem = point.evaluation.problem
         return {"index": index, **self.described(problem, index)}
 
-    def described(self, problem: OrbitProblem, index: int) -> dict[str, Any]:
+    def described(self, problem: OrbitProblem, index: int) -> Details:
         """What to record of a zero."""
         return {}
 

@@ -5,14 +5,14 @@ from __future__ import annotations
 import functools
 import importlib
 from collections.abc import Iterator, Sequence
-from typing import Any
 
-from ..continuation.branch import Event
 from ..continuation.test_function import TestFunction
 from ..errors import InputError
+from ..orbits.linearisation import Linearisation
 from ..orbits.problem import OrbitProblem
 from .declarations import FILES, KINDS
 from .kind import Kind, Values
+from .orbit_test import OrbitEvent
 from .start import Start
 
 
@@ -24,7 +24,7 @@ class Unknown(Kind):
     def __init__(self, name: str) -> None:
         self.name = name
 
-    def test(self, problem: OrbitProblem, values: Values) -> TestFunction:
+    def test(self, problem: OrbitProblem, values: Values) -> TestFunction[Linearisation]:
         raise InputError(
             "events", f"no event kind {self.name!r}", f"accepted are {', '.join(KINDS)}"
         )
@@ -48,16 +48,17 @@ def _declared(name: str) -> Kind:
     return kind
 
 
-def _below(kind: Any) -> Iterator[type[Kind]]:
+def _below(kind: type) -> Iterator[type[Kind]]:
     """All subclasses, in the order of their definition."""
-    for one in kind.__subclasses__():
+    subclasses: Sequence[type[Kind]] = kind.__subclasses__()
+    for one in subclasses:
         yield one
         yield from _below(one)
 
 
 def test_functions(
     problem: OrbitProblem, kinds: Sequence[str], values: Values
-) -> list[TestFunction]:
+) -> list[TestFunction[Linearisation]]:
     """Return the test functions of the kinds asked for; nothing else is evaluated.
 
     Raises
@@ -71,7 +72,7 @@ def test_functions(
 test_functions.__test__ = False  # type: ignore[attr-defined]
 
 
-def switch(event: Event) -> Start | None:
+def switch(event: OrbitEvent) -> Start | None:
     """Return the start of the branch born at an event.
 
     Parameters

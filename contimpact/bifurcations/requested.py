@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 
 from ..continuation.test_function import TestFunction
 from ..errors import InputError
 from ..models.word import Word
+from ..orbits.linearisation import Linearisation
 from ..orbits.problem import Array, OrbitProblem
 from ..orbits.rounding import rounding_of_setup
 from .codimension_two import AlsoGrazes, AlsoStops
@@ -62,7 +61,7 @@ class Requested(ScalarTest):
         place = problem.model.DERIVED.index(name)
         return rounding_of_setup(problem, z).derived[place] + EPSILON * abs(wanted)
 
-    def described(self, problem: OrbitProblem, index: int) -> dict[str, Any]:
+    def described(self, problem: OrbitProblem, index: int) -> Details:
         name, wanted = self.requested[index]
         return {"requested": {name: wanted}}
 
@@ -74,7 +73,7 @@ class UZ(Kind):
     tilde = False
     look = Look("|")
 
-    def test(self, problem: OrbitProblem, values: Values) -> TestFunction:
+    def test(self, problem: OrbitProblem, values: Values) -> TestFunction[Linearisation]:
         return Requested(problem, values)
 
     def equations(self, problem: OrbitProblem, details: Details) -> ExtendedSystem:

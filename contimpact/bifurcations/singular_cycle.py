@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..continuation.branch import Event
 from ..orbits.linearisation import Linearisation
 from ..orbits.problem import Array, OrbitProblem
 from ..orbits.rounding import rounding
 from .extended_system import Assembled, ExtendedSystem, rounding_of_length, rounding_of_product
+from .orbit_test import OrbitEvent
 
 UNIT_CIRCLE = 1e-2
 """How near to its critical value a located event's multiplier is at least."""
@@ -17,7 +17,7 @@ ROUNDING = 1e-14
 """Rounding of the scaled determinants."""
 
 
-def has_multiplier(event: Event, target: float) -> bool:
+def has_multiplier(event: OrbitEvent, target: float) -> bool:
     """Whether a multiplier is where the event needs one.
 
     Determinants also vanish where flights do: at r = 0 impacts merge, and no multiplier is near.

@@ -10,12 +10,11 @@ from __future__ import annotations
 
 from collections.abc import Callable, Collection, Sequence
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 
 from ..continuation.arc import Arc
-from ..continuation.branch import Event, Missed, Point, Points, Walk
+from ..continuation.branch import Missed, Points, Walk
 from ..continuation.events import find_events
 from ..continuation.settings import Settings
 from ..continuation.sign_changes import Sample, Stretch
@@ -23,9 +22,10 @@ from ..continuation.test_function import TestFunction
 from ..orbits.linearisation import Linearisation
 from ..orbits.multipliers import count_unstable
 from ..orbits.physicality import PHYSICAL
-from ..orbits.problem import OrbitProblem
+from ..orbits.problem import Array, OrbitProblem
 from .declarations import KINDS
 from .kind import Change
+from .orbit_test import OrbitEvent, OrbitPoint
 from .registry import kind_of
 
 SEARCHED = (0, 4, 10, 20, 34)
@@ -39,11 +39,11 @@ BLURRED = 10.0
 
 def explained(
     problem: OrbitProblem,
-    walk: Walk,
-    tests: Sequence[TestFunction],
+    walk: Walk[Linearisation],
+    tests: Sequence[TestFunction[Linearisation]],
     settings: Settings,
     switched: bool,
-) -> Walk:
+) -> Walk[Linearisation]:
     """Return a walk with the events that explain its changes of status, or what is missing.
 
     Parameters
@@ -75,7 +75,7 @@ def explained(
     return replace(walk, events=events, missed=missed)
 
 
-def with_status(walk: Walk, settings: Settings) -> Any:
+def with_status(walk: Walk[Linearisation], settings: Settings) -> Array:
     """Return the places of the points whose status tells of the branch.
 
     Next to a branch point, where the equations vanish with the square of the distance from two
@@ -89,7 +89,7 @@ def with_status(walk: Walk, settings: Settings) -> Any:
 
 
 def _changes(
-    walk: Walk, sought: Collection[Change | None], told: Any
+    walk: Walk[Linearisation], sought: Collection[Change | None], told: Array
 ) -> list[tuple[int, int, Change]]:
     """Points between which a status changes; where both do, stability comes first."""
     numbers = Points(walk.points).numbers[told]
@@ -104,11 +104,13 @@ def _changes(
     return sorted(changes, key=lambda found: found[0])
 
 
-def _unstable(numbers: Any) -> Any:
+def _unstable(numbers: Array) -> Array:
     return count_unstable(np.ascontiguousarray(numbers[..., 1:-6]).view(complex))
 
 
-def _explains(events: Sequence[Event], left: Point, right: Point, change: Change) -> bool:
+def _explains(
+    events: Sequence[OrbitEvent], left: OrbitPoint, right: OrbitPoint, change: Change
+) -> bool:
     """Whether an event that explains a change lies between two points, or on one of them."""
     slack = 1e-9 * (right.arclength - left.arclength)
     return any(
@@ -118,7 +120,7 @@ def _explains(events: Sequence[Event], left: Point, right: Point, change: Change
     )
 
 
-def _known(event: Event, events: Sequence[Event]) -> bool:
+def _known(event: OrbitEvent, events: Sequence[OrbitEvent]) -> bool:
     return any(
         event.kind == other.kind
         and event.details.get("index") == other.details.get("index")
@@ -129,12 +131,12 @@ def _known(event: Event, events: Sequence[Event]) -> bool:
 
 def _searched(
     problem: OrbitProblem,
-    left: Point,
-    right: Point,
-    tests: Sequence[TestFunction],
+    left: OrbitPoint,
+    right: OrbitPoint,
+    tests: Sequence[TestFunction[Linearisation]],
     settings: Settings,
     change: Change,
-) -> tuple[list[Event], list[Missed]]:
+) -> tuple[list[OrbitEvent], list[Missed]]:
     """Bisect the change of status, and look for the event on ever shorter arcs."""
     span = abs(right.parameter - left.parameter) or abs(left.parameter) or 1.0
     scale = problem.scale(left.unknowns, span)
@@ -158,13 +160,13 @@ def _searched(
     return [], [_unexplained(kind, arc, change)]
 
 
-def _state_of(change: Change) -> Callable[[Point], int]:
+def _state_of(change: Change) -> Callable[[OrbitPoint], int]:
     if change is Change.PHYSICALITY:
         return lambda point: point.evaluation.verdict.physical
     return lambda point: point.evaluation.n_unstable
 
 
-def _find(tests: Sequence[TestFunction], arc: Arc) -> list[Event]:
+def _find(tests: Sequence[TestFunction[Linearisation]], arc: Arc) -> list[OrbitEvent]:
     ends = (
         Sample(point.arclength, [test.at(point) for test in tests])
         for point in (arc.left, arc.right)
@@ -172,7 +174,7 @@ def _find(tests: Sequence[TestFunction], arc: Arc) -> list[Event]:
     return find_events(tests, arc, Stretch(*ends))[0]
 
 
-def _needed(left: Point, right: Point, change: Change) -> str:
+def _needed(left: OrbitPoint, right: OrbitPoint, change: Change) -> str:
     """The kind of event that would explain a change of status between two points."""
     kinds = [kind_of(name) for name in KINDS]
     if change is Change.PHYSICALITY:
@@ -194,7 +196,7 @@ def _passing(one: Linearisation, other: Linearisation) -> float | None:
     return min(outside, key=abs, default=None)
 
 
-def _worse(left: Point, right: Point) -> Point:
+def _worse(left: OrbitPoint, right: OrbitPoint) -> OrbitPoint:
     """The one of two points at which the orbit is unphysical."""
     return left if not left.evaluation.verdict.physical else right
 

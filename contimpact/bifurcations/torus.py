@@ -10,7 +10,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from ..continuation.branch import EndKind, Event, Point
+from ..continuation.branch import EndKind, Point
 from ..continuation.test_function import TestFunction
 from ..models.word import Word
 from ..orbits.linearisation import Linearisation
@@ -20,7 +20,7 @@ from ..orbits.rounding import rounding
 from .codimension_two import AlsoGrazes, AlsoStops, CurvePoint, OnCurve
 from .extended_system import Assembled, ExtendedSystem, rounding_of_length, rounding_of_product
 from .kind import Change, Details, Kind, Look, ManyDigits, System, Values
-from .orbit_test import Orbits, OrbitTest
+from .orbit_test import OrbitEvent, Orbits, OrbitTest
 
 
 class NeimarkSacker(OrbitTest):
@@ -32,7 +32,7 @@ class NeimarkSacker(OrbitTest):
     def of(self, orbits: Orbits) -> Array:
         return neimark_sacker(orbits.products)[:, None]
 
-    def accept(self, event: Event) -> bool:
+    def accept(self, event: OrbitEvent) -> bool:
         """Two real multipliers with the product one are a neutral saddle."""
         multipliers = event.point.evaluation.multipliers
         on_circle = np.abs(np.abs(multipliers) - 1.0) < 1e-6
@@ -131,7 +131,7 @@ class NS(Kind):
     auto = 8
     look = Look("*")
 
-    def test(self, problem: OrbitProblem, values: Values) -> TestFunction:
+    def test(self, problem: OrbitProblem, values: Values) -> TestFunction[Linearisation]:
         return NeimarkSacker()
 
     def equations(self, problem: OrbitProblem, details: Details) -> ExtendedSystem:

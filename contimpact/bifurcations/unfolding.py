@@ -5,15 +5,13 @@ The equations stand in `contimpact.continuation.crossing_branches`.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import Any
-
 import numpy as np
 
-from ..continuation.branch import Point
+from ..continuation.branch import Details
 from ..continuation.crossing_branches import Meeting
+from ..continuation.problem import Problem
 from ..orbits.linearisation import Linearisation
-from ..orbits.problem import Array
+from ..orbits.problem import Array, OrbitProblem
 from ..orbits.rounding import rounding
 from .extended_system import (
     EPSILON,
@@ -25,6 +23,7 @@ from .extended_system import (
     rounding_of_product,
     solve,
 )
+from .orbit_test import OrbitPoint
 
 UPRIGHT = 1e-6
 """A branch whose direction at a branch point changes the parameter by less is not told from one
@@ -86,34 +85,36 @@ def unfolding(system: Crossing, solution: Solution) -> dict[str, float]:
     return {"nu": float(solution.own[0]), "nu_error": system.nu_error(solution)}
 
 
-def crossed(details: Mapping[str, Any]) -> bool:
+def crossed(details: Details) -> bool:
     """Whether branches cross, as far as can be told."""
     return abs(details["nu"]) <= details["nu_error"]
 
 
-def meeting(problem: Any, guess: Point, scale: Array) -> Meeting | None:
+def meeting(problem: Problem[Linearisation], guess: OrbitPoint, scale: Array) -> Meeting | None:
     """Return where two branches cross, or pass each other, next to a point; None if nowhere.
 
     Parameters
     ----------
-    problem : OrbitProblem
+    problem : Problem
+        Of orbits.
     guess : Point
     scale : ndarray of shape (n + 1,)
         Sizes of the unknowns, by which the distance is measured.
     """
-    system = Crossing(problem)
+    orbits = guess.evaluation.problem
+    system = Crossing(orbits)
     solution = solve(system, guess.evaluation)
     if solution is None:
         return None
     told = unfolding(system, solution)
-    sizes, _ = np.linalg.eigh(form_at(problem, solution, scale)[0])
+    sizes, _ = np.linalg.eigh(form_at(orbits, solution, scale)[0])
     if not sizes[0] < 0.0 < sizes[1]:
         return None
     own, other = abs(sizes[::-1] if told["nu"] > 0.0 else sizes).tolist()
     return Meeting(solution.unknowns, told["nu"], told["nu_error"], (own, other))
 
 
-def form_at(problem: Any, solution: Solution, scale: Array) -> tuple[Array, Array]:
+def form_at(problem: OrbitProblem, solution: Solution, scale: Array) -> tuple[Array, Array]:
     """Return the form psi . F_zz on the null space of a crossing, and the null vectors in rows."""
     psi, here = solution.own[1:], problem.evaluate(solution.unknowns)
     null = np.linalg.svd(here.jacobian * scale)[2][-2:] * scale
@@ -122,7 +123,7 @@ def form_at(problem: Any, solution: Solution, scale: Array) -> tuple[Array, Arra
     return 0.5 * (form + form.T), null
 
 
-def stands_upright(point: Point) -> bool:
+def stands_upright(point: OrbitPoint) -> bool:
     """Whether two branches cross at a point, one of them with the parameter at rest."""
     problem = point.evaluation.problem
     system = Crossing(problem)

@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 
 from ..continuation.test_function import TestFunction
+from ..orbits.linearisation import Linearisation
 from ..orbits.physicality import OUT_OF_ORDER
 from ..orbits.problem import Array, OrbitProblem
 from ..orbits.rounding import rounding_of_setup
@@ -51,7 +50,7 @@ class ZeroDuration(ScalarTest):
             gradient[n] = problem.word.period * slope
         return gradient
 
-    def described(self, problem: OrbitProblem, index: int) -> dict[str, Any]:
+    def described(self, problem: OrbitProblem, index: int) -> Details:
         return {"flight": index}
 
     def noise_of(self, problem: OrbitProblem, z: Array, index: int) -> float:
@@ -68,7 +67,7 @@ class T(Kind):
     finding = OUT_OF_ORDER
     look = Look("X")
 
-    def test(self, problem: OrbitProblem, values: Values) -> TestFunction:
+    def test(self, problem: OrbitProblem, values: Values) -> TestFunction[Linearisation]:
         return ZeroDuration(problem)
 
     def equations(self, problem: OrbitProblem, details: Details) -> ExtendedSystem:

@@ -9,11 +9,8 @@ vanish with its duration, which tells when.
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 
-from ..continuation.branch import Event
 from ..continuation.test_function import TestFunction
 from ..models.word import Word
 from ..orbits.linearisation import Linearisation
@@ -25,7 +22,7 @@ from ..orbits.search import solve_near
 from .codimension_two import CurvePoint, touch_points
 from .extended_system import ExtendedSystem
 from .kind import Change, Details, Kind, Look, ManyDigits, System, Values
-from .orbit_test import Orbits
+from .orbit_test import OrbitEvent, Orbits
 from .reached import Reached, ScalarTest
 from .start import Start, regular
 from .zero_duration import ZeroDuration
@@ -68,7 +65,7 @@ class ZeroVelocity(ScalarTest):
         """Return the number of the impact, or of the first of those that meet."""
         return [*self.impacts, *self.excursions][index]
 
-    def described(self, problem: OrbitProblem, index: int) -> dict[str, Any]:
+    def described(self, problem: OrbitProblem, index: int) -> Details:
         return {"impact": self.place(index), "wall": problem.word.walls[self.place(index)]}
 
 
@@ -88,7 +85,7 @@ class V(Kind):
     needed = ("impact",)
     look = Look("v", "#E69F00")
 
-    def test(self, problem: OrbitProblem, values: Values) -> TestFunction:
+    def test(self, problem: OrbitProblem, values: Values) -> TestFunction[Linearisation]:
         return ZeroVelocity(problem)
 
     def equations(self, problem: OrbitProblem, details: Details) -> ExtendedSystem:
@@ -101,12 +98,12 @@ class V(Kind):
             return orbit.vanishing(lambda x: orbit.duration(x, impact))
         return orbit.vanishing(lambda x: x[orbit.problem.m * impact + 1])
 
-    def born(self, event: Event) -> Start | None:
+    def born(self, event: OrbitEvent) -> Start | None:
         here: Linearisation = event.point.evaluation
         shorter = _without(here, event.details["impact"])
         return None if shorter is None else regular(*shorter)
 
-    def next_word(self, event: Event) -> Word | None:
+    def next_word(self, event: OrbitEvent) -> Word | None:
         shorter = _without(event.point.evaluation, event.details["impact"])
         return None if shorter is None else shorter[0].word
 
@@ -125,7 +122,7 @@ class V(Kind):
     def verdict(self, here: Linearisation, details: Details) -> Verdict:
         return here.judge(forgive_impacts=vanishing(here.problem, details["impact"]))
 
-    def codimension_two(self, word: Word) -> list[TestFunction]:
+    def codimension_two(self, word: Word) -> list[TestFunction[CurvePoint]]:
         shorter = _without_touch if len(word) > 1 else None
         return touch_points(_at_impact, lambda here: here.orbit, shorter)
 

@@ -6,14 +6,12 @@ import bisect
 import enum
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any, Generic, TypeVar, overload
+from typing import Any, Generic, TypeAlias, overload
 
 import numpy as np
 
-from .problem import Array, Evaluation
-
-E = TypeVar("E", bound=Evaluation, covariant=True)
-"""What a problem makes of a point."""
+from ..arrays import Array
+from .problem import E, Evaluation
 
 
 @dataclass(frozen=True, eq=False)
@@ -22,8 +20,8 @@ class Point(Generic[E]):
 
     Attributes
     ----------
-    evaluation : Any
-        The `Evaluation` that the problem made; what else it holds is the problem's affair.
+    evaluation : Evaluation
+        That the problem made; what else it holds is the problem's affair.
     tangent : ndarray of shape (n + 1,)
         Unit tangent in the branch's metric, in the direction of the walk.
     orientation : float
@@ -111,14 +109,18 @@ class End:
     message: str
 
     @classmethod
-    def of(cls, kind: EndKind, parameter: str, value: float, **details: Any) -> End:
+    def of(cls, kind: EndKind, parameter: str, value: float, **details: object) -> End:
         """Make an end, filling in its sentence."""
         text = kind.value.format(parameter=parameter, value=value, **details)
         return cls(kind, value, text)
 
 
+Details: TypeAlias = Mapping[str, Any]
+"""What the test functions of a kind say of an event, by name."""
+
+
 @dataclass(frozen=True, eq=False)
-class Event:
+class Event(Generic[E]):
     """A located zero of a test function.
 
     Attributes
@@ -138,11 +140,11 @@ class Event:
     """
 
     kind: str
-    point: Point
+    point: Point[E]
     residual: float
     error: float
     method: str
-    details: Mapping[str, Any] = field(default_factory=dict)
+    details: Details = field(default_factory=dict)
 
     @property
     def parameter(self) -> float:
@@ -160,14 +162,14 @@ class Missed:
 
 
 @dataclass(frozen=True, eq=False)
-class Walk:
+class Walk(Generic[E]):
     """One walk along a branch: its points and events in order, and how it ended.
 
     `notes` say where another branch passes it closely.
     """
 
-    points: Sequence[Point]
-    events: Sequence[Event]
+    points: Sequence[Point[E]]
+    events: Sequence[Event[E]]
     end: End
     missed: Sequence[Missed] = ()
     corrector_iterations: int = 0
@@ -200,7 +202,7 @@ class Block:
     arclengths: Array
     iterations: Array
     described: Array
-    make: Callable[[Array, Array], Any]
+    make: Callable[[Array, Array], Evaluation]
     sign: float = 1.0
     origin: float = 0.0
     measured: object = None

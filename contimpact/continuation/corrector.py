@@ -14,7 +14,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
+from typing import TypeAlias, TypeVar
 
 import numpy as np
 
@@ -25,6 +25,13 @@ from .problem import Evaluation, Problem
 from .refusal import Refusal, Refused
 from .settings import Settings
 
+D = TypeVar("D")
+"""The problem, in the form in which functions of the plain subset take it."""
+
+Evaluate: TypeAlias = Callable[[D, Vector], float]
+Solve: TypeAlias = Callable[[D, Vector, float, Vector], bool]
+"""What `newton` asks of a problem."""
+
 CONVERGED, NO_VALUE, NO_SOLUTION, DIVERGES, SLOW = range(5)
 """Status codes of `newton`."""
 
@@ -33,9 +40,9 @@ MAY_BE_ROUNDING = 1e-6
 
 
 def newton(
-    evaluate: Callable[..., float],
-    solve: Callable[..., bool],
-    data: Any,
+    evaluate: Evaluate[D],
+    solve: Solve[D],
+    data: D,
     z: Vector,
     guess: Vector,
     row: Vector,

@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-from typing import Any, Protocol
+from typing import Protocol, TypeVar
 
-import numpy as np
-
-Array = np.ndarray[Any, Any]
+from ..arrays import Array
 
 
 class Evaluation(Protocol):
@@ -25,10 +23,14 @@ class Evaluation(Protocol):
         """dF/d(unknowns), shape (n, n + 1)."""
 
 
-class Problem(Protocol):
+E = TypeVar("E", bound=Evaluation, covariant=True)
+"""What a problem makes of a point."""
+
+
+class Problem(Protocol[E]):
     """n equations in n + 1 unknowns, the last of which is the free parameter."""
 
-    def evaluate(self, unknowns: Array) -> Evaluation:
+    def evaluate(self, unknowns: Array) -> E:
         """Evaluate at a point. `ArithmeticError` and `ValueError` say that F has no value there."""
 
     def scale(self, unknowns: Array, span: float) -> Array:

@@ -13,11 +13,10 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 
-from .problem import Array
+from ..arrays import Array, Number
 
 MARGIN = 0.5
 """Added to the bend of a function, as part of it."""
@@ -96,7 +95,7 @@ def crossings(left: Array, right: Array) -> list[int]:
 
 
 def suspects(
-    a: Array, b: Array, c: Array, d: Array, behind: Any, ahead: Any, beyond: Any
+    a: Array, b: Array, c: Array, d: Array, behind: Number, ahead: Number, beyond: Number
 ) -> tuple[Array, Array]:
     """Return which values may change sign unseen between b and c, and where to look.
 
@@ -149,7 +148,7 @@ def _largest_bend(before: Array, after: Array, apart: Array) -> Array:
     return np.where(np.isnan(both), alone, both)
 
 
-def _may_pass(last: Array, earlier: Array, ratio: Any) -> Array:
+def _may_pass(last: Array, earlier: Array, ratio: Number) -> Array:
     """Whether a value that ends after `last` may pass zero before: twice its rate would do."""
     reached = last + 2.0 * ratio * (last - earlier)
     return np.isnan(reached) | ((reached >= 0.0) != (last >= 0.0))

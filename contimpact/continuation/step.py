@@ -9,10 +9,10 @@ that may close a loop, is proposed to the walker, which decides.
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any
+from typing import TypeAlias
 
 from ..arrays import Table, Vector
-from .corrector import CONVERGED, newton
+from .corrector import CONVERGED, D, Evaluate, Solve, newton
 from .metric import angle, distance
 from .predictor import cubic, predict
 from .step_control import defect, shorter, step_after
@@ -48,13 +48,17 @@ HEAD = 3
 """Numbers of a row between unknowns and tangent and what `observe` records: orientation, arclength
 and iterations."""
 
+TangentAt: TypeAlias = Callable[[D, Vector, Vector, Vector, Vector], float]
+Observe: TypeAlias = Callable[[D, Vector, Vector, float, Vector, int], None]
+"""What `take_steps` asks of a problem besides."""
+
 
 def take_steps(
-    evaluate: Callable[..., float],
-    solve: Callable[..., bool],
-    tangent_at: Callable[..., float],
-    observe: Callable[..., None],
-    data: Any,
+    evaluate: Evaluate[D],
+    solve: Solve[D],
+    tangent_at: TangentAt[D],
+    observe: Observe[D],
+    data: D,
     options: Vector,
     state: Vector,
     scale: Vector,
@@ -131,10 +135,10 @@ def take_steps(
 
 
 def attempt(
-    evaluate: Callable[..., float],
-    solve: Callable[..., bool],
-    tangent_at: Callable[..., float],
-    data: Any,
+    evaluate: Evaluate[D],
+    solve: Solve[D],
+    tangent_at: TangentAt[D],
+    data: D,
     options: Vector,
     state: Vector,
     scale: Vector,

@@ -3,14 +3,18 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Generic, TypeVar
 
 import numpy as np
 
-from .branch import Block, Event, Point
-from .problem import Array, Problem
+from ..arrays import Array
+from .branch import Block, Details, Event, Point
+from .problem import Evaluation, Problem
+
+At = TypeVar("At", bound=Evaluation, contravariant=True)
+"""What a problem makes of the points a test function is for."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -20,11 +24,11 @@ class Located:
     unknowns: Array
     residual: float
     error: float
-    details: Mapping[str, Any] = field(default_factory=dict)
+    details: Details = field(default_factory=dict)
 
 
-class TestFunction(ABC):
-    """A function of points whose zeros are events.
+class TestFunction(ABC, Generic[At]):
+    """A function of points whose zeros are events; generic in what the problem makes of a point.
 
     Implementers give `kind`, `values`, and, where they can, `locate`; `accept` may turn a located
     zero down, and `details` describe one found by bracketing.
@@ -50,12 +54,12 @@ class TestFunction(ABC):
         """Return which guides are to be followed between two points, shape (guides,)."""
         return np.ones(self.guides, dtype=bool)
 
-    def at(self, point: Point) -> Array:
+    def at(self, point: Point[At]) -> Array:
         """Return `values`, and count the evaluation."""
         self.evaluations += 1
         return self.values(point)
 
-    def on(self, piece: Point | Block) -> Array:
+    def on(self, piece: Point[At] | Block) -> Array:
         """Return the values at every point of a piece, and count the evaluations, shape (P, q)."""
         if isinstance(piece, Point):
             return self.at(piece)[None]
@@ -67,26 +71,26 @@ class TestFunction(ABC):
         return np.array([self.values(block.point(i)) for i in range(len(block))])
 
     @abstractmethod
-    def values(self, point: Point) -> Array:
+    def values(self, point: Point[At]) -> Array:
         """Return the function's values, shape (q,), the same q along a branch.
 
         Not-a-number says that a value does not exist here; it never takes part in a crossing.
         """
 
-    def locate(self, problem: Problem, guess: Point, index: int) -> Located | None:
+    def locate(self, problem: Problem[At], guess: Point[At], index: int) -> Located | None:
         """Solve the exact extended system from a nearby point; None if that fails."""
         return None
 
-    def accept(self, event: Event) -> bool:
+    def accept(self, event: Event[At]) -> bool:
         """Whether a located zero is an event of this kind."""
         return True
 
-    def details(self, point: Point, index: int) -> Mapping[str, Any]:
+    def details(self, point: Point[At], index: int) -> Details:
         """Return what to record of a zero found by bracketing."""
         return {"index": index}
 
 
-class UserFunction(TestFunction):
+class UserFunction(TestFunction[At]):
     """A user's own function of the point, located by bracketing.
 
     Parameters
@@ -96,10 +100,10 @@ class UserFunction(TestFunction):
     function : callable ``function(point) -> float``
     """
 
-    def __init__(self, kind: str, function: Callable[[Point], float]) -> None:
+    def __init__(self, kind: str, function: Callable[[Point[At]], float]) -> None:
         self.kind, self.function = kind, function
 
-    def values(self, point: Point) -> Array:
+    def values(self, point: Point[At]) -> Array:
         try:
             return np.atleast_1d(np.asarray(self.function(point), dtype=float))
         except ArithmeticError:  # a pole met exactly

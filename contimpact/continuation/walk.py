@@ -5,6 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
+from typing import Required, TypedDict
 
 import numpy as np
 
@@ -43,6 +44,17 @@ FEWEST, UNWATCHED, GROWTH, LARGEST = 2, 64, 4, 1024
 grows, and its ceiling. Points beyond an end that `stop` or `callback` decide on are discarded."""
 
 Stop = Callable[[Point, Sequence[Event]], "tuple[End, Point] | None"]
+
+
+class Options(TypedDict, total=False):
+    """What `walk` is asked besides, for those who hand it on."""
+
+    limits: Required[tuple[float, float]]
+    settings: Settings | None
+    tangent: Array | None
+    branching: bool
+    callback: Callable[[Point], bool | None] | None
+    stop: Stop | None
 
 
 def walk(

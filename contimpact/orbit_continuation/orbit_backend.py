@@ -6,17 +6,18 @@ import functools
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, TypeAlias, Unpack
 
 import numpy as np
 
-from ..arrays import Array, Vector
+from ..arrays import Array, Table, Vector
 from ..bifurcations.orbit_test import ManyOrbits, OrbitTest
 from ..bifurcations.status import explained
 from ..bifurcations.unfolding import meeting
 from ..compiling.library import CompiledProgram, load, mode, spend
 from ..continuation.batch import Batch, Notice, Position, Proposal, refusal
 from ..continuation.branch import Block, Walk
+from ..continuation.corrector import Evaluate, Solve
 from ..continuation.settings import Settings
 from ..continuation.step import (
     EVALUATIONS,
@@ -26,13 +27,17 @@ from ..continuation.step import (
     NOTICE,
     REJECTED,
     STEP,
+    Observe,
+    TangentAt,
     take_steps,
 )
 from ..continuation.test_function import TestFunction
-from ..continuation.walk import walk
+from ..continuation.walk import Options, walk
 from ..orbits.block_cyclic import BLOCK, KEPT, POSITIONS
+from ..orbits.linearisation import Linearisation
 from ..orbits.problem import OrbitProblem
 from ..segments.flight import excursion_of
+from ..segments.layout import Setup
 from ..segments.zeros import time_zeros
 from .orbit_functions import (
     DESCRIBED,
@@ -78,7 +83,9 @@ class OrbitBackend:
         self.count, self.walls = len(problem.word), len(problem.model.WALLS)
         self.derived = len(problem.model.DERIVED)
 
-    def vectors(self, vector: Callable[..., Any], table: Callable[[int, int], Any]) -> OrbitVectors:
+    def vectors(
+        self, vector: Callable[..., Vector], table: Callable[[int, int], Table]
+    ) -> OrbitVectors:
         """The branch as vectors and tables: lists, or arrays for compiled code."""
         problem, count, walls = self.problem, self.count, self.walls
         named = [wall.name for wall in problem.model.WALLS]
@@ -121,7 +128,7 @@ class OrbitBackend:
         orbit = self.arrays if fast else [self.lists]
         size = [vector([width, most])] if fast else [width, most]
         settings, at = vector(position.options(), float), [vector(p) for p in points]
-        given: list[Any] = [*orbit, settings, state, *at, work, rows, *size]
+        given: list[Vector] = [*orbit, settings, state, *at, work, rows, *size]
         made = fast(*given) if fast else take_steps(*self.functions, *given)
         flights = int(state[EVALUATIONS]) * self.count
         self.problem.kernel_evaluations += flights
@@ -189,15 +196,15 @@ class OrbitBackend:
         return "single" if len(harmonics) == 4 and harmonics[1] == 1 else None
 
 
-def _list(numbers: Any, kind: type = float) -> Any:
+def _list(numbers: Vector, kind: type = float) -> Vector:
     return numbers.tolist() if isinstance(numbers, np.ndarray) else list(numbers)
 
 
-def _list_table(rows: int, columns: int) -> list[Any]:
+def _list_table(rows: int, columns: int) -> Table:
     return [[0.0] * columns for _ in range(rows)]
 
 
-def _array(numbers: Any, kind: type | None = None) -> Any:
+def _array(numbers: Vector, kind: type | None = None) -> Vector:
     if kind is None and not isinstance(numbers, np.ndarray):
         kind = float if len(numbers) and isinstance(numbers[0], float) else np.int64
     return np.array(numbers, dtype=kind)
@@ -206,8 +213,12 @@ def _array(numbers: Any, kind: type | None = None) -> Any:
 ARGUMENTS = "iiiii" + "ffff" + "FFFF" + "fffff" + "ff" + "ffff" + "Ffi"
 """Kinds of the entry's arguments: those of `OrbitVectors`, then those of `take_steps`."""
 
+Functions: TypeAlias = tuple[
+    Evaluate[OrbitVectors], Solve[OrbitVectors], TangentAt[OrbitVectors], Observe[OrbitVectors]
+]
 
-def plain_functions(problem: OrbitProblem, fixed: list[float] | None) -> tuple[Any, Any, Any, Any]:
+
+def plain_functions(problem: OrbitProblem, fixed: list[float] | None) -> Functions:
     """Return what `take_steps` needs of a problem: evaluate, solve, tangent_at and observe.
 
     `fixed` are the zeros of the acceleration, where they are the same along the branch.
@@ -217,7 +228,7 @@ def plain_functions(problem: OrbitProblem, fixed: list[float] | None) -> tuple[A
     flight, excursion = kernels.flights, excursion_of(kernels, in_time)
     moving = kernels.depends("harmonics")
 
-    def setup(values: Vector) -> Any:
+    def setup(values: Vector) -> Setup:
         return kernels.setup(*values)
 
     def evaluate(orbit: OrbitVectors, z: Vector) -> float:
@@ -242,17 +253,18 @@ def walk_orbits(
     start: Array,
     direction: int,
     *,
-    tests: Sequence[TestFunction] = (),
+    tests: Sequence[TestFunction[Linearisation]] = (),
     gaps: bool = True,
-    **options: Any,
-) -> Walk:
+    **options: Unpack[Options],
+) -> Walk[Linearisation]:
     """As `contimpact.continuation.walk.walk`, for orbits: on a backend of their own.
 
     With `gaps` it is decided at every point if the orbit is physical, and changes of that or of the
     number of unstable multipliers are explained by events; see `contimpact.bifurcations.status`.
     """
-    options |= {"parameter": problem.parameter, "backend": backend_of(problem, tests, gaps)}
-    found = walk(problem, start, direction, tests=tests, meeting=meeting, **options)
+    backend = backend_of(problem, tests, gaps)
+    at, name = (problem, start, direction), problem.parameter
+    found = walk(*at, parameter=name, tests=tests, backend=backend, meeting=meeting, **options)
     if not gaps:
         return found
     settings, switched = options.get("settings") or Settings(), options.get("tangent") is not None
@@ -260,7 +272,7 @@ def walk_orbits(
 
 
 def backend_of(
-    problem: OrbitProblem, tests: Sequence[TestFunction], gaps: bool = True
+    problem: OrbitProblem, tests: Sequence[TestFunction[Linearisation]], gaps: bool = True
 ) -> OrbitBackend | None:
     """Return a problem on block-cyclic elimination.
 

@@ -7,10 +7,10 @@ import dataclasses
 import functools
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
+from ..arrays import Array
 from ..bifurcations.declarations import EVENTS, KINDS, SWITCHES, with_values
 from ..bifurcations.registry import switch, test_functions
 from ..bifurcations.start import once
@@ -121,11 +121,11 @@ def _told(
 
 def _beside(
     problem: OrbitProblem,
-    unknowns: np.ndarray[Any, Any],
-    tangent: np.ndarray[Any, Any],
+    unknowns: Array,
+    tangent: Array,
     limits: tuple[float, float],
     settings: Settings,
-) -> np.ndarray[Any, Any]:
+) -> Array:
     """The orbit one step from a branch point along one of the two branches that cross there."""
     first = dataclasses.replace(settings, max_points=2)
     probe = walk_orbits(
@@ -326,7 +326,7 @@ class Run:
         return self.points[max(before, 0)], self.points[min(after, len(self.points) - 1)]
 
     @functools.cached_property
-    def rows(self) -> np.ndarray[Any, Any]:
+    def rows(self) -> Array:
         """The unknowns of points and events in order: between folds too the parameter runs on."""
         events = [event.point for event in self.events]
         places = [*self.points.arclengths, *(point.arclength for point in events)]
@@ -339,7 +339,7 @@ class Run:
         same = (len(own), own.period) == (len(word), word.period) and own.walls in 2 * word.walls
         return same and bool(values.min() <= value <= values.max())
 
-    def holds(self, unknowns: np.ndarray[Any, Any]) -> bool:
+    def holds(self, unknowns: Array) -> bool:
         """Whether an orbit of the same word lies on this branch."""
         value, rows = unknowns[-1], self.rows
         behind, ahead = rows[:-1, -1], rows[1:, -1]
@@ -358,7 +358,7 @@ class Run:
 
 def both_ways(
     problem: OrbitProblem,
-    unknowns: np.ndarray[Any, Any],
+    unknowns: Array,
     limits: tuple[float, float],
     tests: list[TestFunction],
     settings: Settings,

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 from ..arrays import Table, Vector
 from ..orbits.block_cyclic import POSITIONS, assemble, eliminate, solve, store
@@ -20,6 +20,7 @@ from ..orbits.cyclic_multipliers import (
     scaled,
 )
 from ..orbits.physicality import verdict
+from ..segments.layout import Blocks, Setup
 
 WALLS, PERIODS, FREE, DERIVED, GAPS, DOUBLING = range(6)
 """Places in `counts`: how many walls and periods, the place of the free parameter among the
@@ -77,7 +78,7 @@ class OrbitVectors(NamedTuple):
 
 
 def evaluate_cycle(
-    flight: Callable[..., Any], setup: Callable[..., Any], orbit: OrbitVectors, z: Vector
+    flight: Callable[..., Blocks], setup: Callable[[Vector], Setup], orbit: OrbitVectors, z: Vector
 ) -> float:
     """Evaluate the flights of an orbit; returns the largest residual."""
     periods, place, values = orbit.counts[PERIODS], orbit.counts[FREE], orbit.values
@@ -120,8 +121,8 @@ def tangent_of_cycle(
 
 
 def measure(
-    breaks: Callable[..., Any],
-    excursion: Callable[..., Any],
+    breaks: Callable[[Vector, float, Vector], Vector],
+    excursion: Callable[..., Vector],
     orbit: OrbitVectors,
     z: Vector,
     rows: Vector,
@@ -176,8 +177,8 @@ def measure(
 
 
 def observe_cycle(
-    breaks: Callable[..., Any],
-    excursion: Callable[..., Any],
+    breaks: Callable[[Vector, float, Vector], Vector],
+    excursion: Callable[..., Vector],
     orbit: OrbitVectors,
     z: Vector,
     tangent: Vector,

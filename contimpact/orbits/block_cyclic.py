@@ -23,9 +23,10 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from typing import Any, TypeAlias
+from typing import TypeAlias
 
 from ..arrays import Table, Vector
+from ..segments.layout import Blocks, Setup
 from ..segments.passages import ELSEWHERE, MEETING
 
 BLOCK = 12
@@ -57,8 +58,8 @@ def store_compiled(table: Table, row: int, numbers: tuple[float, ...]) -> None:
 
 
 def assemble(
-    flight: Callable[..., Any],
-    setup: Callable[..., Any],
+    flight: Callable[..., Blocks],
+    setup: Callable[[Vector], Setup],
     kinds: Vector,
     periods: int,
     place: int,

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import functools
-from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING, Any, NamedTuple
+from collections.abc import Collection, Mapping, Sequence
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
+from ..arrays import Array, Number
+from ..models.guards import Guard
 from ..segments.flight import FlightGaps
 from ..segments.passages import ELSEWHERE, MEETING
 from .block_cyclic import BRIEF
@@ -16,8 +18,6 @@ from .physicality import Verdict, findings, judge, verdict_of
 
 if TYPE_CHECKING:
     from .problem import OrbitProblem
-
-Array = np.ndarray[Any, Any]
 
 
 class CyclicBlocks(NamedTuple):
@@ -49,7 +49,7 @@ class Summary(NamedTuple):
         What `physicality.verdict` returns; the first is NaN where that was not asked for.
     """
 
-    largest_residual: Any
+    largest_residual: Number
     multipliers: Array
     findings: Array
 
@@ -190,9 +190,13 @@ class Linearisation:
         problem = self.problem
         return verdict_of(self.findings, problem.word.walls, problem.model.WALLS)
 
-    def judge(self, **forgiven: Any) -> Verdict:
-        """As `verdict`, with a touch or an impact forgiven; see `physicality.judge`."""
-        return judge(*self._flights(), **forgiven)
+    def judge(
+        self,
+        forgive_touches: Collection[tuple[int, str]] = (),
+        forgive_impacts: Collection[int] = (),
+    ) -> Verdict:
+        """As `verdict`, with touches or impacts forgiven; see `physicality.judge`."""
+        return judge(*self._flights(), forgive_touches, forgive_impacts)
 
     @functools.cached_property
     def findings(self) -> Sequence[float]:
@@ -201,7 +205,7 @@ class Linearisation:
             return self._known.findings.tolist()
         return findings(*self._flights())
 
-    def _flights(self) -> tuple[Any, ...]:
+    def _flights(self) -> tuple[str, Sequence[Guard], Array, Sequence[FlightGaps]]:
         problem = self.problem
         impacts = problem.impacts(self.unknowns)
         return problem.word.walls, problem.model.WALLS, impacts, self.gaps

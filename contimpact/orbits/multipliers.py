@@ -21,9 +21,8 @@ from typing import Any
 
 import numpy as np
 
+from ..arrays import Array
 from . import block_cyclic, cyclic_multipliers
-
-Array = np.ndarray[Any, Any]
 
 UNIT_CIRCLE_ROUNDING = 1e-10
 """A multiplier this little outside the unit circle is on it, within rounding."""
@@ -126,7 +125,7 @@ def _determinants(blocks: Array) -> Array:
     return blocks[:, 0, 0] * blocks[:, 1, 1] - blocks[:, 0, 1] * blocks[:, 1, 0]
 
 
-def count_unstable(values: Array) -> Any:
+def count_unstable(values: Array) -> Array:
     """Return how many multipliers lie outside the unit circle, along the last axis."""
     return np.count_nonzero(np.abs(values) > 1.0 + UNIT_CIRCLE_ROUNDING, axis=-1)
 

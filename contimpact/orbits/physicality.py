@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass
-from typing import Any
 
 from ..arrays import Array, Vector
 from ..models.guards import Guard
@@ -156,7 +155,7 @@ def verdict(
     return what, place, wall, amount, when, smallest if smallest < math.inf else math.nan
 
 
-def reason_of(found: Any, word: str, named: Sequence[Guard]) -> str | None:
+def reason_of(found: Vector, word: str, named: Sequence[Guard]) -> str | None:
     """Return what `verdict` found as a sentence; None where the orbit is physical."""
     if found[0] == PHYSICAL:
         return None

@@ -24,10 +24,11 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from itertools import pairwise
-from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 
+from ..arrays import Array
 from ..models.model import Model
 from ..models.word import Word
 from ..segments.flight import FlightGaps
@@ -35,8 +36,6 @@ from ..segments.kernels import Kernels
 from ..segments.passages import MEETING
 from ..segments.touches import interior_touches
 from .linearisation import CyclicBlocks, Linearisation, Summary
-
-Array = np.ndarray[Any, Any]
 
 
 class OrbitProblem:
@@ -94,7 +93,7 @@ class OrbitProblem:
         self._at_start = (rows + columns).ravel()
         self._at_end = (rows + np.roll(columns, -1, axis=0)).ravel()
 
-    def __reduce__(self) -> tuple[Any, ...]:
+    def __reduce__(self) -> tuple[object, ...]:
         """Made anew from what it was made of; kernels are loaded when they are asked for."""
         return type(self), (self.model, self.word, self.kernels)
 
@@ -287,14 +286,16 @@ class OrbitProblem:
         self.kernel_evaluations += len(self.segments)
         return np.array(result)
 
-    def unknowns_of(self, times: Any, sections: Any, value: float | None = None) -> Array:
+    def unknowns_of(
+        self, times: ArrayLike, sections: ArrayLike, value: float | None = None
+    ) -> Array:
         """Return z from impact times (N,), section coordinates (N, m - 1) and lambda."""
         times = np.asarray(times, dtype=float).reshape(-1, 1)
         sections = np.asarray(sections, dtype=float).reshape(len(times), -1)
         free = [self._values[place] for place in self._free] if value is None else [value]
         return np.append(np.hstack([times, sections]).ravel(), free)
 
-    def scale(self, unknowns: Array, span: Any) -> Array:
+    def scale(self, unknowns: Array, span: ArrayLike) -> Array:
         """Return natural sizes of the unknowns, by which arclength is measured.
 
         Times are measured in waves of the forcing, velocities in the largest along the flights,

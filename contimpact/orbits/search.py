@@ -78,7 +78,7 @@ class Orbit(Shown):
         return self.problem.impacts(self.unknowns)[:, 1]
 
     @property
-    def multipliers(self) -> Any:
+    def multipliers(self) -> Array:
         """Multipliers, largest first, complex."""
         return self.linearisation.multipliers
 
@@ -183,7 +183,7 @@ def find_orbits(
     *,
     parameter: str | None = None,
     kernels: Kernels | None = None,
-    rng: Any = 0,
+    rng: np.random.Generator | int = 0,
     starts: int = 256,
     rounds: int = 8,
     progress: Asked = False,

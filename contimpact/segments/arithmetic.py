@@ -20,6 +20,7 @@ from typing import Any, Protocol
 
 import numpy as np
 
+from ..arrays import Number
 from . import layout, linear_flow, stumpff, transients
 
 
@@ -40,7 +41,7 @@ class Kernel(Protocol):
     __code__: types.CodeType
     __globals__: dict[str, Any]
 
-    def __call__(self, *arguments: Any) -> Any: ...
+    def __call__(self, *arguments: Number) -> Any: ...
 
 
 @dataclass(frozen=True)
@@ -95,12 +96,12 @@ FUNCTIONS = tuple("sin cos tan asin acos atan sinh cosh tanh exp log sqrt floor"
 """Elementary functions; Stumpff functions and free motions come besides."""
 
 
-def square(x: Any) -> Any:
+def square(x: Number) -> Number:
     """Return x x."""
     return x * x
 
 
-def cube(x: Any) -> Any:
+def cube(x: Number) -> Number:
     """Return x x x."""
     return x * x * x
 

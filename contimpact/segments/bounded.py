@@ -19,12 +19,11 @@ from typing import Any
 
 import numpy as np
 
+from ..arrays import Array
 from . import linear_flow
 from .arithmetic import FLOATS, PLAIN, Arithmetic, Kernel, evaluate_in
 from .layout import flat, refilled
 from .segment import Numbers, Segment
-
-Array = np.ndarray[Any, Any]
 
 UNIT = 0.5 * float(np.finfo(float).eps)
 """The unit roundoff: largest relative error of one operation."""

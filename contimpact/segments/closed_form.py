@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
+from ..arrays import Number
 from .arithmetic import ARRAYS, Arithmetic, Kernel, evaluate_in
 from .layout import SECTION, Blocks, Row
 from .segment import Numbers
@@ -45,11 +46,11 @@ class ClosedForm:
         """Return the third derivatives of the residual along a direction."""
         return self._kernels.third(*self._walls)(*start, *end, *along, *values)
 
-    def track(self, start: Numbers, dt: Any, values: Numbers) -> tuple[Any, Any, Any]:
+    def track(self, start: Numbers, dt: Number, values: Numbers) -> tuple[Number, Number, Number]:
         """Return displacement, velocity and acceleration of the gap coordinate."""
         return self._motion(*start, dt, *values)
 
-    def tracks(self, start: Numbers, dt: Any, values: Numbers) -> tuple[Any, Any, Any]:
+    def tracks(self, start: Numbers, dt: Number, values: Numbers) -> tuple[Number, Number, Number]:
         """Return `track` at an array of times."""
         return evaluate_in(self._motion, ARRAYS)(*start, dt, *values)
 

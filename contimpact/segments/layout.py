@@ -18,14 +18,16 @@ kernel             returns
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator
 from typing import Any, NamedTuple, TypeAlias
+
+from ..arrays import Number
 
 SECTION = "0"
 """Where flights of orbits without impacts start, in the names of kernels: at t = 0. They end there
 again after a number of periods, which stands in the place of a letter, or at a guard."""
 
-Row: TypeAlias = Sequence[Any]
+Row: TypeAlias = tuple[Number, ...]
 """Numbers of the arithmetic a kernel is evaluated in; of a matrix, row by row."""
 
 Blocks: TypeAlias = tuple[Row, Row, Row, Row]
@@ -52,7 +54,7 @@ class Setup(NamedTuple):
         Their derivatives with respect to the free parameters, row by row.
     """
 
-    period: Any
+    period: Number
     slopes: Row
     curvatures: Row
     walls: Row

@@ -12,14 +12,14 @@ its order; derivatives are taken with respect to the `Source.parameters` among t
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from typing import Any, Protocol, TypeAlias
+from typing import Protocol, TypeAlias
 
-import numpy as np
-
+from ..arrays import Array, Number
 from .arithmetic import Arithmetic
 from .layout import Blocks, Row, Setup
 
-Numbers: TypeAlias = Sequence[Any] | np.ndarray[Any, Any]
+Numbers: TypeAlias = Sequence[Number] | Array
+"""Numbers of one arithmetic."""
 
 
 class Segment(Protocol):
@@ -76,7 +76,7 @@ class Segment(Protocol):
         """
         ...
 
-    def track(self, start: Numbers, dt: Any, values: Numbers) -> tuple[Any, Any, Any]:
+    def track(self, start: Numbers, dt: Number, values: Numbers) -> tuple[Number, Number, Number]:
         """Return how the gap coordinate moves: displacement from the guard left, velocity and
         acceleration at the time dt after leaving.
 
@@ -85,7 +85,7 @@ class Segment(Protocol):
         """
         ...
 
-    def tracks(self, start: Numbers, dt: Any, values: Numbers) -> tuple[Any, Any, Any]:
+    def tracks(self, start: Numbers, dt: Number, values: Numbers) -> tuple[Number, Number, Number]:
         """Return `track` at an array of times."""
         ...
 
@@ -105,6 +105,6 @@ class Source(Protocol):
         """Return the segment from one guard to another, by their letters."""
         ...
 
-    def setup(self, *values: Any) -> Setup:
+    def setup(self, *values: Number) -> Setup:
         """Return what depends on the parameters alone."""
         ...

@@ -7,7 +7,9 @@ Python, arrays in compiled code.
 from __future__ import annotations
 
 import math
-from typing import Any, NamedTuple
+from typing import NamedTuple
+
+from ..arrays import Vector
 
 
 class Body(NamedTuple):
@@ -39,21 +41,21 @@ class Body(NamedTuple):
         Periods after which a flight is given up.
     """
 
-    values: Any
-    clock: Any
-    zeros: Any
-    sides: Any
-    leaving: Any
-    below: Any
-    above: Any
-    low: Any
-    high: Any
-    restitution: Any
-    slow: Any
-    edges: Any
-    presses: Any
-    first: Any
-    longest: Any
+    values: Vector
+    clock: Vector
+    zeros: Vector
+    sides: Vector
+    leaving: Vector
+    below: Vector
+    above: Vector
+    low: Vector
+    high: Vector
+    restitution: Vector
+    slow: Vector
+    edges: Vector
+    presses: Vector
+    first: Vector
+    longest: Vector
 
 
 def wrapped(time: float, period: float) -> tuple[float, int]:

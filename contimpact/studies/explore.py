@@ -23,6 +23,7 @@ from ..continuation.branch import End, EndKind, Event, Point, Walk
 from ..continuation.interruption import kept, other_way
 from ..continuation.settings import Settings
 from ..continuation.test_function import TestFunction
+from ..continuation.walk import Options
 from ..errors import InputError
 from ..models.word import Word
 from ..orbit_continuation.orbit_backend import walk_orbits
@@ -268,7 +269,8 @@ class _Explorer:
         """The known branch the first step from a start leads to, if any."""
         self.probes += 1
         settings = dataclasses.replace(self.settings(), max_points=2)
-        probe = self.walk(start, +1, settings)
+        options = self.options(start, settings)
+        probe = walk_orbits(start.problem, start.unknowns, +1, **options)
         return self.known(start.problem, probe.points[-1].unknowns) if probe.points else None
 
     def run_known(self, run: Run) -> str | None:
@@ -281,14 +283,19 @@ class _Explorer:
     def walk_from(self, start: Start, direction: int, name: str) -> Walk:
         """Walk one way from a start, until the branch ends or runs into its own image."""
         problem = start.problem
-        options = {"tests": self.tests(problem), "callback": self.reporter(problem, name)}
-        stop = at_image(problem, self.known)
-        return self.walk(start, direction, self.settings(), stop=stop, **options)
+        tests, callback = self.tests(problem), self.reporter(problem, name)
+        options = self.options(start, self.settings())
+        options |= {"callback": callback, "stop": at_image(problem, self.known)}
+        return walk_orbits(problem, start.unknowns, direction, tests=tests, **options)
 
-    def walk(self, start: Start, direction: int, settings: Settings, **options: Any) -> Walk:
-        options |= {"tangent": start.tangent, "branching": start.branching, "settings": settings}
-        limits = self.scene.range
-        return walk_orbits(start.problem, start.unknowns, direction, limits=limits, **options)
+    def options(self, start: Start, settings: Settings) -> Options:
+        """How to walk from a start."""
+        return {
+            "limits": self.scene.range,
+            "tangent": start.tangent,
+            "branching": start.branching,
+            "settings": settings,
+        }
 
     # Recognition.
 

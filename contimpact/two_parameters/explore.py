@@ -13,6 +13,7 @@ from ..bifurcations.registry import test_functions
 from ..bifurcations.requested import Requested
 from ..continuation.branch import End
 from ..continuation.interruption import interrupted
+from ..continuation.walk import Options
 from ..errors import InputError
 from ..models.model import Model
 from ..models.word import Word
@@ -174,7 +175,7 @@ class _CurveExplorer:
             limits = (min(own, *wanted), max(own, *wanted))
             test = Requested(problem, {name: wanted})
             at, settings = np.append(start, own), dataclasses.replace(scene.settings, max_step=0.1)
-            options = {"limits": limits, "settings": settings}
+            options: Options = {"limits": limits, "settings": settings}
             done = walk_orbits(problem, at, direction, tests=[test], gaps=False, **options)
             points = {round(e.parameter, 14): e.point.unknowns for e in done.events}
             points[round(done.end.value, 14)] = done.points[-1].unknowns

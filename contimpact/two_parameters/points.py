@@ -85,7 +85,7 @@ class Together(ExtendedSystem):
         first = self.one.scale(own[: self.size], sizes)
         return np.concatenate([first, self.other.scale(own[self.size :], sizes)])
 
-    def details(self, own: Array) -> dict[str, Any]:
+    def details(self, own: Array) -> Details:
         return {**self.one.details(own[: self.size]), **self.other.details(own[self.size :])}
 
 
@@ -95,7 +95,19 @@ class _Here:
 
     orbit: Linearisation
     own: Array
-    details: Mapping[str, Any]
+    details: Details
+
+    @property
+    def unknowns(self) -> Array:
+        return self.orbit.unknowns
+
+    @property
+    def residual(self) -> Array:
+        return self.orbit.residual
+
+    @property
+    def jacobian(self) -> Array:
+        return self.orbit.jacobian
 
 
 class Vanishing(ExtendedSystem):
@@ -126,7 +138,7 @@ class Vanishing(ExtendedSystem):
     def scale(self, own: Array, sizes: Array) -> Array:
         return self.one.scale(own, sizes)
 
-    def details(self, own: Array) -> dict[str, Any]:
+    def details(self, own: Array) -> Details:
         return self.one.details(own)
 
     def _sizes(self, here: Linearisation, own: Array) -> Array:
@@ -136,7 +148,7 @@ class Vanishing(ExtendedSystem):
     def _value(self, x: Array) -> float:
         n, problem = self.problem.n + self.problem.free, self.problem
         own = x[n:]
-        here = _Here(problem.evaluate(x[:n]), own, self.told | self.one.details(own))
+        here = _Here(problem.evaluate(x[:n]), own, {**self.told, **self.one.details(own)})
         return float(np.atleast_1d(self.test.of(here))[self.index])
 
 

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
@@ -12,6 +11,7 @@ from ..bifurcations.declarations import CURVES
 from ..bifurcations.extended_system import ExtendedSystem
 from ..bifurcations.kind import Kind
 from ..bifurcations.registry import kind_of
+from ..continuation.branch import Details
 from ..errors import InputError, shown
 from ..models.model import Model
 from ..orbits.linearisation import Linearisation
@@ -41,7 +41,7 @@ class CurveProblem:
         self,
         kind: Kind,
         system: ExtendedSystem,
-        details: Mapping[str, Any],
+        details: Details,
         spans: Sequence[float],
     ) -> None:
         self.kind, self.system, self.details = kind, system, dict(details)
@@ -100,9 +100,9 @@ class CurvePoint:
         return float(self.orbit.unknowns[self.problem.orbit.n + names.index(name)])
 
     @property
-    def details(self) -> dict[str, Any]:
+    def details(self) -> Details:
         """Where on the orbit it happens, the time of a touch included."""
-        return self.problem.details | self.problem.system.details(self.own)
+        return {**self.problem.details, **self.problem.system.details(self.own)}
 
 
 def require_curve(entry: Entry) -> None:
