@@ -43,6 +43,25 @@ def scene(**changes):
     return read_scene(given)
 
 
+SMALL = """
+name = "small"
+[model]
+system = "impact-pair"
+[model.parameters]
+beta = "pi/6"
+r = 0.3
+A = 5.0
+s = 0.34
+[follow]
+parameter = "s"
+range = [0.3, 0.4]
+orbits = ["1:1"]
+[detect]
+events = ["PD", "G"]
+"""
+"""One parameter range, two orbits at the start, a period doubling and a ghost grazing."""
+
+
 class TwoMasses(Model):
     """Two equal masses in a row, the first one against a stop.
 

@@ -8,7 +8,7 @@ import tomllib
 
 import numpy as np
 import pytest
-from zoo import ROOT
+from zoo import ROOT, SMALL
 
 from contimpact.accuracy import long_words
 from contimpact.accuracy import report as module
@@ -25,29 +25,12 @@ from contimpact.plots.report import plot_report
 from contimpact.scenes.scene import load_scene, read_scene
 from contimpact.segments.kernels import Kernels
 
-SCENE = """
-name = "small"
-[model]
-system = "impact-pair"
-[model.parameters]
-beta = "pi/6"
-r = 0.3
-A = 5.0
-s = 0.34
-[follow]
-parameter = "s"
-range = [0.30, 0.40]
-orbits = ["1:1"]
-[detect]
-events = ["PD", "G"]
-"""
-
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory):
     """The command itself, with fewer settings than it takes otherwise."""
     place = tmp_path_factory.mktemp("report")
-    (place / "scene.toml").write_text(SCENE, encoding="utf-8")
+    (place / "scene.toml").write_text(SMALL, encoding="utf-8")
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(module, "TOLERANCES", (1e-4, 1e-8, 1e-14))
         patch.setattr(module, "STEPS", (0.1, 0.01))
@@ -103,7 +86,7 @@ def test_events_are_confirmed_and_honest(data):
 
 
 def test_events_of_a_family_are_compared_at_their_own_values():
-    text = SCENE.replace('"small"', '"family"').replace(
+    text = SMALL.replace('"small"', '"family"').replace(
         "range = [0.30, 0.40]", "range = [0.1, 1.0]"
     )
     text += '[curves]\nparameter = "r"\nrange = [0.29, 0.31]\n[curves.family]\nbeta = [0.4, "pi/6"]'

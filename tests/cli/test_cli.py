@@ -13,36 +13,13 @@ import time
 from pathlib import Path
 
 import pytest
+from zoo import SMALL
 
 import contimpact
 from contimpact import load_diagram
 from contimpact.cli import main
 
-SCENE = """
-name = "small"
-source = "a test"
-
-[model]
-system = "impact-pair"
-
-[model.parameters]
-beta = "pi/6"
-r = 0.3
-A = 5.0
-s = 0.34
-
-[follow]
-parameter = "s"
-range = [0.3, 0.4]
-orbits = ["1:1"]
-
-[detect]
-events = ["PD", "G"]
-
-[plot]
-x = "d"
-"""
-"""One parameter range, two orbits at the start, a period doubling and a ghost grazing."""
+SCENE = SMALL.replace("[model]\n", 'source = "a test"\n[model]\n') + '[plot]\nx = "d"\n'
 
 
 NO_ORBIT = (

@@ -10,28 +10,15 @@ import tomllib
 
 import numpy as np
 import pytest
+from zoo import SMALL
 
 from contimpact import cli
 from contimpact.attractors import simulation
 from contimpact.errors import InputError
 from contimpact.scenes.scene import read_scene
 
-SCENE = """
-name = "small"
-[model]
-system = "impact-pair"
-[model.parameters]
-beta = "pi/6"
-r = 0.3
-A = 5.0
-s = 0.34
-[follow]
-parameter = "s"
-range = [0.3, 0.4]
-orbits = ["1:1"]
-[detect]
-events = ["FB", "PD", "G"]
-[plot]
+SCENE = SMALL.replace('["PD", "G"]', '["FB", "PD", "G"]')
+SCENE += """[plot]
 x = "d"
 formats = ["png"]
 [simulate]

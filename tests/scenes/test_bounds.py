@@ -8,7 +8,7 @@ import re
 import time
 
 import pytest
-from zoo import ROOT
+from zoo import ROOT, SMALL
 
 from contimpact.errors import LONGEST_MESSAGE, InputError
 from contimpact.scenes.scene import load_scene, read_scene
@@ -25,19 +25,6 @@ SCENE = {
     "curves": {"parameter": "r", "range": [0.1, 0.9]},
     "simulate": {},
 }
-TEXT = """name = "bounds"
-[model]
-system = "impact-pair"
-[model.parameters]
-beta = "pi/6"
-r = 0.3
-A = 5.0
-s = 0.34
-[follow]
-parameter = "s"
-range = [0.08, 1.05]
-orbits = ["1:1"]
-"""
 
 
 def documented():
@@ -137,16 +124,16 @@ def loaded(tmp_path, text):
 
 def test_size_of_the_file(tmp_path):
     path = tmp_path / "scene.toml"
-    path.write_text(TEXT + "#" * (1_000_000 - len(TEXT)), encoding="utf-8")
-    assert load_scene(path).name == "bounds"
-    assert "longer than 1000000 bytes" in loaded(tmp_path, TEXT + "#" * (1_000_001 - len(TEXT)))
+    path.write_text(SMALL + "#" * (1_000_000 - len(SMALL)), encoding="utf-8")
+    assert load_scene(path).name == "small"
+    assert "longer than 1000000 bytes" in loaded(tmp_path, SMALL + "#" * (1_000_001 - len(SMALL)))
 
 
 @pytest.mark.parametrize("name", ["a", '"a"', "'a b'", '"a\\"b"'])
 @pytest.mark.parametrize("dot", [".", " . ", "\t.\t"])
 def test_dotted_keys(tmp_path, name, dot):
     key = dot.join([name] * 20_000)
-    assert "a key of more than 100 names" in loaded(tmp_path, TEXT + f"  {key} = 1\n")
+    assert "a key of more than 100 names" in loaded(tmp_path, SMALL + f"  {key} = 1\n")
 
 
 def test_dotted_keys_as_they_are(tmp_path):
@@ -154,11 +141,11 @@ def test_dotted_keys_as_they_are(tmp_path):
     path = tmp_path / "scene.toml"
     dots = ".".join(["a"] * 200)
     listed = ", ".join(["0.3"] * 500)
-    given = f'source = "{dots}"\n' + TEXT + f"[detect.values]\ns = [\n{listed}]\n"
+    given = f'source = "{dots}"\n' + SMALL + f"[detect.values]\ns = [\n{listed}]\n"
     path.write_text(given, encoding="utf-8")
     assert len(load_scene(path).values["s"]) == 500
-    path.write_text(TEXT + ".".join(["a"] * 100) + " = 1\n", encoding="utf-8")
-    with pytest.raises(InputError, match=r"^follow\.a: unknown key"):
+    path.write_text(SMALL + ".".join(["a"] * 100) + " = 1\n", encoding="utf-8")
+    with pytest.raises(InputError, match=r"^detect\.a: unknown key"):
         load_scene(path)
 
 
