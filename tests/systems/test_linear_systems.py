@@ -12,6 +12,7 @@ from contimpact.continuation.settings import Settings
 from contimpact.orbit_continuation.orbit_branch import both_ways
 from contimpact.orbit_continuation.symmetry import symmetric, symmetry_of
 from contimpact.orbits.search import find_orbits
+from contimpact.simulation.simulator import Simulator
 from contimpact.systems.coupled_by_impact import CoupledByImpact
 from contimpact.systems.impact_damper import ImpactDamper
 from contimpact.systems.two_stops import TwoStops
@@ -148,3 +149,13 @@ def test_branches_of_impacting_bodies_have_events():
     run = both_ways(orbit.problem, orbit.unknowns, (0.9, 1.9), tests, Settings())
     assert run.events
     assert all(event.error < 1e-10 for event in run.events)
+
+
+def test_simulation_between_two_stops_settles_on_the_stable_orbit():
+    model = TwoStops(a=1.0, omega=1.7, c=0.1, k=0.0, sigma=0.5, r=0.7)
+    orbits = find_orbits(model, "RL", parameter="sigma", starts=64)
+    orbit = next(o for o in orbits if o.stable and o.physical)
+    simulator = Simulator(model)
+    end = simulator.run(simulator.state("R", 0.3, 0.9), impacts=200).end
+    time, speed = orbit.problem.impacts(orbit.unknowns)[0]
+    assert (end.phase, end.velocity) == pytest.approx((time, speed), abs=1e-10)
