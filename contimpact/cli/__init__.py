@@ -139,7 +139,12 @@ def parser() -> argparse.ArgumentParser:
     export = commands.add_parser("export", help="write the tables of a store as files")
     export.add_argument("store", metavar="STORE", help="a store written by study")
     export.add_argument("-o", "--output", metavar="DIR", required=True, help="folder to write to")
-    export.add_argument("--format", choices=("csv", "csv.gz", "json", "parquet"), default="csv")
+    export.add_argument(
+        "--format",
+        choices=("csv", "csv.gz", "json", "parquet"),
+        default="csv",
+        help="of the files (default csv)",
+    )
     export.add_argument("--study", metavar="NAME", action="append", help="these studies alone")
     export.add_argument("--table", metavar="NAME", action="append", help="these tables alone")
     export.add_argument("--columns", metavar="A,B,...", help="these columns alone")
@@ -157,7 +162,9 @@ def parser() -> argparse.ArgumentParser:
     atlas.add_argument(
         "--at", metavar="NAME=VALUE", action="append", default=[], help="value of another axis"
     )
-    atlas.add_argument("--format", action="append", choices=("png", "svg", "pdf"))
+    atlas.add_argument(
+        "--format", action="append", choices=("png", "svg", "pdf"), help="of the maps (default png)"
+    )
     atlas.add_argument("--no-plot", action="store_true", help="write the tables alone")
     atlas.add_argument("-q", "--quiet", action="store_true", help="print nothing but errors")
     atlas.set_defaults(module="atlas")

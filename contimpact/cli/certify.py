@@ -36,7 +36,12 @@ def _run(options: argparse.Namespace) -> int:
     from . import run
 
     given = argparse.Namespace(
-        scenes=[options.target], output=options.output, quiet=options.quiet, no_plot=options.no_plot
+        scenes=[options.target],
+        output=options.output,
+        quiet=options.quiet,
+        no_plot=options.no_plot,
+        html=False,
+        system=[],
     )
     return run.command(given)
 

@@ -12,6 +12,11 @@ EXAMPLES = {
     "report": "contimpact report branches/fig7/scene.toml -o out/fig7/report -n 3",
     "catalogue": "contimpact catalogue out/fig7 out/fig8 -o out/both",
     "plot": "contimpact plot out/fig7 -x d -y multipliers --xlim 0.13 0.25 -o multipliers.svg",
+    "view": "contimpact view out/fig7",
+    "certify": "contimpact certify out/fig7",
+    "study": "contimpact study branches/atlas/A5.toml -o competition.sqlite --workers 2",
+    "export": "contimpact export competition.sqlite -o out/tables --format csv.gz --table events",
+    "atlas": "contimpact atlas competition.sqlite -o out/maps --quantity mechanism --axes beta r",
     "completion": 'eval "$(contimpact completion bash)"',
 }
 
