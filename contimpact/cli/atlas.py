@@ -15,8 +15,8 @@ from ..parameter_studies.quantities import QUANTITIES
 from ..parameter_studies.study import Study, studies
 from ..storage.files import write_text
 from ..storage.texts import csv_text
+from ..telling import telling
 from .console import require_output
-from .progress import telling
 from .terminal import say
 
 FORMATS = ("png", "svg", "pdf")

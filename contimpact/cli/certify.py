@@ -10,7 +10,7 @@ from ..errors import InputError
 from ..records.result_folder import MANIFEST, WANTED, held, read_json
 from ..scenes.options import CertifyOptions
 from ..scenes.scene import read_scene
-from .progress import telling
+from ..telling import telling
 from .terminal import complain, say
 
 

@@ -10,7 +10,7 @@ from ..parameter_studies.executors import Workshop, dask, mpi, processes
 from ..parameter_studies.run import Tally, WorkersLostError, duration, run_study
 from ..parameter_studies.store import Store
 from ..parameter_studies.study_file import load_study
-from .progress import telling
+from ..telling import telling
 from .terminal import complain, say
 
 
