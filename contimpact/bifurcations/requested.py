@@ -71,7 +71,7 @@ class UZ(Kind):
 
     name = Requested.kind
     tilde = False
-    look = Look("|")
+    look = Look("|", "0.55")
 
     def test(self, problem: OrbitProblem, values: Values) -> TestFunction[Linearisation]:
         return Requested(problem, values)

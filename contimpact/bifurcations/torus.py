@@ -129,7 +129,7 @@ class NS(Kind):
     name = NeimarkSacker.kind
     changes = Change.STABILITY
     auto = 8
-    look = Look("*")
+    look = Look("*", "#56B4E9")
 
     def test(self, problem: OrbitProblem, values: Values) -> TestFunction[Linearisation]:
         return NeimarkSacker()

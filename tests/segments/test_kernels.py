@@ -604,11 +604,14 @@ def test_two_free_parameters(pair, exact, kernels_of):
 
 
 def test_setup_with_two_free_parameters(pair, oscillator, kernels_of):
-    """The period has slopes by both; the rest is as with the first alone."""
+    """Period and derived parameters have slopes by both; the rest is as with the first alone."""
     model = pair(s=0.5)
     alone = kernels_of(model, "A").setup(*values_of(model))
     out = kernels_of(model, "A", "s").setup(*values_of(model))
-    assert (out.period, *out[3:]) == (alone.period, *alone[3:])
+    assert (out.period, out.walls, out.derived) == (alone.period, alone.walls, alone.derived)
+    assert out.derived_slopes[::2] == alone.derived_slopes
+    by_s = [out.derived[0] / 0.5, 0.0]  # d is proportional to s, gbar does not depend on it
+    assert out.derived_slopes[1::2] == pytest.approx(by_s, rel=1e-15)
     assert (out.slopes, out.curvatures) == ((0, 0), (0, 0, 0, 0))
     model = oscillator(omega=0.7)
     period = 2 * math.pi / 0.7
@@ -619,7 +622,7 @@ def test_setup_with_two_free_parameters(pair, oscillator, kernels_of):
 
 
 def test_one_parameter_twice(pair):
-    with pytest.raises(InputError, match="two different"):
+    with pytest.raises(InputError, match="give different"):
         Kernels(pair(), "A", "A")
 
 
