@@ -184,7 +184,9 @@ def test_records_become_what_they_were(results):
     """Every entry of a catalogue passes, and nothing is lost on the way."""
     for record in json.loads((results / "run" / "catalogue.json").read_text())["entries"]:
         entry = entry_of(record)
-        assert json.loads(json_text(vars(entry))) == record
+        written = json.loads(json_text(vars(entry)))
+        assert written.pop("certified_radius") is None  # written where an entry is certified
+        assert written == record
         assert made(Entry, vars(entry)).id == record["id"]
 
 
