@@ -161,7 +161,7 @@ def test_a_plugin_is_a_system_like_the_packages_own(folder, plugin):
     assert system("my-ball").__module__ == "balls"
     assert main(["run", "scene.toml", "-o", "out", "-q", "--no-plot"]) == 0
     assert main(["plot", "out", "-o", "out.svg"]) == 0
-    with pytest.raises(InputError, match="accepted are impact-pair, oscillator, .*, my-ball, and"):
+    with pytest.raises(InputError, match=r"accepted are impact-pair, oscillator, .*, my-ball, and"):
         system("your-ball")
 
 

@@ -11,14 +11,14 @@ import textwrap
 import pytest
 import sympy
 
-from contimpact.attractors.output import COLUMNS as SWEEP_COLUMNS
+from contimpact.attractors.flat import COLUMNS as SWEEP_COLUMNS
 from contimpact.errors import InputError
 from contimpact.models.contract import COLUMNS
 from contimpact.models.model import Formulas, Model, Parameter, Wall
 from contimpact.models.symbolic import harmonic_means
 from contimpact.orbit_continuation.orbit_branch import continue_orbit
 from contimpact.orbits.search import find_orbits
-from contimpact.records.catalogue import EVENT_COLUMNS
+from contimpact.records.entry import FLAT as EVENT_COLUMNS
 from contimpact.segments.kernels import Kernels
 
 R, OMEGA, G = 0.5, 50.0, 9.8
