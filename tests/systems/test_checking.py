@@ -61,8 +61,9 @@ def test_the_packages_systems_fit_together(model, done):
     ],
     ids=["reset", "period", "derived", "symmetry", "image"],
 )
-def test_what_does_not_fit_is_named(model, says):
-    """By the door itself, and before anything is computed."""
+def test_what_does_not_fit_is_named(model, says, monkeypatch, tmp_path):
+    """By the door itself, and before anything is computed with new kernels."""
+    monkeypatch.setenv("CONTIMPACT_CACHE", str(tmp_path))
     with pytest.raises(InputError, match=says):
         check_model(model())
     with pytest.raises(InputError, match=says):
