@@ -13,8 +13,8 @@ validate = pytest.importorskip("numpydoc.validate").validate
 
 NOT_ASKED = {"ES01", "EX01", "SA01", "PR04", "PR07", "RT03"}
 """Longer summaries, examples and references; types and words where a name says it all."""
-OF_MEMBERS = NOT_ASKED | {"PR01", "RT01", "RT02"}
-"""Methods whose one line says what they take and return."""
+OF_MEMBERS = NOT_ASKED | {"PR01", "RT01", "RT02", "YD01"}
+"""Methods whose one line says what they take, return or yield."""
 NAMED = {"PR01", "PR02", "PR08"}
 """Of systems: parameters are given by name, and the class lists them."""
 SYSTEMS = ("ImpactPair", "Oscillator")
@@ -52,5 +52,6 @@ def test_the_reference_has_them_all():
 
     text = (ROOT / "docs" / "api.md").read_text(encoding="utf-8")
     inside = {"Model", "Parameter", "Wall", "Formulas", "Symmetry"}
+    inside |= {"certify"}  # described by hand: autodoc would have to import its extra
     wanted = {n for n in PUBLIC if n not in inside}
     assert sorted(n for n in wanted if f"contimpact.{n}\n" not in text) == []

@@ -9,6 +9,7 @@ from typing import Any
 
 import flint
 
+from ..errors import InputError
 from ..models.model import Model
 from ..orbits.problem import OrbitProblem
 from ..progress import Progress, silent
@@ -146,6 +147,9 @@ class _Work:
         self, name: str, said: str, entries: Sequence[Entry], branches: Sequence[Branch]
     ) -> Certificates:
         began = time.perf_counter()
+        if not all([*(e.word for e in entries), *(b.word for b in branches)]):
+            accepted = "proofs are for orbits with impacts; leave out the word 0"
+            raise InputError(name, "orbits without impacts are among its branches", accepted)
         found = proven_once(entries, self._each(entries))
         known = {c.id: c for c in found}
         tubes = self._branches(branches, entries, known) if self.options.branches else []

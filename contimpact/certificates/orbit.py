@@ -14,6 +14,7 @@ import numpy as np
 from flint import acb_mat, arb, arb_mat
 
 from ..bifurcations.kind import Kind
+from ..errors import InputError
 from ..orbits.problem import OrbitProblem
 from .clearance import Clear, Gap
 from .equations import BallProblem, Balls, Flight
@@ -74,6 +75,9 @@ class Orbit:
         rest, problem = self._at_rest, self.space.problem
         if rest is None:
             return self.space, self.z
+        if len(problem.word) == 1:
+            found = "its multipliers are those of the orbit without impacts"
+            raise InputError("stability", found, "proofs are for orbits with impacts")
         shorter = OrbitProblem(problem.model, problem.word.drop(rest), problem.kernels)
         kept = [*self.z[: problem.m * rest], *self.z[problem.m * rest + problem.m :]]
         return BallProblem(shorter, self.space.bits), kept

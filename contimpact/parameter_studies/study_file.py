@@ -86,6 +86,14 @@ class StudyFile:
 def load_study(path: str | Path) -> StudyFile:
     """Read and validate a study file.
 
+    Parameters
+    ----------
+    path : str or Path
+
+    Returns
+    -------
+    StudyFile
+
     Raises
     ------
     InputError
@@ -100,6 +108,15 @@ def load_study(path: str | Path) -> StudyFile:
 
 def read_study(given: Mapping[str, Any]) -> StudyFile:
     """Validate a study given as nested mappings.
+
+    Parameters
+    ----------
+    given : mapping
+        Tables and keys as in a study file.
+
+    Returns
+    -------
+    StudyFile
 
     Raises
     ------
