@@ -7,10 +7,12 @@ not be imported. Any other class may reach for anything: its formulas have to be
 from __future__ import annotations
 
 import ast
+import dataclasses
 import functools
 import hashlib
 import importlib.util
 import sys
+import types
 from pathlib import Path
 from typing import Any
 
@@ -80,4 +82,47 @@ def identity(model: Any) -> tuple[str, ...]:
         return (type(model).__qualname__, *systems())
     from .equations import equations_of
 
-    return (equations_of(model).digest,)
+    return (equations_of(model).digest, _declared(type(model)))
+
+
+PLAIN = (bool, int, float, complex, str, bytes, tuple, type(None))
+
+
+def _declared(kind: Any) -> str:
+    """A digest of what a class says besides its formulas, against which these are checked."""
+    said = (sorted(kind.DERIVED_FROM.items()), *_made_of(kind.symmetry))
+    return hashlib.sha256(repr(said).encode()).hexdigest()
+
+
+def _made_of(function: Any) -> tuple[Any, ...]:
+    """Code, constants and defaults of a function, and what it has from its module and closure."""
+    code = function.__code__
+    held = [cell.cell_contents for cell in function.__closure__ or () if _is_filled(cell)]
+    around = [function.__globals__.get(name) for name in code.co_names]
+    values = [v for v in (*held, *around, function.__defaults__) if _is_plain(v)]
+    return code.co_names, *_code_of(code), values
+
+
+def _code_of(code: types.CodeType) -> tuple[Any, ...]:
+    inner = [_code_of(c) for c in code.co_consts if isinstance(c, types.CodeType)]
+    constants = [
+        sorted(map(repr, c)) if isinstance(c, frozenset) else c  # it has no order of its own
+        for c in code.co_consts
+        if not isinstance(c, types.CodeType)
+    ]
+    return code.co_code, constants, inner
+
+
+def _is_filled(cell: Any) -> bool:
+    try:
+        cell.cell_contents  # noqa: B018  an empty cell has none
+    except ValueError:
+        return False
+    return True
+
+
+def _is_plain(value: Any) -> bool:
+    """Whether a value is written the same way in every process."""
+    return isinstance(value, PLAIN) or (
+        dataclasses.is_dataclass(value) and not isinstance(value, type)
+    )

@@ -10,6 +10,7 @@ from test_own_systems import ball, changed, made
 from contimpact import ImpactPair, InputError, Oscillator, check_model, find_orbits
 from contimpact.models.model import Symmetry
 from contimpact.segments import kernels
+from contimpact.segments.checked import checked
 
 
 @pytest.mark.parametrize(
@@ -61,13 +62,22 @@ def test_the_packages_systems_fit_together(model, done):
     ],
     ids=["reset", "period", "derived", "symmetry", "image"],
 )
-def test_what_does_not_fit_is_named(model, says, monkeypatch, tmp_path):
-    """By the door itself, and before anything is computed with new kernels."""
-    monkeypatch.setenv("CONTIMPACT_CACHE", str(tmp_path))
+def test_what_does_not_fit_is_named(model, says):
+    """By the door itself, and before anything is computed, whatever kernels the cache holds."""
+    find_orbits(made(ball()), "1", parameter="a")
     with pytest.raises(InputError, match=says):
         check_model(model())
     with pytest.raises(InputError, match=says):
         find_orbits(model(), "1", parameter="a")
+
+
+def test_what_was_found_right_is_compared_again_when_the_class_changes():
+    """With the same formulas, and what was compared of them in the cache."""
+    assert "derived parameters" in checked(made(ball()))
+    with pytest.raises(InputError, match="Gamma depends on"):
+        checked(made(ball(DERIVED_FROM={"Gamma": ("a",)})))
+    with pytest.raises(InputError, match="symmetry in a"):
+        checked(made(ball(symmetry=lambda self, parameter, harmonics: MIRROR)))
 
 
 MIRROR = Symmetry({"P": "P"}, shift=0.5, sign=-1.0)
