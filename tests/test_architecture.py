@@ -181,7 +181,7 @@ def test_sympy_is_imported_where_it_is_used(module):
     of_models = ("equations", "harmonics", "linear", "restitution", "symbolic", "symbols")
     names = (
         *(f"models.{name}" for name in of_models),
-        *(f"segments.{name}" for name in ("codegen", "tape")),
+        *(f"segments.{name}" for name in ("codegen", "printing", "tape")),
     )
     symbolic = {f"contimpact.{name}" for name in names}
     if module not in symbolic:
@@ -196,6 +196,7 @@ def test_the_symbolic_modules_are_imported_where_they_are_used(module):
         for name in (
             "segments.checking",
             "segments.codegen",
+            "segments.printing",
             "models.symbolic",
             "mechanics.symbolic",
         )

@@ -58,7 +58,8 @@ OWN_HEAVY = (
     "compiling.program", "orbit_continuation.orbit_program", "models.agreement", "models.equations",
     "models.symbolic", "records.formats", "records.merge", "scenes.simulate_tables",
     "segments.ball_series", "segments.ball_transients", "segments.balls",
-    "segments.codegen", "segments.tape", "systems.membrane", "systems.oscillator",
+    "segments.codegen", "segments.printing", "segments.tape", "systems.membrane",
+    "systems.oscillator",
 )  # fmt: skip
 """Parts of the package that following an orbit of the impact pair has no use for."""
 

@@ -22,8 +22,8 @@ GENERATOR = tuple(
     """models/equations models/expressions models/extent models/guards models/harmonics
     models/linear models/model models/own_parameters
     models/restitution models/section models/symbolic models/symbols
-    segments/codegen segments/layout segments/linear_flow segments/stumpff segments/tape
-    segments/transients""".split()
+    segments/codegen segments/layout segments/linear_flow segments/printing segments/stumpff
+    segments/tape segments/transients""".split()
 )
 HARMLESS = set("__future__ collections dataclasses functools math numpy sympy typing".split())
 """What a system may import besides the package without its formulas depending on more."""

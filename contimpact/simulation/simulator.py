@@ -39,7 +39,6 @@ CHUNK, FEW = 65536, 256
 """Rows made at once, at most and at first: interrupts come through between chunks."""
 _ENDLESS = 2**62
 _OUTCOMES = tuple(Outcome)
-"""By their numbers."""
 
 
 class Simulator:
@@ -328,7 +327,8 @@ class Simulator:
             state, outcome, count, columns = self._make(state, span, asked, record)
             parts.append(columns)
             made, size = made + count, min(4 * size, CHUNK)
-        return self._as_run(parts, outcome, state if outcome is not Outcome.NO_IMPACT else None)
+        end = state if outcome is not Outcome.NO_IMPACT else None
+        return Run(self.letters, self.period, *joined(parts), outcome, end)
 
     def _make(
         self, state: State, span: tuple[int, int], asked: int, record: bool
@@ -352,12 +352,6 @@ class Simulator:
                 self._engine.count_plain(count)
         end = State(int(at[0]), float(when[0]), float(when[1]), int(at[1]))
         return end, _OUTCOMES[at[2]], count, [column[:count] for column in columns]
-
-    def _as_run(self, parts: list[list[Any]], outcome: Outcome, end: State | None) -> Run:
-        walls, turns, phases, velocities, released = joined(parts)
-        return Run(
-            self.letters, self.period, walls, turns, phases, velocities, released, outcome, end
-        )
 
     @functools.cached_property
     def _engine(self) -> Engine | None:

@@ -19,7 +19,7 @@ import numpy as np
 
 from ..bifurcations.registry import switch, test_functions
 from ..bifurcations.start import Start, once
-from ..continuation.branch import End, EndKind, Event, Point, Walk
+from ..continuation.branch import End, EndKind, Point, Walk
 from ..continuation.interruption import kept, other_way
 from ..continuation.settings import Settings
 from ..continuation.test_function import TestFunction
@@ -41,6 +41,7 @@ from ..records.entry import Entry
 from ..scenes.scene import Scene
 from ..segments.kernels import Kernels
 from .counts import counts_of, evaluations_of
+from .openings import Birth, with_openings
 from .starting_orbits import NotFound, orbits_at, orbits_elsewhere, placed, refusal, surveyed
 
 STAGES = ("kernels", "search", "walk", "events", "switching", "tables")
@@ -87,15 +88,6 @@ def follow(scene: Scene, progress: Asked = None) -> Diagram:
     return diagram
 
 
-@dataclass(frozen=True)
-class _Birth:
-    """A branch waiting to be followed: where it starts, and the entry it is born at."""
-
-    event: Event
-    entry: Entry
-    depth: int
-
-
 @dataclass
 class _Explorer:
     """The computation of a scene's diagram, as far as it has come."""
@@ -104,7 +96,7 @@ class _Explorer:
     progress: Progress
     runs: list[Run] = field(default_factory=list)
     branches: list[Branch] = field(default_factory=list)
-    waiting: list[_Birth] = field(default_factory=list)
+    waiting: list[Birth] = field(default_factory=list)
     opens: dict[str, list[str]] = field(default_factory=dict)
     meetings: dict[str, list[str]] = field(default_factory=dict)
     notes: list[str] = field(default_factory=list)
@@ -143,7 +135,11 @@ class _Explorer:
         elsewhere = scene.curves is not None and scene.curves.cover
         if not self.runs and not self.failure and not elsewhere:
             raise refusal(list(self.lacking.values()))
-        return Diagram(scene.name, self.finished_branches(), statistics=self.statistics())
+        return Diagram(
+            scene.name,
+            with_openings(self.branches, self.opens, self.meetings),
+            statistics=self.statistics(),
+        )
 
     def problem(self, word: Word) -> OrbitProblem:
         return problem_of(self.scene.model, word, self.kernels)
@@ -220,7 +216,7 @@ class _Explorer:
             )
             self.waiting = []
 
-    def follow_birth(self, birth: _Birth) -> None:
+    def follow_birth(self, birth: Birth) -> None:
         """Follow the branch born at an event; if it is known, record the meeting."""
         began = time.perf_counter()
         start = switch(birth.event)
@@ -374,24 +370,13 @@ class _Explorer:
         if depth < self.scene.depth:
             events = (e for e in run.events if e.kind in self.scene.events)
             self.waiting += [
-                _Birth(event, e, depth + 1)
+                Birth(event, e, depth + 1)
                 for event, e in zip(events, branch.events, strict=True)
                 if event.kind in self.scene.switch and e.id != origin
             ]
         self.seconds["tables"] += time.perf_counter() - walked
         if interrupted:
             raise KeyboardInterrupt
-
-    def finished_branches(self) -> list[Branch]:
-        """The branches, with what opens at their entries."""
-        finished = []
-        for branch in self.branches:
-            opens = [tuple(self.opens.get(e.id, ())) for e in branch.events]
-            pairs = zip(branch.events, opens, strict=True)
-            events = [dataclasses.replace(e, opens=names) for e, names in pairs]
-            meetings = self.meetings.get(branch.id, [])
-            finished.append(dataclasses.replace(branch, events=events, meetings=meetings))
-        return finished
 
     def not_found(self) -> list[NotFound]:
         """The words of which no orbit at the start was found, nor a branch that passes it."""

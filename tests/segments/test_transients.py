@@ -11,7 +11,7 @@ import sympy
 
 from contimpact.errors import InputError
 from contimpact.models.symbolic import MeanTransient, Transient
-from contimpact.segments import codegen
+from contimpact.segments import printing
 from contimpact.segments.bounded import BOUNDED, Bounded
 from contimpact.segments.exact_transients import transient
 from contimpact.segments.kernels import Kernels
@@ -191,4 +191,4 @@ def test_a_free_motion_outside_the_tables_is_refused_by_its_orders():
     """A system's author, not a solver, can do something about it."""
     call = Transient(9, 4, *sympy.symbols("c k t", positive=True))
     with pytest.raises(InputError, match=r"\(n, b\) = \[\(9, 4\)\].*lower n and b"):
-        list(codegen._transients([call]))
+        list(printing._transients([call]))
