@@ -12,7 +12,7 @@ from ..bifurcations.extended_system import EPSILON, Assembled, ExtendedSystem
 from ..bifurcations.kind import Kind, Values
 from ..continuation.branch import End, Point
 from ..continuation.settings import Settings
-from ..continuation.test_function import TestFunction
+from ..continuation.test_function import TestFunction, UserFunction
 from ..errors import InputError, shown
 from ..models.model import Model
 from ..models.word import Word
@@ -85,7 +85,7 @@ def follow_isoline(
     start = np.concatenate([given.unknowns[: problem.n], [at.values[n] for n in names]])
     kept = _number(function(given)) if value is None else float(value)
     system = Level(problem, function, kept)
-    curve = CurveProblem(Isoline(), system, {}, [limits[0][1] - limits[0][0]])
+    curve = CurveProblem(Isoline(system), system, {}, [limits[0][1] - limits[0][0]])
     special = curve.kind.codimension_two(given.word)
     found = followed(curve, start, limits, special, values, settings, callback)
     if isinstance(found, End):
@@ -106,16 +106,17 @@ class Level(ExtendedSystem):
 
     def assemble(self, here: Linearisation, own: Array) -> Assembled:
         x = here.unknowns
-        row = differenced(self._away, x, sizes_of(here))
-        residual = np.append(here.residual, self._of(here) - self.value)
+        row = differenced(lambda z: self.away(self.problem.evaluate(z)), x, sizes_of(here))
+        residual = np.append(here.residual, self.away(here))
         return Assembled(residual, np.vstack([here.jacobian, row]))
 
     def rounding(self, here: Linearisation, own: Array) -> Array:
         size = max(abs(self.value), abs(self._of(here)))
         return np.append(rounding(here).residual, EPSILON * (1.0 + len(here.unknowns) * size))
 
-    def _away(self, x: Array) -> float:
-        return self._of(self.problem.evaluate(x)) - self.value
+    def away(self, here: Linearisation) -> float:
+        """Return how far the function is from its value on an orbit."""
+        return self._of(here) - self.value
 
     def _of(self, here: Linearisation) -> float:
         return _number(self.function(Orbit(self.problem, here)))
@@ -126,8 +127,11 @@ class Isoline(Kind):
 
     name = "isoline"
 
+    def __init__(self, level: Level) -> None:
+        self.level = level
+
     def test(self, problem: OrbitProblem, values: Values) -> TestFunction:
-        raise NotImplementedError("isolines are not looked for along branches")
+        return UserFunction(self.name, lambda point: self.level.away(point.evaluation))
 
     def codimension_two(self, word: Word) -> list[TestFunction]:
         return [AlsoGrazes(self.name), AlsoStops(self.name)]
