@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import enum
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -100,7 +100,11 @@ class Run:
         return "".join(names[i] for i in marked)
 
 
-def joined(parts: Sequence[Sequence[Any]]) -> Iterator[Array]:
+def joined(parts: Sequence[Sequence[Any]]) -> tuple[Array, Array, Array, Array, Array]:
     """Return the columns of a run, walls to releases, from those of its parts."""
-    for i, kind in enumerate((np.int8, np.int64, float, float, bool)):
-        yield np.concatenate([np.zeros(0, kind), *(np.asarray(part[i], kind) for part in parts)])
+
+    def column(i: int, kind: Any) -> Array:
+        return np.concatenate([np.zeros(0, kind), *(np.asarray(part[i], kind) for part in parts)])
+
+    walls, turns, released = column(0, np.int8), column(1, np.int64), column(4, bool)
+    return walls, turns, column(2, float), column(3, float), released
