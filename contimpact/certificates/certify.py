@@ -20,6 +20,7 @@ from ..records.entry import Entry
 from ..records.recovery import model_at, model_of, orbit_of
 from ..records.result_folder import CATALOGUE, WANTED, read_json, reading
 from ..scenes.options import CertifyOptions
+from ..segments.balls import enclosed
 from ..segments.kernels import Kernels
 from .branch import BranchCertificate, certified_branch, verified_branch, without_certificate
 from .event import EventCertificate, certified, verified
@@ -51,8 +52,18 @@ class Problems:
     def _shared(self, model: Model, parameter: str) -> Kernels:
         key = (model.identity, parameter)
         if key not in self._kernels:
-            self._kernels[key] = Kernels(model, parameter)
+            self._kernels[key] = _with_enclosures(Kernels(model, parameter))
         return self._kernels[key]
+
+
+def _with_enclosures(kernels: Kernels) -> Kernels:
+    """The kernels, or `InputError` where enclosures of their flights are not known."""
+    model = kernels.model
+    if all(enclosed(kernels.motion(wall.name).source) for wall in model.WALLS):
+        return kernels
+    found = "its flights are stated by matrices, or forced by more than eight harmonics"
+    accepted = "proofs are for flights in closed form with eight harmonics at most"
+    raise InputError(f"system {model.SYSTEM}", found, accepted)
 
 
 def certify(
@@ -150,6 +161,8 @@ class _Work:
         if not all([*(e.word for e in entries), *(b.word for b in branches)]):
             accepted = "proofs are for orbits with impacts; leave out the word 0"
             raise InputError(name, "orbits without impacts are among its branches", accepted)
+        for branch in branches:
+            self.problems.kernels(branch)
         found = proven_once(entries, self._each(entries))
         known = {c.id: c for c in found}
         tubes = self._branches(branches, entries, known) if self.options.branches else []

@@ -22,12 +22,12 @@ from __future__ import annotations
 
 import functools
 import math
+import re
 from collections.abc import Callable, Sequence
 from typing import Any
 
 from flint import arb, arb_poly, arb_series, ctx, fmpq
 
-from ..errors import InputError
 from .arithmetic import PLAIN, Arithmetic
 from .ball_series import Number, around_zero, composed, constant, number
 from .ball_transients import transients
@@ -87,15 +87,12 @@ def balls(bits: int) -> Arithmetic:
     names |= {f"stumpff{k}": functools.partial(_one, k) for k in range(HIGHEST + 1)}
     names |= {f"stumpffs{n}": functools.partial(_together, n) for n in TOGETHER}
     names |= {f"transients{order}": transients(order) for order in TABLES}
-    names |= dict.fromkeys(("flow", "waves", "total"), _without)
     return Arithmetic(names | PLAIN, exact=True)
 
 
-def _without(*_: Any) -> Any:
-    """Flights for whose formulas no enclosures are known."""
-    found = "its flights are stated by matrices, or forced by more than eight harmonics"
-    accepted = "proofs are for flights in closed form with eight harmonics at most"
-    raise InputError("system", found, accepted)
+def enclosed(source: str) -> bool:
+    """Whether enclosures of all that a kernel calls are known, given its source."""
+    return re.search(r"\b(flow|waves)\(", source) is None
 
 
 def _method(name: str) -> Callable[[Number], Number]:

@@ -7,9 +7,10 @@ import json
 
 import numpy as np
 import pytest
-from zoo import scene
+from zoo import ROOT, scene
 
 import contimpact
+from contimpact import InputError, certify, continue_orbit, find_orbits, load_scene
 from contimpact.cli import main
 from contimpact.records.catalogue import write_diagram
 from contimpact.scenes.options import CertifyOptions
@@ -388,3 +389,19 @@ def test_random_parameter_sets_are_proven():
     assert sets > 80
     assert entries > 500
     assert branches > 300
+
+
+@pytest.mark.parametrize(
+    ("name", "word", "parameter", "says"),
+    [
+        ("two_stops", "RL", "sigma", "system two-stops: its flights are stated by matrices"),
+        ("soft_stop", "0", "omega", "orbits without impacts are among its branches"),
+    ],
+)
+def test_what_has_no_enclosures_is_refused_at_once(name, word, parameter, says):
+    model = load_scene(ROOT / "branches" / name / "scene.toml").model
+    orbit = find_orbits(model, word, parameter=parameter)[0]
+    value = model.values[parameter]
+    branch = continue_orbit(orbit, range=(0.99 * value, 1.01 * value), events=())
+    with pytest.raises(InputError, match=says):
+        certify(branch)
