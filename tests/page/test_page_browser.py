@@ -126,8 +126,9 @@ class Reader:
         return self.run("return location.hash")
 
     def downloaded(self, name):
+        """A file that was downloaded; its name is there before all of its content is."""
         until = time.monotonic() + 10.0
-        while not (found := list(self.downloads.glob(f"*{name}"))):
+        while not (found := [f for f in self.downloads.glob(f"*{name}") if f.stat().st_size]):
             assert time.monotonic() < until, f"no {name} in {list(self.downloads.iterdir())}"
             time.sleep(0.02)
         return found[0]
