@@ -149,8 +149,8 @@ def _array_waves(rows: Any, phase: Any, dt: Any) -> Iterator[Any]:
 _NUMPY_SPELLING = {"asin": "arcsin", "acos": "arccos", "atan": "arctan"}
 ARRAYS = Arithmetic(
     {name: getattr(np, _NUMPY_SPELLING.get(name, name)) for name in FUNCTIONS}
-    | {"nan": math.nan, "waves": _array_waves, "total": lambda x: np.sum(x, axis=0)}
-    | {**linear_flow.ARRAY, **PLAIN}
+    | {"nan": math.nan, **linear_flow.ARRAY, **PLAIN}
+    | {"waves": _array_waves, "total": lambda x: np.sum(x, axis=0)}
     | stumpff.ARRAY
     | transients.ARRAY
 )

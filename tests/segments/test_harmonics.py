@@ -94,6 +94,12 @@ def test_a_loop_over_arrays_of_any_shape(monkeypatch, at_once):
     assert np.shape(evaluate_in(track, ARRAYS)(0.2, 0.7, 1.3, *p)[0]) == ()
 
 
+def test_small_arrays_take_all_harmonics_in_one_pass():
+    rows = tuple((float(k), 0.0, 1.0) for k in range(1, 38))
+    passes = list(ARRAYS.names["waves"](rows, np.zeros(64), np.ones(64)))
+    assert [row.shape for row in passes[0]] == [(37, 1)] * 3 and len(passes) == 1
+
+
 def test_a_loop_in_many_digits_and_within_its_bounds():
     import mpmath
 
