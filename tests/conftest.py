@@ -10,6 +10,7 @@ import math
 import os
 from pathlib import Path
 
+import invariants
 import mpmath as mp
 import pytest
 
@@ -30,6 +31,21 @@ def kernel_cache(tmp_path_factory):
         patch.setenv("CONTIMPACT_CACHE", str(Path(root) / "kernels"))
         patch.setenv("CONTIMPACT_COMPILED", "never")
         yield Path(root) / "kernels"
+
+
+@pytest.fixture(scope="session", autouse=True)
+def branches_keep_their_invariants():
+    """Whatever branch a test follows is checked."""
+    with pytest.MonkeyPatch.context() as patch:
+        invariants.watch(patch)
+        yield
+
+
+@pytest.fixture(autouse=True)
+def corrupting(request, monkeypatch):
+    """Branches of a test so marked are not checked."""
+    if request.node.get_closest_marker("corrupting"):
+        monkeypatch.setattr(invariants.Watch, "on", False)
 
 
 @pytest.fixture

@@ -1,0 +1,206 @@
+"""What holds on every branch of periodic orbits, whatever was asked of it.
+
+`watch` has it checked wherever a test follows one, at a few milliseconds a branch. A test that
+corrupts what it follows on purpose says ``@pytest.mark.corrupting``.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+
+import numpy as np
+
+from contimpact.bifurcations.kind import Change
+from contimpact.bifurcations.registry import kind_of
+from contimpact.bifurcations.status import with_status
+from contimpact.continuation.branch import Points
+from contimpact.orbit_continuation import orbit_backend, orbit_branch
+from contimpact.orbits.linearisation import Summary
+from contimpact.orbits.multipliers import count_unstable
+from contimpact.orbits.physicality import PHYSICAL
+from contimpact.orbits.rounding import rounding
+
+EVENT_RESIDUAL = 1e-10
+"""The residual an event may have at most, however it was located."""
+
+ROUNDING = 1e-6
+"""A restitution below this is one of rounding."""
+
+ON_LIMIT = 1e-9
+"""How far beyond the last point, by rounding, an event on a limit of the range may lie."""
+
+watched = Counter()
+"""How many walks and branches were checked."""
+
+
+class Watch:
+    """Whether branches are being checked."""
+
+    on = True
+
+
+def watch(patch):
+    """Have every walk and every table checked from now on, as long as a monkeypatch lasts."""
+    explained, branch = orbit_backend.explained, orbit_branch.Run.branch
+
+    def checked_walk(problem, walk, tests, settings, switched):
+        found = explained(problem, walk, tests, settings, switched)
+        if Watch.on and len(found.points):
+            evaluations = problem.kernel_evaluations
+            check_walk(problem, found, [test.kind for test in tests], settings, switched)
+            problem.kernel_evaluations = evaluations  # checking is none of the walk's effort
+        return found
+
+    def checked_branch(run, *arguments, **options):
+        found = branch(run, *arguments, **options)
+        if Watch.on:
+            check_branch(found)
+        return found
+
+    patch.setattr(orbit_backend, "explained", checked_walk)
+    patch.setattr(orbit_branch.Run, "branch", checked_branch)
+
+
+# A walk.
+
+
+def check_walk(problem, walk, asked, settings, switched):
+    """Check the points of a walk, its events, and its changes of status."""
+    points = Points(walk.points)
+    watched["walks"] += 1
+    check_residuals(points, settings)
+    check_way(points, walk, switched)
+    check_events(points, walk)
+    check_changes(points, walk, asked, settings, switched)
+
+
+def check_residuals(points, settings):
+    """Residuals are within the tolerance; where that is below rounding, within that."""
+    residuals = Summary.of(points.numbers).largest_residual
+    assert np.all(np.isfinite(residuals))
+    for i in np.nonzero(residuals > settings.tolerance)[0].tolist():
+        here = points[i].evaluation
+        assert np.all(np.abs(here.residual) <= 4.0 * settings.tolerance + rounding(here).residual)
+
+
+def check_way(points, walk, switched):
+    """Arclength increases, and the orientation keeps its sign but where branches cross."""
+    places = points.arclengths
+    assert places[0] == 0.0
+    assert np.all(np.diff(places) > 0.0)
+    assert np.all(np.isfinite(points.unknowns))
+    signs = np.array([point.orientation for point in points]) >= 0.0
+    flips = np.nonzero(signs[1:] != signs[:-1])[0]
+    looked_for = any(kind_of(event.kind).crossing for event in walk.events)
+    for i in flips[1:] if switched and len(flips) and flips[0] == 0 else flips:
+        assert not looked_for or explained_by(points, walk, i, lambda kind: kind.crossing)
+
+
+def check_events(points, walk):
+    """Events are in order, between the points they lie between, and solve their equations."""
+    places, values = points.arclengths, points.unknowns[:, -1]
+    own = [event.point.arclength for event in walk.events]
+    assert own == sorted(own)
+    for event, place in zip(walk.events, own, strict=True):
+        assert places[0] - ON_LIMIT <= place <= places[-1] + ON_LIMIT
+        assert event.residual <= EVENT_RESIDUAL
+        assert np.isfinite(event.error)
+        assert event.error >= 0.0
+        after = min(max(int(np.searchsorted(places, place)), 1), len(places) - 1)
+        left, right = points[after - 1], points[after]
+        if left.tangent[-1] * right.tangent[-1] > 0.0:  # no fold between them
+            low, high = sorted(values[after - 1 : after + 1])
+            slack = event.error + 1e-9 * (high - low) + 1e-12 * abs(high)
+            assert low - slack <= event.parameter <= high + slack
+
+
+def check_changes(points, walk, asked, settings, switched):
+    """Between points of another status lies an event that changes it, or it is said what is
+    missing."""
+    told = with_status(walk, settings)
+    summary = Summary.of(points.numbers)
+    unstable = count_unstable(summary.multipliers)[told]
+    findings = summary.findings[told, 0]
+    explaining = [kind_of(name) for name in asked]
+    for k in np.nonzero(unstable[1:] != unstable[:-1])[0].tolist():
+        kinds = [kind for kind in explaining if kind.explains(Change.STABILITY)]
+        passed = passing(summary.multipliers[told[k : k + 2]])
+        if any(kind.passed(passed) for kind in kinds) and not (switched and told[k] == 0):
+            assert explained_by(
+                points, walk, told[k], lambda kind: kind.explains(Change.STABILITY), told[k + 1]
+            )
+    unphysical = findings != PHYSICAL
+    for k in np.nonzero(unphysical[1:] != unphysical[:-1])[0].tolist():
+        finding = max(findings[k : k + 2], key=lambda found: found != PHYSICAL)
+        if any(kind.finding == finding for kind in explaining) and not (switched and told[k] == 0):
+            assert explained_by(
+                points, walk, told[k], lambda kind: kind.explains(Change.PHYSICALITY), told[k + 1]
+            )
+
+
+def passing(multipliers):
+    """The multiplier outside the unit circle that has passed it through 1 or -1; None for pairs."""
+    counts = count_unstable(multipliers)
+    outside = multipliers[int(np.argmax(counts))]
+    real = [m.real for m in outside.tolist() if abs(m) > 1.0 and m.imag == 0.0]
+    return min(real, key=abs, default=None) if (counts[0] - counts[1]) % 2 else None
+
+
+def explained_by(points, walk, i, fits, j=None):
+    """Whether a fitting event, or the note that one was missed, lies between two points."""
+    left, right = points[int(i)], points[int(i + 1 if j is None else j)]
+    slack = 1e-9 * (right.arclength - left.arclength)
+    low, high = sorted((left.parameter, right.parameter))
+    return any(
+        fits(kind_of(event.kind))
+        and left.arclength - slack <= event.point.arclength <= right.arclength + slack
+        for event in walk.events
+    ) or any(
+        min(missed.parameters) <= high and low <= max(missed.parameters) for missed in walk.missed
+    )
+
+
+# A table.
+
+
+def check_branch(branch):
+    """Check that a table is whole, and that entries say of ghosts what follows from verdicts."""
+    watched["branches"] += 1
+    lengths = {name: len(column) for name, column in branch.columns.items()}
+    assert set(lengths.values()) == {len(branch)}, lengths
+    assert np.all(np.diff(branch["arclength"]) > 0.0)
+    unphysical = np.array([bool(reason) for reason in branch["reason"]], dtype=bool)
+    assert np.array_equal(branch.physical, ~unphysical)
+    names = [name for name in branch["event"] if name]
+    assert len(names) == len(set(names))
+    assert {*names} <= {entry.id for entry in branch.events}
+    for entry in branch.events:
+        check_entry(branch, entry)
+    if branch.system == "impact-pair":
+        check_product(branch)
+
+
+def check_entry(branch, entry):
+    """A ghost is unstable or unphysical for another reason than the event."""
+    assert entry.stable == (entry.n_unstable == 0)
+    assert entry.physical == (entry.reason is None)
+    assert entry.ghost == (not entry.stable or not entry.physical)
+    assert entry.ghost == (entry.why is not None)
+    assert entry.label.startswith("~") == (entry.ghost and kind_of(entry.kind).tilde)
+    assert branch["arclength"][0] <= entry.arclength <= branch["arclength"][-1]
+
+
+def check_product(branch):
+    """The product of an impact pair's multipliers is that of r squared over all impacts.
+
+    Next to a zero velocity one of them is so large that the other is lost in rounding, and so it
+    is where r itself is as small as rounding.
+    """
+    restitution = {w: branch[f"r_{w}" if f"r_{w}" in branch.columns else "r"] for w in "BT"}
+    if min(np.min(r) for r in restitution.values()) < ROUNDING:
+        return
+    exact = np.prod([restitution[wall] ** 2 for wall in branch.word], axis=0)
+    known = np.all(np.isfinite(branch.multipliers), axis=1)
+    multipliers, exact = branch.multipliers[known], exact[known]
+    slack = 1e-9 + 64.0 * np.finfo(float).eps * np.max(np.abs(multipliers), axis=1)
+    assert np.all(np.abs(np.prod(multipliers, axis=1) - exact) <= slack * exact)
