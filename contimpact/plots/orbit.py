@@ -1,7 +1,7 @@
 """Phase planes and time series of orbits, in the manner of Figs. 5, 7 and 8 of the paper.
 
 Line styles are those of diagrams: stable orbits are solid, unstable ones dashed, unphysical ones
-dotted. An open circle is an impact, a triangle the touch of a grazing orbit.
+dotted. A small open circle is an impact, a larger coloured one the touch of a grazing orbit.
 """
 
 from __future__ import annotations

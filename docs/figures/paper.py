@@ -25,16 +25,19 @@ def written(figure, name):
 
 
 def fig5():
-    """The 1:1 orbit: stable, unstable after a PD, unphysical after a grazing."""
+    """The 1:1 orbit, stable, unstable, unphysical, and what attracts the motion there."""
     figure = Figure(figsize=(9.0, 9.0), layout="constrained")
     axes = figure.subplots(3, 2, width_ratios=(1.0, 1.5))
-    for (A, r), row in zip(((6.8, 0.4), (7.35, 0.4), (7.8, 0.25)), axes, strict=True):
+    cases = ((6.8, 0.4, []), (7.35, 0.4, ["1:1/2T"]), (7.8, 0.25, ["2:1"]))
+    for (A, r, attracting), row in zip(cases, axes, strict=True):
         pair = ci.ImpactPair(beta=math.pi / 6, r=r, A=A, s=0.5)
-        orbits = ci.find_orbits(pair, "1:1", parameter="A")
-        orbit = max(orbits, key=lambda o: o.velocities[0])
-        state = "stable" if orbit.stable else "unstable"
-        state += "" if orbit.physical else ", unphysical"
-        ci.plot_orbit(orbit, axes=row, labels=[f"1:1, {state}, A = {A} N, r = {r}"])
+        found = [ci.find_orbits(pair, word, parameter="A") for word in ["1:1", *attracting]]
+        single = max(found[0], key=lambda o: o.velocities[0])
+        stable = [o for orbits in found[1:] for o in orbits if o.stable and o.physical]
+        state = "unstable" if single.physical and not single.stable else "stable"
+        state = state if single.physical else "unphysical"
+        labels = [f"{word}, stable" for word in attracting] + [f"1:1, {state}, A = {A} N, r = {r}"]
+        ci.plot_orbit(*stable, single, axes=row, labels=labels)
     written(figure, "fig5")
 
 
@@ -85,12 +88,22 @@ def fig10():
 
 
 def fig12():
-    """Mean voltages over d for two coefficients of restitution."""
-    figure = Figure(figsize=(8.0, 4.4), layout="constrained")
-    ax = figure.add_subplot()
+    """Mean voltages over d for two coefficients of restitution: s decreasing, A increasing."""
+    figure = Figure(figsize=(12.0, 4.4), layout="constrained")
+    axes = figure.subplots(1, 2)
+    lengths, forces = np.linspace(0.45, 0.16, 59), np.linspace(5.56, 15.56, 61)
+    draw_means(axes[0], ci.ImpactPair(beta=math.pi / 6, r=0.3, A=5.0, s=0.45), "s", lengths)
+    draw_means(axes[1], ci.ImpactPair(beta=math.pi / 6, r=0.3, A=5.56, s=0.5), "A", forces)
+    axes[0].set_title("(a) A = 5 N, s decreasing", loc="left", fontsize=10)
+    axes[1].set_title("(b) s = 0.5 m, A increasing", loc="left", fontsize=10)
+    axes[0].legend(fontsize=8)
+    written(figure, "fig12")
+
+
+def draw_means(ax, pair, parameter, values):
+    """Mean voltages of what a sweep settles on, for r = 0.3 and 0.6."""
     for r, colour in ((0.3, "#0072B2"), (0.6, "#E69F00")):
-        pair = ci.ImpactPair(beta=math.pi / 6, r=r, A=5.0, s=0.45)
-        found = ci.sweep(pair, "s", np.linspace(0.45, 0.16, 59))
+        found = ci.sweep(pair.replace(r=r), parameter, values)
         d = [row.attractor.parameters["d"] for row in found.rows]
         means = [ci.energy(row.attractor) for row in found.rows]
         per_time = [e.per_time / 1e3 for e in means]
@@ -100,8 +113,6 @@ def fig12():
         ax.plot(d, per_impact, "s", label=rf"$\bar{{U}}_I$, r = {r}", **hollow)
     ax.set_xlabel("$d$ (dimensionless)")
     ax.set_ylabel("mean output voltage (kV)")
-    ax.legend(fontsize=8)
-    written(figure, "fig12")
 
 
 if __name__ == "__main__":
