@@ -1,9 +1,15 @@
 """Sphinx configuration; the build command stands in README.md.
 
-Pages need no network: MathJax is copied along, and the theme brings its own styles.
+Pages need no network: MathJax is copied along, and the theme brings its own styles. The start page
+holds a live page of Fig. 7, computed while the site is built.
 """
 
+import shutil
+import tempfile
+from pathlib import Path
+
 from contimpact import __version__
+from contimpact.cli import main
 
 project = "contimpact"
 author = "the contimpact developers"
@@ -29,3 +35,28 @@ napoleon_use_rtype = False
 html_theme = "furo"
 html_title = f"contimpact {version}"
 html_show_sourcelink = False
+
+
+FIG7 = Path(__file__).resolve().parents[1] / "branches/fig7"
+
+
+def write_live_page(site):
+    """Compute Fig. 7 and write its page, with the attractors that are kept, to live/fig7.html."""
+    target = Path(site) / "live/fig7.html"
+    target.parent.mkdir(parents=True, exist_ok=True)
+    with tempfile.TemporaryDirectory() as folder:
+        run = ["run", str(FIG7 / "scene.toml"), "-o", folder, "--no-plot", "-q"]
+        failed = main(run)
+        shutil.copy(FIG7 / "simulation/sweep.csv", folder)
+        if failed or main(["plot", folder, "-o", str(target)]):
+            raise RuntimeError("the live page of Fig. 7 could not be made")
+
+
+def setup(app):
+    """Write the live page once a site of HTML is built."""
+
+    def finished(app, exception):
+        if exception is None and app.builder.format == "html":
+            write_live_page(app.outdir)
+
+    app.connect("build-finished", finished)

@@ -56,12 +56,29 @@ def test_the_gallery_has_every_figure_and_its_pictures():
         assert (DOCS / target).is_file(), target
 
 
-@pytest.fixture(scope="module")
-def checker():
-    spec = importlib.util.spec_from_file_location("check_site", DOCS / "check_site.py")
+def module_of(name):
+    """A script of the documentation as a module."""
+    spec = importlib.util.spec_from_file_location(name, DOCS / f"{name}.py")
     module = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(module)
     return module
+
+
+@pytest.fixture(scope="module")
+def checker():
+    return module_of("check_site")
+
+
+def test_the_start_page_holds_a_live_page_of_fig7(checker, tmp_path):
+    """In one file that loads nothing, below two megabytes beside the library it is drawn with."""
+    start = (DOCS / "index.md").read_text(encoding="utf-8")
+    (place,) = re.findall(r'<iframe src="([^"]+)"', start)
+    module_of("conf").write_live_page(tmp_path)
+    page = tmp_path / place
+    library = (ROOT / "contimpact/page/vendor/d3.min.js").stat().st_size
+    assert 100_000 < page.stat().st_size - library < 2_000_000
+    assert checker.faults(tmp_path) == []
+    assert '"swept":[{' in page.read_text(encoding="utf-8")  # the attractors that are kept
 
 
 def test_broken_links_are_found(checker, tmp_path):
