@@ -22,6 +22,10 @@ _NOISE = 1e-5
 """Last coefficients below this part of the largest that no longer fall are the rounding of the
 function itself, which grows with the angles in it."""
 
+_LAYER = 1e-12
+"""Part of the largest coefficient by which the interpolant may miss the function at an end. No node
+lies in the boundary layer of a strongly damped flight, whose rest looks smooth."""
+
 
 def time_zeros(harmonics: Sequence[float], period: float) -> list[float] | None:
     """Return where in [0, period) the acceleration changes sign, or None if it depends on more.
@@ -126,8 +130,8 @@ def zeros_in_turn(
     begin : float
         Where the function's zero lies for `passed`.
     cuts, fastest : int
-        A piece that is not resolved after `cuts` is cut on as long as some part of it is resolved
-        that takes `fastest` more, at most: in it something oscillates fast.
+        A piece that is not resolved after `cuts` is cut on as long as one of its halves is, or some
+        part of it that takes `fastest` more, at most: in it something decays or oscillates fast.
     """
     found = _interpolated_zeros(function, length)
     if found is None and passed(begin, length):
@@ -145,9 +149,15 @@ def zeros_in_turn(
 
 
 def _is_rounding(function: Callable[[Array], Array], length: float, cuts: int) -> bool:
-    """Whether not even the short parts are resolved that so many cuts make."""
-    parts = (0.5**k for k in range(2, cuts, 3))
-    return all(_interpolated_zeros(function, part * length) is None for part in parts)
+    """Whether neither half is resolved, nor the short parts that so many cuts make.
+
+    Of a boundary layer one half is.
+    """
+    half = 0.5 * length
+    parts = (0.5**k for k in (1, *range(2, cuts, 3)))
+    return _interpolated_zeros(lambda t: function(half + t), half) is None and all(
+        _interpolated_zeros(function, part * length) is None for part in parts
+    )
 
 
 def _interpolated_zeros(function: Callable[[Array], Array], length: float) -> list[float] | None:
@@ -157,19 +167,27 @@ def _interpolated_zeros(function: Callable[[Array], Array], length: float) -> li
     before = math.inf
     for degree in _DEGREES:
         nodes = chebyshev_nodes(degree + 1, length)
-        values = np.broadcast_to(function(nodes), nodes.shape)
-        coefficients = chebyshev_coefficients(values)
+        nodes = np.append(nodes, (0.0, length))
+        *values, first, last = np.broadcast_to(function(nodes), nodes.shape)
+        coefficients = chebyshev_coefficients(np.array(values))
         size = float(np.max(np.abs(coefficients)))
-        if size == 0.0:
+        off = max(abs(_at_start(coefficients) - first), abs(np.sum(coefficients) - last))
+        if size == off == 0.0:
             return []
-        tail = float(np.max(np.abs(coefficients[-3:]))) / size
-        if tail < 1e-14 or (tail < _NOISE and tail > 0.1 * before):
+        tail = float(np.max(np.abs(coefficients[-3:]))) / size if size else math.inf
+        resolved = tail < 1e-14 or (tail < _NOISE and tail > 0.1 * before)
+        if resolved and off <= max(_LAYER, len(values) * tail) * size:
             kept = np.nonzero(np.abs(coefficients) > 1e-15 * size)[0][-1] + 1
             roots = chebyshev.chebroots(coefficients[:kept]) if kept > 1 else np.array([])
             near = (np.abs(roots.imag) < 1e-6) & (np.abs(roots.real) <= 1.0 + 1e-9)
             return sorted((0.5 * length * (np.clip(roots.real[near], -1.0, 1.0) + 1.0)).tolist())
         before = tail
     return None
+
+
+def _at_start(coefficients: Array) -> float:
+    """The interpolant where Chebyshev polynomials are 1 and -1 in turn."""
+    return float(np.sum(coefficients[::2]) - np.sum(coefficients[1::2]))
 
 
 def _mesh_zeros(function: Callable[[Array], Array], length: float) -> list[float]:

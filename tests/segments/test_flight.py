@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from scipy.optimize import brentq
 
 from contimpact.models.model import Wall
 from contimpact.orbits.physicality import judge
@@ -102,6 +103,48 @@ def test_chebyshev_zeros(function, length, expected):
     found = chebyshev_zeros(function, length)
     assert len(found) == len(expected)
     np.testing.assert_allclose(found, expected, rtol=0, atol=1e-10 * length)
+
+
+@pytest.mark.parametrize("rate", [1e2, 1e3, 1e4, 1e6, 1e8, 1e12])
+def test_zeros_in_a_boundary_layer(rate):
+    """No node of a low degree lies in the layer, and what the others see is smooth."""
+    late, about = 6.0, math.log(1.5 * rate / math.sin(0.57)) / rate
+
+    def after(t):
+        return 1.5 * rate * np.exp(-rate * t) - np.sin(0.57 + t)
+
+    expected = [
+        brentq(after, 0.5 * about, 2.0 * about, rtol=1e-15),
+        math.pi - 0.57,
+        2 * math.pi - 0.57,
+    ]
+    allowed = {"rel": 1e-6, "abs": 1e-8}
+    assert chebyshev_zeros(after, late) == pytest.approx(expected, **allowed)
+    before = chebyshev_zeros(lambda t: after(late - t), late)
+    assert [late - t for t in reversed(before)] == pytest.approx(expected, **allowed)
+
+
+def test_touches_of_overdamped_flights(oscillator, kernels_of):
+    """Against the extrema on a mesh that is fine next to the start."""
+    generator, met = np.random.default_rng(5), 0
+    kernels = kernels_of(oscillator(a=1.0, omega=1.0, c=0.1, k=1.0, sigma=1.0, r=0.8), "sigma")
+    motion = evaluate_in(kernels.motion("S"), ARRAYS)
+    for _ in range(30):
+        c, k = 10.0 ** generator.uniform(1, 8), generator.choice([1.0, 100.0])
+        values = [c * generator.uniform(0.3, 3), 1.0, c, k, generator.uniform(-0.3, 0.9), 0.8]
+        t0, v, length = generator.uniform((0.0, 0.0, 3.0), (6.28, 1.0, 12.0))
+        inside = np.geomspace(1e-12, length, 4000), np.linspace(0.0, length, 4000)[1:]
+        mesh = np.unique(np.concatenate(inside))
+        x, speed, _ = motion(t0, v, mesh, *values)
+        turns = np.flatnonzero((speed[:-1] > 0.0) & (speed[1:] <= 0.0))
+        turns = turns[:-1] if speed[-1] < 0.0 else turns  # it reaches the stop from outside
+        impacts = np.array([[t0, v], [t0 + length, speed[-1]]])
+        (touch,) = flight_gaps(kernels, "SS", values, impacts, length + 1.0)[0].touches
+        assert (touch is None) == (len(turns) == 0)
+        if touch is not None:
+            met += 1
+            assert -touch.gap == pytest.approx(np.max(x[turns]), abs=1e-5 * np.max(np.abs(x)))
+    assert met > 10
 
 
 def test_chebyshev_zeros_in_halves(monkeypatch):
