@@ -125,7 +125,9 @@ def check_changes(points, walk, asked, settings, switched):
     for k in np.nonzero(unstable[1:] != unstable[:-1])[0].tolist():
         kinds = [kind for kind in explaining if kind.explains(Change.STABILITY)]
         passed = passing(summary.multipliers[told[k : k + 2]])
-        if any(kind.passed(passed) for kind in kinds) and not (switched and told[k] == 0):
+        unasked = "FB" not in asked and turns_between(points, told[k], told[k + 1])
+        asked_for = any(kind.passed(passed) for kind in kinds) and not unasked
+        if asked_for and not (switched and told[k] == 0):
             assert explained_by(
                 points, walk, told[k], lambda kind: kind.explains(Change.STABILITY), told[k + 1]
             )
@@ -136,6 +138,11 @@ def check_changes(points, walk, asked, settings, switched):
             assert explained_by(
                 points, walk, told[k], lambda kind: kind.explains(Change.PHYSICALITY), told[k + 1]
             )
+
+
+def turns_between(points, i, j):
+    """Whether the branch turns back in its parameter between two points: a fold lies there."""
+    return points[int(i)].tangent[-1] * points[int(j)].tangent[-1] < 0.0
 
 
 def passing(multipliers):
