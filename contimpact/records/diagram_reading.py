@@ -171,12 +171,20 @@ def stable_intervals(branch: Branch) -> list[Interval]:
 
 
 def _bound(branch: Branch, row: int, direction: int) -> tuple[int, str | None]:
-    """The row at which a run really ends: the event next to it, or the branch's end."""
+    """The row at which a run really ends: the event next to it, or the branch's end.
+
+    A point within an event's error of it, as where a branch is born, has a status of rounding.
+    """
     beside = row + direction
     if not 0 <= beside < len(branch):
         return row, branch.ends[0 if direction < 0 else 1].kind.name.lower()
-    name = str(branch["event"][beside])
-    return (beside, name) if name else (row, None)
+    errors = {entry.id: entry.error for entry in branch.events}
+    values = branch[branch.parameter]
+    for place in (beside, beside + direction):
+        name = str(branch["event"][place]) if 0 <= place < len(branch) else ""
+        if name and (place == beside or abs(values[place] - values[beside]) <= errors[name]):
+            return place, name
+    return row, None
 
 
 def _merged(intervals: list[Interval]) -> list[Interval]:

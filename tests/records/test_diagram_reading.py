@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import dataclasses
+
 import numpy as np
 import pytest
 from zoo import ROOT
@@ -43,6 +45,18 @@ def test_intervals_hold_only_stable_physical_points(fig7):
             inside = (branch["s"] > interval.low) & (branch["s"] < interval.high)
             rows = inside & branch.stable & branch.physical
             assert np.any(rows) or len(branch) < 5
+
+
+def test_a_point_beside_an_event_by_rounding_ends_no_interval(fig7):
+    """As where a branch is born at a zero velocity, beside which a multiplier is infinite."""
+    branch = next(b for b in fig7.branches if b.notation == "1:1")
+    (interval,) = stable_intervals(branch)
+    place = branch["event"].tolist().index(interval.bounds[0])
+    beside = place + 1 if branch.stable[place + 1] else place - 1
+    columns = {name: column.copy() for name, column in branch.columns.items()}
+    columns["s"][beside] = columns["s"][place] * (1.0 + 1e-16)
+    columns["n_unstable"][beside] = 1
+    assert stable_intervals(dataclasses.replace(branch, columns=columns)) == [interval]
 
 
 def test_bistability_of_fig8_lies_between_fold_and_grazing(fig8):
