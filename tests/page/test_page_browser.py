@@ -55,6 +55,34 @@ TRIED = {
 """Scenes of the paper, some of them shortened."""
 
 
+CORNERS = """
+const frame = document.querySelector('#diagram').getBoundingClientRect();
+return [...document.querySelectorAll('#diagram g.labels text')].map(text => {
+  const {x, y, width, height} = text.getBBox(), turn = text.getScreenCTM();
+  return [[x, y], [x + width, y], [x + width, y + height], [x, y + height]].map(([px, py]) => {
+    const at = new DOMPoint(px, py).matrixTransform(turn);
+    return [at.x - frame.x, at.y - frame.y];
+  });
+});"""
+"""The corners of each label of the diagram, turned as it is."""
+
+
+def pairs_that_meet(boxes):
+    """Pairs of turned boxes that have no line between them: none of their sides parts them."""
+
+    def apart(one, other):
+        for box in (one, other):
+            sides = np.roll(box, -1, axis=0) - box
+            for normal in np.stack([-sides[:2, 1], sides[:2, 0]], axis=1):
+                a, b = one @ normal, other @ normal
+                if a.max() < b.min() or b.max() < a.min():
+                    return True
+        return False
+
+    boxes = [np.array(box) for box in boxes]
+    return [(i, j) for j in range(len(boxes)) for i in range(j) if not apart(boxes[i], boxes[j])]
+
+
 @pytest.fixture(scope="session")
 def driver(tmp_path_factory):
     options = webdriver.ChromeOptions()
@@ -301,6 +329,26 @@ def test_the_slider_moves_the_orbit_along_its_branch(reader, small, small_scene)
     assert "at=b1%3A9" in page.fragment()
 
 
+def test_the_unit_circle_is_seen_beside_large_multipliers(reader, small, small_scene):
+    """Next to a grazing one is -1e3: it stands at the edge of its picture, with its size."""
+    branch = small["b2"]
+    row = int(
+        np.argmax(np.where(np.isfinite(branch.multipliers[:, 0]), abs(branch.multipliers[:, 0]), 0))
+    )
+    largest = branch.multipliers[row, 0].real
+    assert abs(largest) > 50
+    page = reader(small, small_scene, f"at=b2:{row}")
+    assert float(page.one("#circle .unit").get_attribute("r")) > 30
+    told = page.text("#circle .far text").replace("\u2212", "-")
+    assert float(told) == pytest.approx(largest, rel=1e-3)
+    frame = page.run(
+        "const b = document.querySelector('#circle .beyond').getBBox(),"
+        "  s = document.querySelector('#circle').getBoundingClientRect();"
+        "return [b.x, b.x + b.width, s.width]"
+    )
+    assert 60 < frame[0] < frame[1] < frame[2]
+
+
 def test_the_orbit_plays(reader, small, small_scene):
     page = reader(small, small_scene, "at=b1:5")
     where = "return document.querySelector('#series .ball').getAttribute('cy')"
@@ -327,6 +375,41 @@ def test_the_keyboard_reaches_everything(reader, small, small_scene):
     assert page.limits() == (low, high)
     page.keys("#diagram", keys.ESCAPE)
     assert "at=" not in page.fragment()
+
+
+def test_the_keyboard_zooms_about_the_chosen_point(reader, small, small_scene):
+    page = reader(small, small_scene, "at=e1")
+    place = small["e1"].parameters["d"]
+    for _ in range(6):
+        page.keys("#diagram", "+")
+    low, high = page.limits()
+    assert high - low < 0.01
+    assert low - 0.001 < place < high + 0.001
+    assert page.all("#diagram .selection")
+
+
+def test_labels_stay_in_the_picture_and_off_each_other(reader, computed):
+    """Also those of events at its right edge, which lean to the left."""
+    page = reader(*computed("fig7"), "unphysical=all")
+    for limits in ((0.05, 0.25), (0.13, 0.2275), (0.1, 0.206), (0.2, 0.24), (0.06, 0.12)):
+        page.open(f"unphysical=all&xlim={limits[0]}%2C{limits[1]}&ylim=-0.7%2C0.7")
+        corners = page.run(CORNERS)
+        assert len(corners) > 1
+        inside = page.run("return document.querySelector('#diagram').getBoundingClientRect().width")
+        assert all(0 <= x <= inside and y >= 0 for label in corners for x, y in label)
+        assert pairs_that_meet(corners) == []
+
+
+def test_infinite_multipliers_are_gaps_of_their_lines(reader, computed):
+    """At a zero impact velocity; browsers complain of lines to infinity, and so does the reader."""
+    diagram, scene = computed("fig7")
+    assert any(np.isinf(branch.multipliers).any() for branch in diagram.branches)
+    page = reader(diagram, scene, "y=multiplier&unphysical=all")
+    lines = page.run(
+        "return [...document.querySelectorAll('#diagram .branch')].map(e => e.getAttribute('d'))"
+    )
+    assert "".join(filter(None, lines))
+    assert not any("Infinity" in (d or "") or "NaN" in (d or "") for d in lines)
 
 
 def test_the_wheel_zooms_about_the_pointer(reader, small, small_scene):

@@ -180,18 +180,20 @@ function boxed(svg, view, set) {
 }
 
 /**
- * Limits scaled about their middle.
+ * Limits scaled about a point, which keeps its place, or about their middle.
  * @param {Limits} limits
  * @param {number} factor
+ * @param {number[]} [about]
  * @returns {Limits}
  */
-function scaled(limits, factor) {
-  const one = (/** @type {[number, number]} */ [low, high]) => {
-    const middle = (low + high) / 2,
-      half = ((high - low) / 2) * factor;
-    return /** @type {[number, number]} */ ([middle - half, middle + half]);
+function scaled(limits, factor, about) {
+  const one = (/** @type {[number, number]} */ [low, high], fixed = (low + high) / 2) => {
+    const inside = low <= fixed && fixed <= high,
+      below = inside ? fixed - low : (high - low) / 2,
+      above = inside ? high - fixed : below;
+    return /** @type {[number, number]} */ ([fixed - factor * below, fixed + factor * above]);
   };
-  return { x: one(limits.x), y: one(limits.y) };
+  return { x: one(limits.x, about?.[0]), y: one(limits.y, about?.[1]) };
 }
 
 /**

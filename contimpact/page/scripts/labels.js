@@ -9,20 +9,40 @@ function labelRoom([low, high]) {
   return longest ? Math.min(140, 24 + 5.1 * Math.min(longest, 24)) : 14;
 }
 
+/** How far apart labels stand that lean to the same side: a line of text, across. */
+const APART = 18;
+/** @typedef {{at: number, lean: 1 | -1, reach: number}} Leaning */
+
+/** How a label leans: to the right, or to the left where it would leave the picture. @param {number} at @param {number} length @returns {Leaning} */
+function leaning(at, length) {
+  const reach = 16 + 4.4 * length,
+    right = drawn.box.right + 22;
+  return { at, reach, lean: at + reach > right ? -1 : 1 };
+}
+
+/** Whether two labels keep clear of each other. @param {Leaning} one @param {Leaning} other */
+function clear(one, other) {
+  const [left, right] = one.at < other.at ? [one, other] : [other, one],
+    apart = right.at - left.at;
+  const towards = left.lean > right.lean;
+  return apart >= (towards ? left.reach + right.reach : APART);
+}
+
 /** Labels of events above the frame, real ones first; those without room are counted. @param {Selected} layer */
 function drawLabels(layer) {
   const { box, x } = drawn,
-    taken = /** @type {number[]} */ ([]);
+    taken = /** @type {Leaning[]} */ ([]);
   const wanted = hidden("labels")
     ? []
     : shownEntries()
         .flatMap((entry) => marksOf(entry).slice(0, 1))
-        .map((mark) => ({ ...mark, at: x(mark.x) }))
+        .map((mark) => ({ ...mark, text: mark.entry.label.slice(0, 24) }))
+        .map((mark) => ({ ...mark, ...leaning(x(mark.x), mark.text.length) }))
         .filter(({ at }) => at >= box.left && at <= box.right)
         .sort((a, b) => Number(a.entry.ghost) - Number(b.entry.ghost) || a.entry.period - b.entry.period);
-  const set = wanted.filter(({ at }) => {
-    const room = taken.every((other) => Math.abs(other - at) >= 13);
-    if (room) taken.push(at);
+  const set = wanted.filter((label) => {
+    const room = (label.lean > 0 || label.at >= label.reach) && taken.every((other) => clear(label, other));
+    if (room) taken.push(label);
     return room;
   });
   layer
@@ -39,8 +59,9 @@ function drawLabels(layer) {
     .data(set)
     .join("text")
     .attr("class", ({ entry }) => `label${entry.ghost ? " ghost" : ""}`)
-    .attr("transform", ({ at }) => `translate(${at + 3},${box.top - 9}) rotate(-50)`)
-    .text(({ entry }) => entry.label.slice(0, 24));
+    .attr("text-anchor", ({ lean }) => (lean > 0 ? "start" : "end"))
+    .attr("transform", ({ at, lean }) => `translate(${at + 3 * lean},${box.top - 9}) rotate(${-50 * lean})`)
+    .text(({ text }) => text);
   const left = wanted.length - set.length;
   element("left-out").textContent = left
     ? `no room for ${left} label${left > 1 ? "s" : ""}: zoom in, or see the table`

@@ -183,8 +183,8 @@ element("views").addEventListener("keydown", (event) => {
   change({ view: state.view === "diagram" ? "plane" : "diagram" });
   element(`tab-${state.view}`).focus();
 });
-element("zoom-in").addEventListener("click", () => zoomTo(scaled(drawn.limits, 0.5)));
-element("zoom-out").addEventListener("click", () => zoomTo(scaled(drawn.limits, 2)));
+element("zoom-in").addEventListener("click", () => zoomBy(0.5));
+element("zoom-out").addEventListener("click", () => zoomBy(2));
 element("zoom-all").addEventListener("click", () => change({ xlim: null, ylim: null }));
 
 /** Go along the branch. @param {number} by */
@@ -219,6 +219,21 @@ function otherEvent(by) {
     choose(all[at < 0 ? (by > 0 ? 0 : all.length - 1) : (at + by + all.length) % all.length].id);
 }
 
+/** Zoom about the chosen point, if there is one: of its values, about that nearest to the middle. @param {number} factor */
+function zoomBy(factor) {
+  const place = placeOf(state.at),
+    middle = d3.mean(drawn.limits.y) ?? 0;
+  const spots = place && memberOf(place.family) === state.member ? spotsOf(place) : [];
+  const finite = spots.filter((spot) => spot.every(Number.isFinite));
+  zoomTo(
+    scaled(
+      drawn.limits,
+      factor,
+      d3.least(finite, ([, y]) => Math.abs(y - middle)),
+    ),
+  );
+}
+
 /** @type {Record<string, () => void>} */
 const KEYS = {
   ArrowRight: () => step(1),
@@ -228,9 +243,9 @@ const KEYS = {
   n: () => otherEvent(1),
   p: () => otherEvent(-1),
   " ": () => moving && play(!playing),
-  "+": () => zoomTo(scaled(drawn.limits, 0.5)),
-  "=": () => zoomTo(scaled(drawn.limits, 0.5)),
-  "-": () => zoomTo(scaled(drawn.limits, 2)),
+  "+": () => zoomBy(0.5),
+  "=": () => zoomBy(0.5),
+  "-": () => zoomBy(2),
   0: () => change({ xlim: null, ylim: null }),
   Escape: () => change({ at: "" }),
 };

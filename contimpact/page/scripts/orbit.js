@@ -2,6 +2,8 @@
 
 /** @type {{motion: Motion, scale: {t: Linear, x: Linear, px: Linear, pv: Linear}} | null} */
 let moving = null;
+/** Multipliers beyond stand at the edge of their picture, with their size, so that the unit circle can be seen. */
+const EDGE = 2.5;
 
 /** Show the chosen orbit. */
 function drawOrbit() {
@@ -229,7 +231,7 @@ function drawCircle(multipliers) {
     width = sized(svg, 230),
     side = Math.min(width - 74, 176);
   const finite = multipliers.filter(([re, im]) => Number.isFinite(re) && Number.isFinite(im));
-  const far = Math.max(1.25, ...finite.map(([re, im]) => 1.1 * Math.hypot(re, im)));
+  const far = Math.min(EDGE, Math.max(1.25, ...finite.map(([re, im]) => 1.1 * Math.hypot(re, im))));
   const box = { left: 62, right: 62 + side, top: 12, bottom: 12 + side };
   const x = d3.scaleLinear([-far, far], [box.left, box.right]),
     y = d3.scaleLinear([-far, far], [box.bottom, box.top]);
@@ -243,18 +245,35 @@ function drawCircle(multipliers) {
     .attr("cx", x(0))
     .attr("cy", y(0))
     .attr("r", x(1) - x(0));
+  const placed = finite.map(([re, im]) => ({ re, im, at: within(re, im, 0.93 * far) }));
   group(inside, "multipliers")
     .selectAll("circle")
-    .data(finite)
+    .data(placed)
     .join("circle")
     .attr("r", 5)
-    .attr("cx", ([re]) => x(re))
-    .attr("cy", ([, im]) => y(im))
-    .attr("class", ([re, im]) => (Math.hypot(re, im) > 1 ? "beyond" : "within"));
+    .attr("cx", ({ at }) => x(at[0]))
+    .attr("cy", ({ at }) => y(at[1]))
+    .attr("class", ({ re, im }) => (Math.hypot(re, im) > 1 ? "beyond" : "within"));
+  group(inside, "far")
+    .selectAll("text")
+    .data(placed.filter(({ re, im, at }) => re !== at[0] || im !== at[1]))
+    .join("text")
+    .attr("class", "name")
+    .attr("text-anchor", ({ at }) => (at[0] > 0 ? "end" : "start"))
+    .attr("x", ({ at }) => x(at[0]))
+    .attr("y", ({ at }, k) => y(at[1]) - 10 - 13 * k)
+    .text(({ re, im }) => (im ? `size ${shown(Math.hypot(re, im), 4)}` : shown(re, 4)));
   svg.attr(
     "aria-label",
     `Multipliers: ${multipliers.map(([re, im]) => complex(re, im)).join("; ") || "none"}`,
   );
+}
+
+/** A number of the plane, or, if it is farther out than that, the place at the edge in its direction. @param {number} re @param {number} im @param {number} edge @returns {[number, number]} */
+function within(re, im, edge) {
+  const most = Math.max(Math.abs(re), Math.abs(im)),
+    factor = most > edge ? edge / most : 1;
+  return [factor * re, factor * im];
 }
 
 /** A table of texts, the first row its head. @param {string[][]} rows @param {string} caption */

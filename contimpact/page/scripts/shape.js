@@ -71,6 +71,8 @@ function draw(line, scale, pens, seen) {
       y1 = ay * y[next] + by;
     const shown =
       own &&
+      Number.isFinite(y0) &&
+      Number.isFinite(y1) &&
       Math.max(x0, x1) >= left - MARGIN &&
       Math.min(x0, x1) <= right + MARGIN &&
       Math.max(y0, y1) >= top - MARGIN &&
@@ -112,7 +114,7 @@ function jump(length, status, i, last, reach) {
 function bow(pen, i, j, { length, x, y, dx, dy }, [ax, bx, ay, by]) {
   const h = length[j] - length[i];
   const bend = (h * Math.max(Math.abs(ax * (dx[j] - dx[i])), Math.abs(ay * (dy[j] - dy[i])))) / 8;
-  const parts = bend > BEND ? Math.min(64, Math.ceil(Math.sqrt(bend / BEND))) : 1;
+  const parts = Number.isFinite(bend) && bend > BEND ? Math.min(64, Math.ceil(Math.sqrt(bend / BEND))) : 1;
   for (let k = 1; k < parts; k++) {
     const u = k / parts;
     pen.lineTo(
