@@ -12,6 +12,7 @@ import numpy as np
 
 from ..arrays import Array
 from ..models.model import Model
+from ..records.tables import same_data
 from ..simulation.run import State
 from ..storage.decoding import made
 
@@ -101,6 +102,11 @@ class Attractor:
     def settled(self) -> bool:
         """Whether it is known what the motion is."""
         return self.kind is not Kind.NOT_SETTLED
+
+    def __eq__(self, other: object) -> bool:
+        return same_data(self, other) if isinstance(other, Attractor) else NotImplemented
+
+    __hash__ = None  # type: ignore[assignment]
 
     def __repr__(self) -> str:
         word = f" ({self.word})" if self.word else ""

@@ -27,6 +27,7 @@ from ..records.recovery import named_model, orbit_with
 from ..storage.decoding import fitted
 from ..storage.files import read_bounded, write_text
 from ..storage.texts import json_line
+from .attractor import Attractor
 from .sweep import Row, Sweep
 
 KEPT = "contimpact.kept/1"
@@ -39,7 +40,8 @@ def save(result: Any, path: str | Path) -> None:
 
     Parameters
     ----------
-    result : Diagram, Branch, Curve, Entry, Orbit, Sweep, or list of Entry or of Orbit
+    result : Diagram, Branch, Curve, Entry, Orbit, Attractor, Sweep, or list
+        Of entries, orbits or attractors. Several branches or curves are kept as a diagram.
     path : str or Path
         A folder for a diagram; a file whose name ends in ``.csv`` for a branch or a curve, in
         ``.json`` for the rest.
@@ -74,7 +76,7 @@ def load(path: str | Path, model: Model | None = None) -> Any:
 
     Returns
     -------
-    Diagram, Branch, Curve, Entry, Orbit, Sweep or list
+    Diagram, Branch, Curve, Entry, Orbit, Attractor, Sweep or list
         Equal to what was saved.
 
     Raises
@@ -115,10 +117,14 @@ def _content(result: Any) -> dict[str, Any]:
     for kind, name, record in (
         (Entry, "entries", dataclasses.asdict),
         (Orbit, "orbits", _of_orbit),
+        (Attractor, "attractors", Attractor.as_record),
     ):
         if items and all(isinstance(item, kind) for item in items):
             return {"kind": name, "several": several, "items": [record(item) for item in items]}
-    accepted = "give a diagram, branch, curve, entry, orbit, sweep, or a list of entries or orbits"
+    accepted = (
+        "give a diagram, branch, curve, entry, orbit, attractor, sweep, or a list of entries, "
+        "orbits or attractors; several branches as ci.Diagram(name, branches)"
+    )
     raise InputError("result", f"found {shown(result)}", accepted)
 
 
@@ -139,7 +145,11 @@ def _result(record: Mapping[str, Any], model: Model | None) -> Any:
         return Sweep(
             named_model(record, model), fitted(record["parameter"], str, "parameter"), rows
         )
-    make = {"entries": entry_of, "orbits": lambda item: _orbit(item, model)}[kind]
+    make: Any = {
+        "entries": entry_of,
+        "orbits": lambda item: _orbit(item, model),
+        "attractors": Attractor.from_record,
+    }[kind]
     items = [make(item) for item in record["items"]]
     return items if record["several"] else items[0]
 

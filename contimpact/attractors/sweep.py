@@ -16,6 +16,7 @@ import numpy as np
 from ..display import Shown, Summary, frame, in_lines
 from ..models.model import Model
 from ..progress import Asked, asked
+from ..records.tables import same_data
 from ..scenes.simulate_tables import SETTLING, Settling
 from ..segments.kernels import Kernels
 from ..simulation.run import State
@@ -104,6 +105,11 @@ class Sweep(Shown):
                     rows.append((way, row.value, row.attractor.notation, velocities))
         title = f"Sweep in {self.parameter}, {len(self.rows)} attractors"
         return Summary(title, ("direction", self.parameter, "from there on", "velocities"), rows)
+
+    def __eq__(self, other: object) -> bool:
+        return same_data(self, other) if isinstance(other, Sweep) else NotImplemented
+
+    __hash__ = None  # type: ignore[assignment]
 
     def __repr__(self) -> str:
         lines = [f"{way}: {_shortened(self.sequence(way))}" for way in self.directions]

@@ -288,6 +288,19 @@ class Model(ABC):
         names = tuple(self.values), self.WALLS, self.DERIVED
         return repr((self.SYSTEM, *names, tuple(self.options.items()), identity(self)))
 
+    def __eq__(self, other: object) -> bool:
+        """Whether it is the same system with the same options and parameter values."""
+        if type(self) is not type(other):
+            return NotImplemented
+        return self._key == other._key
+
+    def __hash__(self) -> int:
+        return hash(self._key)
+
+    @property
+    def _key(self) -> tuple[Any, ...]:
+        return type(self), *sorted(self.options.items()), *sorted(self.values.items())
+
     def __getstate__(self) -> dict[str, Any]:
         return self.__dict__ | {"shared": {}}
 

@@ -19,6 +19,8 @@ LONGEST_WORD = 1000
 _COUNTS = re.compile(r"([0-9]+(?::[0-9]+)*)(?:/([0-9]+)T)?")
 _LETTERS = re.compile(r"([^\W\d]+)(?:/([0-9]+)T)?")
 _NONE = re.compile(r"0(?:/([0-9]+)T)?")
+_SEVERAL = re.compile(r"\([0-9:]+\)/[0-9]+T")
+"""How an orbit is called that has unlike numbers of impacts in its periods."""
 
 
 @dataclass(frozen=True)
@@ -139,7 +141,10 @@ def parse_word(
                 f"the walls are {', '.join(letters)}",
             )
     else:
-        raise InputError(where, f"{text!r} is not the name of an orbit", accepted)
+        if _SEVERAL.fullmatch(text):
+            word = f"{2 * example}/2T"
+            accepted = f"it tells no order of its impacts; give the word, such as {word!r}"
+        raise InputError(where, f"{shown(text)} is not the name of an orbit", accepted)
     if not walls or period < 1 or len(walls) > LONGEST_WORD:
         raise InputError(
             where,

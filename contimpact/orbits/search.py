@@ -26,8 +26,7 @@ from .recognition import repeats
 from .sensitivity import Sensitivity, sensitivity_of
 from .starts import rounds_of_starts
 
-FEWEST_STARTS = 16
-MOST_WORK = 40_000
+FEWEST_STARTS, MOST_WORK = 16, 40_000
 """Starts in a round, times the square of the word's length, beyond which fewer starts are made."""
 
 QUIET_STARTS = 16
@@ -61,6 +60,21 @@ class Orbit(Shown):
     def word(self) -> Word:
         """The walls visited, and the period."""
         return self.problem.word
+
+    @property
+    def notation(self) -> str:
+        """The word's count of impacts: ``2:1``, ``1:1/2T``."""
+        return self.word.notation([wall.name for wall in self.problem.model.WALLS])
+
+    @property
+    def parameter(self) -> str:
+        """The parameter followed."""
+        return self.problem.parameter
+
+    @property
+    def value(self) -> float:
+        """Value of this parameter."""
+        return float(self.unknowns[-1])
 
     @property
     def model(self) -> Model:
@@ -144,9 +158,8 @@ class Orbit(Shown):
 
     def to_dataframe(self) -> Any:
         """Return the impacts as a pandas DataFrame, a row for each; pandas must be installed."""
-        names = ("wall", "time", "velocity")
-        rows = zip(self.word.walls, self.times, self.velocities, strict=True)
-        return frame([dict(zip(names, row, strict=True)) for row in rows])
+        walls, times, velocities = list(self.word.walls), self.times, self.velocities
+        return frame({"wall": walls, "time": times, "velocity": velocities})
 
     def summary(self) -> Summary:
         """Return the orbit's impacts in short."""
@@ -155,15 +168,10 @@ class Orbit(Shown):
         return Summary(self._head(), columns, list(rows), [self.reason] if self.reason else [])
 
     def _head(self) -> str:
-        letters = [w.name for w in self.model.WALLS]
-        state = ("stable" if self.stable else "unstable") + (
-            "" if self.physical else ", unphysical"
-        )
+        state = f"{'' if self.stable else 'un'}stable{'' if self.physical else ', unphysical'}"
         factors = ", ".join(f"{_plain(mu):.6g}" for mu in self.multipliers)
-        return (
-            f"Orbit {self.word.notation(letters)} ({self.word}) at {self.problem.parameter} = "
-            f"{self.unknowns[-1]:.12g}: {state}; multipliers {factors}"
-        )
+        place = f"{self.notation} ({self.word}) at {self.parameter} = {self.value:.12g}"
+        return f"Orbit {place}: {state}; multipliers {factors}"
 
     def __repr__(self) -> str:
         rows = [

@@ -199,8 +199,8 @@ def plot_exponents(sweep: Sweep, ax: Any = None, *, x: str | None = None, unit: 
 
 
 def plot_energy(
-    membrane: Membrane,
-    sweep: Sweep,
+    sweep: Any,
+    membrane: Any = None,
     ax: Any = None,
     *,
     x: str | None = None,
@@ -216,8 +216,9 @@ def plot_energy(
 
     Parameters
     ----------
-    membrane : Membrane
     sweep : Sweep
+    membrane : Membrane, optional
+        With the paper's values by default; may also be given before the sweep.
     ax : matplotlib.axes.Axes, optional
     x : str, optional
         Parameter on the x axis; the swept one by default.
@@ -231,6 +232,9 @@ def plot_energy(
     -------
     matplotlib.axes.Axes
     """
+    if isinstance(sweep, Membrane):
+        sweep, membrane = membrane, sweep
+    membrane = membrane or Membrane()
     ax = ax or style.new_figure().add_subplot()
     x = x or sweep.parameter
     first = [r for r in sweep.rows if r.direction == sweep.directions[0]] if sweep.rows else []

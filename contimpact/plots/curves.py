@@ -51,7 +51,7 @@ class Panel:
 
 
 def plot_curves(
-    curves: Sequence[Curve],
+    curves: Curve | Sequence[Curve],
     axes: Any = None,
     *,
     along: str | None = None,
@@ -62,7 +62,7 @@ def plot_curves(
 
     Parameters
     ----------
-    curves : sequence of Curve
+    curves : Curve or sequence of Curve
     axes : sequence of matplotlib.axes.Axes, optional
         One for each panel; a new figure otherwise.
     along : str, optional
@@ -83,6 +83,7 @@ def plot_curves(
     InputError
         For no curves, a parameter that they do not have, or axes that are too few.
     """
+    curves = [curves] if isinstance(curves, Curve) else list(curves)
     if not curves:
         raise InputError("curves", "empty", "give at least one curve")
     panels = _panels(curves, along)

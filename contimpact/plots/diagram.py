@@ -21,8 +21,10 @@ from matplotlib.lines import Line2D
 
 from ..bifurcations.registry import kind_of
 from ..errors import InputError, shown
+from ..records.branch import Branch
 from ..records.diagram import Diagram
 from ..records.entry import Entry
+from ..records.given import as_diagram
 from ..records.quantities import Quantity, numbers_of
 from ..storage.files import Content, write, write_all
 from ..systems.membrane import Membrane
@@ -47,7 +49,7 @@ AXES = (1.0, 1.2, 5.9, 3.1)
 
 
 def plot_diagram(
-    diagram: Diagram,
+    diagram: Diagram | Branch | Sequence[Branch],
     ax: Any = None,
     *,
     x: str | None = None,
@@ -63,7 +65,7 @@ def plot_diagram(
 
     Parameters
     ----------
-    diagram : Diagram
+    diagram : Diagram, Branch or sequence of Branch
     ax : matplotlib.axes.Axes, optional
         Where to draw; a new figure otherwise.
     x : str, optional
@@ -95,6 +97,7 @@ def plot_diagram(
         For a quantity or a column that the branches do not have or that holds texts, limits that
         are not finite and increasing, or another value of `unphysical` or `labels`.
     """
+    diagram = as_diagram(diagram)
     labelled = labels if isinstance(labels, str) else "all" if labels else "none"
     column = _checked(diagram, x, {"xlim": xlim, "ylim": ylim}, unphysical, labelled)
     if ax is None:

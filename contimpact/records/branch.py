@@ -73,7 +73,8 @@ class Branch(Shown):
         if column in self.columns:
             return self.columns[column]
         found = f"branch {self.id} has no column {shown(column)}; "
-        raise KeyError(found + f"it has {', '.join(self.columns)}")
+        row = f"the orbit of a row is branch.orbit({column}); " if isinstance(column, int) else ""
+        raise KeyError(found + row + f"it has {', '.join(self.columns)}")
 
     def __len__(self) -> int:
         return len(self.columns["arclength"])

@@ -53,10 +53,14 @@ class Diagram(Shown):
         """The events of all branches."""
         return [entry for branch in self.branches for entry in branch.events]
 
+    @property
+    def events(self) -> list[Entry]:
+        """The same as `entries`, by the name that branches have for theirs."""
+        return self.entries
+
     def __getitem__(self, name: str) -> Branch | Curve | Entry:
         """Return a branch, a curve or an entry by its name: ``b1``, ``c1``, ``e1``."""
-        kept: list[Branch | Curve | Entry] = [*self.branches, *self._all_curves, *self.entries]
-        found = [one for one in kept if one.id == name]
+        found = [one for one in self._named if one.id == name]
         if len(found) == 1:
             return found[0]
         if found:
@@ -77,12 +81,22 @@ class Diagram(Shown):
             raise InputError(f"diagram {self.name}", f"{name} has many orbits", accepted)
         return found
 
-    def orbit(self, name: str, model: Model | None = None) -> Orbit:
-        """Return the orbit of an entry by its name; see `Entry.orbit`."""
-        return self.entry(name).orbit(model)
+    def orbit(self, name: str | Entry, model: Model | None = None) -> Orbit:
+        """Return the orbit of an entry, or of that of a name; see `Entry.orbit`."""
+        return (name if isinstance(name, Entry) else self.entry(name)).orbit(model)
 
     def __iter__(self) -> Iterator[Branch]:
         return iter(self.branches)
+
+    def __len__(self) -> int:
+        return len(self.branches)
+
+    def __bool__(self) -> bool:
+        return True
+
+    def __contains__(self, one: object) -> bool:
+        """Whether there is something of this name, or this branch, curve or entry."""
+        return any(one in (kept, kept.id) for kept in self._named)
 
     def to_dataframe(self, what: str = "points") -> Any:
         """Return a table of the diagram as a pandas DataFrame; pandas must be installed.
@@ -116,6 +130,10 @@ class Diagram(Shown):
         columns = ("", "orbits", "points", "from", "to", "born at", "events")
         curves = [_curve_line(c).strip() for c in self._all_curves]
         return Summary(self._head(), columns, rows, curves)
+
+    @property
+    def _named(self) -> list[Branch | Curve | Entry]:
+        return [*self.branches, *self._all_curves, *self.entries]
 
     @property
     def _all_curves(self) -> list[Curve]:

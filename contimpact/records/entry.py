@@ -6,6 +6,9 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
+from ..arrays import Array
 from ..display import Shown, Summary, frame
 from ..errors import printable
 
@@ -126,6 +129,16 @@ class Entry(Shown):
     nu: float | None = None
     nu_error: float | None = None
     certified_radius: float | None = None
+
+    @property
+    def times(self) -> Array:
+        """Impact times, shape (N,)."""
+        return np.array([impact["time"] for impact in self.impacts], dtype=float)
+
+    @property
+    def velocities(self) -> Array:
+        """Velocities before impact, shape (N,)."""
+        return np.array([impact["velocity"] for impact in self.impacts], dtype=float)
 
     @property
     def value(self) -> float:

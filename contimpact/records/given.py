@@ -19,6 +19,22 @@ FOLLOWED = (
 )
 
 
+def as_diagram(given: Any) -> Diagram:
+    """Return the diagram meant by a diagram, a branch, or several branches.
+
+    Raises
+    ------
+    InputError
+        For anything else.
+    """
+    if isinstance(given, Diagram):
+        return given
+    branches = [given] if isinstance(given, Branch) else given
+    if isinstance(branches, list | tuple) and all(isinstance(one, Branch) for one in branches):
+        return Diagram(", ".join(dict.fromkeys(one.notation for one in branches)), branches)
+    raise InputError("diagram", _found(given), "give a diagram, a branch, or a list of branches")
+
+
 def named(given: Any) -> Any:
     """Return the entry that a pair (branch or diagram, name) means, and anything else as it is."""
     if not (isinstance(given, tuple) and len(given) == 2 and isinstance(given[1], str)):

@@ -88,6 +88,12 @@ class Simulator:
         )
         self._body = self._as_body()
 
+    def __repr__(self) -> str:
+        return f"Simulator({self.model!r})"
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return functools.partial(Simulator, longest_flight=self.longest_flight), (self.model,)
+
     # What is fixed with the parameters.
 
     def _around(self, position: float, wall: int = 0) -> tuple[float, float]:
@@ -384,17 +390,11 @@ class Simulator:
         """
         t1 = end.phase + (end.turns - start.turns) * self.period
         kernel = self._flights[start.wall, end.wall]
-        _, leaving, arriving, _ = kernel(
-            start.phase, start.velocity, t1, end.velocity, *self.values
-        )
-        a11, a12, a21, a22 = leaving
-        b11, b12, b21, b22 = arriving
+        ends = start.phase, start.velocity, t1, end.velocity
+        _, (a11, a12, a21, a22), (b11, b12, b21, b22), _ = kernel(*ends, *self.values)
         det = b11 * b22 - b12 * b21
         if det == 0.0:
             return (math.inf,) * 4
-        return (
-            (b12 * a21 - b22 * a11) / det,
-            (b12 * a22 - b22 * a12) / det,
-            (b21 * a11 - b11 * a21) / det,
-            (b21 * a12 - b11 * a22) / det,
-        )
+        tt, tv = b12 * a21 - b22 * a11, b12 * a22 - b22 * a12
+        vt, vv = b21 * a11 - b11 * a21, b21 * a12 - b11 * a22
+        return tt / det, tv / det, vt / det, vv / det

@@ -6,6 +6,7 @@ import numpy as np
 
 from ..errors import InputError
 from ..models.model import Model
+from ..orbits.search import Orbit
 from ..records.entry import Entry
 from ..records.recovery import model_of
 from ..segments.kernels import Kernels
@@ -38,6 +39,8 @@ def sensitivity(entry: Entry, parameter: str, model: Model | None = None) -> flo
         For an entry without a curve, a parameter that the model does not have, or a curve that
         turns here.
     """
+    if isinstance(entry, Orbit):
+        raise InputError("entry", "found an orbit", "give an entry; an orbit has .sensitivity()")
     require_curve(entry)
     at = model_of(entry, model)
     at.require(parameter, "parameter")
