@@ -28,7 +28,8 @@ def fig7():
 
 @pytest.fixture(scope="module")
 def crowded(fig7):
-    """Sixty events, half of them within a hundredth of the range, ghosts and long orbits too."""
+    """Sixty events on twenty-five branches, half of them within a hundredth of the range, ghosts
+    and long orbits too."""
     rng = np.random.default_rng(3)
     branch = fig7.branches[0]
     low, high = branch["s"].min(), branch["s"].max()
@@ -42,7 +43,10 @@ def crowded(fig7):
                 parameters=model.parameters | {"s": low + share * (high - low)},
             )
         )  # fmt: skip
-    return Diagram("crowded", [dataclasses.replace(branch, events=entries)])
+    branches = [
+        dataclasses.replace(branch, id=f"b{k + 1}", events=entries[k::25]) for k in range(25)
+    ]
+    return Diagram("crowded", branches)
 
 
 def boxes_of(ax):
