@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ..arrays import Array
+from ..display import Shown, Summary, frame
 from ..errors import InputError, shown
 from .outcome import unpacked
 from .schema import OF_SCENES, STEPS
@@ -33,7 +34,7 @@ WHOLE = "content"
 """The column of what is kept whole, compressed; it is no column of a selection."""
 
 
-class Study:
+class Study(Shown):
     """A study in a store, read lazily.
 
     Parameters
@@ -98,6 +99,25 @@ class Study:
     def __repr__(self) -> str:
         axes = ", ".join(self.axes)
         return f"<Study {self.name} over {axes}: {len(self)} of {self.total} scenes>"
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        """The store is opened again, not sent along."""
+        return Study, (str(self.path), self.name)
+
+    def to_dataframe(self, table: str = "scenes") -> Any:
+        """Return a table's rows as a pandas DataFrame; see `select`. pandas must be installed."""
+        return self.select(table).to_dataframe()
+
+    def summary(self) -> Summary:
+        """Return the study's axes, and how much was found on them, in short."""
+        columns = "name, count(DISTINCT value), min(value), max(value)"
+        query = f"SELECT {columns} FROM coordinates WHERE study = ? GROUP BY name"
+        known = {row[0]: row for row in self.rows(query, [self.number])}
+        counts = [f"{len(self.select(name))} {name}" for name in ("branches", "events", "failures")]
+        rows = [known[name] for name in self.axes if name in known]
+        return Summary(
+            repr(self)[1:-1], ("axis", "values", "from", "to"), rows, [", ".join(counts)]
+        )
 
     def rows(self, query: str, values: Sequence[Any] | Mapping[str, Any] = ()) -> Iterator[Any]:
         """Yield the rows of a query of one's own, in SQL; `values` stand for its ``?``.
@@ -272,9 +292,7 @@ class Selection:
 
     def to_dataframe(self) -> Any:
         """Return the rows as a pandas DataFrame; pandas must be installed."""
-        import pandas
-
-        return pandas.DataFrame(self.arrays())
+        return frame(self.arrays())
 
 
 def studies(store: str | Path) -> list[str]:

@@ -8,6 +8,7 @@ from typing import Any
 from ..attractors.sweep import Sweep
 from ..errors import InputError
 from ..orbits.search import Orbit
+from ..parameter_studies.study import Study
 from ..records.branch import Branch
 from ..records.curve import Curve
 from ..records.diagram import Diagram
@@ -16,6 +17,7 @@ from .attractors import plot_sweep
 from .curves import plot_curves
 from .diagram import plot_diagram
 from .figures import png_of
+from .maps import plot_map
 from .orbit import plot_orbit
 
 
@@ -62,3 +64,8 @@ def _(result: Any) -> Any:
 @drawn.register
 def _(result: Sweep) -> Any:
     return plot_sweep(result).figure
+
+
+@drawn.register
+def _(result: Study) -> Any:
+    return plot_map(result.map("ends")).figure

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import pickle
 import sqlite3
 import tempfile
 from pathlib import Path
@@ -109,6 +110,33 @@ def test_what_a_study_is(store, asked):
     assert (len(asked), asked.total) == (20, 20)
     assert asked.given["model"]["parameters"]["A"] == 5.0
     assert contimpact.Study is Study
+
+
+def test_a_study_shows_itself(store, asked):
+    """In a notebook: its axes and counts as a table, and the map of what ends the 1:1 orbit."""
+    shown = asked._repr_mimebundle_()
+    assert shown["text/plain"] == repr(asked)
+    html = shown["text/html"]
+    assert "DROP TABLE" in html
+    assert "<td>beta</td><td>4</td><td>0.1</td><td>0.4</td>" in html
+    assert f"{len(asked.events())} events" in html
+    assert '<img alt="Study' in html
+    with Study(store, "beside") as one_axis:
+        assert "no picture" in one_axis._repr_mimebundle_()["text/html"]
+
+
+def test_a_study_is_pickled_as_the_place_of_its_store(asked):
+    again = pickle.loads(pickle.dumps(asked))
+    assert (again.path, again.name, len(again)) == (asked.path, asked.name, len(asked))
+    again.close()
+
+
+def test_a_study_gives_tables(asked):
+    pytest.importorskip("pandas")
+    assert len(asked.to_dataframe()) == len(asked)
+    assert len(asked.to_dataframe("events")) == len(asked.events())
+    with pytest.raises(InputError, match="accepted are scenes"):
+        asked.to_dataframe("nothing")
 
 
 def test_a_study_has_to_be_named_where_there_are_several(store, tmp_path):
