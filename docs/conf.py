@@ -1,9 +1,10 @@
 """Sphinx configuration; the build command stands in README.md.
 
-Pages need no network: MathJax is copied along, and the theme brings its own styles. The start page
-holds a live page of Fig. 7, computed while the site is built.
+Pages need no network: MathJax is copied along, and the theme brings its own styles. While the site
+is built, notebooks and examples are run, and the live page of Fig. 7 on the start page is computed.
 """
 
+import os
 import shutil
 import tempfile
 from pathlib import Path
@@ -37,7 +38,9 @@ html_title = f"contimpact {version}"
 html_show_sourcelink = False
 
 
-FIG7 = Path(__file__).resolve().parents[1] / "branches/fig7"
+ROOT = Path(__file__).resolve().parents[1]
+FIG7 = ROOT / "branches/fig7"
+os.environ["CONTIMPACT_EXAMPLES"] = str(ROOT / "examples")
 
 
 def write_live_page(site):

@@ -26,3 +26,12 @@ def test_an_example_says_how_it_is_run(path):
 def test_the_ci_runs_them_all():
     text = (ROOT / ".ci" / "run").read_text("utf-8")
     assert "for example in examples/*.py; do" in text
+
+
+def test_the_site_shows_and_runs_them_all():
+    text = (ROOT / "docs/examples.md").read_text("utf-8")
+    names = sorted(path.stem for path in EXAMPLES)
+    assert (
+        sorted(re.findall(r"^```\{literalinclude\} \.\./examples/(\w+)\.py", text, re.M)) == names
+    )
+    assert sorted(re.findall(r'^run\("(\w+)"', text, re.M)) == names
