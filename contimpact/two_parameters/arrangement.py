@@ -1,0 +1,328 @@
+r"""A rectangle divided by curves: arcs on which y is a function of x, slabs, cells between arcs.
+
+All is in the unit square. Vertical lines through every place where the order of the curves
+changes, an end, a turn, a crossing or a mark, cut it into slabs. In a slab every arc goes from one
+side to the other and no two cross, so that the cells lie one above another:
+
+::
+
+    1 +-----+---------+------+
+      |     |  ___----|--\   |
+      |     |_/  cell |   \__|      bounds of a slab, from below: the lower side,
+      |_____|_________|______|      its arcs, the upper side
+      |     |         |      |
+    0 +-----+---------+------+
+     x0    x1        x2     x3
+
+Curves are known by points and interpolated by cubic splines over their arclength.
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from scipy.interpolate import CubicSpline, PPoly
+from scipy.optimize import brentq
+
+from ..arrays import Array
+
+SAME = 1e-6
+"""Places nearer than this part of the rectangle's sides are one."""
+TIGHT = 1e-9
+"""Distances of arcs below this part of the height have no sign."""
+MOST_ROUNDS = 8
+"""How often slabs are cut anew where arcs turn out to cross in them."""
+FINE = 8
+"""Parts into which the way from one point of a curve to the next is divided to find crossings."""
+
+
+@dataclass(frozen=True)
+class Path:
+    """A curve in the unit square.
+
+    Attributes
+    ----------
+    name : str
+    points : ndarray of shape (P, 2)
+    arclengths : ndarray of shape (P,)
+    plain : ndarray of bool, of shape (P,)
+        Which points the spline goes through.
+    marked : ndarray of bool, of shape (P,)
+        At which of the others what happens on the curve changes.
+    kept : ndarray of bool, of shape (P - 1,)
+        Which of the ways from one point to the next divide the square.
+    """
+
+    name: str
+    points: Array
+    arclengths: Array
+    plain: Array
+    marked: Array
+    kept: Array
+
+    @cached_property
+    def spline(self) -> Any:
+        """The curve over its arclength."""
+        chosen = self.plain.copy()
+        chosen[[0, -1]] = True
+        rows = np.nonzero(chosen)[0]
+        s = self.arclengths[rows]
+        apart = np.concatenate([[True], np.diff(s) > SAME])
+        if not apart[-1]:  # the last point stays, and so does the one before, unless it is there
+            apart[np.nonzero(apart)[0][-1]] = apart.sum() == 1
+            apart[-1] = True
+        return CubicSpline(s[apart], self.points[rows[apart]])
+
+    def place(self, row: int) -> float:
+        """Return the arclength of the point of the spline next to a mark."""
+        s = float(self.arclengths[row])
+        for _ in range(3):
+            tangent = self.spline(s, 1)
+            square = float(tangent @ tangent)
+            if square == 0.0:
+                break
+            s += float((self.points[row] - self.spline(s)) @ tangent) / square
+        low, high = self.spline.x[[0, -1]]
+        return min(max(s, float(low)), float(high))
+
+    def arcs(self) -> list[Arc]:
+        """Return its kept parts, cut where x turns; those that stand upright are left out."""
+        found = []
+        for first, last in _runs(self.kept):
+            low, high = self.place(first), self.place(last)
+            cuts = sorted({low, high, *self._turns(low, high)})
+            found += [Arc(self.name, self.spline, *pair) for pair in itertools.pairwise(cuts)]
+        return [arc for arc in found if arc.high - arc.low > SAME]
+
+    def edges(self) -> list[float]:
+        """Return the values of x at which its kept parts begin, end, turn or are marked."""
+        found = []
+        for first, last in _runs(self.kept):
+            marks = [row for row in range(first, last + 1) if self.marked[row]]
+            found += [float(self.points[row, 0]) for row in {first, last, *marks}]
+            turns = self._turns(self.place(first), self.place(last))
+            found += [float(self.spline(s)[0]) for s in turns]
+        return found
+
+    def _turns(self, low: float, high: float) -> list[float]:
+        """Arclengths between two at which x turns."""
+        rate = self.spline.derivative()
+        slopes = PPoly(rate.c[:, :, 0], rate.x)
+        roots = slopes.roots(discontinuity=False, extrapolate=False)
+        return [float(s) for s in roots if low < s < high]
+
+
+def _runs(kept: Array) -> list[tuple[int, int]]:
+    """The first and last points of runs of ways that are kept."""
+    steps = np.diff(np.concatenate([[0], kept.astype(int), [0]]))
+    first, last = (np.nonzero(steps == sign)[0].tolist() for sign in (1, -1))
+    return list(zip(first, last, strict=True))
+
+
+class Arc:
+    """A part of a curve on which y is a function of x.
+
+    Parameters
+    ----------
+    name : str
+        The curve's.
+    spline : CubicSpline
+        Of x and y over the arclength.
+    first, last : float
+        Arclengths of its ends.
+    """
+
+    def __init__(self, name: str, spline: Any, first: float, last: float) -> None:
+        self.name, self.spline = name, spline
+        inside = spline.x[(spline.x > first) & (spline.x < last)]
+        knots = np.concatenate([[first], inside, [last]])
+        steps = np.arange(FINE) / FINE
+        s = np.append((knots[:-1, None] + np.diff(knots)[:, None] * steps).ravel(), last)
+        x, y = spline(s).T
+        turned = slice(None, None, -1 if x[-1] < x[0] else 1)
+        self.s, self.y = s[turned], y[turned]
+        self.x = np.maximum.accumulate(x[turned])
+        self.low, self.high = float(self.x[0]), float(self.x[-1])
+
+    def at(self, x: float) -> float:
+        """Return y."""
+        if x <= self.low or x >= self.high:
+            return float(self.y[0] if x <= self.low else self.y[-1])
+        row = int(np.searchsorted(self.x, x, side="right"))
+        ends = float(self.s[row - 1]), float(self.s[row])
+        return float(self.spline(self._arclength(x, *ends))[1])
+
+    def _arclength(self, x: float, left: float, right: float) -> float:
+        def away(s: float) -> float:
+            return float(self.spline(s)[0]) - x
+
+        if away(left) * away(right) > 0.0:  # x turns within rounding of an end
+            return left if abs(away(left)) < abs(away(right)) else right
+        return float(brentq(away, left, right, xtol=1e-14))
+
+    def leaves(self) -> list[float]:
+        """Return where it passes the lower or the upper side of the square."""
+        found = []
+        for side in (0.0, 1.0):
+            rows = np.nonzero((self.y[:-1] - side) * (self.y[1:] - side) < 0.0)[0]
+            for row in rows:
+                ends = self.s[row], self.s[row + 1]
+                s = brentq(lambda s, side=side: float(self.spline(s)[1]) - side, *ends)
+                found.append(float(self.spline(s)[0]))
+        return found
+
+    def between(self, left: float, right: float) -> Array:
+        """Return points of it from one x to another, the ends included."""
+        inside = (self.x > left) & (self.x < right)
+        middle = np.column_stack([self.x[inside], self.y[inside]])
+        return np.vstack([[left, self.at(left)], middle, [right, self.at(right)]])
+
+
+def crossings(one: Arc, other: Arc) -> list[float]:
+    """Return where two arcs cross; where they only meet at an end of both they do not."""
+    low, high = max(one.low, other.low), min(one.high, other.high)
+    if high - low <= SAME:
+        return []
+    inside = np.concatenate([one.x, other.x])
+    x = np.unique([low, high, *inside[(inside > low) & (inside < high)]])
+    far = np.interp(x, one.x, one.y) - np.interp(x, other.x, other.y)
+    x, far = x[np.abs(far) > TIGHT], far[np.abs(far) > TIGHT]
+    found = []
+    for i in np.nonzero(far[:-1] * far[1:] < 0.0)[0]:
+        around = (i, i + 1), (max(i - 1, 0), min(i + 2, len(x) - 1))
+        roots = (_crossing(one, other, float(x[j]), float(x[k])) for j, k in around)
+        found += next(filter(None, roots), [])
+    return [root for root in found if min(root - low, high - root) > SAME]
+
+
+def _crossing(one: Arc, other: Arc, left: float, right: float) -> list[float]:
+    """Where two arcs cross between two places at which their order is not the same."""
+
+    def apart(x: float) -> float:
+        return one.at(x) - other.at(x)
+
+    ends = apart(left), apart(right)
+    if min(map(abs, ends)) < TIGHT or ends[0] * ends[1] > 0.0:
+        return []
+    return [float(brentq(apart, left, right, xtol=1e-13))]
+
+
+@dataclass(frozen=True)
+class Bound:
+    """A line across a slab: arcs that lie one on another, or a side of the square.
+
+    Attributes
+    ----------
+    names : tuple of str
+        Of the curves; none for a side.
+    arcs : tuple of Arc
+    side : float
+        Its height if it is a side.
+    """
+
+    names: tuple[str, ...] = ()
+    arcs: tuple[Arc, ...] = ()
+    side: float = 0.0
+
+    def at(self, x: float) -> float:
+        """Return its height."""
+        return min(max(self.arcs[0].at(x), 0.0), 1.0) if self.arcs else self.side
+
+
+@dataclass(frozen=True)
+class Slab:
+    """The square between two values of x, and what goes across it, from below.
+
+    `ends` are the heights of the bounds on the left and on the right, which never fall.
+    """
+
+    left: float
+    right: float
+    bounds: tuple[Bound, ...]
+
+    @property
+    def cells(self) -> range:
+        """The numbers of its cells, from below."""
+        return range(len(self.bounds) - 1)
+
+    def x(self, part: float) -> float:
+        """Return the value of x a part of the way across."""
+        return self.left + part * (self.right - self.left)
+
+    def heights(self, x: float) -> Array:
+        """Return the heights of the bounds."""
+        return np.maximum.accumulate([bound.at(x) for bound in self.bounds])
+
+    def middle(self, cell: int, part: float) -> tuple[float, float]:
+        """Return the middle of a cell, a part of the way across."""
+        x = self.x(part)
+        low, high = self.heights(x)[cell : cell + 2].tolist()
+        return x, 0.5 * (low + high)
+
+    def cell(self, x: float, y: float) -> int:
+        """Return the number of the cell that holds a point."""
+        row = int(np.searchsorted(self.heights(x), y, side="right")) - 1
+        return min(max(row, 0), len(self.bounds) - 2)
+
+
+def slabs(paths: Sequence[Path]) -> list[Slab]:
+    """Cut the unit square into slabs in which the order of the curves does not change."""
+    arcs = [arc for path in paths for arc in path.arcs()]
+    edges = [x for path in paths for x in path.edges()]
+    edges += [x for arc in arcs for x in arc.leaves()]
+    edges += [x for pair in itertools.combinations(arcs, 2) for x in crossings(*pair)]
+    found = _cut(arcs, edges)
+    for _ in range(MOST_ROUNDS):
+        more = [x for slab in found for x in _hidden(slab)]
+        if not more:
+            break
+        edges += more
+        found = _cut(arcs, edges)
+    return found
+
+
+def _cut(arcs: Sequence[Arc], edges: Sequence[float]) -> list[Slab]:
+    return [_slab(arcs, *pair) for pair in itertools.pairwise(_apart(edges))]
+
+
+def _apart(edges: Sequence[float]) -> list[float]:
+    """The edges in order, with both sides, each once."""
+    kept = [0.0]
+    for x in sorted(edges):
+        if x - kept[-1] > SAME and x < 1.0 - SAME:
+            kept.append(x)
+    return [*kept, 1.0]
+
+
+def _slab(arcs: Sequence[Arc], left: float, right: float) -> Slab:
+    middle = 0.5 * (left + right)
+    across = [arc for arc in arcs if arc.low < middle < arc.high]
+    ordered = sorted(((arc.at(middle), arc) for arc in across), key=lambda pair: pair[0])
+    inside = [pair for pair in ordered if SAME < pair[0] < 1.0 - SAME]
+    groups: list[list[tuple[float, Arc]]] = []
+    for height, arc in inside:
+        if groups and height - groups[-1][-1][0] <= SAME:
+            groups[-1].append((height, arc))
+        else:
+            groups.append([(height, arc)])
+    bounds = [_bound([arc for _, arc in group]) for group in groups]
+    return Slab(left, right, (Bound(), *bounds, Bound(side=1.0)))
+
+
+def _bound(arcs: Sequence[Arc]) -> Bound:
+    return Bound(tuple(dict.fromkeys(arc.name for arc in arcs)), tuple(arcs))
+
+
+def _hidden(slab: Slab) -> Iterator[float]:
+    """Where neighbouring bounds of a slab cross after all: their order at an edge shows it."""
+    middle = slab.x(0.5)
+    for lower, upper in itertools.pairwise(slab.bounds[1:-1]):
+        one, other = lower.arcs[0], upper.arcs[0]
+        for edge in (slab.left, slab.right):
+            if one.at(edge) - other.at(edge) > SAME:
+                yield from _crossing(one, other, *sorted((edge, middle)))
