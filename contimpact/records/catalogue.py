@@ -38,6 +38,7 @@ from .result_folder import (
 )
 
 if TYPE_CHECKING:
+    from .area import Area
     from .curve import Check, Coverage, Curve
 
 
@@ -119,6 +120,8 @@ def catalogue_text(diagram: Diagram) -> str:
         content["checks"] = [dataclasses.asdict(check) for check in diagram.checks]
     if diagram.coverage:
         content["coverage"] = [dataclasses.asdict(c) for c in diagram.coverage]
+    if diagram.areas:
+        content["areas"] = [dataclasses.asdict(area) for area in diagram.areas]
     if diagram.codim2_curves:
         content["codimension2_curves"] = [_curve_record(c) for c in diagram.codim2_curves]
     return json_text(content)
@@ -263,7 +266,10 @@ def load_diagram(folder: str | Path) -> Diagram:
         )
         checks, coverage = _checks(catalogue)
         name = fitted(catalogue["scene"], str, "scene")
-        return Diagram(name, branches, curves, checks, codim2_curves=points, coverage=coverage)
+        return Diagram(
+            name, branches, curves, checks, codim2_curves=points, coverage=coverage,
+            areas=_areas(catalogue),
+        )  # fmt: skip
 
 
 def _checks(catalogue: Mapping[str, Any]) -> tuple[Sequence[Check], Sequence[Coverage]]:
@@ -274,6 +280,15 @@ def _checks(catalogue: Mapping[str, Any]) -> tuple[Sequence[Check], Sequence[Cov
     from .curve import Check, Coverage
 
     return [made(Check, r) for r in checks] or (), [made(Coverage, r) for r in coverage] or ()
+
+
+def _areas(catalogue: Mapping[str, Any]) -> Sequence[Area]:
+    """The areas that a catalogue records, if there are any."""
+    if not (records := catalogue.get("areas")):
+        return ()
+    from .area import Area
+
+    return [made(Area, record) for record in records]
 
 
 def _branch_of(folder: Path, record: Mapping[str, Any]) -> Branch:

@@ -16,6 +16,7 @@ from .entry import Entry
 if TYPE_CHECKING:
     from ..models.model import Model
     from ..orbits.search import Orbit
+    from .area import Area
     from .curve import Check, Coverage, Curve
 
 
@@ -34,6 +35,8 @@ class Diagram(Shown):
         Of points of codimension two, in three parameters.
     coverage : sequence of Coverage
         What lines across the map of curves say of its completeness.
+    areas : sequence of Area
+        Of two parameters, by what ends the stable orbits.
     checks : sequence of Check
         One-parameter runs against which the order of the curves was checked.
     statistics : mapping
@@ -47,6 +50,7 @@ class Diagram(Shown):
     statistics: Mapping[str, Any] = field(default_factory=dict, compare=False)
     codim2_curves: Sequence[Curve] = ()
     coverage: Sequence[Coverage] = ()
+    areas: Sequence[Area] = ()
 
     @property
     def entries(self) -> list[Entry]:

@@ -69,6 +69,8 @@ class CurveOptions:
         0 asks for none.
     third : (name, (low, high)) or None
         A parameter in which points of codimension two are followed.
+    areas : bool
+        Whether the rectangle is divided into areas by what ends the stable orbits.
     """
 
     parameter: str
@@ -81,6 +83,7 @@ class CurveOptions:
     start: tuple[float, ...] = ()
     third: tuple[str, tuple[float, float]] | None = None
     cover: int = 0
+    areas: bool = False
 
 
 @dataclass(frozen=True)

@@ -174,6 +174,8 @@ class Scene:
             "unphysical": curves.unphysical,
             "values": list(curves.values),
             "start": list(curves.start),
+            "cover": curves.cover,
+            "areas": curves.areas,
             "step": settings.step,
             "max_step": settings.max_step,
             "max_points": settings.max_points,

@@ -160,6 +160,7 @@ def read_curves(table: Table, model: Model, first: str, events: Sequence[str]) -
             accepted = f"give a value from {low:.12g} to {high:.12g}"
             raise InputError(f"curves.start[{i}]", found, accepted)
     cover = table.whole("cover", 0, least=0, most=MOST_LINES)
+    areas = table.truth("areas", False)
     family = _family(table.table("family", optional=True), model, (first, name))
     third = _third(table.table("third", optional=True), model, (first, name))
     steps: dict[str, Any] = {
@@ -173,7 +174,7 @@ def read_curves(table: Table, model: Model, first: str, events: Sequence[str]) -
         raise error.within("curves") from None
     return CurveOptions(
         name, (low, high), tuple(dict.fromkeys(kinds)), unphysical, values, family, settings,
-        start, third, cover,
+        start, third, cover, areas,
     )  # fmt: skip
 
 

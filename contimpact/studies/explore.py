@@ -80,9 +80,9 @@ def follow(scene: Scene, progress: Asked = None) -> Diagram:
         explorer = _Explorer(scene, tell)
         diagram = explorer.run()
         if scene.curves is not None and not diagram.statistics["failure"]:
-            from ..two_parameters.explore import with_curves
+            from ..two_parameters.maps import with_map
 
-            diagram = with_curves(scene, diagram, tell)
+            diagram = with_map(scene, diagram, tell)
     if not diagram.branches and not diagram.statistics["failure"]:
         raise refusal(list(explorer.lacking.values()))
     return diagram

@@ -1,0 +1,135 @@
+"""Competition regions as areas: what they say against runs of their own, and their polygons."""
+
+from __future__ import annotations
+
+import json
+import math
+
+import numpy as np
+import pytest
+from zoo import scene
+
+import contimpact as ci
+from contimpact.records.catalogue import catalogue_text, load_diagram, write_diagram
+from contimpact.studies.explore import follow
+
+A, R = (6.4, 9.4), (0.25, 0.36)
+CROSSING = 0.304161346
+"""r of PD-G at beta = pi/6, s = 0.5 m."""
+
+
+def around_the_crossing(**curves):
+    """1:1 around the crossing of PD and grazing in Fig. 6(b)."""
+    return scene(
+        model={
+            "system": "impact-pair",
+            "parameters": {"beta": math.pi / 6, "r": 0.3, "A": 7.0, "s": 0.5},
+        },
+        follow={"parameter": "A", "range": list(A), "orbits": ["1:1"], "switch": []},
+        detect={"events": ["FB", "PD", "G"]},
+        curves={
+            "parameter": "r", "range": list(R), "start": [0.34], "areas": True, "max_step": 0.02,
+            **curves,
+        },
+        numerics={"starts": 16},
+    )  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def diagram():
+    return follow(around_the_crossing())
+
+
+def ends(area):
+    return [orbit.ends for orbit in area.orbits]
+
+
+def test_the_rectangle_is_divided_by_what_ends_the_orbit(diagram):
+    assert sum(area.part for area in diagram.areas) == pytest.approx(1.0, abs=1e-12)
+    assert sorted(map(ends, diagram.areas)) == [[], ["G[1:1->2:1]"], ["PD"]]
+    assert all(area.checked == len(area.places) for area in diagram.areas)
+    assert not any(area.doubtful or area.bistable for area in diagram.areas)
+    assert all(area.departure < 1e-7 for area in diagram.areas)
+    assert not diagram.statistics["notes"]
+
+
+def test_borders_are_the_curves(diagram):
+    """PD on the right of the crossing and G on its left; above it a line parts what is below."""
+    kinds = {curve.id: curve.kind for curve in diagram.curves}
+    for area in diagram.areas:
+        (ring,), (borders,) = area.polygon, area.borders
+        named = [kinds.get(name, name) for _, name in borders]
+        wanted = {"PD": ["PD", "side", "line"], "G[1:1->2:1]": ["G", "line", "side"]}
+        assert sorted(named) == sorted(wanted.get("".join(ends(area)), ["PD", "side", "G"]))
+        assert ring[0] == ring[-1]
+        if "line" in named:
+            start = borders[named.index("line")][0]
+            assert [ring[start + k][0] for k in (0, 1)] == pytest.approx([CROSSING] * 2, abs=1e-8)
+
+
+def test_mechanisms(diagram):
+    """Onto an unstable orbit that turns at a fold: the second; after a doubling: the last two."""
+    shown = {tuple(ends(area)): area.orbits for area in diagram.areas}
+    (grazing,), (doubling,) = shown["G[1:1->2:1]",], shown["PD",]
+    assert (grazing.criticality, grazing.mechanisms) == ("subcritical", [2])
+    assert doubling.criticality == "supercritical"
+    assert {*doubling.mechanisms} <= {3, 4}
+    assert doubling.mechanisms
+
+
+def first_end(model, A_start):
+    """What ends the stable orbit at a place, by walking to larger A alone, that is to smaller d."""
+    for orbit in ci.find_orbits(model.replace(A=A_start), "1:1", parameter="A", starts=16):
+        if orbit.stable and orbit.physical:
+            branch = ci.continue_orbit(orbit, range=(A_start, A[1]), events=["FB", "PD", "G"])
+            real = [e for e in branch.events if not e.ghost]
+            return min(real, key=lambda e: e.value).label
+    return None
+
+
+def distance(diagram, r, d):
+    """How far a place is from the curves, in d."""
+    heights = []
+    for curve in diagram.curves:
+        order = np.argsort(curve["r"])
+        heights.append(np.interp(r, curve["r"][order], curve["d"][order]))
+    return min(abs(d - height) for height in heights)
+
+
+def test_random_runs_agree(diagram):
+    model = around_the_crossing().model
+    for r, A_value in np.random.default_rng(3).uniform(*zip(R, A, strict=True), (25, 2)):
+        at = model.replace(r=float(r), A=float(A_value))
+        d = 1.55625 / float(A_value)
+        if distance(diagram, float(r), d) < 2e-5:
+            continue
+        (area,) = [area for area in diagram.areas if area.holds(float(r), d)]
+        assert ends(area) == [end for end in [first_end(at, float(A_value))] if end]
+
+
+def test_what_is_on_no_curve_is_said():
+    """Without the curve of grazings runs meet an end that is no border."""
+    told = follow(around_the_crossing(kinds=["PD"]))
+    assert any("ends at G[1:1->2:1] on no curve" in note for note in told.statistics["notes"])
+    doubts = [doubt for area in told.areas for doubt in area.doubtful]
+    assert {"1:1 ends at G[1:1->2:1] on no curve"} <= {doubt.says for doubt in doubts}
+    assert any(area.checked < len(area.places) for area in told.areas)
+    assert "a run says otherwise" in "".join(map(str, told.areas))
+
+
+def test_the_catalogue(diagram, tmp_path):
+    records = json.loads(catalogue_text(diagram))["areas"]
+    assert [record["id"] for record in records] == ["a1", "a2", "a3"]
+    for record in records:
+        for ring in record["polygon"]:
+            assert all(R[0] <= x <= R[1] and 0.16 < d < 0.25 for x, d in ring)
+            x, d = np.array(ring).T
+            assert np.sum(x[:-1] * d[1:] - x[1:] * d[:-1]) > 0.0  # counter-clockwise
+    write_diagram(diagram, tmp_path)
+    assert load_diagram(tmp_path) == diagram
+
+
+def test_a_scene_without_areas_has_none():
+    given = around_the_crossing(areas=False)
+    assert given.resolved()["curves"]["areas"] is False
+    assert not follow(given).areas
