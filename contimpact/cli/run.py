@@ -198,7 +198,7 @@ def _save_plots(scene: Scene, diagram: Diagram, files: Files) -> None:
 
         files.add(
             lambda: save_curves(
-                diagram.curves, files.folder, plot.formats, diagram.checks, units=units
+                diagram.curves, files.folder, plot.formats, diagram.checks, units, diagram.areas
             )
         )
     own = _own_member(scene, diagram)
@@ -244,7 +244,7 @@ def _summary(scene: Scene, diagram: Diagram, folder: Path, total: float) -> None
         say(text)
     for curve in (*diagram.curves, *diagram.codim2_curves):
         say("".join(f"{n} = {v:.6g}  " for n, v in curve.fixed.items()) + repr(curve))
-    if diagram.curves:
+    if diagram.curves and not diagram.areas:
         from ..records.competition import regions
 
         for region in regions(diagram.curves, checks=diagram.checks):
@@ -257,6 +257,8 @@ def _summary(scene: Scene, diagram: Diagram, folder: Path, total: float) -> None
     for covered in diagram.coverage:
         fixed = "".join(f"{n} = {v:.6g}  " for n, v in covered.fixed.items())
         say(f"covered: {fixed}{covered}")
+    for area in diagram.areas:
+        say(f"area: {area}")
     for note in diagram.statistics["notes"]:
         say(note)
     say(f"written to {folder} in {total:.2f} s")

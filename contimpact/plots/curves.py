@@ -1,14 +1,16 @@
 """Curves of bifurcations in two parameters, in the manner of the paper's Fig. 6.
 
 A panel for each member of the family and each pair of parameters; PD blue, G green, FB orange, BP
-and V in further colours; ghosts dotted; points of codimension two marked; the band under each panel
-tells which bifurcation comes first as the quantity on the y axis falls.
+and V in further colours; ghosts dotted; points of codimension two marked. Areas are tinted by the
+bifurcation that ends the stable orbits in them as the quantity on the y axis falls; without areas a
+band under each panel tells which bifurcation comes first.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -19,8 +21,10 @@ from ..bifurcations.codimension_two import MARKERS
 from ..bifurcations.declarations import CROSSINGS
 from ..bifurcations.registry import kind_of
 from ..errors import InputError, shown
+from ..records.area import Area, StableOrbit
 from ..records.competition import Region, falling, panels, parameters_of, regions
 from ..records.curve import Check, Curve
+from .areas import area_legend, draw_areas, of_panel
 from .diagram import save_figure, write_heading
 from .figures import Figure
 from .texts import axis_label, set_label, symbol, values_text
@@ -57,6 +61,7 @@ def plot_curves(
     along: str | None = None,
     units: Mapping[str, str] | None = None,
     checks: Sequence[Check] = (),
+    areas: Sequence[Area] = (),
 ) -> Any:
     """Draw curves, one panel for each member of their family and each pair of parameters.
 
@@ -73,6 +78,8 @@ def plot_curves(
         Of parameters, for the labels of axes.
     checks : sequence of Check, optional
         One-parameter runs; bands that none of them confirms are drawn half as high.
+    areas : sequence of Area, optional
+        Tinted below the curves; a panel that has areas has no band.
 
     Returns
     -------
@@ -91,14 +98,16 @@ def plot_curves(
     if len(axes) < len(panels):
         raise InputError("axes", f"found {len(axes)}", f"give {len(panels)}, one for each panel")
     keys = list(dict.fromkeys(map(_key, curves)))
+    bands, tinted = [], []
     for ax, panel in zip(axes, panels, strict=False):
         _draw_panel(ax, panel, keys, units or {})
-    found = [(ax, regions(p.curves, p.along, checks)) for ax, p in zip(axes, panels, strict=False)]
-    for ax, bands in found:
-        for region in bands:
-            _draw_region(ax, region, keys)
-    unconfirmed = any(region.said for _, bands in found for region in bands)
-    _draw_legend(axes[0], panels, keys, unconfirmed)
+        if own := of_panel(areas, panel.fixed, panel.across, panel.along):
+            draw_areas(ax, own, partial(_end_colour, keys))
+            tinted += own
+        else:
+            bands += _draw_regions(ax, panel, keys, checks)
+    _draw_legend(axes[0], panels, keys, [*area_legend(tinted, partial(_end_colour, keys)),
+                                         *_band_key(panels, bands)])  # fmt: skip
     return axes
 
 
@@ -108,9 +117,10 @@ def save_curves(
     formats: Sequence[str],
     checks: Sequence[Check] = (),
     units: Mapping[str, str] | None = None,
+    areas: Sequence[Area] = (),
 ) -> list[str]:
     """Draw curves to files ``curves.<format>``; returns their names."""
-    axes = plot_curves(curves, units=units, checks=checks)
+    axes = plot_curves(curves, units=units, checks=checks, areas=areas)
     write_heading(axes[0].figure, values_text(fixed_values(curves), units or {}))
     return save_figure(axes[0].figure, folder, "curves", formats, "curves")
 
@@ -208,8 +218,23 @@ def _draw_region(ax: Any, region: Region, keys: Sequence[Key]) -> None:
     ax.axvspan(region.low, region.high, ymin=low, ymax=low + height, **look)
 
 
+def _draw_regions(
+    ax: Any, panel: Panel, keys: Sequence[Key], checks: Sequence[Check]
+) -> list[Region]:
+    found = regions(panel.curves, panel.along, checks)
+    for region in found:
+        _draw_region(ax, region, keys)
+    return found
+
+
 def _key(curve: Curve) -> Key:
     return Key(curve.kind, curve.label, curve.notation)
+
+
+def _end_colour(keys: Sequence[Key], orbit: StableOrbit) -> str:
+    """The colour of the curve at which an orbit ends."""
+    own = Key(orbit.kind or "", orbit.ends or "", orbit.notation)
+    return _colour(own, keys) if own in keys else kind_of(own.kind).look.colour
 
 
 def _colour(key: Key, keys: Sequence[Key]) -> str:
@@ -218,7 +243,9 @@ def _colour(key: Key, keys: Sequence[Key]) -> str:
     return (kind_of(key.kind).look.colour, "k", "0.45")[min(same.index(key), 2)]
 
 
-def _draw_legend(ax: Any, panels: Sequence[Panel], keys: Sequence[Key], unconfirmed: bool) -> None:
+def _draw_legend(
+    ax: Any, panels: Sequence[Panel], keys: Sequence[Key], further: Sequence[Any]
+) -> None:
     handles = [
         Line2D([], [], color=_colour(k, keys), lw=kind_of(k.kind).look.width, label=_text(k, keys))
         for k in keys
@@ -230,12 +257,23 @@ def _draw_legend(ax: Any, panels: Sequence[Panel], keys: Sequence[Key], unconfir
     for kind in dict.fromkeys(CROSSINGS[0] if k in CROSSINGS else k for k in kinds):
         marker = MARKERS.get(kind, "P")
         handles.append(Line2D([], [], color="k", ls="none", marker=marker, ms=4.5, label=kind))
-    falling = " or ".join(dict.fromkeys(symbol(panel.along) for panel in panels))
-    first = f"first as {falling} falls" + "\n(half as high: not checked)" * unconfirmed
-    handles.append(Line2D([], [], color="0.5", lw=4, alpha=0.6, label=first))
     ax.figure.legend(
-        handles=handles, loc="outside right upper", fontsize=7.5, frameon=False, handlelength=1.8
+        handles=[*handles, *further],
+        loc="outside right upper",
+        fontsize=7.5,
+        frameon=False,
+        handlelength=1.8,
     )
+
+
+def _band_key(panels: Sequence[Panel], bands: Sequence[Region]) -> list[Line2D]:
+    """The key to the bands, if there are any."""
+    if not bands:
+        return []
+    falling = " or ".join(dict.fromkeys(symbol(panel.along) for panel in panels))
+    unconfirmed = any(region.said for region in bands)
+    first = f"first as {falling} falls" + "\n(half as high: not checked)" * unconfirmed
+    return [Line2D([], [], color="0.5", lw=4, alpha=0.6, label=first)]
 
 
 def _text(key: Key, keys: Sequence[Key]) -> str:

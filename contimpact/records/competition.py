@@ -22,6 +22,8 @@ from .tables import first_unknown
 if TYPE_CHECKING:
     from .curve import Check
 
+BIRTHS = ("FB", "V")
+"""Kinds at which an orbit comes into being as often as it ends: others compete without them."""
 SAME_EDGE = 1e-9
 """Edges of regions closer than this part of the whole are one."""
 
@@ -117,12 +119,22 @@ def regions(
         What one-parameter runs say.
     """
     found: list[Region] = []
-    for panel in panels(curves):
+    for panel in panels(competing(curves)):
         column = along or falling(panel)
         words = dict.fromkeys((curve.word, curve.period) for curve in panel)
         for word in words:
             found += _regions([c for c in panel if (c.word, c.period) == word], column)
     return [_compared(region, checks) for region in found]
+
+
+def competing(curves: Sequence[Curve]) -> Sequence[Curve]:
+    """Return the curves that say what comes first.
+
+    Folds and zero velocities, at which an orbit may just as well be born, are left out of the
+    curves of an orbit that has others; `Area` tells which they are.
+    """
+    having = {(c.word, c.period) for c in curves if c.kind not in BIRTHS}
+    return [c for c in curves if c.kind not in BIRTHS or (c.word, c.period) not in having]
 
 
 def _compared(region: Region, checks: Sequence[Check]) -> Region:

@@ -20,6 +20,7 @@ from ..orbits.problem import Array, OrbitProblem
 from ..orbits.quiet import problem_of
 from ..orbits.search import find_orbits
 from ..records.branch import Branch
+from ..records.competition import BIRTHS
 from ..records.curve import Curve
 from ..records.entry import Entry
 from ..records.recovery import orbit_of
@@ -125,7 +126,8 @@ def orbit_at_start(branch: Branch, scene: Scene) -> Array | None:
 
 def first_of(entries: Sequence[Entry], kinds: Sequence[str], along: str) -> str | None:
     """Return the label of the real bifurcation with the largest value of a column."""
-    real = [e for e in entries if e.kind in kinds and not e.ghost]
+    others = [kind for kind in kinds if kind not in BIRTHS] or kinds
+    real = [e for e in entries if e.kind in others and not e.ghost]
     return max(real, key=lambda e: e.parameters[along]).label if real else None
 
 

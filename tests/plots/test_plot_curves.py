@@ -7,6 +7,7 @@ import json
 import numpy as np
 import pytest
 from matplotlib.figure import Figure
+from matplotlib.patches import PathPatch
 
 from contimpact import plot_curves
 from contimpact.bifurcations.declarations import CURVES
@@ -14,6 +15,7 @@ from contimpact.bifurcations.registry import kind_of
 from contimpact.continuation.branch import End, EndKind
 from contimpact.errors import InputError
 from contimpact.plots.curves import save_curves
+from contimpact.records.area import Area, StableOrbit
 from contimpact.records.catalogue import catalogue_text
 from contimpact.records.competition import regions
 from contimpact.records.curve import Curve
@@ -74,10 +76,57 @@ def test_what_comes_first_is_read_along_the_y_axis(drawn, along):
 def test_the_order_is_that_of_the_y_axis():
     """At any s the order along A is the reverse of the order along d."""
     low = curve(("A", "s"), "PD", A=4.0 + RAMP, s=0.3 + 0.1 * RAMP)
-    high = curve(("A", "s"), "FB", A=6.0 + RAMP, s=0.3 + 0.1 * RAMP)
+    high = curve(("A", "s"), "BP", A=6.0 + RAMP, s=0.3 + 0.1 * RAMP)
     assert plot_curves([low, high])[0].get_ylabel() == "$A$"
-    assert [region.first for region in regions([low, high])] == ["FB"]
+    assert [region.first for region in regions([low, high])] == ["BP"]
     assert [region.first for region in regions([low, high], "d")] == ["PD"]
+
+
+def test_where_an_orbit_is_born_is_not_what_it_meets_first():
+    """A fold above a period doubling is where the orbit begins."""
+    doubling = curve(("s", "r"), s=0.3 + 0.1 * RAMP, r=RAMP)
+    fold = curve(("s", "r"), "FB", s=0.5 + 0.1 * RAMP, r=RAMP)
+    assert [region.first for region in regions([doubling, fold])] == ["PD"]
+    assert [region.first for region in regions([fold])] == ["FB"]
+
+
+def area(*orbits, fixed=None, across="r", along="d", name="a1"):
+    """A triangle."""
+    ring = [(0.2, 0.2), (0.4, 0.2), (0.3, 0.3), (0.2, 0.2)]
+    kinds = {"PD": "PD", "G[1:1->2:1]": "G", None: None}
+    held = [StableOrbit("BT", 1, "1:1", ends, kinds[ends]) for ends in orbits]
+    return Area(name, fixed or {}, across, along, held, [ring], [[(0, "c1")]], 0.1, [], 1)
+
+
+def tinted(ax):
+    return [patch for patch in ax.patches if isinstance(patch, PathPatch)]
+
+
+def test_areas_are_tinted_below_the_curves():
+    """Each by what ends its orbit, hatched by kind, crossed where several are stable."""
+    grazing = curve(("s", "r"), "G", "G[1:1->2:1]", s=0.3 + 0.1 * RAMP, r=RAMP)
+    areas = [area("PD"), area("G[1:1->2:1]"), area("PD", "PD"), area(None), area()]
+    (ax,) = plot_curves([IN_R, grazing], areas=areas)
+    patches = tinted(ax)
+    assert len(patches) == 5  # one twice, one not at all
+    assert all(patch.get_zorder() < line.get_zorder() for patch in patches for line in ax.lines)
+    assert [patch.get_hatch() for patch in patches] == [None, "//////", None, "xxxx", None]
+    light = [sum(patch.get_facecolor()[:3]) for patch in patches]
+    assert len({round(value, 3) for value in light[:2]}) == 2
+    names = [text.get_text() for text in ax.figure.legends[0].get_texts()]
+    assert names[2:] == [
+        r"stable until $\mathrm{PD}$", r"stable until $\mathrm{G}_{1:1}^{\,2:1}$",
+        "stable throughout", "several stable orbits",
+    ]  # fmt: skip
+    assert len(ax.patches) == len(patches)  # no band
+
+
+def test_areas_stand_in_their_own_panel():
+    members = [curve(("s", "r"), fixed={"beta": b}, s=0.3 + 0.1 * RAMP, r=RAMP) for b in (0.1, 0.2)]
+    elsewhere = [area("PD", fixed={"beta": 0.2}, across="A"), area("PD", fixed={"beta": 0.3})]
+    first, second = plot_curves(members, areas=[area("PD", fixed={"beta": 0.2}), *elsewhere])
+    assert [len(tinted(ax)) for ax in (first, second)] == [0, 1]
+    assert first.patches  # a band, where there are no areas
 
 
 def test_parameters_of_any_system():
