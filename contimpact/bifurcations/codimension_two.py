@@ -35,7 +35,9 @@ from ..orbits.problem import Array
 from ..segments.flight import Touch
 from .declarations import CROSSINGS
 
-MARKERS = dict.fromkeys(CROSSINGS, "o") | {"G-FB": "^", "CP": "v", "GPD": "s", "DG": "D"}
+MARKERS = dict.fromkeys(CROSSINGS, "o") | {
+    "G-FB": "^", "CP": "v", "GPD": "s", "DG": "D", "FB-G": "P", "FB-V": "X", "PD-V": "*",
+}  # fmt: skip
 """In pictures."""
 
 

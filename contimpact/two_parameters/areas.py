@@ -14,25 +14,17 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ..bifurcations.registry import test_functions
-from ..continuation.branch import EndKind
 from ..models.model import Model
-from ..models.word import Word
-from ..orbit_continuation.orbit_branch import Run, both_ways
-from ..orbits.quiet import problem_of
-from ..orbits.search import find_orbits
 from ..progress import Progress
 from ..records.area import Area, Doubt, Ring, StableOrbit
-from ..records.branch import Branch
 from ..records.curve import Curve
-from ..records.diagram_reading import stable_intervals
-from ..records.entry import Entry
 from ..scenes.scene import Scene
 from ..segments.kernels import Kernels
 from .arrangement import SAME, Slab, slabs
 from .frame import Frame
 from .mechanisms import mechanisms
 from .outlines import Cell, Outline, outlines
+from .stretches import Stretch, once, stable_branches, stretches
 
 FIRST, CHECK = 0.5, 0.2360679
 """Where in a slab, or in a part of it, its first run and those that check it are made."""
@@ -42,18 +34,6 @@ BESIDES = 6
 """Heights at which a run that checks looks for orbits besides the middles of cells."""
 ON_CURVE = 1e-4
 """An end of a stable orbit farther than this part of the height from every curve is on none."""
-
-
-@dataclass(frozen=True)
-class Stretch:
-    """A stable orbit along a vertical line: between which heights, and what ends it below."""
-
-    low: float
-    high: float
-    orbit: StableOrbit
-    entry: Entry | None
-    branch: Branch
-    ends: tuple[str | None, str | None]
 
 
 @dataclass(frozen=True)
@@ -136,39 +116,24 @@ class _Divider:
         found = []
         for word in scene.orbits:
             for branch in stable_branches(scene, model, word, self.kernels, searched):
-                found += self.stretches(branch)
+                found += stretches(branch, frame)
+        found = once(found)
         for stretch in found:
             self.compare(number, x, heights, stretch)
         return Seen(part, found)
 
-    def stretches(self, branch: Branch) -> list[Stretch]:
-        """Where a branch is stable."""
-        entries = {entry.id: entry for entry in branch.events}
-        found = []
-        for interval in stable_intervals(branch):
-            ends = [(self.frame.height(v), b) for v, b in
-                    zip((interval.low, interval.high), interval.bounds, strict=True)]  # fmt: skip
-            (low, name), (high, above) = sorted(ends, key=lambda end: end[0])
-            entry = entries.get(name or "")
-            orbit = StableOrbit(
-                branch.word, branch.period, branch.notation, _end(entry, name),
-                entry.kind if entry else None, entry.criticality if entry else None,
-            )  # fmt: skip
-            found.append(Stretch(low, high, orbit, entry, branch, (name, above)))
-        return found
-
     def compare(self, number: int, x: float, heights: np.ndarray, stretch: Stretch) -> None:
         """Keep how far the ends of a stretch are from the curves, or note that they are on none."""
-        for y, name in zip((stretch.low, stretch.high), stretch.ends, strict=True):
+        for y, event in zip((stretch.low, stretch.high), stretch.events, strict=True):
             if not SAME < y < 1.0 - SAME:
                 continue
-            event = next((e for e in stretch.branch.events if e.id == name), None)
             bounds = self.bounds_of(number, event.kind if event else "")
             away, bound = min(((abs(heights[k] - y), k) for k in bounds), default=(np.inf, 0))
             if away > ON_CURVE:
                 place = self.frame.at(x, y)
                 cell = self.slabs[number].cell(x, y)
-                ends = f"{stretch.orbit.notation} ends at {event.label if event else name}"
+                label = event.label if event else stretch.orbit.ends
+                ends = f"{stretch.orbit.notation} ends at {label}"
                 self.off[number, cell].append(Doubt(*place, f"{ends} on no curve"))
                 continue
             for cell in (bound - 1, bound):
@@ -247,54 +212,16 @@ class _Divider:
         return found
 
     def mechanisms(self, stretch: Stretch) -> list[int]:
-        if stretch.entry is None:
+        end = stretch.events[0]
+        if end is None:
             return []
-        self.progress(f"areas: what follows {stretch.entry.label}")
-        return mechanisms(stretch.branch, stretch.entry, self.scene, self.model)
-
-
-def stable_branches(
-    scene: Scene, model: Model, word: Word, kernels: Kernels, searched: Sequence[float]
-) -> list[Branch]:
-    """Follow every stable physical orbit of a word that is found at some values of a parameter.
-
-    Parameters
-    ----------
-    scene : Scene
-    model : Model
-        Gives the values of the other parameters.
-    word : Word
-    kernels : Kernels
-        With the parameter free.
-    searched : sequence of float
-        The values.
-    """
-    problem = problem_of(model, word, kernels)
-    tests = test_functions(problem, scene.events, {})
-    runs: list[Run] = []
-    for value in searched:
-        at = model.replace(**{kernels.parameter: value})
-        found = find_orbits(
-            at, word, kernels=kernels, rng=scene.seed, starts=scene.starts, rounds=scene.rounds
-        )
-        for orbit in found:
-            if orbit.stable and orbit.physical and not any(r.holds(orbit.unknowns) for r in runs):
-                runs.append(both_ways(problem, orbit.unknowns, scene.range, tests, scene.settings))
-                if runs[-1].interrupted:
-                    raise KeyboardInterrupt
-    return [run.branch(f"b{k}", kinds=scene.events) for k, run in enumerate(runs, start=1)]
+        self.progress(f"areas: what follows {end.label}")
+        return mechanisms(stretch.branch, end, self.scene, self.model)
 
 
 def told(seen: Sequence[Stretch]) -> tuple[StableOrbit, ...]:
     """What is stable, in an order that does not depend on how it was found."""
     return tuple(sorted((one.orbit for one in seen), key=str))
-
-
-def _end(entry: Entry | None, name: str | None) -> str | None:
-    """Why an orbit ends: an entry's label, or the reason of the branch's end; None at a side."""
-    if entry is not None:
-        return entry.label
-    return None if name == EndKind.RANGE.name.lower() else name or "status changes"
 
 
 def _checked(slab: Slab) -> list[float]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import json
 import math
 
@@ -11,7 +12,10 @@ from zoo import scene
 
 import contimpact as ci
 from contimpact.records.catalogue import catalogue_text, load_diagram, write_diagram
+from contimpact.segments.kernels import Kernels
 from contimpact.studies.explore import follow
+from contimpact.two_parameters.frame import Frame
+from contimpact.two_parameters.stretches import once, stable_branches, stretches
 
 A, R = (6.4, 9.4), (0.25, 0.36)
 CROSSING = 0.304161346
@@ -133,3 +137,16 @@ def test_a_scene_without_areas_has_none():
     given = around_the_crossing(areas=False)
     assert given.resolved()["curves"]["areas"] is False
     assert not follow(given).areas
+
+
+def test_an_orbit_found_twice_is_one(diagram):
+    """Its branch followed from two starts, as happens next to a fold."""
+    given = around_the_crossing()
+    kernels, frame = Kernels(given.model, "A"), Frame.of(given, diagram.curves)
+    (word,) = given.orbits
+    branches = [stable_branches(given, given.model, word, kernels, [a])[0] for a in (6.6, 6.9)]
+    found = [stretch for branch in branches for stretch in stretches(branch, frame)]
+    assert len(found) == 2
+    assert len(once(found)) == 1
+    other = dataclasses.replace(found[1], low=found[1].low + 1e-3)
+    assert len(once([found[0], other])) == 2
