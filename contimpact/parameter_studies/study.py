@@ -23,6 +23,7 @@ from .schema import OF_SCENES, STEPS
 from .store import Store, opened, refusal, taken
 
 if TYPE_CHECKING:
+    from ..attractors.sweep import Sweep
     from ..records.entry import Entry
     from .maps import Map
 
@@ -217,6 +218,20 @@ class Study(Shown):
             kept = {"branches": "tables", "catalogues": "catalogue"}.get(table, table)
             raise InputError(f"study {self.name}", what, f"add {kept!r} to study.keep")
         return unpacked(found[0][0])
+
+    def sweeps(self) -> list[Sweep]:
+        """Return the sweeps of simulated motion, one for each scene, for `plot_transitions`.
+
+        Of their attractors a store keeps what they are and where, not the impacts.
+
+        Raises
+        ------
+        InputError
+            If the study does not keep attractors.
+        """
+        from .sweeps import sweeps_of
+
+        return sweeps_of(self)
 
     def map(self, quantity: str, **options: Any) -> Map:
         """Return a quantity over two axes; see `contimpact.parameter_studies.maps.map_of`."""

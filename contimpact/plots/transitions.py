@@ -1,8 +1,11 @@
 """Transitions of simulated motion over curves of bifurcations, as in the paper's Fig. 10.
 
-A marker stands where a sweep first met an orbit, between the value at which it did and the one
-before, with a bar from one to the other. Filled markers lie where their orbit stays for two values
-at least.
+Where a sweep with falling values first meets an orbit, a marker stands between the value at which
+it does and the one before, with a bar from one to the other. Its filling says from what the orbit
+is reached: black from complex motion, as by a transient grazing, grey from an orbit of several
+forcing periods, as by a grazing after period doublings, white from one of a single period. A
+sweep with rising values leaves the orbit at the smaller marker in another colour: between the two
+it depends on the direction what is seen.
 """
 
 from __future__ import annotations
@@ -11,30 +14,43 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from ..attractors.sweep import Sweep
+from ..attractors.attractor import Attractor, Kind
+from ..attractors.sweep import Row, Sweep
 from ..errors import InputError
+from ..records.area import Area
 from ..records.competition import falling
-from ..records.curve import Curve
+from ..records.curve import Check, Curve
 from .curves import plot_curves
 from .diagram import legend_mark
-from .texts import plain
+from .texts import plain, symbol
 
 MARKS = ("o", "s", "^", "D", "v", "P")
+RISING = "#CC79A7"
+FROM = {
+    "complex": ("k", "from complex motion (as TG)"),
+    "multiplied": ("0.65", "from period 2T, 3T, ... (as PD$_\\mathrm{G}$)"),
+    "single": ("white", "from period T"),
+}
+"""What an orbit is reached from: the filling of its marker, and the words for it."""
 
 
 @dataclass(frozen=True)
 class Met:
-    """Where a sweep first met an orbit: values of the parameter that is drawn."""
+    """Where a sweep first meets an orbit, or leaves it: values of the parameter that is drawn.
+
+    `source` is one of `FROM`, what was there before; None where a sweep with rising values leaves
+    the orbit.
+    """
 
     notation: str
     before: float
     after: float
-    stays: bool
+    source: str | None
 
 
 def plot_transitions(
     curves: Sequence[Curve], sweeps: Sequence[Sweep], *, to: Sequence[str], ax: Any = None,
-    along: str | None = None,
+    along: str | None = None, areas: Sequence[Area] = (), checks: Sequence[Check] = (),
 ) -> Any:  # fmt: skip
     """Draw where simulated motion changes, over curves of bifurcations in two parameters.
 
@@ -43,12 +59,17 @@ def plot_transitions(
     curves : sequence of Curve
         Of one pair of parameters.
     sweeps : sequence of Sweep
-        In the curves' first parameter, each at another value of the second one.
+        In the curves' first parameter, each at another value of the second one, with falling
+        values, rising ones or both; of a store by `Study.sweeps`.
     to : sequence of str
-        Notations of the orbits whose first appearance in each sweep is marked, such as ``2:1``.
+        Notations of the orbits that are marked, such as ``2:1``: where a sweep with falling values
+        of the parameter on the y axis first meets them, and where one with rising values leaves
+        them.
     ax : matplotlib.axes.Axes, optional
     along : str, optional
         The parameter on the y axis, as of `plot_curves`.
+    areas, checks : optional
+        As of `plot_curves`.
 
     Returns
     -------
@@ -66,7 +87,8 @@ def plot_transitions(
     if odd := next((sweep for sweep in sweeps if sweep.parameter != first), None):
         raise InputError("sweeps", f"one is in {odd.parameter}", f"give sweeps in {first}")
     along = along or falling(curves)
-    (ax,) = plot_curves(curves, None if ax is None else [ax], along=along)[:1]
+    given = None if ax is None else [ax]
+    (ax,) = plot_curves(curves, given, along=along, areas=areas, checks=checks)[:1]
     limits = ax.get_xlim(), ax.get_ylim()
     found = [(s.model.values[second], met) for s in sweeps for met in _met(s, to, along)]
     for place, met in found:
@@ -74,33 +96,64 @@ def plot_transitions(
     ax.set_xlim(*limits[0])
     values = [value for _, met in found for value in (met.before, met.after)]
     ax.set_ylim(min([limits[1][0], *values]), max([limits[1][1], *values]))
-    handles = [
-        legend_mark(color="k", marker=MARKS[k % len(MARKS)], linestyle="none", markersize=4.5,
-                    label=f"simulated, to {plain(name)}")
-        for k, name in enumerate(to)
-    ]  # fmt: skip
-    inside: dict[str, Any] = {"loc": "upper right", "fontsize": 7.5, "framealpha": 0.85}
-    ax.legend(handles=handles, **inside)
+    _legend(ax, [met for _, met in found], to, along)
     return ax
 
 
 def _met(sweep: Sweep, to: Sequence[str], along: str) -> list[Met]:
-    """The first appearance of each orbit in a sweep, in its first direction."""
-    rows = sweep.of(sweep.directions[0]) if sweep.rows else []
-    names = [row.attractor.notation for row in rows]
-    found = []
-    for name in to:
-        if name not in names[1:]:
-            continue
-        k = names.index(name, 1)
-        before, after = (rows[i].attractor.parameters[along] for i in (k - 1, k))
-        if names[k - 1] != name:
-            found.append(Met(name, before, after, name in names[k + 1 : k + 2]))
-    return found
+    """Where the sweep's orbits are met or left, in all its directions."""
+    ways = (sweep.of(way) for way in sweep.directions if way != "random")
+    return [met for rows in ways for name in to for met in _changes(rows, name, along)]
+
+
+def _changes(rows: Sequence[Row], name: str, along: str) -> list[Met]:
+    """The first appearance of an orbit as values fall; its last one as they rise."""
+    values = [row.attractor.parameters[along] for row in rows]
+    here = [row.attractor.notation == name for row in rows]
+    steps = range(1, len(rows))
+    if values and values[-1] > values[0]:
+        left = [k for k in steps if here[k - 1] and not here[k]][-1:]
+        return [Met(name, values[k - 1], values[k], None) for k in left]
+    met = [k for k in steps if here[k] and not here[k - 1]][:1]
+    return [Met(name, values[k - 1], values[k], _source(rows[k - 1].attractor)) for k in met]
+
+
+def _source(before: Attractor) -> str:
+    if before.kind is not Kind.PERIODIC:
+        return "complex"
+    return "multiplied" if (before.period or 1) > 1 else "single"
 
 
 def _draw(ax: Any, place: float, met: Met, marker: str) -> None:
-    ax.plot([place] * 2, [met.before, met.after], color="k", linewidth=0.8, zorder=6)
-    look = {"color": "k", "marker": marker, "markersize": 4.5, "linestyle": "none", "zorder": 7}
-    face = "k" if met.stays else "white"
-    ax.plot(place, 0.5 * (met.before + met.after), markerfacecolor=face, **look)
+    colour = "k" if met.source else RISING
+    ax.plot([place] * 2, [met.before, met.after], color=colour, linewidth=0.8, zorder=6)
+    ax.plot(place, 0.5 * (met.before + met.after), marker=marker, zorder=7, **_look(met.source))
+
+
+def _look(source: str | None) -> dict[str, Any]:
+    if source is None:
+        size = {"markersize": 3.4, "markeredgewidth": 1.2}
+        return {"color": RISING, "markerfacecolor": "none", "linestyle": "none", **size}
+    return {"color": "k", "markerfacecolor": FROM[source][0], "linestyle": "none", "markersize": 5}
+
+
+def _legend(ax: Any, found: Sequence[Met], to: Sequence[str], along: str) -> None:
+    """What the markers say, in the panel."""
+    handles = [
+        legend_mark(
+            marker=MARKS[k % len(MARKS)],
+            label=f"to {plain(name)} as {symbol(along)} falls",
+            **_look("single"),
+        )
+        for k, name in enumerate(to)
+    ]
+    handles += [
+        legend_mark(marker="o", label=FROM[source][1], **_look(source))
+        for source in FROM
+        if any(met.source == source for met in found)
+    ]
+    if any(met.source is None for met in found):
+        told = f"left as {symbol(along)} rises"
+        handles.append(legend_mark(marker="o", label=told, **_look(None)))
+    inside: dict[str, Any] = {"loc": "upper right", "fontsize": 7.0, "framealpha": 0.85}
+    ax.legend(handles=handles, **inside)

@@ -142,6 +142,11 @@ def test_what_is_kept_besides_is_what_the_scene_gives(here, tmp_path):
         rows = simulation.sweep.rows
         assert found["notation"].tolist() == [row.attractor.notation for row in rows]
         assert found["value"].tolist() == [row.value for row in rows] == [0.45, 0.4]
+        (sweep,) = asked.sweeps()
+        for one, row in zip(sweep.rows, rows, strict=True):
+            assert (one.direction, one.value) == (row.direction, row.value)
+            kept = ("kind", "parameters", "notation", "word", "period", "forcing_period")
+            assert all(getattr(one.attractor, n) == getattr(row.attractor, n) for n in kept)
         energies = asked.select("energies").arrays()["per_time"].tolist()
         assert energies == [of_attractor(scene.energy, row.attractor).per_time for row in rows]
         assert min(energies) > 0.0

@@ -10,7 +10,7 @@ import pytest
 import contimpact as ci
 from contimpact.attractors.attractor import Attractor, Kind
 from contimpact.attractors.sweep import Row, Sweep
-from contimpact.plots.transitions import MARKS
+from contimpact.plots.transitions import MARKS, RISING
 
 
 @pytest.fixture(scope="module")
@@ -26,35 +26,77 @@ def curve(pair):
     return ci.follow_curve(branch.events[0], None, "r", (0.3, 0.4), (0.2, 0.4), settings=few)
 
 
-def sweep_of(pair, r, met):
-    """A sweep that meets these orbits at 0.40, 0.39, ..."""
+def sweep_of(pair, r, met, way="down"):
+    """A sweep that meets these orbits at 0.40, 0.39, ..., or back."""
     rows = []
     for k, name in enumerate(met):
-        at = pair.replace(r=r, s=0.4 - 0.01 * k)
-        d = (at.values["s"]) * 0.6225
-        values = {**at.values, "d": d, "gbar": 0.0}
-        rows.append(Row("down", at.values["s"], Attractor(Kind.PERIODIC, values, name, 2.0)))
+        at = pair.replace(r=r, s=0.4 - 0.01 * (k if way == "down" else len(met) - 1 - k))
+        values = {**at.values, "d": at.values["s"] * 0.6225, "gbar": 0.0}
+        kind = Kind.COMPLEX if name.endswith("/C") else Kind.PERIODIC
+        period = None if kind is Kind.COMPLEX else int(name.partition("/")[2].strip("T") or 1)
+        found = Attractor(kind, values, name, 2.0, period=period)
+        rows.append(Row(way, at.values["s"], found))
     return Sweep(pair.replace(r=r), "s", rows)
 
 
-def marks(ax, marker):
+def marks(ax, marker, colour="k"):
     found = [m for m in ax.lines if m.get_marker() == marker and len(m.get_xdata()) == 1]
-    return [(m.get_xdata()[0], m.get_ydata()[0], m.get_markerfacecolor()) for m in found]
+    return [
+        (m.get_xdata()[0], m.get_ydata()[0], m.get_markerfacecolor())
+        for m in found
+        if m.get_color() == colour
+    ]
 
 
 def test_markers_stand_between_the_values(pair, curve):
+    """Filled by what the orbit is reached from."""
     sweeps = [
         sweep_of(pair, 0.25, ["1:1", "1:1", "2:1", "2:1", "3:1"]),
-        sweep_of(pair, 0.35, ["2:1", "1:1/C", "2:1", "2:1"]),
+        sweep_of(pair, 0.35, ["2:1", "1:1/2T", "2:1", "2:1"]),  # where it begins is no transition
+        sweep_of(pair, 0.36, ["2:1", "2:1"]),
+        sweep_of(pair, 0.30, ["1:1/2T", "2:1", "2:1/4T", "3:1"]),
+        sweep_of(pair, 0.32, ["1:1", "1:1/C", "2:1"]),
     ]
     ax = ci.plot_transitions([curve], sweeps, to=["2:1", "3:1"], along="s")
     two, three = (marks(ax, MARKS[k]) for k in (0, 1))
-    assert [place for place, *_ in two] == [0.25, 0.35]
-    assert [value for _, value, _ in two] == pytest.approx([0.385, 0.385])
-    assert [face for *_, face in two] == ["k", "k"]
-    assert three == [(0.25, pytest.approx(0.365), "white")]  # only for the last value
+    assert two == [
+        (0.25, pytest.approx(0.385), "white"),
+        (0.35, pytest.approx(0.385), "0.65"),
+        (0.30, pytest.approx(0.395), "0.65"),
+        (0.32, pytest.approx(0.385), "k"),
+    ]
+    assert three == [(0.25, pytest.approx(0.365), "white"), (0.30, pytest.approx(0.375), "0.65")]
     texts = [text.get_text() for text in ax.get_legend().get_texts()]
-    assert texts == ["simulated, to 2:1", "simulated, to 3:1"]
+    assert texts[:2] == ["to 2:1 as $s$ falls", "to 3:1 as $s$ falls"]
+    assert len(texts) == 5
+    assert not any("rises" in text for text in texts)
+
+
+def test_rising_values_leave_an_orbit_elsewhere(pair, curve):
+    """Up to 0.39 the orbit is kept, down it is met at 0.38."""
+    both = sweep_of(pair, 0.3, ["1:1", "1:1", "2:1", "2:1"])
+    both.rows.extend(sweep_of(pair, 0.3, ["1:1", "2:1", "2:1", "2:1"][::-1], "up").rows)
+    ax = ci.plot_transitions([curve], [both], to=["2:1"], along="s")
+    assert [value for _, value, _ in marks(ax, MARKS[0])] == pytest.approx([0.385])
+    assert marks(ax, MARKS[0], RISING) == [(0.3, pytest.approx(0.395), "none")]
+    assert ax.get_legend().get_texts()[-1].get_text() == "left as $s$ rises"
+
+
+def test_directions_are_those_of_the_y_axis(pair, curve):
+    """Where the y axis is the reciprocal of what is swept, rising values are falling ones."""
+    rows = sweep_of(pair, 0.3, ["1:1", "2:1"][::-1], "up").rows
+    turned = [
+        dataclasses.replace(
+            row,
+            attractor=dataclasses.replace(
+                row.attractor, parameters={**row.attractor.parameters, "d": 0.1 / row.value}
+            ),
+        )
+        for row in rows
+    ]
+    ax = ci.plot_transitions([curve], [Sweep(pair, "s", turned)], to=["1:1"], along="d")
+    assert len(marks(ax, MARKS[0])) == 1
+    assert not marks(ax, MARKS[0], RISING)
 
 
 def test_what_does_not_fit_is_refused(pair, curve):
