@@ -19,8 +19,8 @@ from ..bifurcations.registry import kind_of
 from ..records.area import Area, StableOrbit
 from .texts import plain, set_label
 
-TINT = 0.28
-"""Of a curve's colour in the area of the orbits that end at it."""
+TINT, DARKEST = 0.28, 0.84
+"""Of a curve's colour in the area of the orbits that end at it, and what none is darker than."""
 THROUGHOUT = "0.93"
 CROSSED = "xxxx"
 HATCHED = "0.55"
@@ -53,7 +53,8 @@ def draw_areas(ax: Any, areas: Sequence[Area], colours: Colours) -> None:
     """
     for area in areas:
         look = _look(area.orbits[0], colours)
-        ax.add_patch(PathPatch(_path(area), linewidth=0.0, zorder=0.5, **look))
+        sharp = {"linewidth": 0.0, "antialiased": False}  # no seams between areas
+        ax.add_patch(PathPatch(_path(area), zorder=0.5, **sharp, **look))
         if area.bistable:
             crossed = {"facecolor": "none", "edgecolor": HATCHED, "hatch": CROSSED}
             ax.add_patch(PathPatch(_path(area), linewidth=0.0, zorder=0.6, **crossed))
@@ -74,6 +75,7 @@ def _look(orbit: StableOrbit, colours: Colours) -> dict[str, Any]:
     if orbit.kind is None:
         return {"facecolor": THROUGHOUT, "edgecolor": HATCHED}
     colour = 1.0 - TINT * (1.0 - np.array(to_rgb(colours(orbit))))
+    colour = np.maximum(colour, DARKEST if colour.max() < DARKEST else 0.0)
     return {
         "facecolor": tuple(colour),
         "edgecolor": HATCHED,

@@ -10,7 +10,7 @@ it depends on the direction what is seen.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -50,7 +50,8 @@ class Met:
 
 def plot_transitions(
     curves: Sequence[Curve], sweeps: Sequence[Sweep], *, to: Sequence[str], ax: Any = None,
-    along: str | None = None, areas: Sequence[Area] = (), checks: Sequence[Check] = (),
+    along: str | None = None, units: Mapping[str, str] | None = None, areas: Sequence[Area] = (),
+    checks: Sequence[Check] = (),
 ) -> Any:  # fmt: skip
     """Draw where simulated motion changes, over curves of bifurcations in two parameters.
 
@@ -68,7 +69,7 @@ def plot_transitions(
     ax : matplotlib.axes.Axes, optional
     along : str, optional
         The parameter on the y axis, as of `plot_curves`.
-    areas, checks : optional
+    units, areas, checks : optional
         As of `plot_curves`.
 
     Returns
@@ -88,7 +89,7 @@ def plot_transitions(
         raise InputError("sweeps", f"one is in {odd.parameter}", f"give sweeps in {first}")
     along = along or falling(curves)
     given = None if ax is None else [ax]
-    (ax,) = plot_curves(curves, given, along=along, areas=areas, checks=checks)[:1]
+    (ax,) = plot_curves(curves, given, along=along, units=units, areas=areas, checks=checks)[:1]
     limits = ax.get_xlim(), ax.get_ylim()
     found = [(s.model.values[second], met) for s in sweeps for met in _met(s, to, along)]
     for place, met in found:

@@ -173,7 +173,7 @@ class _Divider:
         for number, cell in outline.cells:
             one = told(self.within(number, cell, self.seen[number]))
             others = [(seen, told(self.within(number, cell, seen))) for seen in self.checks[number]]
-            doubted = [self.doubt(number, cell, *pair) for pair in others if pair[1] != one]
+            doubted = [self.doubt(number, cell, *p) for p in others if not agree(one, p[1])]
             doubted += self.off[number, cell]
             checked += not doubted
             doubts += doubted
@@ -222,6 +222,16 @@ class _Divider:
 def told(seen: Sequence[Stretch]) -> tuple[StableOrbit, ...]:
     """What is stable, in an order that does not depend on how it was found."""
     return tuple(sorted((one.orbit for one in seen), key=str))
+
+
+def agree(one: Sequence[StableOrbit], other: Sequence[StableOrbit]) -> bool:
+    """Whether two runs say the same; next to where it changes a criticality may not be told."""
+    if len(one) != len(other):
+        return False
+    return all(
+        a == (b if a.criticality and b.criticality else replace(b, criticality=a.criticality))
+        for a, b in zip(one, other, strict=True)
+    )
 
 
 def _checked(slab: Slab) -> list[float]:

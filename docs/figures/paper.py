@@ -2,7 +2,8 @@
 
     python docs/figures/paper.py [NAME ...]
 
-Names are fig5, fig9, fig10 and fig12; all of them if none is given. Figs. 10 and 12 take a minute.
+Names are fig5, fig9, fig10 and fig12; all of them if none is given. Fig. 12 takes a minute, Fig. 10
+a quarter of an hour; its sweeps are kept in fig10.sqlite, in the folder where this is started.
 """
 
 import math
@@ -13,10 +14,20 @@ import numpy as np
 from matplotlib.figure import Figure
 
 import contimpact as ci
+from contimpact.parameter_studies.executors import processes
 
 HERE = Path(__file__).parent
 SCENES = HERE.parents[1] / "branches"
 EVENTS = ["FB", "PD", "G"]
+STORE = Path("fig10.sqlite")
+"""Where the sweeps of Fig. 10 are kept; what is there already is not simulated again."""
+LIMITS = {"a": (0.08, 0.42), "b": (0.08, 0.42), "c": (0.08, 0.3)}
+"""Of d in Fig. 10."""
+TITLES = {
+    "a": r"$\beta = \pi/3$, $A = 5$ N, $s$ swept",
+    "b": r"$\beta = \pi/3$, $s = 0.5$ m, $A$ swept",
+    "c": r"$\beta = \pi/6$, $s = 0.5$ m, $A$ swept",
+}
 
 
 def written(figure, name):
@@ -62,29 +73,41 @@ def fig9():
 
 
 def fig10():
-    """Transitions of simulated motion over the curves of Fig. 6, for beta = pi/3."""
-    pair = ci.ImpactPair(beta=math.pi / 3, r=0.5, A=5.0, s=0.6)
-    curves = []
-    for word, s in (("1:1", 0.6), ("2:1", 0.32)):
-        orbits = ci.find_orbits(pair.replace(s=s), word, parameter="s")
-        orbit = next(o for o in orbits if o.physical and o.stable)
-        branch = ci.continue_orbit(orbit, "s", (0.1, 1.2), events=EVENTS)
-        for event in branch.events:
-            if event.value < 0.7:
-                curves.append(
-                    ci.follow_curve(
-                        event, second="r", first_range=(0.05, 1.2), second_range=(0.2, 0.8),
-                        name=f"c{len(curves) + 1}",
-                    )
-                )  # fmt: skip
-    sweeps = []
-    for r in np.linspace(0.25, 0.75, 11):
-        values = np.linspace(0.62, 0.14, 49)
-        sweeps.append(ci.sweep(pair.replace(r=float(r), s=0.62), "s", values))
-    figure = Figure(figsize=(8.0, 5.6), layout="constrained")
-    ax = figure.add_subplot()
-    ci.plot_transitions(curves, sweeps, to=["2:1", "3:1"], ax=ax, along="d")
-    written(figure, "fig10")
+    """Transitions of simulated motion over the curves of Fig. 6: 10(a), (b) and (c)."""
+    for panel, to in (("a", ["2:1", "3:1"]), ("b", ["2:1", "3:1"]), ("c", ["2:1", "3:1", "2:2"])):
+        study = ci.load_study(SCENES / "fig10" / f"{panel}.toml")
+        with ci.Store(STORE) as store:
+            ci.run_study(study, store, processes())
+        with ci.Study(STORE, study.name) as asked:
+            sweeps = asked.sweeps()
+        figure = Figure(figsize=(8.4, 5.8), layout="constrained")
+        diagram = ci.follow(with_curves(study))
+        ax = figure.add_subplot()
+        units = {"d": "dimensionless", "r": "dimensionless"}
+        curves = [c for c in diagram.curves if c.kind != "V"]  # they are those of grazings
+        ci.plot_transitions(curves, sweeps, to=to, ax=ax, units=units, areas=diagram.areas)
+        ax.set_xlim(0.05, 0.9)
+        ax.set_ylim(*LIMITS[panel])
+        ax.set_title(TITLES[panel], fontsize=10)
+        written(figure, f"fig10{panel}")
+
+
+def with_curves(study):
+    """A study's scene with the curves of 1:1 and 2:1 over r, and with areas."""
+    given = study.scene_at([0.5])
+    del given["simulate"]
+    kinds = ["FB", "PD", "G", "V"]
+    return ci.read_scene(
+        given
+        | {
+            "follow": {**given["follow"], "orbits": ["1:1", "2:1"]},
+            "detect": {"events": kinds},
+            "curves": {
+                "parameter": "r", "range": [0.05, 0.9], "kinds": kinds, "cover": 3,
+                "max_step": 0.02, "areas": True,
+            },
+        }
+    )  # fmt: skip
 
 
 def fig12():

@@ -164,7 +164,7 @@ def test_rows_are_selected_by_columns_and_axes(asked):
 
 def test_columns_without_rows_are_there(asked):
     columns = asked.attractors().arrays()
-    with pytest.raises(InputError, match="add 'attractors' to study.keep"):
+    with pytest.raises(InputError, match=r"add 'attractors' to study\.keep"):
         asked.sweeps()
     assert {"scene", "beta", "r", "direction", "value"} <= {*columns}
     assert all(len(values) == 0 for values in columns.values())

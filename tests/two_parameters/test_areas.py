@@ -11,9 +11,11 @@ import pytest
 from zoo import scene
 
 import contimpact as ci
+from contimpact.records.area import StableOrbit
 from contimpact.records.catalogue import catalogue_text, load_diagram, write_diagram
 from contimpact.segments.kernels import Kernels
 from contimpact.studies.explore import follow
+from contimpact.two_parameters.areas import agree
 from contimpact.two_parameters.frame import Frame
 from contimpact.two_parameters.stretches import once, stable_branches, stretches
 
@@ -150,3 +152,14 @@ def test_an_orbit_found_twice_is_one(diagram):
     assert len(once(found)) == 1
     other = dataclasses.replace(found[1], low=found[1].low + 1e-3)
     assert len(once([found[0], other])) == 2
+
+
+def test_what_is_not_told_is_no_disagreement():
+    """The criticality next to where it changes; what ends the orbit is told always."""
+    told = StableOrbit("BT", 1, "1:1", "PD", "PD", "supercritical")
+    unknown = dataclasses.replace(told, criticality=None)
+    assert agree([told], [unknown])
+    assert agree([unknown], [told])
+    assert not agree([told], [dataclasses.replace(told, criticality="subcritical")])
+    assert not agree([told], [dataclasses.replace(unknown, ends="G")])
+    assert not agree([told], [told, told])
