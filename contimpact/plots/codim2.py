@@ -24,14 +24,15 @@ DASHES: tuple[Any, ...] = ("-", (0, (5, 1.5)), (0, (4, 1.5, 1, 1.5)), (0, (1, 1.
 def plot_codim2(
     curves: Sequence[Curve], axes: Any = None, *, units: Mapping[str, str] | None = None
 ) -> Any:
-    """Draw curves in three parameters: the second, and the first one, over the third.
+    """Draw curves in three parameters as projections: the second and the first one over the third,
+    and the first over the second.
 
     Parameters
     ----------
     curves : sequence of Curve
         Of three parameters, the same ones.
-    axes : two of matplotlib.axes.Axes, optional
-        A new figure otherwise.
+    axes : three of matplotlib.axes.Axes, optional
+        A new figure otherwise; with two the last projection is left out.
     units : mapping of str to str, optional
         Of parameters.
 
@@ -44,21 +45,23 @@ def plot_codim2(
     InputError
         For no curves, or curves in different parameters.
     """
-    planes = {curve.parameters for curve in curves}
-    if len(planes) != 1:
-        found = "empty" if not planes else f"curves in {len(planes)} triples of parameters"
+    triples = {curve.parameters for curve in curves}
+    if len(triples) != 1:
+        found = "empty" if not triples else f"curves in {len(triples)} triples of parameters"
         raise InputError("curves", found, "give curves in the same three parameters")
-    _, second, third = planes.pop()
+    _, second, third = triples.pop()
     if axes is None:
-        figure = matplotlib.figure.Figure(figsize=(8.6, 3.4), dpi=150, layout="constrained")
-        axes = figure.subplots(1, 2)
+        figure = matplotlib.figure.Figure(figsize=(11.4, 3.4), dpi=150, layout="constrained")
+        axes = figure.subplots(1, 3)
     axes = list(np.ravel(axes))
     kinds = list(dict.fromkeys((c.kind, c.notation) for c in curves))
-    for ax, name in zip(axes, (second, falling(curves)), strict=False):
+    first = falling(curves)
+    planes = ((third, second), (third, first), (second, first))
+    for ax, (across, along) in zip(axes, planes, strict=False):
         for curve in curves:
-            _draw(ax, curve, third, name, kinds.index((curve.kind, curve.notation)))
-        ax.set_xlabel(axis_label(third, (units or {}).get(third, "")))
-        ax.set_ylabel(axis_label(name, (units or {}).get(name, "")))
+            _draw(ax, curve, across, along, kinds.index((curve.kind, curve.notation)))
+        ax.set_xlabel(axis_label(across, (units or {}).get(across, "")))
+        ax.set_ylabel(axis_label(along, (units or {}).get(along, "")))
     _legend(axes[0], curves, kinds)
     return axes
 

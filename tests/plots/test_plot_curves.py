@@ -9,7 +9,7 @@ import pytest
 from matplotlib.figure import Figure
 from matplotlib.patches import PathPatch
 
-from contimpact import plot_curves
+from contimpact import plot_codim2, plot_curves
 from contimpact.bifurcations.declarations import CURVES
 from contimpact.bifurcations.registry import kind_of
 from contimpact.continuation.branch import End, EndKind
@@ -191,6 +191,21 @@ def test_a_kind_without_a_colour_of_its_own_is_drawn():
     (line,) = [line for line in ax.lines if len(line.get_xdata()) > 1]
     assert line.get_color() not in [kind_of(kind).look.colour for kind in CURVES]
     assert ax.figure.legends[0].get_texts()[0].get_text() == r"my_kind \$"
+
+
+def test_curves_in_three_parameters_are_drawn_as_projections():
+    """On each pair of the three, the first one as d."""
+    one = curve(("s", "r", "beta"), "PD-G", s=0.3 + 0.1 * RAMP, r=0.2 + RAMP, beta=1.0 + RAMP)
+    axes = plot_codim2([one], units={"beta": "rad", "d": "dimensionless"})
+    labels = [(ax.get_xlabel(), ax.get_ylabel()) for ax in axes]
+    d = "$d$ (dimensionless)"
+    assert labels == [(r"$\beta$ (rad)", "$r$"), (r"$\beta$ (rad)", d), ("$r$", d)]
+    for ax, (across, along) in zip(axes, (("beta", "r"), ("beta", "d"), ("r", "d")), strict=True):
+        (line,) = ax.lines
+        assert np.array_equal(line.get_xdata(), one[across])
+        assert np.array_equal(line.get_ydata(), one[along])
+    with pytest.raises(InputError):
+        plot_codim2([one, IN_R])
 
 
 def test_the_file_names_what_is_fixed(tmp_path):
