@@ -5,13 +5,13 @@ it does and the one before, with a bar from one to the other. Its filling says f
 is reached: black from complex motion, as by a transient grazing, grey from an orbit of several
 forcing periods, as by a grazing after period doublings, white from one of a single period. A
 sweep with rising values leaves the orbit at the smaller marker in another colour: between the two
-it depends on the direction what is seen.
+it depends on the direction what is seen. Points of codimension two are left out.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 from ..attractors.attractor import Attractor, Kind
@@ -89,7 +89,8 @@ def plot_transitions(
         raise InputError("sweeps", f"one is in {odd.parameter}", f"give sweeps in {first}")
     along = along or falling(curves)
     given = None if ax is None else [ax]
-    (ax,) = plot_curves(curves, given, along=along, units=units, areas=areas, checks=checks)[:1]
+    bare = [replace(curve, points=()) for curve in curves]  # their marks are like those drawn here
+    (ax,) = plot_curves(bare, given, along=along, units=units, areas=areas, checks=checks)[:1]
     limits = ax.get_xlim(), ax.get_ylim()
     found = [(s.model.values[second], met) for s in sweeps for met in _met(s, to, along)]
     for place, met in found:

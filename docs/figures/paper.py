@@ -2,8 +2,9 @@
 
     python docs/figures/paper.py [NAME ...]
 
-Names are fig5, fig9, fig10 and fig12; all of them if none is given. Fig. 12 takes a minute, Fig. 10
-a quarter of an hour; its sweeps are kept in fig10.sqlite, in the folder where this is started.
+Names are fig5, fig6, fig9, fig10 and fig12; all of them if none is given. Fig. 6 takes two minutes,
+Fig. 12 one, Fig. 10 a quarter of an hour; its sweeps are kept in fig10.sqlite, in the folder where
+this is started.
 """
 
 import math
@@ -19,6 +20,11 @@ from contimpact.parameter_studies.executors import processes
 HERE = Path(__file__).parent
 SCENES = HERE.parents[1] / "branches"
 EVENTS = ["FB", "PD", "G"]
+PUBLISHED = (
+    (1 / 18, 0.394006503), (1 / 9, 0.295513665), (1 / 6, 0.185725166), (1 / 18, 0.429318118),
+    (1 / 9, 0.372079625), (1 / 6, 0.304161346), (1 / 4, 0.151180589),
+)  # fmt: skip
+"""Angle in pi and r where the curves of panels 6(a) and 6(b) cross."""
 STORE = Path("fig10.sqlite")
 """Where the sweeps of Fig. 10 are kept; what is there already is not simulated again."""
 LIMITS = {"a": (0.08, 0.42), "b": (0.08, 0.42), "c": (0.08, 0.3)}
@@ -50,6 +56,36 @@ def fig5():
         labels = [f"{word}, stable" for word in attracting] + [f"1:1, {state}, A = {A} N, r = {r}"]
         ci.plot_orbit(*stable, single, axes=row, labels=labels)
     written(figure, "fig5")
+
+
+def fig6():
+    """Fig. 6 whole: where PD and grazing of 1:1 and of 2:1 exchange places, at all angles."""
+    figure = Figure(figsize=(10.4, 4.8), layout="constrained")
+    axes = figure.subplots(1, 2, sharex=True, sharey=True)
+    for name, style, fixed in (("fig6_A", "-", "$A = 5$ N"), ("fig6_s", "--", "$s = 0.5$ m")):
+        diagram = ci.follow(ci.load_scene(SCENES / name / "scene.toml"))
+        for curve in (c for c in diagram.codim2_curves if c.kind == "PD-G"):
+            ax = axes[("1:1", "2:1").index(curve.notation)]
+            first = curve["r"][np.argmax(curve["beta"])] < 0.5 if ax is axes[0] else True
+            colour = "#0072B2" if first else "0.55"
+            ax.plot(curve["beta"] / np.pi, curve["r"], color=colour, linestyle=style)
+            ends = curve["beta"][[0, -1]] / np.pi, curve["r"][[0, -1]]
+            ax.plot(*ends, "o", color=colour, markersize=4, markerfacecolor="w", clip_on=False)
+        for ax in axes:
+            ax.plot([], [], color="k", linestyle=style, label=fixed)
+    for ax, word in zip(axes, ("1:1", "2:1"), strict=True):
+        ax.set_title(f"PD-G of {word}")
+        ax.set_xlabel(r"$\beta$ ($\pi$ rad)")
+    axes[0].plot(*zip(*PUBLISHED, strict=True), "kx", label="panels (a) and (b)")
+    axes[0].text(0.04, 0.16, "grazing first", fontsize=9)
+    axes[0].text(0.26, 0.4, "period doubling first", fontsize=9, color="#0072B2")
+    axes[0].text(0.25, 0.74, "a second 1:1 at smaller $d$", fontsize=9, color="0.45")
+    axes[1].text(0.02, 0.69, "with grazing to 3:1", fontsize=9)
+    axes[1].text(0.12, 0.1, "with grazing to 2:2", fontsize=9)
+    axes[0].set_ylabel("$r$ (dimensionless)")
+    axes[0].set_ylim(0.0, 0.8)
+    axes[0].legend(fontsize=8, loc="lower right", bbox_to_anchor=(1.0, 0.1))
+    written(figure, "fig6")
 
 
 def fig9():
@@ -139,6 +175,6 @@ def draw_means(ax, pair, parameter, values):
 
 
 if __name__ == "__main__":
-    for chosen in sys.argv[1:] or ["fig5", "fig9", "fig10", "fig12"]:
-        {"fig5": fig5, "fig9": fig9, "fig10": fig10, "fig12": fig12}[chosen]()
+    for chosen in sys.argv[1:] or ["fig5", "fig6", "fig9", "fig10", "fig12"]:
+        {"fig5": fig5, "fig6": fig6, "fig9": fig9, "fig10": fig10, "fig12": fig12}[chosen]()
         print(chosen)
