@@ -49,7 +49,18 @@ SCRIPT = "<script>alert(1)</script>"
 TRIED = {
     "fig7": {},
     "fig8": {"follow": {"max_branches": 3, "survey": False}},
-    "fig6b": {"curves": {"family": {"beta": ["pi/6"]}, "start": [0.7]}},
+    "fig6b": {
+        "follow": {"range": [0.8, 40.0]},
+        "detect": {"events": ["FB", "PD", "G"]},
+        "curves": {
+            "family": {"beta": ["pi/6"]},
+            "start": [0.7],
+            "kinds": ["PD", "G"],
+            "cover": 0,
+            "areas": False,
+            "max_step": 0.05,
+        },
+    },
     "stop": {},
 }
 """Scenes of the paper, some of them shortened."""

@@ -794,7 +794,8 @@ def test_ends_of_earlier_files_are_read(diagram, tmp_path):
 
 def test_curves_read_back_equal(tmp_path):
     scene = load_scene(SCENE.parent.parent / "fig6b" / "scene.toml")
-    quick = dataclasses.replace(scene.curves, start=(), family=("beta", (0.3, math.pi / 6)))
+    family = "beta", (0.3, math.pi / 6)
+    quick = dataclasses.replace(scene.curves, start=(), cover=0, areas=False, family=family)
     diagram = follow(dataclasses.replace(scene, curves=quick))
     write_diagram(diagram, tmp_path)
     loaded = load_diagram(tmp_path)
