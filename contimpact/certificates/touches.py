@@ -148,7 +148,7 @@ class Flying:
             if depth == DEEPEST or (alone and depth > DEEPEST // 2):
                 yield from (Patch(self.flight, name, along, at, alone) for name in left)
             else:
-                cells += self._cut(along, at, depth, wide, ds, du)
+                cells += self._cut(along, at, depth, wide.bend * wide.duration * ds, mid.speed_along * du)
 
     def _around(self, wall: str, u: float, s: float) -> Patch | None:
         """The largest of some cells around a touch that holds no other."""
@@ -180,10 +180,9 @@ class Flying:
         return not (first - second).contains(0)
 
     @staticmethod
-    def _cut(along: Any, at: Any, depth: int, wide: _Local, ds: Any, du: Any) -> list[Any]:
+    def _cut(along: Any, at: Any, depth: int, by_s: Any, by_u: Any) -> list[Any]:
         """Two cells in place of one, cut where the velocity varies more."""
-        across_s = float((abs(wide.bend * wide.duration) * abs(ds).upper()).upper())
-        across_u = float((abs(wide.speed_along) * abs(du).upper()).upper())
+        across_s, across_u = (float(abs(change).upper()) for change in (by_s, by_u))
         if across_s >= across_u:
             middle = at[0] + 0.4921875 * (at[1] - at[0])
             return [(along, (at[0], middle), depth + 1), (along, (middle, at[1]), depth + 1)]
