@@ -215,7 +215,23 @@ class Reference:
 
         return system, null
 
-    def _cycle(self, blocks: Sequence[Any], q: Sequence[Any], mu: float) -> list[Any]:
+    def singular_pair(self, null: Array, mu: complex) -> System:
+        """F = 0, C(c + i s) (p + i q) = 0, the length and phase of p + i q held, c^2 + s^2 = 1."""
+        n = self.problem.n
+        bar = [self.ctx.mpc(complex(c).conjugate()) for c in null]
+
+        def system(x: list[Any]) -> list[Any]:
+            residual, blocks = self.flights(x[: n + 1])
+            p, q, (c, s) = x[n + 1 : 2 * n + 1], x[2 * n + 1 : 3 * n + 1], x[3 * n + 1 :]
+            whole = [self.ctx.mpc(a, b) for a, b in zip(p, q, strict=True)]
+            rows = self._cycle(blocks, whole, self.ctx.mpc(c, s))
+            size = sum((a * b for a, b in zip(bar, whole, strict=True)), self.ctx.mpf(-1))
+            parts = [*(row.real for row in rows), *(row.imag for row in rows)]
+            return [*residual, *parts, size.real, size.imag, c * c + s * s - 1]
+
+        return system, [*null.real.tolist(), *null.imag.tolist(), mu.real, mu.imag]
+
+    def _cycle(self, blocks: Sequence[Any], q: Sequence[Any], mu: Any) -> list[Any]:
         """The cyclic matrix with its last coupling multiplied by mu, times a vector."""
         m, count = self.problem.m, len(blocks)
         rows = []

@@ -67,6 +67,9 @@ class ManyDigits(Protocol):
     def singular(self, z: Array, mu: float) -> System:
         """F = 0, C(mu) q = 0, l.q = 1."""
 
+    def singular_pair(self, null: Array, mu: complex) -> System:
+        """F = 0, C(mu) q = 0 for a pair on the unit circle: q and mu complex, l.q = 1."""
+
     def branch_point(self, z: Array) -> System:
         """F + nu psi = 0, J' psi = 0, |psi| = 1."""
 
@@ -77,7 +80,7 @@ class ManyDigits(Protocol):
         """F = 0, and a function of the unknowns is zero."""
 
     def product(self, z: list[Number]) -> Number:
-        """The product of all multipliers."""
+        """The product of all multipliers: one for a pair on the unit circle that is alone."""
 
     def duration(self, z: list[Number], flight: int) -> Number:
         """A flight's duration."""

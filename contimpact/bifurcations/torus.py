@@ -47,26 +47,14 @@ class SingularPair(ExtendedSystem):
     """
 
     def start(self, here: Linearisation) -> Array:
-        multipliers = here.multipliers[np.isfinite(here.multipliers)]
-        pairs = multipliers[multipliers.imag > 0.0]
-        if not len(pairs):
-            raise np.linalg.LinAlgError("no complex pair of multipliers")
-        theta = float(np.angle(pairs[np.argmin(np.abs(np.abs(pairs) - 1.0))]))
-        first, last = self._parts(here)
-        null = np.linalg.svd(first + np.exp(1j * theta) * last)[2][-1].conj()
-        self.phase = null
-        return np.concatenate([null.real, null.imag, [theta]])
-
-    def _parts(self, here: Linearisation) -> tuple[Array, Array]:
-        n = self.problem.n
-        first = here.cyclic(0.0)[:, :n]
-        return first, here.cyclic(1.0)[:, :n] - first
+        self.phase, mu = null_pair(here)
+        return np.concatenate([self.phase.real, self.phase.imag, [np.angle(mu)]])
 
     def assemble(self, here: Linearisation, own: Array) -> Assembled:
         n, orbit = self.problem.n, len(here.unknowns)
         re, im, theta = own[:n], own[n : 2 * n], own[-1]
         cos, sin = np.cos(theta), np.sin(theta)
-        first, last = self._parts(here)
+        first, last = _parts(here)
         real, imaginary = first + cos * last, sin * last
         jacobian = np.zeros((3 * n + 2, orbit + 2 * n + 1))
         jacobian[:n, :orbit] = here.jacobian
@@ -100,6 +88,32 @@ class SingularPair(ExtendedSystem):
         product = rounding_of_product(matrix, errors, largest)
         length = rounding_of_length(own[:-1])
         return np.concatenate([bounds.residual, product, product, [length, length]])
+
+
+def null_pair(here: Linearisation) -> tuple[Array, complex]:
+    """Return the null vector of the pair of multipliers nearest to the unit circle, and the one of
+    them above the real axis, on the circle.
+
+    Raises
+    ------
+    numpy.linalg.LinAlgError
+        If there is no pair.
+    """
+    multipliers = here.multipliers[np.isfinite(here.multipliers)]
+    pairs = multipliers[multipliers.imag > 0.0]
+    if not len(pairs):
+        raise np.linalg.LinAlgError("no complex pair of multipliers")
+    mu = pairs[np.argmin(np.abs(np.abs(pairs) - 1.0))]
+    mu = complex(mu / abs(mu))
+    first, last = _parts(here)
+    return np.linalg.svd(first + mu * last)[2][-1].conj(), mu
+
+
+def _parts(here: Linearisation) -> tuple[Array, Array]:
+    """C0 and C1."""
+    n = here.problem.n
+    first = here.cyclic(0.0)[:, :n]
+    return first, here.cyclic(1.0)[:, :n] - first
 
 
 class RealPair(TestFunction):
@@ -138,7 +152,9 @@ class NS(Kind):
         return SingularPair(problem)
 
     def in_many_digits(self, orbit: ManyDigits, unknowns: Array, details: Details) -> System:
-        return orbit.vanishing(lambda x: orbit.product(x) - 1)
+        if orbit.problem.m == 2:
+            return orbit.vanishing(lambda x: orbit.product(x) - 1)
+        return orbit.singular_pair(*null_pair(orbit.problem.evaluate(unknowns)))
 
     def passed(self, multiplier: float | None) -> bool:
         return multiplier is None

@@ -7,6 +7,7 @@ cut; what is left open is named with its piece of the parameter.
 
 from __future__ import annotations
 
+import math
 import time
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass
@@ -15,6 +16,7 @@ from typing import Any
 import numpy as np
 from flint import ctx
 
+from ..bifurcations.registry import kind_of
 from ..continuation.branch import EndKind
 from ..models.model import Model
 from ..models.word import Word
@@ -103,7 +105,9 @@ class BranchCertificate:
         head = f"{self.id} {self.word}/{self.period}T"
         if self.complete:
             return [f"{head}: complete for {kinds}, {where}, in {self.tubes} tubes"]
-        found = [f"{head}: {self.share:.2%} proven for {kinds}, {where}, in {self.tubes} tubes"]
+        found = [
+            f"{head}: {_percent(self.share)} proven for {kinds}, {where}, in {self.tubes} tubes"
+        ]
         for name, pieces in (("missing", self.missing), ("unproven", self.unproven)):
             found += [f"  {name}: {_between(self.parameter, p)}: {p.what}" for p in pieces]
         return found + [f"  {name} is not proven to lie on the branch" for name in self.strange]
@@ -111,6 +115,11 @@ class BranchCertificate:
     def record(self) -> dict[str, Any]:
         """Return the certificate as plain data."""
         return {**asdict(self), "complete": self.complete}
+
+
+def _percent(share: float) -> str:
+    """A share, rounded down: what is open shows."""
+    return f"{math.floor(1e4 * share) / 1e2:.2f} %"
 
 
 def _between(parameter: str, piece: Piece) -> str:
@@ -139,7 +148,7 @@ def certified_branch(
     ----------
     branch : Branch
     entries : sequence of Entry
-        Its events.
+        Its events, and perhaps those of other branches, which may cross it.
     certificates : mapping of str to EventCertificate
         Their certificates, by name.
     kinds : sequence of str
@@ -154,7 +163,9 @@ def certified_branch(
         problem = problem_of(branch, model, kernels)
         points = points_of(branch, problem)
         scale = scale_of(problem, points)
-        own = [e for e in entries if certificates[e.id].located and _of(problem, e)]
+        alike = [e for e in entries if certificates[e.id].located and _of(problem, e)]
+        own = [entry for entry in alike if entry.branch == branch.id]
+        crossings = {e.id: e.value for e in alike if kind_of(e.kind).crossing}
         places = [known(entry, certificates[entry.id], problem) for entry in own]
         work = Examination(problem, kinds, places)
         nodes = nodes_of(problem, points, scale)
@@ -163,7 +174,7 @@ def certified_branch(
             nodes = nodes[1:]
         for segment, tube in laid(work.space, nodes, scale, progress):
             work.account(segment, tube)
-        return _certificate(branch, work, own, time.perf_counter() - began)
+        return _certificate(branch, work, own, crossings, time.perf_counter() - began)
 
 
 def _of(problem: OrbitProblem, entry: Entry) -> bool:
@@ -173,11 +184,11 @@ def _of(problem: OrbitProblem, entry: Entry) -> bool:
     return same and (entry.word, entry.period) == (problem.word.walls, problem.word.period)
 
 
-def without_certificate(branch: Branch) -> BranchCertificate:
+def without_certificate(branch: Branch, why: str) -> BranchCertificate:
     """Return what is said of a branch that nothing is proven of."""
     values = branch[branch.parameter]
     start, end = float(values[0]), float(values[-1])
-    whole = Piece(start, end, "there is no certificate")
+    whole = Piece(start, end, why)
     return BranchCertificate(
         branch.id, branch.word, branch.period, branch.parameter, (), start, end, unproven=(whole,)
     )
@@ -220,7 +231,9 @@ def verified_branch(
         problem = problem_of(branch, model, kernels)
         points = points_of(branch, problem)
         scale = scale_of(problem, points)
-        own = [e for e in entries if certificates[e.id].located and _of(problem, e)]
+        alike = [e for e in entries if certificates[e.id].located and _of(problem, e)]
+        own = [entry for entry in alike if entry.branch == branch.id]
+        crossings = {e.id: e.value for e in alike if kind_of(e.kind).crossing}
         places = [known(entry, certificates[entry.id], problem) for entry in own]
         work = Examination(problem, record.kinds, places)
         stored = list(_stored(record, work.space, scale))
@@ -230,7 +243,7 @@ def verified_branch(
             tube = proven_tube(segment, box) if box is not None else None
             work.account(segment, tube, DEEPEST)
         _reaches(work.found, points, scale)
-        return _certificate(branch, work, own, time.perf_counter() - began)
+        return _certificate(branch, work, own, crossings, time.perf_counter() - began)
 
 
 def _stored(
@@ -266,10 +279,15 @@ class _precise:
 
 
 def _certificate(
-    branch: Branch, work: Examination, own: Sequence[Entry], seconds: float
+    branch: Branch,
+    work: Examination,
+    own: Sequence[Entry],
+    crossings: Mapping[str, float],
+    seconds: float,
 ) -> BranchCertificate:
     found = work.found
     found.link()
+    found.name_crossings(crossings)
     total = sum(segment.length for segment, _ in found.tubes)
     sought = [c.id for c in own if c.kind in work.kinds]
     lost = [name for name in sought if found.events.count(name) != 1]

@@ -26,6 +26,9 @@ from .branch import BranchCertificate, certified_branch, verified_branch, withou
 from .event import EventCertificate, certified, verified
 from .records import ROWS, Certificates, Kept, digest, read_certificates
 
+NONE = "there is no certificate"
+QUIET = "proofs are for orbits with impacts"
+
 
 class Problems:
     """The orbit problems of entries; kernels of one system are loaded once."""
@@ -61,8 +64,8 @@ def _with_enclosures(kernels: Kernels) -> Kernels:
     model = kernels.model
     if all(enclosed(kernels.motion(wall.name).source) for wall in model.WALLS):
         return kernels
-    found = "its flights are stated by matrices, or forced by more than eight harmonics"
-    accepted = "proofs are for flights in closed form with eight harmonics at most"
+    found = "its flights are sums over more than eight harmonics"
+    accepted = "proofs are for forcings of eight harmonics at most"
     raise InputError(f"system {model.SYSTEM}", found, accepted)
 
 
@@ -158,9 +161,6 @@ class _Work:
         self, name: str, said: str, entries: Sequence[Entry], branches: Sequence[Branch]
     ) -> Certificates:
         began = time.perf_counter()
-        if not all([*(e.word for e in entries), *(b.word for b in branches)]):
-            accepted = "proofs are for orbits with impacts; leave out the word 0"
-            raise InputError(name, "orbits without impacts are among its branches", accepted)
         for branch in branches:
             self.problems.kernels(branch)
         found = proven_once(entries, self._each(entries))
@@ -182,6 +182,8 @@ class _Work:
 
     def _entry(self, entry: Entry) -> EventCertificate:
         options = self.options
+        if not entry.word:
+            return rejected(entry, "word", QUIET)
         return certified(entry, lambda: self.problems.of(entry), options.bits, options.max_bits)
 
     def _branches(
@@ -193,6 +195,9 @@ class _Work:
         found = []
         for branch in branches:
             if len(branch) < 2:
+                continue
+            if not branch.word:
+                found.append(without_certificate(branch, QUIET))
                 continue
             one = self.kept.get(BranchCertificate, branch.id)
             if one is None:
@@ -211,9 +216,8 @@ class _Work:
             self.progress(f"certifying {branch.id}, {branch.notation}: {text}")
 
         kernels = self.problems.kernels(branch)
-        events = [entry for entry in entries if entry.branch == branch.id]
         kinds = self.options.events
-        return certified_branch(branch, events, known, kinds, self.model, kernels, tell)
+        return certified_branch(branch, entries, known, kinds, self.model, kernels, tell)
 
 
 def proven_once(
@@ -260,7 +264,7 @@ def verify_folder(
         progress(f"verifying {entry.id}")
         record = records.get(entry.id)
         if record is None or not record.certified:
-            return rejected(entry, "certificate", "there is none")
+            return rejected(entry, "certificate", NONE)
         return verified(entry, record, lambda: problems.of(entry))
 
     found = proven_once(entries, [prove(entry) for entry in entries])
@@ -268,12 +272,11 @@ def verify_folder(
     tubes, kept = [], {record.id: record for record in stored.branches}
     for branch in branches if kept else ():
         progress(f"verifying {branch.id}")
-        if branch.id not in kept:
-            tubes.append(without_certificate(branch))
+        if branch.id not in kept or not branch.word:
+            tubes.append(without_certificate(branch, QUIET if not branch.word else NONE))
             continue
-        events = [entry for entry in entries if entry.branch == branch.id]
         kernels = problems.kernels(branch)
-        tubes.append(verified_branch(branch, kept[branch.id], events, known, model, kernels))
+        tubes.append(verified_branch(branch, kept[branch.id], entries, known, model, kernels))
     found += [
         EventCertificate(c.id, c.kind, c.branch, clause="entry", found="not in the catalogue")
         for c in stored.entries

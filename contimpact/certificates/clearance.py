@@ -20,9 +20,12 @@ from typing import Any
 from flint import arb
 
 from .equations import BallProblem, Balls
+from .gaps import met_by
 
 DEEPEST = 40
-"""How often a flight is halved."""
+"""How often a flight is cut."""
+CUT = 0.4921875
+"""Where a cell is cut: not where a touch is likely to lie."""
 
 
 class Clear(enum.Enum):
@@ -53,6 +56,7 @@ class Gap:
         The orbit.
     flight : int
     wall : str
+        One that the flight can meet.
     touch : arb, optional
         When the flight touches the wall, its event.
     """
@@ -60,25 +64,18 @@ class Gap:
     def __init__(
         self, space: BallProblem, z: Balls, flight: int, wall: str, touch: Any = None
     ) -> None:
-        problem = space.problem
-        walls, letters = problem.word.walls, [w.name for w in problem.model.WALLS]
         rows = space.impacts(z)
         self.start, self.values = rows[flight], space.values(z)
         self.arrival = rows[flight + 1]
         self.duration = self.arrival[0] - self.start[0]
         self.touch = None if touch is None else touch - self.start[0]
-        self.left = wall == walls[flight]
-        self.reached = wall == walls[(flight + 1) % len(walls)]
-        self.side = problem.model.WALLS[letters.index(wall)].side
-        places = space.setup(self.values).walls
-        self.distance = places[letters.index(wall)] - places[letters.index(walls[flight])]
-        self.motion = space.motion(walls[flight])
+        self.coordinate, self.met = met_by(space, flight, wall)
+        self.side = self.met.guard.side
+        self.distance = self.coordinate.distance(self.met, space.setup(self.values).walls)
 
     def at(self, dt: Any) -> tuple[Any, Any, Any]:
         """Return gap, rate and curvature at a time, or on a cell of times."""
-        x, speed, acceleration = self.motion(self.start, dt, self.values)
-        if self.left:
-            return -self.side * x, -self.side * speed, -self.side * acceleration
+        x, speed, acceleration = self.coordinate.motion(self.start, dt, self.values)
         return self.side * (self.distance - x), -self.side * speed, -self.side * acceleration
 
     def proven(self) -> Clearance:
@@ -91,7 +88,7 @@ class Gap:
             found, gap = self._cell(left, right)
             if found is Clear.YES:
                 continue
-            middle = (left + right) / 2
+            middle = (left + CUT * (right - left)).mid()
             if found is Clear.PASSES or depth == DEEPEST:
                 return Clearance(found, float(middle), gap.str(6))
             cells += [(middle, right, depth + 1), (left, middle, depth + 1)]
@@ -104,8 +101,8 @@ class Gap:
         gap, slope, _ = self.at(middle)
         change = cell - middle
         whole = gap + slope * change + curvature * change * change / 2
-        first = self.left and left == 0
-        last = self.reached and right >= self.duration.lower()
+        first = self.met.left and left == 0
+        last = self.met.reached and right >= self.duration.lower()
         touched = self.touch is not None and cell.overlaps(self.touch)
         if whole > 0 or (first and not touched and self._leaves(rate, curvature)):
             return Clear.YES, whole
@@ -113,11 +110,13 @@ class Gap:
             return Clear.YES, whole
         if touched and cell.contains(self.touch) and curvature > 0:
             return Clear.YES, whole
-        return (Clear.PASSES if gap < 0 else Clear.UNDECIDED), whole
+        passes = gap < 0 and middle > 0 and middle < self.duration
+        return (Clear.PASSES if passes else Clear.UNDECIDED), whole
 
     def _leaves(self, rate: Any, curvature: Any) -> bool:
         """Whether the gap, zero at the start of a cell, is positive behind it."""
-        return bool(rate > 0 or (curvature > 0 and self.at(arb(0))[1] >= 0))
+        at_rest = self.start[1] == 0  # an impact at rest leaves at rest
+        return bool(rate > 0 or (curvature > 0 and (at_rest or self.at(arb(0))[1] >= 0)))
 
     def _arrives(self, rate: Any, curvature: Any) -> bool:
         """Whether the gap, zero at the end of the flight, is positive before it."""

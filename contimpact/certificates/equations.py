@@ -19,6 +19,7 @@ from ..orbits.problem import Array, OrbitProblem
 from ..segments.arithmetic import evaluate_in
 from ..segments.ball_series import Number, number
 from ..segments.balls import Time, balls
+from ..segments.layout import SECTION
 
 Balls: TypeAlias = list[Any]
 """Numbers of this arithmetic: ``arb``, or ``arb_series`` of them."""
@@ -104,10 +105,31 @@ class BallProblem:
         """Return the residuals of the orbit problem."""
         return [row for flight in self.flights(z) for row in flight[0]]
 
-    def motion(self, wall: str) -> Callable[..., Any]:
-        """Return the kernel of the motion after a wall: ``motion(start, dt, values)``."""
-        kernel = evaluate_in(self.problem.kernels.motion(wall), self.arithmetic)
-        return lambda start, dt, values: kernel(Time(start[0]), *start[1:], dt, *values)
+    def quiet_flight(self, state: Balls, values: Balls) -> Flight:
+        """Return residual and blocks of the flight of all periods from a state at the time zero,
+        back to it.
+
+        Raises
+        ------
+        ArithmeticError
+            If it does not lead back.
+        """
+        segment = self.problem.kernels.segment(SECTION, str(self.problem.word.period))
+        rows = segment.over(self.arithmetic)(state, state, values)
+        residual, first, last, free = ([number(x) for x in row] for row in rows)
+        if not all(x.contains(0) for x in residual):
+            raise ArithmeticError("the orbit without impacts is not closed")
+        return residual, first, last, free
+
+    def motion(self, wall: str, other: str | None = None) -> Callable[..., Any]:
+        """Return the kernel of the motion after a wall: ``motion(start, dt, values)``.
+
+        It is that of the displacement from the wall, or of the gap coordinate of another one.
+        """
+        kernels = self.problem.kernels
+        kernel = kernels.motion(wall) if other is None else kernels.gap(wall, other)
+        function = evaluate_in(kernel, self.arithmetic)
+        return lambda start, dt, values: function(Time(start[0]), *start[1:], dt, *values)
 
     # Systems of events; see `bifurcations.kind.ManyDigits`.
 
@@ -138,6 +160,30 @@ class BallProblem:
                 a, b = start[m * r : m * r + m], end[m * r : m * r + m]
                 rows.append(_dot(a, q[i : i + m]) + _dot(b, later[i : i + m]))
         return rows
+
+    def singular_pair(self, null: Array, mu: complex) -> System:
+        """F = 0, C(c + i s) (p + i q) = 0, the length and phase of p + i q held, c^2 + s^2 = 1."""
+        n = self.problem.n
+        re, im = null.real.tolist(), null.imag.tolist()
+
+        def system(x: list[Any]) -> list[Any]:
+            flights = self.flights(x[: n + 1])
+            p, q, (c, s) = x[n + 1 : 2 * n + 1], x[2 * n + 1 : 3 * n + 1], x[3 * n + 1 :]
+            first_p, first_q = (self._cycle(flights, part, 0) for part in (p, q))
+            whole_p, whole_q = (self._cycle(flights, part, 1) for part in (p, q))
+            last_p = [a - b for a, b in zip(whole_p, first_p, strict=True)]
+            last_q = [a - b for a, b in zip(whole_q, first_q, strict=True)]
+            ends = list(zip(last_p, last_q, strict=True))
+            return [
+                *_residuals(flights),
+                *(a + c * x - s * y for a, (x, y) in zip(first_p, ends, strict=True)),
+                *(b + c * y + s * x for b, (x, y) in zip(first_q, ends, strict=True)),
+                _dot(re, p) + _dot(im, q) - 1,
+                _dot(re, q) - _dot(im, p),
+                c * c + s * s - 1,
+            ]
+
+        return system, [*re, *im, mu.real, mu.imag]
 
     def branch_point(self, z: Array) -> System:
         """F + nu psi = 0, J' psi = 0, |psi| = 1."""

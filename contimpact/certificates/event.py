@@ -11,11 +11,13 @@ import numpy as np
 from flint import arb, ctx
 
 from ..bifurcations.registry import kind_of
+from ..bifurcations.zero_velocity import vanishing
 from ..errors import InputError
 from ..orbits.problem import OrbitProblem
 from ..records.entry import Entry
 from ..records.entry_conversion import details_of
 from ..records.recovery import orbit_of
+from ..records.tables import coordinates
 from .equations import BallProblem, Balls
 from .krawczyk import krawczyk, proven
 from .orbit import Orbit
@@ -212,7 +214,10 @@ def _existing(
     exact = dict(details)
     if "touch_time" in details:
         exact["touch_time"] = inner[problem.n + 1]
-    at_rest = [details["impact"]] if "impact" in details else resting(space, box, inner)
+    if "impact" in details:
+        at_rest = list(vanishing(problem, details["impact"]))
+    else:
+        at_rest = resting(space, box, inner)
     for impact in at_rest:
         z[problem.m * impact + 1] = arb(0)
     return Orbit(space, z, kind, exact, tuple(at_rest)), box, inner
@@ -220,9 +225,9 @@ def _existing(
 
 def recorded_unknowns(entry: Entry, problem: OrbitProblem) -> Any:
     """Return the recorded impacts and the followed parameter."""
-    names = [n for n in entry.impacts[0] if n != "wall"]
+    names = ["time", "velocity", *coordinates(problem.m)[2:]]
     rows = [[impact[name] for name in names] for impact in entry.impacts]
-    if len(rows) != len(entry.word) or len(names) != problem.m:
+    if len(rows) != len(entry.word):
         raise RejectedError("value", f"{len(rows)} impacts of the word {entry.word!r}")
     return np.append(np.array(rows, dtype=float).ravel(), entry.value)
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Callable, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -14,18 +14,21 @@ from ..bifurcations.registry import kind_of
 from ..orbits.problem import OrbitProblem
 from ..records.entry import Entry
 from .birth import Birth
-from .equations import BallProblem, Balls, Flight
+from .equations import BallProblem, Balls
 from .event import EventCertificate
 from .krawczyk import proven
 from .nodes import halved
-from .touches import Flying, Patch
+from .test_functions import OF_TWO, Test, test_at
+from .touches import Flying, Patch, flying
 from .tube import Segment, Tube, proven_tube
-from .zeros import TESTS, Cell, zeros
+from .zeros import Cell, zeros
 
 BITS = 80
 """Precision of tubes, whose widths are far above rounding."""
 DEEPEST = 6
 """How often a tube is halved on which something stays open."""
+
+NO_TUBE = "no tube is proven"
 
 FAILURES = (ArithmeticError, ValueError)
 
@@ -78,6 +81,20 @@ class Findings:
         self.unproven.append(piece)
         self.open_length += segment.length
 
+    def open_at(self, segment: Segment, what: str) -> None:
+        """Note a segment on which no tube is proven."""
+        self.tubes.append((segment, None))
+        self.leave_open(segment, what)
+
+    def name_crossings(self, values: Mapping[str, float]) -> None:
+        """Say of pieces without a tube which branch points lie there: no tube leads through one."""
+        for i, piece in enumerate(self.unproven):
+            low, high = sorted((piece.start, piece.end))
+            inside = [name for name, value in values.items() if low <= value <= high]
+            if inside and piece.what == NO_TUBE:
+                crossing = f"branches cross there, at {' and '.join(inside)}"
+                self.unproven[i] = replace(piece, what=crossing)
+
     def link(self) -> None:
         """Consecutive tubes have to hold the same orbit at their common node."""
         for (segment, one), (_, other) in itertools.pairwise(self.tubes):
@@ -116,14 +133,9 @@ class Examination:
     def account(self, segment: Segment, tube: Tube | None, depth: int = 0) -> None:
         """Search a tube; without one, note that nothing is proven there."""
         if tube is None:
-            self.found.tubes.append((segment, None))
-            self.found.leave_open(segment, "no tube is proven")
+            self.found.open_at(segment, NO_TUBE)
             return
-        try:
-            self.examine(segment, tube, depth)
-        except FAILURES as error:
-            self.found.tubes.append((segment, tube))
-            self.found.leave_open(segment, f"a test function has no enclosure ({error})")
+        self.examine(segment, tube, depth)
 
     def begin(self, birth: Birth) -> list[str]:
         """Return what is not excluded on the curve on which the branch is born; without anything
@@ -131,12 +143,18 @@ class Examination:
         left = [
             f"zeros of the test function of {'/'.join(kinds)} are not excluded"
             for mu, kinds in _by_multiplier(self.kinds).items()
-            if (birth.turns if mu == 1.0 else not _clear_of_zeros(birth, TESTS[mu]))
+            if (
+                birth.turns if mu == 1.0 else not _clear_of_zeros(birth, test_at(birth.segment, mu))
+            )
         ]
         if any("touch_time" in kind_of(kind).needed for kind in self.kinds):
             for flight in range(len(self.space.problem.word)):
-                flying = Flying(birth, flight)
-                found = (p for p in flying.patches(()) if not flying.passes(p.wall, p.along))
+                found = (
+                    patch
+                    for one in flying(birth, flight)
+                    for patch in one.patches(())
+                    if not one.passes(patch.wall, patch.along)
+                )
                 if next(found, None) is not None:
                     left.append(f"touches of flight {flight} are not excluded")
         if not left:
@@ -145,7 +163,10 @@ class Examination:
 
     def examine(self, segment: Segment, tube: Tube, depth: int = 0) -> None:
         """Account for every zero in a tube; cut it where something stays open."""
-        events, missing, left = self._events(tube)
+        try:
+            events, missing, left = self._events(tube)
+        except FAILURES as error:
+            events, missing, left = [], [], [f"a test function has no enclosure ({error})"]
         if left and depth < DEEPEST and (parts := _cut(segment)) is not None:
             for part, own in parts:
                 self.examine(part, own, depth + 1)
@@ -165,7 +186,7 @@ class Examination:
         for mu, kinds in _by_multiplier(self.kinds).items():
             name = "/".join(kinds)
             own = [(one.id, u) for one, u in placed if kind_of(one.kind).multiplier == mu]
-            for cell in zeros(tube, name, TESTS[mu]):
+            for cell in zeros(tube, name, test_at(tube.segment, mu)):
                 inside = [i for i, u in own if cell.left < u[0] and u[1] < cell.right]
                 events += inside
                 if cell.what == "open" or len(inside) > 1:
@@ -187,23 +208,35 @@ class Examination:
         for flight in range(len(self.space.problem.word)):
             own = [(one, u) for one, u in placed if one.touch is not None and one.flight == flight]
             spots = [(one, u, _fraction(one, self.space)) for one, u in own]
-            flying = Flying(tube, flight)
-            near = [(str(one.wall), 0.5 * (u[0] + u[1]), float(s.mid())) for one, u, s in spots]
-            for patch in flying.patches(near):
-                inside = [one.id for one, u, s in spots if _inside(patch, one, u, s)]
-                if patch.single and len(inside) == 1:
-                    events += inside
-                elif not flying.passes(patch.wall, patch.along):
-                    where = f"of flight {flight} and wall {patch.wall}"
-                    if patch.single and not own and self._exists(flying, patch):
-                        missing.append(f"a touch {where}")
-                    else:
-                        left.append(f"touches {where} are not excluded")
-                    break
+            for along in flying(tube, flight):
+                self._touches_along(along, spots, events, missing, left)
 
-    def _exists(self, flying: Flying, patch: Patch) -> bool:
+    def _touches_along(
+        self,
+        along: Flying,
+        spots: Sequence[tuple[Known, tuple[float, float], Any]],
+        events: list[str],
+        missing: list[str],
+        left: list[str],
+    ) -> None:
+        """Account for the touches of one gap coordinate of a flight."""
+        own = [spot for spot in spots if spot[0].wall in along.met]
+        near = [(str(one.wall), 0.5 * (u[0] + u[1]), float(s.mid())) for one, u, s in own]
+        for patch in along.patches(near):
+            inside = [one.id for one, u, s in own if _inside(patch, one, u, s)]
+            if patch.single and len(inside) == 1:
+                events += inside
+            elif not along.passes(patch.wall, patch.along):
+                where = f"of flight {along.flight} and wall {patch.wall}"
+                if patch.single and not own and self._exists(along, patch):
+                    missing.append(f"a touch {where}")
+                else:
+                    left.append(f"touches {where} are not excluded")
+                return
+
+    def _exists(self, along: Flying, patch: Patch) -> bool:
         """Whether a touch in a patch is proven to exist."""
-        tube, problem = flying.tube, self.space.problem
+        tube, problem = along.tube, self.space.problem
         assert isinstance(tube, Tube)
         u = 0.5 * sum(patch.along)
         z = np.array([float(x.mid()) for x in tube.state(arb(u))])
@@ -222,7 +255,7 @@ class Examination:
         return at is not None and _inside(wide, one, at, _fraction(one, self.space))
 
 
-def _clear_of_zeros(birth: Birth, function: Callable[[list[Flight]], Any]) -> bool:
+def _clear_of_zeros(birth: Birth, function: Test) -> bool:
     """Whether a function of the flights is proven to have no zero on a curve."""
     cells = [(-1.0, 1.0, 0)]
     while cells:
@@ -248,7 +281,7 @@ def covered(kinds: Sequence[str]) -> list[str]:
     return [
         name
         for name, kind in own
-        if (kind.multiplier in TESTS and not kind.crossing) or "touch_time" in kind.needed
+        if (kind.multiplier in OF_TWO and not kind.crossing) or "touch_time" in kind.needed
     ]
 
 

@@ -7,6 +7,10 @@ import numpy as np
 from ..orbits.problem import Array, OrbitProblem
 from .tube import Node, Segment
 
+SHORTEST = 2e-5
+"""Length of segments, in natural sizes of the unknowns, that are not halved: where branches cross,
+no tube is short enough."""
+
 
 def node_at(problem: OrbitProblem, unknowns: Array, scale: Array, along: Array) -> Node:
     """Return a node at an orbit, its tangent in the direction of another vector."""
@@ -19,6 +23,8 @@ def node_at(problem: OrbitProblem, unknowns: Array, scale: Array, along: Array) 
 
 def halved(segment: Segment) -> tuple[Segment, Segment] | None:
     """Return two segments in place of one, through an orbit near its middle; None without one."""
+    if segment.length < SHORTEST:
+        return None
     problem, z = segment.space.problem, segment.doubles(0.0)
     row = np.array([float(x.mid()) for x in segment.row[0]])
     middle = z

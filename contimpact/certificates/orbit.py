@@ -14,10 +14,12 @@ import numpy as np
 from flint import acb_mat, arb, arb_mat
 
 from ..bifurcations.kind import Kind
-from ..errors import InputError
+from ..bifurcations.zero_velocity import vanishing
 from ..orbits.problem import OrbitProblem
+from ..segments.balls import turns
 from .clearance import Clear, Gap
 from .equations import BallProblem, Balls, Flight
+from .gaps import walls_met
 
 Claim = tuple[Any, str]
 """What is proven, or None and what could not be decided."""
@@ -49,43 +51,52 @@ class Orbit:
 
     def unstable(self) -> Claim:
         """Return how many multipliers lie outside the unit circle, those of the event set aside."""
-        space, z = self._without_rest()
         try:
-            return (
-                _outside_of_two(self, space, z) if space.problem.m == 2 else self._outside(space, z)
-            )
+            flights = self._flights()
+            outside = _outside_of_two if self.space.problem.m == 2 else _outside
+            return outside(self, flights)
         except (ValueError, ZeroDivisionError) as error:
             return None, f"the multipliers are not isolated ({error})"
 
     def critical(self, middles: Sequence[complex]) -> list[int]:
         """Return the places of the multipliers that belong to the event."""
-        return [] if self._at_rest is not None else self.kind.critical(np.array(middles))
+        return [] if self._dropped else self.kind.critical(np.array(middles))
 
-    def _outside(self, space: BallProblem, z: Balls) -> Claim:
-        """The same from enclosures of all multipliers."""
-        found = multipliers(space, z)
-        own = self.critical([complex(float(mu.real.mid()), float(mu.imag.mid())) for mu in found])
-        sizes = [abs(mu) for i, mu in enumerate(found) if i not in own]
-        if near := next((s for s in sizes if not (s < 1 or s > 1)), None):
-            return None, f"a multiplier has the size {near.str(6)}"
-        return sum(1 for s in sizes if s > 1), ""
-
-    def _without_rest(self) -> tuple[BallProblem, Balls]:
-        """The orbit; with an impact at rest, that of the word without it."""
-        rest, problem = self._at_rest, self.space.problem
-        if rest is None:
-            return self.space, self.z
-        if len(problem.word) == 1:
-            found = "its multipliers are those of the orbit without impacts"
-            raise InputError("stability", found, "proofs are for orbits with impacts")
-        shorter = OrbitProblem(problem.model, problem.word.drop(rest), problem.kernels)
-        kept = [*self.z[: problem.m * rest], *self.z[problem.m * rest + problem.m :]]
-        return BallProblem(shorter, self.space.bits), kept
+    def _flights(self) -> list[Flight]:
+        """The flights that tell the multipliers; those of the word without impacts at rest."""
+        problem, dropped = self.space.problem, self._dropped
+        if not dropped:
+            return self.space.flights(self.z)
+        if len(problem.word) == len(dropped):
+            return [self._quiet_flight(dropped[-1])]
+        shorter = OrbitProblem(problem.model, problem.word.drop(*dropped), problem.kernels)
+        rows = self.space.impacts(self.z)[:-1]
+        kept = [x for k, row in enumerate(rows) if k not in dropped for x in row]
+        return BallProblem(shorter, self.space.bits).flights([*kept, self.z[-1]])
 
     @property
-    def _at_rest(self) -> int | None:
-        """The impact at rest, if that is the event."""
-        return self.details.get("impact")
+    def _dropped(self) -> tuple[int, ...]:
+        """The impacts at rest, if these are the event."""
+        impact = self.details.get("impact")
+        return () if impact is None else vanishing(self.space.problem, impact)
+
+    def _quiet_flight(self, impact: int) -> Flight:
+        """The flight of the orbit without impacts, from where it is at the time zero.
+
+        It is the flight that leaves the impact at rest, which changes nothing.
+        """
+        space, problem = self.space, self.space.problem
+        guard = next(g for g in problem.model.WALLS if g.name == problem.word.walls[impact])
+        first = problem.model.MODES[0].name if problem.model.MODES else guard.next_mode
+        if problem.m != 2 or guard.next_mode != first:
+            raise ValueError("those of the orbit without impacts are not known")
+        values, start = space.values(self.z), space.impacts(self.z)[impact]
+        setup = space.setup(values)
+        dt = (turns(start[0], setup.period) + 1) * setup.period - start[0]
+        moved, speed, _ = space.motion(guard.name)(start, dt, values)
+        place = setup.walls[problem.model.WALLS.index(guard)]
+        by = guard.row(1)[0]
+        return space.quiet_flight([(place + moved) / by, speed / by], values)
 
     # Physicality.
 
@@ -106,8 +117,9 @@ class Orbit:
 
     def _vanishing(self, flight: int) -> bool:
         """Whether the event is that a flight's duration vanishes."""
-        own = self.details.get("flight") == flight and "touch_time" not in self.details
-        return own
+        if flight in self.space.problem.excursions and flight == self.details.get("impact"):
+            return True
+        return self.details.get("flight") == flight and "touch_time" not in self.details
 
     def _speeds(self) -> list[tuple[int, Any]]:
         """Velocities towards the walls, that of an impact at rest set aside."""
@@ -136,7 +148,8 @@ class Orbit:
         for touch in (t for flight in here.gaps for t in flight.touches if t is not None):
             if touch.gap < 0 and not self._own(touch.flight, touch.wall):
                 gap = Gap(space, self.z, touch.flight, touch.wall)
-                if gap.at(arb(touch.time) - gap.start[0].mid())[0] < 0:
+                time = (arb(touch.time) - gap.start[0]).mid()
+                if time > 0 and time < gap.duration and gap.at(time)[0] < 0:
                     return f"flight {touch.flight} passes wall {touch.wall}"
         return ""
 
@@ -148,9 +161,8 @@ class Orbit:
     def _clear(self) -> Claim:
         """Whether all flights keep clear of all walls."""
         for k in range(len(self.space.problem.word)):
-            for wall in self.space.problem.model.WALLS:
-                if self._vanishing(k):
-                    continue
+            met = () if self._vanishing(k) else walls_met(self.space, k)
+            for wall in met:
                 touch = self.details["touch_time"] if self._own(k, wall.name) else None
                 found = Gap(self.space, self.z, k, wall.name, touch).proven()
                 if found.what is not Clear.YES:
@@ -192,15 +204,17 @@ def characteristic(flights: Sequence[Flight]) -> tuple[Any, Any, Any]:
     return b, total[0][0] + total[1][1], a
 
 
-def _outside_of_two(orbit: Orbit, space: BallProblem, z: Balls) -> Claim:
+def _outside_of_two(orbit: Orbit, flights: Sequence[Flight]) -> Claim:
     """How many of two multipliers lie outside, from the signs of their polynomial at 1 and -1.
 
     Where they differ, one does; where they are the same, both or none, as their product tells.
     """
-    b, c, a = characteristic(space.flights(z))
+    b, c, a = characteristic(flights)
     middles = np.roots([float(x.mid()) for x in (b, -c, a)])
     own = len(orbit.critical(middles.tolist())) if len(middles) == 2 else 0
     inside, outside = abs(a) < abs(b), abs(a) > abs(b)
+    if own == 2 and not abs(c) < 2 * abs(b):
+        return None, "the pair of multipliers may be real"
     if own == 2:
         return 0, ""
     if own == 0:
@@ -213,7 +227,19 @@ def _outside_of_two(orbit: Orbit, space: BallProblem, z: Balls) -> Claim:
     return (2 - own if outside else 0), ""
 
 
-def multipliers(space: BallProblem, z: Balls) -> list[Any]:
+def _outside(orbit: Orbit, flights: Sequence[Flight]) -> Claim:
+    """The same of more multipliers, from enclosures of all of them."""
+    found = multipliers(flights)
+    own = orbit.critical([complex(float(mu.real.mid()), float(mu.imag.mid())) for mu in found])
+    if len(own) == 2 and any(found[i].imag.contains(0) for i in own):
+        return None, "the pair of multipliers may be real"
+    sizes = [abs(mu) for i, mu in enumerate(found) if i not in own]
+    if near := next((s for s in sizes if not (s < 1 or s > 1)), None):
+        return None, f"a multiplier has the size {near.str(6)}"
+    return sum(1 for s in sizes if s > 1), ""
+
+
+def multipliers(flights: Sequence[Flight]) -> list[Any]:
     """Return enclosures of all multipliers, ``acb``, each of one.
 
     Raises
@@ -221,9 +247,9 @@ def multipliers(space: BallProblem, z: Balls) -> list[Any]:
     ValueError, ZeroDivisionError
         If they are not isolated, or an impact's velocity may be zero.
     """
-    m = space.problem.m
+    m = len(flights[0][0])
     total = arb_mat([[int(i == j) for j in range(m)] for i in range(m)])
-    for _, start, end, _ in space.flights(z):
+    for _, start, end, _ in flights:
         total = -(arb_mat(m, m, end).inv() * arb_mat(m, m, start)) * total
     found: list[Any] = acb_mat(total).eig()
     return found

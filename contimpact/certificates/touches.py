@@ -22,9 +22,8 @@ from typing import Any
 import numpy as np
 from flint import arb
 
-from ..segments.arithmetic import evaluate_in
-from ..segments.balls import Time
 from .birth import Birth
+from .gaps import Coordinate, coordinates_of
 from .tube import Tube, coefficient
 
 DEEPEST = 44
@@ -78,19 +77,20 @@ class _Local:
     duration: Any
 
 
-class Flying:
-    """One flight along a tube."""
+def flying(tube: Tube | Birth, flight: int) -> list[Flying]:
+    """Return a flight along a tube, once for each of its gap coordinates."""
+    found = coordinates_of(tube.segment.space, flight)
+    return [Flying(tube, flight, coordinate) for coordinate in found]
 
-    def __init__(self, tube: Tube | Birth, flight: int) -> None:
-        self.tube, self.flight = tube, flight
-        self.space, problem = tube.segment.space, tube.segment.space.problem
-        self.walls = problem.model.WALLS
-        word = problem.word.walls
-        self.left, self.reached = word[flight], word[(flight + 1) % len(word)]
-        kernel = problem.kernels.motion(self.left)
-        self.motion = evaluate_in(kernel, self.space.arithmetic)
-        self.names = [wall.name for wall in self.walls]
-        self.sides = {wall.name: wall.side for wall in self.walls}
+
+class Flying:
+    """One gap coordinate of a flight along a tube."""
+
+    def __init__(self, tube: Tube | Birth, flight: int, coordinate: Coordinate) -> None:
+        self.tube, self.flight, self.coordinate = tube, flight, coordinate
+        self.space = tube.segment.space
+        self.met = {one.guard.name: one for one in coordinate.met}
+        self.sides = {name: one.guard.side for name, one in self.met.items()}
 
     def local(self, s: Any, u: Any) -> _Local:
         """Return what is enclosed for balls of s and u."""
@@ -98,12 +98,11 @@ class Flying:
         rows, values = self.space.impacts(z), self.space.values(z)
         start = rows[self.flight]
         duration = rows[self.flight + 1][0] - start[0]
-        x, speed, bend = self.motion(Time(start[0]), *start[1:], s * duration, *values)
+        x, speed, bend = self.coordinate.motion(start, s * duration, values)
         places = self.space.setup(values).walls
-        here = places[self.names.index(self.left)]
         gaps = {
-            name: side * (places[self.names.index(name)] - here - x)
-            for name, side in self.sides.items()
+            name: one.guard.side * (self.coordinate.distance(one, places) - x)
+            for name, one in self.met.items()
         }
         return _Local(
             {name: coefficient(g, 0) for name, g in gaps.items()},
@@ -136,7 +135,7 @@ class Flying:
                 continue
             left = [
                 name
-                for name in self.names
+                for name in self.met
                 if not any(patch.holds(name, along, at) for patch in taken)
                 and self._touches(name, wide, mid, at, ds, du)
             ]
@@ -148,7 +147,8 @@ class Flying:
             if depth == DEEPEST or (alone and depth > DEEPEST // 2):
                 yield from (Patch(self.flight, name, along, at, alone) for name in left)
             else:
-                cells += self._cut(along, at, depth, wide.bend * wide.duration * ds, mid.speed_along * du)
+                by_s, by_u = wide.bend * wide.duration * ds, mid.speed_along * du
+                cells += self._cut(along, at, depth, by_s, by_u)
 
     def _around(self, wall: str, u: float, s: float) -> Patch | None:
         """The largest of some cells around a touch that holds no other."""
@@ -165,7 +165,8 @@ class Flying:
         bend = -side * wide.bend
         if bend < 0:
             return False
-        first, last = wall == self.left and at[0] == 0.0, wall == self.reached and at[1] == 1.0
+        met = self.met[wall]
+        first, last = met.left and at[0] == 0.0, met.reached and at[1] == 1.0
         if (first or last) and bend > 0:
             return False
         slope = -side * wide.speed * wide.duration
@@ -198,12 +199,12 @@ class Flying:
         u = _ball(along)
         z = np.array([float(x.mid()) for x in self.tube.state(u.mid())])
         here = self.space.problem.evaluate(z).gaps[self.flight]
-        touch = here.touches[self.names.index(wall)]
+        touch = here.touches[self.met[wall].number]
         if touch is None or not touch.gap < 0.0 or not here.duration > 0.0:
             return False
         start = z[self.space.problem.m * self.flight]
         at = (touch.time - start) / here.duration
-        return bool(self._mean(wall, at, u) < 0)
+        return 0.0 < at < 1.0 and bool(self._mean(wall, at, u) < 0)
 
     def _mean(self, wall: str, s: float, u: Any) -> Any:
         """The gap at s, for a ball of u."""

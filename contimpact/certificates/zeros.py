@@ -7,14 +7,12 @@ different signs at its ends. Other cells are cut.
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
 from flint import arb, arb_series
 
-from .equations import Flight
-from .orbit import characteristic
+from .test_functions import Test
 from .tube import Model, Tube, coefficient, shifted
 
 DEEPEST = 10
@@ -32,23 +30,7 @@ class Cell:
     what: str
 
 
-def doubling(flights: list[Flight]) -> Any:
-    """The multipliers' polynomial at -1: with the product of impact speeds, so without poles."""
-    b, c, a = characteristic(flights)
-    return b + c + a
-
-
-def turning(flights: list[Flight]) -> Any:
-    """The same at 1: zero where the parameter turns along a branch."""
-    b, c, a = characteristic(flights)
-    return b - c + a
-
-
-TESTS: dict[float, Callable[[list[Flight]], Any]] = {1.0: turning, -1.0: doubling}
-"""By the multiplier that passes the unit circle."""
-
-
-def zeros(tube: Tube, name: str, function: Callable[[list[Flight]], Any]) -> list[Cell]:
+def zeros(tube: Tube, name: str, function: Test) -> list[Cell]:
     """Return the cells of a tube that hold a zero of a function of the flights, or may."""
     model = tube.model(name, function)
     rates = [j * c for j, c in enumerate(model)][1:]
@@ -86,7 +68,7 @@ def over(model: Model, left: float, right: float) -> Any:
     return first + arb(0, 1) * spread
 
 
-def across(tube: Tube, function: Callable[[list[Flight]], Any]) -> Any:
+def across(tube: Tube, function: Test) -> Any:
     """Return the function's derivative along w'(u), anywhere in the tube."""
     pairs = zip(tube.state(arb(0, 1)), tube.rates, strict=True)
     moving = [arb_series([x, r], prec=2) for x, r in pairs]

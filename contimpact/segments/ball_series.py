@@ -25,6 +25,14 @@ def around_zero(radius: Any) -> Any:
     return arb(0, 1) * radius
 
 
+def power(x: Number, exponent: int) -> Number:
+    """Return a whole power, not negative; python-flint has none of a ball around zero."""
+    found = number(1)
+    for _ in range(exponent):
+        found = found * x
+    return found
+
+
 def composed(series: Any, x: Any) -> Any:
     """Return a function of a series, from its Taylor series at the constant term of this."""
     change = arb_series([0, *x.coeffs()[1:]], prec=x.prec)

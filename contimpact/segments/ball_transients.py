@@ -17,7 +17,7 @@ from typing import Any
 
 from flint import arb, arb_poly, arb_series, ctx
 
-from .ball_series import around_zero, composed
+from .ball_series import around_zero, composed, power
 from .transients import MOTIONS, TABLES
 
 
@@ -27,7 +27,7 @@ def transients(order: int) -> Callable[[Any, Any, Any], Any]:
     def function(c: Any, k: Any, t: Any) -> Any:
         c, k = _held(c), _held(k)
         means = {(n, b): transient(n, b, c, k, t) for n, b in TABLES[order]}
-        timed = (means[n, b] * t ** (2 * b - 1 - n) for n, b in MOTIONS[order])
+        timed = (means[n, b] * power(t, 2 * b - 1 - n) for n, b in MOTIONS[order])
         return (*means.values(), *timed)
 
     return function

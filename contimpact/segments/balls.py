@@ -29,6 +29,7 @@ from typing import Any
 from flint import arb, arb_poly, arb_series, ctx, fmpq
 
 from .arithmetic import PLAIN, Arithmetic
+from .ball_flow import flow
 from .ball_series import Number, around_zero, composed, constant, number
 from .ball_transients import transients
 from .stumpff import HIGHEST, TOGETHER
@@ -87,12 +88,13 @@ def balls(bits: int) -> Arithmetic:
     names |= {f"stumpff{k}": functools.partial(_one, k) for k in range(HIGHEST + 1)}
     names |= {f"stumpffs{n}": functools.partial(_together, n) for n in TOGETHER}
     names |= {f"transients{order}": transients(order) for order in TABLES}
+    names["flow"] = flow
     return Arithmetic(names | PLAIN, exact=True)
 
 
 def enclosed(source: str) -> bool:
     """Whether enclosures of all that a kernel calls are known, given its source."""
-    return re.search(r"\b(flow|waves)\(", source) is None
+    return re.search(r"\bwaves\(", source) is None
 
 
 def _method(name: str) -> Callable[[Number], Number]:

@@ -97,7 +97,7 @@ def flow(d: int, h: int, directions: int, dt: float, *numbers: float) -> list[fl
         duration, and those of both by each direction.
     """
     shape = Shape(d, h, directions)
-    matrices = [_generators(shape, numbers)]
+    matrices = [generators(shape, numbers)]
     found: list[float] = _tables(shape, matrices, dt, series_of_floats).ravel().tolist()
     return found
 
@@ -107,12 +107,12 @@ def rounded_beside(
 ) -> Array:
     """Return what the results of `flow` are rounded beside: the largest of their tables.
 
-    In the units of `_scales`, end velocities are of the size of the state's, at least, and their
+    In the units of `scales_of`, end velocities are of the size of the state's, at least, and their
     rates and accelerations by the fastest frequency larger.
     """
     shape = Shape(d, h, directions)
     generator = generator_of(shape, numbers)
-    scales, fastest = _scales(shape, generator), norm_in_units(shape, generator)
+    scales, fastest = scales_of(shape, generator), norm_in_units(shape, generator)
     units = scales / scales[:d, None], scales / scales[d : 2 * d, None]
     found = np.abs(tables).reshape(-1, d, shape.size)
     sizes = [float((table * units[i % 2]).max()) for i, table in enumerate(found)]
@@ -127,10 +127,10 @@ def flow_of_arrays(d: int, h: int, directions: int, dt: Any, *numbers: Any) -> A
     given = np.broadcast_arrays(*(np.asarray(x, dtype=float) for x in (dt, *numbers)))
     if any(np.ndim(x) for x in numbers):
         rows = np.array([x.ravel() for x in given[1:]]).T.tolist()
-        many = [_generators(shape, row) for row in rows]
+        many = [generators(shape, row) for row in rows]
         matrices = [np.array(matrix) for matrix in zip(*many, strict=True)]
     else:
-        matrices = _generators(shape, numbers)
+        matrices = generators(shape, numbers)
     found = _tables(shape, [matrices], given[0].reshape(-1, 1, 1), series_of_floats)
     return found.reshape(given[0].size, -1).T.reshape(-1, *given[0].shape)
 
@@ -140,7 +140,7 @@ def flow_in(summed: Summed) -> Callable[..., list[Any]]:
 
     def function(d: int, h: int, directions: int, dt: Any, *numbers: Any) -> list[Any]:
         shape = Shape(d, h, directions)
-        matrices = [_generators(shape, numbers, object)]
+        matrices = [generators(shape, numbers, object)]
         found: list[Any] = _tables(shape, matrices, dt, summed).ravel().tolist()
         return found
 
@@ -157,16 +157,16 @@ def flow_of_series(
     matrices is a matrix of such blocks.
     """
     shape, kind = Shape(d, h, directions), object if summed else float
-    orders = [_generators(shape, row, kind) for row in zip(*numbers, strict=True)]
+    orders = [generators(shape, row, kind) for row in zip(*numbers, strict=True)]
     for matrices in orders[1:]:
         matrices[0][_rates(shape)] = 0
     one = np.eye(shape.size * (directions + 1), dtype=kind)
-    times = _toeplitz([c * one for c in dt])
+    times = toeplitz([c * one for c in dt])
     found = _tables(shape, orders, times, summed or series_of_floats)
     return found.reshape(len(dt), -1).T
 
 
-def _generators(shape: Shape, numbers: Sequence[Any], kind: Any = float) -> list[Array]:
+def generators(shape: Shape, numbers: Sequence[Any], kind: Any = float) -> list[Array]:
     """G and its derivatives by each direction."""
     size = shape.given
     parts = [numbers[size * i : size * (i + 1)] for i in range(shape.directions + 1)]
@@ -192,23 +192,23 @@ def _rates(shape: Shape) -> tuple[range, range]:
 
 def generator_of(shape: Shape, numbers: Sequence[float]) -> Array:
     """Return G from the numbers that `flow` takes, the duration left out."""
-    return _generators(shape._replace(directions=0), numbers)[0]
+    return generators(shape._replace(directions=0), numbers)[0]
 
 
 def norm_in_units(shape: Shape, generator: Array) -> float:
-    """Return the norm of G in the units of `_scales`: about the fastest frequency."""
-    scales = _scales(shape, generator)
+    """Return the norm of G in the units of `scales_of`: about the fastest frequency."""
+    scales = scales_of(shape, generator)
     return _norm(generator * (scales / scales[:, None]))
 
 
 def _tables(shape: Shape, orders: list[list[Array]], dt: Any, summed: Summed) -> Array:
     """What `flow` returns, as an array (..., tables, d, size); for series a row for each order."""
     d, n = shape.freedom, shape.size
-    scales = _scales(shape, orders[0][0])
+    scales = scales_of(shape, orders[0][0])
     balance = scales / scales[:, None]
     balanced = [[matrix * balance for matrix in matrices] for matrices in orders]
     sizes = [_relative(matrix, balanced[0][0]) for matrix in balanced[0]]
-    whole = _toeplitz([_triangular(matrices, sizes) for matrices in balanced])
+    whole = toeplitz([triangular(matrices, sizes) for matrices in balanced])
     mean, rate = mean_rates(whole, dt, summed)
     end = np.eye(whole.shape[-1]) + _times(dt, mean)
     pushed = whole @ end
@@ -222,7 +222,7 @@ def _tables(shape: Shape, orders: list[list[Array]], dt: Any, summed: Summed) ->
     return np.stack(found, axis=-3)
 
 
-def _scales(shape: Shape, generator: Array) -> Array:
+def scales_of(shape: Shape, generator: Array) -> Array:
     """Units of X, powers of two: those of velocities and forces by the frequencies there are."""
     d, h, _ = shape
     absolute = np.abs(generator).astype(float)
@@ -255,7 +255,7 @@ def _relative(matrix: Array, other: Array) -> float:
     )
 
 
-def _triangular(parts: list[Array], sizes: list[float]) -> Array:
+def triangular(parts: list[Array], sizes: list[float]) -> Array:
     """[[G, G_1, G_2], [0, G, 0], [0, 0, G]], each G_i divided by its size."""
     if len(parts) == 1:
         return parts[0]
@@ -269,7 +269,7 @@ def _triangular(parts: list[Array], sizes: list[float]) -> Array:
     return whole
 
 
-def _toeplitz(blocks: list[Array]) -> Array:
+def toeplitz(blocks: list[Array]) -> Array:
     """[[A, B, C], [0, A, B], [0, 0, A]] from A, B, C."""
     if len(blocks) == 1:
         return blocks[0]
