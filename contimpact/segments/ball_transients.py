@@ -11,6 +11,7 @@ which bounds what is left out. The time may be a power series; damping and stiff
 
 from __future__ import annotations
 
+import functools
 import math
 from collections.abc import Callable
 from typing import Any
@@ -49,10 +50,11 @@ def transient(n: int, b: int, c: Any, k: Any, t: Any) -> Any:
     size = (abs(c) + abs(k).sqrt()).upper()
     reach = abs(here).upper()
     bits = ctx.prec
-    with ctx.workprec(bits + 20 + math.ceil(3 * float(size * reach))):
-        terms = _terms(n, b, float(size * reach), bits, length)
-        polynomial = arb_poly(_coefficients(n, b, c, k, terms))
-        near = polynomial(arb_poly([here.mid(), 1]))(arb_poly([here - here.mid(), 1]))
+    with ctx.workprec(_rounded_up(bits + 20 + math.ceil(3 * float(size * reach)), 32)):
+        terms = _rounded_up(_terms(n, b, float(size * reach), bits, length), 16)
+        near = _polynomial(n, b, c, k, terms)(arb_poly([here.mid(), 1]))
+        if here.rad() != 0:
+            near = near(arb_poly([here - here.mid(), 1]))
         found = [
             near[i] + around_zero(_left_out(n, b, size, reach, terms, i)) for i in range(length)
         ]
@@ -77,6 +79,23 @@ def _terms(n: int, b: int, reach: float, bits: int, length: int) -> int:
         m += 4
         size = m * math.log2(max(reach, 1e-300)) - math.lgamma(m) / math.log(2.0) + 6 * b
     return m
+
+
+def _rounded_up(number: int, step: int) -> int:
+    return -(-number // step) * step
+
+
+def _polynomial(n: int, b: int, c: Any, k: Any, terms: int) -> Any:
+    """The sum of the first powers of the time."""
+    if c.is_exact() and k.is_exact():
+        return _known(n, b, c.man_exp(), k.man_exp(), terms, ctx.prec)
+    return arb_poly(_coefficients(n, b, c, k, terms))
+
+
+@functools.lru_cache(maxsize=256)
+def _known(n: int, b: int, c: Any, k: Any, terms: int, bits: int) -> Any:
+    """The same for exact numbers, which are the same all along a branch."""
+    return arb_poly(_coefficients(n, b, arb(c), arb(k), terms))
 
 
 def _coefficients(n: int, b: int, c: Any, k: Any, terms: int) -> list[Any]:
