@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from functools import cached_property
-from typing import Any, Self
+from typing import Any, Self, TypeAlias
 
 import sympy
 from sympy import Integer, pi
@@ -179,6 +179,45 @@ def _inverse(mass: Any) -> Any:
     if determinant == 0:
         raise InputError("mass", "the matrix is singular", "give a regular one")
     return mass.adjugate() / determinant
+
+
+Rows: TypeAlias = tuple[list[list[Any]], dict[int, list[tuple[Any, Any]]]]
+"""Factors of positions and velocities, and of the cosine and the sine of each harmonic."""
+
+
+def rows_of(accelerations: Sequence[Any], state: Sequence[Any], t: Any, period: Any) -> Rows | None:
+    """Return the rows of a linear law from accelerations; None where they are not linear.
+
+    Parameters
+    ----------
+    accelerations : sequence of sympy.Expr
+        In the positions and velocities of `state` and in the time t.
+    """
+    factors = [[sympy.diff(e, x) for x in state] for e in accelerations]
+    if any(e.has(t, *state) for row in factors for e in row):
+        return None
+    rest = [sympy.sympify(e).xreplace(dict.fromkeys(state, Integer(0))) for e in accelerations]
+    try:
+        found = [harmonics_of(e, t, period, "acceleration") for e in rest]
+    except InputError:
+        return None
+    orders = sorted(set().union(*found))
+    none = Integer(0), Integer(0)
+    return factors, {n: [waves.get(n, none) for waves in found] for n in orders}
+
+
+def law_of(rows: Rows, orders: Sequence[int], period: Any) -> Law:
+    """Return the law of a linear flight with harmonics of the given orders."""
+    factors, waves = rows
+    none = [(Integer(0), Integer(0))] * len(factors)
+    pushes = [waves.get(n, none) for n in orders]
+    means = waves.get(0, none)
+    table = (
+        [*row, *(c for push in pushes for c in push[i]), means[i][0]]
+        for i, row in enumerate(factors)
+    )
+    numbers = [sympy.together(e) for row in table for e in row]
+    return Law(len(factors), len(orders), [*numbers, *(2 * pi * n / period for n in orders)])
 
 
 def harmonics_of(e: Any, t: Any, period: Any, where: str) -> dict[int, tuple[Any, Any]]:

@@ -14,7 +14,7 @@ import sympy
 
 from ..errors import InputError, shown
 from .guards import Guard, Row
-from .symbols import DT, PHASE
+from .symbols import DT, PHASE, T0, own
 
 if TYPE_CHECKING:
     from .model import Formulas
@@ -32,6 +32,8 @@ class Departure:
         Mean velocities and end velocities.
     acceleration : tuple
         Accelerations at the end, by the equations of motion.
+    by_state : tuple
+        The same in the time `T0`, and positions and velocities as `state_symbols` names them.
     """
 
     position: tuple[Any, ...]
@@ -39,6 +41,7 @@ class Departure:
     mean: tuple[Any, ...]
     end: tuple[Any, ...]
     acceleration: tuple[Any, ...]
+    by_state: tuple[Any, ...]
 
     @property
     def now(self) -> list[Any]:
@@ -76,9 +79,15 @@ def departure(
         raise InputError(f"{where}: flight", f"found {shown(flown)}", accepted)
     mean, end = (_listed(part, size, f"{where}: flight") for part in flown)
     now = [x + DT * u for x, u in zip(position, mean, strict=True)]
-    pushed = of_mode(formulas.acceleration, mode)(PHASE + DT, now, list(end))
-    acceleration = _listed(pushed, size, f"{where}: acceleration")
-    return Departure(tuple(position), tuple(velocity), mean, end, acceleration)
+    law = of_mode(formulas.acceleration, mode)
+    states = (PHASE + DT, now, list(end)), (T0, *state_symbols(size))
+    pushed = (_listed(law(*state), size, f"{where}: acceleration") for state in states)
+    return Departure(tuple(position), tuple(velocity), mean, end, *pushed)
+
+
+def state_symbols(size: int) -> tuple[list[Any], list[Any]]:
+    """Return symbols of so many positions and velocities."""
+    return [own(f"position{i}") for i in range(size)], [own(f"velocity{i}") for i in range(size)]
 
 
 def of_mode(given: Any, mode: str) -> Any:

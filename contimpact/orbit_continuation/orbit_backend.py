@@ -38,6 +38,7 @@ from ..orbits.linearisation import Linearisation
 from ..orbits.problem import OrbitProblem
 from ..segments.flight import excursion_of
 from ..segments.layout import Setup
+from ..segments.oscillation import MOST, ROW
 from ..segments.zeros import time_zeros
 from .orbit_functions import (
     DESCRIBED,
@@ -45,6 +46,7 @@ from .orbit_functions import (
     MEASURED,
     PRODUCT,
     SPAN,
+    UNRESOLVED,
     OrbitVectors,
     evaluate_cycle,
     newton_step,
@@ -107,7 +109,8 @@ class OrbitBackend:
             kept=table(count, KEPT),
             reduced=table(1, KEPT),
             fixed=table(1, self.fixed),
-            clock=vector([0.0] * 2),
+            clock=vector([0.0] * 3),
+            steps=table(0, ROW),
             durations=vector([0.0] * count),
             gaps=vector([0.0] * count * walls),
             times=vector([0.0] * count * walls),
@@ -116,9 +119,23 @@ class OrbitBackend:
 
     def advance(self, position: Position, most: int) -> Batch:
         """Take steps until one is proposed or refused, `most` at most."""
+        fast = self.compiled(most)
+        if fast is None:
+            return self.steps(position, most, None)
+        self.arrays.clock[UNRESOLVED] = 0.0
+        made = self.steps(position, most, fast)
+        if self.arrays.clock[UNRESOLVED] == 0.0:
+            return made
+        import logging
+
+        logging.getLogger(__name__).info("flights too stiff for compiled code: going on plainly")
+        self.variant = None
+        return self.steps(position, most, None)
+
+    def steps(self, position: Position, most: int, fast: CompiledProgram | None) -> Batch:
+        """Take them by compiled code, or plainly."""
         n = len(position.scale)
         width = 2 * n + HEAD + MEASURED + self.count * (self.walls + 1) + self.derived
-        fast = self.compiled(most)
         vector = _array if fast else _list
         state = vector(position.state())
         rows = np.zeros(width * most) if fast else [0.0] * (width * most)
@@ -145,6 +162,12 @@ class OrbitBackend:
         refused = refusal(position, state, self.problem, work[1])
         return Batch(block, float(state[STEP]), *counts, proposal, refused)
 
+    @functools.cached_property
+    def by_matrices(self) -> bool:
+        """Whether flights come from exponentials of matrices, which are not compiled."""
+        kernels = self.problem.kernels
+        return any(kernels.linear(guard.name) for guard in self.problem.model.WALLS)
+
     def block(self, rows: Array, n: int) -> Block:
         """The points in the rows of `take_steps`."""
         mark = 2 * n
@@ -168,7 +191,10 @@ class OrbitBackend:
     @functools.cached_property
     def arrays(self) -> OrbitVectors:
         """The branch as arrays, for compiled code."""
-        return self.vectors(_array, lambda rows, columns: np.zeros((rows, columns)))
+        given = self.vectors(_array, lambda rows, columns: np.zeros((rows, columns)))
+        if self.variant == "law":
+            given = given._replace(steps=np.zeros((MOST, ROW)), zeros=np.zeros(2 * MOST))
+        return given
 
     def compiled(self, most: int) -> CompiledProgram | None:
         """Compiled code, where there is any and the work is worth it."""
@@ -190,7 +216,7 @@ class OrbitBackend:
         kernels, values = self.problem.kernels, self.problem.model.values.values()
         harmonics = kernels.harmonics(*values)
         if math.isnan(harmonics[0]):
-            return None
+            return "law" if kernels.oscillates and not self.by_matrices else None
         if not kernels.depends("harmonics"):
             return "fixed"
         return "single" if len(harmonics) == 4 and harmonics[1] == 1 else None
@@ -210,7 +236,7 @@ def _array(numbers: Vector, kind: type | None = None) -> Vector:
     return np.array(numbers, dtype=kind)
 
 
-ARGUMENTS = "iiiii" + "ffff" + "FFFF" + "fffff" + "ff" + "ffff" + "Ffi"
+ARGUMENTS = "iiiii" + "ffff" + "FFFF" + "fF" + "ffff" + "ff" + "ffff" + "Ffi"
 """Kinds of the entry's arguments: those of `OrbitVectors`, then those of `take_steps`."""
 
 Functions: TypeAlias = tuple[

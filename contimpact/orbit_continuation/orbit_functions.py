@@ -35,6 +35,10 @@ product of the multipliers. Last, where the gaps of all flights begin, followed 
 slowest turns and by derived parameters."""
 
 
+UNRESOLVED = 2
+"""Place in `clock`."""
+
+
 class OrbitVectors(NamedTuple):
     """The orbits of a branch as vectors and tables.
 
@@ -53,8 +57,13 @@ class OrbitVectors(NamedTuple):
     blocks, kept, reduced, fixed : table
         Scratch space for the flights, for their elimination, for what is left, and for what depends
         on the parameters alone.
-    clock, durations, gaps, times, velocities : vector
-        Scratch space for the period, and for what decides whether an orbit is physical.
+    clock : vector
+        Filled with the period and its derivative; `UNRESOLVED` grows by the flights on which
+        compiled code has not found the zeros of the acceleration.
+    steps : table
+        Scratch space for `segments.oscillation`.
+    durations, gaps, times, velocities : vector
+        Scratch space for what decides whether an orbit is physical.
     """
 
     kinds: Vector
@@ -71,6 +80,7 @@ class OrbitVectors(NamedTuple):
     reduced: Table
     fixed: Table
     clock: Vector
+    steps: Table
     durations: Vector
     gaps: Vector
     times: Vector
@@ -156,8 +166,10 @@ def measure(
             head, phase = (wall, start, speed), start % period
             left, reached = orbit.leaving[wall], sides[following]
             high, when_high, low, when_low, slow = excursion(
-                head, values, length, arriving, left, reached, zeros, phase, period
+                head, values, length, arriving, left, reached, zeros, phase, period, orbit.steps
             )
+            if slow == math.inf:
+                orbit.clock[UNRESOLVED] += 1.0
         rows[slowest + k] = slow
         for j in range(walls):
             place = walls * k + j

@@ -8,6 +8,7 @@ the plain subset of Python.
 
 from __future__ import annotations
 
+import functools
 import textwrap
 from collections.abc import Callable, Sequence
 from typing import Any
@@ -16,9 +17,9 @@ import sympy
 
 from ..models.equations import equations_of
 from ..models.harmonics import over_harmonics
-from ..models.linear import MeanFlow
+from ..models.linear import MeanFlow, law_of, rows_of
 from ..models.model import Model
-from ..models.restitution import Departure, along
+from ..models.restitution import Departure, along, state_symbols
 from ..models.symbols import DT, PHASE, T0, T1, TURN
 from .layout import SECTION, Setup, flat, refilled, result_text
 from .printing import Printer, as_float, common, looped, printed_steps
@@ -201,14 +202,28 @@ class KernelWriter:
         laws = {call.args[0] for e in leave.mean for call in e.atoms(MeanFlow)}
         about = f"""Flight after wall {a}: degrees of freedom and harmonics, the accelerations and
         frequencies, and the state after impact with the harmonics' cosines and sines, and 1."""
-        if len(laws) != 1:
+        law = laws.pop() if len(laws) == 1 else self._laws.get(a)
+        if law is None:
             return self._shared(name, [T0, *self.start], about, (sympy.nan,))
-        (law,) = laws
         angles = [frequency * PHASE for frequency in law.numbers[-law.waves :] if law.waves]
         waves = [wave(angle) for angle in angles for wave in (sympy.cos, sympy.sin)]
         state = (*leave.position, *leave.velocity, *waves, sympy.S.One)
         outputs = (sympy.Integer(law.freedom), sympy.Integer(law.waves), law.numbers, state)
         return self._shared(name, [T0, *self.start], about, outputs, reduce=True)
+
+    @functools.cached_property
+    def _laws(self) -> dict[str, Any]:
+        """The laws of flights in closed form, where all are linear, with the same harmonics."""
+        equations, (x, v) = self.equations, state_symbols(self.model.DEGREES_OF_FREEDOM)
+        found = {
+            wall: rows_of(leave.by_state, [*x, *v], T0, equations.period)
+            for wall, leave in equations.departures.items()
+        }
+        known = {wall: rows for wall, rows in found.items() if rows is not None}
+        if len(known) < len(found):
+            return {}
+        orders = sorted({n for _, waves in known.values() for n in waves if n > 0})
+        return {wall: law_of(rows, orders, equations.period) for wall, rows in known.items()}
 
     def setup(self, name: str) -> str:
         period, derived = self.equations.period, tuple(self.equations.derived.values())

@@ -172,6 +172,15 @@ class Kernels:
         return "flow" in self.motion(a).__code__.co_names
 
     @functools.cached_property
+    def oscillates(self) -> bool:
+        """Whether the flights of one coordinate follow laws alike, for `segments.oscillation`."""
+        if self.model.DEGREES_OF_FREEDOM > 1 or any(g.row(1) != (1,) for g in self.model.WALLS):
+            return False
+        given = 0.0, 1.0, *self.model.values.values()
+        laws = [self.law(guard.name)(*given) for guard in self.model.WALLS]
+        return len(laws[0]) > 1 and len({law[1:2] for law in laws}) == 1
+
+    @functools.cached_property
     def identity(self) -> str:
         """What the kernels' formulas depend on, as a hash."""
         return self._key("")

@@ -33,7 +33,8 @@ def interior_touches(
         in closed form.
     """
     one = len(coordinates(kernels.model)) == 1
-    if one and not any(kernels.linear(wall) for wall in dict.fromkeys(walls)):
+    by_matrices = any(kernels.linear(wall) for wall in dict.fromkeys(walls))
+    if one and (kernels.oscillates or not by_matrices):
         return flight_gaps(kernels, walls, values, impacts, span)
     rows = impacts.tolist()
     rows.append([rows[0][0] + span, *rows[0][1:]])

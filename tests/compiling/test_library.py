@@ -27,6 +27,8 @@ from contimpact.orbit_continuation.orbit_backend import backend_of, walk_orbits
 from contimpact.orbit_continuation.orbit_program import program_of
 from contimpact.orbits.problem import OrbitProblem
 from contimpact.segments.kernels import Kernels
+from contimpact.systems.soft_stop import SoftStop
+from contimpact.systems.two_stops import TwoStops
 
 EVENTS = ("FB", "BP", "PD", "NS", "G", "V", "T")
 needs_numba = pytest.mark.skipif(
@@ -169,11 +171,50 @@ def test_a_callback_sees_every_point_of_a_compiled_walk_and_may_stop(plain_and_c
     assert len(fast) == stop_at
 
 
-def test_what_cannot_be_compiled_runs_plainly(oscillator, monkeypatch):
-    """The acceleration of the oscillator depends on the state: its zeros need NumPy."""
+@needs_numba
+def test_compiled_walks_of_flights_that_depend_on_the_state(plain_and_compiled, oscillator):
+    """The oscillator against a rigid stop, below and above critical damping."""
+    for given, word in (({}, "SS/3T"), ({"c": 3.0, "sigma": -0.1}, "S")):
+        model = oscillator(**{"omega": 1.0, "c": 0.1, "sigma": 0.4} | given)
+
+        def go(model=model, word=word):
+            return walks(model, word, "a", (0.05, 1.5))
+
+        plain, fast = plain_and_compiled(go)
+        assert any(walk.events for walk in plain)
+        for one, other in zip(plain, fast, strict=True):
+            same(one, other)
+
+
+@needs_numba
+@pytest.mark.slow
+@pytest.mark.parametrize("word", ["CR", "CRCR/2T"])
+def test_compiled_walks_through_two_modes(plain_and_compiled, word):
+    model = SoftStop(a=1.0, omega=1.3, c=0.1, k=1.0, e=0.5, k_b=20.0, c_b=0.3)
+    plain, fast = plain_and_compiled(lambda: walks(model, word, "k_b", (1.0, 1e6)))
+    assert plain
+    for one, other in zip(plain, fast, strict=True):
+        same(one, other)
+
+
+@needs_numba
+def test_flights_too_stiff_for_compiled_code_go_on_plainly(plain_and_compiled, oscillator, caplog):
+    """With c = 800 a flight would take more steps than there is room for."""
+    model = oscillator(c=800.0, omega=1.0, sigma=0.0)
+    caplog.set_level(logging.INFO)
+    plain, fast = plain_and_compiled(lambda: walks(model, "S", "a", (0.95, 1.05)))
+    assert fast
+    for one, other in zip(plain, fast, strict=True):
+        same(one, other)
+    assert "too stiff for compiled code" in caplog.text
+
+
+def test_what_cannot_be_compiled_runs_plainly(monkeypatch):
+    """Flights from exponentials of matrices need NumPy."""
     monkeypatch.setenv("CONTIMPACT_COMPILED", "always")
-    (orbit, *_) = find_orbits(oscillator(), "S", parameter="omega")
-    low, high = 0.9 * orbit.unknowns[-1], 1.1 * orbit.unknowns[-1]
+    model = TwoStops(a=1.0, omega=1.7, c=0.1, k=1.0, sigma=0.5, r=0.7)
+    orbit = find_orbits(model, "RL", parameter="omega")[0]
+    low, high = 0.97 * orbit.unknowns[-1], 1.03 * orbit.unknowns[-1]
     assert len(continue_orbit(orbit, range=(low, high))) > 3
 
 

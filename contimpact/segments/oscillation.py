@@ -1,0 +1,229 @@
+r"""A linear flight of one coordinate, :math:`\ddot x = \kappa x + \gamma\dot x + f(t)`, in steps.
+
+Each step is a Taylor polynomial about its start, right to rounding, on which the acceleration has
+at most one zero: a step is halved until its coefficients show that either the acceleration or its
+derivative has no zero in it. So none is missed between samples.
+
+The functions are in the plain subset of Python that `contimpact.compiling` compiles.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from typing import Any
+
+from ..arrays import Table, Vector
+from .turning_points import Excursion, Moved, excursions
+
+DEGREE = 20
+"""Of the polynomials of positions; 1/19! is 8e-18."""
+
+START, WIDTH, COEFFICIENTS = range(3)
+"""Places in the row of a step: the time at which it starts, its duration, and where coefficients
+begin, of powers of the time since its start as a part of its duration: the highest first."""
+
+ROW = COEFFICIENTS + DEGREE + 1
+MOST = 2048
+"""Steps of a flight, at most; those of stiffer ones are not made."""
+HALVINGS = 24
+ROUNDING = 4e-16
+"""Part of the forces below which an acceleration is their rounding."""
+CLOSE = 1e-9
+"""Part of a step within which zeros of the acceleration are found. The velocity, which is flat
+there, is monotone to the square of that."""
+
+
+def row_of(table: Table, i: int) -> Vector:
+    """Return a row of a table, which grows by it."""
+    if i == len(table):
+        table.append([0.0] * ROW)
+    return table[i]
+
+
+def row_of_compiled(table: Table, i: int) -> Vector:
+    """As `row_of`, for tables that are arrays."""
+    return table[i]
+
+
+def excursion_by_law(
+    law: Callable[[Vector, Vector], Any],
+    head: Vector,
+    values: Vector,
+    length: float,
+    arriving: float,
+    left_side: float,
+    reached_side: float,
+    steps: Table,
+    breaks: Vector,
+) -> Excursion:
+    """As `flight.excursions`, for a flight that has a law.
+
+    Parameters
+    ----------
+    law : callable ``law(head, values)``
+        What the kernel ``law`` returns, of one degree of freedom.
+    steps, breaks
+        Scratch space for `MOST` steps, and for the zeros of the acceleration.
+
+    Returns
+    -------
+    tuple
+        The `slowest` is infinite where the flight is too stiff, or too long, for so many steps.
+    """
+    _, waves, numbers, state = law(head, values)
+    made, found = follow(int(waves), numbers, state, length, steps, breaks)
+    if made < 0:
+        return math.nan, math.nan, math.nan, math.nan, math.inf
+    return excursions(
+        along_steps, steps[:made], values, length, arriving, left_side, reached_side,
+        breaks[:found], 0.0, math.inf,
+    )  # fmt: skip
+
+
+def along_steps(steps: Table, dt: float, values: Vector) -> Moved:
+    """Return displacement, velocity and acceleration at a time after the start."""
+    low, high = 0, len(steps) - 1
+    while low < high:
+        middle = (low + high + 1) // 2
+        if steps[middle][START] <= dt:
+            low = middle
+        else:
+            high = middle - 1
+    return in_step(steps[low], dt)
+
+
+def in_step(row: Vector, dt: float) -> Moved:
+    """Return the same on a step."""
+    width = row[WIDTH]
+    s = (dt - row[START]) / width
+    x, v, a = 0.0, 0.0, 0.0
+    for c in row[COEFFICIENTS:]:
+        a = a * s + v
+        v = v * s + x
+        x = x * s + c
+    return x, v / width, 2.0 * a / (width * width)
+
+
+def follow(
+    waves: int, numbers: Vector, state: Vector, length: float, steps: Table, breaks: Vector
+) -> tuple[int, int]:
+    """Fill in the steps of a flight, and the times at which the acceleration changes sign.
+
+    Returns how many there are of both; -1 for the first where they would be more than `MOST`.
+    """
+    kappa, gamma = numbers[0], numbers[1]
+    rate = 0.5 * (abs(gamma) + math.sqrt(gamma * gamma + 4.0 * abs(kappa)))
+    for i in range(waves):
+        rate = max(rate, abs(numbers[3 + 2 * waves + i]))
+    if not rate * length < MOST:
+        return -1, 0
+    widest = length if rate * length <= 1.0 else 1.0 / rate
+    least = widest * 0.5**HALVINGS
+    made, found, t, x, v, width, sign = 0, 0, 0.0, 0.0, state[1], widest, 0.0
+    while t < length:
+        if made == MOST:
+            return -1, 0
+        width = min(width, length - t)
+        row = row_of(steps, made)
+        size = expand(waves, numbers, state, t, width, x, v, row)
+        zeros = zeros_at_most(row, size)
+        if zeros > 1 and width > least:
+            width *= 0.5
+            continue
+        begins = 2.0 * row[ROW - 3] / (width * width)
+        if sign * begins < 0.0:
+            breaks[found] = t  # neither step may have it, by rounding
+            found += 1
+        after = t + width if t + width < length else length
+        x, v, last = in_step(row, after)
+        if zeros > 0 and begins * last < 0.0:
+            breaks[found] = zero_in(row, begins, last)
+            found += 1
+        sign = last if last != 0.0 else begins
+        t = after
+        width = min(2.0 * width, widest)
+        made += 1
+    return made, found
+
+
+def expand(
+    waves: int, numbers: Vector, state: Vector, t: float, width: float, x: float, v: float,
+    row: Vector,
+) -> float:  # fmt: skip
+    """Fill in the row of a step from displacement and velocity at its start.
+
+    Returns the size of the forces, in the units of the second coefficient.
+    """
+    kappa, gamma, square = numbers[0], numbers[1] * width, width * width
+    last = ROW - 1
+    for k in range(DEGREE + 1):
+        row[COEFFICIENTS + k] = 0.0
+    rest, from_start = numbers[2 + 2 * waves], kappa * state[0]
+    row[last - 2] = rest + from_start
+    size = abs(rest) + abs(from_start) + abs(kappa * x) + abs(numbers[1] * v)
+    for i in range(waves):
+        a, b, frequency = numbers[2 + 2 * i], numbers[3 + 2 * i], numbers[3 + 2 * waves + i]
+        cosine, sine = state[2 + 2 * i], state[3 + 2 * i]
+        c, s = math.cos(frequency * t), math.sin(frequency * t)
+        cosine, sine = cosine * c - sine * s, sine * c + cosine * s
+        now, next_ = a * cosine + b * sine, b * cosine - a * sine
+        angle = frequency * width
+        size += abs(now) + abs(next_)
+        for k in range(DEGREE - 1):
+            row[last - 2 - k] += now
+            now, next_ = angle * next_ / (k + 1), -angle * now / (k + 1)
+    one, two = x, v * width
+    row[last], row[last - 1] = one, two
+    for k in range(DEGREE - 1):
+        pushed = square * (kappa * one + row[last - 2 - k]) / (k + 1) + gamma * two
+        one, two = two, pushed / (k + 2)
+        row[last - 2 - k] = two
+    row[START], row[WIDTH] = t, width
+    return square * size
+
+
+def zeros_at_most(row: Vector, size: float) -> int:
+    """Return how many zeros the acceleration may have in a step: none, one, or (2) more.
+
+    By the ranges of its first terms, and the sums of the sizes of all others.
+    """
+    last = ROW - 1
+    a0, a1, a2 = 2.0 * row[last - 2], 6.0 * row[last - 3], 12.0 * row[last - 4]
+    more, steeper, factor = 0.0, 0.0, 20.0
+    for k in range(3, DEGREE - 1):
+        term = factor * abs(row[last - 2 - k])
+        more += term
+        steeper += k * term
+        factor += 2.0 * k + 4.0
+    end, slope = a0 + a1 + a2, a1 + 2.0 * a2
+    low, high = min(a0, end), max(a0, end)
+    if a1 * slope < 0.0:
+        turn = a0 - 0.25 * a1 * a1 / a2
+        low, high = min(low, turn), max(high, turn)
+    margin = more + ROUNDING * size
+    if low > margin or high < -margin or max(high, -low) <= ROUNDING * size - more:
+        return 0
+    return 1 if min(a1, slope) > steeper or max(a1, slope) < -steeper else 2
+
+
+def zero_in(row: Vector, begins: float, ends: float) -> float:
+    """Return where in a step the acceleration vanishes, by the Illinois method."""
+    low, width = row[START], row[WIDTH]
+    high, kept = low + width, 0
+    below, above = begins, ends
+    t = low
+    for _ in range(60):
+        t = (low * above - high * below) / (above - below)
+        if not low < t < high:
+            t = 0.5 * (low + high)
+        _, _, value = in_step(row, t)
+        if value == 0.0 or high - low < CLOSE * width:
+            break
+        if (value < 0.0) == (begins < 0.0):
+            low, below = t, value
+            above, kept = (0.5 * above if kept < 0 else above), -1
+        else:
+            high, above = t, value
+            below, kept = (0.5 * below if kept > 0 else below), 1
+    return t
