@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib.util
 from pathlib import Path
 
 from contimpact.models.model import Formulas, Model, Parameter, Wall
@@ -11,6 +12,15 @@ from contimpact.systems.oscillator import Oscillator
 
 ROOT = Path(__file__).parent.parent
 """The checkout."""
+
+
+def example(name):
+    """A script of the examples, as a module."""
+    path = ROOT / "examples" / f"{name}.py"
+    spec = importlib.util.spec_from_file_location(name, path)
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
 
 
 def harmonic_pair(waves, **given):

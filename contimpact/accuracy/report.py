@@ -225,7 +225,7 @@ class _Task:
         """What a user would write: nothing for systems it has no simple form for."""
         walks = self.walks(self.settings())
         points = [p for w in walks for p in w.points if _shootable(p)]
-        if self.problem.m != 2 or not points:
+        if self.problem.m != 2 or self.problem.lost or not points:
             return []
         chosen = [p.unknowns for p in _some(points, SHOT)]
         share = sum(len(w.points) for w in walks) / len(chosen)

@@ -12,6 +12,7 @@ from __future__ import annotations
 import numpy as np
 
 from ..continuation.test_function import TestFunction
+from ..models.guards import is_path
 from ..models.word import Word
 from ..orbits.linearisation import Linearisation
 from ..orbits.multipliers import count_unstable, multipliers
@@ -130,12 +131,16 @@ class V(Kind):
 def _without(here: Linearisation, impact: int) -> tuple[OrbitProblem, Array] | None:
     """The problem of the word without an impact of zero velocity, and the same orbit in it.
 
-    None if no impact is left, and the motion without any has no orbit that touches there.
+    None if no impact is left, and the motion without any has no orbit that touches there, or if the
+    modes on both sides of the impact are not the same.
     """
     problem, dropped = here.problem, vanishing(here.problem, impact)
     if len(problem.word) == len(dropped):
         return _quiet(here, impact)
-    shorter = problem_of(problem.model, problem.word.drop(*dropped), problem.kernels)
+    word = problem.word.drop(*dropped)
+    if not is_path(problem.model.WALLS, word.walls):
+        return None
+    shorter = problem_of(problem.model, word, problem.kernels)
     kept = np.delete(problem.impacts(here.unknowns), dropped, axis=0)
     return shorter, np.append(kept.ravel(), here.unknowns[-problem.free :])
 

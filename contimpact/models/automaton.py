@@ -8,7 +8,7 @@ from collections.abc import Iterable
 from typing import Any
 
 from ..errors import InputError, shown
-from .guards import Guard, Wall
+from .guards import Guard, Wall, orders_of
 
 
 def check_modes(kind: Any, where: str) -> None:
@@ -32,6 +32,7 @@ def check_modes(kind: Any, where: str) -> None:
         _check_letter(guard, place)
         _check_graph(guard, modes, place)
         _check_coordinate(guard, size, place)
+        _check_sizes(guard, kind.MODES, size, place)
     names = [guard.name for guard in kind.WALLS]
     if not names or len(set(names)) < len(names):
         accepted = "give at least one wall, each name once"
@@ -52,10 +53,16 @@ def _modes(modes: Any, size: int, where: str) -> list[str]:
             raise InputError(
                 where, f"mode {mode.name!r} has {shown(own)}", "give a whole number >= 1"
             )
-        if own != size:
+        if own > size:
             found = f"mode {mode.name!r} has {own} degrees of freedom, the system {size}"
-            accepted = "give all modes the same: orbits through modes of several sizes are not made"
-            raise InputError(where, found, accepted)
+            raise InputError(where, found, "declare DEGREES_OF_FREEDOM those of the largest mode")
+        first = getattr(mode, "first_order", ())
+        if not isinstance(first, tuple) or not set(first) <= set(range(own)):
+            found = f"mode {mode.name!r} has the coordinates of first order {shown(first)}"
+            raise InputError(where, found, f"give a tuple of numbers from 0 to {own - 1}")
+    if modes and any(order < 2 for order in modes[0].orders(size)):
+        found = f"the first mode {names[0]!r} does not have all positions and velocities"
+        raise InputError(where, found, "begin with one that has: orbits of the word 0 are in it")
     return names or [""]
 
 
@@ -96,6 +103,21 @@ def _check_coordinate(guard: Guard, size: int, where: str) -> None:
     if not numeric or len(given) != size or not any(given):
         accepted = f"give the number of a position, or {size} coefficients, not all zero"
         raise InputError(where, found, accepted)
+
+
+def _check_sizes(guard: Guard, modes: Any, size: int, where: str) -> None:
+    """The modes that a guard ends have the same state, and its gap coordinate in it."""
+    ended = {orders_of(modes, name, size) for name in guard.modes}
+    if len(ended) > 1:
+        found = f"{guard.name!r} ends modes of different coordinates"
+        raise InputError(where, found, "give a guard for each of them")
+    (orders,) = ended
+    row = guard.row(size)
+    if any(factor and not order for factor, order in zip(row, orders, strict=True)):
+        found = (
+            f"{guard.name!r} lies on a coordinate that the mode {guard.modes[0]!r} does not have"
+        )
+        raise InputError(where, found, "give one of its own")
 
 
 def _check_passage(mode: str, first: bool, guards: Iterable[Guard], where: str) -> None:

@@ -167,11 +167,11 @@ def _evaluated(model: Model) -> Equations:
         {},
         state,
         tuple(own(f"{n}{i}_1") for i in range(size) for n in "xv"),
-        departure(formulas, mode, state[::2], state[1::2], where),
+        departure(formulas, mode, (2,) * size, state[::2], state[1::2], where),
         _harmonics(formulas, f"{where}: harmonics"),
     )
     departures = {
-        name: after_impact(formulas, guard, *found.before(name, found.start), where)
+        name: after_impact(formulas, guard, *found.before(name, found.start), model.MODES, where)
         for name, guard in found.guards.items()
     }
     found = Equations(**{**vars(found), "departures": departures})

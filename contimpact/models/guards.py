@@ -17,17 +17,26 @@ Row: TypeAlias = tuple[float, ...]
 
 @dataclass(frozen=True)
 class Mode:
-    """A law by which the system moves.
+    r"""A law by which the system moves.
 
     Attributes
     ----------
     name : str
     degrees_of_freedom : int, optional
-        The system's unless set.
+        How many coordinates it has, the system's unless set: the first of these.
+    first_order : tuple of int
+        The coordinates that move by a law of first order, :math:`\dot x = f(t, x)`: their
+        velocities are no part of the state.
     """
 
     name: str
     degrees_of_freedom: int | None = None
+    first_order: tuple[int, ...] = ()
+
+    def orders(self, size: int) -> tuple[int, ...]:
+        """Return the order of each of the system's coordinates, zero where it has none."""
+        own = size if self.degrees_of_freedom is None else self.degrees_of_freedom
+        return tuple(0 if i >= own else 1 if i in self.first_order else 2 for i in range(size))
 
 
 @dataclass(frozen=True)
@@ -85,10 +94,23 @@ class Wall(Guard):
     """
 
 
+def orders_of(modes: Sequence[Mode], name: str, size: int) -> tuple[int, ...]:
+    """Return `Mode.orders` of a mode by its name; systems of one mode need not name it."""
+    mode = next((mode for mode in modes if mode.name == name), Mode(name))
+    return mode.orders(size)
+
+
 def following(guards: Sequence[Guard], letter: str) -> str:
     """Return the letters of the guards that can come after one."""
     mode = next(guard.next_mode for guard in guards if guard.name == letter)
     return watched(guards, mode)
+
+
+def is_path(guards: Sequence[Guard], letters: str) -> bool:
+    """Return whether each letter of a word can follow the one before it, the first the last."""
+    return all(
+        b in following(guards, a) for a, b in zip(letters, letters[1:] + letters[:1], strict=True)
+    )
 
 
 def watched(guards: Sequence[Guard], mode: str) -> str:

@@ -85,7 +85,9 @@ class Formulas:
 
     Positions and velocities are sequences with one entry per degree of freedom. In a system of
     several modes `flight` and `acceleration` are mappings from the modes' names to what is said
-    here of one, and `harmonics` are left out.
+    here of one, and `harmonics` are left out. All functions are given the coordinates that the mode
+    has, and state these; velocities after a jump, and those that flights start with, are of the
+    coordinates of second order alone.
 
     Attributes
     ----------
@@ -104,7 +106,7 @@ class Formulas:
         Free flight from the state (x0, v0) at time t0: mean velocities u = (x1 - x0)/dt and
         velocities v1 after the time dt, in forms that do not cancel as dt goes to zero.
     acceleration : callable ``(t, x, v) -> a``
-        The equations of motion in free flight.
+        The equations of motion in free flight: of a coordinate of first order, its velocity.
     harmonics : tuple of (constant, [(k, a_k, b_k), ...]), optional
         Where the acceleration of coordinate 0 in flight depends on time alone:
         constant + sum of a_k cos(2 pi k t/T) + b_k sin(2 pi k t/T).

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 import sympy
 
 from ..errors import InputError, shown
-from .guards import Guard, Row
+from .guards import Guard, Mode, Row, orders_of
 from .symbols import DT, PHASE, T0, own
 
 if TYPE_CHECKING:
@@ -55,34 +55,89 @@ def along(row: Row, state: Sequence[Any]) -> Any:
 
 
 def after_impact(
-    formulas: Formulas, guard: Guard, position: Sequence[Any], velocity: Sequence[Any], where: str
-) -> Departure:
+    formulas: Formulas, guard: Guard, position: Sequence[Any], velocity: Sequence[Any],
+    modes: Sequence[Mode], where: str,
+) -> Departure:  # fmt: skip
     """Return what an impact at a guard leaves, from positions and velocities before it.
+
+    Formulas are given the coordinates that the mode before has, and state those of the next.
 
     Raises
     ------
     InputError
         For a reset, a flight or an acceleration of another form than a system has to give.
     """
-    position, after = state_after(formulas, guard.name, position, velocity, where)
-    return departure(formulas, guard.next_mode, position, after, where)
+    size = len(position)
+    before, after = (orders_of(modes, m, size) for m in (guard.modes[0], guard.next_mode))
+    x, v = (
+        [part for part, order in zip(state, before, strict=True) if order]
+        for state in (position, velocity)
+    )
+    left = state_after(formulas, guard.name, x, v, where, (before, after))
+    return departure(formulas, guard.next_mode, after, *left, where)
 
 
 def departure(
-    formulas: Formulas, mode: str, position: Sequence[Any], velocity: Sequence[Any], where: str
-) -> Departure:
-    """Return the flight from a state in a mode."""
-    size = len(position)
+    formulas: Formulas, mode: str, orders: Sequence[int], position: Sequence[Any],
+    velocity: Sequence[Any], where: str,
+) -> Departure:  # fmt: skip
+    """Return the flight from a state in a mode, in all coordinates of the system.
+
+    Coordinates that the mode does not have are at rest at zero.
+
+    Parameters
+    ----------
+    orders : sequence of int
+        Of all coordinates in the mode; see `Mode.orders`.
+    position, velocity : sequence
+        Of the coordinates that it has; velocities of those of second order.
+    """
+    present = [order for order in orders if order]
+    size, second = len(present), [i for i, order in enumerate(present) if order == 2]
     flown = of_mode(formulas.flight, mode)(PHASE, position, list(velocity), DT)
     if not isinstance(flown, Sequence) or len(flown) != 2:
         accepted = "give mean velocities and end velocities, a list each"
         raise InputError(f"{where}: flight", f"found {shown(flown)}", accepted)
     mean, end = (_listed(part, size, f"{where}: flight") for part in flown)
     now = [x + DT * u for x, u in zip(position, mean, strict=True)]
-    law = of_mode(formulas.acceleration, mode)
-    states = (PHASE + DT, now, list(end)), (T0, *state_symbols(size))
-    pushed = (_listed(law(*state), size, f"{where}: acceleration") for state in states)
-    return Departure(tuple(position), tuple(velocity), mean, end, *pushed)
+
+    def law(t: Any, x: Sequence[Any], v: Sequence[Any]) -> tuple[Any, ...]:
+        stated = of_mode(formulas.acceleration, mode)(t, x, [v[i] for i in second])
+        return _listed(stated, size, f"{where}: acceleration")
+
+    x, v = state_symbols(size)
+    laws = law(T0, x, v)
+    by_state = _accelerations(laws, present, x, v)
+    pushed = law(PHASE + DT, now, end)
+    if len(second) < size:
+        flying = dict(zip([T0, *x, *v], [PHASE + DT, *now, *end], strict=True))
+        pushed = tuple(sympy.sympify(e).xreplace(flying) for e in by_state)
+    begun = tuple(velocity)
+    if len(second) < size:
+        flying = dict(zip([T0, *x], [PHASE, *position], strict=True))
+        flying |= {v[i]: speed for i, speed in zip(second, velocity, strict=True)}
+        rates = [s if order == 2 else e for e, s, order in zip(laws, v, present, strict=True)]
+        begun = tuple(sympy.sympify(e).xreplace(flying) for e in rates)
+    parts = (tuple(position), begun, mean, end, pushed, by_state)
+    return Departure(*(_in_all(part, orders) for part in parts))
+
+
+def _accelerations(
+    law: Sequence[Any], orders: Sequence[int], x: Sequence[Any], v: Sequence[Any]
+) -> tuple[Any, ...]:
+    """Accelerations from laws of second order and of first, whose rates of change they are."""
+    rates = dict(zip(x, v, strict=True)) | {T0: sympy.S.One}
+    rates |= {v[i]: law[i] for i, order in enumerate(orders) if order == 2}
+    return tuple(
+        e if order == 2 else sympy.Add(*(sympy.diff(e, s) * rate for s, rate in rates.items()))
+        for e, order in zip(law, orders, strict=True)
+    )
+
+
+def _in_all(part: Sequence[Any], orders: Sequence[int]) -> tuple[Any, ...]:
+    """One entry for each coordinate of the system, zero for those that a mode does not have."""
+    own = iter(part)
+    return tuple(next(own) if order else sympy.S.Zero for order in orders)
 
 
 def state_symbols(size: int) -> tuple[list[Any], list[Any]]:
@@ -96,19 +151,33 @@ def of_mode(given: Any, mode: str) -> Any:
 
 
 def state_after(
-    formulas: Formulas, name: str, position: Sequence[Any], velocity: Sequence[Any], where: str
-) -> tuple[Sequence[Any], Sequence[Any]]:
-    """Return positions and velocities after an impact."""
-    size = len(position)
+    formulas: Formulas, name: str, position: Sequence[Any], velocity: Sequence[Any], where: str,
+    orders: tuple[Sequence[int], Sequence[int]] | None = None,
+) -> tuple[Sequence[Any], Sequence[Any]]:  # fmt: skip
+    """Return positions and velocities after an impact, those that are the state of the next mode.
+
+    Parameters
+    ----------
+    orders : (before, after), optional
+        Of all coordinates in both modes, where they are not all of second order.
+    """
+    before, after = orders or ((2,) * len(position),) * 2
+    present = [order for order in after if order]
+    sizes = len(present), present.count(2)
     if formulas.jump is not None:
         jumped = formulas.jump(name, position, velocity)
         if not isinstance(jumped, Sequence) or len(jumped) != 2:
             accepted = "give positions and velocities, a list each"
             raise InputError(f"{where}: jump", f"found {shown(jumped)}", accepted)
-        return tuple(_listed(part, size, f"{where}: jump") for part in jumped)  # type: ignore[return-value]
-    if formulas.reset is None:
-        return position, _listed(velocity, size, where)
-    return position, _listed(formulas.reset(name, position, velocity), size, f"{where}: reset")
+        here = f"{where}: jump at {name!r}"
+        return _listed(jumped[0], sizes[0], here), _listed(jumped[1], sizes[1], here)
+    if tuple(before) != tuple(after):
+        found = f"{name!r} leads to a mode of other coordinates"
+        raise InputError(f"{where}: jump", found, "give positions and velocities after it")
+    left: Sequence[Any] = [v for v, order in zip(velocity, present, strict=True) if order == 2]
+    if formulas.reset is not None:
+        left = formulas.reset(name, position, velocity)
+    return position, _listed(left, sizes[1], f"{where}: reset")
 
 
 def _listed(given: Any, size: int, where: str) -> tuple[Any, ...]:

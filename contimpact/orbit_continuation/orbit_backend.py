@@ -302,10 +302,12 @@ def backend_of(
 ) -> OrbitBackend | None:
     """Return a problem on block-cyclic elimination.
 
-    None where there is none: for more than one degree of freedom, for two free parameters, and for
-    orbits without impacts.
+    None where there is none: for more than one degree of freedom, for two free parameters, for
+    orbits without impacts, and where jumps move the gap coordinate.
     """
     if problem.m != 2 or problem.free != 1 or not problem.word.walls:
+        return None
+    if problem.lost or not problem.kernels.passages.anchored:
         return None
     needs = {need for test in tests if isinstance(test, OrbitTest) for need in test.needs}
     return OrbitBackend(problem, gaps or "gaps" in needs, "doubling" in needs)

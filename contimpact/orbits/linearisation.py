@@ -143,9 +143,10 @@ class Linearisation:
         if not problem.arrivals:  # without impacts
             return stability_of(self.start, self.end)
         if problem.m == 2:
-            return stability_of_orbit(
+            found = stability_of_orbit(
                 self.start, self.end, problem.arrivals, self.unknowns.tolist(), self.span
             )
+            return found.without(problem.lost)
         end = self.end.copy()
         rows = problem.impacts(self.unknowns)
         durations = np.diff(np.append(rows[:, 0], rows[0, 0] + self.span))
@@ -156,7 +157,7 @@ class Linearisation:
         arriving = np.roll(rows[:, 1], -1)
         end[same, 0, 0] = arriving[same] / durations[same]
         end[different, 0, 0] = arriving[different]
-        return stability_of(self.start, end)
+        return stability_of(self.start, end).without(problem.lost)
 
     @property
     def multipliers(self) -> Array:

@@ -16,7 +16,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -46,6 +46,14 @@ class Stability:
     multipliers: Array
     products: Array
     doubling: float
+
+    def without(self, lost: int) -> Stability:
+        """Return the same with so many directions lost: their multipliers are zero."""
+        if not lost:
+            return self
+        values = self.multipliers.copy()
+        values[-lost:] = 0.0
+        return replace(self, multipliers=values, products=_products(values))
 
 
 def stability_of(start: Array, end: Array) -> Stability:
@@ -189,12 +197,17 @@ def _of_any_size(start: Array, end: Array) -> Stability:
     with np.errstate(divide="ignore", invalid="ignore"):
         values = np.where(below == 0.0, np.inf + 0.0j, above / below)
         values = np.asarray(values[np.argsort(-np.abs(values))], dtype=complex)
-        first, second = np.triu_indices(len(values), 1)
-        products = values[first] * values[second]
-    both = np.isfinite(values[first]) & np.isfinite(values[second])
     norms = _row_norms(start, end)
     value = cyclic_multipliers.scaled(sign, logarithm, float(np.linalg.det(p - q)), norms)
-    return Stability(values, np.where(both, products, np.nan), value)
+    return Stability(values, _products(values), value)
+
+
+def _products(values: Array) -> Array:
+    """The products of every two of them, where both are finite."""
+    first, second = np.triu_indices(len(values), 1)
+    both = np.isfinite(values[first]) & np.isfinite(values[second])
+    with np.errstate(invalid="ignore"):
+        return np.where(both, values[first] * values[second], np.nan)
 
 
 def _row_norms(start: Array, end: Array) -> float:

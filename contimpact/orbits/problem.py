@@ -29,6 +29,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..arrays import Array
+from ..models.guards import orders_of
 from ..models.model import Model
 from ..models.word import Word
 from ..segments.flight import FlightGaps
@@ -57,6 +58,8 @@ class OrbitProblem:
         Number of free parameters.
     arrivals : tuple of int
         Where each flight ends; see `contimpact.segments.passages`.
+    lost : int
+        Multipliers that vanish: directions of the state that some mode on the way does not have.
     excursions : tuple of int
         Flights through another mode and back, which can vanish with the velocities at their ends.
     kernel_evaluations : int
@@ -73,6 +76,7 @@ class OrbitProblem:
         arrivals = kernels.passages.arrivals
         self.arrivals = tuple(arrivals[places[a]][places[b]] for a, b in self.kinds)
         self.excursions = self._excursions()
+        self.lost = self._lost()
         self._place_blocks()
 
     def _begin(self, model: Model, word: Word, kernels: Kernels) -> None:
@@ -109,6 +113,12 @@ class OrbitProblem:
             and count > 1
             and modes[(k + 1) % count] == modes[k - 1] != modes[k]
         )
+
+    def _lost(self) -> int:
+        """By how much the smallest state on the way is smaller than that of the system."""
+        size, guards = self.model.DEGREES_OF_FREEDOM, self.model.WALLS
+        modes = {guard.next_mode for guard in guards if guard.name in self.word.walls}
+        return max(2 * size - sum(orders_of(self.model.MODES, m, size)) for m in modes)
 
     def values(self, unknowns: Array) -> list[float]:
         """Return all parameter values at a point, in the model's order."""

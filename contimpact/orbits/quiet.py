@@ -43,7 +43,7 @@ class QuietProblem(OrbitProblem):
     def __init__(self, model: Model, word: Word, kernels: Kernels) -> None:
         self._begin(model, word, kernels)
         self.n = self.m
-        self.kinds, self.arrivals, self.excursions = (), (), ()
+        self.kinds, self.arrivals, self.excursions, self.lost = (), (), (), 0
         self.segments = [kernels.segment(SECTION, str(word.period))]
         self._place_blocks()
 

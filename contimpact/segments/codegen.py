@@ -171,7 +171,10 @@ class KernelWriter:
     def motion(self, name: str, a: str) -> str:
         leave, (_, row) = self.leave(a), self.equations.pivot(a)
         speed, force = along(row, leave.end), along(row, leave.acceleration)
-        outputs = (DT * along(row, leave.mean), speed, force)
+        away = sympy.S.Zero
+        if not self.equations.returns(a, a):
+            away = along(row, leave.position) - self.equations.walls[a]
+        outputs = (away + DT * along(row, leave.mean), speed, force)
         about = f"""Flight after wall {a}: the gap coordinate at the time dt after leaving.
 
         Returns its displacement from the wall, its velocity and its acceleration."""

@@ -16,7 +16,7 @@ from typing import Any
 
 from ..arrays import Vector
 from ..errors import InputError
-from ..models.guards import following
+from ..models.guards import following, orders_of
 from ..models.model import Model
 from ..models.sources import digests
 from ..storage.cache import cache_folder, keep, kept, logger
@@ -169,15 +169,22 @@ class Kernels:
 
     def linear(self, a: str) -> bool:
         """Whether the flight after a wall is a linear one, which `law` describes."""
-        return "flow" in self.motion(a).__code__.co_names
+        model = self.model
+        after = next(guard.next_mode for guard in model.WALLS if guard.name == a)
+        size = model.DEGREES_OF_FREEDOM
+        whole = orders_of(model.MODES, after, size) == (2,) * size
+        return whole and "flow" in self.motion(a).__code__.co_names
 
     @functools.cached_property
     def oscillates(self) -> bool:
         """Whether the flights of one coordinate follow laws alike, for `segments.oscillation`."""
-        if self.model.DEGREES_OF_FREEDOM > 1 or any(g.row(1) != (1,) for g in self.model.WALLS):
+        guards = self.model.WALLS
+        if self.model.DEGREES_OF_FREEDOM > 1 or any(g.row(1) != (1,) for g in guards):
+            return False
+        if not self.passages.anchored:
             return False
         given = 0.0, 1.0, *self.model.values.values()
-        laws = [self.law(guard.name)(*given) for guard in self.model.WALLS]
+        laws = [self.law(guard.name)(*given) for guard in guards]
         return len(laws[0]) > 1 and len({law[1:2] for law in laws}) == 1
 
     @functools.cached_property

@@ -31,6 +31,12 @@ class Passages(NamedTuple):
     leaving: tuple[float, ...]
     arrivals: tuple[tuple[int, ...], ...]
 
+    @property
+    def anchored(self) -> bool:
+        """Whether flights start on the surfaces of the guards that they leave: no jump moves the
+        gap coordinate."""
+        return all(row[a] != ELSEWHERE for a, row in enumerate(self.arrivals))
+
     def vanishes(self, left: int, reached: int) -> bool:
         """Whether a flight can vanish together with the velocities at its ends."""
         return self.arrivals[left][reached] == MEETING

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import importlib.util
 import json
 import math
 import subprocess
@@ -10,7 +9,7 @@ import sys
 
 import numpy as np
 import pytest
-from zoo import ROOT
+from zoo import example
 
 from contimpact import InputError, continue_orbit, find_orbits, plot_diagram, write_auto
 from contimpact.accuracy.reference import Reference
@@ -56,14 +55,6 @@ def test_a_kind_that_is_not_defined_is_refused(pair):
 
 
 # A kind of one's own: a multiplier takes a given value.
-
-
-def example(name):
-    path = ROOT / "examples" / f"{name}.py"
-    spec = importlib.util.spec_from_file_location(name, path)
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
 
 
 MU = example("requested_multiplier").MU

@@ -45,6 +45,9 @@ def test_the_gap_coordinate_as_a_combination(coordinate, row):
     assert Wall("K", +1, coordinate=coordinate).row(2) == row
 
 
+SMALLER = {"MODES": (MODES[0], Mode("contact", 1)), "DEGREES_OF_FREEDOM": 2}
+
+
 @pytest.mark.parametrize(
     ("attributes", "says"),
     [
@@ -55,7 +58,23 @@ def test_the_gap_coordinate_as_a_combination(coordinate, row):
         ({"MODES": (Mode("free"), Mode("contact", 0))}, r"mode 'contact' has 0; give a whole"),
         (
             {"MODES": (Mode("free"), Mode("contact", 2))},
-            r"mode 'contact' has 2 degrees of freedom, the system 1; give all modes the same",
+            r"mode 'contact' has 2 degrees of freedom, the system 1; declare DEGREES_OF_FREEDOM",
+        ),
+        (
+            {"MODES": (Mode("free"), Mode("contact", first_order=(1,)))},
+            r"mode 'contact' has the coordinates of first order \(1,\); .*from 0 to 0",
+        ),
+        (
+            {"MODES": (Mode("free", first_order=(0,)), Mode("contact"))},
+            r"the first mode 'free' does not have all positions and velocities",
+        ),
+        (
+            {**SMALLER, "WALLS": (CONTACT, Guard("R", -1, "contact", "free", coordinate=1))},
+            r"'R' lies on a coordinate that the mode 'contact' does not have",
+        ),
+        (
+            {**SMALLER, "WALLS": (CONTACT, Guard("R", -1, ("free", "contact"), "free"))},
+            r"'R' ends modes of different coordinates; give a guard for each",
         ),
         ({"MODES": (*MODES, Mode("lost"))}, r"mode 'lost' is ended by no guard"),
         (
