@@ -22,35 +22,46 @@ DEGREE = 18
 HALVINGS = 30
 
 
-class Track:
-    """The states of a flight.
+class Pieces:
+    """How linear flights of one law and duration are cut; see the head of the module.
 
     Parameters
     ----------
     shape : Shape
     numbers : sequence of float
         As of `linear_flow.flow`, without the duration.
-    state : sequence of float
-        X where the flight starts.
     length : float
-        Its duration, positive.
+        Duration of the flights, positive.
     """
 
-    def __init__(
-        self, shape: Shape, numbers: Sequence[float], state: Sequence[float], length: float
-    ) -> None:
-        self.freedom = shape.freedom
+    def __init__(self, shape: Shape, numbers: Sequence[float], length: float) -> None:
+        self.freedom, self.length = shape.freedom, length
         self.generator = generator_of(shape, numbers)
         size = norm_in_units(shape, self.generator) * length
         if not size < math.inf:
             raise OverflowError("a linear flight with numbers beyond the range of floats")
         self.count = max(1, math.ceil(size))
         self.piece = length / self.count
-        mean, _ = mean_rates(self.generator, self.piece, series_of_floats)
+        self.mean, _ = mean_rates(self.generator, self.piece, series_of_floats)
+        self.step = self.generator * self.piece
+
+
+class Track:
+    """The states of a flight.
+
+    Parameters
+    ----------
+    pieces : Pieces
+    state : sequence of float or ndarray
+        X where the flight starts.
+    """
+
+    def __init__(self, pieces: Pieces, state: Sequence[float] | Array) -> None:
+        self.pieces = pieces
         states = [np.array(state, dtype=float)]
-        for _ in range(self.count - 1):
-            states.append(states[-1] + self.piece * (mean @ states[-1]))
-        step, term = self.generator * self.piece, np.array(states).T
+        for _ in range(pieces.count - 1):
+            states.append(states[-1] + pieces.piece * (pieces.mean @ states[-1]))
+        step, term = pieces.step, np.array(states).T
         terms = [term]
         for k in range(1, DEGREE + 1):
             term = (step @ term) / k
@@ -59,19 +70,38 @@ class Track:
 
     def along(self, row: Sequence[float], from_start: bool = False) -> Curve:
         """Return a linear combination of the positions, or how far it is from where it starts."""
-        d = self.freedom
+        d = self.pieces.freedom
         weights = np.array([float(c) for c in row])
-        accelerations = weights @ self.generator[d : 2 * d]
+        accelerations = weights @ self.pieces.generator[d : 2 * d]
         parts = weights @ self.terms[:, :d], weights @ self.terms[:, d : 2 * d]
         if from_start:
             parts[0][0] -= parts[0][0, 0]
-        return Curve(self.piece, *(part.T for part in (*parts, accelerations @ self.terms)))
+        found = (part.T for part in (*parts, accelerations @ self.terms))
+        return Curve(self.pieces.piece, *found)
+
+    def bounds(self, row: Sequence[float]) -> tuple[float, float]:
+        """Return bounds of a linear combination of the positions along the whole track."""
+        weights = np.array([float(c) for c in row])
+        bernstein = (weights @ self.terms[:, : self.pieces.freedom]).T @ _TO_BERNSTEIN
+        return float(bernstein.min()), float(bernstein.max())
+
+    def changes(self, weights: Array) -> list[float]:
+        """Return the times at which a linear combination of all of X changes sign, in order."""
+        return [self.pieces.piece * s for s in sign_changes((weights @ self.terms).T)]
+
+    def at(self, dt: float) -> Array:
+        """Return X a time after the flight's start."""
+        s = dt / self.pieces.piece
+        k = min(max(int(s), 0), self.pieces.count - 1)
+        powers = (s - k) ** np.arange(DEGREE + 1.0)
+        state: Array = powers @ self.terms[:, :, k]
+        return state
 
 
 def track_of(law: Any, length: float) -> Track:
     """Return the track of a flight from what the kernel ``law`` says where it starts."""
     d, h, numbers, state = law
-    return Track(Shape(int(d), int(h), 0), numbers, state, length)
+    return Track(Pieces(Shape(int(d), int(h), 0), numbers, length), state)
 
 
 class Curve:

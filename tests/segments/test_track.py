@@ -9,9 +9,8 @@ import pytest
 
 from contimpact.segments.arithmetic import ARRAYS, evaluate_in
 from contimpact.segments.kernels import Kernels
-from contimpact.segments.linear_flow import Shape
 from contimpact.segments.touches import interior_touches
-from contimpact.segments.track import DEGREE, Track, sign_changes
+from contimpact.segments.track import DEGREE, sign_changes, track_of
 from contimpact.systems.two_masses import TwoMasses
 
 STATE = [0.3, -0.2, 0.7, 0.1, math.cos(0.4), math.sin(0.4), 1.0]
@@ -31,8 +30,7 @@ def test_states_are_those_of_the_flow(stiffness, length):
     """Measured: 3e-16 for each unit of the angle."""
     model = masses(k1=stiffness)
     kernels, values = Kernels(model, "omega"), list(model.values.values())
-    d, h, numbers, state = kernels.law("A")(0.2, 0.7, 0.1, -0.3, *values)
-    track = Track(Shape(int(d), int(h), 0), numbers, state, length)
+    track = track_of(kernels.law("A")(0.2, 0.7, 0.1, -0.3, *values), length)
     for row, other in (((1, 0), "A"), ((0, 1), "B")):
         curve, kernel = track.along(row), kernels.gap("A", other)
         for dt in np.linspace(0.0, length, 9).tolist():
