@@ -49,14 +49,21 @@ class Attractor:
     walls, times, velocities, released : ndarray of shape (N,)
         Impacts of one period from the word's first one on, whose time is in [0, T); for motions
         that are not periodic, of the last part of the run.
-    multipliers : (complex, complex) or None
-    exponents : (float, float)
-        Lyapunov exponents per impact, and the standard error of the larger one.
+    others : ndarray of shape (N, n)
+        The other section coordinates, position and velocity of each coordinate but the one that the
+        wall gives; n is zero for one degree of freedom.
+    held : ndarray of int, shape (N,)
+        The walls against which the system rests before each impact, a bit for each; of several
+        degrees of freedom only.
+    multipliers : tuple of complex, or None
+        The largest first.
+    exponents : tuple of float
+        Lyapunov exponents per impact, the largest first, and its standard error.
     error : float
     restitution : float
         Mean of ln r^2 over the impacts.
     per_period : float
-        The larger exponent per forcing period.
+        The largest exponent per forcing period.
     rate : float
         Impacts per forcing period.
     smallest_gap : float
@@ -81,8 +88,10 @@ class Attractor:
     times: Array = field(default_factory=lambda: np.zeros(0))
     velocities: Array = field(default_factory=lambda: np.zeros(0))
     released: Array = field(default_factory=lambda: np.zeros(0, dtype=bool))
-    multipliers: tuple[complex, complex] | None = None
-    exponents: tuple[float, float] = (math.nan, math.nan)
+    others: Array = field(default_factory=lambda: np.zeros((0, 0)))
+    held: Array = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
+    multipliers: tuple[complex, ...] | None = None
+    exponents: tuple[float, ...] = (math.nan, math.nan)
     error: float = math.nan
     restitution: float = math.nan
     per_period: float = math.nan
@@ -115,8 +124,10 @@ class Attractor:
     def as_record(self) -> dict[str, Any]:
         """Return plain data from which `from_record` makes the same attractor."""
         record = asdict(self) | {"kind": self.kind.name}
-        for name in ("walls", "times", "velocities", "released"):
+        for name in ("walls", "times", "velocities", "released", "others", "held"):
             record[name] = getattr(self, name).tolist()
+        if not self.held.size:
+            del record["others"], record["held"]
         if self.multipliers is not None:
             record["multipliers"] = [[mu.real, mu.imag] for mu in map(complex, self.multipliers)]
         return record
@@ -125,12 +136,13 @@ class Attractor:
     def from_record(record: Mapping[str, Any]) -> Attractor:
         """Return the attractor a record was made of."""
         given = dict(record)
-        kinds = {"walls": np.int8, "times": float, "velocities": float, "released": bool}
+        kinds: dict[str, Any] = {"walls": np.int8, "times": float, "velocities": float}
+        kinds |= {"released": bool, "others": float, "held": np.int64}
         for name, kind in kinds.items():
-            given[name] = np.array(given[name], dtype=kind)
+            if name in given:
+                given[name] = np.array(given[name], dtype=kind)
         if given["multipliers"] is not None:
-            large, small = (complex(*mu) for mu in given["multipliers"])
-            given["multipliers"] = (large, small)
+            given["multipliers"] = tuple(complex(*mu) for mu in given["multipliers"])
         return made(Attractor, given)
 
     def require(self, model: Model) -> None:
@@ -141,10 +153,15 @@ class Attractor:
         if lacking := [n for n in (*model.values, *model.DERIVED) if n not in self.parameters]:
             raise ValueError(f"an attractor without {', '.join(lacking)}")
         walls, state = self.walls.tolist(), self.state
-        numbers = [*self.times, *self.velocities, self.forcing_period]
+        width = model.unknowns_per_impact - 2
+        if width and (self.others.shape, self.held.shape) != ((len(walls), width), (len(walls),)):
+            raise ValueError("impacts without all coordinates")
+        numbers = [*self.times, *self.velocities, *self.others.ravel(), self.forcing_period]
         if state is not None:
             walls.append(state.wall)
-            numbers += [state.phase, state.velocity]
+            numbers += [state.phase, *state.section]
+            if len(state.others) != width:
+                raise ValueError("a state without all coordinates")
             if not 0.0 <= state.phase <= self.forcing_period:
                 raise ValueError(f"a phase of {state.phase:.6g}")
         if not all(0 <= wall < len(model.WALLS) for wall in walls):

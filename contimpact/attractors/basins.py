@@ -37,6 +37,9 @@ class Basins:
     labels : ndarray of int, shape (m, n)
         Number of the attractor reached.
     attractors : list of Attractor
+    others : tuple of float
+        The other section coordinates, the same for all starts: with several degrees of freedom the
+        picture is a section through the basins.
     """
 
     wall: str
@@ -46,6 +49,7 @@ class Basins:
     velocities: Array
     labels: Array
     attractors: list[Attractor]
+    others: tuple[float, ...] = ()
 
     @property
     def shares(self) -> list[float]:
@@ -85,6 +89,11 @@ def basins(
     Returns
     -------
     Basins
+
+    Notes
+    -----
+    With several degrees of freedom all starts have the other coordinates of the fastest impact on
+    that wall that the attractors known have, or zero.
     """
     letter = wall or simulator.letters[0]
     side = simulator.sides[simulator.letters.index(letter)]
@@ -94,16 +103,31 @@ def basins(
     phases = simulator.period * (np.arange(n) + 0.5) / n
     found = list(known)
     labels = np.zeros(shape, dtype=int)
+    others = _others(simulator, letter, known)
     for i, velocity in enumerate(velocities.tolist()):
         for j, phase in enumerate(phases.tolist()):
-            state = simulator.state(letter, phase, velocity)
+            state = simulator.state(letter, phase, velocity, others)
             labels[i, j] = _reached(simulator, state, found, settling)
         if callback:
             callback((i + 1) * n, m * n)
     parameters = {**simulator.model.values, **simulator.derived}
-    return Basins(
-        letter, simulator.letters.index(letter), parameters, phases, velocities, labels, found
-    )
+    number = simulator.letters.index(letter)
+    return Basins(letter, number, parameters, phases, velocities, labels, found, others)
+
+
+def _others(simulator: Simulator, wall: str, known: Sequence[Attractor]) -> tuple[float, ...]:
+    """The other section coordinates of all starts: those of the fastest known impact there."""
+    number = simulator.letters.index(wall)
+    impacts = [
+        (abs(float(speed)), tuple(row))
+        for a in known
+        for speed, row, k, released in zip(
+            a.velocities, a.others.tolist(), a.walls, a.released, strict=False
+        )
+        if k == number and not released
+    ]
+    none = (0.0,) * (simulator.model.unknowns_per_impact - 2)
+    return max(impacts, default=(0.0, none))[1]
 
 
 def _fastest(simulator: Simulator, known: Sequence[Attractor]) -> float:
@@ -142,6 +166,8 @@ def _reached(simulator: Simulator, state: State, found: list[Attractor], settlin
 
 def _on(attractor: Attractor, run: Run) -> bool:
     """Whether a run ends on a periodic attractor, closely, or is released as a sticking one is."""
+    if attractor.held.size:
+        return _on_several(attractor, run)
     if attractor.kind is Kind.STICKING:
         rows = np.nonzero(run.released)[0][-1:]
         mine = attractor.times[attractor.released] % attractor.forcing_period
@@ -158,3 +184,16 @@ def _on(attractor: Attractor, run: Run) -> bool:
         np.abs(phases - np.round(phases)), np.abs(attractor.velocities - state.velocity)
     )
     return float(np.min(apart[attractor.walls == state.wall], initial=math.inf)) < REACHED
+
+
+def _on_several(attractor: Attractor, run: Run) -> bool:
+    """The same where there are several coordinates, by all of them."""
+    if attractor.period is None or run.end is None:
+        return False
+    mine = np.column_stack([attractor.times, attractor.velocities, attractor.others])
+    sizes = np.maximum(np.max(np.abs(mine), axis=0), 1e-300)
+    sizes[0] = attractor.forcing_period
+    apart = (mine - (run.end.phase, *run.end.section)) / sizes
+    apart[:, 0] -= np.round(apart[:, 0])
+    same_kind = (attractor.walls == run.end.wall) & (attractor.held == run.end.held)
+    return bool(np.min(np.max(np.abs(apart), axis=1)[same_kind], initial=math.inf) < REACHED)

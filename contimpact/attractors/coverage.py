@@ -20,6 +20,7 @@ from ..orbits.quiet import problem_of
 from ..orbits.search import Orbit, solve_near
 from ..records.branch import Branch
 from ..records.diagram import Diagram
+from ..records.tables import coordinates
 from ..segments.kernels import Kernels
 from .attractor import Attractor, Kind
 from .sweep import Row, Sweep
@@ -143,7 +144,7 @@ def orbits_on(branch: Branch, sweep: Sweep, value: float, kernels: Kernels) -> l
         after = min(row + 1, len(parameters) - 1)
         step = parameters[after] - parameters[row]
         part = (value - parameters[row]) / step if step else 0.0
-        points = [np.column_stack([branch.times[k], branch.velocities[k]]) for k in (row, after)]
+        points = [_impacts(branch, problem.m, k) for k in (row, after)]
         guess = points[0] + part * (points[1] - points[0])
         here = solve_near(problem, np.append(guess.ravel(), value))
         if here is not None:
@@ -151,17 +152,26 @@ def orbits_on(branch: Branch, sweep: Sweep, value: float, kernels: Kernels) -> l
     return found
 
 
+def _impacts(branch: Branch, m: int, row: int) -> Array:
+    """Times and section coordinates of the impacts of a branch's row."""
+    names = coordinates(m)
+    parts = ([branch[f"{name}{k + 1}"][row] for name in names] for k in range(len(branch.word)))
+    return np.array(list(parts))
+
+
 def _distance(attractor: Attractor, word: str, orbit: Array) -> float:
-    """Largest difference in phase (in periods) or velocity, over the rotations of the word."""
+    """Largest difference in phase (in periods) or coordinate, over the rotations of the word."""
     letters = attractor.word or ""
     best = math.inf
     for shift in range(len(word)):
         if word[shift:] + word[:shift] != letters:
             continue
-        times, speeds = np.roll(orbit, -shift, axis=0).T
+        times, speeds, *others = np.roll(orbit, -shift, axis=0).T
         phases = (times - attractor.times) / attractor.forcing_period
-        apart = np.max(np.abs(phases - np.round(phases)))
-        best = min(best, float(max(apart, np.max(np.abs(speeds - attractor.velocities)))))
+        apart = [np.abs(phases - np.round(phases)), np.abs(speeds - attractor.velocities)]
+        pairs = zip(others, attractor.others.T, strict=False)
+        apart += [np.abs(one - other) for one, other in pairs]
+        best = min(best, float(max(np.max(part) for part in apart)))
     return best
 
 

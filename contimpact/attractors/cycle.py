@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -29,10 +29,15 @@ class Cycle:
         Times from the start of the first impact's period.
     period : int
         In forcing periods.
-    multipliers : (float or complex, float or complex)
-        Of the map over the period, the larger one first; both zero if the body sticks.
+    multipliers : tuple of float or complex
+        Of the map over the period, the largest first; of one degree of freedom both are zero if the
+        body sticks.
     closing : float
         By how much the last impact misses the first.
+    others : ndarray of shape (N, n)
+        The other section coordinates; n is zero for one degree of freedom.
+    held : ndarray of int, shape (N,)
+        The walls held before each row, of several.
     """
 
     walls: Array
@@ -40,13 +45,18 @@ class Cycle:
     velocities: Array
     released: Array
     period: int
-    multipliers: tuple[complex, complex]
+    multipliers: tuple[complex, ...]
     closing: float
+    others: Array = field(default_factory=lambda: np.zeros((0, 0)))
+    held: Array = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
 
     def state(self, forcing_period: float) -> State:
         """Return a state on the cycle: its fastest impact."""
         k = int(np.argmax(np.abs(self.velocities)))
         state = State(int(self.walls[k]), float(self.times[k]), float(self.velocities[k]))
+        if self.held.size:
+            others = tuple(self.others[k].tolist())
+            state = replace(state, others=others, held=int(self.held[k]))
         return replace(state.within(forcing_period), turns=0)
 
 

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 
 import numpy as np
 
 from ..arrays import Array
 from ..models.word import Word
 from ..segments.flight import flight_gaps
+from ..segments.touches import interior_touches
 from ..simulation.simulator import Simulator
 from .attractor import Attractor, Kind
 from .cycle import Cycle
@@ -24,7 +26,7 @@ def periodic(
 ) -> Attractor:
     """Return the attractor of a stable cycle."""
     cycle = _rotated(cycle, simulator.period)
-    sticks = bool(cycle.released.any())
+    sticks = bool(cycle.released.any() or cycle.held.any())
     word = _sticking_word(simulator, cycle) if sticks else _letters(simulator, cycle.walls)
     count, smallest = len(cycle.walls), math.nan
     mean = tuple(math.log(abs(mu)) / count if mu != 0 else -math.inf for mu in cycle.multipliers)
@@ -41,7 +43,7 @@ def periodic(
         simulator.period,
         word,
         **vars(cycle),
-        exponents=(mean[0], mean[1]),
+        exponents=mean,
         error=0.0,
         restitution=math.nan if sticks else float(np.mean([logs[wall] for wall in cycle.walls])),
         per_period=mean[0] * count / cycle.period,
@@ -73,30 +75,50 @@ def _rotated(cycle: Cycle, period: float) -> Cycle:
     times[n - shift :] += span
     times -= math.floor(times[0] / period) * period
     roll = [np.roll(a, -shift) for a in (cycle.walls, cycle.velocities, cycle.released)]
-    return Cycle(roll[0], times, roll[1], roll[2], cycle.period, cycle.multipliers, cycle.closing)
+    others = np.roll(cycle.others, -shift, axis=0), np.roll(cycle.held, -shift)
+    told = cycle.period, cycle.multipliers, cycle.closing
+    return Cycle(roll[0], times, roll[1], roll[2], *told, *others)
 
 
 def _sticking_word(simulator: Simulator, cycle: Cycle) -> str:
-    """The word, chatter that ends in a release written as its wall and ``*``."""
+    """The word, chatter that ends in a sojourn written as its wall and ``*``."""
     n = len(cycle.walls)
-    dropped = set()
-    for k in np.nonzero(cycle.released)[0].tolist():
-        i = (k - 1) % n
-        while i != k and cycle.walls[i] == cycle.walls[k] and not cycle.released[i]:
+    dropped: set[int] = set()
+    parts: list[list[str]] = []
+    for wall, released in zip(cycle.walls, cycle.released, strict=True):
+        parts.append([simulator.letters[wall] + ("*" if released else "")])
+    for wall, first, last in _sojourns(cycle):
+        i = (first - 1) % n
+        while i != last and cycle.walls[i] == wall and not cycle.released[i]:
             dropped.add(i)
             i = (i - 1) % n
-    parts = [
-        simulator.letters[wall] + ("*" if released else "")
-        for i, (wall, released) in enumerate(zip(cycle.walls, cycle.released, strict=True))
-        if i not in dropped
-    ]
-    rotations = [parts[i:] + parts[:i] for i in range(len(parts))]
+        if not (cycle.released[last] and cycle.walls[last] == wall):
+            parts[last].insert(0, simulator.letters[wall] + "*")
+    kept = ["".join(part) for i, part in enumerate(parts) if i not in dropped]
+    rotations = [kept[i:] + kept[:i] for i in range(len(kept))]
     return "".join(min(rotations))
+
+
+def _sojourns(cycle: Cycle) -> Iterator[tuple[int, int, int]]:
+    """The wall of each sojourn, and the rows before which it begins and with which it ends."""
+    n = len(cycle.walls)
+    if not cycle.held.size:
+        for k in np.nonzero(cycle.released)[0].tolist():
+            yield int(cycle.walls[k]), k, k
+        return
+    held = cycle.held.tolist()
+    for wall in range(max(held).bit_length()):
+        for k in range(n):
+            if held[k] >> wall & 1 and not held[k - 1] >> wall & 1:
+                last = k
+                while held[(last + 1) % n] >> wall & 1 and (last + 1) % n != k:
+                    last = (last + 1) % n
+                yield wall, k, last
 
 
 def _sticking_notation(simulator: Simulator, cycle: Cycle) -> str:
     """Impacts per wall, infinite on walls where they accumulate."""
-    stuck = set(cycle.walls[cycle.released].tolist())
+    stuck = {wall for wall, _, _ in _sojourns(cycle)}
     totals = [int(np.count_nonzero(cycle.walls == k)) for k in range(len(simulator.letters))]
     p = cycle.period
     finite = [total for k, total in enumerate(totals) if k not in stuck]
@@ -110,7 +132,10 @@ def _sticking_notation(simulator: Simulator, cycle: Cycle) -> str:
 
 def _smallest_gap(simulator: Simulator, word: str, cycle: Cycle) -> float:
     impacts = np.column_stack([cycle.times, cycle.velocities])
+    touches = flight_gaps
+    if simulator.several:
+        impacts, touches = np.column_stack([impacts, cycle.others]), interior_touches
     span = cycle.period * simulator.period
-    flights = flight_gaps(simulator.kernels, word, simulator.values, impacts, span)
+    flights = touches(simulator.kernels, word, simulator.values, impacts, span)
     gaps = [t.gap for flight in flights for t in flight.touches if t is not None]
     return min(gaps, default=math.nan)

@@ -220,14 +220,14 @@ def same(one: Attractor, other: Attractor, tolerance: float = SAME) -> bool:
         return True
     T = one.forcing_period
     for shift in range(len(one.walls)):
-        walls, times, speeds = (
-            np.roll(column, -shift) for column in (other.walls, other.times, other.velocities)
-        )
+        columns = (other.walls, other.times, other.velocities, other.others)
+        walls, times, speeds, others = (np.roll(column, -shift, axis=0) for column in columns)
         if not np.array_equal(walls, one.walls):
             continue
         phases = (times - one.times) / T
-        apart = np.abs(phases - np.round(phases))
-        if max(np.max(apart), np.max(np.abs(speeds - one.velocities))) < tolerance:
+        apart = [np.abs(phases - np.round(phases)), np.abs(speeds - one.velocities)]
+        apart.append(np.abs(others - one.others))
+        if max(np.max(part, initial=0.0) for part in apart) < tolerance:
             return True
     return False
 

@@ -17,12 +17,18 @@ from ..simulation.run import Outcome, Run, State
 from ..simulation.simulator import Simulator
 from .attractor import Attractor, Kind
 from .cycle import Cycle, cycle_near, sticking_cycle
+from .cycles_of_several import cycle_of_several, sticking_cycle_of_several
 from .periodic import parameters, periodic
 
 KEPT = 1000
 """Impacts kept of a motion that is not periodic."""
 FIRST = 64
 """Impacts after which a motion is examined for the first time."""
+_ENDS = {
+    Outcome.RESTING: Kind.RESTING,
+    Outcome.NO_IMPACT: Kind.NO_IMPACT,
+    Outcome.ACCUMULATING: Kind.NOT_SETTLED,
+}
 
 
 def settle(simulator: Simulator, state: State, settling: Settling = SETTLING) -> Attractor:
@@ -41,7 +47,7 @@ def settle(simulator: Simulator, state: State, settling: Settling = SETTLING) ->
     """
     begun, made = state.turns, 0
     run = simulator.run(state, impacts=FIRST)
-    if run.released.any() and (found := sticking_cycle(run)):
+    if (found := _sticking(simulator, run, settling)) is not None:
         return periodic(simulator, *found, periods=int(run.turns[-1]) - begun)
     run = simulator.run(state, periods=settling.transient, record=False)
     earlier: tuple[Cycle, float, int] | None = None
@@ -53,7 +59,7 @@ def settle(simulator: Simulator, state: State, settling: Settling = SETTLING) ->
         run = simulator.run(run.end, impacts=window)
         made += len(run)
         window = min(2 * window, 2 * settling.longest)
-        found = cycle_near(simulator, run, settling.longest)
+        found = _near(simulator, run, settling.longest)
         if found is not None:
             cycle, distance = found
             if distance < settling.tolerance or _approached(earlier, cycle, distance, made):
@@ -61,6 +67,19 @@ def settle(simulator: Simulator, state: State, settling: Settling = SETTLING) ->
             if earlier is None or not np.array_equal(earlier[0].walls, cycle.walls):
                 earlier = (cycle, distance, made)
     return _ended(simulator, run)
+
+
+def _near(simulator: Simulator, run: Run, longest: int) -> tuple[Cycle, float] | None:
+    """The stable cycle near the end of a run, and the distance to it."""
+    return (cycle_of_several if simulator.several else cycle_near)(simulator, run, longest)
+
+
+def _sticking(simulator: Simulator, run: Run, settling: Settling) -> tuple[Cycle, float] | None:
+    """The cycle of a motion that sticks and has reached it."""
+    if not simulator.several:
+        return sticking_cycle(run) if run.released.any() else None
+    found = sticking_cycle_of_several(simulator, run)
+    return found if found and found[1] < settling.tolerance else None
 
 
 def _approached(
@@ -72,13 +91,15 @@ def _approached(
     """
     if earlier is None or not np.array_equal(earlier[0].walls, cycle.walls):
         return False
+    if cycle.held.any():
+        return False  # it is not solved for
     rounds = (made - earlier[2]) / len(cycle.walls)
     return distance < earlier[1] * abs(cycle.multipliers[0]) ** (0.5 * rounds)
 
 
 def _ended(simulator: Simulator, run: Run) -> Attractor:
     """The attractor of a run that ended by itself."""
-    kind = Kind.RESTING if run.outcome is Outcome.RESTING else Kind.NO_IMPACT
+    kind = _ENDS[run.outcome]
     return Attractor(kind, parameters(simulator), kind.value, simulator.period, state=run.end)
 
 
@@ -87,7 +108,7 @@ def _unsettled(simulator: Simulator, state: State, settling: Settling, periods: 
     run = simulator.run(state, impacts=settling.impacts)
     if run.outcome is not Outcome.DONE:
         return _ended(simulator, run)
-    if run.released.any() and (sticking := sticking_cycle(run)):
+    if (sticking := _sticking(simulator, run, settling)) is not None:
         return periodic(simulator, *sticking, periods=periods)
     found = exponents_of(simulator, state, run)
     is_complex = found.per_impact[0] > 3.0 * found.error

@@ -22,9 +22,9 @@ COLUMNS = frozenset(
 """Columns that the package's tables have, whatever the system."""
 NUMBERED = re.compile(
     r"(t|v|wall|time|velocity)[1-9]\d*|[xv]\d+_\d+|(position|velocity)\d+_\d+"
-    r"|multiplier\d+_(re|im)"
+    r"|multiplier\d+_(re|im)|exponent[1-9]\d*"
 )
-"""Columns with the number of an impact, a motion or a multiplier."""
+"""Columns with the number of an impact, a motion, a multiplier or an exponent."""
 
 
 def check_class(kind: Any) -> None:

@@ -45,26 +45,47 @@ def motion(
 
     Returns
     -------
-    t, z, v : ndarray
+    t : ndarray of shape (n,)
+    z, v : ndarray of shape (n, coordinates)
+        Of the coordinates of `coordinates_of`.
     touches : list of (time, wall, velocity)
     """
+    columns = [attractor.walls, attractor.velocities, attractor.released]
+    columns += [attractor.others, attractor.held] if attractor.held.size else []
     if attractor.period is None:
-        rows = slice(-last, None)
-        walls, times = attractor.walls[rows], attractor.times[rows]
-        speeds, released = attractor.velocities[rows], attractor.released[rows]
+        times = attractor.times[-last:]
+        columns = [column[-last:] for column in columns]
     else:
         times_round = max(1, -(-periods // attractor.period))
         span = attractor.period * attractor.forcing_period
-        walls = np.tile(attractor.walls, times_round)
-        released = np.tile(attractor.released, times_round)
-        speeds = np.tile(attractor.velocities, times_round)
-        times = np.concatenate([attractor.times + span * k for k in range(times_round)])
-        walls, released = np.append(walls, walls[0]), np.append(released, released[0])
-        speeds = np.append(speeds, speeds[0])
-        times = np.append(times, attractor.times[0] + span * times_round)
-    t, z, v = simulator.path(walls, times, speeds, released)
+        rows = np.arange(len(attractor.walls) * times_round + 1)
+        turns, places = np.divmod(rows, len(attractor.walls))
+        times = attractor.times[places] + span * turns
+        columns = [column[places] for column in columns]
+    walls, speeds, released, *others = columns
+    given: dict[str, Any] = dict(zip(("others", "held"), others, strict=False))
+    t, z, v = simulator.path(walls, times, speeds, released, **given)
+    if simulator.several:
+        z, v = (part[:, coordinates_of(simulator)] for part in (z, v))
+    else:
+        z, v = z[:, None], v[:, None]
     hits = [row for row in zip(times, walls, speeds, released, strict=True) if not row[3]]
     return t, z, v, [(time, int(wall), speed) for time, wall, speed, _ in hits]
+
+
+def coordinates_of(simulator: Simulator) -> list[int]:
+    """Return a guard for each gap coordinate there is."""
+    size = simulator.model.DEGREES_OF_FREEDOM
+    rows = [guard.row(size) for guard in simulator.model.WALLS]
+    return [rows.index(row) for row in dict.fromkeys(rows)]
+
+
+def _inks(simulator: Simulator, ink: str) -> list[tuple[int, str]]:
+    """Columns of gap coordinates and their colours: with several, that of the coordinate's wall."""
+    found = coordinates_of(simulator)
+    if len(found) == 1:
+        return [(0, ink)]
+    return [(i, style.COLOURS[k % len(style.COLOURS)]) for i, k in enumerate(found)]
 
 
 def plot_portrait(
@@ -89,7 +110,8 @@ def plot_portrait(
     handles = []
     _, z, v, touches = motion(simulator, attractor, last=LOOPS)
     closed = attractor.period is not None
-    ax.plot(z, v, color=INK if closed else "0.45", linewidth=1.5 if closed else 0.3)
+    for column, ink in _inks(simulator, INK if closed else "0.45"):
+        ax.plot(z[:, column], v[:, column], color=ink, linewidth=1.5 if closed else 0.3)
     handles.append(style.legend_mark(color=INK, label=plain(attractor.notation)))
     for (label, other), look in zip(
         (others or {}).items(), _looks(list(others or {})), strict=True
@@ -105,8 +127,8 @@ def plot_portrait(
         ax.plot(simulator.positions[wall], speed, **TOUCH)
     ax.axhline(0.0, color="0.85", linewidth=0.6, zorder=0)
     ax.locator_params(axis="x", nbins=5)
-    ax.set_xlabel("$Z$")
-    ax.set_ylabel(r"$\dot{Z}$")
+    ax.set_xlabel(_name(simulator))
+    ax.set_ylabel(_name(simulator, moving=True))
     below: dict[str, Any] = {"loc": "upper center", "bbox_to_anchor": (0.5, -0.16), "ncols": 2}
     ax.legend(handles=handles, fontsize=7, frameon=False, handlelength=3.2, **below)
     return ax
@@ -130,7 +152,8 @@ def plot_series(simulator: Simulator, attractor: Attractor, ax: Any = None) -> A
     periods = 4 if attractor.period is not None else 0
     t, z, _, touches = motion(simulator, attractor, periods)
     begin = np.floor(t[0] / simulator.period)
-    ax.plot(t / simulator.period - begin, z, color=INK, linewidth=1.1)
+    for column, ink in _inks(simulator, INK):
+        ax.plot(t / simulator.period - begin, z[:, column], color=ink, linewidth=1.1)
     _walls(ax.axhline, simulator)
     for wall, position in enumerate(simulator.positions):
         look = {"va": "center", "xycoords": ax.get_yaxis_transform()}
@@ -139,8 +162,15 @@ def plot_series(simulator: Simulator, attractor: Attractor, ax: Any = None) -> A
         ax.plot(time / simulator.period - begin, simulator.positions[wall], **TOUCH)
     ax.margins(x=0.01)
     ax.set_xlabel("$t/T$")
-    ax.set_ylabel("$Z$")
+    ax.set_ylabel(_name(simulator))
     return ax
+
+
+def _name(simulator: Simulator, moving: bool = False) -> str:
+    """What an axis of gap coordinates is called."""
+    if simulator.several:
+        return "their velocities" if moving else "gap coordinates"
+    return r"$\dot{Z}$" if moving else "$Z$"
 
 
 def _name_wall(
@@ -180,7 +210,7 @@ def others_at(result: Simulation, row: Row, simulator: Simulator) -> dict[str, A
 
     found: dict[str, Attractor] = {}
     for branch in result.diagram.branches:
-        if branch.period > 1:
+        if branch.period > 1 or not branch.word:
             continue
         for orbit in orbits_on(branch, result.sweep, row.value, simulator.kernels):
             if not (orbit.stable and orbit.physical):
@@ -200,5 +230,8 @@ def _fastest(attractor: Attractor) -> float:
 def _as_attractor(branch: Branch, orbit: Orbit, simulator: Simulator) -> Attractor:
     walls = np.array([simulator.letters.index(letter) for letter in branch.word])
     table = (walls, orbit.times, orbit.velocities, np.zeros(len(walls), dtype=bool))
+    if simulator.several:
+        others = orbit.problem.impacts(orbit.unknowns)[:, 2:]
+        table = (*table, others, np.zeros(len(walls), dtype=np.int64))  # type: ignore[assignment]
     T = simulator.period
     return Attractor(Kind.PERIODIC, {}, branch.notation, T, branch.word, branch.period, *table)

@@ -136,9 +136,6 @@ def read_simulate(
         If a key is unknown, of a wrong type or inadmissible.
     """
     declared = model.require(parameter, "follow.parameter")
-    if model.DEGREES_OF_FREEDOM != 1:
-        found = f"{model.SYSTEM} has {model.DEGREES_OF_FREEDOM} degrees of freedom"
-        raise InputError("simulate", found, "simulate a system with one")
     low, high = limits
     if given := table.optional_pair("range"):
         low, high = (declared.check(v, "simulate.range") for v in given)

@@ -8,6 +8,9 @@ velocities is weaker. The columns are kept orthogonal after each impact,
 .. math:: D q_1 = \rho_1 q_1', \qquad \rho_1 \rho_2 = \det D,
 
 and the exponents per impact are the means of :math:`\ln\rho_1` and :math:`\ln\rho_2`.
+
+With several degrees of freedom there are as many more section coordinates, exponents and factors
+of the diagonal; D is then that of `linearised`, which goes through sojourns on walls, too.
 """
 
 from __future__ import annotations
@@ -28,13 +31,13 @@ class Exponents:
 
     Attributes
     ----------
-    per_impact : (float, float)
-        The larger one first; minus infinity where the body stuck to a wall, which forgets the
-        past.
+    per_impact : tuple of float
+        The largest one first; minus infinity where the body stuck to a wall, which forgets the
+        past: with one degree of freedom all of it, with several a part.
     error : float
-        Standard error of the larger one, from the scatter of means over batches of impacts.
+        Standard error of the largest one, from the scatter of means over batches of impacts.
     restitution : float
-        Mean of ln r^2 over the impacts, which the sum of both equals where flights do not
+        Mean of ln r^2 over the impacts, which the sum of all equals where flights do not
         dissipate.
     impacts : int
     periods : float
@@ -43,7 +46,7 @@ class Exponents:
         Where the run ended.
     """
 
-    per_impact: tuple[float, float]
+    per_impact: tuple[float, ...]
     error: float
     restitution: float
     impacts: int
@@ -86,6 +89,8 @@ def exponents_of(
     """As `exponents`, for a run from `state` that was made already."""
     periods = (_time(simulator, run.end) - _time(simulator, state)) / simulator.period
     count = len(run)
+    if simulator.several and count:
+        return _of_several(simulator, state, run, batches, rng, periods)
     if not count or run.released.any() or state.velocity == 0.0:
         lost = -math.inf if count else math.nan
         return Exponents((lost, lost), 0.0, math.nan, count, periods, run.end)
@@ -112,6 +117,36 @@ def exponents_of(
     return Exponents(
         pair, _scatter(first, batches), _restitution(simulator, run), count, periods, run.end
     )
+
+
+def _of_several(
+    simulator: Simulator, state: State, run: Run, batches: int, rng: Any, periods: float
+) -> Exponents:
+    """By the QR factors of the derivatives, in (time, v times velocity, the other coordinates)."""
+    m = simulator.model.unknowns_per_impact
+    q = np.linalg.qr(np.random.default_rng(rng).normal(size=(m, m)))[0]
+    logs, before, scale = [], state, _scale(state, m)
+    for after in run.states():
+        step = simulator.derivative_of_several(before, after)
+        if not np.all(np.isfinite(step)):
+            break
+        next_scale = _scale(after, m)
+        q, r = np.linalg.qr((next_scale[:, None] * step / scale) @ q)
+        with np.errstate(divide="ignore"):
+            logs.append(np.log(np.abs(np.diag(r))))
+        before, scale = after, next_scale
+    table = np.array(logs).reshape(-1, m)
+    per_impact = tuple(sorted((_mean(column) for column in table.T.tolist()), reverse=True))
+    scatter = _scatter(table[:, 0].tolist(), batches)
+    restitution = _restitution(simulator, run)
+    return Exponents(per_impact, scatter, restitution, len(table), periods, run.end)
+
+
+def _scale(state: State, m: int) -> Any:
+    """Units of disturbances: the gap coordinate's velocity is multiplied by itself."""
+    found = np.ones(m)
+    found[1] = abs(state.velocity) or 1.0
+    return found
 
 
 def _mean(values: list[float]) -> float:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import enum
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -19,6 +19,7 @@ class Outcome(enum.Enum):
     DONE = "made as many impacts, or ran as many periods, as it was asked to"
     RESTING = "the body rests on a wall, which the acceleration never leaves"
     NO_IMPACT = "the body flew on without an impact for as long as a flight may last"
+    ACCUMULATING = "impacts accumulate on a wall; only on linear flights can it be held"
 
 
 @dataclass(frozen=True)
@@ -35,17 +36,33 @@ class State:
         Before the impact, towards the wall.
     turns : int
         Whole periods passed.
+    others : tuple of float
+        The other section coordinates, in systems of several degrees of freedom: position and
+        velocity of each coordinate but the one that the wall gives.
+    held : int
+        The walls against which the system rests until then, a bit 2^k for wall number k; of
+        several degrees of freedom only.
+    released : bool
+        Whether it is released here and does not hit; likewise.
     """
 
     wall: int
     phase: float
     velocity: float
     turns: int = 0
+    others: tuple[float, ...] = ()
+    held: int = 0
+    released: bool = False
+
+    @property
+    def section(self) -> tuple[float, ...]:
+        """All section coordinates."""
+        return (self.velocity, *self.others)
 
     def within(self, period: float) -> State:
         """Return the same with a phase in [0, T) and as many more turns as it had."""
         phase, passed = wrapped(self.phase, period)
-        return State(self.wall, phase, self.velocity, self.turns + passed)
+        return replace(self, phase=phase, turns=self.turns + passed)
 
 
 @dataclass(frozen=True, eq=False)
@@ -71,6 +88,10 @@ class Run:
     outcome : Outcome
     end : State or None
         Where a further run can start; None if there is no such state.
+    others : ndarray of float, shape (N, n)
+        The other section coordinates of each row; n is zero for one degree of freedom.
+    held : ndarray of int, shape (N,)
+        The walls held before each row, as `State.held` says; of several degrees of freedom only.
     """
 
     letters: tuple[str, ...]
@@ -82,6 +103,8 @@ class Run:
     released: Array
     outcome: Outcome
     end: State | None
+    others: Array = field(default_factory=lambda: np.zeros((0, 0)))
+    held: Array = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
 
     def __len__(self) -> int:
         return len(self.walls)
@@ -92,12 +115,31 @@ class Run:
         first = self.turns[0] if len(self) else 0
         return (self.turns - first) * self.period + self.phases
 
+    def states(self) -> list[State]:
+        """Return the rows as states."""
+        columns = [self.walls, self.phases, self.velocities, self.turns]
+        if not self.held.size:
+            return [State(*row) for row in _rows(columns)]
+        return states_of([*columns, self.others, self.held, self.released])
+
     @property
     def word(self) -> str:
         """The walls met; a release is written ``*``."""
         names = [*self.letters, "*"]
         marked = np.where(self.released, len(self.letters), self.walls)
         return "".join(names[i] for i in marked)
+
+
+def _rows(columns: Sequence[Array]) -> list[tuple[Any, ...]]:
+    return list(zip(*(column.tolist() for column in columns), strict=True))
+
+
+def states_of(columns: Sequence[Array]) -> list[State]:
+    """Return states from columns in the order of a state's fields."""
+    return [
+        State(wall, phase, velocity, turns, tuple(others), held, released)
+        for wall, phase, velocity, turns, others, held, released in _rows(columns)
+    ]
 
 
 def joined(parts: Sequence[Sequence[Any]]) -> tuple[Array, Array, Array, Array, Array]:
@@ -108,3 +150,26 @@ def joined(parts: Sequence[Sequence[Any]]) -> tuple[Array, Array, Array, Array, 
 
     walls, turns, released = column(0, np.int8), column(1, np.int64), column(4, bool)
     return walls, turns, column(2, float), column(3, float), released
+
+
+def columns_of(rows: Sequence[State]) -> list[Any]:
+    """Return the columns of rows that are states, as `joined` takes them."""
+    return [
+        [state.wall for state in rows],
+        [state.turns for state in rows],
+        [state.phase for state in rows],
+        [state.velocity for state in rows],
+        [state.released for state in rows],
+        [state.others for state in rows],
+        [state.held for state in rows],
+    ]
+
+
+def more_joined(parts: Sequence[Sequence[Any]], width: int) -> dict[str, Array]:
+    """Return the columns that runs of several coordinates have besides, by name."""
+    others = [np.array(part[5], dtype=float).reshape(-1, width) for part in parts]
+    held = [np.array(part[6], dtype=np.int64) for part in parts]
+    return {
+        "others": np.concatenate([np.zeros((0, width)), *others]),
+        "held": np.concatenate([np.zeros(0, np.int64), *held]),
+    }

@@ -384,7 +384,7 @@ def test_beyond_the_sticking_window_the_ball_flies_longer(pair, simulator_of):
     """Gamma = 3.4 > sqrt(1 + pi^2) = 3.2969: the flight from the release lasts over a period."""
     p = pair(r=0.0, beta=math.pi / 2, s=20.0)
     simulator = simulator_of(p.replace(A=p.values["M"] * p.values["g"] * 3.4))
-    zone, until = simulator.pressed(0, 1.0), release_after(simulator._body, 0, 0.0)[0]
+    zone, until = simulator.pressed(0, 1.0), release_after(simulator.machine.body, 0, 0.0)[0]
     assert not zone[0]
     assert simulator.fly(0, until, 0.0)[1] > 2.0
 
@@ -623,11 +623,12 @@ def test_a_run_may_go_on_compiled(pair, simulator_of, plain_and_compiled, monkey
     simulator, start = simulator_of(pair(s=0.3631)), State(0, 0.14, 0.686)
     plain, _ = plain_and_compiled(lambda: simulator.run(start, impacts=5000))
     monkeypatch.setattr(simulate, "CHUNK", 700)
-    monkeypatch.setattr(simulator._engine, "program", lambda asked, found=simulator._engine.found:
-                        found if simulator._engine.plain >= 1400 else None)  # fmt: skip
-    simulator._engine.plain = 0
+    engine = simulator.machine._engine
+    monkeypatch.setattr(engine, "program", lambda asked, found=engine.found:
+                        found if engine.plain >= 1400 else None)  # fmt: skip
+    engine.plain = 0
     same_runs(simulator.run(start, impacts=5000), plain)
-    assert simulator._engine.plain == 1400
+    assert engine.plain == 1400
 
 
 def test_what_cannot_be_compiled_runs_plainly(oscillator, simulator_of, monkeypatch):
@@ -641,9 +642,9 @@ def test_the_program_holds_all_it_calls(pair, simulator_of):
     """Its text runs on its own, with nothing of the package around it."""
     simulator = simulator_of(pair(d=0.14))
     namespace = {"compile": lambda function: function}
-    exec(engine.program_of(simulator._motions).text, namespace)
+    exec(engine.program_of(simulator.machine.motions).text, namespace)
     at, when, rows = [0, 0, 0], [0.25, 0.5], [[0] * 200 for _ in COLUMNS]
-    assert namespace["entry"](*simulator._body, at, when, *rows, (200, 10**9)) == 200
+    assert namespace["entry"](*simulator.machine.body, at, when, *rows, (200, 10**9)) == 200
     run = simulator.run(State(0, 0.25, 0.5), impacts=200)
     assert run.released.any()
     for name, column in zip(COLUMNS, rows, strict=True):

@@ -34,7 +34,7 @@ def stiff(oscillator, kernels_of, **changes):
 
 def clear_before(simulator, phase, velocity, dt):
     """Whether nothing lies beyond the stop before an arrival, at sixty places an oscillation."""
-    motion = evaluate_in(simulator._motions[0], ARRAYS)
+    motion = evaluate_in(simulator.machine.motions[0], ARRAYS)
     step = math.tau / math.sqrt(simulator.model.values["k"]) / 60
     count = int(min(dt / step, 600_000))
     for mesh in (np.arange(1, count) * step, dt - np.arange(1, count) * step):
@@ -78,7 +78,7 @@ def test_an_arrival_is_the_one_of_the_whole_window(oscillator, kernels_of, monke
         sigma = float(generator.uniform(-0.3, 1.5) * a / k)
         c = float(c if generator.uniform() < 0.3 else generator.uniform(0, 3))
         simulator = stiff(oscillator, kernels_of, a=a, k=float(k), c=c, sigma=sigma, r=0.8)
-        simulator._body.longest[0] = 2
+        simulator.machine.body.longest[0] = 2
         fast = generator.choice([0.0, 1e-3, 1.0, math.sqrt(k)])
         state = float(generator.uniform(0, math.tau)), float(fast * generator.uniform())
         found = simulator.fly(0, *state)

@@ -11,7 +11,7 @@ import textwrap
 import pytest
 import sympy
 
-from contimpact.attractors.flat import COLUMNS as SWEEP_COLUMNS
+from contimpact.attractors.flat import columns_of
 from contimpact.errors import InputError
 from contimpact.models.contract import COLUMNS
 from contimpact.models.model import Formulas, Model, Parameter, Wall
@@ -113,14 +113,13 @@ def test_the_columns_of_all_tables_are_known(tmp_path):
     branch = continue_orbit(
         find_orbits(model, "1", parameter="a")[0], "a", (0.9 * model.values["a"], 0.01)
     )
-    own = {*model.values, *model.DERIVED}
-    columns = {*branch.columns, *EVENT_COLUMNS, *SWEEP_COLUMNS} - own
+    own, several = {*model.values, *model.DERIVED}, columns_of(4)
+    columns = {*branch.columns, *EVENT_COLUMNS, *several} - own
     for column in columns:
         with pytest.raises(InputError, match="column of that name"):
             ball(column)
-    assert {*EVENT_COLUMNS, *SWEEP_COLUMNS} - COLUMNS <= {
-        f"multiplier{k}_{part}" for k in (1, 2) for part in ("re", "im")
-    }
+    multipliers = {f"multiplier{k}_{part}" for k in range(1, 5) for part in ("re", "im")}
+    assert {*EVENT_COLUMNS, *several} - COLUMNS <= {*multipliers, "exponent3", "exponent4"}
 
 
 # The contract

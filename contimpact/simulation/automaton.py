@@ -1,0 +1,377 @@
+"""From impact to impact with any number of coordinates, guards and modes.
+
+Each flight starts with the state that an impact, or a release, leaves. Of all guards that its mode
+has, the one that is reached first ends it. At rigid walls impacts accumulate by the law of
+`contimpact.simulation.chatter`; then the wall is held, and the motion goes on in the constrained
+mode (`linear_motion`), in which other walls may be hit and held. It ends where a contact ceases to
+push, or where another impact moves the system off the wall.
+
+Nothing here is compiled.
+"""
+
+from __future__ import annotations
+
+import functools
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from ..arrays import Array
+from ..errors import InputError
+from ..models.model import Model
+from ..models.section import state_before
+from ..segments.arrival import first_hit
+from ..segments.kernels import Kernels
+from ..segments.linear_flow import Shape
+from ..segments.passages import Passages
+from .body import wrapped
+from .chatter import EARLY, LOW, SHORT
+from .flight_from_state import (
+    SHORTEST,
+    KernelWindow,
+    Window,
+    linear_windows,
+    windows,
+)
+from .flights import NUDGE
+from .linear_motion import Contact, LinearMotion
+from .paths import path_of
+from .random_states import random_impact
+from .run import Outcome, State, columns_of
+
+TOGETHER = 1e-14
+"""Arrivals within this part of a period are at one time; the fastest of them comes first."""
+SLOW = 0.05
+"""Flights after an impact slower than this part of the fastest may be short."""
+MOVED = 1e-10
+"""A wall is left by an impact elsewhere that gives it this part of the largest velocity."""
+
+
+def needed(model: Model, passages: Passages) -> bool:
+    """Whether a system has more than one coordinate between two walls in each mode."""
+    if model.DEGREES_OF_FREEDOM != 1 or 0.0 in passages.leaving:
+        return True
+    met = ([g.side for g, sees in zip(model.WALLS, row, strict=True) if sees]
+           for row in passages.watched)  # fmt: skip
+    return any(len(set(sides)) < len(sides) for sides in met)
+
+
+class Automaton:
+    """A model at fixed parameter values, with all its modes and guards.
+
+    Parameters
+    ----------
+    model : Model
+    kernels : Kernels
+    period : float
+    positions : sequence of float
+        Of the guards.
+    longest : int
+        Periods after which a flight is given up.
+
+    Attributes
+    ----------
+    restitution : tuple of float
+        At low velocity; 1 where a guard leads to another mode.
+    """
+
+    def __init__(
+        self,
+        model: Model,
+        kernels: Kernels,
+        period: float,
+        positions: Sequence[float],
+        longest: int,
+    ) -> None:
+        self.kernels, self.guards, self.size = kernels, model.WALLS, model.DEGREES_OF_FREEDOM
+        self.values, self.positions = tuple(model.values.values()), tuple(positions)
+        self.period, self.longest = period, longest
+        self.passages = kernels.passages
+        self.first_mode = model.MODES[0].name if model.MODES else ""
+        self.rows = tuple(np.array(guard.row(self.size), dtype=float) for guard in self.guards)
+        self.restitution = tuple(self._restitution(k) for k in range(len(self.guards)))
+        self._motions: dict[tuple[str, int], LinearMotion] = {}
+
+    # What is fixed with the parameters.
+
+    @functools.cached_property
+    def linear(self) -> tuple[bool, ...]:
+        """Whether the flight after each guard is a linear one."""
+        return tuple(self.kernels.linear(guard.name) for guard in self.guards)
+
+    def law(self, wall: int, phase: float, section: Sequence[float]) -> Any:
+        """What the kernel `law` returns after an impact."""
+        return self.kernels.law(self.guards[wall].name)(phase, *section, *self.values)
+
+    def _after(self, wall: int, section: Sequence[float]) -> Array:
+        """Velocities after an impact on a wall."""
+        return np.array(self.law(wall, 0.0, section)[3][self.size : 2 * self.size])
+
+    def _low(self, wall: int) -> tuple[Array, Array]:
+        """Velocities before and after an impact of low velocity, nothing else moving."""
+        section = (LOW, *[0.0] * (2 * self.size - 2))
+        return np.array(self.before(wall, section)[1]), self._after(wall, section)
+
+    def _restitution(self, wall: int) -> float:
+        if not self.guards[wall].rigid:
+            return 1.0
+        if not self.linear[wall]:
+            name = self.guards[wall].name
+            head = (0.0, LOW, *[0.0] * (2 * self.size - 2), 0.0)
+            return abs(float(self.kernels.motion(name)(*head, *self.values)[1])) / LOW
+        return abs(float(self.rows[wall] @ self._low(wall)[1])) / LOW
+
+    def before(self, wall: int, section: Sequence[float]) -> tuple[list[float], list[float]]:
+        """Return positions and velocities before an impact, from its section coordinates."""
+        return state_before(self.rows[wall].tolist(), self.positions[wall], section)
+
+    def contact(self, wall: int) -> Contact:
+        """Return a wall as something to rest against."""
+        before, after = self._low(wall)
+        change, row = before - after, self.rows[wall]
+        guard = self.guards[wall]
+        return Contact(wall, guard.side, self.positions[wall], row, change / (row @ change))
+
+    def motion(self, mode: str, held: int) -> LinearMotion:
+        """Return the motion in a mode, some walls held."""
+        if (mode, held) not in self._motions:
+            wall = next(k for k, guard in enumerate(self.guards) if guard.next_mode == mode)
+            d, h, numbers, _ = self.law(wall, 0.0, [0.0] * (2 * self.size - 1))
+            contacts = [self.contact(k) for k in range(len(self.guards)) if held >> k & 1]
+            self._motions[mode, held] = LinearMotion(Shape(int(d), int(h), 0), numbers, contacts)
+        return self._motions[mode, held]
+
+    def flying(self, wall: int, held: int) -> LinearMotion:
+        """Return the motion after a guard, some walls held."""
+        return self.motion(self.guards[wall].next_mode, held)
+
+    @functools.cached_property
+    def _holdable(self) -> tuple[int, ...]:
+        """The rigid walls of the mode after each guard, a bit for each."""
+        rigid = [guard.rigid for guard in self.guards]
+        return tuple(
+            sum(1 << k for k, meets in enumerate(row) if meets and rigid[k])
+            for row in self.passages.watched
+        )
+
+    @functools.cached_property
+    def fastest(self) -> float:
+        """The velocity that half a period of the largest acceleration at rest gives."""
+        largest = 0.0
+        phases = np.linspace(0.0, self.period, 17)[:-1].tolist()
+        for k, row in enumerate(self.rows):
+            section = [0.0] * (2 * self.size - 1)
+            for phase in phases:
+                head = (phase, *section, 0.0)
+                a = self.kernels.motion(self.guards[k].name)(*head, *self.values)[2]
+                largest = max(largest, abs(float(a)) / float(np.linalg.norm(row)))
+        return 0.5 * self.period * largest or 1.0
+
+    # One flight.
+
+    def leave(self, state: State) -> tuple[Array, int]:
+        """Return X as an impact or a release leaves it, and the walls held from there on."""
+        motion = self.flying(state.wall, 0)
+        if state.released:
+            held = state.held & ~(1 << state.wall)
+            found = motion.embedded(*self.before(state.wall, state.section), state.phase)
+        else:
+            found = np.array(self.law(state.wall, state.phase, state.section)[3])
+            held = state.held & ~self._moved(found, state.held) & self._holdable[state.wall]
+            if self._comes_to_rest(state, found, held):
+                held |= 1 << state.wall
+        return self.flying(state.wall, held).resting(found), held
+
+    def _moved(self, after: Array, held: int) -> int:
+        """The held walls that an impact has moved the system off, or against."""
+        v = after[self.size : 2 * self.size]
+        least = MOVED * float(np.max(np.abs(v)))
+        moved = (k for k, row in enumerate(self.rows) if held >> k & 1 and abs(row @ v) > least)
+        return sum(1 << k for k in moved)
+
+    def _comes_to_rest(self, state: State, after: Array, held: int) -> bool:
+        """Whether the impacts that follow are so short that what is left of them is known."""
+        wall, free = state.wall, self.flying(state.wall, held)
+        rest = self._rest(
+            state, float(self.rows[wall] @ free.rate(free.resting(after))[self.size :])
+        )
+        if not rest <= SHORT * self.period:
+            return False
+        motion = self.flying(wall, held | 1 << wall)
+        begin, length = motion.resting(after), SHORTEST * self.period
+        released = motion.release(motion.track(begin, length), begin)
+        return released is None or (released[0] > 0.0 and rest <= EARLY * released[0])
+
+    def _rest(self, state: State, acceleration: float) -> float:
+        """The time in which impacts accumulate on a wall; infinite if they do not.
+
+        It takes the acceleration of the gap coordinate.
+        """
+        guard, e = self.guards[state.wall], self.restitution[state.wall]
+        force = guard.side * acceleration
+        if not guard.rigid or e >= 1.0 or not force > 0.0:
+            return math.inf
+        return 2.0 * e * abs(state.velocity) / (force * (1.0 - e))
+
+    def _accumulates(self, state: State) -> bool:
+        """Whether impacts accumulate on a wall that cannot be held."""
+        if self.linear[state.wall]:
+            return False
+        motion = self.kernels.motion(self.guards[state.wall].name)
+        acceleration = motion(state.phase, *state.section, 0.0, *self.values)[2]
+        return self._rest(state, float(acceleration)) <= SHORT * self.period
+
+    def next(self, state: State) -> State | Outcome:
+        """Return the next impact or release, or why there is none."""
+        if self._accumulates(state):
+            return Outcome.ACCUMULATING
+        left = state.wall
+        resting = False
+        for number, (window, held) in enumerate(self._windows(state)):
+            resting = held != 0
+            found = self._first(window, held, left if number == 0 else None, left)
+            if found is not None:
+                at = found[0] + window.begin
+                phase, passed = wrapped(state.phase + at, self.period)
+                return replace(found[1], phase=phase, turns=state.turns + passed)
+        return Outcome.RESTING if resting else Outcome.NO_IMPACT
+
+    def _windows(self, state: State) -> Iterator[tuple[Window, int]]:
+        """The windows of the flight from a state, and the walls held in it."""
+        wall = state.wall
+        short = abs(state.velocity) < SLOW * self.fastest
+        lengths = windows(self.period, self.longest, short)
+        if self.linear[wall]:
+            start, held = self.leave(state)
+            for one in linear_windows(self.flying(wall, held), start, state.phase, lengths):
+                yield one, held
+            return
+        known = (self.kernels, self.values, self.guards[wall], self.positions[wall], state)
+        for begin, length in lengths:
+            yield KernelWindow(*known, begin, length), 0
+
+    def _first(
+        self, window: Window, held: int, left: int | None, mode_of: int
+    ) -> tuple[float, State] | None:
+        """The first arrival or release in a window: when, and the state but for its time."""
+        hits = [
+            hit
+            for numbers in self._watched(mode_of, held)
+            if (hit := self._arrival(window, numbers, left)) is not None
+        ]
+        released = window.release() if held else None
+        if hits:
+            earliest = min(hit[0] for hit in hits)
+            together = [hit for hit in hits if hit[0] <= earliest + TOGETHER * self.period]
+            dt, wall, speed = max(together, key=lambda hit: abs(hit[2]))
+            if released is None or dt < released[0]:
+                section = window.section(self.guards[wall], dt, speed)
+                return dt, State(wall, 0.0, speed, 0, section[1:], held)
+        if released is None:
+            return None
+        dt, contact = released
+        section = window.section(self.guards[contact.number], dt, 0.0)
+        return dt, State(contact.number, 0.0, 0.0, 0, section[1:], held, released=True)
+
+    def _watched(self, left: int, held: int) -> list[list[int]]:
+        """The guards that a flight can meet, those on one coordinate together."""
+        found: dict[Any, list[int]] = {}
+        for k, meets in enumerate(self.passages.watched[left]):
+            if meets and not held >> k & 1:
+                found.setdefault(self.guards[k].row(self.size), []).append(k)
+        return list(found.values())
+
+    def _arrival(
+        self, window: Window, numbers: Sequence[int], left: int | None
+    ) -> tuple[float, int, float] | None:
+        """When a window's coordinate first arrives at one of its guards: time, guard, velocity."""
+        own = left is not None and self.guards[left].row(self.size) == self._row(numbers)
+        (low, below), (high, above) = (self._nearest(numbers, side) for side in (-1, 1))
+        if not own:
+            lowest, highest = window.bounds(self.guards[numbers[0]])
+            if low < lowest and highest < high:
+                return None
+        curve, breaks, origin = window.coordinate(self.guards[numbers[0]])
+        _, speed, force = curve((), 0.0, ())
+        rising = speed > 0.0 or (speed == 0.0 and force > 0.0)
+        if left is not None and own:
+            origin = self.positions[left]
+            if self.passages.leaving[left]:
+                rising = self.passages.leaving[left] < 0.0
+            if speed == 0.0:
+                breaks = [t for t in breaks if t > NUDGE * self.period]
+        times = [*(t for t in breaks if 0.0 < t < window.length), window.length]
+        around = low - origin, high - origin
+        side, dt, speed, _ = first_hit(curve, (), (), times, 0.0, rising, *around)
+        return (dt, above if side > 0 else below, speed) if side else None
+
+    def _row(self, numbers: Sequence[int]) -> tuple[float, ...]:
+        return self.guards[numbers[0]].row(self.size)
+
+    def _nearest(self, numbers: Sequence[int], side: int) -> tuple[float, int]:
+        """Position and number of the nearest guard on a side; infinitely far if there is none."""
+        there = [(side * self.positions[k], k) for k in numbers if self.guards[k].side == side]
+        place, wall = min(there, default=(math.inf, -1))
+        return side * place, wall
+
+    # Runs.
+
+    def random(self, generator: np.random.Generator) -> State:
+        """Return an impact at random; see `random_states`."""
+        return random_impact(self, generator)
+
+    def path(self, states: Sequence[State], times: Array, points: int) -> Any:
+        """Return every gap coordinate and its velocity from row to row; see `paths`."""
+        return path_of(self, states, times, points)
+
+    def make(
+        self, state: State, span: tuple[int, int], asked: int, record: bool
+    ) -> tuple[State, Outcome, int, list[Any]]:
+        """Make so many rows, up to some turn, unless the run ends before.
+
+        Returns the last state, why the run ended, the number of rows, and their columns.
+        """
+        most, last = span
+        rows: list[State] = []
+        made, outcome = 0, Outcome.DONE
+        while made < most and state.turns < last:
+            found = self.next(state)
+            if isinstance(found, Outcome):
+                outcome = found
+                break
+            state, made = found, made + 1
+            if record:
+                rows.append(state)
+        return state, outcome, made, columns_of(rows)
+
+    def start(
+        self, time: float, position: Sequence[float], velocity: Sequence[float], mode: str
+    ) -> State | None:
+        """Return the first impact of a system that starts anywhere, in a mode; None for none."""
+        modes = [guard.next_mode for guard in self.guards]
+        mode = mode or self.first_mode
+        if mode not in modes:
+            raise InputError("mode", f"no mode {mode!r}", f"the modes are {', '.join(modes)}")
+        wall = modes.index(mode)
+        if not self.linear[wall]:
+            found = f"the flights of {self.kernels.model.SYSTEM} are known from guards on"
+            raise InputError("position", found, "start at a guard")
+        for k, row in enumerate(self.rows):
+            if self.passages.watched[wall][k]:
+                gap = self.guards[k].side * (self.positions[k] - float(row @ np.array(position)))
+                if not gap >= 0.0:
+                    found = f"{list(position)} is beyond {self.guards[k].name}"
+                    raise InputError("position", found, "start within the guards")
+        turns = math.floor(time / self.period)
+        phase, motion = time - turns * self.period, self.motion(mode, 0)
+        begin = motion.embedded(position, velocity, phase)
+        lengths = windows(self.period, self.longest, short=False)
+        for window in linear_windows(motion, begin, phase, lengths):
+            first = self._first(window, 0, None, wall)
+            if first is not None:
+                at, passed = wrapped(phase + window.begin + first[0], self.period)
+                return replace(first[1], phase=at, turns=turns + passed)
+        return None

@@ -1,0 +1,229 @@
+"""Systems of one coordinate between two walls: what their loop from impact to impact runs on.
+
+Their flights are displacements from a wall alone, so that they are simulated by the fast loop of
+`impacts`, plainly or compiled.
+"""
+
+from __future__ import annotations
+
+import functools
+import itertools
+import math
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import numpy as np
+
+from ..arrays import Array
+from ..compiling.arguments import INTEGERS, VECTOR
+from ..errors import InputError
+from ..models.model import Model
+from ..segments.arithmetic import ARRAYS, evaluate_in
+from ..segments.arrival import first_arrival
+from ..segments.kernels import Kernels
+from ..segments.passages import beside
+from ..segments.zeros import chebyshev_zeros, time_zeros
+from .body import Body, wall_on, wrapped
+from .chatter import coefficient, slow_velocity
+from .engine import BODY, DTYPES, ROW, Engine, array, engine_of
+from .flights import FlightInState, fly_in_time, motion_at
+from .impacts import make_impacts
+from .run import Outcome, State
+from .sticking import Hold, hold_of, pressed_at
+
+_OUTCOMES = tuple(Outcome)
+
+
+class OneCoordinate:
+    """A model of one degree of freedom with, on each side in each mode, at most one wall.
+
+    Parameters
+    ----------
+    model : Model
+    kernels : Kernels
+    period : float
+    positions : sequence of float
+        Of the walls.
+    longest : int
+        Periods after which a flight is given up.
+
+    Attributes
+    ----------
+    restitution : tuple of float
+        At low velocity; 1 where a guard leads to another mode.
+    motions : tuple of Kernel
+        After each wall.
+    body : Body
+    """
+
+    def __init__(
+        self,
+        model: Model,
+        kernels: Kernels,
+        period: float,
+        positions: Sequence[float],
+        longest: int,
+    ) -> None:
+        guards = model.WALLS
+        self.model, self.kernels, self.period, self.longest = model, kernels, period, longest
+        self.positions, self.sides = tuple(positions), tuple(wall.side for wall in guards)
+        self.values = tuple(model.values.values())
+        self._met = [beside(guards, kernels.passages, k) for k in range(len(guards))]
+        self.motions = tuple(kernels.motion(wall.name) for wall in guards)
+        self._motion = motion_at(self.motions, self.values)
+        self._zeros = time_zeros(kernels.harmonics(*self.values), period)
+        self._holds = tuple(self._hold(k) for k in range(len(guards)))
+        self.restitution = tuple(
+            coefficient(self._motion, k) if guard.rigid else 1.0 for k, guard in enumerate(guards)
+        )
+        self.body = self._as_body()
+
+    def _around(self, position: float, wall: int = 0) -> tuple[float, float]:
+        """Displacements, from a position, of the walls below and above that end the flight from a
+        wall."""
+        below, above = self._met[wall]
+        low = self.positions[below] - position if below >= 0 else -math.inf
+        return low, self.positions[above] - position if above >= 0 else math.inf
+
+    def _hold(self, wall: int) -> Hold:
+        """When a body at rest on a wall is pressed against it."""
+        kernel, period = self.motions[wall], self.period
+        vectorised = evaluate_in(kernel, ARRAYS)
+
+        def held(phase: Any) -> Any:
+            return vectorised(phase, 0.0 * phase, 0.0 * phase, *self.values)[2]
+
+        zeros = chebyshev_zeros(held, period) if self._zeros is None else self._zeros
+        return hold_of(held, zeros, self.sides[wall], period)
+
+    def _as_body(self) -> Body:
+        """What is fixed with the parameters, as lists."""
+        around = [self._around(position, k) for k, position in enumerate(self.positions)]
+        leaving = self.kernels.passages.leaving
+        pairs = zip(self.restitution, self._holds, strict=True)
+        return Body(
+            values=list(self.values),
+            clock=[self.period],
+            zeros=self._zeros or [],
+            sides=list(self.sides),
+            leaving=[int(side) for side in leaving],
+            below=[below for below, _ in self._met],
+            above=[above for _, above in self._met],
+            low=[low for low, _ in around],
+            high=[high for _, high in around],
+            restitution=list(self.restitution),
+            slow=[slow_velocity(e, hold.largest, self.period) for e, hold in pairs],
+            edges=[edge for hold in self._holds for edge in hold.edges],
+            presses=[int(press) for hold in self._holds for press in hold.presses],
+            first=np.cumsum([0, *(len(hold.edges) for hold in self._holds)]).tolist(),
+            longest=[self.longest],
+        )
+
+    @functools.cached_property
+    def _arrays(self) -> list[Array]:
+        """The same as arrays, for compiled code."""
+        return [array(numbers, kind) for numbers, kind in zip(self.body, BODY, strict=True)]
+
+    @property
+    def fastest(self) -> float:
+        """The velocity that half a period of the largest acceleration gives."""
+        return 0.5 * self.period * max(hold.largest for hold in self._holds)
+
+    def random(self, generator: np.random.Generator) -> State:
+        """Return an impact at random: wall, phase, and a velocity up to what a period gives."""
+        wall = int(generator.integers(len(self.sides)))
+        phase = float(generator.uniform(0.0, self.period))
+        return State(wall, phase, self.sides[wall] * float(generator.uniform(0.0, self.fastest)))
+
+    # Sticking and flights.
+
+    def pressed(self, wall: int, phase: float) -> tuple[bool, float]:
+        """Return whether a body at rest on a wall is pressed against it, and for how long."""
+        return pressed_at(self.body, wall, phase)
+
+    @property
+    def _fly(self) -> Callable[..., Any]:
+        """The flight as `make_impacts` calls it."""
+        if self._zeros is None:
+            return FlightInState(self.motions, self._motion)
+        return functools.partial(fly_in_time, self._motion)
+
+    def fly(self, wall: int, phase: float, velocity: float) -> tuple[int, float, float]:
+        """Return the wall hit next, the time until then and the velocity before that impact."""
+        side, dt, speed = self._fly(self.body, wall, phase, velocity)
+        return wall_on(self.body, wall, side), dt, speed
+
+    def start(self, time: float, position: float, velocity: float) -> State | None:
+        """Return the first impact of a body that starts between the walls; None for none."""
+        low, high = self._around(position)
+        if not low <= 0.0 <= high:
+            raise InputError("position", f"{position!r} is beyond a wall", "start within the walls")
+        if self._zeros is None:
+            found = f"the acceleration of {self.model.SYSTEM} depends on the state"
+            raise InputError("position", found, "start at a wall")
+        turns = math.floor(time / self.period)
+        phase = time - turns * self.period
+
+        def motion(head: tuple[float, float], dt: float, values: Sequence[float]) -> Any:
+            phase, out = head
+            x, speed, acceleration = self._motion((0, phase, 0.0), dt)
+            return out * dt + x, out + speed, acceleration
+
+        toward = self.sides[0] * (1 if self.pressed(0, phase)[0] else -1)
+        rising = velocity > 0.0 or (velocity == 0.0 and toward > 0)
+        head, longest = (phase, velocity), self.longest
+        times = (self._zeros, phase, self.period, longest)
+        side, dt, speed, _ = first_arrival(
+            motion, head, self.values, *times, 0.0, rising, low, high
+        )
+        if side == 0:
+            return None
+        phase, passed = wrapped(phase + dt, self.period)
+        return State(wall_on(self.body, 0, side), phase, speed, turns + passed)
+
+    def path(self, states: Sequence[State], times: Array, points: int) -> Any:
+        """Return gap coordinate and velocity from impact to impact: times, x and v by flights."""
+        ends = zip(itertools.pairwise(states), itertools.pairwise(times), strict=True)
+        parts = [self._piece(*rows, *when, points) for rows, when in ends]
+        return tuple(np.concatenate(column) for column in zip(*parts, strict=True))
+
+    def _piece(
+        self, left: State, reached: State, begin: float, end: float, points: int
+    ) -> tuple[Array, Array, Array]:
+        dt = np.linspace(0.0, float(end - begin), points)
+        if reached.released:  # at rest since shortly after the impact
+            x, v = np.zeros(points), np.zeros(points)
+        else:
+            motion, zeros = evaluate_in(self.motions[left.wall], ARRAYS), 0.0 * dt
+            x, v = motion(begin + zeros, left.velocity + zeros, dt, *self.values)[:2]
+        return begin + dt, self.positions[left.wall] + x, v
+
+    # Runs.
+
+    def make(
+        self, state: State, span: tuple[int, int], asked: int, record: bool
+    ) -> tuple[State, Outcome, int, list[Any]]:
+        """Make so many rows, up to some turn, unless the run ends before.
+
+        Returns the last state, why the run ended, the number of rows, and their columns.
+        """
+        fast = self._engine.program(asked) if self._engine else None
+        rows = span[0] if record else 0
+        columns: list[Any] = [np.empty(rows, DTYPES[k]) if fast else [0] * rows for k in ROW]
+        at: Any = [int(state.wall), int(state.turns), 0]
+        when: Any = [float(state.phase), float(state.velocity)]
+        if fast:
+            at, when = array(at, INTEGERS), array(when, VECTOR)
+            count = fast(*self._arrays, at, when, *columns, array(span, INTEGERS))
+        else:
+            given = (at, when, *columns, span)
+            count = make_impacts(self._fly, self._motion, self.body, *given)
+            if self._engine:
+                self._engine.count_plain(count)
+        end = State(int(at[0]), float(when[0]), float(when[1]), int(at[1]))
+        return end, _OUTCOMES[at[2]], count, [column[:count] for column in columns]
+
+    @functools.cached_property
+    def _engine(self) -> Engine | None:
+        """None if the acceleration depends on the state: compiled code does not find its zeros."""
+        return None if self._zeros is None else engine_of(self.motions)

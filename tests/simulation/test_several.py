@@ -1,0 +1,397 @@
+"""Simulation with several coordinates: orbits, chatter, sticking, exponents, against others."""
+
+from __future__ import annotations
+
+import itertools
+import math
+import tomllib
+from dataclasses import replace
+
+import mpmath
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+from zoo import ProportionalMasses
+
+from contimpact.attractors.attractor import Attractor, Kind
+from contimpact.attractors.basins import basins
+from contimpact.attractors.sweep import same, sweep
+from contimpact.attractors.verdict import settle
+from contimpact.errors import InputError
+from contimpact.orbits.search import find_orbits
+from contimpact.scenes.scene import read_scene
+from contimpact.scenes.simulate_tables import Settling
+from contimpact.simulation.linearised import _of_linear_law, _of_segment
+from contimpact.simulation.lyapunov import exponents
+from contimpact.simulation.run import State
+from contimpact.simulation.simulator import Simulator
+from contimpact.systems.coupled_by_impact import CoupledByImpact
+from contimpact.systems.impact_damper import ImpactDamper
+from contimpact.systems.two_masses import TwoMasses
+
+VALUES = {
+    "c1": 0.1, "c2": 0.05, "k1": 1.0, "k2": 0.6, "a1": 1.0, "omega": 1.8, "sigma_1": 1.0,
+    "sigma_2": 1.0, "r": 0.8,
+}  # fmt: skip
+STICKING = {"omega": 0.6, "sigma_1": 0.1, "sigma_2": 0.3, "r": 0.5}
+RELEASED = (1.0098, (0.0864, -0.0536))
+"""Near an impact on B of the motion with sojourns on A."""
+QUICK = Settling(transient=60, periods=300)
+
+
+def masses(**given):
+    return TwoMasses(**(VALUES | given))
+
+
+@pytest.fixture(scope="module")
+def sticking():
+    simulator = Simulator(masses(**STICKING))
+    start = simulator.state("B", 0.173, *RELEASED)
+    return simulator, settle(simulator, start, QUICK)
+
+
+ORBITS = [
+    (masses(), "A"),
+    (masses(omega=1.0), "AB"),
+    (ImpactDamper(Omega=1, d=20, r=0.8, mu=0.1, zeta=0.01), "RL"),
+    (CoupledByImpact(m2=2, c1=0.1, c2=0.2, k1=1, k2=2, a1=1, omega=1.3, gap=0.2, r=0.7), "K"),
+    (ProportionalMasses(k1=1.0, k2=0.6, omega=1.8, r=0.8, a=1.0, c=0.07, sigma=1.0), "A"),
+]
+
+
+@pytest.mark.parametrize(("model", "word"), ORBITS, ids=lambda x: getattr(x, "SYSTEM", x))
+def test_it_settles_on_the_stable_orbit(model, word):
+    """Word, times, all coordinates and multipliers; measured to a few 1e-15."""
+    orbits = find_orbits(model, word, parameter="r", starts=24)
+    orbit = next(o for o in orbits if o.stable and o.physical)
+    impacts = orbit.problem.impacts(orbit.unknowns)
+    simulator = Simulator(model)
+    begin = impacts[0] * (1.0 + 1e-3)
+    found = settle(simulator, simulator.state(word[0], *begin[:2], begin[2:]), QUICK)
+    assert (found.kind, found.word) == (Kind.PERIODIC, word)
+    late = (found.times - impacts[:, 0]) / simulator.period
+    assert late == pytest.approx(np.round(late), abs=1e-10)
+    assert np.column_stack([found.velocities, found.others]) == pytest.approx(
+        impacts[:, 1:], abs=1e-10
+    )
+    assert np.poly(found.multipliers) == pytest.approx(np.poly(orbit.multipliers), abs=1e-9)
+
+
+def test_masri_s_damper_is_settled_on():
+    """x at impact, and the velocity of the ball itself before it, V."""
+    model = ImpactDamper(Omega=1.0, d=20.0, r=0.8, mu=0.1, zeta=0.01)
+    simulator = Simulator(model)
+    found = settle(simulator, simulator.state("R", 3.0, 9.0, [2.0, -1.5]), QUICK)
+    assert found.notation == "1:1"
+    assert abs(found.others[0, 0]) == pytest.approx(2.0901334328, abs=1e-10)
+    x, v, y = found.others[0, 0], found.others[0, 1], found.velocities[0]
+    assert v + y == pytest.approx(math.copysign(7.6968179939, x), abs=1e-10)
+
+
+def test_a_run_is_that_of_an_integrator_with_events():
+    """Impacts on both stops, from a start between them."""
+    model = masses(omega=1.3, sigma_1=0.5, sigma_2=0.4)
+    p, simulator = model.values, Simulator(model)
+    first = simulator.start(0.2, [0.1, -0.3], [0.4, 0.6])
+    found = [first, *simulator.run(first, impacts=11).states()]
+    assert {state.wall for state in found} == {0, 1}
+
+    def rate(t, z):
+        x, y, u, v = z
+        push = p["a1"] * math.cos(p["omega"] * t)
+        coupling = p["c2"] * (u - v) + p["k2"] * (x - y)
+        return [u, v, push - p["c1"] * u - p["k1"] * x - coupling, coupling]
+
+    def event(k):
+        def gap(t, z):
+            return z[k] - (p["sigma_1"], p["sigma_2"])[k]
+
+        gap.terminal, gap.direction = True, 1
+        return gap
+
+    t, z = 0.2, np.array([0.1, -0.3, 0.4, 0.6])
+    given = {"method": "DOP853", "rtol": 1e-13, "atol": 1e-14, "events": [event(0), event(1)]}
+    for state in found:
+        walk = solve_ivp(rate, (t, t + 50.0), z, **given)
+        t, z = walk.t[-1], walk.y[:, -1].copy()
+        wall = 0 if len(walk.t_events[0]) else 1
+        assert wall == state.wall
+        assert state.phase + state.turns * simulator.period == pytest.approx(t, abs=1e-9)
+        other = z[[1, 3]] if wall == 0 else z[[0, 2]]
+        assert [z[2 + wall], *other] == pytest.approx(state.section, abs=1e-9)
+        z[2 + wall] *= -p["r"]
+
+
+class Modal:
+    """Two undamped masses of one, pressed against the first stop, in thirty digits."""
+
+    def __init__(self, p):
+        self.ctx = ctx = mpmath.mp.clone()
+        ctx.dps = 30
+        self.p = p = {name: ctx.mpf(str(value)) for name, value in p.items()}
+        k1, k2 = p["k1"], p["k2"]
+        squares, self.modes = ctx.eigsy(ctx.matrix([[k1 + k2, -k2], [-k2, k2]]))
+        self.frequencies = [ctx.sqrt(w) for w in squares]
+
+    def forced(self, w, push, t):
+        """The response of an oscillator to a push by cos omega t, and its rate."""
+        ctx, omega = self.ctx, self.p["omega"]
+        size = push / (w * w - omega * omega)
+        return size * ctx.cos(omega * t), -size * omega * ctx.sin(omega * t)
+
+    def oscillated(self, w, push, t0, q, v, t):
+        """An oscillator's place and velocity."""
+        ctx = self.ctx
+        (f0, g0), (f, g) = self.forced(w, push, t0), self.forced(w, push, t)
+        c, s = ctx.cos(w * (t - t0)), ctx.sin(w * (t - t0))
+        return f + (q - f0) * c + (v - g0) / w * s, g - w * (q - f0) * s + (v - g0) * c
+
+    def flown(self, t0, x, v, t):
+        """Places and velocities at t."""
+        found = [self.ctx.matrix(2, 1), self.ctx.matrix(2, 1)]
+        for i, w in enumerate(self.frequencies):
+            mode = self.modes[:, i]
+            q, u = (mode.T * self.ctx.matrix(part) for part in (x, v))
+            q, u = self.oscillated(w, mode[0] * self.p["a1"], t0, q[0], u[0], t)
+            found = [found[0] + q * mode, found[1] + u * mode]
+        return found
+
+    def force(self, t, x):
+        """The acceleration of the first mass."""
+        push = self.p["a1"] * self.ctx.cos(self.p["omega"] * t)
+        return push - (self.p["k1"] + self.p["k2"]) * x[0] + self.p["k2"] * x[1]
+
+    def accumulated(self, t, x, v):
+        """The end of the impacts, from before one of them; place and velocity of mass two then."""
+        sigma, r = self.p["sigma_1"], self.p["r"]
+        while True:
+            x, v = [sigma, x[1]], [-r * v[0], v[1]]
+            dt = -2 * v[0] / self.force(t, x)
+            if dt < 1e-14:
+                dt /= 1 - r
+                y, u = self.flown(t, x, v, t + dt)
+                return t + dt, y[1], u[1]
+            start = t
+            t = self.ctx.findroot(
+                lambda s, start=start, x=x, v=v: (
+                    (self.flown(start, x, v, s)[0][0] - sigma) / (s - start)
+                ),
+                (t + dt, t + dt * (1 + self.ctx.mpf("1e-3"))),
+            )
+            y, u = self.flown(start, x, v, t)
+            x, v = [y[0], y[1]], [u[0], u[1]]
+
+    def released(self, t0, y, v):
+        """When the force on the first mass, at rest on its stop, vanishes."""
+        w, sigma = self.ctx.sqrt(self.p["k2"]), self.p["sigma_1"]
+
+        def force(t):
+            place, _ = self.oscillated(w, 0, t0, y - sigma, v, t)
+            return self.force(t, [sigma, sigma + place])
+
+        times = [t0 + k * self.ctx.mpf("0.01") for k in range(2000)]
+        pair = next(p for p in itertools.pairwise(times) if force(p[0]) > 0 >= force(p[1]))
+        return self.ctx.findroot(force, pair, solver="anderson")
+
+
+def test_chatter_ends_and_sticking_is_released_when_thirty_digits_say():
+    given = {"c1": 0.0, "c2": 0.0, "a1": 0.6, "omega": 0.5, "sigma_1": -0.4, "sigma_2": 50.0}
+    model = masses(**given, r=0.6)
+    simulator = Simulator(model)
+    start = simulator.state("A", 0.1, 0.3, [0.2, -0.1])
+    run = simulator.run(start, impacts=80)
+    end = int(np.nonzero(run.released)[0][0])
+    last, after = run.states()[end - 1], run.states()[end]
+    exact = Modal({name: model.values[name] for name in VALUES})
+    when, y, v = exact.accumulated(*map(exact.ctx.mpf, ("0.1",)), [-0.4, 0.2], [0.3, -0.1])
+    force = float(exact.force(exact.ctx.mpf(last.phase), [exact.p["sigma_1"], last.others[0]]))
+    rest = 2.0 * 0.6 * last.velocity / (force * (1.0 - 0.6))
+    assert 0.0 < rest < 1e-9 * simulator.period
+    assert last.phase + rest == pytest.approx(float(when), abs=1e-12)
+    assert run.turns[end] == 0
+    assert after.phase == pytest.approx(float(exact.released(when, y, v)), abs=1e-11)
+    assert after.held == 1
+    assert simulator.run(after, impacts=1).held[0] == 0
+
+
+def test_bodies_that_rest_on_each_other_move_as_one():
+    """The sum of both equations, and the container with the ball against its end."""
+    m = {"m1": 1.3, "m2": 2.0, "c1": 0.1, "c2": 0.2, "k1": 1.0, "k2": 2.0, "a1": 1.0, "a2": 0.4}
+    pair = Simulator(CoupledByImpact(**m, omega=1.3, gap=0.2, r=0.7)).machine.flying(0, 1)
+    x, v, phase = np.array([0.5, 0.3]), np.array([0.7, 0.7]), 0.4
+    found = pair.rate(pair.embedded(x, v, phase))[2:]
+    force = -(m["c1"] + m["c2"]) * 0.7 - m["k1"] * 0.5 - m["k2"] * 0.3
+    force += (m["a1"] + m["a2"]) * math.cos(1.3 * phase)
+    assert found == pytest.approx([force / (m["m1"] + m["m2"])] * 2, abs=1e-14)
+    damper = Simulator(ImpactDamper(Omega=1.1, d=2.0, r=0.5, mu=0.2, zeta=0.05)).machine.flying(
+        0, 1
+    )
+    found = damper.rate(damper.embedded([0.3, 1.0], [0.5, 0.0], phase))[2:]
+    force = math.cos(1.1 * phase) - 2 * 0.05 * 0.5 - 0.3
+    assert found == pytest.approx([force / 1.2, 0.0], abs=1e-14)
+
+
+def test_a_motion_with_sojourns_is_told(sticking):
+    simulator, found = sticking
+    assert (found.kind, found.word, found.notation) == (Kind.STICKING, "AABA*", "inf:1")
+    assert found.multipliers[2:] == (0.0, 0.0)
+    assert found.distance < QUICK.tolerance
+    assert same(found, settle(simulator, found.state, QUICK))
+    back = Attractor.from_record(found.as_record())
+    back.require(simulator.model)
+    assert np.array_equal(back.others, found.others)
+    assert back.state == found.state
+
+
+def test_the_derivative_through_a_sojourn_is_that_of_differences(sticking):
+    simulator, found = sticking
+    start = found.state
+    reached = simulator.run(start, impacts=60)
+    after = int(np.nonzero(reached.released)[0][0]) + 1
+    product = np.eye(4)
+    for pair in itertools.pairwise([start, *reached.states()[: after + 1]]):
+        product = simulator.derivative_of_several(*pair) @ product
+
+    def row(moved):
+        section = np.add(start.section, moved[1:])
+        state = simulator.state("B", start.phase + moved[0], section[0], section[1:])
+        run = simulator.run(state, impacts=60)
+        end = run.states()[int(np.nonzero(run.released)[0][0]) + 1]
+        return np.array([end.phase + end.turns * simulator.period, *end.section])
+
+    step = 1e-6
+    differences = [(row(step * e) - row(-step * e)) / (2 * step) for e in np.eye(4)]
+    assert product == pytest.approx(np.array(differences).T, abs=1e-7)
+
+
+def test_runs_join_also_within_a_sojourn(sticking):
+    simulator, found = sticking
+    whole = simulator.run(found.state, impacts=90).states()
+    for cut in (1, 27, 28, 29):
+        first = simulator.run(found.state, impacts=cut)
+        rest = simulator.run(first.end, impacts=90 - cut)
+        assert [*first.states(), *rest.states()] == whole
+
+
+def test_both_ways_to_the_derivative_agree():
+    model = masses(omega=1.0)
+    simulator = Simulator(model)
+    states = simulator.run(simulator.state("A", 0.2, 1.0, [0.1, 0.2]), impacts=12).states()
+    assert {state.wall for state in states} == {0, 1}
+    for pair in itertools.pairwise(states):
+        one, other = (way(simulator.machine, *pair) for way in (_of_segment, _of_linear_law))
+        assert one == pytest.approx(other, abs=1e-10 * np.max(np.abs(one)))
+
+
+def test_the_sum_of_the_exponents_is_what_impacts_and_damping_take():
+    """Of complex motion: ln r^2 of each impact, and the trace of the damping over the time."""
+    model = masses(omega=1.5)
+    simulator = Simulator(model)
+    start = simulator.run(simulator.state("A", 0.3, 2.0, [0.1, 0.2]), periods=30).end
+    found = exponents(simulator, start, 400)
+    p = model.values
+    trace = (p["c1"] + p["c2"]) / p["m1"] + p["c2"] / p["m2"]
+    taken = trace * found.periods * simulator.period / found.impacts
+    assert found.restitution == pytest.approx(2.0 * math.log(p["r"]), rel=1e-14)
+    assert sum(found.per_impact) == pytest.approx(found.restitution - taken, abs=1e-3)
+    assert found.per_impact[0] > 3.0 * found.error
+
+
+def test_exponents_of_a_stable_orbit_are_those_of_its_multipliers():
+    model = masses()
+    simulator = Simulator(model)
+    found = settle(simulator, simulator.state("A", 0.68, 3.0, [-2.0, 0.09]), QUICK)
+    measured = exponents(simulator, found.state, 600)
+    expected = [math.log(abs(mu)) for mu in found.multipliers]
+    assert found.exponents == pytest.approx(expected)
+    assert measured.per_impact == pytest.approx(expected, abs=5e-3)
+
+
+def test_a_sweep_goes_from_orbit_to_orbit_and_has_all_coordinates():
+    found = sweep(masses(), "omega", [1.0, 0.95], settling=QUICK)
+    assert [row.attractor.word for row in found.rows] == ["AB", "AB"]
+    from contimpact.attractors.flat import table_of
+
+    columns, rows = table_of(found)
+    assert {"exponent4", "multiplier4_im", "x1_2", "v1_2"} <= set(columns)
+    assert all(len(row) == len(columns) for row in rows)
+
+
+def test_basins_are_a_section_with_the_other_coordinates_of_an_attractor():
+    simulator = Simulator(masses())
+    known = settle(simulator, simulator.state("A", 0.68, 3.0, [-2.0, 0.09]), QUICK)
+    found = basins(simulator, shape=(2, 3), settling=QUICK, known=[known])
+    assert found.others == tuple(known.others[0])
+    assert found.labels.shape == (2, 3)
+    kinds = {a.kind for a in found.attractors}
+    assert kinds <= {Kind.PERIODIC, Kind.NO_IMPACT}
+
+
+@pytest.mark.parametrize(
+    ("call", "where"),
+    [
+        (lambda s: s.state("A", 0.0, 1.0), "others"),
+        (lambda s: s.state("A", 0.0, 1.0, [0.1]), "others"),
+        (lambda s: s.fly(0, 0.0, 1.0), "fly"),
+        (lambda s: s.start(0.0, [2.0, 0.0], [0.0, 0.0]), "position"),
+        (lambda s: s.start(0.0, [0.0], [0.0]), "position"),
+        (lambda s: s.start(0.0, [0.0, 0.0], [0.0, 0.0], "other"), "mode"),
+    ],
+)
+def test_what_cannot_be_simulated_is_refused(call, where):
+    with pytest.raises(InputError) as refused:
+        call(Simulator(masses()))
+    assert refused.value.where == where
+
+
+def test_it_rests_for_ever_or_meets_nothing():
+    rests = Simulator(masses(a1=0.0, sigma_1=-0.4, sigma_2=0.5), longest_flight=30)
+    run = rests.run(rests.state("A", 0.0, 0.1, [-0.3, 0.0]), impacts=200)
+    assert run.outcome.name == "RESTING"
+    assert run.end.held == 0  # the last impact is before the sojourn
+    free = Simulator(masses(a1=0.0), longest_flight=30)
+    run = free.run(replace(State(0, 0.0, 0.1), others=(0.0, 0.0)), impacts=9)
+    assert run.outcome.name == "NO_IMPACT"
+
+
+def test_where_a_wall_cannot_be_held_the_run_ends_and_says_so():
+    model = ProportionalMasses(k1=1.0, k2=0.6, omega=0.3, r=0.3, a=2.0, c=0.07, sigma=0.0)
+    simulator = Simulator(model)
+    run = simulator.run(simulator.state("A", 0.1, 0.3, [0.0, 0.0]), periods=9)
+    assert run.outcome.name == "ACCUMULATING"
+    assert settle(simulator, run.end, QUICK).kind is Kind.NOT_SETTLED
+
+
+PUSHED = """
+name = "pushed"
+[model]
+system = "linear"
+coordinates = ["x", "y"]
+mass = [1, 1]
+damping = [0.2, 0.2]
+stiffness = [0.5, 0.5]
+force = ["2 + a*cos(t)", "-0.5"]
+period = "2*pi"
+[model.guards]
+K = { within = "x - y <= 0", restitution = 0.3 }
+B = { within = "y <= 0.2", restitution = 0.5 }
+[model.parameters]
+a = 2.0
+[follow]
+parameter = "a"
+range = [1.0, 3.0]
+orbits = ["K"]
+"""
+
+
+def test_an_impact_elsewhere_parts_what_rests_on_each_other():
+    """One body pushes the other against a wall: that bounces back into the first."""
+    simulator = Simulator(read_scene(tomllib.loads(PUSHED)).model)
+    first = simulator.start(0.0, [-1.0, -0.5], [0.0, 0.0])
+    rows = [first, *simulator.run(first, impacts=80).states()]
+    pairs = [p for p in itertools.pairwise(rows) if p[0].wall == 1 and p[0].held == 1]
+    assert pairs
+    for hit, back in pairs:
+        assert (back.wall, back.held) == (0, 0)
+        assert back.phase - hit.phase == pytest.approx(0.0, abs=1e-12)
+        assert back.velocity == pytest.approx(1.5 * hit.velocity, rel=1e-12)
