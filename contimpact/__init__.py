@@ -49,6 +49,7 @@ _PLACES = {
     "Simulator": "simulation.simulator",
     "Membrane": "systems.membrane",
     "energy": "attractors.energy",
+    "losses": "attractors.losses",
     "settle": "attractors.verdict",
     "sweep": "attractors.sweep",
     "find_transitions": "attractors.transitions",

@@ -2,7 +2,7 @@
 
 Each result is added to ``rows.jsonl`` as soon as it is found; ``--resume`` reads that file.
 The other files are contracts, with a schema name and number each: ``sweep.csv``,
-``transitions.json``, ``coverage.json`` and ``energy.csv``.
+``transitions.json``, ``coverage.json``, ``losses.csv`` and ``energy.csv``.
 """
 
 from __future__ import annotations
@@ -26,6 +26,7 @@ from .sweep import Row, Sweep
 
 if TYPE_CHECKING:
     from ..models.model import Model
+    from ..segments.kernels import Kernels
     from .coverage import Coverage
     from .energy import Membrane
     from .transitions import Transition
@@ -35,6 +36,7 @@ ROWS = "contimpact.rows/1"
 TRANSITIONS = "contimpact.transitions/1"
 COVERAGE = "contimpact.coverage/1"
 ENERGY = "contimpact.energy/1"
+LOSSES = "contimpact.losses/1"
 
 LARGEST = 2**32
 """Bytes of ``rows.jsonl`` that are read."""
@@ -47,7 +49,7 @@ def fingerprint(resolved: Mapping[str, Any]) -> str:
     """Return a digest of what decides the rows: model, followed parameter, and sweep."""
     parts = {name: resolved[name] for name in ("model", "simulate")}
     parts["parameter"] = resolved["follow"]["parameter"]
-    drawn = ("portraits", "basins", "grid", "branches", "transitions")
+    drawn = ("portraits", "basins", "grid", "branches", "transitions", "losses")
     parts["simulate"] = {k: v for k, v in parts["simulate"].items() if k not in drawn}
     return hashlib.sha256(json.dumps(parts, sort_keys=True).encode()).hexdigest()
 
@@ -217,6 +219,23 @@ def energy_text(membrane: Membrane, sweep: Sweep, diagram: Diagram | None = None
     columns += [name for row in rows for name in row if name not in columns]
     columns = list(dict.fromkeys(columns))
     head = json.dumps({"schema": ENERGY, "parameter": parameter, "membrane": asdict(membrane)})
+    return f"# {head}\n" + csv_text(columns, ([row.get(c) for c in columns] for row in rows))
+
+
+def losses_text(sweep: Sweep, kernels: Kernels) -> str:
+    """Return ``losses.csv``: a row per attractor, the kinetic energy that its impacts take."""
+    from .losses import of_attractor
+
+    rows = []
+    for row in sweep.rows:
+        found = of_attractor(row.attractor, sweep.model, kernels)
+        derived = {name: row.attractor.parameters[name] for name in sweep.model.DERIVED}
+        means = {"E_I": found.per_impact, "E_T": found.per_time}
+        each = {f"E{k + 1}": lost for k, lost in enumerate(found.impacts[:WRITTEN].tolist())}
+        named = {"from": row.direction, "notation": row.attractor.notation}
+        rows.append(named | {sweep.parameter: row.value} | derived | means | each)
+    columns = list(dict.fromkeys(name for row in rows for name in row))
+    head = json.dumps({"schema": LOSSES, "parameter": sweep.parameter})
     return f"# {head}\n" + csv_text(columns, ([row.get(c) for c in columns] for row in rows))
 
 

@@ -28,6 +28,7 @@ from .output import (
     coverage_text,
     energy_text,
     fingerprint,
+    losses_text,
     sweep_text,
     transitions_text,
 )
@@ -318,6 +319,9 @@ def write_simulation(result: Simulation, folder: Path) -> list[str]:
         )
     if result.coverage is not None:
         files["coverage.json"] = partial(coverage_text, result.coverage, scene.parameter)
+    if scene.simulate.losses:
+        kernels = Kernels(scene.model, scene.parameter)
+        files["losses.csv"] = partial(losses_text, result.sweep, kernels)
     if scene.energy is not None:
         files["energy.csv"] = partial(energy_text, scene.energy, result.sweep, result.diagram)
     if result.diagram is not None:

@@ -53,6 +53,8 @@ class Equations:
         The flight from the section, in the first mode.
     harmonics : tuple of sympy.Expr
         The mean and then k, a_k, b_k, where the acceleration depends on time alone; else NaN.
+    mass : tuple of tuple of sympy.Expr, optional
+        The matrix of the kinetic energy, where it is known.
     """
 
     parameters: Mapping[str, Any]
@@ -67,6 +69,7 @@ class Equations:
     back: tuple[Any, ...]
     quiet: Departure
     harmonics: tuple[Any, ...]
+    mass: tuple[tuple[Any, ...], ...] | None = None
 
     def before(self, wall: str, section: Sequence[Any]) -> tuple[list[Any], list[Any]]:
         """Return positions and velocities before an impact, from its section coordinates."""
@@ -101,6 +104,7 @@ class Equations:
             yield from ((f"acceleration after {wall!r}", e) for e in left.acceleration)
         yield from (("flight", e) for e in (*self.quiet.mean, *self.quiet.end))
         yield from (("harmonics", e) for e in self.harmonics)
+        yield from (("mass", e) for row in self.mass or () for e in row)
 
 
 def equations_of(model: Model) -> Equations:
@@ -169,6 +173,7 @@ def _evaluated(model: Model) -> Equations:
         tuple(own(f"{n}{i}_1") for i in range(size) for n in "xv"),
         departure(formulas, mode, (2,) * size, state[::2], state[1::2], where),
         _harmonics(formulas, f"{where}: harmonics"),
+        _mass(formulas, size, f"{where}: mass"),
     )
     departures = {
         name: after_impact(formulas, guard, *found.before(name, found.start), model.MODES, where)
@@ -213,6 +218,23 @@ def _harmonics(formulas: Formulas, where: str) -> tuple[Any, ...]:
     if not all(k == int(k) >= 1 for k in orders) or len(set(orders)) < len(orders):
         raise InputError(where, f"orders {shown(orders)}", "give different whole numbers >= 1")
     return (sympy.sympify(constant), *(sympy.sympify(n) for term in series for n in term))
+
+
+def _mass(formulas: Formulas, size: int, where: str) -> tuple[tuple[Any, ...], ...] | None:
+    """The matrix of the kinetic energy; of one degree of freedom 1 where nothing is said."""
+    given = formulas.mass
+    if given is None:
+        return ((sympy.S.One,),) if size == 1 else None
+    rows = tuple(tuple(sympy.sympify(e) for e in row) for row in given)
+    if [len(row) for row in rows] != [size] * size:
+        accepted = f"give {size} rows of {size} entries"
+        raise InputError(where, f"found rows of {shown([len(row) for row in rows])}", accepted)
+    for i in range(size):
+        for j in range(i):
+            if sympy.simplify(rows[i][j] - rows[j][i]) != 0:
+                found = f"{shown(str(rows[i][j]))} and {shown(str(rows[j][i]))} beyond the diagonal"
+                raise InputError(where, found, "give a symmetric matrix")
+    return rows
 
 
 def _check(e: Any, where: str, found: Equations) -> None:

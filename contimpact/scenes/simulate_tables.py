@@ -84,6 +84,8 @@ class SimulateOptions:
         Values at which basins of attraction are drawn.
     grid : int
         Starts along each side of a basin's picture.
+    losses : bool
+        Whether the kinetic energy that impacts take is told, too.
     """
 
     range: tuple[float, float]
@@ -98,6 +100,7 @@ class SimulateOptions:
     portraits: tuple[float, ...] = ()
     basins: tuple[float, ...] = ()
     grid: int = 40
+    losses: bool = False
 
     def sweeps(self) -> list[tuple[str, list[float]]]:
         """Return each sweep's direction and its values in order."""
@@ -164,6 +167,7 @@ def read_simulate(
         points["portraits"],
         points["basins"],
         table.whole("grid", 40, least=2, most=LARGEST_GRID),
+        table.truth("losses", False),
     )
     table.finish()
     return options

@@ -48,8 +48,8 @@ class KernelWriter:
 
     def write(self, name: str) -> str:
         """Return the source of the kernel `name`: ``setup``, ``harmonics``, ``surfaces``,
-        ``flight_<a>_<b>``, ``motion_<a>``, ``since_<a>``, ``gap_<a>_<b>``, ``law_<a>`` or
-        ``agreement_<a>_<coordinate>``."""
+        ``flight_<a>_<b>``, ``motion_<a>``, ``since_<a>``, ``gap_<a>_<b>``, ``law_<a>``,
+        ``loss_<a>`` or ``agreement_<a>_<coordinate>``."""
         kind, *walls = name.split("_")
         writers: dict[str, Callable[..., str]] = {
             "setup": self.setup,
@@ -60,6 +60,7 @@ class KernelWriter:
             "since": self.since,
             "gap": self.gap,
             "law": self.law,
+            "loss": self.loss,
             "agreement": self.agreement,
         }
         return writers[kind](name, *walls)
@@ -227,6 +228,19 @@ class KernelWriter:
             return {}
         orders = sorted({n for _, waves in known.values() for n in waves if n > 0})
         return {wall: law_of(rows, orders, equations.period) for wall, rows in known.items()}
+
+    def loss(self, name: str, a: str) -> str:
+        """The kinetic energy that an impact takes; NaN where the masses are not stated."""
+        before, after = self.equations.before(a, self.start)[1], self.leave(a).velocity
+        lost = sympy.nan
+        if self.equations.mass is not None:
+            # v.Mv - u.Mu = (v - u).M(v + u), which does not cancel
+            ends = list(zip(before, after, strict=True))
+            change, total = [v - u for v, u in ends], [v + u for v, u in ends]
+            pairs = zip(change, self.equations.mass, strict=True)
+            lost = sum(d * along(row, total) for d, row in pairs) / 2
+        about = f"""The kinetic energy that an impact on wall {a} takes."""
+        return self._shared(name, [*self.start], about, (lost,))
 
     def setup(self, name: str) -> str:
         period, derived = self.equations.period, tuple(self.equations.derived.values())

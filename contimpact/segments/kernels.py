@@ -167,6 +167,10 @@ class Kernels:
         """``law(t0, *y0, *p)``: what a linear flight after a wall is computed from."""
         return self.kernel(f"law_{a}")
 
+    def loss(self, a: str) -> Kernel:
+        """``loss(*y0, *p)``: the kinetic energy that an impact takes, alone in a tuple."""
+        return self.kernel(f"loss_{a}")
+
     def linear(self, a: str) -> bool:
         """Whether the flight after a wall is a linear one, which `law` describes."""
         model = self.model

@@ -76,4 +76,5 @@ class CoupledByImpact(Model):
             reset=reset,
             flight=motion.flight,
             acceleration=motion.acceleration,
+            mass=[[m1, 0], [0, m2]],
         )

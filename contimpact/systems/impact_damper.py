@@ -73,4 +73,5 @@ class ImpactDamper(Model):
             reset=reset,
             flight=motion.flight,
             acceleration=motion.acceleration,
+            mass=[[1 + mu, mu], [mu, mu]],
         )

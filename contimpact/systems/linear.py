@@ -68,8 +68,9 @@ class LinearMachine(Model):
             rows = enumerate(getattr(stated, name))
             return [[read(e, f"{name}[{i}][{j}]") for j, e in enumerate(row)] for i, row in rows]
 
+        matrices = {name: matrix(name) for name in ("mass", "damping", "stiffness")}
         motion = Linear(
-            **{name: matrix(name) for name in ("mass", "damping", "stiffness")},
+            **matrices,
             force=lambda t: [read(e, f"force[{i}]", {TIME: t}) for i, e in enumerate(stated.force)],
             period=read(stated.period, "period"),
         )
@@ -94,6 +95,7 @@ class LinearMachine(Model):
             reset=reset,
             flight=motion.flight,
             acceleration=motion.acceleration,
+            mass=matrices["mass"] if sympy.Matrix(matrices["mass"]).is_symmetric() else None,
         )
 
 

@@ -80,4 +80,5 @@ class TwoMasses(Model):
             reset=reset,
             flight=motion.flight,
             acceleration=motion.acceleration,
+            mass=[[p["m1"], 0], [0, p["m2"]]],
         )

@@ -1,0 +1,110 @@
+r"""The energy that impacts take: the loss of kinetic energy at each jump.
+
+With the velocities v before an impact and v+ after it, and the mass matrix M,
+
+.. math:: E = \tfrac12\left(v \cdot Mv - v^+ \cdot Mv^+\right),
+
+which for an impulse along n, without friction, is Carnot's theorem
+
+.. math:: E = \frac{1 - r^2}{2}\,\frac{(n \cdot v)^2}{n \cdot M^{-1}n}
+
+(B. Brogliato, Nonsmooth Mechanics, 2016, sec. 4.3). For one degree of freedom it is that of a unit
+of mass, unless the system says what moves.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..arrays import Array
+from ..errors import InputError, shown
+from ..models.model import Model
+from ..orbits.search import Orbit
+from ..records.entry import Entry
+from ..segments.kernels import Kernels
+from .attractor import Attractor, Kind
+
+
+@dataclass(frozen=True, eq=False)
+class Losses:
+    """The energy that the impacts of a motion take.
+
+    Attributes
+    ----------
+    impacts : ndarray of shape (N,)
+        Of each; zero for a release.
+    per_impact, per_time : float
+        Means. Where impacts accumulate there are infinitely many, and the mean per impact is zero.
+    """
+
+    impacts: Array
+    per_impact: float
+    per_time: float
+
+
+def losses(of: Orbit | Entry | Attractor, model: Model | None = None) -> Losses:
+    """Return the kinetic energy that impacts take.
+
+    Parameters
+    ----------
+    of : Orbit, Entry or Attractor
+    model : Model, optional
+        Of an attractor, at any parameter values.
+
+    Returns
+    -------
+    Losses
+
+    Raises
+    ------
+    InputError
+        For anything else, or a system that does not state its masses.
+    """
+    orbit = of.orbit() if isinstance(of, Entry) else of
+    if isinstance(orbit, Orbit):
+        problem = orbit.problem
+        rows = problem.impacts(orbit.unknowns)
+        walls = [w.name for w in orbit.model.WALLS]
+        numbers = np.array([walls.index(w) for w in problem.word.walls], dtype=int)
+        found = _lost(problem.kernels, orbit.model, numbers, rows[:, 1:])
+        return _means(found, problem.span(orbit.unknowns))
+    if not isinstance(of, Attractor) or model is None:
+        accepted = "give an orbit, an entry, or an attractor and its model"
+        raise InputError("of", f"found {shown(of)}", accepted)
+    return of_attractor(of, model, Kernels(model, next(iter(model.values))))
+
+
+def of_attractor(attractor: Attractor, model: Model, kernels: Kernels) -> Losses:
+    """Return the losses of an attractor, over its period or over the end of its run."""
+    if not len(attractor.walls):
+        return Losses(np.zeros(0), 0.0, 0.0)
+    here = model.replace(**{name: attractor.parameters[name] for name in model.values})
+    section = attractor.velocities[:, None]
+    if attractor.others.size:
+        section = np.column_stack([section, attractor.others])
+    found = _lost(kernels, here, attractor.walls, section)
+    found[attractor.released] = 0.0
+    if attractor.period is not None:
+        means = _means(found, attractor.period * attractor.forcing_period)
+    else:  # from the first impact to the last, without the first
+        means = _means(found[1:], float(attractor.times[-1] - attractor.times[0]) or math.nan)
+    per_impact = 0.0 if attractor.kind is Kind.STICKING else means.per_impact
+    return Losses(found, per_impact, means.per_time)
+
+
+def _lost(kernels: Kernels, model: Model, walls: Array, section: Array) -> Array:
+    names, values = [wall.name for wall in model.WALLS], tuple(model.values.values())
+    rows = zip(walls.tolist(), section.tolist(), strict=True)
+    found = [float(kernels.loss(names[wall])(*row, *values)[0]) for wall, row in rows]
+    if any(math.isnan(lost) for lost in found):
+        accepted = "state its masses, Formulas.mass"
+        raise InputError("losses", f"the kinetic energy of {model.SYSTEM} is not known", accepted)
+    return np.array(found)
+
+
+def _means(lost: Array, span: float) -> Losses:
+    total = float(np.sum(lost))
+    return Losses(lost, total / len(lost) if len(lost) else 0.0, total / span)

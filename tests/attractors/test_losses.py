@@ -1,0 +1,79 @@
+"""The kinetic energy that impacts take, against the work of forces and damping around an orbit."""
+
+from __future__ import annotations
+
+import math
+
+import pytest
+from scipy.integrate import quad
+from zoo import ProportionalMasses
+
+from contimpact import InputError, losses
+from contimpact.attractors.verdict import settle
+from contimpact.orbits.search import find_orbits
+from contimpact.simulation.simulator import Simulator
+from contimpact.systems.coupled_by_impact import CoupledByImpact
+from contimpact.systems.impact_damper import ImpactDamper
+from contimpact.systems.oscillator import Oscillator
+
+
+def test_around_an_orbit_they_are_what_comes_in_less_what_damping_takes():
+    """The damper: the force acts on the oscillator, whose velocity is no gap coordinate's."""
+    model = ImpactDamper(Omega=1.0, d=20.0, r=0.8, mu=0.1, zeta=0.01)
+    orbit = next(o for o in find_orbits(model, "RL", parameter="d", starts=24) if o.stable)
+    rows = orbit.problem.impacts(orbit.unknowns)
+    found = losses(orbit)
+    # the oscillator between impacts: x'' + 2 zeta x' + x = cos t
+    zeta, taken = 0.01, 0.0
+    w = math.sqrt(1 - zeta**2)
+    for k, (t0, dy, x0, v0) in enumerate(rows):
+        end = rows[1][0] if k == 0 else rows[0][0] + 2 * math.pi
+        v0 += 0.1 * 1.8 / 1.1 * dy
+        # a particular solution at resonance: sin t/(2 zeta)
+        q, u = x0 - math.sin(t0) / (2 * zeta), v0 - math.cos(t0) / (2 * zeta)
+
+        def speed(t, t0=t0, q=q, u=u):
+            s = t - t0
+            c, b = q, (u + zeta * q) / w
+            decay = math.exp(-zeta * s)
+            free = decay * (
+                (-zeta * c + w * b) * math.cos(w * s) + (-zeta * b - w * c) * math.sin(w * s)
+            )
+            return math.cos(t) / (2 * zeta) + free
+
+        def power(t, speed=speed):
+            return (math.cos(t) - 2 * zeta * speed(t)) * speed(t)
+
+        taken += quad(power, t0, end, epsabs=1e-11, epsrel=1e-11)[0]
+    assert found.impacts.sum() == pytest.approx(taken, abs=1e-8)
+    carnot = 0.5 * (1 - 0.8**2) * rows[:, 1] ** 2 * 0.1 / 1.1
+    assert found.impacts == pytest.approx(carnot, rel=1e-13)
+    assert found.per_time == pytest.approx(carnot.sum() / (2 * math.pi), rel=1e-13)
+
+
+def test_of_an_attractor_they_are_those_of_the_reduced_mass():
+    given = {"m2": 2.0, "c1": 0.1, "c2": 0.0, "k1": 1.0, "k2": 2.0, "a1": 1.0, "omega": 1.3}
+    model = CoupledByImpact(**given, gap=0.2, r=0.7)
+    simulator = Simulator(model)
+    found = settle(simulator, simulator.state("K", 0.15, 1.6, [-0.5, -0.3]))
+    lost = losses(found, model)
+    reduced = 1.0 * 2.0 / 3.0
+    carnot = 0.5 * (1 - 0.7**2) * reduced * found.velocities**2
+    assert lost.impacts == pytest.approx(carnot, rel=1e-13)
+    assert lost.per_impact == pytest.approx(carnot.mean(), rel=1e-13)
+
+
+def test_of_one_coordinate_they_are_those_of_a_unit_of_mass():
+    model = Oscillator(a=1.0, omega=1.0, c=0.1, k=1.0, sigma=1.0, r=0.8)
+    orbit = find_orbits(model, "1", parameter="a")[0]
+    expected = 0.5 * (1 - 0.64) * orbit.velocities**2
+    assert losses(orbit).impacts == pytest.approx(expected, rel=1e-13)
+
+
+def test_masses_that_are_not_stated_are_asked_for():
+    model = ProportionalMasses(k1=1.0, k2=0.6, omega=1.8, r=0.8, a=1.0, c=0.07, sigma=1.0)
+    orbit = find_orbits(model, "A", parameter="r", starts=8)[0]
+    with pytest.raises(InputError, match=r"Formulas\.mass"):
+        losses(orbit)
+    with pytest.raises(InputError, match="an attractor and its model"):
+        losses(3.0)
