@@ -321,7 +321,6 @@ def _swept(found: Swept, tracks: Tracks | None, every: int) -> dict[str, Any]:
 
 
 def _cycles(found: Swept) -> Orbits:
-    shape = (len(found), len(found.word))
-    impacts = np.stack([found.times.reshape(shape), found.velocities.reshape(shape)], axis=2)
+    impacts = found.sections.reshape(len(found), len(found.word), -1)
     parameters: Mapping[str, Array] = found.parameters
     return Orbits(found.word, found.period or 1, parameters, impacts)

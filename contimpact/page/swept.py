@@ -17,6 +17,7 @@ from ..arrays import Array
 from ..errors import InputError
 from ..models.model import Model
 from ..records.loading import checking
+from ..records.tables import coordinates
 from ..storage.files import read_bounded
 from ..storage.texts import original
 
@@ -40,8 +41,10 @@ class Swept:
         Where the impacts of each begin among those of all.
     times, velocities, walls : ndarray
         Walls by their numbers.
+    sections : ndarray of shape (impacts, m)
+        Times and all section coordinates.
     multipliers : ndarray of shape (n, 2, 2)
-        Real and imaginary parts, not numbers where there are none.
+        Real and imaginary parts of the two largest, not numbers where there are none.
     """
 
     direction: str
@@ -54,6 +57,7 @@ class Swept:
     times: Array
     velocities: Array
     walls: Array
+    sections: Array
     multipliers: Array
 
     def __len__(self) -> int:
@@ -70,7 +74,7 @@ class _Row:
     """A line of the table."""
 
     cells: Mapping[str, str]
-    impacts: Sequence[tuple[int, float, float]]
+    impacts: Sequence[tuple[float, ...]]
     word: str
 
     def key(self) -> tuple[str, ...]:
@@ -102,15 +106,16 @@ def read_sweep(path: Path, model: Model) -> list[Swept]:
 
 def _row(cells: Mapping[str, str], model: Model) -> _Row:
     letters = [wall.name for wall in model.WALLS]
-    impacts = []
+    names = coordinates(model.unknowns_per_impact)
+    impacts: list[tuple[float, ...]] = []
     for k in range(1, len(cells)):
         wall = cells.get(f"wall{k}")
         if not wall:
             break
         if not wall.endswith("*"):
-            time, velocity = _number(cells[f"t{k}"]), _number(cells[f"v{k}"])
-            impacts.append((letters.index(wall), time, velocity))
-    word = "".join(letters[wall] for wall, *_ in impacts)
+            section = (_number(cells[f"{name}{k}"]) for name in names)
+            impacts.append((letters.index(wall), *section))
+    word = "".join(letters[int(wall)] for wall, *_ in impacts)
     whole = cells["kind"] == "periodic" and len(impacts) == int(cells["impacts"])
     return _Row(cells, impacts if whole else impacts[-LAST:], word if whole else "")
 
@@ -118,7 +123,8 @@ def _row(cells: Mapping[str, str], model: Model) -> _Row:
 def _together(rows: Sequence[_Row], model: Model) -> Swept:
     cells = rows[0].cells
     direction, kind, notation, word = rows[0].key()
-    table = np.array([impact for row in rows for impact in row.impacts]).reshape(-1, 3)
+    width = 1 + model.unknowns_per_impact
+    table = np.array([impact for row in rows for impact in row.impacts]).reshape(-1, width)
     names = (*model.values, *model.DERIVED)
     return Swept(
         direction,
@@ -131,6 +137,7 @@ def _together(rows: Sequence[_Row], model: Model) -> Swept:
         table[:, 1],
         table[:, 2],
         table[:, 0],
+        table[:, 1:],
         np.array([_multipliers(row.cells) for row in rows]),
     )
 
