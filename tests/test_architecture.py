@@ -150,7 +150,9 @@ def test_rooms_make_no_circle():
 
 @pytest.mark.parametrize("module", modules_of("contimpact.systems"))
 def test_a_system_stands_on_the_model_alone(module):
-    models = ("model", "symbolic", "linear", "machine", "expressions", "own_parameters")
+    models = (
+        "model", "symbolic", "linear", "nonlinear", "machine", "expressions", "own_parameters"
+    )  # fmt: skip
     assert own(module) - FOR_ALL <= {f"contimpact.models.{name}" for name in models}
 
 
@@ -178,7 +180,9 @@ def test_pyplot_is_imported_nowhere(module):
 @pytest.mark.parametrize("module", FILES)
 def test_sympy_is_imported_where_it_is_used(module):
     found = places(module, lambda i: inside(i.module, "sympy") and i.at_import)
-    of_models = ("equations", "harmonics", "linear", "restitution", "symbolic", "symbols")
+    of_models = (
+        "equations", "harmonics", "linear", "nonlinear", "restitution", "symbolic", "symbols"
+    )  # fmt: skip
     names = (
         *(f"models.{name}" for name in of_models),
         *(f"segments.{name}" for name in ("codegen", "printing", "tape")),

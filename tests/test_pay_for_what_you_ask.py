@@ -51,6 +51,7 @@ HEAVY = (
     "llvmlite",
     "hypothesis",
     "flint",
+    "heyoka",
 )
 OWN_HEAVY = (
     "accuracy", "attractors", "certificates", "page", "plots", "simulation", "two_parameters",

@@ -20,6 +20,7 @@ from .expressions import FUNCTIONS
 from .guards import Guard
 from .harmonics import INDICES, HarmonicSum
 from .linear import Law
+from .nonlinear import Field
 from .restitution import Departure, after_impact, along, departure
 from .section import pivot, state_before
 from .symbols import DT, PHASE, own
@@ -28,7 +29,9 @@ if TYPE_CHECKING:
     from .model import Formulas, Model
 
 
-ELEMENTARY = frozenset((*FUNCTIONS, "Stumpff", "Transient", "MeanTransient", "MeanFlow", "EndFlow"))
+ELEMENTARY = frozenset(
+    (*FUNCTIONS, "Stumpff", "Transient", "MeanTransient", "MeanFlow", "EndFlow", "Flown")
+)
 """Names of the functions that kernels can evaluate."""
 
 
@@ -237,15 +240,19 @@ def _mass(formulas: Formulas, size: int, where: str) -> tuple[tuple[Any, ...], .
     return rows
 
 
-def _check(e: Any, where: str, found: Equations) -> None:
+def _check(e: Any, where: str, found: Equations, inside: Sequence[Any] = ()) -> None:
     """Refuse symbols, functions and numbers that kernels know nothing of."""
-    known = {*found.parameters.values(), *found.start, *found.state, PHASE, DT, *INDICES}
+    known = {*found.parameters.values(), *found.start, *found.state, PHASE, DT, *INDICES, *inside}
     for part in sympy.preorder_traversal(e):
         if isinstance(part, HarmonicSum | sympy.Tuple):
             continue
         if part in known or part.is_Rational or part.is_Float or part in (sympy.pi, sympy.E):
             continue
         if part.is_Add or part.is_Mul or part.is_Pow or part is sympy.nan:
+            continue
+        if isinstance(part, Field):
+            for acceleration in part.accelerations:
+                _check(acceleration, where, found, part.state)
             continue
         if isinstance(part, Law):
             for number in part.numbers:

@@ -12,16 +12,19 @@ There is no impact, so there are no times, and the multipliers are those of the 
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
 
+from ..models.guards import Row
 from ..models.model import Model
 from ..models.word import Word
 from ..segments.arithmetic import ARRAYS, evaluate_in
 from ..segments.flight import Excursion, FlightGaps, excursions, touch_of
 from ..segments.kernels import Kernels
 from ..segments.layout import SECTION
+from ..segments.track import track_of
 from ..segments.zeros import chebyshev_zeros
 from .linearisation import CyclicBlocks, Linearisation
 from .problem import Array, OrbitProblem
@@ -95,7 +98,8 @@ class QuietProblem(OrbitProblem):
         mode = self.model.MODES[0].name if self.model.MODES else ""
         positions = self.kernels.setup(*self.values(unknowns)).walls
         watched = {g.row(self.m // 2): g.name for g in self.model.WALLS if mode in g.modes}
-        found = {row: self._excursion(name, unknowns) for row, name in watched.items()}
+        look = self._on_track if self.kernels.linear(SECTION) else self._by_kernels
+        found = look(watched, unknowns)
         touches = tuple(
             touch_of(0, 0.0, guard, position, found[guard.row(self.m // 2)])
             if mode in guard.modes
@@ -105,6 +109,21 @@ class QuietProblem(OrbitProblem):
         turns = (each[4] for each in found.values() if not math.isnan(each[4]))
         slowest = min(turns, key=abs, default=math.nan)
         return [FlightGaps(self.times_around(unknowns, 0)[1], touches, slowest)]
+
+    def _on_track(self, watched: Mapping[Row, str], unknowns: Array) -> dict[Row, Excursion]:
+        """The extrema of gap coordinates, of flights that have a track."""
+        values, state = self.values(unknowns), unknowns[: self.m].tolist()
+        length = self.times_around(unknowns, 0)[1]
+        track = track_of(self.kernels.law(SECTION)(*state, *values), length)
+        found = {}
+        for row in watched:
+            curve = track.along(row)
+            ends = (length, curve((), length, ())[1], 0.0, 0.0)
+            found[row] = excursions(curve, (), (), *ends, curve.breaks(), 0.0, math.inf)
+        return found
+
+    def _by_kernels(self, watched: Mapping[Row, str], unknowns: Array) -> dict[Row, Excursion]:
+        return {row: self._excursion(name, unknowns) for row, name in watched.items()}
 
     def _excursion(self, wall: str, unknowns: Array) -> Excursion:
         """The extrema of a guard's gap coordinate."""

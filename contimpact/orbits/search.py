@@ -29,7 +29,7 @@ from .starts import rounds_of_starts
 FEWEST_STARTS, MOST_WORK = 16, 40_000
 """Starts in a round, times the square of the word's length, beyond which fewer starts are made."""
 
-QUIET_STARTS = 16
+QUIET_STARTS = 64
 """For orbits without impacts."""
 
 SAME_ORBIT = 1e-7

@@ -21,7 +21,7 @@ from typing import Any, Protocol
 import numpy as np
 
 from ..arrays import Number
-from . import layout, linear_flow, stumpff, transients
+from . import integration, layout, linear_flow, stumpff, transients
 
 
 class Kernel(Protocol):
@@ -116,6 +116,9 @@ def total(x: Any) -> Any:
     return x
 
 
+FLOWS = frozenset(("flow", "flown"))
+"""Functions whose steps depend on their arguments: linear flights, and those integrated."""
+
 PLAIN: dict[str, Any] = {
     "square": square,
     "cube": cube,
@@ -127,7 +130,7 @@ PLAIN: dict[str, Any] = {
 
 FLOATS = Arithmetic(
     {name: getattr(math, name) for name in FUNCTIONS}
-    | {"nan": math.nan, **linear_flow.SCALAR, **PLAIN}
+    | {"nan": math.nan, **linear_flow.SCALAR, **integration.SCALAR, **PLAIN}
     | stumpff.SCALAR
     | transients.SCALAR
 )
@@ -149,7 +152,7 @@ def _array_waves(rows: Any, phase: Any, dt: Any) -> Iterator[Any]:
 _NUMPY_SPELLING = {"asin": "arcsin", "acos": "arccos", "atan": "arctan"}
 ARRAYS = Arithmetic(
     {name: getattr(np, _NUMPY_SPELLING.get(name, name)) for name in FUNCTIONS}
-    | {"nan": math.nan, **linear_flow.ARRAY, **PLAIN}
+    | {"nan": math.nan, **linear_flow.ARRAY, **integration.ARRAY, **PLAIN}
     | {"waves": _array_waves, "total": lambda x: np.sum(x, axis=0)}
     | stumpff.ARRAY
     | transients.ARRAY

@@ -20,7 +20,7 @@ from typing import Any
 import numpy as np
 
 from ..arrays import Array
-from . import linear_flow
+from . import integration, linear_flow
 from .arithmetic import FLOATS, PLAIN, Arithmetic, Kernel, evaluate_in
 from .layout import flat, refilled
 from .segment import Numbers, Segment
@@ -172,8 +172,15 @@ def _flow(d: int, h: int, directions: int, *arguments: Any) -> Any:
     return _bounded(function, sizes=sizes)(*arguments)
 
 
+def _flown(field: str, directions: str, *arguments: Any) -> Any:
+    """A flight that is integrated."""
+    numbers = [Bounded.of(a).value for a in arguments]
+    sizes = partial(integration.rounded_beside, field, directions, numbers)
+    return _bounded(partial(integration.flown, field, directions), sizes=sizes)(*arguments)
+
+
 _power = _bounded(pow)
-_OWN = {"floor": _floor, "flow": _flow, "nan": Bounded(math.nan), **PLAIN}
+_OWN = {"floor": _floor, "flow": _flow, "flown": _flown, "nan": Bounded(math.nan), **PLAIN}
 BOUNDED = Arithmetic(
     {name: _bounded(f, ROUGHER.get(name, 1.0)) for name, f in FLOATS.names.items() if callable(f)}
     | _OWN

@@ -19,6 +19,7 @@ from ..models.equations import equations_of
 from ..models.harmonics import over_harmonics
 from ..models.linear import MeanFlow, law_of, rows_of
 from ..models.model import Model
+from ..models.nonlinear import Flown
 from ..models.restitution import Departure, along, state_symbols
 from ..models.symbols import DT, PHASE, T0, T1, TURN
 from .layout import SECTION, Setup, flat, refilled, result_text
@@ -201,19 +202,28 @@ class KernelWriter:
         return self._shared(name, [T0, *self.start, DT], about, outputs, reduce=True)
 
     def law(self, name: str, a: str) -> str:
-        """What a linear flight is computed from; NaN alone where flights are no linear ones."""
-        leave = self.leave(a)
+        """What a flight is computed from; NaN alone where it has a closed form."""
+        quiet = a == SECTION
+        leave = self.equations.quiet if quiet else self.leave(a)
+        arguments = self.equations.state if quiet else [T0, *self.start]
+        integrated = {(e.args[0], e.args[5:]) for e in leave.mean if isinstance(e, Flown)}
+        if integrated:
+            about = f"""Flight after {a}: its field, and what it leaves with, the time first."""
+            ((field, given),) = integrated
+            return self._shared(
+                name, arguments, about, _at(quiet, (field, given)), reduce=not quiet
+            )
         laws = {call.args[0] for e in leave.mean for call in e.atoms(MeanFlow)}
         about = f"""Flight after wall {a}: degrees of freedom and harmonics, the accelerations and
         frequencies, and the state after impact with the harmonics' cosines and sines, and 1."""
-        law = laws.pop() if len(laws) == 1 else self._laws.get(a)
+        law = laws.pop() if len(laws) == 1 else None if quiet else self._laws.get(a)
         if law is None:
-            return self._shared(name, [T0, *self.start], about, (sympy.nan,))
+            return self._shared(name, arguments, about, (sympy.nan,))
         angles = [frequency * PHASE for frequency in law.numbers[-law.waves :] if law.waves]
         waves = [wave(angle) for angle in angles for wave in (sympy.cos, sympy.sin)]
         state = (*leave.position, *leave.velocity, *waves, sympy.S.One)
         outputs = (sympy.Integer(law.freedom), sympy.Integer(law.waves), law.numbers, state)
-        return self._shared(name, [T0, *self.start], about, outputs, reduce=True)
+        return self._shared(name, arguments, about, _at(quiet, outputs), reduce=not quiet)
 
     @functools.cached_property
     def _laws(self) -> dict[str, Any]:
@@ -353,3 +363,12 @@ class KernelWriter:
         if turning:
             lines = [f"turn = floor(t0/({period}))", f"phase = t0 - turn*({period})"]
         return [*lines, "dt = t1 - t0"] if to_an_end else lines
+
+
+def _at(section: bool, outputs: Any) -> Any:
+    """The same where the phase is zero, if it is the section's."""
+    if not section:
+        return outputs
+    return refilled(
+        outputs, (sympy.sympify(e).xreplace({PHASE: sympy.S.Zero}) for e in flat(outputs))
+    )

@@ -10,7 +10,7 @@ from collections.abc import Callable, Sequence
 from typing import Any, TypeAlias
 
 from ..errors import InputError
-from .arithmetic import FLOATS, Kernel, evaluate_in, kernel_of
+from .arithmetic import FLOATS, FLOWS, Kernel, evaluate_in, kernel_of
 from .layout import Blocks, flat, refilled
 from .recording import RECORDED, Tape
 from .series import Series, series
@@ -69,7 +69,7 @@ def third_derivatives(kernel: Kernel, ends: int) -> Derivatives:
 
 def _loops(kernel: Kernel) -> bool:
     """Whether a kernel calls what cannot be written down: its steps depend on its arguments."""
-    return "flow" in kernel.__code__.co_names
+    return not FLOWS.isdisjoint(kernel.__code__.co_names)
 
 
 def _directly(

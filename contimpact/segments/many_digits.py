@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any
 
-from . import linear_flow
+from . import integration, linear_flow
 from .arithmetic import FUNCTIONS, PLAIN, Arithmetic
 from .exact_transients import transients
 from .stumpff import HIGHEST, TOGETHER
@@ -18,7 +18,7 @@ def many_digits(ctx: Any) -> Arithmetic:
     names |= {f"stumpff{k}": _stumpff(ctx, k) for k in range(HIGHEST + 1)}
     names |= {f"stumpffs{n}": _stumpffs(ctx, n) for n in TOGETHER}
     names |= {f"transients{order}": transients(ctx, order) for order in TABLES}
-    names |= linear_flow.in_many_digits(ctx)
+    names |= linear_flow.in_many_digits(ctx) | integration.in_many_digits(ctx)
     constants = {"pi": +ctx.pi, "ratio": lambda above, below: ctx.mpf(above) / below}
     return Arithmetic(names | constants, exact=True)
 

@@ -14,11 +14,13 @@ from sympy.printing.pycode import PythonCodePrinter
 from ..errors import InputError
 from ..models.harmonics import HarmonicSum
 from ..models.linear import EndFlow, MeanFlow
+from ..models.nonlinear import Flown
 from ..models.symbolic import MeanTransient, Stumpff, Transient
 from ..models.symbols import own
 from . import stumpff, transients
 from .layout import flat, refilled
 from .linear_flow import Shape
+from .taylor import Statement, text_of
 
 
 class Printer(PythonCodePrinter):
@@ -54,6 +56,10 @@ class Printer(PythonCodePrinter):
         else:
             product = f"square({factor})" if abs(exponent) == 2 else f"square(square({factor}))"
         return product if exponent > 0 else f"(1/{product})"
+
+    def _print_Field(self, expr: Any) -> str:
+        parameters = [self._print(symbol) for symbol in expr.parameters]
+        return repr(text_of(parameters, [self._print(e) for e in expr.accelerations]))
 
     def _print_Float(self, expr: Any) -> str:
         return repr(float(expr))
@@ -121,7 +127,9 @@ def printed_steps(
     """The lines that make some steps, and the texts of values that follow from these."""
     printer, lines = Printer(), []
     formulas = [*(e for _, e in steps), *values]
-    waiting = [*_stumpffs(formulas), *_transients(formulas), *_flows(formulas)]
+    waiting = [
+        *_stumpffs(formulas), *_transients(formulas), *_flows(formulas), *_flown(formulas)
+    ]  # fmt: skip
     names = {call: symbol for group in waiting for call, symbol in group.names.items()}
     missing = {symbol for symbol, _ in steps}
     for symbol, e in (*steps, (None, None)):
@@ -188,3 +196,25 @@ def _flows(expressions: Sequence[Any]) -> Iterator[_Together]:
             names[call] = own(f"f{k}[{place}]")
         needs = frozenset().union(*(e.free_symbols for e in (dt, *numbers)))
         yield _Together(f"f{k} = flow({given})", needs, names)
+
+
+def _flown(expressions: Sequence[Any]) -> Iterator[_Together]:
+    """Flights that are integrated, each once with all derivatives that are asked for."""
+    used: dict[Any, set[Any]] = {}
+    for call in set().union(*(e.atoms(Flown) for e in expressions)):
+        used.setdefault((call.args[0], *call.args[4:]), set()).add(call)
+    printer = Printer()
+    for k, ((field, *given), calls) in enumerate(sorted(used.items(), key=lambda i: str(i[0]))):
+        freedom = len(field.accelerations)
+        names = Statement(tuple(map(printer.doprint, field.parameters)), field.accelerations).names
+        wanted = sorted({int(call.args[3]) for call in calls if call.args[3] > 0})
+        directions = " ".join(names[by - 1] for by in wanted)
+        printed = [as_float(printer.doprint(e)) for e in given]
+        tables = {0: 0, **{by: 1 + i for i, by in enumerate(wanted)}}
+        named = {}
+        for call in calls:
+            kind, i, by = map(int, call.args[1:4])
+            named[call] = own(f"h{k}[{freedom * (2 * tables[by] + kind) + i}]")
+        needs = frozenset().union(*(e.free_symbols for e in given))
+        line = f"h{k} = flown({printer.doprint(field)}, {directions!r}, {', '.join(printed)})"
+        yield _Together(line, needs, named)

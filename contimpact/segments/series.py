@@ -139,6 +139,8 @@ def series(inner: Arithmetic) -> Arithmetic:
         names[f"transients{order}"] = _transients(inner, order)
     if "flow_of_series" in inner.names:
         names["flow"] = _flow(inner)
+    if "flown_of_series" in inner.names:
+        names["flown"] = _flown(inner)
     constants = {name: inner.names[name] for name in ("nan", "pi", "ratio") if name in inner.names}
     return Arithmetic(names | constants | PLAIN, inner.exact)
 
@@ -234,6 +236,19 @@ def _flow(inner: Arithmetic) -> Callable[..., Any]:
         rows = [x.coefficients for x in numbers]
         found = inner.names["flow_of_series"](d, h, directions, dt.coefficients, rows)
         return [Series(row) for row in found.tolist()]
+
+    return on_series
+
+
+def _flown(inner: Arithmetic) -> Callable[..., Any]:
+    """Flights that are integrated."""
+
+    def on_series(field: str, directions: str, *arguments: Any) -> Any:
+        if not any(isinstance(x, Series) for x in arguments):
+            return inner.names["flown"](field, directions, *arguments)
+        _, given = _alike(arguments)
+        rows = [x.coefficients for x in given]
+        return [Series(row) for row in inner.names["flown_of_series"](field, directions, rows)]
 
     return on_series
 

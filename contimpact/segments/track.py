@@ -1,9 +1,7 @@
 r"""A linear flight from its start to its end, as polynomials that are right to rounding.
 
 The flight is cut into pieces in which no motion turns by more than about a radian. From one to the
-next leads a matrix, and on each the state is its Taylor polynomial. Zeros of a polynomial are
-isolated by the signs of its Bernstein coefficients: none change, no zero; one change, one zero;
-more, and the piece is halved (Farouki and Rajan, 1987). None is missed between samples.
+next leads a matrix, and on each the state is its Taylor polynomial, whose zeros `bernstein` finds.
 """
 
 from __future__ import annotations
@@ -15,11 +13,12 @@ from typing import Any
 import numpy as np
 
 from ..arrays import Array, Vector
+from .bernstein import coefficients_of, sign_changes
+from .integrated_track import IntegratedTrack
 from .linear_flow import Shape, generator_of, mean_rates, norm_in_units, series_of_floats
 
 DEGREE = 18
 """1/19! is 8e-18."""
-HALVINGS = 30
 
 
 class Pieces:
@@ -82,7 +81,7 @@ class Track:
     def bounds(self, row: Sequence[float]) -> tuple[float, float]:
         """Return bounds of a linear combination of the positions along the whole track."""
         weights = np.array([float(c) for c in row])
-        bernstein = (weights @ self.terms[:, : self.pieces.freedom]).T @ _TO_BERNSTEIN
+        bernstein = coefficients_of((weights @ self.terms[:, : self.pieces.freedom]).T)
         return float(bernstein.min()), float(bernstein.max())
 
     def changes(self, weights: Array) -> list[float]:
@@ -98,8 +97,11 @@ class Track:
         return state
 
 
-def track_of(law: Any, length: float) -> Track:
+def track_of(law: Any, length: float) -> Any:
     """Return the track of a flight from what the kernel ``law`` says where it starts."""
+    if isinstance(law[0], str):
+        field, numbers = law
+        return IntegratedTrack(field, numbers, length)
     d, h, numbers, state = law
     return Track(Pieces(Shape(int(d), int(h), 0), numbers, length), state)
 
@@ -135,65 +137,3 @@ class Curve:
     def breaks(self) -> list[float]:
         """Return the times at which the acceleration changes sign, in order."""
         return [self.piece * s for s in sign_changes(self._acceleration)]
-
-
-_TO_BERNSTEIN = np.array([
-    [math.comb(i, k) / math.comb(DEGREE, k) for i in range(DEGREE + 1)] for k in range(DEGREE + 1)
-])  # fmt: skip
-_FIRST_HALF = np.array([
-    [math.comb(i, j) / 2**i for i in range(DEGREE + 1)] for j in range(DEGREE + 1)
-])  # fmt: skip
-_SECOND_HALF = _FIRST_HALF[::-1, ::-1]
-
-
-def sign_changes(pieces: Array) -> list[float]:
-    """Return where polynomials change sign, each on [k, k + 1] with its number k, in order."""
-    found: list[float] = []
-    bernstein, start, width = pieces @ _TO_BERNSTEIN, np.arange(float(len(pieces))), 1.0
-    negative = np.signbit(bernstein)
-    between = np.flatnonzero(negative[:-1, -1] != negative[1:, 0])
-    found += (between + 1.0).tolist()  # by rounding, neither piece may have it
-    for _ in range(HALVINGS):
-        changes = np.count_nonzero(np.diff(np.signbit(bernstein), axis=1), axis=1)
-        for row in np.flatnonzero(changes == 1):
-            found.append(_zero(bernstein[row], float(start[row]), width))
-        open_ = changes > 1
-        if not np.any(open_):
-            break
-        width *= 0.5
-        parts, start = bernstein[open_], start[open_]
-        halves = parts @ _FIRST_HALF, parts @ _SECOND_HALF
-        crossing = np.signbit(halves[0][:, -1]) != np.signbit(halves[1][:, 0])
-        found += (start[crossing] + width).tolist()
-        bernstein, start = np.concatenate(halves), np.concatenate([start, start + width])
-    return sorted(found)
-
-
-def _zero(coefficients: Any, start: float, width: float) -> float:
-    """The zero of a polynomial with one change of sign, by the Illinois method."""
-    rows = coefficients.tolist()
-    low, high, below, above = 0.0, 1.0, rows[0], rows[-1]
-    s, kept = 0.5, 0
-    for _ in range(60):
-        s = (low * above - high * below) / (above - below) if above != below else 0.5
-        if not low < s < high:
-            s = 0.5 * (low + high)
-        value = _value(rows, s)
-        if value == 0.0 or high - low < 1e-14:
-            break
-        if (value < 0.0) == (below < 0.0):
-            low, below, above, kept = s, value, 0.5 * above if kept < 0 else above, -1
-        else:
-            high, above, below, kept = s, value, 0.5 * below if kept > 0 else below, 1
-    return start + width * s
-
-
-def _value(rows: list[float], s: float) -> float:
-    """A polynomial by its Bernstein coefficients, by Horner's scheme in s/(1 - s)."""
-    n, left = len(rows) - 1, 1.0 - s
-    value, power, binomial = rows[0] * left, 1.0, 1.0
-    for i in range(1, n):
-        power *= s
-        binomial = binomial * (n - i + 1) / i
-        value = (value + power * binomial * rows[i]) * left
-    return value + power * s * rows[n]

@@ -18,6 +18,8 @@ SYSTEMS = {
     "two-masses": "two_masses:TwoMasses",
     "coupled-by-impact": "coupled_by_impact:CoupledByImpact",
     "impact-damper": "impact_damper:ImpactDamper",
+    "pendulum": "pendulum:Pendulum",
+    "duffing": "duffing:Duffing",
     "linear": "linear:LinearMachine",
 }
 

@@ -1,0 +1,137 @@
+"""Flights without a closed form: accelerations in state, time and parameters, to be integrated.
+
+Importing this module imports SymPy.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from functools import cached_property
+from typing import Any, Self
+
+import sympy
+from sympy import Integer
+
+from ..errors import InputError
+from .symbols import own
+
+MEAN, END = 0, 1
+
+
+class Field(sympy.Atom):
+    """What a flight is integrated from.
+
+    Attributes
+    ----------
+    accelerations : tuple of sympy.Expr
+        One for each coordinate, in the symbols of `Field.state` and the parameters.
+    """
+
+    __slots__ = ("accelerations",)
+
+    def __new__(cls, accelerations: Sequence[Any]) -> Self:
+        field: Self = super().__new__(cls)
+        field.accelerations = tuple(accelerations)
+        return field
+
+    def __getnewargs__(self) -> tuple[Any, ...]:
+        return (self.accelerations,)
+
+    def _hashable_content(self) -> tuple[Any, ...]:
+        return self.accelerations
+
+    def _sympystr(self, printer: Any) -> str:
+        return f"Field({', '.join(map(printer._print, self.accelerations))})"
+
+    def _sympyrepr(self, printer: Any) -> str:
+        return f"Field([{', '.join(map(printer._print, self.accelerations))}])"
+
+    @property
+    def state(self) -> tuple[Any, ...]:
+        """The symbols of time, positions and velocities."""
+        return state_symbols(len(self.accelerations))
+
+    @property
+    def parameters(self) -> list[Any]:
+        """The other symbols in it, by name."""
+        found = set().union(*(e.free_symbols for e in self.accelerations))
+        return sorted(found - set(self.state), key=str)
+
+
+def state_symbols(freedom: int) -> tuple[Any, ...]:
+    """Return the symbols in which accelerations are stated: time, positions and velocities."""
+    places = range(freedom)
+    return own("t"), *(own(f"x{i}") for i in places), *(own(f"v{i}") for i in places)
+
+
+class Flown(sympy.Function):
+    """A number that integration gives: ``(field, kind, i, by, dt, t, *x, *v, *parameters)``.
+
+    `kind` is 0 for the mean velocity of the coordinate i, 1 for its velocity at the end of the
+    flight. `by` is 0 for the number itself, k for its derivative by the k-th of the arguments that
+    begin with the duration dt.
+    """
+
+    def fdiff(self, argindex: int = 5) -> sympy.Expr:
+        field, kind, i, by, *rest = self.args
+        if by != 0:
+            found = "second derivatives of a flight that is integrated"
+            raise InputError("flight", found, "differentiate its kernel instead")
+        return self.func(field, kind, i, Integer(argindex - 4), *rest)
+
+    def _eval_derivative(self, s: Any) -> Any:
+        moving = ((k, sympy.diff(a, s)) for k, a in enumerate(self.args[4:], 5))
+        return sympy.Add(*(rate * self.fdiff(k) for k, rate in moving if rate != 0))
+
+
+class Nonlinear:
+    r"""Motion by :math:`\ddot x = f(t, x, \dot x)`, whatever the expressions.
+
+    It is integrated by Taylor's method, for which the package heyoka has to be installed.
+
+    Parameters
+    ----------
+    force : callable ``(t, x, v) -> [f_0, f_1, ...]``
+        The acceleration of each coordinate, from time, positions and velocities; smooth, and of the
+        system's period in t.
+    degrees_of_freedom : int
+
+    Raises
+    ------
+    InputError
+        If it does not give an acceleration for each coordinate.
+    """
+
+    def __init__(
+        self,
+        force: Callable[[Any, Sequence[Any], Sequence[Any]], Sequence[Any]],
+        degrees_of_freedom: int = 1,
+    ) -> None:
+        self.force = force
+        t, *state = state_symbols(degrees_of_freedom)
+        given = list(force(t, state[:degrees_of_freedom], state[degrees_of_freedom:]))
+        if len(given) != degrees_of_freedom:
+            accepted = f"give one for each degree of freedom: {degrees_of_freedom}"
+            raise InputError("acceleration", f"found {len(given)}", accepted)
+        self.field = Field([sympy.sympify(e) for e in given])
+
+    @cached_property
+    def _parameters(self) -> list[Any]:
+        return self.field.parameters
+
+    def flight(
+        self, t0: Any, x0: Sequence[Any], v0: Sequence[Any], dt: Any
+    ) -> tuple[list[Any], list[Any]]:
+        """Return mean velocities and end velocities, as `Formulas.flight` does."""
+        given = (dt, t0, *x0, *v0, *self._parameters)
+
+        def number(kind: int, i: int) -> Any:
+            return Flown(self.field, Integer(kind), Integer(i), Integer(0), *given)
+
+        places = range(len(x0))
+        means = [number(MEAN, i) for i in places]
+        return means, [number(END, i) for i in places]
+
+    def acceleration(self, t: Any, x: Sequence[Any], v: Sequence[Any]) -> list[Any]:
+        """Return the accelerations, as `Formulas.acceleration` does."""
+        return [sympy.sympify(e) for e in self.force(t, x, v)]

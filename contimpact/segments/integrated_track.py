@@ -1,0 +1,129 @@
+"""An integrated flight from its start to its end, as the Taylor polynomials of its steps.
+
+Each is right to rounding on its step, so that extrema and arrivals found on them with certainty, as
+on those of `track`, are the flight's.
+"""
+
+from __future__ import annotations
+
+from bisect import bisect_right
+from collections.abc import Sequence
+
+import numpy as np
+
+from ..arrays import Array, Vector
+from .bernstein import sign_changes
+from .taylor import integrator, statement
+
+
+class IntegratedTrack:
+    """The states of a flight.
+
+    Parameters
+    ----------
+    field : str
+        As of `taylor.text_of`.
+    numbers : sequence of float
+        As of `integration.flown`, without the duration.
+    length : float
+        Its duration, positive.
+    """
+
+    def __init__(self, field: str, numbers: Sequence[float], length: float) -> None:
+        freedom = statement(field).freedom
+        times, means, speeds = integrator(field).dense([length, *numbers])
+        self.start = list(numbers[1 : 1 + freedom])
+        self.times, self.speeds = length * times, speeds
+        self.moved = length * means
+
+    def along(self, row: Sequence[float], from_start: bool = False) -> IntegratedCurve:
+        """Return a linear combination of the positions, or how far it is from where it starts."""
+        weights = np.array([float(c) for c in row])
+        position, velocity = (np.einsum("i,kij->kj", weights, e) for e in (self.moved, self.speeds))
+        if not from_start:
+            position[:, 0] += weights @ self.start
+        return IntegratedCurve(self.times, position, velocity)
+
+
+class IntegratedCurve:
+    """A coordinate along a flight: position, velocity and acceleration.
+
+    Parameters
+    ----------
+    times : ndarray of shape (pieces + 1,)
+        Where pieces begin and end.
+    position, velocity : ndarray of shape (pieces, degree + 1)
+        Coefficients of powers of the time since the piece's start, as a part of its duration.
+    """
+
+    def __init__(self, times: Array, position: Array, velocity: Array) -> None:
+        self.times, self.last = times.tolist(), len(position) - 1
+        self._steps = np.diff(times)
+        acceleration = np.zeros_like(velocity)
+        orders = np.arange(1.0, velocity.shape[1])
+        acceleration[:, :-1] = velocity[:, 1:] * orders / self._steps[:, None]
+        self._acceleration = acceleration
+        self._parts = [
+            list(
+                zip(*(p[k, ::-1].tolist() for p in (position, velocity, acceleration)), strict=True)
+            )
+            for k in range(len(position))
+        ]
+
+    def __call__(self, head: Vector, dt: float, values: Vector) -> tuple[float, float, float]:
+        """Return position, velocity and acceleration; see `flight.Motion`."""
+        k = min(max(bisect_right(self.times, dt) - 1, 0), self.last)
+        s = (dt - self.times[k]) / (self.times[k + 1] - self.times[k])
+        x = v = a = 0.0
+        for b, c, d in self._parts[k]:
+            x, v, a = x * s + b, v * s + c, a * s + d
+        return x, v, a
+
+    def breaks(self) -> list[float]:
+        """Return the times at which the acceleration changes sign, in order."""
+        found = []
+        for place in sign_changes(self._acceleration[:, :-1]):
+            k = min(int(place), self.last)
+            found.append(self.times[k] + (place - k) * self._steps[k])
+        return found
+
+
+def velocities_at(field: str, numbers: Sequence[float], times: Array) -> Array:
+    """Return mean velocities and end velocities of flights that leave together, a row for each.
+
+    Parameters
+    ----------
+    field, numbers
+        As of `IntegratedTrack`.
+    times : ndarray of shape (n,)
+        Their durations, none negative.
+
+    Returns
+    -------
+    ndarray of shape (2 * freedom, n)
+        NaN where the flow does not stay finite.
+    """
+    freedom = statement(field).freedom
+    longest = float(np.max(times, initial=0.0))
+    begun = [float(v) for v in numbers[1 + freedom : 1 + 2 * freedom]]
+    if longest == 0.0:
+        return np.repeat(np.array(begun * 2)[:, None], len(times), axis=1)
+    try:
+        track = IntegratedTrack(field, [float(x) for x in numbers], longest)
+    except ArithmeticError:
+        return np.full((2 * freedom, len(times)), np.nan)
+    steps = np.diff(track.times)
+    places = np.clip(np.searchsorted(track.times, times, side="right") - 1, 0, len(steps) - 1)
+    part = (times - track.times[places]) / steps[places]
+    moved, speeds = (_values(e[places], part) for e in (track.moved, track.speeds))
+    short = times == 0.0
+    means = np.where(short, np.array(begun)[:, None], moved / np.where(short, 1.0, times))
+    return np.concatenate([means, speeds])
+
+
+def _values(terms: Array, part: Array) -> Array:
+    """Polynomials of shape (n, freedom, degree + 1) at parts of their steps, shape (freedom, n)."""
+    total = np.zeros(terms.shape[:2])
+    for k in range(terms.shape[2] - 1, -1, -1):
+        total = total * part[:, None] + terms[:, :, k]
+    return total.T

@@ -1,0 +1,58 @@
+r"""The driven pendulum with a stop: :math:`\ddot x + c\dot x + \sin x = a\cos\omega t`, x <= sigma.
+
+Impacts at the stop S reverse the angular velocity with restitution r. Time is measured such that
+small free oscillations have the frequency 1. The forcing period is 2 pi/omega.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+from ..models.model import Formulas, Model, Parameter, Wall
+
+
+class Pendulum(Model):
+    """A driven, damped pendulum against a stop; angles in radians.
+
+    Its flights are integrated, which takes the extra ``ode``.
+
+    Parameters
+    ----------
+    a : float
+        Amplitude of the driving torque, by that of gravity at x = pi/2.
+    omega : float
+        Its frequency.
+    c : float
+        Damping.
+    sigma : float
+        Angle of the stop; pi is upright, and turns are counted.
+    r : float
+        Restitution, from 0 to 1.
+    """
+
+    SYSTEM = "pendulum"
+    WALLS = (Wall("S", side=+1),)
+    PARAMETERS = (
+        Parameter("a", "", "the driving amplitude"),
+        Parameter("omega", "", "the driving frequency", lower=0, above_lower=True),
+        Parameter("c", "", "the damping"),
+        Parameter("sigma", "rad", "the angle of the stop"),
+        Parameter("r", "", "the restitution coefficient", lower=0, upper=1),
+    )
+
+    def formulas(self, symbols: Mapping[str, Any]) -> Formulas:
+        """A flight that is integrated."""
+        import sympy
+
+        from ..models.nonlinear import Nonlinear
+
+        a, omega, c, sigma, r = (symbols[n] for n in ("a", "omega", "c", "sigma", "r"))
+        motion = Nonlinear(lambda t, x, v: [a * sympy.cos(omega * t) - c * v[0] - sympy.sin(x[0])])
+        return Formulas(
+            period=2 * sympy.pi / omega,
+            walls={"S": sigma},
+            reset=lambda wall, x, v: [-r * v[0]],
+            flight=motion.flight,
+            acceleration=motion.acceleration,
+        )

@@ -1,0 +1,95 @@
+"""Orbits, events and curves of integrated flights are those of the same flights in closed form."""
+
+import math
+
+import numpy as np
+import pytest
+from integrated import MASSES, Integrated, IntegratedMasses
+
+import contimpact as ci
+from contimpact.accuracy.reference import Reference
+from contimpact.systems.oscillator import Oscillator
+from contimpact.systems.pendulum import Pendulum
+from contimpact.systems.two_masses import TwoMasses
+
+OSCILLATOR = {"a": 1.0, "omega": 1.3, "c": 0.1, "k": 1.0, "sigma": 0.5, "r": 0.8}
+pytest.importorskip("heyoka", reason="needs contimpact[ode]")
+
+EVENTS = ["FB", "PD", "G", "V", "BP", "T"]
+
+
+def branches(kind):
+    orbits = ci.find_orbits(kind(**OSCILLATOR), "S", parameter="omega")
+    orbit = next(orbit for orbit in orbits if orbit.physical)
+    return orbit, ci.continue_orbit(orbit, "omega", (0.7, 3.0), events=EVENTS)
+
+
+@pytest.fixture(scope="module")
+def both():
+    return branches(Oscillator), branches(Integrated)
+
+
+def test_branches_and_events(both):
+    (one, branch), (other, same) = both
+    assert other.unknowns == pytest.approx(one.unknowns, abs=1e-13)
+    assert other.multipliers == pytest.approx(one.multipliers, abs=1e-12)
+    assert [e.label for e in same.events] == [e.label for e in branch.events]
+    assert {e.kind for e in same.events} >= {"FB", "PD", "G", "V"}
+    for found, truth in zip(same.events, branch.events, strict=True):
+        assert abs(found.value - truth.value) <= found.error + truth.error
+        assert abs(found.value - truth.value) < 1e-12
+        assert (found.stable, found.physical) == (truth.stable, truth.physical)
+    assert len(same) == len(branch)
+    for column in ("times", "velocities"):  # steps differ by rounding
+        assert getattr(same, column) == pytest.approx(getattr(branch, column), abs=1e-8)
+
+
+def test_curves(both):
+    events = [next(e for e in branch.events if e.kind == "PD") for _, branch in both]
+    ranges = {"first_range": (0.6, 2.0), "second_range": (0.7, 0.85)}
+    one, other = (ci.follow_curve(event, second="r", **ranges) for event in events)
+    assert len(other) == len(one)
+    for name in ("omega", "r"):
+        assert other[name] == pytest.approx(one[name], abs=1e-8)
+    for found, truth in zip(other.points, one.points, strict=True):
+        assert found.parameters == pytest.approx(truth.parameters, abs=1e-12)
+
+
+def test_two_masses():
+    """By matrices, and integrated."""
+    found = (
+        ci.find_orbits(kind(**MASSES), "A", parameter="omega", starts=20, rounds=2)
+        for kind in (TwoMasses, IntegratedMasses)
+    )
+    one, other = orbits = [next(o for o in each if o.physical) for each in found]
+    assert other.unknowns == pytest.approx(one.unknowns, abs=1e-13)
+    found, truth = (np.sort_complex(np.round(orbit.multipliers, 13)) for orbit in orbits)
+    assert found == pytest.approx(truth, abs=1e-12)
+    touches = [[t and (t.time, t.gap) for t in o.linearisation.gaps[0].touches] for o in orbits]
+    assert touches[1][1] == pytest.approx(touches[0][1], abs=1e-12)
+
+
+@pytest.mark.parametrize("sigma", [0.3, math.pi], ids=["near", "upright"])
+def test_orbits_of_a_pendulum_in_many_digits(sigma):
+    model = Pendulum(a=1.0, omega=0.8, c=0.1, sigma=sigma, r=0.8)
+    orbits = ci.find_orbits(model, "S", parameter="a", starts=20, rounds=2)
+    assert orbits
+    for orbit in orbits[:2]:
+        reference = Reference(orbit.problem, 30)
+        exact = reference.orbit(orbit.unknowns)
+        assert exact.distance(orbit.unknowns) < 1e-12
+        multipliers = np.array([complex(m) for m in reference.multipliers(exact.unknowns)])
+        sizes = np.maximum(1.0, np.abs(multipliers))
+        assert np.max(np.abs(orbit.multipliers - multipliers) / sizes) < 1e-12
+
+
+def test_orbits_without_impacts():
+    """Small oscillations of a pendulum, and those about the next turn."""
+    model = Pendulum(a=0.01, omega=2.0, c=0.1, sigma=1.0, r=0.8)
+    orbits = ci.find_orbits(model, "0", parameter="a")
+    near = min(orbits, key=lambda orbit: abs(orbit.unknowns[0]))
+    size = 0.01 / math.hypot(1 - 2.0**2, 0.1 * 2.0)
+    assert near.physical
+    assert math.hypot(near.unknowns[0], near.unknowns[1] / 2.0) == pytest.approx(size, rel=1e-4)
+    assert near.linearisation.verdict.smallest_gap == pytest.approx(1.0 - size, abs=1e-6)
+    assert np.prod(near.multipliers).real == pytest.approx(math.exp(-0.1 * math.pi), rel=1e-13)

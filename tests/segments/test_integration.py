@@ -1,0 +1,188 @@
+"""Flights that are integrated, against closed forms, matrices, many digits and mpmath's own."""
+
+import math
+
+import mpmath
+import numpy as np
+import pytest
+import sympy
+from integrated import MASSES, Integrated, IntegratedMasses
+
+from contimpact.errors import InputError
+from contimpact.models.model import Formulas
+from contimpact.models.nonlinear import Nonlinear
+from contimpact.segments import integration
+from contimpact.segments.arithmetic import ARRAYS, evaluate_in
+from contimpact.segments.bounded import BOUNDED, Bounded
+from contimpact.segments.integration import flown, flown_of_series
+from contimpact.segments.kernels import Kernels
+from contimpact.segments.layout import flat
+from contimpact.segments.many_digits import many_digits
+from contimpact.segments.taylor import integrator, text_of
+from contimpact.segments.track import track_of
+from contimpact.systems.oscillator import Oscillator
+from contimpact.systems.pendulum import Pendulum
+from contimpact.systems.two_masses import TwoMasses
+
+pytest.importorskip(
+    "heyoka", reason="flights are integrated by heyoka: pip install contimpact[ode]"
+)
+
+CTX = mpmath.mp.clone()
+CTX.dps = 40
+
+FIELD = text_of(["p_a", "p_c", "p_w"], ["p_a*cos(p_w*t) - p_c*v0 - sin(x0)"])
+AT = [3.0, 0.3, 0.5, -1.0, 0.7, 0.1, 1.1]
+"""Duration, time, angle, velocity, a, c and omega."""
+ALL = "dt t x0 v0 p_a p_c p_w"
+
+
+def test_a_flight_is_that_of_another_integrator():
+    """By mpmath's own Taylor method, with the variational equations by the initial velocity."""
+    given = [1.2, *AT[1:]]
+    dt, t0, x0, v0, a, c, w = map(CTX.mpf, given)
+
+    def rates(s, y):
+        x, v, dx, dv = y
+        force = a * CTX.cos(w * (t0 + s)) - c * v - CTX.sin(x)
+        return [v, force, dv, -c * dv - CTX.cos(x) * dx]
+
+    with CTX.workdps(22):
+        x, v, dx, dv = CTX.odefun(rates, 0, [x0, v0, 0, 1])(dt)
+    found = np.reshape(flown(FIELD, "v0", *given), (2, 2))
+    truth = np.array([[(x - x0) / dt, v], [dx / dt, dv]], dtype=float)
+    assert found == pytest.approx(truth, abs=1e-15)
+    exact = many_digits(CTX).names["flown"](FIELD, "v0", *given)
+    assert max(abs(exact[0] - (x - x0) / dt), abs(exact[3] - dv)) < 1e-20
+
+
+@pytest.mark.parametrize("dt", [0.0, 1e-9, 0.4, 17.0, -2.0])
+def test_flights_and_derivatives_in_floats_are_those_in_many_digits(dt):
+    given = [dt, *AT[1:]]
+    exact = many_digits(CTX).names["flown"](FIELD, ALL, *given)
+    found = np.array(flown(FIELD, ALL, *given))
+    size = max(1.0, max(abs(float(x)) for x in exact))
+    assert max(abs(float(x - y)) for x, y in zip(exact, found, strict=True)) < 2e-14 * size
+
+
+def test_a_flight_of_no_duration_leaves_as_it_was_left():
+    mean, end, by_mean, by_end = flown(FIELD, "dt", 0.0, *AT[1:])
+    push = 0.7 * math.cos(1.1 * 0.3) + 0.1 - math.sin(0.5)
+    assert (mean, end) == (-1.0, -1.0)
+    assert (by_mean, by_end) == pytest.approx((0.5 * push, push), rel=1e-15)
+
+
+def test_series_are_taylor_coefficients():
+    q = np.random.default_rng(2).normal(size=len(AT)).tolist()
+    inside = many_digits(CTX).names["flown"]
+    e = CTX.mpf(10) ** -8
+
+    def along(times):
+        return np.array(inside(FIELD, "", *(x + times * e * y for x, y in zip(AT, q, strict=True))))
+
+    low, before, here, after, high = (along(k) for k in (-2, -1, 0, 1, 2))
+    truth = [here, (after - before) / 2 / e, (after - 2 * here + before) / 2 / e**2]
+    truth.append((high - 2 * after + 2 * before - low) / 12 / e**3)
+    found = np.array(
+        flown_of_series(FIELD, "", [[x, y, 0.0, 0.0] for x, y in zip(AT, q, strict=True)])
+    )
+    for order, exact in enumerate(truth):
+        assert found[:, order] == pytest.approx(exact.astype(float), rel=1e-13, abs=1e-13)
+
+
+@pytest.mark.parametrize("parameter", ["omega", "sigma"])
+def test_kernels_are_those_of_the_closed_form(parameter):
+    """Residual, and all derivatives up to the third."""
+    values = {"a": 1.0, "omega": 1.3, "c": 0.1, "k": 1.0, "sigma": 0.5, "r": 0.8}
+    one, other = (Kernels(kind(**values), parameter) for kind in (Oscillator, Integrated))
+    ends, q, p = [0.3, 1.1, 3.4, 0.7], [0.3, -0.4, 0.2, 0.6, 0.5], list(values.values())
+    for found, truth in (
+        (other.flight("S", "S")(*ends, *p), one.flight("S", "S")(*ends, *p)),
+        (other.motion("S")(*ends[:3], *p), one.motion("S")(*ends[:3], *p)),
+        (other.second("S", "S")(*ends, *q, *p), one.second("S", "S")(*ends, *q, *p)),
+        (other.third("S", "S")(*ends, *q[:4], *p), one.third("S", "S")(*ends, *q[:4], *p)),
+    ):
+        assert flat(found) == pytest.approx(flat(truth), rel=2e-14, abs=2e-14)
+
+
+def test_kernels_of_two_masses_are_those_of_the_matrices():
+    one, other = (kind(**MASSES) for kind in (TwoMasses, IntegratedMasses))
+    one, other = Kernels(one, "k2"), Kernels(other, "k2")
+    rng, p = np.random.default_rng(0), list(one.model.values.values())
+    ends = rng.normal(size=8).tolist()
+    ends[4] = ends[0] + 3.0
+    for a, b in ("AB", "BB"):
+        found, truth = (flat(k.flight(a, b)(*ends, *p)) for k in (other, one))
+        assert found == pytest.approx(truth, rel=1e-14, abs=2e-14)
+    tracks = (track_of(k.law("A")(*ends[:4], *p), 3.0).along((0.5, 2.0)) for k in (other, one))
+    found, truth = tracks
+    for dt in (0.0, 0.7, 3.0):
+        assert found((), dt, ()) == pytest.approx(truth((), dt, ()), rel=1e-13, abs=1e-13)
+    assert found.breaks() == pytest.approx(truth.breaks(), rel=1e-12)
+
+
+def test_arrays_are_rows_of_numbers():
+    times = np.array([[0.0, 1e-9, 0.7], [3.0, 2.0, 0.1]])
+    together = evaluate_in(Kernels(_pendulum(), "a").motion("S"), ARRAYS)
+    one = Kernels(_pendulum(), "a").motion("S")
+    p = list(_pendulum().values.values())
+    found = np.array(together(0.3, 1.2, times, *p))
+    for place in np.ndindex(times.shape):
+        assert found[:, *place] == pytest.approx(one(0.3, 1.2, times[place], *p), abs=2e-15)
+    moving = integration.flown_of_arrays(FIELD, "v0", *(np.array([x, x + 0.1]) for x in AT))
+    assert moving[:, 1] == pytest.approx(flown(FIELD, "v0", *(x + 0.1 for x in AT)), abs=0)
+
+
+def test_a_flow_that_does_not_stay_finite():
+    field = text_of([], ["v0**2"])  # v = 1/(1 - t)
+    assert flown(field, "", 0.5, 0.0, 0.0, 1.0)[1] == pytest.approx(2.0, rel=1e-15)
+    with pytest.raises(ArithmeticError, match="a flight"):
+        flown(field, "", 1.5, 0.0, 0.0, 1.0)
+    found = integration.flown_of_arrays(field, "", np.array([0.5, 1.5]), 0.0, 0.0, np.ones(2))
+    assert np.isnan(found).tolist() == [[False, True], [False, True]]
+
+
+@pytest.mark.parametrize("scale", [1.0, 1e-12, 1e9])
+def test_bounds_of_errors_hold(scale):
+    """For states of any size: a pendulum in other units."""
+    field = text_of(["p_s"], ["p_s*(cos(t) - sin(x0/p_s)) - v0/10"])
+    rng, names = np.random.default_rng(3), "dt t x0 v0"
+    for dt in (1e-6, 0.3, 4.0, 25.0):
+        x0, v0 = (scale * rng.normal(size=2)).tolist()
+        found = BOUNDED.names["flown"](field, names, Bounded(dt), 0.2, x0, v0, scale)
+        truth = many_digits(CTX).names["flown"](field, names, dt, CTX.mpf(0.2), x0, v0, scale)
+        for x, y in zip(found, truth, strict=True):
+            assert abs(float(x.value - y)) <= x.error + 1e-16 * abs(float(y))
+        assert found[1].error < 1e-12 * scale * math.exp(dt)
+
+
+def test_what_is_missing_is_said(monkeypatch):
+    monkeypatch.setitem(__import__("sys").modules, "heyoka", None)
+    integrator.cache_clear()
+    with pytest.raises(InputError, match=r"pip install contimpact\[ode\]"):
+        flown(FIELD, "", *AT)
+
+
+def test_accelerations_are_one_for_each_coordinate():
+    with pytest.raises(InputError, match="found 1; give one for each degree of freedom: 2"):
+        Nonlinear(lambda t, x, v: [x[0]], 2)
+
+
+def test_accelerations_are_in_the_symbols_given():
+    class Foreign(Pendulum):
+        SYSTEM = "foreign-pendulum"
+
+        def formulas(self, symbols):
+            motion = Nonlinear(lambda t, x, v: [sympy.Symbol("gravity") * sympy.sin(x[0])])
+            return Formulas(
+                period=sympy.Integer(1), walls={"S": symbols["sigma"]},
+                reset=lambda wall, x, v: [-v[0]],
+                flight=motion.flight, acceleration=motion.acceleration,
+            )  # fmt: skip
+
+    with pytest.raises(InputError, match="found 'gravity'"):
+        Kernels(Foreign(**_pendulum().values), "a").motion("S")
+
+
+def _pendulum():
+    return Pendulum(a=1.0, omega=0.8, c=0.1, sigma=1.0, r=0.8)
