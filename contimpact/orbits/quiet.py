@@ -22,9 +22,9 @@ from ..models.model import Model
 from ..models.word import Word
 from ..segments.arithmetic import ARRAYS, evaluate_in
 from ..segments.flight import Excursion, FlightGaps, excursions, touch_of
+from ..segments.integrated_track import integrated_track
 from ..segments.kernels import Kernels
 from ..segments.layout import SECTION
-from ..segments.track import track_of
 from ..segments.zeros import chebyshev_zeros
 from .linearisation import CyclicBlocks, Linearisation
 from .problem import Array, OrbitProblem
@@ -98,7 +98,7 @@ class QuietProblem(OrbitProblem):
         mode = self.model.MODES[0].name if self.model.MODES else ""
         positions = self.kernels.setup(*self.values(unknowns)).walls
         watched = {g.row(self.m // 2): g.name for g in self.model.WALLS if mode in g.modes}
-        look = self._on_track if self.kernels.linear(SECTION) else self._by_kernels
+        look = self._on_track if self.kernels.integrated(SECTION) else self._by_kernels
         found = look(watched, unknowns)
         touches = tuple(
             touch_of(0, 0.0, guard, position, found[guard.row(self.m // 2)])
@@ -111,10 +111,10 @@ class QuietProblem(OrbitProblem):
         return [FlightGaps(self.times_around(unknowns, 0)[1], touches, slowest)]
 
     def _on_track(self, watched: Mapping[Row, str], unknowns: Array) -> dict[Row, Excursion]:
-        """The extrema of gap coordinates, of flights that have a track."""
+        """The extrema of gap coordinates, of a flight that is integrated."""
         values, state = self.values(unknowns), unknowns[: self.m].tolist()
         length = self.times_around(unknowns, 0)[1]
-        track = track_of(self.kernels.law(SECTION)(*state, *values), length)
+        track = integrated_track(self.kernels, SECTION, state, values, length)
         found = {}
         for row in watched:
             curve = track.along(row)

@@ -50,7 +50,7 @@ class KernelWriter:
     def write(self, name: str) -> str:
         """Return the source of the kernel `name`: ``setup``, ``harmonics``, ``surfaces``,
         ``flight_<a>_<b>``, ``motion_<a>``, ``since_<a>``, ``gap_<a>_<b>``, ``law_<a>``,
-        ``loss_<a>`` or ``agreement_<a>_<coordinate>``."""
+        ``field_<a>``, ``loss_<a>`` or ``agreement_<a>_<coordinate>``."""
         kind, *walls = name.split("_")
         writers: dict[str, Callable[..., str]] = {
             "setup": self.setup,
@@ -61,6 +61,7 @@ class KernelWriter:
             "since": self.since,
             "gap": self.gap,
             "law": self.law,
+            "field": self.field,
             "loss": self.loss,
             "agreement": self.agreement,
         }
@@ -202,28 +203,32 @@ class KernelWriter:
         return self._shared(name, [T0, *self.start, DT], about, outputs, reduce=True)
 
     def law(self, name: str, a: str) -> str:
-        """What a flight is computed from; NaN alone where it has a closed form."""
-        quiet = a == SECTION
-        leave = self.equations.quiet if quiet else self.leave(a)
-        arguments = self.equations.state if quiet else [T0, *self.start]
-        integrated = {(e.args[0], e.args[5:]) for e in leave.mean if isinstance(e, Flown)}
-        if integrated:
-            about = f"""Flight after {a}: its field, and what it leaves with, the time first."""
-            ((field, given),) = integrated
-            return self._shared(
-                name, arguments, about, _at(quiet, (field, given)), reduce=not quiet
-            )
+        """What a linear flight is computed from; NaN alone where flights are no linear ones."""
+        leave = self.leave(a)
         laws = {call.args[0] for e in leave.mean for call in e.atoms(MeanFlow)}
         about = f"""Flight after wall {a}: degrees of freedom and harmonics, the accelerations and
         frequencies, and the state after impact with the harmonics' cosines and sines, and 1."""
-        law = laws.pop() if len(laws) == 1 else None if quiet else self._laws.get(a)
+        law = laws.pop() if len(laws) == 1 else self._laws.get(a)
         if law is None:
-            return self._shared(name, arguments, about, (sympy.nan,))
+            return self._shared(name, [T0, *self.start], about, (sympy.nan,))
         angles = [frequency * PHASE for frequency in law.numbers[-law.waves :] if law.waves]
         waves = [wave(angle) for angle in angles for wave in (sympy.cos, sympy.sin)]
         state = (*leave.position, *leave.velocity, *waves, sympy.S.One)
         outputs = (sympy.Integer(law.freedom), sympy.Integer(law.waves), law.numbers, state)
-        return self._shared(name, arguments, about, _at(quiet, outputs), reduce=not quiet)
+        return self._shared(name, [T0, *self.start], about, outputs, reduce=True)
+
+    def field(self, name: str, a: str) -> str:
+        """What a flight is integrated from; NaN alone where it is not."""
+        quiet = a == SECTION
+        leave = self.equations.quiet if quiet else self.leave(a)
+        arguments = self.equations.state if quiet else [T0, *self.start]
+        about = f"""Flight after {a}: its field, and what it leaves with, the time first."""
+        calls = {(e.args[0], e.args[5:]) for e in leave.mean if isinstance(e, Flown)}
+        if not calls:
+            return self._shared(name, arguments, about, (sympy.nan,))
+        ((field, given),) = calls
+        given = [e.xreplace({PHASE: sympy.S.Zero}) if quiet else e for e in given]
+        return self._shared(name, arguments, about, (field, tuple(given)), reduce=not quiet)
 
     @functools.cached_property
     def _laws(self) -> dict[str, Any]:
@@ -363,12 +368,3 @@ class KernelWriter:
         if turning:
             lines = [f"turn = floor(t0/({period}))", f"phase = t0 - turn*({period})"]
         return [*lines, "dt = t1 - t0"] if to_an_end else lines
-
-
-def _at(section: bool, outputs: Any) -> Any:
-    """The same where the phase is zero, if it is the section's."""
-    if not section:
-        return outputs
-    return refilled(
-        outputs, (sympy.sympify(e).xreplace({PHASE: sympy.S.Zero}) for e in flat(outputs))
-    )

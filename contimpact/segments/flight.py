@@ -10,6 +10,7 @@ from typing import Any
 from ..arrays import Array, Vector
 from ..models.guards import Guard
 from .arithmetic import ARRAYS, evaluate_in
+from .integrated_track import integrated_track
 from .kernels import Kernels
 from .oscillation import MOST, excursion_by_law
 from .track import track_of
@@ -126,6 +127,13 @@ def excursion_of(kernels: Kernels, in_time: bool) -> Callable[..., Any]:
             curve = track.along(wall.row(kernels.model.DEGREES_OF_FREEDOM), from_start=True)
             sides, breaks = (left_side, reached_side), curve.breaks()
             return excursions(curve, (), (), length, arriving, *sides, breaks, 0.0, math.inf)
+        if kernels.integrated(wall.name):
+            given = integrated_track(kernels, wall.name, head[1:], values, length)
+            along = given.along(wall.row(1), from_start=True)
+            sides = left_side, reached_side
+            return excursions(
+                along, (), (), length, arriving, *sides, along.breaks(), 0.0, math.inf
+            )
         vectorised = evaluate_in(kernels.motion(wall.name), ARRAYS)
         breaks = chebyshev_zeros(lambda dt: vectorised(*head[1:], dt, *values)[2], length)
         return excursions(

@@ -8,12 +8,16 @@ from __future__ import annotations
 
 from bisect import bisect_right
 from collections.abc import Sequence
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from ..arrays import Array, Vector
 from .bernstein import sign_changes
 from .taylor import integrator, statement
+
+if TYPE_CHECKING:
+    from .kernels import Kernels
 
 
 class IntegratedTrack:
@@ -43,6 +47,14 @@ class IntegratedTrack:
         if not from_start:
             position[:, 0] += weights @ self.start
         return IntegratedCurve(self.times, position, velocity)
+
+
+def integrated_track(
+    kernels: Kernels, wall: str, leave: Sequence[float], values: Sequence[float], length: float
+) -> IntegratedTrack:
+    """Return the track of a flight that is integrated, from the unknowns where it leaves."""
+    field, numbers = kernels.field(wall)(*leave, *values)
+    return IntegratedTrack(field, numbers, length)
 
 
 class IntegratedCurve:

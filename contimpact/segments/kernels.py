@@ -21,7 +21,7 @@ from ..models.model import Model
 from ..models.sources import digests
 from ..storage.cache import cache_folder, keep, kept, logger
 from ..storage.files import reason
-from .arithmetic import FLOWS, Kernel, kernel_of
+from .arithmetic import Kernel, kernel_of
 from .closed_form import ClosedForm
 from .layout import SECTION
 from .passages import Passages, passages_of
@@ -164,22 +164,30 @@ class Kernels:
         return self.kernel(f"gap_{a}_{b}")
 
     def law(self, a: str) -> Kernel:
-        """``law(t0, *y0, *p)``: what a flight after a wall is computed from, see `track_of`; from
-        the section ``law(*state, *p)``."""
+        """``law(t0, *y0, *p)``: what a linear flight after a wall is computed from."""
         return self.kernel(f"law_{a}")
 
     def loss(self, a: str) -> Kernel:
         """``loss(*y0, *p)``: the kinetic energy that an impact takes, alone in a tuple."""
         return self.kernel(f"loss_{a}")
 
+    def field(self, a: str) -> Kernel:
+        """``field(t0, *y0, *p)``: what a flight after a wall is integrated from; from the section
+        ``field(*state, *p)``."""
+        return self.kernel(f"field_{a}")
+
     def linear(self, a: str) -> bool:
-        """Whether the flight after a wall, or from the section, has a `track`: a linear one, or one
-        that is integrated."""
-        model, size = self.model, self.model.DEGREES_OF_FREEDOM
-        kernel = self.since(model.WALLS[0].name) if a == SECTION else self.motion(a)
-        after = next((guard.next_mode for guard in model.WALLS if guard.name == a), None)
-        whole = after is None or orders_of(model.MODES, after, size) == (2,) * size
-        return whole and not FLOWS.isdisjoint(kernel.__code__.co_names)
+        """Whether the flight after a wall is a linear one, which `law` describes."""
+        model = self.model
+        after = next(guard.next_mode for guard in model.WALLS if guard.name == a)
+        size = model.DEGREES_OF_FREEDOM
+        whole = orders_of(model.MODES, after, size) == (2,) * size
+        return whole and "flow" in self.motion(a).__code__.co_names
+
+    def integrated(self, a: str) -> bool:
+        """Whether the flight after a wall, or from the section, is integrated, from its `field`."""
+        kernel = self.since(self.model.WALLS[0].name) if a == SECTION else self.motion(a)
+        return "flown" in kernel.__code__.co_names
 
     @functools.cached_property
     def oscillates(self) -> bool:

@@ -16,6 +16,7 @@ from ..models.guards import Guard, Row
 from ..models.model import Model
 from .arithmetic import ARRAYS, Kernel, evaluate_in
 from .flight import FlightGaps, Motion, Touch, excursions, flight_gaps
+from .integrated_track import integrated_track
 from .kernels import Kernels
 from .track import track_of
 from .zeros import chebyshev_zeros
@@ -46,6 +47,7 @@ def interior_touches(
         if length > 0.0:
             ends = places[wall], places[walls[(k + 1) % len(walls)]]
             flown = linear_flight if kernels.linear(wall) else other_flight
+            flown = integrated_flight if kernels.integrated(wall) else flown
             motions = flown(kernels, wall, leave, length, values)
             touches, slowest = _touches(kernels, ends, motions, positions, length, arrive[1])
             moved = (None if t is None else Touch(k, t[0], leave[0] + t[1], t[2]) for t in touches)
@@ -73,6 +75,15 @@ def linear_flight(
 ) -> list[Seen]:
     """Return each of the `coordinates` on a linear flight."""
     track = track_of(kernels.law(wall)(*leave, *values), length)
+    curves = [track.along(row) for row in coordinates(kernels.model)]
+    return [(curve, curve.breaks()) for curve in curves]
+
+
+def integrated_flight(
+    kernels: Kernels, wall: str, leave: Sequence[float], length: float, values: Sequence[float]
+) -> list[Seen]:
+    """Return each of the `coordinates` on a flight that is integrated."""
+    track = integrated_track(kernels, wall, leave, values, length)
     curves = [track.along(row) for row in coordinates(kernels.model)]
     return [(curve, curve.breaks()) for curve in curves]
 

@@ -14,7 +14,6 @@ import numpy as np
 
 from ..arrays import Array, Vector
 from .bernstein import coefficients_of, sign_changes
-from .integrated_track import IntegratedTrack
 from .linear_flow import Shape, generator_of, mean_rates, norm_in_units, series_of_floats
 
 DEGREE = 18
@@ -97,11 +96,8 @@ class Track:
         return state
 
 
-def track_of(law: Any, length: float) -> Any:
+def track_of(law: Any, length: float) -> Track:
     """Return the track of a flight from what the kernel ``law`` says where it starts."""
-    if isinstance(law[0], str):
-        field, numbers = law
-        return IntegratedTrack(field, numbers, length)
     d, h, numbers, state = law
     return Track(Pieces(Shape(int(d), int(h), 0), numbers, length), state)
 

@@ -14,6 +14,7 @@ from contimpact.models.nonlinear import Nonlinear
 from contimpact.segments import integration
 from contimpact.segments.arithmetic import ARRAYS, evaluate_in
 from contimpact.segments.bounded import BOUNDED, Bounded
+from contimpact.segments.integrated_track import integrated_track
 from contimpact.segments.integration import flown, flown_of_series
 from contimpact.segments.kernels import Kernels
 from contimpact.segments.layout import flat
@@ -114,8 +115,8 @@ def test_kernels_of_two_masses_are_those_of_the_matrices():
     for a, b in ("AB", "BB"):
         found, truth = (flat(k.flight(a, b)(*ends, *p)) for k in (other, one))
         assert found == pytest.approx(truth, rel=1e-14, abs=2e-14)
-    tracks = (track_of(k.law("A")(*ends[:4], *p), 3.0).along((0.5, 2.0)) for k in (other, one))
-    found, truth = tracks
+    found = integrated_track(other, "A", ends[:4], p, 3.0).along((0.5, 2.0))
+    truth = track_of(one.law("A")(*ends[:4], *p), 3.0).along((0.5, 2.0))
     for dt in (0.0, 0.7, 3.0):
         assert found((), dt, ()) == pytest.approx(truth((), dt, ()), rel=1e-13, abs=1e-13)
     assert found.breaks() == pytest.approx(truth.breaks(), rel=1e-12)
