@@ -126,7 +126,10 @@ class Integrator:
             for table in ("", *directions)
         ]
         self._rows = np.array(self.wanted).reshape(-1, degree + 1)
-        self._number_of_steps = 0
+        self.steps = 0
+        self._orders = np.arange(self._adaptive.order + 1.0)
+        outcome = hy.taylor_outcome
+        self._arrived, self._stepped = {outcome.time_limit}, {outcome.time_limit, outcome.success}
 
     # The equations.
 
@@ -241,16 +244,15 @@ class Integrator:
         d = self.stated.freedom
         self._given[:] = numbers[: self._used]
         self._begin(numbers[2 + d : 2 + 2 * d])
-        output = self._propagate(output=True)
-        times, terms = np.array(output.times), np.array(output.tcs)
-        steps = np.diff(times)[:, None, None]
-        terms = terms * (steps ** np.arange(terms.shape[2]) / SCALE)
-        return times, terms[:, self._rows[:d, 0]], terms[:, self._rows[d : 2 * d, 0]]
-
-    @property
-    def steps(self) -> int:
-        """Steps of the last integration."""
-        return self._number_of_steps
+        times, found = [0.0], list[Array]()
+        step, adaptive, terms = self._adaptive.step, self._adaptive, self._adaptive.tc
+        while times[-1] < 1.0:  # continuous output would be compiled anew each time
+            said, length = step(max_delta_t=1.0 - times[-1], write_tc=True)
+            self._check(said, self._stepped, len(found))
+            found.append(terms * (length**self._orders))
+            times.append(adaptive.time)
+        terms = np.array(found) / SCALE
+        return np.array(times), terms[:, self._rows[:d, 0]], terms[:, self._rows[d : 2 * d, 0]]
 
     def _begin(self, speeds: Sequence[Any]) -> None:
         self._adaptive.time = self._number(0.0)
@@ -262,21 +264,19 @@ class Integrator:
             if place is not None:
                 state[place] = self._scale
 
-    def _propagate(self, longest: float = math.inf, output: bool = False) -> Any:
-        more: dict[str, Any] = {"c_output": True} if output else {}
-        if longest < math.inf:
-            more["max_delta_t"] = longest
-        end = self._number(1.0)
-        said, _, _, self._number_of_steps, found, _ = self._adaptive.propagate_until(
-            end, max_steps=MOST_STEPS, **more
+    def _propagate(self, longest: float = math.inf) -> None:
+        more = {"max_delta_t": longest} if longest < math.inf else {}
+        said, _, _, self.steps, _, _ = self._adaptive.propagate_until(
+            self._number(1.0), max_steps=MOST_STEPS, **more
         )
-        if said != self.hy.taylor_outcome.time_limit:
-            if said == self.hy.taylor_outcome.step_limit:
-                raise OverflowError(
-                    f"a flight asks for more than {MOST_STEPS} steps of integration"
-                )
+        self._check(said, self._arrived, self.steps)
+
+    def _check(self, said: Any, fine: Any, steps: int) -> None:
+        """Raise an error where integration has not come to its end."""
+        if steps >= MOST_STEPS:
+            raise OverflowError(f"a flight asks for more than {MOST_STEPS} steps of integration")
+        if said not in fine:
             raise OverflowError("a flight does not stay finite")
-        return found
 
     def _number(self, value: Any) -> Any:
         return self.hy.real(value, self.bits) if self.bits else float(value)

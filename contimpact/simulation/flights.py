@@ -14,6 +14,7 @@ from ..segments.arithmetic import ARRAYS, Kernel, evaluate_in
 from ..segments.arrival import first_arrival, first_hit
 from ..segments.zeros import chebyshev_coefficients, chebyshev_nodes, zeros_in_turn
 from .body import Body
+from .integrated_flight import fly_integrated
 
 NUDGE = 1e-9
 """Zeros of a state-dependent acceleration this near a release belong to the release itself."""
@@ -71,6 +72,9 @@ class FlightInState:
     def __call__(
         self, body: Body, wall: int, phase: float, velocity: float
     ) -> tuple[int, float, float]:
+        if "flown" in self.motions[wall].__code__.co_names:
+            least = self._release(body, wall, velocity)
+            return fly_integrated(self.motions[wall], body, wall, phase, velocity, least)
         head, rising = (wall, phase, velocity), body.leaving[wall] < 0
         low, high = body.low[wall], body.high[wall]
         side, left, speed = 0, 0.0, velocity
@@ -82,6 +86,11 @@ class FlightInState:
             if side:
                 break
         return side, left, speed
+
+    def _release(self, body: Body, wall: int, velocity: float) -> float:
+        """Time before which a zero of the acceleration belongs to the release itself."""
+        at_rest = velocity == 0.0 or body.restitution[wall] == 0.0
+        return NUDGE * body.clock[0] if at_rest else 0.0
 
     def breaks(
         self, body: Body, wall: int, phase: float, velocity: float, window: int
@@ -101,8 +110,7 @@ class FlightInState:
             x = motion(begin + chebyshev_nodes(NODES, length))[0]
             return keeps_clear(x, body.low[wall], body.high[wall])
 
-        at_rest = velocity == 0.0 or body.restitution[wall] == 0.0
-        least = NUDGE * period if at_rest and window == 0 else 0.0
+        least = self._release(body, wall, velocity) if window == 0 else 0.0
         for zeros in zeros_in_turn(lambda dt: motion(dt)[2], period, clear):
             inside = [start + t for t in zeros if least < t < period]
             if inside:

@@ -1,0 +1,64 @@
+"""Simulation of flights that are integrated."""
+
+import numpy as np
+import pytest
+from integrated import Integrated
+
+import contimpact as ci
+from contimpact.simulation.run import Outcome
+from contimpact.simulation.simulator import Simulator
+from contimpact.systems.duffing import Duffing
+from contimpact.systems.oscillator import Oscillator
+from contimpact.systems.pendulum import Pendulum
+
+pytest.importorskip("heyoka", reason="needs contimpact[ode]")
+
+OFTEN = {"a": 1.0, "omega": 1.3, "c": 0.1, "k": 1.0, "sigma": 0.5, "r": 0.8}
+STICKING = {"a": 0.3, "omega": 0.3, "c": 0.1, "k": 1.0, "sigma": 0.1, "r": 0.3}
+
+
+@pytest.mark.parametrize("values", [OFTEN, STICKING], ids=["impacts", "chatter and sticking"])
+def test_impacts_are_those_of_the_closed_form(values):
+    runs = []
+    for kind in (Oscillator, Integrated):
+        simulator = Simulator(kind(**values))
+        runs.append(simulator.run(simulator.state("S", 0.3, 1.0), impacts=60))
+    one, other = runs
+    assert other.released.tolist() == one.released.tolist()
+    assert any(one.released) == (values is STICKING)
+    assert other.times == pytest.approx(one.times, abs=1e-11)
+    assert other.velocities == pytest.approx(one.velocities, abs=1e-11)
+
+
+def test_a_pendulum_settles_on_the_stable_orbit():
+    model = Pendulum(a=1.0, omega=0.8, c=0.1, sigma=1.0, r=0.8)
+    found = ci.find_orbits(model, "S", parameter="omega", starts=20, rounds=2)
+    orbit = next(o for o in found if o.stable and o.physical)
+    simulator = Simulator(model)
+    run = simulator.run(simulator.state("S", 0.3, 1.0), impacts=120)
+    assert run.velocities[-1] == pytest.approx(orbit.velocities[0], abs=1e-9)
+    assert run.phases[-1] == pytest.approx(orbit.times[0], abs=1e-9)
+
+
+def test_a_long_flight_misses_no_arrival():
+    """A fast swing between slow ones: against impacts found on a mesh of the same motion."""
+    model = Duffing(a=2.0, omega=0.31, c=0.02, alpha=1.0, beta=3.0, sigma=0.6, r=0.9)
+    simulator = Simulator(model)
+    run = simulator.run(simulator.state("S", 0.3, 0.1), impacts=25)
+    for k in range(24):
+        length = run.times[k + 1] - run.times[k]
+        inside = np.linspace(0.0, length, 2001)[1:-1]
+        segment = simulator.kernels.segment("S", "S")
+        x, _, _ = segment.tracks((run.times[k], run.velocities[k]), inside, simulator.values)
+        assert np.max(x) < 1e-9
+        arrived = segment.track((run.times[k], run.velocities[k]), length, simulator.values)
+        assert arrived[0] == pytest.approx(0.0, abs=1e-12)
+        assert arrived[1] == pytest.approx(run.velocities[k + 1], abs=1e-11)
+
+
+def test_a_flight_that_escapes_has_no_impact():
+    """Beyond the unstable rest of a softening spring motion is infinite after a finite time."""
+    model = Duffing(a=0.3, omega=1.0, c=0.1, alpha=1.0, beta=-0.5, sigma=1.0, r=1.0)
+    simulator = Simulator(model)
+    run = simulator.run(simulator.state("S", 0.3, 30.0), impacts=200)
+    assert run.outcome is Outcome.NO_IMPACT
