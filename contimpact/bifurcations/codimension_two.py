@@ -33,7 +33,9 @@ from ..orbits.linearisation import Linearisation
 from ..orbits.multipliers import neimark_sacker
 from ..orbits.problem import Array
 from ..segments.flight import Touch
+from .curve_start import CurveStart
 from .declarations import CROSSINGS
+from .extended_system import ExtendedSystem
 
 MARKERS = dict.fromkeys(CROSSINGS, "o") | {
     "G-FB": "^", "CP": "v", "GPD": "s", "DG": "D", "FB-G": "P", "FB-V": "X", "PD-V": "*",
@@ -76,6 +78,11 @@ class OnCurve(TestFunction[CurvePoint]):
         None where it is no event of the same orbit: its value is then all there is to solve.
         """
         return None
+
+    def born(self, here: CurvePoint, index: int) -> list[CurveStart]:
+        """Return the curves of other kinds, or of other orbits, that start there or pass."""
+        other = self.other(here, index)
+        return [] if other is None else [CurveStart(other[0], here.orbit, other[1])]
 
 
 # On curves of smooth bifurcations.
@@ -133,6 +140,18 @@ class Resonance(OnCurve):
         value = float(neimark_sacker(here.orbit.stability.products))
         return value if abs(value) > 1e-9 else np.nan
 
+    def born(self, here: CurvePoint, index: int) -> list[CurveStart]:
+        """The curve of NS; with q the eigenvector, C(mu) q + C'(mu) mu q = 0 gives the next one."""
+        orbit, n = here.orbit, here.orbit.problem.n
+
+        def leaves(_: ExtendedSystem, own: Array) -> tuple[Array, Array]:
+            mu, q = float(np.sign(np.cos(own[-1]))), own[:n]
+            last = orbit.cyclic(1.0)[:, :n] - orbit.cyclic(0.0)[:, :n]
+            further = np.linalg.lstsq(orbit.cyclic(mu)[:, :n], -mu * last @ q, rcond=None)[0]
+            return np.zeros(len(orbit.unknowns)), np.concatenate([0.0 * q, further, [1.0]])
+
+        return [CurveStart("NS", orbit, {}, leaves)]
+
 
 # On curves of orbits that touch a wall, seen from the shorter or from the longer word.
 
@@ -167,7 +186,15 @@ class TouchSingular(OnCurve):
 
     def other(self, here: CurvePoint, index: int) -> tuple[str, Details] | None:
         same = self.counted(here) is here.orbit
-        return ("FB" if self.mu > 0.0 else "PD", {}) if same else None
+        return (self.event, {}) if same else None
+
+    @property
+    def event(self) -> str:
+        """The kind of event of which the orbit has the multiplier."""
+        return "FB" if self.mu > 0.0 else "PD"
+
+    def born(self, here: CurvePoint, index: int) -> list[CurveStart]:
+        return [CurveStart(self.event, self.counted(here))]
 
 
 def touch_points(

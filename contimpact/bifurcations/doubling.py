@@ -25,6 +25,7 @@ from ..models.word import Word
 from ..orbits.linearisation import Linearisation
 from ..orbits.problem import Array, OrbitProblem
 from .codimension_two import AlsoGrazes, AlsoStops, CurvePoint, OnCurve, Resonance
+from .curve_start import CurveStart, twice
 from .extended_system import ExtendedSystem, located
 from .kind import SUB, SUPER, Change, Details, Kind, Look, ManyDigits, System, Values
 from .orbit_test import OrbitEvent, OrbitPoint, Orbits, OrbitTest
@@ -59,6 +60,44 @@ class DoublingTurns(OnCurve):
 
     def of(self, here: CurvePoint) -> float:
         return _bend(here.orbit)[0]
+
+    def born(self, here: CurvePoint, index: int) -> list[CurveStart]:
+        """The fold of the doubled orbit, z = z_0 + a (q, -q) + a^2 (w, w), at a = 0."""
+        orbit, n = here.orbit, here.orbit.problem.n
+
+        def leaves(_: ExtendedSystem, own: Array) -> tuple[Array, Array]:
+            bent = _bent(orbit, own[:n])
+            return np.append(own, np.zeros(orbit.problem.free)), 2.0 * np.tile(bent, 2)
+
+        return [CurveStart("FB", twice(orbit), {}, leaves)]
+
+
+class DoublingGrazes(AlsoGrazes):
+    """PD-G: the orbit that doubles its period also grazes, and so do doubled ones beside it."""
+
+    def born(self, here: CurvePoint, index: int) -> list[CurveStart]:
+        touch = self.touches(here)[index]
+        assert touch is not None, "only a gap that exists has a zero"
+        doubled, n = twice(here.orbit), here.orbit.problem.n
+        details = {"flight": touch.flight, "wall": touch.wall, "touch_time": touch.time}
+        along = _along_doublings(here.orbit, here.own)
+        apart = np.concatenate([here.own, -here.own, 0.0 * along[n:]])
+        together = np.concatenate([along[:n], along])
+
+        def leaves(system: ExtendedSystem, own: Array) -> tuple[Array, Array]:
+            """Doubled orbits as far along the curve of PD as the touch asks for."""
+            rows = system.assemble(doubled, own).jacobian[2 * n :]
+            orbit, rest = rows[:, : len(apart)], rows[:, len(apart) :]
+            found = np.linalg.solve(np.column_stack([orbit @ together, rest]), -orbit @ apart)
+            return apart + found[0] * together, found[1:]
+
+        return [*super().born(here, index), CurveStart("G", doubled, details, leaves)]
+
+
+def _along_doublings(here: Linearisation, q: Array) -> Array:
+    """How the orbit and both parameters move along the curve of PD."""
+    jacobian = SingularCycle(here.problem, -1.0).assemble(here, q).jacobian
+    return np.linalg.svd(jacobian)[2][-1, : len(here.unknowns)]
 
 
 class PD(Kind):
@@ -112,7 +151,15 @@ class PD(Kind):
 
     def codimension_two(self, word: Word) -> list[TestFunction[CurvePoint]]:
         resonance = Resonance("R2", "-1")
-        return [AlsoGrazes(self.name), AlsoStops(self.name), DoublingTurns(), resonance]
+        return [DoublingGrazes(self.name), AlsoStops(self.name), DoublingTurns(), resonance]
+
+
+def _bent(here: Linearisation, q: Array) -> Array:
+    """The w of z = z_0 + a (q, -q) + a^2 (w, w), on which the doubled orbits lie."""
+    problem, n = here.problem, here.problem.n
+    along = np.concatenate([q, np.zeros(problem.free)])
+    squared = problem.second_along(here.unknowns, along, -1.0, beside=-1.0)[:, :n] @ q
+    return np.linalg.solve(here.cyclic(1.0)[:, :n], -0.5 * squared)
 
 
 def doubling_bend(here: Linearisation) -> float:

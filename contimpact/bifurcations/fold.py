@@ -55,6 +55,7 @@ class FB(Kind):
     name = Fold.kind
     changes = Change.STABILITY
     multiplier = 1.0
+    shorter_at = ("PD", "GPD")
     auto = 5
     look = Look("^", "#D55E00", 0.8, "......")
 

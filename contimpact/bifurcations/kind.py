@@ -111,6 +111,9 @@ class Kind(ABC):
         Keys of its details without which an entry cannot be restored.
     tilde : bool
         Whether the labels of ghosts are marked.
+    shorter_at : (str, str) or None
+        Where its curves of doubled orbits become the orbit itself: the kind whose curve they meet,
+        and the point of codimension two on it.
     auto : int
         AUTO-07p's code for it; -4 is its code for a value asked for.
     look : Look
@@ -123,6 +126,7 @@ class Kind(ABC):
     crossing: bool = False
     needed: tuple[str, ...] = ()
     tilde: bool = True
+    shorter_at: tuple[str, str] | None = None
     auto: int = -4
     look: Look = Look()
 

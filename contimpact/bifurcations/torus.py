@@ -22,6 +22,9 @@ from .extended_system import Assembled, ExtendedSystem, rounding_of_length, roun
 from .kind import Change, Details, Kind, Look, ManyDigits, System, Values
 from .orbit_test import OrbitEvent, Orbits, OrbitTest
 
+RESONANT = 1e-5
+"""How far from the unit circle a double multiplier is seen, known to the root of rounding."""
+
 
 class NeimarkSacker(OrbitTest):
     """The product of two multipliers minus one."""
@@ -101,6 +104,8 @@ def null_pair(here: Linearisation) -> tuple[Array, complex]:
     """
     multipliers = here.multipliers[np.isfinite(here.multipliers)]
     pairs = multipliers[multipliers.imag > 0.0]
+    if not len(pairs):  # they have met on the real axis, at R1 or R2
+        pairs = multipliers[np.abs(np.abs(multipliers) - 1.0) < RESONANT]
     if not len(pairs):
         raise np.linalg.LinAlgError("no complex pair of multipliers")
     mu = pairs[np.argmin(np.abs(np.abs(pairs) - 1.0))]

@@ -13,6 +13,7 @@ from ..continuation.test_function import TestFunction
 from ..errors import InputError
 from ..models.model import Model
 from ..models.word import Word
+from ..orbits.linearisation import Linearisation
 from ..orbits.problem import Array
 from ..orbits.quiet import problem_of
 from ..records.curve import Codim2, Curve
@@ -80,10 +81,7 @@ def follow_codim2(
     """
     require_curve(entry)
     first = entry.parameter
-    at = model_of(entry, model)
-    at = at.replace(
-        **{n: admitted(at, n, v) for n, v in point.parameters.items() if n in at.values}
-    )
+    at = there(entry, point, model)
     names = (first, second, third)
     if len(ranges) != len(names):
         raise InputError("ranges", f"found {len(ranges)}", "give one for each of three parameters")
@@ -108,16 +106,38 @@ def _problem(
     entry: Entry, point: Codim2, model: Model, kernels: Kernels, limits: Sequence[Range]
 ) -> tuple[CurveProblem, Sequence[TestFunction], Array]:
     """The problem of a point's curve, what to look for on it, and where it starts."""
-    problem = problem_of(model, Word(entry.word, entry.period), kernels)
-    names = ["time", "velocity", *coordinates(problem.m)[2:]]
-    rows = [[impact[name] for name in names] for impact in point.impacts]
-    free = [model.values[name] for name in kernels.parameters]
-    orbit = np.append(np.ravel(rows), free)
-    here = problem.evaluate(orbit)
+    here = orbit_at(entry, point, model, kernels)
+    orbit = here.unknowns
     double = double_of(here, point.kind, kind_of(entry.kind), details_of(entry), point.changes)
     spans = [high - low for low, high in limits[:-1]]
     curve = CurveProblem(double.kind, double.system, double.details, spans)
     return curve, double.tests, curve.packed(orbit, double.system.start(here))
+
+
+def orbit_at(entry: Entry, point: Codim2, model: Model, kernels: Kernels) -> Linearisation:
+    """Return the orbit of a point of codimension two.
+
+    Parameters
+    ----------
+    entry : Entry
+        From which the curve was started that has the point.
+    point : Codim2
+    model : Model
+        At the point's parameter values.
+    kernels : Kernels
+    """
+    problem = problem_of(model, Word(entry.word, entry.period), kernels)
+    names = ["time", "velocity", *coordinates(problem.m)[2:]]
+    rows = [[impact[name] for name in names] for impact in point.impacts]
+    free = [model.values[name] for name in kernels.parameters]
+    return problem.evaluate(np.append(np.ravel(rows), free))
+
+
+def there(entry: Entry, point: Codim2, model: Model | None) -> Model:
+    """Return the model at a point's parameter values."""
+    at = model_of(entry, model)
+    own = {n: admitted(at, n, v) for n, v in point.parameters.items() if n in at.values}
+    return at.replace(**own)
 
 
 def on_curve(entry: Entry, point: Codim2, curve: Curve) -> bool:

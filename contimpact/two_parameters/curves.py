@@ -33,6 +33,7 @@ from ..records.tables import all_parameters, columns_of
 from ..scenes.options import CURVE_SETTINGS
 from ..segments.kernels import Kernels
 from .problem import CurvePoint, CurveProblem, curve_problem, require_curve
+from .shorter import Repeats, crossing, ended
 
 Range = tuple[float, float]
 
@@ -128,14 +129,15 @@ def followed(
     """
     *others, last = problem.orbit.kernels.parameters
     inside = [Limit(name, limits) for name, limits in zip(others, ranges, strict=False)]
-    watched = [*inside, *problem.kind.curve_limits().values()]
+    again = [Repeats(problem.orbit)] if problem.orbit.word.repeated() else []
+    watched = [*inside, *problem.kind.curve_limits().values(), *again]
     stop = leaving(problem.kind, watched)
 
     def go(direction: int) -> Walk:
         return walk(
             problem, start, direction, parameter=last, limits=ranges[-1],
             tests=[*watched, SecondValue(values), *special],
-            settings=settings, callback=callback, stop=stop,
+            settings=settings, callback=callback, stop=stop, meeting=crossing if again else None,
         )  # fmt: skip
 
     forward = kept(lambda: go(+1))
@@ -181,7 +183,7 @@ def leaving(
             found.append((reached, first, point))
         for end, parameter, at in found:
             return End.of(end, parameter, at.evaluation.parameter(parameter)), at
-        return None
+        return next(((ended(e.point), e.point) for e in events if e.kind == Repeats.kind), None)
 
     return stop
 

@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 
 from ..bifurcations.codimension_two import CurvePoint, OnCurve
+from ..bifurcations.curve_start import CurveStart
 from ..bifurcations.extended_system import EPSILON, Assembled, ExtendedSystem
 from ..bifurcations.kind import Details, Kind, Values
 from ..bifurcations.registry import kind_of
@@ -257,10 +258,8 @@ def double_of(
     InputError
         If curves of this kind have no such points.
     """
-    told = _now(here, details)
-    one = _equations(kind, here.problem, told)
-    at = _Here(here, one.start(here), told)
-    test, index = _nearest(at, kind, name, changes)
+    one, at, test, index = _seen(here, name, kind, details, changes)
+    told = at.details
     second = test.other(at, index)
     if second is not None:
         other = kind_of(second[0])
@@ -271,6 +270,27 @@ def double_of(
     tests = [Seen(name, t, own) for t in _on_curve(kind, here.problem) if t.kind != name]
     system = Vanishing(one, test, index, told)
     return Double(Both(name, kind, None), system, told, [*tests, Turn()])
+
+
+def starts_at(
+    here: Linearisation, name: str, kind: Kind, details: Mapping[str, Any], changes: str = ""
+) -> list[CurveStart]:
+    """Return the curves that start at a point of codimension two, or pass it.
+
+    Parameters as of `double_of`.
+    """
+    _, at, test, index = _seen(here, name, kind, details, changes)
+    return test.born(at, index)
+
+
+def _seen(
+    here: Linearisation, name: str, kind: Kind, details: Mapping[str, Any], changes: str
+) -> tuple[ExtendedSystem, _Here, OnCurve, int]:
+    """The curve's equations at a point, and which value of which test function vanishes there."""
+    told = _now(here, details)
+    one = _equations(kind, here.problem, told)
+    at = _Here(here, one.start(here), told)
+    return one, at, *_nearest(at, kind, name, changes)
 
 
 def _pair(here: Linearisation, kind: Kind, other: Kind, details: Mapping[str, Any]) -> Double:

@@ -2,12 +2,17 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
 
 import numpy as np
 import pytest
 
+from contimpact.bifurcations.codimension_two import Resonance
+from contimpact.bifurcations.torus import NS
+from contimpact.models.word import Word
 from contimpact.orbit_continuation.orbit_branch import continue_orbit
+from contimpact.orbits.problem import OrbitProblem
 from contimpact.orbits.search import find_orbits
 from contimpact.segments.kernels import Kernels
 from contimpact.systems.oscillator import Oscillator
@@ -69,3 +74,31 @@ def test_jacobian_against_differences():
     for i, step in enumerate(h * np.eye(len(z))):
         rate = (problem.evaluate(z + step).residual - problem.evaluate(z - step).residual) / (2 * h)
         assert rate == pytest.approx(exact[:, i], abs=1e-7 * (1 + np.max(np.abs(exact[:, i]))))
+
+
+def test_it_begins_at_the_resonance():
+    """Beside the R1 or R2 on the curve of folds or doublings the curve of NS is entered, and it is
+    the one that was followed from an NS."""
+    entry = entry_at(sigma=0.1)
+    curve = follow_curve(entry, None, "sigma", (-1.0, -0.001), (-1.0, 3.0))
+    row = 0 if curve.ends[0].kind.name == "RESONANCE" else -1
+    at = {name: float(curve[name][row]) for name in ("c", "sigma")}
+    model = entry.orbit().model.replace(**at)
+    pairs = Kernels(model, "c", "sigma")
+    problem = OrbitProblem(model, Word("S", 1), pairs)
+    here = problem.evaluate(np.array([curve["t1"][row], curve["v1"][row], at["c"], at["sigma"]]))
+    mu = float(np.sign(here.multipliers[0].real))
+    start = Resonance("R1" if mu > 0 else "R2", f"{mu:.0f}").born(_At(here), 0)[0]
+    system = NS().equations(problem, {})
+    own = system.start(here)
+    assert own[-1] == pytest.approx(0.0 if mu > 0 else math.pi, abs=1e-3)
+    _, moved = start.leaves(system, own)
+    step = 1e-2
+    beside = own + step * moved
+    off = system.assemble(here, beside).residual
+    assert np.max(np.abs(off)) < 10.0 * step**2
+
+
+@dataclasses.dataclass
+class _At:
+    orbit: object
