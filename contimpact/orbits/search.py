@@ -16,7 +16,7 @@ from ..errors import InputError
 from ..models.guards import graph
 from ..models.model import Model
 from ..models.word import Word, parse_word
-from ..progress import Asked, asked
+from ..progress import Asked, Progress, asked, silent
 from ..segments.kernels import Kernels
 from .linearisation import Linearisation
 from .path import Path, path_of
@@ -239,21 +239,29 @@ def find_orbits(
     kernels = kernels or Kernels(model, parameter or next(iter(model.values)))
     problem = problem_of(model, word, kernels)
     generator = np.random.default_rng(rng)
-    if not word.walls:
+    with asked(progress, f"find_orbits {word}") as tell:
+        return orbits_of(problem, generator, starts, rounds, tell)
+
+
+def orbits_of(
+    problem: OrbitProblem, generator: np.random.Generator, starts: int, rounds: int,
+    tell: Progress = silent,
+) -> list[Orbit]:  # fmt: skip
+    """Find the orbits of a problem at its model's parameters; see `find_orbits`."""
+    if not problem.word.walls:
         return _without_impacts(problem, generator)
-    starts = min(starts, max(FEWEST_STARTS, MOST_WORK // len(word) ** 2))
+    starts = min(starts, max(FEWEST_STARTS, MOST_WORK // len(problem.word) ** 2))
     found: list[Orbit] = []
     known: list[Array] = []
     quiet = 0
-    with asked(progress, f"find_orbits {word}") as tell:
-        tell(f"{starts} starts in a round")
-        for number, solutions in enumerate(rounds_of_starts(problem, generator, starts, rounds), 1):
-            before = len(found)
-            _keep(found, known, problem, solutions)
-            tell(f"{len(found)} orbits after {number} rounds of {starts} starts")
-            quiet = quiet + 1 if len(found) == before else 0
-            if quiet == 2:
-                break
+    tell(f"{starts} starts in a round")
+    for number, solutions in enumerate(rounds_of_starts(problem, generator, starts, rounds), 1):
+        before = len(found)
+        _keep(found, known, problem, solutions)
+        tell(f"{len(found)} orbits after {number} rounds of {starts} starts")
+        quiet = quiet + 1 if len(found) == before else 0
+        if quiet == 2:
+            break
     return sorted(found, key=lambda orbit: -float(orbit.velocities[0]))
 
 

@@ -177,6 +177,10 @@ class Coverage:
         Entries that lie on no curve: `kind`, the two parameters, and `reason`.
     complete : bool
         Whether the last lines met nothing that was not on a curve.
+    born : int
+        Curves that were started at points of codimension two on others.
+    switched : bool
+        Whether these orbits were reached by switching from those of a word of the scene.
     """
 
     fixed: Mapping[str, float]
@@ -188,10 +192,14 @@ class Coverage:
     started: int
     uncovered: Sequence[Mapping[str, Any]]
     complete: bool
+    born: int = 0
+    switched: bool = False
 
     def __str__(self) -> str:
         lines = " and ".join(f"{len(v)} lines at values of {n}" for n, v in self.lines.items())
         told = f"{self.notation}: {self.entries} entries on {lines}, {self.started} curves started"
+        told += f", {self.born} more at points of codimension two" if self.born else ""
+        told += "; reached by switching alone" if self.switched else ""
         if not self.complete:
             told += "; the last lines still met new curves: give curves.cover a larger number"
         if self.uncovered:

@@ -119,6 +119,7 @@ class _Explorer:
         )
         self.seconds["kernels"] += time.perf_counter() - began
         started = self.orbits_at_start()
+        elsewhere = scene.curves is not None and scene.curves.cover
         try:
             for orbit in started:
                 self.follow_orbit(orbit)
@@ -126,13 +127,12 @@ class _Explorer:
             if scene.survey:
                 self.survey()
                 self.follow_births()
-            else:
+            elif not elsewhere:
                 self.look_elsewhere()
         except KeyboardInterrupt:
             self.failure = INTERRUPTED
         except (ArithmeticError, np.linalg.LinAlgError) as error:
             self.failure = f"the computation failed ({type(error).__name__}: {error})"
-        elsewhere = scene.curves is not None and scene.curves.cover
         if not self.runs and not self.failure and not elsewhere:
             raise refusal(list(self.lacking.values()))
         return Diagram(

@@ -1,36 +1,66 @@
 """Lines across a map of curves, in both directions, until they meet no bifurcation off a curve.
 
 Curves say nothing of those they do not pass. A run along a line meets whatever crosses it, so
-lines are laid, the sides of the rectangle first and then ever denser, and a curve is started from
-every entry that lies on none, until as many lines as asked for in a row have met nothing new.
+lines are laid: the sides of the rectangle first and then ever denser, until as many as asked for in
+a row have met nothing new; then between neighbours on which different numbers of branches have
+physical orbits, for there a word appears or vanishes. A curve is started from every entry that lies
+on none.
 """
 
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable, Iterator, Mapping
+import itertools
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
 
 from ..models.model import Model
 from ..models.word import Word
+from ..orbit_continuation.orbit_branch import Run
+from ..orbits.problem import Array
+from ..orbits.quiet import problem_of
 from ..progress import Progress
 from ..records.curve import Coverage
 from ..records.entry import Entry
 from ..scenes.scene import Scene
 from ..segments.kernels import Kernels
-from .runs import run_along
+from .line_runs import across, at_value, crossing_runs, physical, switched_runs
 
 GOLDEN = 0.5 * (np.sqrt(5.0) - 1.0)
 INSIDE = 1e-6
 """How far inside a side its line runs, as part of the range."""
 
-SEARCHED = 5
-"""Values along a line at which orbits are looked for."""
-
 MOST_ROUNDS = 8
 """As many times the lines asked for are the most that are laid in each direction."""
+
+NARROWEST = 0.1
+"""Neighbouring lines nearer than this part of the range are not looked between."""
+
+
+@dataclass
+class Met:
+    """What lines have met of the orbits of one word."""
+
+    word: Word
+    entries: int = 0
+    started: int = 0
+    born: int = 0
+    off: list[tuple[Entry, str]] = field(default_factory=list)
+
+
+@dataclass(frozen=True)
+class Line:
+    """A line: the parameter that is held, how far across its range, its value, and the runs of the
+    scene's word, with how many of them have physical orbits."""
+
+    held: str
+    part: float
+    value: float
+    runs: Sequence[Run]
+    real: int
 
 
 class Lines:
@@ -48,6 +78,9 @@ class Lines:
         Whether a curve passes through an entry.
     start : callable ``start(entry) -> str``
         Starts curves on the branch through an entry; returns why none passes it, if none does.
+    further : callable ``further() -> sequence of Entry``
+        Starts curves from points of codimension two on those that are new; returns the entries that
+        it started from.
     progress : callable
     """
 
@@ -59,63 +92,82 @@ class Lines:
         kernels: Kernels,
         covered: Callable[[Entry], bool],
         start: Callable[[Entry], str],
+        further: Callable[[], Sequence[Entry]],
         progress: Progress,
     ) -> None:
         assert scene.curves is not None
         self.scene, self.options, self.model, self.word = scene, scene.curves, model, word
-        self.covered, self.start, self.progress = covered, start, progress
+        self.covered, self.start, self.further, self.progress = covered, start, further, progress
         first, second = scene.parameter, scene.curves.parameter
         self.ways = {
             second: (kernels, scene.range, self.options.range),
             first: (Kernels(model, second), self.options.range, scene.range),
         }
-        self.laid: dict[str, list[float]] = {second: [], first: []}
-        self.entries = self.started = self.evaluations = 0
-        self.uncovered: list[dict[str, Any]] = []
+        self.laid: list[Line] = []
+        self.met = {(word.walls, word.period): Met(word)}
+        self.evaluations = 0
+        self.generator = np.random.default_rng(scene.seed)
 
-    def cover(self, fixed: Mapping[str, float]) -> Coverage:
-        """Lay lines until the last ones meet nothing new, and say what was met."""
-        quiet, wanted = 0, 2 * self.options.cover
-        for held, value in self.lines():
-            quiet = 0 if self.run(held, value) else quiet + 1
-            if quiet >= wanted:
+    def cover(self, fixed: Mapping[str, float]) -> list[Coverage]:
+        """Lay lines until the last ones meet nothing new, and say what was met of each word."""
+        self.begin_further()
+        wanted = 2 * self.options.cover
+        quiet, regular = 0, self.lines()
+        while quiet < wanted:
+            held, part = next(regular, (None, 0.0))
+            if held is None:
                 break
-        walls = [wall.name for wall in self.scene.model.WALLS]
-        return Coverage(
-            dict(fixed),
-            self.word.walls,
-            self.word.period,
-            self.word.notation(walls),
-            self.laid,
-            self.entries,
-            self.started,
-            self.uncovered,
-            quiet >= wanted,
-        )
+            quiet = 0 if self.run(held, part) else quiet + 1
+            between = [self.run(*place) for place in self.between()] if quiet >= wanted else []
+            quiet = 0 if any(between) else quiet
+        return [self.said(met, dict(fixed), quiet >= wanted) for met in self.met.values()]
 
     def lines(self) -> Iterator[tuple[str, float]]:
-        """Which parameter to hold, and at what value: the sides, then each way in turn."""
-        parts = [INSIDE, 1.0 - INSIDE, *((GOLDEN * np.arange(1, 1 + self.most)) % 1.0).tolist()]
-        for part in parts:
-            for held, (_, _, limits) in self.ways.items():
-                yield held, _across(limits, part)
+        """Which parameter to hold, and how far across: the sides, then each way in turn."""
+        most = MOST_ROUNDS * self.options.cover
+        for part in [INSIDE, 1.0 - INSIDE, *((GOLDEN * np.arange(1, 1 + most)) % 1.0).tolist()]:
+            for held in self.ways:
+                yield held, part
 
-    @property
-    def most(self) -> int:
-        return MOST_ROUNDS * self.options.cover
+    def between(self) -> Iterator[tuple[str, float]]:
+        """Places half way between neighbours with different numbers of branches, ever nearer."""
+        for held in self.ways:
+            while place := self._differing(held):
+                yield held, place
 
-    def run(self, held: str, value: float) -> bool:
-        """Make one run; whether it met an entry on no curve."""
-        kernels, limits, _ = self.ways[held]
+    def _differing(self, held: str) -> float | None:
+        """Half way between the neighbours farthest apart that differ; None where all are near."""
+        own = sorted((line for line in self.laid if line.held == held), key=lambda x: x.part)
+        pairs = itertools.pairwise(own)
+        apart = [(b.part - a.part, a) for a, b in pairs if a.real != b.real]
+        width, left = max(apart, key=lambda pair: pair[0], default=(0.0, None))
+        return left.part + 0.5 * width if left and width > NARROWEST else None
+
+    def run(self, held: str, part: float) -> bool:
+        """Lay one line; whether it met an entry on no curve."""
+        kernels, limits, other = self.ways[held]
+        value = across(other, part)
         self.progress(f"{self.word}: line at {held} = {value:.6g}")
-        self.laid[held].append(value)
-        model = self.model.replace(**{held: value})
-        searched = [_across(limits, part) for part in np.arange(1, SEARCHED + 1) / (SEARCHED + 1)]
-        runs = run_along(self.scene, model, self.word, kernels, limits, searched)
-        self.evaluations += runs[0].problem.kernel_evaluations if runs else 0
-        found = [e for run in runs for e in run.branch("b0", kinds=self.options.kinds).events]
+        problem = problem_of(self.model.replace(**{held: value}), self.word, kernels)
+        known = self.known(held, value)
+        runs = crossing_runs(self.scene, problem, limits, known, self.generator)
+        born = switched_runs(self.scene, runs, limits)
+        real = sum(bool(np.any(physical(run.points))) for run in runs)
+        self.laid.append(Line(held, part, value, runs, real))
+        self.evaluations += problem.kernel_evaluations
+        self.evaluations += sum(run.problem.kernel_evaluations for run in born)
+        every = [*runs, *born]
+        found = [e for run in every for e in run.branch("b0", kinds=self.options.kinds).events]
         met = [self.meet(entry) for entry in found if self.wanted(entry)]
         return any(met)
+
+    def known(self, held: str, value: float) -> Iterator[Array]:
+        """Orbits that lines across this one have met at its value, with their own value last."""
+        for line in self.laid:
+            if line.held != held:
+                for run in line.runs:
+                    for unknowns in at_value(run, value):
+                        yield np.append(unknowns[:-1], line.value)
 
     def wanted(self, entry: Entry) -> bool:
         return entry.physical or self.options.unphysical
@@ -123,20 +175,38 @@ class Lines:
     def meet(self, entry: Entry) -> bool:
         """Whether an entry is on no curve yet; one is started there."""
         entry = dataclasses.replace(entry, parameter=self.scene.parameter)
-        self.entries += 1
+        met = self.of(entry)
+        met.entries += 1
         if self.covered(entry):
             return False
         reason = self.start(entry)
-        self.started += not reason
         if reason:
-            place = {n: entry.parameters[n] for n in (entry.parameter, self.options.parameter)}
-            self.uncovered.append({"kind": entry.kind, **place, "reason": reason})
+            met.off.append((entry, reason))
+        else:
+            met.started += 1
+            self.begin_further()
         return True
 
+    def begin_further(self) -> None:
+        """Start from points of codimension two until there is no new curve."""
+        while found := self.further():
+            for entry in found:
+                self.of(entry).born += 1
 
-def _across(limits: tuple[float, float], part: float) -> float:
-    """Part of the way across a range, in logarithms where it is wide and all is positive."""
-    low, high = limits
-    if low > 0.0 and high > 4.0 * low:
-        return float(min(max(low * (high / low) ** part, low), high))
-    return float(low + (high - low) * part)
+    def of(self, entry: Entry) -> Met:
+        """What was met of an entry's word."""
+        return self.met.setdefault((entry.word, entry.period), Met(Word(entry.word, entry.period)))
+
+    def said(self, met: Met, fixed: dict[str, float], complete: bool) -> Coverage:
+        """The statement on one word; entries that later curves pass are off none."""
+        walls = [wall.name for wall in self.scene.model.WALLS]
+        word, names = met.word, (self.scene.parameter, self.options.parameter)
+        off: list[dict[str, Any]] = [
+            {"kind": e.kind, **{n: e.parameters[n] for n in names}, "reason": reason}
+            for e, reason in met.off
+            if not self.covered(e)
+        ]
+        lines = {held: [x.value for x in self.laid if x.held == held] for held in self.ways}
+        about = fixed, word.walls, word.period, word.notation(walls), lines
+        counts = met.entries, met.started, off, complete
+        return Coverage(*about, *counts, born=met.born, switched=word != self.word)

@@ -31,9 +31,9 @@ from ..records.entry import Entry
 from ..scenes.scene import CurveOptions, Scene
 from ..segments.kernels import Kernels
 from .codim2_curves import follow_codim2, on_curve
-from .coverage import Lines
+from .covering import Covering
 from .curves import follow_curve, with_fixed
-from .runs import first_of, orbit_at_start, passes, run_at, run_through, same_curve
+from .runs import first_of, orbit_at_start, passes, run_at, same_curve
 
 MOST_ROUNDS = 6
 """How often what the curves say is checked against runs, and curves are started where it fails."""
@@ -236,31 +236,9 @@ class _CurveExplorer:
 
     def cover_member(self, model: Model, fixed: Mapping[str, float]) -> None:
         """Make runs along lines of the map of each word, and start curves where none passes."""
+        covering = Covering(self, model, fixed)
         for word in self.scene.orbits:
-
-            def start(entry: Entry, word: Word = word) -> str:
-                return self.start_through(entry, word, model, fixed)
-
-            def covered(entry: Entry) -> bool:
-                return any(passes(c, entry, model, self.kernels) for c in self.of_member(fixed))
-
-            lines = Lines(self.scene, model, word, self.kernels, covered, start, self.progress)
-            self.coverage.append(lines.cover(fixed))
-            self.evaluations += lines.evaluations
-
-    def start_through(
-        self, entry: Entry, word: Word, model: Model, fixed: Mapping[str, float]
-    ) -> str:
-        """Follow the curves of the branch through an entry; returns why its own is not there."""
-        second = self.options.parameter
-        there = model.replace(**{second: entry.parameters[second]})
-        run = run_through(self.scene, there, entry, self.kernels)
-        if run.interrupted:
-            raise KeyboardInterrupt
-        self.start_from(run, there, fixed)
-        if any(passes(curve, entry, model, self.kernels) for curve in self.of_member(fixed)):
-            return ""
-        return "no curve through it could be followed"
+            self.coverage += covering.cover(word)
 
     # Points of codimension two in a third parameter.
 

@@ -6,18 +6,23 @@ the scene are looked for at several values of the first parameter, and their bra
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Sequence
 
 import numpy as np
 
 from ..bifurcations.extended_system import solve
 from ..bifurcations.registry import test_functions
+from ..continuation.bordered import first_tangent
 from ..continuation.test_function import TestFunction
 from ..models.model import Model
-from ..models.word import Word
+from ..models.word import Word, is_rotation
+from ..orbit_continuation.orbit_backend import walk_orbits
 from ..orbit_continuation.orbit_branch import Run, both_ways
+from ..orbit_continuation.symmetry import at_image, watched
 from ..orbits.problem import Array, OrbitProblem
 from ..orbits.quiet import problem_of
+from ..orbits.recognition import rotated_to
 from ..orbits.search import find_orbits
 from ..records.branch import Branch
 from ..records.competition import BIRTHS
@@ -71,7 +76,7 @@ def run_along(
         The values.
     """
     problem = problem_of(model, word, kernels)
-    tests = _tests(scene, problem)
+    tests = tests_of(scene, problem)
     runs: list[Run] = []
     for value in searched:
         at = model.replace(**{kernels.parameter: value})
@@ -87,13 +92,38 @@ def run_along(
 
 
 def run_through(scene: Scene, model: Model, entry: Entry, kernels: Kernels) -> Run:
-    """Follow the branch of the first parameter through the orbit of an entry."""
+    """Follow the branch of the first parameter through the orbit of an entry.
+
+    From a step beside it: on the entry itself the walk could not tell which way it crosses.
+    """
     orbit = orbit_of(entry, model, kernels)
-    tests = _tests(scene, orbit.problem)
-    return both_ways(orbit.problem, orbit.unknowns, scene.range, tests, scene.settings)
+    problem = orbit.problem
+    stop = at_image(problem)
+    tests = watched(tests_of(scene, problem), stop)
+    start = _beside(problem, orbit.unknowns, scene)
+    return both_ways(problem, start, scene.range, tests, scene.settings, stop=stop)
 
 
-def _tests(scene: Scene, problem: OrbitProblem) -> list[TestFunction]:
+def _beside(problem: OrbitProblem, unknowns: Array, scene: Scene) -> Array:
+    """An orbit one step further on the branch through another one, if that step can be made."""
+    jacobian = problem.evaluate(unknowns).jacobian
+    settings = dataclasses.replace(scene.settings, max_points=2)
+    scale = problem.scale(unknowns, scene.range[1] - scene.range[0])
+    tangent = first_tangent(jacobian, scale)
+    if tangent is None:
+        return unknowns
+    for direction in (+1, -1):
+        walk = walk_orbits(
+            problem, unknowns, direction, limits=scene.range, settings=settings, tangent=tangent,
+            gaps=False,
+        )  # fmt: skip
+        if len(walk.points) > 1 and scene.range[0] < walk.points[-1].parameter < scene.range[1]:
+            return walk.points[-1].unknowns
+    return unknowns
+
+
+def tests_of(scene: Scene, problem: OrbitProblem) -> list[TestFunction]:
+    """Return the test functions of a run: of the kinds with curves, then the scene's others."""
     assert scene.curves is not None
     return test_functions(problem, [*scene.curves.kinds, *_before(scene)], {})
 
@@ -145,7 +175,9 @@ def passes(curve: Curve, entry: Entry, model: Model, kernels: Kernels) -> bool:
     kernels : Kernels
         With the first parameter free.
     """
-    if (curve.kind, curve.word, curve.period) != (entry.kind, entry.word, entry.period):
+    if (curve.kind, curve.period) != (entry.kind, entry.period):
+        return False
+    if not is_rotation(curve.word, entry.word):
         return False
     here = orbit_of(entry, model, kernels)
     problem = here.problem
@@ -161,16 +193,17 @@ def _crossings(
 ) -> list[tuple[Array, float]]:
     """Orbits where a curve passes a parameter's value, nearly, and the distance of its points
     around it."""
-    first = curve.parameters[0]
+    first, word = curve.parameters[0], Word(curve.word, curve.period)
+    own = problem_of(problem.model, word, problem.kernels)
     away = curve[name] - value
     names = columns_of(curve.word, problem.m)
     rows = np.column_stack([curve[name] for name in [*names, first]])
     found = []
     for i in np.nonzero((away[:-1] * away[1:] <= 0.0) & (away[:-1] != away[1:]))[0]:
         part = away[i] / (away[i] - away[i + 1])
-        found.append(
-            (rows[i] + part * (rows[i + 1] - rows[i]), float(np.max(np.abs(rows[i + 1] - rows[i]))))
-        )
+        guess = rotated_to(own, rows[i] + part * (rows[i + 1] - rows[i]), problem.word)
+        assert guess is not None, "the words are rotations of each other"
+        found.append((guess, float(np.max(np.abs(rows[i + 1] - rows[i])))))
     return found
 
 
@@ -188,13 +221,16 @@ def _same(problem: OrbitProblem, entry: Entry, guess: Array, unknowns: Array, si
 
 def same_curve(one: Curve, other: Curve) -> bool:
     """Whether two curves have the same ends, in either direction."""
-    about = [(c.kind, c.word, c.period, dict(c.fixed)) for c in (one, other)]
-    if about[0] != about[1]:
+    about = [(c.kind, c.period, dict(c.fixed)) for c in (one, other)]
+    if about[0] != about[1] or not is_rotation(one.word, other.word):
         return False
     a, b = (_ends(curve) for curve in (one, other))
     return bool(np.allclose(a, b, atol=1e-6) or np.allclose(a, b[::-1], atol=1e-6))
 
 
 def _ends(curve: Curve) -> Array:
-    names = [*curve.parameters, *(f"v{k + 1}" for k in range(len(curve.word)))]
-    return np.array([[curve[name][row] for name in names] for row in (0, -1)])
+    speeds = [f"v{k + 1}" for k in range(len(curve.word))]
+    return np.array([
+        [*(curve[n][row] for n in curve.parameters), *sorted(curve[n][row] for n in speeds)]
+        for row in (0, -1)
+    ])  # fmt: skip

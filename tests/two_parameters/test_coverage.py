@@ -69,8 +69,10 @@ def test_nothing_off_the_curves_on_other_lines(covered, held):
 
 def test_the_statement(covered, tmp_path):
     _, diagram = covered
-    (told,) = diagram.coverage
+    told, *others = diagram.coverage
     assert told.complete
+    assert not told.switched
+    assert all(other.switched and other.lines == told.lines for other in others)
     assert not told.uncovered
     assert told.started > 0
     assert {"A", "r"} == {*told.lines}
@@ -78,6 +80,34 @@ def test_the_statement(covered, tmp_path):
     assert "on no curve" not in str(told)
     write_diagram(diagram, tmp_path)
     assert load_diagram(tmp_path) == diagram
+
+
+def test_curves_of_doubled_orbits(covered):
+    """One begins at the PD-G of Fig. 6(b); it belongs to no branch that a line meets by search."""
+    _, diagram = covered
+    (point,) = (p for c in diagram.curves if c.word == "BT" for p in c.points if p.kind == "PD-G")
+    (told,) = (c for c in diagram.coverage if c.notation == "1:1/2T")
+    assert told.born > 0
+    assert "at points of codimension two" in str(told)
+    ends = [
+        (c["A"][row], c["r"][row])
+        for c in diagram.curves
+        if (c.kind, c.word) == ("G", "BTBT")
+        for row, end in zip((0, -1), c.ends, strict=True)
+        if end.kind.name == "SHORTER"
+    ]
+    place = point.parameters["A"], point.parameters["r"]
+    assert any(end == pytest.approx(place, abs=1e-8) for end in ends)
+
+
+def test_branches_that_lines_switch_to():
+    """With `switch`, entries of the doubled orbit are met on lines as well."""
+    given = map_of(math.pi / 3, cover=1)
+    given = dataclasses.replace(given, switch=("PD",), depth=1)
+    doubled = [c for c in follow(given).coverage if c.notation == "1:1/2T"]
+    assert doubled
+    assert doubled[0].entries > 0
+    assert doubled[0].switched
 
 
 def test_each_curve_once(covered):
