@@ -90,7 +90,7 @@ class BranchCertificate:
     @property
     def complete(self) -> bool:
         """Whether the branch is proven to hold the events recorded, and no others."""
-        return not (self.missing or self.strange or self.unproven)
+        return bool(self.kinds) and not (self.missing or self.strange or self.unproven)
 
     @property
     def refuted(self) -> bool:
@@ -99,7 +99,7 @@ class BranchCertificate:
 
     def lines(self) -> list[str]:
         """Return what is proven, in words."""
-        kinds = ", ".join(self.kinds)
+        kinds = ", ".join(self.kinds) or "no kind of event"
         values = [node[-1] for node in self.nodes] or [self.start, self.end]
         where = f"{self.parameter} from {min(values):.9g} to {max(values):.9g}"
         head = f"{self.id} {self.word}/{self.period}T"
@@ -250,7 +250,9 @@ def _stored(
     record: BranchCertificate, space: BallProblem, scale: Array
 ) -> Iterator[tuple[Segment, Array | None]]:
     """The tubes of a record."""
-    pairs = zip(record.nodes, record.tangents, strict=True)
+    pairs = list(zip(record.nodes, record.tangents, strict=True))
+    if not len(record.boxes) == len(pairs) - 1 > 0:
+        raise ValueError(f"{len(record.boxes)} boxes between {len(pairs)} nodes")
     nodes = [Node(np.array(z, dtype=float), np.array(t, dtype=float)) for z, t in pairs]
     if any(node.unknowns.shape != scale.shape for node in nodes):
         raise ValueError(f"nodes of other than {len(scale)} unknowns")

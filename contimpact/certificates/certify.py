@@ -9,6 +9,7 @@ from typing import Any
 
 import flint
 
+from .. import __version__
 from ..errors import InputError
 from ..models.model import Model
 from ..orbits.problem import OrbitProblem
@@ -276,7 +277,11 @@ def verify_folder(
             tubes.append(without_certificate(branch, QUIET if not branch.word else NONE))
             continue
         kernels = problems.kernels(branch)
-        tubes.append(verified_branch(branch, kept[branch.id], entries, known, model, kernels))
+        try:
+            one = verified_branch(branch, kept[branch.id], entries, known, model, kernels)
+        except (ValueError, LookupError) as error:
+            one = without_certificate(branch, f"its certificate is damaged ({error})")
+        tubes.append(one)
     found += [
         EventCertificate(c.id, c.kind, c.branch, clause="entry", found="not in the catalogue")
         for c in stored.entries
@@ -293,4 +298,5 @@ def rejected(entry: Entry, clause: str, found: str) -> EventCertificate:
 
 def versions() -> dict[str, str]:
     """Return the versions of the libraries a proof rests on."""
-    return {"python-flint": flint.__version__, "flint": flint.__FLINT_VERSION__}
+    known = {"python-flint": flint.__version__, "flint": flint.__FLINT_VERSION__}
+    return {"contimpact": __version__, **known}

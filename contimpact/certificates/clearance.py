@@ -59,11 +59,21 @@ class Gap:
         One that the flight can meet.
     touch : arb, optional
         When the flight touches the wall, its event.
+    beside : (bool, bool)
+        Whether the flight is at the wall when it leaves, and when it ends, because a flight of no
+        duration comes before it, or after it.
     """
 
     def __init__(
-        self, space: BallProblem, z: Balls, flight: int, wall: str, touch: Any = None
+        self,
+        space: BallProblem,
+        z: Balls,
+        flight: int,
+        wall: str,
+        touch: Any = None,
+        beside: tuple[bool, bool] = (False, False),
     ) -> None:
+        self.beside = beside
         rows = space.impacts(z)
         self.start, self.values = rows[flight], space.values(z)
         self.arrival = rows[flight + 1]
@@ -101,12 +111,15 @@ class Gap:
         gap, slope, _ = self.at(middle)
         change = cell - middle
         whole = gap + slope * change + curvature * change * change / 2
-        first = self.met.left and left == 0
-        last = self.met.reached and right >= self.duration.lower()
+        begins, ends = left == 0, right >= self.duration.lower()
+        first, last = self.met.left and begins, self.met.reached and ends
         touched = self.touch is not None and cell.overlaps(self.touch)
         if whole > 0 or (first and not touched and self._leaves(rate, curvature)):
             return Clear.YES, whole
         if last and not touched and self._arrives(rate, curvature):
+            return Clear.YES, whole
+        before, behind = self.beside
+        if not touched and ((before and begins and rate > 0) or (behind and ends and rate < 0)):
             return Clear.YES, whole
         if touched and cell.contains(self.touch) and curvature > 0:
             return Clear.YES, whole

@@ -18,6 +18,7 @@ from ..records.entry import Entry
 from ..records.entry_conversion import details_of
 from ..records.recovery import orbit_of
 from ..records.tables import coordinates
+from .crossing import crosses
 from .equations import BallProblem, Balls
 from .krawczyk import krawczyk, proven
 from .orbit import Orbit
@@ -28,6 +29,9 @@ AGREEMENT = 1e-9
 
 The followed parameter has to be nearer: within its recorded error."""
 DIGITS = 50
+
+LEAST_BITS, MOST_BITS = 53, 8192
+"""Of certificates that are verified."""
 
 SAID = ("touch", "stability", "physicality", "stable", "ghost", "notation", "label")
 """Clauses about the orbit of an event that is proven to be there."""
@@ -134,6 +138,9 @@ def verified(
             raise RejectedError("existence", "Krawczyk's test fails on the recorded inner box")
         return box, inner
 
+    if not LEAST_BITS <= record.bits <= MOST_BITS:
+        found = f"{record.bits} bits, of {LEAST_BITS} to {MOST_BITS}"
+        return EventCertificate(entry.id, entry.kind, entry.branch, clause="bits", found=found)
     return _attempted(entry, problem, record.bits, record.bits, stored)
 
 
@@ -161,6 +168,8 @@ def _attempted(
             bits *= 2
     except InputError as error:
         found = replace(found, clause="entry", found=str(error))
+    except (LookupError, TypeError, AttributeError) as error:
+        found = replace(found, clause="entry", found=f"damaged ({type(error).__name__}: {error})")
     return replace(found, seconds=time.perf_counter() - began)
 
 
@@ -210,6 +219,9 @@ def _existing(
     box, inner = boxes(space, system, [*recorded.tolist(), *own])
     if outside := [i for i, g in enumerate(recorded) if not box[i].contains(arb(g))]:
         raise RejectedError("value", f"unknown {outside[0]} lies outside the box of the event")
+    if kind.crossing and not crosses(space, box, inner):
+        nu = inner[problem.n + 1].str(6)
+        raise RejectedError("crossing", f"no symmetry says that branches meet; nu is {nu}")
     z = inner[: problem.n + 1]
     exact = dict(details)
     if "touch_time" in details:
@@ -236,7 +248,7 @@ def _agrees(entry: Entry, orbit: Orbit, inner: Balls) -> None:
     """The recorded numbers are those of the event."""
     problem, space = orbit.space.problem, orbit.space
     value = inner[problem.n]
-    if abs(value - entry.value) > entry.error:
+    if abs(value - entry.value) > entry.error or not entry.error >= 0.0:
         off = (value - entry.value).str(5)
         raise RejectedError(
             "value", f"{entry.parameter} is off by {off}, the recorded error is {entry.error:.3g}"

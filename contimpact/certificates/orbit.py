@@ -164,12 +164,22 @@ class Orbit:
             met = () if self._vanishing(k) else walls_met(self.space, k)
             for wall in met:
                 touch = self.details["touch_time"] if self._own(k, wall.name) else None
-                found = Gap(self.space, self.z, k, wall.name, touch).proven()
+                beside = self._beside(k, wall.name)
+                found = Gap(self.space, self.z, k, wall.name, touch, beside).proven()
                 if found.what is not Clear.YES:
                     where = f"flight {k}, wall {wall.name}, {found.time:.6g} after it leaves"
                     passes = found.what is Clear.PASSES
                     return False if passes else None, f"{where}: the gap is {found.gap}"
         return True, ""
+
+    def _beside(self, flight: int, wall: str) -> tuple[bool, bool]:
+        """Whether a flight of no duration comes from a wall before it, or leads to it after it."""
+        word = self.space.problem.word.walls
+        before, behind = (flight - 1) % len(word), (flight + 1) % len(word)
+        return (
+            self._vanishing(before) and word[before] == wall,
+            self._vanishing(behind) and word[(behind + 1) % len(word)] == wall,
+        )
 
     def touches(self) -> Claim:
         """Return whether the event's touch is a strict local minimum of the gap."""

@@ -73,6 +73,7 @@ class Certificates:
         within = f", radii below {max(radii):.1e}" if radii else ""
         return [
             f"{count} of {len(self.entries)} entries certified{within}",
+            *([] if self.branches else ["no branch is looked at"]),
             *(f"  {c.id} rejected: {c.clause}: {c.found}" for c in self.rejected),
             *(line for c in self.branches for line in c.lines()),
         ]
@@ -193,7 +194,10 @@ class Kept:
     def get(self, kind: type[T], name: str) -> T | None:
         """Return what is kept of an entry or a branch."""
         row = self.rows.get((kind.__name__, name))
-        return None if row is None else made(kind, row)
+        try:
+            return None if row is None else made(kind, row)
+        except DAMAGE:  # proven again
+            return None
 
     def add(self, certificate: EventCertificate | BranchCertificate) -> None:
         """Keep a certificate."""
