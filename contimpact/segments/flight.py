@@ -128,8 +128,8 @@ def excursion_of(kernels: Kernels, in_time: bool) -> Callable[..., Any]:
             sides, breaks = (left_side, reached_side), curve.breaks()
             return excursions(curve, (), (), length, arriving, *sides, breaks, 0.0, math.inf)
         if kernels.integrated(wall.name):
-            given = integrated_track(kernels, wall.name, head[1:], values, length)
-            along = given.along(wall.row(1), from_start=True)
+            flown = integrated_track(kernels, wall.name, head[1:], values, length)
+            along = flown.along(wall.row(1), from_start=True)
             sides = left_side, reached_side
             return excursions(
                 along, (), (), length, arriving, *sides, along.breaks(), 0.0, math.inf

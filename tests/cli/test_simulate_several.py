@@ -1,4 +1,4 @@
-"""``contimpact simulate`` for two masses: tables with all coordinates, branches, basins, the page."""
+"""``contimpact simulate`` for two masses: tables with all coordinates, branches, basins, page."""
 
 from __future__ import annotations
 

@@ -97,7 +97,8 @@ def test_a_loop_over_arrays_of_any_shape(monkeypatch, at_once):
 def test_small_arrays_take_all_harmonics_in_one_pass():
     rows = tuple((float(k), 0.0, 1.0) for k in range(1, 38))
     passes = list(ARRAYS.names["waves"](rows, np.zeros(64), np.ones(64)))
-    assert [row.shape for row in passes[0]] == [(37, 1)] * 3 and len(passes) == 1
+    assert len(passes) == 1
+    assert [row.shape for row in passes[0]] == [(37, 1)] * 3
 
 
 def test_a_loop_in_many_digits_and_within_its_bounds():
