@@ -401,6 +401,10 @@ def flown(model, wall, time, velocity, impacts, allowed=1e-12):
     )  # fmt: skip
 
 
+INSIDE = [*np.geomspace(1e-7, 0.9, 60).tolist(), *(k / 60 for k in range(1, 60))]
+"""Parts of a flight at which it must not have arrived yet, more of them next to its start."""
+
+
 def off_by_roots(model, exact, run, k):
     """How far a flight's arrival is from that of the motion with the roots of s^2 + c s + k.
 
@@ -430,6 +434,7 @@ def off_by_roots(model, exact, run, k):
         t -= position / speed
     position, speed = state(t)
     assert abs(position) < 1e-40
+    assert all(state(t0 + part * (t - t0))[0] <= 0 for part in INSIDE), "an earlier arrival"
     return max(abs(float(t - guess[0])), abs(float(speed - guess[1])))
 
 
