@@ -1,8 +1,8 @@
 """Areas of a map of two parameters: tinted by what ends the stable orbits in them.
 
-The tint is the colour of the curve at which the stable orbit ends, and lighter or darker, and
-hatched, so that it is told without colours too; where several orbits are stable, the area is
-crossed besides. White is where none is.
+The tint is the colour of the curve at which the stable orbit ends. Areas are hatched by kind, those
+of a second bifurcation of a kind the other way, so that they are told without colours too, and
+crossed where several orbits are stable. White is where none is.
 """
 
 from __future__ import annotations
@@ -76,11 +76,11 @@ def _look(orbit: StableOrbit, colours: Colours) -> dict[str, Any]:
         return {"facecolor": THROUGHOUT, "edgecolor": HATCHED}
     colour = 1.0 - TINT * (1.0 - np.array(to_rgb(colours(orbit))))
     colour = np.maximum(colour, DARKEST if colour.max() < DARKEST else 0.0)
-    return {
-        "facecolor": tuple(colour),
-        "edgecolor": HATCHED,
-        "hatch": kind_of(orbit.kind).look.hatch,
-    }
+    own = kind_of(orbit.kind).look
+    hatch = own.hatch
+    if hatch and colours(orbit) != own.colour:  # a second bifurcation of a kind
+        hatch = hatch.replace("/", "\\")
+    return {"facecolor": tuple(colour), "edgecolor": HATCHED, "hatch": hatch}
 
 
 def _text(orbit: StableOrbit, several: bool) -> str:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import json
 
 import numpy as np
@@ -119,6 +120,16 @@ def test_areas_are_tinted_below_the_curves():
         "stable throughout", "several stable orbits",
     ]  # fmt: skip
     assert len(ax.patches) == len(patches)  # no band
+
+
+def test_a_second_grazing_is_told_without_colours():
+    """Hatched the other way."""
+    both = ("G[1:1->2:1]", "G[1:1->1:2]")
+    lines = [curve(("s", "r"), "G", name, s=0.3 + 0.1 * RAMP, r=RAMP) for name in both]
+    orbits = [StableOrbit("BT", 1, "1:1", name, "G") for name in both]
+    areas = [dataclasses.replace(area(None), orbits=[orbit]) for orbit in orbits]
+    (ax,) = plot_curves(lines, areas=areas)
+    assert [patch.get_hatch() for patch in tinted(ax)] == ["//////", "\\\\\\\\\\\\"]
 
 
 def test_areas_stand_in_their_own_panel():

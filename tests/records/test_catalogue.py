@@ -795,7 +795,9 @@ def test_ends_of_earlier_files_are_read(diagram, tmp_path):
 def test_curves_read_back_equal(tmp_path):
     scene = load_scene(SCENE.parent.parent / "fig6b" / "scene.toml")
     family = "beta", (0.3, math.pi / 6)
-    quick = dataclasses.replace(scene.curves, start=(), cover=0, areas=False, family=family)
+    quick = dataclasses.replace(
+        scene.curves, start=(), cover=0, areas=False, family=family, kinds=("PD", "G")
+    )
     diagram = follow(dataclasses.replace(scene, curves=quick))
     write_diagram(diagram, tmp_path)
     loaded = load_diagram(tmp_path)

@@ -346,7 +346,7 @@ def fig6d():
     text = (ROOT / "branches" / "fig6d" / "scene.toml").read_text("utf-8")
     data = tomllib.loads(text)
     data["curves"]["family"] = {"beta": ["pi/6"]}
-    data["curves"] |= {"start": [0.12, 0.2], "cover": 0, "areas": False}
+    data["curves"] |= {"start": [0.12, 0.2], "cover": 0, "areas": False, "kinds": ["PD", "G"]}
     return follow(read_scene(data))
 
 
