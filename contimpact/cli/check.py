@@ -83,7 +83,9 @@ def _orbits(scene: Scene, kernels: Kernels, tell: Progress) -> list[str]:
 def _curves_asked(curves: CurveOptions) -> str:
     low, high = curves.range
     text = f"{', '.join(curves.kinds)} in {curves.parameter} within [{low:.12g}, {high:.12g}]"
-    if curves.family is None:
-        return text
-    name, values = curves.family
-    return f"{text}, for {name} = {', '.join(f'{v:.6g}' for v in values)}"
+    if curves.family is not None:
+        name, values = curves.family
+        text += f", for {name} = {', '.join(f'{v:.6g}' for v in values)}"
+    if curves.cover:
+        text += f"; covered by lines, until {curves.cover} each way meet nothing new"
+    return text + ("; divided into areas" if curves.areas else "")

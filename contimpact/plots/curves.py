@@ -119,10 +119,19 @@ def save_curves(
     units: Mapping[str, str] | None = None,
     areas: Sequence[Area] = (),
 ) -> list[str]:
-    """Draw curves to files ``curves.<format>``; returns their names."""
-    axes = plot_curves(curves, units=units, checks=checks, areas=areas)
-    write_heading(axes[0].figure, values_text(fixed_values(curves), units or {}))
-    return save_figure(axes[0].figure, folder, "curves", formats, "curves")
+    """Draw curves to files ``curves.<format>``; returns their names.
+
+    Of several pairs of parameters each has a picture, ``curves-s-r.<format>``.
+    """
+    pairs = list(dict.fromkeys(curve.parameters for curve in curves))
+    written = []
+    for pair in pairs:
+        own = [curve for curve in curves if curve.parameters == pair]
+        name = "curves" if len(pairs) == 1 else f"curves-{'-'.join(pair)}"
+        axes = plot_curves(own, units=units, checks=checks, areas=areas)
+        write_heading(axes[0].figure, values_text(fixed_values(own), units or {}))
+        written += save_figure(axes[0].figure, folder, name, formats, "curves")
+    return written
 
 
 # Panels.

@@ -271,7 +271,11 @@ class Slab:
 
 
 def slabs(paths: Sequence[Path]) -> list[Slab]:
-    """Cut the unit square into slabs in which the order of the curves does not change."""
+    """Cut the unit square into slabs in which the order of the curves does not change.
+
+    Curves shorter than `SAME` are none.
+    """
+    paths = [path for path in paths if np.ptp(path.arclengths) > SAME]
     arcs = [arc for path in paths for arc in path.arcs()]
     edges = [x for path in paths for x in path.edges()]
     edges += [x for arc in arcs for x in arc.leaves()]

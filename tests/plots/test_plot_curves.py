@@ -222,3 +222,9 @@ def test_curves_in_three_parameters_are_drawn_as_projections():
 def test_the_file_names_what_is_fixed(tmp_path):
     assert save_curves([IN_R], tmp_path, ["png"], units=UNITS) == ["curves.png"]
     assert (tmp_path / "curves.png").read_bytes().startswith(b"\x89PNG")
+
+
+def test_each_pair_of_parameters_has_its_picture(tmp_path):
+    names = ["curves-s-r.png", "curves-s-A.png"]
+    assert save_curves([IN_R, IN_A], tmp_path, ["png"], units=UNITS) == names
+    assert all((tmp_path / name).exists() for name in names)

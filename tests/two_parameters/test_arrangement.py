@@ -99,6 +99,16 @@ def test_upright_curves_and_ghosts_divide_nothing():
     assert "line" in {name for _, name in found[0].borders[0]}
 
 
+def test_nothing_divides_a_square_without_curves():
+    short = path("s", np.array([0.5, 0.5]), np.array([0.5, 0.5]))
+    for paths in ([], [short]):
+        cut, (whole,), _ = divided(paths, lambda x, y: "all")
+        assert len(cut) == 1
+        assert whole.part == 1.0
+        assert whole.borders == [[(0, "side")]]
+        assert len(whole.rings[0]) == 5
+
+
 def waves(seed, number=6):
     rng = np.random.default_rng(seed)
     numbers = rng.uniform((0.2, 0.05, 3.0, 0.0), (0.8, 0.4, 9.0, 6.0), (number, 4))
