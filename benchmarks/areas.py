@@ -1,6 +1,7 @@
 """Areas of maps of two parameters against runs at random places.
 
     python benchmarks/areas.py out/fig6b out/fig6d --points 500
+    python benchmarks/areas.py out/fig6b out/fig6d --points 200 --near 1e-4
 
 At each place the orbits of the scene's words are searched for anew, and each stable one is followed
 in the falling direction alone until it meets something. Places where that is not what the area says
@@ -43,12 +44,31 @@ class Map:
         gaps = [np.min(np.abs(np.array(a.places) - place).sum(axis=1)) for a in self.areas]
         orbits = self.areas[int(np.argmin(gaps))].orbits
         beside = min(abs(x - edge) for edge in (slab.left, slab.right))
-        return sorted(str(o.ends) for o in orbits), min(np.min(np.abs(heights - y)), beside)
+        step = 0.01 * min(beside, 1e-3) or 1e-9
+        slopes = (slab.heights(x + step) - slab.heights(x - step)) / (2.0 * step)
+        away = np.min(np.abs(heights - y) / np.hypot(1.0, slopes))
+        return sorted(str(o.ends) for o in orbits), min(away, beside)
 
     def drawn(self, x, y):
         """The same by the polygons."""
         owners = [area for area in self.areas if area.holds(*self.frame.at(x, y))]
         return sorted(str(o.ends) for o in owners[0].orbits) if owners else []
+
+
+def places(maps, number, near, seed):
+    """Maps in turn, and places in them: anywhere, or nearer to a curve than a part of the side."""
+    rng = np.random.default_rng(seed)
+    for k in range(number):
+        one, (x, y) = maps[k % len(maps)], rng.uniform(0.0, 1.0, 2).tolist()
+        if near:
+            slab = one.slabs[int(rng.integers(len(one.slabs)))]
+            x = slab.x(x)
+            inner = slab.heights(x)[1:-1]
+            if not len(inner):
+                continue
+            away = near * 10.0 ** (-3.0 * rng.random()) * rng.choice((-1.0, 1.0))
+            y = min(max(float(rng.choice(inner)) + away, 0.0), 1.0)
+        yield one, x, y
 
 
 def first_ends(scene, model, kernels, limits):
@@ -71,6 +91,7 @@ def main():
     parser.add_argument("folders", nargs="+")
     parser.add_argument("--points", type=int, default=500)
     parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--near", type=float, help="places nearer to a curve than this")
     options = parser.parse_args()
     worst, wrong, drawn = 0.0, 0, 0
     for folder in map(Path, options.folders):
@@ -80,10 +101,7 @@ def main():
         fixed = [dict(f) for f in {tuple(a.fixed.items()) for a in diagram.areas}]
         maps = [Map(scene, one, diagram) for one in sorted(fixed, key=lambda f: [*f.values()])]
         began = time.perf_counter()
-        for number, (x, y) in enumerate(
-            np.random.default_rng(options.seed).uniform(0.0, 1.0, (options.points, 2)).tolist()
-        ):
-            one = maps[number % len(maps)]
+        for one, x, y in places(maps, options.points, options.near, options.seed):
             frame = one.frame
             value = frame.first(y)
             model = one.model.replace(**{frame.across: frame.at(x, y)[0], scene.parameter: value})

@@ -33,7 +33,7 @@ from reordered import NOISE, UNCOMPARED, Judge
 ROOT = Path(__file__).resolve().parent.parent
 BRANCHES = ROOT / "branches"
 SCENES = sorted(path.parent.name for path in BRANCHES.glob("*/scene.toml"))
-QUICK = ["fig3a", "fig6a", "fig7", "stop"]
+QUICK = ["fig3a", "fig6_A", "fig7", "stop"]
 SIMULATED_PLAINLY = ["fig3c"]
 """Simulations take minutes plainly; of the others only the compiled ones are compared."""
 
