@@ -33,13 +33,13 @@ KINDS = {
     "bouncing_ball": {"FB", "PD", "G", "V"},
     "stop": {"FB", "PD", "V"},
     "two_stops": {"BP", "PD", "G"},
-    "impact_damper": {"BP", "NS", "PD", "G"},
+    "impact_damper": {"BP", "NS"},
 }
 """Of the entries that come with the package, by the folder of their scene."""
 
 SMALLER = {
     "bouncing_ball": {"range": (0.008, 0.015), "orbits": (Word("P", 2),), "switch": ()},
-    "two_stops": {"range": (0.45, 0.5)},
+    "two_stops": {"range": (0.48, 0.5), "switch": ()},
     "impact_damper": {"range": (19.95, 20.1), "switch": ()},
 }
 """A part of each scene."""
@@ -63,20 +63,22 @@ def proven(name):
 
 @pytest.mark.parametrize("name", KINDS)
 def test_every_entry_is_certified(name):
-    found = contimpact.certify(entries_of(name), options=ENTRIES_ALONE)
+    few = entries_of(name)[:2] if name == "impact_damper" else entries_of(name)
+    found = contimpact.certify(few, options=ENTRIES_ALONE)
     assert found.certified, found
     assert {c.kind for c in found.entries} == KINDS[name]
     assert all(c.certified_radius < 1e-30 for c in found.entries)
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", ["two_masses", "coupled_by_impact", "soft_stop"])
+@pytest.mark.parametrize("name", ["two_masses", "coupled_by_impact", "impact_damper", "soft_stop"])
 def test_every_entry_of_more_systems_is_certified(name):
     entries = [entry for entry in entries_of(name) if entry.word]
     found = contimpact.certify(entries, options=ENTRIES_ALONE)
     assert found.certified, found
 
 
+@pytest.mark.slow
 def test_contacts_with_a_soft_stop_are_certified():
     """Their flights are of two modes, and a contact vanishes as a whole."""
     some = [entry for entry in entries_of("soft_stop") if entry.id in ("e1", "e4", "e5")]
@@ -85,14 +87,18 @@ def test_contacts_with_a_soft_stop_are_certified():
     assert [(c.clause, c.found) for c in found.rejected] == [("word", QUIET)]
 
 
-def test_branches_of_long_flights_are_complete():
-    found = proven("bouncing_ball")
+@pytest.mark.parametrize("name", ["bouncing_ball", "two_stops"])
+def test_branches_are_complete(name):
+    found = proven(name)
     assert found.branches
     assert all(branch.complete for branch in found.branches), found
 
 
+@pytest.mark.slow
 def test_branches_of_linear_flights_are_complete_but_where_they_cross():
-    found = proven("two_stops")
+    scene = load_scene(ROOT / "branches" / "two_stops" / "scene.toml")
+    found = contimpact.certify(follow(dataclasses.replace(scene, range=(0.4, 0.5))))
+    assert len(found.branches) == 3
     (crossing,) = (c for c in found.entries if c.kind == "BP")
     for branch in found.branches:
         assert not branch.refuted
@@ -133,9 +139,8 @@ def test_wrong_statements_are_rejected_where_they_are(name):
         assert certified(more).clause == "stability"
 
 
-@pytest.mark.parametrize("name", ["bouncing_ball", "two_stops"])
-def test_deleted_and_invented_events_are_found(name):
-    diagram, found = diagram_of(name), proven(name)
+def test_deleted_and_invented_events_are_found():
+    diagram, found = diagram_of("bouncing_ball"), proven("bouncing_ball")
     certificates = {c.id: c for c in found.entries}
     for branch, record in zip(diagram.branches, found.branches, strict=True):
         for gone in [e for e in branch.events if e.kind in record.kinds]:
