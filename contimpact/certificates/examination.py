@@ -18,10 +18,10 @@ from .equations import BallProblem, Balls
 from .event import EventCertificate
 from .krawczyk import proven
 from .nodes import halved
-from .test_functions import OF_TWO, Test, test_at
+from .test_functions import OF_TWO, Test, regular, test_at
 from .touches import Flying, Patch, flying
 from .tube import Segment, Tube, proven_tube
-from .zeros import Cell, zeros
+from .zeros import Cell, narrowed, zeros
 
 BITS = 80
 """Precision of tubes, whose widths are far above rounding."""
@@ -191,6 +191,8 @@ class Examination:
                 events += inside
                 if cell.what == "open" or len(inside) > 1:
                     left.append(f"zeros of the test function of {name} are not told apart")
+                elif not inside and not _real(tube, name, test_at(tube.segment, mu), cell):
+                    left.append("flights vanish there, and their multipliers with them")
                 elif not inside:
                     missing.append(f"a zero of the test function of {name}{_near(tube, cell)}")
         if any("touch_time" in kind_of(kind).needed for kind in self.kinds):
@@ -292,6 +294,13 @@ def _by_multiplier(kinds: Sequence[str]) -> dict[float, list[str]]:
         if mu is not None:
             found.setdefault(mu, []).append(name)
     return found
+
+
+def _real(tube: Tube, name: str, test: Test, cell: Cell) -> bool:
+    """Whether a zero of a test function is one of a multiplier's, for all that can be."""
+    left, right = narrowed(tube, name, test, cell)
+    state = tube.state(arb(left).union(arb(right)))
+    return regular(tube.segment, tube.segment.space.flights(state))
 
 
 def _near(tube: Tube, cell: Cell) -> str:

@@ -43,6 +43,19 @@ def test_at(segment: Segment, mu: float) -> Test:
     return OF_TWO[mu] if segment.space.problem.m == 2 else _LastPivot(segment, mu)
 
 
+ELSEWHERE = (0.5, -0.5)
+"""Where the multipliers' polynomial is evaluated besides: it is zero everywhere where flights
+vanish, and that is no event."""
+
+
+def regular(segment: Segment, flights: list[Flight]) -> bool:
+    """Return whether the multipliers' polynomial is proven not to be zero everywhere."""
+    if segment.space.problem.m == 2:
+        b, c, a = characteristic(flights)
+        return any(not (b * mu * mu - c * mu + a).contains(0) for mu in ELSEWHERE)
+    return any(not _LastPivot(segment, mu)(flights).contains(0) for mu in ELSEWHERE)
+
+
 class _LastPivot:
     """The last pivot of C(mu), in coordinates in which it is diagonal in the middle."""
 

@@ -17,6 +17,8 @@ from .tube import Model, Tube, coefficient, shifted
 
 DEEPEST = 10
 """How often a tube is cut."""
+NARROW = 1e-6
+"""Width of the part of a tube in which a zero is looked at."""
 CUT = 0.4921875
 """Where a cell is cut: not where an event is likely to lie."""
 
@@ -55,6 +57,22 @@ def zeros(tube: Tube, name: str, function: Test) -> list[Cell]:
         middle = left + CUT * (right - left)
         cells += [(middle, right, depth + 1), (left, middle, depth + 1)]
     return _merged(found)
+
+
+def narrowed(tube: Tube, name: str, function: Test, cell: Cell) -> tuple[float, float]:
+    """Return a part of a cell that holds its only zero, as small as enclosures tell."""
+    model, left, right = tube.model(name, function), cell.left, cell.right
+    rising = bool(over(model, right, right) > 0)
+    while right - left > NARROW:
+        middle = left + CUT * (right - left)
+        value = over(model, middle, middle)
+        if value.contains(0):
+            return left, right
+        if (value > 0) == rising:
+            right = middle
+        else:
+            left = middle
+    return left, right
 
 
 def over(model: Model, left: float, right: float) -> Any:
