@@ -28,7 +28,7 @@ from .event import EventCertificate, certified, verified
 from .records import ROWS, Certificates, Kept, digest, read_certificates
 
 NONE = "there is no certificate"
-QUIET = "proofs are for orbits with impacts"
+QUIET = "proofs along branches are for orbits with impacts"
 
 
 class Problems:
@@ -183,8 +183,6 @@ class _Work:
 
     def _entry(self, entry: Entry) -> EventCertificate:
         options = self.options
-        if not entry.word:
-            return rejected(entry, "word", QUIET)
         return certified(entry, lambda: self.problems.of(entry), options.bits, options.max_bits)
 
     def _branches(

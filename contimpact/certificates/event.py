@@ -22,6 +22,7 @@ from .crossing import crosses
 from .equations import BallProblem, Balls
 from .krawczyk import krawczyk, proven
 from .orbit import Orbit
+from .quiet import ball_problem
 from .rest import resting
 
 AGREEMENT = 1e-9
@@ -210,7 +211,7 @@ def _existing(
     entry: Entry, problem: OrbitProblem, bits: int, boxes: Boxes
 ) -> tuple[Orbit, Balls, Balls]:
     """Existence and uniqueness in a box that holds what is recorded."""
-    space, details, kind = BallProblem(problem, bits), details_of(entry), kind_of(entry.kind)
+    space, details, kind = ball_problem(problem, bits), details_of(entry), kind_of(entry.kind)
     recorded = recorded_unknowns(entry, problem)
     equations = kind.in_many_digits(space, recorded, details)
     if equations is None:
@@ -236,7 +237,10 @@ def _existing(
 
 
 def recorded_unknowns(entry: Entry, problem: OrbitProblem) -> Any:
-    """Return the recorded impacts and the followed parameter."""
+    """Return the recorded impacts and the followed parameter; without impacts, what is searched
+    for."""
+    if not entry.word:
+        return orbit_of(entry, problem.model, problem.kernels).linearisation.unknowns
     names = ["time", "velocity", *coordinates(problem.m)[2:]]
     rows = [[impact[name] for name in names] for impact in entry.impacts]
     if len(rows) != len(entry.word):
@@ -253,7 +257,7 @@ def _agrees(entry: Entry, orbit: Orbit, inner: Balls) -> None:
         raise RejectedError(
             "value", f"{entry.parameter} is off by {off}, the recorded error is {entry.error:.3g}"
         )
-    given = recorded_unknowns(entry, problem)
+    given = np.array([]) if not entry.word else recorded_unknowns(entry, problem)
     _near("impacts", zip(map(str, range(problem.n)), given.tolist(), inner, strict=False))
     if entry.touch_time is not None:
         touch = orbit.details["touch_time"]

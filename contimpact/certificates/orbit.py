@@ -17,9 +17,9 @@ from ..bifurcations.kind import Kind
 from ..bifurcations.zero_velocity import vanishing
 from ..orbits.problem import OrbitProblem
 from ..segments.balls import turns
-from .clearance import Clear, Gap
+from .clearance import Clear
 from .equations import BallProblem, Balls, Flight
-from .gaps import walls_met
+from .quiet import gap_of, guards_met
 
 Claim = tuple[Any, str]
 """What is proven, or None and what could not be decided."""
@@ -147,7 +147,7 @@ class Orbit:
         here = problem.evaluate(np.array([float(x.mid()) for x in self.z]))
         for touch in (t for flight in here.gaps for t in flight.touches if t is not None):
             if touch.gap < 0 and not self._own(touch.flight, touch.wall):
-                gap = Gap(space, self.z, touch.flight, touch.wall)
+                gap = gap_of(space, self.z, touch.flight, touch.wall)
                 time = (arb(touch.time) - gap.start[0]).mid()
                 if time > 0 and time < gap.duration and gap.at(time)[0] < 0:
                     return f"flight {touch.flight} passes wall {touch.wall}"
@@ -160,12 +160,12 @@ class Orbit:
 
     def _clear(self) -> Claim:
         """Whether all flights keep clear of all walls."""
-        for k in range(len(self.space.problem.word)):
-            met = () if self._vanishing(k) else walls_met(self.space, k)
+        for k in range(max(1, len(self.space.problem.word))):
+            met = () if self._vanishing(k) else guards_met(self.space, k)
             for wall in met:
                 touch = self.details["touch_time"] if self._own(k, wall.name) else None
                 beside = self._beside(k, wall.name)
-                found = Gap(self.space, self.z, k, wall.name, touch, beside).proven()
+                found = gap_of(self.space, self.z, k, wall.name, touch, beside).proven()
                 if found.what is not Clear.YES:
                     where = f"flight {k}, wall {wall.name}, {found.time:.6g} after it leaves"
                     passes = found.what is Clear.PASSES
@@ -175,6 +175,8 @@ class Orbit:
     def _beside(self, flight: int, wall: str) -> tuple[bool, bool]:
         """Whether a flight of no duration comes from a wall before it, or leads to it after it."""
         word = self.space.problem.word.walls
+        if not word:
+            return False, False
         before, behind = (flight - 1) % len(word), (flight + 1) % len(word)
         return (
             self._vanishing(before) and word[before] == wall,
@@ -185,10 +187,11 @@ class Orbit:
         """Return whether the event's touch is a strict local minimum of the gap."""
         if "touch_time" not in self.details:
             return True, ""
-        gap = Gap(self.space, self.z, self.details["flight"], self.details["wall"])
+        gap = gap_of(self.space, self.z, self.details["flight"], self.details["wall"])
         curvature = gap.at(self.details["touch_time"] - gap.start[0])[2]
         within = self.details["touch_time"] - gap.start[0]
-        if not (within > 0 and within < gap.duration):
+        ends = bool(self.space.problem.word.walls)
+        if ends and not (within > 0 and within < gap.duration):
             return None, f"the touch comes {within.str(6)} after the flight leaves"
         return (True, "") if curvature > 0 else (None, f"the gap bends by {curvature.str(6)}")
 

@@ -31,7 +31,7 @@ def resting(space: BallProblem, box: Balls, inner: Balls) -> list[int]:
         Where the grazing is the only one, and where it lies.
     """
     m, count = space.problem.m, len(space.problem.word)
-    if count == 1 or len(inner) == space.problem.n + 1:
+    if count <= 1 or len(inner) == space.problem.n + 1:
         return []
     slow = [k for k in range(count) if inner[m * k + 1].contains(0)]
     return [k for k in slow if _rests(space, box, inner, k)]

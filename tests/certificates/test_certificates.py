@@ -279,8 +279,9 @@ def test_a_doubling_and_a_grazing_that_nearly_coincide_are_told_apart():
     parameters = {"beta": "pi/9", "r": 0.2955, "A": 5.0, "s": 0.34}
     model = {"system": "impact-pair", "parameters": parameters}
     near = follow(scene(model=model, follow={"switch": []}))
-    found = contimpact.certify(near, options=ENTRIES_ALONE)
+    found = contimpact.certify(near)
     assert found.certified
+    assert [branch.complete for branch in found.branches] == [True]
     values = {c.kind: flint.arb(c.parameter) for c in found.entries}
     recorded = {e.kind: e.value for e in near.entries}
     assert abs(recorded["PD"] - recorded["G"]) < 1e-3
@@ -405,4 +406,6 @@ def test_orbits_without_impacts_are_left_out_with_a_reason():
     orbit = find_orbits(model, "0", parameter="omega")[0]
     branch = continue_orbit(orbit, range=(1.98, 2.02), events=())
     (found,) = certify(branch).branches
-    assert [piece.what for piece in found.unproven] == ["proofs are for orbits with impacts"]
+    assert [piece.what for piece in found.unproven] == [
+        "proofs along branches are for orbits with impacts"
+    ]
