@@ -131,12 +131,25 @@ def used() -> int:
     return len(_LOADED)
 
 
+def plainly(why: str) -> None:
+    """Note what cannot be compiled, for the manifest and, once, the log."""
+    if mode() != "never" and why not in _PLAINLY:
+        _PLAINLY[why] = None
+        logger(__name__).info("not compiled: %s", why)
+
+
+def ran_plainly() -> list[str]:
+    """Return what this process could not have compiled."""
+    return list(_PLAINLY)
+
+
 def spend(flights: int) -> None:
     """Count flights that were evaluated by plain Python."""
     _SPENT[0] += flights
 
 
 _SPENT = [0.0]
+_PLAINLY: dict[str, None] = {}
 
 
 def _make(

@@ -14,7 +14,7 @@ from ..arrays import Array, Table, Vector
 from ..bifurcations.orbit_test import ManyOrbits, OrbitTest
 from ..bifurcations.status import explained
 from ..bifurcations.unfolding import meeting
-from ..compiling.library import CompiledProgram, load, mode, spend
+from ..compiling.library import CompiledProgram, load, mode, plainly, spend
 from ..continuation.batch import Batch, Notice, Position, Proposal, refusal
 from ..continuation.branch import Block, Walk
 from ..continuation.corrector import Evaluate, Solve
@@ -163,6 +163,15 @@ class OrbitBackend:
         return Batch(block, float(state[STEP]), *counts, proposal, refused)
 
     @functools.cached_property
+    def obstacle(self) -> str:
+        """Why there is no compiled code."""
+        if self.by_matrices:
+            return "flights from exponentials of matrices"
+        if self.zeros is None:
+            return "flights whose equations are not linear, or too stiff"
+        return "a forcing whose harmonics change along a branch"
+
+    @functools.cached_property
     def by_matrices(self) -> bool:
         """Whether flights come from exponentials of matrices, which are not compiled."""
         kernels = self.problem.kernels
@@ -199,7 +208,10 @@ class OrbitBackend:
     def compiled(self, most: int) -> CompiledProgram | None:
         """Compiled code, where there is any and the work is worth it."""
         said = mode()
-        if self.variant is None or said == "never" or (said == "auto" and most < WORTH):
+        if said == "never" or (said == "auto" and most < WORTH):
+            return None
+        if self.variant is None:
+            plainly(self.obstacle)
             return None
         kernels, variant = self.problem.kernels, self.variant
 
@@ -305,9 +317,13 @@ def backend_of(
     None where there is none: for more than one degree of freedom, for two free parameters, for
     orbits without impacts, and where jumps move the gap coordinate.
     """
-    if problem.m != 2 or problem.free != 1 or not problem.word.walls:
+    if problem.free != 1 or not problem.word.walls:
+        return None
+    if problem.m != 2:
+        plainly("orbits with several degrees of freedom")
         return None
     if problem.lost or not problem.kernels.passages.anchored:
+        plainly("modes of different dimension, and jumps that move the gap coordinate")
         return None
     needs = {need for test in tests if isinstance(test, OrbitTest) for need in test.needs}
     return OrbitBackend(problem, gaps or "gaps" in needs, "doubling" in needs)

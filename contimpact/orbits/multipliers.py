@@ -190,10 +190,15 @@ def collapse(start: Array, end: Array) -> tuple[Array, Array, float, float]:
 
 
 def _of_any_size(start: Array, end: Array) -> Stability:
-    from scipy.linalg import eigvals
+    from scipy.linalg.lapack import dggev
 
     p, q, sign, logarithm = collapse(start, end)
-    above, below = eigvals(p, -q, homogeneous_eigvals=True)
+    if not np.all(np.isfinite([p, q])):
+        raise ValueError("the blocks of an orbit are not finite")
+    real, imaginary, below, _, _, _, failed = dggev(p, -q, 0, 0)  # eigvals takes five times longer
+    if failed:
+        raise np.linalg.LinAlgError("eigenvalues of a pencil did not converge")
+    above = real + 1j * imaginary
     with np.errstate(divide="ignore", invalid="ignore"):
         values = np.where(below == 0.0, np.inf + 0.0j, above / below)
         values = np.asarray(values[np.argsort(-np.abs(values))], dtype=complex)

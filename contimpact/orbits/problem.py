@@ -335,8 +335,7 @@ class OrbitProblem:
         rows.append([rows[0][0] + self.span(unknowns), *rows[0][1:]])
         flown = zip(self.segments, pairwise(rows), strict=True)
         if self.m > 2:  # together: a call takes longer than an instant
-            parts = np.arange(1.0, 8.0) / 8.0
-            speeds = [s.tracks(row, parts * (later[0] - row[0]), p)[1] for s, (row, later) in flown]
+            speeds = [s.speeds(row, (later[0] - row[0]) / 8.0, 7, p) for s, (row, later) in flown]
             return float(np.max(np.abs(speeds)))
         return max(
             abs(segment.track(row, part * (later[0] - row[0]) / 8.0, p)[1])

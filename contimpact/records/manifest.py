@@ -8,7 +8,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from .. import __version__
-from ..compiling.library import mode, used
+from ..compiling.library import mode, ran_plainly, used
 from ..storage.texts import json_text
 from .result_folder import MANIFEST
 
@@ -35,7 +35,7 @@ def manifest_text(
             "versions": versions,
             "scene": {"given": given, "resolved": scene},
             **statistics,
-            "compiled": {"mode": mode(), "programs": used()},
+            "compiled": {"mode": mode(), "programs": used(), "plainly": ran_plainly()},
             "modules": _modules(),
             "left_out": list(left_out),
             "files": sorted(set(files)),

@@ -5,9 +5,12 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import TYPE_CHECKING
 
-from ..arrays import Number
+import numpy as np
+
+from ..arrays import Array, Number
 from .arithmetic import ARRAYS, Arithmetic, Kernel, evaluate_in
 from .layout import SECTION, Blocks, Row
+from .linear_flow import velocities
 from .segment import Numbers
 
 if TYPE_CHECKING:
@@ -50,9 +53,16 @@ class ClosedForm:
         """Return displacement, velocity and acceleration of the gap coordinate."""
         return self._motion(*start, dt, *values)
 
-    def tracks(self, start: Numbers, dt: Number, values: Numbers) -> tuple[Number, Number, Number]:
-        """Return `track` at an array of times."""
-        return evaluate_in(self._motion, ARRAYS)(*start, dt, *values)
+    def speeds(self, start: Numbers, step: float, count: int, values: Numbers) -> Array:
+        """Return the velocity of the gap coordinate at so many equal steps after leaving."""
+        kernels, left = self._kernels, self._walls[0]
+        if left != SECTION and kernels.linear(left):
+            guard = next(guard for guard in kernels.model.WALLS if guard.name == left)
+            found = velocities(kernels.law(left)(*start, *values), step, count)
+            return found @ np.array(guard.row(kernels.model.DEGREES_OF_FREEDOM), dtype=float)
+        times = step * np.arange(1.0, count + 1.0)
+        motion = evaluate_in(self._motion, ARRAYS)
+        return np.broadcast_to(motion(*start, times, *values)[1], times.shape)
 
     @property
     def _motion(self) -> Kernel:

@@ -97,8 +97,28 @@ def flow(d: int, h: int, directions: int, dt: float, *numbers: float) -> list[fl
         duration, and those of both by each direction.
     """
     shape = Shape(d, h, directions)
-    matrices = [generators(shape, numbers)]
-    found: list[float] = _tables(shape, matrices, dt, series_of_floats).ravel().tolist()
+    size = shape.size
+    matrices = generators(shape, numbers)
+    scales = scales_of(shape, matrices[0])
+    balance = scales / scales[:, None]
+    balanced = [matrix * balance for matrix in matrices]
+    sizes = [_relative(matrix, balanced[0]) for matrix in balanced]
+    whole = triangular(balanced, sizes)
+    mean, rate = mean_rates(whole, dt, series_of_floats)
+    end = dt * mean
+    end.flat[:: len(end) + 1] += 1.0
+    pushed = whole[d : 2 * d] @ end[:, :size]
+    of_means, of_ends = (
+        np.concatenate([s / balance[at : at + d] for s in sizes], axis=1) for at in (0, d)
+    )
+    means, ends = mean[:d] * of_means, end[d : 2 * d] * of_ends
+    found: list[float] = []
+    for i in range(directions + 1):
+        columns = slice(size * i, size * (i + 1))
+        found += means[:, columns].ravel().tolist() + ends[:, columns].ravel().tolist()
+        if i == 0:
+            found += (rate[:d, :size] * of_means[:, :size]).ravel().tolist()
+            found += (pushed * of_ends[:, :size]).ravel().tolist()
     return found
 
 
@@ -164,6 +184,34 @@ def flow_of_series(
     times = toeplitz([c * one for c in dt])
     found = _tables(shape, orders, times, summed or series_of_floats)
     return found.reshape(len(dt), -1).T
+
+
+def velocities(law: Any, step: float, count: int) -> Array:
+    """Return the velocities of all coordinates at equal instants of a linear flight.
+
+    Parameters
+    ----------
+    law : tuple
+        What the kernel ``law`` says where the flight starts.
+    step : float
+        Between the instants.
+    count : int
+        Of the instants after the start.
+
+    Returns
+    -------
+    ndarray of shape (count, d)
+    """
+    d, h, numbers, state = law
+    shape = Shape(int(d), int(h), 0)
+    generator = generator_of(shape, numbers)
+    scales = scales_of(shape, generator)
+    mean, _ = mean_rates(generator * (scales / scales[:, None]), step, series_of_floats)
+    x, found = np.array(state) / scales, []
+    for _ in range(count):
+        x = x + step * (mean @ x)
+        found.append(x)
+    return (np.array(found) * scales)[:, shape.freedom : 2 * shape.freedom]
 
 
 def generators(shape: Shape, numbers: Sequence[Any], kind: Any = float) -> list[Array]:
@@ -299,15 +347,17 @@ def mean_rates(generator: Array, dt: Any, summed: Summed) -> tuple[Array, Array]
     doublings = max(0, math.ceil(math.log2(size / NORM))) if size > 0.0 else 0
     t = dt * 0.5**doublings
     value, slope = summed(_times(t, generator))
+    n = generator.shape[-1]
     mean = generator @ value
-    found = np.stack([mean, generator @ mean, generator @ (generator @ slope)])
+    found = np.concatenate([mean, generator @ mean, generator @ (generator @ slope)], axis=-1)
+    q, s, h = ((..., slice(n * i, n * i + n)) for i in range(3))
     for _ in range(doublings):
-        gained = _times(t, found[0] @ found)
-        last = 0.25 * (found[1] + 2.0 * found[2] + gained[1] + gained[2])
+        gained = _times(t, found[q] @ found)
+        last = 0.25 * (found[s] + 2.0 * found[h] + gained[s] + gained[h])
         found = found + 0.5 * gained
-        found[2] = last
+        found[h] = last
         t = 2.0 * t
-    return found[0], found[2]
+    return found[q], found[h]
 
 
 _SERIES = np.array([

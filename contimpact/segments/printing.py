@@ -142,9 +142,15 @@ def printed_steps(
 
 
 def common(expressions: Sequence[Any], letter: str) -> tuple[list[tuple[Any, Any]], list[Any]]:
-    """Expressions by the steps that they have in common, named by a letter."""
+    """Expressions by the steps that they have in common, named by a letter.
+
+    Factors are taken out first, but not of linear flights: there that takes longer than all the
+    rest, and saves nothing beside the exponential of a matrix.
+    """
     symbols = (own(f"{letter}{i}") for i in itertools.count())
-    found: Any = sympy.cse(expressions, symbols=symbols, optimizations="basic", order="none")
+    linear = any(e.has(MeanFlow, EndFlow) for e in expressions)
+    factored = None if linear else "basic"
+    found: Any = sympy.cse(expressions, symbols=symbols, optimizations=factored, order="none")
     return found
 
 

@@ -85,8 +85,8 @@ class Segment(Protocol):
         """
         ...
 
-    def tracks(self, start: Numbers, dt: Number, values: Numbers) -> tuple[Number, Number, Number]:
-        """Return `track` at an array of times."""
+    def speeds(self, start: Numbers, step: float, count: int, values: Numbers) -> Array:
+        """Return the velocity of the gap coordinate at so many equal steps after leaving."""
         ...
 
 

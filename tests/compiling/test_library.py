@@ -209,13 +209,15 @@ def test_flights_too_stiff_for_compiled_code_go_on_plainly(plain_and_compiled, o
     assert "too stiff for compiled code" in caplog.text
 
 
-def test_what_cannot_be_compiled_runs_plainly(monkeypatch):
+def test_what_cannot_be_compiled_runs_plainly_and_says_so(monkeypatch):
     """Flights from exponentials of matrices need NumPy."""
+    monkeypatch.setattr(module, "_PLAINLY", {})
     monkeypatch.setenv("CONTIMPACT_COMPILED", "always")
     model = TwoStops(a=1.0, omega=1.7, c=0.1, k=1.0, sigma=0.5, r=0.7)
     orbit = find_orbits(model, "RL", parameter="omega")[0]
     low, high = 0.97 * orbit.unknowns[-1], 1.03 * orbit.unknowns[-1]
     assert len(continue_orbit(orbit, range=(low, high))) > 3
+    assert module.ran_plainly() == ["flights from exponentials of matrices"]
 
 
 # Who decides
