@@ -125,6 +125,8 @@ def _unsettled(simulator: Simulator, state: State, settling: Settling, periods: 
         times=run.times[last],
         velocities=run.velocities[last],
         released=run.released[last],
+        others=run.others[last],
+        held=run.held[last],
         exponents=found.per_impact,
         error=found.error,
         restitution=found.restitution,

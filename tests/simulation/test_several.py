@@ -13,6 +13,7 @@ import pytest
 from scipy.integrate import solve_ivp
 from zoo import ProportionalMasses
 
+from contimpact import losses
 from contimpact.attractors.attractor import Attractor, Kind
 from contimpact.attractors.basins import basins
 from contimpact.attractors.sweep import same, sweep
@@ -315,6 +316,17 @@ def test_a_sweep_goes_from_orbit_to_orbit_and_has_all_coordinates():
     columns, rows = table_of(found)
     assert {"exponent4", "multiplier4_im", "x1_2", "v1_2"} <= set(columns)
     assert all(len(row) == len(columns) for row in rows)
+
+
+def test_complex_motion_has_all_coordinates():
+    simulator = Simulator(masses(omega=1.5))
+    few = Settling(transient=20, periods=40, impacts=300)
+    found = settle(simulator, simulator.state("A", 0.3, 2.0, [0.1, 0.2]), few)
+    assert found.kind is Kind.COMPLEX
+    assert found.others.shape == (300, 2)
+    found.require(simulator.model)
+    taken = losses(found, simulator.model)
+    assert taken.impacts == pytest.approx(0.18 * found.velocities**2, rel=1e-12)
 
 
 def test_basins_are_a_section_with_the_other_coordinates_of_an_attractor():
