@@ -151,12 +151,26 @@ class _Unread(dict[str, float]):
         return [(name, self[name]) for name in self]
 
 
+class _Symbols(dict[str, Any]):
+    """The parameters' symbols by name; asked for another name, they say which there are."""
+
+    def __init__(self, names: Sequence[str], where: str) -> None:
+        super().__init__({name: sympy.Symbol(name, real=True) for name in names})
+        self.where = where
+
+    def __missing__(self, name: str) -> Any:
+        accepted = f"its parameters are {', '.join(self)}"
+        raise InputError(self.where, f"no parameter {shown(name)}", accepted)
+
+
 def _evaluated(model: Model) -> Equations:
     where = _where(model)
     view = copy.copy(model)
     view.values = _Unread(list(model.values), where)
-    parameters = {name: sympy.Symbol(name, real=True) for name in model.values}
+    parameters = _Symbols(list(model.values), where)
     formulas = view.formulas(parameters)
+    if not hasattr(formulas, "flight"):
+        raise InputError(where, f"it returns {shown(formulas)}", "return Formulas(...)")
     _check_modes(formulas, [mode.name for mode in model.MODES], where)
     walls = _named(formulas.walls, [wall.name for wall in model.WALLS], "WALLS", f"{where}: walls")
     size = model.DEGREES_OF_FREEDOM

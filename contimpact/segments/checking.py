@@ -14,6 +14,7 @@ from typing import TypeAlias
 from ..errors import InputError
 from ..models.agreement import TOLERANCE, check_motion
 from ..models.equations import equations_of
+from ..models.guards import Guard
 from ..models.model import Model, Symmetry
 from .arithmetic import kernel_of
 from .codegen import KernelWriter
@@ -28,9 +29,9 @@ def check_model(model: Model) -> list[str]:
     """Check that what a system states fits together.
 
     Derived parameters have to depend on what `DERIVED_FROM` says; flights, resets, accelerations,
-    harmonics and period have to state one motion; a reset has to send the body away from its wall;
-    a symmetry has to be one. It is called by ``contimpact check`` and before the first kernel of a
-    system's formulas is written.
+    harmonics and period have to state one motion; a reset has to send the body away from its wall,
+    a guard into its next mode; a symmetry has to be one. It is called by ``contimpact check`` and
+    before the first kernel of a system's formulas is written.
 
     Parameters
     ----------
@@ -57,7 +58,8 @@ def check_model(model: Model) -> list[str]:
     for (wall, _), kernel in kernels.items():
         check_motion(model, wall, kernel)
     done += [f"flight from {wall.name}" for wall in model.WALLS]
-    return [*done, *_resets(model, kernels), *_symmetries(model, writer, kernels)]
+    done += [*_resets(model, kernels), *_passages(model, kernels)]
+    return [*done, *_symmetries(model, writer, kernels)]
 
 
 def _agreement(writer: KernelWriter, name: str) -> Callable[..., Sequence[float]]:
@@ -109,6 +111,47 @@ def _resets(model: Model, kernels: Agreements) -> list[str]:
                 accepted = f"return -r*v[0], or mend the wall's side, which is {wall.side:+d}"
                 raise InputError(where, found, accepted)
     return [f"reset at {wall.name}" for wall in rigid]
+
+
+def _passages(model: Model, kernels: Agreements) -> list[str]:
+    """What passes a guard is within the guards of its next mode; of one degree of freedom."""
+    if model.DEGREES_OF_FREEDOM > 1:
+        return []
+    equations = equations_of(model)
+    given = {equations.parameters[name]: value for name, value in model.values.items()}
+    passed = [guard for guard in model.WALLS if not guard.rigid]
+    for guard in passed:
+        place = equations.departures[guard.name].position[0].subs(given)
+        if place.free_symbols:
+            continue
+        for other in (g for g in model.WALLS if guard.next_mode in g.modes):
+            within = other.side * (equations.walls[other.name].subs(given) - place)
+            _check_passage(model, guard, other, float(within), kernels[guard.name, 0])
+    return [f"passage at {guard.name}" for guard in passed]
+
+
+def _check_passage(
+    model: Model, guard: Guard, other: Guard, within: float, kernel: Callable[..., Sequence[float]]
+) -> None:
+    """`within` is how far inside a guard of the next mode the body is where that begins."""
+    where, mode = f"{type(model).__name__}.formulas", guard.next_mode
+    if within < -TOLERANCE:
+        found = f"{guard.name!r} leads into the mode {mode!r} {-within:.6g} beyond {other.name!r}"
+        accepted = f"mend their positions, or the side of {other.name!r}, which is {other.side:+d}"
+        raise InputError(f"{where}: walls", found, accepted)
+    if within > TOLERANCE:
+        return
+    random = Random(3)
+    for _ in range(TRIALS):
+        before = guard.side * random.uniform(0.1, 1.0)
+        try:
+            speed = other.side * kernel(0.0, before, 0.0, *model.values.values())[1]
+        except (ArithmeticError, ValueError):
+            continue
+        if speed > TOLERANCE * abs(before):
+            found = f"the body leaves the mode {mode!r} at once by {other.name!r}, where it begins"
+            accepted = f"mend reset or jump at {guard.name!r}, or a side"
+            raise InputError(f"{where}: jump at {guard.name!r}", found, accepted)
 
 
 def _symmetries(model: Model, writer: KernelWriter, kernels: Agreements) -> list[str]:
