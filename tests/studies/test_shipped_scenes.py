@@ -263,6 +263,15 @@ def test_grazing_of_the_oscillator():
         assert entry.impacts[0]["velocity"] == pytest.approx(0.0, abs=1e-12)
 
 
+def test_grazings_of_the_stiff_oscillator():
+    """The steady response first touches the stop at its amplitude; then comes one impact at each."""
+    found = diagram("stiff")
+    touches = {entry.label: entry.value for entry in found.entries if entry.kind == "G"}
+    assert touches["G[0->1]"] == pytest.approx(0.3 * abs(1e4 - 1 + 100j), rel=1e-13)
+    grazings = [t for t in read(found).transitions if t.mechanism == 1]
+    assert {(int(t.source), int(t.target)) for t in grazings} >= {(0, 1), (1, 2), (2, 3)}
+
+
 def test_requested_values_are_hit_exactly():
     for name in QUICK:
         wanted = scene(name).values
