@@ -213,6 +213,6 @@ def _cycle(
         period,
         mus,
         miss,
-        np.array([row.others for row in rows]),
+        np.array([row.others for row in rows]).reshape(len(rows), -1),
         np.array([row.held for row in rows], dtype=np.int64),
     )

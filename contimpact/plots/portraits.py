@@ -168,8 +168,10 @@ def plot_series(simulator: Simulator, attractor: Attractor, ax: Any = None) -> A
 
 def _name(simulator: Simulator, moving: bool = False) -> str:
     """What an axis of gap coordinates is called."""
-    if simulator.several:
+    if simulator.several and len(coordinates_of(simulator)) > 1:
         return "their velocities" if moving else "gap coordinates"
+    if simulator.several:
+        return "its velocity" if moving else "gap coordinate"
     return r"$\dot{Z}$" if moving else "$Z$"
 
 

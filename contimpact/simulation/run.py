@@ -167,7 +167,7 @@ def columns_of(rows: Sequence[State]) -> list[Any]:
 
 def more_joined(parts: Sequence[Sequence[Any]], width: int) -> dict[str, Array]:
     """Return the columns that runs of several coordinates have besides, by name."""
-    others = [np.array(part[5], dtype=float).reshape(-1, width) for part in parts]
+    others = [np.array(part[5], dtype=float).reshape(len(part[5]), width) for part in parts]
     held = [np.array(part[6], dtype=np.int64) for part in parts]
     return {
         "others": np.concatenate([np.zeros((0, width)), *others]),

@@ -7,7 +7,6 @@ import math
 import tomllib
 from dataclasses import replace
 
-import mpmath
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
@@ -121,98 +120,6 @@ def test_a_run_is_that_of_an_integrator_with_events():
         other = z[[1, 3]] if wall == 0 else z[[0, 2]]
         assert [z[2 + wall], *other] == pytest.approx(state.section, abs=1e-9)
         z[2 + wall] *= -p["r"]
-
-
-class Modal:
-    """Two undamped masses of one, pressed against the first stop, in thirty digits."""
-
-    def __init__(self, p):
-        self.ctx = ctx = mpmath.mp.clone()
-        ctx.dps = 30
-        self.p = p = {name: ctx.mpf(str(value)) for name, value in p.items()}
-        k1, k2 = p["k1"], p["k2"]
-        squares, self.modes = ctx.eigsy(ctx.matrix([[k1 + k2, -k2], [-k2, k2]]))
-        self.frequencies = [ctx.sqrt(w) for w in squares]
-
-    def forced(self, w, push, t):
-        """The response of an oscillator to a push by cos omega t, and its rate."""
-        ctx, omega = self.ctx, self.p["omega"]
-        size = push / (w * w - omega * omega)
-        return size * ctx.cos(omega * t), -size * omega * ctx.sin(omega * t)
-
-    def oscillated(self, w, push, t0, q, v, t):
-        """An oscillator's place and velocity."""
-        ctx = self.ctx
-        (f0, g0), (f, g) = self.forced(w, push, t0), self.forced(w, push, t)
-        c, s = ctx.cos(w * (t - t0)), ctx.sin(w * (t - t0))
-        return f + (q - f0) * c + (v - g0) / w * s, g - w * (q - f0) * s + (v - g0) * c
-
-    def flown(self, t0, x, v, t):
-        """Places and velocities at t."""
-        found = [self.ctx.matrix(2, 1), self.ctx.matrix(2, 1)]
-        for i, w in enumerate(self.frequencies):
-            mode = self.modes[:, i]
-            q, u = (mode.T * self.ctx.matrix(part) for part in (x, v))
-            q, u = self.oscillated(w, mode[0] * self.p["a1"], t0, q[0], u[0], t)
-            found = [found[0] + q * mode, found[1] + u * mode]
-        return found
-
-    def force(self, t, x):
-        """The acceleration of the first mass."""
-        push = self.p["a1"] * self.ctx.cos(self.p["omega"] * t)
-        return push - (self.p["k1"] + self.p["k2"]) * x[0] + self.p["k2"] * x[1]
-
-    def accumulated(self, t, x, v):
-        """The end of the impacts, from before one of them; place and velocity of mass two then."""
-        sigma, r = self.p["sigma_1"], self.p["r"]
-        while True:
-            x, v = [sigma, x[1]], [-r * v[0], v[1]]
-            dt = -2 * v[0] / self.force(t, x)
-            if dt < 1e-14:
-                dt /= 1 - r
-                y, u = self.flown(t, x, v, t + dt)
-                return t + dt, y[1], u[1]
-            start = t
-            t = self.ctx.findroot(
-                lambda s, start=start, x=x, v=v: (
-                    (self.flown(start, x, v, s)[0][0] - sigma) / (s - start)
-                ),
-                (t + dt, t + dt * (1 + self.ctx.mpf("1e-3"))),
-            )
-            y, u = self.flown(start, x, v, t)
-            x, v = [y[0], y[1]], [u[0], u[1]]
-
-    def released(self, t0, y, v):
-        """When the force on the first mass, at rest on its stop, vanishes."""
-        w, sigma = self.ctx.sqrt(self.p["k2"]), self.p["sigma_1"]
-
-        def force(t):
-            place, _ = self.oscillated(w, 0, t0, y - sigma, v, t)
-            return self.force(t, [sigma, sigma + place])
-
-        times = [t0 + k * self.ctx.mpf("0.01") for k in range(2000)]
-        pair = next(p for p in itertools.pairwise(times) if force(p[0]) > 0 >= force(p[1]))
-        return self.ctx.findroot(force, pair, solver="anderson")
-
-
-def test_chatter_ends_and_sticking_is_released_when_thirty_digits_say():
-    given = {"c1": 0.0, "c2": 0.0, "a1": 0.6, "omega": 0.5, "sigma_1": -0.4, "sigma_2": 50.0}
-    model = masses(**given, r=0.6)
-    simulator = Simulator(model)
-    start = simulator.state("A", 0.1, 0.3, [0.2, -0.1])
-    run = simulator.run(start, impacts=80)
-    end = int(np.nonzero(run.released)[0][0])
-    last, after = run.states()[end - 1], run.states()[end]
-    exact = Modal({name: model.values[name] for name in VALUES})
-    when, y, v = exact.accumulated(*map(exact.ctx.mpf, ("0.1",)), [-0.4, 0.2], [0.3, -0.1])
-    force = float(exact.force(exact.ctx.mpf(last.phase), [exact.p["sigma_1"], last.others[0]]))
-    rest = 2.0 * 0.6 * last.velocity / (force * (1.0 - 0.6))
-    assert 0.0 < rest < 1e-9 * simulator.period
-    assert last.phase + rest == pytest.approx(float(when), abs=1e-12)
-    assert run.turns[end] == 0
-    assert after.phase == pytest.approx(float(exact.released(when, y, v)), abs=1e-11)
-    assert after.held == 1
-    assert simulator.run(after, impacts=1).held[0] == 0
 
 
 def test_bodies_that_rest_on_each_other_move_as_one():

@@ -33,6 +33,9 @@ BODIES = [name for name in NAMES if name in ("two_masses", "coupled_by_impact", 
 LONG = [*MAPS, *BODIES]
 QUICK = [name for name in NAMES if name not in LONG]
 EVERY = [*QUICK, *(pytest.param(name, marks=pytest.mark.slow) for name in LONG)]
+EACH_SIMULATED = [
+    pytest.param(name, marks=pytest.mark.slow) if name in LONG else name for name in SIMULATED
+]
 
 DAMPING = {
     "oscillator": lambda p: p["c"],
@@ -291,13 +294,20 @@ def test_exported_events_agree_with_a_fresh_run(name, tmp_path):
     assert Judge({}).refused("events.csv", found, old, new) == []
 
 
-@pytest.mark.parametrize("name", SIMULATED)
+@pytest.mark.parametrize("name", EACH_SIMULATED)
 def test_exported_simulations_are_of_the_exported_branches(name):
-    """What explains a transition is an event of the scene; no file is large."""
+    """What explains a transition is an event of the scene, attractors lie on its branches; no file
+    is large."""
     events = {entry.id: entry for entry in diagram(name).entries}
-    text = (FOLDER / name / "simulation" / "transitions.json").read_text(encoding="utf-8")
-    told = [e for t in json.loads(text)["transitions"] for e in t["explanations"]]
-    assert told
+    folder, options = FOLDER / name / "simulation", scene(name).simulate
+    matches = json.loads((folder / "coverage.json").read_text(encoding="utf-8"))["matches"]
+    assert matches
+    assert {match["branch"] for match in matches} <= {b.id for b in diagram(name).branches}
+    told = []
+    if options.transitions:
+        text = (folder / "transitions.json").read_text(encoding="utf-8")
+        told = [e for t in json.loads(text)["transitions"] for e in t["explanations"]]
+        assert told
     for explanation in told:
         entry = events[explanation["entry"]]
         assert explanation["label"] == entry.label
@@ -305,9 +315,9 @@ def test_exported_simulations_are_of_the_exported_branches(name):
     with open(FOLDER / name / "simulation" / "sweep.csv", encoding="utf-8") as file:
         assert json.loads(next(file).removeprefix("# "))["parameter"] == scene(name).parameter
         directions = {row["direction"] for row in csv.DictReader(file)}
-    asked = scene(name).simulate.direction
+    asked = options.direction
     assert directions == ({"up", "down"} if asked == "both" else {asked})
-    tables = ("sweep.csv", "transitions.json", "coverage.json", "energy.csv")
+    tables = ("sweep.csv", "transitions.json", "coverage.json", "losses.csv", "energy.csv")
     paths = [FOLDER / name / "simulation" / table for table in tables]
     assert all(path.stat().st_size < 600 * 1024 for path in paths if path.exists())
 

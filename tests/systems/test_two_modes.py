@@ -8,6 +8,7 @@ import importlib.util
 import math
 import re
 
+import numpy as np
 import pytest
 import sympy
 from zoo import ROOT
@@ -115,3 +116,27 @@ def test_formulas_that_do_not_fit_are_named(change, says):
 def test_a_word_that_the_graph_does_not_have_is_refused_with_what_could_follow():
     with pytest.raises(InputError, match="PP has P after P; after P can come N"):
         find_orbits(Bilinear(**VALUES), "PP", parameter="omega")
+
+
+class Hysteretic(Bilinear):
+    """The spring changes where x rises through zero, and back only below -0.2."""
+
+    SYSTEM = "hysteretic"
+
+    def formulas(self, symbols):
+        found = super().formulas(symbols)
+        return dataclasses.replace(found, walls=found.walls | {"N": -sympy.Rational(1, 5)})
+
+
+def test_modes_may_begin_within_their_guards():
+    """No guard of the mode lies on the surface at which it begins."""
+    model = Hysteretic(**VALUES)
+    assert "passage at N" in check_model(model)
+    orbits = [o for o in find_orbits(model, "PN", parameter="omega") if o.stable and o.physical]
+    simulator = Simulator(model)
+    assert simulator.several
+    found = settle(simulator, simulator.state("P", 0.0, 1.0))
+    assert found.word == "PN"
+    near = [o for o in orbits if o.velocities == pytest.approx(found.velocities, abs=1e-10)]
+    assert len(near) == 1
+    assert np.poly(found.multipliers) == pytest.approx(np.poly(near[0].multipliers), abs=1e-10)
