@@ -62,15 +62,19 @@ class ExactFlights:
         self.period = self.exact.setup(self.values).period
 
     def arrival(self, walls: tuple[int, int], start: Sequence[Any], guess: Sequence[Any]) -> Any:
-        """Return time and velocity of the arrival next to a guess; None if it is not reached."""
-        ctx = self.exact.ctx
+        """Return time and section coordinates of the arrival next to a guess.
+
+        None if it is not reached.
+        """
+        ctx, m = self.exact.ctx, len(guess)
         flight = self.exact.flight(*(self.letters[wall] for wall in walls))
         x = ctx.matrix([ctx.mpf(value) for value in guess])
         for _ in range(ITERATIONS):
-            rows, _, end, _ = flight(*map(ctx.mpf, start), x[0], x[1], *self.values)
-            step = ctx.lu_solve(ctx.matrix([end[:2], end[2:]]), ctx.matrix(rows))
+            rows, _, end, _ = flight(*map(ctx.mpf, start), *x, *self.values)
+            blocks = [end[m * i : m * i + m] for i in range(m)]
+            step = ctx.lu_solve(ctx.matrix(blocks), ctx.matrix(rows))
             x = x - step
-            if max(abs(step[0]), abs(step[1])) < ctx.mpf(10) ** -self.exact.digits:
+            if max(map(abs, step)) < ctx.mpf(10) ** -self.exact.digits:
                 return x
         return None
 
@@ -78,8 +82,8 @@ class ExactFlights:
         """Return the error of each of some flights, from the simulated impact before it."""
         found = []
         for k in flights_of(run)[:flights]:
-            start = [float(run.phases[k]), float(run.velocities[k])]
-            found.append(self.off(run, k, self.arrival(*self.about(run, k, start))))
+            arrived = self.arrival(*self.about(run, k, impact(run, k)))
+            found.append(self.off(run, k, arrived))
         return found
 
     def along(self, run: Run, flights: int = FLIGHTS) -> tuple[list[float], list[Any]]:
@@ -89,31 +93,33 @@ class ExactFlights:
         """
         errors: list[float] = []
         velocities: list[Any] = []
-        start: list[Any] = [float(run.phases[0]), float(run.velocities[0])]
+        start: list[Any] = impact(run, 0)
+        flown = set(flights_of(run))
         for k in range(min(flights, len(run) - 1)):
-            if run.released[k + 1]:
+            if k not in flown:
                 break
             found = self.arrival(*self.about(run, k, start))
             errors.append(self.off(run, k, found))
             if found is None:
                 break
-            start = [found[0] - self.turns(run, k) * self.period, found[1]]
+            start = [found[0] - self.turns(run, k) * self.period, *list(found)[1:]]
             velocities.append(found[1])
         return errors, velocities
 
     def about(self, run: Run, k: int, start: Sequence[Any]) -> tuple[Any, ...]:
         """The walls of flight k, where it starts, and where the simulation has it arrive."""
-        phase = float(run.phases[k + 1]) + self.turns(run, k) * self.period
+        phase, *section = impact(run, k + 1)
         walls = int(run.walls[k]), int(run.walls[k + 1])
-        return walls, start, [phase, float(run.velocities[k + 1])]
+        return walls, start, [phase + self.turns(run, k) * self.period, *section]
 
     def off(self, run: Run, k: int, found: Any) -> float:
         """How far the simulated arrival of flight k is from another one."""
         if found is None:
             return float("inf")
-        phase = found[0] - self.turns(run, k) * self.period
-        late = abs(float(phase - float(run.phases[k + 1])))
-        return max(late, abs(float(found[1] - float(run.velocities[k + 1]))))
+        phase, *section = impact(run, k + 1)
+        late = found[0] - self.turns(run, k) * self.period - phase
+        apart = (one - other for one, other in zip(list(found)[1:], section, strict=True))
+        return max(abs(float(difference)) for difference in (late, *apart))
 
     @staticmethod
     def turns(run: Run, k: int) -> int:
@@ -123,19 +129,34 @@ class ExactFlights:
 
 def flights_of(run: Run) -> list[int]:
     """Return the rows from which the body flies to the next one; before a release it rests."""
-    return [k for k in range(len(run) - 1) if not run.released[k + 1]]
+    if not run.held.size:
+        return [k for k in range(len(run) - 1) if not run.released[k + 1]]
+    flown = [not (released or held) for released, held in zip(run.released, run.held, strict=True)]
+    return [k for k in range(len(run) - 1) if flown[k] and flown[k + 1]]
+
+
+def impact(run: Run, k: int) -> list[float]:
+    """Return phase and section coordinates of a row."""
+    others = run.others[k].tolist() if run.others.size else []
+    return [float(run.phases[k]), float(run.velocities[k]), *others]
 
 
 def simulated(
     scene: Scene, tolerances: Sequence[float], repetitions: int, digits: int
 ) -> dict[str, Any] | None:
-    """Measure a scene's simulation, and its voltages; None for a scene without ``[simulate]``."""
+    """Measure a scene's simulation, and its voltages.
+
+    None for a scene without ``[simulate]``, or where the motion comes to meet no wall. With several
+    coordinates nothing is integrated.
+    """
     if scene.simulate is None:
         return None
     simulator = Simulator(scene.model, Kernels(scene.model, scene.parameter))
     state = simulator.random_state(np.random.default_rng(scene.seed))
     state = simulator.run(state, periods=TRANSIENT, record=False).end or state
     run, seconds = timed(lambda: simulator.run(state, impacts=IMPACTS), repetitions, IMPACTS)
+    if not len(run):
+        return None
     exact = ExactFlights(simulator, digits)
     one_by_one = exact.errors(run)
     along, velocities = exact.along(run)
@@ -148,7 +169,7 @@ def simulated(
         "impacts": len(run),
         "flights": len(one_by_one),
         "simulator": row,
-        "solve_ivp": [integrated(exact, run, tolerance) for tolerance in tolerances],
+        "solve_ivp": [integrated(exact, run, t) for t in tolerances if not simulator.several],
         "along": along,
         "energy": energy,
     }

@@ -26,7 +26,6 @@ from ..models.section import state_before
 from ..segments.arrival import first_hit
 from ..segments.kernels import Kernels
 from ..segments.linear_flow import Shape
-from ..segments.passages import Passages
 from .body import wrapped
 from .chatter import EARLY, LOW, SHORT
 from .flight_from_state import (
@@ -50,9 +49,15 @@ MOVED = 1e-10
 """A wall is left by an impact elsewhere that gives it this part of the largest velocity."""
 
 
-def needed(model: Model, passages: Passages) -> bool:
-    """Whether a system has more than one coordinate between two walls in each mode."""
+def needed(model: Model, kernels: Kernels) -> bool:
+    """Whether a system has more than one coordinate between two walls in each mode.
+
+    Linear flights are simulated faster as polynomials in pieces than by their kernels, too.
+    """
+    passages = kernels.passages
     if model.DEGREES_OF_FREEDOM != 1 or 0.0 in passages.leaving:
+        return True
+    if any(kernels.linear(guard.name) for guard in model.WALLS):
         return True
     met = ([g.side for g, sees in zip(model.WALLS, row, strict=True) if sees]
            for row in passages.watched)  # fmt: skip
@@ -316,6 +321,13 @@ class Automaton:
         there = [(side * self.positions[k], k) for k in numbers if self.guards[k].side == side]
         place, wall = min(there, default=(math.inf, -1))
         return side * place, wall
+
+    def fly(self, wall: int, phase: float, velocity: float) -> tuple[int, float, float]:
+        """Return the wall hit next, the time until then and the velocity; of one coordinate."""
+        found = self.next(State(wall, phase, velocity))
+        if isinstance(found, Outcome):
+            return -1, math.inf, velocity
+        return found.wall, found.turns * self.period + found.phase - phase, found.velocity
 
     # Runs.
 

@@ -64,7 +64,7 @@ class Simulator:
         self.period = float(setup.period)
         self.positions = tuple(float(x) for x in setup.walls)
         self.derived = dict(zip(model.DERIVED, setup.derived, strict=True))
-        kind = Automaton if needed(model, self.kernels.passages) else OneCoordinate
+        kind = Automaton if needed(model, self.kernels) else OneCoordinate
         given = (model, self.kernels, self.period, self.positions, longest_flight)
         self.machine: Automaton | OneCoordinate = kind(*given)
         self.restitution = self.machine.restitution
@@ -77,7 +77,7 @@ class Simulator:
 
     @property
     def several(self) -> bool:
-        """Whether the system has more than one coordinate between two walls."""
+        """Whether it is simulated with all its coordinates, by the `automaton`."""
         return isinstance(self.machine, Automaton)
 
     # Flights.
@@ -86,9 +86,11 @@ class Simulator:
         """Return whether a body at rest on a wall is pressed against it, and for how long.
 
         The time is infinite if the acceleration never turns away. Of one coordinate between two
-        walls, as `fly`.
+        walls, with flights that are not linear.
         """
-        return self._one("pressed").pressed(wall, phase)
+        if isinstance(self.machine, Automaton):
+            raise self._refused("pressed")
+        return self.machine.pressed(wall, phase)
 
     def fly(self, wall: int, phase: float, velocity: float) -> tuple[int, float, float]:
         """Return the wall hit next, the time until then and the velocity before that impact.
@@ -109,15 +111,15 @@ class Simulator:
         Raises
         ------
         InputError
-            If the system has more than one coordinate between two walls.
+            If the system has several degrees of freedom.
         """
-        return self._one("fly").fly(wall, phase, velocity)
+        if self.model.DEGREES_OF_FREEDOM > 1:
+            raise self._refused("fly")
+        return self.machine.fly(wall, phase, velocity)
 
-    def _one(self, asked: str) -> OneCoordinate:
-        if isinstance(self.machine, OneCoordinate):
-            return self.machine
+    def _refused(self, asked: str) -> InputError:
         found = f"{self.model.SYSTEM} has more than one coordinate between two walls"
-        raise InputError(asked, found, "use state and run")
+        return InputError(asked, found, "use state and run")
 
     def start(
         self,
