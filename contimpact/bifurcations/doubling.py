@@ -24,6 +24,7 @@ from ..continuation.test_function import Located, TestFunction
 from ..models.word import Word
 from ..orbits.linearisation import Linearisation
 from ..orbits.problem import Array, OrbitProblem
+from ..orbits.quiet import problem_of
 from .codimension_two import AlsoGrazes, AlsoStops, CurvePoint, OnCurve, Resonance
 from .curve_start import CurveStart, twice
 from .extended_system import ExtendedSystem, located
@@ -121,10 +122,12 @@ class PD(Kind):
     def born(self, event: OrbitEvent) -> Start | None:
         here: Linearisation = event.point.evaluation
         problem, word = here.problem, here.problem.word
-        if not word.walls:
-            return None
         null = np.linalg.svd(here.cyclic(-1.0)[:, :-1])[2][-1]
         null *= np.sign(null[np.argmax(np.abs(null))])  # of two equal branches, always the same
+        if not word.walls:
+            doubled = problem_of(problem.model, Word("", word.period * 2), problem.kernels)
+            tangent = np.append(null, 0.0)
+            return Start(doubled, here.unknowns, tangent, branching=True, both_ways=False)
         rows = problem.impacts(here.unknowns)
         later = rows.copy()
         later[:, 0] += problem.span(here.unknowns)

@@ -93,3 +93,22 @@ def test_orbits_without_impacts():
     assert math.hypot(near.unknowns[0], near.unknowns[1] / 2.0) == pytest.approx(size, rel=1e-4)
     assert near.linearisation.verdict.smallest_gap == pytest.approx(1.0 - size, abs=1e-6)
     assert np.prod(near.multipliers).real == pytest.approx(math.exp(-0.1 * math.pi), rel=1e-13)
+
+
+def test_a_period_doubling_without_impacts():
+    """Of a driven pendulum that swings freely: the orbit of two periods is born."""
+    model = Pendulum(a=1.0, omega=0.83, c=0.1, sigma=4.0, r=0.8)
+    orbits = ci.find_orbits(model, "0", parameter="omega")
+    orbit = next(orbit for orbit in orbits if orbit.stable and orbit.physical)
+    branch = ci.continue_orbit(orbit, "omega", (0.822, 0.835), events=["PD"])
+    (event,) = branch.events
+    assert event.criticality == "supercritical"
+    doubled = ci.continue_born(event, range=(0.822, 0.835), events=["PD"])
+    assert (doubled.word, doubled.period) == ("", 2)
+    last = doubled.orbit(len(doubled) - 1)
+    assert last.stable
+    once = last.problem.kernels.segment("0", "1").blocks
+    state = last.unknowns[:2]
+    moved = np.array(once(state, state, last.problem.values(last.unknowns))[0])
+    assert np.max(np.abs(moved)) > 0.01  # not back after one period
+    assert last.linearisation.largest_residual < 1e-13
