@@ -65,8 +65,8 @@ def _with_enclosures(kernels: Kernels) -> Kernels:
     model = kernels.model
     if all(enclosed(kernels.motion(wall.name).source) for wall in model.WALLS):
         return kernels
-    found = "its flights are sums over more than eight harmonics"
-    accepted = "proofs are for forcings of eight harmonics at most"
+    found = "its flights are integrated, or sums over more than eight harmonics"
+    accepted = "proofs are for linear flights and closed forms with eight harmonics at most"
     raise InputError(f"system {model.SYSTEM}", found, accepted)
 
 

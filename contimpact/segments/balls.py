@@ -94,7 +94,7 @@ def balls(bits: int) -> Arithmetic:
 
 def enclosed(source: str) -> bool:
     """Whether enclosures of all that a kernel calls are known, given its source."""
-    return re.search(r"\bwaves\(", source) is None
+    return re.search(r"\b(flown|waves)\(", source) is None
 
 
 def _method(name: str) -> Callable[[Number], Number]:
