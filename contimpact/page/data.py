@@ -200,7 +200,8 @@ def _orbits(branch: Branch) -> Orbits:
         for k in range(len(branch.word))
     ]
     parameters = {name: branch[name] for name in branch.parameters}
-    return Orbits(branch.word, branch.period, parameters, np.stack(impacts, axis=1))
+    stacked = np.stack(impacts, axis=1) if impacts else np.zeros((len(branch), 0, len(names)))
+    return Orbits(branch.word, branch.period, parameters, stacked)
 
 
 def _kept(rows: int, every: int, marked: Array) -> Array:
