@@ -86,7 +86,7 @@ def program_of(kernels: Kernels, variant: str) -> Program:
     walls = [wall.name for wall in kernels.model.WALLS]
     flights = {f"flight_{a}_{b}": kernels.flight(a, b) for a in walls for b in walls}
     ends = f"t0, v0, t1, v1, {p}"
-    flight = _choice("any_flight", "kind, t0, v0, t1, v1, p", "kind", list(flights), ends)
+    flight = choice("any_flight", "kind, t0, v0, t1, v1, p", "kind", list(flights), ends)
     program.glue(flight, **flights)
     program.constant("OrbitVectors", OrbitVectors)
     _add_excursions(program, kernels, variant, walls, p)
@@ -103,12 +103,12 @@ def _add_excursions(
     if variant == "law":
         laws = {f"law_{a}": kernels.law(a) for a in walls}
         given = f"head[1], head[2], {p}"
-        program.glue(_choice("any_law", "head, p", "head[0]", list(laws), given), **laws)
+        program.glue(choice("any_law", "head, p", "head[0]", list(laws), given), **laws)
         program.glue(LAW, excursion_by_law=excursion_by_law)
     else:
         motions = {f"motion_{a}": kernels.motion(a) for a in walls}
         given = f"head[1], head[2], dt, {p}"
-        motion = _choice("any_motion", "head, dt, p", "head[0]", list(motions), given)
+        motion = choice("any_motion", "head, dt, p", "head[0]", list(motions), given)
         program.glue(motion, **motions)
         program.glue(MOTION, excursions=excursions)
     if variant == "single":
@@ -118,7 +118,7 @@ def _add_excursions(
         program.glue(GIVEN)
 
 
-def _choice(name: str, arguments: str, chosen: str, functions: Sequence[str], given: str) -> str:
+def choice(name: str, arguments: str, chosen: str, functions: Sequence[str], given: str) -> str:
     """The text of a function that calls one of several by number."""
     lines = [f"def {name}({arguments}):"]
     for i, function in enumerate(functions[:-1]):

@@ -12,7 +12,7 @@ import hashlib
 import re
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 from ..arrays import Vector
 from ..errors import InputError
@@ -26,9 +26,11 @@ from .closed_form import ClosedForm
 from .layout import SECTION
 from .passages import Passages, passages_of
 
+F = TypeVar("F")
+
 
 def _caller(
-    arguments: str, number: str, given: str, model: Model, loaded: _WhenAsked
+    arguments: str, number: str, given: str, model: Model, loaded: _WhenAsked[Any]
 ) -> Callable[..., Any]:
     """Return a function that calls a kernel by number, its parameters written out.
 
@@ -41,13 +43,13 @@ def _caller(
     return namespace["call"]
 
 
-class _WhenAsked(dict[int, Kernel]):
+class _WhenAsked(dict[int, F]):
     """Kernels by number, loaded when they are first asked for."""
 
-    def __init__(self, load: Callable[[int], Kernel]) -> None:
+    def __init__(self, load: Callable[[int], F]) -> None:
         self.load = load
 
-    def __missing__(self, number: int) -> Kernel:
+    def __missing__(self, number: int) -> F:
         self[number] = self.load(number)
         return self[number]
 
@@ -216,14 +218,36 @@ class Kernels:
         """``flights(kind, t0, v0, t1, v1, p)``: the flight between two walls by their numbers,
         kind = start * walls + end; for one degree of freedom."""
         named = [wall.name for wall in self.model.WALLS]
-        loaded = _WhenAsked(lambda kind: self.flight(*(named[i] for i in divmod(kind, len(named)))))
+        loaded = _WhenAsked[Kernel](
+            lambda kind: self.flight(*(named[i] for i in divmod(kind, len(named))))
+        )
 
         return _caller("kind, t0, v0, t1, v1, p", "kind", "t0, v0, t1, v1", self.model, loaded)
 
     @functools.cached_property
+    def seconds(self) -> Callable[..., Any]:
+        """``seconds(kind, t0, v0, t1, v1, q0, q1, q2, q3, p)``: how the `Blocks` of the flight
+        between two walls by their numbers change along q, parameters held; for one degree of
+        freedom."""
+        named = [wall.name for wall in self.model.WALLS]
+        loaded: _WhenAsked[Callable[..., Any]] = _WhenAsked(
+            lambda kind: self.second(*(named[i] for i in divmod(kind, len(named))))
+        )
+        ends = "t0, v0, t1, v1, q0, q1, q2, q3"
+        held = ", 0.0" * len(self.parameters)
+        return _caller(f"kind, {ends}, p", "kind", ends + held, self.model, loaded)
+
+    @functools.cached_property
+    def loops(self) -> bool:
+        """Whether flights are computed in loops, rather than written out."""
+        first, *_ = (wall.name for wall in self.model.WALLS)
+        after = following(self.model.WALLS, first)[0]
+        return bool({"flow", "waves"} & {*self.flight(first, after).__code__.co_names})
+
+    @functools.cached_property
     def motions(self) -> Callable[..., Any]:
         """``motions((wall, t0, *y0), dt, p)``: the motion after a wall by its number."""
-        loaded = _WhenAsked(lambda wall: self.motion(self.model.WALLS[wall].name))
+        loaded = _WhenAsked[Kernel](lambda wall: self.motion(self.model.WALLS[wall].name))
 
         if self.model.DEGREES_OF_FREEDOM == 1:
             return _caller("head, dt, p", "head[0]", "head[1], head[2], dt", self.model, loaded)

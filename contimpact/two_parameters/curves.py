@@ -32,6 +32,7 @@ from ..records.recovery import model_of
 from ..records.tables import all_parameters, columns_of
 from ..scenes.options import CURVE_SETTINGS
 from ..segments.kernels import Kernels
+from .curve_backend import backend_of
 from .problem import CurvePoint, CurveProblem, curve_problem, require_curve
 from .shorter import Repeats, crossing, ended
 
@@ -138,6 +139,7 @@ def followed(
             problem, start, direction, parameter=last, limits=ranges[-1],
             tests=[*watched, SecondValue(values), *special],
             settings=settings, callback=callback, stop=stop, meeting=crossing if again else None,
+            backend=backend_of(problem),
         )  # fmt: skip
 
     forward = kept(lambda: go(+1))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -62,9 +63,14 @@ class CurveProblem:
         orbit, own = self.unpacked(unknowns)
         here = self.orbit.evaluate(orbit)
         at = self.system.assemble(here, own)
+        found = CurvePoint(self, unknowns, at.residual, here, own)
+        found.jacobian = self.in_order(at.jacobian)
+        return found
+
+    def in_order(self, jacobian: Array) -> Array:
+        """Return the system's Jacobian with the last parameter's column last."""
         last = self.orbit.n + self.orbit.free - 1
-        columns = [*range(last), *range(last + 1, at.jacobian.shape[1]), last]
-        return CurvePoint(self, unknowns, at.residual, at.jacobian[:, columns], here, own)
+        return jacobian[:, [*range(last), *range(last + 1, jacobian.shape[1]), last]]
 
     def rounding(self, here: CurvePoint) -> Array:
         """Return bounds of the rounding errors of the residuals at a point."""
@@ -83,16 +89,20 @@ class CurveProblem:
         return self.packed(self.orbit.difference(orbit, orbit_other), own - own_other)
 
 
-@dataclass(frozen=True)
+@dataclass(eq=False)
 class CurvePoint:
     """A curve's system at one point, with the orbit's linearisation."""
 
     problem: CurveProblem
     unknowns: Array
     residual: Array
-    jacobian: Array
     orbit: Linearisation
     own: Array
+
+    @functools.cached_property
+    def jacobian(self) -> Array:
+        """The system's Jacobian, made when asked for if it is not there."""
+        return self.problem.in_order(self.problem.system.assemble(self.orbit, self.own).jacobian)
 
     def parameter(self, name: str) -> float:
         """Return the value of a free parameter."""
