@@ -2,7 +2,7 @@
 
 The curves that are no ghosts cut the rectangle into cells (`arrangement`). Everywhere in a cell the
 same orbits are stable, and meet the same curve first: one run along a vertical line through a slab
-says what, a second one checks it. Cells that say the same are one area (`outlines`).
+says what, further ones check it. Cells that say the same are one area (`outlines`).
 """
 
 from __future__ import annotations
@@ -132,7 +132,7 @@ class _Divider:
             if away > ON_CURVE:
                 place = self.frame.at(x, y)
                 cell = self.slabs[number].cell(x, y)
-                label = event.label if event else stretch.orbit.ends
+                label = event.label if event else "the end of its branch"
                 ends = f"{stretch.orbit.notation} ends at {label}"
                 self.off[number, cell].append(Doubt(*place, f"{ends} on no curve"))
                 continue
