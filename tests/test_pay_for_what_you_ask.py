@@ -58,7 +58,7 @@ OWN_HEAVY = (
     "compiling.machine_code",
     "compiling.program", "orbit_continuation.orbit_program", "models.agreement", "models.equations",
     "models.symbolic", "records.formats", "records.merge", "scenes.simulate_tables",
-    "segments.ball_series", "segments.ball_transients", "segments.balls",
+    "segments.ball_flow", "segments.ball_series", "segments.ball_transients", "segments.balls",
     "segments.codegen", "segments.printing", "segments.tape", "systems.membrane",
     "systems.oscillator",
 )  # fmt: skip

@@ -7,6 +7,8 @@ import dataclasses
 import functools
 import json
 import math
+import subprocess
+import sys
 
 import pytest
 from zoo import ROOT
@@ -24,8 +26,8 @@ flint = pytest.importorskip("flint", reason="needs contimpact[certify]")
 from contimpact.certificates import touches  # noqa: E402
 from contimpact.certificates.branch import verified_branch  # noqa: E402
 from contimpact.certificates.certify import verify_folder  # noqa: E402
-from contimpact.certificates.event import certified, verified  # noqa: E402
-from contimpact.certificates.records import FILE  # noqa: E402
+from contimpact.certificates.event import EventCertificate, certified, verified  # noqa: E402
+from contimpact.certificates.records import FILE, Kept  # noqa: E402
 
 ENTRIES_ALONE = CertifyOptions(branches=False)
 
@@ -281,3 +283,20 @@ def test_figures_are_proven(name):
     assert found.certified, found
     assert all(branch.complete for branch in found.branches), found
     assert all(c.certified_radius < 1e-30 for c in found.entries)
+
+
+def test_a_damaged_row_of_an_interrupted_proof_is_proven_again(tmp_path):
+    path = tmp_path / "certificates.jsonl"
+    Kept(path, "key").add(certified(entries_of("bouncing_ball")[1]))
+    row = {"of": "EventCertificate", "certificate": {"id": "e9"}}
+    with path.open("a") as file:
+        file.write(json.dumps(row) + '\n{"of": "Event')
+    kept = Kept(path, "key")
+    assert kept.get(EventCertificate, "e2").certified
+    assert kept.get(EventCertificate, "e9") is None
+
+
+def test_without_the_extra_python_says_what_to_install():
+    code = "import sys; sys.modules['flint'] = None; import contimpact; contimpact.certify"
+    told = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
+    assert "pip install contimpact[certify]" in told.stderr
