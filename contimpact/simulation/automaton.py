@@ -303,9 +303,8 @@ class Automaton:
         _, speed, force = curve((), 0.0, ())
         rising = speed > 0.0 or (speed == 0.0 and force > 0.0)
         if left is not None and own:
-            origin = self.positions[left]
             if self.passages.leaving[left]:
-                rising = self.passages.leaving[left] < 0.0
+                origin, rising = self.positions[left], self.passages.leaving[left] < 0.0
             if speed == 0.0:
                 breaks = [t for t in breaks if t > NUDGE * self.period]
         times = [*(t for t in breaks if 0.0 < t < window.length), window.length]
