@@ -10,8 +10,8 @@ import numpy as np
 from ..arrays import Array, Number
 from .arithmetic import ARRAYS, Arithmetic, Kernel, evaluate_in
 from .layout import SECTION, Blocks, Row
-from .linear_flow import velocities
 from .segment import Numbers
+from .track import velocities
 
 if TYPE_CHECKING:
     from .kernels import Kernels

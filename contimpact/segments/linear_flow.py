@@ -186,34 +186,6 @@ def flow_of_series(
     return found.reshape(len(dt), -1).T
 
 
-def velocities(law: Any, step: float, count: int) -> Array:
-    """Return the velocities of all coordinates at equal instants of a linear flight.
-
-    Parameters
-    ----------
-    law : tuple
-        What the kernel ``law`` says where the flight starts.
-    step : float
-        Between the instants.
-    count : int
-        Of the instants after the start.
-
-    Returns
-    -------
-    ndarray of shape (count, d)
-    """
-    d, h, numbers, state = law
-    shape = Shape(int(d), int(h), 0)
-    generator = generator_of(shape, numbers)
-    scales = scales_of(shape, generator)
-    mean, _ = mean_rates(generator * (scales / scales[:, None]), step, series_of_floats)
-    x, found = np.array(state) / scales, []
-    for _ in range(count):
-        x = x + step * (mean @ x)
-        found.append(x)
-    return (np.array(found) * scales)[:, shape.freedom : 2 * shape.freedom]
-
-
 def generators(shape: Shape, numbers: Sequence[Any], kind: Any = float) -> list[Array]:
     """G and its derivatives by each direction."""
     size = shape.given

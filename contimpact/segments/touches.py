@@ -35,7 +35,7 @@ def interior_touches(
     """
     one = len(coordinates(kernels.model)) == 1
     by_matrices = any(kernels.linear(wall) for wall in dict.fromkeys(walls))
-    if one and kernels.passages.anchored and (kernels.oscillates or not by_matrices):
+    if one and kernels.passages.anchored and (not by_matrices or kernels.oscillates):
         return flight_gaps(kernels, walls, values, impacts, span)
     rows = impacts.tolist()
     rows.append([rows[0][0] + span, *rows[0][1:]])
