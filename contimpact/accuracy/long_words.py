@@ -12,8 +12,8 @@ from ..continuation import linear
 from ..continuation.bordered import bordered
 from ..models.word import Word
 from ..orbits.multipliers import multipliers
+from ..orbits.orbit import Orbit
 from ..orbits.problem import Array, OrbitProblem
-from ..orbits.search import Orbit
 from .timing import timed
 
 WORD_LENGTHS = (10, 20, 50, 100, 150, 200)

@@ -24,8 +24,8 @@ from ..continuation.settings import PREDICTORS, Settings
 from ..errors import InputError
 from ..orbit_continuation.orbit_backend import walk_orbits
 from ..orbits.linearisation import Linearisation
+from ..orbits.orbit import Orbit
 from ..orbits.problem import Array
-from ..orbits.search import Orbit
 from ..scenes.scene import Scene
 from ..segments.kernels import Kernels
 from ..studies.starting_orbits import orbits_at_start

@@ -16,8 +16,9 @@ import numpy as np
 
 from ..arrays import Array
 from ..models.word import Word, is_rotation
+from ..orbits.orbit import Orbit
 from ..orbits.quiet import problem_of
-from ..orbits.search import Orbit, solve_near
+from ..orbits.search import solve_near
 from ..records.branch import Branch
 from ..records.diagram import Diagram
 from ..records.tables import coordinates

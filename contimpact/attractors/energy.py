@@ -6,7 +6,7 @@ import numpy as np
 
 from ..arrays import Array
 from ..errors import InputError, shown
-from ..orbits.search import Orbit
+from ..orbits.orbit import Orbit
 from ..records.branch import Branch
 from ..records.energies import Energy, along, of_impacts
 from ..records.entry import Entry

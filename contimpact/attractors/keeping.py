@@ -16,7 +16,7 @@ import numpy as np
 
 from ..errors import InputError, shown
 from ..models.model import Model
-from ..orbits.search import Orbit
+from ..orbits.orbit import Orbit
 from ..records.branch import Branch
 from ..records.catalogue import branch_text, curve_text, load_diagram, write_diagram
 from ..records.curve import Curve

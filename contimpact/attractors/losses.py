@@ -22,7 +22,7 @@ import numpy as np
 from ..arrays import Array
 from ..errors import InputError, shown
 from ..models.model import Model
-from ..orbits.search import Orbit
+from ..orbits.orbit import Orbit
 from ..records.entry import Entry
 from ..segments.kernels import Kernels
 from .attractor import Attractor, Kind

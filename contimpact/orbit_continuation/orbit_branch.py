@@ -23,9 +23,10 @@ from ..errors import InputError, shown
 from ..models.model import Model
 from ..models.word import Word
 from ..orbits.linearisation import Linearisation
+from ..orbits.orbit import Orbit
 from ..orbits.problem import OrbitProblem
 from ..orbits.quiet import problem_of
-from ..orbits.search import Orbit, solve_near
+from ..orbits.search import solve_near
 from ..progress import Asked, asked, both, counted
 from ..records.branch import Branch
 from ..records.diagram import Diagram

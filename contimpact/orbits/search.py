@@ -5,13 +5,8 @@ Rounds of starts (`contimpact.orbits.starts`) are repeated until several in a ro
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass
-from typing import Any
-
 import numpy as np
 
-from ..display import Shown, Summary, frame, in_lines
 from ..errors import InputError
 from ..models.guards import graph
 from ..models.model import Model
@@ -19,11 +14,10 @@ from ..models.word import Word, parse_word
 from ..progress import Asked, Progress, asked, silent
 from ..segments.kernels import Kernels
 from .linearisation import Linearisation
-from .path import Path, path_of
+from .orbit import Orbit
 from .problem import Array, OrbitProblem
 from .quiet import QuietProblem, problem_of
 from .recognition import repeats
-from .sensitivity import Sensitivity, sensitivity_of
 from .starts import rounds_of_starts
 
 FEWEST_STARTS, MOST_WORK = 16, 40_000
@@ -36,153 +30,6 @@ SAME_ORBIT = 1e-7
 SAME_SINGULAR_ORBIT = 1e-4
 SAME_SOLUTION = 1e-9
 """Solutions this near to a regular one are that one: Newton's next steps are below rounding."""
-
-
-@dataclass(frozen=True, eq=False)
-class Orbit(Shown):
-    """A periodic orbit, physical or not.
-
-    Attributes
-    ----------
-    problem : OrbitProblem
-    linearisation : Linearisation
-    """
-
-    problem: OrbitProblem
-    linearisation: Linearisation
-
-    @property
-    def unknowns(self) -> Array:
-        """Impact times, section coordinates and the free parameter, shape (n + 1,)."""
-        return self.linearisation.unknowns
-
-    @property
-    def word(self) -> Word:
-        """The walls visited, and the period."""
-        return self.problem.word
-
-    @property
-    def notation(self) -> str:
-        """The word's count of impacts: ``2:1``, ``1:1/2T``."""
-        return self.word.notation([wall.name for wall in self.problem.model.WALLS])
-
-    @property
-    def parameter(self) -> str:
-        """The parameter followed."""
-        return self.problem.parameter
-
-    @property
-    def value(self) -> float:
-        """Value of this parameter."""
-        return float(self.unknowns[-1])
-
-    @property
-    def model(self) -> Model:
-        """The model, at the orbit's parameter values."""
-        return self.problem.model_at(self.unknowns)
-
-    @property
-    def times(self) -> Array:
-        """Impact times, shape (N,), in the model's clock."""
-        return self.problem.impacts(self.unknowns)[:, 0]
-
-    @property
-    def velocities(self) -> Array:
-        """Velocities before impact, shape (N,)."""
-        return self.problem.impacts(self.unknowns)[:, 1]
-
-    @property
-    def multipliers(self) -> Array:
-        """Multipliers, largest first, complex."""
-        return self.linearisation.multipliers
-
-    @property
-    def stable(self) -> bool:
-        """Whether no multiplier lies outside the unit circle."""
-        return self.linearisation.n_unstable == 0
-
-    @property
-    def physical(self) -> bool:
-        """Whether the orbit stays within the walls with its impacts in order."""
-        return self.linearisation.verdict.physical
-
-    @property
-    def parameters(self) -> Mapping[str, float]:
-        """All parameters, derived ones included."""
-        return {**self.model.values, **self.derived}
-
-    @property
-    def derived(self) -> Mapping[str, float]:
-        """Derived parameters."""
-        return self.linearisation.derived
-
-    @property
-    def smallest_gap(self) -> float:
-        """Smallest gap inside a flight; not a number if no flight turns towards a wall."""
-        return self.linearisation.verdict.smallest_gap
-
-    @property
-    def reason(self) -> str | None:
-        """Why the orbit is unphysical, or None."""
-        return self.linearisation.verdict.reason
-
-    @property
-    def residual(self) -> float:
-        """Largest absolute residual."""
-        return float(np.max(np.abs(self.linearisation.residual)))
-
-    @property
-    def period(self) -> float:
-        """The orbit's period, in the model's clock."""
-        return self.linearisation.span
-
-    def path(self, points: int = 200) -> Path:
-        """Return the motion along one period: times, gap coordinate and velocity.
-
-        Parameters
-        ----------
-        points : int
-            On each flight.
-        """
-        return path_of(self.linearisation, points)
-
-    def sensitivity(self, parameter: str) -> Sensitivity:
-        """Return the derivatives of impact times and velocities with respect to a parameter.
-
-        Raises
-        ------
-        InputError
-            For a parameter the model does not have, or an orbit at a fold or a branch point.
-        """
-        return sensitivity_of(self, parameter)
-
-    def to_dataframe(self) -> Any:
-        """Return the impacts as a pandas DataFrame, a row for each; pandas must be installed."""
-        walls, times, velocities = list(self.word.walls), self.times, self.velocities
-        return frame({"wall": walls, "time": times, "velocity": velocities})
-
-    def summary(self) -> Summary:
-        """Return the orbit's impacts in short."""
-        rows = zip(self.word.walls, self.times.tolist(), self.velocities.tolist(), strict=True)
-        columns = ("wall", "time", "velocity before impact")
-        return Summary(self._head(), columns, list(rows), [self.reason] if self.reason else [])
-
-    def _head(self) -> str:
-        state = f"{'' if self.stable else 'un'}stable{'' if self.physical else ', unphysical'}"
-        factors = ", ".join(f"{_plain(mu):.6g}" for mu in self.multipliers)
-        place = f"{self.notation} ({self.word}) at {self.parameter} = {self.value:.12g}"
-        return f"Orbit {place}: {state}; multipliers {factors}"
-
-    def __repr__(self) -> str:
-        rows = [
-            f"  {wall}  t = {t:.12g}  v = {v:.12g}"
-            for wall, t, v in zip(self.word.walls, self.times, self.velocities, strict=True)
-        ]
-        return in_lines(self._head(), rows, [f"  {self.reason}"] if self.reason else [])
-
-
-def _plain(mu: complex) -> complex | float:
-    return mu.real if mu.imag == 0.0 else mu
 
 
 def find_orbits(

@@ -12,7 +12,7 @@ from ..segments.kernels import Kernels
 from .problem import OrbitProblem
 
 if TYPE_CHECKING:
-    from .search import Orbit
+    from .orbit import Orbit
 
 
 class Sensitivity(NamedTuple):

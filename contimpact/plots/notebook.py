@@ -7,7 +7,7 @@ from typing import Any
 
 from ..attractors.sweep import Sweep
 from ..errors import InputError
-from ..orbits.search import Orbit
+from ..orbits.orbit import Orbit
 from ..parameter_studies.study import Study
 from ..records.branch import Branch
 from ..records.curve import Curve

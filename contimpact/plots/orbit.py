@@ -13,8 +13,8 @@ import numpy as np
 
 from ..bifurcations.registry import kind_of
 from ..errors import InputError
+from ..orbits.orbit import Orbit
 from ..orbits.path import positions
-from ..orbits.search import Orbit
 from ..records.entry import Entry
 from ..records.given import as_orbit, named
 from .diagram import COLOURS, legend_mark, new_figure

@@ -16,7 +16,7 @@ from .tables import first_unknown, same_data
 
 if TYPE_CHECKING:
     from ..models.model import Model
-    from ..orbits.search import Orbit
+    from ..orbits.orbit import Orbit
 
 from ..arrays import Array
 

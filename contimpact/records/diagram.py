@@ -15,7 +15,7 @@ from .entry import Entry
 
 if TYPE_CHECKING:
     from ..models.model import Model
-    from ..orbits.search import Orbit
+    from ..orbits.orbit import Orbit
     from .area import Area
     from .curve import Check, Coverage, Curve
 

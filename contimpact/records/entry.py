@@ -14,7 +14,7 @@ from ..errors import printable
 
 if TYPE_CHECKING:
     from ..models.model import Model
-    from ..orbits.search import Orbit
+    from ..orbits.orbit import Orbit
 
 
 FLAT = tuple(

@@ -8,7 +8,7 @@ from ..continuation.branch import Event, Point
 from ..errors import InputError, shown
 from ..models.model import Model
 from ..orbits.linearisation import Linearisation
-from ..orbits.search import Orbit
+from ..orbits.orbit import Orbit
 from .branch import Branch
 from .diagram import Diagram
 from .entry import Entry

@@ -15,9 +15,10 @@ import numpy as np
 from ..errors import InputError, shown
 from ..models.model import Model
 from ..models.word import Word
+from ..orbits.orbit import Orbit
 from ..orbits.problem import Array, OrbitProblem
 from ..orbits.quiet import problem_of
-from ..orbits.search import Orbit, find_orbits
+from ..orbits.search import find_orbits
 from ..segments.kernels import Kernels
 from ..systems import installed
 from .tables import columns_of, coordinates

@@ -30,10 +30,11 @@ from ..orbit_continuation.orbit_backend import walk_orbits
 from ..orbit_continuation.orbit_branch import Run, both_ways
 from ..orbit_continuation.symmetry import again, at_image, mirrors_back, watched
 from ..orbits.linearisation import Linearisation
+from ..orbits.orbit import Orbit
 from ..orbits.problem import Array, OrbitProblem
 from ..orbits.quiet import problem_of
 from ..orbits.recognition import mirrored, rotated_to, shortest
-from ..orbits.search import SAME_ORBIT, Orbit
+from ..orbits.search import SAME_ORBIT
 from ..progress import Asked, Progress, asked, counted
 from ..records.branch import Branch
 from ..records.diagram import Diagram

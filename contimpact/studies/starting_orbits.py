@@ -14,7 +14,8 @@ import numpy as np
 
 from ..errors import InputError
 from ..models.word import Word, repetitions
-from ..orbits.search import Orbit, find_orbits
+from ..orbits.orbit import Orbit
+from ..orbits.search import find_orbits
 from ..progress import Progress, silent
 from ..scenes.scene import Scene
 from ..segments.kernels import Kernels

@@ -17,9 +17,9 @@ from ..errors import InputError, shown
 from ..models.model import Model
 from ..models.word import Word
 from ..orbits.linearisation import Linearisation
+from ..orbits.orbit import Orbit
 from ..orbits.problem import Array, OrbitProblem
 from ..orbits.rounding import rounding
-from ..orbits.search import Orbit
 from ..records.curve import Curve
 from ..records.given import as_orbit
 from ..scenes.options import CURVE_SETTINGS

@@ -6,7 +6,7 @@ import numpy as np
 
 from ..errors import InputError
 from ..models.model import Model
-from ..orbits.search import Orbit
+from ..orbits.orbit import Orbit
 from ..records.entry import Entry
 from ..records.recovery import model_of
 from ..segments.kernels import Kernels
