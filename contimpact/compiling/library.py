@@ -77,7 +77,7 @@ class CompiledProgram:
 
 
 def load(
-    identity: Sequence[str], arguments: str, build: Callable[[], Program]
+    identity: Sequence[str], arguments: str, build: Callable[[], Program], worth: bool = True
 ) -> CompiledProgram | None:
     """Load a program from the cache, or compile it if that pays.
 
@@ -89,6 +89,8 @@ def load(
         Kinds of the entry's arguments.
     build : callable
         Returns the program, whose entry is the function ``entry``.
+    worth : bool
+        Whether compiling this program is worth it, if compiling pays at all.
 
     Returns
     -------
@@ -102,7 +104,7 @@ def load(
     found = None
     if folder is not None and key not in _MISSING:
         found = _from_cache(folder, name, arguments)
-    if found is None and pays():
+    if found is None and pays() and (worth or mode() == "always"):
         found = _make(build, arguments, folder, name)
     if found is None:
         _MISSING.add(key)

@@ -84,8 +84,9 @@ def follow(scene: Scene, progress: Asked = None) -> Diagram:
             from ..two_parameters.maps import with_map
 
             diagram = with_map(scene, diagram, tell)
-    if not diagram.branches and not diagram.statistics["failure"]:
-        raise refusal(list(explorer.lacking.values()))
+        if not diagram.branches and not diagram.statistics["failure"]:
+            explorer.look_elsewhere()
+            raise refusal(list(explorer.lacking.values()))
     return diagram
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import functools
 import math
+from collections import Counter
 from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING
 
@@ -12,7 +13,7 @@ import numpy as np
 from ..arrays import Array, Table, Vector
 from ..bifurcations.grazing import Touching
 from ..bifurcations.singular_cycle import SingularCycle
-from ..compiling.library import CompiledProgram, load, mode, spend
+from ..compiling.library import PAYS_AFTER, CompiledProgram, load, mode, spend
 from ..continuation.batch import Batch, Notice, Position, Proposal, refusal
 from ..continuation.branch import Block
 from ..continuation.step import (
@@ -50,6 +51,10 @@ AT_ONCE = 8
 SINGULAR, TOUCHING = "singular", "touching"
 VARIANTS = {SingularCycle: SINGULAR, Touching: TOUCHING}
 """Which equations are compiled."""
+
+PLAIN: Counter[tuple[str, str]] = Counter()
+"""Flights evaluated plainly on the curves of each program. Those of two other parameters have
+another one, and a map has few curves."""
 
 ARGUMENTS = "ii" + "ffff" + "FFF" + "ffffff" + "Ffi"
 """Kinds of the entry's arguments: those of `CurveVectors`, then those of `take_steps`."""
@@ -121,6 +126,7 @@ class CurveBackend:
         flights = int(state[EVALUATIONS]) * self.flights
         self.problem.orbit.kernel_evaluations += flights
         spend(0 if fast else flights)
+        PLAIN[self.program] += 0 if fast else flights
         found, notices = np.asarray(rows).reshape(most, width), Notice(int(state[NOTICE]))
         proposal = None
         if notices:
@@ -188,7 +194,13 @@ class CurveBackend:
 
             return program_of(kernels, variant)
 
-        return load((kernels.identity, "curves", variant), ARGUMENTS, build)
+        worth = PLAIN[self.program] >= PAYS_AFTER
+        return load((*self.program, "curves"), ARGUMENTS, build, worth)
+
+    @property
+    def program(self) -> tuple[str, str]:
+        """What tells its program from others."""
+        return self.problem.orbit.kernels.identity, self.variant
 
 
 def backend_of(problem: CurveProblem) -> CurveBackend | None:

@@ -267,7 +267,7 @@ def test_grazing_of_the_oscillator():
 
 
 def test_grazings_of_the_stiff_oscillator():
-    """The steady response first touches the stop at its amplitude; each adds an impact."""
+    """The steady response first touches the stop at its amplitude; each next one adds an impact."""
     found = diagram("stiff")
     touches = {entry.label: entry.value for entry in found.entries if entry.kind == "G"}
     assert touches["G[0->1]"] == pytest.approx(0.3 * abs(1e4 - 1 + 100j), rel=1e-13)

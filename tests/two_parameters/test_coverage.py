@@ -126,3 +126,10 @@ def test_a_map_without_an_orbit_at_its_own_value():
     assert {"PD", "G"} <= {c.kind for c in diagram.curves}
     with pytest.raises(InputError, match="no BBT orbit was found"):
         follow(map_of(math.pi / 6, word="2:1", cover=0))
+
+
+def test_a_map_without_orbits_says_where_they_were_looked_for():
+    given = map_of(math.pi / 6, word="2:1", cover=1)
+    curves = dataclasses.replace(given.curves, range=(0.49, 0.51))
+    with pytest.raises(InputError, match=r"nor at [1-9]"):
+        follow(dataclasses.replace(given, range=(6.9, 7.1), curves=curves))

@@ -11,6 +11,7 @@ import pytest
 from contimpact.bifurcations.registry import kind_of
 from contimpact.bifurcations.singular_cycle import SingularCycle
 from contimpact.bifurcations.torus import SingularPair
+from contimpact.compiling import library
 from contimpact.continuation.dense import DenseBackend
 from contimpact.models.word import Word
 from contimpact.orbit_continuation.orbit_branch import continue_orbit
@@ -106,6 +107,13 @@ def test_what_is_left_to_dense_linear_algebra():
     assert made("BT" * (LONGEST // 2), doubling) is not None
     assert made("BT" * (LONGEST // 2 + 1), doubling) is None
     assert made("BT", SingularPair) is None
+
+
+def test_a_process_that_has_computed_much_else_compiles_no_short_curve(entries, monkeypatch):
+    monkeypatch.setenv("CONTIMPACT_COMPILED", "auto")
+    monkeypatch.setattr(library, "_SPENT", [1e9])
+    monkeypatch.setattr(library, "_make", lambda *given: pytest.fail("it compiles"))
+    follow_curve(entries["G"], MODEL, "r", *RANGES, kernels=PAIRS)
 
 
 @needs_numba
