@@ -43,7 +43,8 @@ def flow(d: int, h: int, directions: int, dt: Any, *numbers: Any) -> list[Number
     shape = Shape(d, h, directions)
     time, given = number(dt), [number(x) for x in numbers]
     length = max([x.prec for x in (time, *given) if isinstance(x, arb_series)], default=1)
-    orders = [[_coefficient(x, j) for x in given] for j in range(_varying(given))]
+    varying = length if any(_varies(x) for x in given) else 1
+    orders = [[_coefficient(x, j) for x in given] for j in range(varying)]
     motion = _Motion(shape, orders, constant(time), length + 2)
     found = []
     for direction in range(directions + 1):
@@ -56,9 +57,9 @@ def flow(d: int, h: int, directions: int, dt: Any, *numbers: Any) -> list[Number
     return [+x if isinstance(x, arb) else x for x in found]
 
 
-def _varying(given: Sequence[Any]) -> int:
-    """How many coefficients the longest of some series has, one at least."""
-    return max([x.length() for x in given if isinstance(x, arb_series)] + [1])
+def _varies(x: Any) -> bool:
+    """Whether a number has higher coefficients: its powers then have all of them."""
+    return isinstance(x, arb_series) and x.length() > 1
 
 
 def _coefficient(x: Any, j: int) -> Any:

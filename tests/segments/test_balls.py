@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from zoo import harmonic_pair
 
+from contimpact.segments import linear_flow
 from contimpact.segments import stumpff as plain
 from contimpact.segments.arithmetic import evaluate_in
 from contimpact.segments.kernels import Kernels
@@ -119,6 +120,32 @@ def test_enclosures_hold_fifty_digits(model, free, flights):
 def test_linear_flights_are_enclosed(free):
     """The frequency is one of the numbers of the matrix: its derivatives are blocks of it."""
     assert misses(RATTLING, free, ("RL",), 4) == 0
+
+
+@pytest.mark.parametrize("moving", ["number", "time", "both"])
+def test_power_series_of_linear_flights_are_enclosed(moving):
+    """A number that changes along a line: its powers have coefficients of every order."""
+    shape, numbers = linear_flow.Shape(1, 1, 0), [-1.3, -0.1, 0.7, 0.2, 0.1, 1.7]
+    dt, by_time, by_number = 2.0, moving != "number", moving != "time"
+    time = arb_series([arb(dt, 1e-3), 1], prec=5) if by_time else arb(dt, 1e-3)
+    given = [arb(x) for x in numbers]
+    if by_number:
+        given[0] = arb_series([arb(numbers[0], 1e-6), 1], prec=5)
+    found = balls.balls(128).names["flow"](*shape, time, *given)
+    at, start = MP.mpf("2.0004"), MP.mpf(numbers[0]) + MP.mpf("7e-7")
+
+    def entry(i, e):
+        others = [MP.mpf(x) for x in numbers[1:]]
+        moved = (at + e * by_time, start + e * by_number)
+        return EXACT.names["flow"](*shape, moved[0], moved[1], *others)[i]
+
+    for i in (0, 7, 13, 19):
+        exact = MP.taylor(lambda e, i=i: entry(i, e), 0, 4)
+        for n, digits in enumerate(exact):
+            with ctx.workprec(200):
+                slack = arb(0, 1) * (abs(arb(mpmath.nstr(digits, 20))) * 1e-9 + 1e-12)
+                assert (found[i][n] + slack).overlaps(arb(mpmath.nstr(digits, 30))), (i, n)
+                assert float(found[i][n].rad()) < 0.1
 
 
 @pytest.mark.slow
