@@ -22,6 +22,7 @@ import numpy as np
 
 from ..arrays import Number
 from . import integration, layout, linear_flow, stumpff, transients
+from .taylor import require
 
 
 class Kernel(Protocol):
@@ -73,6 +74,8 @@ def kernel_of(name: str, text: str, file: str) -> Kernel:
     source = _CONSTANT.sub(_as_number, text)
     exec(compile(source, file, "exec"), namespace)
     kernel: Kernel = namespace[name]
+    if "flown" in kernel.__code__.co_names:
+        require()
     kernel.text, kernel.source = text, source
     return kernel
 

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from ..arrays import Array
-from .taylor import heyoka, integrator, statement
+from .taylor import integrator, statement
 
 TRIALS_APART = 0.7
 """Part of the mean step to which another integration is held, to see how far results differ."""
@@ -97,8 +97,9 @@ def in_many_digits(ctx: Any) -> dict[str, Callable[..., Any]]:
     """Return the same functions for the numbers of an mpmath context."""
 
     def real(x: Any) -> Any:
-        hy = heyoka()
-        return hy.real(ctx.nstr(ctx.mpf(x), ctx.dps + 5, strip_zeros=False), ctx.prec)
+        import heyoka
+
+        return heyoka.real(ctx.nstr(ctx.mpf(x), ctx.dps + 5, strip_zeros=False), ctx.prec)
 
     def back(x: Any) -> Any:
         return ctx.mpf(str(x))

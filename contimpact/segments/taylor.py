@@ -17,6 +17,7 @@ at rounding. Compiled integrators are kept for the life of the process.
 from __future__ import annotations
 
 import functools
+import importlib.util
 import math
 import types
 from collections.abc import Sequence
@@ -71,20 +72,11 @@ def statement(field: str) -> Statement:
     return Statement(tuple(parameters.split()), tuple(accelerations.strip().split("; ")))
 
 
-def heyoka() -> Any:
-    """Return the package that integrates.
-
-    Raises
-    ------
-    InputError
-        If it is not installed.
-    """
-    try:
-        import heyoka
-    except ImportError:
+def require() -> None:
+    """Raise `InputError` if the package that integrates is not installed."""
+    if importlib.util.find_spec("heyoka") is None:
         found = "its flights are integrated by the package heyoka, which is not installed"
-        raise InputError("system", found, "pip install contimpact[ode]") from None
-    return heyoka
+        raise InputError("system", found, "pip install contimpact[ode]")
 
 
 class Integrator:
@@ -102,7 +94,10 @@ class Integrator:
     """
 
     def __init__(self, field: str, directions: tuple[str, ...], degree: int, bits: int) -> None:
-        self.hy = hy = heyoka()
+        require()
+        import heyoka as hy
+
+        self.hy = hy
         self.stated, self.directions, self.degree = statement(field), directions, degree
         self.bits = bits
         system, keys = self._equations()

@@ -14,6 +14,7 @@ from contimpact.models.nonlinear import Nonlinear
 from contimpact.segments import integration
 from contimpact.segments.arithmetic import ARRAYS, evaluate_in
 from contimpact.segments.bounded import BOUNDED, Bounded
+from contimpact.segments.checking import check_model
 from contimpact.segments.integrated_track import integrated_track
 from contimpact.segments.integration import flown, flown_of_series
 from contimpact.segments.kernels import Kernels
@@ -162,6 +163,10 @@ def test_what_is_missing_is_said(monkeypatch):
     integrator.cache_clear()
     with pytest.raises(InputError, match=r"pip install contimpact\[ode\]"):
         flown(FIELD, "", *AT)
+    with pytest.raises(InputError, match=r"pip install contimpact\[ode\]"):
+        check_model(_pendulum())
+    with pytest.raises(InputError, match=r"pip install contimpact\[ode\]"):
+        Kernels(_pendulum(), "a").motion("S")
 
 
 def test_accelerations_are_one_for_each_coordinate():

@@ -9,6 +9,7 @@ from __future__ import annotations
 import csv
 import dataclasses
 import functools
+import importlib.util
 import json
 import math
 
@@ -30,11 +31,21 @@ MAPS = [name for name in NAMES if name.startswith("fig6")]
 BODIES = [name for name in NAMES if name in ("two_masses", "coupled_by_impact", "impact_damper")]
 """Scenes of several degrees of freedom: ten to twenty seconds each."""
 
-LONG = [*MAPS, *BODIES]
+INTEGRATED = [name for name in NAMES if name in ("duffing", "pendulum")]
+"""Scenes whose flights are integrated: ten to twenty seconds each."""
+
+LONG = [*MAPS, *BODIES, *INTEGRATED]
 QUICK = [name for name in NAMES if name not in LONG]
-EVERY = [*QUICK, *(pytest.param(name, marks=pytest.mark.slow) for name in LONG)]
+
+
+def marks(name):
+    lacking = name in INTEGRATED and importlib.util.find_spec("heyoka") is None
+    return pytest.mark.slow, pytest.mark.skipif(lacking, reason="needs contimpact[ode]")
+
+
+EVERY = [*QUICK, *(pytest.param(name, marks=marks(name)) for name in LONG)]
 EACH_SIMULATED = [
-    pytest.param(name, marks=pytest.mark.slow) if name in LONG else name for name in SIMULATED
+    pytest.param(name, marks=marks(name)) if name in LONG else name for name in SIMULATED
 ]
 
 DAMPING = {
@@ -44,6 +55,8 @@ DAMPING = {
     "two-masses": lambda p: (p["c1"] + p["c2"]) / p["m1"] + p["c2"] / p["m2"],
     "coupled-by-impact": lambda p: p["c1"] / p["m1"] + p["c2"] / p["m2"],
     "impact-damper": lambda p: 2.0 * p["zeta"],
+    "duffing": lambda p: p["c"],
+    "pendulum": lambda p: p["c"],
 }
 """How fast flights contract volumes, where they do."""
 
