@@ -154,6 +154,8 @@ class Attractor:
             raise ValueError(f"an attractor without {', '.join(lacking)}")
         walls, state = self.walls.tolist(), self.state
         width = model.unknowns_per_impact - 2
+        if len(self.exponents) not in (2, 2 + width):
+            raise ValueError("another number of exponents")
         if width and (self.others.shape, self.held.shape) != ((len(walls), width), (len(walls),)):
             raise ValueError("impacts without all coordinates")
         numbers = [*self.times, *self.velocities, *self.others.ravel(), self.forcing_period]

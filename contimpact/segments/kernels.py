@@ -197,7 +197,7 @@ class Kernels:
         guards = self.model.WALLS
         if self.model.DEGREES_OF_FREEDOM > 1 or any(g.row(1) != (1,) for g in guards):
             return False
-        if not self.passages.anchored:
+        if not self.passages.anchored or any(self.integrated(guard.name) for guard in guards):
             return False
         given = 0.0, 1.0, *self.model.values.values()
         laws = [self.law(guard.name)(*given) for guard in guards]

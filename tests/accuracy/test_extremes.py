@@ -9,6 +9,7 @@ from zoo import ROOT
 DOCS = ROOT / "docs" / "extremes.md"
 
 
+@pytest.mark.corrupting  # the status is rounding where the condition number is 1e16
 @pytest.mark.parametrize("name", CASES)
 def test_extreme(name):
     row = measure(name)
