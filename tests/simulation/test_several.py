@@ -50,12 +50,21 @@ def sticking():
     return simulator, settle(simulator, start, QUICK)
 
 
+SLOW = pytest.mark.slow
 ORBITS = [
-    (masses(), "A"),
+    pytest.param(masses(), "A", marks=SLOW),
     (masses(omega=1.0), "AB"),
     (ImpactDamper(Omega=1, d=20, r=0.8, mu=0.1, zeta=0.01), "RL"),
-    (CoupledByImpact(m2=2, c1=0.1, c2=0.2, k1=1, k2=2, a1=1, omega=1.3, gap=0.2, r=0.7), "K"),
-    (ProportionalMasses(k1=1.0, k2=0.6, omega=1.8, r=0.8, a=1.0, c=0.07, sigma=1.0), "A"),
+    pytest.param(
+        CoupledByImpact(m2=2, c1=0.1, c2=0.2, k1=1, k2=2, a1=1, omega=1.3, gap=0.2, r=0.7),
+        "K",
+        marks=SLOW,
+    ),
+    pytest.param(
+        ProportionalMasses(k1=1.0, k2=0.6, omega=1.8, r=0.8, a=1.0, c=0.07, sigma=1.0),
+        "A",
+        marks=SLOW,
+    ),
 ]
 
 
@@ -205,6 +214,7 @@ def test_the_sum_of_the_exponents_is_what_impacts_and_damping_take():
     assert found.per_impact[0] > 3.0 * found.error
 
 
+@pytest.mark.slow
 def test_exponents_of_a_stable_orbit_are_those_of_its_multipliers():
     model = masses()
     simulator = Simulator(model)
@@ -215,6 +225,7 @@ def test_exponents_of_a_stable_orbit_are_those_of_its_multipliers():
     assert measured.per_impact == pytest.approx(expected, abs=5e-3)
 
 
+@pytest.mark.slow
 def test_a_sweep_goes_from_orbit_to_orbit_and_has_all_coordinates():
     found = sweep(masses(), "omega", [1.0, 0.95], settling=QUICK)
     assert [row.attractor.word for row in found.rows] == ["AB", "AB"]
@@ -236,6 +247,7 @@ def test_complex_motion_has_all_coordinates():
     assert taken.impacts == pytest.approx(0.18 * found.velocities**2, rel=1e-12)
 
 
+@pytest.mark.slow
 def test_basins_are_a_section_with_the_other_coordinates_of_an_attractor():
     simulator = Simulator(masses())
     known = settle(simulator, simulator.state("A", 0.68, 3.0, [-2.0, 0.09]), QUICK)
@@ -273,6 +285,7 @@ def test_it_rests_for_ever_or_meets_nothing():
     assert run.outcome.name == "NO_IMPACT"
 
 
+@pytest.mark.slow
 def test_where_a_wall_cannot_be_held_the_run_ends_and_says_so():
     model = ProportionalMasses(k1=1.0, k2=0.6, omega=0.3, r=0.3, a=2.0, c=0.07, sigma=0.0)
     simulator = Simulator(model)
