@@ -126,6 +126,8 @@ def plot_diagram(
     left_out = draw_labels(ax, chosen(drawn, labelled), column)
     ax.set_xlabel(axis_label(column, unit))
     ax.set_ylabel(ordinate_label(diagram, y, names))
+    ax.ticklabel_format(axis="y", scilimits=(-2, 4), useMathText=True)  # narrow: the room is fixed
+    ax.yaxis.get_offset_text().set_horizontalalignment("right")
     styles = [style for _, style, *_ in pieces]
     draw_legend(ax, legend_handles(colours, styles, drawn, left_out))
     return ax
