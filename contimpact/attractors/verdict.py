@@ -28,6 +28,7 @@ _ENDS = {
     Outcome.RESTING: Kind.RESTING,
     Outcome.NO_IMPACT: Kind.NO_IMPACT,
     Outcome.ACCUMULATING: Kind.NOT_SETTLED,
+    Outcome.BEYOND: Kind.NOT_SETTLED,
 }
 
 

@@ -16,11 +16,15 @@ position residual of the flight to the touch.
 A soft stop without a jump in force is felt with the third power of the velocity of contact only:
 the parameter goes with its square, by which the flight passes the stop. The old orbit becomes the
 new one, and the slope is infinite.
+
+Where the touch begins to slide (a body on a belt sticks), the parameter goes with the square of the
+velocity, too, but either way: its second derivative along the new branch decides.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+from itertools import pairwise
 
 import numpy as np
 
@@ -221,8 +225,8 @@ class G(Kind):
         for flight, wall, time in _last_first(touches_at(event)):
             system = Touching(problem, flight, wall, time)
             touch = system.touch(system.start(here))
-            for _ in _excursion(problem, flight, wall) or "":
-                rows = np.insert(rows, min(flight + 1, len(rows)), touch, axis=0)
+            letters = _excursion(problem, flight, wall) or ""
+            rows = _inserted(rows, flight, _at_rest(problem, here.unknowns, letters, touch))
         longer = OrbitProblem(problem.model, word, problem.kernels)
         start = regular(longer, np.append(rows.ravel(), here.unknowns[-1]))
         return start if start is None or _new_speed(event, start) >= 0.0 else start.reversed()
@@ -238,7 +242,7 @@ class G(Kind):
             return None, None
         speed, rate = _new_speed(event, start), float(start.tangent[-1])
         if added_impacts(event) > 1 and abs(rate) < FLAT * np.max(np.abs(start.tangent)):
-            return SUPER, None
+            return _of_sliding(event, start) or SUPER, None
         slope = speed / rate if rate != 0.0 else None
         old, new = _gap_slope(event), speed * rate
         if old == 0.0 or new == 0.0:
@@ -304,14 +308,35 @@ def added_impacts(event: OrbitEvent) -> int:
 
 def _excursion(problem: OrbitProblem, flight: int, wall: str) -> str | None:
     """The letters of the shortest excursion beyond a guard that is touched."""
-    guards, arrivals = problem.model.WALLS, problem.kernels.passages.arrivals
+    guards, passages = problem.model.WALLS, problem.kernels.passages
     mode = guards[0].modes[0] if not problem.model.MODES else problem.model.MODES[0].name
     for guard in guards:
         if guard.name == problem.word.walls[flight : flight + 1]:
             mode = guard.next_mode
     touched = next(i for i, g in enumerate(guards) if g.name == wall)
-    there = [g.name for i, g in enumerate(guards) if arrivals[touched][i] != ELSEWHERE]
+    there = [g.name for i, g in enumerate(guards) if passages.meets_at_rest(touched, i)]
     return way_back(guards, wall, mode, "".join(there))
+
+
+def _at_rest(problem: OrbitProblem, unknowns: Array, letters: str, touch: Array) -> list[Array]:
+    """The impacts of an excursion that takes no time, from the touch with which it begins.
+
+    Behind a touch the next mode may run towards its guard, as friction does towards its limit.
+    """
+    kernels, values, rows = problem.kernels, problem.values(unknowns), [touch]
+    places = {guard.name: i for i, guard in enumerate(problem.model.WALLS)}
+    for a, b in pairwise(letters):
+        row = touch.copy()
+        if kernels.passages.arrivals[places[a]][places[b]] == ELSEWHERE:
+            row[1] = kernels.gap(a, b)(*rows[-1], 0.0, *values)[1]
+        rows.append(row)
+    return rows
+
+
+def _inserted(rows: Array, flight: int, added: Sequence[Array]) -> Array:
+    """Impacts with others put behind the one that a flight leaves."""
+    place = min(flight + 1, len(rows))
+    return np.vstack([rows[:place], *added, rows[place:]])
 
 
 # Slopes.
@@ -323,6 +348,21 @@ def _new_speed(event: OrbitEvent, start: Start) -> float:
     rows = problem.impacts(start.unknowns)
     impact = int(np.argmin(np.abs(rows[:, 0] - event.details["touch_time"])))
     return _side(problem, event) * float(start.tangent[problem.m * impact + 1])
+
+
+def _of_sliding(event: OrbitEvent, start: Start) -> str | None:
+    """The criticality where the excursion ends on another surface; None where it does not."""
+    problem, details = start.problem, event.details
+    letters = _excursion(event.point.evaluation.problem, details["flight"], details["wall"]) or ""
+    names = [guard.name for guard in problem.model.WALLS]
+    first, second = (names.index(letter) for letter in letters[:2])
+    if problem.kernels.passages.arrivals[first][second] != ELSEWHERE:
+        return None
+    jacobian = problem.evaluate(start.unknowns).jacobian
+    left = np.linalg.svd(jacobian[:, : problem.n])[0][:, -1]
+    bent = problem.second_along(start.unknowns, start.tangent) @ start.tangent
+    bend = -float(left @ bent) / float(left @ jacobian[:, -1])
+    return SUB if (_gap_slope(event) > 0.0) == (bend > 0.0) else SUPER
 
 
 def _gap_slope(event: OrbitEvent) -> float:
@@ -353,9 +393,8 @@ def _with_touch(here: CurvePoint) -> Linearisation:
     orbit, problem = here.orbit, here.orbit.problem
     flight, wall = here.details["flight"], here.details["wall"]
     touch, letters = np.insert(here.own, 1, 0.0), _excursion(problem, flight, wall) or wall
-    rows = problem.impacts(orbit.unknowns)
-    for _ in letters:
-        rows = np.insert(rows, min(flight + 1, len(rows)), touch, axis=0)
+    added = _at_rest(problem, orbit.unknowns, letters, touch)
+    rows = _inserted(problem.impacts(orbit.unknowns), flight, added)
     longer = OrbitProblem(problem.model, problem.word.insert(flight, letters), problem.kernels)
     problem.kernel_evaluations += len(longer.word)
     return longer.evaluate(np.append(rows.ravel(), orbit.unknowns[-problem.free :]))

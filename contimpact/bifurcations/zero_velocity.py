@@ -28,6 +28,9 @@ from .reached import Reached, ScalarTest
 from .start import Start, regular
 from .zero_duration import ZeroDuration
 
+BRIEF = 1e-9
+"""A flight shorter than this part of the period vanishes with the velocity at its beginning."""
+
 TOUCHING = 1e-6
 """A gap below this is a touch, where the orbit without impacts is that of a V."""
 
@@ -134,7 +137,7 @@ def _without(here: Linearisation, impact: int) -> tuple[OrbitProblem, Array] | N
     None if no impact is left, and the motion without any has no orbit that touches there, or if the
     modes on both sides of the impact are not the same.
     """
-    problem, dropped = here.problem, vanishing(here.problem, impact)
+    problem, dropped = here.problem, _vanished(here, impact)
     if len(problem.word) == len(dropped):
         return _quiet(here, impact)
     word = problem.word.drop(*dropped)
@@ -143,6 +146,15 @@ def _without(here: Linearisation, impact: int) -> tuple[OrbitProblem, Array] | N
     shorter = problem_of(problem.model, word, problem.kernels)
     kept = np.delete(problem.impacts(here.unknowns), dropped, axis=0)
     return shorter, np.append(kept.ravel(), here.unknowns[-problem.free :])
+
+
+def _vanished(here: Linearisation, impact: int) -> tuple[int, ...]:
+    """As `vanishing`, with the next impact where the flight to it takes no time."""
+    dropped = vanishing(here.problem, impact)
+    begin, end = here.problem.times_around(here.unknowns, impact)
+    if len(dropped) == 1 and len(here.problem.word) > 1 and abs(end - begin) < BRIEF * here.span:
+        return impact, (impact + 1) % len(here.problem.word)
+    return dropped
 
 
 def _quiet(here: Linearisation, impact: int) -> tuple[OrbitProblem, Array] | None:

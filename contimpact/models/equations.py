@@ -89,6 +89,12 @@ class Equations:
         left = along(row, self.departures[a].position)
         return self.pivot(b)[1] == row and sympy.expand(left - self.walls[b]) == 0
 
+    def lands(self, a: str, b: str) -> bool:
+        """Whether a touch of one guard, by its jump, leads onto the surface of another."""
+        _, row = self.pivot(a)
+        left = sympy.sympify(along(row, self.departures[a].position)).subs(self.start[0], 0)
+        return self.pivot(b)[1] == row and sympy.expand(left - self.walls[b]) == 0
+
     @cached_property
     def digest(self) -> str:
         """A digest of all formulas, in their order."""

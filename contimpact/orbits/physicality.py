@@ -72,6 +72,10 @@ def findings(
         for k, flight in enumerate(gaps)
         for t in flight.touches
     ]
+    for past in (t for flight in gaps for t in flight.beyond):
+        place = len(named) * past.flight + places[past.wall]
+        known = touches[place]
+        touches[place] = past if known is None or past.gap < known.gap else known
     sides, durations = [float(w.side) for w in named], [flight.duration for flight in gaps]
     velocities = impacts[:, 1].tolist()
     for k in forgive_impacts:

@@ -275,9 +275,12 @@ class KernelWriter:
 
     def surfaces(self, name: str) -> str:
         letters = list(self.equations.guards)
-        back = self.equations.returns
-        found = tuple(sympy.Integer(back(a, b)) for a in letters for b in letters)
-        about = f"""Which flights end on the surface that they leave: 1, or else 0.
+        back, lands = self.equations.returns, self.equations.lands
+        found = tuple(
+            sympy.Integer(1 if back(a, b) else 2 * lands(a, b)) for a in letters for b in letters
+        )
+        about = f"""Which flights end on the surface that they leave: 1; or 2 where that is so of
+        those that a touch starts, or else 0.
 
         From {letters[0]} to each of {", ".join(letters)}, then from the next."""
         return self._shared(name, [], about, found)

@@ -38,11 +38,13 @@ class FlightGaps:
     """The nearest touches of one flight, by wall, and whether the flight runs forward in time.
 
     `slowest` is the velocity nearest to zero where the acceleration vanishes; see `excursions`.
+    `beyond` are the walls behind which a jump lets the flight begin, as touches at its start.
     """
 
     duration: float
     touches: tuple[Touch | None, ...]
     slowest: float = math.nan
+    beyond: tuple[Touch, ...] = ()
 
 
 def flight_gaps(

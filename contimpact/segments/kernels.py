@@ -105,7 +105,10 @@ class Kernels:
         if not self.model.MODES:
             return passages_of(guards, lambda a, b: a == b)
         back = self.kernel("surfaces")(*self.model.values.values())
-        return passages_of(guards, lambda a, b: back[len(guards) * a + b] == 1.0)
+        found = passages_of(guards, lambda a, b: back[len(guards) * a + b] == 1.0)
+        size = range(len(guards))
+        onto = tuple(tuple(back[len(guards) * a + b] == 2.0 for b in size) for a in size)
+        return found._replace(onto=onto)
 
     def segment(self, start: str, end: str) -> ClosedForm:
         """The segment from one wall to another, by their letters.

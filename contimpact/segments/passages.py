@@ -25,11 +25,21 @@ class Passages(NamedTuple):
         of the guard that the new mode has there after another, or zero if it has none.
     arrivals : tuple of tuple of int
         Of each guard that is left: where a flight to each guard ends.
+    onto : tuple of tuple of bool
+        Of each guard that is left: whether the jump after a touch leads onto the surface of each
+        guard, so that the flight there vanishes with the velocity of the touch. Empty for none.
     """
 
     watched: tuple[tuple[bool, ...], ...]
     leaving: tuple[float, ...]
     arrivals: tuple[tuple[int, ...], ...]
+    onto: tuple[tuple[bool, ...], ...] = ()
+
+    def meets_at_rest(self, left: int, reached: int) -> bool:
+        """Whether a flight that a touch starts can vanish."""
+        return self.arrivals[left][reached] != ELSEWHERE or (
+            bool(self.onto) and self.onto[left][reached]
+        )
 
     @property
     def anchored(self) -> bool:

@@ -8,7 +8,7 @@ found for each flight.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from typing import Any, TypeAlias
 
 from ..arrays import Array
@@ -18,6 +18,7 @@ from .arithmetic import ARRAYS, Kernel, evaluate_in
 from .flight import FlightGaps, Motion, Touch, excursions, flight_gaps
 from .integrated_track import integrated_track
 from .kernels import Kernels
+from .passages import ELSEWHERE
 from .track import track_of
 from .zeros import chebyshev_zeros
 
@@ -51,7 +52,10 @@ def interior_touches(
             motions = flown(kernels, wall, leave, length, values)
             touches, slowest = _touches(kernels, ends, motions, positions, length, arrive[1])
             moved = (None if t is None else Touch(k, t[0], leave[0] + t[1], t[2]) for t in touches)
-            found.append(FlightGaps(length, tuple(moved), slowest))
+            past = (
+                Touch(k, n, leave[0], gap) for n, gap in beyond(kernels, ends, motions, positions)
+            )
+            found.append(FlightGaps(length, tuple(moved), slowest, tuple(past)))
         else:
             found.append(FlightGaps(length, (None,) * len(positions)))
     return found
@@ -124,6 +128,25 @@ def _touches(
         if not abs(found[4]) >= abs(slowest):
             slowest = found[4]
     return touches, slowest
+
+
+def beyond(
+    kernels: Kernels, ends: tuple[int, int], motions: Sequence[Seen], positions: Sequence[float]
+) -> Iterator[tuple[str, float]]:
+    """Yield guards that a flight begins beyond, and by what (negative) gap.
+
+    Only a jump of the gap coordinate leads there; whether the guard reached is one of them its
+    duration and velocity tell.
+    """
+    guards, (left, reached) = kernels.model.WALLS, ends
+    if kernels.passages.arrivals[left][left] != ELSEWHERE:
+        return
+    for (motion, _), numbers in zip(motions, coordinates(kernels.model).values(), strict=True):
+        begin = motion((), 0.0, ())[0]
+        for i in numbers:
+            gap = guards[i].side * (positions[i] - begin)
+            if i != reached and kernels.passages.watched[left][i] and gap < 0.0:
+                yield guards[i].name, gap
 
 
 def _touch(guard: Guard, position: float, found: Any) -> tuple[str, float, float] | None:

@@ -26,6 +26,7 @@ from ..models.section import state_before
 from ..segments.arrival import first_hit
 from ..segments.kernels import Kernels
 from ..segments.linear_flow import Shape
+from ..segments.passages import ELSEWHERE
 from .body import wrapped
 from .chatter import EARLY, LOW, SHORT
 from .flight_from_state import (
@@ -237,6 +238,8 @@ class Automaton:
         resting = False
         for number, (window, held) in enumerate(self._windows(state)):
             resting = held != 0
+            if number == 0 and self._beyond(window, left):
+                return Outcome.BEYOND
             found = self._first(window, held, left if number == 0 else None, left)
             if found is not None:
                 at = found[0] + window.begin
@@ -303,14 +306,31 @@ class Automaton:
         _, speed, force = curve((), 0.0, ())
         rising = speed > 0.0 or (speed == 0.0 and force > 0.0)
         if left is not None and own:
+            if self._stays(left):
+                origin = self.positions[left]
             if self.passages.leaving[left]:
-                origin, rising = self.positions[left], self.passages.leaving[left] < 0.0
+                rising = self.passages.leaving[left] < 0.0
             if speed == 0.0:
                 breaks = [t for t in breaks if t > NUDGE * self.period]
         times = [*(t for t in breaks if 0.0 < t < window.length), window.length]
         around = low - origin, high - origin
         side, dt, speed, _ = first_hit(curve, (), (), times, 0.0, rising, *around)
         return (dt, above if side > 0 else below, speed) if side else None
+
+    def _stays(self, left: int) -> bool:
+        """Whether the motion goes on from the surface of the guard that it leaves."""
+        return self.passages.arrivals[left][left] != ELSEWHERE
+
+    def _beyond(self, window: Window, left: int) -> bool:
+        """Whether a jump has led behind a guard of the next mode."""
+        if self._stays(left):
+            return False
+        for numbers in self._watched(left, 0):
+            curve, _, origin = window.coordinate(self.guards[numbers[0]])
+            begin = origin + float(curve((), 0.0, ())[0])
+            if any(self.guards[k].side * (self.positions[k] - begin) < 0.0 for k in numbers):
+                return True
+        return False
 
     def _row(self, numbers: Sequence[int]) -> tuple[float, ...]:
         return self.guards[numbers[0]].row(self.size)

@@ -20,6 +20,9 @@ class Outcome(enum.Enum):
     RESTING = "the body rests on a wall, which the acceleration never leaves"
     NO_IMPACT = "the body flew on without an impact for as long as a flight may last"
     ACCUMULATING = "impacts accumulate on a wall; only on linear flights can it be held"
+    BEYOND = (
+        "a jump led behind a guard of the next mode, where the system does not say how to go on"
+    )
 
 
 @dataclass(frozen=True)

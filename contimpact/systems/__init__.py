@@ -20,6 +20,7 @@ SYSTEMS = {
     "impact-damper": "impact_damper:ImpactDamper",
     "pendulum": "pendulum:Pendulum",
     "duffing": "duffing:Duffing",
+    "belt": "belt:Belt",
     "linear": "linear:LinearMachine",
 }
 

@@ -51,6 +51,7 @@ EACH_SIMULATED = [
 DAMPING = {
     "oscillator": lambda p: p["c"],
     "soft-stop": lambda p: p["c"],
+    "belt": lambda p: p["c"],
     "two-stops": lambda p: p["c"],
     "two-masses": lambda p: (p["c1"] + p["c2"]) / p["m1"] + p["c2"] / p["m2"],
     "coupled-by-impact": lambda p: p["c1"] / p["m1"] + p["c2"] / p["m2"],
@@ -134,16 +135,19 @@ def test_points_solve_the_equations_once(name):
 
 @pytest.mark.parametrize("name", EVERY)
 def test_multipliers_have_the_product_of_the_impacts(name):
-    """Each impact contracts volumes by r^2, each unit of time by damping, of contact by c_b."""
+    """Each impact contracts volumes by r^2, each unit of time by damping, of contact by c_b; a body
+    that sticks loses a direction."""
     for branch in diagram(name).branches:
         product = 1.0
-        for wall in branch.word if branch.system != "soft-stop" else "":
+        for wall in branch.word if branch.system not in ("soft-stop", "belt") else "":
             r = branch["r"] if "r" in branch.columns else branch[f"r_{wall}"]
             product = product * r**2
         if branch.system == "soft-stop":
             assert set(branch.word[::2]) <= {"C"}
             contact = np.sum(branch.times[:, 1::2] - branch.times[:, ::2], axis=1)
             product = product * np.exp(-branch["c_b"] * contact)
+        if branch.system == "belt" and branch.word:
+            product = 0.0
         if branch.system in DAMPING:
             omega = branch["Omega"] if "Omega" in branch.columns else branch["omega"]
             time = branch.period * 2.0 * math.pi / omega
