@@ -188,7 +188,7 @@ def test_weakening_friction_against_integration():
 
 @pytest.mark.slow
 def test_sliding_grazings_of_both_kinds():
-    """Sticking begins where slip ends, or, friction weakening fast, exists beside it."""
+    """Sticking begins where slip ends, or, friction weakening fast, beside it, up to a fold."""
     pytest.importorskip("heyoka", reason="needs contimpact[ode]")
     for delta, expected in ((0.5, "supercritical"), (4.0, "subcritical")):
         model = Belt(**VALUES | {"V": 0.42, "delta": delta})
@@ -196,5 +196,6 @@ def test_sliding_grazings_of_both_kinds():
         (event,) = ci.continue_orbit(orbit, "V", (0.3, 0.45), events=["G"]).events
         assert event.criticality == expected
         born = ci.continue_born(event, range=(event.value - 0.01, event.value + 0.01), events=[])
-        there = born.columns["V"][born.columns["physical"] == 1]
-        assert np.all((there - event.value) * (1 if expected == "subcritical" else -1) >= -1e-12)
+        there = born.columns["V"][born.columns["physical"] == 1][:3]
+        assert there[0] == pytest.approx(event.value, abs=1e-12)
+        assert np.all((there[1:] > event.value) == (expected == "subcritical"))
