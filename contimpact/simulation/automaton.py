@@ -50,21 +50,6 @@ MOVED = 1e-10
 """A wall is left by an impact elsewhere that gives it this part of the largest velocity."""
 
 
-def needed(model: Model, kernels: Kernels) -> bool:
-    """Whether a system has more than one coordinate between two walls in each mode.
-
-    Linear flights are simulated faster as polynomials in pieces than by their kernels, too.
-    """
-    passages = kernels.passages
-    if model.DEGREES_OF_FREEDOM != 1 or 0.0 in passages.leaving:
-        return True
-    if any(kernels.linear(guard.name) for guard in model.WALLS):
-        return True
-    met = ([g.side for g, sees in zip(model.WALLS, row, strict=True) if sees]
-           for row in passages.watched)  # fmt: skip
-    return any(len(set(sides)) < len(sides) for sides in met)
-
-
 class Automaton:
     """A model at fixed parameter values, with all its modes and guards.
 

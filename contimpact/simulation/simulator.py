@@ -24,7 +24,7 @@ from ..arrays import Array
 from ..errors import InputError
 from ..models.model import Model
 from ..segments.kernels import Kernels
-from .automaton import Automaton, needed
+from .automaton import Automaton
 from .linearised import derivative_between, derivative_of_pair
 from .one_coordinate import OneCoordinate
 from .run import Outcome, Run, State, joined, more_joined, states_of
@@ -304,3 +304,18 @@ class Simulator:
         if isinstance(self.machine, Automaton):
             return derivative_between(self.machine, start, end)
         return np.array(self.derivative(start, end)).reshape(2, 2)
+
+
+def needed(model: Model, kernels: Kernels) -> bool:
+    """Whether a system has more than one coordinate between two walls in each mode.
+
+    Linear flights are simulated faster as polynomials in pieces than by their kernels, too.
+    """
+    passages = kernels.passages
+    if model.DEGREES_OF_FREEDOM != 1 or 0.0 in passages.leaving:
+        return True
+    if any(kernels.linear(guard.name) for guard in model.WALLS):
+        return True
+    met = ([g.side for g, sees in zip(model.WALLS, row, strict=True) if sees]
+           for row in passages.watched)  # fmt: skip
+    return any(len(set(sides)) < len(sides) for sides in met)

@@ -8,11 +8,10 @@ symmetry) is not followed twice; the second way to it is recorded as a meeting.
 
 from __future__ import annotations
 
-import dataclasses
 import functools
 import time
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -266,7 +265,7 @@ class _Explorer:
     def first_step_known(self, start: Start) -> str | None:
         """The known branch the first step from a start leads to, if any."""
         self.probes += 1
-        settings = dataclasses.replace(self.settings(), max_points=2)
+        settings = replace(self.settings(), max_points=2)
         options = self.options(start, settings)
         probe = walk_orbits(start.problem, start.unknowns, +1, **options)
         return self.known(start.problem, probe.points[-1].unknowns) if probe.points else None
@@ -332,7 +331,7 @@ class _Explorer:
     def settings(self) -> Settings:
         left = max(self.scene.max_points - self.points(), 2)
         settings = self.scene.settings
-        return dataclasses.replace(settings, max_points=min(settings.max_points, left))
+        return replace(settings, max_points=min(settings.max_points, left))
 
     def tests(self, problem: OrbitProblem) -> list[TestFunction]:
         """The scene's test functions, and what tells where a branch runs into its own image."""
