@@ -57,7 +57,13 @@ def slip_and_stick(start, values):
 
 
 def test_what_is_stated_agrees():
-    assert check_model(Belt(**VALUES)) == ["period", "flight from P", "flight from S"]
+    assert check_model(Belt(**VALUES)) == [
+        "period",
+        "flight from P",
+        "flight from S",
+        "passage at P",
+        "passage at S",
+    ]
 
 
 def test_a_law_of_first_order_that_contradicts_its_flight_is_found():
