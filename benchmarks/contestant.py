@@ -84,11 +84,15 @@ class Workspace:
     def environment(self, mode: str) -> dict[str, str]:
         """Return the environment of a child: one thread, compiled or not, a cache of its own."""
         cache = self.folder / f"cache-{mode}"
-        return os.environ | dict.fromkeys(THREADS, "1") | {
-            "CONTIMPACT_COMPILED": MODES[mode],
-            "CONTIMPACT_CACHE": str(cache),
-            "NUMBA_CACHE_DIR": str(cache / "numba"),
-        }  # fmt: skip
+        return (
+            os.environ
+            | dict.fromkeys(THREADS, "1")
+            | {
+                "CONTIMPACT_COMPILED": MODES[mode],
+                "CONTIMPACT_CACHE": str(cache),
+                "NUMBA_CACHE_DIR": str(cache / "numba"),
+            }
+        )
 
     def timed(self, script: str, *arguments: str, mode: str) -> float:
         """Run a script of this folder in a process of its own; returns its wall time."""
@@ -99,9 +103,13 @@ class Workspace:
         """Call ``module.function`` in a process of its own and return what it returns."""
         command = [sys.executable, str(HERE / "child.py"), *function.split(".")]
         done = subprocess.run(
-            [*command, json.dumps(arguments)], env=self.environment(mode), cwd=self.folder,
-            check=True, stdout=subprocess.PIPE, text=True,
-        )  # fmt: skip
+            [*command, json.dumps(arguments)],
+            env=self.environment(mode),
+            cwd=self.folder,
+            check=True,
+            stdout=subprocess.PIPE,
+            text=True,
+        )
         return json.loads(done.stdout)
 
 

@@ -114,9 +114,11 @@ def auto_ratios(
 ) -> dict[str, dict[str, list[float]]]:
     """Return the ratios to AUTO's rows, by row, reference and round."""
     references = [
-        name for what in AGAINST for level in auto07p.LEVELS
+        name
+        for what in AGAINST
+        for level in auto07p.LEVELS
         if (name := auto07p.row(what, level)) in rows
-    ]  # fmt: skip
+    ]
     return {
         row: {name: over(values(samples), values(rows[name])) for name in references}
         for row, samples in rows.items()

@@ -50,9 +50,13 @@ def parsed() -> argparse.Namespace:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--runs", type=int, default=7, help="rounds (default: %(default)s)")
     parser.add_argument(
-        "--only", nargs="+", choices=SUBJECTS, default=list(SUBJECTS), metavar="NAME",
+        "--only",
+        nargs="+",
+        choices=SUBJECTS,
+        default=list(SUBJECTS),
+        metavar="NAME",
         help=f"measure these only, of {', '.join(SUBJECTS)}",
-    )  # fmt: skip
+    )
     parser.add_argument("-o", "--output", type=Path, help="folder for results.json and results.md")
     options = parser.parse_args()
     if options.runs < 1:

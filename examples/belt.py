@@ -35,9 +35,12 @@ class Belt(Model):
     def formulas(self, symbols):
         a, omega, c, V, mu, mu_s = symbols.values()
         slip = Linear(
-            mass=[[1]], damping=[[c]], stiffness=[[1]], period=2 * sympy.pi / omega,
+            mass=[[1]],
+            damping=[[c]],
+            stiffness=[[1]],
+            period=2 * sympy.pi / omega,
             force=lambda t: [-V - a * omega * sympy.sin(omega * t)],
-        )  # fmt: skip
+        )
 
         def rate(t):
             return V + a * omega * sympy.sin(omega * t)

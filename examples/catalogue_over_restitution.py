@@ -23,12 +23,15 @@ def scene(r):
                 "parameters": {"beta": "pi/6", "r": r, "A": 5.0, "s": 0.4},
             },
             "follow": {
-                "parameter": "s", "range": [0.1, 1.0], "orbits": ["1:1"], "switch": ["G"],
+                "parameter": "s",
+                "range": [0.1, 1.0],
+                "orbits": ["1:1"],
+                "switch": ["G"],
                 "depth": 1,
             },
             "detect": {"events": ["FB", "PD", "G"]},
         }
-    )  # fmt: skip
+    )
 
 
 rows = []

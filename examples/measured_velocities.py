@@ -31,10 +31,14 @@ for word in ("1:1", "2:1"):
     values = {"s": sorted(set(lengths))}  # rows of the branch at exactly these lengths
     branches.append(
         ci.continue_orbit(
-            orbit, "s", range=(0.2, 0.45), events=["FB", "PD", "G"], values=values,
+            orbit,
+            "s",
+            range=(0.2, 0.45),
+            events=["FB", "PD", "G"],
+            values=values,
             name=f"b{len(branches) + 1}",
         )
-    )  # fmt: skip
+    )
 
 for length in sorted(set(lengths)):
     at = lengths == length

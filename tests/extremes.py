@@ -102,9 +102,12 @@ def solved(problem, guess, exact=True, **extra):
     found = Reference(problem).orbit(here.unknowns) if exact else None
     error = found.distance(here.unknowns) if found else math.inf
     return Row(
-        "solved", float(np.max(np.abs(here.residual))), error,
-        float(np.linalg.cond(here.jacobian[:, :-1])), **extra,
-    )  # fmt: skip
+        "solved",
+        float(np.max(np.abs(here.residual))),
+        error,
+        float(np.linalg.cond(here.jacobian[:, :-1])),
+        **extra,
+    )
 
 
 for value, text, known in (
@@ -147,9 +150,13 @@ def small_gap():
     at = last.unknowns[-1]
     row = solved(orbit.problem, last.unknowns)
     return Row(
-        "solved", row.residual, row.error, row.condition, 1e-11,
+        "solved",
+        row.residual,
+        row.error,
+        row.condition,
+        1e-11,
         f"reached s = {at:.3g}; {run.walks[0].end.message}",
-    )  # fmt: skip
+    )
 
 
 def chattering(count):
@@ -201,9 +208,13 @@ def repeated(model, times):
     run = both_ways(problem, here.unknowns, (value - 1e-3, value + 1e-3), tests, Settings())
     ends = " and ".join(walk.end.kind.name for walk in run.walks)
     return Row(
-        row.outcome, row.residual, row.error, row.condition, row.allowed,
+        row.outcome,
+        row.residual,
+        row.error,
+        row.condition,
+        row.allowed,
         f"multiplier {float(large):.3g} off by {off:.1e} (relative); branch ends: {ends}",
-    )  # fmt: skip
+    )
 
 
 def grazing_event():
@@ -230,10 +241,12 @@ def beside_grazing(speed):
     large = float(exact.multipliers(found.unknowns)[0])
     off = abs(here.multipliers[0].real / large - 1.0)
     return Row(
-        "solved", float(np.max(np.abs(here.residual))), found.distance(here.unknowns),
+        "solved",
+        float(np.max(np.abs(here.residual))),
+        found.distance(here.unknowns),
         float(np.linalg.cond(here.jacobian)),
         note=f"multiplier {large:.3g}, off by {off:.1e} (relative)",
-    )  # fmt: skip
+    )
 
 
 for value in (1e-6, 1e-10, 1e-14):
@@ -266,10 +279,12 @@ def symmetric_grazings(beta):
         places = sorted(event.parameter for event in run.events)
         apart += np.diff(places).tolist()
     return Row(
-        "solved", residual, max(errors, default=math.inf),
+        "solved",
+        residual,
+        max(errors, default=math.inf),
         note=f"{len(errors)} events, closest {min(apart, default=math.nan):.1e} apart, "
         f"touches at each {sorted(set(orders))}",
-    )  # fmt: skip
+    )
 
 
 @case("FB meets G (codimension two), 1:1/2T -> (3:2)/2T")
@@ -294,9 +309,12 @@ def fold_at_grazing():
     kinds = "+".join(sorted(e.kind for e in near))
     apart = max(e.parameter for e in near) - min(e.parameter for e in near)
     return Row(
-        "solved", max(e.residual for e in near), max(errors[1:]), allowed=1e-9,
+        "solved",
+        max(e.residual for e in near),
+        max(errors[1:]),
+        allowed=1e-9,
         note=f"r = {r:.12g}, s = {event.parameter:.12g}: {kinds}, {apart:.0e} apart",
-    )  # fmt: skip
+    )
 
 
 def last_grazing(r):
@@ -314,9 +332,11 @@ for text in ("cos(pi*t) + 0.3*cos(25*pi*t)", "cos(pi*t) - 0.999999*cos(pi*t)"):
     case(f"forcing {text}")(
         lambda f=text: measured(
             pair(forcing=f, s=0.389 if "25" in f else 0.389e-6, g=9.8 if "25" in f else 9.8e-6),
-            "1:1", "s", (0.3, 0.5) if "25" in f else (0.3e-6, 0.5e-6),
+            "1:1",
+            "s",
+            (0.3, 0.5) if "25" in f else (0.3e-6, 0.5e-6),
         )
-    )  # fmt: skip
+    )
 
 
 @case("flights of 16 periods (B/16T)")
@@ -345,10 +365,13 @@ def late():
     here = result.evaluation
     found = Reference(problem).orbit(here.unknowns)
     return Row(
-        "solved", float(np.max(np.abs(here.residual))), found.distance(here.unknowns),
-        float(np.linalg.cond(here.jacobian)), 1e-9,
+        "solved",
+        float(np.max(np.abs(here.residual))),
+        found.distance(here.unknowns),
+        float(np.linalg.cond(here.jacobian)),
+        1e-9,
         note=f"a double near 2e6 is rounded by {np.spacing(2e6):.1e}; the search starts in [0, T)",
-    )  # fmt: skip
+    )
 
 
 def oscillator(**changes):
@@ -396,9 +419,11 @@ def flown(model, wall, time, velocity, impacts, allowed=1e-12):
         errors += [off_by_roots(model, exact, run, k) for k in flights_of(run)]
     rests = int(np.sum(run.released))
     return Row(
-        "solved", error=max(errors), allowed=allowed,
+        "solved",
+        error=max(errors),
+        allowed=allowed,
         note=f"{flights} flights, {rests} rests; {run.outcome.name}",
-    )  # fmt: skip
+    )
 
 
 INSIDE = [*np.geomspace(1e-7, 0.9, 60).tolist(), *(k / 60 for k in range(1, 60))]

@@ -35,6 +35,13 @@ class IntegratedMasses(TwoMasses):
 
 
 MASSES = {
-    "c1": 0.1, "c2": 0.05, "k1": 1.0, "k2": 0.6, "a1": 1.0, "omega": 1.8, "sigma_1": 1.0,
-    "sigma_2": 1.0, "r": 0.8,
-}  # fmt: skip
+    "c1": 0.1,
+    "c2": 0.05,
+    "k1": 1.0,
+    "k2": 0.6,
+    "a1": 1.0,
+    "omega": 1.8,
+    "sigma_1": 1.0,
+    "sigma_2": 1.0,
+    "r": 0.8,
+}

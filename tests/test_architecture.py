@@ -151,8 +151,14 @@ def test_rooms_make_no_circle():
 @pytest.mark.parametrize("module", modules_of("contimpact.systems"))
 def test_a_system_stands_on_the_model_alone(module):
     models = (
-        "model", "symbolic", "linear", "nonlinear", "machine", "expressions", "own_parameters"
-    )  # fmt: skip
+        "model",
+        "symbolic",
+        "linear",
+        "nonlinear",
+        "machine",
+        "expressions",
+        "own_parameters",
+    )
     assert own(module) - FOR_ALL <= {f"contimpact.models.{name}" for name in models}
 
 
@@ -181,8 +187,14 @@ def test_pyplot_is_imported_nowhere(module):
 def test_sympy_is_imported_where_it_is_used(module):
     found = places(module, lambda i: inside(i.module, "sympy") and i.at_import)
     of_models = (
-        "equations", "harmonics", "linear", "nonlinear", "restitution", "symbolic", "symbols"
-    )  # fmt: skip
+        "equations",
+        "harmonics",
+        "linear",
+        "nonlinear",
+        "restitution",
+        "symbolic",
+        "symbols",
+    )
     names = (
         *(f"models.{name}" for name in of_models),
         *(f"segments.{name}" for name in ("codegen", "printing", "tape")),
@@ -287,10 +299,14 @@ def test_imports_are_relative_within_the_package(module):
     absolute = [
         node.lineno
         for node, _ in walked(tree(module))
-        if (isinstance(node, ast.ImportFrom) and not node.level and node.module
-            and inside(node.module, "contimpact"))
+        if (
+            isinstance(node, ast.ImportFrom)
+            and not node.level
+            and node.module
+            and inside(node.module, "contimpact")
+        )
         or (isinstance(node, ast.Import) and any(inside(a.name, "contimpact") for a in node.names))
-    ]  # fmt: skip
+    ]
     assert absolute == []
 
 

@@ -43,9 +43,13 @@ def results(diagram):
     pair = entry.orbit().model
     sweep = ci.sweep(pair, "s", [0.4, 0.39, 0.375], settling=QUICK)
     return {
-        "Diagram": diagram, "Branch": diagram["b1"], "Entry": entry, "Orbit": entry.orbit(),
-        "Curve": curve, "Sweep": sweep,
-    }  # fmt: skip
+        "Diagram": diagram,
+        "Branch": diagram["b1"],
+        "Entry": entry,
+        "Orbit": entry.orbit(),
+        "Curve": curve,
+        "Sweep": sweep,
+    }
 
 
 NAMES = ["Diagram", "Branch", "Entry", "Orbit", "Curve", "Sweep"]
@@ -80,9 +84,11 @@ def test_long_tables_say_what_they_leave_out():
 def test_a_figure_is_its_own_picture(diagram, results):
     """Without pyplot nothing else would draw it in a notebook."""
     figures = [
-        ci.plot_diagram(diagram).figure, ci.plot_curves([results["Curve"]])[0].figure,
-        ci.plot_orbit(results["Orbit"])[0].figure, ci.plot_sweep(results["Sweep"]).figure,
-    ]  # fmt: skip
+        ci.plot_diagram(diagram).figure,
+        ci.plot_curves([results["Curve"]])[0].figure,
+        ci.plot_orbit(results["Orbit"])[0].figure,
+        ci.plot_sweep(results["Sweep"]).figure,
+    ]
     assert all(figure._repr_png_().startswith(b"\x89PNG") for figure in figures)
 
 
@@ -169,7 +175,11 @@ def test_the_path_of_an_orbit(results):
         assert abs(abs(x[[0, -1]]) - half).max() < 1e-14
         assert v[-1] == pytest.approx(arriving, abs=1e-12)
         exact = solve_ivp(
-            lambda t, y: [y[1], math.cos(math.pi * t) + gbar], (t[0], t[-1]), [x[0], v[0]],
-            t_eval=t, rtol=1e-11, atol=1e-12,
-        )  # fmt: skip
+            lambda t, y: [y[1], math.cos(math.pi * t) + gbar],
+            (t[0], t[-1]),
+            [x[0], v[0]],
+            t_eval=t,
+            rtol=1e-11,
+            atol=1e-12,
+        )
         assert np.max(np.abs(exact.y - [x, v])) < 1e-8

@@ -13,8 +13,11 @@ import pytest
 from matplotlib._mathtext_data import tex2uni
 from zoo import ROOT
 
-PAGES = [*sorted(ROOT.glob("docs/*.md")), *sorted(ROOT.glob("branches/*.md")),
-         *sorted(ROOT.glob("*.md"))]  # fmt: skip
+PAGES = [
+    *sorted(ROOT.glob("docs/*.md")),
+    *sorted(ROOT.glob("branches/*.md")),
+    *sorted(ROOT.glob("*.md")),
+]
 TEXTS = [
     path
     for pattern in ("*.md", "*.toml", "*.py")
@@ -105,9 +108,14 @@ def test_pages_have_formulas():
     [
         "O \x08egin{bmatrix} P & Q \\ & A \\end{bmatrix}",
         r"\begin{bmatrix} P & Q \ & A \end{bmatrix}",
-        r"\begin{bmatrix} P & Q \\ A \end{bmatrix}", r"\frac{1}{2", "rac12 x", r"\lamda",
-        r"a &= b", r"\left( x", r"\bigl( x",
+        r"\begin{bmatrix} P & Q \\ A \end{bmatrix}",
+        r"\frac{1}{2",
+        "rac12 x",
+        r"\lamda",
+        r"a &= b",
+        r"\left( x",
+        r"\bigl( x",
     ],
-)  # fmt: skip
+)
 def test_broken_formulas_are_found(broken):
     assert faults(broken)

@@ -54,34 +54,71 @@ HEAVY = (
     "heyoka",
 )
 OWN_HEAVY = (
-    "accuracy", "attractors", "certificates", "page", "plots", "simulation", "two_parameters",
+    "accuracy",
+    "attractors",
+    "certificates",
+    "page",
+    "plots",
+    "simulation",
+    "two_parameters",
     "compiling.machine_code",
-    "compiling.program", "orbit_continuation.orbit_program", "models.agreement", "models.equations",
-    "models.symbolic", "records.formats", "records.merge", "scenes.simulate_tables",
-    "segments.ball_flow", "segments.ball_series", "segments.ball_transients", "segments.balls",
-    "segments.codegen", "segments.printing", "segments.tape", "systems.membrane",
+    "compiling.program",
+    "orbit_continuation.orbit_program",
+    "models.agreement",
+    "models.equations",
+    "models.symbolic",
+    "records.formats",
+    "records.merge",
+    "scenes.simulate_tables",
+    "segments.ball_flow",
+    "segments.ball_series",
+    "segments.ball_transients",
+    "segments.balls",
+    "segments.codegen",
+    "segments.printing",
+    "segments.tape",
+    "systems.membrane",
     "systems.oscillator",
-)  # fmt: skip
+)
 """Parts of the package that following an orbit of the impact pair has no use for."""
 
 OF_RESULTS = ("records.catalogue", "cli", "records.diagram_reading")
 """Parts that only the command needs."""
 
-RARE = ("asyncio", "difflib", "email", "http", "importlib.metadata", "multiprocessing",
-        "numpy.fft", "numpy.f2py", "numpy.ma", "numpy.polynomial", "numpy.testing", "subprocess",
-        "unittest")  # fmt: skip
+RARE = (
+    "asyncio",
+    "difflib",
+    "email",
+    "http",
+    "importlib.metadata",
+    "multiprocessing",
+    "numpy.fft",
+    "numpy.f2py",
+    "numpy.ma",
+    "numpy.polynomial",
+    "numpy.testing",
+    "subprocess",
+    "unittest",
+)
 """What the standard library and NumPy have for rare cases, unless NumPy itself imports it."""
 
 
 def scene(events, switch=(), **follow):
     return {
         "name": "frugal",
-        "model": {"system": "impact-pair",
-                  "parameters": {"beta": "pi/6", "r": 0.3, "A": 5.0, "s": 0.34}},
-        "follow": {"parameter": "s", "range": [0.3, 0.4], "orbits": ["1:1"],
-                   "switch": list(switch), **follow},
+        "model": {
+            "system": "impact-pair",
+            "parameters": {"beta": "pi/6", "r": 0.3, "A": 5.0, "s": 0.34},
+        },
+        "follow": {
+            "parameter": "s",
+            "range": [0.3, 0.4],
+            "orbits": ["1:1"],
+            "switch": list(switch),
+            **follow,
+        },
         "detect": {"events": list(events)},
-    }  # fmt: skip
+    }
 
 
 def own(*names):
@@ -175,9 +212,13 @@ COMMANDS = {
 }
 
 
-@pytest.mark.parametrize(("tables", "allowed"), [
-    ("", ()), (SIMULATED, ("scenes.simulate_tables", "systems.membrane")),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("tables", "allowed"),
+    [
+        ("", ()),
+        (SIMULATED, ("scenes.simulate_tables", "systems.membrane")),
+    ],
+)
 @pytest.mark.parametrize("name", COMMANDS)
 def test_a_command_imports_what_it_needs(name, tables, allowed, tmp_path, of_numpy):
     """With a warm cache, as after the first run; what a scene says of simulations costs nothing."""

@@ -43,11 +43,14 @@ def scene(**changes):
             "parameters": {"beta": "pi/6", "r": 0.3, "A": 5.0, "s": 0.34},
         },
         "follow": {
-            "parameter": "s", "range": [0.08, 1.05], "orbits": ["1:1"],
-            "switch": ["G", "PD"], "depth": 2,
+            "parameter": "s",
+            "range": [0.08, 1.05],
+            "orbits": ["1:1"],
+            "switch": ["G", "PD"],
+            "depth": 2,
         },
         "detect": {"events": ["FB", "PD", "G"]},
-    }  # fmt: skip
+    }
     for table, values in changes.items():
         given[table] = {**given.get(table, {}), **values}
     return read_scene(given)

@@ -38,8 +38,14 @@ from .declarations import CROSSINGS
 from .extended_system import ExtendedSystem
 
 MARKERS = dict.fromkeys(CROSSINGS, "o") | {
-    "G-FB": "^", "CP": "v", "GPD": "s", "DG": "D", "FB-G": "P", "FB-V": "X", "PD-V": "*",
-}  # fmt: skip
+    "G-FB": "^",
+    "CP": "v",
+    "GPD": "s",
+    "DG": "D",
+    "FB-G": "P",
+    "FB-V": "X",
+    "PD-V": "*",
+}
 """In pictures."""
 
 

@@ -90,6 +90,9 @@ def _compared(shown: Map) -> list[str]:
     known = {kind: shown.departure(kind) for kind in shown.curves}
     return [
         f"changes its sign at {len(shown.zeros())} places along {y}",
-        *(f"at most {far:.2g} in {y} from {kind} computed directly"
-          for kind, far in known.items() if far is not None),
-    ]  # fmt: skip
+        *(
+            f"at most {far:.2g} in {y} from {kind} computed directly"
+            for kind, far in known.items()
+            if far is not None
+        ),
+    ]

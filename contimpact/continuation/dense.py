@@ -23,10 +23,22 @@ class DenseBackend:
         n = len(scale)
         state, row, work = position.state(), [0.0] * (2 * n + HEAD), [[0.0] * n for _ in range(4)]
         made = take_steps(
-            DenseSystem.evaluate, DenseSystem.solve, DenseSystem.tangent_at, DenseSystem.observe,
-            self.system, position.options(), state, scale, here.unknowns.tolist(),
-            here.tangent.tolist(), position.chord().tolist(), work, row, len(row), 1,
-        )  # fmt: skip
+            DenseSystem.evaluate,
+            DenseSystem.solve,
+            DenseSystem.tangent_at,
+            DenseSystem.observe,
+            self.system,
+            position.options(),
+            state,
+            scale,
+            here.unknowns.tolist(),
+            here.tangent.tolist(),
+            position.chord().tolist(),
+            work,
+            row,
+            len(row),
+            1,
+        )
         problem, notices = self.system.problem, int(state[NOTICE])
         point = self.point(row, n) if made or notices else None
         proposal = None

@@ -18,17 +18,41 @@ from .predictor import cubic, predict
 from .step_control import defect, shorter, step_after
 
 (
-    TOLERANCE, ITERATIONS_AT_MOST, MIN_STEP, MAX_STEP, MAX_ANGLE, MAX_DEFECT, LOW, HIGH, FIRST,
-    SAME, SECANT, MEETINGS,
-) = range(12)  # fmt: skip
+    TOLERANCE,
+    ITERATIONS_AT_MOST,
+    MIN_STEP,
+    MAX_STEP,
+    MAX_ANGLE,
+    MAX_DEFECT,
+    LOW,
+    HIGH,
+    FIRST,
+    SAME,
+    SECANT,
+    MEETINGS,
+) = range(12)
 """Places in `options`: of the settings, the largest defect, the range, the parameter at the start
 of the walk, what counts as the same solution, and whether to predict along chords and to look out
 for branches that meet."""
 
 (
-    STEP, ARCLENGTH, BEHIND, ORIENTATION, EARLIER, POINTS, NEXT_STEP, CORRECTION, TURNED, DEFECT,
-    STATUS, NOTICE, ITERATIONS, REJECTED, EVALUATIONS, PLACES,
-) = range(16)  # fmt: skip
+    STEP,
+    ARCLENGTH,
+    BEHIND,
+    ORIENTATION,
+    EARLIER,
+    POINTS,
+    NEXT_STEP,
+    CORRECTION,
+    TURNED,
+    DEFECT,
+    STATUS,
+    NOTICE,
+    ITERATIONS,
+    REJECTED,
+    EVALUATIONS,
+    PLACES,
+) = range(16)
 """Places in `state`. The length of the step to try; the arclength here and at the point before (NaN
 if there is none), and the orientation at both; points so far. Of the step last tried: the length to
 follow it, the first correction, the angle, and the defect. Why no further step was accepted: a
@@ -108,9 +132,20 @@ def take_steps(
         at = width * made
         mark = at + 2 * n
         status = attempt(
-            evaluate, solve, tangent_at, data, options, state, scale, z, tangent, chord, work,
-            rows, mark,
-        )  # fmt: skip
+            evaluate,
+            solve,
+            tangent_at,
+            data,
+            options,
+            state,
+            scale,
+            z,
+            tangent,
+            chord,
+            work,
+            rows,
+            mark,
+        )
         if status != CONVERGED:
             state[REJECTED] += 1
             if state[STEP] <= options[MIN_STEP]:

@@ -58,12 +58,21 @@ class Options(TypedDict, total=False):
 
 
 def walk(
-    problem: Problem, start: Array, direction: int, *, parameter: str,
-    limits: tuple[float, float], tests: Sequence[TestFunction] = (),
-    settings: Settings | None = None, tangent: Array | None = None, branching: bool = False,
-    callback: Callable[[Point], bool | None] | None = None, stop: Stop | None = None,
-    backend: Backend | None = None, meeting: Find | None = None,
-) -> Walk:  # fmt: skip
+    problem: Problem,
+    start: Array,
+    direction: int,
+    *,
+    parameter: str,
+    limits: tuple[float, float],
+    tests: Sequence[TestFunction] = (),
+    settings: Settings | None = None,
+    tangent: Array | None = None,
+    branching: bool = False,
+    callback: Callable[[Point], bool | None] | None = None,
+    stop: Stop | None = None,
+    backend: Backend | None = None,
+    meeting: Find | None = None,
+) -> Walk:
     """Follow a branch from a point in one direction until it ends.
 
     Parameters

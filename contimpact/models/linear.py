@@ -107,9 +107,14 @@ class Linear:
     """
 
     def __init__(
-        self, *, mass: Matrix, damping: Matrix, stiffness: Matrix,
-        force: Callable[[Any], Sequence[Any]], period: Any,
-    ) -> None:  # fmt: skip
+        self,
+        *,
+        mass: Matrix,
+        damping: Matrix,
+        stiffness: Matrix,
+        force: Callable[[Any], Sequence[Any]],
+        period: Any,
+    ) -> None:
         size = len(mass)
         m, c, k = (
             _square(given, size, name)

@@ -55,9 +55,13 @@ def along(row: Row, state: Sequence[Any]) -> Any:
 
 
 def after_impact(
-    formulas: Formulas, guard: Guard, position: Sequence[Any], velocity: Sequence[Any],
-    modes: Sequence[Mode], where: str,
-) -> Departure:  # fmt: skip
+    formulas: Formulas,
+    guard: Guard,
+    position: Sequence[Any],
+    velocity: Sequence[Any],
+    modes: Sequence[Mode],
+    where: str,
+) -> Departure:
     """Return what an impact at a guard leaves, from positions and velocities before it.
 
     Formulas are given the coordinates that the mode before has, and state those of the next.
@@ -78,9 +82,13 @@ def after_impact(
 
 
 def departure(
-    formulas: Formulas, mode: str, orders: Sequence[int], position: Sequence[Any],
-    velocity: Sequence[Any], where: str,
-) -> Departure:  # fmt: skip
+    formulas: Formulas,
+    mode: str,
+    orders: Sequence[int],
+    position: Sequence[Any],
+    velocity: Sequence[Any],
+    where: str,
+) -> Departure:
     """Return the flight from a state in a mode, in all coordinates of the system.
 
     Coordinates that the mode does not have are at rest at zero.
@@ -151,9 +159,13 @@ def of_mode(given: Any, mode: str) -> Any:
 
 
 def state_after(
-    formulas: Formulas, name: str, position: Sequence[Any], velocity: Sequence[Any], where: str,
+    formulas: Formulas,
+    name: str,
+    position: Sequence[Any],
+    velocity: Sequence[Any],
+    where: str,
     orders: tuple[Sequence[int], Sequence[int]] | None = None,
-) -> tuple[Sequence[Any], Sequence[Any]]:  # fmt: skip
+) -> tuple[Sequence[Any], Sequence[Any]]:
     """Return positions and velocities after an impact, those that are the state of the next mode.
 
     Parameters

@@ -17,10 +17,15 @@ from .symmetry import again, mirrors_back, symmetry_of, watched
 
 
 def run_born(
-    start: Start, born: End, limits: tuple[float, float], tests: Sequence[TestFunction],
-    settings: Settings, name: str = "b1", stop: Stop | None = None,
+    start: Start,
+    born: End,
+    limits: tuple[float, float],
+    tests: Sequence[TestFunction],
+    settings: Settings,
+    name: str = "b1",
+    stop: Stop | None = None,
     callback: Callable[[Point], bool | None] | None = None,
-) -> Run | None:  # fmt: skip
+) -> Run | None:
     """Walk along a branch from its start, one way or both as `Start` says.
 
     Parameters
@@ -45,10 +50,17 @@ def run_born(
 
     def go(direction: int) -> Walk:
         return walk_orbits(
-            problem, start.unknowns, direction, limits=limits, tests=watched(tests, stop),
-            settings=settings, tangent=start.tangent, branching=start.branching,
-            callback=callback, stop=stop,
-        )  # fmt: skip
+            problem,
+            start.unknowns,
+            direction,
+            limits=limits,
+            tests=watched(tests, stop),
+            settings=settings,
+            tangent=start.tangent,
+            branching=start.branching,
+            callback=callback,
+            stop=stop,
+        )
 
     forward = kept(lambda: go(+1))
     if not forward.points:
@@ -68,6 +80,11 @@ def run_born(
 def first_step(start: Start, limits: tuple[float, float], settings: Settings) -> Walk:
     """Return the walk's first step, to see where it leads."""
     return walk_orbits(
-        start.problem, start.unknowns, +1, limits=limits, tangent=start.tangent,
-        branching=start.branching, settings=dataclasses.replace(settings, max_points=2),
-    )  # fmt: skip
+        start.problem,
+        start.unknowns,
+        +1,
+        limits=limits,
+        tangent=start.tangent,
+        branching=start.branching,
+        settings=dataclasses.replace(settings, max_points=2),
+    )

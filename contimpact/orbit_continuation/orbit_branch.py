@@ -136,12 +136,17 @@ def _beside(
 
 
 def continue_born(
-    entry: Entry, model: Model | None = None, range: tuple[float, float] | None = None, *,
+    entry: Entry,
+    model: Model | None = None,
+    range: tuple[float, float] | None = None,
+    *,
     events: Sequence[str | UserEvent] = EVENTS,
     values: Mapping[str, Sequence[float]] | None = None,
-    settings: Settings | None = None, callback: Callback | None = None, name: str = "b1",
+    settings: Settings | None = None,
+    callback: Callback | None = None,
+    name: str = "b1",
     progress: Asked = False,
-) -> Branch | None:  # fmt: skip
+) -> Branch | None:
     """Follow the branch born at an event of another one, from a catalogue just made or loaded.
 
     Parameters

@@ -266,9 +266,19 @@ def border(kept: Table, count: int, row: Vector, g: float) -> tuple[float, float
 
 
 def three(
-    a0: float, a1: float, a2: float, f: float, b0: float, b1: float, b2: float, g: float,
-    c0: float, c1: float, c2: float, h: float,
-) -> tuple[float, float, float, float]:  # fmt: skip
+    a0: float,
+    a1: float,
+    a2: float,
+    f: float,
+    b0: float,
+    b1: float,
+    b2: float,
+    g: float,
+    c0: float,
+    c1: float,
+    c2: float,
+    h: float,
+) -> tuple[float, float, float, float]:
     """Solve three equations with partial pivoting; returns x, y, z and the determinant."""
     det = 1.0
     if abs(b0) > abs(a0):

@@ -91,9 +91,12 @@ def find_orbits(
 
 
 def orbits_of(
-    problem: OrbitProblem, generator: np.random.Generator, starts: int, rounds: int,
+    problem: OrbitProblem,
+    generator: np.random.Generator,
+    starts: int,
+    rounds: int,
     tell: Progress = silent,
-) -> list[Orbit]:  # fmt: skip
+) -> list[Orbit]:
     """Find the orbits of a problem at its model's parameters; see `find_orbits`."""
     if not problem.word.walls:
         return _without_impacts(problem, generator)

@@ -21,9 +21,14 @@ from ..errors import InputError
 Opening = Callable[[int | None], contextlib.AbstractContextManager[Executor]]
 
 THREADS = (
-    "OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "BLIS_NUM_THREADS",
-    "VECLIB_MAXIMUM_THREADS", "NUMEXPR_NUM_THREADS", "NUMBA_NUM_THREADS",
-)  # fmt: skip
+    "OMP_NUM_THREADS",
+    "OPENBLAS_NUM_THREADS",
+    "MKL_NUM_THREADS",
+    "BLIS_NUM_THREADS",
+    "VECLIB_MAXIMUM_THREADS",
+    "NUMEXPR_NUM_THREADS",
+    "NUMBA_NUM_THREADS",
+)
 """What tells linear algebra how many threads to take; several processes need one each."""
 UNKNOWN = 16
 """Scenes given at once to an executor that does not say how many workers it has."""

@@ -98,9 +98,25 @@ def _branch(branch: Branch, whole: bool) -> dict[str, Any]:
 
 
 _OF_ENTRY = (
-    "branch", "kind", "label", "ghost", "notation", "word", "period", "becomes", "wall", "value",
-    "stable", "physical", "n_unstable", "criticality", "why", "arclength", "residual", "error",
-)  # fmt: skip
+    "branch",
+    "kind",
+    "label",
+    "ghost",
+    "notation",
+    "word",
+    "period",
+    "becomes",
+    "wall",
+    "value",
+    "stable",
+    "physical",
+    "n_unstable",
+    "criticality",
+    "why",
+    "arclength",
+    "residual",
+    "error",
+)
 
 
 def _event(entry: Entry, derived: str | None) -> dict[str, Any]:

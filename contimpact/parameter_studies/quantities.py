@@ -118,8 +118,10 @@ def distance(study: Study, orbit: str) -> Values:
 def bistability(study: Study, orbit: str) -> Values:
     """The widest range of the parameter in which two orbits are stable."""
     columns = ("low_derived", "high_derived") if study.derived else ("low", "high")
-    low, high = (f"min({{0}}.{columns[0]}, {{0}}.{columns[1]})",
-                 f"max({{0}}.{columns[0]}, {{0}}.{columns[1]})")  # fmt: skip
+    low, high = (
+        f"min({{0}}.{columns[0]}, {{0}}.{columns[1]})",
+        f"max({{0}}.{columns[0]}, {{0}}.{columns[1]})",
+    )
     query = (
         f"SELECT a.scene, max(min({high.format('a')}, {high.format('b')})"
         f" - max({low.format('a')}, {low.format('b')})) FROM intervals a"

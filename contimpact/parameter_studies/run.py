@@ -145,9 +145,14 @@ def run_study(
 
 class _Computation:
     def __init__(
-        self, study: StudyFile, store: Store, workshop: Workshop, again: bool,
-        progress: Progress, announce: Callable[[str], None],
-    ) -> None:  # fmt: skip
+        self,
+        study: StudyFile,
+        store: Store,
+        workshop: Workshop,
+        again: bool,
+        progress: Progress,
+        announce: Callable[[str], None],
+    ) -> None:
         self.study, self.store, self.workshop = study, store, workshop
         self.progress, self.announce = progress, announce
         self.number = store.enter(study)
@@ -263,8 +268,9 @@ class _Computation:
             return
         budget = self.study.budget
         hung = f", or hung for more than its {budget:g} s" if budget else ""
-        self.record(place, lost(f"its worker ended each of {ATTEMPTS} times: killed, short of "
-                                f"memory{hung}"))  # fmt: skip
+        self.record(
+            place, lost(f"its worker ended each of {ATTEMPTS} times: killed, short of memory{hung}")
+        )
 
     def record(self, place: int, outcome: Outcome) -> None:
         names = self.study.design.names
@@ -319,5 +325,6 @@ def duration(seconds: float) -> str:
 
 
 def _clock_time(seconds: float) -> Any:
-    return time.strftime("%H:%M" if seconds < 80000 else "%d %b %H:%M",
-                         time.localtime(time.time() + seconds))  # fmt: skip
+    return time.strftime(
+        "%H:%M" if seconds < 80000 else "%d %b %H:%M", time.localtime(time.time() + seconds)
+    )

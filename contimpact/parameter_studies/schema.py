@@ -198,8 +198,17 @@ STEPS = (
 )
 
 OF_SCENES = (
-    "coordinates", "failures", "branches", "events", "intervals", "transitions", "attractors",
-    "energies", "curves", "codimension_two", "catalogues",
-)  # fmt: skip
+    "coordinates",
+    "failures",
+    "branches",
+    "events",
+    "intervals",
+    "transitions",
+    "attractors",
+    "energies",
+    "curves",
+    "codimension_two",
+    "catalogues",
+)
 """The tables with rows of a scene, besides that of the scenes."""
 TABLES = ("versions", "studies", "runs", "scenes", *OF_SCENES)

@@ -125,8 +125,9 @@ class Store:
     ) -> None:
         """Write all that is kept of a scene, in place of what there may be of it."""
         key = {"study": study, "scene": scene}
-        own = {name: getattr(outcome, name) for name in
-               ("status", "seconds", "points", "evaluations")}  # fmt: skip
+        own = {
+            name: getattr(outcome, name) for name in ("status", "seconds", "points", "evaluations")
+        }
         placed = [{"name": name, "value": value} for name, value in coordinates.items()]
         with self.transaction() as connection:
             for table in OF_SCENES:

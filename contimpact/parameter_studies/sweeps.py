@@ -56,6 +56,10 @@ def _sweep(file: StudyFile, values: Sequence[float], rows: Sequence[Mapping[str,
 def _attractor(simulators: Simulators, row: Mapping[str, Any]) -> Attractor:
     simulator = simulators.at(row["value"])
     return Attractor(
-        Kind(row["kind"]), {**simulator.model.values, **simulator.derived}, row["notation"],
-        simulator.period, row["word"], row["period"],
-    )  # fmt: skip
+        Kind(row["kind"]),
+        {**simulator.model.values, **simulator.derived},
+        row["notation"],
+        simulator.period,
+        row["word"],
+        row["period"],
+    )

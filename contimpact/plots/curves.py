@@ -106,8 +106,12 @@ def plot_curves(
             tinted += own
         else:
             bands += _draw_regions(ax, panel, keys, checks)
-    _draw_legend(axes[0], panels, keys, [*area_legend(tinted, partial(_end_colour, keys)),
-                                         *_band_key(panels, bands)])  # fmt: skip
+    _draw_legend(
+        axes[0],
+        panels,
+        keys,
+        [*area_legend(tinted, partial(_end_colour, keys)), *_band_key(panels, bands)],
+    )
     return axes
 
 

@@ -36,9 +36,12 @@ def series_by_branch(
 
 
 def pieces_of(
-    diagram: Diagram, series: Sequence[Sequence[Series]], x: str,
-    xlim: tuple[float, float] | None, longest: int,
-) -> list[Piece]:  # fmt: skip
+    diagram: Diagram,
+    series: Sequence[Sequence[Series]],
+    x: str,
+    xlim: tuple[float, float] | None,
+    longest: int,
+) -> list[Piece]:
     """Return all that is drawn of branches; of unphysical orbits those up to the longest period."""
     pieces = []
     for branch, own in zip(diagram.branches, series, strict=True):

@@ -49,10 +49,16 @@ class Met:
 
 
 def plot_transitions(
-    curves: Sequence[Curve], sweeps: Sequence[Sweep], *, to: Sequence[str], ax: Any = None,
-    along: str | None = None, units: Mapping[str, str] | None = None, areas: Sequence[Area] = (),
+    curves: Sequence[Curve],
+    sweeps: Sequence[Sweep],
+    *,
+    to: Sequence[str],
+    ax: Any = None,
+    along: str | None = None,
+    units: Mapping[str, str] | None = None,
+    areas: Sequence[Area] = (),
     checks: Sequence[Check] = (),
-) -> Any:  # fmt: skip
+) -> Any:
     """Draw where simulated motion changes, over curves of bifurcations in two parameters.
 
     Parameters

@@ -267,9 +267,14 @@ def load_diagram(folder: str | Path) -> Diagram:
         checks, coverage = _checks(catalogue)
         name = fitted(catalogue["scene"], str, "scene")
         return Diagram(
-            name, branches, curves, checks, codim2_curves=points, coverage=coverage,
+            name,
+            branches,
+            curves,
+            checks,
+            codim2_curves=points,
+            coverage=coverage,
             areas=_areas(catalogue),
-        )  # fmt: skip
+        )
 
 
 def _checks(catalogue: Mapping[str, Any]) -> tuple[Sequence[Check], Sequence[Coverage]]:

@@ -173,9 +173,18 @@ def read_curves(table: Table, model: Model, first: str, events: Sequence[str]) -
     except InputError as error:
         raise error.within("curves") from None
     return CurveOptions(
-        name, (low, high), tuple(dict.fromkeys(kinds)), unphysical, values, family, settings,
-        start, third, cover, areas,
-    )  # fmt: skip
+        name,
+        (low, high),
+        tuple(dict.fromkeys(kinds)),
+        unphysical,
+        values,
+        family,
+        settings,
+        start,
+        third,
+        cover,
+        areas,
+    )
 
 
 def read_simulation(

@@ -336,9 +336,14 @@ class KernelWriter:
         return self._text(name, arguments, about, shared, refilled(outputs, reduced), reduce, loops)
 
     def _listed(
-        self, name: str, arguments: Sequence[Any], about: str, tape: Tape, outputs: Any,
+        self,
+        name: str,
+        arguments: Sequence[Any],
+        about: str,
+        tape: Tape,
+        outputs: Any,
         reduce: bool = True,
-    ) -> str:  # fmt: skip
+    ) -> str:
         """A kernel that makes the steps of a tape."""
         steps, values = tape.listing(flat(outputs))
         found, loops = looped((*(e for _, e in steps), *values))
@@ -347,9 +352,15 @@ class KernelWriter:
         return self._text(name, arguments, about, steps, outputs, reduce, loops)
 
     def _text(
-        self, name: str, arguments: Sequence[Any], about: str, steps: Sequence[tuple[Any, Any]],
-        outputs: Any, reduce: bool, loops: Sequence[str] = (),
-    ) -> str:  # fmt: skip
+        self,
+        name: str,
+        arguments: Sequence[Any],
+        about: str,
+        steps: Sequence[tuple[Any, Any]],
+        outputs: Any,
+        reduce: bool,
+        loops: Sequence[str] = (),
+    ) -> str:
         values = flat(outputs)
         signature = self._names([*arguments, *self.equations.parameters.values()])
         used = set().union(*(e.free_symbols for e in (*values, *(e for _, e in steps))))

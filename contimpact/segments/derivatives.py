@@ -83,10 +83,12 @@ def _directly(
     def evaluated(*given: float) -> Blocks:
         along = dict(zip(moving, given[ends:], strict=False))
         values = [*given[:ends], *given[ends + len(moving) :]]
-        return function(*(
-            Series([value, along[name], *rest]) if name in along else value
-            for name, value in zip(names, values, strict=True)
-        ))  # fmt: skip
+        return function(
+            *(
+                Series([value, along[name], *rest]) if name in along else value
+                for name, value in zip(names, values, strict=True)
+            )
+        )
 
     return evaluated
 

@@ -168,9 +168,13 @@ def flow_in(summed: Summed) -> Callable[..., list[Any]]:
 
 
 def flow_of_series(
-    d: int, h: int, directions: int, dt: Sequence[Any], numbers: Sequence[Sequence[Any]],
+    d: int,
+    h: int,
+    directions: int,
+    dt: Sequence[Any],
+    numbers: Sequence[Sequence[Any]],
     summed: Summed | None = None,
-) -> Array:  # fmt: skip
+) -> Array:
     """Return `flow` of truncated series, each row the coefficients of one.
 
     A series is an upper triangular matrix with its coefficients along the diagonals, and one of
@@ -332,10 +336,12 @@ def mean_rates(generator: Array, dt: Any, summed: Summed) -> tuple[Array, Array]
     return found[q], found[h]
 
 
-_SERIES = np.array([
-    [1.0 / math.factorial(k + 1) for k in range(TERMS)],
-    [(k + 1.0) / math.factorial(k + 2) for k in range(TERMS)],
-]).reshape(8, 4)  # fmt: skip
+_SERIES = np.array(
+    [
+        [1.0 / math.factorial(k + 1) for k in range(TERMS)],
+        [(k + 1.0) / math.factorial(k + 2) for k in range(TERMS)],
+    ]
+).reshape(8, 4)
 """Coefficients of both functions, four powers in a row."""
 
 

@@ -76,9 +76,17 @@ def excursion_by_law(
     if made < 0:
         return math.nan, math.nan, math.nan, math.nan, math.inf
     return excursions(
-        along_steps, steps[:made], values, length, arriving, left_side, reached_side,
-        breaks[:found], 0.0, math.inf,
-    )  # fmt: skip
+        along_steps,
+        steps[:made],
+        values,
+        length,
+        arriving,
+        left_side,
+        reached_side,
+        breaks[:found],
+        0.0,
+        math.inf,
+    )
 
 
 def along_steps(steps: Table, dt: float, values: Vector) -> Moved:
@@ -148,9 +156,15 @@ def follow(
 
 
 def expand(
-    waves: int, numbers: Vector, state: Vector, t: float, width: float, x: float, v: float,
+    waves: int,
+    numbers: Vector,
+    state: Vector,
+    t: float,
+    width: float,
+    x: float,
+    v: float,
     row: Vector,
-) -> float:  # fmt: skip
+) -> float:
     """Fill in the row of a step from displacement and velocity at its start.
 
     Returns the size of the forces, in the units of the second coefficient.

@@ -127,9 +127,7 @@ def printed_steps(
     """The lines that make some steps, and the texts of values that follow from these."""
     printer, lines = Printer(), []
     formulas = [*(e for _, e in steps), *values]
-    waiting = [
-        *_stumpffs(formulas), *_transients(formulas), *_flows(formulas), *_flown(formulas)
-    ]  # fmt: skip
+    waiting = [*_stumpffs(formulas), *_transients(formulas), *_flows(formulas), *_flown(formulas)]
     names = {call: symbol for group in waiting for call, symbol in group.names.items()}
     missing = {symbol for symbol, _ in steps}
     for symbol, e in (*steps, (None, None)):

@@ -108,9 +108,13 @@ def other_flight(
 
 
 def _touches(
-    kernels: Kernels, ends: tuple[int, int], motions: Sequence[Seen], positions: Sequence[float],
-    length: float, arriving: float,
-) -> tuple[list[tuple[str, float, float] | None], float]:  # fmt: skip
+    kernels: Kernels,
+    ends: tuple[int, int],
+    motions: Sequence[Seen],
+    positions: Sequence[float],
+    length: float,
+    arriving: float,
+) -> tuple[list[tuple[str, float, float] | None], float]:
     """The nearest touch of each wall as (wall, time after leaving, gap), and the slowest turn."""
     guards, passages = kernels.model.WALLS, kernels.passages
     left, reached = ends

@@ -316,6 +316,8 @@ def needed(model: Model, kernels: Kernels) -> bool:
         return True
     if any(kernels.linear(guard.name) for guard in model.WALLS):
         return True
-    met = ([g.side for g, sees in zip(model.WALLS, row, strict=True) if sees]
-           for row in passages.watched)  # fmt: skip
+    met = (
+        [g.side for g, sees in zip(model.WALLS, row, strict=True) if sees]
+        for row in passages.watched
+    )
     return any(len(set(sides)) < len(sides) for sides in met)

@@ -45,9 +45,14 @@ class Seen:
 
 
 def divide(
-    scene: Scene, model: Model, curves: Sequence[Curve], fixed: Mapping[str, float],
-    kernels: Kernels, progress: Progress, names: itertools.count[int],
-) -> tuple[list[Area], list[str]]:  # fmt: skip
+    scene: Scene,
+    model: Model,
+    curves: Sequence[Curve],
+    fixed: Mapping[str, float],
+    kernels: Kernels,
+    progress: Progress,
+    names: itertools.count[int],
+) -> tuple[list[Area], list[str]]:
     """Divide the rectangle of a member of a scene's family.
 
     Parameters
@@ -77,9 +82,14 @@ def divide(
 
 class _Divider:
     def __init__(
-        self, scene: Scene, model: Model, curves: Sequence[Curve], fixed: Mapping[str, float],
-        kernels: Kernels, progress: Progress,
-    ) -> None:  # fmt: skip
+        self,
+        scene: Scene,
+        model: Model,
+        curves: Sequence[Curve],
+        fixed: Mapping[str, float],
+        kernels: Kernels,
+        progress: Progress,
+    ) -> None:
         self.scene, self.model, self.fixed = scene, model, fixed
         self.kernels, self.progress = kernels, progress
         self.frame = Frame.of(scene, curves)
@@ -180,11 +190,19 @@ class _Divider:
         high = self.frame.upper - self.frame.lower
         departure = high * max(self.departures.get(cell, 0.0) for cell in outline.cells)
         return Area(
-            name, dict(self.fixed), self.frame.across, self.frame.along,
-            self.orbits(outline), [self.ring(points) for points in outline.rings],
-            outline.borders, outline.part, self.ring(self.middles(outline.cells)), checked,
-            doubts, departure,
-        )  # fmt: skip
+            name,
+            dict(self.fixed),
+            self.frame.across,
+            self.frame.along,
+            self.orbits(outline),
+            [self.ring(points) for points in outline.rings],
+            outline.borders,
+            outline.part,
+            self.ring(self.middles(outline.cells)),
+            checked,
+            doubts,
+            departure,
+        )
 
     def middles(self, cells: Sequence[Cell]) -> list[tuple[float, float]]:
         """The middles of cells, where the first runs look."""

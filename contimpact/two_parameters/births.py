@@ -41,9 +41,13 @@ Range = tuple[float, float]
 
 
 def entries_born(
-    entry: Entry, point: Codim2, model: Model, kinds: Sequence[str], kernels: Kernels,
+    entry: Entry,
+    point: Codim2,
+    model: Model,
+    kinds: Sequence[str],
+    kernels: Kernels,
     ranges: Sequence[Range],
-) -> Iterator[Entry]:  # fmt: skip
+) -> Iterator[Entry]:
     """Events beside a point of codimension two, on the curves of other events that meet there.
 
     Parameters

@@ -36,12 +36,20 @@ SAME_POINT = 1e-8
 
 
 def follow_codim2(
-    entry: Entry, point: Codim2, model: Model | None = None, *,
-    second: str, third: str, ranges: Sequence[Range],
-    name: str = "c1", values: Sequence[float] = (), settings: Settings = CURVE_SETTINGS,
-    kernels: Kernels | None = None, detect: bool = True,
+    entry: Entry,
+    point: Codim2,
+    model: Model | None = None,
+    *,
+    second: str,
+    third: str,
+    ranges: Sequence[Range],
+    name: str = "c1",
+    values: Sequence[float] = (),
+    settings: Settings = CURVE_SETTINGS,
+    kernels: Kernels | None = None,
+    detect: bool = True,
     callback: Callable[[Point], bool | None] | None = None,
-) -> Curve | End:  # fmt: skip
+) -> Curve | End:
     """Follow a point of codimension two in a third parameter, in both directions.
 
     Parameters

@@ -120,9 +120,15 @@ class CurveBackend:
             made = fast(*curve, *given, np.array([width, most]))
         else:
             made = take_steps(
-                self.evaluate, newton_step, tangent_of_curve, observe_curve, curve, *given, width,
+                self.evaluate,
+                newton_step,
+                tangent_of_curve,
+                observe_curve,
+                curve,
+                *given,
+                width,
                 most,
-            )  # fmt: skip
+            )
         flights = int(state[EVALUATIONS]) * self.flights
         self.problem.orbit.kernel_evaluations += flights
         spend(0 if fast else flights)

@@ -43,14 +43,20 @@ ON_LIMIT = 1e-12
 
 
 def follow_curve(
-    entry: Entry, model: Model | None = None, second: str = "",
+    entry: Entry,
+    model: Model | None = None,
+    second: str = "",
     first_range: tuple[float, float] | None = None,
-    second_range: tuple[float, float] | None = None, *,
-    name: str = "c1", values: Sequence[float] = (),
-    settings: Settings = CURVE_SETTINGS, kernels: Kernels | None = None,
-    detect: bool = True, callback: Callable[[Point], bool | None] | None = None,
+    second_range: tuple[float, float] | None = None,
+    *,
+    name: str = "c1",
+    values: Sequence[float] = (),
+    settings: Settings = CURVE_SETTINGS,
+    kernels: Kernels | None = None,
+    detect: bool = True,
+    callback: Callable[[Point], bool | None] | None = None,
     progress: Asked = False,
-) -> Curve:  # fmt: skip
+) -> Curve:
     """Follow the curve of a bifurcation through a catalogue entry, in both directions.
 
     Parameters
@@ -113,10 +119,14 @@ def follow_curve(
 
 
 def followed(
-    problem: CurveProblem, start: Array, ranges: Sequence[Range],
-    special: Sequence[TestFunction], values: Sequence[float], settings: Settings,
+    problem: CurveProblem,
+    start: Array,
+    ranges: Sequence[Range],
+    special: Sequence[TestFunction],
+    values: Sequence[float],
+    settings: Settings,
     callback: Callable[[Point], bool | None] | None,
-) -> tuple[Walk, Walk] | End:  # fmt: skip
+) -> tuple[Walk, Walk] | End:
     """Return the walks backward and forward from a start, or why there is no first point.
 
     Parameters
@@ -136,11 +146,18 @@ def followed(
 
     def go(direction: int) -> Walk:
         return walk(
-            problem, start, direction, parameter=last, limits=ranges[-1],
+            problem,
+            start,
+            direction,
+            parameter=last,
+            limits=ranges[-1],
             tests=[*watched, SecondValue(values), *special],
-            settings=settings, callback=callback, stop=stop, meeting=crossing if again else None,
+            settings=settings,
+            callback=callback,
+            stop=stop,
+            meeting=crossing if again else None,
             backend=backend_of(problem),
-        )  # fmt: skip
+        )
 
     forward = kept(lambda: go(+1))
     if not forward.points:
@@ -217,9 +234,14 @@ class SecondValue(TestFunction):
 
 
 def tabulated(
-    name: str, problem: CurveProblem, walks: tuple[Walk, Walk], special: Sequence[TestFunction],
-    label: str, notation: str, origin: str,
-) -> Curve:  # fmt: skip
+    name: str,
+    problem: CurveProblem,
+    walks: tuple[Walk, Walk],
+    special: Sequence[TestFunction],
+    label: str,
+    notation: str,
+    origin: str,
+) -> Curve:
     """Return two walks from one start, backward and forward, as a curve.
 
     Parameters

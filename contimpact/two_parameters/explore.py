@@ -219,9 +219,15 @@ class _CurveExplorer:
         plane = options.parameter, scene.range, options.range
         try:
             curve = follow_curve(
-                entry, model, *plane, name=name, values=sorted(wanted), settings=options.settings,
-                kernels=self.pairs, callback=callback,
-            )  # fmt: skip
+                entry,
+                model,
+                *plane,
+                name=name,
+                values=sorted(wanted),
+                settings=options.settings,
+                kernels=self.pairs,
+                callback=callback,
+            )
         except InputError as error:
             self.notes.append(f"no curve of {entry.id} {entry.label}: {error.found}")
             return False
@@ -260,11 +266,18 @@ class _CurveExplorer:
             shown = f"curve {name}: {point.kind} in ({', '.join(names)})"
             self.progress(shown)
             curve = follow_codim2(
-                entry, point, scene.model, second=options.parameter, third=third,
-                ranges=[scene.range, options.range, limits], name=name, values=values,
-                settings=options.settings, kernels=kernels,
+                entry,
+                point,
+                scene.model,
+                second=options.parameter,
+                third=third,
+                ranges=[scene.range, options.range, limits],
+                name=name,
+                values=values,
+                settings=options.settings,
+                kernels=kernels,
                 callback=counted(shown, third, self.progress),
-            )  # fmt: skip
+            )
             if isinstance(curve, End):
                 self.notes.append(f"{point.id} {point.kind} is not followed: {curve.message}")
                 continue

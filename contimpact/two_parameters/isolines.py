@@ -32,11 +32,19 @@ Function = Callable[[Orbit], float]
 
 
 def follow_isoline(
-    orbit: Any, function: Function, model: Model | None = None, *,
-    second: str, ranges: Sequence[Range], value: float | None = None, label: str = "isoline",
-    name: str = "c1", values: Sequence[float] = (), settings: Settings = CURVE_SETTINGS,
+    orbit: Any,
+    function: Function,
+    model: Model | None = None,
+    *,
+    second: str,
+    ranges: Sequence[Range],
+    value: float | None = None,
+    label: str = "isoline",
+    name: str = "c1",
+    values: Sequence[float] = (),
+    settings: Settings = CURVE_SETTINGS,
     callback: Callable[[Point], bool | None] | None = None,
-) -> Curve | End:  # fmt: skip
+) -> Curve | End:
     """Follow the orbits on which a function keeps its value, in two parameters.
 
     Parameters

@@ -33,9 +33,12 @@ Range = tuple[float, float]
 
 
 def crossing_runs(
-    scene: Scene, problem: OrbitProblem, limits: Range, known: Iterable[Array],
+    scene: Scene,
+    problem: OrbitProblem,
+    limits: Range,
+    known: Iterable[Array],
     generator: np.random.Generator,
-) -> list[Run]:  # fmt: skip
+) -> list[Run]:
     """Follow every orbit of a word that is found on a line.
 
     First those that other lines have met where they cross this one, then those that a search finds

@@ -57,9 +57,13 @@ def run_at(scene: Scene, model: Model, word: Word, kernels: Kernels) -> list[Run
 
 
 def run_along(
-    scene: Scene, model: Model, word: Word, kernels: Kernels, limits: tuple[float, float],
+    scene: Scene,
+    model: Model,
+    word: Word,
+    kernels: Kernels,
+    limits: tuple[float, float],
     searched: Sequence[float],
-) -> list[Run]:  # fmt: skip
+) -> list[Run]:
     """Follow every orbit of a word that is found at some values of a parameter.
 
     Parameters
@@ -114,9 +118,14 @@ def _beside(problem: OrbitProblem, unknowns: Array, scene: Scene) -> Array:
         return unknowns
     for direction in (+1, -1):
         walk = walk_orbits(
-            problem, unknowns, direction, limits=scene.range, settings=settings, tangent=tangent,
+            problem,
+            unknowns,
+            direction,
+            limits=scene.range,
+            settings=settings,
+            tangent=tangent,
             gaps=False,
-        )  # fmt: skip
+        )
         if len(walk.points) > 1 and scene.range[0] < walk.points[-1].parameter < scene.range[1]:
             return walk.points[-1].unknowns
     return unknowns
@@ -230,7 +239,9 @@ def same_curve(one: Curve, other: Curve) -> bool:
 
 def _ends(curve: Curve) -> Array:
     speeds = [f"v{k + 1}" for k in range(len(curve.word))]
-    return np.array([
-        [*(curve[n][row] for n in curve.parameters), *sorted(curve[n][row] for n in speeds)]
-        for row in (0, -1)
-    ])  # fmt: skip
+    return np.array(
+        [
+            [*(curve[n][row] for n in curve.parameters), *sorted(curve[n][row] for n in speeds)]
+            for row in (0, -1)
+        ]
+    )

@@ -87,9 +87,13 @@ def stretches(branch: Branch, frame: Frame) -> list[Stretch]:
         (low, name), (high, above) = sorted(ends, key=lambda end: end[0])
         entry = entries.get(name or "")
         orbit = StableOrbit(
-            branch.word, branch.period, branch.notation, _end(entry, name),
-            entry.kind if entry else None, entry.criticality if entry else None,
-        )  # fmt: skip
+            branch.word,
+            branch.period,
+            branch.notation,
+            _end(entry, name),
+            entry.kind if entry else None,
+            entry.criticality if entry else None,
+        )
         found.append(Stretch(low, high, orbit, branch, (entry, entries.get(above or ""))))
     return found
 

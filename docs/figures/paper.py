@@ -21,9 +21,14 @@ HERE = Path(__file__).parent
 SCENES = HERE.parents[1] / "branches"
 EVENTS = ["FB", "PD", "G"]
 PUBLISHED = (
-    (1 / 18, 0.394006503), (1 / 9, 0.295513665), (1 / 6, 0.185725166), (1 / 18, 0.429318118),
-    (1 / 9, 0.372079625), (1 / 6, 0.304161346), (1 / 4, 0.151180589),
-)  # fmt: skip
+    (1 / 18, 0.394006503),
+    (1 / 9, 0.295513665),
+    (1 / 6, 0.185725166),
+    (1 / 18, 0.429318118),
+    (1 / 9, 0.372079625),
+    (1 / 6, 0.304161346),
+    (1 / 4, 0.151180589),
+)
 """Angle in pi and r where the curves of panels 6(a) and 6(b) cross."""
 STORE = Path("fig10.sqlite")
 """Where the sweeps of Fig. 10 are kept; what is there already is not simulated again."""
@@ -139,11 +144,15 @@ def with_curves(study):
             "follow": {**given["follow"], "orbits": ["1:1", "2:1"]},
             "detect": {"events": kinds},
             "curves": {
-                "parameter": "r", "range": [0.05, 0.9], "kinds": kinds, "cover": 3,
-                "max_step": 0.02, "areas": True,
+                "parameter": "r",
+                "range": [0.05, 0.9],
+                "kinds": kinds,
+                "cover": 3,
+                "max_step": 0.02,
+                "areas": True,
             },
         }
-    )  # fmt: skip
+    )
 
 
 def fig12():

@@ -61,9 +61,12 @@ def test_schema_and_machine(data):
 def test_every_method_is_there_and_its_error_falls(data):
     names = [method["name"] for method in data["methods"]]
     assert names == [
-        "tolerance, tangent predictor", "step, tangent predictor",
-        "tolerance, secant predictor", "step, secant predictor", "shooting, solve_ivp",
-    ]  # fmt: skip
+        "tolerance, tangent predictor",
+        "step, tangent predictor",
+        "tolerance, secant predictor",
+        "step, secant predictor",
+        "shooting, solve_ivp",
+    ]
     for method in data["methods"]:
         rows = method["rows"]
         errors = [row["error"] for row in rows]
@@ -154,11 +157,13 @@ def test_repetitions_are_checked():
     scene = read_scene(
         {
             "name": "x",
-            "model": {"system": "impact-pair",
-                      "parameters": {"beta": 0.5, "r": 0.3, "A": 5.0, "s": 0.34}},
+            "model": {
+                "system": "impact-pair",
+                "parameters": {"beta": 0.5, "r": 0.3, "A": 5.0, "s": 0.34},
+            },
             "follow": {"parameter": "s", "range": [0.3, 0.4], "orbits": ["1:1"]},
         }
-    )  # fmt: skip
+    )
     with pytest.raises(InputError, match="repetitions"):
         module.report(scene, 0)
 

@@ -83,10 +83,17 @@ def test_energy_along_a_branch(pair, kernels_of):
 def motion(kind, released, period=1):
     n = len(released)
     return Attractor(
-        kind, {"A": 5.0, "M": 0.1245, "omega": 5 * math.pi}, "x", 2.0, "BT", period,
-        np.zeros(n, dtype=np.int8), np.linspace(0.0, 1.8, n), np.full(n, 0.5),
+        kind,
+        {"A": 5.0, "M": 0.1245, "omega": 5 * math.pi},
+        "x",
+        2.0,
+        "BT",
+        period,
+        np.zeros(n, dtype=np.int8),
+        np.linspace(0.0, 1.8, n),
+        np.full(n, 0.5),
         np.array(released),
-    )  # fmt: skip
+    )
 
 
 def test_energy_where_impacts_accumulate():

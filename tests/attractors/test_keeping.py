@@ -29,10 +29,15 @@ def kept(pair):
     curve = ci.follow_curve(entry, None, "r", (0.3, 0.4), (0.2, 0.4), settings=few)
     sweep = ci.sweep(pair, "s", [0.4, 0.375, 0.36], settling=QUICK)
     return {
-        "diagram": ci.Diagram("mine", [branch]), "branch.csv": branch, "curve.csv": curve,
-        "entry.json": entry, "entries.json": [*branch.events], "orbit.json": orbit,
-        "orbits.json": orbits, "sweep.json": sweep,
-    }  # fmt: skip
+        "diagram": ci.Diagram("mine", [branch]),
+        "branch.csv": branch,
+        "curve.csv": curve,
+        "entry.json": entry,
+        "entries.json": [*branch.events],
+        "orbit.json": orbit,
+        "orbits.json": orbits,
+        "sweep.json": sweep,
+    }
 
 
 def plain(result):
@@ -50,9 +55,17 @@ def plain(result):
 
 @pytest.mark.parametrize(
     "name",
-    ["diagram", "branch.csv", "curve.csv", "entry.json", "entries.json", "orbit.json",
-     "orbits.json", "sweep.json"],
-)  # fmt: skip
+    [
+        "diagram",
+        "branch.csv",
+        "curve.csv",
+        "entry.json",
+        "entries.json",
+        "orbit.json",
+        "orbits.json",
+        "sweep.json",
+    ],
+)
 def test_what_is_saved_is_loaded(kept, name, tmp_path):
     ci.save(kept[name], tmp_path / name)
     again = ci.load(tmp_path / name)

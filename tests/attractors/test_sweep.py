@@ -56,8 +56,15 @@ def test_attractors_of_the_captions_of_fig_7(settled, d, notation, word, velocit
 def test_alternating_motion_of_fig_8h(settled):
     """d = 0.1132: 2:1 and 2:2 alternate over 2T, seven impacts."""
     found = settled(r=0.25, A=13.7478, s=0.5)
-    expected = [0.46268051, 0.07201093, -0.44067532, -0.05696903,
-                0.46168431, 0.08924472, -0.44597813]  # fmt: skip
+    expected = [
+        0.46268051,
+        0.07201093,
+        -0.44067532,
+        -0.05696903,
+        0.46168431,
+        0.08924472,
+        -0.44597813,
+    ]
     assert found.notation == "(4:3)/2T"
     assert found.word == "BBTBBTT"
     shift = found.velocities.tolist().index(
@@ -127,9 +134,10 @@ def test_multipliers_of_the_simulated_map_are_those_of_the_orbit(pair, kernels_o
     model = pair(d=d)
     simulator = Simulator(model, kernels_of(model, "s"))
     orbit = next(
-        o for o in find_orbits(model, word, kernels=kernels_of(model, "s"))
+        o
+        for o in find_orbits(model, word, kernels=kernels_of(model, "s"))
         if o.stable and o.physical
-    )  # fmt: skip
+    )
     state = simulator.state("B", orbit.times[0], orbit.velocities[0])
     cycle = polish(simulator, state, len(orbit.word), orbit.word.period)
     # measured: 2e-15; the smaller multiplier from the determinant
@@ -165,9 +173,13 @@ def test_fig_7_downwards(pair, kernels_of):
     """1:1, 1:1/2T, complex, 2:1 from the fold on, 3:1, 4:1 and more as d falls."""
     model = pair()
     found = sweep(
-        model, "s", np.linspace(0.4016, 0.2217, 46).tolist(), start=State(0, 0.25, 0.6),
-        settling=QUICK, kernels=kernels_of(model, "s"),
-    )  # fmt: skip
+        model,
+        "s",
+        np.linspace(0.4016, 0.2217, 46).tolist(),
+        start=State(0, 0.25, 0.6),
+        settling=QUICK,
+        kernels=kernels_of(model, "s"),
+    )
     met = found.sequence("down")
     assert met[:6] == ["1:1", "1:1/2T", "1:1/C", "2:1", "3:1", "4:1"]
     assert met[-1] == "inf:1"
@@ -182,8 +194,9 @@ def test_fig_7_upwards_shows_hysteresis(pair, kernels_of):
     values = np.linspace(0.27, 0.37, 26).tolist()
     kernels = kernels_of(model, "s")
     up = sweep(model, "s", values, start=State(0, 0.25, 0.5), settling=QUICK, kernels=kernels)
-    down = sweep(model, "s", values[::-1], start=State(0, 0.5, 0.66), settling=QUICK,
-                 kernels=kernels)  # fmt: skip
+    down = sweep(
+        model, "s", values[::-1], start=State(0, 0.5, 0.66), settling=QUICK, kernels=kernels
+    )
     assert up.sequence("up")[:3] == ["3:1", "2:1", "1:1/C"]
     assert down.sequence("down")[:4] == ["1:1/2T", "1:1/C", "2:1", "3:1"]
     last_up = max(r.value for r in up.rows if r.attractor.notation == "2:1")
@@ -196,22 +209,42 @@ def test_fig_8_upwards_in_A(pair, kernels_of):
     model = pair(r=0.25, s=0.5)
     values = np.linspace(5.986, 12.9, 26).tolist()
     found = sweep(
-        model, "A", values, start=State(0, 0.25, 0.6), settling=QUICK,
+        model,
+        "A",
+        values,
+        start=State(0, 0.25, 0.6),
+        settling=QUICK,
         kernels=kernels_of(model, "A"),
-    )  # fmt: skip
+    )
     assert found.sequence("up")[:3] == ["1:1", "2:1", "2:1/2T"]
 
 
 FIG_3 = {
-    "fig3a": ({"beta": math.pi / 9, "r": 0.3, "A": 5.0, "s": 0.5}, "s", (0.64, 0.16),
-              ["1:1", "2:1", "3:1"]),
-    "fig3b": ({"beta": math.pi / 4, "r": 0.5, "A": 5.0, "s": 0.5}, "A", (3.1, 14.5),
-              ["1:1", "1:1/2T", "2:1"]),
-    "fig3c": ({"beta": math.pi / 3, "r": 0.5, "A": 5.0, "s": 0.5}, "s", (0.72, 0.19),
-              ["1:1", "1:1/2T", "2:1", "2:1/2T"]),
-    "fig3d": ({"beta": math.pi / 2, "r": 0.7, "A": 5.0, "s": 0.5}, "A", (1.4, 14.5),
-              ["1:1", "1:1/2T", "2:1"]),
-}  # fmt: skip
+    "fig3a": (
+        {"beta": math.pi / 9, "r": 0.3, "A": 5.0, "s": 0.5},
+        "s",
+        (0.64, 0.16),
+        ["1:1", "2:1", "3:1"],
+    ),
+    "fig3b": (
+        {"beta": math.pi / 4, "r": 0.5, "A": 5.0, "s": 0.5},
+        "A",
+        (3.1, 14.5),
+        ["1:1", "1:1/2T", "2:1"],
+    ),
+    "fig3c": (
+        {"beta": math.pi / 3, "r": 0.5, "A": 5.0, "s": 0.5},
+        "s",
+        (0.72, 0.19),
+        ["1:1", "1:1/2T", "2:1", "2:1/2T"],
+    ),
+    "fig3d": (
+        {"beta": math.pi / 2, "r": 0.7, "A": 5.0, "s": 0.5},
+        "A",
+        (1.4, 14.5),
+        ["1:1", "1:1/2T", "2:1"],
+    ),
+}
 """Parameters, the parameter swept, from where to where, and notations met in this order."""
 
 
@@ -220,9 +253,13 @@ def test_fig_3(pair, kernels_of, panel):
     values, parameter, (first, last), expected = FIG_3[panel]
     model = pair(**values)
     found = sweep(
-        model, parameter, np.linspace(first, last, 56).tolist(), start=State(0, 0.25, 0.6),
-        settling=QUICK, kernels=kernels_of(model, parameter),
-    )  # fmt: skip
+        model,
+        parameter,
+        np.linspace(first, last, 56).tolist(),
+        start=State(0, 0.25, 0.6),
+        settling=QUICK,
+        kernels=kernels_of(model, parameter),
+    )
     met = iter(found.sequence(found.directions[0]))
     assert all(notation in met for notation in expected)
 

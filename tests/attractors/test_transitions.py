@@ -42,12 +42,15 @@ def scene():
                 "parameters": {"beta": "pi/6", "r": 0.3, "A": 5.0, "s": 0.34},
             },
             "follow": {
-                "parameter": "s", "range": [0.25, 0.42], "orbits": ["1:1"],
-                "switch": ["G", "PD"], "depth": 2,
+                "parameter": "s",
+                "range": [0.25, 0.42],
+                "orbits": ["1:1"],
+                "switch": ["G", "PD"],
+                "depth": 2,
             },
             "detect": {"events": ["FB", "PD", "G"]},
         }
-    )  # fmt: skip
+    )
 
 
 @pytest.fixture(scope="module")

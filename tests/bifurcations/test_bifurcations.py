@@ -40,9 +40,14 @@ def follow(orbit, limits, direction, kinds=DETECTED, requested=None, settings=No
     """Follow an orbit one way with these events on, and check the branch."""
     problem = orbit.problem
     found = walk(
-        problem, orbit.unknowns, direction, parameter=problem.parameter, limits=limits,
-        tests=test_functions(problem, kinds, requested or {}), settings=settings,
-    )  # fmt: skip
+        problem,
+        orbit.unknowns,
+        direction,
+        parameter=problem.parameter,
+        limits=limits,
+        tests=test_functions(problem, kinds, requested or {}),
+        settings=settings,
+    )
     check_branch(found, settings or Settings())
     return found
 
@@ -611,10 +616,17 @@ def test_grazing_of_the_impact_demo():
 
 
 STOPS = [
-    (0.357, 0.288, 0.61), (0.618, 0.095, 0.35), (0.741, 0.402, 0.82), (1.074, 0.051, 0.47),
-    (1.403, 0.046, 0.23), (1.474, 0.585, 0.83), (1.033, 0.530, 0.25), (2.134, 0.525, 0.36),
-    (1.479, 0.138, 0.43), (2.55, 0.31, 0.7),
-]  # fmt: skip
+    (0.357, 0.288, 0.61),
+    (0.618, 0.095, 0.35),
+    (0.741, 0.402, 0.82),
+    (1.074, 0.051, 0.47),
+    (1.403, 0.046, 0.23),
+    (1.474, 0.585, 0.83),
+    (1.033, 0.530, 0.25),
+    (2.134, 0.525, 0.36),
+    (1.479, 0.138, 0.43),
+    (2.55, 0.31, 0.7),
+]
 """omega, zeta, r: drawn at random."""
 
 
@@ -739,12 +751,25 @@ def test_long_and_short_steps_find_the_same_events(seed):
 
 
 BORN_WITHIN = [
-    ("2:1", -1, 6.889275299205,
-     {"beta": 0.627228035555, "r_B": 0.203771196699, "r_T": 0.78035135754, "A": 9.45673211359,
-      "s": 0.626391651064}),
-    ("1:2", -1, 3.347363740185,
-     {"beta": 1.33792496019, "r": 0.266744925107, "A": 7.4428497746, "s": 0.545288534488}),
-]  # fmt: skip
+    (
+        "2:1",
+        -1,
+        6.889275299205,
+        {
+            "beta": 0.627228035555,
+            "r_B": 0.203771196699,
+            "r_T": 0.78035135754,
+            "A": 9.45673211359,
+            "s": 0.626391651064,
+        },
+    ),
+    (
+        "1:2",
+        -1,
+        3.347363740185,
+        {"beta": 1.33792496019, "r": 0.266744925107, "A": 7.4428497746, "s": 0.545288534488},
+    ),
+]
 """Word, direction, amplitude of the grazing, model."""
 
 

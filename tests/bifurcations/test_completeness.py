@@ -27,9 +27,11 @@ FEW = (2, 15, 40, 62, 71, 94, 111, 119)
 
 def random_pair(rng):
     model = ImpactPair(
-        beta=float(rng.choice([0.0, rng.uniform(0, 1.5)])), r=float(rng.uniform(0.05, 0.95)),
-        A=float(rng.uniform(3, 12)), s=float(rng.uniform(0.15, 1.0)),
-    )  # fmt: skip
+        beta=float(rng.choice([0.0, rng.uniform(0, 1.5)])),
+        r=float(rng.uniform(0.05, 0.95)),
+        A=float(rng.uniform(3, 12)),
+        s=float(rng.uniform(0.15, 1.0)),
+    )
     parameter = ["s", "A", "r", "beta"][rng.integers(4)]
     value = model.values[parameter]
     fixed = {"r": (0.0, 1.0), "beta": (-math.pi / 2, math.pi / 2)}
@@ -43,9 +45,13 @@ def random_pair(rng):
 
 def random_oscillator(rng):
     model = Oscillator(
-        a=1.0, omega=float(rng.uniform(1.5, 5)), c=float(rng.uniform(0, 0.3)), k=1.0,
-        sigma=float(rng.uniform(-0.2, 0.5)), r=float(rng.uniform(0.2, 0.95)),
-    )  # fmt: skip
+        a=1.0,
+        omega=float(rng.uniform(1.5, 5)),
+        c=float(rng.uniform(0, 0.3)),
+        k=1.0,
+        sigma=float(rng.uniform(-0.2, 0.5)),
+        r=float(rng.uniform(0.2, 0.95)),
+    )
     parameter = ["omega", "sigma", "r", "a"][rng.integers(4)]
     word = ["S", "S/2T", "SS/2T", "SS/3T"][rng.integers(4)]
     value = model.values[parameter]

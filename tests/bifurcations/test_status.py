@@ -147,9 +147,11 @@ def test_statuses_change_at_events_alone():
     rng = np.random.default_rng(5)
     for _ in range(4):
         model = ImpactPair(
-            beta=float(rng.uniform(0, 1.5)), r=float(rng.choice([0.0, 1.0, rng.uniform()])),
-            A=float(rng.uniform(3, 12)), s=float(rng.uniform(0.2, 0.8)),
-        )  # fmt: skip
+            beta=float(rng.uniform(0, 1.5)),
+            r=float(rng.choice([0.0, 1.0, rng.uniform()])),
+            A=float(rng.uniform(3, 12)),
+            s=float(rng.uniform(0.2, 0.8)),
+        )
         for run in walked(model, (0.1, 1.2)):
             numbers = run.points.numbers
             status = np.column_stack(

@@ -264,13 +264,16 @@ def test_survey_finds_branches_the_start_does_not_reach():
         scene(
             model={"parameters": {"beta": "pi/2", "r": 0.7, "A": 2.0, "s": 0.5}},
             follow={
-                "parameter": "A", "range": [1.2, 12.0], "switch": [], "depth": 0,
+                "parameter": "A",
+                "range": [1.2, 12.0],
+                "switch": [],
+                "depth": 0,
                 "survey": True,
             },
             detect={"events": ["FB"]},
             numerics={"starts": 64, "rounds": 3},
         )
-    )  # fmt: skip
+    )
     without = follow(
         scene(
             model={"parameters": {"beta": "pi/2", "r": 0.7, "A": 2.0, "s": 0.5}},

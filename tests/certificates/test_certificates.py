@@ -367,9 +367,11 @@ def random_scene(seed):
     """1:1 and 2:1 of an impact pair with random parameters."""
     rng = np.random.default_rng(seed)
     parameters = {
-        "beta": float(rng.uniform(0.05, 1.2)), "r": float(rng.uniform(0.1, 0.9)),
-        "A": float(rng.uniform(3.0, 12.0)), "s": float(rng.uniform(0.2, 0.6)),
-    }  # fmt: skip
+        "beta": float(rng.uniform(0.05, 1.2)),
+        "r": float(rng.uniform(0.1, 0.9)),
+        "A": float(rng.uniform(3.0, 12.0)),
+        "s": float(rng.uniform(0.2, 0.6)),
+    }
     follows = {"range": [0.1, 1.0], "orbits": ["1:1", "2:1"], "switch": []}
     return scene(model={"parameters": parameters}, follow=follows)
 

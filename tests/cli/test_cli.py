@@ -23,9 +23,13 @@ SCENE = SMALL.replace("[model]\n", 'source = "a test"\n[model]\n') + '[plot]\nx 
 
 
 NO_ORBIT = (
-    "s = 0.34", "s = 1.04", "[0.3, 0.4]", "[1.0, 1.05]",
-    "[plot]", "[numerics]\nstarts = 16\nrounds = 1\n[plot]",
-)  # fmt: skip
+    "s = 0.34",
+    "s = 1.04",
+    "[0.3, 0.4]",
+    "[1.0, 1.05]",
+    "[plot]",
+    "[numerics]\nstarts = 16\nrounds = 1\n[plot]",
+)
 """Changes to the scene: beyond the fold at s = 0.991, where its orbits end."""
 
 
@@ -95,9 +99,12 @@ def one_line(text):
 def python(*arguments, **options):
     """A Python process that sees the package as users do."""
     return subprocess.run(
-        [sys.executable, *map(str, arguments)], capture_output=True, text=True, timeout=60,
+        [sys.executable, *map(str, arguments)],
+        capture_output=True,
+        text=True,
+        timeout=60,
         **options,
-    )  # fmt: skip
+    )
 
 
 def files_of(folder):
@@ -147,8 +154,14 @@ def test_run_writes_the_folder_and_a_summary(run, scene, tmp_path):
     assert err == ""
     folder = tmp_path / "a" / "out"
     names = set(files_of(folder))
-    assert names >= {"catalogue.json", "events.csv", "manifest.json", "diagram.svg", "diagram.png",
-                     "branches/b1-BT.csv"}  # fmt: skip
+    assert names >= {
+        "catalogue.json",
+        "events.csv",
+        "manifest.json",
+        "diagram.svg",
+        "diagram.png",
+        "branches/b1-BT.csv",
+    }
     assert not any(Path(name).name.startswith(".") for name in names)
     diagram = load_diagram(folder)
     for branch in diagram.branches:
@@ -402,11 +415,20 @@ def test_an_empty_folder_that_was_there_stays(run, scene, tmp_path):
 @pytest.mark.parametrize(
     "arguments",
     [
-        [], ["bogus"], ["check"], ["run"], ["run", "scene.toml"], ["plot"], ["check", "a", "b"],
-        ["run", "-o", "out"], ["check", "a", "--no-plot"], ["plot", "a", "--xlim", "0"],
-        ["plot", "a", "--xlim", "a", "b"], ["--verbose"],
+        [],
+        ["bogus"],
+        ["check"],
+        ["run"],
+        ["run", "scene.toml"],
+        ["plot"],
+        ["check", "a", "b"],
+        ["run", "-o", "out"],
+        ["check", "a", "--no-plot"],
+        ["plot", "a", "--xlim", "0"],
+        ["plot", "a", "--xlim", "a", "b"],
+        ["--verbose"],
     ],
-)  # fmt: skip
+)
 def test_bad_arguments(run, arguments, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     status, out, err = run(*arguments)
@@ -559,9 +581,11 @@ def test_ctrl_c(scene, tmp_path):
     folder = tmp_path / "out"
     process = subprocess.Popen(
         [sys.executable, "-m", "contimpact", "run", scene("[plot]", small), "-o", str(folder)],
-        stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
         preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),
-    )  # fmt: skip
+    )
     try:
         limit = time.monotonic() + 60.0
         while not folder.exists() and time.monotonic() < limit:
@@ -589,8 +613,10 @@ HEAVY = "[m for m in ('numpy', 'scipy', 'sympy', 'matplotlib', 'pandas') if m in
 def test_versions():
     done = python("-m", "contimpact", "--version")
     assert (done.returncode, done.stdout, done.stderr) == (
-        0, f"contimpact {contimpact.__version__}\n", "",
-    )  # fmt: skip
+        0,
+        f"contimpact {contimpact.__version__}\n",
+        "",
+    )
 
 
 def test_installed_command():
@@ -655,18 +681,21 @@ def test_a_warm_check_imports_what_it_needs(results):
 # Interruptions and obstacles
 
 ENDLESS = (
-    "[plot]", "[numerics]\nstep = 1e-6\nmax_step = 1e-6\nmax_points = 100000000\n[plot]",
-    "[follow]", "[follow]\nmax_points = 100000000",
-)  # fmt: skip
+    "[plot]",
+    "[numerics]\nstep = 1e-6\nmax_step = 1e-6\nmax_points = 100000000\n[plot]",
+    "[follow]",
+    "[follow]\nmax_points = 100000000",
+)
 
 
 def interrupted(*arguments):
     """A run in another process that is interrupted in the middle of a branch."""
     process = subprocess.Popen(
         [sys.executable, "-m", "contimpact", "run", *map(str, arguments), "--no-plot"],
-        stderr=subprocess.PIPE, text=True,
+        stderr=subprocess.PIPE,
+        text=True,
         preexec_fn=lambda: signal.signal(signal.SIGINT, signal.default_int_handler),
-    )  # fmt: skip
+    )
     try:
         time.sleep(3)
         process.send_signal(signal.SIGINT)
@@ -799,8 +828,11 @@ def test_output_that_nobody_reads(scene, sink, arguments):
     path = scene() if arguments == "check" else ""
     done = subprocess.run(
         f"{sys.executable} -m contimpact {arguments} {path} {sink}",
-        shell=True, capture_output=True, text=True, env=environment,
-    )  # fmt: skip
+        shell=True,
+        capture_output=True,
+        text=True,
+        env=environment,
+    )
     assert "Traceback" not in done.stderr
     assert "Exception ignored" not in done.stderr
     assert ("No space left" in done.stderr) == ("full" in sink)

@@ -150,10 +150,15 @@ def catalogue_case(random, good, folder, out):
 
 
 KINDS = {
-    "check": (30, check_case), "run": (10, run_case), "simulate": (6, simulate_case),
-    "resume": (12, resume_case), "rerun": (4, rerun_case), "plot": (20, plot_case),
-    "page": (14, page_case), "catalogue": (18, catalogue_case),
-}  # fmt: skip
+    "check": (30, check_case),
+    "run": (10, run_case),
+    "simulate": (6, simulate_case),
+    "resume": (12, resume_case),
+    "rerun": (4, rerun_case),
+    "plot": (20, plot_case),
+    "page": (14, page_case),
+    "catalogue": (18, catalogue_case),
+}
 """Kinds of cases: how often, and what makes one."""
 
 
@@ -200,9 +205,12 @@ def outcome(arguments, folder, out):
     before, written, errors = state(folder, out), Written(), Written()
     try:
         with (
-            limited(), contextlib.chdir(folder), warnings.catch_warnings(),
-            contextlib.redirect_stdout(written), contextlib.redirect_stderr(errors),
-        ):  # fmt: skip
+            limited(),
+            contextlib.chdir(folder),
+            warnings.catch_warnings(),
+            contextlib.redirect_stdout(written),
+            contextlib.redirect_stderr(errors),
+        ):
             warnings.simplefilter("ignore")
             try:
                 status = cli.main(arguments)

@@ -43,9 +43,12 @@ def test_every_argument_says_what_it_is(name):
 @pytest.mark.skipif(shutil.which("bash") is None, reason="needs bash")
 @pytest.mark.parametrize(
     ("line", "expected"),
-    [(["contimpact", "r"], ["run", "report"]), (["contimpact", "plot", "--x"], ["--xlim"]),
-     (["contimpact", "run", "--no"], ["--no-plot"])],
-)  # fmt: skip
+    [
+        (["contimpact", "r"], ["run", "report"]),
+        (["contimpact", "plot", "--x"], ["--xlim"]),
+        (["contimpact", "run", "--no"], ["--no-plot"]),
+    ],
+)
 def test_bash_completes(line, expected, tmp_path):
     words = " ".join(map(shlex.quote, line))
     ask = f'COMP_WORDS=({words}); COMP_CWORD={len(line) - 1}; _contimpact; echo "${{COMPREPLY[@]}}"'

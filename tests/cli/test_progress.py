@@ -193,11 +193,21 @@ def test_a_log_file_is_filled_as_work_goes_on(tmp_path, scene):
     log, err = tmp_path / "log", tmp_path / "err"
     with open(log, "wb") as out_file, open(err, "wb") as err_file:
         process = subprocess.Popen(
-            [sys.executable, "-m", "contimpact", "run", scene(), endless, "-o",
-             str(tmp_path / "out"), "--no-plot"],
-            stdout=out_file, stderr=err_file,
+            [
+                sys.executable,
+                "-m",
+                "contimpact",
+                "run",
+                scene(),
+                endless,
+                "-o",
+                str(tmp_path / "out"),
+                "--no-plot",
+            ],
+            stdout=out_file,
+            stderr=err_file,
             preexec_fn=lambda: signal.signal(signal.SIGINT, signal.default_int_handler),
-        )  # fmt: skip
+        )
         try:
             limit = time.monotonic() + 60.0
             while "endless (2 of 2)" not in err.read_text() and time.monotonic() < limit:

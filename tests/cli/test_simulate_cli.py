@@ -79,9 +79,9 @@ def test_branches_energy_and_pictures(scene_file, tmp_path):
     out = tmp_path / "out"
     text = SCENE.replace("values = 7", "values = 4\nbranches = true").replace("both", "down")
     tables = {
-        "more": 'portraits = [0.389, 0.34]\nbasins = [0.34]\ngrid = 3\n',
+        "more": "portraits = [0.389, 0.34]\nbasins = [0.34]\ngrid = 3\n",
         "energy": "[energy]\nm = 0.004",
-    }  # fmt: skip
+    }
     assert run(scene_file(text, **tables), "-o", out, "-q") == 0
     names = {p.name for p in out.iterdir()}
     pictures = {"attractors", "exponents", "energy", "portrait1", "portrait2", "basins1"}
@@ -195,10 +195,12 @@ def test_defaults():
 def test_the_oscillator_has_no_membranes():
     given = {
         "name": "x",
-        "model": {"system": "oscillator", "parameters":
-                  {"a": 1, "omega": 2, "c": 0.2, "k": 1, "sigma": 0, "r": 0.6}},
+        "model": {
+            "system": "oscillator",
+            "parameters": {"a": 1, "omega": 2, "c": 0.2, "k": 1, "sigma": 0, "r": 0.6},
+        },
         "follow": {"parameter": "sigma", "range": [-0.1, 0.1], "orbits": ["1"]},
-    }  # fmt: skip
+    }
     read_scene(given | {"simulate": {}})
     with pytest.raises(InputError, match="membranes"):
         read_scene(given | {"energy": {}})
@@ -214,8 +216,10 @@ def test_run_imports_no_simulation_and_no_matplotlib(scene_file, tmp_path):
     def imported(path, *arguments):
         result = subprocess.run(
             [sys.executable, "-c", code, *arguments, path, "-o", str(tmp_path / "out")],
-            capture_output=True, text=True, check=True,
-        )  # fmt: skip
+            capture_output=True,
+            text=True,
+            check=True,
+        )
         return result.stdout.splitlines()[-1].split()
 
     plain = imported(scene_file(SCENE.split("[simulate]")[0]), "run", "--no-plot")

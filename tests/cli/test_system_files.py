@@ -127,9 +127,12 @@ def test_kernels_follow_what_a_file_is_made_of(folder):
         (folder / "helper.py").write_text(HELPER.format(**numbers))
         command = [sys.executable, "-m", "contimpact", "check", "scene.toml"]
         done = subprocess.run(
-            [*command, "--system", "my_ball.py"], check=True, capture_output=True, text=True,
+            [*command, "--system", "my_ball.py"],
+            check=True,
+            capture_output=True,
+            text=True,
             env=os.environ | {"PYTHONDONTWRITEBYTECODE": "1", "PYTHONPATH": str(ROOT)},
-        )  # fmt: skip
+        )
         line = next(line for line in done.stdout.splitlines() if "Gamma" in line)
         return float(line.rpartition("=")[2])
 

@@ -123,12 +123,24 @@ def test_texts_of_entries_are_drawn_as_texts(folder, tmp_path, key, notation):
 @pytest.mark.parametrize(
     ("key", "content"),
     [
-        ("parameters", None), ("parameters", {}), ("parameters", {"s": "x"}), ("parameters", []),
-        ("impacts", 3), ("impacts", [{}]), ("impacts", [{"wall": "B", "velocity": None}]),
-        ("multipliers", [[1]]), ("n_unstable", 10**30), ("n_unstable", True), ("label", 1),
-        ("physical", "yes"), ("period", 1.5), ("opens", "b2"), ("word", None), ("error", "x"),
+        ("parameters", None),
+        ("parameters", {}),
+        ("parameters", {"s": "x"}),
+        ("parameters", []),
+        ("impacts", 3),
+        ("impacts", [{}]),
+        ("impacts", [{"wall": "B", "velocity": None}]),
+        ("multipliers", [[1]]),
+        ("n_unstable", 10**30),
+        ("n_unstable", True),
+        ("label", 1),
+        ("physical", "yes"),
+        ("period", 1.5),
+        ("opens", "b2"),
+        ("word", None),
+        ("error", "x"),
     ],
-)  # fmt: skip
+)
 def test_forged_entries(folder, refused, tmp_path, key, content):
     edited(branch_of(folder), forged(**{key: content}))
     refused("plot", folder, says="damaged")
@@ -196,12 +208,24 @@ def test_records_become_what_they_were(results):
 @pytest.mark.parametrize(
     "line",
     [
-        "[" * 100_000 + "]" * 100_000, '{"row": ' + "[" * 100_000, "[]", "1", "null", '"row"', "{}",
-        '{"tried": "x"}', '{"tried": []}', '{"row": {}}', '{"row": []}', '{"changes": [1]}',
-        '{"changes": [], "direction": [], "value": 1}', '{"tried": ' + "9" * 5000 + "}", "\ud800",
+        "[" * 100_000 + "]" * 100_000,
+        '{"row": ' + "[" * 100_000,
+        "[]",
+        "1",
+        "null",
+        '"row"',
+        "{}",
+        '{"tried": "x"}',
+        '{"tried": []}',
+        '{"row": {}}',
+        '{"row": []}',
+        '{"changes": [1]}',
+        '{"changes": [], "direction": [], "value": 1}',
+        '{"tried": ' + "9" * 5000 + "}",
+        "\ud800",
     ],
     ids=lambda line: line[:20],
-)  # fmt: skip
+)
 def test_forged_lines_on_resume(results, tmp_path, refused, line):
     folder = shutil.copytree(results / "simulated", tmp_path / "out")
     with open(folder / "rows.jsonl", "ab") as file:
@@ -213,14 +237,21 @@ def test_forged_lines_on_resume(results, tmp_path, refused, line):
 @pytest.mark.parametrize(
     "change",
     [
-        lambda a: a.update(walls=[7]), lambda a: a.update(times=[[0.1]]), lambda a: a.pop("kind"),
-        lambda a: a.update(kind="NOBODY"), lambda a: a["parameters"].pop("s"),
-        lambda a: a["state"].update(phase=1e300), lambda a: a["state"].update(wall=-1),
-        lambda a: a["state"].update(turns=10**30), lambda a: a.update(velocities=["x"]),
-        lambda a: a.update(velocities=[float("nan")] * len(a["walls"])), lambda a: a.update(word=1),
-        lambda a: a.update(multipliers=[1, 2, 3]), lambda a: a.update(exponents=[1]),
+        lambda a: a.update(walls=[7]),
+        lambda a: a.update(times=[[0.1]]),
+        lambda a: a.pop("kind"),
+        lambda a: a.update(kind="NOBODY"),
+        lambda a: a["parameters"].pop("s"),
+        lambda a: a["state"].update(phase=1e300),
+        lambda a: a["state"].update(wall=-1),
+        lambda a: a["state"].update(turns=10**30),
+        lambda a: a.update(velocities=["x"]),
+        lambda a: a.update(velocities=[float("nan")] * len(a["walls"])),
+        lambda a: a.update(word=1),
+        lambda a: a.update(multipliers=[1, 2, 3]),
+        lambda a: a.update(exponents=[1]),
     ],
-)  # fmt: skip
+)
 def test_forged_rows_on_resume(results, tmp_path, refused, change):
     folder = shutil.copytree(results / "simulated", tmp_path / "out")
     head, first, *rest = (folder / "rows.jsonl").read_text().splitlines()
@@ -326,8 +357,10 @@ def python(*arguments, **environment):
     """Run contimpact in a process of its own."""
     return subprocess.run(
         [sys.executable, "-m", "contimpact", *map(os.fsencode, arguments)],
-        capture_output=True, env=os.environ | environment, check=False,
-    )  # fmt: skip
+        capture_output=True,
+        env=os.environ | environment,
+        check=False,
+    )
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="names of files that are no text")
@@ -362,9 +395,12 @@ def test_the_backend_that_was_asked_for_stays():
         "print(matplotlib.rcParams['backend'], os.environ['MPLBACKEND'])"
     )
     said = subprocess.run(
-        [sys.executable, "-c", code], env=os.environ | {"MPLBACKEND": "svg"}, capture_output=True,
-        check=True, text=True,
-    )  # fmt: skip
+        [sys.executable, "-c", code],
+        env=os.environ | {"MPLBACKEND": "svg"},
+        capture_output=True,
+        check=True,
+        text=True,
+    )
     assert said.stdout == "svg svg\n"
 
 

@@ -69,9 +69,13 @@ def walks(model, word, parameter, limits, settings=None, events=EVENTS):
 
     def go(orbit, direction):
         return walk_orbits(
-            orbit.problem, orbit.unknowns, direction, limits=limits,
-            tests=functions_of(orbit.problem, events, {}), settings=settings or Settings(),
-        )  # fmt: skip
+            orbit.problem,
+            orbit.unknowns,
+            direction,
+            limits=limits,
+            tests=functions_of(orbit.problem, events, {}),
+            settings=settings or Settings(),
+        )
 
     orbits = find_orbits(model, word, parameter=parameter)
     return [go(orbit, direction) for orbit in orbits for direction in (1, -1)]
@@ -159,9 +163,14 @@ def test_a_callback_sees_every_point_of_a_compiled_walk_and_may_stop(plain_and_c
             return len(seen) == stop_at
 
         walk = walk_orbits(
-            orbit.problem, orbit.unknowns, -1, limits=(0.08, 0.72), settings=settings,
-            tests=functions_of(orbit.problem, EVENTS, {}), callback=watch,
-        )  # fmt: skip
+            orbit.problem,
+            orbit.unknowns,
+            -1,
+            limits=(0.08, 0.72),
+            settings=settings,
+            tests=functions_of(orbit.problem, EVENTS, {}),
+            callback=watch,
+        )
         assert walk.end.kind is EndKind.STOPPED
         assert [point.parameter for point in walk.points[1:]] == seen
         return seen
@@ -350,9 +359,7 @@ def test_a_lost_or_damaged_library_is_linked_again(copied, plain_and_compiled, d
 @needs_numba
 @pytest.mark.skipif(sys.platform == "win32", reason="a script as linker")
 @pytest.mark.parametrize("script", ["no script", "#!/bin/sh\nexit 0\n", "#!/bin/sh\nexit 1\n"])
-def test_a_broken_linker_does_no_harm(
-    copied, plain_and_compiled, tmp_path, monkeypatch, script
-):  # fmt: skip
+def test_a_broken_linker_does_no_harm(copied, plain_and_compiled, tmp_path, monkeypatch, script):
     linker = tmp_path / "bin" / "cc"
     linker.parent.mkdir()
     linker.write_text(script)

@@ -23,9 +23,14 @@ class Here:
 def block_of(first, last):
     place = np.arange(first, last, dtype=float)
     return Block(
-        np.column_stack([place, place]), np.full((len(place), 2), 0.5), np.ones(len(place)), place,
-        np.full(len(place), 3), place[:, None], Here,
-    )  # fmt: skip
+        np.column_stack([place, place]),
+        np.full((len(place), 2), 0.5),
+        np.ones(len(place)),
+        place,
+        np.full(len(place), 3),
+        place[:, None],
+        Here,
+    )
 
 
 def point_at(place):

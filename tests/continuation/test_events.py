@@ -57,9 +57,14 @@ CUBIC = Curve(lambda x, p: x**3 + x - p, lambda x, p: [3.0 * x * x + 1.0, -1.0])
 
 def follow(curve, start, direction, tests, max_points=2000):
     return walk(
-        curve, np.array(start), direction, parameter="p", limits=(-3.0, 3.0), tests=tests,
+        curve,
+        np.array(start),
+        direction,
+        parameter="p",
+        limits=(-3.0, 3.0),
+        tests=tests,
         settings=Settings(max_points=max_points),
-    )  # fmt: skip
+    )
 
 
 def user(function, kind="mine"):
@@ -168,9 +173,13 @@ def test_a_zero_on_the_end_of_the_range_is_found_from_inside(limit, sign):
     for start in (0.0, limit):
         way = direction if start == 0.0 else -direction
         found = walk(
-            LINE, np.array([2.0 * start, start]), way, parameter="p", limits=(-1.5, 1.5),
+            LINE,
+            np.array([2.0 * start, start]),
+            way,
+            parameter="p",
+            limits=(-1.5, 1.5),
             tests=tests,
-        )  # fmt: skip
+        )
         assert found.missed == []
         (event,) = found.events
         assert abs(event.parameter - limit) <= event.error < 1e-12
@@ -305,8 +314,13 @@ def test_a_function_that_dips_below_zero_within_a_step_crosses_twice(function, s
     """The steps are 0.1 long; its signs on the points say nothing."""
     tests = [user(lambda p: sign * function(p.parameter - target, width))]
     found = walk(
-        LINE, np.array([0.0, 0.0]), 1, parameter="p", limits=(-2.0, 1.4), tests=tests,
-    )  # fmt: skip
+        LINE,
+        np.array([0.0, 0.0]),
+        1,
+        parameter="p",
+        limits=(-2.0, 1.4),
+        tests=tests,
+    )
     assert found.missed == []
     expected = [target - width, target + width]
     assert [event.parameter for event in found.events] == pytest.approx(expected, abs=1e-12)

@@ -144,9 +144,10 @@ def test_a_helix_that_passes_close_to_its_start_is_no_loop():
     problem = Algebraic(
         lambda x, y, p: [x - math.cos(y / pitch), p - math.sin(y / pitch)],
         lambda x, y, p: [
-            [1.0, math.sin(y / pitch) / pitch, 0.0], [0.0, -math.cos(y / pitch) / pitch, 1.0],
+            [1.0, math.sin(y / pitch) / pitch, 0.0],
+            [0.0, -math.cos(y / pitch) / pitch, 1.0],
         ],
-    )  # fmt: skip
+    )
     found = follow(problem, [1.0, 0.0, 0.0], settings=Settings(max_points=300))
     assert found.end.kind is EndKind.POINTS
     turns = abs(found.points[-1].unknowns[1]) / (2.0 * math.pi * pitch)
@@ -270,9 +271,14 @@ def test_stop_sees_the_events_and_gives_the_end():
         return None
 
     found = walk(
-        circle(), np.array([1.0, 0.0]), 1, parameter="p", limits=(-2.0, 2.0), tests=[Turning()],
+        circle(),
+        np.array([1.0, 0.0]),
+        1,
+        parameter="p",
+        limits=(-2.0, 2.0),
+        tests=[Turning()],
         stop=stop,
-    )  # fmt: skip
+    )
     assert found.end.kind is EndKind.KNOWN
     assert found.end.message == "met branch b1 at p = 1"
     assert found.points[-1] is found.events[-1].point
@@ -312,9 +318,13 @@ def test_a_start_that_two_directions_leave(direction):
 def test_a_start_on_a_branch_point_leaves_along_the_direction_given(tangent, direction):
     cross = Algebraic(lambda x, p: x * x - p * p, lambda x, p: [2.0 * x, -2.0 * p])
     found = follow(
-        cross, [0.0, 0.0], direction, tangent=np.array(tangent), branching=True,
+        cross,
+        [0.0, 0.0],
+        direction,
+        tangent=np.array(tangent),
+        branching=True,
         tests=[Turning(), Crossing()],
-    )  # fmt: skip
+    )
     assert found.end.kind is EndKind.RANGE
     last = found.points[-1].unknowns
     assert last == pytest.approx(direction * np.array(tangent) * 2.0 / abs(tangent[0]), rel=1e-12)
@@ -444,9 +454,12 @@ def pitchfork(imperfection):
 def test_on_an_imperfect_pitchfork_the_walk_stays_on_its_piece(size, sign, max_step):
     """x (x^2 - p) = -e: the piece through x < 0 (for e > 0) has no fold and crosses no x = 0."""
     found = follow(
-        pitchfork(sign * size), [-sign * size, -1.0], limits=(-1.0, 1.0),
-        tests=[Turning(), Crossing()], settings=Settings(max_step=max_step),
-    )  # fmt: skip
+        pitchfork(sign * size),
+        [-sign * size, -1.0],
+        limits=(-1.0, 1.0),
+        tests=[Turning(), Crossing()],
+        settings=Settings(max_step=max_step),
+    )
     assert found.end.kind is EndKind.RANGE
     assert all(sign * point.unknowns[0] < 0.0 for point in found.points)
     assert found.points[-1].unknowns == pytest.approx([-sign, 1.0], abs=0.51 * size + 1e-12)
@@ -462,9 +475,13 @@ def test_on_an_imperfect_pitchfork_the_walk_stays_on_its_piece(size, sign, max_s
 def test_the_other_piece_of_an_imperfect_pitchfork_has_a_fold(size, max_step):
     """It comes down x = sqrt(p) and turns back at p = 3 (e/2)^(2/3) to go along x = e/p."""
     found = follow(
-        pitchfork(size), [1.0, 1.0], -1, limits=(-1.0, 1.0), tests=[Turning(), Crossing()],
+        pitchfork(size),
+        [1.0, 1.0],
+        -1,
+        limits=(-1.0, 1.0),
+        tests=[Turning(), Crossing()],
         settings=Settings(max_step=max_step),
-    )  # fmt: skip
+    )
     assert found.end.kind is EndKind.RANGE
     assert all(point.unknowns[0] > 0.0 for point in found.points)
     assert found.points[-1].unknowns == pytest.approx([size, 1.0], abs=1.1 * size**3 + 1e-12)
@@ -504,9 +521,12 @@ def pitchfork_in_two():
 )
 def test_a_branch_point_is_located_by_the_orientation(start, max_step):
     found = follow(
-        pitchfork_in_two(), [0.0, 0.0, start], limits=(-1.0, 1.0), tests=[Turning(), Crossing()],
+        pitchfork_in_two(),
+        [0.0, 0.0, start],
+        limits=(-1.0, 1.0),
+        tests=[Turning(), Crossing()],
         settings=Settings(max_step=max_step),
-    )  # fmt: skip
+    )
     assert kinds(found) == ["BP"]
     assert abs(found.events[0].parameter) <= 2.0 * found.events[0].error + 1e-16
     assert found.events[0].error < 1e-12
@@ -526,9 +546,14 @@ def test_the_curved_branch_passes_the_branch_point_too():
 def test_a_branch_is_left_at_its_branch_point_in_the_direction_given(direction):
     start, tangent = [0.0, 0.0, 0.0], np.array([1.0, 0.0, 0.0])
     found = follow(
-        pitchfork_in_two(), start, direction, (-1.0, 1.0), tangent=tangent, branching=True,
+        pitchfork_in_two(),
+        start,
+        direction,
+        (-1.0, 1.0),
+        tangent=tangent,
+        branching=True,
         tests=[Turning(), Crossing()],
-    )  # fmt: skip
+    )
     expected = [direction, direction, 1.0]
     assert found.points[-1].unknowns == pytest.approx(expected, abs=1e-12)
     assert (found.events, found.missed) == ([], [])
@@ -579,10 +604,8 @@ def test_the_walk_does_not_change_between_concentric_circles(distance, radius):
     outer = (1.0 + distance) ** 2
     rings = Algebraic(
         lambda x, p: (square(x, p) - 1.0) * (square(x, p) - outer) / distance,
-        lambda x, p: [
-            2.0 * u * (2.0 * square(x, p) - 1.0 - outer) / distance for u in (x, p)
-        ],
-    )  # fmt: skip
+        lambda x, p: [2.0 * u * (2.0 * square(x, p) - 1.0 - outer) / distance for u in (x, p)],
+    )
     own = 1.0 + radius * distance
     found = follow(rings, [own, 0.0])
     assert found.end.kind is EndKind.CLOSED

@@ -107,7 +107,7 @@ SMALLER = {"MODES": (MODES[0], Mode("contact", 1)), "DEGREES_OF_FREEDOM": 2}
             r"coordinate \(0\.0,\)",
         ),
     ],
-)  # fmt: skip
+)
 def test_a_graph_that_cannot_work_is_refused_when_it_is_declared(attributes, says):
     with pytest.raises(InputError, match=says):
         stop(**attributes)

@@ -74,10 +74,12 @@ def test_it_is_followed():
 def test_a_scene_with_one(tmp_path):
     """Followed, written, read back and simulated."""
     scene = fig7_scene(
-        model={"forcing": FORCING, "parameters": {"beta": "pi/6", "r": 0.3, "A": 5.0, "s": 0.4,
-                                                  "h": "1/10"}},
+        model={
+            "forcing": FORCING,
+            "parameters": {"beta": "pi/6", "r": 0.3, "A": 5.0, "s": 0.4, "h": "1/10"},
+        },
         follow={"parameter": "h", "range": [-0.2, 0.4], "orbits": ["1:1"], "switch": []},
-    )  # fmt: skip
+    )
     diagram = follow(scene)
     assert diagram.entries
     write_diagram(diagram, tmp_path / "out")

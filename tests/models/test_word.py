@@ -239,9 +239,15 @@ SOFT = {"C": "R", "R": "C"}
 
 @pytest.mark.parametrize(
     ("text", "walls", "period"),
-    [("CR", "CR", 1), ("RC/2T", "RC", 2), ("1:1", "CR", 1), ("2:2", "CRCR", 1),
-     ("1:1/2T", "CRCR", 2), ("2:2/3T", "CRCRCRCRCRCR", 3)],
-)  # fmt: skip
+    [
+        ("CR", "CR", 1),
+        ("RC/2T", "RC", 2),
+        ("1:1", "CR", 1),
+        ("2:2", "CRCR", 1),
+        ("1:1/2T", "CRCR", 2),
+        ("2:2/3T", "CRCRCRCRCRCR", 3),
+    ],
+)
 def test_words_are_paths_through_the_graph(text, walls, period):
     assert parse_word(text, "CR", graph=SOFT) == Word(walls, period)
 

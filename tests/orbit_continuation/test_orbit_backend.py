@@ -30,9 +30,14 @@ def both(orbit, direction, limits, settings, requested=None):
         problem, orbit.unknowns, direction, limits=limits, tests=tests(), settings=settings
     )
     dense = walk(
-        problem, orbit.unknowns, direction, parameter=problem.parameter, limits=limits,
-        tests=tests(), settings=settings,
-    )  # fmt: skip
+        problem,
+        orbit.unknowns,
+        direction,
+        parameter=problem.parameter,
+        limits=limits,
+        tests=tests(),
+        settings=settings,
+    )
     return cyclic, dense
 
 
@@ -108,9 +113,18 @@ def test_test_functions_of_a_batch_are_those_of_its_points(pair, word):
     found = walk_orbits(orbit.problem, orbit.unknowns, 1, limits=(0.2, 0.5), tests=tests)
     backend = backend_of(orbit.problem, tests)
     position = Position(
-        found.points[1], found.points[0], orbit.unknowns[-1], 2, 0.01,
-        orbit.problem.scale(orbit.unknowns, 0.3), (0.2, 0.5), 1e-7, Settings(), True, False,
-    )  # fmt: skip
+        found.points[1],
+        found.points[0],
+        orbit.unknowns[-1],
+        2,
+        0.01,
+        orbit.problem.scale(orbit.unknowns, 0.3),
+        (0.2, 0.5),
+        1e-7,
+        Settings(),
+        True,
+        False,
+    )
     block = backend.advance(position, 5).piece
     assert len(block) > 1
     for test in tests:

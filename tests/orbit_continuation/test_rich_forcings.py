@@ -38,9 +38,12 @@ def random_model(rng):
         a = rng.uniform(-0.5, 0.5)
         waves.append((order, a, 0.0 if rng.uniform() < 0.5 else rng.uniform(-0.5, 0.5)))
     return harmonic_pair(
-        waves, beta=float(rng.uniform(0, 1.4)), r=float(rng.uniform(0.1, 0.9)), A=5.0,
+        waves,
+        beta=float(rng.uniform(0, 1.4)),
+        r=float(rng.uniform(0.1, 0.9)),
+        A=5.0,
         s=float(rng.uniform(0.2, 0.8)),
-    )  # fmt: skip
+    )
 
 
 def random_orbit(seed):

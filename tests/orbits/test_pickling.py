@@ -39,8 +39,11 @@ def test_an_orbit_is_copied_whole(orbit, copied):
     assert np.array_equal(again.unknowns, orbit.unknowns)
     assert np.array_equal(again.multipliers, orbit.multipliers)
     assert (again.word, again.parameters, again.residual, again.physical) == (
-        orbit.word, orbit.parameters, orbit.residual, orbit.physical,
-    )  # fmt: skip
+        orbit.word,
+        orbit.parameters,
+        orbit.residual,
+        orbit.physical,
+    )
     branches = [ci.continue_orbit(o, range=(0.3, 0.4), events=["PD", "G"]) for o in (again, orbit)]
     assert branches[0] == branches[1]
 

@@ -193,9 +193,9 @@ def test_second_along_is_the_jacobians_derivative(oscillator, problem_of):
     problem = problem_of(oscillator(c=0.1), "SS/3T", "omega")
     z, q = random_point(problem, 9), np.random.default_rng(9).normal(size=problem.n + 1)
     h = 1e-5
-    difference = (
-        problem.evaluate(z + h * q).jacobian - problem.evaluate(z - h * q).jacobian
-    ) / (2 * h)  # fmt: skip
+    difference = (problem.evaluate(z + h * q).jacobian - problem.evaluate(z - h * q).jacobian) / (
+        2 * h
+    )
     assert row_error(problem.second_along(z, q), difference) < 1e-7
 
 

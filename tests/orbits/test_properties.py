@@ -12,9 +12,12 @@ from contimpact.scenes.scene import read_scene
 from contimpact.studies.explore import follow
 
 MODEST = settings(
-    max_examples=12, derandomize=True, deadline=None, database=None,
+    max_examples=12,
+    derandomize=True,
+    deadline=None,
+    database=None,
     suppress_health_check=list(HealthCheck),
-)  # fmt: skip
+)
 MANY = settings(MODEST, max_examples=300)
 FORCINGS = ["cos(pi*t)", "sin(pi*t)", "cos(pi*t) + 0.5*cos(2*pi*t)", "0", "cos(3*t)", "1/t"]
 
@@ -28,9 +31,11 @@ def numbers(low, high):
 @st.composite
 def pairs(draw):
     values = {
-        "beta": draw(numbers(-1.5, 1.5)), "r": draw(numbers(0.0, 1.0)),
-        "A": draw(numbers(0.5, 30.0)), "s": draw(numbers(0.01, 2.0)),
-    }  # fmt: skip
+        "beta": draw(numbers(-1.5, 1.5)),
+        "r": draw(numbers(0.0, 1.0)),
+        "A": draw(numbers(0.5, 30.0)),
+        "s": draw(numbers(0.01, 2.0)),
+    }
     forcing = draw(st.sampled_from([*["cos(pi*t)"] * 4, *FORCINGS]))
     words = ["1:1", "2:1", "1:0", "0:1", "1:1/2T", "BTBT", "3:2", "X", "0:0", "B/3T", ""]
     model = {"system": "impact-pair", "forcing": forcing, "parameters": values}
@@ -40,10 +45,13 @@ def pairs(draw):
 @st.composite
 def oscillators(draw):
     values = {
-        "a": draw(numbers(0.0, 3.0)), "omega": draw(numbers(0.2, 6.0)),
-        "c": draw(numbers(-0.1, 3.0)), "k": draw(numbers(0.1, 4.0)),
-        "sigma": draw(numbers(-1.0, 1.0)), "r": draw(numbers(0.0, 1.0)),
-    }  # fmt: skip
+        "a": draw(numbers(0.0, 3.0)),
+        "omega": draw(numbers(0.2, 6.0)),
+        "c": draw(numbers(-0.1, 3.0)),
+        "k": draw(numbers(0.1, 4.0)),
+        "sigma": draw(numbers(-1.0, 1.0)),
+        "r": draw(numbers(0.0, 1.0)),
+    }
     words = ["1", "1/2T", "S/2T", "SS/3T", "2", "T"]
     model = {"system": "oscillator", "parameters": values}
     return model, draw(st.sampled_from(list(values))), draw(st.sampled_from(words))
@@ -61,13 +69,22 @@ def scenes(draw):
         "name": "random",
         "model": model,
         "follow": {
-            "parameter": parameter, "range": [value - below, value + above], "orbits": [word],
-            "switch": switch, "depth": 1, "max_branches": 4, "max_points": 150,
+            "parameter": parameter,
+            "range": [value - below, value + above],
+            "orbits": [word],
+            "switch": switch,
+            "depth": 1,
+            "max_branches": 4,
+            "max_points": 150,
         },
         "detect": {"events": events},
-        "numerics": {"starts": 16, "rounds": 2, "max_points": 60,
-                     "predictor": draw(st.sampled_from(["tangent", "secant"]))},
-    }  # fmt: skip
+        "numerics": {
+            "starts": 16,
+            "rounds": 2,
+            "max_points": 60,
+            "predictor": draw(st.sampled_from(["tangent", "secant"])),
+        },
+    }
 
 
 def holds(given_scene):

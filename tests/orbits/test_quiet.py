@@ -129,13 +129,16 @@ def test_a_scene_from_the_word_zero(tmp_path):
             "name": "t",
             "model": {"system": "oscillator", "parameters": VALUES},
             "follow": {
-                "parameter": "a", "range": [0.01, 0.6], "orbits": ["0"], "switch": ["G"],
+                "parameter": "a",
+                "range": [0.01, 0.6],
+                "orbits": ["0"],
+                "switch": ["G"],
                 "depth": 1,
             },
             "detect": {"events": ["G"]},
             "curves": {"parameter": "omega", "range": [1.2, 1.4], "kinds": ["G"]},
         }
-    )  # fmt: skip
+    )
     write_diagram(follow(scene), tmp_path)
     diagram = load_diagram(tmp_path)
     assert [b.word for b in diagram.branches] == ["", "S"]

@@ -94,9 +94,12 @@ def random_pair(rng):
     if rng.random() < 0.4:
         ends = {f"r_{wall}": rng.uniform(0.05, 0.95) for wall in "BT"}
     model = ImpactPair(
-        beta=rng.choice([0.0, rng.uniform(-1.5, 1.5)]), A=rng.uniform(2, 12),
-        s=rng.uniform(0.1, 0.8), forcing=f"cos(pi*t){waves}", **ends,
-    )  # fmt: skip
+        beta=rng.choice([0.0, rng.uniform(-1.5, 1.5)]),
+        A=rng.uniform(2, 12),
+        s=rng.uniform(0.1, 0.8),
+        forcing=f"cos(pi*t){waves}",
+        **ends,
+    )
     reach = {"s": (0.05, 1.2), "A": (1.0, 20.0), "beta": (-1.5, 1.5)}
     return (
         model,
@@ -107,12 +110,21 @@ def random_pair(rng):
 
 def random_oscillator(rng):
     model = Oscillator(
-        a=rng.uniform(0.2, 2), omega=rng.uniform(0.5, 3), c=rng.uniform(-0.2, 0.5),
-        k=rng.choice([1.0, rng.uniform(0.2, 4)]), sigma=rng.uniform(-0.5, 1.0),
+        a=rng.uniform(0.2, 2),
+        omega=rng.uniform(0.5, 3),
+        c=rng.uniform(-0.2, 0.5),
+        k=rng.choice([1.0, rng.uniform(0.2, 4)]),
+        sigma=rng.uniform(-0.5, 1.0),
         r=rng.uniform(0.1, 0.95),
-    )  # fmt: skip
-    reach = {"a": (0.05, 3.0), "omega": (0.3, 5.0), "c": (-0.5, 6.0), "sigma": (-1.0, 1.5),
-             "r": (0.01, 0.99), "k": (0.1, 5.0)}  # fmt: skip
+    )
+    reach = {
+        "a": (0.05, 3.0),
+        "omega": (0.3, 5.0),
+        "c": (-0.5, 6.0),
+        "sigma": (-1.0, 1.5),
+        "r": (0.01, 0.99),
+        "k": (0.1, 5.0),
+    }
     return model, ["S", "SS", "S/2T", "S/3T"], reach
 
 

@@ -150,8 +150,9 @@ class Reader:
         self.run(
             "const e = document.querySelector(arguments[0]); e.value = arguments[1];"
             "e.dispatchEvent(new Event('input')); e.dispatchEvent(new Event('change'))",
-            selector, value,
-        )  # fmt: skip
+            selector,
+            value,
+        )
 
     def limits(self):
         """First and last tick of the x axis."""
@@ -447,10 +448,15 @@ def test_a_fragment_is_restored(reader, small, small_scene):
     assert page.fragment() == restored
 
 
-@pytest.mark.parametrize("fragment", [
-    "xlim=2,1&at=b99:1&member=7&view=plane&x=toString", "at=__proto__&sort=constructor",
-    f"filter={SCRIPT}&at=b1:-1&xlim=nan,nan", "%E0%A4%A&hide=%00",
-])  # fmt: skip
+@pytest.mark.parametrize(
+    "fragment",
+    [
+        "xlim=2,1&at=b99:1&member=7&view=plane&x=toString",
+        "at=__proto__&sort=constructor",
+        f"filter={SCRIPT}&at=b1:-1&xlim=nan,nan",
+        "%E0%A4%A&hide=%00",
+    ],
+)
 def test_a_fragment_that_means_nothing_does_no_harm(reader, small, small_scene, fragment):
     page = reader(small, small_scene, fragment)
     assert page.text("#orbit-name") == "Orbit"
@@ -528,16 +534,27 @@ def hostile(small, text):
     reasons[reasons != ""] = text
     columns = {**small.branches[0].columns, "reason": reasons}
     branch = dataclasses.replace(
-        small.branches[0], events=entries, notation=text, missed=[text], notes=[text],
+        small.branches[0],
+        events=entries,
+        notation=text,
+        missed=[text],
+        notes=[text],
         columns=columns,
-    )  # fmt: skip
+    )
     return dataclasses.replace(small, name=text, branches=[branch])
 
 
-@pytest.mark.parametrize("text", [
-    SCRIPT, "</script><script>document.title='taken'</script>", "<img src=x onerror=alert(1)>",
-    "\"'><svg onload=alert(1)>", "{{script}}", "=1+cmd|' /C calc'!A0",
-])  # fmt: skip
+@pytest.mark.parametrize(
+    "text",
+    [
+        SCRIPT,
+        "</script><script>document.title='taken'</script>",
+        "<img src=x onerror=alert(1)>",
+        "\"'><svg onload=alert(1)>",
+        "{{script}}",
+        "=1+cmd|' /C calc'!A0",
+    ],
+)
 def test_texts_are_shown_and_nothing_else(reader, small, small_scene, text):
     page = reader(hostile(small, text), small_scene, "at=e1")
     assert page.text("h1") == text

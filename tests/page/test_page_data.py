@@ -108,8 +108,12 @@ def test_orbits_are_those_of_the_equation_of_motion(small, data):
                 start = [place, -0.3 * branch.velocities[row][k]]
                 done = solve_ivp(
                     lambda t, y, gbar=gbar: [y[1], np.cos(np.pi * t) + gbar],
-                    (times[k], times[k + 1]), start, rtol=1e-10, atol=1e-12, dense_output=True,
-                )  # fmt: skip
+                    (times[k], times[k + 1]),
+                    start,
+                    rtol=1e-10,
+                    atol=1e-12,
+                    dense_output=True,
+                )
                 for u in (0.0, 0.13, 0.5, 0.77, 1.0):
                     length = times[k + 1] - times[k]
                     there = done.sol(times[k] + u * length)[0]
@@ -184,12 +188,15 @@ def test_attractors_are_read_and_have_orbits(small, small_scene, swept):
     assert places == pytest.approx(unpacked(first["columns"]["d"], first["rows"]) / 2, rel=1e-6)
 
 
-@pytest.mark.parametrize("change", [
-    lambda text: text.replace("contimpact.sweep/1", "contimpact.sweep/9"),
-    lambda text: text.replace(",B,", ",Q,"),
-    lambda text: text.replace("0.", "nan"),
-    lambda text: text[: len(text) // 3],
-])  # fmt: skip
+@pytest.mark.parametrize(
+    "change",
+    [
+        lambda text: text.replace("contimpact.sweep/1", "contimpact.sweep/9"),
+        lambda text: text.replace(",B,", ",Q,"),
+        lambda text: text.replace("0.", "nan"),
+        lambda text: text[: len(text) // 3],
+    ],
+)
 def test_a_damaged_table_of_attractors_is_refused(swept, small_scene, tmp_path, change):
     damaged = tmp_path / "sweep.csv"
     damaged.write_text(change(swept.read_text(encoding="utf-8")), encoding="utf-8")

@@ -19,9 +19,13 @@ FAR = {"A5": 1e-4, "s05": 2e-3}
 """How far straight lines between the angles may be from the curve: s05 has half as many."""
 CROSSINGS = {
     "A5": {math.pi / 18: 0.394006503, math.pi / 9: 0.295513665, math.pi / 6: 0.185725166},
-    "s05": {math.pi / 18: 0.429318118, math.pi / 9: 0.372079625, math.pi / 6: 0.304161346,
-            math.pi / 4: 0.151180589},
-}  # fmt: skip
+    "s05": {
+        math.pi / 18: 0.429318118,
+        math.pi / 9: 0.372079625,
+        math.pi / 6: 0.304161346,
+        math.pi / 4: 0.151180589,
+    },
+}
 """Where PD meets grazing on Figs. 6(a) and (b), found on curves in (s, r) and (A, r): r by beta."""
 
 

@@ -33,8 +33,12 @@ def test_values_at_equal_ratios():
 @pytest.mark.parametrize("method", ["random", "sobol"])
 def test_a_sample_fills_its_ranges_and_depends_on_the_seed_alone(method):
     def points(seed):
-        sample = {"method": method, "count": 100, "seed": seed,
-                  "range": {"beta": [0.2, 0.4], "r": [0.3, 0.5]}}  # fmt: skip
+        sample = {
+            "method": method,
+            "count": 100,
+            "seed": seed,
+            "range": {"beta": [0.2, 0.4], "r": [0.3, 0.5]},
+        }
         given = study_given(sample=sample)
         del given["study"]["grid"]
         return read_study(given).points[1]
@@ -96,12 +100,18 @@ WRONG = [
     (of_study(constraints=["rho < 1"]), "study.constraints[0]", "rho"),
     (of_study(constraints=["().__class__ < 1"]), "study.constraints[0]", "__class__"),
     (of_study(sample={"method": "latin", "count": 2, "range": {}}), "study.sample.method", "latin"),
-    (of_study(sample={"method": "random", "count": 2, "range": {"r": [0.1, 0.2]}}),
-     "study.sample.range.r", "in the grid already"),
-    (of_study(grid={n: {"from": 0, "to": 1, "count": 10**4} for n in ("beta", "r")}), "study",
-     "100000000 scenes"),
+    (
+        of_study(sample={"method": "random", "count": 2, "range": {"r": [0.1, 0.2]}}),
+        "study.sample.range.r",
+        "in the grid already",
+    ),
+    (
+        of_study(grid={n: {"from": 0, "to": 1, "count": 10**4} for n in ("beta", "r")}),
+        "study",
+        "100000000 scenes",
+    ),
     (of_study(gird={}), "study.gird", "unknown key"),
-]  # fmt: skip
+]
 
 
 @pytest.mark.parametrize(("changes", "where", "found"), WRONG)

@@ -41,10 +41,13 @@ def study(tmp_path_factory):
     return path
 
 
-@pytest.mark.parametrize(("module", "options", "extra"), [
-    ("distributed", ["--scheduler", "tcp://127.0.0.1:1"], "dask"),
-    ("mpi4py.futures", ["--mpi"], "mpi"),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("module", "options", "extra"),
+    [
+        ("distributed", ["--scheduler", "tcp://127.0.0.1:1"], "dask"),
+        ("mpi4py.futures", ["--mpi"], "mpi"),
+    ],
+)
 def test_what_is_not_installed_is_named_with_what_brings_it(
     module, options, extra, study, tmp_path, monkeypatch, capsys
 ):
@@ -67,13 +70,22 @@ class Cluster:
 
     def start(self):
         port = str(self.port)
-        self.scheduler = self.spawn("scheduler", "--host", "127.0.0.1", "--port", port,
-                                    "--dashboard-address", "127.0.0.1:0")  # fmt: skip
+        self.scheduler = self.spawn(
+            "scheduler", "--host", "127.0.0.1", "--port", port, "--dashboard-address", "127.0.0.1:0"
+        )
         self.workers = [
-            self.spawn("worker", self.address, "--nthreads", "1", "--no-nanny", "--no-dashboard",
-                       "--local-directory", str(self.folder))
+            self.spawn(
+                "worker",
+                self.address,
+                "--nthreads",
+                "1",
+                "--no-nanny",
+                "--no-dashboard",
+                "--local-directory",
+                str(self.folder),
+            )
             for _ in range(2)
-        ]  # fmt: skip
+        ]
 
     def spawn(self, *command):
         log = open(self.folder / "log.txt", "a")  # noqa: SIM115

@@ -61,8 +61,9 @@ def test_parquet_holds_the_same(asked, store, tmp_path):  # noqa: F811
 
 
 def test_columns_and_digits(store, tmp_path):  # noqa: F811
-    export(store, tmp_path, names=[NAME], tables=["events"], columns=["r", "label", "value"],
-           digits=4)  # fmt: skip
+    export(
+        store, tmp_path, names=[NAME], tables=["events"], columns=["r", "label", "value"], digits=4
+    )
     rows = (tmp_path / f"{STEM}-events.csv").read_text().splitlines()
     assert rows[:2] == ["r,label,value", "0.05,~PD,0.4819"]
 

@@ -115,8 +115,10 @@ def test_memory_stays_flat_with_the_number_of_scenes(tmp_path):
         command = [sys.executable, "-c", GROWING, str(ROOT / "tests" / "parameter_studies")]
         done = subprocess.run(
             [*command, str(tmp_path / f"{scenes}.sqlite"), str(scenes)],
-            capture_output=True, text=True, check=True,
-        )  # fmt: skip
+            capture_output=True,
+            text=True,
+            check=True,
+        )
         return int(done.stdout) * (1 if sys.platform == "darwin" else 1024)
 
     assert peak(3000) - peak(100) < 8e6

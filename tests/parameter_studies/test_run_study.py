@@ -369,10 +369,13 @@ def test_the_command_says_what_it_does(tmp_path, capsys):
     assert capsys.readouterr() == ("", "")
 
 
-@pytest.mark.parametrize(("more", "message"), [
-    (["-w", "0"], "--workers: found 0"),
-    (["--mpi", "--scheduler", "x"], "--mpi: --scheduler is given too"),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("more", "message"),
+    [
+        (["-w", "0"], "--workers: found 0"),
+        (["--mpi", "--scheduler", "x"], "--mpi: --scheduler is given too"),
+    ],
+)
 def test_options_that_make_no_sense(more, message, tmp_path, capsys):
     study = tmp_path / "study.toml"
     study.write_text(TOML.format(name="small", count=2))

@@ -19,11 +19,27 @@ from contimpact.parameter_studies.store import Store
 from contimpact.parameter_studies.study_file import read_study
 
 EVENT = {
-    "event": "e1", "branch": "b1", "kind": "PD", "label": "PD", "ghost": False, "notation": "1:1",
-    "word": "BT", "period": 1, "becomes": None, "wall": None, "value": 0.1, "stable": True,
-    "physical": True, "n_unstable": 0, "criticality": None, "why": "it's a \"quoted\" name",
-    "arclength": 0.5, "residual": 0.0, "error": 1e-16, "derived": 0.3,
-}  # fmt: skip
+    "event": "e1",
+    "branch": "b1",
+    "kind": "PD",
+    "label": "PD",
+    "ghost": False,
+    "notation": "1:1",
+    "word": "BT",
+    "period": 1,
+    "becomes": None,
+    "wall": None,
+    "value": 0.1,
+    "stable": True,
+    "physical": True,
+    "n_unstable": 0,
+    "criticality": None,
+    "why": 'it\'s a "quoted" name',
+    "arclength": 0.5,
+    "residual": 0.0,
+    "error": 1e-16,
+    "derived": 0.3,
+}
 
 
 def outcome(*events, **more):

@@ -29,19 +29,42 @@ GRID = {"beta": [0.1, 0.2, 0.3, 0.4], "r": [0.05, 0.15, 0.25, 0.35, 0.45]}
 
 def event(name, kind, label, derived, ghost=False, **more):
     base = {
-        "event": name, "branch": "b1", "kind": kind, "label": label, "ghost": ghost,
-        "notation": "1:1", "word": "BT", "period": 1, "becomes": None, "wall": None,
-        "value": derived / 0.6225, "derived": derived, "stable": True, "physical": True,
-        "n_unstable": 0, "criticality": None, "why": None, "arclength": -derived, "residual": 0.0,
+        "event": name,
+        "branch": "b1",
+        "kind": kind,
+        "label": label,
+        "ghost": ghost,
+        "notation": "1:1",
+        "word": "BT",
+        "period": 1,
+        "becomes": None,
+        "wall": None,
+        "value": derived / 0.6225,
+        "derived": derived,
+        "stable": True,
+        "physical": True,
+        "n_unstable": 0,
+        "criticality": None,
+        "why": None,
+        "arclength": -derived,
+        "residual": 0.0,
         "error": 1e-15,
-    }  # fmt: skip
+    }
     return base | more
 
 
 def interval(number, low, high, ends, **more):
-    base = {"number": number, "branch": "b1", "notation": "1:1", "low": low / 0.6225,
-            "high": high / 0.6225, "low_end": ends[0], "high_end": ends[1],
-            "low_derived": low, "high_derived": high}  # fmt: skip
+    base = {
+        "number": number,
+        "branch": "b1",
+        "notation": "1:1",
+        "low": low / 0.6225,
+        "high": high / 0.6225,
+        "low_end": ends[0],
+        "high_end": ends[1],
+        "low_derived": low,
+        "high_derived": high,
+    }
     return base | more
 
 
@@ -60,10 +83,19 @@ def outcome(beta, r):
             interval(0, max(doubling, grazing), 0.9, ("e1" if first else "e2", "range")),
             interval(1, 0.1, 0.85, ("e9", "range"), branch="b2", notation="2:1"),
         ],
-        "transitions": [{"number": 0, "source": "1:1", "target": "2:1", "grazing": "e2",
-                         "mechanism": 3 if first else 2, "doubling": "e1", "fold": None}],
+        "transitions": [
+            {
+                "number": 0,
+                "source": "1:1",
+                "target": "2:1",
+                "grazing": "e2",
+                "mechanism": 3 if first else 2,
+                "doubling": "e1",
+                "fold": None,
+            }
+        ],
         "energies": [{"number": k, "per_impact": 0.1, "per_time": r + k} for k in (0, 1)],
-    }  # fmt: skip
+    }
     return Outcome("done", 0.1, "{}", rows, 10, 100)
 
 
@@ -87,14 +119,28 @@ def store(tmp_path_factory):
     with Store(path) as store:
         number = store.enter(study)
         for scene, beta in enumerate(GRID["beta"]):
-            point = {"number": 0, "curve": "c1", "kind": "PD-G", "notation": "1:1", "first": "s",
-                     "second": "r", "first_value": 0.48, "second_value": 0.5 - beta,
-                     "derived": 0.3, "residual": 0.0, "error": 1e-15}  # fmt: skip
+            point = {
+                "number": 0,
+                "curve": "c1",
+                "kind": "PD-G",
+                "notation": "1:1",
+                "first": "s",
+                "second": "r",
+                "first_value": 0.48,
+                "second_value": 0.5 - beta,
+                "derived": 0.3,
+                "residual": 0.0,
+                "error": 1e-15,
+            }
             rows = {"codimension_two": [point]}
             store.record(number, scene, {"beta": beta}, Outcome("done", 0.1, "{}", rows))
         failed = {"failures": [{"kind": "budget", "reason": "slow"}]}
-        store.record(store.enter(read_study(study_given("failed"))), 0, {"beta": 0.3, "r": 0.2},
-                     Outcome("failed", None, "{}", failed))  # fmt: skip
+        store.record(
+            store.enter(read_study(study_given("failed"))),
+            0,
+            {"beta": 0.3, "r": 0.2},
+            Outcome("failed", None, "{}", failed),
+        )
     return path
 
 
@@ -184,16 +230,19 @@ def test_failures_have_their_reasons(store):
         assert np.isnan(study.scenes().arrays()["seconds"]).all()
 
 
-@pytest.mark.parametrize("ask", [
-    lambda study: study.select("studies"),
-    lambda study: study.events(nothing=1),
-    lambda study: study.events(**{"label; DROP TABLE events": 1}),
-    lambda study: list(study.rows("DELETE FROM events")),
-    lambda study: study.entries(0),
-    lambda study: study.map("nothing"),
-    lambda study: study.map("ends", axes=("beta", "A")),
-    lambda study: study.map("ends", at={"A": 5.0}),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    "ask",
+    [
+        lambda study: study.select("studies"),
+        lambda study: study.events(nothing=1),
+        lambda study: study.events(**{"label; DROP TABLE events": 1}),
+        lambda study: list(study.rows("DELETE FROM events")),
+        lambda study: study.entries(0),
+        lambda study: study.map("nothing"),
+        lambda study: study.map("ends", axes=("beta", "A")),
+        lambda study: study.map("ends", at={"A": 5.0}),
+    ],
+)
 def test_what_cannot_be_asked(ask, asked):
     with pytest.raises(InputError):
         ask(asked)
@@ -201,8 +250,10 @@ def test_what_cannot_be_asked(ask, asked):
 
 
 def of(shown):
-    return {(round(x, 9), round(y, 9)): v for x, y, v in
-            zip(shown.x, shown.y, shown.values.tolist(), strict=True)}  # fmt: skip
+    return {
+        (round(x, 9), round(y, 9)): v
+        for x, y, v in zip(shown.x, shown.y, shown.values.tolist(), strict=True)
+    }
 
 
 @pytest.mark.parametrize("name", [*QUANTITIES, "count:~PD"])
@@ -277,11 +328,14 @@ def test_the_command_draws_the_maps_and_says_what_they_show(store, tmp_path, cap
     assert rows[1] == "0.1,0.05,G[1:1->2:1]"
 
 
-@pytest.mark.parametrize(("more", "message"), [
-    (["--quantity", "nothing"], "quantity: found 'nothing'"),
-    (["--at", "A"], "--at: found 'A'"),
-    (["--study", "none"], "no study 'none'"),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("more", "message"),
+    [
+        (["--quantity", "nothing"], "quantity: found 'nothing'"),
+        (["--at", "A"], "--at: found 'A'"),
+        (["--study", "none"], "no study 'none'"),
+    ],
+)
 def test_maps_that_cannot_be_drawn(more, message, store, tmp_path, capsys):
     more = more if "--study" in more else [*more, "--study", NAME]
     assert main(["atlas", str(store), "-o", str(tmp_path), *more]) == 2

@@ -545,10 +545,15 @@ def test_any_name_of_a_users_event_can_be_drawn(fig7, kind):
 @pytest.mark.parametrize(
     "options",
     [
-        {"x": "q"}, {"x": "event"}, {"unphysical": "zzz"}, {"xlim": (np.nan, 1.0)},
-        {"ylim": (0.0, np.inf)}, {"xlim": (1.0, 1.0)}, {"xlim": (1.0, 0.0)},
+        {"x": "q"},
+        {"x": "event"},
+        {"unphysical": "zzz"},
+        {"xlim": (np.nan, 1.0)},
+        {"ylim": (0.0, np.inf)},
+        {"xlim": (1.0, 1.0)},
+        {"xlim": (1.0, 0.0)},
     ],
-)  # fmt: skip
+)
 def test_what_cannot_be_drawn_is_refused(fig7, options):
     with pytest.raises(InputError) as caught:
         plot_diagram(fig7, **options)

@@ -34,13 +34,26 @@ def curve(pair, kind="PD", label=None, notation="1:1", fixed=None, **columns):
     numbers |= {name: np.broadcast_to(values, 11) for name, values in columns.items()}
     numbers = {name: np.broadcast_to(values, 11).copy() for name, values in numbers.items()}
     numbers.setdefault("d", 3.1125 * numbers["s"] / numbers["A"])
-    rest = {"t1": ramp, "n_unstable": np.zeros(11, int), "physical": np.ones(11, int),
-            "event": np.full(11, "", dtype=object)}  # fmt: skip
+    rest = {
+        "t1": ramp,
+        "n_unstable": np.zeros(11, int),
+        "physical": np.ones(11, int),
+        "event": np.full(11, "", dtype=object),
+    }
     return Curve(
-        "c1", kind, label or kind, "B" * int(notation[0]) + "T", 1, notation, pair,
+        "c1",
+        kind,
+        label or kind,
+        "B" * int(notation[0]) + "T",
+        1,
+        notation,
+        pair,
         {"arclength": ramp} | numbers | rest,
-        (END, END), [], "e1", fixed=fixed or {},
-    )  # fmt: skip
+        (END, END),
+        [],
+        "e1",
+        fixed=fixed or {},
+    )
 
 
 RAMP = np.linspace(0.0, 1.0, 11)
@@ -116,9 +129,11 @@ def test_areas_are_tinted_below_the_curves():
     assert len({round(value, 3) for value in light[:2]}) == 2
     names = [text.get_text() for text in ax.figure.legends[0].get_texts()]
     assert names[2:] == [
-        r"stable until $\mathrm{PD}$", r"stable until $\mathrm{G}_{1:1}^{\,2:1}$",
-        "stable throughout", "several stable orbits",
-    ]  # fmt: skip
+        r"stable until $\mathrm{PD}$",
+        r"stable until $\mathrm{G}_{1:1}^{\,2:1}$",
+        "stable throughout",
+        "several stable orbits",
+    ]
     assert len(ax.patches) == len(patches)  # no band
 
 

@@ -39,10 +39,14 @@ def crowded(fig7):
         share = rng.uniform(0.1, 0.9) if k % 2 else 0.3 + 0.01 * rng.uniform()
         entries.append(
             dataclasses.replace(
-                model, id=f"e{k}", notation=f"{k % 7}:1", period=1 + k % 3, ghost=bool(k % 5 == 0),
+                model,
+                id=f"e{k}",
+                notation=f"{k % 7}:1",
+                period=1 + k % 3,
+                ghost=bool(k % 5 == 0),
                 parameters=model.parameters | {"s": low + share * (high - low)},
             )
-        )  # fmt: skip
+        )
     branches = [
         dataclasses.replace(branch, id=f"b{k + 1}", events=entries[k::25]) for k in range(25)
     ]
@@ -121,9 +125,7 @@ def test_places_at_random(seed):
     count = int(rng.integers(1, 40))
     places = rng.choice([*rng.uniform(0.0, 400.0, count), *rng.normal(200.0, 3.0, count)], count)
     widths = rng.uniform(10.0, 80.0, count)
-    spots = [
-        s for s in placing.arranged(places.tolist(), widths.tolist(), (-20.0, 420.0)) if s
-    ]  # fmt: skip
+    spots = [s for s in placing.arranged(places.tolist(), widths.tolist(), (-20.0, 420.0)) if s]
     assert spots
     for spot in spots:
         assert -20.0 <= spot.left <= spot.port + 1e-9
@@ -190,9 +192,17 @@ def test_an_unknown_system_has_no_units():
 
 @pytest.mark.parametrize(
     ("value", "text"),
-    [(np.pi, r"$\pi$"), (-np.pi / 6, r"$-\pi/6$"), (7 * np.pi / 18, r"$7\pi/18$"), (0.0, "0"),
-     (5 * np.pi, r"$5\pi$"), (0.3, "0.3"), (1e-9, "1e-09"), (3.14, "3.14")],
-)  # fmt: skip
+    [
+        (np.pi, r"$\pi$"),
+        (-np.pi / 6, r"$-\pi/6$"),
+        (7 * np.pi / 18, r"$7\pi/18$"),
+        (0.0, "0"),
+        (5 * np.pi, r"$5\pi$"),
+        (0.3, "0.3"),
+        (1e-9, "1e-09"),
+        (3.14, "3.14"),
+    ],
+)
 def test_values(value, text):
     assert value_text(value) == text
     assert values_text({"r_B": value}, {"r_B": "m/s^2"}) == f"$r_{{B}}$ = {text} m/s\u00b2"
@@ -200,9 +210,16 @@ def test_values(value, text):
 
 @pytest.mark.parametrize(
     ("name", "text"),
-    [("", ""), ("s", "$s$"), ("omega", r"$\omega$"), ("t1", "$t_{1}$"), ("k_max", "$k_{max}$"),
-     ("arclength", "arclength"), ("smallest_gap", "smallest_gap"), ("multiplier1_re",
-     "multiplier1_re")],
-)  # fmt: skip
+    [
+        ("", ""),
+        ("s", "$s$"),
+        ("omega", r"$\omega$"),
+        ("t1", "$t_{1}$"),
+        ("k_max", "$k_{max}$"),
+        ("arclength", "arclength"),
+        ("smallest_gap", "smallest_gap"),
+        ("multiplier1_re", "multiplier1_re"),
+    ],
+)
 def test_symbols(name, text):
     assert symbol(name) == text

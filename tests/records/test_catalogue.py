@@ -74,16 +74,38 @@ def copied(folder, tmp_path):
 
 NONE = type(None)
 BRANCH_KEYS = {
-    "id": str, "word": str, "period": int, "notation": str, "from": (str, NONE), "points": int,
+    "id": str,
+    "word": str,
+    "period": int,
+    "notation": str,
+    "from": (str, NONE),
+    "points": int,
     "ends": list,
-}  # fmt: skip
+}
 ENTRY_KEYS = {
-    "id": str, "kind": str, "ghost": bool, "label": str, "branch": str, "word": str, "period": int,
-    "notation": str, "becomes": (str, NONE), "wall": (str, NONE), "flight": (int, NONE),
-    "touch_time": (float, NONE), "parameters": dict, "impacts": list, "multipliers": list,
-    "n_unstable": int, "stable": bool, "physical": bool, "reason": (str, NONE), "residual": float,
-    "error": float, "opens": list,
-}  # fmt: skip
+    "id": str,
+    "kind": str,
+    "ghost": bool,
+    "label": str,
+    "branch": str,
+    "word": str,
+    "period": int,
+    "notation": str,
+    "becomes": (str, NONE),
+    "wall": (str, NONE),
+    "flight": (int, NONE),
+    "touch_time": (float, NONE),
+    "parameters": dict,
+    "impacts": list,
+    "multipliers": list,
+    "n_unstable": int,
+    "stable": bool,
+    "physical": bool,
+    "reason": (str, NONE),
+    "residual": float,
+    "error": float,
+    "opens": list,
+}
 
 
 def test_top_of_the_catalogue(catalogue):
@@ -155,8 +177,11 @@ def test_ghost_grazing_of_the_design(catalogue):
     """The entry of Fig. 7 that the format was drawn up with."""
     entry = next(e for e in catalogue["entries"] if e["label"] == "~G[1:1->2:1]")
     assert (entry["kind"], entry["ghost"], entry["stable"], entry["physical"]) == (
-        "G", True, False, True,
-    )  # fmt: skip
+        "G",
+        True,
+        False,
+        True,
+    )
     assert (entry["word"], entry["period"], entry["notation"]) == ("BT", 1, "1:1")
     assert (entry["becomes"], entry["wall"], entry["flight"]) == ("BBT", "B", 0)
     assert entry["n_unstable"] == 1
@@ -352,8 +377,15 @@ def test_branch_columns(diagram):
         expected = ["arclength", "beta", "r", "A", "s", "M", "omega", "g", "d", "gbar"]
         expected += [f"{name}{k}" for k in range(1, n + 1) for name in "tv"]
         assert list(branch.columns)[: len(expected)] == expected
-        assert {"multiplier1_re", "multiplier1_im", "multiplier2_re", "n_unstable", "physical",
-                "smallest_gap", "event"} <= set(branch.columns)  # fmt: skip
+        assert {
+            "multiplier1_re",
+            "multiplier1_im",
+            "multiplier2_re",
+            "n_unstable",
+            "physical",
+            "smallest_gap",
+            "event",
+        } <= set(branch.columns)
         assert {len(values) for values in branch.columns.values()} == {len(branch)}
         assert branch.times.shape == branch.velocities.shape == (len(branch), n)
         named = [str(name) for name in branch["event"] if name]
@@ -492,11 +524,19 @@ def damaged(text, how):
 @pytest.mark.parametrize(
     "how",
     [
-        "a cell is no number", "a cell is missing", "a row is cut", "no table",
-        "no rows and no names", "an empty row", "a head without ends", "an end of no kind",
-        "one end", "an entry without a key", "the head is cut",
+        "a cell is no number",
+        "a cell is missing",
+        "a row is cut",
+        "no table",
+        "no rows and no names",
+        "an empty row",
+        "a head without ends",
+        "an end of no kind",
+        "one end",
+        "an entry without a key",
+        "the head is cut",
     ],
-)  # fmt: skip
+)
 def test_damaged_branch(copied, how):
     path = copied / "branches" / "b1-BT.csv"
     text = path.read_text(encoding="utf-8")

@@ -90,13 +90,16 @@ def test_a_stable_grazing_onto_a_stable_orbit():
                     "parameters": {"beta": "pi/18", "r": 0.1, "A": 5.0, "s": 0.45},
                 },
                 "follow": {
-                    "parameter": "s", "range": [0.2, 0.6], "orbits": ["1:1"],
-                    "switch": ["G"], "depth": 1,
+                    "parameter": "s",
+                    "range": [0.2, 0.6],
+                    "orbits": ["1:1"],
+                    "switch": ["G"],
+                    "depth": 1,
                 },
                 "detect": {"events": ["FB", "PD", "G"]},
             }
         )
-    )  # fmt: skip
+    )
     grazing = next(e for e in diagram.entries if e.label == "G[1:1->2:1]")
     assert grazing.criticality == "supercritical"
     transition = next(t for t in read(diagram).transitions if t.entry == grazing.id)

@@ -24,11 +24,14 @@ SCENE = {
         "parameters": {"beta": "pi/6", "r": 0.3, "A": 5.0, "s": 0.34},
     },
     "follow": {
-        "parameter": "s", "range": list(LIMITS), "orbits": ["1:1"], "switch": ["G", "PD"],
+        "parameter": "s",
+        "range": list(LIMITS),
+        "orbits": ["1:1"],
+        "switch": ["G", "PD"],
         "depth": 2,
     },
     "detect": {"events": KINDS},
-}  # fmt: skip
+}
 
 
 class OwnPair(ci.ImpactPair):

@@ -389,7 +389,7 @@ def test_a_stale_lock_is_recognised_without_locks_of_the_system(without_locks, t
 @pytest.mark.parametrize("elsewhere", [True, False])
 def test_a_lock_that_may_be_held_is_respected_without_locks_of_the_system(
     without_locks, tmp_path, elsewhere
-):  # fmt: skip
+):
     me = this_process()
     record = {"host": "another" if elsewhere else me.host, "pid": me.pid, "start": me.start}
     (tmp_path / LOCK).write_text(json.dumps(record))

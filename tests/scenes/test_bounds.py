@@ -65,9 +65,22 @@ def refused(scene):
 def test_the_reader_of_the_docs():
     """The test of the test: every whole number of a scene is documented with its bounds."""
     keys = {key for _, key, *_ in documented()}
-    assert {"cover", "depth", "max_branches", "max_points", "max_iterations", "seed", "starts",
-            "rounds", "values", "grid", "transient", "periods", "longest",
-            "impacts"} == keys  # fmt: skip
+    assert {
+        "cover",
+        "depth",
+        "max_branches",
+        "max_points",
+        "max_iterations",
+        "seed",
+        "starts",
+        "rounds",
+        "values",
+        "grid",
+        "transient",
+        "periods",
+        "longest",
+        "impacts",
+    } == keys
     assert len(documented()) == 18
     assert value("2⁶³ - 1") == 2**63 - 1
 
@@ -84,9 +97,15 @@ def test_whole_numbers(table, key, least, most):
 
 @pytest.mark.parametrize(
     ("table", "key"),
-    [("model.parameters", "A"), ("numerics", "max_step"), ("simulate", "width"),
-     ("plot", "xlim"), ("detect.values", "d"), ("curves", "values")],
-)  # fmt: skip
+    [
+        ("model.parameters", "A"),
+        ("numerics", "max_step"),
+        ("simulate", "width"),
+        ("plot", "xlim"),
+        ("detect.values", "d"),
+        ("curves", "values"),
+    ],
+)
 def test_numbers(table, key):
     for number in (1.0000001e100, 10**101, 10**5000, "9**64*9**60", float("inf"), float("nan")):
         content = number if key in ("A", "max_step", "width") else [-1e100, number]
@@ -95,9 +114,15 @@ def test_numbers(table, key):
 
 @pytest.mark.parametrize(
     ("table", "key", "item"),
-    [("follow", "orbits", "1:1"), ("plot", "formats", "svg"), ("detect.values", "s", 0.3),
-     ("curves", "values", 0.3), ("curves.family", "beta", 0.3), ("simulate", "portraits", 0.3)],
-)  # fmt: skip
+    [
+        ("follow", "orbits", "1:1"),
+        ("plot", "formats", "svg"),
+        ("detect.values", "s", 0.3),
+        ("curves", "values", 0.3),
+        ("curves.family", "beta", 0.3),
+        ("simulate", "portraits", 0.3),
+    ],
+)
 def test_lists(table, key, item):
     read_scene(changed(table, key, [item] * 10_000))
     error = refused(changed(table, key, [item] * 10_001))
@@ -151,11 +176,22 @@ def test_dotted_keys_as_they_are(tmp_path):
 
 @pytest.mark.parametrize(
     "text",
-    ["a" * 900_000, "a-" * 450_000, '"' * 900_000, "'a" * 450_000, "a." * 450_000 + "=",
-     "seed = 0x" + "f" * 900_000, "seed = " + "9" * 900_000, "\n" * 900_000, "a=1\n" * 200_000,
-     "".join(f"a{i}=1\n" for i in range(80_000)), "[" * 500_000, "[[a]]\n" * 150_000],
+    [
+        "a" * 900_000,
+        "a-" * 450_000,
+        '"' * 900_000,
+        "'a" * 450_000,
+        "a." * 450_000 + "=",
+        "seed = 0x" + "f" * 900_000,
+        "seed = " + "9" * 900_000,
+        "\n" * 900_000,
+        "a=1\n" * 200_000,
+        "".join(f"a{i}=1\n" for i in range(80_000)),
+        "[" * 500_000,
+        "[[a]]\n" * 150_000,
+    ],
     ids=lambda text: text[:12],
-)  # fmt: skip
+)
 def test_files_that_could_take_long(tmp_path, text):
     loaded(tmp_path, text)
 

@@ -16,9 +16,16 @@ from contimpact.studies.explore import follow
 from contimpact.systems.impact_damper import ImpactDamper
 
 VALUES = {
-    "c1": 0.1, "c2": 0.05, "k1": 1.0, "k2": 0.6, "a1": 1.0, "omega": 1.3, "sigma_1": 0.5,
-    "sigma_2": 0.4, "r": 0.8,
-}  # fmt: skip
+    "c1": 0.1,
+    "c2": 0.05,
+    "k1": 1.0,
+    "k2": 0.6,
+    "a1": 1.0,
+    "omega": 1.3,
+    "sigma_1": 0.5,
+    "sigma_2": 0.4,
+    "r": 0.8,
+}
 
 MASSES = {
     "system": "linear",
@@ -53,8 +60,9 @@ DAMPER = {
 
 def scene_of(model, **follow_):
     given = {"parameter": "omega", "range": [1.2, 1.5], "orbits": ["A"]} | follow_
-    return read_scene({"name": "t", "model": model, "follow": given,
-                       "detect": {"events": ["FB", "PD", "G"]}})  # fmt: skip
+    return read_scene(
+        {"name": "t", "model": model, "follow": given, "detect": {"events": ["FB", "PD", "G"]}}
+    )
 
 
 def test_two_masses_stated_in_a_scene_have_the_catalogue_of_the_system():
@@ -93,9 +101,17 @@ THREE = {
         "B": {"within": "x2 <= s", "restitution": "r"},
         "C": {"within": "x3 - x2 <= s", "restitution": "r"},
     },
-    "parameters": {"m": 1.5, "c": 0.1, "k": 1.0, "a": 1.0, "b": 0.3, "omega": 1.2, "s": 0.4,
-                   "r": 0.7},
-}  # fmt: skip
+    "parameters": {
+        "m": 1.5,
+        "c": 0.1,
+        "k": 1.0,
+        "a": 1.0,
+        "b": 0.3,
+        "omega": 1.2,
+        "s": 0.4,
+        "r": 0.7,
+    },
+}
 
 
 def test_three_masses_with_three_stops():
@@ -145,9 +161,8 @@ def test_what_is_recorded_makes_the_machine_again():
         ({"parameters": VALUES | {"r": 1.5}}, r"model\.parameters\.r: .*from 0 to 1"),
         ({"parameters": VALUES | {"event": 1.5}}, r"model\.parameters: the name 'event'"),
         ({"guard": {}}, r"model\.guard: unknown key \(did you mean 'guards'"),
-
     ],
-)  # fmt: skip
+)
 def test_mistakes_are_refused_with_their_place(changes, says):
     with pytest.raises(InputError, match=says):
         scene_of(MASSES | changes)

@@ -38,17 +38,32 @@ FULL = {
         "system": "impact-pair",
         "forcing": "sin(pi*t)",
         "parameters": {
-            "beta": 0, "r_B": 0, "r_T": 1, "A": "2*5", "s": 0.5, "M": 0.2, "omega": "6*pi", "g": 0,
+            "beta": 0,
+            "r_B": 0,
+            "r_T": 1,
+            "A": "2*5",
+            "s": 0.5,
+            "M": 0.2,
+            "omega": "6*pi",
+            "g": 0,
         },
     },
     "follow": {"parameter": "A", "range": [1, "9+3"], "orbits": ["2:1/2T", "BT", "1:1"]},
     "detect": {"events": ["PD", "UZ", "PD"], "values": {"A": [7, "5*2"], "d": [0.25]}},
     "numerics": {
-        "tolerance": 1e-11, "max_iterations": 9, "step": 0.002, "min_step": 1e-6,
-        "max_step": 0.05, "max_angle": 0.3, "max_points": 77, "seed": 3, "starts": 11, "rounds": 2,
+        "tolerance": 1e-11,
+        "max_iterations": 9,
+        "step": 0.002,
+        "min_step": 1e-6,
+        "max_step": 0.05,
+        "max_angle": 0.3,
+        "max_points": 77,
+        "seed": 3,
+        "starts": 11,
+        "rounds": 2,
     },
     "plot": {"x": "d", "xlim": [0, 1], "ylim": [-1, "pi/3"], "formats": ["pdf", "pdf"]},
-}  # fmt: skip
+}
 
 OSCILLATOR = {
     "name": "stop",
@@ -100,9 +115,14 @@ def test_least_scene():
     assert scene.model.SYSTEM == "impact-pair"
     assert scene.model.options == {"forcing": "cos(pi*t)"}
     assert scene.model.values == {
-        "beta": math.pi / 6, "r": 0.3, "A": 5.0, "s": 0.34, "M": 0.1245, "omega": 5 * math.pi,
+        "beta": math.pi / 6,
+        "r": 0.3,
+        "A": 5.0,
+        "s": 0.34,
+        "M": 0.1245,
+        "omega": 5 * math.pi,
         "g": 9.8,
-    }  # fmt: skip
+    }
     assert scene.parameter == "s"
     assert scene.start == 0.34
     assert scene.range == (0.08, 1.05)
@@ -123,9 +143,15 @@ def test_full_scene():
     assert scene.source == "a paper, Fig. 1"
     assert scene.model.options == {"forcing": "sin(pi*t)"}
     assert scene.model.values == {
-        "beta": 0.0, "r_B": 0.0, "r_T": 1.0, "A": 10.0, "s": 0.5, "M": 0.2, "omega": 6 * math.pi,
+        "beta": 0.0,
+        "r_B": 0.0,
+        "r_T": 1.0,
+        "A": 10.0,
+        "s": 0.5,
+        "M": 0.2,
+        "omega": 6 * math.pi,
         "g": 0.0,
-    }  # fmt: skip
+    }
     assert all(type(value) is float for value in scene.model.values.values())
     assert scene.range == (1.0, 12.0)
     assert scene.orbits == (Word("BBTBBT", 2), Word("BT"))  # BT and 1:1 are one
@@ -161,8 +187,21 @@ def test_resolved_scene_is_a_scene(scene):
     resolved = json.loads(json.dumps(first.resolved()))
     second = read_scene(resolved)
     assert json.loads(json.dumps(second.resolved())) == resolved
-    for name in ("name", "source", "parameter", "range", "orbits", "events", "values", "settings",
-                 "seed", "starts", "rounds", "plot", "start"):  # fmt: skip
+    for name in (
+        "name",
+        "source",
+        "parameter",
+        "range",
+        "orbits",
+        "events",
+        "values",
+        "settings",
+        "seed",
+        "starts",
+        "rounds",
+        "plot",
+        "start",
+    ):
         assert getattr(second, name) == getattr(first, name), name
     assert second.model.values == first.model.values
     assert second.model.options == first.model.options
@@ -246,10 +285,16 @@ def test_unknown_key_is_refused_with_a_suggestion(path, suggestion):
 @pytest.mark.parametrize(
     "path",
     [
-        "zzz", "model/zzz", "model/parameters/zzz", "follow/zzz", "detect/zzz", "detect/values/zzz",
-        "numerics/zzz", "plot/zzz",
+        "zzz",
+        "model/zzz",
+        "model/parameters/zzz",
+        "follow/zzz",
+        "detect/zzz",
+        "detect/values/zzz",
+        "numerics/zzz",
+        "plot/zzz",
     ],
-)  # fmt: skip
+)
 def test_unknown_key_at_every_level(path):
     error = refused(changed({path: [1.0] if "values" in path else 1.0}))
     assert error.where == path.replace("/", ".")
@@ -268,11 +313,20 @@ def test_options_of_another_system():
 @pytest.mark.parametrize(
     "path",
     [
-        "name", "model", "model/system", "model/parameters", "model/parameters/beta",
-        "model/parameters/r", "model/parameters/A", "model/parameters/s", "follow",
-        "follow/parameter", "follow/range", "follow/orbits",
+        "name",
+        "model",
+        "model/system",
+        "model/parameters",
+        "model/parameters/beta",
+        "model/parameters/r",
+        "model/parameters/A",
+        "model/parameters/s",
+        "follow",
+        "follow/parameter",
+        "follow/range",
+        "follow/orbits",
     ],
-)  # fmt: skip
+)
 def test_missing_key(path):
     error = refused(changed({path: ABSENT}))
     assert error.where == path.replace("/", ".")
@@ -358,55 +412,138 @@ def test_resonance_without_damping():
 @pytest.mark.parametrize(
     ("path", "value"),
     [
-        ("name", 1), ("name", ["x"]), ("name", True), ("name", {}), ("name", ""),
-        ("name", "a/b"), ("name", "a\\b"), ("name", "a\nb"), ("name", "a\0b"),
-        ("source", 1), ("source", []), ("source", True),
-        ("model", "impact-pair"), ("model", []), ("model", 1), ("model", [{}]),
-        ("model/system", 1), ("model/system", []), ("model/system", ""),
-        ("model/system", "impact_pair"), ("model/system", "IMPACT-PAIR"), ("model/system", "os"),
-        ("model/parameters", []), ("model/parameters", "r = 1"), ("model/parameters", 0.3),
-        ("model/forcing", 1), ("model/forcing", ["cos(pi*t)"]), ("model/forcing", True),
-        ("follow", []), ("follow", "s"), ("follow", True),
-        ("follow/parameter", 1), ("follow/parameter", ["s"]), ("follow/parameter", ""),
-        ("follow/parameter", "S"), ("follow/parameter", "zzz"), ("follow/parameter", "r_B"),
-        ("follow/parameter", "d"), ("follow/parameter", "gbar"), ("follow/parameter", "forcing"),
-        ("follow/range", []), ("follow/range", [0.1]), ("follow/range", [0.1, 0.3, 0.5]),
-        ("follow/range", "0.1 0.5"), ("follow/range", 0.1), ("follow/range", {"low": 0.1}),
-        ("follow/range", [0.35, 1.05]), ("follow/range", [0.08, 0.33]),
-        ("follow/range", [1.05, 0.08]), ("follow/range", [0.34, 0.34]),
-        ("follow/range", [-0.1, 1.05]), ("follow/range", [0.0, 1.05]),
-        ("follow/orbits", []), ("follow/orbits", "1:1"), ("follow/orbits", [1]),
-        ("follow/orbits", [["1:1"]]), ("follow/orbits", {"a": "1:1"}),
-        ("follow/orbits", [True]), ("follow/orbits", ["1:1", 2]),
-        ("detect", []), ("detect", "FB"),
-        ("detect/events", "FB"), ("detect/events", [1]), ("detect/events", [["FB"]]),
-        ("detect/events", {}), ("detect/events", True),
-        ("detect/values", []), ("detect/values", 0.3), ("detect/values", "s"),
-        ("detect/values/s", 0.3), ("detect/values/s", "0.3"), ("detect/values/s", {}),
-        ("detect/values/A", [5.0]), ("detect/values/beta", [0.5]), ("detect/values/M", []),
-        ("numerics", []), ("numerics", 1e-9),
-        ("numerics/tolerance", 0), ("numerics/tolerance", -1e-9), ("numerics/tolerance", True),
-        ("numerics/tolerance", math.nan), ("numerics/tolerance", math.inf),
-        ("numerics/tolerance", "small"), ("numerics/tolerance", []),
-        ("numerics/step", 0), ("numerics/step", -0.01), ("numerics/step", True),
-        ("numerics/min_step", 0.0), ("numerics/min_step", False), ("numerics/max_step", -1),
-        ("numerics/max_angle", 0), ("numerics/max_angle", True),
-        ("numerics/max_iterations", 0), ("numerics/max_iterations", -3),
-        ("numerics/max_iterations", True), ("numerics/max_iterations", 8.0),
-        ("numerics/max_iterations", "8"), ("numerics/max_points", 0),
-        ("numerics/max_points", False), ("numerics/max_points", 1e3),
-        ("numerics/seed", -1), ("numerics/seed", 0.0), ("numerics/seed", True),
-        ("numerics/starts", 0), ("numerics/starts", True), ("numerics/starts", 1.5),
-        ("numerics/rounds", 0), ("numerics/rounds", True), ("numerics/rounds", "all"),
-        ("plot", []), ("plot", False), ("plot/x", 1), ("plot/x", ""), ("plot/x", "zzz"),
-        ("plot/x", "A"), ("plot/x", ["s"]),
-        ("plot/xlim", [1, 0]), ("plot/xlim", [1, 1]), ("plot/xlim", [1]), ("plot/xlim", []),
-        ("plot/xlim", "auto"), ("plot/xlim", 1), ("plot/xlim", [0, 1, 2]),
-        ("plot/ylim", [0.5, -0.5]), ("plot/ylim", True), ("plot/ylim", {}),
-        ("plot/formats", "svg"), ("plot/formats", [1]), ("plot/formats", True),
+        ("name", 1),
+        ("name", ["x"]),
+        ("name", True),
+        ("name", {}),
+        ("name", ""),
+        ("name", "a/b"),
+        ("name", "a\\b"),
+        ("name", "a\nb"),
+        ("name", "a\0b"),
+        ("source", 1),
+        ("source", []),
+        ("source", True),
+        ("model", "impact-pair"),
+        ("model", []),
+        ("model", 1),
+        ("model", [{}]),
+        ("model/system", 1),
+        ("model/system", []),
+        ("model/system", ""),
+        ("model/system", "impact_pair"),
+        ("model/system", "IMPACT-PAIR"),
+        ("model/system", "os"),
+        ("model/parameters", []),
+        ("model/parameters", "r = 1"),
+        ("model/parameters", 0.3),
+        ("model/forcing", 1),
+        ("model/forcing", ["cos(pi*t)"]),
+        ("model/forcing", True),
+        ("follow", []),
+        ("follow", "s"),
+        ("follow", True),
+        ("follow/parameter", 1),
+        ("follow/parameter", ["s"]),
+        ("follow/parameter", ""),
+        ("follow/parameter", "S"),
+        ("follow/parameter", "zzz"),
+        ("follow/parameter", "r_B"),
+        ("follow/parameter", "d"),
+        ("follow/parameter", "gbar"),
+        ("follow/parameter", "forcing"),
+        ("follow/range", []),
+        ("follow/range", [0.1]),
+        ("follow/range", [0.1, 0.3, 0.5]),
+        ("follow/range", "0.1 0.5"),
+        ("follow/range", 0.1),
+        ("follow/range", {"low": 0.1}),
+        ("follow/range", [0.35, 1.05]),
+        ("follow/range", [0.08, 0.33]),
+        ("follow/range", [1.05, 0.08]),
+        ("follow/range", [0.34, 0.34]),
+        ("follow/range", [-0.1, 1.05]),
+        ("follow/range", [0.0, 1.05]),
+        ("follow/orbits", []),
+        ("follow/orbits", "1:1"),
+        ("follow/orbits", [1]),
+        ("follow/orbits", [["1:1"]]),
+        ("follow/orbits", {"a": "1:1"}),
+        ("follow/orbits", [True]),
+        ("follow/orbits", ["1:1", 2]),
+        ("detect", []),
+        ("detect", "FB"),
+        ("detect/events", "FB"),
+        ("detect/events", [1]),
+        ("detect/events", [["FB"]]),
+        ("detect/events", {}),
+        ("detect/events", True),
+        ("detect/values", []),
+        ("detect/values", 0.3),
+        ("detect/values", "s"),
+        ("detect/values/s", 0.3),
+        ("detect/values/s", "0.3"),
+        ("detect/values/s", {}),
+        ("detect/values/A", [5.0]),
+        ("detect/values/beta", [0.5]),
+        ("detect/values/M", []),
+        ("numerics", []),
+        ("numerics", 1e-9),
+        ("numerics/tolerance", 0),
+        ("numerics/tolerance", -1e-9),
+        ("numerics/tolerance", True),
+        ("numerics/tolerance", math.nan),
+        ("numerics/tolerance", math.inf),
+        ("numerics/tolerance", "small"),
+        ("numerics/tolerance", []),
+        ("numerics/step", 0),
+        ("numerics/step", -0.01),
+        ("numerics/step", True),
+        ("numerics/min_step", 0.0),
+        ("numerics/min_step", False),
+        ("numerics/max_step", -1),
+        ("numerics/max_angle", 0),
+        ("numerics/max_angle", True),
+        ("numerics/max_iterations", 0),
+        ("numerics/max_iterations", -3),
+        ("numerics/max_iterations", True),
+        ("numerics/max_iterations", 8.0),
+        ("numerics/max_iterations", "8"),
+        ("numerics/max_points", 0),
+        ("numerics/max_points", False),
+        ("numerics/max_points", 1e3),
+        ("numerics/seed", -1),
+        ("numerics/seed", 0.0),
+        ("numerics/seed", True),
+        ("numerics/starts", 0),
+        ("numerics/starts", True),
+        ("numerics/starts", 1.5),
+        ("numerics/rounds", 0),
+        ("numerics/rounds", True),
+        ("numerics/rounds", "all"),
+        ("plot", []),
+        ("plot", False),
+        ("plot/x", 1),
+        ("plot/x", ""),
+        ("plot/x", "zzz"),
+        ("plot/x", "A"),
+        ("plot/x", ["s"]),
+        ("plot/xlim", [1, 0]),
+        ("plot/xlim", [1, 1]),
+        ("plot/xlim", [1]),
+        ("plot/xlim", []),
+        ("plot/xlim", "auto"),
+        ("plot/xlim", 1),
+        ("plot/xlim", [0, 1, 2]),
+        ("plot/ylim", [0.5, -0.5]),
+        ("plot/ylim", True),
+        ("plot/ylim", {}),
+        ("plot/formats", "svg"),
+        ("plot/formats", [1]),
+        ("plot/formats", True),
     ],
     ids=repr,
-)  # fmt: skip
+)
 def test_wrong_types_and_values(path, value):
     error = refused(changed({path: value}))
     assert error.where == path.replace("/", ".")
@@ -583,10 +720,22 @@ def test_not_utf8(tmp_path, content):
 @pytest.mark.parametrize(
     "text",
     [
-        "name", "name = ", "name = x", "[model", "[model]\n[model]", "a = 1\na = 2", "{}", "\0",
-        '{"name": "x"}', "a = [1", 'a = "', "a = 1e", "a = 2020-02-30", "<xml/>",
+        "name",
+        "name = ",
+        "name = x",
+        "[model",
+        "[model]\n[model]",
+        "a = 1\na = 2",
+        "{}",
+        "\0",
+        '{"name": "x"}',
+        "a = [1",
+        'a = "',
+        "a = 1e",
+        "a = 2020-02-30",
+        "<xml/>",
     ],
-)  # fmt: skip
+)
 def test_not_toml(tmp_path, text):
     path = tmp_path / "scene.toml"
     path.write_text(text, encoding="utf-8")
@@ -658,16 +807,19 @@ junk = st.recursive(
 )
 places = st.sampled_from(
     sorted(
-        {f"{table}/{key}".removeprefix("/")
-         for scene in (FULL, VALID)
-         for table, data in [
-             ("", scene), *((k, v) for k, v in scene.items() if isinstance(v, dict)),
-             ("model/parameters", scene["model"]["parameters"]),
-             ("detect/values", scene.get("detect", {}).get("values", {})),
-         ]
-         for key in [*data, "zzz"]}
+        {
+            f"{table}/{key}".removeprefix("/")
+            for scene in (FULL, VALID)
+            for table, data in [
+                ("", scene),
+                *((k, v) for k, v in scene.items() if isinstance(v, dict)),
+                ("model/parameters", scene["model"]["parameters"]),
+                ("detect/values", scene.get("detect", {}).get("values", {})),
+            ]
+            for key in [*data, "zzz"]
+        }
     )
-)  # fmt: skip
+)
 
 
 @settings(max_examples=400, deadline=None)
@@ -729,10 +881,21 @@ def test_names_that_no_folder_can_have(name):
 
 
 @pytest.mark.parametrize(
-    "forcing", ["__import__('os')", "cos(pi*t", "", "cos(pi*x)", "1/0", "log(0)*cos(pi*t)",
-                "1e999", "1e308*1e308*cos(pi*t)", "(1+sqrt(-1))*cos(pi*t)", "cos(pi*t)**(1/0)",
-                "(-1)**0.5*cos(pi*t)"],
-)  # fmt: skip
+    "forcing",
+    [
+        "__import__('os')",
+        "cos(pi*t",
+        "",
+        "cos(pi*x)",
+        "1/0",
+        "log(0)*cos(pi*t)",
+        "1e999",
+        "1e308*1e308*cos(pi*t)",
+        "(1+sqrt(-1))*cos(pi*t)",
+        "cos(pi*t)**(1/0)",
+        "(-1)**0.5*cos(pi*t)",
+    ],
+)
 def test_unreadable_forcing_is_refused_without_sympy(forcing):
     assert refused(changed({"model/forcing": forcing})).where == "model.forcing"
 
@@ -804,11 +967,14 @@ def test_messages_are_one_line():
 @pytest.mark.parametrize(
     "changes",
     [
-        {"model/parameters/A": "9" * 1999}, {"model/parameters/A": list(range(5000))},
-        {"follow/orbits": [1] * 5000}, {"follow/orbits": ["9" * 5000 + ":1"]},
-        {"follow/depth": -(10**5000)}, {"x" * 3000: 1},
+        {"model/parameters/A": "9" * 1999},
+        {"model/parameters/A": list(range(5000))},
+        {"follow/orbits": [1] * 5000},
+        {"follow/orbits": ["9" * 5000 + ":1"]},
+        {"follow/depth": -(10**5000)},
+        {"x" * 3000: 1},
     ],
-)  # fmt: skip
+)
 def test_messages_are_short(changes):
     with pytest.raises(InputError) as caught:
         read_scene(changed(changes))

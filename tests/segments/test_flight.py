@@ -164,9 +164,17 @@ def all_excursions(motion, length, arriving, breaks):
     left = -math.copysign(1.0, motion(0.0)[1])
     reached = math.copysign(1.0, arriving)
     return excursions(
-        lambda head, dt, values: motion(dt), (0, 0.0), (), length, arriving, left, reached,
-        breaks, 0.0, math.inf,
-    )[:4]  # fmt: skip
+        lambda head, dt, values: motion(dt),
+        (0, 0.0),
+        (),
+        length,
+        arriving,
+        left,
+        reached,
+        breaks,
+        0.0,
+        math.inf,
+    )[:4]
 
 
 def check_excursions(motion, vectorised, length, zeros):

@@ -181,10 +181,12 @@ def test_accelerations_are_in_the_symbols_given():
         def formulas(self, symbols):
             motion = Nonlinear(lambda t, x, v: [sympy.Symbol("gravity") * sympy.sin(x[0])])
             return Formulas(
-                period=sympy.Integer(1), walls={"S": symbols["sigma"]},
+                period=sympy.Integer(1),
+                walls={"S": symbols["sigma"]},
                 reset=lambda wall, x, v: [-v[0]],
-                flight=motion.flight, acceleration=motion.acceleration,
-            )  # fmt: skip
+                flight=motion.flight,
+                acceleration=motion.acceleration,
+            )
 
     with pytest.raises(InputError, match="found 'gravity'"):
         Kernels(Foreign(**_pendulum().values), "a").motion("S")

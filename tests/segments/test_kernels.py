@@ -134,8 +134,12 @@ def test_oscillator_against_integration(oscillator, kernels_of, c):
     start = [p["sigma"], -p["r"] * v0]
     run = solve_ivp(
         lambda t, y: [y[1], math.cos(p["omega"] * t) - c * y[1] - y[0]],
-        (t0, t1), start, method="DOP853", rtol=1e-12, atol=1e-13,
-    )  # fmt: skip
+        (t0, t1),
+        start,
+        method="DOP853",
+        rtol=1e-12,
+        atol=1e-13,
+    )
     out, *_ = kernels_of(model, "omega").flight("S", "S")(t0, v0, t1, 0.0, *values_of(model))
     assert out[0] * (t1 - t0) == pytest.approx(run.y[0, -1] - p["sigma"], abs=2e-11)
     assert out[1] == pytest.approx(run.y[1, -1], abs=2e-11)
@@ -653,9 +657,12 @@ print("sympy" in sys.modules)
 def process(folder, code=USE):
     environment = os.environ | {"CONTIMPACT_CACHE": str(folder)}
     return subprocess.Popen(
-        [sys.executable, "-W", "error", "-c", code], env=environment, text=True,
-        stdout=subprocess.PIPE, stderr=subprocess.PIPE,
-    )  # fmt: skip
+        [sys.executable, "-W", "error", "-c", code],
+        env=environment,
+        text=True,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+    )
 
 
 def finished(started):

@@ -46,10 +46,12 @@ def exact(shape, dt, numbers):
             )
             for i, at in ((1, 0), (2, shape.freedom)):
                 found.append(((ahead[i] - behind[i]) / (2 * step), at))
-        return np.array([
-            [[float(m[at + i, j]) for j in range(shape.size)] for i in range(shape.freedom)]
-            for m, at in found
-        ])  # fmt: skip
+        return np.array(
+            [
+                [[float(m[at + i, j]) for j in range(shape.size)] for i in range(shape.freedom)]
+                for m, at in found
+            ]
+        )
 
 
 def _motion(shape, numbers, dt):

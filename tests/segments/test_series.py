@@ -60,8 +60,10 @@ def test_free_motions(ctx, order, moving):
     start = [ctx.mpf(x) for x in ("0.4", "0.7", "1.3")]
     given = [Series([x, ctx.mpf(q), 0, 0]) if q else x for x, q in zip(start, moving, strict=True)]
     found = names[f"transients{order}"](*given)
-    kinds = [(n, b, max(2 * b - 1 - n, 0) if i < len(TABLES[order]) else 0)
-             for i, (n, b) in enumerate(TABLES[order] + MOTIONS[order])]  # fmt: skip
+    kinds = [
+        (n, b, max(2 * b - 1 - n, 0) if i < len(TABLES[order]) else 0)
+        for i, (n, b) in enumerate(TABLES[order] + MOTIONS[order])
+    ]
     for (n, b, power), one in zip(kinds, found, strict=True):
 
         def along(e, n=n, b=b, power=power):
@@ -97,11 +99,14 @@ def test_operations(ctx):
 MODELS = {
     "pair": (lambda: ImpactPair(beta=0.7, r=0.3, A=5.0, s=0.389), "A", "BT"),
     "rich": (lambda: ImpactPair(beta=0.7, r=0.3, A=5.0, s=0.4, forcing="cos(pi*t)**3"), "s", "BB"),
-    "oscillator": (lambda: Oscillator(a=1.0, omega=1.7, c=0.3, k=1.0, sigma=0.4, r=0.8),
-                   "omega", "SS"),
+    "oscillator": (
+        lambda: Oscillator(a=1.0, omega=1.7, c=0.3, k=1.0, sigma=0.4, r=0.8),
+        "omega",
+        "SS",
+    ),
     "overdamped": (lambda: Oscillator(a=1e4, omega=1.7, c=1e4, k=1.0, sigma=0.4, r=0.8), "c", "SS"),
     "two masses": (two_masses, "omega", "AA"),
-}  # fmt: skip
+}
 
 
 @pytest.mark.parametrize("name", MODELS)

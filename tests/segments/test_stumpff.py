@@ -23,8 +23,20 @@ ORDERS = range(HIGHEST + 1)
 # c_9 next to the threshold. Series of c_10 and c_11 are summed further, up to 20, beyond which they
 # lose 1.3e-14 and 3.9e-14. Bounds are twice what was measured on arguments denser than these.
 WITHIN = 1.2e-15
-BEYOND = {0: 8e-16, 1: 8e-16, 2: 8e-16, 3: 1.2e-15, 4: 3e-15, 5: 7e-15, 6: 2.5e-14, 7: 8e-14,
-          8: 4e-13, 9: 1.4e-12, 10: 3e-14, 11: 1e-13}  # fmt: skip
+BEYOND = {
+    0: 8e-16,
+    1: 8e-16,
+    2: 8e-16,
+    3: 1.2e-15,
+    4: 3e-15,
+    5: 7e-15,
+    6: 2.5e-14,
+    7: 8e-14,
+    8: 4e-13,
+    9: 1.4e-12,
+    10: 3e-14,
+    11: 1e-13,
+}
 
 
 def reference(k, q):

@@ -18,9 +18,16 @@ STATE = [0.3, -0.2, 0.7, 0.1, math.cos(0.4), math.sin(0.4), 1.0]
 
 def masses(**given):
     values = {
-        "c1": 0.1, "c2": 0.05, "k1": 1.0, "k2": 0.6, "a1": 1.0, "omega": 1.3, "sigma_1": 0.5,
-        "sigma_2": 0.4, "r": 0.8,
-    }  # fmt: skip
+        "c1": 0.1,
+        "c2": 0.05,
+        "k1": 1.0,
+        "k2": 0.6,
+        "a1": 1.0,
+        "omega": 1.3,
+        "sigma_1": 0.5,
+        "sigma_2": 0.4,
+        "r": 0.8,
+    }
     return TwoMasses(**(values | given))
 
 
@@ -49,10 +56,17 @@ def polynomial(*roots):
 @pytest.mark.parametrize(
     "roots",
     [
-        (), (0.3,), (0.2, 0.7), (0.5, 0.5 + 1e-6), (0.1, 0.1001, 0.9), (1e-9,), (1.0 - 1e-12,),
-        (0.25, 0.5, 0.75), tuple(np.linspace(0.03, 0.99, 9)),
+        (),
+        (0.3,),
+        (0.2, 0.7),
+        (0.5, 0.5 + 1e-6),
+        (0.1, 0.1001, 0.9),
+        (1e-9,),
+        (1.0 - 1e-12,),
+        (0.25, 0.5, 0.75),
+        tuple(np.linspace(0.03, 0.99, 9)),
     ],
-)  # fmt: skip
+)
 def test_every_change_of_sign_is_found(roots):
     found = sign_changes(np.array([polynomial(*roots, -3.0)]))
     assert found == pytest.approx(roots, abs=1e-9)

@@ -26,18 +26,41 @@ ALLOWED = {1: 4e-15, 2: 4e-14, 3: 4e-13, 4: 4e-12}
 """By the number of factors; those above two are derivatives of higher order."""
 
 PLACES = [  # (y, kappa): both sides of all borders, and far away
-    (0.0, 1e-20), (0.0, 30.0), (1e-9, 0.999), (0.3, 1e-6), (0.499, 0.999), (1.1, 0.2),
-    (1.1, 5.2), (2.0, 4.0), (2.0, 1e-9), (2.001, 1e-9), (2.8, 3.9), (2.9, 4.5), (3.0, 13.1),
-    (7.0, 20.0), (7.0, 50.0), (7.0, 0.1), (40.0, 1e3), (5e3, 1.0), (5e7, 40.0), (5e11, 40.0),
-    (-0.4, 0.3), (-2.5, 1.0), (-30.0, 1.0), (-30.0, 5e3), (0.1, 1e6),
-]  # fmt: skip
+    (0.0, 1e-20),
+    (0.0, 30.0),
+    (1e-9, 0.999),
+    (0.3, 1e-6),
+    (0.499, 0.999),
+    (1.1, 0.2),
+    (1.1, 5.2),
+    (2.0, 4.0),
+    (2.0, 1e-9),
+    (2.001, 1e-9),
+    (2.8, 3.9),
+    (2.9, 4.5),
+    (3.0, 13.1),
+    (7.0, 20.0),
+    (7.0, 50.0),
+    (7.0, 0.1),
+    (40.0, 1e3),
+    (5e3, 1.0),
+    (5e7, 40.0),
+    (5e11, 40.0),
+    (-0.4, 0.3),
+    (-2.5, 1.0),
+    (-30.0, 1.0),
+    (-30.0, 5e3),
+    (0.1, 1e6),
+]
 
 
 def exact(n, b, c, k, t):
     """The function and how far it is from its neighbours, by which rounded arguments move it."""
     here = transient(CTX, n, b, c, k, t)
-    moved = [transient(CTX, n, b, *[x * (1 + 1e-9 * (i == j)) for j, x in enumerate((c, k, t))])
-             for i in range(3)]  # fmt: skip
+    moved = [
+        transient(CTX, n, b, *[x * (1 + 1e-9 * (i == j)) for j, x in enumerate((c, k, t))])
+        for i in range(3)
+    ]
     return here, abs(here) + sum(abs(m - here) for m in moved) * 10**9
 
 
@@ -118,9 +141,15 @@ FLIGHTS = [
     for dt in (1e-8, 0.7, 30.0)
 ]
 ENTRIES = {
-    (0, None): 0, (1, None): 1, (0, "v0"): 3, (1, "v0"): 5, (0, "t1"): 6, (1, "t1"): 8,
-    (0, "free"): 10, (1, "free"): 11,
-}  # fmt: skip
+    (0, None): 0,
+    (1, None): 1,
+    (0, "v0"): 3,
+    (1, "v0"): 5,
+    (0, "t1"): 6,
+    (1, "t1"): 8,
+    (0, "free"): 10,
+    (1, "free"): 11,
+}
 """Mean and end velocity, and their derivatives, in what the kernel returns."""
 LEAST = 1e-40
 

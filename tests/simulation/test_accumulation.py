@@ -12,9 +12,16 @@ from contimpact.simulation.simulator import Simulator
 from contimpact.systems.two_masses import TwoMasses
 
 VALUES = {
-    "c1": 0.0, "c2": 0.0, "k1": 1.0, "k2": 0.6, "a1": 0.6, "omega": 0.5, "sigma_1": -0.4,
-    "sigma_2": 50.0, "r": 0.6,
-}  # fmt: skip
+    "c1": 0.0,
+    "c2": 0.0,
+    "k1": 1.0,
+    "k2": 0.6,
+    "a1": 0.6,
+    "omega": 0.5,
+    "sigma_1": -0.4,
+    "sigma_2": 50.0,
+    "r": 0.6,
+}
 
 
 class Modal:

@@ -30,9 +30,16 @@ from contimpact.systems.impact_damper import ImpactDamper
 from contimpact.systems.two_masses import TwoMasses
 
 VALUES = {
-    "c1": 0.1, "c2": 0.05, "k1": 1.0, "k2": 0.6, "a1": 1.0, "omega": 1.8, "sigma_1": 1.0,
-    "sigma_2": 1.0, "r": 0.8,
-}  # fmt: skip
+    "c1": 0.1,
+    "c2": 0.05,
+    "k1": 1.0,
+    "k2": 0.6,
+    "a1": 1.0,
+    "omega": 1.8,
+    "sigma_1": 1.0,
+    "sigma_2": 1.0,
+    "r": 0.8,
+}
 STICKING = {"omega": 0.6, "sigma_1": 0.1, "sigma_2": 0.3, "r": 0.5}
 RELEASED = (1.0098, (0.0864, -0.0536))
 """Near an impact on B of the motion with sojourns on A."""

@@ -64,9 +64,10 @@ class ExactFlight:
         sine, cosine = mp.sin(mp.pi * self.t0), mp.cos(mp.pi * self.t0)
         speed = self.out + self.gravity * dt + (mp.sin(mp.pi * t1) - sine) / mp.pi
         moved = (
-            (self.out - sine / mp.pi) * dt + self.gravity * dt**2 / 2
+            (self.out - sine / mp.pi) * dt
+            + self.gravity * dt**2 / 2
             - (mp.cos(mp.pi * t1) - cosine) / mp.pi**2
-        )  # fmt: skip
+        )
         return self.start + moved, speed
 
     def first(self, longest=400):
@@ -82,9 +83,11 @@ class ExactFlight:
                 if gap < mp.mpf("1e-24") and closing > -mp.mpf("1e-9"):
                     return name, dt, v
                 root = mp.sqrt(max(closing**2 + 2 * self.most * gap, 0))
-                steps[name] = (root - closing) / self.most if closing < 0 else (
-                    2 * gap / (root + closing) if root + closing else mp.mpf(0)
-                )  # fmt: skip
+                steps[name] = (
+                    (root - closing) / self.most
+                    if closing < 0
+                    else (2 * gap / (root + closing) if root + closing else mp.mpf(0))
+                )
             dt += max(min(steps.values()), mp.mpf("1e-26"))
         return None, dt, None
 
@@ -225,9 +228,11 @@ def random_orbits(pair, kernels_of, seed, count):
     words = ["1:1", "2:1", "1:1/2T", "1:2", "2:2", "3:1"]
     while count:
         model = pair(
-            beta=rng.uniform(0.0, 1.4), r=rng.uniform(0.15, 0.7), A=rng.uniform(4.0, 9.0),
+            beta=rng.uniform(0.0, 1.4),
+            r=rng.uniform(0.15, 0.7),
+            A=rng.uniform(4.0, 9.0),
             d=rng.uniform(0.12, 0.45),
-        )  # fmt: skip
+        )
         word = words[rng.choice(len(words), p=[0.4, 0.25, 0.15, 0.05, 0.05, 0.1])]
         kernels = kernels_of(model, "s")
         for orbit in find_orbits(model, word, kernels=kernels, starts=48, rounds=2):
@@ -624,8 +629,9 @@ def test_a_run_may_go_on_compiled(pair, simulator_of, plain_and_compiled, monkey
     plain, _ = plain_and_compiled(lambda: simulator.run(start, impacts=5000))
     monkeypatch.setattr(simulate, "CHUNK", 700)
     engine = simulator.machine._engine
-    monkeypatch.setattr(engine, "program", lambda asked, found=engine.found:
-                        found if engine.plain >= 1400 else None)  # fmt: skip
+    monkeypatch.setattr(
+        engine, "program", lambda asked, found=engine.found: found if engine.plain >= 1400 else None
+    )
     engine.plain = 0
     same_runs(simulator.run(start, impacts=5000), plain)
     assert engine.plain == 1400

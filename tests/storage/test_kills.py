@@ -74,8 +74,9 @@ def started(command, path, folder, *more, **environment):
     """A command in a process of its own."""
     return subprocess.Popen(
         [sys.executable, "-m", "contimpact", command, path, "-o", folder, "-q", *more],
-        env=os.environ | environment, stderr=subprocess.DEVNULL,
-    )  # fmt: skip
+        env=os.environ | environment,
+        stderr=subprocess.DEVNULL,
+    )
 
 
 def finished(process):
@@ -159,8 +160,12 @@ def kill_simulations(undisturbed, tmp_path, rng, times):
     for number in range(times):
         folder = tmp_path / f"out{number // 4}"
         two = 1 + (rng.random() < 0.5)
-        killed(rng, folder, seconds, *(started("simulate", path, folder, "--resume")
-                                       for _ in range(two)))  # fmt: skip
+        killed(
+            rng,
+            folder,
+            seconds,
+            *(started("simulate", path, folder, "--resume") for _ in range(two)),
+        )
         if whole(folder):
             is_one_of(folder, {"one": reference})
         if number % 4 == 3 or number == times - 1:

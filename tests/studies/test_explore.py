@@ -58,8 +58,9 @@ def test_what_was_searched_is_told(rounds, searched):
     """The search ends after two rounds that find nothing."""
     given = {**SMALL, "numerics": {"starts": 8, "rounds": rounds}}
     given["model"] = {
-        "system": "impact-pair", "parameters": {**SMALL["model"]["parameters"], "s": 1.04}
-    }  # fmt: skip
+        "system": "impact-pair",
+        "parameters": {**SMALL["model"]["parameters"], "s": 1.04},
+    }
     given["follow"] = {**SMALL["follow"], "range": [1.0, 1.05]}
     with pytest.raises(InputError, match=f"{searched} 8 random starts"):
         follow(read_scene(given))

@@ -45,9 +45,12 @@ def random_pair(rng):
     other = float(special[rng.integers(6)])
     alike = level or rng.uniform() < 0.7
     return harmonic_pair(
-        waves, beta=0.0 if level else float(rng.uniform(0, 1.5)), A=float(rng.uniform(3, 12)),
-        s=float(rng.uniform(0.15, 1.0)), **({"r": r} if alike else {"r_B": r, "r_T": other}),
-    )  # fmt: skip
+        waves,
+        beta=0.0 if level else float(rng.uniform(0, 1.5)),
+        A=float(rng.uniform(3, 12)),
+        s=float(rng.uniform(0.15, 1.0)),
+        **({"r": r} if alike else {"r_B": r, "r_T": other}),
+    )
 
 
 def random_diagram(seed):
@@ -63,12 +66,16 @@ def random_diagram(seed):
             "parameters": {"beta": 0.1, "r": 0.5, "A": 5, "s": start},
         },
         "follow": {
-            "parameter": "s", "range": [0.4 * start, 2.5 * start], "orbits": ["1:1"],
-            "switch": ["G", "PD", "BP"], "depth": 1, "max_branches": 8,
+            "parameter": "s",
+            "range": [0.4 * start, 2.5 * start],
+            "orbits": ["1:1"],
+            "switch": ["G", "PD", "BP"],
+            "depth": 1,
+            "max_branches": 8,
         },
         "detect": {"events": list(EVENTS)},
         "numerics": {"max_step": 0.1, "starts": 32, "rounds": 1},
-    }  # fmt: skip
+    }
     walls = [wall.name for wall in model.WALLS]
     scene = dataclasses.replace(
         read_scene(table), model=model, orbits=tuple(parse_word(word, walls) for word in words)

@@ -166,9 +166,7 @@ def test_columns_agree_with_the_multipliers(name):
         sizes = np.abs(branch.multipliers)
         clear = np.all(np.abs(sizes - 1.0) > 1e-6, axis=1)
         clear &= branch["event"] == ""  # an event's row leaves the event itself out
-        assert np.array_equal(
-            branch["n_unstable"][clear], np.sum(sizes[clear] > 1.0, axis=1)
-        )  # fmt: skip
+        assert np.array_equal(branch["n_unstable"][clear], np.sum(sizes[clear] > 1.0, axis=1))
         assert np.array_equal(branch["physical"] == 1, branch["reason"] == "")
 
 
@@ -297,7 +295,7 @@ def test_requested_values_are_hit_exactly():
         wanted = scene(name).values
         for entry in diagram(name).entries:
             if entry.kind == "UZ":
-                (parameter, value), = entry.requested.items()  # fmt: skip
+                ((parameter, value),) = entry.requested.items()
                 assert value in wanted[parameter]
                 assert entry.parameters[parameter] == pytest.approx(value, rel=4e-16)
 

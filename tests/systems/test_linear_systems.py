@@ -88,8 +88,11 @@ def test_symmetric_orbits_between_two_stops(k):
     model = TwoStops(**given)
     orbits = find_orbits(model, "RL", parameter="sigma", starts=64)
     symmetry = symmetry_of(orbits[0].problem)
-    rows = [o.problem.impacts(o.unknowns)[0] for o in orbits
-            if symmetric(o.problem, o.unknowns, symmetry, 1e-9)]  # fmt: skip
+    rows = [
+        o.problem.impacts(o.unknowns)[0]
+        for o in orbits
+        if symmetric(o.problem, o.unknowns, symmetry, 1e-9)
+    ]
     for time, v in rattling(**given):
         assert min(max(abs(row[0] - time), abs(row[1] - v)) for row in rows) < 1e-10
 
@@ -113,8 +116,17 @@ def test_what_tells_the_stops_apart_breaks_the_symmetry(given, parameter):
 
 
 def coupled(**given):
-    values = {"c1": 0.1, "c2": 0.2, "k1": 1.0, "k2": 2.0, "a1": 1.0, "omega": 1.3, "gap": 0.2,
-              "r": 0.7, "m2": 2.0}  # fmt: skip
+    values = {
+        "c1": 0.1,
+        "c2": 0.2,
+        "k1": 1.0,
+        "k2": 2.0,
+        "a1": 1.0,
+        "omega": 1.3,
+        "gap": 0.2,
+        "r": 0.7,
+        "m2": 2.0,
+    }
     return CoupledByImpact(**(values | given))
 
 

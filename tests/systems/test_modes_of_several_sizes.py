@@ -133,13 +133,19 @@ class Docking(Model):
 
         period = 2 * sympy.pi / omega
         apart = Linear(
-            mass=[[1, 0], [0, m]], damping=[[c, 0], [0, c]], stiffness=[[1, 0], [0, k]],
-            force=lambda t: [force(t), 0], period=period,
-        )  # fmt: skip
+            mass=[[1, 0], [0, m]],
+            damping=[[c, 0], [0, c]],
+            stiffness=[[1, 0], [0, k]],
+            force=lambda t: [force(t), 0],
+            period=period,
+        )
         joined = Linear(
-            mass=[[1 + m]], damping=[[2 * c]], stiffness=[[1 + k]],
-            force=lambda t: [force(t) + k * gap], period=period,
-        )  # fmt: skip
+            mass=[[1 + m]],
+            damping=[[2 * c]],
+            stiffness=[[1 + k]],
+            force=lambda t: [force(t) + k * gap],
+            period=period,
+        )
 
         def jump(guard, x, v):
             if guard == "K":

@@ -71,9 +71,30 @@ def made(kind, gamma=1.3):
 
 @pytest.mark.parametrize(
     "name",
-    ["phase", "dt", "turn", "t0", "v0", "w0", "q0", "c1_w3", "duration", "p_a", "lambda", "sin",
-     "pi", "floor", "square", "stumpff1", "nan", "loaded", "p", "call", "\u0394"],
-)  # fmt: skip
+    [
+        "phase",
+        "dt",
+        "turn",
+        "t0",
+        "v0",
+        "w0",
+        "q0",
+        "c1_w3",
+        "duration",
+        "p_a",
+        "lambda",
+        "sin",
+        "pi",
+        "floor",
+        "square",
+        "stumpff1",
+        "nan",
+        "loaded",
+        "p",
+        "call",
+        "\u0394",
+    ],
+)
 def test_a_parameter_may_have_any_name(name):
     """The same orbits as where it is called `a`; sums may be in another order."""
     plain, other = (find_orbits(made(ball(n)), "1", parameter=n) for n in ("a", name))
@@ -296,12 +317,16 @@ def test_a_helper_or_a_base_class_that_changes_is_seen(tmp_path):
         (tmp_path / "helper.py").write_text(textwrap.dedent(HELPER.format(gain=gain, pull=pull)))
         (tmp_path / "own.py").write_text(SYSTEM)
         environment = os.environ | {
-            "CONTIMPACT_CACHE": str(tmp_path / "cache"), "PYTHONDONTWRITEBYTECODE": "1"
-        }  # fmt: skip
+            "CONTIMPACT_CACHE": str(tmp_path / "cache"),
+            "PYTHONDONTWRITEBYTECODE": "1",
+        }
         done = subprocess.run(
-            [sys.executable, str(tmp_path / "own.py")], env=environment, check=True,
-            capture_output=True, text=True,
-        )  # fmt: skip
+            [sys.executable, str(tmp_path / "own.py")],
+            env=environment,
+            check=True,
+            capture_output=True,
+            text=True,
+        )
         return done.stdout.split()
 
     assert run(1, 2) == ["-2.0", "motion_P"]

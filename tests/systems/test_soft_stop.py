@@ -80,8 +80,9 @@ def test_derivatives_against_differences_in_many_digits(orbit, parameter):
     value = orbit.model.values[parameter]
     z = np.append(orbit.unknowns[:-1], value)
     exact = Reference(problem)
-    differences = exact._differences(exact.residual, [exact.ctx.mpf(u) for u in z],
-                                     exact.residual([exact.ctx.mpf(u) for u in z]))  # fmt: skip
+    differences = exact._differences(
+        exact.residual, [exact.ctx.mpf(u) for u in z], exact.residual([exact.ctx.mpf(u) for u in z])
+    )
     assert problem.evaluate(z).jacobian == pytest.approx(differences, rel=1e-13, abs=1e-13)
 
 
@@ -123,8 +124,11 @@ def test_a_touch_is_the_contact_that_vanishes_on_the_longer_word(orbit):
     before = continue_orbit(orbit, "omega", limits, events=["G"])
     (touch,) = [e for e in before.events if not e.ghost]
     assert (touch.becomes, touch.order, touch.criticality, touch.slope) == (
-        "CRCR", 2, "supercritical", None
-    )  # fmt: skip
+        "CRCR",
+        2,
+        "supercritical",
+        None,
+    )
     born = continue_born(touch, range=limits, events=["V", "T"])
     (vanishing,) = [e for e in born.events if abs(e.value - touch.value) < 1e-9]
     assert (vanishing.kind, vanishing.becomes, vanishing.ghost) == ("V", "CR", False)

@@ -23,9 +23,16 @@ from contimpact.segments.many_digits import many_digits
 from contimpact.systems.two_masses import TwoMasses
 
 VALUES = {
-    "c1": 0.1, "c2": 0.05, "k1": 1.0, "k2": 0.6, "a1": 1.0, "omega": 1.3, "sigma_1": 0.5,
-    "sigma_2": 0.4, "r": 0.8,
-}  # fmt: skip
+    "c1": 0.1,
+    "c2": 0.05,
+    "k1": 1.0,
+    "k2": 0.6,
+    "a1": 1.0,
+    "omega": 1.3,
+    "sigma_1": 0.5,
+    "sigma_2": 0.4,
+    "r": 0.8,
+}
 
 
 def masses(**given):

@@ -34,11 +34,15 @@ def around_the_crossing(**curves):
         follow={"parameter": "A", "range": list(A), "orbits": ["1:1"], "switch": []},
         detect={"events": ["FB", "PD", "G"]},
         curves={
-            "parameter": "r", "range": list(R), "start": [0.34], "areas": True, "max_step": 0.02,
+            "parameter": "r",
+            "range": list(R),
+            "start": [0.34],
+            "areas": True,
+            "max_step": 0.02,
             **curves,
         },
         numerics={"starts": 16},
-    )  # fmt: skip
+    )
 
 
 @pytest.fixture(scope="module")

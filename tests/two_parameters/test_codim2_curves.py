@@ -161,7 +161,7 @@ def test_a_scene_follows_each_point_once(tmp_path):
             "range": [0.0, 0.95],
             "third": {"parameter": "beta", "range": [0.1, 1.5]},
         },
-    )  # fmt: skip
+    )
     diagram = follow(given)
     found = [p.kind for c in diagram.curves for p in c.points]
     assert {"PD-G", "G-PD"} <= {*found}
