@@ -24,8 +24,9 @@ DASHES: tuple[Any, ...] = ("-", (0, (5, 1.5)), (0, (4, 1.5, 1, 1.5)), (0, (1, 1.
 def plot_codim2(
     curves: Sequence[Curve], axes: Any = None, *, units: Mapping[str, str] | None = None
 ) -> Any:
-    """Draw curves in three parameters as projections: the second and the first one over the third,
-    and the first over the second.
+    """Draw curves in three parameters as projections on each pair of them.
+
+    The second and the first one are drawn over the third, then the first over the second.
 
     Parameters
     ----------
