@@ -24,7 +24,7 @@ _PLACES = {
     "find_orbits": "orbits.search",
     "Settings": "continuation.settings",
     "continue_orbit": "orbit_continuation.orbit_branch",
-    "continue_born": "orbit_continuation.orbit_branch",
+    "continue_born": "orbit_continuation.born",
     "follow": "studies.explore",
     "follow_codim2": "two_parameters.codim2_curves",
     "follow_curve": "two_parameters.curves",

@@ -1,19 +1,89 @@
-"""The run along a branch from where it is born at an event of another one."""
+"""From an event to the branch that is born there."""
 
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 
-from ..bifurcations.start import Start
+from ..bifurcations.declarations import EVENTS, SWITCHES
+from ..bifurcations.registry import switch
+from ..bifurcations.start import Start, once
 from ..continuation.branch import End, EndKind, Point, Walk
-from ..continuation.interruption import kept, other_way
+from ..continuation.interruption import kept, other_way, undisturbed
 from ..continuation.settings import Settings
 from ..continuation.test_function import TestFunction
 from ..continuation.walk import Stop
+from ..errors import InputError, shown
+from ..models.model import Model
+from ..progress import Asked
+from ..records.branch import Branch
+from ..records.entry import Entry
+from ..records.entry_conversion import event_of
+from ..records.given import entry_first
 from .orbit_backend import walk_orbits
-from .orbit_branch import Run
-from .symmetry import again, mirrors_back, symmetry_of, watched
+from .orbit_branch import Callback, Run, UserEvent, checked_range, tests_of_events, told_of
+from .symmetry import again, at_image, mirrors_back, symmetry_of, watched
+
+
+def continue_born(
+    entry: Entry,
+    model: Model | None = None,
+    range: tuple[float, float] | None = None,
+    *,
+    events: Sequence[str | UserEvent] = EVENTS,
+    values: Mapping[str, Sequence[float]] | None = None,
+    settings: Settings | None = None,
+    callback: Callback | None = None,
+    name: str = "b1",
+    progress: Asked = False,
+) -> Branch | None:
+    """Follow the branch born at an event of another one, from a catalogue just made or loaded.
+
+    Parameters
+    ----------
+    entry : Entry
+        A G, V, PD or BP.
+    model : Model, optional
+        The system, where its name does not tell; parameter values are taken from the entry. It may
+        also stand before the entry.
+    range : (low, high)
+        Of the entry's parameter.
+    events, values, settings, callback, name, progress
+        As of `continue_orbit`.
+
+    Returns
+    -------
+    Branch or None
+        None where nothing starts: the only impact was dropped, or the event is degenerate. After
+        an interruption from the keyboard, what was followed until then; its ends say so.
+
+    Raises
+    ------
+    InputError
+        For an event of another kind, or a range that does not fit.
+    """
+    entry, model = entry_first(entry, model)
+    if getattr(entry, "kind", None) not in SWITCHES:
+        accepted = f"accepted are entries of {', '.join(SWITCHES)}"
+        raise InputError("entry", f"nothing is born at {shown(entry)}", accepted)
+    start = switch(event_of(entry, model))
+    if start is None:
+        return None
+    start = once(start)
+    problem = start.problem
+    limits = checked_range(problem, range, entry.value)
+    tests = tests_of_events(problem, events, values)
+    place = {"entry": entry.id, "parent": entry.branch}
+    born = End.of(EndKind.BORN, entry.parameter, entry.value, **place)
+    with told_of(progress, f"following {name}, {problem.word}", problem, callback) as told:
+        run = run_born(
+            start, born, limits, tests, settings or Settings(), name, at_image(problem), told
+        )
+    if run is None:
+        return None
+    asked = [test.kind for test in tests]
+    branch = undisturbed(lambda: run.branch(name, entry.id, kinds=asked))
+    return dataclasses.replace(branch, notes=[start.note, *branch.notes]) if start.note else branch
 
 
 def run_born(

@@ -11,15 +11,14 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..arrays import Array
-from ..bifurcations.declarations import EVENTS, KINDS, SWITCHES, with_values
-from ..bifurcations.registry import switch, test_functions
-from ..bifurcations.start import once
-from ..continuation.branch import End, EndKind, Event, Point, Points, Walk, joined
+from ..bifurcations.declarations import EVENTS, KINDS, with_values
+from ..bifurcations.registry import test_functions
+from ..continuation.branch import Event, Point, Points, Walk, joined
 from ..continuation.interruption import interrupted, kept, other_way, undisturbed
 from ..continuation.settings import Settings
 from ..continuation.test_function import TestFunction, UserFunction
 from ..continuation.walk import SAME_SOLUTION, Stop
-from ..errors import InputError, shown
+from ..errors import InputError
 from ..models.model import Model
 from ..models.word import Word
 from ..orbits.linearisation import Linearisation
@@ -31,11 +30,11 @@ from ..progress import Asked, asked, both, counted
 from ..records.branch import Branch
 from ..records.diagram import Diagram
 from ..records.entry import Entry
-from ..records.entry_conversion import entry_of, event_of
-from ..records.given import as_orbit, entry_first, named
+from ..records.entry_conversion import entry_of
+from ..records.given import as_orbit, named
 from ..segments.kernels import Kernels
 from .orbit_backend import walk_orbits
-from .symmetry import again, at_image, mirrors_back, symmetry_of, watched
+from .symmetry import at_image, watched
 from .tables import tabulate
 
 UserEvent = tuple[str, Callable[[Orbit], float]]
@@ -102,17 +101,17 @@ def continue_orbit(
         problem = problem_of(model, orbit.word, Kernels(model, parameter))
         unknowns = np.append(unknowns[:-1], model.values[parameter])
     limits = checked_range(problem, range, float(unknowns[-1]))
-    stop, tests = at_image(problem), _tests(problem, events, values)
+    stop, tests = at_image(problem), tests_of_events(problem, events, values)
     settings = settings or Settings()
     if isinstance(given, Entry) and given.tangent is not None and problem is orbit.problem:
         unknowns = _beside(problem, unknowns, np.array(given.tangent), limits, settings)
-    with _told(progress, f"following {name}, {problem.word}", problem, callback) as told:
+    with told_of(progress, f"following {name}, {problem.word}", problem, callback) as told:
         run = both_ways(problem, unknowns, limits, watched(tests, stop), settings, told, stop)
     return undisturbed(lambda: run.branch(name, kinds=[test.kind for test in tests]))
 
 
 @contextlib.contextmanager
-def _told(
+def told_of(
     progress: Asked, what: str, problem: OrbitProblem, callback: Callback | None
 ) -> Iterator[Callback | None]:
     """Yield the callback of a walk, which tells how far it is if that was asked for."""
@@ -135,90 +134,7 @@ def _beside(
     return probe.points[-1].unknowns if probe.points else unknowns
 
 
-def continue_born(
-    entry: Entry,
-    model: Model | None = None,
-    range: tuple[float, float] | None = None,
-    *,
-    events: Sequence[str | UserEvent] = EVENTS,
-    values: Mapping[str, Sequence[float]] | None = None,
-    settings: Settings | None = None,
-    callback: Callback | None = None,
-    name: str = "b1",
-    progress: Asked = False,
-) -> Branch | None:
-    """Follow the branch born at an event of another one, from a catalogue just made or loaded.
-
-    Parameters
-    ----------
-    entry : Entry
-        A G, V, PD or BP.
-    model : Model, optional
-        The system, where its name does not tell; parameter values are taken from the entry. It may
-        also stand before the entry.
-    range : (low, high)
-        Of the entry's parameter.
-    events, values, settings, callback, name, progress
-        As of `continue_orbit`.
-
-    Returns
-    -------
-    Branch or None
-        None where nothing starts: the only impact was dropped, or the event is degenerate. After
-        an interruption from the keyboard, what was followed until then; its ends say so.
-
-    Raises
-    ------
-    InputError
-        For an event of another kind, or a range that does not fit.
-    """
-    entry, model = entry_first(entry, model)
-    if getattr(entry, "kind", None) not in SWITCHES:
-        accepted = f"accepted are entries of {', '.join(SWITCHES)}"
-        raise InputError("entry", f"nothing is born at {shown(entry)}", accepted)
-    start = switch(event_of(entry, model))
-    if start is None:
-        return None
-    start = once(start)
-    problem = start.problem
-    limits = checked_range(problem, range, entry.value)
-    stop, tests = at_image(problem), _tests(problem, events, values)
-
-    def go(direction: int) -> Walk:
-        return walk_orbits(
-            problem,
-            start.unknowns,
-            direction,
-            limits=limits,
-            tests=watched(tests, stop),
-            settings=settings,
-            tangent=start.tangent,
-            branching=start.branching,
-            callback=told,
-            stop=stop,
-        )
-
-    with _told(progress, f"following {name}, {problem.word}", problem, callback) as told:
-        forward = kept(lambda: go(+1))
-        if not forward.points:
-            return None
-        symmetry = symmetry_of(problem)
-        closed = forward.end.kind is EndKind.CLOSED
-        if not closed and mirrors_back(problem, start.unknowns, start.tangent, symmetry):
-            backward = Walk(forward.points[:1], (), again(name, forward.points[0]))
-        elif start.both_ways or closed:
-            backward = other_way(forward, entry.parameter, lambda: go(-1))
-        else:
-            born = {"entry": entry.id, "parent": entry.branch}
-            end = End.of(EndKind.BORN, entry.parameter, entry.value, **born)
-            backward = Walk(forward.points[:1], (), end)
-    asked = [test.kind for test in tests]
-    run = Run.of(problem, backward, forward)
-    branch = undisturbed(lambda: run.branch(name, entry.id, kinds=asked))
-    return dataclasses.replace(branch, notes=[start.note, *branch.notes]) if start.note else branch
-
-
-def _tests(
+def tests_of_events(
     problem: OrbitProblem,
     events: Sequence[str | UserEvent],
     values: Mapping[str, Sequence[float]] | None,

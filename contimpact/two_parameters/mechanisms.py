@@ -10,7 +10,7 @@ import dataclasses
 from ..bifurcations.doubling import PD
 from ..bifurcations.grazing import G
 from ..models.model import Model
-from ..orbit_continuation.orbit_branch import continue_born
+from ..orbit_continuation.born import continue_born
 from ..records.branch import Branch
 from ..records.diagram import Diagram
 from ..records.diagram_reading import read

@@ -13,7 +13,8 @@ from contimpact.bifurcations.registry import switch
 from contimpact.bifurcations.registry import test_functions as functions
 from contimpact.continuation.settings import Settings
 from contimpact.errors import InputError
-from contimpact.orbit_continuation.orbit_branch import both_ways, continue_born, continue_orbit
+from contimpact.orbit_continuation.born import continue_born
+from contimpact.orbit_continuation.orbit_branch import both_ways, continue_orbit
 from contimpact.orbits.search import find_orbits
 from contimpact.records.branch import Branch
 from contimpact.studies.explore import follow

@@ -11,7 +11,8 @@ from algebraic import follow as follow_curve
 from zoo import scene
 
 from contimpact.continuation.branch import EndKind
-from contimpact.orbit_continuation.orbit_branch import continue_born, continue_orbit
+from contimpact.orbit_continuation.born import continue_born
+from contimpact.orbit_continuation.orbit_branch import continue_orbit
 from contimpact.orbits.search import find_orbits
 from contimpact.studies.explore import follow
 from contimpact.systems.impact_pair import ImpactPair

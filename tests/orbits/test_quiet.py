@@ -11,7 +11,8 @@ from contimpact.accuracy.reference import Reference
 from contimpact.accuracy.report import report
 from contimpact.errors import InputError
 from contimpact.models.word import Word
-from contimpact.orbit_continuation.orbit_branch import continue_born, continue_orbit
+from contimpact.orbit_continuation.born import continue_born
+from contimpact.orbit_continuation.orbit_branch import continue_orbit
 from contimpact.orbits.quiet import QuietProblem
 from contimpact.orbits.search import find_orbits
 from contimpact.records.catalogue import load_diagram, write_diagram

@@ -13,7 +13,8 @@ from contimpact.attractors.verdict import settle
 from contimpact.errors import InputError
 from contimpact.models.model import Parameter
 from contimpact.models.word import Word
-from contimpact.orbit_continuation.orbit_branch import continue_born, continue_orbit
+from contimpact.orbit_continuation.born import continue_born
+from contimpact.orbit_continuation.orbit_branch import continue_orbit
 from contimpact.orbits.problem import OrbitProblem
 from contimpact.orbits.search import find_orbits
 from contimpact.segments.kernels import Kernels
