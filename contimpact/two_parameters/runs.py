@@ -7,7 +7,7 @@ the scene are looked for at several values of the first parameter, and their bra
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 import numpy as np
 
@@ -20,6 +20,7 @@ from ..models.word import Word, is_rotation
 from ..orbit_continuation.orbit_backend import walk_orbits
 from ..orbit_continuation.orbit_branch import Run, both_ways
 from ..orbit_continuation.symmetry import at_image, watched
+from ..orbits.orbit import Orbit
 from ..orbits.problem import Array, OrbitProblem
 from ..orbits.quiet import problem_of
 from ..orbits.recognition import rotated_to
@@ -63,8 +64,10 @@ def run_along(
     kernels: Kernels,
     limits: tuple[float, float],
     searched: Sequence[float],
+    tests: list[TestFunction] | None = None,
+    wanted: Callable[[Orbit], bool] = lambda orbit: True,
 ) -> list[Run]:
-    """Follow every orbit of a word that is found at some values of a parameter.
+    """Follow every wanted orbit of a word that is found at some values of a parameter.
 
     Parameters
     ----------
@@ -78,9 +81,13 @@ def run_along(
         Its range.
     searched : sequence of float
         The values.
+    tests : list of TestFunction, optional
+        Those of `tests_of` by default.
+    wanted : callable ``wanted(orbit) -> bool``
+        Of an orbit that was found.
     """
     problem = problem_of(model, word, kernels)
-    tests = tests_of(scene, problem)
+    tests = tests_of(scene, problem) if tests is None else tests
     runs: list[Run] = []
     for value in searched:
         at = model.replace(**{kernels.parameter: value})
@@ -88,7 +95,7 @@ def run_along(
             at, word, kernels=kernels, rng=scene.seed, starts=scene.starts, rounds=scene.rounds
         )
         for orbit in found:
-            if not any(run.holds(orbit.unknowns) for run in runs):
+            if wanted(orbit) and not any(run.holds(orbit.unknowns) for run in runs):
                 runs.append(both_ways(problem, orbit.unknowns, limits, tests, scene.settings))
                 if runs[-1].interrupted:
                     raise KeyboardInterrupt

@@ -11,9 +11,8 @@ from ..bifurcations.registry import test_functions
 from ..continuation.branch import EndKind
 from ..models.model import Model
 from ..models.word import Word
-from ..orbit_continuation.orbit_branch import Run, both_ways
+from ..orbits.orbit import Orbit
 from ..orbits.quiet import problem_of
-from ..orbits.search import find_orbits
 from ..records.area import StableOrbit
 from ..records.branch import Branch
 from ..records.diagram_reading import stable_intervals
@@ -21,6 +20,7 @@ from ..records.entry import Entry
 from ..scenes.scene import Scene
 from ..segments.kernels import Kernels
 from .frame import Frame
+from .runs import run_along
 
 SAME_ORBIT = 1e-7
 """Of velocities and heights at which two branches end in the same orbit."""
@@ -54,19 +54,12 @@ def stable_branches(
     searched : sequence of float
         The values.
     """
-    problem = problem_of(model, word, kernels)
-    tests = test_functions(problem, scene.events, {})
-    runs: list[Run] = []
-    for value in searched:
-        at = model.replace(**{kernels.parameter: value})
-        found = find_orbits(
-            at, word, kernels=kernels, rng=scene.seed, starts=scene.starts, rounds=scene.rounds
-        )
-        for orbit in found:
-            if orbit.stable and orbit.physical and not any(r.holds(orbit.unknowns) for r in runs):
-                runs.append(both_ways(problem, orbit.unknowns, scene.range, tests, scene.settings))
-                if runs[-1].interrupted:
-                    raise KeyboardInterrupt
+    tests = test_functions(problem_of(model, word, kernels), scene.events, {})
+
+    def wanted(orbit: Orbit) -> bool:
+        return orbit.stable and orbit.physical
+
+    runs = run_along(scene, model, word, kernels, scene.range, searched, tests, wanted)
     return [run.branch(f"b{k}", kinds=scene.events) for k, run in enumerate(runs, start=1)]
 
 
