@@ -9,8 +9,13 @@ from zoo import ROOT
 DOCS = ROOT / "docs" / "extremes.md"
 
 
-@pytest.mark.corrupting  # the status is rounding where the condition number is 1e16
-@pytest.mark.parametrize("name", CASES)
+BEYOND = ("oscillator, overdamped, c = 1e8: the fold",)
+"""Where the condition number is 1e16 and the status of points is rounding."""
+
+
+@pytest.mark.parametrize(
+    "name", [pytest.param(n, marks=[pytest.mark.corrupting] if n in BEYOND else []) for n in CASES]
+)
 def test_extreme(name):
     row = measure(name)
     said = row.outcome.endswith("said so") or row.outcome.startswith("refused: ")
