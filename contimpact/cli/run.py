@@ -17,6 +17,7 @@ from ..records.catalogue import diagram_files
 from ..records.diagram import Diagram
 from ..records.diagram_reading import read
 from ..records.result_folder import Files, held, renewed
+from ..scenes.naming import folder_of, require_own_folders
 from ..scenes.scene import Scene, load_scene
 from ..scenes.system_files import systems_of
 from ..storage.files import write_all
@@ -70,15 +71,13 @@ def _validated(options: argparse.Namespace) -> tuple[list[_Job], int]:
                 raise
             complain(error if error.where == path else f"{path}: {error}")
             status = 2
-    names = [scene.name for _, scene in scenes]
-    if twice := next((name for name in names if names.count(name) > 1), None):
-        raise InputError("SCENE", f"two scenes are called {twice!r}", "give each its own name")
+    require_own_folders([scene.name for _, scene in scenes])
     if len(paths) == 1:
         return [_Job(scene, Path(options.output), scene.name) for _, scene in scenes], status
     jobs = []
     for number, (path, scene) in enumerate(scenes, start=1):
         title = f"{scene.name} ({number} of {len(scenes)})"
-        jobs.append(_Job(scene, Path(options.output) / scene.name, title, f"{path}: "))
+        jobs.append(_Job(scene, Path(options.output) / folder_of(scene.name), title, f"{path}: "))
     return jobs, status
 
 

@@ -371,4 +371,4 @@ def _head(figure: Any, result: Simulation, values: Mapping[str, float] | None = 
     model, parameter = result.scene.model, result.scene.parameter
     fixed = {name: value for name, value in model.values.items() if name != parameter}
     text = values_text(values or fixed, units_of(model.SYSTEM))
-    style.write_heading(figure, f"{result.scene.name.replace('$', '')}: {text}")
+    style.write_heading(figure, f"{plain(result.scene.name, 60)}: {text}")

@@ -25,7 +25,8 @@ ORBIT = r"(?:[^\W_]|[:/()])*"
 
 def plain(text: str, longest: int = 40) -> str:
     """Return a text from elsewhere as it is drawn: short, in one line, none of it mathematics."""
-    return printable(shortened(text, longest)).replace("\\", "/").replace("$", r"\$")
+    drawn = printable(shortened(text, longest)).replace("$", r"\$")
+    return f"{drawn} " if drawn.endswith("\\") else drawn  # which would change what is put behind
 
 
 def label_text(entry: Entry, orbit: bool = False) -> str:

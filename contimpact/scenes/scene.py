@@ -20,6 +20,7 @@ from ..models.guards import graph
 from ..models.model import Model
 from ..models.word import Word, parse_word
 from ..storage.files import bounded, read_bounded, reason
+from .naming import checked_name
 from .options import FORMATS, SCENE_SETTINGS, CertifyOptions, CurveOptions, PlotOptions
 from .table import Table
 from .tables import (
@@ -45,7 +46,6 @@ LONG_KEY = re.compile(
     re.MULTILINE,
 )
 """A dotted key of more names than `LONGEST_KEY`; reading it takes the square of their number."""
-LONGEST_NAME = 200
 
 __all__ = ["FORMATS", "CurveOptions", "PlotOptions", "Scene", "load_scene", "read_scene"]
 
@@ -299,7 +299,7 @@ def read_scene(given: Mapping[str, Any], systems: Mapping[str, type[Model]] | No
     if not isinstance(given, Mapping):
         raise InputError("scene", f"found {shown(given)}", "give a table of tables")
     top = Table(given, "")
-    name = _name(top.text("name"))
+    name = checked_name(top.text("name"))
     source = top.text("source", "")
     model = read_model(top.table("model"), systems)
     follow = top.table("follow")
@@ -344,15 +344,3 @@ def read_scene(given: Mapping[str, Any], systems: Mapping[str, type[Model]] | No
     asked |= {"curves": curves, "simulate": simulate, "energy": energy, "certify": certify}
     asked |= {**search, **reach}
     return Scene(name, source, model, parameter, (low, high), orbits, given=given, **asked)
-
-
-def _name(name: str) -> str:
-    """The scene's name, if a folder can be called so."""
-    if name.strip() in ("", ".", "..") or not name.isprintable() or set(name) & set("/\\"):
-        accepted = "give a name for a folder: not '.' or '..', no slashes, no control characters"
-        raise InputError("name", f"found {shown(name)}", accepted)
-    if len(name.encode()) > LONGEST_NAME:
-        raise InputError(
-            "name", f"found {shown(name)}", f"give a name of at most {LONGEST_NAME} bytes in UTF-8"
-        )
-    return name

@@ -10,6 +10,7 @@ import re
 import subprocess
 import sys
 import webbrowser
+from pathlib import Path
 
 import pytest
 
@@ -174,3 +175,43 @@ def test_a_simulation_has_its_attractors_on_the_page(tmp_path):
     assert manifest["files"].count("diagram.html") == 1
     assert main(["plot", str(tmp_path / "out"), "--html"]) == 0
     assert (tmp_path / "out" / "diagram.html").read_text(encoding="utf-8") == page
+
+
+def test_a_scene_named_like_a_script_shows_its_name(scene, tmp_path, capsys):
+    """In all that a run writes and says; its folder stands beside that of another scene."""
+    path = Path(scene())
+    text = path.read_text(encoding="utf-8")
+    assert 'name = "frugal"' in text
+    path.write_text(text.replace('name = "frugal"', f"name = '{SCRIPT}'"), encoding="utf-8")
+    other = tmp_path / "other.toml"
+    other.write_text(text, encoding="utf-8")
+    out = tmp_path / "out"
+    assert main(["run", str(path), str(other), "-o", str(out), "--html", "--no-plot"]) == 0
+    assert sorted(p.name for p in out.iterdir()) == [
+        "%3Cscript%3Ealert(1)%3C%2Fscript%3E",
+        "frugal",
+    ]
+    folder = out / "%3Cscript%3Ealert(1)%3C%2Fscript%3E"
+    page = (folder / "diagram.html").read_text(encoding="utf-8")
+    assert "alert(1)" in page
+    assert SCRIPT not in page
+    assert "<title>&lt;script&gt;alert(1)&lt;/script&gt; - contimpact</title>" in page
+    data = json.loads(re.search(r'id="data">(.*?)</script>', page, re.S)[1])
+    assert data["name"] == SCRIPT
+    assert json.loads((folder / "catalogue.json").read_text(encoding="utf-8"))["scene"] == SCRIPT
+    manifest = json.loads((folder / "manifest.json").read_text(encoding="utf-8"))
+    assert manifest["scene"]["resolved"]["name"] == SCRIPT
+    assert f"{SCRIPT} (1 of 2), " in capsys.readouterr().err
+    assert main(["plot", str(folder), "--html"]) == 0
+    assert SCRIPT not in (folder / "diagram.html").read_text(encoding="utf-8")
+
+
+def test_scenes_with_one_folder_are_not_run(scene, tmp_path, capsys):
+    text = Path(scene()).read_text(encoding="utf-8")
+    paths = []
+    for number, name in enumerate(["a: b", "A: B"]):
+        paths.append(tmp_path / f"{number}.toml")
+        paths[-1].write_text(text.replace('name = "frugal"', f"name = '{name}'"), encoding="utf-8")
+    assert main(["run", *map(str, paths), "-o", str(tmp_path / "out"), "--no-plot"]) == 2
+    assert "'a: b' and 'A: B' are one folder" in capsys.readouterr().err
+    assert not (tmp_path / "out").exists()

@@ -3,9 +3,13 @@
 from __future__ import annotations
 
 import dataclasses
+import html
+import io
 import itertools
+import re
 import tomllib
 
+import matplotlib
 import numpy as np
 import pytest
 from zoo import ROOT
@@ -174,6 +178,18 @@ def test_the_heading_gives_name_and_fixed_parameters(fig7):
     assert text.startswith(r"fig7: $\beta$ = $\pi/6$ rad, $r$ = 0.3, $A$ = 5 N, $M$ = 0.1245 kg")
     assert "$s$" not in text
     assert "bar{g}" not in text
+
+
+@pytest.mark.parametrize(
+    "name", ["<script>alert(1)</script>", "a\\b/c", "5 $ and 7 $", "$x_1$", "a\\$b", "end\\"]
+)
+def test_the_heading_shows_any_name_as_it_is(fig7, name):
+    figure = plot_diagram(dataclasses.replace(fig7, name=name)).figure
+    with matplotlib.rc_context({"svg.fonttype": "none"}):
+        figure.savefig(drawn := io.BytesIO(), format="svg")
+    group = re.search(r'<g id="heading">(.*?)</g>\s*</g>', drawn.getvalue().decode(), re.S)[1]
+    text = html.unescape(re.sub(r"<!--.*?-->|<[^>]*>|\n", "", group, flags=re.S))
+    assert "".join(text.split()).startswith("".join(name.split()) + ":=")  # symbols follow behind
 
 
 def test_parameters_that_differ_between_branches_are_not_fixed(fig7):

@@ -417,8 +417,6 @@ def test_resonance_without_damping():
         ("name", True),
         ("name", {}),
         ("name", ""),
-        ("name", "a/b"),
-        ("name", "a\\b"),
         ("name", "a\nb"),
         ("name", "a\0b"),
         ("source", 1),
@@ -875,8 +873,8 @@ def test_any_damage_to_the_file_is_refused_or_harmless(data, tmp_path_factory):
 # What the scene cannot mean
 
 
-@pytest.mark.parametrize("name", ["..", ".", " ", "a\rb", "a\x1bb", "a/b", "a\\b", ""])
-def test_names_that_no_folder_can_have(name):
+@pytest.mark.parametrize("name", ["", " ", "a\rb", "a\nb", "a\x1bb", "a\u202eb", "x" * 201])
+def test_names_that_are_no_line_of_text(name):
     assert refused(changed({"name": name})).where == "name"
 
 
