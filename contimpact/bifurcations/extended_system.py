@@ -36,6 +36,10 @@ from .orbit_test import OrbitPoint
 EPSILON = float(np.finfo(float).eps)
 NEWTON_ITERATIONS = 12
 CONVERGED = 1e-10
+FAR = 2.0
+"""How far from its guess Newton's iteration may go, in waves of the forcing and largest velocities,
+and how much longer the period may get: an event is much nearer, and integrated flights cost the
+more the longer they are."""
 FIRST_ORDER = 2.0
 """How much larger an error may be than what the linear equations say."""
 
@@ -95,10 +99,12 @@ class Solution:
 def solve(system: ExtendedSystem, here: Linearisation) -> Solution | None:
     """Solve a system with one free parameter to rounding; None if Newton's iteration fails.
 
+    It fails where it leaves the surroundings of its guess, be it for another event further away.
     The error of the parameter is its row of the inverse Jacobian against residual and rounding,
     both taken at their largest: what cannot be told from zero in double precision.
     """
     problem, orbit = system.problem, len(here.unknowns)
+    near = _surroundings(here)
     x, best = np.concatenate([here.unknowns, system.start(here)]), None
     try:
         at = system.assemble(here, x[orbit:])
@@ -110,6 +116,8 @@ def solve(system: ExtendedSystem, here: Linearisation) -> Solution | None:
                 break
             best = (size, x, at, here)
             x = x - np.linalg.solve(at.jacobian, at.residual)
+            if not near(x[:orbit]):
+                break
             here = problem.evaluate(x[:orbit])
             at = system.assemble(here, x[orbit:])
         if best is None or best[0] >= CONVERGED:
@@ -120,6 +128,18 @@ def solve(system: ExtendedSystem, here: Linearisation) -> Solution | None:
     except (ArithmeticError, ValueError, np.linalg.LinAlgError):
         return None
     return Solution(x[:orbit], x[orbit:], size, float(np.abs(row) @ off))
+
+
+def _surroundings(here: Linearisation) -> Callable[[Array], bool]:
+    """Return whether unknowns are those of an orbit like one."""
+    problem, begin = here.problem, here.unknowns
+    sizes, span = problem.scale(begin, np.full(problem.free, np.inf)), problem.span(begin)
+
+    def near(unknowns: Array) -> bool:
+        away = float(np.linalg.norm((unknowns - begin) / sizes))
+        return away < FAR and abs(problem.span(unknowns)) < FAR * span
+
+    return near
 
 
 def located(

@@ -8,6 +8,7 @@ from integrated import MASSES, Integrated, IntegratedMasses
 
 import contimpact as ci
 from contimpact.accuracy.reference import Reference
+from contimpact.segments.taylor import Integrator
 from contimpact.systems.oscillator import Oscillator
 from contimpact.systems.pendulum import Pendulum
 from contimpact.systems.two_masses import TwoMasses
@@ -67,6 +68,23 @@ def test_two_masses():
     assert found == pytest.approx(truth, abs=1e-12)
     touches = [[t and (t.time, t.gap) for t in o.linearisation.gaps[0].touches] for o in orbits]
     assert touches[1][1] == pytest.approx(touches[0][1], abs=1e-12)
+
+
+def test_searches_for_events_stay_near(monkeypatch):
+    """Where no branches cross, the search for it does not wander off along ever longer flights."""
+    asked, steps = [], Integrator._propagate
+
+    def noted(integrator, *given):
+        asked.append(abs(float(integrator._given[0])))
+        steps(integrator, *given)
+
+    model = Pendulum(a=1.0, omega=1.4, c=0.1, sigma=1.0, r=0.8)
+    orbits = ci.find_orbits(model, "S", parameter="omega", starts=10, rounds=1)
+    orbit = max(orbits, key=lambda o: o.velocities[0])
+    monkeypatch.setattr(Integrator, "_propagate", noted)
+    branch = ci.continue_orbit(orbit, "omega", (1.3, 1.5), events=["FB"])
+    assert [event.kind for event in branch.events] == ["FB"]
+    assert max(asked) < 5 * 2 * math.pi / 1.3
 
 
 @pytest.mark.parametrize("sigma", [0.3, math.pi], ids=["near", "upright"])
