@@ -62,11 +62,12 @@ def runs(branch: Branch) -> list[tuple[int, int, str]]:
 
     Of each the first row, the last one, and which of `STYLES` it has.
 
-    The status changes at events, so a run that starts at one takes it from its other end.
+    The status changes at events and is not told at a birth, so a run that starts at one takes it
+    from its other end.
     """
     status = np.where(branch.physical, np.where(branch.stable, 0, 1), 2)
-    at_event = np.nonzero(branch["event"][:-1] != "")[0]
-    status[at_event] = status[at_event + 1]
+    for row in np.nonzero(branch.between[:-1])[0][::-1]:
+        status[row] = status[row + 1]
     edges = (np.nonzero(np.diff(status))[0] + 1).tolist()
     names = list(STYLES)
     last = len(status) - 1

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ..continuation.branch import End
+from ..continuation.branch import End, EndKind
 from ..display import Shown, Summary, frame, in_lines
 from ..errors import shown
 from .entry import Entry
@@ -113,6 +113,14 @@ class Branch(Shown):
     def physical(self) -> Array:
         """Whether the orbit is physical, point by point."""
         return np.asarray(self["physical"] == 1)
+
+    @property
+    def between(self) -> Array:
+        """Whether a row has the status of neither side: at an event, and where the branch is born,
+        whose orbit is another branch's."""
+        found = np.asarray(self["event"] != "")
+        found[0] |= self.ends[0].kind is EndKind.BORN
+        return found
 
     @property
     def parameters(self) -> list[str]:

@@ -24,6 +24,7 @@ import numpy as np
 from ..bifurcations.doubling import PD
 from ..bifurcations.fold import FB
 from ..bifurcations.grazing import G
+from ..continuation.branch import EndKind
 from .branch import Branch
 from .diagram import Diagram
 from .entry import Entry
@@ -156,9 +157,8 @@ def stable_intervals(branch: Branch) -> list[Interval]:
     list of Interval
         In order of arclength.
     """
-    events = branch["event"]
     good = branch.stable & branch.physical
-    good[events != ""] = False  # at an event the status is that of neither side
+    good[branch.between] = False
     edges = np.nonzero(np.diff(np.concatenate([[False], good, [False]]).astype(int)))[0]
     values = branch[branch.parameter]
     found = []
@@ -173,9 +173,12 @@ def stable_intervals(branch: Branch) -> list[Interval]:
 def _bound(branch: Branch, row: int, direction: int) -> tuple[int, str | None]:
     """The row at which a run really ends: the event next to it, or the branch's end.
 
-    A point within an event's error of it, as where a branch is born, has a status of rounding.
+    A point within an event's error of it has a status of rounding.
     """
     beside = row + direction
+    born = beside == 0 and branch.ends[0].kind is EndKind.BORN
+    if born and branch["event"][0] == "":
+        return 0, EndKind.BORN.name.lower()
     if not 0 <= beside < len(branch):
         return row, branch.ends[0 if direction < 0 else 1].kind.name.lower()
     errors = {entry.id: entry.error for entry in branch.events}

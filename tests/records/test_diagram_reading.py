@@ -8,6 +8,8 @@ import numpy as np
 import pytest
 from zoo import ROOT
 
+from contimpact.continuation.branch import EndKind
+from contimpact.plots.lines import runs
 from contimpact.records.diagram_reading import read, stable_intervals
 from contimpact.scenes.scene import load_scene, read_scene
 from contimpact.studies.explore import follow
@@ -45,6 +47,22 @@ def test_intervals_hold_only_stable_physical_points(fig7):
             inside = (branch["s"] > interval.low) & (branch["s"] < interval.high)
             rows = inside & branch.stable & branch.physical
             assert np.any(rows) or len(branch) < 5
+
+
+def test_where_a_branch_is_born_it_has_no_status_of_its_own(fig7):
+    """Its first orbit is another branch's, with a multiplier on the unit circle but for rounding."""
+    for branch in fig7.branches:
+        if branch.ends[0].kind is not EndKind.BORN:
+            continue
+        found = []
+        for unstable in (0, 1):
+            columns = branch.columns | {"n_unstable": branch["n_unstable"].copy()}
+            columns["n_unstable"][0] = unstable
+            found.append(dataclasses.replace(branch, columns=columns))
+        one, other = found
+        assert stable_intervals(one) == stable_intervals(other)
+        assert all(i.low < i.high for i in stable_intervals(one))
+        assert runs(one) == runs(other)
 
 
 def test_a_point_beside_an_event_by_rounding_ends_no_interval(fig7):
