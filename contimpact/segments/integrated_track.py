@@ -6,6 +6,7 @@ on those of `track`, are the flight's.
 
 from __future__ import annotations
 
+import functools
 from bisect import bisect_right
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
@@ -13,7 +14,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ..arrays import Array, Vector
-from .bernstein import sign_changes
+from .bernstein import coefficients_of, sign_changes
 from .taylor import integrator, statement
 
 if TYPE_CHECKING:
@@ -71,16 +72,20 @@ class IntegratedCurve:
     def __init__(self, times: Array, position: Array, velocity: Array) -> None:
         self.times, self.last = times.tolist(), len(position) - 1
         self._steps = np.diff(times)
-        acceleration = np.zeros_like(velocity)
-        orders = np.arange(1.0, velocity.shape[1])
-        acceleration[:, :-1] = velocity[:, 1:] * orders / self._steps[:, None]
-        self._acceleration = acceleration
-        self._parts = [
-            list(
-                zip(*(p[k, ::-1].tolist() for p in (position, velocity, acceleration)), strict=True)
-            )
-            for k in range(len(position))
-        ]
+        self._position, self._velocity = position, velocity
+
+    @functools.cached_property
+    def _acceleration(self) -> Array:
+        found = np.zeros_like(self._velocity)
+        orders = np.arange(1.0, found.shape[1])
+        found[:, :-1] = self._velocity[:, 1:] * orders / self._steps[:, None]
+        return found
+
+    @functools.cached_property
+    def _parts(self) -> list[list[tuple[float, float, float]]]:
+        """Coefficients of each piece, the highest first."""
+        three = np.stack([self._position, self._velocity, self._acceleration], axis=2)
+        return [[(x, v, a) for x, v, a in piece] for piece in three[:, ::-1].tolist()]
 
     def __call__(self, head: Vector, dt: float, values: Vector) -> tuple[float, float, float]:
         """Return position, velocity and acceleration; see `flight.Motion`."""
@@ -90,6 +95,15 @@ class IntegratedCurve:
         for b, c, d in self._parts[k]:
             x, v, a = x * s + b, v * s + c, a * s + d
         return x, v, a
+
+    def bounds(self) -> tuple[float, float]:
+        """Return bounds of the position on the whole flight."""
+        coefficients = coefficients_of(self._position)
+        return float(coefficients.min()), float(coefficients.max())
+
+    def at_end(self) -> tuple[float, float]:
+        """Return position and velocity where the flight ends."""
+        return float(self._position[-1].sum()), float(self._velocity[-1].sum())
 
     def breaks(self) -> list[float]:
         """Return the times at which the acceleration changes sign, in order."""

@@ -50,7 +50,7 @@ def test_intervals_hold_only_stable_physical_points(fig7):
 
 
 def test_where_a_branch_is_born_it_has_no_status_of_its_own(fig7):
-    """Its first orbit is another branch's, with a multiplier on the unit circle but for rounding."""
+    """Its first orbit is another branch's, its multiplier on the unit circle but for rounding."""
     for branch in fig7.branches:
         if branch.ends[0].kind is not EndKind.BORN:
             continue

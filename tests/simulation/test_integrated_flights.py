@@ -3,9 +3,11 @@
 import numpy as np
 import pytest
 from integrated import Integrated
+from scipy.integrate import solve_ivp
 
 import contimpact as ci
 from contimpact.segments.arithmetic import ARRAYS, evaluate_in
+from contimpact.segments.integrated_track import IntegratedCurve
 from contimpact.simulation.run import Outcome
 from contimpact.simulation.simulator import Simulator
 from contimpact.systems.duffing import Duffing
@@ -64,3 +66,21 @@ def test_a_flight_that_escapes_has_no_impact():
     simulator = Simulator(model)
     run = simulator.run(simulator.state("S", 0.3, 30.0), impacts=200)
     assert run.outcome is Outcome.NO_IMPACT
+
+
+def test_where_motion_keeps_clear_of_walls_nothing_is_isolated(monkeypatch):
+    """A pendulum that settles below its stop for ever."""
+    looked = []
+    breaks = IntegratedCurve.breaks
+    monkeypatch.setattr(IntegratedCurve, "breaks", lambda c: looked.append(c) or breaks(c))
+    model = Pendulum(a=0.1, omega=0.8, c=0.1, sigma=1.5, r=0.8)
+    simulator = Simulator(model, longest_flight=40)
+    wall, dt, speed = simulator.fly(0, 0.3, 0.9)
+    assert (wall, len(looked) <= 8) == (-1, True)  # the windows after the release
+
+    def swinging(t, y):
+        return [y[1], 0.1 * np.cos(0.8 * t) - 0.1 * y[1] - np.sin(y[0])]
+
+    same = solve_ivp(swinging, (0.3, 0.3 + dt), [1.5, -0.8 * 0.9], "DOP853", rtol=1e-11, atol=1e-12)
+    assert speed == pytest.approx(same.y[1, -1], abs=1e-9)
+    assert np.max(same.y[0, 1:]) < 1.5
