@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Sequence
 from typing import Any
 
 from .transients import MOTIONS, TABLES
@@ -12,7 +12,7 @@ def transients(ctx: Any, order: int) -> Callable[[Any, Any, Any], Any]:
     """What `transients` of that order returns, in many digits."""
 
     def function(c: Any, k: Any, t: Any) -> Any:
-        means = {(n, b): transient(ctx, n, b, c, k, t) for n, b in TABLES[order]}
+        means = together(ctx, TABLES[order], c, k, t)
         timed = (means[n, b] * ctx.mpf(t) ** (2 * b - 1 - n) for n, b in MOTIONS[order])
         return (*means.values(), *timed)
 
@@ -20,19 +20,41 @@ def transients(ctx: Any, order: int) -> Callable[[Any, Any, Any], Any]:
 
 
 FEW = 40
-"""Size of the roots up to which free motions are summed from their power series."""
+"""Size of the roots up to which free motions are summed from their power series, where roots are
+near zero or each other."""
+
+NEAR = 1e-3
+"""Distance of roots, from zero or from each other, below which that is so."""
 
 
 def transient(ctx: Any, n: int, b: int, c: Any, k: Any, t: Any) -> Any:
     """The inverse Laplace transform of s^n/(s^2 + cs + k)^b, by t^(2b-1-n) where n < 2b."""
+    return together(ctx, [(n, b)], c, k, t)[n, b]
+
+
+def together(
+    ctx: Any, table: Iterable[tuple[int, int]], c: Any, k: Any, t: Any
+) -> dict[tuple[int, int], Any]:
+    """The same of several n and b, which share their exponentials."""
     c, k, t = map(ctx.mpf, (c, k, t))
     size = abs(c * t) + ctx.sqrt(abs(k)) * abs(t)
-    with ctx.extradps(FEW if size < FEW else 4 * ctx.dps):
-        if size < FEW:
-            found = _power_series(ctx, n, b, c, k, t, size)
+    series = size < FEW and _near(ctx, c, k, t)
+    with ctx.extradps(FEW if series else 4 * ctx.dps):
+        if series:
+            found = {(n, b): _power_series(ctx, n, b, c, k, t, size) for n, b in table}
         else:
-            found = _partial_fractions(ctx, n, b, c, k, t) * t ** -max(2 * b - 1 - n, 0)
-    return +found
+            roots = _roots(ctx, c, k, t)
+            found = {
+                (n, b): _partial_fractions(ctx, n, b, roots, t) * t ** -max(2 * b - 1 - n, 0)
+                for n, b in table
+            }
+    return {of: +value for of, value in found.items()}
+
+
+def _near(ctx: Any, c: Any, k: Any, t: Any) -> bool:
+    """Whether a root is near zero or the other one, so that sums over both lose many digits."""
+    apart = ctx.sqrt(ctx.mpc(c * c - 4 * k))
+    return bool(min(abs(apart), abs(apart - c) / 2, abs(apart + c) / 2) * abs(t) < NEAR)
 
 
 def _power_series(ctx: Any, n: int, b: int, c: Any, k: Any, t: Any, size: Any) -> Any:
@@ -49,21 +71,27 @@ def _power_series(ctx: Any, n: int, b: int, c: Any, k: Any, t: Any, size: Any) -
     return total
 
 
-def _partial_fractions(ctx: Any, n: int, b: int, c: Any, k: Any, t: Any) -> Any:
-    """By both roots; they cannot coincide, as they are far from zero and may be moved apart."""
+def _roots(ctx: Any, c: Any, k: Any, t: Any) -> list[tuple[Any, Any, Any]]:
+    """Both roots: the distance to the other one, the root, and its exponential.
+
+    They cannot coincide, as they are far from zero and may be moved apart.
+    """
     apart = ctx.sqrt(ctx.mpc(c * c - 4 * k)) or ctx.mpf(10) ** (-ctx.dps // 8) / t
+    roots = [(distance, (distance - c) / 2) for distance in (apart, -apart)]
+    return [(distance, root, ctx.exp(root * t)) for distance, root in roots]
+
+
+def _partial_fractions(ctx: Any, n: int, b: int, roots: Sequence[Any], t: Any) -> Any:
     total = ctx.zero
-    for distance in (apart, -apart):
-        root = (distance - c) / 2
+    for distance, root, grown in roots:
         for j in range(1, b + 1):
             factor = ctx.binomial(-b, b - j) * distance ** (j - 2 * b)
-            total += factor * _of_root(ctx, n, j, root, t)
+            total += factor * _of_root(ctx, n, j, root, grown, t)
     return ctx.re(total)
 
 
-def _of_root(ctx: Any, n: int, j: int, root: Any, t: Any) -> Any:
-    """The inverse Laplace transform of s^n/(s - root)^j."""
-    grown = ctx.exp(root * t)
+def _of_root(ctx: Any, n: int, j: int, root: Any, grown: Any, t: Any) -> Any:
+    """The inverse Laplace transform of s^n/(s - root)^j; `grown` is exp(root t)."""
     if n >= 0:
         return grown * sum(
             ctx.binomial(n, i) * root ** (n - i) * t ** (j - 1 - i) / ctx.factorial(j - 1 - i)

@@ -13,7 +13,7 @@ from contimpact.errors import InputError
 from contimpact.models.symbolic import MeanTransient, Transient
 from contimpact.segments import printing
 from contimpact.segments.bounded import BOUNDED, Bounded
-from contimpact.segments.exact_transients import transient
+from contimpact.segments.exact_transients import _power_series, transient
 from contimpact.segments.kernels import Kernels
 from contimpact.segments.layout import flat
 from contimpact.segments.many_digits import many_digits
@@ -62,6 +62,16 @@ def exact(n, b, c, k, t):
         for i in range(3)
     ]
     return here, abs(here) + sum(abs(m - here) for m in moved) * 10**9
+
+
+@pytest.mark.parametrize(("c", "k"), [(0.4, 21.0), (3.0, 0.5), (2.0, 1.0 + 1e-7), (-1.0, 0.01)])
+@pytest.mark.parametrize("t", [0.02, 0.7, 4.0, -0.7])
+def test_sums_over_roots_and_power_series_are_the_same(c, k, t):
+    for n, b in TABLES[4]:
+        with CTX.workdps(90):
+            series = _power_series(CTX, n, b, CTX.mpf(c), CTX.mpf(k), CTX.mpf(t), CTX.mpf(30))
+        found = transient(CTX, n, b, c, k, t)
+        assert abs(found - series) <= 1e-28 * max(1, abs(series)), (n, b)
 
 
 @pytest.mark.parametrize(("y", "kappa"), PLACES)
