@@ -1,0 +1,204 @@
+"""Every kernel of every system with closed forms or linear flights, in balls, at many arguments."""
+
+from __future__ import annotations
+
+import functools
+import inspect
+
+import numpy as np
+import pytest
+from zoo import ROOT, harmonic_pair
+
+import contimpact
+from contimpact.models.guards import following
+from contimpact.segments.arithmetic import Arithmetic, evaluate_in
+from contimpact.segments.kernels import Kernels
+from contimpact.segments.layout import SECTION, flat
+from contimpact.systems.belt import Belt
+from contimpact.systems.bouncing_ball import BouncingBall
+from contimpact.systems.coupled_by_impact import CoupledByImpact
+from contimpact.systems.impact_damper import ImpactDamper
+from contimpact.systems.impact_pair import ImpactPair
+from contimpact.systems.oscillator import Oscillator
+from contimpact.systems.soft_stop import SoftStop
+from contimpact.systems.two_masses import TwoMasses
+from contimpact.systems.two_stops import TwoStops
+
+balls = pytest.importorskip("contimpact.segments.balls", reason="needs contimpact[certify]")
+from fifty_digits import MP, REFERENCE, holds  # noqa: E402
+from flint import arb, ctx  # noqa: E402
+
+from contimpact.segments.ball_series import number  # noqa: E402
+
+MANY, FEW = 10_000, 2
+"""Random arguments of a kernel, in the tests that take minutes and in the others."""
+QUICK = ("impact pair", "light damping", "bouncing ball", "two stops", "impact damper")
+
+
+def three_masses():
+    return contimpact.load_scene(ROOT / "examples" / "three_masses.toml").model
+
+
+SYSTEMS = {
+    "impact pair": (lambda: ImpactPair(beta=0.5, r=0.3, A=5.0, s=0.34), "s"),
+    "harmonics": (
+        lambda: harmonic_pair([(1, 1.0, 0.2), (3, 0.3, -0.4)], beta=0.2, r=0.6, A=4.0, s=0.4),
+        "A",
+    ),
+    "light damping": (
+        lambda: Oscillator(a=1.0, omega=2.0, c=0.1, k=1.0, sigma=0.3, r=0.8),
+        "omega",
+    ),
+    "heavy damping": (
+        lambda: Oscillator(a=1.0, omega=2.0, c=6.0, k=1.5, sigma=0.3, r=0.8),
+        "sigma",
+    ),
+    "bouncing ball": (lambda: BouncingBall(a=0.014, omega=50.0, r=0.5, g=9.8), "a"),
+    "two stops": (
+        lambda: TwoStops(a=1.0, b=0.1, omega=1.7, c=0.1, k=0.3, sigma=0.5, r=0.7),
+        "omega",
+    ),
+    "impact damper": (lambda: ImpactDamper(Omega=1.0, d=20.0, r=0.8, mu=0.1, zeta=0.01), "Omega"),
+    "soft stop": (
+        lambda: SoftStop(a=1.0, omega=2.0, c=0.1, k=1.0, e=0.5, k_b=20.0, c_b=0.3),
+        "omega",
+    ),
+    "coupled by impact": (
+        lambda: CoupledByImpact(
+            m2=2.0, c1=0.1, c2=0.2, k1=1.0, k2=2.0, a1=1.0, omega=1.3, gap=0.2, r=0.7
+        ),
+        "omega",
+    ),
+    "two masses": (
+        lambda: TwoMasses(
+            c1=0.1, c2=0.05, k1=1.0, k2=0.6, a1=1.0, omega=1.8, sigma_1=1.0, sigma_2=1.0, r=0.8
+        ),
+        "omega",
+    ),
+    "belt": (lambda: Belt(a=0.2, omega=1.3, c=0.1, V=0.45, mu_0=0.4), "omega"),
+    "three masses": (three_masses, "omega"),
+}
+"""Each with a free parameter; the frequency where there are enclosures of how motions depend on
+it."""
+
+RADII = (0.0, 0.0, 1e-30, 1e-12, 1e-6, 1e-3)
+"""Of arguments, relative: a third of them are numbers, the others stand for all numbers nearby."""
+
+
+@pytest.fixture(autouse=True)
+def precision():
+    before = ctx.prec, ctx.cap
+    ctx.prec, ctx.cap = 128, 16
+    yield
+    ctx.prec, ctx.cap = before
+
+
+@functools.cache
+def kernels_of(system):
+    make, free = SYSTEMS[system]
+    return Kernels(make(), free)
+
+
+def names_of(system):
+    """The kernels that proofs evaluate."""
+    guards = kernels_of(system).model.WALLS
+    letters = [guard.name for guard in guards]
+    first = kernels_of(system).model.MODES
+    quiet = first[0].name if first else ""
+    return [
+        "setup",
+        *(f"flight_{a}_{b}" for a in letters for b in following(guards, a)),
+        *(f"motion_{a}" for a in letters),
+        *(f"gap_{a}_{b}" for a in letters for b in letters if a != b),
+        *(f"flight_{SECTION}_{b.name}" for b in guards if quiet in b.modes),
+        *(f"flight_{SECTION}_{periods}" for periods in (1, 2)),
+        *(f"since_{a}" for a in letters),
+    ]
+
+
+def arguments(names, values, rng):
+    """Random arguments: times, durations, section coordinates and the model's parameters."""
+    given = {}
+    for name in names:
+        if name.startswith("p_"):
+            given[name] = values[name[2:]] * rng.uniform(0.8, 1.2)
+        elif name == "t1":
+            given[name] = given.get("t0", 0.0) + 10.0 ** rng.uniform(-6.0, 0.7)
+        elif name == "dt":
+            given[name] = 10.0 ** rng.uniform(-6.0, 0.7)
+        else:
+            given[name] = rng.uniform(0.0, 4.0) if name == "t0" else rng.uniform(-1.5, 1.5)
+    return list(given.values())
+
+
+def missed(kernel, values, tries, seed, arithmetic=None):
+    """How many of so many random arguments have results that are not in their enclosures.
+
+    The arguments are balls, and the exact ones anywhere in them, at their ends as often as not.
+    """
+    rng, found = np.random.default_rng(seed), 0
+    enclosed = evaluate_in(kernel, arithmetic or balls.balls(128))
+    exact = evaluate_in(kernel, REFERENCE)
+    names = list(inspect.signature(kernel).parameters)
+    for _ in range(tries):
+        given = arguments(names, values, rng)
+        radii = [abs(x) * rng.choice(RADII) for x in given]
+        within = [rng.choice((-1.0, 1.0, rng.uniform(-1.0, 1.0))) for _ in given]
+        wide = [arb(x, radius) for x, radius in zip(given, radii, strict=True)]
+        timed = [balls.Time(wide[0])] if names[0] == "t0" else []
+        results = flat(enclosed(*timed, *wide[len(timed) :]))
+        numbers = zip(given, radii, within, strict=True)
+        digits = exact(*(MP.mpf(x) + MP.mpf(radius) * MP.mpf(u) for x, radius, u in numbers))
+        pairs = zip(map(number, results), flat(digits), strict=True)
+        found += not all(x.is_finite() and holds(x, y) for x, y in pairs)
+    return found
+
+
+def all_missed(system, tries, seed):
+    """By kernel."""
+    kernels = kernels_of(system)
+    values = kernels.model.values
+    return {
+        name: missed(kernels.kernel(name), values, tries, [seed, place])
+        for place, name in enumerate(names_of(system))
+    }
+
+
+@pytest.mark.parametrize("system", QUICK)
+def test_enclosures_of_every_kernel_hold_fifty_digits(system):
+    found = all_missed(system, FEW, 1)
+    assert set(found.values()) == {0}, found
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("system", SYSTEMS)
+def test_enclosures_of_every_kernel_hold_fifty_digits_at_many_arguments(system):
+    found = all_missed(system, MANY, 7)
+    assert set(found.values()) == {0}, found
+
+
+@pytest.mark.parametrize(
+    ("system", "function"),
+    [
+        ("impact pair", "cos"),
+        ("light damping", "transients"),
+        ("two stops", "flow"),
+        ("impact damper", "flow"),
+    ],
+)
+def test_results_rounded_to_the_nearest_are_missed(system, function):
+    """A function that forgets the radii of its results."""
+    names = balls.balls(128).names
+    bare = {name: without_radii(f) for name, f in names.items() if name.startswith(function)}
+    kernels = kernels_of(system)
+    kernel = kernels.kernel(next(name for name in names_of(system) if "flight" in name))
+    found = missed(kernel, kernels.model.values, 12, 3, Arithmetic(names | bare, exact=True))
+    assert found > 0
+
+
+def without_radii(function):
+    def bare(*given):
+        found = function(*given)
+        return found.mid() if isinstance(found, arb) else [x.mid() for x in found]
+
+    return bare
