@@ -14,22 +14,23 @@ On a ball of times all are summed from the coefficients at its midpoint, where t
 Arb's, and from these bounds for what is left out (Lagrange's remainder). Short flights are summed
 from the time zero, where nothing is divided by the time.
 
-Derivatives by parameters and power series are blocks of a larger matrix, as in `linear_flow`.
+Derivatives by parameters and power series are blocks beside G, see `ball_blocks`; g is the norm of
+all of them together.
 """
 
 from __future__ import annotations
 
 import functools
-import itertools
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from typing import Any
 
 import numpy as np
-from flint import arb, arb_mat, arb_poly, arb_series, ctx
+from flint import arb, arb_mat, arb_series, ctx
 
-from .ball_series import Number, around_zero, composed, constant, number
-from .linear_flow import Shape, generators, scales_of, toeplitz, triangular
+from .ball_blocks import Blocks, exponential, norm, one, product, scaled, subtracted
+from .ball_series import Number, around_zero, constant, number
+from .linear_flow import Shape, generators, scales_of
 
 SHORT = 1.0
 """Largest g|t| of flights summed from the time zero."""
@@ -38,7 +39,7 @@ TABLES = ((True, 0), (False, 1), (True, 1), (False, 2))
 """What `linear_flow.flow` returns: Q or P, and how often it is differentiated by the time."""
 
 
-def flow(d: int, h: int, directions: int, dt: Any, *numbers: Any) -> list[Number]:
+def flow(d: int, h: int, directions: int, dt: Any, *numbers: Any) -> Entries:
     """Return what `linear_flow.flow` returns, as enclosures: of balls, or of power series."""
     shape = Shape(d, h, directions)
     time, given = number(dt), [number(x) for x in numbers]
@@ -46,15 +47,7 @@ def flow(d: int, h: int, directions: int, dt: Any, *numbers: Any) -> list[Number
     varying = length if any(_varies(x) for x in given) else 1
     orders = [[_coefficient(x, j) for x in given] for j in range(varying)]
     motion = _Motion(shape, orders, constant(time), length + 2)
-    found = []
-    for direction in range(directions + 1):
-        for table in TABLES[: 4 if direction == 0 else 2]:
-            for i, j in itertools.product(range(d), range(shape.size)):
-                parts = [
-                    motion.taylor(*table, i, j, direction, order) for order in range(len(orders))
-                ]
-                found.append(_along(time, parts))
-    return [+x if isinstance(x, arb) else x for x in found]
+    return Entries(motion, time, length)
 
 
 def _varies(x: Any) -> bool:
@@ -68,18 +61,73 @@ def _coefficient(x: Any, j: int) -> Any:
     return x if j == 0 else arb(0)
 
 
-def _along(time: Any, orders: Sequence[list[Any]]) -> Number:
-    """A function of the time as a power series, from its Taylor coefficients for each order of the
-    parameters' series."""
-    length = max(time.prec if isinstance(time, arb_series) else 1, len(orders))
-    total = [arb(0)] * length
-    for j, taylor in enumerate(orders):
-        part = taylor[:1]
-        if isinstance(time, arb_series):
-            part = composed(arb_series(taylor[: length - j], prec=length - j), time).coeffs()
-        for i, c in enumerate(part[: length - j]):
-            total[j + i] += c
-    return total[0] if length == 1 else arb_series(total, prec=length)
+class Entries:
+    """What `flow` returns, each number made when it is asked for: kernels use a part of them.
+
+    Parameters
+    ----------
+    motion : _Motion
+    time : arb or arb_series
+    length : int
+        Of power series; 1 for balls.
+    """
+
+    def __init__(self, motion: _Motion, time: Any, length: int) -> None:
+        self.motion, self.time, self.length = motion, time, length
+        self._known: dict[int, Number] = {}
+        self._tables: dict[tuple[bool, int], Any] = {}
+
+    def __len__(self) -> int:
+        shape = self.motion.shape
+        return (2 * shape.directions + len(TABLES)) * shape.freedom * shape.size
+
+    def __iter__(self) -> Iterator[Number]:
+        return (self[place] for place in range(len(self)))
+
+    def __getitem__(self, place: int) -> Number:
+        if place not in self._known:
+            self._known[place] = self._entry(place)
+        return self._known[place]
+
+    def _entry(self, place: int) -> Number:
+        shape = self.motion.shape
+        number_of_table, within = divmod(place, shape.freedom * shape.size)
+        direction = max(0, (number_of_table - len(TABLES)) // 2 + 1)
+        kind = TABLES[number_of_table if direction == 0 else number_of_table % 2]
+        if kind not in self._tables:
+            self._tables[kind] = self._table(*kind)
+        column = direction * shape.freedom * shape.size + within
+        unit = self.motion.unit(direction, *divmod(within, shape.size))
+        found = [self._tables[kind][i, column] * unit for i in range(self.length)]
+        if self.length > 1 or isinstance(self.time, arb_series):
+            return arb_series(found, prec=self.length)
+        return found[0]
+
+    def _table(self, means: bool, rates: int) -> Any:
+        """The coefficients of the series of all entries of Q or P, or of their rates by the time.
+
+        With Taylor coefficients c_m by the time for each order of the parameters' series, they are
+        sums of c_m (m)_rates times the powers of the time's change, that many orders later.
+        """
+        taylor = self.motion.taylor(means)
+        rows = [[arb(0)] * (len(taylor) * self.motion.count) for _ in range(self.length)]
+        for m, power in enumerate(self._powers):
+            for order in range(len(taylor)):
+                for i in range(self.length - order):
+                    column = order * self.motion.count + m + rates
+                    rows[order + i][column] = power[i] * math.perm(m + rates, rates)
+        return arb_mat(rows) * arb_mat([row for part in taylor for row in part.tolist()])
+
+    @functools.cached_property
+    def _powers(self) -> list[Any]:
+        """Powers of the time's change, as many as do not vanish."""
+        if not isinstance(self.time, arb_series):
+            return [[arb(1)] + [arb(0)] * self.length]
+        change = arb_series([0, *self.time.coeffs()[1:]], prec=self.length)
+        found = [arb_series([1], prec=self.length)]
+        while len(found) < self.length:
+            found.append(found[-1] * change)
+        return found
 
 
 class _Motion:
@@ -98,7 +146,7 @@ class _Motion:
     def __init__(self, shape: Shape, orders: list[list[Any]], time: Any, count: int) -> None:
         self.shape, self.count = shape, count
         whole = self._balanced(orders)
-        self.reach, self.growth = abs(time).upper(), _norm(whole)
+        self.reach, self.growth = abs(time).upper(), norm(whole)
         turning = self.growth * self.reach
         short = turning < SHORT or 4 * abs(time.mid()) < self.reach
         self.middle = arb(0) if short else time.mid()
@@ -106,10 +154,10 @@ class _Motion:
         self.last = self._last(float(turning))
         with ctx.workprec(ctx.prec + 64 + self.last + math.ceil(1.5 * float(turning))):
             self.positions, self.means = self._around_middle(whole)
-        self._known: dict[tuple[bool, int, int], list[Any]] = {}
+        self._taylor: dict[bool, list[Any]] = {}
 
-    def _balanced(self, orders: list[list[Any]]) -> Any:
-        """G, its derivatives and its power series as one matrix, in the units of `scales_of`."""
+    def _balanced(self, orders: list[list[Any]]) -> Blocks:
+        """G, its derivatives and its power series, in the units of `scales_of`."""
         matrices = [generators(self.shape, row, object) for row in orders]
         for later in matrices[1:]:
             later[0][: self.shape.freedom] *= 0
@@ -119,8 +167,11 @@ class _Motion:
         size = float(np.abs(middle * self.balance).max())
         slopes = (float(np.abs(_doubles(m) * self.balance).max()) for m in matrices[0][1:])
         self.sizes = [1.0, *(2.0 ** round(math.log2(s / size)) if s > 0.0 else 1.0 for s in slopes)]
-        blocks = [triangular([m * self.balance for m in row], self.sizes) for row in matrices]
-        return arb_mat(toeplitz(blocks).tolist())
+        parts = [
+            [m * self.balance / size for m, size in zip(row, self.sizes, strict=True)]
+            for row in matrices
+        ]
+        return [[_block(m.tolist()) for m in row] for row in parts]
 
     def _last(self, turning: float) -> int:
         """The order up to which Taylor series are summed: the rest is below the precision."""
@@ -131,20 +182,23 @@ class _Motion:
                 return self.count + more
         raise ArithmeticError(f"a linear flight turns by {turning:.3g} radians")
 
-    def _around_middle(self, whole: Any) -> tuple[list[Any], list[Any]]:
+    def _around_middle(self, whole: Blocks) -> tuple[list[Blocks], list[Blocks]]:
         """P_j and Q_j at the middle."""
-        d = self.shape.freedom
-        first = arb_mat([[int(i == j) for j in range(whole.ncols())] for i in range(d)])
-        row = first if self.middle == 0 else first * (whole * self.middle).exp()
+        size = self.shape.size
+        first = one(size, whole)
+        first[0][0] = arb_mat(first[0][0].tolist()[: self.shape.freedom])
+        row = first
+        if self.middle != 0:
+            row = product(first, exponential(scaled(whole, self.middle)))
         rows = [row]
         for j in range(1, self.last + 2):
-            row = row * whole * (1 / arb(j))
+            row = scaled(product(row, whole), 1 / arb(j))
             rows.append(row)
         if self.middle == 0:
             return rows, rows[1:]
         by, means = 1 / self.middle, [first]
         for row in rows:
-            means.append((row - means[-1]) * by)
+            means.append(scaled(subtracted(row, means[-1]), by))
         return rows, means[1:]
 
     @functools.cached_property
@@ -159,43 +213,57 @@ class _Motion:
             found.append([around_zero((size * n * power).upper()) for n, power in ways])
         return found[0], found[1]
 
-    def taylor(
-        self, means: bool, rates: int, i: int, j: int, direction: int, order: int
-    ) -> list[Any]:
-        """Return the Taylor coefficients of an entry of P or Q, or of one of its rates.
+    def taylor(self, means: bool) -> list[Any]:
+        """Return the Taylor coefficients of Q, or P, on the ball of times.
 
-        Parameters
-        ----------
-        means : bool
-            Whether of Q.
-        rates : int
-            How often it is differentiated by the time.
-        i, j : int
-            Its place.
-        direction, order : int
-            Of the block: the derivative by a parameter, the coefficient of a power series.
+        For each order of the parameters' series a matrix: a row for each coefficient, in it the
+        entries of the block without derivatives, then those of the other ones, in the units of
+        `unit`.
         """
-        column = self.shape.size * (len(self.sizes) * order + direction) + j
-        if (means, i, column) not in self._known:
-            unit = self.sizes[direction] / float(self.balance[i, j])
-            self._known[means, i, column] = self._summed(means, i, column, unit)
-        known = self._known[means, i, column]
-        return [c * math.perm(k, rates) for k, c in enumerate(known)][rates:]
+        if means not in self._taylor:
+            rows = (self.means if means else self.positions)[: self.last + 1]
+            found = [self._moved * self._flat(rows, order) for order in range(len(rows[0]))]
+            self._taylor[means] = [self._with_left_out(part, means) for part in found]
+        return self._taylor[means]
 
-    def _summed(self, means: bool, i: int, column: int, unit: float) -> list[Any]:
-        """The Taylor coefficients of an entry on the ball of times."""
-        rows = self.means if means else self.positions
-        around = arb_poly([row[i, column] for row in rows[: self.last + 1]])
-        near = around(arb_poly([self.beside, 1]))
-        return [(near[k] + left) * unit for k, left in enumerate(self.left_out[means])]
+    @functools.cached_property
+    def _moved(self) -> Any:
+        """What makes Taylor coefficients on the ball of times from those at its middle."""
+        powers = [arb(1)]
+        while len(powers) <= self.last:
+            powers.append(powers[-1] * self.beside)
+        columns = range(self.last + 1)
+        return arb_mat(
+            [
+                [math.comb(j, k) * powers[j - k] if j >= k else arb(0) for j in columns]
+                for k in range(self.count)
+            ]
+        )
+
+    def _flat(self, rows: Sequence[Blocks], order: int) -> Any:
+        """The blocks of an order, each matrix as a row."""
+        zeros = [arb(0)] * (self.shape.freedom * self.shape.size)
+        return arb_mat(
+            [
+                [x for block in row[order] for x in (zeros if block is None else block.entries())]
+                for row in rows
+            ]
+        )
+
+    def _with_left_out(self, taylor: Any, means: bool) -> Any:
+        width = taylor.ncols()
+        return taylor + arb_mat([[left] * width for left in self.left_out[means]])
+
+    def unit(self, direction: int, i: int, j: int) -> float:
+        """Return the unit of an entry of a block, a power of two."""
+        return float(self.sizes[direction] / self.balance[i, j])
+
+
+def _block(rows: list[list[Any]]) -> Any:
+    """A matrix, or None for that of zeros."""
+    return None if all(x == 0 for row in rows for x in row) else arb_mat(rows)
 
 
 def _doubles(matrix: Any) -> Any:
     """Midpoints of a matrix of balls."""
     return np.array([[float(arb(x).mid()) for x in row] for row in matrix.tolist()])
-
-
-def _norm(matrix: Any) -> Any:
-    """The largest sum of absolute values of a row, rounded upwards."""
-    sums = [sum((abs(x) for x in row), arb(0)).upper() for row in matrix.tolist()]
-    return max(sums)
