@@ -22,7 +22,7 @@ GENERATOR = tuple(
     """models/equations models/expressions models/extent models/guards models/harmonics
     models/linear models/model models/nonlinear models/own_parameters
     models/restitution models/section models/symbolic models/symbols
-    segments/codegen segments/layout segments/linear_flow
+    segments/codegen segments/float_flow segments/layout segments/linear_flow
     segments/printing segments/stumpff segments/tape segments/taylor segments/transients""".split()
 )
 HARMLESS = set("__future__ collections dataclasses functools math numpy sympy typing".split())

@@ -40,6 +40,7 @@ from ..segments.flight import excursion_of
 from ..segments.layout import Setup
 from ..segments.oscillation import MOST, ROW
 from ..segments.zeros import time_zeros
+from .linear_flights import space_for
 from .orbit_functions import (
     DESCRIBED,
     DETERMINANT,
@@ -165,17 +166,14 @@ class OrbitBackend:
     @functools.cached_property
     def obstacle(self) -> str:
         """Why there is no compiled code."""
-        if self.by_matrices:
-            return "flights from exponentials of matrices"
         if self.zeros is None:
             return "flights whose equations are not linear, or too stiff"
         return "a forcing whose harmonics change along a branch"
 
     @functools.cached_property
-    def by_matrices(self) -> bool:
-        """Whether flights come from exponentials of matrices, which are not compiled."""
-        kernels = self.problem.kernels
-        return any(kernels.linear(guard.name) for guard in self.problem.model.WALLS)
+    def space(self) -> int:
+        """Numbers of scratch space behind the parameter values of compiled code."""
+        return space_for(self.problem.kernels)
 
     def block(self, rows: Array, n: int) -> Block:
         """The points in the rows of `take_steps`."""
@@ -201,6 +199,8 @@ class OrbitBackend:
     def arrays(self) -> OrbitVectors:
         """The branch as arrays, for compiled code."""
         given = self.vectors(_array, lambda rows, columns: np.zeros((rows, columns)))
+        if self.space:
+            given = given._replace(values=np.append(given.values, np.zeros(self.space)))
         if self.variant == "law":
             given = given._replace(steps=np.zeros((MOST, ROW)), zeros=np.zeros(2 * MOST))
         return given
@@ -228,7 +228,7 @@ class OrbitBackend:
         kernels, values = self.problem.kernels, self.problem.model.values.values()
         harmonics = kernels.harmonics(*values)
         if math.isnan(harmonics[0]):
-            return "law" if kernels.oscillates and not self.by_matrices else None
+            return "law" if kernels.oscillates else None
         if not kernels.depends("harmonics"):
             return "fixed"
         return "single" if len(harmonics) == 4 and harmonics[1] == 1 else None

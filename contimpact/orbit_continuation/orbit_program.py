@@ -7,10 +7,12 @@ from collections.abc import Sequence
 from ..compiling.program import Program
 from ..continuation.step import take_steps
 from ..orbits.block_cyclic import store, store_compiled
+from ..segments.float_flow import flow, flow_compiled
 from ..segments.kernels import Kernels
 from ..segments.oscillation import excursion_by_law, row_of, row_of_compiled
 from ..segments.turning_points import excursions
 from ..segments.zeros import single_zeros
+from .linear_flights import with_space
 from .orbit_functions import (
     OrbitVectors,
     evaluate_cycle,
@@ -81,11 +83,15 @@ def program_of(kernels: Kernels, variant: str) -> Program:
     `variant` says how the zeros of the acceleration are found: they are "fixed" along the branch,
     or those of a "single" harmonic that changes along it, or are found on each flight by its "law".
     """
-    program = Program({store: store_compiled, row_of: row_of_compiled})
-    p = ", ".join(f"p[{i}]" for i in range(len(kernels.model.values)))
+    program = Program({store: store_compiled, row_of: row_of_compiled, flow: flow_compiled})
+    count = len(kernels.model.values)
+    p = ", ".join(f"p[{i}]" for i in range(count))
     walls = [wall.name for wall in kernels.model.WALLS]
     flights = {f"flight_{a}_{b}": kernels.flight(a, b) for a in walls for b in walls}
     ends = f"t0, v0, t1, v1, {p}"
+    if any(kernels.linear(wall) for wall in walls):
+        flights = {name: with_space(kernel) for name, kernel in flights.items()}
+        ends += f", p[{count}:]"
     flight = choice("any_flight", "kind, t0, v0, t1, v1, p", "kind", list(flights), ends)
     program.glue(flight, **flights)
     program.constant("OrbitVectors", OrbitVectors)

@@ -33,11 +33,7 @@ from typing import Any, NamedTuple, TypeAlias
 import numpy as np
 
 from ..arrays import Array
-
-NORM = 0.5
-"""Of z, below which the series are summed."""
-TERMS = 16
-"""0.5^16/17! is 4e-20."""
+from .float_flow import BEYOND, MEANS, NORM, SLOPES, flow
 
 
 class Shape(NamedTuple):
@@ -74,52 +70,6 @@ class Shape(NamedTuple):
 
 Summed: TypeAlias = Callable[[Array], tuple[Array, Array]]
 """phi and phi' of a matrix of norm `NORM` at most."""
-
-
-def flow(d: int, h: int, directions: int, dt: float, *numbers: float) -> list[float]:
-    """Return the rows of a linear flight that the equations of orbits are made of.
-
-    Parameters
-    ----------
-    d, h, directions : int
-        As in `Shape`.
-    dt : float
-        Duration.
-    *numbers : float
-        The accelerations as d rows of G; the angular frequencies of the harmonics; then, for each
-        direction, the derivatives of all these.
-
-    Returns
-    -------
-    list of float
-        Tables of d rows of `Shape.size` numbers: mean velocities (the rows of Q of the positions),
-        end velocities (those of 1 + tQ of the velocities), the derivatives of both by the
-        duration, and those of both by each direction.
-    """
-    shape = Shape(d, h, directions)
-    size = shape.size
-    matrices = generators(shape, numbers)
-    scales = scales_of(shape, matrices[0])
-    balance = scales / scales[:, None]
-    balanced = [matrix * balance for matrix in matrices]
-    sizes = [_relative(matrix, balanced[0]) for matrix in balanced]
-    whole = triangular(balanced, sizes)
-    mean, rate = mean_rates(whole, dt, series_of_floats)
-    end = dt * mean
-    end.flat[:: len(end) + 1] += 1.0
-    pushed = whole[d : 2 * d] @ end[:, :size]
-    of_means, of_ends = (
-        np.concatenate([s / balance[at : at + d] for s in sizes], axis=1) for at in (0, d)
-    )
-    means, ends = mean[:d] * of_means, end[d : 2 * d] * of_ends
-    found: list[float] = []
-    for i in range(directions + 1):
-        columns = slice(size * i, size * (i + 1))
-        found += means[:, columns].ravel().tolist() + ends[:, columns].ravel().tolist()
-        if i == 0:
-            found += (rate[:d, :size] * of_means[:, :size]).ravel().tolist()
-            found += (pushed * of_ends[:, :size]).ravel().tolist()
-    return found
 
 
 def rounded_beside(
@@ -267,7 +217,7 @@ def scales_of(shape: Shape, generator: Array) -> Array:
 
 def _power_of_two(size: float) -> float:
     if not 0.0 < size < math.inf:
-        raise OverflowError("a linear flight with numbers beyond the range of floats")
+        raise OverflowError(BEYOND)
     return 2.0 ** round(math.log2(size))
 
 
@@ -319,7 +269,7 @@ def mean_rates(generator: Array, dt: Any, summed: Summed) -> tuple[Array, Array]
     """Return Q and H of matrices G, shape (..., n, n), for a time as in `_times`."""
     size = _norm(_times(dt, generator))
     if not size < math.inf:
-        raise OverflowError("a linear flight with numbers beyond the range of floats")
+        raise OverflowError(BEYOND)
     doublings = max(0, math.ceil(math.log2(size / NORM))) if size > 0.0 else 0
     t = dt * 0.5**doublings
     value, slope = summed(_times(t, generator))
@@ -336,12 +286,7 @@ def mean_rates(generator: Array, dt: Any, summed: Summed) -> tuple[Array, Array]
     return found[q], found[h]
 
 
-_SERIES = np.array(
-    [
-        [1.0 / math.factorial(k + 1) for k in range(TERMS)],
-        [(k + 1.0) / math.factorial(k + 2) for k in range(TERMS)],
-    ]
-).reshape(8, 4)
+_SERIES = np.array([MEANS, SLOPES]).reshape(8, 4)
 """Coefficients of both functions, four powers in a row."""
 
 

@@ -28,7 +28,6 @@ from contimpact.orbit_continuation.orbit_program import program_of
 from contimpact.orbits.problem import OrbitProblem
 from contimpact.segments.kernels import Kernels
 from contimpact.systems.soft_stop import SoftStop
-from contimpact.systems.two_stops import TwoStops
 
 EVENTS = ("FB", "BP", "PD", "NS", "G", "V", "T")
 needs_numba = pytest.mark.skipif(
@@ -219,14 +218,14 @@ def test_flights_too_stiff_for_compiled_code_go_on_plainly(plain_and_compiled, o
 
 
 def test_what_cannot_be_compiled_runs_plainly_and_says_so(monkeypatch):
-    """Flights from exponentials of matrices need NumPy."""
+    """Along A the zeros of the sum of two harmonics move."""
     monkeypatch.setattr(module, "_PLAINLY", {})
     monkeypatch.setenv("CONTIMPACT_COMPILED", "always")
-    model = TwoStops(a=1.0, omega=1.7, c=0.1, k=1.0, sigma=0.5, r=0.7)
-    orbit = find_orbits(model, "RL", parameter="omega")[0]
+    model = ImpactPair(beta=0.4, r=0.4, A=5.0, s=0.4, forcing="cos(pi*t) + sin(3*pi*t)/5")
+    orbit = find_orbits(model, "BT", parameter="A")[0]
     low, high = 0.97 * orbit.unknowns[-1], 1.03 * orbit.unknowns[-1]
     assert len(continue_orbit(orbit, range=(low, high))) > 3
-    assert module.ran_plainly() == ["flights from exponentials of matrices"]
+    assert module.ran_plainly() == ["a forcing whose harmonics change along a branch"]
 
 
 # Who decides

@@ -1,0 +1,117 @@
+"""Linear machines compiled: the same numbers as plainly, to the last bit.
+
+Compiling one program takes twenty seconds. The text that is compiled runs as it stands, too, on the
+arrays that compiled code is given: so it is compared here, and compiled where slow tests run.
+"""
+
+from __future__ import annotations
+
+import importlib.util
+import math
+
+import numpy as np
+import pytest
+
+from contimpact import continue_orbit, find_orbits
+from contimpact.continuation.settings import Settings
+from contimpact.orbit_continuation import orbit_backend
+from contimpact.segments.float_flow import flow, flow_compiled, space_of
+from contimpact.segments.linear_flow import Shape
+from contimpact.systems.two_stops import TwoStops
+
+needs_numba = pytest.mark.skipif(
+    importlib.util.find_spec("numba") is None, reason="the extra 'fast' is not installed"
+)
+EVENTS = ("FB", "BP", "PD", "NS", "G", "V", "T")
+
+CASES = {
+    "two-stops": (TwoStops(a=1.0, omega=1.0, c=0.1, k=1.0, sigma=0.5, r=0.8), "RL", "omega"),
+    "rattle": (TwoStops(a=1.0, omega=1.0, c=0.0, k=0.0, sigma=0.5, r=0.8), "RL", "sigma"),
+}
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_flows_are_the_same_to_the_last_bit(seed):
+    rng = np.random.default_rng(seed)
+    shape = Shape(*(int(rng.integers(*ends)) for ends in ((1, 4), (0, 3), (0, 3))))
+    size = shape.given * (1 + shape.directions)
+    numbers = (rng.normal(size=size) * 10.0 ** rng.uniform(-2, 1, size)).tolist()
+    if seed % 5 == 0:
+        numbers[: shape.freedom] = [0.0] * shape.freedom
+    space = rng.normal(size=space_of(*shape))
+    for dt in (1e-9, -0.02, 0.3, 3.0):
+        space[:size] = numbers
+        assert flow(*shape, dt, *numbers) == flow_compiled(*shape, dt, space).tolist()
+
+
+def test_a_flow_beyond_the_range_of_floats_has_no_value():
+    numbers = [-1.0, -0.1, math.inf, 0.0, 0.0, 1.3]
+    with pytest.raises(OverflowError):
+        flow(1, 1, 0, 1.0, *numbers)
+    space = np.zeros(space_of(1, 1, 0))
+    space[: len(numbers)] = numbers
+    assert np.all(np.isnan(flow_compiled(1, 1, 0, 1.0, space)))
+
+
+class Text:
+    """A program's text, run as it stands in the place of machine code."""
+
+    def __init__(self, program):
+        self.names = {"compile": lambda function: function}
+        exec(program.text, self.names)
+
+    def __call__(self, *arrays):
+        with np.errstate(all="ignore"):
+            return self.names["entry"](*arrays)
+
+
+@pytest.fixture
+def as_text(monkeypatch):
+    """Let walks run on the texts of programs, instead of machine code."""
+    monkeypatch.setenv("CONTIMPACT_COMPILED", "always")
+    made = {}
+
+    def load(identity, arguments, build, worth=True):
+        return made.setdefault(identity, Text(build()))
+
+    monkeypatch.setattr(orbit_backend, "load", load)
+    return made
+
+
+def branch(name, points, step):
+    """A few points of a branch, both ways, with all events."""
+    model, word, parameter = CASES[name]
+    orbit = find_orbits(model, word, parameter=parameter)[0]
+    settings = Settings(step=step, max_step=step, max_points=points)
+    value = orbit.unknowns[-1]
+    limits = 0.8 * value, 1.2 * value
+    return continue_orbit(orbit, parameter, limits, events=EVENTS, settings=settings)
+
+
+def same(one, other):
+    """The whole record of two branches: tables, events, ends."""
+    assert len(one) > 2
+    assert list(one.columns) == list(other.columns)
+    for name, column in one.columns.items():
+        equal_nan = column.dtype.kind == "f"
+        assert np.array_equal(column, other.columns[name], equal_nan=equal_nan), name
+    assert one.events == other.events
+    assert one.missed == other.missed
+    assert one.ends == other.ends
+
+
+@pytest.mark.parametrize("name", CASES)
+def test_the_text_that_is_compiled_gives_the_same_branch(as_text, monkeypatch, name):
+    fast = branch(name, 4, 0.005)
+    assert as_text
+    monkeypatch.setenv("CONTIMPACT_COMPILED", "never")
+    same(branch(name, 4, 0.005), fast)
+
+
+@needs_numba
+@pytest.mark.slow
+@pytest.mark.parametrize("name", CASES)
+def test_compiled_branches_are_the_same(plain_and_compiled, name):
+    plain, fast = plain_and_compiled(lambda: branch(name, 300, 0.01))
+    assert plain.events
+    same(plain, fast)
