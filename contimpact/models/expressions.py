@@ -8,8 +8,10 @@ Plain numbers never import SymPy.
 from __future__ import annotations
 
 import ast
+import keyword
 import math
 import operator
+import re
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
@@ -26,6 +28,9 @@ _BINARY: dict[type, Callable[[Any, Any], Any]] = {
     ast.Mult: operator.mul,
     ast.Div: operator.truediv,
 }
+_KEYWORDS = re.compile(rf"\b({'|'.join(keyword.kwlist)})\b")
+_MARK = "\u02bc"
+"""Follows Python's keywords while an expression is read: parameters may be called so."""
 _UNARY: dict[type, Callable[[Any], Any]] = {ast.UAdd: operator.pos, ast.USub: operator.neg}
 
 
@@ -145,6 +150,25 @@ def sympy_expression(text: str, where: str, symbols: Mapping[str, Any]) -> Any:
     return _Walker(text, where, names, lambda value: sympy.sympify(value)).value()
 
 
+def names_in(text: str) -> list[str]:
+    """Return all names in an expression; none if it cannot be read, which is told later."""
+    try:
+        tree = _tree(text)
+    except (SyntaxError, RecursionError, MemoryError, ValueError):
+        return []
+    return [_name(node) for node in ast.walk(tree) if isinstance(node, ast.Name)]
+
+
+def _tree(text: str) -> ast.expr:
+    """Parse an expression, in which Python's keywords are names like others."""
+    return ast.parse(_KEYWORDS.sub(rf"\1{_MARK}", text.strip()), mode="eval").body
+
+
+def _name(node: ast.Name) -> str:
+    """The name as it stands in the text."""
+    return node.id.removesuffix(_MARK)
+
+
 class _Walker:
     """Walks one text's syntax tree over a table of names."""
 
@@ -165,11 +189,11 @@ class _Walker:
             raise self.refuse(f"an expression of {len(self.text)} characters")
         unreadable = f"{shortened(self.text)!r} cannot be read as an expression"
         try:
-            tree = ast.parse(self.text.strip(), mode="eval")
+            tree = _tree(self.text)
         except (SyntaxError, RecursionError, MemoryError, ValueError) as error:
             raise self.refuse(unreadable) from error
         try:
-            return self.walk(tree.body)
+            return self.walk(tree)
         except RecursionError as error:
             raise self.refuse(unreadable) from error
 
@@ -179,9 +203,9 @@ class _Walker:
                 pass
             case ast.Constant(value=int() | float() as value):
                 return self.constant(value)
-            case ast.Name(id=name) if name in self.names and name not in FUNCTIONS:
-                return self.names[name]
-            case ast.Name(id=name) if name not in self.names:
+            case ast.Name() if (name := _name(node)) not in FUNCTIONS:
+                if name in self.names:
+                    return self.names[name]
                 raise self.refuse(f"unknown name {name!r} in {shortened(self.text)!r}")
             case ast.UnaryOp(op=op, operand=operand) if type(op) in _UNARY:
                 return _UNARY[type(op)](self.walk(operand))
@@ -193,7 +217,8 @@ class _Walker:
                 name in FUNCTIONS
             ):
                 return self.names[name](self.walk(argument))
-        raise self.refuse(f"{shortened(ast.unparse(node))!r} in {shortened(self.text)!r}")
+        part = ast.unparse(node).replace(_MARK, "")
+        raise self.refuse(f"{shortened(part)!r} in {shortened(self.text)!r}")
 
     def power(self, base: Any, exponent: Any) -> Any:
         known = not isinstance(exponent, Extent) and not getattr(exponent, "free_symbols", None)

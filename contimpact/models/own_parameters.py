@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-import ast
 from collections.abc import Collection, Mapping, Sequence
 
 from ..errors import InputError
 from .contract import check_names
-from .expressions import CONSTANTS, FUNCTIONS, check_expression, values_of
+from .expressions import CONSTANTS, FUNCTIONS, check_expression, names_in, values_of
 
 SAMPLES = 256
 """Of a period: more than twice the harmonics that a forcing may have."""
@@ -32,19 +31,10 @@ def own_names(
         Names that are given values.
     """
     known = {*known, *FUNCTIONS, *CONSTANTS}
-    names = dict.fromkeys(name for text in texts for name in _names_in(text))
+    names = dict.fromkeys(name for text in texts for name in names_in(text))
     own = [name for name in names if name in given and name not in known]
     check_names(own, "parameters", taken)
     return own
-
-
-def _names_in(text: str) -> list[str]:
-    """All names in an expression; none if it cannot be read, which is told later."""
-    try:
-        tree = ast.parse(text.strip(), mode="eval")
-    except (SyntaxError, RecursionError, MemoryError, ValueError):
-        return []
-    return [node.id for node in ast.walk(tree) if isinstance(node, ast.Name)]
 
 
 def check_with_own(

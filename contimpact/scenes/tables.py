@@ -82,7 +82,8 @@ def read_model(table: Table, systems: Mapping[str, type[Model]] | None = None) -
     try:
         return kind(**values, **options)
     except InputError as error:
-        inside = "model" if error.where in options else "model.parameters"
+        named = error.where in options or error.where == "parameters"
+        inside = "model" if named else "model.parameters"
         raise error.within(inside) from None
 
 
