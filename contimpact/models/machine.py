@@ -12,10 +12,12 @@ from dataclasses import asdict, dataclass
 from typing import Any
 
 from ..errors import InputError, shown
-from .expressions import CONSTANTS, FUNCTIONS, check_expression, number
+from .expressions import CONSTANTS, FUNCTIONS, check_expression, names_in, number
 
 MOST_COORDINATES = 20
 MATRICES = ("mass", "damping", "stiffness")
+LARGEST = 1e100
+"""Of the numbers in matrices and forces."""
 TIME = "t"
 
 
@@ -159,6 +161,8 @@ def _expression(given: Any, where: str) -> str:
     if isinstance(given, bool) or not isinstance(given, int | float):
         accepted = "give a number, or an expression in quotes"
         raise InputError(where, f"found {shown(given)}", accepted)
+    if not abs(given) <= LARGEST:
+        raise InputError(where, f"found {given}", f"give a number of at most {LARGEST:g}")
     return repr(given)
 
 
@@ -180,14 +184,23 @@ def _guard(name: str, given: Any, coordinates: Sequence[str]) -> StatedGuard:
 
 
 def _within(text: Any, where: str, coordinates: Sequence[str]) -> tuple[str, int, str]:
-    """Both sides of an inequality, and which way it goes."""
-    signs = {"<=": +1, ">=": -1}
-    for sign, side in signs.items():
-        if isinstance(text, str) and text.count(sign) == 1:
-            left, right = text.split(sign)
-            return left, side, right.strip()
+    """The gap coordinate, +1 where it stays below its position, and the position."""
     accepted = f'give where the machine stays, such as "{coordinates[0]} <= sigma"'
-    raise InputError(where, f"found {shown(text)}", accepted)
+    found = f"found {shown(text)}"
+    signs = [s for s in ("<=", ">=") if isinstance(text, str) and s in text]
+    if len(signs) != 1 or text.count(signs[0]) != 1:
+        raise InputError(where, found, f"{accepted}: one <= or >=, for each side a guard")
+    sides = [part.strip() for part in text.split(signs[0])]
+    moving = [any(name in coordinates for name in names_in(part)) for part in sides]
+    if moving == [True, True] or any(
+        moves and set(names_in(part)) - {*coordinates, *CONSTANTS}
+        for moves, part in zip(moving, sides, strict=True)
+    ):
+        accepted += ": coordinates alone on one side, parameters on the other"
+        raise InputError(where, found, accepted)
+    below = (signs[0] == "<=") is not (moving == [False, True])
+    gap, position = reversed(sides) if moving == [False, True] else sides
+    return gap, +1 if below else -1, position
 
 
 def _row(text: str, where: str, coordinates: Sequence[str]) -> tuple[float, ...]:
@@ -231,3 +244,47 @@ def _check(machine: Machine) -> None:
         where = f"guards.{guard.name}"
         check_expression(guard.position, f"{where}.within", machine.parameters)
         check_expression(guard.restitution, f"{where}.restitution", machine.parameters)
+
+
+def check_values(machine: Machine, values: Mapping[str, float]) -> None:
+    """Refuse parameter values for which a machine has no motion, or an impact none.
+
+    Impacts push along the guards through the mass matrix, which is that of the kinetic energy:
+    symmetric and positive definite.
+
+    Raises
+    ------
+    InputError
+        With the place in the scene's table.
+    """
+    mass = [
+        [number(e, f"mass[{i}][{j}]", values) for j, e in enumerate(row)]
+        for i, row in enumerate(machine.mass)
+    ]
+    _check_mass(mass)
+    period = number(machine.period, "period", values)
+    if not period > 0.0:
+        raise InputError("period", f"it is {period:.6g}", "give the period of the forcing, above 0")
+    for guard in machine.guards:
+        where = f"guards.{guard.name}.restitution"
+        restitution = number(guard.restitution, where, values)
+        if not 0.0 <= restitution <= 1.0:
+            raise InputError(where, f"it is {restitution:.6g}", "it must be from 0 to 1")
+
+
+def _check_mass(mass: list[list[float]]) -> None:
+    """Refuse a matrix that is not symmetric or not positive definite."""
+    size = len(mass)
+    for i in range(size):
+        for j in range(i):
+            if abs(mass[i][j] - mass[j][i]) > 1e-12 * max(abs(mass[i][j]), abs(mass[j][i])):
+                found = f"it is {mass[i][j]:.6g}, and mass[{j}][{i}] is {mass[j][i]:.6g}"
+                raise InputError(f"mass[{i}][{j}]", found, "give a symmetric matrix")
+    rest = [row[:] for row in mass]
+    for k in range(size):
+        if not rest[k][k] > 1e-14 * mass[k][k]:
+            found = f"the matrix {shown(mass)} is not positive definite (row {k})"
+            raise InputError("mass", found, "give masses above 0")
+        for i in range(k + 1, size):
+            factor = rest[i][k] / rest[k][k]
+            rest[i] = [a - factor * b for a, b in zip(rest[i], rest[k], strict=True)]

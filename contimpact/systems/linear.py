@@ -15,7 +15,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any, ClassVar, Self
 
 from ..errors import InputError
-from ..models.machine import TIME, Machine, StatedGuard, machine_of
+from ..models.machine import TIME, Machine, StatedGuard, check_values, machine_of
 from ..models.model import Formulas, Model, Parameter, Wall
 
 
@@ -49,6 +49,10 @@ class LinearMachine(Model):
 
     def __reduce__(self) -> tuple[Any, ...]:
         return _made, (self.options["machine"], dict(self.values))
+
+    def validate(self) -> None:
+        """Refuse masses, restitutions and periods that no machine has."""
+        check_values(self.machine, self.values)
 
     def formulas(self, symbols: Mapping[str, Any]) -> Formulas:
         """Linear flights, and impulses along the guards."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import copy
+import json
 import pickle
 
 import numpy as np
@@ -12,6 +13,7 @@ from zoo import ROOT
 from contimpact.errors import InputError
 from contimpact.orbits.search import find_orbits
 from contimpact.scenes.scene import load_scene, read_scene
+from contimpact.segments.checking import check_model
 from contimpact.studies.explore import follow
 from contimpact.systems.impact_damper import ImpactDamper
 
@@ -153,10 +155,25 @@ def test_what_is_recorded_makes_the_machine_again():
         ({"guards": {"A": {"within": "x1 < 1", "restitution": 1}}}, r"guards\.A\.within: found"),
         ({"guards": {"A": {"within": "x1*x2 <= 1", "restitution": 1}}}, r"a linear combination"),
         ({"guards": {"A": {"within": "x1 + 1 <= 1", "restitution": 1}}}, r"a linear combination"),
-        ({"guards": {"A": {"within": "x1 <= x2", "restitution": 1}}}, r"unknown name 'x2'"),
+        ({"guards": {"A": {"within": "x1 <= x2", "restitution": 1}}}, "coordinates alone on one"),
         ({"guards": {"A": {"within": "x1 <= 1"}}}, r"guards\.A\.restitution: missing"),
         ({"guards": {"A": {"within": "x1 <= 1", "r": 1}}}, r"guards\.A\.r: unknown key"),
         ({"guards": {"AB": {"within": "x1 <= 1", "restitution": 1}}}, r"a single letter"),
+        ({"guards": {"A": {"within": "x1 - r <= 0", "restitution": 1}}}, "coordinates alone on"),
+        ({"guards": {"A": {"within": "-1 <= x1 <= 1", "restitution": 1}}}, "for each side a guard"),
+        (
+            {"guards": {"A": {"within": "x1 <= 1", "restitution": -0.3}}},
+            "A.restitution: it is -0.3",
+        ),
+        ({"guards": {"A": {"within": "x1 <= 1", "restitution": "2*r"}}}, "it must be from 0 to 1"),
+        ({"mass": [[1, 0.2], [0.1, 1]]}, r"model\.mass\[1\]\[0\]: it is 0\.1, .* symmetric"),
+        ({"mass": [[1, 2], [2, 1]]}, r"model\.mass: .* not positive definite \(row 1\)"),
+        ({"mass": [0, 1]}, r"model\.mass: .* not positive definite \(row 0\); give masses above 0"),
+        (
+            {"mass": [1e200, 1]},
+            r"model\.mass\[0\]: found 1e\+200; give a number of at most 1e\+100",
+        ),
+        ({"period": "omega - omega"}, r"model\.period: it is 0; give the period of the forcing"),
         ({"parameters": VALUES | {"t": 1.0}}, r"model\.parameters\.t: the name 't'"),
         ({"parameters": VALUES | {"r": 1.5}}, r"model\.parameters\.r: .*from 0 to 1"),
         ({"parameters": VALUES | {"event": 1.5}}, r"model\.parameters: the name 'event'"),
@@ -166,6 +183,25 @@ def test_what_is_recorded_makes_the_machine_again():
 def test_mistakes_are_refused_with_their_place(changes, says):
     with pytest.raises(InputError, match=says):
         scene_of(MASSES | changes)
+
+
+def test_masses_are_checked_at_both_ends_of_a_range():
+    model = MASSES | {"mass": ["m", 1], "parameters": VALUES | {"m": 1.0}}
+    with pytest.raises(InputError, match=r"follow\.range\.mass: .* not positive definite"):
+        scene_of(model, parameter="m", range=[-0.5, 2.0])
+
+
+def test_the_sides_of_a_guard_may_change_places():
+    guards = {"A": "sigma_1 >= x1", "B": "-sigma_2 <= x1 - x2"}
+    stated = {name: {"within": text, "restitution": "r"} for name, text in guards.items()}
+    walls = scene_of(MASSES | {"guards": stated}).model.WALLS
+    assert [(wall.side, wall.coordinate) for wall in walls] == [(+1, (1.0, 0.0)), (-1, (1.0, -1.0))]
+
+
+def test_names_may_be_words_of_python():
+    renamed = json.loads(json.dumps(MASSES).replace("a1", "lambda").replace("x2", "None"))
+    assert scene_of(renamed).model.values["lambda"] == 1.0
+    check_model(scene_of(renamed).model)
 
 
 def test_a_text_that_is_no_machine_is_refused():
