@@ -35,7 +35,9 @@ def check_motion(model: Model, wall: str, agreement: Callable[..., Sequence[floa
         Naming the wall and the formulas that contradict each other.
     """
     random = Random(0)
-    where = f"{type(model).__name__}.formulas: flight from {wall!r}"
+    mode = next((guard.next_mode for guard in model.WALLS if guard.name == wall), "")
+    inside = f" in the mode {mode!r}" if model.MODES else ""
+    where = f"{type(model).__name__}.formulas: flight from {wall!r}{inside}"
     compared = [_trial(model, agreement, random, where) for _ in range(TRIALS)]
     if not any(compared):
         logger(__name__).warning("%s has no value at random states: it is not checked", where)
@@ -70,9 +72,21 @@ def _trial(model: Model, agreement: Callable[..., Any], random: Random, where: s
         (flown[4], flown[5], speed / dt, "the harmonics contradict the acceleration"),
     ):
         if abs(one - other) > TOLERANCE * unit:
-            accepted = f"check them by hand; here dt = {dt:.6g} and phase = {phase:.6g}"
+            accepted = f"check them by hand; here {_numbers(model, phase, dt, start, values)}"
             raise InputError(where, f"{found}: {one:.6g} against {other:.6g}", accepted)
     return True
+
+
+def _numbers(
+    model: Model, phase: float, dt: float, start: Sequence[float], values: Sequence[float]
+) -> str:
+    """The random numbers of a comparison, by name."""
+    coordinates = ", ".join(f"{number:.6g}" for number in start)
+    parameters = (f"{n} = {value:.6g}" for n, value in zip(model.values, values, strict=True))
+    return (
+        f"dt = {dt:.6g}, phase = {phase:.6g}, the section coordinates before the impact are "
+        f"({coordinates}), {', '.join(parameters)}"
+    )
 
 
 def _near(model: Model, random: Random) -> list[float]:

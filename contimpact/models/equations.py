@@ -21,7 +21,7 @@ from .guards import Guard
 from .harmonics import INDICES, HarmonicSum
 from .linear import Law
 from .nonlinear import Field
-from .restitution import Departure, after_impact, along, departure
+from .restitution import Departure, after_impact, along, departure, on_symbols
 from .section import pivot, state_before
 from .symbols import DT, PHASE, own
 
@@ -174,9 +174,12 @@ def _evaluated(model: Model) -> Equations:
     view = copy.copy(model)
     view.values = _Unread(list(model.values), where)
     parameters = _Symbols(list(model.values), where)
-    formulas = view.formulas(parameters)
+    formulas = on_symbols(where, view.formulas, parameters)
     if not hasattr(formulas, "flight"):
         raise InputError(where, f"it returns {shown(formulas)}", "return Formulas(...)")
+    if formulas.jump is not None and formulas.reset is not None:
+        accepted = "give jump alone: it states positions and velocities after an impact"
+        raise InputError(f"{where}: reset", "found beside jump", accepted)
     _check_modes(formulas, [mode.name for mode in model.MODES], where)
     walls = _named(formulas.walls, [wall.name for wall in model.WALLS], "WALLS", f"{where}: walls")
     size = model.DEGREES_OF_FREEDOM

@@ -87,7 +87,7 @@ class Linear:
     Parameters
     ----------
     mass, damping, stiffness : sequence of sequences of sympy.Expr
-        Square matrices; the mass matrix is regular.
+        Square matrices, or the entries of their diagonals; the mass matrix is regular.
     force : callable ``t -> [f_0, f_1, ...]``
         The force on each coordinate: sums of products of sines and cosines, of the given period.
         Amplitudes and phases may have parameters in them.
@@ -115,17 +115,17 @@ class Linear:
         force: Callable[[Any], Sequence[Any]],
         period: Any,
     ) -> None:
-        size = len(mass)
+        size = len(_rows(mass, "mass"))
         m, c, k = (
-            _square(given, size, name)
+            _square(_rows(given, name), size, name)
             for given, name in ((mass, "mass"), (damping, "damping"), (stiffness, "stiffness"))
         )
         self.period = sympy.sympify(period)
         t = sympy.Symbol("t'", real=True)
-        given = list(force(t))
-        if len(given) != size:
-            accepted = f"give one for each degree of freedom: {size}"
-            raise InputError("force", f"found {len(given)} forces", accepted)
+        given = force(t)
+        if not isinstance(given, Sequence) or len(given) != size:
+            accepted = f"give a list with one force for each degree of freedom: {size}"
+            raise InputError("force", f"found {shown(given)}", accepted)
         waves = [harmonics_of(e, t, self.period, f"force[{i}]") for i, e in enumerate(given)]
         self.orders = sorted({n for wave in waves for n in wave if n > 0})
         self.inverse = inverse = _inverse(m)
@@ -167,8 +167,18 @@ class Linear:
         return [sympy.Add(*(a * b for a, b in zip(row, state, strict=True))) for row in self.rows]
 
 
-def _square(given: Matrix, size: int, name: str) -> Any:
-    rows = [list(row) for row in given]
+def _rows(given: Matrix | Sequence[Any], name: str) -> list[list[Any]]:
+    """The rows of a matrix, from its rows or its diagonal."""
+    if isinstance(given, sympy.MatrixBase):
+        return given.tolist()
+    if not isinstance(given, Sequence) or isinstance(given, str):
+        raise InputError(name, f"found {shown(given)}", "give a list of rows, a list each")
+    if any(isinstance(row, Sequence) and not isinstance(row, str) for row in given):
+        return [list(row) if isinstance(row, Sequence) else [row] for row in given]
+    return [[e if i == j else 0 for j in range(len(given))] for i, e in enumerate(given)]
+
+
+def _square(rows: list[list[Any]], size: int, name: str) -> Any:
     if len(rows) != size or any(len(row) != size for row in rows):
         accepted = f"give {size} rows of {size} entries"
         raise InputError(name, f"found rows of {shown([len(row) for row in rows])}", accepted)

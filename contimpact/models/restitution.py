@@ -6,9 +6,9 @@ Kernels of flights and of motions are written from what comes out.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import sympy
 
@@ -18,6 +18,8 @@ from .symbols import DT, PHASE, T0, own
 
 if TYPE_CHECKING:
     from .model import Formulas
+
+T = TypeVar("T")
 
 
 @dataclass(frozen=True)
@@ -81,6 +83,25 @@ def after_impact(
     return departure(formulas, guard.next_mode, after, *left, where)
 
 
+def on_symbols(where: str, stated: Callable[..., T], *given: Any) -> T:
+    """Evaluate a formula that the author of a system wrote, on SymPy's symbols.
+
+    Raises
+    ------
+    InputError
+        Where it calls what knows numbers alone.
+    """
+    try:
+        return stated(*given)
+    except TypeError as error:
+        found = f"it cannot be evaluated on symbols ({shown(str(error).splitlines()[0])})"
+        accepted = (
+            "use SymPy's functions, such as sympy.cos, not those of math or numpy, and no "
+            "conditions: what differs from place to place is a mode of its own"
+        )
+        raise InputError(where, found, accepted) from error
+
+
 def departure(
     formulas: Formulas,
     mode: str,
@@ -102,7 +123,8 @@ def departure(
     """
     present = [order for order in orders if order]
     size, second = len(present), [i for i, order in enumerate(present) if order == 2]
-    flown = of_mode(formulas.flight, mode)(PHASE, position, list(velocity), DT)
+    flight, acceleration = of_mode(formulas.flight, mode), of_mode(formulas.acceleration, mode)
+    flown = on_symbols(f"{where}: flight", flight, PHASE, position, list(velocity), DT)
     if not isinstance(flown, Sequence) or len(flown) != 2:
         accepted = "give mean velocities and end velocities, a list each"
         raise InputError(f"{where}: flight", f"found {shown(flown)}", accepted)
@@ -110,8 +132,8 @@ def departure(
     now = [x + DT * u for x, u in zip(position, mean, strict=True)]
 
     def law(t: Any, x: Sequence[Any], v: Sequence[Any]) -> tuple[Any, ...]:
-        stated = of_mode(formulas.acceleration, mode)(t, x, [v[i] for i in second])
-        return _listed(stated, size, f"{where}: acceleration")
+        here = f"{where}: acceleration"
+        return _listed(on_symbols(here, acceleration, t, x, [v[i] for i in second]), size, here)
 
     x, v = state_symbols(size)
     laws = law(T0, x, v)
@@ -177,7 +199,7 @@ def state_after(
     present = [order for order in after if order]
     sizes = len(present), present.count(2)
     if formulas.jump is not None:
-        jumped = formulas.jump(name, position, velocity)
+        jumped = on_symbols(f"{where}: jump", formulas.jump, name, position, velocity)
         if not isinstance(jumped, Sequence) or len(jumped) != 2:
             accepted = "give positions and velocities, a list each"
             raise InputError(f"{where}: jump", f"found {shown(jumped)}", accepted)
@@ -188,7 +210,7 @@ def state_after(
         raise InputError(f"{where}: jump", found, "give positions and velocities after it")
     left: Sequence[Any] = [v for v, order in zip(velocity, present, strict=True) if order == 2]
     if formulas.reset is not None:
-        left = formulas.reset(name, position, velocity)
+        left = on_symbols(f"{where}: reset", formulas.reset, name, position, velocity)
     return position, _listed(left, sizes[1], f"{where}: reset")
 
 

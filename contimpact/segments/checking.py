@@ -137,7 +137,10 @@ def _check_passage(
     where, mode = f"{type(model).__name__}.formulas", guard.next_mode
     if within < -TOLERANCE:
         found = f"{guard.name!r} leads into the mode {mode!r} {-within:.6g} beyond {other.name!r}"
-        accepted = f"mend their positions, or the side of {other.name!r}, which is {other.side:+d}"
+        accepted = (
+            f"mend their positions, the jump at {guard.name!r}, or the side of {other.name!r}, "
+            f"which is {other.side:+d}"
+        )
         raise InputError(f"{where}: walls", found, accepted)
     if within > TOLERANCE:
         return

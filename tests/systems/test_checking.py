@@ -48,6 +48,14 @@ def test_the_packages_systems_fit_together(model, done):
             r"^Ball\.formulas: period: it is -0\.1256",
         ),
         (
+            lambda: changed(acceleration=lambda m, p, f: lambda t, x, v: [math.cos(t)]),
+            r"^Ball\.formulas: acceleration: it cannot be evaluated on symbols .*sympy\.cos",
+        ),
+        (
+            lambda: changed(jump=lambda m, p, f: lambda w, x, v: (x, [-v[0]])),
+            r"^Ball\.formulas: reset: found beside jump; give jump alone",
+        ),
+        (
             lambda: made(ball(DERIVED_FROM={"Gamma": ("a",)})),
             r"^Ball\.DERIVED_FROM\['Gamma'\]: Gamma depends on g, omega, too",
         ),
@@ -60,7 +68,7 @@ def test_the_packages_systems_fit_together(model, done):
             r"^Ball\.symmetry in a: the wall 'P' has none; give each of P its image",
         ),
     ],
-    ids=["reset", "period", "derived", "symmetry", "image"],
+    ids=["reset", "period", "numbers", "jump", "derived", "symmetry", "image"],
 )
 def test_what_does_not_fit_is_named(model, says):
     """By the door itself, and before anything is computed, whatever kernels the cache holds."""
