@@ -11,6 +11,7 @@ from typing import Any, Generic, TypeAlias, overload
 import numpy as np
 
 from ..arrays import Array
+from .event_order import in_order
 from .problem import E, Evaluation
 
 
@@ -390,4 +391,4 @@ def joined(backward: Walk, forward: Walk) -> tuple[Points, list[Event]]:
         for sign, found in ((-1.0, backward.events[::-1]), (1.0, forward.events))
         for e in found
     ]
-    return points, events
+    return points, in_order(events)

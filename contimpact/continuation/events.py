@@ -9,6 +9,7 @@ import numpy as np
 
 from .arc import Arc
 from .branch import Event, Missed, Point
+from .event_order import in_order
 from .locating import locate, missed
 from .problem import Array
 from .sign_changes import DIPS, OFF_THE_ENDS, Sample, Stretch, crosses, crossings
@@ -46,7 +47,7 @@ def find_events(
         return [], []
     search = _Search(list(tests), [len(values) for values in stretch.left.values])
     search.on(arc, stretch, 0)
-    return sorted(search.events, key=lambda e: e.point.arclength), search.missed
+    return in_order(search.events), search.missed
 
 
 @dataclass(eq=False)
