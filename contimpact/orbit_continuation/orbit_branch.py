@@ -7,6 +7,7 @@ import dataclasses
 import functools
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -14,6 +15,7 @@ from ..arrays import Array
 from ..bifurcations.declarations import EVENTS, KINDS, with_values
 from ..bifurcations.registry import test_functions
 from ..continuation.branch import Event, Point, Points, Walk, joined
+from ..continuation.corrector import correct
 from ..continuation.interruption import interrupted, kept, other_way, undisturbed
 from ..continuation.settings import Settings
 from ..continuation.test_function import TestFunction, UserFunction
@@ -36,6 +38,9 @@ from ..segments.kernels import Kernels
 from .orbit_backend import walk_orbits
 from .symmetry import at_image, watched
 from .tables import tabulate
+
+BEYOND = 0.1
+"""By how much of its way an orbit between two points of a branch may lie before or beyond them."""
 
 UserEvent = tuple[str, Callable[[Orbit], float]]
 Callback = Callable[[Point], bool | None]
@@ -270,12 +275,41 @@ class Run:
             left, right = rows[i], rows[i + 1]
             guess = left + (value - left[-1]) / (right[-1] - left[-1]) * (right - left)
             guess[-1] = value
-            here = solve_near(self.problem, guess)
-            if here is not None:
-                apart = self.problem.difference(here.unknowns, unknowns)
-                if np.max(np.abs(apart)) < SAME_SOLUTION:
-                    return True
-        return False
+            if self._same(solve_near(self.problem, guess), unknowns):
+                return True
+        return any(self._passes_at_turn(i, unknowns) for i in self._turning)
+
+    @functools.cached_property
+    def _turning(self) -> list[int]:
+        """The ways from a row to the next one beside which the parameter turns back.
+
+        Between them it goes beyond both, and at one value there are two orbits next to each other.
+        """
+        step = np.diff(self.rows[:, -1])
+        turns = 1 + np.nonzero(step[:-1] * step[1:] <= 0.0)[0]
+        near = {int(i) for turn in turns for i in range(turn - 2, turn + 2)}
+        return sorted(i for i in near if 0 <= i < len(step))
+
+    def _passes_at_turn(self, row: int, unknowns: Array) -> bool:
+        """Whether the branch from a row to the next one passes an orbit: where it meets the plane
+        through the orbit across its way, it is that orbit."""
+        problem, left, right = self.problem, self.rows[row], self.rows[row + 1]
+        scale = problem.scale(left, float(np.ptp(self.rows[:, -1])) or 1.0)
+        way, away = (right - left) / scale, problem.difference(unknowns, left) / scale
+        part = float(way @ away) / (float(way @ way) or 1.0)
+        if not -BEYOND <= part <= 1.0 + BEYOND:
+            return False
+        guess = left + part * (right - left)
+        return self._same(
+            correct(problem, guess, way / scale, scale, Settings()).evaluation, unknowns
+        )
+
+    def _same(self, here: Any, unknowns: Array) -> bool:
+        """Whether a solution, if there is one, is an orbit."""
+        if here is None:
+            return False
+        apart = self.problem.difference(here.unknowns, unknowns)
+        return bool(np.max(np.abs(apart)) < SAME_SOLUTION)
 
 
 def both_ways(
