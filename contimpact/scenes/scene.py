@@ -166,6 +166,7 @@ class Scene:
         curves = self.curves
         assert curves is not None
         family = {} if curves.family is None else {curves.family[0]: list(curves.family[1])}
+        third = {} if curves.third is None else _named_range(*curves.third)
         settings = curves.settings
         return {
             "parameter": curves.parameter,
@@ -180,6 +181,7 @@ class Scene:
             "max_step": settings.max_step,
             "max_points": settings.max_points,
             "family": family,
+            "third": third,
         }
 
     def left_out(self, simulated: bool = False) -> list[str]:
@@ -275,6 +277,10 @@ def _text(path: Path) -> str:
     if LONG_KEY.search(text):
         raise ValueError(f"a key of more than {LONGEST_KEY} names")
     return text
+
+
+def _named_range(name: str, limits: tuple[float, float]) -> dict[str, Any]:
+    return {"parameter": name, "range": list(limits)}
 
 
 def read_scene(given: Mapping[str, Any], systems: Mapping[str, type[Model]] | None = None) -> Scene:

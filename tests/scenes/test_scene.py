@@ -989,3 +989,11 @@ def test_byte_order_mark(tmp_path):
     path = tmp_path / "scene.toml"
     path.write_text(written(VALID), encoding="utf-8-sig")
     assert load_scene(path).name == VALID["name"]
+
+
+def test_a_resolved_map_keeps_its_third_parameter():
+    third = {"parameter": "beta", "range": [0.1, 1.0]}
+    scene = read_scene(changed({"curves": {"parameter": "r", "range": [0.1, 0.9], "third": third}}))
+    assert scene.resolved()["curves"]["third"] == third
+    again = read_scene(json.loads(json.dumps(scene.resolved())))
+    assert again.curves.third == scene.curves.third
