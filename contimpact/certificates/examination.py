@@ -16,6 +16,7 @@ from ..records.entry import Entry
 from .birth import Birth
 from .equations import BallProblem, Balls
 from .event import EventCertificate
+from .joints import meet
 from .krawczyk import proven
 from .nodes import halved
 from .test_functions import OF_TWO, Test, regular, test_at
@@ -100,13 +101,8 @@ class Findings:
         for (segment, one), (_, other) in itertools.pairwise(self.tubes):
             if one is None or not isinstance(other, Tube):
                 continue
-            if not (one.meets(other) if isinstance(one, Birth) else _meet(one, other)):
+            if not meet(one, other):
                 self.leave_open(segment, "its tube is not proven to meet the next one")
-
-
-def _meet(one: Tube, other: Tube) -> bool:
-    """Whether an orbit at the node of one tube is in the box of the other."""
-    return bool((one.ends[1] < other.box).all() or (other.ends[0] < one.box).all())
 
 
 def _piece(segment: Segment, what: str) -> Piece:

@@ -24,6 +24,9 @@ Function: TypeAlias = Callable[[list[Any]], list[Any]]
 STEPS = 12
 """Newton steps at most; doubles are right to some digits from the beginning."""
 
+ROUNDING = 1e-18
+"""Steps below this that do not fall any more are those of rounding: the system is ill-conditioned."""
+
 WIDTHS = (1e-7, 1e-8, 1e-9, 1e-10, 1e-11, 1e-12)
 """Radii of boxes tried, relative, the widest first: the wider, the more the uniqueness says."""
 
@@ -33,20 +36,18 @@ def refined(space: BallProblem, system: Function, guess: Sequence[float]) -> Bal
 
     None where the iteration does not converge.
     """
-    x = [arb(value) for value in guess]
+    x, before = [arb(value) for value in guess], arb(1)
     inverse = preconditioner(space, system, x)
     for _ in range(STEPS if inverse is not None else 0):
         step = (inverse * column([f.mid() for f in system(x)])).entries()
         if not all(s.is_finite() for s in step):
             return None
         x = [(value - s).mid() for value, s in zip(x, step, strict=True)]
-        if all(_small(s, value) for s, value in zip(step, x, strict=True)):
+        size = max(abs(s).upper() / (1 + abs(v)).lower() for s, v in zip(step, x, strict=True))
+        if size < arb(2) ** (12 - ctx.prec) or (size < ROUNDING and 2 * size > before):
             return x
+        before = size
     return None
-
-
-def _small(step: Any, value: Any) -> bool:
-    return bool(abs(step).upper() < arb(2) ** (12 - ctx.prec) * (1 + abs(value)))
 
 
 def preconditioner(space: BallProblem, system: Function, x: Balls) -> Any:
