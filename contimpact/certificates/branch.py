@@ -292,7 +292,7 @@ def _certificate(
     found.name_crossings(crossings)
     total = sum(segment.length for segment, _ in found.tubes)
     sought = [c.id for c in own if c.kind in work.kinds]
-    lost = [name for name in sought if found.events.count(name) != 1]
+    lost = [name for name in sought if name not in found.events]
     segments = [segment for segment, _ in found.tubes]
     nodes = [segments[0].first, *(segment.last for segment in segments)]
     return BranchCertificate(
@@ -305,7 +305,7 @@ def _certificate(
         float(nodes[-1].unknowns[-1]),
         sum(tube is not None for _, tube in found.tubes),
         max(0.0, 1.0 - found.open_length / total) if total else 0.0,
-        tuple(found.events),
+        tuple(dict.fromkeys(found.events)),
         tuple(found.missing),
         () if found.unproven else tuple(lost),
         tuple(found.unproven),

@@ -17,7 +17,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, TypeAlias
 
 import numpy as np
 from flint import arb
@@ -127,6 +127,9 @@ class Flying:
         yield from taken
         while cells:
             along, at, depth = cells.pop()
+            if edged := _cut_at_edges(along, at, taken):
+                cells += [(*part, depth) for part in edged]
+                continue
             s, u = _ball(at), _ball(along)
             wide, mid = self.local(s, u), self.local(s.mid(), u.mid())
             ds, du = s - s.mid(), u - u.mid()
@@ -212,5 +215,28 @@ class Flying:
         return mid.gap[wall] + wide.gap_along[wall] * (u - u.mid())
 
 
-def _ball(ends: tuple[float, float]) -> Any:
+Range: TypeAlias = tuple[float, float]
+
+
+def _cut_at_edges(
+    along: Range, at: Range, taken: Sequence[Patch]
+) -> list[tuple[Range, Range]] | None:
+    """Two cells in place of one that is partly in a patch; None if there is none of these."""
+    for patch in taken:
+        if not (_overlap(along, patch.along) and _overlap(at, patch.at)):
+            continue
+        for edge in patch.along:
+            if along[0] < edge < along[1]:
+                return [((along[0], edge), at), ((edge, along[1]), at)]
+        for edge in patch.at:
+            if at[0] < edge < at[1]:
+                return [(along, (at[0], edge)), (along, (edge, at[1]))]
+    return None
+
+
+def _overlap(one: Range, other: Range) -> bool:
+    return max(one[0], other[0]) < min(one[1], other[1])
+
+
+def _ball(ends: Range) -> Any:
     return arb(ends[0]).union(arb(ends[1]))

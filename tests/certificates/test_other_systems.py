@@ -14,7 +14,7 @@ import pytest
 from zoo import ROOT
 
 import contimpact
-from contimpact import continue_orbit, find_orbits, load_entries, load_scene
+from contimpact import certify, continue_orbit, find_orbits, load_entries, load_scene
 from contimpact.models.word import Word
 from contimpact.records.catalogue import write_diagram
 from contimpact.scenes.options import CertifyOptions
@@ -141,6 +141,33 @@ def test_branches_of_two_degrees_of_freedom_are_proven():
     branch = proven("impact_damper").branches[0]
     assert not branch.refuted
     assert branch.complete, branch.lines()
+
+
+def test_branches_followed_in_the_frequency_are_complete():
+    """The matrices of their flights depend on it; one touch is counted once, whatever cells the
+    tube is cut into."""
+    scene = load_scene(ROOT / "branches" / "coupled_by_impact" / "scene.toml")
+    orbits = find_orbits(scene.model.replace(omega=0.9), "K", parameter="omega")
+    orbit = min(orbits, key=lambda one: abs(one.velocities[0] - 2.05))
+    branch = continue_orbit(orbit, range=(0.899, 0.904), events=["FB", "PD", "G"])
+    (found,) = certify(branch).branches
+    assert found.complete, found.lines()
+    assert list(found.events) == [event.id for event in branch.events]
+    assert [event.kind for event in branch.events] == ["G"]
+
+
+@pytest.mark.slow
+def test_tubes_meet_beside_a_crossing():
+    """Their bounds at the nodes are far wider there than the distance of an orbit from the node."""
+    scene = load_scene(ROOT / "branches" / "impact_damper" / "scene.toml")
+    short = dataclasses.replace(
+        scene, model=scene.model.replace(d=16.5), range=(16.0, 17.0), switch=()
+    )
+    found = contimpact.certify(follow(short))
+    (crossing,) = (c for c in found.entries if c.kind == "BP")
+    for piece in (piece for branch in found.branches for piece in branch.unproven):
+        assert piece.what == f"branches cross there, at {crossing.id}"
+        assert abs(piece.end - piece.start) < 1e-4
 
 
 def test_long_flights_take_few_cells(monkeypatch):
