@@ -27,6 +27,7 @@ from ..records.entry import Entry
 from ..records.recovery import model_at
 from ..segments.kernels import Kernels
 from .birth import proven_birth
+from .budget import Budget
 from .equations import BallProblem
 from .event import EventCertificate
 from .examination import BITS, DEEPEST, Examination, Findings, Piece, known
@@ -141,6 +142,7 @@ def certified_branch(
     model: Model | None = None,
     kernels: Kernels | None = None,
     progress: Progress = silent,
+    seconds: float = math.inf,
 ) -> BranchCertificate:
     """Prove that a branch is one smooth curve on which every event is recorded.
 
@@ -157,8 +159,10 @@ def certified_branch(
         The system, where its name does not tell.
     kernels : Kernels, optional
     progress : callable, optional
+    seconds : float
+        How long it may take; what is left then is unproven.
     """
-    began = time.perf_counter()
+    began, budget = time.perf_counter(), Budget(seconds)
     with _precise():
         problem = problem_of(branch, model, kernels)
         points = points_of(branch, problem)
@@ -167,12 +171,12 @@ def certified_branch(
         own = [entry for entry in alike if entry.branch == branch.id]
         crossings = {e.id: e.value for e in alike if kind_of(e.kind).crossing}
         places = [known(entry, certificates[entry.id], problem) for entry in own]
-        work = Examination(problem, kinds, places)
+        work = Examination(problem, kinds, places, budget)
         nodes = nodes_of(problem, points, scale)
         if branch.ends[0].kind is EndKind.BORN and len(nodes) > 1:
             _born(work, Segment(work.space, nodes[0], nodes[1], scale), BIRTH)
             nodes = nodes[1:]
-        for segment, tube in laid(work.space, nodes, scale, progress):
+        for segment, tube in laid(work.space, nodes, scale, progress, budget):
             work.account(segment, tube)
         return _certificate(branch, work, own, crossings, time.perf_counter() - began)
 
@@ -205,7 +209,7 @@ def _born(work: Examination, first: Segment, left: int) -> None:
         return
     near, far = parts
     _born(work, near, left - 1)
-    for segment, tube in split(far, DEEPEST):
+    for segment, tube in split(far, DEEPEST, work.budget):
         work.account(segment, tube)
 
 

@@ -215,8 +215,8 @@ class _Work:
             self.progress(f"certifying {branch.id}, {branch.notation}: {text}")
 
         kernels = self.problems.kernels(branch)
-        kinds = self.options.events
-        return certified_branch(branch, entries, known, kinds, self.model, kernels, tell)
+        kinds, seconds = self.options.events, self.options.seconds
+        return certified_branch(branch, entries, known, kinds, self.model, kernels, tell, seconds)
 
 
 def proven_once(

@@ -14,6 +14,7 @@ from ..bifurcations.registry import kind_of
 from ..orbits.problem import OrbitProblem
 from ..records.entry import Entry
 from .birth import Birth
+from .budget import Budget
 from .equations import BallProblem, Balls
 from .event import EventCertificate
 from .joints import meet
@@ -119,17 +120,26 @@ class Examination:
     kinds : sequence of str
         Of those with a test function of this room; others are passed over.
     known : sequence of Known
+    budget : Budget, optional
+        Tubes are not cut any more when it is spent.
     """
 
-    def __init__(self, problem: OrbitProblem, kinds: Sequence[str], known: Sequence[Known]) -> None:
+    def __init__(
+        self,
+        problem: OrbitProblem,
+        kinds: Sequence[str],
+        known: Sequence[Known],
+        budget: Budget | None = None,
+    ) -> None:
         self.space = BallProblem(problem, BITS)
         self.kinds, self.known = covered(kinds), known
+        self.budget = budget or Budget()
         self.found = Findings()
 
     def account(self, segment: Segment, tube: Tube | None, depth: int = 0) -> None:
         """Search a tube; without one, note that nothing is proven there."""
         if tube is None:
-            self.found.open_at(segment, NO_TUBE)
+            self.found.open_at(segment, self.budget.message if self.budget.spent else NO_TUBE)
             return
         self.examine(segment, tube, depth)
 
@@ -163,13 +173,16 @@ class Examination:
             events, missing, left = self._events(tube)
         except FAILURES as error:
             events, missing, left = [], [], [f"a test function has no enclosure ({error})"]
-        if left and depth < DEEPEST and (parts := _cut(segment)) is not None:
+        deeper = left and depth < DEEPEST and not self.budget.spent
+        if deeper and (parts := _cut(segment)) is not None:
             for part, own in parts:
                 self.examine(part, own, depth + 1)
             return
         self.found.tubes.append((segment, tube))
         self.found.events += events
         self.found.missing += [_piece(segment, what) for what in missing]
+        if left and self.budget.spent:
+            left.append(self.budget.message)
         if left:
             self.found.leave_open(segment, "; ".join(dict.fromkeys(left)))
 

@@ -10,6 +10,7 @@ from ..orbits.problem import Array, OrbitProblem
 from ..progress import Progress
 from ..records.branch import Branch
 from ..records.tables import coordinates
+from .budget import Budget
 from .equations import BallProblem
 from .nodes import halved, node_at
 from .tube import Node, Segment, Tube, proven_tube
@@ -52,11 +53,16 @@ def nodes_of(problem: OrbitProblem, points: Array, scale: Array) -> list[Node]:
 
 
 def laid(
-    space: BallProblem, nodes: Sequence[Node], scale: Array, progress: Progress
+    space: BallProblem, nodes: Sequence[Node], scale: Array, progress: Progress, budget: Budget
 ) -> Iterator[tuple[Segment, Tube | None]]:
-    """Yield tubes from node to node, each over as many steps as it can, or None."""
+    """Yield tubes from node to node, each over as many steps as it can, or None; None for every
+    step that is left when the budget is spent."""
     i, steps = 0, 4
     while i < len(nodes) - 1:
+        if budget.spent:
+            yield Segment(space, nodes[i], nodes[i + 1], scale), None
+            i += 1
+            continue
         j = min(i + steps, len(nodes) - 1)
         segment = Segment(space, nodes[i], nodes[j], scale)
         tube = proven_tube(segment)
@@ -65,16 +71,16 @@ def laid(
             steps = (j - i) // 2
             continue
         if tube is None:
-            yield from split(segment, DEEPEST)
+            yield from split(segment, DEEPEST, budget)
         else:
             yield segment, tube
         i, steps = j, 2 * steps
         progress(f"{i} of {len(nodes) - 1} steps")
 
 
-def split(segment: Segment, depth: int) -> Iterator[tuple[Segment, Tube | None]]:
+def split(segment: Segment, depth: int, budget: Budget) -> Iterator[tuple[Segment, Tube | None]]:
     """Yield tubes along a step in which a single one is not proven."""
-    parts = halved(segment) if depth > 0 else None
+    parts = halved(segment) if depth > 0 and not budget.spent else None
     if parts is None:
         yield segment, None
         return
@@ -83,4 +89,4 @@ def split(segment: Segment, depth: int) -> Iterator[tuple[Segment, Tube | None]]
         if tube is not None:
             yield part, tube
         else:
-            yield from split(part, depth - 1)
+            yield from split(part, depth - 1, budget)

@@ -100,9 +100,12 @@ class CertifyOptions:
         Whether branches are proven complete, besides their entries.
     events : sequence of str
         For which kinds of events; those the scene looks for.
+    seconds : float
+        How long the proof of a branch may take; what is left then is unproven.
     """
 
     bits: int = 128
     max_bits: int = 512
     branches: bool = True
     events: tuple[str, ...] = ("FB", "PD", "G")
+    seconds: float = 600.0

@@ -245,8 +245,11 @@ def read_certify(table: Table, events: Sequence[str]) -> CertifyOptions:
     bits = table.whole("bits", defaults.bits, least=53, most=MOST_BITS)
     limit = table.whole("max_bits", max(defaults.max_bits, bits), least=bits, most=MOST_BITS)
     branches = table.truth("branches", defaults.branches)
+    seconds = table.number("seconds", defaults.seconds)
     table.finish()
-    return CertifyOptions(bits, limit, branches, tuple(events))
+    if not seconds > 0.0:
+        raise InputError("certify.seconds", f"found {seconds!r}", "give a number above 0")
+    return CertifyOptions(bits, limit, branches, tuple(events), seconds)
 
 
 def read_numerics(table: Table) -> tuple[Settings, dict[str, Any]]:

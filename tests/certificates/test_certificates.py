@@ -89,6 +89,18 @@ def test_certified_values_are_those_of_thirty_digits(diagram, proven):
             assert abs(flint.arb(c.parameter) - digits) < 1e-35
 
 
+def test_a_branch_whose_time_is_over_says_what_is_left(diagram, proven):
+    found = contimpact.certify(diagram, options=CertifyOptions(seconds=1e-9))
+    assert found.certified
+    (branch,) = found.branches
+    (piece,) = branch.unproven
+    assert piece.what == "not proven within 1e-09 s; more are given by seconds in [certify]"
+    values = diagram.branches[0]["s"]
+    assert (piece.start, piece.end) == (values[0], values[-1])
+    assert (branch.complete, branch.share, branch.strange) == (False, 0.0, ())
+    assert {c.id: c.verdict for c in found.entries} == {c.id: c.verdict for c in proven.entries}
+
+
 # It can fail.
 
 
@@ -342,7 +354,9 @@ def test_a_scene_says_what_is_proven():
     assert scene().certify is None
     left = " ".join(scene(certify={}).left_out())
     assert "[certify] is for contimpact certify alone" in left
-    for table in ({"bits": 10}, {"bits": 256, "max_bits": 128}, {"digits": 30}):
+    assert scene(certify={"seconds": 5}).certify.seconds == 5.0
+    wrong = ({"bits": 10}, {"bits": 256, "max_bits": 128}, {"digits": 30}, {"seconds": 0})
+    for table in wrong:
         with pytest.raises(contimpact.InputError, match="certify"):
             scene(certify=table)
 
