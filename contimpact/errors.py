@@ -32,6 +32,10 @@ class InputError(ValueError):
         return InputError(f"{prefix}.{self.where}", self.found, self.accepted)
 
 
+class NotInstalledError(InputError):
+    """What was given needs a package that is not installed."""
+
+
 class NotWrittenError(InputError):
     """Some files of a folder could not be written; the others were.
 

@@ -10,7 +10,7 @@ from typing import Any
 import flint
 
 from .. import __version__
-from ..errors import InputError
+from ..errors import NotInstalledError
 from ..models.model import Model
 from ..orbits.problem import OrbitProblem
 from ..progress import Progress, silent
@@ -21,10 +21,10 @@ from ..records.entry import Entry
 from ..records.recovery import model_at, model_of, orbit_of
 from ..records.result_folder import CATALOGUE, WANTED, read_json, reading
 from ..scenes.options import CertifyOptions
-from ..segments.balls import enclosed
+from ..segments.balls import INTEGRATED, without_enclosures
 from ..segments.kernels import Kernels
 from .branch import BranchCertificate, certified_branch, verified_branch, without_certificate
-from .event import EventCertificate, certified, verified
+from .event import EventCertificate, NoEnclosuresError, certified, verified
 from .records import ROWS, Certificates, Kept, digest, read_certificates
 
 NONE = "there is no certificate"
@@ -56,18 +56,28 @@ class Problems:
     def _shared(self, model: Model, parameter: str) -> Kernels:
         key = (model.identity, parameter)
         if key not in self._kernels:
-            self._kernels[key] = _with_enclosures(Kernels(model, parameter))
+            self._kernels[key] = with_enclosures(Kernels(model, parameter))
         return self._kernels[key]
 
 
-def _with_enclosures(kernels: Kernels) -> Kernels:
-    """The kernels, or `InputError` where enclosures of their flights are not known."""
+def with_enclosures(kernels: Kernels) -> Kernels:
+    """Return kernels of whose flights enclosures are known.
+
+    Raises
+    ------
+    NoEnclosuresError
+        Where they are not.
+    """
     model = kernels.model
-    if all(enclosed(kernels.motion(wall.name).source) for wall in model.WALLS):
+    try:
+        sources = [kernels.motion(wall.name).source for wall in model.WALLS]
+        found = next(filter(None, map(without_enclosures, sources)), None)
+    except NotInstalledError:
+        found = INTEGRATED
+    if found is None:
         return kernels
-    found = "its flights are integrated, or sums over more than eight harmonics"
     accepted = "proofs are for linear flights and closed forms with eight harmonics at most"
-    raise InputError(f"system {model.SYSTEM}", found, accepted)
+    raise NoEnclosuresError(f"system {model.SYSTEM}", found, accepted)
 
 
 def certify(
@@ -97,7 +107,8 @@ def certify(
     Raises
     ------
     InputError
-        If a folder is missing or damaged, or a system is not known.
+        If a folder is missing or damaged, or a system is not known or has flights without
+        enclosures.
     """
     options = options or CertifyOptions()
     if isinstance(what, str | Path):

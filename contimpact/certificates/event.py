@@ -97,6 +97,10 @@ class EventCertificate:
         return {**asdict(self), "box": list(self.box), "inner": list(self.inner)}
 
 
+class NoEnclosuresError(InputError):
+    """A system of whose flights no enclosures are known: nothing is said of its entries."""
+
+
 class RejectedError(Exception):
     """A clause that fails, and what was found."""
 
@@ -167,6 +171,8 @@ def _attempted(
             if found.certified or found.clause not in PRECISE or 2 * bits > most:
                 break
             bits *= 2
+    except NoEnclosuresError:
+        raise
     except InputError as error:
         found = replace(found, clause="entry", found=str(error))
     except (LookupError, TypeError, AttributeError) as error:

@@ -9,7 +9,8 @@ from pathlib import Path
 from ..errors import InputError
 from ..records.result_folder import MANIFEST, WANTED, held, read_json
 from ..scenes.options import CertifyOptions
-from ..scenes.scene import read_scene
+from ..scenes.scene import load_scene, read_scene
+from ..segments.kernels import Kernels
 from ..telling import telling
 from .terminal import complain, say
 
@@ -33,8 +34,11 @@ def _run(options: argparse.Namespace) -> int:
     """Run the scene, as ``contimpact run`` does."""
     if options.output is None:
         raise InputError("-o", "missing", "give the folder to write to")
+    from ..certificates.certify import with_enclosures
     from . import run
 
+    scene = load_scene(options.target)
+    with_enclosures(Kernels(scene.model, scene.parameter))  # refused before anything is run
     given = argparse.Namespace(
         scenes=[options.target],
         output=options.output,

@@ -92,9 +92,14 @@ def balls(bits: int) -> Arithmetic:
     return Arithmetic(names | PLAIN, exact=True)
 
 
-def enclosed(source: str) -> bool:
-    """Whether enclosures of all that a kernel calls are known, given its source."""
-    return re.search(r"\b(flown|waves)\(", source) is None
+INTEGRATED = "its flights are integrated"
+MANY_WAVES = "its flights are sums over more than eight harmonics"
+
+
+def without_enclosures(source: str) -> str | None:
+    """Return what a kernel calls that no enclosures are known of, given its source."""
+    called = re.search(r"\b(flown|waves)\(", source)
+    return None if called is None else {"flown": INTEGRATED, "waves": MANY_WAVES}[called[1]]
 
 
 def _method(name: str) -> Callable[[Number], Number]:

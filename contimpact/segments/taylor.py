@@ -26,7 +26,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ..arrays import Array
-from ..errors import InputError
+from ..errors import NotInstalledError
 from ..models.expressions import FUNCTIONS
 
 SCALE = 2.0**100
@@ -73,10 +73,10 @@ def statement(field: str) -> Statement:
 
 
 def require() -> None:
-    """Raise `InputError` if the package that integrates is not installed."""
+    """Raise `NotInstalledError` if the package that integrates is not there."""
     if importlib.util.find_spec("heyoka") is None:
         found = "its flights are integrated by the package heyoka, which is not installed"
-        raise InputError("system", found, "pip install contimpact[ode]")
+        raise NotInstalledError("system", found, "pip install contimpact[ode]")
 
 
 class Integrator:

@@ -417,6 +417,18 @@ def test_what_has_no_enclosures_is_refused_at_once():
         certify(branch)
 
 
+@pytest.mark.parametrize("name", ["pendulum", "duffing"])
+def test_integrated_flights_are_refused_before_anything_is_run(name, tmp_path, capsys):
+    """With the package that integrates, and without."""
+    folder = ROOT / "branches" / name
+    refusal = "its flights are integrated; proofs are for linear flights and closed forms"
+    assert main(["certify", str(folder / "scene.toml"), "-o", str(tmp_path / "out")]) == 2
+    assert f"system {name}: {refusal}" in capsys.readouterr().err
+    assert not (tmp_path / "out").exists()
+    with pytest.raises(InputError, match=refusal):
+        certify(contimpact.load_entries(folder))
+
+
 def test_orbits_without_impacts_are_left_out_with_a_reason():
     model = load_scene(ROOT / "branches" / "soft_stop" / "scene.toml").model
     orbit = find_orbits(model, "0", parameter="omega")[0]
