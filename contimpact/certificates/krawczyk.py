@@ -25,7 +25,7 @@ STEPS = 12
 """Newton steps at most; doubles are right to some digits from the beginning."""
 
 ROUNDING = 1e-18
-"""Steps below this that do not fall any more are those of rounding, in an ill-conditioned system."""
+"""Steps below this that fall no more are those of rounding, where a system is ill-conditioned."""
 
 WIDTHS = (1e-7, 1e-8, 1e-9, 1e-10, 1e-11, 1e-12)
 """Radii of boxes tried, relative, the widest first: the wider, the more the uniqueness says."""
