@@ -79,7 +79,7 @@ def continue_born(
         run = run_born(
             start, born, limits, tests, settings or Settings(), name, at_image(problem), told
         )
-    if run is None:
+    if isinstance(run, End):
         return None
     asked = [test.kind for test in tests]
     branch = undisturbed(lambda: run.branch(name, entry.id, kinds=asked))
@@ -95,7 +95,7 @@ def run_born(
     name: str = "b1",
     stop: Stop | None = None,
     callback: Callable[[Point], bool | None] | None = None,
-) -> Run | None:
+) -> Run | End:
     """Walk along a branch from its start, one way or both as `Start` says.
 
     Parameters
@@ -113,8 +113,8 @@ def run_born(
 
     Returns
     -------
-    Run or None
-        None where there is no first point.
+    Run or End
+        Where there is no first point, the end that says why.
     """
     problem = start.problem
 
@@ -134,7 +134,7 @@ def run_born(
 
     forward = kept(lambda: go(+1))
     if not forward.points:
-        return None
+        return forward.end
     first, closed = forward.points[:1], forward.end.kind is EndKind.CLOSED
     if not closed and mirrors_back(problem, start.unknowns, start.tangent, symmetry_of(problem)):
         backward = Walk(first, (), again(name, first[0]))

@@ -8,7 +8,6 @@ symmetry) is not followed twice; the second way to it is recorded as a meeting.
 
 from __future__ import annotations
 
-import functools
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
@@ -18,16 +17,14 @@ import numpy as np
 
 from ..bifurcations.registry import switch, test_functions
 from ..bifurcations.start import Start, once
-from ..continuation.branch import End, EndKind, Point, Walk
-from ..continuation.interruption import kept, other_way
+from ..continuation.branch import End, EndKind, Point
 from ..continuation.settings import Settings
 from ..continuation.test_function import TestFunction
-from ..continuation.walk import Options
 from ..errors import InputError
 from ..models.word import Word
-from ..orbit_continuation.orbit_backend import walk_orbits
+from ..orbit_continuation.born import first_step, run_born
 from ..orbit_continuation.orbit_branch import Run, both_ways
-from ..orbit_continuation.symmetry import again, at_image, mirrors_back, watched
+from ..orbit_continuation.symmetry import at_image, watched
 from ..orbits.linearisation import Linearisation
 from ..orbits.orbit import Orbit
 from ..orbits.problem import Array, OrbitProblem
@@ -219,56 +216,46 @@ class _Explorer:
 
     def follow_birth(self, birth: Birth) -> None:
         """Follow the branch born at an event; if it is known, record the meeting."""
-        began = time.perf_counter()
+        entry, began = birth.entry, time.perf_counter()
         start = switch(birth.event)
         if start is None:
-            self.notes.append(f"{birth.entry.id} ({birth.entry.label}): nothing starts there")
+            self.note(entry, "nothing starts there")
             return
         start = once(start)
         if start.note:
-            self.notes.append(f"{birth.entry.id} ({birth.entry.label}): {start.note}")
+            self.note(entry, start.note)
         known = self.first_step_known(start)
         self.seconds["switching"] += time.perf_counter() - began
         if known is not None:
-            self.record(birth.entry, known)
+            self.record(entry, known)
             return
-        name = self.next_name()
-        began = time.perf_counter()
-        forward = kept(lambda: self.walk_from(start, +1, name))
-        if not forward.points:
-            self.notes.append(f"{birth.entry.id} ({birth.entry.label}): {forward.end.message}")
-            return
-        backward = None
-        if mirrors_back(start.problem, start.unknowns, start.tangent, self.symmetry):
-            backward = Walk(forward.points[:1], (), again(name, forward.points[0]))
-        elif start.both_ways and forward.end.kind is not EndKind.CLOSED:
-            back = functools.partial(self.walk_from, start, -1, name)
-            backward = other_way(forward, self.scene.parameter, back)
-            if not backward.points:
-                backward = Walk(forward.points[:1], (), backward.end)
-        entry = birth.entry
-        born = End.of(
-            EndKind.BORN, self.scene.parameter, entry.value, entry=entry.id, parent=entry.branch
-        )
-        if backward is None:
-            if forward.end.kind is EndKind.CLOSED:
-                born = forward.end
-            backward = Walk(forward.points[:1], (), born)
-        run = Run.of(start.problem, backward, forward)
-        if len(run.points) == 1 and EndKind.RANGE not in (forward.end.kind, backward.end.kind):
-            self.notes.append(f"{entry.id} ({entry.label}): {forward.end.message}")
+        name, began = self.next_name(), time.perf_counter()
+        run = self.run_from(start, entry, name)
+        if isinstance(run, End):
+            self.note(entry, run.message)
+        elif len(run.points) == 1 and all(w.end.kind is not EndKind.RANGE for w in run.walks):
+            self.note(entry, run.walks[1].end.message)
         elif known := self.run_known(run):
             self.record(entry, known)
         else:
             self.keep(run, name, entry, birth.depth, began)
 
+    def note(self, entry: Entry, text: str) -> None:
+        self.notes.append(f"{entry.id} ({entry.label}): {text}")
+
     def first_step_known(self, start: Start) -> str | None:
         """The known branch the first step from a start leads to, if any."""
         self.probes += 1
-        settings = replace(self.settings(), max_points=2)
-        options = self.options(start, settings)
-        probe = walk_orbits(start.problem, start.unknowns, +1, **options)
+        probe = first_step(start, self.scene.range, self.settings())
         return self.known(start.problem, probe.points[-1].unknowns) if probe.points else None
+
+    def run_from(self, start: Start, entry: Entry, name: str) -> Run | End:
+        """Walk from a start until the branch ends, or runs into its own image."""
+        problem, place = start.problem, {"entry": entry.id, "parent": entry.branch}
+        born = End.of(EndKind.BORN, self.scene.parameter, entry.value, **place)
+        tests, settings = self.tests(problem), self.settings()
+        stop, report = at_image(problem, self.known), self.reporter(problem, name)
+        return run_born(start, born, self.scene.range, tests, settings, name, stop, report)
 
     def run_known(self, run: Run) -> str | None:
         """The known branch a walk went along, where its first step was too short to tell."""
@@ -276,23 +263,6 @@ class _Explorer:
         inside = np.searchsorted(lengths, lengths[-1] * np.array([1 / 3, 2 / 3])).tolist()
         one, other = (self.known(run.problem, run.points[i].unknowns) for i in inside)
         return one if one == other else None
-
-    def walk_from(self, start: Start, direction: int, name: str) -> Walk:
-        """Walk one way from a start, until the branch ends or runs into its own image."""
-        problem = start.problem
-        tests, callback = self.tests(problem), self.reporter(problem, name)
-        options = self.options(start, self.settings())
-        options |= {"callback": callback, "stop": at_image(problem, self.known)}
-        return walk_orbits(problem, start.unknowns, direction, tests=tests, **options)
-
-    def options(self, start: Start, settings: Settings) -> Options:
-        """How to walk from a start."""
-        return {
-            "limits": self.scene.range,
-            "tangent": start.tangent,
-            "branching": start.branching,
-            "settings": settings,
-        }
 
     # Recognition.
 

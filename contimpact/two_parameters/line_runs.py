@@ -144,8 +144,9 @@ def _switched(scene: Scene, event: Event, known: Sequence[Run], limits: Range) -
     tests = tests_of(scene, start.problem)
     born = End.of(EndKind.BORN, start.problem.parameter, event.parameter, entry="", parent="")
     run = run_born(start, born, limits, tests, scene.settings, stop=stop)
-    if run is not None:
-        _uninterrupted(run)
+    if isinstance(run, End):
+        return None
+    _uninterrupted(run)
     return run
 
 
