@@ -1,8 +1,8 @@
 """Cycles of motions with several coordinates: Newton's iteration on the simulated map.
 
-As `cycle`, with all section coordinates. Motion that rests on a wall for a part of its period keeps
-its other coordinates, so that it need not repeat itself at once: it has a cycle when its sojourns
-agree.
+As `cycles_of_one`, with all section coordinates. Motion that rests on a wall for a part of its
+period keeps its other coordinates, so that it need not repeat itself at once: it has a cycle when
+its sojourns agree.
 """
 
 from __future__ import annotations
@@ -18,12 +18,7 @@ from ..arrays import Array
 from ..orbits.multipliers import multipliers
 from ..simulation.run import Run, State
 from ..simulation.simulator import Simulator
-from .cycle import NEAR, Cycle
-
-CLOSED = 1e-15
-"""A cycle that misses itself by less, in parts of its size, is closed; one that misses it by no
-more than `ROUNDED` is where Newton's iteration gains nothing."""
-ROUNDED = 1e-11
+from .cycle import NEAR, Cycle, Map, shortest_closed
 
 NOTHING = 1e-14
 """Multipliers below this are zero where a wall is held: what it held is forgotten."""
@@ -38,7 +33,7 @@ def cycle_of_several(simulator: Simulator, run: Run, longest: int) -> tuple[Cycl
     apart = _apart(table[early] - table[last], _sizes(run))
     apart[run.walls[early] != run.walls[last]] = np.inf
     for back in early[apart < NEAR][::-1][:3]:
-        cycle = _polished(simulator, run, int(last - back))
+        cycle = shortest_closed(simulator, AROUND_SEVERAL, run, int(last - back), _repetitions)
         if cycle is not None and abs(cycle.multipliers[0]) < 1.0:
             return cycle, _distance(run, cycle)
     return None
@@ -94,21 +89,6 @@ def _distance(run: Run, cycle: Cycle) -> float:
     return float(np.min(apart[cycle.walls == run.walls[-1]], initial=math.inf))
 
 
-def _polished(simulator: Simulator, run: Run, impacts: int) -> Cycle | None:
-    """The cycle of so many impacts near the end of a run, or of fewer if that repeats itself."""
-    rows = run.states()[len(run) - impacts :]
-    base = replace(max(rows, key=lambda row: abs(row.velocity)), turns=0)
-    turned = run.times[-1] - run.times[-1 - impacts]
-    cycle = polish_several(simulator, base, impacts, round(float(turned) / run.period))
-    if cycle is None:
-        return None
-    parts = _repetitions(cycle, simulator.period)
-    if parts == 1:
-        return cycle
-    state = cycle.state(simulator.period)
-    return polish_several(simulator, state, impacts // parts, cycle.period // parts)
-
-
 def _repetitions(cycle: Cycle, period: float) -> int:
     """How many times a cycle runs through a shorter one."""
     n, table = len(cycle.walls), np.column_stack([cycle.times, cycle.velocities, cycle.others])
@@ -123,73 +103,44 @@ def _repetitions(cycle: Cycle, period: float) -> int:
     return 1
 
 
-def polish_several(simulator: Simulator, state: State, impacts: int, period: int) -> Cycle | None:
-    """Solve for the cycle near a state by Newton's iteration on the simulated map.
-
-    Parameters
-    ----------
-    simulator : Simulator
-    state : State
-        An impact near the cycle.
-    impacts, period : int
-        Of the cycle; the period in forcing periods.
-
-    Returns
-    -------
-    Cycle or None
-        None if the iteration leaves the word or does not converge.
-    """
-    best, word = math.inf, None
-    side = simulator.sides[state.wall]
-    for _ in range(12):
-        closed = simulator.run(state, impacts=impacts)
-        walls, end = closed.walls.tolist(), closed.end
-        left = len(closed) < impacts or closed.held.any() or word not in (None, walls)
-        if left or end is None or end.wall != state.wall:
-            return None
-        word = walls
-        late = (end.turns - state.turns - period) * simulator.period + end.phase - state.phase
-        miss = np.array([late, *np.subtract(end.section, state.section)])
-        size = float(np.max(np.abs(miss) / _around(simulator, state)))
-        rows = [state, *closed.states()]
-        if size < CLOSED or (size >= 0.5 * best and size < ROUNDED):
-            return _cycle(simulator, rows[:-1], period, _multipliers(simulator, rows), size)
-        step = _newton(_derivatives(simulator, rows), miss)
-        if size > 10.0 * best or step is None:
-            return None
-        best = min(best, size)
-        phase, section = state.phase + float(step[0]), np.add(state.section, step[1:]).tolist()
-        state = replace(state, phase=phase, velocity=section[0], others=tuple(section[1:]))
-        state = replace(state.within(simulator.period), turns=0)
-        if state.velocity * side <= 0.0:
-            return None
-    return None
+def _size(simulator: Simulator, state: State, miss: Sequence[float]) -> float:
+    sizes = [simulator.period, *np.maximum(1.0, np.abs(state.section))]
+    return float(np.max(np.abs(miss) / np.array(sizes)))
 
 
-def _around(simulator: Simulator, state: State) -> Array:
-    """Sizes beside which a miss is small."""
-    return np.array([simulator.period, *np.maximum(1.0, np.abs(state.section))])
+def _step(
+    simulator: Simulator, state: State, run: Run, miss: Sequence[float]
+) -> Sequence[float] | None:
+    """Solve (M - I) step = -miss, with M the product of all derivatives."""
+    derivatives = _derivatives(simulator, [state, *run.states()])
+    product = unit = np.eye(len(miss))
+    if not np.all(np.isfinite(derivatives)):
+        return None
+    for derivative in derivatives:
+        product = derivative @ product
+    try:
+        step = np.linalg.solve(product - unit, -np.array(miss))
+    except np.linalg.LinAlgError:
+        return None
+    return step.tolist() if np.all(np.isfinite(step)) else None
+
+
+def _moved(simulator: Simulator, state: State, step: Sequence[float]) -> State:
+    phase, section = state.phase + step[0], np.add(state.section, step[1:]).tolist()
+    state = replace(state, phase=phase, velocity=section[0], others=tuple(section[1:]))
+    return replace(state.within(simulator.period), turns=0)
+
+
+def _closed(simulator: Simulator, state: State, run: Run, period: int, closing: float) -> Cycle:
+    rows = [state, *run.states()]
+    mus = _multipliers(simulator, rows)
+    return _cycle(simulator, rows[:-1], period, mus, closing)
 
 
 def _derivatives(simulator: Simulator, rows: Sequence[State]) -> Array:
     """From each row to the next, shape (N, m, m)."""
     pairs = itertools.pairwise(rows)
     return np.array([simulator.derivative_of_several(*pair) for pair in pairs])
-
-
-def _newton(derivatives: Array, miss: Array) -> Array | None:
-    """Solve (M - I) step = -miss, with M the product of all derivatives."""
-    unit = np.eye(len(miss))
-    if not np.all(np.isfinite(derivatives)):
-        return None
-    product = unit
-    for derivative in derivatives:
-        product = derivative @ product
-    try:
-        step: Array = np.linalg.solve(product - unit, -miss)
-    except np.linalg.LinAlgError:
-        return None
-    return step if np.all(np.isfinite(step)) else None
 
 
 def _multipliers(simulator: Simulator, rows: Sequence[State]) -> tuple[complex, ...]:
@@ -216,3 +167,6 @@ def _cycle(
         np.array([row.others for row in rows]).reshape(len(rows), -1),
         np.array([row.held for row in rows], dtype=np.int64),
     )
+
+
+AROUND_SEVERAL = Map(_size, _step, _moved, _closed)

@@ -16,7 +16,8 @@ from ..simulation.lyapunov import exponents_of
 from ..simulation.run import Outcome, Run, State
 from ..simulation.simulator import Simulator
 from .attractor import Attractor, Kind
-from .cycle import Cycle, cycle_near, sticking_cycle
+from .cycle import Cycle
+from .cycles_of_one import cycle_of_one, sticking_cycle_of_one
 from .cycles_of_several import cycle_of_several, sticking_cycle_of_several
 from .periodic import parameters, periodic
 
@@ -72,13 +73,13 @@ def settle(simulator: Simulator, state: State, settling: Settling = SETTLING) ->
 
 def _near(simulator: Simulator, run: Run, longest: int) -> tuple[Cycle, float] | None:
     """The stable cycle near the end of a run, and the distance to it."""
-    return (cycle_of_several if simulator.several else cycle_near)(simulator, run, longest)
+    return (cycle_of_several if simulator.several else cycle_of_one)(simulator, run, longest)
 
 
 def _sticking(simulator: Simulator, run: Run, settling: Settling) -> tuple[Cycle, float] | None:
     """The cycle of a motion that sticks and has reached it."""
     if not simulator.several:
-        return sticking_cycle(run) if run.released.any() else None
+        return sticking_cycle_of_one(run) if run.released.any() else None
     found = sticking_cycle_of_several(simulator, run)
     return found if found and found[1] < settling.tolerance else None
 

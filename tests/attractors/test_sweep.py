@@ -10,7 +10,8 @@ import pytest
 
 from contimpact.attractors.attractor import Attractor, Kind
 from contimpact.attractors.basins import basins
-from contimpact.attractors.cycle import polish
+from contimpact.attractors.cycle import closed
+from contimpact.attractors.cycles_of_one import AROUND_ONE
 from contimpact.attractors.sweep import Row, Simulators, find_attractors, same, sweep, sweep_rows
 from contimpact.attractors.verdict import settle
 from contimpact.orbits.search import find_orbits
@@ -139,7 +140,7 @@ def test_multipliers_of_the_simulated_map_are_those_of_the_orbit(pair, kernels_o
         if o.stable and o.physical
     )
     state = simulator.state("B", orbit.times[0], orbit.velocities[0])
-    cycle = polish(simulator, state, len(orbit.word), orbit.word.period)
+    cycle = closed(simulator, AROUND_ONE, state, len(orbit.word), orbit.word.period)
     # measured: 2e-15; the smaller multiplier from the determinant
     assert np.allclose(cycle.multipliers, orbit.multipliers, rtol=1e-11, atol=0)
     gap = settle(simulator, state, QUICK).smallest_gap
