@@ -1,8 +1,9 @@
-"""The types of arrays: NumPy's, and what compiled functions take."""
+"""The types of arrays, and the vectors and tables of functions that run plainly and compiled."""
 
 from __future__ import annotations
 
-from typing import Any, TypeAlias
+from collections.abc import Callable, Iterable
+from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
 
@@ -17,3 +18,39 @@ Vector: TypeAlias = Any
 
 Table: TypeAlias = Any
 """A list of rows, or an array of two dimensions, for the same."""
+
+
+class Containers(NamedTuple):
+    """Makes what such functions work on: `LISTS` where they run plainly, `ARRAYS` compiled.
+
+    Attributes
+    ----------
+    vector : callable ``vector(numbers)``
+        Of whole numbers if the first is one.
+    table : callable ``table(rows, columns)``
+        Of zeros.
+    """
+
+    vector: Callable[[Iterable[float]], Vector]
+    table: Callable[[int, int], Table]
+
+
+def _list(numbers: Iterable[float]) -> Vector:
+    return numbers.tolist() if isinstance(numbers, np.ndarray) else list(numbers)
+
+
+def _list_table(rows: int, columns: int) -> Table:
+    return [[0.0] * columns for _ in range(rows)]
+
+
+def _array(numbers: Iterable[float]) -> Vector:
+    found = np.array(numbers)
+    return found if len(found) else found.astype(float)
+
+
+def _array_table(rows: int, columns: int) -> Table:
+    return np.zeros((rows, columns))
+
+
+LISTS = Containers(_list, _list_table)
+ARRAYS = Containers(_array, _array_table)

@@ -4,18 +4,20 @@ from __future__ import annotations
 
 import enum
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
 
+from ..arrays import LISTS, Containers
 from . import step
 from .branch import Block, Point
 from .corrector import failure
 from .problem import Array, Problem
 from .refusal import Refusal, Refused
 from .settings import Settings
+from .step import HEAD, StepVectors
 from .step_control import LARGEST_DEFECT
 
 
@@ -91,6 +93,24 @@ class Position:
             return np.zeros(len(self.scale))
         return self.here.unknowns - self.behind.unknowns
 
+    def vectors(self, recorded: int, most: int, made_by: Containers = LISTS) -> StepVectors:
+        """Return what `take_steps` makes at most so many points of.
+
+        `recorded` are the numbers that ``observe`` records of each.
+        """
+        vector, table = made_by
+        n = len(self.scale)
+        return StepVectors(
+            vector(self.options()),
+            vector(self.state()),
+            vector(self.scale),
+            vector(self.here.unknowns),
+            vector(self.here.tangent),
+            vector(self.chord()),
+            work=table(4, n),
+            rows=table(most, 2 * n + HEAD + recorded),
+        )
+
 
 @dataclass(frozen=True, eq=False)
 class Proposal:
@@ -150,6 +170,38 @@ class Backend(Protocol):
 
     def advance(self, position: Position, most: int) -> Batch:
         """Take steps until one is proposed or refused, but `most` of them, or fewer."""
+
+
+def batch_of(
+    position: Position,
+    problem: Problem,
+    vectors: StepVectors,
+    made: int,
+    piece: Callable[[Array], Point | Block],
+) -> Batch:
+    """Return what `take_steps` has made: so many points, and perhaps a proposal.
+
+    `piece` makes the points of some rows.
+    """
+    state, notices = vectors.state, Notice(int(vectors.state[step.NOTICE]))
+    rows = np.array(vectors.rows[: made + 1 if notices else made])
+    accepted, proposal = piece(rows[:made]) if made else None, None
+    if notices:
+        proposal = Proposal(piece(rows[made:]), notices, float(state[step.NEXT_STEP]))
+    counts = int(state[step.ITERATIONS]), int(state[step.REJECTED])
+    refused = refusal(position, state, problem, vectors.work[1])
+    return Batch(accepted, float(state[step.STEP]), *counts, proposal, refused)
+
+
+def columns(rows: Array, n: int) -> tuple[Array, Array, Array, Array, Array, Array]:
+    """Return the columns of `take_steps`' rows in arrays of their own.
+
+    Unknowns, tangents, orientations, arclengths, iterations, and what ``observe`` recorded.
+    """
+    mark = 2 * n
+    sign, place, tries = (column.copy() for column in rows[:, mark : mark + HEAD].T)
+    points, recorded = (rows[:, :n].copy(), rows[:, n:mark].copy()), rows[:, mark + HEAD :].copy()
+    return *points, sign, place, tries, recorded
 
 
 def refusal(

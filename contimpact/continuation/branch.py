@@ -212,10 +212,17 @@ class Block:
         return len(self.iterations)
 
     def __getitem__(self, rows: slice) -> Block:
-        parts = {name: getattr(self, name)[rows] for name in self._arrays}
-        return replace(self, measured=None, **parts)
-
-    _arrays = ("unknowns", "tangents", "orientations", "arclengths", "iterations", "described")
+        return Block(
+            self.unknowns[rows],
+            self.tangents[rows],
+            self.orientations[rows],
+            self.arclengths[rows],
+            self.iterations[rows],
+            self.described[rows],
+            self.make,
+            self.sign,
+            self.origin,
+        )
 
     def point(self, i: int) -> Point:
         """Return one of the points."""
@@ -231,10 +238,6 @@ class Block:
     def moved(self, sign: float, origin: float) -> Block:
         """Return the points with arclength origin + sign s, their tangents turned accordingly."""
         return replace(self, sign=sign * self.sign, origin=origin + sign * self.origin)
-
-    def kept(self) -> Block:
-        """Return the points in arrays of their own, to let go of what they were cut from."""
-        return replace(self, **{name: getattr(self, name).copy() for name in self._arrays})
 
 
 class Points(Sequence[Point]):

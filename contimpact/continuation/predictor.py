@@ -35,11 +35,13 @@ def predict(
     scale : vector
     guess : vector
     """
-    size = 1.0
-    if secant:
-        size = norm(chord, scale)
+    if not secant:
+        for i in range(len(z)):
+            guess[i] = z[i] + step * tangent[i]
+        return
+    size = norm(chord, scale)
     for i in range(len(z)):
-        guess[i] = z[i] + step * (chord[i] / size if secant else tangent[i])
+        guess[i] = z[i] + step * (chord[i] / size)
 
 
 def cubic(left: Value, right: Value, rate: Value, next_rate: Value, span: float, s: float) -> Value:

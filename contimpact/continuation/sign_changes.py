@@ -181,7 +181,7 @@ class Samples:
     def then(self, arclengths: Array, values: Array) -> Samples:
         """Return those at the last two points and further ones."""
         lengths = np.concatenate([self.arclengths[-2:], arclengths])
-        return replace(self, arclengths=lengths, values=np.vstack([self.values[-2:], values]))
+        return Samples(lengths, np.vstack([self.values[-2:], values]), self.sizes)
 
     @property
     def follows(self) -> bool:
@@ -190,7 +190,7 @@ class Samples:
 
     def last(self) -> Samples:
         """Return those at the last two points."""
-        return replace(self, arclengths=self.arclengths[-2:], values=self.values[-2:])
+        return Samples(self.arclengths[-2:], self.values[-2:], self.sizes)
 
     def alone(self) -> Samples:
         """Return those at the last point, with none before."""

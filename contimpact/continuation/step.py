@@ -9,7 +9,7 @@ that may close a loop, is proposed to the walker, which decides.
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import TypeAlias
+from typing import NamedTuple, TypeAlias
 
 from ..arrays import Table, Vector
 from .corrector import CONVERGED, D, Evaluate, Solve, newton
@@ -77,22 +77,40 @@ Observe: TypeAlias = Callable[[D, Vector, Vector, float, Vector, int], None]
 """What `take_steps` asks of a problem besides."""
 
 
+class StepVectors(NamedTuple):
+    """What steps go by, and what they keep up to date; `take_steps` has it as a plain tuple.
+
+    Attributes
+    ----------
+    options, state : vector
+        See `TOLERANCE` and `STEP`.
+    scale : vector
+        Natural sizes of the unknowns.
+    z, tangent, chord : vector
+        The point the walk is at, its unit tangent, and the way from the point before.
+    work : table
+        Scratch space of four rows of n + 1 numbers.
+    rows : table
+        A row for each point to make: unknowns, tangent, `HEAD`, and what `observe` records.
+    """
+
+    options: Vector
+    state: Vector
+    scale: Vector
+    z: Vector
+    tangent: Vector
+    chord: Vector
+    work: Table
+    rows: Table
+
+
 def take_steps(
     evaluate: Evaluate[D],
     solve: Solve[D],
     tangent_at: TangentAt[D],
     observe: Observe[D],
     data: D,
-    options: Vector,
-    state: Vector,
-    scale: Vector,
-    z: Vector,
-    tangent: Vector,
-    chord: Vector,
-    work: Table,
-    rows: Vector,
-    width: int,
-    most: int,
+    vectors: tuple[Vector, ...],
 ) -> int:
     """Take steps until one is proposed to the walker or refused at the smallest length.
 
@@ -103,49 +121,26 @@ def take_steps(
     tangent_at : callable ``tangent_at(data, z, row, scale, out) -> orientation``
         Fills `out` with the null vector at the point last evaluated that goes on along `row`; NaN
         if there is none.
-    observe : callable ``observe(data, z, tangent, orientation, rows, at)``
-        Records whatever else a point is to carry in its row.
+    observe : callable ``observe(data, z, tangent, orientation, row, at)``
+        Records whatever else a point is to carry in its row, from place `at` on.
     data
         Handed on to them.
-    options, state, scale : vector
-        See `TOLERANCE` and `STEP`; `state` is kept up to date.
-    z, tangent, chord : vector
-        The point the walk is at, its unit tangent, and the way from the point before; kept up to
-        date.
-    work : table
-        Scratch space of four rows of n + 1 numbers.
-    rows : vector
-        Filled with a row of `width` numbers for each point: unknowns, tangent, `HEAD`, and what
-        `observe` records. The row of a step that is proposed follows those of the points made.
-    width, most : int
-        Of a row, and points to make at most.
+    vectors : tuple
+        `StepVectors`, kept up to date; the row of a step that is proposed follows those of the
+        points made.
 
     Returns
     -------
     made : int
-        Points made. If fewer than `most`, a step is proposed where there are notices in `state`,
-        else refused.
+        Points made. If fewer than there are rows, a step is proposed where there are notices in
+        the state, else refused.
     """
+    options, state, scale, z, _, _, work, rows = vectors
     n, made = len(z), 0
     new, along = work[1], work[2]
-    while made < most:
-        at = width * made
-        mark = at + 2 * n
-        status = attempt(
-            evaluate,
-            solve,
-            tangent_at,
-            data,
-            options,
-            state,
-            scale,
-            z,
-            tangent,
-            chord,
-            work,
-            rows,
-            mark,
-        )
+    while made < len(rows):
+        row = rows[made]
+        status = attempt(evaluate, solve, tangent_at, data, vectors, row)
         if status != CONVERGED:
             state[REJECTED] += 1
             if state[STEP] <= options[MIN_STEP]:
@@ -153,18 +148,16 @@ def take_steps(
                 return made
             state[STEP] = shorter(state[STEP], options[MIN_STEP])
             continue
+        orientation, arclength = row[2 * n], row[2 * n + 1]
         for i in range(n):
-            rows[at + i] = new[i]
-            rows[at + n + i] = along[i]
-        found = notices(
-            z[n - 1], new[n - 1], rows[mark], rows[mark + 1], scale[n - 1], options, state
-        )
+            row[i], row[n + i] = new[i], along[i]
+        found = notices(z[n - 1], new[n - 1], orientation, arclength, scale[n - 1], options, state)
         if found & BEYOND == 0:
-            observe(data, new, along, rows[mark], rows, mark + HEAD)
+            observe(data, new, along, orientation, row, 2 * n + HEAD)
         if found != 0:
             state[NOTICE] = found
             return made
-        accept(state, z, tangent, chord, new, along, rows[mark], rows[mark + 1])
+        accept(vectors, orientation, arclength)
         made += 1
     return made
 
@@ -174,21 +167,15 @@ def attempt(
     solve: Solve[D],
     tangent_at: TangentAt[D],
     data: D,
-    options: Vector,
-    state: Vector,
-    scale: Vector,
-    z: Vector,
-    tangent: Vector,
-    chord: Vector,
-    work: Table,
-    rows: Vector,
-    mark: int,
+    vectors: tuple[Vector, ...],
+    reached: Vector,
 ) -> int:
-    """Try a step of the length in `state`; returns a status.
+    """Try a step of the length in the state; returns a status.
 
-    Fills the second and third row of `work` with the point reached and its tangent, a row of
-    `rows` from `mark` on with orientation, arclength and iterations.
+    Fills the second and third row of `work` with the point reached and its tangent, and `HEAD` of
+    its row.
     """
+    options, state, scale, z, tangent, chord, work, _ = vectors
     guess, new, along, row = work[0], work[1], work[2], work[3]
     secant = options[SECANT] != 0.0 and state[BEHIND] == state[BEHIND]
     predict(z, tangent, chord, secant, state[STEP], scale, guess)
@@ -215,30 +202,25 @@ def attempt(
         return BENDS
     if leaves(z, new, tangent, along, travelled, options[LOW], options[HIGH]):
         return LEAVES
-    rows[mark] = orientation
-    rows[mark + 1] = state[ARCLENGTH] + travelled
-    rows[mark + 2] = iterations
+    mark = 2 * len(z)
+    reached[mark] = orientation
+    reached[mark + 1] = state[ARCLENGTH] + travelled
+    reached[mark + 2] = iterations
     state[NEXT_STEP] = step_after(
         state[STEP], turned, first, off, options[MAX_ANGLE], options[MAX_DEFECT], options[MAX_STEP]
     )
     return CONVERGED
 
 
-def accept(
-    state: Vector,
-    z: Vector,
-    tangent: Vector,
-    chord: Vector,
-    new: Vector,
-    along: Vector,
-    orientation: float,
-    arclength: float,
-) -> None:
+def accept(vectors: tuple[Vector, ...], orientation: float, arclength: float) -> None:
     """Go on from the point reached."""
+    options, state, _, z, tangent, chord, work, _ = vectors
+    new, along = work[1], work[2]
+    if options[SECANT] != 0.0:
+        for i in range(len(z)):
+            chord[i] = new[i] - z[i]
     for i in range(len(z)):
-        chord[i] = new[i] - z[i]
-        z[i] = new[i]
-        tangent[i] = along[i]
+        z[i], tangent[i] = new[i], along[i]
     state[EARLIER] = state[ORIENTATION]
     state[ORIENTATION] = orientation
     state[BEHIND] = state[ARCLENGTH]

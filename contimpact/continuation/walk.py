@@ -163,7 +163,7 @@ class _Walker:
             return self.finished(self.end(kind, start[-1], why=reason))
         step, most = self.settings.step, self.fewest
         while (left := self.settings.max_points - len(self.points)) > 0:
-            if self.grow():
+            if len(self.points) > 1 and self.grow():
                 most = self.fewest
             careful = len(self.points) == 1 or self.near(self.points[-1]) is not None
             batch = self.advance(step, 1 if careful else min(most, left))

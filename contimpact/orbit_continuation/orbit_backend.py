@@ -4,33 +4,21 @@ from __future__ import annotations
 
 import functools
 import math
-from collections.abc import Callable, Sequence
-from dataclasses import replace
+from collections.abc import Sequence
 from typing import TYPE_CHECKING, TypeAlias, Unpack
 
 import numpy as np
 
-from ..arrays import Array, Table, Vector
+from ..arrays import ARRAYS, LISTS, Array, Containers, Vector
 from ..bifurcations.orbit_test import ManyOrbits, OrbitTest
 from ..bifurcations.status import explained
 from ..bifurcations.unfolding import meeting
 from ..compiling.library import CompiledProgram, load, mode, plainly, spend
-from ..continuation.batch import Batch, Notice, Position, Proposal, refusal
+from ..continuation.batch import Batch, Position, batch_of, columns
 from ..continuation.branch import Block, Walk
 from ..continuation.corrector import Evaluate, Solve
 from ..continuation.settings import Settings
-from ..continuation.step import (
-    EVALUATIONS,
-    HEAD,
-    ITERATIONS,
-    NEXT_STEP,
-    NOTICE,
-    REJECTED,
-    STEP,
-    Observe,
-    TangentAt,
-    take_steps,
-)
+from ..continuation.step import EVALUATIONS, Observe, TangentAt, take_steps
 from ..continuation.test_function import TestFunction
 from ..continuation.walk import Options, walk
 from ..orbits.block_cyclic import BLOCK, KEPT, POSITIONS
@@ -86,10 +74,9 @@ class OrbitBackend:
         self.count, self.walls = len(problem.word), len(problem.model.WALLS)
         self.derived = len(problem.model.DERIVED)
 
-    def vectors(
-        self, vector: Callable[..., Vector], table: Callable[[int, int], Table]
-    ) -> OrbitVectors:
-        """The branch as vectors and tables: lists, or arrays for compiled code."""
+    def vectors(self, made_by: Containers) -> OrbitVectors:
+        """The branch as vectors and tables."""
+        vector, table = made_by
         problem, count, walls = self.problem, self.count, self.walls
         named = [wall.name for wall in problem.model.WALLS]
         word = [named.index(letter) for letter in problem.word.walls]
@@ -105,7 +92,7 @@ class OrbitBackend:
             values=vector(list(problem.model.values.values())),
             sides=vector([float(wall.side) for wall in problem.model.WALLS]),
             leaving=vector(passages.leaving),
-            zeros=vector([0.0] * 2 if self.variant == "single" else self.zeros or [], float),
+            zeros=vector([0.0] * 2 if self.variant == "single" else self.zeros or []),
             blocks=table(count, BLOCK),
             kept=table(count, KEPT),
             reduced=table(1, KEPT),
@@ -135,33 +122,20 @@ class OrbitBackend:
 
     def steps(self, position: Position, most: int, fast: CompiledProgram | None) -> Batch:
         """Take them by compiled code, or plainly."""
-        n = len(position.scale)
-        width = 2 * n + HEAD + MEASURED + self.count * (self.walls + 1) + self.derived
-        vector = _array if fast else _list
-        state = vector(position.state())
-        rows = np.zeros(width * most) if fast else [0.0] * (width * most)
-        work = np.zeros((4, n)) if fast else _list_table(4, n)
-        here = position.here
-        points = (position.scale, here.unknowns, here.tangent, position.chord())
-        orbit = self.arrays if fast else [self.lists]
-        size = [vector([width, most])] if fast else [width, most]
-        settings, at = vector(position.options(), float), [vector(p) for p in points]
-        given: list[Vector] = [*orbit, settings, state, *at, work, rows, *size]
-        made = fast(*given) if fast else take_steps(*self.functions, *given)
-        flights = int(state[EVALUATIONS]) * self.count
+        vectors = position.vectors(self.recorded, most, ARRAYS if fast else LISTS)
+        if fast:
+            made = fast(*self.arrays, *vectors)
+        else:
+            made = take_steps(*self.functions, self.lists, tuple(vectors))
+        flights = int(vectors.state[EVALUATIONS]) * self.count
         self.problem.kernel_evaluations += flights
         spend(0 if fast else flights)
-        table = np.asarray(rows).reshape(most, width)
-        del given, rows  # lists take four times the space
-        notices = Notice(int(state[NOTICE]))
-        proposal = None
-        if notices:
-            proposed = self.block(table[made : made + 1], n)
-            proposal = Proposal(proposed, notices, float(state[NEXT_STEP]))
-        block = self.block(table[:made], n) if made else None
-        counts = int(state[ITERATIONS]), int(state[REJECTED])
-        refused = refusal(position, state, self.problem, work[1])
-        return Batch(block, float(state[STEP]), *counts, proposal, refused)
+        return batch_of(position, self.problem, vectors, made, self.block)
+
+    @property
+    def recorded(self) -> int:
+        """How many numbers `observe_cycle` records of a point."""
+        return MEASURED + self.count * (self.walls + 1) + self.derived
 
     @functools.cached_property
     def obstacle(self) -> str:
@@ -175,30 +149,27 @@ class OrbitBackend:
         """Numbers of scratch space behind the parameter values of compiled code."""
         return space_for(self.problem.kernels)
 
-    def block(self, rows: Array, n: int) -> Block:
+    def block(self, rows: Array) -> Block:
         """The points in the rows of `take_steps`."""
-        mark = 2 * n
-        seen = rows[:, mark + HEAD :]
-        sign, place, tries = rows[:, mark : mark + HEAD].T
-        about, made = seen[:, :DESCRIBED], self.problem.described
-        block = Block(rows[:, :n], rows[:, n:mark], sign, place, tries, about, made).kept()
+        unknowns, tangents, signs, places, tries, seen = columns(rows, self.problem.n + 1)
         gaps = MEASURED + self.count * self.walls
         turns = gaps + self.count
-        points = block.unknowns, block.tangents, block.orientations
         cycle = seen[:, SPAN], seen[:, DETERMINANT], seen[:, PRODUCT, None]
         nearest = seen[:, MEASURED:gaps].reshape(-1, self.count, self.walls)
-        measured = ManyOrbits(*points, *cycle, nearest, seen[:, gaps:turns], seen[:, turns:])
-        return replace(block, measured=measured)
+        points, flights = (unknowns, tangents, signs), (nearest, seen[:, gaps:turns])
+        measured = ManyOrbits(*points, *cycle, *flights, seen[:, turns:])
+        described, made = seen[:, :DESCRIBED].copy(), self.problem.described
+        return Block(*points, places, tries, described, made, measured=measured)
 
     @functools.cached_property
     def lists(self) -> OrbitVectors:
         """The branch as lists, for a plain run."""
-        return self.vectors(_list, _list_table)
+        return self.vectors(LISTS)
 
     @functools.cached_property
     def arrays(self) -> OrbitVectors:
         """The branch as arrays, for compiled code."""
-        given = self.vectors(_array, lambda rows, columns: np.zeros((rows, columns)))
+        given = self.vectors(ARRAYS)
         if self.space:
             given = given._replace(values=np.append(given.values, np.zeros(self.space)))
         if self.variant == "law":
@@ -234,22 +205,8 @@ class OrbitBackend:
         return "single" if len(harmonics) == 4 and harmonics[1] == 1 else None
 
 
-def _list(numbers: Vector, kind: type = float) -> Vector:
-    return numbers.tolist() if isinstance(numbers, np.ndarray) else list(numbers)
-
-
-def _list_table(rows: int, columns: int) -> Table:
-    return [[0.0] * columns for _ in range(rows)]
-
-
-def _array(numbers: Vector, kind: type | None = None) -> Vector:
-    if kind is None and not isinstance(numbers, np.ndarray):
-        kind = float if len(numbers) and isinstance(numbers[0], float) else np.int64
-    return np.array(numbers, dtype=kind)
-
-
-ARGUMENTS = "iiiii" + "ffff" + "FFFF" + "fF" + "ffff" + "ff" + "ffff" + "Ffi"
-"""Kinds of the entry's arguments: those of `OrbitVectors`, then those of `take_steps`."""
+ARGUMENTS = "iiiii" + "ffff" + "FFFF" + "fF" + "ffff" + "ff" + "ffff" + "FF"
+"""Kinds of the entry's arguments: those of `OrbitVectors`, then those of `StepVectors`."""
 
 Functions: TypeAlias = tuple[
     Evaluate[OrbitVectors], Solve[OrbitVectors], TangentAt[OrbitVectors], Observe[OrbitVectors]
@@ -279,9 +236,9 @@ def plain_functions(problem: OrbitProblem, fixed: list[float] | None) -> Functio
         return time_zeros(kernels.harmonics(*values), period) if moving else fixed
 
     def observe(
-        orbit: OrbitVectors, z: Vector, tangent: Vector, sign: float, rows: Vector, at: int
+        orbit: OrbitVectors, z: Vector, tangent: Vector, sign: float, row: Vector, at: int
     ) -> None:
-        observe_cycle(breaks, excursion, orbit, z, tangent, sign, rows, at)
+        observe_cycle(breaks, excursion, orbit, z, row, at)
 
     return evaluate, newton_step, tangent_of_cycle, observe
 

@@ -135,7 +135,7 @@ def measure(
     excursion: Callable[..., Vector],
     orbit: OrbitVectors,
     z: Vector,
-    rows: Vector,
+    row: Vector,
     at: int,
 ) -> tuple[float, bool]:
     """Record gaps, slowest turns and derived parameters in a row, from `at` on.
@@ -144,13 +144,15 @@ def measure(
     physical. What decides that is filled in.
     """
     fixed, counts = orbit.fixed[0], orbit.counts
-    count, walls, wanted = len(orbit.kinds), counts[WALLS], counts[GAPS] != 0
+    walls, wanted = counts[WALLS], counts[GAPS] != 0
     word, sides, values = orbit.word, orbit.sides, orbit.values
     gaps, times, span = orbit.gaps, orbit.times, orbit.clock[0]
+    leaving, watched, steps = orbit.leaving, orbit.watched, orbit.steps
     period = fixed[0]
     zeros = breaks(values, period, orbit.zeros)
+    durations, velocities = orbit.durations, orbit.velocities
+    count, smallest, sure = len(word), math.inf, True
     slowest = at + walls * count
-    smallest, sure = math.inf, True
     for k in range(count):
         i = 2 * k
         start, speed, wall = z[i], z[i + 1], word[k]
@@ -158,19 +160,19 @@ def measure(
             length, arriving, following = z[i + 2] - start, z[i + 3], word[k + 1]
         else:
             length, arriving, following = z[0] + span - start, z[1], word[0]
-        orbit.durations[k], orbit.velocities[k] = length, speed
+        durations[k], velocities[k] = length, speed
         if length < 0.0 or sides[wall] * speed < 0.0:
             sure = False
         high, when_high, low, when_low, slow = math.nan, math.nan, math.nan, math.nan, math.nan
         if wanted and length > 0.0:
             head, phase = (wall, start, speed), start % period
-            left, reached = orbit.leaving[wall], sides[following]
+            left, reached = leaving[wall], sides[following]
             high, when_high, low, when_low, slow = excursion(
-                head, values, length, arriving, left, reached, zeros, phase, period, orbit.steps
+                head, values, length, arriving, left, reached, zeros, phase, period, steps
             )
             if slow == math.inf:
                 orbit.clock[UNRESOLVED] += 1.0
-        rows[slowest + k] = slow
+        row[slowest + k] = slow
         for j in range(walls):
             place = walls * k + j
             gap, dt = fixed[POSITIONS + j] - fixed[POSITIONS + wall], when_high
@@ -178,13 +180,13 @@ def measure(
                 gap -= high
             else:
                 gap, dt = low - gap, when_low
-            if orbit.watched[walls * wall + j] == 0:
+            if watched[walls * wall + j] == 0:
                 gap, dt = math.nan, math.nan
-            gaps[place], times[place], rows[at + place] = gap, start + dt, gap
+            gaps[place], times[place], row[at + place] = gap, start + dt, gap
             if gap < smallest:
                 smallest = gap
     for i in range(counts[DERIVED]):
-        rows[slowest + count + i] = fixed[POSITIONS + walls + i]
+        row[slowest + count + i] = fixed[POSITIONS + walls + i]
     return smallest, sure and smallest >= 0.0
 
 
@@ -193,25 +195,23 @@ def observe_cycle(
     excursion: Callable[..., Vector],
     orbit: OrbitVectors,
     z: Vector,
-    tangent: Vector,
-    orientation: float,
-    rows: Vector,
+    row: Vector,
     at: int,
 ) -> None:
     """Record what describes a point, and what test functions go by, in a row."""
-    smallest, sure = measure(breaks, excursion, orbit, z, rows, at + MEASURED)
+    smallest, sure = measure(breaks, excursion, orbit, z, row, at + MEASURED)
     count, span = len(orbit.kinds), orbit.clock[0]
     reduced = orbit.reduced[0]
     product = product_of_multipliers(orbit.blocks, orbit.arrivals, z, span)
-    rows[at + SPAN], rows[at + PRODUCT] = span, product
+    row[at + SPAN], row[at + PRODUCT] = span, product
     wanted = orbit.counts[DOUBLING] != 0
-    rows[at + DETERMINANT] = doubling(reduced, orbit.blocks, count) if wanted else math.nan
+    row[at + DETERMINANT] = doubling(reduced, orbit.blocks, count) if wanted else math.nan
     worst = 0.0
     for k in range(count):
         block = orbit.blocks[k]
         worst = max(worst, abs(block[0]), abs(block[1]))
-    rows[at] = worst
-    rows[at + 1], rows[at + 2], rows[at + 3], rows[at + 4] = multipliers(reduced, product)
+    row[at] = worst
+    row[at + 1], row[at + 2], row[at + 3], row[at + 4] = multipliers(reduced, product)
     what, place, wall, amount, when = 0, 0, 0, 0.0, 0.0
     if sure:
         smallest = smallest if smallest < math.inf else math.nan
@@ -220,5 +220,5 @@ def observe_cycle(
             orbit.word, orbit.sides, orbit.durations, orbit.gaps, orbit.times, orbit.velocities
         )
     known = orbit.counts[GAPS] != 0
-    rows[at + 5], rows[at + 6], rows[at + 7] = what if known else math.nan, place, wall
-    rows[at + 8], rows[at + 9], rows[at + 10] = amount, when, smallest
+    row[at + 5], row[at + 6], row[at + 7] = what if known else math.nan, place, wall
+    row[at + 8], row[at + 9], row[at + 10] = amount, when, smallest

@@ -25,16 +25,14 @@ ENTRY = """
 def entry(
     kinds, word, arrivals, watched, counts, values, sides, leaving, zeros, blocks, kept, reduced,
     fixed, clock, steps, durations, gaps, times, velocities, options, state, scale, z, tangent,
-    chord, work, rows, size,
+    chord, work, rows,
 ):
     orbit = OrbitVectors(
         kinds, word, arrivals, watched, counts, values, sides, leaving, zeros, blocks, kept,
         reduced, fixed, clock, steps, durations, gaps, times, velocities,
     )
-    return take_steps(
-        evaluate, newton_step, tangent_of_cycle, observe, orbit, options, state, scale, z, tangent,
-        chord, work, rows, size[0], size[1],
-    )
+    vectors = (options, state, scale, z, tangent, chord, work, rows)
+    return take_steps(evaluate, newton_step, tangent_of_cycle, observe, orbit, vectors)
 
 def any_setup(p):
     return kernel_setup({p})
@@ -42,8 +40,8 @@ def any_setup(p):
 def evaluate(orbit, z):
     return evaluate_cycle(any_flight, any_setup, orbit, z)
 
-def observe(orbit, z, tangent, orientation, rows, at):
-    return observe_cycle(breaks, excursion, orbit, z, tangent, orientation, rows, at)
+def observe(orbit, z, tangent, orientation, row, at):
+    return observe_cycle(breaks, excursion, orbit, z, row, at)
 """
 
 

@@ -5,27 +5,16 @@ from __future__ import annotations
 import functools
 import math
 from collections import Counter
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from typing import TYPE_CHECKING
 
-import numpy as np
-
-from ..arrays import Array, Table, Vector
+from ..arrays import ARRAYS, LISTS, Array, Containers, Vector
 from ..bifurcations.grazing import Touching
 from ..bifurcations.singular_cycle import SingularCycle
 from ..compiling.library import PAYS_AFTER, CompiledProgram, load, mode, spend
-from ..continuation.batch import Batch, Notice, Position, Proposal, refusal
+from ..continuation.batch import Batch, Position, batch_of, columns
 from ..continuation.branch import Block
-from ..continuation.step import (
-    EVALUATIONS,
-    HEAD,
-    ITERATIONS,
-    NEXT_STEP,
-    NOTICE,
-    REJECTED,
-    STEP,
-    take_steps,
-)
+from ..continuation.step import EVALUATIONS, take_steps
 from ..orbits.linearisation import CyclicBlocks, Linearisation
 from ..segments.layout import Setup
 from .curve_functions import (
@@ -56,8 +45,8 @@ PLAIN: Counter[tuple[str, str]] = Counter()
 """Flights evaluated plainly on the curves of each program. Those of two other parameters have
 another one, and a map has few curves."""
 
-ARGUMENTS = "ii" + "ffff" + "FFF" + "ffffff" + "Ffi"
-"""Kinds of the entry's arguments: those of `CurveVectors`, then those of `take_steps`."""
+ARGUMENTS = "ii" + "ffff" + "FFF" + "ffffff" + "FF"
+"""Kinds of the entry's arguments: those of `CurveVectors`, then those of `StepVectors`."""
 
 
 class CurveBackend:
@@ -75,10 +64,9 @@ class CurveBackend:
         self.count = len(problem.orbit.word)
         self.made: dict[bytes, CurvePoint] = {}
 
-    def vectors(
-        self, size: int, vector: Callable[..., Vector], table: Callable[[int, int], Table]
-    ) -> CurveVectors:
-        """The problem as vectors and tables: lists, or arrays for compiled code."""
+    def vectors(self, size: int, made_by: Containers) -> CurveVectors:
+        """The problem as vectors and tables."""
+        vector, table = made_by
         orbit, system = self.problem.orbit, self.problem.system
         walls = [wall.name for wall in orbit.model.WALLS]
         names, places = list(orbit.model.values), [walls.index(a) for a in orbit.word.walls]
@@ -92,8 +80,8 @@ class CurveBackend:
             mu = system.mu
         counts = [orbit.word.period, first, second, flight, touch]
         return CurveVectors(
-            kinds=vector(kinds, np.int64),
-            counts=vector(counts, np.int64),
+            kinds=vector(kinds),
+            counts=vector(counts),
             numbers=vector([mu]),
             values=vector(list(orbit.model.values.values())),
             residual=vector([0.0] * (size - 1)),
@@ -105,43 +93,20 @@ class CurveBackend:
 
     def advance(self, position: Position, most: int) -> Batch:
         """Take steps until one is proposed or refused, `most` at most; plainly, one."""
-        n = len(position.scale)
-        fast = self.compiled
-        most = min(most, AT_ONCE) if fast else 1
-        vector, table = (_array, _array_table) if fast else (_list, _list_table)
-        width = 2 * n + HEAD + BLOCK * self.count + n - 1
-        state, rows = vector(position.state()), vector([0.0] * (width * most))
-        here, curve = position.here, self.vectors(n, vector, table)
-        points = (position.scale, here.unknowns, here.tangent, position.chord())
-        scale, z, tangent, chord = (vector(p.tolist()) for p in points)
-        options, work = vector(position.options()), table(4, n)
-        given = options, state, scale, z, tangent, chord, work, rows
+        n, fast = len(position.scale), self.compiled
+        made_by, most = (ARRAYS, min(most, AT_ONCE)) if fast else (LISTS, 1)
+        curve = self.vectors(n, made_by)
+        vectors = position.vectors(BLOCK * self.count + n - 1, most, made_by)
         if fast:
-            made = fast(*curve, *given, np.array([width, most]))
+            made = fast(*curve, *vectors)
         else:
-            made = take_steps(
-                self.evaluate,
-                newton_step,
-                tangent_of_curve,
-                observe_curve,
-                curve,
-                *given,
-                width,
-                most,
-            )
-        flights = int(state[EVALUATIONS]) * self.flights
+            functions = self.evaluate, newton_step, tangent_of_curve, observe_curve
+            made = take_steps(*functions, curve, tuple(vectors))
+        flights = int(vectors.state[EVALUATIONS]) * self.flights
         self.problem.orbit.kernel_evaluations += flights
         spend(0 if fast else flights)
         PLAIN[self.program] += 0 if fast else flights
-        found, notices = np.asarray(rows).reshape(most, width), Notice(int(state[NOTICE]))
-        proposal = None
-        if notices:
-            proposed = self.block(found[made : made + 1], n)
-            proposal = Proposal(proposed, notices, float(state[NEXT_STEP]))
-        block = self.block(found[:made], n) if made else None
-        counts = int(state[ITERATIONS]), int(state[REJECTED])
-        refused = refusal(position, state, self.problem, work[1])
-        return Batch(block, float(state[STEP]), *counts, proposal, refused)
+        return batch_of(position, self.problem, vectors, made, lambda rows: self.block(rows, n))
 
     @property
     def flights(self) -> int:
@@ -150,10 +115,7 @@ class CurveBackend:
 
     def block(self, rows: Array, n: int) -> Block:
         """The points in the rows of `take_steps`."""
-        mark = 2 * n
-        sign, place, tries = rows[:, mark : mark + HEAD].T
-        described = rows[:, mark + HEAD :]
-        return Block(rows[:, :n], rows[:, n:mark], sign, place, tries, described, self.point).kept()
+        return Block(*columns(rows, n), self.point)
 
     def point(self, unknowns: Array, described: Array) -> CurvePoint:
         """The point of a row, made once: what is asked of it is kept with it."""
@@ -222,19 +184,3 @@ def backend_of(problem: CurveProblem) -> CurveBackend | None:
     if not 1 <= len(orbit.word) <= LONGEST or orbit.kernels.loops:
         return None
     return CurveBackend(problem, variant)
-
-
-def _list(numbers: Sequence[float], kind: type = float) -> Vector:
-    return list(numbers)
-
-
-def _list_table(rows: int, columns: int) -> Table:
-    return [[0.0] * columns for _ in range(rows)]
-
-
-def _array(numbers: Sequence[float], kind: type = float) -> Vector:
-    return np.array(numbers, dtype=kind)
-
-
-def _array_table(rows: int, columns: int) -> Table:
-    return np.zeros((rows, columns))

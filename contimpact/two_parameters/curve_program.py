@@ -21,15 +21,13 @@ from .curve_functions import (
 ENTRY = """
 def entry(
     kinds, counts, numbers, values, residual, right, blocks, jacobian, factors, options, state,
-    scale, z, tangent, chord, work, rows, size,
+    scale, z, tangent, chord, work, rows,
 ):
     curve = CurveVectors(
         kinds, counts, numbers, values, residual, right, blocks, jacobian, factors
     )
-    return take_steps(
-        evaluate, newton_step, tangent_of_curve, observe_curve, curve, options, state, scale, z,
-        tangent, chord, work, rows, size[0], size[1],
-    )
+    vectors = (options, state, scale, z, tangent, chord, work, rows)
+    return take_steps(evaluate, newton_step, tangent_of_curve, observe_curve, curve, vectors)
 
 def any_setup(p):
     return kernel_setup({p})

@@ -8,6 +8,7 @@ import math
 import numpy as np
 import pytest
 
+from contimpact.arrays import LISTS
 from contimpact.bifurcations.registry import kind_of
 from contimpact.bifurcations.singular_cycle import SingularCycle
 from contimpact.bifurcations.torus import SingularPair
@@ -52,7 +53,7 @@ def problem_at(entry):
 def test_residual_and_jacobian_are_those_of_the_system(entries, kind):
     problem, start = problem_at(entries[kind])
     backend = backend_of(problem)
-    vectors = backend.vectors(len(start), list_of, table_of)
+    vectors = backend.vectors(len(start), LISTS)
     z = start * (1.0 + 1e-3 * np.random.default_rng(3).uniform(-1, 1, len(start)))
     expected = problem.evaluate(z)
     worst = backend.evaluate(vectors, z.tolist())
@@ -61,14 +62,6 @@ def test_residual_and_jacobian_are_those_of_the_system(entries, kind):
     sizes = np.max(np.abs(expected.jacobian), axis=1)
     for row, other, size in zip(vectors.jacobian, expected.jacobian, sizes, strict=True):
         assert row == pytest.approx(other, abs=1e-13 * size)
-
-
-def list_of(numbers, kind=float):
-    return list(numbers)
-
-
-def table_of(rows, columns):
-    return [[0.0] * columns for _ in range(rows)]
 
 
 @pytest.mark.parametrize("kind", KINDS)
