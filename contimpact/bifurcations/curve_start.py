@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any, TypeAlias
+from typing import TYPE_CHECKING, TypeAlias
 
 import numpy as np
 
+from ..continuation.branch import Details
 from ..models.word import Word
 from ..orbits.linearisation import Linearisation
 from ..orbits.problem import Array, OrbitProblem
@@ -38,7 +39,7 @@ class CurveStart:
 
     kind: str
     here: Linearisation
-    details: Mapping[str, Any] = field(default_factory=dict)
+    details: Details = field(default_factory=dict)
     leaves: Leaves | None = None
 
 

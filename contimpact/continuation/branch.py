@@ -365,7 +365,7 @@ class Points(Sequence[Point]):
         """Arclength of every point."""
         return self._stacked(lambda point: point.arclength, lambda block: block.places)
 
-    def _stacked(self, one: Callable[[Point], Any], many: Callable[[Block], Array]) -> Array:
+    def _stacked(self, one: Callable[[Point], object], many: Callable[[Block], Array]) -> Array:
         found = [np.array([one(p)]) if isinstance(p, Point) else many(p) for p in self.pieces]
         return np.concatenate(found) if found else np.zeros(0)
 

@@ -6,11 +6,14 @@ the chain without pivoting would lose all digits where flights expand; SuperLU p
 
 from __future__ import annotations
 
-from typing import Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from .problem import Array
+
+if TYPE_CHECKING:
+    from scipy.sparse.linalg import SuperLU
 
 DENSE_UP_TO = 400
 """Rows up to which dense elimination is the faster one, the conversion counted."""
@@ -43,7 +46,7 @@ def log_determinant(matrix: Array) -> tuple[float, float]:
     return float(sign), float(np.sum(np.log(np.abs(diagonal))))
 
 
-def _factors(matrix: Array) -> Any:
+def _factors(matrix: Array) -> SuperLU:
     from scipy.sparse import csc_matrix
     from scipy.sparse.linalg import splu
 

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 
 from .arc import Arc
 from .bordered import orientation
 from .branch import Event, Missed, Point
 from .metric import EPSILON
+from .problem import Evaluation
 from .test_function import TestFunction
 from .uncertainty import error_of_zero
 
@@ -104,7 +103,7 @@ def _by_bracket(test: TestFunction, arc: Arc, point: Point, index: int, width: f
     """
     here = point.evaluation
 
-    def value(there: Any) -> float:
+    def value(there: Evaluation) -> float:
         sign = orientation(there.jacobian, point.tangent, arc.scale)
         moved = Point(there, point.tangent, sign, point.arclength, 0)
         return float(test.values(moved)[index])

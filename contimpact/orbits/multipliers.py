@@ -17,12 +17,12 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 
 from ..arrays import Array
 from . import block_cyclic, cyclic_multipliers
+from .block_cyclic import Reduced
 
 UNIT_CIRCLE_ROUNDING = 1e-10
 """A multiplier this little outside the unit circle is on it, within rounding."""
@@ -102,7 +102,7 @@ def _flights(start: Array, end: Array) -> list[tuple[float, ...]]:
     return [(0.0, 0.0, *one, *other, 0.0, 0.0) for one, other in ends]
 
 
-def _of_two(reduced: Any, blocks: list[tuple[float, ...]], product: float) -> Stability:
+def _of_two(reduced: Reduced, blocks: list[tuple[float, ...]], product: float) -> Stability:
     a, b, c, d = cyclic_multipliers.multipliers(reduced, product)
     doubling = cyclic_multipliers.doubling(reduced, blocks, len(blocks))
     return Stability(np.array([complex(a, b), complex(c, d)]), np.array([product]), doubling)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -15,6 +15,9 @@ from .linearisation import Linearisation
 from .path import Path, path_of
 from .problem import Array, OrbitProblem
 from .sensitivity import Sensitivity, sensitivity_of
+
+if TYPE_CHECKING:
+    from pandas import DataFrame
 
 
 @dataclass(frozen=True, eq=False)
@@ -135,7 +138,7 @@ class Orbit(Shown):
         """
         return sensitivity_of(self, parameter)
 
-    def to_dataframe(self) -> Any:
+    def to_dataframe(self) -> DataFrame:
         """Return the impacts as a pandas DataFrame, a row for each; pandas must be installed."""
         walls, times, velocities = list(self.word.walls), self.times, self.velocities
         return frame({"wall": walls, "time": times, "velocity": velocities})

@@ -13,15 +13,16 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 
+from ..arrays import Vector
 from ..models.guards import Row
 from ..models.model import Model
 from ..models.word import Word
 from ..segments.arithmetic import ARRAYS, evaluate_in
-from ..segments.flight import Excursion, FlightGaps, excursions, touch_of
+from ..segments.flight import Excursion, FlightGaps, Moved, excursions, touch_of
 from ..segments.integrated_track import integrated_track
 from ..segments.kernels import Kernels
 from ..segments.layout import SECTION
@@ -132,14 +133,14 @@ class QuietProblem(OrbitProblem):
         along = evaluate_in(kernel, ARRAYS)
         breaks = chebyshev_zeros(lambda dt: along(*state, dt, *values)[2], length)
 
-        def motion(head: Any, dt: float, p: Any) -> Any:
+        def motion(head: Vector, dt: float, p: Vector) -> Moved:
             return kernel(*head, dt, *p)
 
         arriving = motion(state, length, values)[1]
         ends = (length, arriving, 0.0, 0.0)
         return excursions(motion, state, values, *ends, breaks, 0.0, math.inf)
 
-    def scale(self, unknowns: Array, span: Any) -> Array:
+    def scale(self, unknowns: Array, span: ArrayLike) -> Array:
         """Return natural sizes of the unknowns, by which arclength is measured."""
         sizes = np.abs(unknowns[: self.m])
         speed = max(self._largest_speed(unknowns), float(np.max(sizes)))

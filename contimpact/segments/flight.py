@@ -102,7 +102,9 @@ def excursion_of(kernels: Kernels, in_time: bool) -> Callable[..., Any]:
     """
     motion, named = kernels.motions, kernels.model.WALLS
     if in_time:
-        return lambda *given: excursions(motion, *given[:9])
+        return lambda head, p, length, arriving, left, reached, zeros, phase, period, _=None: (
+            excursions(motion, head, p, length, arriving, left, reached, zeros, phase, period)
+        )
     steps: list[list[float]] = []
     zeros = [0.0] * (2 * MOST)
 

@@ -23,7 +23,6 @@ import itertools
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
 
 import numpy as np
 from scipy.interpolate import CubicSpline, PPoly
@@ -66,7 +65,7 @@ class Path:
     kept: Array
 
     @cached_property
-    def spline(self) -> Any:
+    def spline(self) -> CubicSpline:
         """The curve over its arclength."""
         chosen = self.plain.copy()
         chosen[[0, -1]] = True
@@ -137,7 +136,7 @@ class Arc:
         Arclengths of its ends.
     """
 
-    def __init__(self, name: str, spline: Any, first: float, last: float) -> None:
+    def __init__(self, name: str, spline: CubicSpline, first: float, last: float) -> None:
         self.name, self.spline = name, spline
         inside = spline.x[(spline.x > first) & (spline.x < last)]
         knots = np.concatenate([[first], inside, [last]])

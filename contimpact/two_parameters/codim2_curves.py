@@ -144,7 +144,8 @@ def orbit_at(entry: Entry, point: Codim2, model: Model, kernels: Kernels) -> Lin
 def there(entry: Entry, point: Codim2, model: Model | None) -> Model:
     """Return the model at a point's parameter values."""
     at = model_of(entry, model)
-    own = {n: admitted(at, n, v) for n, v in point.parameters.items() if n in at.values}
+    given = point.parameters.items()
+    own = {n: float(admitted(at, n, v)) for n, v in given if n in at.values}
     return at.replace(**own)
 
 

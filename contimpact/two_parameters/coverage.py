@@ -13,7 +13,6 @@ import dataclasses
 import itertools
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any
 
 import numpy as np
 
@@ -201,7 +200,7 @@ class Lines:
         """The statement on one word; entries that later curves pass are off none."""
         walls = [wall.name for wall in self.scene.model.WALLS]
         word, names = met.word, (self.scene.parameter, self.options.parameter)
-        off: list[dict[str, Any]] = [
+        off: list[dict[str, object]] = [
             {"kind": e.kind, **{n: e.parameters[n] for n in names}, "reason": reason}
             for e, reason in met.off
             if not self.covered(e)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any
 
 from ..compiling.program import Program
 from ..continuation.step import take_steps
@@ -63,7 +62,7 @@ def program_of(kernels: Kernels, variant: str) -> Program:
     ends = "t0, v0, t1, v1"
     chosen = choice("any_flight", f"kind, {ends}, p", "kind", list(flights), f"{ends}, {p}")
     program.glue(chosen, **flights)
-    called: list[Callable[..., Any]] = [take_steps, newton_step, tangent_of_curve, observe_curve]
+    called: list[Callable[..., object]] = [take_steps, newton_step, tangent_of_curve, observe_curve]
     if variant == "singular":
         along = f"{ends}, q0, q1, q2, q3"
         seconds = {f"second_{a}_{b}": kernels.second(a, b) for a, b in pairs}

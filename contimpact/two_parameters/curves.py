@@ -9,9 +9,9 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Callable, Mapping, Sequence
-from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from ..bifurcations.declarations import REQUESTED
 from ..bifurcations.kind import Kind
@@ -165,7 +165,7 @@ def followed(
     return other_way(forward, last, lambda: go(-1)), forward
 
 
-def checked_range(model: Model, parameter: str, value: float, limits: Any) -> Range:
+def checked_range(model: Model, parameter: str, value: float, limits: object) -> Range:
     """The range as floats; it must hold a value."""
     where = f"range of {parameter}"
     declared = model.require(parameter, "parameter")
@@ -272,7 +272,7 @@ def tabulated(
     return Curve(*about, columns, ends, codim2, origin, missed, evaluations=evaluations)
 
 
-def admitted(model: Model, name: str, values: Any) -> Any:
+def admitted(model: Model, name: str, values: ArrayLike) -> Array:
     """Return values of a parameter, those that are beyond a limit by rounding put on it."""
     declared = model.declared[name]
     near = np.clip(values, declared.lower, declared.upper)
@@ -296,15 +296,15 @@ def _columns(points: Sequence[Point], marks: Sequence[tuple[Point, str]]) -> dic
     rows = [_row(point) | {"event": mark} for point, mark in named]
     columns = {}
     for name, first in rows[0].items():
-        kind: Any = {str: object, int: np.int64}.get(type(first), float)
+        kind = {str: object, int: np.int64}.get(type(first), float)
         columns[name] = np.array([row[name] for row in rows], dtype=kind)
     return columns
 
 
-def _row(point: Point[CurvePoint]) -> dict[str, Any]:
+def _row(point: Point[CurvePoint]) -> dict[str, float | str]:
     here = point.evaluation
     orbit, kind, details = here.orbit, here.problem.kind, here.details
-    row: dict[str, Any] = {"arclength": point.arclength} | all_parameters(orbit)
+    row: dict[str, float | str] = {"arclength": point.arclength, **all_parameters(orbit)}
     names = columns_of(orbit.problem.word.walls, orbit.problem.m)
     row |= dict(zip(names, orbit.unknowns.tolist(), strict=False))
     multipliers, n_unstable = kind.multipliers(orbit, details)

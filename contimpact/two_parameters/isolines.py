@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from typing import Any
 
 import numpy as np
 
@@ -21,6 +20,7 @@ from ..orbits.orbit import Orbit
 from ..orbits.problem import Array, OrbitProblem
 from ..orbits.rounding import rounding
 from ..records.curve import Curve
+from ..records.entry import Entry
 from ..records.given import as_orbit
 from ..scenes.options import CURVE_SETTINGS
 from ..segments.kernels import Kernels
@@ -32,7 +32,7 @@ Function = Callable[[Orbit], float]
 
 
 def follow_isoline(
-    orbit: Any,
+    orbit: Orbit | Entry,
     function: Function,
     model: Model | None = None,
     *,
@@ -145,7 +145,7 @@ class Isoline(Kind):
         return [AlsoGrazes(self.name), AlsoStops(self.name)]
 
 
-def _number(found: Any) -> float:
+def _number(found: object) -> float:
     try:
         value = np.asarray(found, dtype=float)
     except (TypeError, ValueError):

@@ -11,7 +11,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
@@ -114,9 +113,7 @@ class _Here:
 class Vanishing(ExtendedSystem):
     """An event at which a test function of its curve vanishes besides."""
 
-    def __init__(
-        self, one: ExtendedSystem, test: OnCurve, index: int, details: Mapping[str, Any]
-    ) -> None:
+    def __init__(self, one: ExtendedSystem, test: OnCurve, index: int, details: Details) -> None:
         super().__init__(one.problem)
         self.one, self.test, self.index, self.told = one, test, index, dict(details)
 
@@ -186,7 +183,7 @@ class Turn(TestFunction):
     def values(self, point: Point) -> Array:
         return point.tangent[-1:]
 
-    def details(self, point: Point, index: int) -> Mapping[str, Any]:
+    def details(self, point: Point, index: int) -> Details:
         return {"index": index, "changes": "two points of codimension two meet and vanish"}
 
 
@@ -214,11 +211,11 @@ class Seen(TestFunction):
             values[self.without] = np.nan
         return values
 
-    def details(self, point: Point, index: int) -> Mapping[str, Any]:
+    def details(self, point: Point, index: int) -> Details:
         return self.test.details(point, index)
 
 
-def _values(test: OnCurve, here: Any) -> Array:
+def _values(test: OnCurve, here: _Here) -> Array:
     try:
         return np.atleast_1d(np.array(test.of(here), dtype=float))
     except (ArithmeticError, np.linalg.LinAlgError):
@@ -231,12 +228,12 @@ class Double:
 
     kind: Both
     system: ExtendedSystem
-    details: Mapping[str, Any]
+    details: Details
     tests: Sequence[TestFunction]
 
 
 def double_of(
-    here: Linearisation, name: str, kind: Kind, details: Mapping[str, Any], changes: str = ""
+    here: Linearisation, name: str, kind: Kind, details: Details, changes: str = ""
 ) -> Double:
     """Return the equations of a point of codimension two on a curve.
 
@@ -273,7 +270,7 @@ def double_of(
 
 
 def starts_at(
-    here: Linearisation, name: str, kind: Kind, details: Mapping[str, Any], changes: str = ""
+    here: Linearisation, name: str, kind: Kind, details: Details, changes: str = ""
 ) -> list[CurveStart]:
     """Return the curves that start at a point of codimension two, or pass it.
 
@@ -284,7 +281,7 @@ def starts_at(
 
 
 def _seen(
-    here: Linearisation, name: str, kind: Kind, details: Mapping[str, Any], changes: str
+    here: Linearisation, name: str, kind: Kind, details: Details, changes: str
 ) -> tuple[ExtendedSystem, _Here, OnCurve, int]:
     """The curve's equations at a point, and which value of which test function vanishes there."""
     told = _now(here, details)
@@ -293,7 +290,7 @@ def _seen(
     return one, at, *_nearest(at, kind, name, changes)
 
 
-def _pair(here: Linearisation, kind: Kind, other: Kind, details: Mapping[str, Any]) -> Double:
+def _pair(here: Linearisation, kind: Kind, other: Kind, details: Details) -> Double:
     """Two events of one orbit at once."""
     problem, name = here.problem, f"{kind.name}-{other.name}"
     one, two = (_equations(k, problem, details) for k in (kind, other))
@@ -307,7 +304,7 @@ def _pair(here: Linearisation, kind: Kind, other: Kind, details: Mapping[str, An
     return Double(Both(name, kind, other), Together(one, two, size), details, [*tests, Turn()])
 
 
-def _place(problem: OrbitProblem, details: Mapping[str, Any]) -> int:
+def _place(problem: OrbitProblem, details: Details) -> int:
     """Which of the values of `AlsoGrazes` or `AlsoStops` belongs to a touch or an impact."""
     if "impact" in details:
         return int(details["impact"])
@@ -315,7 +312,7 @@ def _place(problem: OrbitProblem, details: Mapping[str, Any]) -> int:
     return int(details["flight"]) * len(walls) + walls.index(details["wall"])
 
 
-def _now(here: Linearisation, details: Mapping[str, Any]) -> dict[str, Any]:
+def _now(here: Linearisation, details: Details) -> Details:
     """Where on the orbit the curve's event is, the time of its touch as it is here."""
     told = dict(details)
     if "touch_time" in told:
@@ -342,7 +339,7 @@ def _time_of_touch(here: Linearisation, flight: int, wall: str) -> float:
     return float(row[0] + inside[nearest])
 
 
-def _equations(kind: Kind, problem: OrbitProblem, details: Mapping[str, Any]) -> ExtendedSystem:
+def _equations(kind: Kind, problem: OrbitProblem, details: Details) -> ExtendedSystem:
     system = kind.equations(problem, details)
     assert system is not None, "every kind that has curves has equations"
     return system
