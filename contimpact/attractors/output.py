@@ -20,7 +20,7 @@ from ..records.branch import Branch
 from ..records.diagram import Diagram
 from ..storage.decoding import DAMAGE, fitted
 from ..storage.files import append, read_bounded, reason, write_text
-from ..storage.texts import csv_text, json_text
+from ..storage.texts import Json, csv_text, json_text
 from .flat import WRITTEN, table_of
 from .sweep import Row, Sweep
 
@@ -197,8 +197,9 @@ def sweep_text(sweep: Sweep) -> str:
 
 def transitions_text(transitions: Sequence[Transition], parameter: str, width: float) -> str:
     """Return ``transitions.json``."""
-    head = {"schema": TRANSITIONS, "parameter": parameter, "width": width}
-    return json_text(head | {"transitions": [t.as_record() for t in transitions]})
+    found = [transition.as_record() for transition in transitions]
+    head: dict[str, Json] = {"schema": TRANSITIONS, "parameter": parameter, "width": width}
+    return json_text({**head, "transitions": found})
 
 
 def coverage_text(coverage: Coverage, parameter: str) -> str:

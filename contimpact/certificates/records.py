@@ -13,7 +13,7 @@ from ..errors import InputError, printable
 from ..records.result_folder import CATALOGUE, MANIFEST, WANTED, read_json, sha256
 from ..storage.decoding import DAMAGE, made
 from ..storage.files import append, write_text
-from ..storage.texts import json_line, json_text
+from ..storage.texts import Json, json_line, json_text
 from .branch import BranchCertificate
 from .event import EventCertificate
 
@@ -202,7 +202,10 @@ class Kept:
     def add(self, certificate: EventCertificate | BranchCertificate) -> None:
         """Keep a certificate."""
         if self.path is not None:
-            row = {"of": type(certificate).__name__, "certificate": certificate.record()}
+            row: dict[str, Json] = {
+                "of": type(certificate).__name__,
+                "certificate": certificate.record(),
+            }
             append(self.path, (json_line(row) + "\n").encode())
 
     def remove(self) -> None:

@@ -19,7 +19,7 @@ from ..arrays import Array
 from ..errors import InputError
 from ..storage.decoding import fitted, made
 from ..storage.files import Content, write_all
-from ..storage.texts import csv_text, json_line, json_text
+from ..storage.texts import Json, csv_text, json_line, json_text
 from .branch import Branch
 from .diagram import Diagram
 from .diagram_reading import read
@@ -103,7 +103,7 @@ def diagram_files(diagram: Diagram) -> dict[str, Content]:
 
 def catalogue_text(diagram: Diagram) -> str:
     """Return ``catalogue.json``."""
-    content = {
+    content: dict[str, Json] = {
         "schema": CATALOGUE,
         "scene": diagram.name,
         "branches": [_branch_record(branch) for branch in diagram.branches],
@@ -127,7 +127,7 @@ def catalogue_text(diagram: Diagram) -> str:
     return json_text(content)
 
 
-def _entry_record(entry: Entry) -> dict[str, Any]:
+def _entry_record(entry: Entry) -> dict[str, Json]:
     """An entry as plain data; a certified radius only where there is one."""
     record = dataclasses.asdict(entry)
     if entry.certified_radius is None:
@@ -135,7 +135,7 @@ def _entry_record(entry: Entry) -> dict[str, Any]:
     return record
 
 
-def _branch_record(branch: Branch) -> dict[str, Any]:
+def _branch_record(branch: Branch) -> dict[str, Json]:
     return {
         "id": branch.id,
         "word": branch.word,
@@ -154,7 +154,7 @@ def _branch_record(branch: Branch) -> dict[str, Any]:
     }
 
 
-def _curve_record(curve: Curve) -> dict[str, Any]:
+def _curve_record(curve: Curve) -> dict[str, Json]:
     return {
         "id": curve.id,
         "kind": curve.kind,

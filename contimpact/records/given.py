@@ -19,7 +19,7 @@ FOLLOWED = (
 )
 
 
-def as_diagram(given: Any) -> Diagram:
+def as_diagram(given: object) -> Diagram:
     """Return the diagram meant by a diagram, a branch, or several branches.
 
     Raises
@@ -35,7 +35,7 @@ def as_diagram(given: Any) -> Diagram:
     raise InputError("diagram", _found(given), "give a diagram, a branch, or a list of branches")
 
 
-def named(given: Any) -> Any:
+def named(given: object) -> object:
     """Return the entry that a pair (branch or diagram, name) means, and anything else as it is."""
     if not (isinstance(given, tuple) and len(given) == 2 and isinstance(given[1], str)):
         return given
@@ -45,7 +45,7 @@ def named(given: Any) -> Any:
     return holder.entry(name) if isinstance(holder, Diagram) else given
 
 
-def as_orbit(given: Any, model: Model | None = None) -> Orbit:
+def as_orbit(given: object, model: Model | None = None) -> Orbit:
     """Return the orbit meant by an orbit, an entry, an event, a point, or a pair (branch, row).
 
     Raises
@@ -66,7 +66,7 @@ def as_orbit(given: Any, model: Model | None = None) -> Orbit:
     raise InputError("orbit", _found(given), FOLLOWED)
 
 
-def _found(given: Any) -> str:
+def _found(given: object) -> str:
     """What was given in the place of an orbit, in words."""
     if isinstance(given, Branch):
         return f"found the branch {given.id}, which has {len(given)} orbits"

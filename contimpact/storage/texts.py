@@ -13,7 +13,7 @@ import json
 import math
 import re
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from typing import Any
+from typing import Any, TypeAlias
 
 from ..errors import printable
 
@@ -33,14 +33,17 @@ def terminal_text(text: str, encoding: str | None = None) -> str:
 
 # JSON.
 
+Json: TypeAlias = bool | int | float | str | Sequence["Json"] | Mapping[str, "Json"] | None
+"""Plain data as JSON holds them."""
 
-def json_text(content: Any) -> str:
+
+def json_text(content: Json) -> str:
     """Return readable JSON with no number that is not finite."""
     text = json.dumps(_finite(content), indent=1, allow_nan=False, ensure_ascii=False)
     return f"{_visible(text)}\n"
 
 
-def json_line(content: Any) -> str:
+def json_line(content: Json) -> str:
     """Return JSON in one line; numbers that are not finite are texts."""
     return _visible(json.dumps(_finite(content, repr), allow_nan=False, ensure_ascii=False))
 

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -19,6 +19,9 @@ from ..orbits.search import find_orbits
 from ..progress import Progress, silent
 from ..scenes.scene import Scene
 from ..segments.kernels import Kernels
+
+if TYPE_CHECKING:
+    from ..storage.texts import Json
 
 SURVEYED = 9
 """Values of the followed parameter at which words are looked for besides the start."""
@@ -103,7 +106,7 @@ class NotFound:
         starts = f"{self.starts_elsewhere} random starts at each"
         return f"nor at {self.tried} other values within the range ({starts})"
 
-    def as_record(self) -> dict[str, Any]:
+    def as_record(self) -> dict[str, Json]:
         """Return plain data, as the manifest has it."""
         return {
             "word": self.word.walls,
