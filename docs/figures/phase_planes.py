@@ -1,6 +1,6 @@
-"""Draw the phase planes and time series of the paper's Figs. 2(b), 7 and 8, for the gallery.
+"""Draw the phase planes and time series of the paper's Figs. 2(b), 5(a), 7 and 8, for the gallery.
 
-    python docs/figures/phase_planes.py [fig2] [fig7] [fig8]
+    python docs/figures/phase_planes.py [fig2] [fig5a] [fig7] [fig8]
 
 Each panel has the d of its caption, except those of real grazings, which are drawn at the grazing
 itself. Line styles of orbits are those of diagrams; simulated motion is grey. Motion that starts on
@@ -21,6 +21,7 @@ MOTION = {"color": "0.45", "zorder": 0}
 IMPACT = {"linestyle": "none", "marker": "o", "markerfacecolor": "white", "color": "0.1"}
 IMPACT |= {"markersize": 3.0, "markeredgewidth": 0.7, "zorder": 5}
 WALLS = ("#0072B2", "#E69F00")
+FIG3A = {"beta": math.pi / 9, "r": 0.3, "A": 5.0, "s": 0.4}
 FIG7 = {"beta": math.pi / 6, "r": 0.3, "A": 5.0, "s": 0.34}
 FIG8 = {"beta": math.pi / 6, "r": 0.25, "A": 7.2, "s": 0.5}
 
@@ -106,6 +107,40 @@ def fig2():
     return figure
 
 
+def fig5a():
+    """The flights of 1:1, from D on the bottom to A on the top and back: at the grazing, which P2
+    reaches at G, and before it."""
+    before = orbits_of(at("s", 0.24, FIG3A), "1:1", "s")[0]
+    branch = ci.continue_orbit(before, "s", range=(0.3, 0.5), events=["G"])
+    event = grazing(branch.events, "~G[1:1->2:1]")
+    figure = Figure(figsize=(10.0, 4.2), layout="constrained")
+    plane, series = figure.subplots(1, 2, width_ratios=(1.0, 1.3))
+    flights = {"P_2": "#0072B2", "P_3": "#D55E00"}
+    for orbit, line in ((before, "--"), (event.orbit(), "-")):
+        half = 0.5 * orbit.parameters["d"]
+        told = f"$d$ = {2 * half:.4f}" + (" = $d_G$" if line == "-" else "")
+        t, z, v = (part.reshape(2, -1) for part in orbit.path())
+        for k, (name, colour) in enumerate(flights.items()):
+            plane.plot(z[k], v[k], line, color=colour, label=f"${name}$, {told}")
+            series.plot((t[k] - t[0, 0]) / orbit.period, z[k], line, color=colour)
+        for side in (-half, half):
+            plane.axvline(side, color="0.6", linestyle=line, linewidth=0.8, zorder=0)
+            series.axhline(side, color="0.6", linestyle=line, linewidth=0.8, zorder=0)
+    places = {"D": (t[0, 0], z[0, 0], v[0, 0]), "A": (t[0, -1], z[0, -1], v[0, -1])}
+    places["G"] = (event.touch_time, half, 0.0)
+    for name, (time, at_z, at_v) in places.items():
+        look = {"xytext": (6, 6), "textcoords": "offset points", "fontsize": 11}
+        late = (time - t[0, 0]) / orbit.period
+        for ax, place in ((plane, (at_z, at_v)), (series, (late, at_z))):
+            ax.plot(*place, **IMPACT)
+            ax.annotate(name, place, **look)
+    plane.set(xlabel="$Z$", ylabel=r"$\dot Z$")
+    series.set(xlabel="$t/T$ since D", ylabel="$Z$", xlim=(0.0, 1.0))
+    figure.legend(*plane.get_legend_handles_labels(), loc="outside lower center", ncols=4)
+    figure.suptitle("Fig. 5(a): 1:1 as P2 and P3; β = π/9, r = 0.3, A = 5 N", fontsize=10)
+    return figure
+
+
 def fig7():
     """Phase planes and time series of Fig. 7, from (b) to (l)."""
     diagram = ci.follow(ci.load_scene(HERE.parents[1] / "branches/fig7/scene.toml"))
@@ -153,8 +188,10 @@ def fig8():
 
 
 if __name__ == "__main__":
-    for chosen in sys.argv[1:] or ["fig2", "fig7", "fig8"]:
-        figure = {"fig2": fig2, "fig7": fig7, "fig8": fig8}[chosen]()
-        target = HERE / ("fig2.png" if chosen == "fig2" else f"{chosen}_phase_planes.png")
+    figures = {"fig2": fig2, "fig5a": fig5a, "fig7": fig7, "fig8": fig8}
+    for chosen in sys.argv[1:] or figures:
+        figure = figures[chosen]()
+        name = f"{chosen}_phase_planes" if chosen in ("fig7", "fig8") else chosen
+        target = HERE / f"{name}.png"
         figure.savefig(target, dpi=90, metadata={"Software": None})
         print(target.name)
