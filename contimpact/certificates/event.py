@@ -236,7 +236,7 @@ def _existing(
     if "impact" in details:
         at_rest = list(vanishing(problem, details["impact"]))
     else:
-        at_rest = resting(space, box, inner)
+        at_rest = resting(space, box, inner) if "touch_time" in details else []
     for impact in at_rest:
         z[problem.m * impact + 1] = arb(0)
     return Orbit(space, z, kind, exact, tuple(at_rest)), box, inner

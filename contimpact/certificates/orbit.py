@@ -16,10 +16,17 @@ from flint import acb_mat, arb, arb_mat
 from ..bifurcations.kind import Kind
 from ..bifurcations.zero_velocity import vanishing
 from ..orbits.problem import OrbitProblem
+from ..segments.ball_series import number
 from ..segments.balls import turns
+from ..segments.layout import SECTION
+from . import winding
 from .clearance import Clear
 from .equations import BallProblem, Balls, Flight
+from .krawczyk import proven
 from .quiet import gap_of, guards_met
+
+ANYWHERE = (1.0, -1.0, 1j, -1j)
+"""Multipliers of which an event that is one of a multiplier's sets one aside, at least."""
 
 Claim = tuple[Any, str]
 """What is proven, or None and what could not be decided."""
@@ -53,10 +60,16 @@ class Orbit:
         """Return how many multipliers lie outside the unit circle, those of the event set aside."""
         try:
             flights = self._flights()
-            outside = _outside_of_two if self.space.problem.m == 2 else _outside
-            return outside(self, flights)
         except (ValueError, ZeroDivisionError) as error:
-            return None, f"the multipliers are not isolated ({error})"
+            return None, str(error)
+        try:
+            found = (_outside_of_two if self.space.problem.m == 2 else _outside)(self, flights)
+        except (ValueError, ZeroDivisionError) as error:
+            found = None, f"the multipliers are not isolated ({error})"
+        if found[0] is None and not self.critical(ANYWHERE):
+            counted = winding.outside(flights)
+            found = found if counted is None else (counted, "")
+        return found
 
     def critical(self, middles: Sequence[complex]) -> list[int]:
         """Return the places of the multipliers that belong to the event."""
@@ -83,20 +96,24 @@ class Orbit:
     def _quiet_flight(self, impact: int) -> Flight:
         """The flight of the orbit without impacts, from where it is at the time zero.
 
-        It is the flight that leaves the impact at rest, which changes nothing.
+        The impact at rest changes nothing, so that the orbit passes through its state; a motion
+        through a state is the only one, and leads from one state at the time zero.
         """
         space, problem = self.space, self.space.problem
         guard = next(g for g in problem.model.WALLS if g.name == problem.word.walls[impact])
         first = problem.model.MODES[0].name if problem.model.MODES else guard.next_mode
-        if problem.m != 2 or guard.next_mode != first:
+        if guard.next_mode != first:
             raise ValueError("those of the orbit without impacts are not known")
-        values, start = space.values(self.z), space.impacts(self.z)[impact]
-        setup = space.setup(values)
-        dt = (turns(start[0], setup.period) + 1) * setup.period - start[0]
-        moved, speed, _ = space.motion(guard.name)(start, dt, values)
-        place = setup.walls[problem.model.WALLS.index(guard)]
-        by = guard.row(1)[0]
-        return space.quiet_flight([(place + moved) / by, speed / by], values)
+        values, (time, _, *others) = space.values(self.z), space.impacts(self.z)[impact]
+        period = space.setup(values).period
+        touch = [time - turns(time, period) * period, arb(0), *others]
+        reach = problem.kernels.segment(SECTION, guard.name).over(space.arithmetic)
+        found = proven(
+            space, lambda x: [number(r) for r in reach(x, touch, values)[0]], [0.0] * problem.m
+        )
+        if found is None:
+            raise ValueError("the state of the orbit without impacts is not isolated")
+        return space.quiet_flight(found[1], values)
 
     # Physicality.
 

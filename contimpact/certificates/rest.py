@@ -17,6 +17,7 @@ from flint import arb
 
 from ..models.word import Word
 from ..orbits.problem import OrbitProblem
+from . import quiet_rest
 from .equations import BallProblem, Balls
 from .krawczyk import proven
 
@@ -31,7 +32,7 @@ def resting(space: BallProblem, box: Balls, inner: Balls) -> list[int]:
         Where the grazing is the only one, and where it lies.
     """
     m, count = space.problem.m, len(space.problem.word)
-    if count <= 1 or len(inner) == space.problem.n + 1:
+    if not count or len(inner) == space.problem.n + 1:
         return []
     slow = [k for k in range(count) if inner[m * k + 1].contains(0)]
     return [k for k in slow if _rests(space, box, inner, k)]
@@ -40,6 +41,8 @@ def resting(space: BallProblem, box: Balls, inner: Balls) -> list[int]:
 def _rests(space: BallProblem, box: Balls, inner: Balls, impact: int) -> bool:
     """Whether the orbit without an impact is another one run several times, which grazes there."""
     problem, m = space.problem, space.problem.m
+    if len(problem.word) == 1:
+        return quiet_rest.rests(space, box, inner)
     once, times = _root(problem.word.drop(impact))
     if times == 1 or m != 2:
         return False
