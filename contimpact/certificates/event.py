@@ -168,7 +168,7 @@ def _attempted(
         own = problem() if problem is not None else orbit_of(entry).problem
         while True:
             found = _at(entry, own, bits, boxes)
-            if found.certified or found.clause not in PRECISE or 2 * bits > most:
+            if found.certified or not _open(found) or 2 * bits > most:
                 break
             bits *= 2
     except NoEnclosuresError:
@@ -180,8 +180,12 @@ def _attempted(
     return replace(found, seconds=time.perf_counter() - began)
 
 
-PRECISE = ("existence", "stability", "physicality", "touch")
-"""Clauses that more digits may decide."""
+UNDECIDED = "not decided"
+
+
+def _open(found: EventCertificate) -> bool:
+    """Whether more digits may decide a clause."""
+    return found.clause == "existence" or str(found.found).startswith(UNDECIDED)
 
 
 def _at(entry: Entry, problem: OrbitProblem, bits: int, boxes: Boxes) -> EventCertificate:
@@ -304,7 +308,7 @@ def _says(entry: Entry, orbit: Orbit) -> None:
 def _clause(clause: str, claim: tuple[Any, str], said: Any) -> None:
     found, why = claim
     if found is None:
-        raise RejectedError(clause, f"not decided: {why}")
+        raise RejectedError(clause, f"{UNDECIDED}: {why}")
     if found != said:
         raise RejectedError(clause, f"recorded {said}, proven {found}{why and ': ' + why}")
 
