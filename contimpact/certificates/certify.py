@@ -28,6 +28,8 @@ from .event import EventCertificate, NoEnclosuresError, certified, verified
 from .records import ROWS, Certificates, Kept, digest, read_certificates
 
 NONE = "there is no certificate"
+ROUNDING = 1e-9
+"""Of shares."""
 QUIET = "proofs along branches are for orbits with impacts"
 
 
@@ -296,8 +298,20 @@ def verify_folder(
         for c in stored.entries
         if c.id not in known
     ]
+    more = [one.id for one in tubes if one.id in kept and _says_more(kept[one.id], one)]
     seconds = time.perf_counter() - began
-    return Certificates(stored.scene, digest(catalogue), found, tubes, seconds, versions())
+    said = digest(catalogue)
+    return Certificates(stored.scene, said, found, tubes, seconds, versions(), more)
+
+
+def _says_more(record: BranchCertificate, found: BranchCertificate) -> bool:
+    """Whether a certificate says more of a branch than is proven."""
+    kinds = set(record.kinds) <= set(found.kinds)
+    return (
+        (record.complete and not found.complete)
+        or record.share > found.share + ROUNDING
+        or not kinds
+    )
 
 
 def rejected(entry: Entry, clause: str, found: str) -> EventCertificate:

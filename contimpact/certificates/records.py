@@ -39,6 +39,8 @@ class Certificates:
     seconds : float
     versions : mapping
         Of the libraries the proof rests on.
+    unconfirmed : sequence of str
+        Branches whose stored certificates say more than is proven from them; of a verification.
     """
 
     scene: str
@@ -47,6 +49,7 @@ class Certificates:
     branches: Sequence[BranchCertificate] = ()
     seconds: float = 0.0
     versions: Mapping[str, str] = field(default_factory=dict)
+    unconfirmed: Sequence[str] = ()
 
     @property
     def rejected(self) -> list[EventCertificate]:
@@ -62,9 +65,10 @@ class Certificates:
     def certified(self) -> bool:
         """Whether every entry is certified, and no branch refutes the catalogue.
 
-        A branch that is proven in part only does not; `complete` of its certificate tells.
+        A branch that is proven in part only does not; `complete` of its certificate tells. What is
+        stored has to be confirmed where it is verified.
         """
-        return not self.rejected and not self.refuted
+        return not (self.rejected or self.refuted or self.unconfirmed)
 
     def lines(self) -> list[str]:
         """Return what is proven, and what is not, in words."""
@@ -76,6 +80,7 @@ class Certificates:
             *([] if self.branches else ["no branch is looked at"]),
             *(f"  {c.id} rejected: {c.clause}: {c.found}" for c in self.rejected),
             *(line for c in self.branches for line in c.lines()),
+            *(f"{name}: its stored certificate says more than that" for name in self.unconfirmed),
         ]
 
     def __repr__(self) -> str:

@@ -242,6 +242,20 @@ def test_a_forged_box_is_found(folder, key):
     assert {c.id: c.clause for c in found.rejected} == {"e2": "existence"}
 
 
+@pytest.mark.parametrize("factor", [100.0, 1e-8])
+def test_a_forged_tube_is_found(folder, proven, factor, capsys):
+    """Its piece is unproven, and that its certificate says otherwise is a failure."""
+    record = json.loads(json.dumps(proven.record()))
+    record["branches"][0]["boxes"][3] = [factor * x for x in record["branches"][0]["boxes"][3]]
+    (folder / FILE).write_text(json.dumps(record))
+    found = verify_folder(folder)
+    assert (found.rejected, found.refuted, found.unconfirmed) == ([], [], ["b1"])
+    (piece,) = found.branches[0].unproven
+    assert piece.what == "no tube is proven"
+    assert main(["certify", "--verify", str(folder)]) == 1
+    assert "b1: its stored certificate says more than that" in capsys.readouterr().out
+
+
 def test_a_catalogue_changed_afterwards_is_found(folder):
     write_certificates(folder, certify_folder(folder, CertifyOptions(branches=False)))
     catalogue = json.loads((folder / "catalogue.json").read_text())
