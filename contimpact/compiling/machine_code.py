@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import contextlib
 import re
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -37,7 +39,8 @@ def object_code(program: Program, arguments: str) -> bytes:
     head, body = f"def _c_entry({', '.join(names)}):", f"return entry({', '.join(views)})"
     text = f"{program.text}\n\n{head}\n    {body}\n"
     exec(compile(text, "<contimpact program>", "exec"), namespace)
-    entry = cfunc(nb.int64(*signature), error_model="numpy")(namespace["_c_entry"])
+    with _unoptimised():
+        entry = cfunc(nb.int64(*signature), error_model="numpy")(namespace["_c_entry"])
     text = _self_contained(entry.inspect_llvm(), entry.native_name)
     llvm.initialize_native_target()
     llvm.initialize_native_asmprinter()
@@ -49,6 +52,29 @@ def object_code(program: Program, arguments: str) -> bytes:
     module.verify()
     _optimise(module, machine)
     return bytes(machine.emit_object(module))
+
+
+@contextlib.contextmanager
+def _unoptimised() -> Iterator[None]:
+    """Let Numba leave functions as they are, one by one: the whole is optimised at the end.
+
+    That takes a third off the time of compiling. Numba's own compilers, which other functions of
+    the process have, are made before.
+    """
+    import llvmlite.binding as llvm
+    from numba.core import config as stated
+    from numba.core.registry import cpu_target
+
+    config: Any = stated
+    given = config.OPT
+    if not hasattr(llvm, "create_pass_builder") or not hasattr(cpu_target, "target_context"):
+        yield
+        return
+    config.OPT = type(given)(0)
+    try:
+        yield
+    finally:
+        config.OPT = given
 
 
 OF_THE_C_LIBRARY = frozenset(

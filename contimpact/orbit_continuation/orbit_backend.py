@@ -70,9 +70,18 @@ class OrbitBackend:
         setup = kernels.setup(*values)
         self.fixed = POSITIONS + len(setup.walls) + len(setup.derived)
         self.zeros = time_zeros(kernels.harmonics(*values), setup.period)
-        self.functions = plain_functions(problem, self.zeros)
         self.count, self.walls = len(problem.word), len(problem.model.WALLS)
         self.derived = len(problem.model.DERIVED)
+
+    @functools.cached_property
+    def functions(self) -> Functions:
+        """What `take_steps` needs of the problem, plainly."""
+        return plain_functions(self.problem, self.zeros)
+
+    @property
+    def described(self) -> int:
+        """Numbers of a point before its gaps."""
+        return MEASURED
 
     def vectors(self, made_by: Containers) -> OrbitVectors:
         """The branch as vectors and tables."""
@@ -135,7 +144,7 @@ class OrbitBackend:
     @property
     def recorded(self) -> int:
         """How many numbers `observe_cycle` records of a point."""
-        return MEASURED + self.count * (self.walls + 1) + self.derived
+        return self.described + self.count * (self.walls + 1) + self.derived
 
     @functools.cached_property
     def obstacle(self) -> str:
@@ -184,7 +193,12 @@ class OrbitBackend:
         if self.variant is None:
             plainly(self.obstacle)
             return None
+        return self.program()
+
+    def program(self) -> CompiledProgram | None:
+        """The program, if it is in the cache or worth compiling."""
         kernels, variant = self.problem.kernels, self.variant
+        assert variant is not None
 
         def build() -> Program:
             from .orbit_program import program_of
@@ -276,11 +290,14 @@ def backend_of(
     """
     if problem.free != 1 or not problem.word.walls:
         return None
-    if problem.m != 2:
-        plainly("orbits with several degrees of freedom")
-        return None
     if problem.lost or not problem.kernels.passages.anchored:
         plainly("modes of different dimension, and jumps that move the gap coordinate")
         return None
+    from .chain_backend import ChainBackend
+
+    if problem.m != 2 and not ChainBackend.follows(problem):
+        plainly("several coordinates that do not move linearly, or more than four of them")
+        return None
     needs = {need for test in tests if isinstance(test, OrbitTest) for need in test.needs}
-    return OrbitBackend(problem, gaps or "gaps" in needs, "doubling" in needs)
+    kind = OrbitBackend if problem.m == 2 else ChainBackend
+    return kind(problem, gaps or "gaps" in needs, "doubling" in needs)

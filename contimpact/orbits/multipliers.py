@@ -53,7 +53,7 @@ class Stability:
             return self
         values = self.multipliers.copy()
         values[-lost:] = 0.0
-        return replace(self, multipliers=values, products=_products(values))
+        return replace(self, multipliers=values, products=products_of(values))
 
 
 def stability_of(start: Array, end: Array) -> Stability:
@@ -190,29 +190,34 @@ def collapse(start: Array, end: Array) -> tuple[Array, Array, float, float]:
 
 
 def _of_any_size(start: Array, end: Array) -> Stability:
-    from scipy.linalg.lapack import dggev
-
     p, q, sign, logarithm = collapse(start, end)
     if not np.all(np.isfinite([p, q])):
         raise ValueError("the blocks of an orbit are not finite")
+    values = of_pencil(p, q)
+    norms = _row_norms(start, end)
+    value = cyclic_multipliers.scaled(sign, logarithm, float(np.linalg.det(p - q)), norms)
+    return Stability(values, products_of(values), value)
+
+
+def of_pencil(p: Array, q: Array) -> Array:
+    """Return the values of mu at which P + mu Q is singular, largest first."""
+    from scipy.linalg.lapack import dggev
+
     real, imaginary, below, _, _, _, failed = dggev(p, -q, 0, 0)  # eigvals takes five times longer
     if failed:
         raise np.linalg.LinAlgError("eigenvalues of a pencil did not converge")
     above = real + 1j * imaginary
     with np.errstate(divide="ignore", invalid="ignore"):
         values = np.where(below == 0.0, np.inf + 0.0j, above / below)
-        values = np.asarray(values[np.argsort(-np.abs(values))], dtype=complex)
-    norms = _row_norms(start, end)
-    value = cyclic_multipliers.scaled(sign, logarithm, float(np.linalg.det(p - q)), norms)
-    return Stability(values, _products(values), value)
+        return np.asarray(values[np.argsort(-np.abs(values))], dtype=complex)
 
 
-def _products(values: Array) -> Array:
-    """The products of every two of them, where both are finite."""
-    first, second = np.triu_indices(len(values), 1)
-    both = np.isfinite(values[first]) & np.isfinite(values[second])
+def products_of(values: Array) -> Array:
+    """Return the products of every two of them, along the last axis, where both are finite."""
+    first, second = np.triu_indices(values.shape[-1], 1)
+    one, other = values[..., first], values[..., second]
     with np.errstate(invalid="ignore"):
-        return np.where(both, values[first] * values[second], np.nan)
+        return np.where(np.isfinite(one) & np.isfinite(other), one * other, np.nan)
 
 
 def _row_norms(start: Array, end: Array) -> float:

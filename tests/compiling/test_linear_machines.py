@@ -11,12 +11,17 @@ import math
 
 import numpy as np
 import pytest
+from zoo import ROOT
 
 from contimpact import continue_orbit, find_orbits
 from contimpact.continuation.settings import Settings
-from contimpact.orbit_continuation import orbit_backend
+from contimpact.orbit_continuation import chain_backend, orbit_backend
+from contimpact.scenes.scene import load_scene
 from contimpact.segments.float_flow import flow, flow_compiled, space_of
 from contimpact.segments.linear_flow import Shape
+from contimpact.systems.coupled_by_impact import CoupledByImpact
+from contimpact.systems.impact_damper import ImpactDamper
+from contimpact.systems.two_masses import TwoMasses
 from contimpact.systems.two_stops import TwoStops
 
 needs_numba = pytest.mark.skipif(
@@ -24,9 +29,17 @@ needs_numba = pytest.mark.skipif(
 )
 EVENTS = ("FB", "BP", "PD", "NS", "G", "V", "T")
 
+THREE = load_scene(ROOT / "examples" / "three_masses.toml").model
+MASSES = {"c1": 0.1, "c2": 0.05, "k1": 1.0, "k2": 0.6, "a1": 1.0, "sigma_1": 0.5, "sigma_2": 0.4}
+COUPLED = {"c1": 0.1, "c2": 0.1, "k1": 1.0, "k2": 2.0, "a1": 1.0, "gap": 0.1, "r": 0.7}
+
 CASES = {
     "two-stops": (TwoStops(a=1.0, omega=1.0, c=0.1, k=1.0, sigma=0.5, r=0.8), "RL", "omega"),
     "rattle": (TwoStops(a=1.0, omega=1.0, c=0.0, k=0.0, sigma=0.5, r=0.8), "RL", "sigma"),
+    "two-masses": (TwoMasses(omega=1.8, r=0.8, **MASSES), "AB", "omega"),
+    "coupled-by-impact": (CoupledByImpact(omega=1.5, **COUPLED), "K", "omega"),
+    "impact-damper": (ImpactDamper(Omega=1.0, d=20.0, r=0.8, mu=0.1, zeta=0.01), "RL", "d"),
+    "three-masses": (THREE, "C", "omega"),
 }
 
 
@@ -74,7 +87,8 @@ def as_text(monkeypatch):
     def load(identity, arguments, build, worth=True):
         return made.setdefault(identity, Text(build()))
 
-    monkeypatch.setattr(orbit_backend, "load", load)
+    for backend in (chain_backend, orbit_backend):
+        monkeypatch.setattr(backend, "load", load)
     return made
 
 
@@ -100,12 +114,17 @@ def same(one, other):
     assert one.ends == other.ends
 
 
-@pytest.mark.parametrize("name", CASES)
+SLOWER = {"rattle", "three-masses"}
+
+
+@pytest.mark.parametrize(
+    "name", [pytest.param(n, marks=[pytest.mark.slow] if n in SLOWER else []) for n in CASES]
+)
 def test_the_text_that_is_compiled_gives_the_same_branch(as_text, monkeypatch, name):
-    fast = branch(name, 4, 0.005)
+    fast = branch(name, 3, 0.005)
     assert as_text
     monkeypatch.setenv("CONTIMPACT_COMPILED", "never")
-    same(branch(name, 4, 0.005), fast)
+    same(branch(name, 3, 0.005), fast)
 
 
 @needs_numba

@@ -1,0 +1,331 @@
+"""The cyclic linear systems of orbits of several coordinates, in time linear in their length.
+
+As `block_cyclic`, with m unknowns per impact instead of two: impacts 2 to N are eliminated one
+after the other by reflections of the 2m rows that hold them, and m rows are left: P z_1 + mu Q z_1.
+
+The functions are in the plain subset of Python that `contimpact.compiling` compiles. A flight is a
+row of `blocks`: m residuals, the blocks A and B row by row, m derivatives by lambda. An eliminated
+impact is a row of `kept`: m rows of the coefficients of its own unknowns, of z_1, of z_{k+1}, of
+lambda, and the right side. What is left stands in `reduced`: P, Q, the column of lambda, the right
+side, then sign and logarithm of the product of all that was divided by.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+
+from ..arrays import Table, Vector
+from ..segments.layout import Blocks, Setup
+from ..segments.passages import ELSEWHERE, MEETING
+from .block_cyclic import BRIEF, store
+
+
+def block_size(m: int) -> int:
+    """Return the numbers of a flight."""
+    return 2 * m * (m + 1)
+
+
+def kept_size(m: int) -> int:
+    """Return the numbers of an eliminated impact."""
+    return m * (3 * m + 2)
+
+
+def assemble(
+    flight: Callable[[int, Vector, Vector], Blocks],
+    setup: Callable[[Vector], Setup],
+    kinds: Vector,
+    periods: int,
+    place: int,
+    m: int,
+    values: Vector,
+    ends: Vector,
+    blocks: Table,
+    clock: Vector,
+    fixed: Table,
+    z: Vector,
+) -> float:
+    """Evaluate every flight of a cycle at the unknowns z; returns the largest residual.
+
+    Parameters
+    ----------
+    flight : callable ``flight(kind, ends, values)``
+        The `segments.layout.Blocks` of one flight, from the 2m unknowns at its ends.
+    setup, kinds, periods, place, values, blocks, clock, fixed, z
+        As of `block_cyclic.assemble`.
+    m : int
+        Unknowns per impact.
+    ends : vector
+        Scratch space for 2m numbers.
+    """
+    count = len(kinds)
+    n = m * count
+    values[place] = z[n]
+    period, slopes, _, positions, derived, _ = setup(values)
+    store(fixed, 0, (period,) + positions + derived)  # noqa: RUF005
+    span, drift = periods * period, periods * slopes[0]
+    clock[0], clock[1] = span, drift
+    size, total = 0.0, 0.0
+    for k in range(count):
+        for i in range(m):
+            ends[i] = z[m * k + i]
+            ends[m + i] = z[(m * (k + 1) + i) % n]
+        if k + 1 == count:
+            ends[m] += span
+        rows, start, end, free = flight(kinds[k], ends, values)
+        store(blocks, k, rows + start + end + free)
+        for i in range(m):
+            size = max(size, abs(rows[i]))
+            total += abs(rows[i])  # a maximum may lose what is not a number, a sum does not
+    return size if total - total == 0.0 else math.nan
+
+
+def arriving(z: Vector, k: int, m: int, arrivals: Vector, span: float, slope: float) -> float:
+    """Return the derivative of the arrival of flight k by its time, from the unknowns.
+
+    As `block_cyclic.arriving`.
+    """
+    last = k + 1 == len(arrivals)
+    velocity = z[1] if last else z[m * (k + 1) + 1]
+    if arrivals[k] == ELSEWHERE:
+        return velocity
+    duration = (z[0] + span if last else z[m * (k + 1)]) - z[m * k]
+    if arrivals[k] == MEETING and abs(duration) < BRIEF * span:
+        return slope
+    return velocity / duration if duration != 0.0 else slope
+
+
+def by_parameter(row: Vector, i: int, m: int, drift: float, last: bool) -> float:
+    """Return the derivative of equation i by lambda; the last arrival moves with the period."""
+    own = row[m + 2 * m * m + i]
+    return own + drift * row[m + m * m + m * i] if last else own
+
+
+def eliminate(
+    blocks: Table,
+    arrivals: Vector,
+    kept: Table,
+    work: Table,
+    reduced: Vector,
+    m: int,
+    drift: float,
+    right: float,
+    exact: bool,
+    z: Vector,
+    span: float,
+) -> None:
+    """Eliminate impacts 2 to N.
+
+    Parameters
+    ----------
+    blocks, arrivals, kept, right, exact, z, span
+        As of `block_cyclic.eliminate`.
+    work : table
+        Scratch space of 2m rows of 3m + 2 numbers.
+    reduced : vector
+        Filled with what is left. The sign is 0 where an impact cannot be eliminated.
+    m : int
+    drift : float
+        Derivative of the orbit's period by lambda.
+    """
+    count, size = len(arrivals), m * m
+    b = blocks[0]
+    for i in range(size):
+        reduced[i], reduced[size + i] = b[m + i], b[m + size + i]
+    if exact:
+        reduced[size] = arriving(z, 0, m, arrivals, span, b[m + size])
+    for i in range(m):
+        reduced[2 * size + i] = by_parameter(b, i, m, drift, count == 1)
+        reduced[2 * size + m + i] = -right * b[i]
+    sign, logarithm = 1.0, 0.0
+    for k in range(1, count):
+        b = blocks[k]
+        for i in range(m):
+            upper, lower = work[i], work[m + i]
+            for j in range(m):
+                upper[j], lower[j] = reduced[size + m * i + j], b[m + m * i + j]
+                upper[m + j], lower[m + j] = reduced[m * i + j], 0.0
+                upper[2 * m + j], lower[2 * m + j] = 0.0, b[m + size + m * i + j]
+            upper[3 * m] = reduced[2 * size + i]
+            lower[3 * m] = by_parameter(b, i, m, drift, k + 1 == count)
+            upper[3 * m + 1], lower[3 * m + 1] = reduced[2 * size + m + i], -right * b[i]
+        if exact:
+            work[m][2 * m] = arriving(z, k, m, arrivals, span, b[m + size])
+        if not reflect(work, m):
+            sign = 0.0
+            break
+        row = kept[k]
+        for i in range(m):
+            pivot = work[i][i]
+            sign = -sign if pivot < 0.0 else sign
+            logarithm += math.log(abs(pivot))
+            for j in range(3 * m + 2):
+                row[(3 * m + 2) * i + j] = work[i][j]
+            lower = work[m + i]
+            for j in range(m):
+                reduced[m * i + j], reduced[size + m * i + j] = lower[m + j], lower[2 * m + j]
+            reduced[2 * size + i], reduced[2 * size + m + i] = lower[3 * m], lower[3 * m + 1]
+    reduced[2 * size + 2 * m], reduced[2 * size + 2 * m + 1] = sign, logarithm
+
+
+def reflect(work: Table, m: int) -> bool:
+    """Make the first m columns of 2m rows triangular; whether none of them vanishes."""
+    width = 3 * m + 2
+    for c in range(m):
+        size = 0.0
+        for i in range(c, 2 * m):
+            size += work[i][c] * work[i][c]
+        size = math.sqrt(size)
+        if not size > 0.0:
+            return False
+        first = work[c][c]
+        pivot = -size if first >= 0.0 else size
+        first -= pivot
+        factor = -1.0 / (pivot * first)
+        for j in range(c + 1, width):
+            s = first * work[c][j]
+            for i in range(c + 1, 2 * m):
+                s += work[i][c] * work[i][j]
+            s *= factor
+            work[c][j] -= s * first
+            for i in range(c + 1, 2 * m):
+                work[i][j] -= s * work[i][c]
+        work[c][c] = pivot
+    return True
+
+
+def solve(
+    reduced: Vector,
+    kept: Table,
+    work: Table,
+    count: int,
+    m: int,
+    row: Vector,
+    g: float,
+    out: Vector,
+) -> float:
+    """Solve the system bordered by a row with the right side g, from what `eliminate` returned.
+
+    Returns the determinant of the rows left and the border; 0 (or NaN) where there is no solution.
+    """
+    size, width = m * m, 3 * m + 2
+    for i in range(m):
+        for j in range(m):
+            work[i][j] = reduced[m * i + j] + reduced[size + m * i + j]
+        work[i][m], work[i][m + 1] = reduced[2 * size + i], reduced[2 * size + m + i]
+    eliminate_border(kept, work[m], work[m + 1], count, m, row, g)
+    if reduced[2 * size + 2 * m] == 0.0:
+        return 0.0
+    determinant = triangular(work, m + 1, m + 2)
+    if not abs(determinant) > 0.0:
+        return 0.0
+    for i in range(m, -1, -1):
+        x = work[i][m + 1]
+        for j in range(i + 1, m + 1):
+            x -= work[i][j] * (out[m * count] if j == m else out[j])
+        x /= work[i][i]
+        if i == m:
+            out[m * count] = x
+        else:
+            out[i] = x
+    for k in range(count - 1, 0, -1):
+        row = kept[k]
+        later = (m * (k + 1)) % (m * count)
+        for i in range(m - 1, -1, -1):
+            at = width * i
+            x = row[at + 3 * m + 1] - row[at + 3 * m] * out[m * count]
+            for j in range(m):
+                x -= row[at + m + j] * out[j] + row[at + 2 * m + j] * out[later + j]
+            for j in range(i + 1, m):
+                x -= row[at + j] * out[m * k + j]
+            out[m * k + i] = x / row[at + i]
+    return determinant
+
+
+def eliminate_border(
+    kept: Table, border: Vector, left: Vector, count: int, m: int, row: Vector, g: float
+) -> None:
+    """Fill in the border in z_1 and lambda alone, and its right side.
+
+    `left` is scratch space of 2m numbers.
+    """
+    width = 3 * m + 2
+    for i in range(m):
+        border[i], left[i] = row[i], 0.0
+    border[m], border[m + 1] = row[m * count], g
+    for k in range(1, count):
+        known = kept[k]
+        for i in range(m):
+            x = row[m * k + i] + left[i]
+            for j in range(i):
+                x -= left[m + j] * known[width * j + i]
+            left[m + i] = x / known[width * i + i] if known[width * i + i] != 0.0 else math.nan
+        for i in range(m):
+            left[i] = 0.0
+        for j in range(m):
+            factor, at = left[m + j], width * j
+            for i in range(m):
+                border[i] -= factor * known[at + m + i]
+                left[i] -= factor * known[at + 2 * m + i]
+            border[m] -= factor * known[at + 3 * m]
+            border[m + 1] -= factor * known[at + 3 * m + 1]
+    for i in range(m):
+        border[i] += left[i]
+
+
+def triangular(work: Table, size: int, width: int) -> float:
+    """Make a matrix upper triangular with partial pivoting; returns its determinant, 0 where none
+    was found."""
+    determinant = 1.0
+    for c in range(size):
+        best = c
+        for i in range(c + 1, size):
+            if abs(work[i][c]) > abs(work[best][c]):
+                best = i
+        if not abs(work[best][c]) > 0.0:
+            return 0.0
+        if best != c:
+            determinant = -determinant
+            for j in range(c, width):
+                work[c][j], work[best][j] = work[best][j], work[c][j]
+        determinant *= work[c][c]
+        for i in range(c + 1, size):
+            factor = work[i][c] / work[c][c]
+            for j in range(c + 1, width):
+                work[i][j] -= factor * work[c][j]
+    return determinant
+
+
+def row_norms(
+    blocks: Table, count: int, m: int, drift: float, mu: float, scale: Vector, free: float
+) -> float:
+    """Return the logarithm of the product of the rows' norms in the cyclic matrix.
+
+    The last coupling is multiplied by mu, columns by the sizes in `scale`, m of them, and that of
+    lambda by `free`; zero leaves it out.
+    """
+    logarithm, size = 0.0, m * m
+    for k in range(count):
+        b = blocks[k]
+        for i in range(m):
+            total = free * by_parameter(b, i, m, drift, k + 1 == count)
+            total *= total
+            for j in range(m):
+                one, other = b[m + m * i + j], b[m + size + m * i + j]
+                if count == 1:
+                    one, other = one + mu * other, 0.0
+                one, other = one * scale[j], other * scale[j]
+                total += one * one + other * other
+            if not total > 0.0:
+                return -math.inf
+            logarithm += math.log(total)
+    return 0.5 * logarithm
+
+
+def doubling(reduced: Vector, work: Table, m: int) -> float:
+    """Return the determinant of P - Q."""
+    size = m * m
+    for i in range(m):
+        for j in range(m):
+            work[i][j] = reduced[m * i + j] - reduced[size + m * i + j]
+    return triangular(work, m, m)
