@@ -11,6 +11,7 @@ import numpy as np
 from ..bifurcations.declarations import KINDS
 from ..orbits.problem import Array
 from ..records.entry import Entry
+from ..records.entry_conversion import details_of
 from ..records.recovery import orbit_of
 from ..scenes.scene import Scene
 from ..segments.kernels import Kernels
@@ -39,9 +40,7 @@ def measured_events(scene: Scene, kernels: Kernels) -> list[dict[str, Any]]:
 
 
 def _event_row(exact: Reference, entry: Entry, unknowns: Array) -> dict[str, Any]:
-    names = ("flight", "wall", "impact", "touch_time", "requested")
-    details = {name: getattr(entry, name) for name in names}
-    found = exact.event(entry.kind, unknowns, details)
+    found = exact.event(entry.kind, unknowns, details_of(entry))
     true = abs(found.parameter_error(entry.value)) if found else None
     return {
         **{name: getattr(entry, name) for name in ("id", "label", "branch", "value")},

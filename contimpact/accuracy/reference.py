@@ -18,6 +18,7 @@ import numpy as np
 
 from ..bifurcations.kind import System
 from ..bifurcations.registry import kind_of
+from ..bifurcations.requested import PERIOD
 from ..orbits.problem import Array, OrbitProblem
 from ..segments.arithmetic import evaluate_in
 from ..segments.layout import SECTION
@@ -141,7 +142,7 @@ class Reference:
         Products are safe here: their loss is made good by digits. For m = 2 alone.
         """
         ctx = self.ctx
-        _, flights = self.flights(unknowns)
+        _, flights = self.flights(unknowns, held=True)
         with ctx.extradps(30 + 4 * len(flights)):
             total, product = ctx.eye(2), ctx.one
             for a, b, _ in flights:
@@ -152,22 +153,29 @@ class Reference:
             half = (total[0, 0] + total[1, 1]) / 2
             root = ctx.sqrt(half**2 - product)
             large = half + root if abs(half + root) >= abs(half - root) else half - root
-            return [+large, product / large if large else ctx.zero]
+            both = [+large, product / large if large else ctx.zero]
+            return both[:1] if self.problem.autonomous else both
 
     # Residual and blocks.
 
-    def flights(self, z: Sequence[Any]) -> tuple[list[Any], list[tuple[Any, Any, list[Any]]]]:
-        """Return the residuals, and for each flight its blocks A, B and derivative by lambda."""
+    def flights(
+        self, z: Sequence[Any], held: bool = False
+    ) -> tuple[list[Any], list[tuple[Any, Any, list[Any]]]]:
+        """Return the residuals, and for each flight its blocks A, B and derivative by lambda.
+
+        Where the period is free, B of the last flight is without its first column, or A of the
+        first if the first passage's time is to be held.
+        """
         problem, ctx = self.problem, self.ctx
         m, n = problem.m, problem.n
         p = self.values(z)
         setup = self.setup(p)
-        turns = problem.word.period
+        turns, closing = problem.word.period, problem.closing(z[0], setup.period)
         residual: list[Any] = []
         blocks = []
         for k, segment in enumerate(problem.segments):
             i, j = m * k, m * k + m
-            arrival = z[j : j + m] if j < n else [z[0] + turns * setup.period, *z[1:m]]
+            arrival = z[j : j + m] if j < n else [closing, *z[1:m]]
             arrival = arrival if problem.word.walls else z[:m]
             rows, *entries, by_parameter = segment.over(self.arithmetic)(z[i:j], arrival, p)
             residual += rows
@@ -175,6 +183,10 @@ class Reference:
             if j == n and problem.word.walls:
                 drift = turns * setup.slopes[0]
                 by_parameter = tuple(g + drift * end[r, 0] for r, g in enumerate(by_parameter))
+                if problem.autonomous and not held:
+                    end[:, 0] *= 0
+            if problem.autonomous and held and k == 0:
+                start[:, 0] *= 0
             blocks.append((start, end, list(by_parameter)))
         return residual, blocks
 
@@ -283,7 +295,7 @@ class Reference:
     def product(self, z: list[Any]) -> Any:
         """The product of all multipliers; for m = 2 a pair on the unit circle has the product 1."""
         total = self.ctx.one
-        for start, end, _ in self.flights(z)[1]:
+        for start, end, _ in self.flights(z, held=True)[1]:
             total *= self.ctx.det(start) / self.ctx.det(end)
         return total
 
@@ -293,12 +305,14 @@ class Reference:
         if j < n:
             return z[j] - z[i]
         period = self.setup(self.values(z)).period
-        return z[0] + self.problem.word.period * period - z[i]
+        return self.problem.closing(z[0], period) - z[i]
 
     def requested(self, z: list[Any], requested: Mapping[str, float]) -> Any:
         ((name, wanted),) = requested.items()
         if name == self.problem.parameter:
             return z[-1] - wanted
+        if name == PERIOD:
+            return self.problem.closing(z[0], 0) - z[0] - wanted
         place = self.problem.model.DERIVED.index(name)
         return self.setup(self.values(z)).derived[place] - wanted
 

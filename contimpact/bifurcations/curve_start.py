@@ -11,7 +11,8 @@ import numpy as np
 from ..continuation.branch import Details
 from ..models.word import Word
 from ..orbits.linearisation import Linearisation
-from ..orbits.problem import Array, OrbitProblem
+from ..orbits.problem import Array
+from ..orbits.quiet import problem_of
 
 if TYPE_CHECKING:
     from .extended_system import ExtendedSystem
@@ -46,10 +47,10 @@ class CurveStart:
 def twice(here: Linearisation) -> Linearisation:
     """Return an orbit run twice, as one of the doubled word."""
     problem = here.problem
-    rows = problem.impacts(here.unknowns)
+    rows, span = problem.impacts(here.unknowns), here.span
     later = rows.copy()
-    later[:, 0] += problem.span(here.unknowns)
+    later[:, 0] += span
     word = Word(problem.word.walls * 2, problem.word.period * 2)
-    doubled = OrbitProblem(problem.model, word, problem.kernels)
-    free = here.unknowns[problem.n :]
-    return doubled.evaluate(np.append(np.vstack([rows, later]).ravel(), free))
+    doubled = problem_of(problem.model, word, problem.kernels)
+    free, rows = here.unknowns[problem.n :], np.vstack([rows, later])
+    return doubled.evaluate(np.append(doubled.placed(rows, 2.0 * span).ravel(), free))

@@ -24,7 +24,7 @@ from ..continuation.test_function import Located, TestFunction
 from ..models.word import Word
 from ..orbits.linearisation import Linearisation
 from ..orbits.problem import Array, OrbitProblem
-from ..orbits.quiet import problem_of
+from ..orbits.quiet import QuietProblem, problem_of
 from .codimension_two import AlsoGrazes, AlsoStops, CurvePoint, OnCurve, Resonance
 from .curve_start import CurveStart, twice
 from .extended_system import ExtendedSystem, located
@@ -68,7 +68,8 @@ class DoublingTurns(OnCurve):
 
         def leaves(_: ExtendedSystem, own: Array) -> tuple[Array, Array]:
             bent = _bent(orbit, own[:n])
-            return np.append(own, np.zeros(orbit.problem.free)), 2.0 * np.tile(bent, 2)
+            back = 2.0 * orbit.problem.laps(bent, bent)
+            return np.append(own, np.zeros(orbit.problem.free)), back
 
         return [CurveStart("FB", twice(orbit), {}, leaves)]
 
@@ -82,8 +83,9 @@ class DoublingGrazes(AlsoGrazes):
         doubled, n = twice(here.orbit), here.orbit.problem.n
         details = {"flight": touch.flight, "wall": touch.wall, "touch_time": touch.time}
         along = _along_doublings(here.orbit, here.own)
-        apart = np.concatenate([here.own, -here.own, 0.0 * along[n:]])
-        together = np.concatenate([along[:n], along])
+        laps = here.orbit.problem.laps
+        apart = np.append(laps(here.own, -here.own), 0.0 * along[n:])
+        together = np.append(laps(along[:n], along[:n]), along[n:])
 
         def leaves(system: ExtendedSystem, own: Array) -> tuple[Array, Array]:
             """Doubled orbits as far along the curve of PD as the touch asks for."""
@@ -126,16 +128,11 @@ class PD(Kind):
         null *= np.sign(null[np.argmax(np.abs(null))])  # of two equal branches, always the same
         if not word.walls:
             doubled = problem_of(problem.model, Word("", word.period * 2), problem.kernels)
-            tangent = np.append(null, 0.0)
-            return Start(doubled, here.unknowns, tangent, branching=True, both_ways=False)
-        rows = problem.impacts(here.unknowns)
-        later = rows.copy()
-        later[:, 0] += problem.span(here.unknowns)
-        twice = Word(word.walls * 2, word.period * 2)
-        unknowns = np.append(np.vstack([rows, later]).ravel(), here.unknowns[-1])
-        tangent = np.concatenate([null, -null, [0.0]])
-        doubled = OrbitProblem(problem.model, twice, problem.kernels)
-        return Start(doubled, unknowns, tangent, branching=True, both_ways=False)
+            assert isinstance(doubled, QuietProblem)
+            unknowns, tangent = doubled.second_lap(here.unknowns, np.append(null, 0.0))
+            return Start(doubled, unknowns, tangent, branching=True, both_ways=False)
+        tangent, both = np.append(problem.laps(null, -null), 0.0), twice(here)
+        return Start(both.problem, both.unknowns, tangent, branching=True, both_ways=False)
 
     def criticality(
         self, event: OrbitEvent, before: OrbitPoint, after: OrbitPoint

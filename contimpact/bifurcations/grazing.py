@@ -36,6 +36,7 @@ from ..models.word import Word
 from ..orbits.linearisation import Linearisation
 from ..orbits.physicality import PASSES, Verdict
 from ..orbits.problem import Array, OrbitProblem
+from ..orbits.quiet import problem_of
 from ..orbits.rounding import rounding
 from ..segments.bounded import bounds_of
 from ..segments.flight import Touch
@@ -127,8 +128,7 @@ class Touching(ExtendedSystem):
         super().__init__(problem)
         self.flight, self.wall, self.time = flight, wall, time
         m = problem.m
-        self.own_impact = slice(m * flight, m * flight + m)
-        self.free = [i for i in range(m) if i != 1]
+        self.own_impact, self.free = slice(m * flight, m * flight + m), [0, *range(2, m)]
         left = problem.word.walls[flight : flight + 1] or SECTION
         self.segment = problem.kernels.segment(left, wall)
 
@@ -173,12 +173,12 @@ class Touching(ExtendedSystem):
     def arrival(self, here: Linearisation, own: Array) -> tuple[Array, Array, Array, Array]:
         """Return residual and derivatives of the flight to the touch."""
         m = self.problem.m
-        blocks = self.segment.blocks(*self._arguments(here, own))
-        rows, start, end, free = map(np.array, blocks)
-        return rows, start.reshape(m, m), end.reshape(m, m), free.reshape(m, -1)
+        rows, leaving, *ends = self.segment.blocks(*self._arguments(here, own))
+        start, end, free = map(np.array, (self.problem.leaves(leaving), *ends))
+        return np.array(rows), start.reshape(m, m), end.reshape(m, m), free.reshape(m, -1)
 
     def _arguments(self, here: Linearisation, own: Array) -> tuple[list[float], ...]:
-        left = here.unknowns[self.own_impact].tolist()
+        _, left = self.problem.leaving(here.unknowns, self.flight)
         return left, self.touch(own).tolist(), self.problem.values(here.unknowns)
 
 
@@ -217,8 +217,7 @@ class G(Kind):
 
     def born(self, event: OrbitEvent) -> Start | None:
         here: Linearisation = event.point.evaluation
-        problem = here.problem
-        rows = problem.impacts(here.unknowns)
+        problem, rows = here.problem, here.problem.impacts(here.unknowns)
         word = grown_word(event)
         if word is None:
             return None
@@ -227,8 +226,9 @@ class G(Kind):
             touch = system.touch(system.start(here))
             letters = _excursion(problem, flight, wall) or ""
             rows = _inserted(rows, flight, _at_rest(problem, here.unknowns, letters, touch))
-        longer = OrbitProblem(problem.model, word, problem.kernels)
-        start = regular(longer, np.append(rows.ravel(), here.unknowns[-1]))
+        longer = problem_of(problem.model, word, problem.kernels)
+        rows = longer.placed(rows, here.span).ravel()
+        start = regular(longer, np.append(rows, here.unknowns[-1]))
         return start if start is None or _new_speed(event, start) >= 0.0 else start.reversed()
 
     def next_word(self, event: OrbitEvent) -> Word | None:
@@ -394,7 +394,7 @@ def _with_touch(here: CurvePoint) -> Linearisation:
     flight, wall = here.details["flight"], here.details["wall"]
     touch, letters = np.insert(here.own, 1, 0.0), _excursion(problem, flight, wall) or wall
     added = _at_rest(problem, orbit.unknowns, letters, touch)
-    rows = _inserted(problem.impacts(orbit.unknowns), flight, added)
-    longer = OrbitProblem(problem.model, problem.word.insert(flight, letters), problem.kernels)
+    longer = problem_of(problem.model, problem.word.insert(flight, letters), problem.kernels)
+    rows = longer.placed(_inserted(problem.impacts(orbit.unknowns), flight, added), orbit.span)
     problem.kernel_evaluations += len(longer.word)
     return longer.evaluate(np.append(rows.ravel(), orbit.unknowns[-problem.free :]))

@@ -1,4 +1,4 @@
-"""UZ: the free parameter, or a derived one, takes a value that was asked for."""
+"""UZ: the free parameter, a derived one, or a free period takes a value that was asked for."""
 
 from __future__ import annotations
 
@@ -17,9 +17,12 @@ from .kind import Details, Kind, Look, ManyDigits, System, Values
 from .orbit_test import Orbits
 from .reached import Reached, ScalarTest
 
+PERIOD = "period"
+"""What the orbit's period is called where it is free."""
+
 
 class Requested(ScalarTest):
-    """A parameter or derived parameter minus each value.
+    """A parameter or derived parameter, or a free period, minus each value.
 
     Parameters
     ----------
@@ -31,7 +34,7 @@ class Requested(ScalarTest):
     kind = REQUESTED
 
     def __init__(self, problem: OrbitProblem, requested: Values) -> None:
-        known = (problem.parameter, *problem.model.DERIVED)
+        known = (problem.parameter, *problem.model.DERIVED, *[PERIOD] * problem.autonomous)
         for name in requested:
             if name not in known:
                 accepted = f"accepted are {', '.join(known)}"
@@ -39,15 +42,20 @@ class Requested(ScalarTest):
         self.requested = [(name, float(v)) for name, values in requested.items() for v in values]
         derived = list(problem.model.DERIVED)
         self.first = problem.n
-        self.columns = [derived.index(n) if n in derived else -1 for n, _ in self.requested]
+        others = {PERIOD: -2, problem.parameter: -1}
+        self.columns = [others[n] if n in others else derived.index(n) for n, _ in self.requested]
 
     def of(self, orbits: Orbits) -> Array:
-        """The columns of the derived parameters, the free one last, minus the values."""
-        columns = np.hstack([orbits.derived, orbits.unknowns[:, self.first, None]])
+        """The columns of the derived parameters, the period and the free one, minus the values."""
+        free = orbits.unknowns[:, self.first, None]
+        columns = np.hstack([orbits.derived, orbits.spans[:, None], free])
         return columns[:, self.columns] - [value for _, value in self.requested]
 
     def gradient(self, problem: OrbitProblem, z: Array, index: int) -> Array:
         gradient, column = np.zeros(len(z)), self.columns[index]
+        if column == -2:
+            gradient[0] = problem.closing(1.0, 0.0) - 1.0
+            return gradient
         gradient[self.first] = 1.0
         if column >= 0:
             slopes = problem.kernels.setup(*problem.values(z)).derived_slopes
@@ -56,7 +64,7 @@ class Requested(ScalarTest):
 
     def noise_of(self, problem: OrbitProblem, z: Array, index: int) -> float:
         name, wanted = self.requested[index]
-        if name == problem.parameter:
+        if name in (problem.parameter, PERIOD):
             return 0.0
         place = problem.model.DERIVED.index(name)
         return rounding_of_setup(problem, z).derived[place] + EPSILON * abs(wanted)

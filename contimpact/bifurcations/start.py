@@ -9,7 +9,7 @@ import numpy as np
 from ..continuation.bordered import first_tangent
 from ..models.word import repetitions
 from ..orbits.problem import Array, OrbitProblem
-from ..orbits.recognition import shortest
+from ..orbits.recognition import first_lap, shortest
 
 ALONG, REPEATS = 1e-3, 1e-7
 """How far along a branch it is seen whether its orbits repeat shorter ones, and how nearly."""
@@ -63,10 +63,11 @@ def once(start: Start) -> Start:
     shorter, _ = shortest(problem, ahead, REPEATS)
     if shorter is problem:
         return start
-    first = np.r_[: shorter.n, problem.n : len(unknowns)]
     letters = [w.name for w in problem.model.WALLS]
     note = (
         f"the {problem.word.notation(letters)} orbits born there are "
         f"{repetitions([shorter.word.notation(letters)])}, and followed as such"
     )
-    return Start(shorter, unknowns[first], tangent[first], False, True, note)
+    impacts = len(shorter.word)
+    unknowns, tangent = (first_lap(problem, z, impacts) for z in (unknowns, tangent))
+    return Start(shorter, unknowns, tangent, False, True, note)

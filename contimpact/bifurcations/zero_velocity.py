@@ -15,10 +15,10 @@ from ..continuation.test_function import TestFunction
 from ..models.guards import is_path
 from ..models.word import Word
 from ..orbits.linearisation import Linearisation
-from ..orbits.multipliers import count_unstable, multipliers
+from ..orbits.multipliers import count_unstable, stability_of
 from ..orbits.physicality import WRONG_WAY, Verdict
 from ..orbits.problem import Array, OrbitProblem
-from ..orbits.quiet import problem_of
+from ..orbits.quiet import QuietProblem, problem_of
 from ..orbits.search import solve_near
 from .codimension_two import CurvePoint, touch_points
 from .extended_system import ExtendedSystem
@@ -120,7 +120,7 @@ class V(Kind):
         if shorter is None:
             return super().multipliers(here, details)
         there = shorter[0].evaluate(shorter[1])
-        found = multipliers(there.start, there.end)
+        found = there.told(stability_of(there.held, there.end)).multipliers
         return found, int(count_unstable(found))
 
     def verdict(self, here: Linearisation, details: Details) -> Verdict:
@@ -145,6 +145,7 @@ def _without(here: Linearisation, impact: int) -> tuple[OrbitProblem, Array] | N
         return None
     shorter = problem_of(problem.model, word, problem.kernels)
     kept = np.delete(problem.impacts(here.unknowns), dropped, axis=0)
+    kept = shorter.placed(kept, here.span)
     return shorter, np.append(kept.ravel(), here.unknowns[-problem.free :])
 
 
@@ -161,7 +162,9 @@ def _quiet(here: Linearisation, impact: int) -> tuple[OrbitProblem, Array] | Non
     """The word `0` and its orbit, if that touches where the only impact vanishes."""
     problem, wall = here.problem, here.problem.word.walls[impact]
     quiet = problem_of(problem.model, Word("", problem.word.period), problem.kernels)
-    found = solve_near(quiet, np.append(np.zeros(problem.m), here.unknowns[-problem.free :]))
+    assert isinstance(quiet, QuietProblem)
+    guess = quiet.from_touch(problem, here.unknowns, impact)
+    found = solve_near(quiet, np.append(guess, here.unknowns[-problem.free :]))
     touches = () if found is None else found.gaps[0].touches
     if any(t is not None and t.wall == wall and abs(t.gap) < TOUCHING for t in touches):
         return quiet, found.unknowns  # type: ignore[union-attr]

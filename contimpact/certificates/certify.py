@@ -10,7 +10,7 @@ from typing import Any
 import flint
 
 from .. import __version__
-from ..errors import NotInstalledError
+from ..errors import InputError, NotInstalledError
 from ..models.model import Model
 from ..orbits.problem import OrbitProblem
 from ..progress import Progress, silent
@@ -175,6 +175,9 @@ class _Work:
         self, name: str, said: str, entries: Sequence[Entry], branches: Sequence[Branch]
     ) -> Certificates:
         began = time.perf_counter()
+        if 0 in (*(e.period for e in entries), *(b.period for b in branches)):
+            accepted = "proofs are for orbits of the forcing's period"
+            raise InputError(name, "its orbits have a free period", accepted)
         for branch in branches:
             self.problems.kernels(branch)
         found = proven_once(entries, self._each(entries))

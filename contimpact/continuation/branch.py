@@ -89,6 +89,15 @@ class EndKind(enum.Enum):
         "became its own mirror image at {parameter} = {value:.12g}; beyond, the mirror images of "
         "its orbits follow"
     )
+    REST = (
+        "shrank to an equilibrium near {parameter} = {value:.9g}, where the orbits are born: a "
+        "Hopf bifurcation"
+    )
+    FOR_EVER = (
+        "the period has grown to {period:.6g} at {parameter} = {value:.12g}, and the rounding "
+        "errors of so long a flight to {off:.1g}: the orbits come near to one that takes for ever, "
+        "by an equilibrium (a homoclinic one)"
+    )
     KNOWN = "met branch {known} at {parameter} = {value:.12g}"
     BORN = "born at {entry} of branch {parent} at {parameter} = {value:.12g}"
     UNFOLDED = (

@@ -23,6 +23,9 @@ from .guards import Wall as Wall
 from .own_parameters import check_with_own, own_names
 from .sources import identity
 
+FREE = "free"
+"""The option `period` of a system that has no forcing at its values."""
+
 
 @dataclass(frozen=True)
 class Parameter:
@@ -164,7 +167,9 @@ class Model(ABC):
     nothing is said); `EXPRESSIONS`, the options that are expressions, with the names that may stand
     in them; `PARAMETRIC`, those of them in which any name may stand that is given a value, as a
     parameter of one's own, and is then in `own`; `MEMBRANES`, whether impacts hit membranes of an
-    energy harvester; `STATED`, whether scenes state the system themselves, as its option `machine`.
+    energy harvester; `STATED`, whether scenes state the system themselves, as its option `machine`;
+    `AUTONOMOUS`, whether it has no forcing. Any other system may be given the option
+    ``period="free"`` at values at which it has none.
     """
 
     SYSTEM: ClassVar[str]
@@ -180,6 +185,7 @@ class Model(ABC):
     DEGREES_OF_FREEDOM: ClassVar[int] = 1
     MEMBRANES: ClassVar[bool] = False
     STATED: ClassVar[bool] = False
+    AUTONOMOUS: ClassVar[bool] = False
 
     def __init_subclass__(cls, **given: Any) -> None:
         super().__init_subclass__(**given)
@@ -189,6 +195,8 @@ class Model(ABC):
         check_complete(type(self))
         self.shared: dict[str, Any] = {}
         self.options = {name: str(given.pop(name, text)) for name, text in self.OPTIONS.items()}
+        if "period" in given:
+            self.options["period"] = self._period(given.pop("period"))
         self.own = self._own_parameters(given)
         added = tuple(Parameter(n, "", "a parameter of an expression") for n in self.own)
         self._declared = {p.name: p for p in _resolved((*self.PARAMETERS, *added), given)}
@@ -196,6 +204,18 @@ class Model(ABC):
             name: p.check(given.pop(name, p.default), name) for name, p in self._declared.items()
         }
         self.validate()
+
+    def _period(self, text: Any) -> str:
+        """What is said of the period: that it is free."""
+        if text != FREE:
+            accepted = f"give {FREE!r}, or leave it out: the formulas state the forcing's"
+            raise InputError("period", f"found {shown(text)}", accepted)
+        return FREE
+
+    @property
+    def autonomous(self) -> bool:
+        """Whether there is no forcing, and the periods of orbits are unknowns."""
+        return self.AUTONOMOUS or self.options.get("period") == FREE
 
     def _own_parameters(self, given: Mapping[str, Any]) -> tuple[str, ...]:
         """The parameters that expressions have besides those declared, once these are checked."""

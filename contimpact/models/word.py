@@ -3,7 +3,8 @@
 ``n:m`` counts the impacts on each wall, in the order the model lists its walls, per forcing
 period: ``2:1`` is BBT. ``n:m/pT`` is that word run p times with period pT: ``1:1/2T`` is BTBT
 over two periods. A word may be written out, alone or with its period: ``BTBT``, ``BTBT/2T``,
-``B/3T`` (one impact in three periods). Where not every wall can follow every other, words are the
+``B/3T`` (one impact in three periods). Without forcing there is no T, and a word is its letters,
+or their count, alone. Where not every wall can follow every other, words are the
 closed paths through the graph of modes and guards. ``0`` is the orbit without impacts.
 """
 
@@ -27,7 +28,8 @@ _SEVERAL = re.compile(r"\([0-9:]+\)/[0-9]+T")
 class Word:
     """The walls visited and the period in units of T; prints as users write it.
 
-    Without walls it is the word `0`.
+    Without walls it is the word `0`. The period is 0 where it is free: without forcing there is no
+    T to count in.
     """
 
     walls: str
@@ -35,7 +37,7 @@ class Word:
 
     def __str__(self) -> str:
         walls = self.walls or "0"
-        return walls if self.period == 1 else f"{walls}/{self.period}T"
+        return walls if self.period <= 1 else f"{walls}/{self.period}T"
 
     def __len__(self) -> int:
         return len(self.walls)
@@ -46,7 +48,7 @@ class Word:
             return str(self)
         totals = [self.walls.count(letter) for letter in letters]
         p = self.period
-        if p == 1:
+        if p <= 1:
             return ":".join(map(str, totals))
         if all(total % p == 0 for total in totals):
             return ":".join(str(total // p) for total in totals) + f"/{p}T"
@@ -94,6 +96,7 @@ def parse_word(
     letters: Sequence[str],
     where: str = "word",
     graph: Mapping[str, str] | None = None,
+    free: bool = False,
 ) -> Word:
     """Read an orbit's name.
 
@@ -107,6 +110,8 @@ def parse_word(
         The place named in an error.
     graph : mapping of str to str, optional
         The letters that can follow each; every letter unless given.
+    free : bool
+        Whether the period is free: words then have no period in units of T.
 
     Raises
     ------
@@ -116,12 +121,16 @@ def parse_word(
     counts = ":".join("nmkl"[: len(letters)])
     example = "".join(letters)
     accepted = f"give {counts}, {counts}/pT, a word such as {example!r} or {example + '/2T'!r}"
+    if free:
+        accepted = f"give {counts} or a word such as {example!r}: without forcing there is no T"
     if not isinstance(text, str) or not text:
         raise InputError(where, f"found {shown(text)}", accepted)
     if len(text) > 2 * LONGEST_WORD:
         raise InputError(where, f"{shown(text)} is too long", f"at most {LONGEST_WORD} impacts")
+    if free and "/" in text:
+        raise InputError(where, f"found {shown(text)}", accepted)
     if (match := _NONE.fullmatch(text)) and int(match[1] or 1) > 0:
-        return Word("", int(match[1] or 1))
+        return Word("", 0 if free else int(match[1] or 1))
     if match := _COUNTS.fullmatch(text):
         numbers, period = [int(n) for n in match[1].split(":")], int(match[2] or 1)
         if len(numbers) != len(letters):
@@ -155,7 +164,7 @@ def parse_word(
         found = text if match[0].startswith(walls) else f"{text}, the word {walls},"
         accepted = f"after {pair[0]} can come {' or '.join(graph[pair[0]])}, run around and around"
         raise InputError(where, f"{found} has {pair[1]} after {pair[0]}", accepted)
-    return Word(walls, period)
+    return Word(walls, 0 if free else period)
 
 
 def _counting(

@@ -271,6 +271,10 @@ def walk_orbits(
     With `gaps` it is decided at every point if the orbit is physical, and changes of that or of the
     number of unstable multipliers are explained by events; see `contimpact.bifurcations.status`.
     """
+    if problem.autonomous:
+        from .free_period_ends import FreePeriodEnds
+
+        options["stop"] = FreePeriodEnds(problem, options.get("stop"))
     backend = backend_of(problem, tests, gaps)
     at, name = (problem, start, direction), problem.parameter
     found = walk(*at, parameter=name, tests=tests, backend=backend, meeting=meeting, **options)
@@ -286,9 +290,12 @@ def backend_of(
     """Return a problem on block-cyclic elimination.
 
     None where there is none: for more than one degree of freedom, for two free parameters, for
-    orbits without impacts, and where jumps move the gap coordinate.
+    orbits without impacts, for free periods, and where jumps move the gap coordinate.
     """
     if problem.free != 1 or not problem.word.walls:
+        return None
+    if problem.autonomous:
+        plainly("free periods")
         return None
     if problem.lost or not problem.kernels.passages.anchored:
         plainly("modes of different dimension, and jumps that move the gap coordinate")

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
+from ..bifurcations.requested import PERIOD
 from ..continuation.branch import Point, Points
 from ..orbits.linearisation import Summary
 from ..orbits.multipliers import count_unstable
@@ -64,6 +65,8 @@ def _columns(points: Points) -> dict[str, Array]:
     columns = {"arclength": points.arclengths, **_parameters(problem, unknowns[:, -1])}
     for name, column in zip(columns_of(problem.word.walls, problem.m), unknowns.T, strict=False):
         columns[name] = column.copy()
+    if problem.autonomous:
+        columns |= _in_their_clock(problem, columns, unknowns)
     summary = Summary.of(points.numbers)
     factors, findings = summary.multipliers, summary.findings
     for k, factor in enumerate(factors.T, start=1):
@@ -79,6 +82,17 @@ def _columns(points: Points) -> dict[str, Array]:
     columns["residual"] = summary.largest_residual.copy()
     columns["iterations"] = points.iterations
     return columns
+
+
+def _in_their_clock(
+    problem: OrbitProblem, columns: Mapping[str, Array], unknowns: Array
+) -> dict[str, Array]:
+    """The columns of free periods, and of times since the first passage."""
+    if not problem.word.walls:
+        return {"v0_0": np.zeros(len(unknowns)), PERIOD: columns["v0_0"]}
+    times = [f"t{k}" for k in range(1, len(problem.word) + 1)]
+    moved = {name: columns[name] - columns["t1"] for name in times}
+    return {**moved, PERIOD: -columns["t1"]}
 
 
 def _parameters(problem: OrbitProblem, free: Array) -> dict[str, Array]:

@@ -139,14 +139,14 @@ class Linearisation:
         back on the surface left). The orbit's own is put in its place: the multipliers next to
         a grazing go with its inverse, and the kernel's carries the rounding of larger terms.
         """
-        problem = self.problem
+        problem, start = self.problem, self.held
         if not problem.arrivals:  # without impacts
-            return stability_of(self.start, self.end)
+            return self.told(stability_of(start, self.end))
         if problem.m == 2:
             found = stability_of_orbit(
-                self.start, self.end, problem.arrivals, self.unknowns.tolist(), self.span
+                start, self.end, problem.arrivals, self.unknowns.tolist(), self.span
             )
-            return found.without(problem.lost)
+            return self.told(found)
         end = self.end.copy()
         rows = problem.impacts(self.unknowns)
         durations = np.diff(np.append(rows[:, 0], rows[0, 0] + self.span))
@@ -157,7 +157,16 @@ class Linearisation:
         arriving = np.roll(rows[:, 1], -1)
         end[same, 0, 0] = arriving[same] / durations[same]
         end[different, 0, 0] = arriving[different]
-        return stability_of(self.start, end).without(problem.lost)
+        return self.told(stability_of(start, end))
+
+    @property
+    def held(self) -> Array:
+        """The blocks A_k of the multipliers; see `OrbitProblem.held`."""
+        return self.problem.held(self.start)
+
+    def told(self, found: Stability) -> Stability:
+        """Return what blocks tell of stability, less what is known without them."""
+        return found.without(self.problem.lost, int(self.problem.autonomous))
 
     @property
     def multipliers(self) -> Array:

@@ -47,12 +47,13 @@ class Stability:
     products: Array
     doubling: float
 
-    def without(self, lost: int) -> Stability:
-        """Return the same with so many directions lost: their multipliers are zero."""
-        if not lost:
+    def without(self, lost: int, held: int = 0) -> Stability:
+        """Return the same with so many directions lost: their multipliers are zero. Directions
+        that are held have none; in the pencil theirs are zero, too."""
+        if not lost and not held:
             return self
-        values = self.multipliers.copy()
-        values[-lost:] = 0.0
+        values = self.multipliers[: len(self.multipliers) - held].copy()
+        values[len(values) - lost :] = 0.0
         return replace(self, multipliers=values, products=products_of(values))
 
 

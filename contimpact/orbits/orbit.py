@@ -65,8 +65,9 @@ class Orbit(Shown):
 
     @property
     def times(self) -> Array:
-        """Impact times, shape (N,), in the model's clock."""
-        return self.problem.impacts(self.unknowns)[:, 0]
+        """Impact times, shape (N,), in the model's clock; from 0 where the period is free."""
+        times = self.problem.impacts(self.unknowns)[:, 0]
+        return times - times[:1] if self.problem.autonomous else times
 
     @property
     def velocities(self) -> Array:

@@ -33,13 +33,13 @@ def path_of(here: Linearisation, points: int = 200) -> Path:
     values = problem.values(here.unknowns)
     rows = problem.impacts(here.unknowns).tolist()
     ends = [row[0] for row in rows[1:]] + [rows[0][0] + here.span]
-    walls = positions(here)
+    walls, begin = positions(here), rows[0][0] if rows and problem.autonomous else 0.0
     parts = []
     for wall, row, end in zip(problem.word.walls, rows, ends, strict=True):
         dt = np.linspace(0.0, end - row[0], points)
         motion = evaluate_in(problem.kernels.motion(wall), ARRAYS)
         x, v = motion(*(value + 0.0 * dt for value in row), dt, *values)[:2]
-        parts.append((row[0] + dt, walls[wall] + x, v))
+        parts.append((row[0] - begin + dt, walls[wall] + x, v))
     return Path(*(np.concatenate(column) for column in zip(*parts, strict=True)))
 
 

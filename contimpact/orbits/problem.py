@@ -24,11 +24,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from itertools import pairwise
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from ..arrays import Array
+from ..errors import InputError
 from ..models.guards import orders_of
 from ..models.model import Model
 from ..models.word import Word
@@ -40,7 +42,9 @@ from .linearisation import CyclicBlocks, Linearisation, Summary
 
 
 class OrbitProblem:
-    """The equations of one word in one free parameter, or two; see `quiet` for those of `0`.
+    """The equations of one word in one free parameter, or two.
+
+    See `quiet` for those of `0`, and `free_period` for those of a system without forcing.
 
     Parameters
     ----------
@@ -64,7 +68,11 @@ class OrbitProblem:
         Flights through another mode and back, which can vanish with the velocities at their ends.
     kernel_evaluations : int
         Flights evaluated so far.
+    autonomous : bool
+        Whether the period is an unknown.
     """
+
+    autonomous = False
 
     def __init__(self, model: Model, word: Word, kernels: Kernels) -> None:
         self._begin(model, word, kernels)
@@ -89,6 +97,10 @@ class OrbitProblem:
         self.free = len(kernels.parameters)
         self._free = [names.index(name) for name in kernels.parameters]
         self.kernel_evaluations = 0
+        if self.autonomous != model.autonomous:
+            found = f"{word!r}, of a model {'without' if model.autonomous else 'with'} forcing"
+            accepted = f"give the period {0 if model.autonomous else 1}, or the word as a text"
+            raise InputError("word", found, accepted)
 
     def _place_blocks(self) -> None:
         """Positions of the blocks A and B in the flattened n x (n + free) Jacobian."""
@@ -152,6 +164,11 @@ class OrbitProblem:
         """Return the letter of the guard a flight leaves, and the unknowns there."""
         return self.word.walls[flight], self.impacts(unknowns)[flight].tolist()
 
+    def leaves(self, moved: Any) -> Array:
+        """Return a direction of an impact's unknowns, or rows of them in turn, as one of where a
+        flight leaves."""
+        return np.asarray(moved)
+
     def times_around(self, unknowns: Array, flight: int) -> tuple[float, float]:
         """Return the times at which a flight starts and ends."""
         times = self.impacts(unknowns)[:, 0]
@@ -176,7 +193,7 @@ class OrbitProblem:
         z = unknowns.tolist()
         p = self.values(unknowns)
         setup = self.kernels.setup(*p)
-        span = self.word.period * setup.period
+        closing = self.closing(z[0], setup.period)
         residual: list[float] = []
         start: list[float] = []
         end: list[float] = []
@@ -184,7 +201,7 @@ class OrbitProblem:
         for k, segment in enumerate(self.segments):
             i = m * k
             j = i + m
-            arrival = z[j : j + m] if j < n else [z[0] + span, *z[1:m]]
+            arrival = z[j : j + m] if j < n else [closing, *z[1:m]]
             rows, leaving, arriving, free = segment.blocks(z[i:j], arrival, p)
             residual += rows
             start += leaving
@@ -241,8 +258,8 @@ class OrbitProblem:
             j = i + m
             arrival, moved = z[j : j + m], q[j : j + m]
             if j == n:
-                arrival = [z[0] + self.word.period * setup.period, *z[1:m]]
-                moved = [mu * c for c in q[:m]]
+                arrival = [self.closing(z[0], setup.period), *z[1:m]]
+                moved = self.returned(q[:m], mu)
                 moved[0] += float(slopes @ direction[n:])
             along = [*q[i:j], *moved, *q[n:]]
             _, leaving, arriving, free = segment.second(z[i:j], arrival, along, p)
@@ -270,6 +287,26 @@ class OrbitProblem:
         matrix[self._at_end] += end
         return matrix.reshape(self.n, -1)
 
+    def closing(self, first: Any, period: Any) -> Any:
+        """Return when an orbit closes, of the first impact's time and the forcing period."""
+        return first + period * self.word.period
+
+    def returned(self, moved: Sequence[float], mu: float) -> list[float]:
+        """Return how the arrival at impact 1 moves that moves so before, multiplied by mu."""
+        return [mu * c for c in moved]
+
+    def placed(self, rows: Array, span: float) -> Array:
+        """Return an orbit's impacts in the clock of the unknowns, given its period."""
+        return rows
+
+    def held(self, start: Array) -> Array:
+        """Return the blocks A_k on the section whose map the multipliers are of."""
+        return start
+
+    def laps(self, first: Array, second: Array) -> Array:
+        """Return the direction of the word run twice, of those of its laps, shape (2 n,)."""
+        return np.concatenate([first, second])
+
     def third_along(self, unknowns: Array, direction: Array, mu: float = 1.0) -> Array:
         """Return the third derivative of the residual along a direction, shape (n,).
 
@@ -291,7 +328,7 @@ class OrbitProblem:
             j = i + m
             last = j == n
             arrival = [z[0] + span, *z[1:m]] if last else z[j : j + m]
-            moved = [mu * c for c in q[:m]] if last else q[j : j + m]
+            moved = self.returned(q[:m], mu) if last else q[j : j + m]
             result += segment.third(z[i:j], arrival, [*q[i:j], *moved], p)
         self.kernel_evaluations += len(self.segments)
         return np.array(result)
@@ -345,15 +382,15 @@ class OrbitProblem:
 
     def difference(self, one: Array, other: Array) -> Array:
         """Return one - other as orbits: zero up to whole periods and rotations of the word."""
-        period = self.period(one)
-        span = self.word.period * period
+        period, span = self.period(one), self.span(other)
         best: Array | None = None
         for shift in self.word.rotations():
             moved = np.roll(self.impacts(other), -shift, axis=0).copy()
             if shift:
                 moved[len(self.word) - shift :, 0] += span
-            gap = self.impacts(one) - moved
-            gap[:, 0] -= period * np.round(np.mean(gap[:, 0]) / period)
+            gap = self.impacts(one) - self.placed(moved, span)
+            if not self.autonomous:
+                gap[:, 0] -= period * np.round(np.mean(gap[:, 0]) / period)
             candidate = np.append(gap.ravel(), one[-self.free :] - other[-self.free :])
             if best is None or np.linalg.norm(candidate) < np.linalg.norm(best):
                 best = candidate

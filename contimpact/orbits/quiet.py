@@ -7,6 +7,10 @@ stand in the cyclic matrix as those of a word of one letter:
 .. math:: R(x, v, x', v', \lambda) = 0, \qquad (x', v') = (x, v).
 
 There is no impact, so there are no times, and the multipliers are those of the map over p periods.
+
+Without forcing the section is where the first coordinate turns, v_0 = 0, and the period T stands
+in the place of v_0 among the unknowns. The flight takes the time T; its blocks have the derivative
+by T for the arrival, and nothing for the start.
 """
 
 from __future__ import annotations
@@ -20,6 +24,7 @@ from numpy.typing import ArrayLike
 from ..arrays import Vector
 from ..models.guards import Row
 from ..models.model import Model
+from ..models.section import state_before
 from ..models.word import Word
 from ..segments.arithmetic import ARRAYS, evaluate_in
 from ..segments.flight import Excursion, FlightGaps, Moved, excursions, touch_of
@@ -27,6 +32,7 @@ from ..segments.integrated_track import integrated_track
 from ..segments.kernels import Kernels
 from ..segments.layout import SECTION
 from ..segments.zeros import chebyshev_zeros
+from .free_period import FreePeriodProblem, require_no_forcing
 from .linearisation import CyclicBlocks, Linearisation
 from .problem import Array, OrbitProblem
 
@@ -35,9 +41,20 @@ BEYOND = 0.125
 the orbit and what is looked at."""
 
 
+TURNING_SAMPLES = 512
+"""Instants at which it is seen when a coordinate turns."""
+
+STILL, MOST_LAPS = 1e-6, 8
+"""Below which acceleration, and residual of a part of its period, an orbit rests or repeats
+another, as parts of the state; and how many laps are looked for."""
+
+
 def problem_of(model: Model, word: Word, kernels: Kernels) -> OrbitProblem:
-    """Return the equations of a word, `0` among them; arguments as of `OrbitProblem`."""
-    kind = OrbitProblem if word.walls else QuietProblem
+    """Return the equations of a word, whatever it is; arguments as of `OrbitProblem`."""
+    if word.walls:
+        kind = OrbitProblem if word.period else FreePeriodProblem
+    else:
+        kind = QuietProblem if word.period else FreeQuietProblem
     return kind(model, word, kernels)
 
 
@@ -57,7 +74,11 @@ class QuietProblem(OrbitProblem):
 
     def leaving(self, unknowns: Array, flight: int) -> tuple[str, list[float]]:
         """Return the section and the state there."""
-        return SECTION, unknowns[: self.m].tolist()
+        return SECTION, self.state(unknowns)
+
+    def state(self, unknowns: Array) -> list[float]:
+        """Return the state on the section."""
+        return unknowns[: self.m].tolist()
 
     def times_around(self, unknowns: Array, flight: int) -> tuple[float, float]:
         """Return the times between which touches are looked for."""
@@ -65,11 +86,11 @@ class QuietProblem(OrbitProblem):
 
     def evaluate(self, unknowns: Array) -> Linearisation:
         """Evaluate residual and blocks at a point."""
-        m = self.m
-        state = unknowns[:m].tolist()
-        rows, start, end, free = self.segments[0].blocks(state, state, self.values(unknowns))
+        m, back = self.m, unknowns[: self.m].tolist()
+        given = self.state(unknowns), back, self.values(unknowns)
+        rows, start, end, free = self.segments[0].blocks(*given)
         self.kernel_evaluations += 1
-        one, other = (np.reshape(part, (1, m, m)) for part in (start, end))
+        one, other = (np.reshape(part, (1, m, m)) for part in (self.leaves(start), end))
         blocks = CyclicBlocks(np.array(rows), one, other, np.reshape(free, (m, -1)))
         return Linearisation(self, unknowns, blocks)
 
@@ -77,28 +98,28 @@ class QuietProblem(OrbitProblem):
         self, unknowns: Array, direction: Array, mu: float = 1.0, beside: float = 1.0
     ) -> Array:
         """Return the gradient by z of the cyclic matrix times a direction."""
-        m = self.m
-        state, q = unknowns[:m].tolist(), direction.tolist()
-        along = [*q[:m], *(mu * c for c in q[:m]), *q[m:]]
-        _, start, end, free = self.segments[0].second(state, state, along, self.values(unknowns))
+        m, back, q = self.m, unknowns[: self.m].tolist(), direction.tolist()
+        along = [*self.leaves(q[:m]), *(mu * c for c in q[:m]), *q[m:]]
+        given = self.state(unknowns), back, along, self.values(unknowns)
+        _, start, end, free = self.segments[0].second(*given)
         self.kernel_evaluations += 1
-        gradient = self.cyclic(np.array(start), beside * np.array(end))
+        gradient = self.cyclic(self.leaves(start), beside * np.array(end))
         gradient[:, m:] = np.reshape(free, (m, -1))
         return gradient
 
     def third_along(self, unknowns: Array, direction: Array, mu: float = 1.0) -> Array:
         """Return the third derivative of the residual along a direction, shape (m,)."""
-        m = self.m
-        state, q = unknowns[:m].tolist(), direction.tolist()
-        along = [*q[:m], *(mu * c for c in q[:m])]
+        m, back, q = self.m, unknowns[: self.m].tolist(), direction.tolist()
+        along = [*self.leaves(q[:m]), *(mu * c for c in q[:m])]
+        given = self.state(unknowns), back, along, self.values(unknowns)
         self.kernel_evaluations += 1
-        return np.array(self.segments[0].third(state, state, along, self.values(unknowns)))
+        return np.array(self.segments[0].third(*given))
 
     def gaps(self, unknowns: Array) -> list[FlightGaps]:
         """Return the nearest touch of each guard of the first mode, in one row."""
         mode = self.model.MODES[0].name if self.model.MODES else ""
         positions = self.kernels.setup(*self.values(unknowns)).walls
-        watched = {g.row(self.m // 2): g.name for g in self.model.WALLS if mode in g.modes}
+        watched = self._rows()
         look = self._on_track if self.kernels.integrated(SECTION) else self._by_kernels
         found = look(watched, unknowns)
         touches = tuple(
@@ -111,9 +132,14 @@ class QuietProblem(OrbitProblem):
         slowest = min(turns, key=abs, default=math.nan)
         return [FlightGaps(self.times_around(unknowns, 0)[1], touches, slowest)]
 
+    def _rows(self) -> dict[Row, str]:
+        """The gap coordinates of the guards of the first mode, each with the letter of one."""
+        mode = self.model.MODES[0].name if self.model.MODES else ""
+        return {g.row(self.m // 2): g.name for g in self.model.WALLS if mode in g.modes}
+
     def _on_track(self, watched: Mapping[Row, str], unknowns: Array) -> dict[Row, Excursion]:
         """The extrema of gap coordinates, of a flight that is integrated."""
-        values, state = self.values(unknowns), unknowns[: self.m].tolist()
+        values, state = self.values(unknowns), self.state(unknowns)
         length = self.times_around(unknowns, 0)[1]
         track = integrated_track(self.kernels, SECTION, state, values, length)
         found = {}
@@ -128,7 +154,7 @@ class QuietProblem(OrbitProblem):
 
     def _excursion(self, wall: str, unknowns: Array) -> Excursion:
         """The extrema of a guard's gap coordinate."""
-        values, state = self.values(unknowns), unknowns[: self.m].tolist()
+        values, state = self.values(unknowns), self.state(unknowns)
         length, kernel = self.times_around(unknowns, 0)[1], self.kernels.since(wall)
         along = evaluate_in(kernel, ARRAYS)
         breaks = chebyshev_zeros(lambda dt: along(*state, dt, *values)[2], length)
@@ -140,14 +166,23 @@ class QuietProblem(OrbitProblem):
         ends = (length, arriving, 0.0, 0.0)
         return excursions(motion, state, values, *ends, breaks, 0.0, math.inf)
 
+    def second_lap(self, unknowns: Array, moved: Array) -> tuple[Array, Array]:
+        """Return an orbit run twice and its direction, from those of one lap and the next one's
+        being opposite."""
+        return unknowns, moved
+
+    def from_touch(self, problem: OrbitProblem, unknowns: Array, impact: int) -> Array:
+        """Return a guess of the unknowns where the only impact of a word vanishes, shape (m,)."""
+        return np.zeros(self.m)
+
     def scale(self, unknowns: Array, span: ArrayLike) -> Array:
         """Return natural sizes of the unknowns, by which arclength is measured."""
-        sizes = np.abs(unknowns[: self.m])
+        sizes = np.abs(self.state(unknowns))
         speed = max(self._largest_speed(unknowns), float(np.max(sizes)))
         return np.append(np.full(self.m, speed if speed > 0.0 else 1.0), span)
 
     def _largest_speed(self, unknowns: Array) -> float:
-        values, state = self.values(unknowns), unknowns[: self.m].tolist()
+        values, state = self.values(unknowns), self.state(unknowns)
         length = self.span(unknowns)
         track = self.kernels.since(self.model.WALLS[0].name)
         return max(abs(track(*state, part * length / 8.0, *values)[1]) for part in range(8))
@@ -155,3 +190,84 @@ class QuietProblem(OrbitProblem):
     def difference(self, one: Array, other: Array) -> Array:
         """Return one - other as orbits."""
         return np.asarray(one - other)
+
+
+class FreeQuietProblem(QuietProblem):
+    """The equations of orbits without impacts in a system without forcing."""
+
+    autonomous = True
+
+    def __init__(self, model: Model, word: Word, kernels: Kernels) -> None:
+        super().__init__(model, word, kernels)
+        require_no_forcing(model, kernels)
+
+    def span(self, unknowns: Array) -> float:
+        """Return the orbit's period."""
+        return float(unknowns[1])
+
+    def period(self, unknowns: Array) -> float:
+        """Return the orbit's period."""
+        return self.span(unknowns)
+
+    def state(self, unknowns: Array) -> list[float]:
+        """Return the state on the section, where the first coordinate turns."""
+        return self.leaves(unknowns[: self.m]).tolist()
+
+    def leaves(self, moved: ArrayLike) -> Array:
+        """Return a direction of the unknowns, or rows of them in turn, without v_0."""
+        moved = np.array(moved)
+        moved[1 :: self.m] = 0.0
+        return moved
+
+    def second_lap(self, unknowns: Array, moved: Array) -> tuple[Array, Array]:
+        """Return an orbit run twice and its direction: the period does not move."""
+        unknowns, moved = unknowns.copy(), moved.copy()
+        unknowns[1], moved[1] = 2.0 * unknowns[1], 0.0
+        return unknowns, moved
+
+    def from_touch(self, problem: OrbitProblem, unknowns: Array, impact: int) -> Array:
+        """Return the touch, where the gap coordinate turns, and the period."""
+        guards = zip(
+            self.model.WALLS, self.kernels.setup(*self.values(unknowns)).walls, strict=True
+        )
+        letter, section = problem.word.walls[impact], problem.impacts(unknowns)[impact, 1:].tolist()
+        row, place = next((g.row(self.m // 2), x) for g, x in guards if g.name == letter)
+        state = np.array(state_before(row, place, section)).T.ravel()
+        state[1] = problem.span(unknowns)
+        return state
+
+    def turning(self, unknowns: Array) -> float:
+        """Return the first coordinate's acceleration on the section; zero at an equilibrium."""
+        _, _, end, _ = self.segments[0].blocks(
+            self.state(unknowns), unknowns[: self.m].tolist(), self.values(unknowns)
+        )
+        return float(end[self.m + 1])
+
+    def next_turn(self, unknowns: Array, longest: float) -> float:
+        """Return when the first coordinate is largest again; NaN if that is not before `longest`,
+        or no guard is on that coordinate."""
+        rows = (row for row in self._rows() if not any(row[1:]))
+        if (row := next(rows, None)) is None:
+            return math.nan
+        times = np.linspace(0.0, longest, TURNING_SAMPLES)
+        kernel = evaluate_in(self.kernels.since(self._rows()[row]), ARRAYS)
+        with np.errstate(all="ignore"):
+            speeds = row[0] * kernel(*self.state(unknowns), times, *self.model.values.values())[1]
+        turns = np.nonzero((speeds[:-1] > 0.0) & (speeds[1:] <= 0.0))[0]
+        return float(times[turns[0]]) if len(turns) else math.nan
+
+    def moves(self, unknowns: Array) -> bool:
+        """Whether an orbit is one from where the first coordinate is largest, run once, and no
+        equilibrium."""
+        span, size = self.span(unknowns), max(1.0, float(np.max(np.abs(self.state(unknowns)))))
+        if not (span > 0.0 and self.turning(unknowns) < -STILL * size):
+            return False
+        parts = (unknowns[1] / times for times in range(2, MOST_LAPS + 1))
+        shorter = (np.insert(np.delete(unknowns, 1), 1, part) for part in parts)
+        return all(self.evaluate(z).largest_residual > STILL * size for z in shorter)
+
+    def scale(self, unknowns: Array, span: ArrayLike) -> Array:
+        """Return natural sizes of the unknowns, by which arclength is measured."""
+        sizes = super().scale(unknowns, span)
+        sizes[1] = self.span(unknowns)
+        return sizes

@@ -7,6 +7,7 @@ import numpy as np
 from ..models.model import Symmetry
 from ..models.word import Word
 from .problem import Array, OrbitProblem
+from .quiet import problem_of
 
 
 def rotated_to(problem: OrbitProblem, unknowns: Array, word: Word) -> Array | None:
@@ -23,9 +24,10 @@ def rotated_to(problem: OrbitProblem, unknowns: Array, word: Word) -> Array | No
     if shift < 0:
         return None
     rows = problem.impacts(unknowns).copy()
-    rows[:shift, 0] += own.period * problem.period(unknowns)
+    span = problem.span(unknowns)
+    rows[:shift, 0] += span
     rotated = unknowns.copy()
-    rotated[:-1] = _rolled(rows, shift).ravel()
+    rotated[:-1] = problem.placed(_rolled(rows, shift), span).ravel()
     return rotated
 
 
@@ -34,12 +36,12 @@ def mirrored(
 ) -> tuple[OrbitProblem, Array]:
     """Return the image of an orbit under the model's symmetry, and its problem."""
     walls = "".join(symmetry.walls[wall] for wall in problem.word.walls)
-    image = OrbitProblem(problem.model, Word(walls, problem.word.period), problem.kernels)
+    image = problem_of(problem.model, Word(walls, problem.word.period), problem.kernels)
     rows = problem.impacts(unknowns).copy()
     rows[:, 0] += symmetry.shift * problem.period(unknowns)
     rows[:, 1:] *= symmetry.sign
     moved = unknowns.copy()
-    moved[:-1] = rows.ravel()
+    moved[:-1] = image.placed(rows, problem.span(unknowns)).ravel()
     return image, moved
 
 
@@ -56,9 +58,18 @@ def shortest(
     if shift is None:
         return problem, unknowns
     word = Word(problem.word.walls[:shift], problem.word.period * shift // len(problem.word))
-    rows = problem.impacts(unknowns)[:shift]
-    free = unknowns[-problem.free :]
-    return OrbitProblem(problem.model, word, problem.kernels), np.append(rows.ravel(), free)
+    first = problem_of(problem.model, word, problem.kernels)
+    return first, first_lap(problem, unknowns, shift)
+
+
+def first_lap(problem: OrbitProblem, unknowns: Array, impacts: int) -> Array:
+    """Return the first of several laps of so many impacts, as an orbit of its own, or that part of
+    a direction."""
+    rows = problem.impacts(unknowns)
+    lap = rows[:impacts].copy()
+    if problem.autonomous:  # it closes at t = 0
+        lap[:, 0] -= rows[impacts, 0]
+    return np.append(lap.ravel(), unknowns[problem.n :])
 
 
 def _shortest_shift(problem: OrbitProblem, unknowns: Array, tolerance: float) -> int | None:

@@ -21,16 +21,17 @@ def rounding(here: Linearisation) -> Linearisation:
     quiet = not problem.word.walls  # its flight leads to the state itself, not a time of its own
     z, p = here.unknowns.tolist(), problem.values(here.unknowns)
     setup, off = bounds_of_kernel(problem.kernels.setup, p)
-    span = Bounded(setup.period, off.period) * problem.word.period
+    closing = problem.closing(Bounded(z[0]), Bounded(setup.period, off.period))
     parts: list[list[float]] = [[], [], [], []]
     for k, segment in enumerate(problem.segments):
-        i, j = m * k, m * k + m
-        arrival = z[j : j + m] if j < n else [Bounded(z[0]) + span, *z[1:m]]
+        j = m * k + m
+        arrival = z[j : j + m] if j < n else [closing, *z[1:m]]
         arrival = z[:m] if quiet else arrival
-        _, errors = bounds_of(segment, z[i:j], arrival, p)
+        _, errors = bounds_of(segment, problem.leaving(here.unknowns, k)[1], arrival, p)
         for part, block in zip(parts, errors, strict=True):
             part += block
     residual, start, end, by_parameter = map(np.array, parts)
+    start = problem.leaves(start)
     blocks = start.reshape(-1, m, m), end.reshape(-1, m, m), by_parameter.reshape(n, -1)
     bounds = Linearisation(problem, here.unknowns, CyclicBlocks(residual, *blocks))
     if not quiet:

@@ -16,15 +16,15 @@ from ..segments.kernels import Kernels
 from .linearisation import Linearisation
 from .orbit import Orbit
 from .problem import Array, OrbitProblem
-from .quiet import QuietProblem, problem_of
+from .quiet import FreeQuietProblem, QuietProblem, problem_of
 from .recognition import repeats
-from .starts import rounds_of_starts
+from .starts import SPANS, rounds_of_starts
 
 FEWEST_STARTS, MOST_WORK = 16, 40_000
 """Starts in a round, times the square of the word's length, beyond which fewer starts are made."""
 
-QUIET_STARTS = 64
-"""For orbits without impacts."""
+QUIET_STARTS, TURNING_STARTS, TURNING_ITERATIONS = 64, 256, 25
+"""For orbits without impacts, and where their period is free."""
 
 SAME_ORBIT = 1e-7
 SAME_SINGULAR_ORBIT = 1e-4
@@ -82,7 +82,8 @@ def find_orbits(
         if count < 1:
             raise InputError(name, f"found {count!r}", "give a whole number >= 1")
     letters = [w.name for w in model.WALLS]
-    word = word if isinstance(word, Word) else parse_word(word, letters, graph=graph(model.WALLS))
+    if not isinstance(word, Word):
+        word = parse_word(word, letters, graph=graph(model.WALLS), free=model.autonomous)
     kernels = kernels or Kernels(model, parameter or next(iter(model.values)))
     problem = problem_of(model, word, kernels)
     generator = np.random.default_rng(rng)
@@ -99,6 +100,8 @@ def orbits_of(
 ) -> list[Orbit]:
     """Find the orbits of a problem at its model's parameters; see `find_orbits`."""
     if not problem.word.walls:
+        if isinstance(problem, FreeQuietProblem):
+            return _turning(problem, generator)
         return _without_impacts(problem, generator)
     starts = min(starts, max(FEWEST_STARTS, MOST_WORK // len(problem.word) ** 2))
     found: list[Orbit] = []
@@ -124,6 +127,26 @@ def _without_impacts(problem: OrbitProblem, generator: np.random.Generator) -> l
         here = solve_near(problem, np.append(state, free))
         if here is not None and _regular(here) and not _repeats_quietly(here):
             _add(found, here, SAME_ORBIT * max(1.0, float(np.max(np.abs(here.unknowns)))))
+    return found
+
+
+def _turning(problem: FreeQuietProblem, generator: np.random.Generator) -> list[Orbit]:
+    """The orbits without impacts in a system without forcing, from where the first coordinate is
+    largest; those are left out on which nothing moves."""
+    free = [problem.model.values[name] for name in problem.kernels.parameters]
+    natural = problem.kernels.setup(*problem.model.values.values()).period
+    found: list[Orbit] = []
+    for trial in range(TURNING_STARTS):
+        state = generator.normal(scale=10.0 ** (trial % 3 - 1), size=problem.m)
+        state[1] = problem.next_turn(state, SPANS[1] * natural)
+        here = solve_near(problem, np.append(state, free), TURNING_ITERATIONS)
+        if here is not None and problem.moves(here.unknowns) and _regular(here):
+            known = [(o.period, *abs(o.multipliers)) for o in found]
+            own = (here.span, *abs(here.multipliers))
+            if not any(
+                np.allclose(own, other, rtol=SAME_ORBIT, atol=SAME_ORBIT) for other in known
+            ):
+                found.append(Orbit(problem, here))
     return found
 
 
@@ -193,7 +216,7 @@ def _turned(here: Linearisation) -> Linearisation:
     problem, shifts = here.problem, here.problem.word.rotations()
     if len(shifts) == 1:
         return here
-    period = problem.period(here.unknowns)
+    period, span = problem.period(here.unknowns), here.span
     rows = problem.impacts(here.unknowns).copy()
     speeds = np.abs(rows[:, 1])
     keys = np.column_stack([speeds / (np.max(speeds) or 1.0), -(rows[:, 0] / period % 1.0)])
@@ -201,9 +224,10 @@ def _turned(here: Linearisation) -> Linearisation:
     first = max(shifts, key=lambda shift: np.roll(keys, -shift, axis=0).ravel().tolist())
     if first == 0:
         return here
-    rows[:first, 0] += problem.word.period * period
+    rows[:first, 0] += span
     rows = np.roll(rows, -first, axis=0)
     rows[:, 0] -= np.floor(rows[0, 0] / period) * period
+    rows = problem.placed(rows, span)
     return problem.evaluate(np.append(rows.ravel(), here.unknowns[-problem.free :]))
 
 
@@ -217,14 +241,15 @@ def _in_order(here: Linearisation) -> bool:
 
 def _same_solution(problem: OrbitProblem, solutions: Array, other: Array) -> Array:
     """Which rows are another solution, up to whole periods and rotations of the word."""
-    period = problem.period(other)
+    period, span = problem.period(other), problem.span(other)
     rows = solutions[:, :-1].reshape(-1, len(problem.word), problem.m)
     same = np.zeros(len(solutions), dtype=bool)
     for shift in problem.word.rotations():
         moved = np.roll(problem.impacts(other), -shift, axis=0)
-        moved[len(moved) - shift :, 0] += problem.word.period * period
-        gaps = rows - moved
-        gaps[:, :, 0] -= period * np.round(np.mean(gaps[:, :, :1], axis=1) / period)
+        moved[len(moved) - shift :, 0] += span
+        gaps = rows - problem.placed(moved, span)
+        if not problem.autonomous:
+            gaps[:, :, 0] -= period * np.round(np.mean(gaps[:, :, :1], axis=1) / period)
         same |= np.max(np.abs(gaps), axis=(1, 2)) < SAME_SOLUTION
     return same
 
@@ -236,7 +261,9 @@ def _regular(here: Linearisation) -> bool:
 
 
 def _reduced(problem: OrbitProblem, solutions: Array) -> Array:
-    """The same solutions with their first impacts in [0, T)."""
+    """The same solutions with their first impacts in [0, T), where there is a forcing."""
+    if problem.autonomous:
+        return solutions
     period = problem.kernels.setup(*problem.model.values.values()).period
     shifted = solutions.copy()
     shifted[:, : -1 : problem.m] -= np.floor(solutions[:, :1] / period) * period

@@ -9,7 +9,7 @@ import numpy as np
 from ..arrays import Array
 from ..errors import InputError
 from ..segments.kernels import Kernels
-from .problem import OrbitProblem
+from .quiet import problem_of
 
 if TYPE_CHECKING:
     from .orbit import Orbit
@@ -40,7 +40,7 @@ def sensitivity_of(orbit: Orbit, parameter: str) -> Sensitivity:
     """
     model = orbit.model
     model.require(parameter, "parameter")
-    problem = OrbitProblem(model, orbit.word, Kernels(model, parameter))
+    problem = problem_of(model, orbit.word, Kernels(model, parameter))
     unknowns = np.append(orbit.unknowns[: problem.n], model.values[parameter])
     jacobian = problem.evaluate(unknowns).jacobian
     try:

@@ -16,6 +16,12 @@ from .problem import Array, OrbitProblem
 
 ITERATIONS = 25
 
+SPANS = 0.2, 5.0
+"""Free periods that starts are given, as parts of the system's natural time."""
+
+LONGEST = 2.0 * SPANS[1]
+"""Free period from which on a start is given up, likewise."""
+
 ROUNDS_AT_ONCE = 3
 """Rounds iterated together; where there is an orbit, no search ends before the third."""
 
@@ -36,9 +42,15 @@ def rounds_of_starts(
 def _random_times(problem: OrbitProblem, generator: np.random.Generator, count: int) -> Array:
     """Impact times in order, one row per start."""
     period = problem.kernels.setup(*problem.model.values.values()).period
-    first = generator.uniform(0.0, period, count)[:, None]
+    if problem.autonomous:
+        low, high = np.log(SPANS).tolist()
+        spans = period * np.exp(generator.uniform(low, high, (count, 1)))
+        first = -spans
+    else:
+        spans = problem.word.period * period
+        first = generator.uniform(0.0, period, count)[:, None]
     durations = generator.dirichlet(np.ones(len(problem.word)), count)
-    durations *= problem.word.period * period
+    durations *= spans
     return np.hstack([first, first + np.cumsum(durations, axis=1)[:, :-1]])
 
 
@@ -71,13 +83,14 @@ def _newton(problem: OrbitProblem, z: Array) -> tuple[Array, Array]:
     count, n, m = z.shape
     value = problem.model.values[problem.parameter]
     period = problem.kernels.setup(*problem.model.values.values()).period
-    span = problem.word.period * period
     origin = np.arange(count)
     reached: list[Array] = []
     origins: list[Array] = []
     for _ in range(ITERATIONS):
         residual, jacobian = _evaluate_all(problem, z)
         healthy = np.isfinite(jacobian).all(axis=(1, 2)) & np.isfinite(residual).all(axis=1)
+        if problem.autonomous:
+            healthy &= -z[:, 0, 0] < LONGEST * period
         z, origin = z[healthy], origin[healthy]
         jacobian = jacobian[healthy] + 1e-300 * np.eye(n * m)
         step = _solve_all(jacobian, -residual[healthy]).reshape(-1, n, m)
@@ -87,7 +100,7 @@ def _newton(problem: OrbitProblem, z: Array) -> tuple[Array, Array]:
         z, step, origin = z[~done], step[~done], origin[~done]
         if not len(z):
             break
-        z = z + step * _shortening(z, step, span, period)[:, None, None]
+        z = z + step * _shortening(problem, z, step, period)[:, None, None]
     solutions = np.concatenate(reached).reshape(-1, n * m)
     return np.insert(solutions, n * m, value, axis=1), np.concatenate(origins)
 
@@ -99,14 +112,18 @@ def _solve_all(matrices: Array, right: Array) -> Array:
         return (np.linalg.pinv(matrices) @ right[:, :, None])[:, :, 0]
 
 
-def _shortening(z: Array, step: Array, span: float, period: float) -> Array:
+def _shortening(problem: OrbitProblem, z: Array, step: Array, period: float) -> Array:
     """The part of each step that keeps impacts in order and moves no time by over T/4."""
     times, moves = z[:, :, 0], step[:, :, 0]
-    durations = np.diff(np.concatenate([times, times[:, :1] + span], axis=1), axis=1)
-    changes = np.diff(np.concatenate([moves, moves[:, :1]], axis=1), axis=1)
+    closings = problem.closing(times[:, :1], period)
+    durations = np.diff(np.concatenate([times, closings], axis=1), axis=1)
+    back = problem.closing(moves[:, :1], 0.0)
+    changes = np.diff(np.concatenate([moves, back], axis=1), axis=1)
     shrinking = np.where(
         changes < 0.0, -0.9 * durations / np.where(changes < 0.0, changes, 1.0), 1.0
     )
+    if problem.autonomous:
+        period = np.sum(durations, axis=1)
     largest = 0.25 * period / np.maximum(np.max(np.abs(moves), axis=1), 1e-300)
     return np.minimum(1.0, np.minimum(np.min(shrinking, axis=1), largest))
 
@@ -119,7 +136,10 @@ def _evaluate_all(problem: OrbitProblem, z: Array) -> tuple[Array, Array]:
     count, n, m = z.shape
     p = list(problem.model.values.values())
     arrivals = np.roll(z, -1, axis=1)
-    arrivals[:, -1, 0] += problem.word.period * problem.kernels.setup(*p).period
+    period = problem.kernels.setup(*p).period
+    arrivals[:, -1, 0] = problem.closing(z[:, 0, 0], period)
+    moving = np.ones(n)
+    moving[-1] = problem.closing(1.0, 0.0)
     residual = np.zeros((count, n, m))
     jacobian = np.zeros((count, n, m, n, m))
     for a, b in dict.fromkeys(problem.kinds):
@@ -132,6 +152,7 @@ def _evaluate_all(problem: OrbitProblem, z: Array) -> tuple[Array, Array]:
             residual[:, leaving, i] = rows[i]
             for j in range(m):
                 jacobian[:, leaving, i, leaving, j] += by_start[m * i + j]
-                jacobian[:, leaving, i, arriving, j] += by_end[m * i + j]
+                moved = by_end[m * i + j] * moving[leaving] if j == 0 else by_end[m * i + j]
+                jacobian[:, leaving, i, arriving, j] += moved
     problem.kernel_evaluations += count * n
     return residual.reshape(count, -1), jacobian.reshape(count, n * m, n * m)

@@ -166,7 +166,8 @@ def _branch(branch: Branch, tracks: Tracks | None, every: int) -> dict[str, Any]
     names = [*branch.parameters, "arclength", "smallest_gap"]
     marked = np.nonzero(branch["event"] != "")[0]
     known, reasons = np.unique(branch["reason"].astype(str), return_inverse=True)
-    record = {name: getattr(branch, name) for name in ("id", "word", "period", "notation")}
+    record = {name: getattr(branch, name) for name in ("id", "word", "notation")}
+    record |= {"period": branch.period or 1}
     record |= {"parameter": branch.parameter, "from": branch.origin, "rows": len(branch)}
     record |= {
         "ends": [end.message for end in branch.ends],
@@ -201,7 +202,8 @@ def _orbits(branch: Branch) -> Orbits:
     ]
     parameters = {name: branch[name] for name in branch.parameters}
     stacked = np.stack(impacts, axis=1) if impacts else np.zeros((len(branch), 0, len(names)))
-    return Orbits(branch.word, branch.period, parameters, stacked)
+    free = branch.columns.get("period")
+    return Orbits(branch.word, branch.period or 1, parameters, stacked, free)
 
 
 def _kept(rows: int, every: int, marked: Array) -> Array:

@@ -47,12 +47,15 @@ class Orbits:
         Of the model.
     impacts : ndarray of shape (n, N, m)
         Times and section coordinates before impact.
+    periods : ndarray of shape (n,), optional
+        Of the orbits, where they are free, and shown as one forcing period.
     """
 
     word: str
     period: int
     parameters: Mapping[str, Array]
     impacts: Array
+    periods: Array | None = None
 
     def at(self, rows: Array) -> Orbits:
         """Return some of the orbits."""
@@ -80,11 +83,12 @@ class Tracks:
         self.kernels = Kernels(model, next(iter(model.values)))
 
     def clock_and_walls(self, orbits: Orbits) -> tuple[Array, dict[str, Array]]:
-        """Return forcing period and positions of the walls, a value for each orbit."""
+        """Return period and positions of the walls, a value for each orbit."""
         setup = evaluate_in(self.kernels.setup, ARRAYS)(*self._values(orbits))
         each = np.zeros(len(orbits.impacts))
         walls = zip(self.model.WALLS, setup.walls, strict=True)
-        return each + setup.period, {wall.name: each + place for wall, place in walls}
+        period = setup.period if orbits.periods is None else orbits.periods
+        return each + period, {wall.name: each + place for wall, place in walls}
 
     def record(self, orbits: Orbits, rows: Array) -> dict[str, Any]:
         """Return the tracks of some orbits, and the walls and forcing periods of all, packed."""

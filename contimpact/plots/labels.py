@@ -70,7 +70,7 @@ def chosen(entries: Iterable[Entry], which: str) -> list[Entry]:
     """Return the events to be labelled, by one of `CHOICES`; requested values have no label."""
     wanted = {
         "all": lambda e: True,
-        "period-1": lambda e: e.period == 1,
+        "period-1": lambda e: e.period <= 1,
         "real": lambda e: not e.ghost,
         "none": lambda e: False,
     }[which]

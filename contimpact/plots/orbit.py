@@ -129,11 +129,11 @@ def _flights(orbit: Orbit, column: Any) -> Any:
 
 def _draw_series(ax: Any, orbit: Orbit, look: dict[str, Any], periods: int) -> None:
     t, x, _ = orbit.path()
-    forcing = orbit.period / orbit.word.period
+    forcing = orbit.period / (orbit.word.period or 1)
     walls = positions(orbit.linearisation)
     begin = np.floor(t[0] / forcing)
-    for turn in range(-(-periods // orbit.word.period)):
-        shift = turn * orbit.word.period - begin
+    for turn in range(-(-periods // (orbit.word.period or 1))):
+        shift = turn * (orbit.word.period or 1) - begin
         ax.plot(t / forcing + shift, x, **look)
         for wall, time in zip(orbit.word.walls, orbit.times, strict=True):
             place = time / forcing + shift
@@ -168,6 +168,6 @@ def _mark_touch(plane: Any, series: Any, orbit: Orbit, entry: Entry) -> None:
     if plane is not None:
         plane.plot(wall, 0.0, **look)
     if series is not None:
-        forcing = orbit.period / orbit.word.period
+        forcing = orbit.period / (orbit.word.period or 1)
         begin = np.floor(orbit.times[0] / forcing)
         series.plot((entry.touch_time or 0.0) / forcing - begin, wall, **look)

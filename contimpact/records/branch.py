@@ -39,7 +39,8 @@ class Branch(Shown):
         parameter, ``t1``, ``v1``, ... (impact times and velocities before impact, in the model's
         clock), ``multiplier1_re``, ``multiplier1_im``, ..., ``n_unstable``, ``physical``,
         ``reason``, ``smallest_gap``, ``residual``, ``iterations``, and ``event``: the name of the
-        entry a row belongs to, empty for other points of the walk. ``branch["s"]`` is a shorthand.
+        entry a row belongs to, empty for other points of the walk. Where the period is free, it
+        is the column ``period``, and the first impact is at t = 0. ``branch["s"]`` is a shorthand.
     ends : (End, End)
         How it ends, at its first and at its last point.
     events : sequence of Entry

@@ -128,10 +128,11 @@ def catalogue_text(diagram: Diagram) -> str:
 
 
 def _entry_record(entry: Entry) -> dict[str, Json]:
-    """An entry as plain data; a certified radius only where there is one."""
+    """An entry as plain data; a certified radius or a free period only where there is one."""
     record = dataclasses.asdict(entry)
-    if entry.certified_radius is None:
-        del record["certified_radius"]
+    for name in ("certified_radius", "orbit_period"):
+        if record[name] is None:
+            del record[name]
     return record
 
 

@@ -135,7 +135,7 @@ def read(diagram: Diagram) -> Reading:
     transitions = [
         _transition(diagram, stable, entry)
         for entry in grazings
-        if entry.period == 1 and entry.opens and entry.opens[0] in known
+        if entry.period <= 1 and entry.opens and entry.opens[0] in known
     ]
     return Reading(stable, _bistable(stable, member), transitions)
 

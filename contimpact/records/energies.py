@@ -70,5 +70,5 @@ def along(membrane: Membrane, branch: Branch, forcing_period: float = 2.0) -> di
     columns = {f"U{k + 1}": voltages[:, k] for k in range(voltages.shape[1])}
     total = voltages.sum(axis=1)
     columns["U_I"] = total / voltages.shape[1]
-    columns["U_T"] = total / (branch.period * forcing_period)
+    columns["U_T"] = total / branch.columns.get("period", branch.period * forcing_period)
     return columns

@@ -88,6 +88,8 @@ class Entry(Shown):
         Radius of the proven enclosure of the followed parameter, where the entry is certified.
     nu, nu_error : float or None
         For BP, what would unfold the crossing of branches, zero within its estimated error.
+    orbit_period : float or None
+        The orbit's period, where it is free; the first impact is then at t = 0.
     """
 
     id: str
@@ -129,6 +131,7 @@ class Entry(Shown):
     nu: float | None = None
     nu_error: float | None = None
     certified_radius: float | None = None
+    orbit_period: float | None = None
 
     @property
     def times(self) -> Array:
@@ -170,6 +173,8 @@ class Entry(Shown):
         if self.requested is not None:
             row["requested"] = " ".join(f"{n}={v!r}" for n, v in self.requested.items())
         row |= self.parameters
+        if self.orbit_period is not None:
+            row["orbit_period"] = self.orbit_period
         for k, impact in enumerate(self.impacts, start=1):
             for name, value in impact.items():
                 if isinstance(value, list):  # of every coordinate

@@ -77,6 +77,7 @@ def entry_of(event: Event, identity: str, branch: str, before: Point, after: Poi
         options=problem.model.options,
         nu=details.get("nu"),
         nu_error=details.get("nu_error"),
+        orbit_period=here.span if problem.autonomous else None,
     )
 
 
@@ -97,7 +98,7 @@ def event_of(entry: Entry, model: Model | None = None, kernels: Kernels | None =
 
 
 def details_of(entry: Entry) -> dict[str, Any]:
-    """Return where on its orbit an entry's event happens.
+    """Return where on its orbit an entry's event happens, in the clock of its unknowns.
 
     Raises
     ------
@@ -109,6 +110,8 @@ def details_of(entry: Entry) -> dict[str, Any]:
     if lacking := [name for name in kind_of(entry.kind).needed if name not in details]:
         found = f"it has no {lacking[0]}"
         raise InputError("entry", found, "give an entry as a catalogue records it")
+    if entry.orbit_period is not None and "touch_time" in details:
+        details["touch_time"] -= entry.orbit_period
     return details
 
 

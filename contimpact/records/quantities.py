@@ -95,6 +95,8 @@ def _voltages(branch: Branch, quantity: str, membrane: Membrane) -> list[Series]
 
 def _periods(branch: Branch) -> Array:
     """The orbits' periods, in the model's clock."""
+    if "period" in branch.columns:
+        return branch["period"]
     kernels = Kernels(model_at(branch, 0), branch.parameter)
     names = list(kernels.model.values)
     rows = np.column_stack([branch[name] for name in names]).tolist()

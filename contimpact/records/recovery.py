@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from ..bifurcations.requested import PERIOD
 from ..errors import InputError, shown
 from ..models.model import Model
 from ..models.word import Word
@@ -57,8 +58,8 @@ def orbit_of(entry: Entry, model: Model | None = None, kernels: Kernels | None =
     if len(whole) != len(entry.word):
         found = f"{len(whole)} impacts of the word {entry.word!r}"
         raise InputError("entry", found, "give an entry as a catalogue records it")
-    rows = [[impact[name] for name in names] for impact in whole]
-    return _solved(problem, np.array(rows), "entry")
+    rows = np.array([[impact[name] for name in names] for impact in whole])
+    return _solved(problem, _closing(problem, rows, entry.orbit_period, "entry"), "entry")
 
 
 def orbit_at(branch: Branch, place: int | str, model: Model | None = None) -> Orbit:
@@ -70,7 +71,21 @@ def orbit_at(branch: Branch, place: int | str, model: Model | None = None) -> Or
     at = model_at(branch, row, model)
     problem = problem_of(at, Word(branch.word, branch.period), Kernels(at, branch.parameter))
     unknowns = [branch[name][row] for name in columns_of(branch.word, problem.m)]
-    return _solved(problem, np.array(unknowns), where)
+    rows = np.reshape(unknowns, (-1, problem.m))
+    period = branch[PERIOD][row] if PERIOD in branch.columns else None
+    return _solved(problem, _closing(problem, rows, period, where), where)
+
+
+def _closing(problem: OrbitProblem, rows: Array, period: float | None, where: str) -> Array:
+    """The impacts of a record in the clock of the unknowns."""
+    if not problem.autonomous:
+        return rows
+    if period is None:
+        raise InputError(where, "it has no period", "give what a catalogue records")
+    if not problem.word.walls:  # it stands in the place of a velocity that is zero
+        rows[0, 1] = period
+        return rows
+    return problem.placed(rows, period)
 
 
 def _without_impacts(entry: Entry, at: Model, kernels: Kernels) -> Orbit:
@@ -116,7 +131,7 @@ def _solved(problem: OrbitProblem, rows: Array, where: str) -> Orbit:
 
 def orbit_with(model: Model, word: tuple[str, int], parameter: str, unknowns: Array) -> Orbit:
     """Return the orbit of a word, its walls and its period, that has these unknowns."""
-    problem = OrbitProblem(model, Word(*word), Kernels(model, parameter))
+    problem = problem_of(model, Word(*word), Kernels(model, parameter))
     if len(unknowns) != problem.n + 1:
         found = f"{len(unknowns)} unknowns of the word {problem.word}"
         raise InputError("orbit", found, f"give {problem.n + 1}")

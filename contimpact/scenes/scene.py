@@ -323,7 +323,7 @@ def read_scene(given: Mapping[str, Any], systems: Mapping[str, type[Model]] | No
     letters = [w.name for w in model.WALLS]
     orbits = tuple(
         dict.fromkeys(
-            parse_word(text, letters, f"follow.orbits[{i}]", graph(model.WALLS))
+            parse_word(text, letters, f"follow.orbits[{i}]", graph(model.WALLS), model.autonomous)
             for i, text in enumerate(follow.texts("orbits"))
         )
     )
@@ -345,6 +345,9 @@ def read_scene(given: Mapping[str, Any], systems: Mapping[str, type[Model]] | No
         curves = read_curves(top.table("curves"), model, parameter, events)
     simulate, energy = read_simulation(top, model, parameter, (low, high))
     certify = read_certify(top.table("certify"), events) if top.has("certify") else None
+    if certify and model.autonomous:
+        found = "proofs are for the forcing's period, and the system has no forcing"
+        raise InputError("certify", found, "leave it out")
     top.finish()
     asked: dict[str, Any] = {"events": events, "values": values, "settings": settings, "plot": plot}
     asked |= {"curves": curves, "simulate": simulate, "energy": energy, "certify": certify}

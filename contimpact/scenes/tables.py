@@ -71,6 +71,8 @@ def read_model(table: Table, systems: Mapping[str, type[Model]] | None = None) -
     if kind.STATED and "machine" not in table.data:
         return read_machine(table, kind)
     options = {name: table.text(name, default) for name, default in kind.OPTIONS.items()}
+    if table.has("period"):
+        options["period"] = table.text("period")
     given = table.table("parameters")
     for name in options:
         if name in given.data:
@@ -114,10 +116,11 @@ def read_detect(
             raise InputError(f"detect.events[{i}]", f"no event kind {shown(kind)}", accepted)
     requested = table.table("values", optional=True)
     values = {}
+    varying = (*model.varying(parameter), *["period"] * model.autonomous)
     for name in list(requested.data):
-        if name not in model.varying(parameter):
+        if name not in varying:
             found = "it does not vary along the branches"
-            accepted = f"accepted are {', '.join(model.varying(parameter))}"
+            accepted = f"accepted are {', '.join(varying)}"
             raise InputError(f"detect.values.{name}", found, accepted)
         values[name] = requested.numbers(name)
         if not values[name]:
@@ -193,6 +196,9 @@ def read_simulation(
 ) -> tuple[SimulateOptions | None, Membrane | None]:
     """Read [simulate] and [energy]; what reads them is imported only if they are there."""
     simulate = energy = None
+    if top.has("simulate") and model.autonomous:
+        found = "attractors are told by the forcing's period, and the system has no forcing"
+        raise InputError("simulate", found, "leave it out; Simulator computes single motions")
     if top.has("simulate"):
         from .simulate_tables import read_simulate
 

@@ -144,18 +144,21 @@ class KernelWriter:
         return self._listed(name, self._ends(), about, tape, blocks)
 
     def quiet(self, name: str, b: str) -> str:
-        """A flight from the section t = 0, to a guard or back after as many periods as `b` says."""
+        """A flight from the section t = 0, to a guard or back after as many periods as `b` says:
+        for 0 after a time of its own, which stands in the place of the velocity v_0 = 0."""
         equations, leave = self.equations, self.equations.quiet
         end, rows = (T1, *self.end), []
         if b.isdigit():
             end, states = equations.back, zip(leave.now, leave.end, strict=True)
-            pairs = zip(states, zip(end[::2], end[1::2], strict=True), strict=True)
+            back = end if int(b) else (end[0], sympy.S.Zero, *end[2:])
+            end = end if int(b) else (end[0], T1, *end[2:])
+            pairs = zip(states, zip(back[::2], back[1::2], strict=True), strict=True)
             rows = [
                 e - to for arrived, given in pairs for e, to in zip(arrived, given, strict=True)
             ]
         else:
             rows = self.arrivals(leave, b)
-        since = int(b) * equations.period if b.isdigit() else T1
+        since = int(b) * equations.period if b.isdigit() and int(b) else T1
         rows = [
             sympy.sympify(e).xreplace({PHASE: sympy.S.Zero}).xreplace({DT: since}) for e in rows
         ]

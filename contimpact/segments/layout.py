@@ -8,6 +8,7 @@ kernel             returns
 ``motion_<a>``     displacement from the wall, velocity and acceleration of the gap coordinate
 ``flight_0_<a>``   `Blocks` of the flight from the state on the section t = 0 to a wall
 ``flight_0_<p>``   the same for the flight of p periods, back to the section
+``flight_0_0``     the same for the flight of a time that stands in the place of v_0, which is zero
 ``since_<a>``      position, velocity and acceleration of a wall's gap coordinate since the section
 ``surfaces``       for each pair of guards, 1 if a flight ends on the surface it leaves, or else 0
 ``gap_<a>_<b>``    position, velocity and acceleration of the gap coordinate of wall b, after wall a

@@ -18,6 +18,7 @@ from ..models.word import Word
 from ..orbits.linearisation import Linearisation
 from ..orbits.orbit import Orbit
 from ..orbits.problem import Array, OrbitProblem
+from ..orbits.quiet import problem_of
 from ..orbits.rounding import rounding
 from ..records.curve import Curve
 from ..records.entry import Entry
@@ -89,7 +90,7 @@ def follow_isoline(
     names = (first, second)
     kernels = Kernels(at, *names)
     limits = [checked_range(at, n, at.values[n], r) for n, r in zip(names, ranges, strict=True)]
-    problem = OrbitProblem(at, given.word, kernels)
+    problem = problem_of(at, given.word, kernels)
     start = np.concatenate([given.unknowns[: problem.n], [at.values[n] for n in names]])
     kept = _number(function(given)) if value is None else float(value)
     system = Level(problem, function, kept)

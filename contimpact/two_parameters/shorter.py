@@ -17,6 +17,7 @@ from ..continuation.problem import Problem
 from ..continuation.test_function import Located, TestFunction
 from ..orbits.linearisation import Linearisation
 from ..orbits.problem import Array, OrbitProblem
+from ..orbits.quiet import problem_of
 from ..orbits.recognition import repeats, shortest
 from .points import double_of
 from .problem import CurvePoint
@@ -82,7 +83,7 @@ def doubling_turns(here: CurvePoint) -> Located | None:
     if crossed is None or not halves or 2 * len(halves[-1]) != len(problem.word):
         return None
     kind, name = crossed
-    short = OrbitProblem(problem.model, halves[-1], problem.kernels)
+    short = problem_of(problem.model, halves[-1], problem.kernels)
     mean = short.evaluate(_mean_half(here.orbit))
     solution = solve(double_of(mean, name, kind_of(kind), {}).system, mean)
     problem.kernel_evaluations += short.kernel_evaluations

@@ -1,0 +1,66 @@
+"""Where branches of free period end: at an equilibrium, and where periods grow without bound."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from ..continuation.branch import End, EndKind, Event, Point
+from ..continuation.walk import Stop
+from ..orbits.problem import OrbitProblem
+from ..orbits.quiet import FreeQuietProblem
+
+LOST = 1e-9
+"""A residual, as part of the orbit's size, to which rounding errors have grown on a long flight."""
+
+LONG = 1.5
+"""By how much a period has grown that grows without bound."""
+
+
+class FreePeriodEnds:
+    """What ends a walk along orbits of free period, as `stop` of `walk`.
+
+    Parameters
+    ----------
+    problem : OrbitProblem
+    stop : callable or None
+        What else ends the walk.
+    """
+
+    def __init__(self, problem: OrbitProblem, stop: Stop | None) -> None:
+        self.problem, self.stop = problem, stop
+        self.before: Point | None = None
+        self.shortest = np.inf
+
+    def __call__(self, point: Point, events: Sequence[Event]) -> tuple[End, Point] | None:
+        before, self.before = self.before or point, point
+        if self.stop is not None and (ended := self.stop(point, events)):
+            return ended
+        return self.at_rest(before, point) or self.for_ever(before, point)
+
+    def at_rest(self, before: Point, point: Point) -> tuple[End, Point] | None:
+        """The end before the first coordinate turns the other way: the orbits have shrunk to none.
+
+        They do so with the root of the parameter's distance, by which its value is told.
+        """
+        problem = self.problem
+        if not isinstance(problem, FreeQuietProblem):
+            return None
+        one, other = (problem.turning(p.unknowns) for p in (before, point))
+        if one * other > 0.0 or before is point:
+            return None
+        value = (before.parameter * other**2 - point.parameter * one**2) / (other**2 - one**2)
+        return End.of(EndKind.REST, problem.parameter, value), before
+
+    def for_ever(self, before: Point, point: Point) -> tuple[End, Point] | None:
+        """The end where the period grows, and rounding errors with it."""
+        here, problem = point.evaluation, self.problem
+        longer = here.span > before.evaluation.span
+        self.shortest = min(self.shortest, here.span)
+        size = max(1.0, float(np.max(np.abs(problem.impacts(here.unknowns)[:, 1:]), initial=0.0)))
+        lost = here.largest_residual > LOST * size
+        if not (longer and lost and here.span > LONG * self.shortest):
+            return None
+        told = {"period": here.span, "off": here.largest_residual}
+        return End.of(EndKind.FOR_EVER, problem.parameter, point.parameter, **told), point
