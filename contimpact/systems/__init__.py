@@ -21,6 +21,7 @@ SYSTEMS = {
     "pendulum": "pendulum:Pendulum",
     "duffing": "duffing:Duffing",
     "belt": "belt:Belt",
+    "van-der-pol": "van_der_pol:VanDerPol",
     "linear": "linear:LinearMachine",
 }
 
