@@ -8,7 +8,7 @@ from collections.abc import Iterable
 from typing import Any
 
 from ..errors import InputError, shown
-from .guards import Guard, Wall, orders_of
+from .guards import Guard, Wall, orders_of, slides_at
 
 
 def check_modes(kind: Any, where: str) -> None:
@@ -33,6 +33,7 @@ def check_modes(kind: Any, where: str) -> None:
         _check_graph(guard, modes, place)
         _check_coordinate(guard, size, place)
         _check_sizes(guard, kind.MODES, size, place)
+        _check_crossing(guard, kind.WALLS, place)
     names = [guard.name for guard in kind.WALLS]
     if not names or len(set(names)) < len(names):
         accepted = "give at least one wall, each name once"
@@ -118,6 +119,15 @@ def _check_sizes(guard: Guard, modes: Any, size: int, where: str) -> None:
             f"{guard.name!r} lies on a coordinate that the mode {guard.modes[0]!r} does not have"
         )
         raise InputError(where, found, "give one of its own")
+
+
+def _check_crossing(guard: Guard, guards: Iterable[Guard], where: str) -> None:
+    """Where it leads through a surface, another guard leads to sliding."""
+    past = getattr(guard, "past", "")
+    if past and slides_at(tuple(guards), guard) is None:
+        found = f"{guard.name!r} leads on past {shown(past)}"
+        accepted = "give a guard on the same surface, and name one that ends the mode it leads to"
+        raise InputError(where, found, accepted)
 
 
 def _check_passage(mode: str, first: bool, guards: Iterable[Guard], where: str) -> None:

@@ -27,11 +27,14 @@ class Mode:
     first_order : tuple of int
         The coordinates that move by a law of first order, :math:`\dot x = f(t, x)`: their
         velocities are no part of the state.
+    dependent : int
+        How many numbers of its state follow from the others: its true size is by so much smaller.
     """
 
     name: str
     degrees_of_freedom: int | None = None
     first_order: tuple[int, ...] = ()
+    dependent: int = 0
 
     def orders(self, size: int) -> tuple[int, ...]:
         """Return the order of each of the system's coordinates, zero where it has none."""
@@ -56,6 +59,9 @@ class Guard:
     coordinate : int or tuple of numbers
         The gap coordinate: one of the positions, by its number, or a linear combination of all, by
         its coefficients.
+    past : str, optional
+        Where another guard on the same surface leads to sliding, this one leads through the surface
+        instead: where sliding would begin beyond the guard named here.
     """
 
     name: str
@@ -63,6 +69,7 @@ class Guard:
     mode: str | tuple[str, ...] = ""
     to: str | None = None
     coordinate: int | Row = 0
+    past: str = ""
 
     @property
     def modes(self) -> tuple[str, ...]:
@@ -98,6 +105,12 @@ def orders_of(modes: Sequence[Mode], name: str, size: int) -> tuple[int, ...]:
     """Return `Mode.orders` of a mode by its name; systems of one mode need not name it."""
     mode = next((mode for mode in modes if mode.name == name), Mode(name))
     return mode.orders(size)
+
+
+def state_size(modes: Sequence[Mode], name: str, size: int) -> int:
+    """Return of how many numbers the state in a mode is."""
+    dependent = next((mode.dependent for mode in modes if mode.name == name), 0)
+    return sum(orders_of(modes, name, size)) - dependent
 
 
 def following(guards: Sequence[Guard], letter: str) -> str:
@@ -144,6 +157,22 @@ def way_back(guards: Sequence[Guard], letter: str, mode: str, there: str) -> str
         further = watched(guards, after[way[-1]])
         ways += [way + one for one in further if one in there and one not in way]
     return None
+
+
+def slides_at(guards: Sequence[Guard], crossing: Guard) -> Guard | None:
+    """Return the guard that leads to sliding where one with `past` leads through the surface."""
+    limited = next((guard.modes for guard in guards if guard.name == crossing.past), ())
+    return next((g for g in guards if same_surface(g, crossing) and g.next_mode in limited), None)
+
+
+def crosses_at(guards: Sequence[Guard], sliding: Guard, limit: str) -> Guard | None:
+    """Return the guard that leads through where sliding would begin beyond a limit of it."""
+    return next((g for g in guards if g.past == limit and same_surface(g, sliding)), None)
+
+
+def same_surface(one: Guard, other: Guard) -> bool:
+    """Whether two guards end the same modes on one side of one coordinate."""
+    return (one.modes, one.side, one.coordinate) == (other.modes, other.side, other.coordinate)
 
 
 def graph(guards: Sequence[Guard]) -> dict[str, str]:

@@ -17,6 +17,8 @@ from dataclasses import dataclass
 from ..errors import InputError, shown
 
 LONGEST_WORD = 1000
+MOST_COUNTED = 4
+"""Letters of which counts are written."""
 _COUNTS = re.compile(r"([0-9]+(?::[0-9]+)*)(?:/([0-9]+)T)?")
 _LETTERS = re.compile(r"([^\W\d]+)(?:/([0-9]+)T)?")
 _NONE = re.compile(r"0(?:/([0-9]+)T)?")
@@ -43,8 +45,11 @@ class Word:
         return len(self.walls)
 
     def notation(self, letters: Sequence[str]) -> str:
-        """Return the count n:m/pT; in parentheses where it is a total over all p periods."""
-        if not self.walls:
+        """Return the count n:m/pT; in parentheses where it is a total over all p periods.
+
+        Of more than four letters the word itself: counts would hardly tell it.
+        """
+        if not self.walls or len(letters) > MOST_COUNTED:
             return str(self)
         totals = [self.walls.count(letter) for letter in letters]
         p = self.period
@@ -120,9 +125,13 @@ def parse_word(
     """
     counts = ":".join("nmkl"[: len(letters)])
     example = "".join(letters)
-    accepted = f"give {counts}, {counts}/pT, a word such as {example!r} or {example + '/2T'!r}"
+    counted = len(letters) <= MOST_COUNTED
+    given = f"a word such as {example!r} or {example + '/2T'!r}"
+    forms = f"{counts}, {counts}/pT, "
     if free:
-        accepted = f"give {counts} or a word such as {example!r}: without forcing there is no T"
+        given = f"a word such as {example!r}: without forcing there is no T"
+        forms = f"{counts} or "
+    accepted = f"give {forms}{given}" if counted else f"give {given}"
     if not isinstance(text, str) or not text:
         raise InputError(where, f"found {shown(text)}", accepted)
     if len(text) > 2 * LONGEST_WORD:

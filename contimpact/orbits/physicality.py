@@ -72,7 +72,8 @@ def findings(
         for k, flight in enumerate(gaps)
         for t in flight.touches
     ]
-    for past in (t for flight in gaps for t in flight.beyond):
+    begun = (t for flight in gaps for t in flight.beyond)
+    for past in (t for t in begun if (t.flight, t.wall) not in forgive_touches):
         place = len(named) * past.flight + places[past.wall]
         known = touches[place]
         touches[place] = past if known is None or past.gap < known.gap else known
@@ -168,6 +169,13 @@ def reason_of(found: Vector, word: str, named: Sequence[Guard]) -> str | None:
     flight = f"flight {k} ({word[k]} to {word[(k + 1) % len(word)]})" if word else "the orbit"
     if what == OUT_OF_ORDER:
         return f"impacts out of order: {flight} lasts {amount:.6g}"
+    if (
+        what == PASSES
+        and word
+        and any(g.name == word[k] and g.past == named[wall].name for g in named)
+    ):
+        name = named[wall].name
+        return f"{flight} goes through where it would slide, {amount:.6g} within {name}"
     if what == PASSES:
         return f"{flight} passes wall {named[wall].name} by {amount:.6g} at t = {when:.6g}"
     return f"impact {k} on wall {word[k]} runs the wrong way: velocity {amount:.6g}"

@@ -124,7 +124,7 @@ class QuietProblem(OrbitProblem):
         found = look(watched, unknowns)
         touches = tuple(
             touch_of(0, 0.0, guard, position, found[guard.row(self.m // 2)])
-            if mode in guard.modes
+            if mode in guard.modes and not guard.past
             else None
             for guard, position in zip(self.model.WALLS, positions, strict=True)
         )

@@ -119,7 +119,7 @@ def _passages(model: Model, kernels: Agreements) -> list[str]:
         return []
     equations = equations_of(model)
     given = {equations.parameters[name]: value for name, value in model.values.items()}
-    passed = [guard for guard in model.WALLS if not guard.rigid]
+    passed = [guard for guard in model.WALLS if not guard.rigid and not guard.past]
     for guard in passed:
         place = equations.departures[guard.name].position[0].subs(given)
         if place.free_symbols:

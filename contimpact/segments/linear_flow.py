@@ -277,12 +277,15 @@ def mean_rates(generator: Array, dt: Any, summed: Summed) -> tuple[Array, Array]
     mean = generator @ value
     found = np.concatenate([mean, generator @ mean, generator @ (generator @ slope)], axis=-1)
     q, s, h = ((..., slice(n * i, n * i + n)) for i in range(3))
-    for _ in range(doublings):
-        gained = _times(t, found[q] @ found)
-        last = 0.25 * (found[s] + 2.0 * found[h] + gained[s] + gained[h])
-        found = found + 0.5 * gained
-        found[h] = last
-        t = 2.0 * t
+    with np.errstate(over="ignore", invalid="ignore"):
+        for _ in range(doublings):
+            gained = _times(t, found[q] @ found)
+            last = 0.25 * (found[s] + 2.0 * found[h] + gained[s] + gained[h])
+            found = found + 0.5 * gained
+            found[h] = last
+            t = 2.0 * t
+    if generator.ndim == 2 and not np.all(np.isfinite(found)):
+        raise OverflowError("a linear flight grows beyond the range of floats")
     return found[q], found[h]
 
 

@@ -88,7 +88,8 @@ def passages_of(guards: Sequence[Guard], back: Callable[[int, int], bool]) -> Pa
     def arrival(a: int, b: int) -> int:
         if not back(a, b):
             return ELSEWHERE
-        return MEETING if guards[a].side != guards[b].side else BACK
+        through = guards[a].side != guards[b].side and not guards[a].past
+        return MEETING if through else BACK
 
     def leaving(a: int) -> float:
         met = (guards[b].side for b in places if watched[a][b] and back(a, b))

@@ -18,9 +18,13 @@ from .arithmetic import ARRAYS, Kernel, evaluate_in
 from .flight import FlightGaps, Motion, Touch, excursions, flight_gaps
 from .integrated_track import integrated_track
 from .kernels import Kernels
+from .limits import not_past
 from .passages import ELSEWHERE
 from .track import track_of
 from .zeros import chebyshev_zeros
+
+ROUNDING = 1e-12
+"""Of the position at which a flight begins, as part of its terms."""
 
 
 def interior_touches(
@@ -52,9 +56,12 @@ def interior_touches(
             motions = flown(kernels, wall, leave, length, values)
             touches, slowest = _touches(kernels, ends, motions, positions, length, arrive[1])
             moved = (None if t is None else Touch(k, t[0], leave[0] + t[1], t[2]) for t in touches)
-            past = (
-                Touch(k, n, leave[0], gap) for n, gap in beyond(kernels, ends, motions, positions)
+            guard = kernels.model.WALLS[ends[0]]
+            begun = (
+                *not_past(kernels, guard, leave, values, positions),
+                *beyond(kernels, ends, motions, positions),
             )
+            past = (Touch(k, name, leave[0], gap) for name, gap in begun)
             found.append(FlightGaps(length, tuple(moved), slowest, tuple(past)))
         else:
             found.append(FlightGaps(length, (None,) * len(positions)))
@@ -127,7 +134,7 @@ def _touches(
         sides = leaving, float(guards[reached].side) if here else 0.0
         found = excursions(motion, (), (), length, speed, *sides, breaks, 0.0, math.inf)
         for i in numbers:
-            if passages.watched[left][i]:
+            if passages.watched[left][i] and not guards[i].past:
                 touches[i] = _touch(guards[i], positions[i], found)
         if not abs(found[4]) >= abs(slowest):
             slowest = found[4]
@@ -139,8 +146,8 @@ def beyond(
 ) -> Iterator[tuple[str, float]]:
     """Yield guards that a flight begins beyond, and by what (negative) gap.
 
-    Only a jump of the gap coordinate leads there; whether the guard reached is one of them its
-    duration and velocity tell.
+    Only a jump of the gap coordinate leads there. To the guard reached the flight may have no
+    duration, and then no gap but rounding.
     """
     guards, (left, reached) = kernels.model.WALLS, ends
     if kernels.passages.arrivals[left][left] != ELSEWHERE:
@@ -149,7 +156,8 @@ def beyond(
         begin = motion((), 0.0, ())[0]
         for i in numbers:
             gap = guards[i].side * (positions[i] - begin)
-            if i != reached and kernels.passages.watched[left][i] and gap < 0.0:
+            least = -ROUNDING * (abs(begin) + abs(positions[i])) if i == reached else 0.0
+            if gap < least and kernels.passages.watched[left][i]:
                 yield guards[i].name, gap
 
 

@@ -5,7 +5,8 @@ r"""A body on a belt, with dry friction: it sticks and slips.
 
 Sticking, w = 0, the friction is what holds the body, :math:`f = x + cV - a\cos\omega t`; it slips
 where that reaches mu_0 (P, then w < 0) or -mu_0 (A, then w > 0), and sticks again where w comes
-back to zero (S from below, B from above). The coordinate is w in slip and f in stick. The forcing
+back to zero (S from below, B from above), unless that friction could not hold it: then it goes
+through (C from below, D from above). The coordinate is w in slip and f in stick. The forcing
 period is 2 pi/omega.
 """
 
@@ -52,6 +53,8 @@ class Belt(Model):
         Guard("P", side=+1, mode="stick", to="slip"),
         Guard("A", side=-1, mode="stick", to="ahead"),
         Guard("B", side=-1, mode="ahead", to="stick"),
+        Guard("C", side=+1, mode="slip", to="ahead", past="A"),
+        Guard("D", side=-1, mode="ahead", to="slip", past="P"),
     )
     OPTIONS: ClassVar = {"friction": CONSTANT}
     PARAMETERS = (
@@ -97,13 +100,15 @@ class Belt(Model):
 
         def jump(guard: str, x: Sequence[Any], v: Sequence[Any]) -> tuple[list[Any], list[Any]]:
             """Where slip ends, friction is mu_0 or -mu_0, less the body's acceleration."""
-            limit = {"S": mu_0, "P": mu_0, "A": -mu_0, "B": -mu_0}[guard]
-            return ([limit - v[0]], []) if guard in "SB" else ([0], [limit - x[0]])
+            limit = mu_0 if guard in "SPC" else -mu_0
+            if guard in "SB":
+                return [limit - v[0]], []
+            return [0], [limit - x[0] if guard in "PA" else v[0] - 2 * limit]
 
         slip, ahead = (self._slip(symbols, side) for side in (-1, 1))
         return Formulas(
             period=2 * sympy.pi / omega,
-            walls={"S": 0, "P": mu_0, "A": -mu_0, "B": 0},
+            walls={"S": 0, "P": mu_0, "A": -mu_0, "B": 0, "C": 0, "D": 0},
             jump=jump,
             flight={"slip": slip.flight, "stick": stick, "ahead": ahead.flight},
             acceleration={

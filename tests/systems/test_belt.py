@@ -108,8 +108,8 @@ def test_sticking_vanishes_where_slip_comes_up_to_the_belt(branch, slipping):
     for event in (last, first):
         assert event.physical
         assert abs(event.value - fastest) <= event.error + 1e-15
-    assert (last.label, last.becomes) == ("V[1:1:0:0->0]", "0")
-    assert (first.label, first.becomes) == ("G[0->1:1:0:0]", "SP")
+    assert (last.label, last.becomes) == ("V[PS->0]", "0")
+    assert (first.label, first.becomes) == ("G[0->SP]", "SP")
     assert (first.criticality, first.slope) == ("supercritical", None)
     assert np.array(last.multipliers) == pytest.approx(np.array(first.multipliers), abs=1e-12)
     assert list(branch.missed) == list(slipping.missed) == []

@@ -1,0 +1,79 @@
+"""Where sliding would begin after a guard, and whether that is within its limits.
+
+A guard at which the motion comes to a switching surface leads to sliding, or, if sliding would
+begin beyond the limit it names (`Guard.past`), through the surface.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+
+from ..models.guards import Guard, slides_at
+from .kernels import Kernels
+from .passages import ELSEWHERE
+
+
+def limits_of(kernels: Kernels, letter: str) -> list[tuple[str, str, float]]:
+    """Return the limits that decide whether a guard is the one that is met.
+
+    Returns
+    -------
+    list of (sliding, limit, sign)
+        The guard at which sliding would begin, its limit, and the side of it where it has to
+        begin: +1 within, -1 beyond.
+    """
+    guards, passages = kernels.model.WALLS, kernels.passages
+    place = next(i for i, guard in enumerate(guards) if guard.name == letter)
+    guard = guards[place]
+    if guard.past:
+        sliding = slides_at(guards, guard)
+        assert sliding is not None, "checked when the class is defined"
+        return [(sliding.name, guard.past, -1.0)]
+    if passages.arrivals[place][place] != ELSEWHERE:
+        return []
+    limits = [
+        other.name
+        for k, other in enumerate(guards)
+        if passages.watched[place][k]
+        and other.coordinate == guard.coordinate
+        and not passages.meets_at_rest(place, k)
+    ]
+    return [(letter, limit, 1.0) for limit in limits]
+
+
+def room(
+    kernels: Kernels,
+    sliding: str,
+    limit: str,
+    leave: Sequence[float],
+    values: Sequence[float],
+    positions: Sequence[float],
+) -> float:
+    """Return how far within a limit sliding would begin; negative beyond it.
+
+    Parameters
+    ----------
+    leave : sequence of float
+        The unknowns of the impact.
+    values, positions : sequence of float
+        Of the parameters, and of the guards.
+    """
+    guards = kernels.model.WALLS
+    place = next(i for i, guard in enumerate(guards) if guard.name == limit)
+    begin = kernels.gap(sliding, limit)(*leave, 0.0, *values)[0]
+    return guards[place].side * (positions[place] - float(begin))
+
+
+def not_past(
+    kernels: Kernels,
+    guard: Guard,
+    leave: Sequence[float],
+    values: Sequence[float],
+    positions: Sequence[float],
+) -> Iterator[tuple[str, float]]:
+    """Yield the limit that a guard leads past, and by what (negative) gap it does not."""
+    if guard.past:
+        ((sliding, limit, _),) = limits_of(kernels, guard.name)
+        within = room(kernels, sliding, limit, leave, values, positions)
+        if within > 0.0:
+            yield limit, -within
