@@ -79,23 +79,28 @@ class BP(Kind):
     def born(self, event: OrbitEvent) -> Start | None:
         here: Linearisation = event.point.evaluation
         problem = here.problem
-        left, _, right = np.linalg.svd(here.jacobian)
-        psi, null = left[:, -1], right[-2:]
-        along = [problem.second_along(here.unknowns, vector) for vector in null]
-        form = np.array([[float(psi @ row @ vector) for vector in null] for row in along])
-        directions = _isotropic(form)
+        directions = directions_at(here)
         if directions is None:
             return None
-        own = null @ event.point.tangent
-        own /= np.linalg.norm(own)
-        other = min(directions, key=lambda pair: abs(pair @ own))
-        return Start(problem, here.unknowns, other @ null, branching=True, both_ways=True)
+        along = event.point.tangent
+        other = min(directions, key=lambda one: abs(one @ along))
+        return Start(problem, here.unknowns, other, branching=True, both_ways=True)
 
     def curve_end(self, own: Array) -> EndKind | None:
         return EndKind.UNFOLDED if abs(own[0]) > UNFOLDED else None
 
     def codimension_two(self, word: Word) -> list[TestFunction[CurvePoint]]:
         return [AlsoGrazes(self.name), AlsoStops(self.name)]
+
+
+def directions_at(here: Linearisation) -> list[Array] | None:
+    """Return unit vectors along the two branches that cross at an orbit; None where none do."""
+    left, _, right = np.linalg.svd(here.jacobian)
+    psi, null = left[:, -1], right[-2:]
+    along = [here.problem.second_along(here.unknowns, vector) for vector in null]
+    form = np.array([[float(psi @ row @ vector) for vector in null] for row in along])
+    found = _isotropic(form)
+    return None if found is None else [pair @ null for pair in found]
 
 
 def _isotropic(form: Array) -> list[Array] | None:

@@ -34,7 +34,7 @@ DECLARED = (
     Declared("NS", "torus", usual=False, curves=True, second=True),
     Declared("G", "grazing", born=True, curves=True),
     Declared("V", "zero_velocity", born=True, curves=True),
-    Declared("T", "zero_duration"),
+    Declared("T", "zero_duration", born=True),
     Declared("UZ", "requested", usual=False, curves=True),
 )
 

@@ -37,22 +37,25 @@ from ..orbits.linearisation import Linearisation
 from ..orbits.physicality import PASSES, Verdict
 from ..orbits.problem import Array, OrbitProblem
 from ..orbits.quiet import problem_of
-from ..orbits.rounding import rounding
-from ..segments.bounded import bounds_of
 from ..segments.flight import Touch
-from ..segments.layout import SECTION
 from ..segments.passages import ELSEWHERE
+from .beginning import added, beginning_of, beginnings
 from .codimension_two import CurvePoint, touch_points
-from .extended_system import Assembled, ExtendedSystem, located
+from .extended_system import ExtendedSystem, located
 from .kind import SUB, SUPER, Change, Details, Kind, Look, ManyDigits, System, Values
 from .orbit_test import OrbitEvent, OrbitPoint, Orbits, OrbitTest
+from .sliding import ADDING, at_touch, is_brief
 from .start import Start, regular
+from .touching import Touching
 
 TOUCHING = 1e-9
 """A gap below this at a grazing is a second touch at the same parameter value."""
 
 PASSING = 1e-9
 """A gap of a located touch below minus this is that of another place, where the flight passes."""
+
+AT_END = 1e-6
+"""A touch nearer to its flight's end, as part of the period, is that end."""
 
 FLAT = 1e-8
 """A parameter's rate below this part of the tangent is zero."""
@@ -70,17 +73,22 @@ class Grazing(OrbitTest):
     def __init__(self, problem: OrbitProblem) -> None:
         walls = [w.name for w in problem.model.WALLS]
         self.places = [(k, wall) for k in range(len(problem.segments)) for wall in walls]
+        self.beginnings = beginnings(problem)
         positions = problem.kernels.setup(*problem.model.values.values()).walls
         self.rounding = ROUNDING * max(abs(position) for position in positions)
         self.guides = len(problem.segments)
 
     def of(self, orbits: Orbits) -> Array:
-        """Gaps; then, to see where extrema of a flight are born, how nearly it turns elsewhere."""
-        return np.hstack([orbits.gaps.reshape(len(orbits.gaps), -1), orbits.slowest])
+        """Gaps, and where sliding begins, how far from its limits; then, to see where extrema of a
+        flight are born, how nearly it turns elsewhere."""
+        begun = [[one.room(z) for one in self.beginnings] for z in orbits.unknowns]
+        gaps = orbits.gaps.reshape(len(orbits.gaps), -1)
+        return np.hstack([gaps, np.reshape(begun, (len(gaps), -1)), orbits.slowest])
 
     def guided(self, left: Array, right: Array) -> Array:
         """Flights that turn nowhere at either end of an arc may do so between."""
-        gaps = np.vstack([left[: -self.guides], right[: -self.guides]])
+        own = len(self.places)
+        gaps = np.vstack([left[:own], right[:own]])
         return np.all(np.isnan(gaps.reshape(2, self.guides, -1)), axis=(0, 2))
 
     @staticmethod
@@ -91,6 +99,8 @@ class Grazing(OrbitTest):
     def locate(
         self, problem: Problem[Linearisation], guess: OrbitPoint, index: int
     ) -> Located | None:
+        if index >= len(self.places):
+            return self.beginnings[index - len(self.places)].locate(guess)
         flight, wall = self.places[index]
         problem, touch = guess.evaluation.problem, self.touch(guess.evaluation, index)
         if touch is None:
@@ -110,7 +120,21 @@ class Grazing(OrbitTest):
         touch = self.touch(problem.evaluate(found.unknowns), index)
         return touch is None or touch.gap > -PASSING
 
+    def accept(self, event: OrbitEvent) -> bool:
+        """Where the flight that begins takes no time, it is that which vanishes: a T; and so it is
+        where sliding touches the limit at which it ends then."""
+        details, here = event.details, event.point.evaluation
+        problem, flight = here.problem, event.details["flight"]
+        if "impact" in details:
+            return not is_brief(problem, here.unknowns, flight)
+        ends = problem.times_around(here.unknowns, flight)
+        apart = min(abs(details["touch_time"] - end) for end in ends)
+        return at_touch(problem, details) != ADDING or apart > AT_END * here.span
+
     def details(self, point: OrbitPoint, index: int) -> Details:
+        if index >= len(self.places):
+            told = self.beginnings[index - len(self.places)].details(point.unknowns)
+            return {"index": index, **told}
         flight, wall = self.places[index]
         touch = self.touch(point.evaluation, index)
         assert touch is not None, "only a gap that exists has a zero"
@@ -121,67 +145,6 @@ class Grazing(OrbitTest):
         return {"flight": flight, "wall": wall, "touch_time": float(time)}
 
 
-class Touching(ExtendedSystem):
-    """A flight reaches a wall with zero velocity."""
-
-    def __init__(self, problem: OrbitProblem, flight: int, wall: str, time: float) -> None:
-        super().__init__(problem)
-        self.flight, self.wall, self.time = flight, wall, time
-        m = problem.m
-        self.own_impact, self.free = slice(m * flight, m * flight + m), [0, *range(2, m)]
-        left = problem.word.walls[flight : flight + 1] or SECTION
-        self.segment = problem.kernels.segment(left, wall)
-
-    def touch(self, own: Array) -> Array:
-        """Return the touch as an impact: its time and section coordinates."""
-        touch = np.zeros(self.problem.m)
-        touch[self.free] = own
-        return touch
-
-    def start(self, here: Linearisation) -> Array:
-        own = np.zeros(len(self.free))
-        own[0] = self.time
-        if len(own) > 1:  # the other coordinates, from the (near) linear flight equations
-            out, _, end, _ = self.arrival(here, own)
-            own[1:] -= np.linalg.lstsq(end[:, self.free[1:]], out, rcond=None)[0]
-        return own
-
-    def assemble(self, here: Linearisation, own: Array) -> Assembled:
-        n, m = self.problem.n, self.problem.m
-        orbit = len(here.unknowns)
-        arrival, start, end, by_parameter = self.arrival(here, own)
-        self.problem.kernel_evaluations += 1
-        jacobian = np.zeros((n + m, orbit + m - 1))
-        jacobian[:n, :orbit] = here.jacobian
-        jacobian[n:, self.own_impact] = start
-        jacobian[n:, n:orbit] = by_parameter
-        jacobian[n:, orbit:] = end[:, self.free]
-        return Assembled(np.concatenate([here.residual, arrival]), jacobian)
-
-    def rounding(self, here: Linearisation, own: Array) -> Array:
-        arrival, _, _, _ = bounds_of(self.segment, *self._arguments(here, own))[1]
-        return np.concatenate([rounding(here).residual, arrival])
-
-    def scale(self, own: Array, sizes: Array) -> Array:
-        others = super().scale(own, sizes)
-        others[0] = sizes[0]
-        return others
-
-    def details(self, own: Array) -> Details:
-        return {"touch_time": float(own[0])}
-
-    def arrival(self, here: Linearisation, own: Array) -> tuple[Array, Array, Array, Array]:
-        """Return residual and derivatives of the flight to the touch."""
-        m = self.problem.m
-        rows, leaving, *ends = self.segment.blocks(*self._arguments(here, own))
-        start, end, free = map(np.array, (self.problem.leaves(leaving), *ends))
-        return np.array(rows), start.reshape(m, m), end.reshape(m, m), free.reshape(m, -1)
-
-    def _arguments(self, here: Linearisation, own: Array) -> tuple[list[float], ...]:
-        _, left = self.problem.leaving(here.unknowns, self.flight)
-        return left, self.touch(own).tolist(), self.problem.values(here.unknowns)
-
-
 class TouchLimit(TestFunction[CurvePoint]):
     """Along a curve, the touch reaches the impact at either end of its flight."""
 
@@ -189,6 +152,8 @@ class TouchLimit(TestFunction[CurvePoint]):
 
     def values(self, point: Point[CurvePoint]) -> Array:
         here: CurvePoint = point.evaluation
+        if "impact" in here.details:
+            return np.array([1.0, 1.0])
         problem, flight = here.orbit.problem, here.details["flight"]
         start, arrival = problem.times_around(here.orbit.unknowns, flight)
         if not problem.word.walls:  # an orbit without impacts has no ends
@@ -209,15 +174,22 @@ class G(Kind):
     def test(self, problem: OrbitProblem, values: Values) -> TestFunction[Linearisation]:
         return Grazing(problem)
 
-    def equations(self, problem: OrbitProblem, details: Details) -> Touching:
+    def equations(self, problem: OrbitProblem, details: Details) -> ExtendedSystem:
+        begun = beginning_of(problem, details)
+        if begun is not None:
+            return begun.equations()
         return Touching(problem, details["flight"], details["wall"], details["touch_time"])
 
-    def in_many_digits(self, orbit: ManyDigits, unknowns: Array, details: Details) -> System:
-        return orbit.grazing(unknowns, details)
+    def in_many_digits(self, orbit: ManyDigits, unknowns: Array, details: Details) -> System | None:
+        inside = beginning_of(orbit.problem, details) is None
+        return orbit.grazing(unknowns, details) if inside else None
 
     def born(self, event: OrbitEvent) -> Start | None:
         here: Linearisation = event.point.evaluation
         problem, rows = here.problem, here.problem.impacts(here.unknowns)
+        begun = beginning_of(problem, event.details)
+        if begun is not None:
+            return begun.born(here.unknowns)
         word = grown_word(event)
         if word is None:
             return None
@@ -227,12 +199,20 @@ class G(Kind):
             letters = _excursion(problem, flight, wall) or ""
             rows = _inserted(rows, flight, _at_rest(problem, here.unknowns, letters, touch))
         longer = problem_of(problem.model, word, problem.kernels)
-        rows = longer.placed(rows, here.span).ravel()
-        start = regular(longer, np.append(rows, here.unknowns[-1]))
+        unknowns = np.append(longer.placed(rows, here.span).ravel(), here.unknowns[-1])
+        if self.sliding(event) == ADDING:
+            return added(longer, unknowns, event.details["flight"] + 1)
+        start = regular(longer, unknowns)
         return start if start is None or _new_speed(event, start) >= 0.0 else start.reversed()
 
     def next_word(self, event: OrbitEvent) -> Word | None:
+        begun = beginning_of(event.point.evaluation.problem, event.details)
+        if begun is not None:
+            return begun.next_word()
         return grown_word(event)
+
+    def sliding(self, event: OrbitEvent) -> str | None:
+        return at_touch(event.point.evaluation.problem, event.details)
 
     def criticality(
         self, event: OrbitEvent, before: OrbitPoint, after: OrbitPoint
@@ -240,6 +220,9 @@ class G(Kind):
         start = self.born(event)
         if start is None:
             return None, None
+        begun = beginning_of(event.point.evaluation.problem, event.details)
+        if begun is not None:
+            return begun.criticality(event, start), None
         speed, rate = _new_speed(event, start), float(start.tangent[-1])
         if added_impacts(event) > 1 and abs(rate) < FLAT * np.max(np.abs(start.tangent)):
             return _of_sliding(event, start) or SUPER, None
@@ -369,7 +352,8 @@ def _gap_slope(event: OrbitEvent) -> float:
     """The sign of the derivative of the old orbit's gap by the parameter."""
     here: Linearisation = event.point.evaluation
     along = event.point.tangent
-    system = G().equations(here.problem, event.details)
+    places = (event.details[name] for name in ("flight", "wall", "touch_time"))
+    system = Touching(here.problem, *places)
     _, start, _, by_parameter = system.arrival(here, system.start(here))
     rate = float(start[0] @ along[system.own_impact] + by_parameter[0, 0] * along[-1])
     return float(-_side(here.problem, event) * rate * along[-1])
@@ -383,6 +367,8 @@ def _side(problem: OrbitProblem, event: OrbitEvent) -> float:
 
 
 def _since_impact(here: CurvePoint) -> tuple[int, float]:
+    if "impact" in here.details:
+        raise ArithmeticError("nothing is touched inside a flight")
     orbit, flight = here.orbit, here.details["flight"]
     start, _ = orbit.problem.times_around(orbit.unknowns, flight)
     return flight, here.details["touch_time"] - start
@@ -390,6 +376,8 @@ def _since_impact(here: CurvePoint) -> tuple[int, float]:
 
 def _with_touch(here: CurvePoint) -> Linearisation:
     """The grazing orbit as one of the longer word."""
+    if "impact" in here.details:
+        raise ArithmeticError("nothing is touched inside a flight")
     orbit, problem = here.orbit, here.orbit.problem
     flight, wall = here.details["flight"], here.details["wall"]
     touch, letters = np.insert(here.own, 1, 0.0), _excursion(problem, flight, wall) or wall

@@ -178,6 +178,10 @@ class Kind(ABC):
             return False
         return (multiplier > 0.0) == (self.multiplier > 0.0)
 
+    def sliding(self, event: OrbitEvent) -> str | None:
+        """Return which sliding bifurcation it is, if it is one."""
+        return None
+
     # Whether it is a ghost, and what it is called.
 
     def critical(self, multipliers: Array) -> list[int]:

@@ -4,15 +4,22 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..continuation.test_function import TestFunction
+from ..continuation.problem import Problem
+from ..continuation.test_function import Located, TestFunction
+from ..models.word import Word
 from ..orbits.linearisation import Linearisation
+from ..orbits.multipliers import count_unstable, multipliers
 from ..orbits.physicality import OUT_OF_ORDER
 from ..orbits.problem import Array, OrbitProblem
 from ..orbits.rounding import rounding_of_setup
+from .adding import where_added
 from .extended_system import EPSILON, ExtendedSystem
 from .kind import Change, Details, Kind, Look, ManyDigits, System, Values
-from .orbit_test import Orbits
+from .orbit_test import OrbitEvent, OrbitPoint, Orbits
 from .reached import Reached, ScalarTest
+from .sliding import at_once
+from .start import Start, regular
+from .vanishing import without_flight
 
 
 class ZeroDuration(ScalarTest):
@@ -50,6 +57,12 @@ class ZeroDuration(ScalarTest):
             gradient[n] = problem.word.period * slope
         return gradient
 
+    def locate(
+        self, problem: Problem[Linearisation], guess: OrbitPoint, index: int
+    ) -> Located | None:
+        told = self.described(guess.evaluation.problem, index)
+        return where_added(guess, index, told) or super().locate(problem, guess, index)
+
     def described(self, problem: OrbitProblem, index: int) -> Details:
         return {"flight": index}
 
@@ -75,6 +88,26 @@ class T(Kind):
 
     def in_many_digits(self, orbit: ManyDigits, unknowns: Array, details: Details) -> System:
         return orbit.vanishing(lambda x: orbit.duration(x, details["flight"]))
+
+    def born(self, event: OrbitEvent) -> Start | None:
+        """Without the flight, where sliding vanishes or begins: other impacts only merge there."""
+        there = without_flight(event.point.evaluation, event.details["flight"])
+        return None if there is None else regular(*there)
+
+    def next_word(self, event: OrbitEvent) -> Word | None:
+        there = without_flight(event.point.evaluation, event.details["flight"])
+        return None if there is None else there[0].word
+
+    def multipliers(self, here: Linearisation, details: Details) -> tuple[Array, int]:
+        there = without_flight(here, details["flight"])
+        if there is None:
+            return super().multipliers(here, details)
+        orbit = there[0].evaluate(there[1])
+        found = multipliers(orbit.start, orbit.end)
+        return found, int(count_unstable(found))
+
+    def sliding(self, event: OrbitEvent) -> str | None:
+        return at_once(event.point.evaluation.problem, event.details["flight"])
 
     def explains(self, change: Change) -> bool:
         """Where impacts merge, multipliers change too."""

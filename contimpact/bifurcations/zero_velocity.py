@@ -11,28 +11,23 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..continuation.test_function import TestFunction
-from ..models.guards import is_path
+from ..continuation.problem import Problem
+from ..continuation.test_function import Located, TestFunction
 from ..models.word import Word
 from ..orbits.linearisation import Linearisation
 from ..orbits.multipliers import count_unstable, stability_of
 from ..orbits.physicality import WRONG_WAY, Verdict
 from ..orbits.problem import Array, OrbitProblem
-from ..orbits.quiet import QuietProblem, problem_of
-from ..orbits.search import solve_near
+from .adding import where_added
 from .codimension_two import CurvePoint, touch_points
 from .extended_system import ExtendedSystem
 from .kind import Change, Details, Kind, Look, ManyDigits, System, Values
-from .orbit_test import OrbitEvent, Orbits
+from .orbit_test import OrbitEvent, OrbitPoint, Orbits
 from .reached import Reached, ScalarTest
+from .sliding import at_rest
 from .start import Start, regular
+from .vanishing import vanished, vanishing, without
 from .zero_duration import ZeroDuration
-
-BRIEF = 1e-9
-"""A flight shorter than this part of the period vanishes with the velocity at its beginning."""
-
-TOUCHING = 1e-6
-"""A gap below this is a touch, where the orbit without impacts is that of a V."""
 
 
 class ZeroVelocity(ScalarTest):
@@ -65,19 +60,21 @@ class ZeroVelocity(ScalarTest):
             return 0.0
         return self.durations.noise_of(problem, z, self.place(index))
 
+    def locate(
+        self, problem: Problem[Linearisation], guess: OrbitPoint, index: int
+    ) -> Located | None:
+        own, impact = guess.evaluation.problem, self.place(index)
+        told = self.described(own, index)
+        flights = impact, (impact - 1) % len(own.word)
+        found = (where_added(guess, flight, told) for flight in flights)
+        return next(filter(None, found), None) or super().locate(problem, guess, index)
+
     def place(self, index: int) -> int:
         """Return the number of the impact, or of the first of those that meet."""
         return [*self.impacts, *self.excursions][index]
 
     def described(self, problem: OrbitProblem, index: int) -> Details:
         return {"impact": self.place(index), "wall": problem.word.walls[self.place(index)]}
-
-
-def vanishing(problem: OrbitProblem, impact: int) -> tuple[int, ...]:
-    """Return the impacts that vanish with one: itself, and the next at the end of an excursion."""
-    if impact in problem.excursions:
-        return impact, (impact + 1) % len(problem.word)
-    return (impact,)
 
 
 class V(Kind):
@@ -104,11 +101,11 @@ class V(Kind):
 
     def born(self, event: OrbitEvent) -> Start | None:
         here: Linearisation = event.point.evaluation
-        shorter = _without(here, event.details["impact"])
+        shorter = without(here, event.details["impact"])
         return None if shorter is None else regular(*shorter)
 
     def next_word(self, event: OrbitEvent) -> Word | None:
-        shorter = _without(event.point.evaluation, event.details["impact"])
+        shorter = without(event.point.evaluation, event.details["impact"])
         return None if shorter is None else shorter[0].word
 
     def critical(self, multipliers: Array) -> list[int]:
@@ -116,7 +113,7 @@ class V(Kind):
         return [int(np.argmax(np.abs(multipliers)))]
 
     def multipliers(self, here: Linearisation, details: Details) -> tuple[Array, int]:
-        shorter = _without(here, details["impact"])
+        shorter = without(here, details["impact"])
         if shorter is None:
             return super().multipliers(here, details)
         there = shorter[0].evaluate(shorter[1])
@@ -124,55 +121,19 @@ class V(Kind):
         return found, int(count_unstable(found))
 
     def verdict(self, here: Linearisation, details: Details) -> Verdict:
-        return here.judge(forgive_impacts=vanishing(here.problem, details["impact"]))
+        return here.judge(forgive_impacts=vanished(here, details["impact"]))
+
+    def sliding(self, event: OrbitEvent) -> str | None:
+        here = event.point.evaluation
+        return at_rest(here.problem, here.unknowns, event.details["impact"])
 
     def codimension_two(self, word: Word) -> list[TestFunction[CurvePoint]]:
         shorter = _without_touch if len(word) > 1 else None
         return touch_points(_at_impact, lambda here: here.orbit, shorter)
 
 
-def _without(here: Linearisation, impact: int) -> tuple[OrbitProblem, Array] | None:
-    """The problem of the word without an impact of zero velocity, and the same orbit in it.
-
-    None if no impact is left, and the motion without any has no orbit that touches there, or if the
-    modes on both sides of the impact are not the same.
-    """
-    problem, dropped = here.problem, _vanished(here, impact)
-    if len(problem.word) == len(dropped):
-        return _quiet(here, impact)
-    word = problem.word.drop(*dropped)
-    if not is_path(problem.model.WALLS, word.walls):
-        return None
-    shorter = problem_of(problem.model, word, problem.kernels)
-    kept = np.delete(problem.impacts(here.unknowns), dropped, axis=0)
-    kept = shorter.placed(kept, here.span)
-    return shorter, np.append(kept.ravel(), here.unknowns[-problem.free :])
-
-
-def _vanished(here: Linearisation, impact: int) -> tuple[int, ...]:
-    """As `vanishing`, with the next impact where the flight to it takes no time."""
-    dropped = vanishing(here.problem, impact)
-    begin, end = here.problem.times_around(here.unknowns, impact)
-    if len(dropped) == 1 and len(here.problem.word) > 1 and abs(end - begin) < BRIEF * here.span:
-        return impact, (impact + 1) % len(here.problem.word)
-    return dropped
-
-
-def _quiet(here: Linearisation, impact: int) -> tuple[OrbitProblem, Array] | None:
-    """The word `0` and its orbit, if that touches where the only impact vanishes."""
-    problem, wall = here.problem, here.problem.word.walls[impact]
-    quiet = problem_of(problem.model, Word("", problem.word.period), problem.kernels)
-    assert isinstance(quiet, QuietProblem)
-    guess = quiet.from_touch(problem, here.unknowns, impact)
-    found = solve_near(quiet, np.append(guess, here.unknowns[-problem.free :]))
-    touches = () if found is None else found.gaps[0].touches
-    if any(t is not None and t.wall == wall and abs(t.gap) < TOUCHING for t in touches):
-        return quiet, found.unknowns  # type: ignore[union-attr]
-    return None
-
-
 def _without_touch(here: CurvePoint) -> Linearisation:
-    shorter = _without(here.orbit, here.details["impact"])
+    shorter = without(here.orbit, here.details["impact"])
     if shorter is None:
         raise ArithmeticError("no impact is left")
     here.orbit.problem.kernel_evaluations += len(shorter[0].word)

@@ -42,7 +42,7 @@ def continue_born(
     Parameters
     ----------
     entry : Entry
-        A G, V, PD or BP.
+        A G, V, PD or BP, or a T at which sliding vanishes.
     model : Model, optional
         The system, where its name does not tell; parameter values are taken from the entry. It may
         also stand before the entry.

@@ -128,9 +128,9 @@ def catalogue_text(diagram: Diagram) -> str:
 
 
 def _entry_record(entry: Entry) -> dict[str, Json]:
-    """An entry as plain data; a certified radius or a free period only where there is one."""
+    """An entry as plain data; certified radius, free period and sliding only where there are."""
     record = dataclasses.asdict(entry)
-    for name in ("certified_radius", "orbit_period"):
+    for name in ("certified_radius", "orbit_period", "sliding"):
         if record[name] is None:
             del record[name]
     return record

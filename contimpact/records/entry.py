@@ -84,6 +84,9 @@ class Entry(Shown):
     system, options
         The model, and the texts that shape its formulas; None and empty where a catalogue of an
         earlier version does not say.
+    sliding : str or None
+        Which sliding bifurcation it is: ``grazing-sliding``, ``adding-sliding``,
+        ``switching-sliding`` or ``crossing-sliding``.
     certified_radius : float or None
         Radius of the proven enclosure of the followed parameter, where the entry is certified.
     nu, nu_error : float or None
@@ -132,6 +135,7 @@ class Entry(Shown):
     nu_error: float | None = None
     certified_radius: float | None = None
     orbit_period: float | None = None
+    sliding: str | None = None
 
     @property
     def times(self) -> Array:
@@ -195,7 +199,11 @@ class Entry(Shown):
         columns = ("wall", "time", "velocity before impact")
         rows = [(impact["wall"], impact["time"], impact["velocity"]) for impact in self.impacts]
         error = f"error {self.error:.1g}, {self.method}"
-        notes = [error, *([f"a ghost: {self.why}"] if self.why else [])]
+        notes = [
+            error,
+            *([self.sliding] if self.sliding else []),
+            *([f"a ghost: {self.why}"] if self.why else []),
+        ]
         return Summary(repr(self)[1:-1], columns, rows, notes)
 
     def __repr__(self) -> str:
