@@ -33,6 +33,9 @@ SEARCHED = (0, 4, 10, 20, 34)
 
 BISECTIONS = 44
 
+CLOSED_IN = 1e-12
+"""An arc shorter than this part of the way along the branch is no longer than rounding."""
+
 BLURRED = 10.0
 """How near to a branch point the status of points tells nothing, in roots of the tolerance."""
 
@@ -209,5 +212,10 @@ def _unexplained(kind: str, arc: Arc, change: Change) -> Missed:
     else:
         counts = left.evaluation.n_unstable, right.evaluation.n_unstable
         what = f"the number of unstable multipliers changes from {counts[0]} to {counts[1]} there"
-    reason = f"{what}, but no event that explains it was located; a smaller max_step may tell"
-    return Missed(kind, (left.parameter, right.parameter), reason)
+    reason = f"{what}, but no event that explains it was located"
+    span = right.arclength - left.arclength
+    if span <= CLOSED_IN * (1.0 + right.arclength):
+        remedy = "its place is closed in to rounding: smaller steps tell no more"
+    else:
+        remedy = "a smaller max_step may tell"
+    return Missed(kind, (left.parameter, right.parameter), f"{reason}; {remedy}")

@@ -4,7 +4,9 @@ It is the grazing of the orbit without that impact, seen from the longer word. I
 those of the shorter word: the same orbit, whose own have no pole.
 
 A contact with a soft stop vanishes as a whole: its two impacts meet, and the velocities of both
-vanish with its duration, which tells when.
+vanish with its duration, which tells when. A contact that lasts may also begin or end at rest: the
+flight that arrives there only touches the guard. No word without that impact goes on from there;
+nothing is born, and ``flight`` in the details tells this event from a contact that vanishes.
 """
 
 from __future__ import annotations
@@ -24,14 +26,18 @@ from .extended_system import ExtendedSystem
 from .kind import Change, Details, Kind, Look, ManyDigits, System, Values
 from .orbit_test import OrbitEvent, OrbitPoint, Orbits
 from .reached import Reached, ScalarTest
-from .sliding import at_rest
+from .sliding import BRIEF, at_rest
 from .start import Start, regular
 from .vanishing import vanished, vanishing, without
 from .zero_duration import ZeroDuration
 
 
 class ZeroVelocity(ScalarTest):
-    """The velocity of each impact, towards its wall; the duration of each excursion."""
+    """The velocity of each impact, towards its wall; the duration of each excursion.
+
+    The velocities at both ends of an excursion vanish with it. Divided by its duration they do not,
+    and tell where one vanishes alone.
+    """
 
     kind = "V"
 
@@ -43,12 +49,17 @@ class ZeroVelocity(ScalarTest):
         self.velocities = 1 + problem.m * np.array(self.impacts, dtype=int)
         self.excursions = list(problem.excursions)
         self.durations = ZeroDuration(problem)
+        self.alone = [Alone(problem, k) for k in sorted(met)]
 
     def of(self, orbits: Orbits) -> Array:
         speeds = self.sides * orbits.unknowns[:, self.velocities]
-        return np.hstack([speeds, self.durations.lengths(orbits)[:, self.excursions]])
+        lengths = self.durations.lengths(orbits)
+        alone = [one.rates(orbits, lengths) for one in self.alone]
+        return np.column_stack([speeds, lengths[:, self.excursions], *alone])
 
     def gradient(self, problem: OrbitProblem, z: Array, index: int) -> Array:
+        if index >= self.together:
+            return self.alone[index - self.together].gradient(problem, z, self.durations)
         if index >= len(self.impacts):
             return self.durations.gradient(problem, z, self.place(index))
         gradient = np.zeros(len(z))
@@ -56,9 +67,14 @@ class ZeroVelocity(ScalarTest):
         return gradient
 
     def noise_of(self, problem: OrbitProblem, z: Array, index: int) -> float:
-        if index < len(self.impacts):
+        if not len(self.impacts) <= index < self.together:
             return 0.0
         return self.durations.noise_of(problem, z, self.place(index))
+
+    @property
+    def together(self) -> int:
+        """How many values tell of impacts that vanish."""
+        return len(self.impacts) + len(self.excursions)
 
     def locate(
         self, problem: Problem[Linearisation], guess: OrbitPoint, index: int
@@ -71,10 +87,57 @@ class ZeroVelocity(ScalarTest):
 
     def place(self, index: int) -> int:
         """Return the number of the impact, or of the first of those that meet."""
-        return [*self.impacts, *self.excursions][index]
+        return [*self.impacts, *self.excursions, *(one.impact for one in self.alone)][index]
+
+    def index(self, details: Details) -> int:
+        """Return which of the values an event is a zero of."""
+        impact, alone = details["impact"], [one.impact for one in self.alone]
+        if "flight" in details and impact in alone:
+            return self.together + alone.index(impact)
+        return [*self.impacts, *self.excursions].index(impact)
 
     def described(self, problem: OrbitProblem, index: int) -> Details:
-        return {"impact": self.place(index), "wall": problem.word.walls[self.place(index)]}
+        impact = self.place(index)
+        told = {"impact": impact, "wall": problem.word.walls[impact]}
+        if index < self.together:
+            return told
+        return told | {"flight": (impact - 1) % len(problem.word)}
+
+
+class Alone:
+    """The velocity of an impact between excursions, towards its wall, over their durations."""
+
+    def __init__(self, problem: OrbitProblem, impact: int) -> None:
+        sides = {w.name: float(w.side) for w in problem.model.WALLS}
+        beside = impact, (impact - 1) % len(problem.word)
+        self.impact, self.side = impact, sides[problem.word.walls[impact]]
+        self.flights = [k for k in beside if k in problem.excursions]
+        self.velocity = 1 + problem.m * impact
+
+    def rates(self, orbits: Orbits, lengths: Array) -> Array:
+        """Return them for many orbits; not a number where an excursion vanishes, shape (P,)."""
+        least = np.min(np.abs(lengths[:, self.flights]), axis=1)
+        there = least > BRIEF * orbits.spans
+        over = np.where(there, np.prod(lengths[:, self.flights], axis=1), np.nan)
+        return self.side * orbits.unknowns[:, self.velocity] / over
+
+    def gradient(self, problem: OrbitProblem, z: Array, durations: ZeroDuration) -> Array:
+        """Return the gradient of one of them, shape (n + 1,)."""
+        ends = [problem.times_around(z, k) for k in self.flights]
+        lengths = [end - begin for begin, end in ends]
+        rates = (
+            durations.gradient(problem, z, k) / d
+            for k, d in zip(self.flights, lengths, strict=True)
+        )
+        gradient = -z[self.velocity] * np.sum(list(rates), axis=0)
+        gradient[self.velocity] += 1.0
+        return self.side * gradient / np.prod(lengths)
+
+
+def stopped(problem: OrbitProblem, details: Details) -> tuple[int, ...]:
+    """Return the impacts that have no velocity at an event."""
+    impact = details["impact"]
+    return (impact,) if "flight" in details else vanishing(problem, impact)
 
 
 class V(Kind):
@@ -91,21 +154,21 @@ class V(Kind):
 
     def equations(self, problem: OrbitProblem, details: Details) -> ExtendedSystem:
         test = ZeroVelocity(problem)
-        return Reached(problem, test, [*test.impacts, *test.excursions].index(details["impact"]))
+        return Reached(problem, test, test.index(details))
 
     def in_many_digits(self, orbit: ManyDigits, unknowns: Array, details: Details) -> System:
         impact = details["impact"]
-        if impact in orbit.problem.excursions:
+        if impact in orbit.problem.excursions and "flight" not in details:
             return orbit.vanishing(lambda x: orbit.duration(x, impact))
         return orbit.vanishing(lambda x: x[orbit.problem.m * impact + 1])
 
     def born(self, event: OrbitEvent) -> Start | None:
         here: Linearisation = event.point.evaluation
-        shorter = without(here, event.details["impact"])
+        shorter = _shorter(here, event.details)
         return None if shorter is None else regular(*shorter)
 
     def next_word(self, event: OrbitEvent) -> Word | None:
-        shorter = without(event.point.evaluation, event.details["impact"])
+        shorter = _shorter(event.point.evaluation, event.details)
         return None if shorter is None else shorter[0].word
 
     def critical(self, multipliers: Array) -> list[int]:
@@ -113,7 +176,7 @@ class V(Kind):
         return [int(np.argmax(np.abs(multipliers)))]
 
     def multipliers(self, here: Linearisation, details: Details) -> tuple[Array, int]:
-        shorter = without(here, details["impact"])
+        shorter = _shorter(here, details)
         if shorter is None:
             return super().multipliers(here, details)
         there = shorter[0].evaluate(shorter[1])
@@ -121,7 +184,11 @@ class V(Kind):
         return found, int(count_unstable(found))
 
     def verdict(self, here: Linearisation, details: Details) -> Verdict:
-        return here.judge(forgive_impacts=vanished(here, details["impact"]))
+        if "flight" in details:
+            here, forgiven = _at_zero(here, details["impact"]), stopped(here.problem, details)
+        else:
+            forgiven = vanished(here, details["impact"])
+        return here.judge(forgive_impacts=forgiven)
 
     def sliding(self, event: OrbitEvent) -> str | None:
         here = event.point.evaluation
@@ -132,8 +199,21 @@ class V(Kind):
         return touch_points(_at_impact, lambda here: here.orbit, shorter)
 
 
+def _shorter(here: Linearisation, details: Details) -> tuple[OrbitProblem, Array] | None:
+    """As `without`; None where a contact that lasts begins or ends at rest."""
+    return None if "flight" in details else without(here, details["impact"])
+
+
+def _at_zero(here: Linearisation, impact: int) -> Linearisation:
+    """The orbit with a velocity of zero exactly: the sign of rounding does not tell on which side
+    of their guards the flights before and after are; their accelerations do."""
+    unknowns = here.unknowns.copy()
+    unknowns[here.problem.m * impact + 1] = 0.0
+    return Linearisation(here.problem, unknowns)
+
+
 def _without_touch(here: CurvePoint) -> Linearisation:
-    shorter = without(here.orbit, here.details["impact"])
+    shorter = _shorter(here.orbit, here.details)
     if shorter is None:
         raise ArithmeticError("no impact is left")
     here.orbit.problem.kernel_evaluations += len(shorter[0].word)

@@ -11,7 +11,7 @@ import numpy as np
 from flint import arb, ctx
 
 from ..bifurcations.registry import kind_of
-from ..bifurcations.zero_velocity import vanishing
+from ..bifurcations.zero_velocity import stopped as stopped_at
 from ..errors import InputError
 from ..orbits.problem import OrbitProblem
 from ..records.entry import Entry
@@ -237,13 +237,14 @@ def _existing(
     exact = dict(details)
     if "touch_time" in details:
         exact["touch_time"] = inner[problem.n + 1]
-    if "impact" in details:
-        at_rest = list(vanishing(problem, details["impact"]))
-    else:
-        at_rest = resting(space, box, inner) if "touch_time" in details else []
-    for impact in at_rest:
+    stopped: tuple[int, ...] = ()
+    if "touch_time" in details:
+        stopped = tuple(resting(space, box, inner))
+    elif "impact" in details:
+        stopped = stopped_at(problem, details)
+    for impact in stopped:
         z[problem.m * impact + 1] = arb(0)
-    return Orbit(space, z, kind, exact, tuple(at_rest)), box, inner
+    return Orbit(space, z, kind, exact, stopped), box, inner
 
 
 def recorded_unknowns(entry: Entry, problem: OrbitProblem) -> Any:

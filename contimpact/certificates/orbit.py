@@ -91,7 +91,9 @@ class Orbit:
     def _dropped(self) -> tuple[int, ...]:
         """The impacts at rest, if these are the event."""
         impact = self.details.get("impact")
-        return () if impact is None else vanishing(self.space.problem, impact)
+        if impact is None or "flight" in self.details:
+            return ()
+        return vanishing(self.space.problem, impact)
 
     def _quiet_flight(self, impact: int) -> Flight:
         """The flight of the orbit without impacts, from where it is at the time zero.
@@ -134,8 +136,9 @@ class Orbit:
 
     def _vanishing(self, flight: int) -> bool:
         """Whether the event is that a flight's duration vanishes."""
-        if flight in self.space.problem.excursions and flight == self.details.get("impact"):
-            return True
+        if "impact" in self.details:
+            excursion = flight in self.space.problem.excursions and "flight" not in self.details
+            return excursion and flight == self.details["impact"]
         return self.details.get("flight") == flight and "touch_time" not in self.details
 
     def _speeds(self) -> list[tuple[int, Any]]:

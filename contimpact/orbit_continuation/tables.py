@@ -44,7 +44,7 @@ def tabulate(points: Points, entries: Sequence[tuple[Point, Entry]]) -> dict[str
         columns["physical"][row] = int(entry.physical)
         columns["reason"][row] = entry.reason or ""
         columns["event"][row] = entry.id
-        if entry.impact in points[0].evaluation.problem.excursions:
+        if entry.impact in points[0].evaluation.problem.excursions and entry.flight is None:
             _set_multipliers(columns, row, entry)
     order = np.argsort(columns["arclength"], kind="stable")
     for name in columns:  # one after the other: a long branch is not held twice

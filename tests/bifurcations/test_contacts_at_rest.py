@@ -1,0 +1,160 @@
+"""V where contact begins or ends at rest though it lasts: a flight only touches its guard.
+
+The stop pulls or pushes with a force P as soon as it is touched, so that the field jumps there, and
+a contact that ends at rest can be physical.
+"""
+
+from __future__ import annotations
+
+import math
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+import sympy
+from scipy.integrate import solve_ivp
+
+from contimpact import Formulas, Model, Parameter, continue_orbit, follow_curve
+from contimpact.bifurcations.kind import Change
+from contimpact.bifurcations.status import _unexplained
+from contimpact.models.linear import Linear
+from contimpact.models.model import Guard, Mode
+from contimpact.models.word import Word
+from contimpact.orbits.orbit import Orbit
+from contimpact.orbits.problem import OrbitProblem
+from contimpact.orbits.search import solve_near
+from contimpact.segments.kernels import Kernels
+
+VALUES = {"a": 1.0, "w": 0.41, "c": 0.1, "k": 1.0, "e": 0.5, "P": -0.3, "kb": 5.0, "cb": 0.4}
+
+
+class Preloaded(Model):
+    """x'' + c x' + k x = a cos wt - [x > e](P + kb (x - e) + cb x'); a magnet where P < 0."""
+
+    SYSTEM = "preloaded"
+    MODES = (Mode("free"), Mode("pressed"))
+    WALLS = (Guard("C", +1, "free", "pressed"), Guard("R", -1, "pressed", "free"))
+    PARAMETERS = tuple(Parameter(name, "", name) for name in VALUES)
+
+    def formulas(self, symbols):
+        a, w, c, k, e, P, kb, cb = (symbols[p.name] for p in self.PARAMETERS)
+        period = 2 * sympy.pi / w
+
+        def linear(damping, stiffness, force):
+            given = {"mass": [[1]], "damping": [[damping]], "stiffness": [[stiffness]]}
+            return Linear(**given, period=period, force=lambda t: [a * sympy.cos(w * t) + force])
+
+        free, pressed = linear(c, k, 0), linear(c + cb, k + kb, kb * e - P)
+        return Formulas(
+            period=period,
+            walls={"C": e, "R": e},
+            flight={"free": free.flight, "pressed": pressed.flight},
+            acceleration={"free": free.acceleration, "pressed": pressed.acceleration},
+        )
+
+
+def branch(limits, guess, events=("FB", "V"), **changes):
+    """The branch of the orbit `CR` next to times and velocities of C and R."""
+    model = Preloaded(**VALUES | changes)
+    problem = OrbitProblem(model, Word("CR"), Kernels(model, "w"))
+    found = solve_near(problem, np.array([*guess, model.values["w"]]))
+    return continue_orbit(Orbit(problem, found), "w", limits, events=list(events))
+
+
+@pytest.fixture(scope="module")
+def magnet():
+    asked = ("FB", "V", "G", ("at rest", lambda o: o.velocities[1]))
+    return branch((0.403, 0.4146), (-2.0197, 0.2418, 3.3507, -0.0013), asked, w=0.40464)
+
+
+def flown(values, pressed, start, until):
+    """Position and velocity at a time, by SciPy."""
+    p = SimpleNamespace(**values)
+
+    def forces(t, y):
+        stop = p.P + p.kb * (y[0] - p.e) + p.cb * y[1] if pressed else 0.0
+        return [y[1], p.a * math.cos(p.w * t) - p.c * y[1] - p.k * y[0] - stop]
+
+    options = {"rtol": 1e-12, "atol": 1e-13, "method": "DOP853"}
+    return solve_ivp(forces, (start[0], until), start[1:], **options).y[:, -1]
+
+
+def test_a_contact_that_ends_at_rest_is_a_v(magnet):
+    (event,) = [e for e in magnet.events if e.kind == "V"]
+    (asked,) = [e for e in magnet.events if e.kind == "at rest"]
+    assert event.value == pytest.approx(asked.value, abs=2e-13)
+    assert event.error < 1e-13
+    assert (event.method, event.impact, event.wall) == ("newton", 1, "R")
+    assert (event.ghost, event.label) == (False, "V")
+    assert magnet.missed == []
+
+
+def test_its_orbit_obeys_the_equations_of_motion(magnet):
+    (event,) = [e for e in magnet.events if e.kind == "V"]
+    (contact, release), speed = event.times, event.velocities[0]
+    period, e = 2.0 * math.pi / event.value, event.parameters["e"]
+    touch = flown(event.parameters, True, (contact, e, speed), release)
+    assert touch == pytest.approx([e, 0.0], abs=1e-9)
+    again = flown(event.parameters, False, (release, e, 0.0), contact + period)
+    assert again == pytest.approx([e, speed], abs=1e-9)
+
+
+def test_it_is_where_the_branch_turns_unphysical(magnet):
+    (event,) = [e for e in magnet.events if e.kind == "V"]
+    columns = magnet.columns
+    physical, at = columns["physical"].astype(bool), columns["w"]
+    assert np.array_equal(physical, at >= event.value)
+
+
+def test_nothing_is_born_where_no_contact_vanishes(magnet):
+    (event,) = [e for e in magnet.events if e.kind == "V"]
+    assert event.becomes is None
+    assert tuple(event.opens) == ()
+    assert None in event.multipliers or abs(complex(*event.multipliers[0])) > 1e12
+
+
+def test_every_zero_of_a_velocity_is_recorded_once():
+    """A contact that vanishes is one event of its own."""
+    found = branch((0.9, 1.8), (0.1017, 4.5225, 1.3676, -3.5937), w=1.3, P=0.3)
+    columns = found.columns
+    points = columns["event"] == ""
+    for impact in (0, 1):
+        speed = columns[f"v{impact + 1}"][points]
+        changes = int(np.sum((speed[1:] >= 0.0) != (speed[:-1] >= 0.0)))
+        alone = [e for e in found.events if e.kind == "V" and e.flight is not None]
+        whole = [e for e in found.events if e.kind == "V" and e.becomes == "0"]
+        assert len(whole) == 1
+        assert changes == len(whole) + len([e for e in alone if e.impact == impact])
+    assert found.missed == []
+
+
+def test_it_is_a_ghost_where_the_body_is_pushed_back_at_once():
+    """Released at rest into a field that pushes it towards the stop, it is in contact again."""
+    found = branch((0.4728, 0.475), (-1.9581, 0.1518, -0.4985, -0.0046), w=0.47319, P=0.3)
+    events = [e for e in found.events if e.kind == "V"]
+    assert events
+    for event in events:
+        p, (_, release) = SimpleNamespace(**event.parameters), event.times
+        force = p.a * math.cos(p.w * release) - p.k * p.e
+        assert force > 0.0
+        assert event.ghost
+        assert "passes wall C" in event.reason
+
+
+def test_its_curve_in_two_parameters(magnet):
+    (event,) = [e for e in magnet.events if e.kind == "V"]
+    curve = follow_curve(event, Preloaded(**VALUES), "P", (0.38, 0.43), (-0.35, -0.25))
+    assert len(curve) > 5
+    assert np.max(np.abs(curve.columns["v2"])) < 1e-10
+
+
+@pytest.mark.parametrize(("width", "helps"), [(1e-15, False), (1e-3, True)])
+def test_smaller_steps_are_advised_only_where_they_tell_more(width, helps):
+    def end(arclength):
+        verdict = SimpleNamespace(physical=False, reason="it passes")
+        evaluation = SimpleNamespace(verdict=verdict)
+        return SimpleNamespace(arclength=arclength, parameter=0.4, evaluation=evaluation)
+
+    arc = SimpleNamespace(left=end(0.1), right=end(0.1 + width))
+    reason = _unexplained("V", arc, Change.PHYSICALITY).reason
+    assert ("a smaller max_step may tell" in reason) is helps
