@@ -6,49 +6,64 @@ from collections.abc import Mapping, Sequence
 from statistics import median
 from typing import Any
 
+import mpmath
 import numpy as np
 
 from ..bifurcations.declarations import KINDS
 from ..orbits.problem import Array
+from ..records.diagram import Diagram
 from ..records.entry import Entry
 from ..records.entry_conversion import details_of
 from ..records.recovery import orbit_of
 from ..scenes.scene import Scene
 from ..segments.kernels import Kernels
 from ..studies.explore import follow
-from .reference import Reference
+from .reference import Exact, Reference
+from .timing import within_budget
 
 DIGITS = 30
 
+SECONDS = 120.0
+"""After which no further event is compared."""
 
-def measured_events(scene: Scene, kernels: Kernels) -> list[dict[str, Any]]:
+
+def measured_events(
+    scene: Scene, kernels: Kernels, diagram: Diagram | None = None
+) -> list[dict[str, Any]]:
     """Return every event of the scene's diagram with its true error and its estimate.
 
-    An event of a family's member is compared at that member's parameter values.
+    An event of a family's member is compared at that member's parameter values. Those that there
+    is no time for are not ``compared``.
     """
     references: dict[Any, Reference] = {}
+    entries = [e for e in (diagram or follow(scene)).entries if e.kind in KINDS]
     rows = []
-    for entry in follow(scene).entries:
-        if entry.kind in KINDS:
-            here = orbit_of(entry, scene.model, kernels)
-            problem = here.problem
-            fixed = [v for n, v in problem.model.values.items() if n != scene.parameter]
-            key = (entry.word, entry.period, *fixed)
-            exact = references.setdefault(key, Reference(problem, DIGITS))
-            rows.append(_event_row(exact, entry, here.unknowns))
-    return rows
+    for entry in within_budget(entries, SECONDS):
+        here = orbit_of(entry, scene.model, kernels)
+        problem = here.problem
+        fixed = [v for n, v in problem.model.values.items() if n != scene.parameter]
+        key = (entry.word, entry.period, *fixed)
+        exact = references.setdefault(key, Reference(problem, DIGITS))
+        rows.append(_event_row(entry, here.unknowns, _solved(exact, entry, here.unknowns), True))
+    return [*rows, *(_event_row(entry, None, None, False) for entry in entries[len(rows) :])]
 
 
-def _event_row(exact: Reference, entry: Entry, unknowns: Array) -> dict[str, Any]:
-    found = exact.event(entry.kind, unknowns, details_of(entry))
+def _solved(exact: Reference, entry: Entry, unknowns: Array) -> Exact | None:
+    return exact.event(entry.kind, unknowns, details_of(entry))
+
+
+def _event_row(
+    entry: Entry, unknowns: Array | None, found: Exact | None, compared: bool
+) -> dict[str, Any]:
     true = abs(found.parameter_error(entry.value)) if found else None
     return {
         **{name: getattr(entry, name) for name in ("id", "label", "branch", "value")},
-        "digits": exact.ctx.nstr(found.parameter, DIGITS) if found else None,
+        "compared": compared,
+        "digits": mpmath.nstr(found.parameter, DIGITS) if found else None,
         "true_error": true,
         "estimated_error": entry.error,
         "ratio": None if true is None else _ratio(true, entry.error),
-        "moved": found.distance(unknowns) if found else None,
+        "moved": found.distance(unknowns) if found and unknowns is not None else None,
         "condition": found.condition if found else None,
         "method": entry.method,
     }
@@ -66,6 +81,7 @@ def honesty(events: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
     ratios = [e["ratio"] for e in events if e["ratio"] is not None]
     return {
         "events": len(events),
+        "compared": sum(e["compared"] for e in events),
         "confirmed": sum(e["true_error"] is not None for e in events),
         "within_estimate": sum(ratio <= 1.0 for ratio in ratios),
         "median_ratio": median(ratios) if ratios else None,

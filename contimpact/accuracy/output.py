@@ -10,7 +10,11 @@ from typing import Any
 import numpy as np
 
 from ..storage.files import write_all
-from .report import SAMPLES, SHOT
+from .events import SECONDS as EVENTS_SECONDS
+from .report import SAMPLES
+from .shooting import MOST_EVALUATIONS
+from .shot import EVALUATIONS, SHOT
+from .timing import SECONDS
 
 
 def write_report(data: Mapping[str, Any], folder: Path, formats: Sequence[str]) -> list[str]:
@@ -46,10 +50,10 @@ def markdown(data: Mapping[str, Any], figures: Sequence[str] = ()) -> str:
 
 The branch of the orbit {data["orbit"]}, without events. Errors are those of impact
 times and velocities against {data["digits"]} digits, at up to {SAMPLES} places.
-Seconds are medians of {data["repetitions"]} repetitions, with least and most.
+Seconds are those of the processor: medians of {data["repetitions"]} repetitions, least and most.
 Shooting solves for {SHOT} orbits of the branch, at most 3 times, from guesses good to
 three digits; its cost is scaled to all orbits of the branch. Evaluations are of flight
-kernels; of shooting, of the equations of motion.
+kernels; of shooting, of the equations of motion. What has taken {SECONDS:.0f} s is not repeated.
 
 Machine: {about}.
 """
@@ -80,7 +84,33 @@ def _method_table(method: Mapping[str, Any]) -> list[str]:
     ]
     head = [f"## {method['name']}", "", f"Largest error of {method['error_of']}.", ""]
     columns = "error | seconds | spread | evaluations | orbits | failed"
-    return [*head, *_table(f"{method['varied']} | {columns}", rows), ""]
+    table = _table(f"{method['varied']} | {columns}", rows)
+    return [*head, *table, *_fewer_places(method), *_unfinished(method["rows"]), ""]
+
+
+def _fewer_places(method: Mapping[str, Any]) -> list[str]:
+    """What is said where the truth took so long that an error was measured at few places."""
+    rows = [r for r in method["rows"] if r.get("places", SAMPLES) < min(SAMPLES, r["orbits"])]
+    if not rows:
+        return []
+    least = min(r["places"] for r in rows)
+    said = f"In {len(rows)} rows the truth takes longer than {SECONDS:.0f} s at {SAMPLES} places; "
+    return ["", f"{said}errors are those at {least} at least."]
+
+
+def _unfinished(rows: Sequence[Mapping[str, Any]]) -> list[str]:
+    """What is said of rows that have spent their budget, and what would do instead."""
+    late = [r for r in rows if r.get("unfinished")]
+    if not late:
+        return []
+    several = ", ".join(f"{r['unfinished']} at {_number(r['setting'])}" for r in late)
+    return [
+        "",
+        f"Not ended within {EVALUATIONS} evaluations a row and {MOST_EVALUATIONS} a flight: "
+        f"{several}. Errors are of those that have ended, costs there the least they can be; where "
+        "nothing has ended, smaller tolerances are not tried. An explicit integrator takes many "
+        "steps where motion is stiff, an implicit one for small tolerances; larger ones end.",
+    ]
 
 
 def _event_table(events: Sequence[Mapping[str, Any]], fair: Mapping[str, Any]) -> list[str]:
@@ -94,6 +124,11 @@ def _event_table(events: Sequence[Mapping[str, Any]], fair: Mapping[str, Any]) -
         f"estimate for {fair['within_estimate']} of them, and at most "
         f"{_number(fair['largest_ratio'])} of it (median {_number(fair['median_ratio'])})."
     )
+    if left := fair["events"] - fair["compared"]:
+        summary += (
+            f" {left} were not compared: the others had taken longer than {EVENTS_SECONDS:.0f} s. "
+            "A scene with a smaller range or depth has fewer."
+        )
     columns = "id | event | value | true error | estimate | ratio | condition"
     return ["## Events", "", summary, "", *_table(columns, rows), ""]
 
@@ -101,6 +136,7 @@ def _event_table(events: Sequence[Mapping[str, Any]], fair: Mapping[str, Any]) -
 def _simulation_table(found: Mapping[str, Any]) -> list[str]:
     methods = [("closed form", found["simulator"])]
     methods += [("solve_ivp", row) for row in found["solve_ivp"]]
+    methods += [("solve_ivp, Radau", row) for row in found["radau"]]
     rows = [
         f"| {name} | {_number(r['setting'])} | {_number(r['error']) or 'failed'} "
         f"| {_number(r['seconds']['median'])} | {_number(r['evaluations'])} | {r['failed'] or ''} |"
@@ -122,7 +158,8 @@ def _simulation_table(found: Mapping[str, Any]) -> list[str]:
         "those of a flight."
     )
     table = _table("method | rtol | error | seconds | evaluations | failed", rows)
-    return ["## Simulation", "", head, "", *table, "", *said, ""]
+    late = [*_unfinished(found["solve_ivp"]), *_unfinished(found["radau"])]
+    return ["## Simulation", "", head, "", *table, *late, "", *said, ""]
 
 
 def _proof_table(proofs: Mapping[str, Any]) -> list[str]:

@@ -13,7 +13,7 @@ import os
 import platform
 import sys
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -23,27 +23,28 @@ from ..continuation.branch import Point, Walk
 from ..continuation.settings import PREDICTORS, Settings
 from ..errors import InputError
 from ..orbit_continuation.orbit_backend import walk_orbits
-from ..orbits.linearisation import Linearisation
 from ..orbits.orbit import Orbit
 from ..orbits.problem import Array
+from ..records.diagram import Diagram
 from ..scenes.scene import Scene
 from ..segments.kernels import Kernels
+from ..studies.explore import follow
 from ..studies.starting_orbits import orbits_at_start
 from .certified import certified
 from .events import DIGITS, honesty, measured_events
 from .long_words import long_words
 from .reference import Reference
+from .shooting import EXPLICIT
+from .shot import shot, some
 from .simulated import simulated
-from .timing import spread, timed
+from .timing import SECONDS, spread, within_budget
 
 SCHEMA = "contimpact.report/1"
 TOLERANCES = tuple(10.0**-k for k in range(4, 15))
 STEPS = (0.2, 0.1, 0.05, 0.025, 0.0125, 0.00625, 0.003125)
 SAMPLES = 40
-"""Orbits or places between points at which a method's error is measured."""
-
-SHOT = 6
-"""Orbits that the shooting method solves for."""
+"""Orbits or places between points at which a method's error is measured, as far as the budget of a
+row allows."""
 
 POINTS = 400
 
@@ -76,14 +77,14 @@ def report(
         raise InputError("repetitions", f"found {repetitions!r}", "give a whole number >= 1")
     progress = progress or (lambda text: None)
     kernels = Kernels(scene.model, scene.parameter)
-    orbit = _orbit(scene, kernels)
-    task = _Task(scene, orbit, repetitions)
-    progress("tolerances and steps")
+    progress("the scene's diagram")
+    diagram = follow(scene)
+    orbit = _orbit(scene, kernels, diagram)
+    task = _Task(scene, orbit, repetitions, progress)
     methods = task.walked()
-    progress("shooting")
     methods += task.shooting()
     progress("events")
-    events = measured_events(scene, kernels)
+    events = measured_events(scene, kernels, diagram)
     progress("simulation")
     simulation = simulated(scene, TOLERANCES, repetitions, DIGITS)
     proofs = certified(scene, progress)
@@ -104,15 +105,17 @@ def report(
     }
 
 
-def _orbit(scene: Scene, kernels: Kernels) -> Orbit:
-    """The first of a scene's orbits that has impacts, which a report compares."""
+def _orbit(scene: Scene, kernels: Kernels, diagram: Diagram) -> Orbit:
+    """The orbit whose branch a report compares: the first with impacts of those that the scene
+    names, or of those that were found from them, half way along its branch."""
     word = next((word for word in scene.orbits if word.walls), None)
-    if word is None:
-        accepted = (
-            "name one with impacts besides: a report compares times and velocities of impacts"
-        )
-        raise InputError("follow.orbits", "no word but 0", accepted)
-    return orbits_at_start(scene, kernels, word)[0]
+    if word is not None:
+        return orbits_at_start(scene, kernels, word)[0]
+    for branch in diagram.branches:
+        if branch.word and branch.parameter == scene.parameter:
+            return branch.orbit(len(branch) // 2, scene.model)
+    accepted = "name one with impacts besides: a report compares times and velocities of impacts"
+    raise InputError("follow.orbits", "no word but 0, and none was born on it", accepted)
 
 
 def machine() -> dict[str, Any]:
@@ -142,6 +145,7 @@ class _Task:
     scene: Scene
     orbit: Orbit
     repetitions: int
+    progress: Callable[[str], None]
 
     def __post_init__(self) -> None:
         self.problem = self.orbit.problem
@@ -169,12 +173,15 @@ class _Task:
             methods.append(self.steps(predictor))
         rows = [row for method in methods for row in method["rows"]]
         settings = [row.pop("settings") for row in rows]
-        seconds: list[list[float]] = [[] for _ in rows]
-        for _ in range(self.repetitions):
+        firsts = [row.pop("first") for row in rows]
+        seconds = [[first] if first > SECONDS else [] for first in firsts]
+        for number in range(self.repetitions):
+            self.progress(f"timings, repetition {number + 1}")
             for own, chosen in zip(seconds, settings, strict=True):
-                began = time.perf_counter()
-                self.walks(chosen)
-                own.append(time.perf_counter() - began)
+                if sum(own) <= SECONDS:
+                    began = time.process_time()
+                    self.walks(chosen)
+                    own.append(time.process_time() - began)
         for row, own in zip(rows, seconds, strict=True):
             row["seconds"] = spread(own)
         return methods
@@ -203,17 +210,22 @@ class _Task:
         self, value: float, settings: Settings, places: Callable[[Walk], list[_Place]]
     ) -> dict[str, Any]:
         """Error and evaluations; the seconds are measured afterwards."""
-        before = self.problem.kernel_evaluations
+        self.progress(f"a branch with the setting {value:.0e}")
+        before, began = self.problem.kernel_evaluations, time.process_time()
         walks = self.walks(settings)
         evaluations = self.problem.kernel_evaluations - before
-        guesses = [guess for w in walks for guess in places(w)]
+        first = time.process_time() - began
+        guesses = _mixed(some([guess for w in walks for guess in places(w)], SAMPLES))
+        errors = [self.error(*place) for place in within_budget(guesses)]
         return {
             "setting": value,
-            "error": max((self.error(*place) for place in _some(guesses)), default=None),
+            "error": max(errors, default=None),
+            "places": len(errors),
             "evaluations": evaluations,
             "orbits": sum(len(w.points) for w in walks),
             "failed": 0,
             "settings": settings,
+            "first": first,
         }
 
     def error(self, unknowns: Array, held: int = -1) -> float:
@@ -224,45 +236,24 @@ class _Task:
     def shooting(self) -> list[dict[str, Any]]:
         """What a user would write: nothing for systems it has no simple form for."""
         walks = self.walks(self.settings())
-        points = [p for w in walks for p in w.points if _shootable(p)]
-        if self.problem.m != 2 or self.problem.lost or not points:
-            return []
-        chosen = [p.unknowns for p in _some(points, SHOT)]
-        share = sum(len(w.points) for w in walks) / len(chosen)
-        rows = [self.shot(tolerance, chosen, share) for tolerance in TOLERANCES]
-        return [_method("shooting, solve_ivp", "rtol", "points", rows)]
-
-    def shot(self, tolerance: float, chosen: list[Array], share: float) -> dict[str, Any]:
-        """Some orbits by shooting; its cost as if all orbits of the branch were."""
-        from .shooting import Shooting
-
-        shooting = Shooting(self.problem, tolerance)
-        repetitions = min(self.repetitions, 3)
-
-        def shoot() -> list[Array | None]:
-            return [shooting.orbit(_nearby(unknowns)) for unknowns in chosen]
-
-        solved, seconds = timed(shoot, repetitions, 1.0 / share)
-        reached = [unknowns for unknowns in solved if unknowns is not None]
-        return {
-            "setting": tolerance,
-            "error": max(map(self.error, reached), default=None),
-            "seconds": seconds,
-            "evaluations": share * shooting.evaluations / repetitions,
-            "orbits": len(chosen),
-            "failed": len(chosen) - len(reached),
-        }
+        found = shot(self.problem, walks, TOLERANCES, self.repetitions, self.progress)
+        methods = []
+        for integrator, rows in found.items():
+            for row in rows:
+                row["error"] = max(map(self.error, row.pop("reached")), default=None)
+            name = "shooting, solve_ivp" + (f" ({integrator})" if integrator != EXPLICIT else "")
+            methods.append(_method(name, "rtol", "points", rows))
+        return methods
 
 
 def _method(name: str, varied: str, measure: str, rows: list[dict[str, Any]]) -> dict[str, Any]:
     return {"name": name, "varied": varied, "error_of": measure, "rows": rows}
 
 
-def _some(items: Sequence[Any], most: int = SAMPLES) -> list[Any]:
-    """At most `most` items of a sequence, evenly spread."""
-    if len(items) <= most:
-        return list(items)
-    return [items[int(i)] for i in np.linspace(0, len(items) - 1, most)]
+def _mixed(items: list[Any]) -> list[Any]:
+    """The same items in an order in which the first few are spread over all."""
+    order = sorted(range(len(items)), key=lambda i: f"{i:010b}"[::-1])
+    return [items[i] for i in order]
 
 
 def _at_points(walked: Walk) -> list[_Place]:
@@ -281,18 +272,3 @@ def _between_points(walked: Walk) -> list[_Place]:
 def _fastest(point: Point) -> int:
     """The unknown by which the branch is best told along its way: not the parameter at a fold."""
     return int(np.argmax(np.abs(point.tangent)))
-
-
-def _shootable(point: Point[Linearisation]) -> bool:
-    """Whether a simulation can follow the orbit: physical, not nearly grazing, not at a fold."""
-    here = point.evaluation
-    speeds = here.problem.impacts(here.unknowns)[:, 1]
-    turning = abs(point.tangent[-1]) < 0.05 * np.max(np.abs(point.tangent))
-    return bool(here.verdict.physical and np.min(np.abs(speeds)) > 1e-3 and not turning)
-
-
-def _nearby(unknowns: Array) -> Array:
-    """A guess as good as a predictor's: three digits."""
-    guess = unknowns.copy()
-    guess[:-1] *= 1.0 + 1e-3 * np.cos(np.arange(len(guess) - 1))
-    return guess

@@ -18,6 +18,9 @@ ITERATIONS = 12
 MOST_EVALUATIONS = 50_000
 """In one flight: an explicit integrator takes more where the motion is stiff."""
 
+EXPLICIT, IMPLICIT = "DOP853", "Radau"
+"""Integrators of `solve_ivp`, the second for stiff motion."""
+
 
 class _TooLong(Exception):
     """A flight has taken too many evaluations."""
@@ -32,14 +35,25 @@ class Shooting:
         Of a system with one degree of freedom.
     tolerance : float
         Relative and absolute tolerance of the integrator.
+    method : {"DOP853", "Radau"}
+    budget : float
+        Evaluations of the equations of motion, all in all, after which nothing is integrated.
 
     Attributes
     ----------
     evaluations : int
         Evaluations of the equations of motion so far.
+    given_up : bool
+        Whether a flight has been given up, so that nothing is known of its end.
     """
 
-    def __init__(self, problem: OrbitProblem, tolerance: float) -> None:
+    def __init__(
+        self,
+        problem: OrbitProblem,
+        tolerance: float,
+        method: str = EXPLICIT,
+        budget: float = np.inf,
+    ) -> None:
         import sympy
         from scipy.integrate import solve_ivp
 
@@ -47,16 +61,19 @@ class Shooting:
 
         self.problem, self._integrate = problem, solve_ivp
         self.tolerance = max(tolerance, 2.3e-14)  # the least that solve_ivp takes
-        self.evaluations = 0
+        self.method, self.budget = method, budget
+        self.evaluations, self.given_up = 0, False
         names = {name: sympy.Symbol(name, real=True) for name in problem.model.values}
         t, x, v = sympy.symbols("t x v", real=True)
         formulas = problem.model.formulas(names)
         given = list(names.values())
-        self._force, self._after = {}, {}
+        self._force, self._slopes, self._after = {}, {}, {}
         for guard in problem.model.WALLS:
             force = of_mode(formulas.acceleration, guard.next_mode)(t, [x], [v])[0]
             force = sympy.sympify(force).doit()
             self._force[guard.name] = sympy.lambdify([t, x, v, *given], force, "math")
+            slopes = [force.diff(x), force.diff(v)]
+            self._slopes[guard.name] = sympy.lambdify([t, x, v, *given], slopes, "math")
             after = [e[0] for e in state_after(formulas, guard.name, [x], [v], "formulas")]
             self._after[guard.name] = sympy.lambdify([x, v, *given], after, "math")
 
@@ -85,6 +102,8 @@ class Shooting:
             if np.max(np.abs(step)) <= 2.0 * self.tolerance:
                 return np.append(np.array(rows).ravel(), guess[-1])
             state = state - step
+        if not np.max(np.abs(step)) <= h:
+            return None
         return np.append(np.array(rows).ravel(), guess[-1])
 
     def _around(self, state: Array, p: list[float]) -> tuple[Array, list[list[float]]] | None:
@@ -106,14 +125,14 @@ class Shooting:
     ) -> list[float] | None:
         """Return time and velocity before the next impact, within twice a span of time.
 
-        None if there is none, or if it takes more than `MOST_EVALUATIONS`.
+        None if there is none, or if it takes more than `MOST_EVALUATIONS` or the budget.
         """
         walls = self.problem.model.WALLS
         places = self.problem.kernels.setup(*p).walls
         place = dict(zip((w.name for w in walls), places, strict=True))
         left, velocity = self._after[a](place[a], impact[1], *p)
         start, distance, force = [left - place[a], velocity], place[b] - place[a], self._force[a]
-        last = self.evaluations + MOST_EVALUATIONS
+        last = min(self.evaluations + MOST_EVALUATIONS, self.budget)
 
         def arrival(t: float, y: Array) -> float:
             return float(y[0] - distance)
@@ -124,14 +143,20 @@ class Shooting:
                 raise _TooLong
             return [y[1], force(t, place[a] + y[0], y[1], *p)]
 
+        def jacobian(t: float, y: Array) -> list[list[float]]:
+            return [[0.0, 1.0], self._slopes[a](t, place[a] + y[0], y[1], *p)]
+
         event: Any = arrival
         event.terminal = True
         event.direction = next(w.side for w in walls if w.name == b)
         window, tolerance = (impact[0], impact[0] + 2.0 * span), self.tolerance
-        options = {"rtol": tolerance, "atol": tolerance, "method": "DOP853"}
+        options: dict[str, Any] = {"rtol": tolerance, "atol": tolerance, "method": self.method}
+        if self.method == IMPLICIT:
+            options["jac"] = jacobian
         try:
             result = self._integrate(motion, window, start, events=event, **options)
         except _TooLong:
+            self.given_up = True
             return None
         if result.status != 1:
             return None

@@ -19,8 +19,9 @@ from ..segments.kernels import Kernels
 from ..simulation.run import Run
 from ..simulation.simulator import Simulator
 from .reference import Reference
-from .shooting import Shooting
-from .timing import timed
+from .shooting import EXPLICIT, IMPLICIT, Shooting
+from .shot import EVALUATIONS
+from .timing import timed, within_budget
 
 if TYPE_CHECKING:
     from ..attractors.energy import Membrane
@@ -81,7 +82,7 @@ class ExactFlights:
     def errors(self, run: Run, flights: int = FLIGHTS) -> list[float]:
         """Return the error of each of some flights, from the simulated impact before it."""
         found = []
-        for k in flights_of(run)[:flights]:
+        for k in within_budget(flights_of(run)[:flights]):
             arrived = self.arrival(*self.about(run, k, impact(run, k)))
             found.append(self.off(run, k, arrived))
         return found
@@ -95,7 +96,7 @@ class ExactFlights:
         velocities: list[Any] = []
         start: list[Any] = impact(run, 0)
         flown = set(flights_of(run))
-        for k in range(min(flights, len(run) - 1)):
+        for k in within_budget(range(min(flights, len(run) - 1))):
             if k not in flown:
                 break
             found = self.arrival(*self.about(run, k, start))
@@ -161,7 +162,12 @@ def simulated(
     one_by_one = exact.errors(run)
     along, velocities = exact.along(run)
     row = {"setting": None, "error": max(one_by_one, default=None), "seconds": seconds}
-    row |= {"evaluations": None, "failed": 0}
+    row |= {"evaluations": None, "failed": 0, "unfinished": 0}
+    by_integrator: dict[str, list[dict[str, Any]]] = {EXPLICIT: [], IMPLICIT: []}
+    for method, rows in by_integrator.items():
+        if simulator.several or (method == IMPLICIT and not _unfinished(by_integrator[EXPLICIT])):
+            continue
+        rows += [integrated(exact, run, tolerance, method) for tolerance in tolerances]
     energy = None
     if scene.energy is not None:
         energy = voltages(scene.energy, scene.model.values, run, velocities, exact.exact.ctx)
@@ -169,28 +175,36 @@ def simulated(
         "impacts": len(run),
         "flights": len(one_by_one),
         "simulator": row,
-        "solve_ivp": [integrated(exact, run, t) for t in tolerances if not simulator.several],
+        "solve_ivp": by_integrator[EXPLICIT],
+        "radau": by_integrator[IMPLICIT],
         "along": along,
         "energy": energy,
     }
 
 
-def integrated(exact: ExactFlights, run: Run, tolerance: float) -> dict[str, Any]:
+def _unfinished(rows: Sequence[Mapping[str, Any]]) -> bool:
+    return any(row["unfinished"] for row in rows)
+
+
+def integrated(exact: ExactFlights, run: Run, tolerance: float, method: str) -> dict[str, Any]:
     """Some of the flights by `solve_ivp`: the largest error, and cost per flight."""
-    shooting = Shooting(exact.problem, tolerance)
+    shooting = Shooting(exact.problem, tolerance, method, EVALUATIONS)
     values = list(exact.problem.model.values.values())
     span = float(exact.period)
     clear = np.abs(run.velocities) > CLEAR
     rows = [k for k in flights_of(run) if clear[k] and clear[k + 1]][:INTEGRATED]
 
-    def fly(k: int) -> list[float] | None:
+    def fly(k: int) -> tuple[list[float] | None, bool]:
+        shooting.given_up = False
         a, b = (exact.letters[int(run.walls[i])] for i in (k, k + 1))
         start = [float(run.phases[k]), float(run.velocities[k])]
-        return shooting.flight(a, b, start, (1 + exact.turns(run, k)) * span, values)
+        arrival = shooting.flight(a, b, start, (1 + exact.turns(run, k)) * span, values)
+        return arrival, shooting.given_up
 
     arrivals, seconds = timed(lambda: [fly(k) for k in rows], 1, max(len(rows), 1))
     errors = []
-    for k, found in zip(rows, arrivals, strict=True):
+    unfinished = sum(given_up for _, given_up in arrivals)
+    for k, (found, _) in zip(rows, arrivals, strict=True):
         start = [float(run.phases[k]), float(run.velocities[k])]
         truth = exact.arrival(*exact.about(run, k, start))
         if found is not None and truth is not None:
@@ -200,7 +214,8 @@ def integrated(exact: ExactFlights, run: Run, tolerance: float) -> dict[str, Any
         "error": max(errors, default=None),
         "seconds": seconds,
         "evaluations": shooting.evaluations / max(len(rows), 1),
-        "failed": len(rows) - len(errors),
+        "failed": len(rows) - len(errors) - unfinished,
+        "unfinished": unfinished,
     }
 
 

@@ -10,20 +10,24 @@ import numpy as np
 import pytest
 from zoo import ROOT, SMALL
 
-from contimpact.accuracy import long_words
+from contimpact.accuracy import events, long_words, timing
 from contimpact.accuracy import report as module
+from contimpact.accuracy import shot as contestant
 from contimpact.accuracy.events import honesty, measured_events
-from contimpact.accuracy.output import _simulation_table
+from contimpact.accuracy.output import _event_table, _simulation_table, _unfinished
 from contimpact.accuracy.reference import Reference
-from contimpact.accuracy.shooting import MOST_EVALUATIONS, Shooting
+from contimpact.accuracy.shooting import EXPLICIT, IMPLICIT, MOST_EVALUATIONS, Shooting
 from contimpact.accuracy.simulated import simulated
 from contimpact.cli import main
 from contimpact.continuation.settings import Settings
 from contimpact.errors import InputError
+from contimpact.orbit_continuation.orbit_backend import walk_orbits
 from contimpact.orbits.search import find_orbits
 from contimpact.plots.report import plot_report
 from contimpact.scenes.scene import load_scene, read_scene
 from contimpact.segments.kernels import Kernels
+from contimpact.studies.explore import follow
+from contimpact.systems.oscillator import Oscillator
 
 
 @pytest.fixture(scope="module")
@@ -35,7 +39,7 @@ def folder(tmp_path_factory):
         patch.setattr(module, "TOLERANCES", (1e-4, 1e-8, 1e-14))
         patch.setattr(module, "STEPS", (0.1, 0.01))
         patch.setattr(long_words, "WORD_LENGTHS", (10, 20, 40, 60))
-        patch.setattr(module, "SHOT", 2)
+        patch.setattr(contestant, "SHOT", 2)
         command = ["report", str(place / "scene.toml"), "-o", str(place / "out"), "-n", "2"]
         assert main(command) == 0
     return place / "out"
@@ -225,3 +229,60 @@ def test_the_secant_predictor_reaches_the_same_branch(pair):
         values.append([(e.label, e.value) for e in branch.events])
     assert [label for label, _ in values[0]] == [label for label, _ in values[1]]
     assert np.allclose([v for _, v in values[0]], [v for _, v in values[1]], atol=1e-13, rtol=0)
+
+
+STIFF = {"a": 3000.0, "omega": 1.0, "c": 100.0, "k": 1e4, "sigma": 0.3, "r": 0.8}
+
+
+def test_shooting_of_stiff_motion_ends_within_its_budget_and_says_what_it_reached(monkeypatch):
+    """One for stiff motion is tried besides; what costs more than nothing ended at is not."""
+    monkeypatch.setattr(contestant, "EVALUATIONS", 30_000)
+    monkeypatch.setattr(contestant, "SHOT", 1)
+    model = Oscillator(**STIFF)
+    (orbit, *_) = find_orbits(model, "1", parameter="a")
+    walk = walk_orbits(
+        orbit.problem,
+        orbit.unknowns,
+        +1,
+        gaps=False,
+        limits=(2999.9, 3000.1),
+        settings=Settings(max_points=3),
+    )
+    told = []
+    found = contestant.shot(orbit.problem, [walk], (1e-4, 1e-8, 1e-11, 1e-12), 1, told.append)
+    assert list(found) == [EXPLICIT, IMPLICIT]
+    last = found[EXPLICIT][-1]
+    assert last["unfinished"] == 1
+    assert last["evaluations"] <= 30_001 * len(walk.points)
+    assert len(found[EXPLICIT]) < 4
+    assert all(r["evaluations"] <= 30_001 * len(walk.points) for r in found[IMPLICIT])
+    text = "\n".join(_unfinished([last]))
+    assert "Not ended within 200000 evaluations a row and 50000 a flight: 1 at" in text
+    assert "smaller tolerances are not tried" in text
+
+
+def test_the_first_orbit_with_impacts_is_compared_where_a_scene_names_none():
+    scene = load_scene(ROOT / "branches" / "soft_stop" / "scene.toml")
+    given = {**scene.given, "follow": {**scene.given["follow"], "range": [1.6, 2.0]}}
+    scene = read_scene(given)
+    kernels = Kernels(scene.model, scene.parameter)
+    orbit = module._orbit(scene, kernels, follow(scene))
+    assert str(orbit.word) == "CR"
+    assert 1.6 < orbit.unknowns[-1] < 1.73
+
+
+def test_events_that_there_is_no_time_for_are_counted(monkeypatch):
+    monkeypatch.setattr(events, "SECONDS", 0.0)
+    scene = read_scene(tomllib.loads(SMALL))
+    rows = measured_events(scene, Kernels(scene.model, scene.parameter))
+    fair = honesty(rows)
+    assert (fair["events"], fair["compared"], fair["confirmed"]) == (2, 1, 1)
+    assert "1 were not compared" in "\n".join(_event_table(rows, fair))
+
+
+def test_what_takes_long_is_not_repeated(monkeypatch):
+    monkeypatch.setattr(timing, "SECONDS", 0.0)
+    calls = []
+    _, seconds = timing.timed(lambda: calls.append(sum(range(10**5))), 5)
+    assert len(calls) == 1
+    assert seconds["low"] == seconds["median"] == seconds["high"] > 0.0
