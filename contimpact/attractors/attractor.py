@@ -11,7 +11,9 @@ from typing import Any
 import numpy as np
 
 from ..arrays import Array
+from ..errors import InputError
 from ..models.model import Model
+from ..orbits.orbit import Orbit
 from ..records.tables import same_data
 from ..simulation.run import State
 from ..storage.decoding import made
@@ -120,6 +122,35 @@ class Attractor:
     def __repr__(self) -> str:
         word = f" ({self.word})" if self.word else ""
         return f"<{self.notation}{word}, velocities {np.array2string(self.velocities[:8])}>"
+
+    def orbit(self, model: Model, parameter: str | None = None) -> Orbit:
+        """Return a periodic motion as an orbit, which can be followed.
+
+        Parameters
+        ----------
+        model : Model
+            Its system; parameter values are taken from the attractor.
+        parameter : str, optional
+            That may be followed; the model's first one by default.
+
+        Raises
+        ------
+        InputError
+            If the motion is no orbit of impacts, or the system another one.
+        """
+        from ..records.recovery import orbit_with
+
+        if self.kind is not Kind.PERIODIC or self.word is None or self.period is None:
+            accepted = "give one that is periodic; plot_sweep and portraits show any motion"
+            raise InputError("attractor", f"found {self.label}", accepted)
+        if lacking := [name for name in model.values if name not in self.parameters]:
+            found = f"an attractor without {', '.join(lacking)}"
+            raise InputError("model", found, "give the model it was simulated with")
+        at = model.replace(**{name: self.parameters[name] for name in model.values})
+        followed = parameter or next(iter(model.values))
+        columns = [self.times, self.velocities, *self.others.T]
+        unknowns = [*np.stack(columns, axis=1).ravel(), at.values[followed]]
+        return orbit_with(at, (self.word, self.period), followed, np.array(unknowns))
 
     def as_record(self) -> dict[str, Any]:
         """Return plain data from which `from_record` makes the same attractor."""

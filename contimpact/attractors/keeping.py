@@ -24,7 +24,8 @@ from ..records.diagram import Diagram
 from ..records.entry import Entry
 from ..records.loading import BRANCH, CURVE, checking, entry_of, read_branch, read_curve
 from ..records.recovery import named_model, orbit_with
-from ..storage.decoding import fitted
+from ..simulation.run import Outcome, Run, State
+from ..storage.decoding import fitted, made
 from ..storage.files import read_bounded, write_text
 from ..storage.texts import json_line
 from .attractor import Attractor
@@ -40,8 +41,8 @@ def save(result: Any, path: str | Path) -> None:
 
     Parameters
     ----------
-    result : Diagram, Branch, Curve, Entry, Orbit, Attractor, Sweep, or list
-        Of entries, orbits or attractors. Several branches or curves are kept as a diagram.
+    result : Diagram, Branch, Curve, Entry, Orbit, Attractor, Run, Sweep, or list
+        Of entries, orbits, attractors or runs. Several branches or curves are kept as a diagram.
     path : str or Path
         A folder for a diagram; a file whose name ends in ``.csv`` for a branch or a curve, in
         ``.json`` for the rest.
@@ -76,7 +77,7 @@ def load(path: str | Path, model: Model | None = None) -> Any:
 
     Returns
     -------
-    Diagram, Branch, Curve, Entry, Orbit, Attractor, Sweep or list
+    Diagram, Branch, Curve, Entry, Orbit, Attractor, Run, Sweep or list
         Equal to what was saved.
 
     Raises
@@ -118,12 +119,13 @@ def _content(result: Any) -> dict[str, Any]:
         (Entry, "entries", dataclasses.asdict),
         (Orbit, "orbits", _of_orbit),
         (Attractor, "attractors", Attractor.as_record),
+        (Run, "runs", _of_run),
     ):
         if items and all(isinstance(item, kind) for item in items):
             return {"kind": name, "several": several, "items": [record(item) for item in items]}
     accepted = (
-        "give a diagram, branch, curve, entry, orbit, attractor, sweep, or a list of entries, "
-        "orbits or attractors; several branches as ci.Diagram(name, branches)"
+        "give a diagram, branch, curve, entry, orbit, attractor, run, sweep, or a list of "
+        "entries, orbits, attractors or runs; several branches as ci.Diagram(name, branches)"
     )
     raise InputError("result", f"found {shown(result)}", accepted)
 
@@ -138,6 +140,36 @@ def _of_orbit(orbit: Orbit) -> dict[str, Any]:
     return about | word | {"unknowns": orbit.unknowns.tolist()}
 
 
+COLUMNS: dict[str, Any] = {"walls": np.int8, "turns": np.int64, "phases": float}
+COLUMNS |= {"velocities": float, "released": bool, "others": float, "held": np.int64}
+
+WIDER = ("others", "held")
+"""Columns of several coordinates, empty for one."""
+
+
+def _of_run(run: Run) -> dict[str, Any]:
+    columns = {name: getattr(run, name).tolist() for name in COLUMNS}
+    end = None if run.end is None else dataclasses.asdict(run.end)
+    about = {"letters": list(run.letters), "period": run.period, "outcome": run.outcome.name}
+    return about | columns | {"end": end}
+
+
+def _run(record: Mapping[str, Any]) -> Run:
+    """A run; its columns have a row each for the same impacts."""
+    columns = {name: np.array(record[name], dtype=kind) for name, kind in COLUMNS.items()}
+    if not columns["others"].size:
+        columns["others"] = columns["others"].reshape(len(record["others"]), 0)
+    own = [column for name, column in columns.items() if column.size or name not in WIDER]
+    if len({len(column) for column in own}) != 1 or np.any(columns["walls"] < 0):
+        raise ValueError("impacts that are no table")
+    letters = tuple(fitted(record["letters"], Sequence[str], "letters"))
+    if np.any(columns["walls"] >= len(letters)):
+        raise ValueError("a wall without a name")
+    end = None if record["end"] is None else made(State, record["end"])
+    period = fitted(record["period"], float, "period")
+    return Run(letters, period, outcome=Outcome[record["outcome"]], end=end, **columns)
+
+
 def _result(record: Mapping[str, Any], model: Model | None) -> Any:
     kind = record["kind"]
     if kind == "sweep":
@@ -149,6 +181,7 @@ def _result(record: Mapping[str, Any], model: Model | None) -> Any:
         "entries": entry_of,
         "orbits": lambda item: _orbit(item, model),
         "attractors": Attractor.from_record,
+        "runs": _run,
     }[kind]
     items = [make(item) for item in record["items"]]
     return items if record["several"] else items[0]

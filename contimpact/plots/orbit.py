@@ -11,8 +11,10 @@ from typing import Any
 
 import numpy as np
 
+from ..attractors.attractor import Attractor
 from ..bifurcations.registry import kind_of
 from ..errors import InputError
+from ..models.model import Model
 from ..orbits.orbit import Orbit
 from ..orbits.path import positions
 from ..records.entry import Entry
@@ -29,14 +31,19 @@ TOUCH: dict[str, Any] = {"marker": kind_of("G").look.marker, "markersize": 6, "z
 
 
 def plot_orbit(
-    *orbits: Any, axes: Any = None, labels: Sequence[str] | None = None, periods: int = PERIODS
+    *orbits: Any,
+    axes: Any = None,
+    labels: Sequence[str] | None = None,
+    periods: int = PERIODS,
+    model: Model | None = None,
 ) -> Any:
     """Draw the phase plane and the time series of an orbit, or of several on one another.
 
     Parameters
     ----------
-    *orbits : Orbit, Entry or (Branch, row)
-        Whatever `continue_orbit` takes. An entry of a grazing has its touch marked.
+    *orbits : Orbit, Entry, (Branch, row) or Attractor
+        Whatever `continue_orbit` takes. An entry of a grazing has its touch marked. An attractor
+        has to be periodic.
     axes : pair of matplotlib.axes.Axes, optional
         For the phase plane and for the time series; None in the place of one leaves it out. A new
         figure otherwise.
@@ -44,6 +51,9 @@ def plot_orbit(
         One for each orbit; its notation and parameter value by default.
     periods : int
         Forcing periods that the time series has at least.
+    model : Model, optional
+        The system of attractors, which do not name it, and of what names a system that is not
+        imported; parameter values are those of what is drawn.
 
     Returns
     -------
@@ -55,7 +65,7 @@ def plot_orbit(
         For what is no orbit, or another number of labels.
     """
     given = [named(one) for one in orbits]
-    found = [as_orbit(one) for one in given]
+    found = [_orbit(one, model) for one in given]
     if not found:
         raise InputError("orbits", "none", "give an orbit, an entry, or (branch, row)")
     if labels is not None and len(labels) != len(found):
@@ -79,6 +89,15 @@ def plot_orbit(
         if isinstance(one, Entry) and one.touch_time is not None:
             _mark_touch(plane, series, orbit, one)
     return plane, series
+
+
+def _orbit(given: Any, model: Model | None) -> Orbit:
+    if not isinstance(given, Attractor):
+        return as_orbit(given, model)
+    if model is None:
+        accepted = "give the model it was simulated with as model="
+        raise InputError("orbits", "an attractor, which does not name its system", accepted)
+    return given.orbit(model)
 
 
 def _axes() -> Any:

@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from ..orbits.orbit import Orbit
     from .area import Area
     from .curve import Check, Coverage, Curve
+    from .diagram_reading import Reading
 
 
 @dataclass(frozen=True)
@@ -88,6 +89,13 @@ class Diagram(Shown):
     def orbit(self, name: str | Entry, model: Model | None = None) -> Orbit:
         """Return the orbit of an entry, or of that of a name; see `Entry.orbit`."""
         return (name if isinstance(name, Entry) else self.entry(name)).orbit(model)
+
+    @property
+    def reading(self) -> Reading:
+        """What the diagram says: where orbits are stable, and the transitions between them."""
+        from .diagram_reading import read
+
+        return read(self)
 
     def __iter__(self) -> Iterator[Branch]:
         return iter(self.branches)

@@ -17,7 +17,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -26,8 +26,10 @@ from ..bifurcations.fold import FB
 from ..bifurcations.grazing import G
 from ..continuation.branch import EndKind
 from .branch import Branch
-from .diagram import Diagram
 from .entry import Entry
+
+if TYPE_CHECKING:
+    from .diagram import Diagram
 
 
 @dataclass(frozen=True)

@@ -118,6 +118,14 @@ class Run:
         first = self.turns[0] if len(self) else 0
         return (self.turns - first) * self.period + self.phases
 
+    def __eq__(self, other: object) -> bool:
+        if not isinstance(other, Run):
+            return NotImplemented
+        pairs = zip(vars(self).values(), vars(other).values(), strict=True)
+        return all(np.array_equal(one, its) for one, its in pairs)
+
+    __hash__ = object.__hash__
+
     def states(self) -> list[State]:
         """Return the rows as states."""
         columns = [self.walls, self.phases, self.velocities, self.turns]

@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+import dataclasses
 import json
 import math
 
 import numpy as np
 import pytest
+from zoo import ROOT
 
 import contimpact as ci
+from contimpact.attractors.attractor import Kind
 from contimpact.scenes.simulate_tables import Settling
 
 QUICK = Settling(transient=20, periods=200, impacts=400)
@@ -28,7 +31,11 @@ def kept(pair):
     entry = branch.events[0]
     curve = ci.follow_curve(entry, None, "r", (0.3, 0.4), (0.2, 0.4), settings=few)
     sweep = ci.sweep(pair, "s", [0.4, 0.375, 0.36], settling=QUICK)
+    simulator = ci.Simulator(pair)
+    run = simulator.run(simulator.state("B", 0.1, 0.6), impacts=30)
     return {
+        "run.json": run,
+        "runs.json": [run, simulator.run(run.end, periods=3)],
         "diagram": ci.Diagram("mine", [branch]),
         "branch.csv": branch,
         "curve.csv": curve,
@@ -64,6 +71,8 @@ def plain(result):
         "orbit.json",
         "orbits.json",
         "sweep.json",
+        "run.json",
+        "runs.json",
     ],
 )
 def test_what_is_saved_is_loaded(kept, name, tmp_path):
@@ -136,3 +145,45 @@ def test_an_own_system_is_given_as_model(kept, pair, tmp_path):
     with pytest.raises(ci.InputError, match="imported classes are the system 'mine'"):
         ci.load(path)
     assert np.array_equal(ci.load(path, pair).unknowns, kept["orbit.json"].unknowns)
+
+
+def test_a_run_goes_on_where_it_was_kept(kept, pair, tmp_path):
+    ci.save(kept["run.json"], tmp_path / "run.json")
+    again = ci.load(tmp_path / "run.json")
+    one, other = (ci.Simulator(pair).run(run.end, impacts=10) for run in (again, kept["run.json"]))
+    assert one == other
+    assert one != kept["run.json"]
+
+
+def test_runs_of_several_coordinates_are_kept(tmp_path):
+    model = ci.load_scene(ROOT / "branches" / "two_masses" / "scene.toml").model
+    simulator = ci.Simulator(model)
+    run = simulator.run(simulator.random_state(np.random.default_rng(1)), impacts=5)
+    ci.save(run, tmp_path / "run.json")
+    assert ci.load(tmp_path / "run.json") == run
+    assert ci.load(tmp_path / "run.json").others.shape == run.others.shape
+
+
+@pytest.mark.parametrize(
+    "damage",
+    [{"walls": [9]}, {"phases": [0.1]}, {"outcome": "ENDLESS"}, {"end": {}}, {"period": None}],
+)
+def test_damaged_runs_are_refused(kept, damage, tmp_path):
+    ci.save(kept["run.json"], tmp_path / "run.json")
+    record = json.loads((tmp_path / "run.json").read_text(encoding="utf-8"))
+    record["items"][0] |= damage
+    (tmp_path / "run.json").write_text(json.dumps(record), encoding="utf-8")
+    with pytest.raises(ci.InputError, match="damaged"):
+        ci.load(tmp_path / "run.json")
+
+
+def test_an_attractor_is_an_orbit_that_can_be_followed(kept, pair):
+    attractor = kept["sweep.json"].rows[0].attractor
+    orbit = attractor.orbit(pair, "s")
+    assert orbit.stable
+    assert orbit.velocities == pytest.approx(attractor.velocities, abs=1e-12)
+    assert len(ci.continue_orbit(orbit, "s", range=(0.38, 0.42), events=[])) > 1
+    with pytest.raises(ci.InputError, match="model: an attractor without"):
+        attractor.orbit(ci.Oscillator(a=1.0, omega=1.0, c=0.1, k=1.0, sigma=1.0, r=0.8))
+    with pytest.raises(ci.InputError, match="found complex; give one that is periodic"):
+        dataclasses.replace(attractor, kind=Kind.COMPLEX, word=None, period=None).orbit(pair)

@@ -73,3 +73,23 @@ def test_what_is_no_orbit_is_refused(given, where):
 def test_a_label_for_each(branch):
     with pytest.raises(ci.InputError, match="give 1, one for each orbit"):
         ci.plot_orbit((branch, 3), labels=["a", "b"])
+
+
+def test_an_attractor_is_drawn_with_its_model(branch):
+    pair = ci.ImpactPair(beta=math.pi / 6, r=0.3, A=5.0, s=0.4)
+    simulator = ci.Simulator(pair)
+    attractor = ci.settle(simulator, simulator.state("B", 0.1, 0.6))
+    plane, _ = ci.plot_orbit(attractor, model=pair)
+    flights = lines(plane, None)
+    assert len(flights) == len(attractor.walls) == 2
+    assert max(line.get_ydata().max() for line in flights) == pytest.approx(
+        attractor.velocities.max()
+    )
+    with pytest.raises(ci.InputError, match="give the model it was simulated with as model="):
+        ci.plot_orbit(attractor)
+
+
+def test_a_diagram_reads_itself(branch):
+    diagram = ci.Diagram("one", [branch])
+    assert diagram.reading == ci.read(diagram)
+    assert diagram.reading.stable
