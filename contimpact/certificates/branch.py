@@ -160,7 +160,7 @@ def certified_branch(
     kernels : Kernels, optional
     progress : callable, optional
     seconds : float
-        How long it may take; what is left then is unproven.
+        Processor time that it may take; what is left then is unproven.
     """
     began, budget = time.perf_counter(), Budget(seconds)
     with _precise():

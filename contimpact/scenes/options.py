@@ -101,7 +101,7 @@ class CertifyOptions:
     events : sequence of str
         For which kinds of events; those the scene looks for.
     seconds : float
-        How long the proof of a branch may take; what is left then is unproven.
+        Processor time that the proof of a branch may take; what is left then is unproven.
     """
 
     bits: int = 128
