@@ -1,10 +1,10 @@
 r"""Test functions along a tube: functions of the flights that vanish at folds and period doublings.
 
 With two multipliers they are the polynomial :math:`b\mu^2 - c\mu + a` at 1 and -1. With more, the
-cyclic matrix C(mu) is singular. In orthogonal coordinates U and V in which it is diagonal in the
-middle of the tube, its smallest singular value last, elimination gives its determinant as a product
-of pivots. If none but the last one can be zero, that one is the test function: it vanishes with the
-determinant, and nothing is divided by it.
+cyclic matrix C(mu) is singular: its determinant is the test function, in orthogonal coordinates U
+and V in which it is diagonal in the middle of the tube, its smallest singular value last.
+Elimination gives it as a product of pivots, and divides by none but the last one; where another one
+may be zero, it is expanded by minors, without a division.
 """
 
 from __future__ import annotations
@@ -40,8 +40,11 @@ OF_TWO: dict[float, Test] = {1.0: turning, -1.0: doubling}
 
 def test_at(segment: Segment, mu: float) -> Test:
     """Return the test function of a multiplier, the same function for all of a segment."""
-    return OF_TWO[mu] if segment.space.problem.m == 2 else _LastPivot(segment, mu)
+    return OF_TWO[mu] if segment.space.problem.m == 2 else _Determinant(segment, mu)
 
+
+LARGEST = 8
+"""Rows of matrices that are expanded by minors: it takes n 2^(n - 1) products."""
 
 ELSEWHERE = (0.5, -0.5)
 """Where the multipliers' polynomial is evaluated besides: it is zero everywhere where flights
@@ -53,11 +56,11 @@ def regular(segment: Segment, flights: list[Flight]) -> bool:
     if segment.space.problem.m == 2:
         b, c, a = characteristic(flights)
         return any(not (b * mu * mu - c * mu + a).contains(0) for mu in ELSEWHERE)
-    return any(not _LastPivot(segment, mu)(flights).contains(0) for mu in ELSEWHERE)
+    return any(not _Determinant(segment, mu)(flights).contains(0) for mu in ELSEWHERE)
 
 
-class _LastPivot:
-    """The last pivot of C(mu), in coordinates in which it is diagonal in the middle."""
+class _Determinant:
+    """The determinant of C(mu), in coordinates in which it is diagonal in the middle."""
 
     def __init__(self, segment: Segment, mu: float) -> None:
         problem = segment.space.problem
@@ -70,15 +73,10 @@ class _LastPivot:
 
     def __call__(self, flights: list[Flight]) -> Any:
         rows = self._turned(self._cyclic(flights))
-        for i in range(self.n - 1):
-            pivot = rows[i][i]
-            if coefficient(pivot, 0).contains(0):
-                raise ArithmeticError("a pivot of the cyclic matrix may be zero")
-            for later in rows[i + 1 :]:
-                factor = later[i] / pivot
-                for j in range(i + 1, self.n):
-                    later[j] = later[j] - factor * rows[i][j]
-        return rows[-1][-1]
+        found = _eliminated([list(row) for row in rows])
+        if found is None and self.n > LARGEST:
+            raise ArithmeticError("a pivot of the cyclic matrix may be zero")
+        return _by_minors(rows) if found is None else found
 
     def _cyclic(self, flights: list[Flight]) -> list[list[Any]]:
         """C(mu)."""
@@ -107,3 +105,31 @@ class _LastPivot:
         return [
             [arb_series([table[i][j] for table in tables], prec=length) for j in size] for i in size
         ]
+
+
+def _eliminated(rows: list[list[Any]]) -> Any:
+    """A determinant as the product of its pivots; None if one but the last may be zero."""
+    total: Any = arb(1)
+    for i, row in enumerate(rows[:-1]):
+        if coefficient(row[i], 0).contains(0):
+            return None
+        total = total * row[i]
+        for later in rows[i + 1 :]:
+            factor = later[i] / row[i]
+            for j in range(i + 1, len(rows)):
+                later[j] = later[j] - factor * row[j]
+    return total * rows[-1][-1]
+
+
+def _by_minors(rows: list[list[Any]]) -> Any:
+    """A determinant from the minors of its first rows, by the columns that these take."""
+    size, minors = len(rows), {0: arb(1)}
+    for row in rows:
+        found: dict[int, Any] = {}
+        for taken, minor in minors.items():
+            for j in (j for j in range(size) if not taken >> j & 1):
+                sign = (-1) ** (taken >> j).bit_count()
+                more, columns = sign * row[j] * minor, taken | 1 << j
+                found[columns] = found[columns] + more if columns in found else more
+        minors = found
+    return minors[2**size - 1]

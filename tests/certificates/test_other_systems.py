@@ -10,6 +10,7 @@ import math
 import subprocess
 import sys
 
+import numpy as np
 import pytest
 from zoo import ROOT
 
@@ -23,7 +24,7 @@ from contimpact.systems.oscillator import Oscillator
 
 flint = pytest.importorskip("flint", reason="needs contimpact[certify]")
 
-from contimpact.certificates import touches  # noqa: E402
+from contimpact.certificates import test_functions, touches  # noqa: E402
 from contimpact.certificates.branch import verified_branch  # noqa: E402
 from contimpact.certificates.certify import verify_folder  # noqa: E402
 from contimpact.certificates.event import EventCertificate, certified, verified  # noqa: E402
@@ -226,6 +227,21 @@ def test_deleted_and_invented_events_are_found():
             away = {**gone.parameters, gone.parameter: 0.999 * gone.value}
             invented = dataclasses.replace(gone, id="e99", parameters=away)
             assert not certified(invented).certified
+
+
+def test_a_determinant_is_the_same_by_pivots_and_by_minors():
+    rng = np.random.default_rng(1)
+    numbers = rng.normal(size=(6, 6, 3))
+    rows = [[flint.arb_series(c.tolist(), prec=3) for c in row] for row in numbers]
+    one = test_functions._eliminated([list(row) for row in rows])
+    other = test_functions._by_minors(rows)
+    assert all(one[j].overlaps(other[j]) for j in range(3))
+    assert float(other[0].mid()) == pytest.approx(np.linalg.det(numbers[:, :, 0]))
+    rows[0][0] = rows[0][0] - rows[0][0][0]
+    assert test_functions._eliminated([list(row) for row in rows]) is None
+    numbers[0, 0, 0] = 0.0
+    exact = np.linalg.det(numbers[:, :, 0])
+    assert float(test_functions._by_minors(rows)[0].mid()) == pytest.approx(exact)
 
 
 # Kinds.
