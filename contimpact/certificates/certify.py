@@ -301,14 +301,17 @@ def verify_folder(
         for c in stored.entries
         if c.id not in known
     ]
-    more = [one.id for one in tubes if one.id in kept and _says_more(kept[one.id], one)]
+    there = {one.id: one for one in tubes}
+    more = [name for name, record in kept.items() if _says_more(record, there.get(name))]
     seconds = time.perf_counter() - began
     said = digest(catalogue)
     return Certificates(stored.scene, said, found, tubes, seconds, versions(), more)
 
 
-def _says_more(record: BranchCertificate, found: BranchCertificate) -> bool:
-    """Whether a certificate says more of a branch than is proven."""
+def _says_more(record: BranchCertificate, found: BranchCertificate | None) -> bool:
+    """Whether a certificate says more of a branch than is proven, or of one that is not there."""
+    if found is None:
+        return True
     kinds = set(record.kinds) <= set(found.kinds)
     return (
         (record.complete and not found.complete)

@@ -256,6 +256,14 @@ def test_a_forged_tube_is_found(folder, proven, factor, capsys):
     assert "b1: its stored certificate says more than that" in capsys.readouterr().out
 
 
+def test_a_certificate_of_a_branch_that_is_not_there_is_found(folder, proven):
+    (folder / FILE).write_text(json.dumps(proven.record()))
+    catalogue = json.loads((folder / "catalogue.json").read_text())
+    (folder / "catalogue.json").write_text(json.dumps({**catalogue, "branches": []}))
+    found = verify_folder(folder)
+    assert (found.rejected, found.unconfirmed, found.certified) == ([], ["b1"], False)
+
+
 def test_a_catalogue_changed_afterwards_is_found(folder):
     write_certificates(folder, certify_folder(folder, CertifyOptions(branches=False)))
     catalogue = json.loads((folder / "catalogue.json").read_text())
