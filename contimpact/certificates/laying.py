@@ -40,8 +40,11 @@ def points_of(branch: Branch, problem: OrbitProblem) -> Array:
 
 
 def scale_of(problem: OrbitProblem, points: Array) -> Array:
+    """Natural sizes of the unknowns: the largest of those along the branch, because one that
+    passes through zero has none there."""
     span = float(np.ptp(points[:, -1])) or 1.0
-    return np.asarray(problem.scale(points[len(points) // 2], span))
+    sizes = [problem.scale(z, span) for z in points]
+    return np.asarray(np.max(sizes, axis=0))
 
 
 def nodes_of(problem: OrbitProblem, points: Array, scale: Array) -> list[Node]:

@@ -25,9 +25,10 @@ from contimpact.systems.oscillator import Oscillator
 flint = pytest.importorskip("flint", reason="needs contimpact[certify]")
 
 from contimpact.certificates import test_functions, touches  # noqa: E402
-from contimpact.certificates.branch import verified_branch  # noqa: E402
+from contimpact.certificates.branch import problem_of, verified_branch  # noqa: E402
 from contimpact.certificates.certify import verify_folder  # noqa: E402
 from contimpact.certificates.event import EventCertificate, certified, verified  # noqa: E402
+from contimpact.certificates.laying import points_of, scale_of  # noqa: E402
 from contimpact.certificates.records import FILE, Kept  # noqa: E402
 
 ENTRIES_ALONE = CertifyOptions(branches=False)
@@ -188,6 +189,18 @@ def test_tubes_meet_beside_a_crossing():
     for piece in (piece for branch in found.branches for piece in branch.unproven):
         assert piece.what == f"branches cross there, at {crossing.id}"
         assert abs(piece.end - piece.start) < 1e-4
+
+
+def test_sizes_of_unknowns_are_those_of_the_whole_branch():
+    """In the middle of the table one passes through zero, and has no size there."""
+    model = load_scene(ROOT / "branches" / "two_masses" / "scene.toml").model
+    orbit = find_orbits(model, "A", parameter="omega")[0]
+    branch = continue_orbit(orbit, range=(1.7, 1.9), events=())
+    problem = problem_of(branch, None, None)
+    points = points_of(branch, problem)
+    found, span = scale_of(problem, points), np.ptp(points[:, -1])
+    assert all((found >= problem.scale(z, span)).all() for z in points)
+    assert np.min(np.abs(points[:, 2])) < 0.25 * found[2]
 
 
 def test_long_flights_take_few_cells(monkeypatch):
