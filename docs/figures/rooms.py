@@ -5,6 +5,8 @@
 Rooms and arrows are those of the table in docs/architecture.md.
 """
 
+import math
+import random
 import re
 from collections.abc import Mapping
 from graphlib import TopologicalSorter
@@ -14,6 +16,9 @@ from matplotlib.backends.backend_svg import FigureCanvasSVG
 from matplotlib.figure import Figure
 
 HERE = Path(__file__).parent
+TRIES = 20_000
+"""Arrangements tried."""
+
 ROW = re.compile(r"^\| `(\w+)` \| (.*) \|$", re.MULTILINE)
 
 
@@ -42,18 +47,47 @@ def reduced(rooms: Mapping[str, set[str]]) -> dict[str, set[str]]:
     }
 
 
+def spread(
+    floor: Mapping[str, int], arrows: Mapping[str, set[str]]
+) -> dict[str, tuple[float, float]]:
+    """Return places on the floors such that few arrows pass behind boxes that are not theirs."""
+    chance, best, found = random.Random(3), math.inf, {}
+    for _ in range(TRIES):
+        moved = list(found) and chance.sample(list(found), 2)
+        places = {
+            name: (chance.uniform(-4.0, 4.0), 1.1 * level)
+            if name in moved or not found
+            else found[name]
+            for name, level in sorted(floor.items())
+        }
+        if (cost := disorder(places, arrows)) < best:
+            best, found = cost, places
+    return found
+
+
+def disorder(places: Mapping[str, tuple[float, float]], arrows: Mapping[str, set[str]]) -> float:
+    """Return how many boxes overlap or stand in the way of arrows, and how far these lean."""
+    cost = 0.0
+    for name, (x, y) in places.items():
+        for third, (a, b) in places.items():
+            if third != name and b == y and abs(a - x) < 0.6 + 0.09 * (len(name) + len(third)):
+                cost += 10.0
+        for other in sorted(arrows[name]):
+            u, v = places[other]
+            cost += 0.02 * abs(u - x)
+            for third, (a, b) in places.items():
+                across = x + (u - x) * (y - b) / (y - v)
+                cost += v < b < y and abs(across - a) < 0.5 + 0.11 * len(third)
+    return cost
+
+
 def draw(rooms: Mapping[str, set[str]], path: Path) -> None:
     """Draw boxes on their floors, and an arrow from each to what it stands on."""
-    floor = floors(rooms)
-    places = {}
-    for level in range(max(floor.values()) + 1):
-        here = sorted(name for name in rooms if floor[name] == level)
-        for i, name in enumerate(here):
-            places[name] = (2.4 * (i - (len(here) - 1) / 2) + 0.5 * (level % 2), 1.1 * level)
+    places = spread(floors(rooms), reduced(rooms))
     figure = Figure(figsize=(9.0, 6.4))
     ax = figure.add_axes((0.0, 0.0, 1.0, 1.0))
-    for name, others in reduced(rooms).items():
-        for other in others:
+    for name, others in sorted(reduced(rooms).items()):
+        for other in sorted(others):
             (x, y), (u, v) = places[name], places[other]
             arrow = {"arrowstyle": "-|>", "color": "0.55", "shrinkA": 0, "shrinkB": 0}
             ax.annotate("", (u, v + 0.27), (x, y - 0.27), arrowprops=arrow)
