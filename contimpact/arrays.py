@@ -26,7 +26,7 @@ class Containers(NamedTuple):
     Attributes
     ----------
     vector : callable ``vector(numbers)``
-        Of whole numbers if the first is one.
+        Of whole numbers if all are.
     table : callable ``table(rows, columns)``
         Of zeros.
     """
@@ -45,7 +45,8 @@ def _list_table(rows: int, columns: int) -> Table:
 
 def _array(numbers: Iterable[float]) -> Vector:
     found = np.array(numbers)
-    return found if len(found) else found.astype(float)
+    whole = len(found) and np.issubdtype(found.dtype, np.integer)
+    return found.astype(np.int64 if whole else float, copy=False)
 
 
 def _array_table(rows: int, columns: int) -> Table:

@@ -94,9 +94,9 @@ class Position:
         return self.here.unknowns - self.behind.unknowns
 
     def vectors(self, recorded: int, most: int, made_by: Containers = LISTS) -> StepVectors:
-        """Return what `take_steps` makes at most so many points of.
+        """Return the vectors with which `take_steps` makes at most so many points.
 
-        `recorded` are the numbers that ``observe`` records of each.
+        `recorded` is how many numbers ``observe`` records of each.
         """
         vector, table = made_by
         n = len(self.scale)
@@ -184,7 +184,7 @@ def batch_of(
     `piece` makes the points of some rows.
     """
     state, notices = vectors.state, Notice(int(vectors.state[step.NOTICE]))
-    rows = np.array(vectors.rows[: made + 1 if notices else made])
+    rows = np.asarray(vectors.rows[: made + 1 if notices else made])
     accepted, proposal = piece(rows[:made]) if made else None, None
     if notices:
         proposal = Proposal(piece(rows[made:]), notices, float(state[step.NEXT_STEP]))

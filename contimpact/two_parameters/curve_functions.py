@@ -286,13 +286,13 @@ def tangent_of_curve(
 
 
 def observe_curve(
-    curve: CurveVectors, z: Vector, tangent: Vector, orientation: float, rows: Vector, at: int
+    curve: CurveVectors, z: Vector, tangent: Vector, orientation: float, row: Vector, at: int
 ) -> None:
     """Record flights and residuals in a row."""
     for k in range(len(curve.kinds)):
         block = curve.blocks[k]
         for i in range(BLOCK):
-            rows[at + i] = block[i]
+            row[at + i] = block[i]
         at += BLOCK
     for i in range(len(curve.residual)):
-        rows[at + i] = curve.residual[i]
+        row[at + i] = curve.residual[i]
