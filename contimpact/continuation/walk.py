@@ -259,7 +259,7 @@ class _Walker:
             end = self.record(batch.piece)
             if end is not None:
                 return batch.step, end
-        if batch.routine or self.grow():
+        if batch.routine or (batch.piece is not None and self.grow()):
             return batch.step, None
         if batch.proposal is None:
             return self.look_about(batch.step, batch.refused)

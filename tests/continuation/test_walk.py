@@ -633,6 +633,19 @@ def test_tests_cost_one_point_where_nothing_happens():
     assert watched.evaluations <= bare.evaluations + 3
 
 
+def test_natural_sizes_are_measured_once_at_a_point(monkeypatch):
+    measured, scale = [], Algebraic.scale
+
+    def counted(self, unknowns, span):
+        measured.append(tuple(unknowns))
+        return scale(self, unknowns, span)
+
+    monkeypatch.setattr(Algebraic, "scale", counted)
+    found = follow(line(), [0.0, 0.0], limits=(-1.0, 1.0))
+    assert found.end.kind is EndKind.RANGE
+    assert len(measured) == len(set(measured)) == len(found.points) - 1
+
+
 def test_steps_shrink_where_a_branch_bends_and_grow_again():
     """A smooth corner: x = sqrt(p^2 + 1e-4), curvature 100 at p = 0."""
     bend = Algebraic(
