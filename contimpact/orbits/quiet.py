@@ -31,7 +31,7 @@ from ..segments.flight import Excursion, FlightGaps, Moved, excursions, touch_of
 from ..segments.integrated_track import integrated_track
 from ..segments.kernels import Kernels
 from ..segments.layout import SECTION
-from ..segments.zeros import chebyshev_zeros
+from ..segments.zeros import chebyshev_zeros, rounding_along
 from .free_period import FreePeriodProblem, require_no_forcing
 from .linearisation import CyclicBlocks, Linearisation
 from .problem import Array, OrbitProblem
@@ -157,7 +157,10 @@ class QuietProblem(OrbitProblem):
         values, state = self.values(unknowns), self.state(unknowns)
         length, kernel = self.times_around(unknowns, 0)[1], self.kernels.since(wall)
         along = evaluate_in(kernel, ARRAYS)
-        breaks = chebyshev_zeros(lambda dt: along(*state, dt, *values)[2], length)
+        rounding = rounding_along(kernel, state, values)
+        breaks = chebyshev_zeros(
+            lambda dt: along(*state, dt, *values)[2], length, rounding=rounding
+        )
 
         def motion(head: Vector, dt: float, p: Vector) -> Moved:
             return kernel(*head, dt, *p)

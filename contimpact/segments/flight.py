@@ -20,7 +20,7 @@ from .turning_points import Moved as Moved
 from .turning_points import excursions as excursions
 from .turning_points import turn_guess as turn_guess
 from .turning_points import velocity_zero as velocity_zero
-from .zeros import chebyshev_zeros, time_zeros
+from .zeros import chebyshev_zeros, rounding_along, time_zeros
 
 
 @dataclass(frozen=True)
@@ -138,8 +138,11 @@ def excursion_of(kernels: Kernels, in_time: bool) -> Callable[..., Any]:
             return excursions(
                 along, (), (), length, arriving, *sides, along.breaks(), 0.0, math.inf
             )
-        vectorised = evaluate_in(kernels.motion(wall.name), ARRAYS)
-        breaks = chebyshev_zeros(lambda dt: vectorised(*head[1:], dt, *values)[2], length)
+        kernel = kernels.motion(wall.name)
+        vectorised, rounding = evaluate_in(kernel, ARRAYS), rounding_along(kernel, head[1:], values)
+        breaks = chebyshev_zeros(
+            lambda dt: vectorised(*head[1:], dt, *values)[2], length, rounding=rounding
+        )
         return excursions(
             motion, head, values, length, arriving, left_side, reached_side, breaks, 0.0, math.inf
         )

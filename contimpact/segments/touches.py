@@ -21,7 +21,7 @@ from .kernels import Kernels
 from .limits import not_past
 from .passages import ELSEWHERE
 from .track import track_of
-from .zeros import chebyshev_zeros
+from .zeros import chebyshev_zeros, rounding_along
 
 ROUNDING = 1e-12
 """Of the position at which a flight begins, as part of its terms."""
@@ -106,7 +106,10 @@ def other_flight(
 
     def seen(kernel: Kernel) -> Seen:
         vectorised = evaluate_in(kernel, ARRAYS)
-        breaks = chebyshev_zeros(lambda dt: vectorised(*leave, dt, *values)[2], length)
+        rounding = rounding_along(kernel, leave, values)
+        breaks = chebyshev_zeros(
+            lambda dt: vectorised(*leave, dt, *values)[2], length, rounding=rounding
+        )
         return (lambda head, dt, p: kernel(*leave, dt, *values)), breaks
 
     guards = kernels.model.WALLS

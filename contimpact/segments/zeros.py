@@ -8,10 +8,15 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator, Sequence
+from typing import TypeAlias
 
 import numpy as np
 
 from ..arrays import Array, Vector
+from .arithmetic import Kernel
+
+Rounding: TypeAlias = Callable[[float], float]
+"""Returns a bound of a function's rounding error at a time."""
 
 _DEGREES = (16, 32, 64)
 
@@ -21,6 +26,12 @@ CUTS, FASTEST = 12, 30
 _NOISE = 1e-5
 """Last coefficients below this part of the largest that no longer fall are the rounding of the
 function itself, which grows with the angles in it."""
+
+_EVERY = 3
+"""Cuts after which a piece that is not resolved is compared with the function's rounding."""
+
+_SMALLEST = 2.0**-1000
+"""Sums of smaller terms are rounded to a multiple of the least number there is."""
 
 _LAYER = 1e-12
 """Part of the largest coefficient by which the interpolant may miss the function at an end. No node
@@ -99,16 +110,20 @@ def _polished(angle: float, mean: float, series: Sequence[tuple[int, float, floa
 
 
 def chebyshev_zeros(
-    function: Callable[[Array], Array], length: float, cuts: int = CUTS
+    function: Callable[[Array], Array],
+    length: float,
+    cuts: int = CUTS,
+    rounding: Rounding | None = None,
 ) -> list[float]:
     """Return the zeros in (0, length) of a smooth function, from its Chebyshev interpolant.
 
     The degree is doubled until the last coefficients are rounding, the function's own where that is
     larger; a function that is not resolved by the highest degree is cut in halves. A zero at a cut
     may be returned twice, but is not lost. A piece that is still not resolved after all cuts is
-    rounding alone: its sign changes on a mesh are returned.
+    rounding alone: its sign changes on a mesh are returned. Where `rounding` is given, a bound of
+    the function's rounding error at a time, a piece with no larger values has no zeros.
     """
-    pieces = zeros_in_turn(function, length, cuts=cuts, fastest=0)
+    pieces = zeros_in_turn(function, length, cuts=cuts, fastest=0, rounding=rounding)
     return [zero for piece in pieces for zero in piece]
 
 
@@ -119,6 +134,7 @@ def zeros_in_turn(
     begin: float = 0.0,
     cuts: int = CUTS,
     fastest: int = FASTEST,
+    rounding: Rounding | None = None,
 ) -> Iterator[list[float]]:
     """Yield the same piece by piece, in order, each found when it is asked for.
 
@@ -132,10 +148,14 @@ def zeros_in_turn(
     cuts, fastest : int
         A piece that is not resolved after `cuts` is cut on as long as one of its halves is, or some
         part of it that takes `fastest` more, at most: in it something decays or oscillates fast.
+    rounding : callable ``rounding(time) -> float``, optional
+        Of the function, see `chebyshev_zeros`.
     """
     found = _interpolated_zeros(function, length)
     if found is None and passed(begin, length):
         found = [0.0, length]
+    if found is None and rounding and cuts % _EVERY == 0 and _vanishes(function, length, rounding):
+        found = []
     if found is None and cuts <= 0 and _is_rounding(function, length, cuts + fastest):
         found = _mesh_zeros(function, length)
     if found is not None:
@@ -143,9 +163,34 @@ def zeros_in_turn(
         return
     half = 0.5 * length
     limits = cuts - 1, fastest
-    yield from zeros_in_turn(function, half, passed, begin, *limits)
-    for piece in zeros_in_turn(lambda t: function(half + t), half, passed, begin + half, *limits):
+    yield from zeros_in_turn(function, half, passed, begin, *limits, rounding)
+    late = rounding and (lambda t: rounding(half + t))
+    later = passed, begin + half, *limits, late
+    for piece in zeros_in_turn(lambda t: function(half + t), half, *later):
         yield [half + zero for zero in piece]
+
+
+def rounding_along(
+    kernel: Kernel, head: Sequence[float], values: Sequence[float], begin: float = 0.0
+) -> Rounding:
+    """Return what bounds the rounding of an acceleration, a kernel's third result."""
+
+    def rounding(dt: float) -> float:
+        from .bounded import bounds_of_kernel
+
+        return float(bounds_of_kernel(kernel, [*head, begin + dt, *values])[1][2])
+
+    return rounding
+
+
+def _vanishes(function: Callable[[Array], Array], length: float, rounding: Rounding) -> bool:
+    """Whether no value is larger than its rounding; the largest one tells most often."""
+    times = chebyshev_nodes(_DEGREES[0] + 1, length)
+    sizes = np.abs(np.broadcast_to(function(times), times.shape))
+    order = np.argsort(-sizes)
+    bounds = map(rounding, times[order].tolist())
+    pairs = zip(sizes[order].tolist(), bounds, strict=True)
+    return all(size <= bound + _SMALLEST < math.inf for size, bound in pairs)
 
 
 def _is_rounding(function: Callable[[Array], Array], length: float, cuts: int) -> bool:

@@ -20,7 +20,7 @@ from ..segments.arithmetic import ARRAYS, evaluate_in
 from ..segments.flight import Motion
 from ..segments.kernels import Kernels
 from ..segments.track import Track
-from ..segments.zeros import chebyshev_zeros
+from ..segments.zeros import chebyshev_zeros, rounding_along
 from .linear_motion import Contact, LinearMotion
 from .run import State
 
@@ -162,7 +162,11 @@ class KernelWindow:
         def motion(_: Any, dt: float, __: Any) -> Any:
             return kernel(*head, begin + dt, *values)
 
-        breaks = chebyshev_zeros(lambda dt: vectorised(*head, begin + dt, *values)[2], self.length)
+        breaks = chebyshev_zeros(
+            lambda dt: vectorised(*head, begin + dt, *values)[2],
+            self.length,
+            rounding=rounding_along(kernel, head, values, begin),
+        )
         return motion, breaks, self.position if own else 0.0
 
     def bounds(self, guard: Guard) -> tuple[float, float]:

@@ -12,7 +12,7 @@ import numpy as np
 from ..arrays import Array
 from ..segments.arithmetic import ARRAYS, Kernel, evaluate_in
 from ..segments.arrival import first_arrival, first_hit
-from ..segments.zeros import chebyshev_coefficients, chebyshev_nodes, zeros_in_turn
+from ..segments.zeros import chebyshev_coefficients, chebyshev_nodes, rounding_along, zeros_in_turn
 from .body import Body
 from .integrated_flight import fly_integrated
 
@@ -111,7 +111,8 @@ class FlightInState:
             return keeps_clear(x, body.low[wall], body.high[wall])
 
         least = self._release(body, wall, velocity) if window == 0 else 0.0
-        for zeros in zeros_in_turn(lambda dt: motion(dt)[2], period, clear):
+        rounding = rounding_along(self.motions[wall], (phase, velocity), values, start)
+        for zeros in zeros_in_turn(lambda dt: motion(dt)[2], period, clear, rounding=rounding):
             inside = [start + t for t in zeros if least < t < period]
             if inside:
                 yield inside

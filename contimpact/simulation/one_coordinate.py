@@ -22,7 +22,7 @@ from ..segments.arithmetic import ARRAYS, evaluate_in
 from ..segments.arrival import first_arrival
 from ..segments.kernels import Kernels
 from ..segments.passages import beside
-from ..segments.zeros import chebyshev_zeros, time_zeros
+from ..segments.zeros import chebyshev_zeros, rounding_along, time_zeros
 from .body import Body, wall_on, wrapped
 from .chatter import coefficient, slow_velocity
 from .engine import BODY, DTYPES, ROW, Engine, array, engine_of
@@ -93,7 +93,12 @@ class OneCoordinate:
         def held(phase: Any) -> Any:
             return vectorised(phase, 0.0 * phase, 0.0 * phase, *self.values)[2]
 
-        zeros = chebyshev_zeros(held, period) if self._zeros is None else self._zeros
+        def rounding(phase: float) -> float:
+            return rounding_along(kernel, (phase, 0.0), self.values)(0.0)
+
+        zeros = self._zeros
+        if zeros is None:
+            zeros = chebyshev_zeros(held, period, rounding=rounding)
         return hold_of(held, zeros, self.sides[wall], period)
 
     def _as_body(self) -> Body:

@@ -13,11 +13,13 @@ from contimpact.errors import InputError
 from contimpact.models.word import Word
 from contimpact.orbit_continuation.born import continue_born
 from contimpact.orbit_continuation.orbit_branch import continue_orbit
+from contimpact.orbits import quiet as module
 from contimpact.orbits.quiet import QuietProblem
 from contimpact.orbits.search import find_orbits
 from contimpact.records.catalogue import load_diagram, write_diagram
 from contimpact.scenes.scene import read_scene
 from contimpact.segments.kernels import Kernels
+from contimpact.segments.zeros import chebyshev_zeros
 from contimpact.studies.explore import follow
 from contimpact.systems.impact_pair import ImpactPair
 from contimpact.systems.oscillator import Oscillator
@@ -166,5 +168,26 @@ def test_a_report_asks_for_an_orbit_with_impacts():
             "follow": {"parameter": "a", "range": [0.01, 0.6], "orbits": ["0"]},
         }
     )
-    with pytest.raises(InputError, match="no word but 0; name one with impacts"):
+    with pytest.raises(
+        InputError, match="no word but 0, and none was born on it; name one with impacts"
+    ):
         report(scene)
+
+
+@pytest.mark.parametrize(("c", "k"), [(100.0, 1e4), (0.1, 1.0), (30.0, 1.0)])
+def test_no_forcing_at_all_costs_no_more_than_some(c, k, monkeypatch):
+    """What is left of the state, 1e-190 of nothing, moves by its rounding alone."""
+    counts = []
+
+    def counted(*given, **options):
+        counts.append(len(found := chebyshev_zeros(*given, **options)))
+        return found
+
+    monkeypatch.setattr(module, "chebyshev_zeros", counted)
+    (orbit,) = find_orbits(
+        Oscillator(a=0.1, omega=1.0, c=c, k=k, sigma=1.0, r=0.8), "0", parameter="a"
+    )
+    for state in ([-1.4e-194, 0.0], [-4.5e-190, 7.2e-189], [1e-310, -1e-312]):
+        (gaps,) = orbit.problem.gaps(np.array([*state, 0.0]))
+        assert all(touch is None or touch.gap == pytest.approx(1.0) for touch in gaps.touches)
+    assert max(counts) < 100

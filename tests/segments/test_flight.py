@@ -147,6 +147,33 @@ def test_touches_of_overdamped_flights(oscillator, kernels_of):
     assert met > 10
 
 
+def test_rounding_alone_has_no_zeros_and_fast_oscillation_keeps_its_own():
+    """However small, an oscillation above the bound is none of it."""
+    calls = []
+
+    def noise(t):
+        calls.append(t)
+        return (1.0 + 1e-3 * np.cos(t)) - 1.0 - 1e-3 * np.cos(t)
+
+    assert chebyshev_zeros(noise, 6.0, rounding=lambda t: 4e-16) == []
+    assert len(calls) < 10
+
+    def fast(t):
+        return 1e-9 * np.cos(1000.0 * t) + noise(t)
+
+    count = 1000.0 * 6.0 / np.pi
+    found = np.unique(np.round(chebyshev_zeros(fast, 6.0, rounding=lambda t: 4e-16), 7))
+    assert len(found) == pytest.approx(count, abs=1.0)
+
+    def fading(t):
+        return np.exp(-40.0 * t) * np.cos(60.0 * t) + noise(t)
+
+    kept = chebyshev_zeros(fading, 6.0, rounding=lambda t: 4e-16)
+    early = np.unique(np.round([t for t in kept if t < 0.51], 9))
+    assert early == pytest.approx((2 * np.arange(10) + 1) * np.pi / 120.0, abs=1e-8)
+    assert len(kept) < 1000
+
+
 def test_chebyshev_zeros_in_halves(monkeypatch):
     """What the highest degree does not resolve is cut: its zeros are found, in order, and cuts."""
     monkeypatch.setattr(module, "_DEGREES", (8, 16))
