@@ -36,7 +36,7 @@ def _orbit_near(segment: Segment, node: Node) -> Balls | None:
     """A ball with one orbit in the hyperplane through a node; None if that is not proven."""
     space, scale = segment.space, segment.scale
     places = [arb(x) for x in node.unknowns.tolist()]
-    row = (node.tangent / scale**2).tolist()
+    row = (scale**-2 * node.tangent).tolist()  # to the last bit that of the tubes
 
     def system(z: list[Any]) -> list[Any]:
         away = (w * (x - p) for w, x, p in zip(row, z, places, strict=True))
