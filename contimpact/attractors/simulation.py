@@ -86,12 +86,15 @@ class Simulation:
 
     @property
     def counts(self) -> dict[str, int]:
-        """Numbers of rows, by kind, and of transitions."""
+        """Numbers of rows, by kind, and of transitions where they were looked for."""
         kinds = [row.attractor.kind.value for row in self.sweep.rows]
         counts = {kind.value: kinds.count(kind.value) for kind in Kind}
         periods = sum(row.attractor.periods for row in self.sweep.rows)
         found = {"attractors": len(kinds)} | {k: n for k, n in counts.items() if n}
-        return found | {"periods": periods, "transitions": len(self.transitions)}
+        found["periods"] = periods
+        if self.scene.simulate is not None and self.scene.simulate.transitions:
+            found["transitions"] = len(self.transitions)
+        return found
 
 
 def simulate(

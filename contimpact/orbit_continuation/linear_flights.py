@@ -6,7 +6,7 @@ import ast
 from typing import Any
 
 from ..segments.arithmetic import Kernel, kernel_of
-from ..segments.float_flow import space_of
+from ..segments.compiled_flow import space_of
 from ..segments.kernels import Kernels
 
 

@@ -51,6 +51,10 @@ WORTH = 64
 """Points asked for at once from which compiled code is looked for."""
 
 
+LINEAR = 50
+"""A linear flight takes as long as so many of the impact pair, plainly."""
+
+
 class OrbitBackend:
     """An orbit problem as steps ask for it: block-cyclic elimination, many steps at a time.
 
@@ -138,7 +142,7 @@ class OrbitBackend:
             made = take_steps(*self.functions, self.lists, tuple(vectors))
         flights = int(vectors.state[EVALUATIONS]) * self.count
         self.problem.kernel_evaluations += flights
-        spend(0 if fast else flights)
+        spend(0 if fast else flights * self.cost)
         return batch_of(position, self.problem, vectors, made, self.block)
 
     @property
@@ -152,6 +156,12 @@ class OrbitBackend:
         if self.zeros is None:
             return "flights whose equations are not linear, or too stiff"
         return "a forcing whose harmonics change along a branch"
+
+    @functools.cached_property
+    def cost(self) -> int:
+        """What a flight counts for, plainly."""
+        flight = self.problem.kernels.flight(*self.problem.kinds[0])
+        return LINEAR if "flow" in flight.__code__.co_names else 1
 
     @functools.cached_property
     def space(self) -> int:

@@ -7,7 +7,8 @@ from collections.abc import Sequence
 from ..compiling.program import Program
 from ..continuation.step import take_steps
 from ..orbits.block_cyclic import store, store_compiled
-from ..segments.float_flow import flow, flow_compiled
+from ..segments.compiled_flow import flow_compiled
+from ..segments.float_flow import flow
 from ..segments.kernels import Kernels
 from ..segments.oscillation import excursion_by_law, row_of, row_of_compiled
 from ..segments.turning_points import excursions

@@ -28,7 +28,8 @@ from .tape import Tape
 
 LARGE = 300
 """Operations of a flight up to which its derivatives are written out and searched for common
-factors: that takes more than twice as long for twice as many, and saves a fifth of them."""
+factors: that takes more than twice as long for twice as many, and saves a fifth of them. Of linear
+flights, which spend their time in `flow`, none are."""
 
 
 class KernelWriter:
@@ -121,7 +122,8 @@ class KernelWriter:
         if a == SECTION:
             return self.quiet(name, b)
         rows = self.residual(a, b)
-        tape = Tape() if sum(e.count_ops() for e in rows) > LARGE else None
+        listed = any(e.has(MeanFlow) for e in rows) or sum(e.count_ops() for e in rows) > LARGE
+        tape = Tape() if listed else None
         if tape is None:
             gradients = [self._chained(lambda x, e=e: sympy.diff(e, x)) for e in rows]  # type: ignore[misc]
         else:

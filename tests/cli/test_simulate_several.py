@@ -58,6 +58,9 @@ def test_a_sweep_of_two_masses(tmp_path, capsys):
     _, rows = table(out / "sweep.csv")
     assert [row["word"] for row in rows] == ["AB", "AB"]
     assert {"exponent4", "multiplier4_im", "x1_2", "v1_2"} <= set(rows[0])
+    assert not (out / "transitions.json").exists()
+    manifest = json.loads((out / "manifest.json").read_text(encoding="utf-8"))
+    assert "transitions" not in manifest["counts"]  # none were looked for
     matches = json.loads((out / "coverage.json").read_text(encoding="utf-8"))["matches"]
     assert len(matches) == 2
     assert max(match["distance"] for match in matches) < 1e-9

@@ -17,7 +17,8 @@ from contimpact import continue_orbit, find_orbits
 from contimpact.continuation.settings import Settings
 from contimpact.orbit_continuation import chain_backend, orbit_backend
 from contimpact.scenes.scene import load_scene
-from contimpact.segments.float_flow import flow, flow_compiled, space_of
+from contimpact.segments.compiled_flow import flow_compiled, space_of
+from contimpact.segments.float_flow import flow
 from contimpact.segments.linear_flow import Shape
 from contimpact.systems.coupled_by_impact import CoupledByImpact
 from contimpact.systems.impact_damper import ImpactDamper
