@@ -367,6 +367,8 @@ class _Walker:
     def stopped(self, end: End, last: Point) -> End:
         """Let the walk end at a point before the last one."""
         self.points.end_with(last)
+        if len(self.points) > 1 and self.points[-2].arclength == last.arclength:
+            self.points = self.points[:-1]  # it was the last but one
         self.events = [e for e in self.events if e.point.arclength <= last.arclength]
         return end
 
