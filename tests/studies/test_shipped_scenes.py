@@ -31,16 +31,21 @@ MAPS = [name for name in NAMES if name.startswith("fig6")]
 BODIES = [name for name in NAMES if name in ("two_masses", "coupled_by_impact", "impact_damper")]
 """Scenes of several degrees of freedom: ten to twenty seconds each."""
 
-INTEGRATED = [name for name in NAMES if name in ("duffing", "pendulum")]
+INTEGRATED = [name for name in NAMES if name in ("duffing", "pendulum", "belt_free")]
 """Scenes whose flights are integrated: ten to twenty seconds each."""
 
 LONG = [*MAPS, *BODIES, *INTEGRATED]
 QUICK = [name for name in NAMES if name not in LONG]
 
 
+TO_A_POLE = ("belt_free",)
+"""Scenes with a branch whose unphysical slip comes to a pole of the friction law, and ends."""
+
+
 def marks(name):
     lacking = name in INTEGRATED and importlib.util.find_spec("heyoka") is None
-    return pytest.mark.slow, pytest.mark.skipif(lacking, reason="needs contimpact[ode]")
+    skipped = pytest.mark.skipif(lacking, reason="needs contimpact[ode]")
+    return pytest.mark.slow, skipped, *[pytest.mark.corrupting] * (name in TO_A_POLE)
 
 
 EVERY = [*QUICK, *(pytest.param(name, marks=marks(name)) for name in LONG)]
@@ -118,7 +123,9 @@ def test_scene_runs(name):
 @pytest.mark.parametrize("name", EVERY)
 def test_branches_end_for_a_reason_of_the_scene(name):
     """Nothing stops early: not the corrector, not the step, not the limit of points."""
-    good = {EndKind.RANGE, EndKind.CLOSED, EndKind.KNOWN, EndKind.BORN}
+    good = {EndKind.RANGE, EndKind.CLOSED, EndKind.KNOWN, EndKind.BORN, EndKind.REST}
+    if name in TO_A_POLE:
+        good |= {EndKind.STEP}
     for branch in diagram(name).branches:
         assert {end.kind for end in branch.ends} <= good
         assert list(branch.missed) == []
@@ -128,7 +135,8 @@ def test_branches_end_for_a_reason_of_the_scene(name):
 def test_points_solve_the_equations_once(name):
     for branch in diagram(name).branches:
         assert np.all(np.diff(branch["arclength"]) > 0.0)
-        assert np.max(branch["residual"]) < 1e-11
+        asked = branch["physical"] == 1 if name in TO_A_POLE else slice(None)
+        assert np.max(branch["residual"][asked]) < 1e-11
         assert np.all(np.isfinite(branch.velocities))
         assert np.all(np.isfinite(branch.times))
 
@@ -138,6 +146,8 @@ def test_multipliers_have_the_product_of_the_impacts(name):
     """Each impact contracts volumes by r^2, each unit of time by damping, of contact by c_b; a body
     that sticks loses a direction."""
     for branch in diagram(name).branches:
+        if branch.system == "belt" and not branch.word and branch["delta"][0] > 0.0:
+            continue  # friction that weakens takes no constant part
         product = 1.0
         for wall in branch.word if branch.system not in ("soft-stop", "belt") else "":
             r = branch["r"] if "r" in branch.columns else branch[f"r_{wall}"]

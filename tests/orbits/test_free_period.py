@@ -1,0 +1,394 @@
+"""Orbits without forcing: their periods are unknowns."""
+
+from __future__ import annotations
+
+import importlib.util
+import math
+
+import mpmath
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+from scipy.optimize import brentq
+
+import contimpact as ci
+from contimpact.accuracy.reference import Reference
+from contimpact.continuation.branch import EndKind
+from contimpact.errors import InputError
+from contimpact.models.word import Word, parse_word
+from contimpact.orbits.quiet import problem_of
+from contimpact.orbits.search import orbit_at
+from contimpact.records.entry_conversion import details_of
+from contimpact.segments.kernels import Kernels
+from contimpact.systems.belt import Belt
+from contimpact.systems.duffing import Duffing
+from contimpact.systems.two_masses import TwoMasses
+from contimpact.systems.van_der_pol import VanDerPol
+
+integrated = pytest.mark.skipif(
+    importlib.util.find_spec("heyoka") is None, reason="needs contimpact[ode]"
+)
+VALUES = {"a": 0.0, "omega": 1.0, "c": -0.1, "k": 1.0, "sigma": 1.0, "r": 0.8}
+BELT = {"a": 0.0, "omega": 1.0, "c": 0.2, "mu_0": 1.0, "delta": 3.0, "period": "free"}
+TIGHT = {"method": "DOP853", "rtol": 1e-13, "atol": 1e-14}
+
+
+def oscillator(**changes):
+    """An oscillator that is excited by negative damping, and loses energy at its stop."""
+    return ci.Oscillator(**VALUES | changes, period="free")
+
+
+@pytest.fixture(scope="module")
+def branch():
+    (orbit,) = ci.find_orbits(oscillator(), "S", parameter="c")
+    asked = {"events": ["FB", "PD", "G", "V"], "values": {"period": [3.5, 5.0]}}
+    return ci.continue_orbit(orbit, "c", (-0.13, -0.01), **asked)
+
+
+def exact(c, digits=30):
+    """Velocity before impact and period, from the closed form of a free flight, by mpmath."""
+    with mpmath.workdps(digits + 10):
+        c, k, r = (mpmath.mpf(v) for v in (c, VALUES["k"], VALUES["r"]))
+        omega = mpmath.sqrt(k - c**2 / 4)
+
+        def flight(v, t):
+            """From x = 1 at the velocity -r v."""
+            a, b = mpmath.mpf(1), (-r * v + c / 2) / omega
+            cos, sin, e = mpmath.cos(omega * t), mpmath.sin(omega * t), mpmath.exp(-c * t / 2)
+            x = e * (a * cos + b * sin)
+            return x - 1, -c / 2 * x + e * omega * (b * cos - a * sin) - v
+
+        return flight
+
+
+# Closed forms.
+
+
+def test_orbits_of_thirty_digits(branch):
+    rows = range(0, len(branch), 10)
+    assert len(rows) > 5
+    for row in rows:
+        near = branch.orbit(row)
+        orbit = orbit_at(near.problem, near.unknowns)
+        v, T, c = float(orbit.velocities[0]), orbit.period, orbit.value
+        with mpmath.workdps(40):
+            found = mpmath.findroot(exact(c), (v, T))
+        assert v == pytest.approx(float(found[0]), rel=1e-13)
+        assert pytest.approx(float(found[1]), rel=1e-13) == T
+        area = VALUES["r"] ** 2 * math.exp(-c * T)  # of the flow's map, whose other multiplier is 1
+        assert orbit.multipliers == [pytest.approx(area, rel=1e-12)]
+
+
+def test_branch_fulfils_its_invariants(branch):
+    assert np.all(branch["t1"] == 0.0)
+    assert np.all(branch["period"] > 0.0)
+    assert {end.kind for end in branch.ends} == {EndKind.RANGE}
+    assert (branch.word, branch.period, branch.notation) == ("S", 0, "1")
+
+
+def test_periods_asked_for_are_hit_within_their_errors(branch):
+    """The value of c at which the period is 3.5, and 5: by the closed form."""
+    events = [e for e in branch.events if e.kind == "UZ"]
+    assert [e.orbit_period for e in events] == [pytest.approx(T, abs=1e-14) for T in (3.5, 5.0)]
+    for event in events:
+        wanted = event.requested["period"]
+        with mpmath.workdps(40):
+            _, c = mpmath.findroot(
+                lambda v, c, T=wanted: exact(c)(v, T), (event.velocities[0], event.value)
+            )
+        assert abs(event.value - c) <= event.error < 1e-13
+
+
+@pytest.mark.slow
+def test_random_periods_are_hit_within_their_errors():
+    """Of systems at random."""
+    rng, within = np.random.default_rng(5), 0
+    for _ in range(50):
+        r = rng.uniform(0.7, 0.9)
+        largest = math.log(r) / math.pi  # where impacts no longer take what damping gives
+        model = oscillator(c=rng.uniform(0.3, 0.8) * largest, r=r)
+        found = ci.find_orbits(model, "S", parameter="c", starts=32, rounds=2)
+        for orbit in (o for o in found if o.physical):
+            c, wanted = (
+                orbit.value,
+                [orbit.period * (1.0 + x) for x in (-0.01, -0.005, 0.005, 0.01)],
+            )
+            at = {"events": [], "values": {"period": wanted}}
+            made = ci.continue_orbit(orbit, "c", (1.1 * c, 0.9 * c), **at)
+            for event in made.events:
+                here = event.orbit()
+                many = Reference(here.problem).event("UZ", here.unknowns, details_of(event))
+                assert abs(many.parameter_error(event.value)) <= event.error
+                within += 1
+    assert within >= 190
+
+
+def test_jacobian_and_second_derivatives_against_differences_of_many_digits():
+    """Of an unknown that moves, and of all that move along a direction besides."""
+    problem = problem_of(oscillator(), Word("SS", 0), Kernels(oscillator(), "c"))
+    z, along = np.array([-9.0, 0.7, -4.0, 0.5, -0.1]), np.array([0.3, -0.8, 0.5, 0.2, -0.6])
+    here, change, many = problem.evaluate(z), problem.second_along(z, along), Reference(problem)
+    h = many.ctx.mpf(10) ** -14
+
+    def residual(*moves):
+        moved = [many.ctx.mpf(v) for v in z.tolist()]
+        for move in moves:
+            moved = [v + h * d for v, d in zip(moved, move, strict=True)]
+        return np.array(many.residual(moved))
+
+    for i, unit in enumerate(np.eye(len(z)).tolist()):
+        one, other = residual(unit), residual(along.tolist())
+        column = ((one - residual()) / h).astype(float)
+        assert here.jacobian[:, i] == pytest.approx(column, abs=1e-12)
+        bent = ((residual(unit, along.tolist()) - one - other + residual()) / h**2).astype(float)
+        assert change[:, i] == pytest.approx(bent, abs=1e-11)
+
+
+@pytest.fixture(scope="module")
+def two():
+    """Two masses, the first excited, up to where a multiplier is -1."""
+    values = {"c1": -0.2, "c2": 0.15, "k1": 1.0, "k2": 0.6, "a1": 0.0, "omega": 1.0}
+    model = TwoMasses(**values, sigma_1=1.0, sigma_2=1.0, r=0.8, period="free")
+    found = ci.find_orbits(model, "A", parameter="c1", starts=128, rounds=4)
+    orbit = min(found, key=lambda o: abs(o.period - 32.956))
+    return ci.continue_orbit(orbit, "c1", (-0.202, -0.1995), events=["FB", "PD", "NS"])
+
+
+def test_multipliers_of_two_masses_have_the_product_that_the_flow_has(two):
+    """Three of them: the section has three coordinates. Liouville: the divergence is constant."""
+    for row in range(0, len(two), 4):
+        multipliers, T = two.multipliers[row], two["period"][row]
+        assert len(multipliers) == 3
+        loss = math.exp(-(two["c1"][row] + 2.0 * 0.15) * T) * 0.8**2
+        assert np.prod(multipliers) == pytest.approx(loss, rel=1e-9)
+
+
+@pytest.mark.slow
+def test_a_period_doubling_and_what_is_born_there(two):
+    (event,) = (e for e in two.events if e.kind == "PD")
+    orbit = event.orbit()
+    many = Reference(orbit.problem).event("PD", orbit.unknowns, details_of(event))
+    assert abs(many.parameter_error(event.value)) <= event.error < 1e-11
+    doubled = ci.continue_born(event, range=(-0.202, -0.1995), events=[])
+    assert (doubled.word, doubled.notation) == ("AA", "2:0")
+    far = doubled.orbit(len(doubled) - 1)
+    assert far.residual < 1e-11
+    assert far.period == pytest.approx(2.0 * event.orbit_period, rel=1e-2)
+    assert abs(far.times[1] - 0.5 * far.period) > 1e-4  # no repetition
+    side = np.sign(far.value - event.value)
+    assert event.criticality is None or side != 0.0
+
+
+# What is refused.
+
+
+def test_a_forcing_is_refused():
+    with pytest.raises(InputError, match="depends on the time"):
+        ci.find_orbits(oscillator(a=0.1), "S")
+    with pytest.raises(InputError, match="motions depend on the time where a is not"):
+        ci.find_orbits(oscillator(), "S", parameter="a")
+    with pytest.raises(InputError, match="period: found 'long'"):
+        ci.Oscillator(**VALUES, period="long")
+
+
+def test_words_have_no_period():
+    assert parse_word("2:1", "BT", free=True) == Word("BBT", 0)
+    assert parse_word("0", "BT", free=True) == Word("", 0)
+    for text in ("BT/2T", "1:1/1T", "0/2T"):
+        with pytest.raises(InputError, match="without forcing there is no T"):
+            parse_word(text, "BT", free=True)
+    assert Word("SS", 0).repeated() == [Word("S", 0)]
+    with pytest.raises(InputError, match="give the period 0"):
+        ci.find_orbits(oscillator(), Word("S", 1))
+    with pytest.raises(InputError, match="give the period 1"):
+        ci.find_orbits(ci.Oscillator(**VALUES | {"a": 1.0}), Word("S", 0))
+
+
+def scene(**more):
+    model = {"system": "oscillator", "period": "free", "parameters": VALUES}
+    follow = {"parameter": "c", "range": [-0.12, -0.05], "orbits": ["1"]}
+    return ci.read_scene({"name": "free", "model": model, "follow": follow, **more})
+
+
+def test_scenes_of_free_period():
+    asked = scene(detect={"events": ["UZ"], "values": {"period": [3.6]}}, numerics={"starts": 32})
+    assert asked.resolved()["model"]["period"] == "free"
+    (made,) = ci.follow(asked).branches
+    assert [e.orbit_period for e in made.events] == [pytest.approx(3.6, abs=1e-14)]
+    for key, table in (("simulate", {"directions": ["up"]}), ("certify", {})):
+        with pytest.raises(InputError, match=key):
+            scene(**{key: table})
+
+
+def test_records_are_orbits_again(branch, tmp_path):
+    diagram = ci.Diagram("free", [branch])
+    ci.write_diagram(diagram, tmp_path)
+    (loaded,) = ci.load_diagram(tmp_path).branches
+    assert loaded == branch
+    row, event = 7, loaded.events[0]
+    assert loaded.orbit(row).residual < 1e-12
+    assert loaded.orbit(row).period == pytest.approx(branch["period"][row], rel=1e-15)
+    assert event.orbit().period == pytest.approx(event.orbit_period, rel=1e-15)
+    t, x, _ = event.orbit().path()
+    assert t[[0, -1]] == pytest.approx([0.0, event.orbit_period], abs=1e-14)
+    assert x[[0, -1]] == pytest.approx([1.0, 1.0], abs=1e-12)
+    with pytest.raises(InputError, match="free period"):
+        ci.certify(diagram)
+
+
+# Self-excited oscillations.
+
+
+@integrated
+def test_van_der_pol():
+    """Without the stop, period and amplitude are known to many digits; it is met at its amplitude,
+    and the orbit with an impact continues it."""
+    model = VanDerPol(epsilon=1.0, sigma=2.2, r=0.7)
+    (free,) = ci.find_orbits(model, "0", parameter="sigma")
+    assert free.period == pytest.approx(6.66328685932313, abs=1e-13)  # D. Andersen, J. Geer 1982
+    assert free.unknowns[0] == pytest.approx(2.00861986087484, abs=1e-13)
+    assert len(free.multipliers) == 1
+    branch = ci.continue_orbit(free, "sigma", (1.9, 2.3), events=["G"])
+    (event,) = branch.events
+    assert event.value == pytest.approx(2.00861986087484313, abs=event.error + 1e-15)
+    impacts = ci.continue_born(event, range=(1.5, 2.3), events=["V"])
+    assert [e.label for e in impacts.events] == ["V[1->0]"] or not impacts.events
+    row = int(np.argmin(impacts["sigma"]))
+    v, T = impacts["v1"][row], impacts["period"][row]
+    flow = solve_ivp(
+        lambda t, y: [y[1], (1.0 - y[0] ** 2) * y[1] - y[0]], (0.0, T), [1.5, -0.7 * v], **TIGHT
+    )
+    assert flow.y[:, -1] == pytest.approx([1.5, v], abs=1e-10)
+
+
+@integrated
+def test_multipliers_of_van_der_pol_by_the_divergence():
+    model = VanDerPol(epsilon=1.0, sigma=1.5, r=0.7)
+    found = ci.find_orbits(model, "S", parameter="sigma", starts=32, rounds=2)
+    orbit = next(o for o in found if o.physical)
+
+    def flow(t, y):
+        return [y[1], (1.0 - y[0] ** 2) * y[1] - y[0], 1.0 - y[0] ** 2]
+
+    start = [1.5, -0.7 * orbit.velocities[0], 0.0]
+    divergence = solve_ivp(flow, (0.0, orbit.period), start, **TIGHT).y[2, -1]
+    assert orbit.multipliers == [pytest.approx(0.49 * math.exp(divergence), rel=1e-10)]
+
+
+@pytest.fixture(scope="module")
+def stick_slip():
+    """From slow belts to where sticking vanishes."""
+    found = ci.find_orbits(Belt(V=1.0, **BELT), "SP", parameter="V", starts=32, rounds=2)
+    orbit = next(o for o in found if o.physical)
+
+    def unphysical(point):
+        """Before slip ahead of the belt comes to where its friction has a pole."""
+        return point.unknowns[1] < -0.5
+
+    asked = {"events": ["FB", "PD", "G", "V"], "callback": unphysical}
+    return ci.continue_orbit(orbit, "V", (0.3, 1.7), **asked)
+
+
+def slip(V, x):
+    """From the belt's velocity at x: when that is reached again, or nearly, and where."""
+
+    def law(t, y):
+        w = y[1] - V
+        return [y[1], -0.2 * y[1] - y[0] + 1.0 / (1.0 - 3.0 * w)]
+
+    def turns(t, y):
+        return law(t, y)[1]
+
+    turns.terminal, turns.direction = False, -1.0
+
+    def as_fast(t, y):
+        return y[1] - V
+
+    as_fast.terminal, as_fast.direction = True, 1.0
+    return law, turns, as_fast
+
+
+@integrated
+def test_stick_slip_of_the_belt_against_an_integration(stick_slip):
+    """Times of slip and stick, and the acceleration with which the body sticks."""
+    rows = np.flatnonzero((stick_slip["physical"] == 1) & (stick_slip["event"] == ""))[::8]
+    assert len(rows) > 3
+    for row in rows:
+        names = ("V", "period", "t2", "v1")
+        V, T, stuck, approach = (stick_slip[name][row] for name in names)
+        x = 1.0 - 0.2 * V  # where friction reaches its limit
+        law, _, as_fast = slip(V, x)
+        run = solve_ivp(law, (0.0, 20.0), [x, V], events=as_fast, **TIGHT)
+        end, (there, _) = run.t[-1], run.y[:, -1]
+        assert end == pytest.approx(T - stuck, abs=1e-10)
+        assert law(end, run.y[:, -1])[1] == pytest.approx(approach, abs=1e-10)
+        assert (x - there) / V == pytest.approx(stuck, abs=1e-10)
+
+
+@integrated
+def test_where_sticking_vanishes(stick_slip):
+    """The belt at which a body that has just slipped turns as it comes up to the belt's velocity,
+    and the period there, by an integration of its own."""
+
+    def short(V):
+        """By how much the body stays behind the belt where it is fastest."""
+        x = 1.0 - 0.2 * V
+        law, turns, _ = slip(V, x)
+        run = solve_ivp(law, (0.0, 8.0), [x, V - 1e-300], events=turns, **TIGHT)
+        late = run.t_events[0] > 3.0
+        return run.y_events[0][late][0][1] - V, run.t_events[0][late][0]
+
+    (event,) = (e for e in stick_slip.events if e.kind == "V")
+    assert event.becomes == "0"
+    # slip from rest on the limit never comes back to the belt above V, and does so below
+    V = brentq(lambda value: short(value)[0], event.value - 1e-3, event.value + 1e-3, xtol=1e-15)
+    assert event.value == pytest.approx(V, abs=1e-10)
+    assert event.orbit_period == pytest.approx(short(V)[1], abs=1e-6)
+    quiet = ci.continue_born(event, range=(0.9, 1.7), events=["G"])
+    hopf = (math.sqrt(15.0) - 1.0) / 3.0  # c = mu_0 delta/(1 + delta V)^2
+    (end,) = (end for end in quiet.ends if end.kind is EndKind.REST)
+    assert end.value == pytest.approx(hopf, abs=1e-4)
+    assert np.all(np.abs(quiet["period"] - 2.0 * math.pi) < 0.1)
+    assert np.all(np.diff(quiet["arclength"]) > 0.0)
+
+
+@integrated
+@pytest.mark.slow
+def test_a_period_without_bound():
+    """Of a Duffing oscillator in one of its wells, beside the saddle between them."""
+    values = {"a": 0.0, "omega": 1.0, "alpha": -1.0, "beta": 1.0, "sigma": 1.2, "r": 0.8}
+    model = Duffing(c=-0.05, **values, period="free")
+    found = ci.find_orbits(model, "S", parameter="c", starts=64, rounds=1)
+    orbit = next(o for o in found if o.physical)
+    branch = ci.continue_orbit(orbit, "c", (-0.3, -0.04), events=["FB"])
+    (end,) = (end for end in branch.ends if end.kind is EndKind.FOR_EVER)
+    assert branch["period"].max() > 16.0
+    assert [e.kind for e in branch.events] == ["FB"]
+
+    def returns(c):
+        """How much energy is missing on the way from the saddle to the stop, and back to it."""
+        rate = (-c + math.sqrt(c * c + 4.0)) / 2.0
+        law = {"fun": lambda t, y: [y[1], y[0] - y[0] ** 3 - c * y[1]], **TIGHT}
+
+        def stop(t, y):
+            return y[0] - 1.2
+
+        stop.terminal = True
+        out = solve_ivp(t_span=(0.0, 60.0), y0=[1e-7, 1e-7 * rate], events=stop, **law)
+        speed = out.y[1, -1]
+
+        def turns(t, y):
+            return y[1]
+
+        turns.terminal, turns.direction = True, 1.0
+
+        def leaves(t, y):
+            return y[0]
+
+        leaves.terminal = True
+        back = solve_ivp(t_span=(0.0, 40.0), y0=[1.2, -0.8 * speed], events=[turns, leaves], **law)
+        x, v = back.y[:, -1]
+        return 0.5 * v * v - 0.5 * x * x + 0.25 * x**4
+
+    c = brentq(returns, -0.0795, -0.0782, xtol=1e-12)
+    assert end.value == pytest.approx(c, abs=1e-6)
