@@ -188,6 +188,8 @@ def test_sympy_is_imported_where_it_is_used(module):
     found = places(module, lambda i: inside(i.module, "sympy") and i.at_import)
     of_models = (
         "equations",
+        "filippov",
+        "first_order",
         "harmonics",
         "linear",
         "nonlinear",

@@ -17,7 +17,7 @@ import sympy
 
 from ..errors import InputError, shown
 from .expressions import FUNCTIONS
-from .guards import Guard
+from .guards import Guard, orders_of
 from .harmonics import INDICES, HarmonicSum
 from .linear import Law
 from .nonlinear import Field
@@ -184,7 +184,6 @@ def _evaluated(model: Model) -> Equations:
     walls = _named(formulas.walls, [wall.name for wall in model.WALLS], "WALLS", f"{where}: walls")
     size = model.DEGREES_OF_FREEDOM
     state = tuple(own(f"{n}{i}_0") for i in range(size) for n in "xv")
-    mode = model.MODES[0].name if model.MODES else ""
     section = ["v"] if size == 1 else [n for i in range(size) for n in (f"x{i}_", f"v{i}_")][1:]
     found = Equations(
         parameters,
@@ -197,7 +196,7 @@ def _evaluated(model: Model) -> Equations:
         {},
         state,
         tuple(own(f"{n}{i}_1") for i in range(size) for n in "xv"),
-        departure(formulas, mode, (2,) * size, state[::2], state[1::2], where),
+        _quiet(formulas, model, state, where),
         _harmonics(formulas, f"{where}: harmonics"),
         _mass(formulas, size, f"{where}: mass"),
     )
@@ -211,6 +210,14 @@ def _evaluated(model: Model) -> Equations:
             what = f"an impact at {name!r} leaves its surface"
             raise InputError(f"{where}: jump", what, "declare MODES, and a Guard for it")
     return found
+
+
+def _quiet(formulas: Formulas, model: Model, state: Sequence[Any], where: str) -> Departure:
+    """The flight from the section t = 0, in the first mode; velocities of first order follow."""
+    mode = model.MODES[0].name if model.MODES else ""
+    orders = orders_of(model.MODES, mode, model.DEGREES_OF_FREEDOM)
+    speeds = [v for v, order in zip(state[1::2], orders, strict=True) if order == 2]
+    return departure(formulas, mode, orders, state[::2], speeds, where)
 
 
 def _check_modes(formulas: Formulas, modes: Sequence[str], where: str) -> None:

@@ -31,7 +31,7 @@ from numpy.typing import ArrayLike
 
 from ..arrays import Array
 from ..errors import InputError
-from ..models.guards import orders_of
+from ..models.guards import state_size
 from ..models.model import Model
 from ..models.word import Word
 from ..segments.flight import FlightGaps
@@ -130,7 +130,7 @@ class OrbitProblem:
         """By how much the smallest state on the way is smaller than that of the system."""
         size, guards = self.model.DEGREES_OF_FREEDOM, self.model.WALLS
         modes = {guard.next_mode for guard in guards if guard.name in self.word.walls}
-        return max(2 * size - sum(orders_of(self.model.MODES, m, size)) for m in modes)
+        return max(2 * size - state_size(self.model.MODES, m, size) for m in modes)
 
     def values(self, unknowns: Array) -> list[float]:
         """Return all parameter values at a point, in the model's order."""

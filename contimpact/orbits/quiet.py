@@ -22,7 +22,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..arrays import Vector
-from ..models.guards import Row
+from ..models.guards import Row, state_size
 from ..models.model import Model
 from ..models.section import state_before
 from ..models.word import Word
@@ -64,7 +64,9 @@ class QuietProblem(OrbitProblem):
     def __init__(self, model: Model, word: Word, kernels: Kernels) -> None:
         self._begin(model, word, kernels)
         self.n = self.m
-        self.kinds, self.arrivals, self.excursions, self.lost = (), (), (), 0
+        self.kinds, self.arrivals, self.excursions = (), (), ()
+        first = model.MODES[0].name if model.MODES else ""
+        self.lost = self.m - state_size(model.MODES, first, model.DEGREES_OF_FREEDOM)
         self.segments = [kernels.segment(SECTION, str(word.period))]
         self._place_blocks()
 
