@@ -78,6 +78,11 @@ class Attractor:
         Simulated until then.
     state : State or None
         From which a neighbour can start.
+    mode : str
+        Of a motion without impacts, the mode in which it goes on; empty in systems of one mode.
+    motion : tuple of float or None
+        Of such a motion, if it settles on one of the forcing's period, position and velocity of
+        each coordinate at t = 0: the unknowns x0, v0, x1, v1, ... of an orbit of the word ``0``.
     """
 
     kind: Kind
@@ -103,10 +108,14 @@ class Attractor:
     distance: float = math.nan
     periods: int = 0
     state: State | None = None
+    mode: str = ""
+    motion: tuple[float, ...] | None = None
 
     @property
     def label(self) -> str:
         """What tells one kind of motion from another along a sweep."""
+        if self.kind is Kind.NO_IMPACT:
+            return self.notation
         return f"{self.word}/{self.period}T" if self.word else self.kind.value
 
     @property
@@ -189,7 +198,10 @@ class Attractor:
             raise ValueError("another number of exponents")
         if width and (self.others.shape, self.held.shape) != ((len(walls), width), (len(walls),)):
             raise ValueError("impacts without all coordinates")
+        if self.motion is not None and len(self.motion) != width + 2:
+            raise ValueError("a motion without all coordinates")
         numbers = [*self.times, *self.velocities, *self.others.ravel(), self.forcing_period]
+        numbers += self.motion or ()
         if state is not None:
             walls.append(state.wall)
             numbers += [state.phase, *state.section]

@@ -21,7 +21,7 @@ from ..orbits.quiet import problem_of
 from ..orbits.search import solve_near
 from ..records.branch import Branch
 from ..records.diagram import Diagram
-from ..records.tables import coordinates
+from ..records.tables import columns_of
 from ..segments.kernels import Kernels
 from .attractor import Attractor, Kind
 from .sweep import Row, Sweep
@@ -110,6 +110,8 @@ def cover(sweep: Sweep, diagram: Diagram, kernels: Kernels | None = None) -> Cov
 
 def _match(row: Row, sweep: Sweep, diagram: Diagram, kernels: Kernels) -> Match | None:
     attractor = row.attractor
+    if attractor.motion is not None:
+        return _match_of_motion(row, sweep, diagram, kernels)
     if attractor.kind is not Kind.PERIODIC or attractor.word is None or attractor.period is None:
         return None
     best: Match | None = None
@@ -123,6 +125,24 @@ def _match(row: Row, sweep: Sweep, diagram: Diagram, kernels: Kernels) -> Match 
                 kind = (attractor.notation, attractor.word, attractor.period)
                 best = Match(row.direction, row.value, *kind, branch.id, distance)
     return best
+
+
+def _match_of_motion(row: Row, sweep: Sweep, diagram: Diagram, kernels: Kernels) -> Match | None:
+    """As `_match`, of a motion without impacts; orbits of the word `0` are in the first mode."""
+    attractor, found = row.attractor, []
+    if not _first_mode(attractor, sweep):
+        return None
+    for branch in (b for b in diagram.branches if not b.word and b.period == 1):
+        for orbit in orbits_on(branch, sweep, row.value, kernels):
+            apart = np.abs(orbit.unknowns[: orbit.problem.m] - attractor.motion)
+            kind = (attractor.notation, "0", 1)
+            found.append(Match(row.direction, row.value, *kind, branch.id, float(np.max(apart))))
+    near = [match for match in found if match.distance < MATCH]
+    return min(near, key=lambda match: match.distance, default=None)
+
+
+def _first_mode(attractor: Attractor, sweep: Sweep) -> bool:
+    return attractor.mode in {mode.name for mode in sweep.model.MODES[:1]} | {""}
 
 
 def orbits_on(branch: Branch, sweep: Sweep, value: float, kernels: Kernels) -> list[Orbit]:
@@ -145,19 +165,13 @@ def orbits_on(branch: Branch, sweep: Sweep, value: float, kernels: Kernels) -> l
         after = min(row + 1, len(parameters) - 1)
         step = parameters[after] - parameters[row]
         part = (value - parameters[row]) / step if step else 0.0
-        points = [_impacts(branch, problem.m, k) for k in (row, after)]
+        names = columns_of(branch.word, problem.m)
+        points = [np.array([branch[name][k] for name in names]) for k in (row, after)]
         guess = points[0] + part * (points[1] - points[0])
-        here = solve_near(problem, np.append(guess.ravel(), value))
+        here = solve_near(problem, np.append(guess, value))
         if here is not None:
             found.append(Orbit(problem, here))
     return found
-
-
-def _impacts(branch: Branch, m: int, row: int) -> Array:
-    """Times and section coordinates of the impacts of a branch's row."""
-    names = coordinates(m)
-    parts = ([branch[f"{name}{k + 1}"][row] for name in names] for k in range(len(branch.word)))
-    return np.array(list(parts))
 
 
 def _distance(attractor: Attractor, word: str, orbit: Array) -> float:
@@ -186,12 +200,19 @@ def _uncovered(rows: Sequence[Row], sweep: Sweep) -> list[Uncovered]:
         group = sorted(group, key=lambda row: row.value)
         middle = group[len(group) // 2]
         a = middle.attractor
-        periodic = a.kind is Kind.PERIODIC
-        why = "no branch has this orbit" if periodic else f"{a.kind.value}: no orbit of finite word"
+        periodic = a.kind is Kind.PERIODIC or (a.motion is not None and _first_mode(a, sweep))
+        why = "no branch has this orbit" if periodic else _why(a)
         scene = scene_fragment(middle, sweep) if periodic else None
         what = (a.kind.value, a.notation, a.word, a.period)
         found.append(Uncovered(*what, group[0].value, group[-1].value, len(group), why, scene))
     return found
+
+
+def _why(attractor: Attractor) -> str:
+    """Why what is not periodic, or not from the first mode on, lies on no branch."""
+    if attractor.motion is not None:
+        return f"{attractor.notation}: the word 0 is that of the first mode"
+    return f"{attractor.kind.value}: no orbit of finite word"
 
 
 def scene_fragment(row: Row, sweep: Sweep) -> str:

@@ -12,7 +12,7 @@ from dataclasses import replace
 from ..scenes.simulate_tables import SETTLING, Settling
 from .attractor import Attractor, Kind
 from .sweep import Row, Simulators
-from .verdict import settle
+from .verdict import settle_again
 
 EVALUATIONS = 120
 """Values tried for one change at most."""
@@ -29,10 +29,10 @@ def locate(
 ) -> tuple[Row, Row, Row, Row | None]:
     """Locate the end of an attractor between two rows.
 
-    A periodic attractor is followed by simulation, with a step that is halved where it is lost and
-    grows again where it is not, so that near the end the start is always close to the attractor: a
-    long step can kick the motion out of a small basin before its attractor ends. Other motions are
-    not left in this way; for them the interval is bisected.
+    A periodic attractor, or a motion without impacts, is followed by simulation. The step is halved
+    where it is lost and grows again where it is not, so that near the end the start is always close
+    to the attractor: a long step can kick the motion out of a small basin before its attractor
+    ends. Other motions are not left in this way; for them the interval is bisected.
 
     Returns
     -------
@@ -44,7 +44,7 @@ def locate(
     earlier, left, lost = before, before, after
     step, won = 0.5 * (after.value - before.value), 0
     furthest, longest = before.value + 20.0 * step, abs(step)
-    follows = before.attractor.kind is Kind.PERIODIC
+    follows = before.attractor.kind is Kind.PERIODIC or before.attractor.motion is not None
     for _ in range(EVALUATIONS):
         patient = _patient(left.attractor, abs(step), width, settling)
         row = _row(simulators, left, left.value + step, patient)
@@ -98,7 +98,5 @@ def _settled(
 
 
 def _row(simulators: Simulators, before: Row, value: float, settling: Settling) -> Row:
-    simulator, start = simulators.at(value), before.attractor.state
-    if start is None:
-        return Row(before.direction, value, before.attractor)
-    return Row(before.direction, value, settle(simulator, start, settling))
+    found = settle_again(simulators.at(value), before.attractor, settling)
+    return Row(before.direction, value, before.attractor if found is None else found)

@@ -9,11 +9,12 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 
 from ..display import Shown, Summary, frame, in_lines
+from ..errors import InputError
 from ..models.model import Model
 from ..progress import Asked, asked
 from ..records.tables import same_data
@@ -145,7 +146,7 @@ def sweep(
     parameter: str,
     values: Iterable[float],
     *,
-    start: State | None = None,
+    start: State | Literal["random"] | None = "random",
     settling: Settling = SETTLING,
     kernels: Kernels | None = None,
     rng: Any = 0,
@@ -161,7 +162,8 @@ def sweep(
     values : iterable of float
         In the order in which they are visited; falling for a sweep down.
     start : State, optional
-        Where the first value starts; a random impact otherwise.
+        Where the first value starts; a random impact otherwise. None, as `Simulator.start` returns
+        it where no wall is met, is refused.
     settling : Settling
     kernels : Kernels, optional
         Kernels of this model, if there are any already.
@@ -176,12 +178,21 @@ def sweep(
     Returns
     -------
     Sweep
+
+    Raises
+    ------
+    InputError
+        If `start` is None.
     """
+    if start is None:
+        found = "None: the motion meets no wall"
+        raise InputError("start", found, "give an impact, or leave it out for one at random")
+    first = None if isinstance(start, str) else start
     simulators = Simulators(model, parameter, kernels)
     result = Sweep(model, parameter, [])
     values = list(values)
     with asked(progress, f"sweep in {parameter}") as tell:
-        for number, row in enumerate(sweep_rows(simulators, values, start, settling, rng), 1):
+        for number, row in enumerate(sweep_rows(simulators, values, first, settling, rng), 1):
             result.rows.append(row)
             place = f"{number} of {len(values)}, {parameter} = {row.value:.6g}"
             tell(f"{place}: {row.attractor.notation}")
@@ -216,6 +227,9 @@ def same(one: Attractor, other: Attractor, tolerance: float = SAME) -> bool:
     """Whether two attractors at the same parameter values are one."""
     if one.label != other.label:
         return False
+    if one.motion is not None and other.motion is not None:
+        sizes = 1.0 + np.max(np.abs(one.motion))
+        return bool(np.max(np.abs(np.subtract(one.motion, other.motion))) < tolerance * sizes)
     if one.kind is not Kind.PERIODIC:
         return True
     T = one.forcing_period

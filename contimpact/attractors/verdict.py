@@ -11,7 +11,9 @@ from __future__ import annotations
 
 import numpy as np
 
+from ..errors import InputError
 from ..scenes.simulate_tables import SETTLING, Settling
+from ..simulation.free_motion import free_motion
 from ..simulation.lyapunov import exponents_of
 from ..simulation.run import Outcome, Run, State
 from ..simulation.simulator import Simulator
@@ -33,22 +35,31 @@ _ENDS = {
 }
 
 
-def settle(simulator: Simulator, state: State, settling: Settling = SETTLING) -> Attractor:
+def settle(
+    simulator: Simulator, state: State | None, settling: Settling = SETTLING, *, mode: str = ""
+) -> Attractor:
     """Simulate until it is known what the motion settles on, or the time is up.
 
     Parameters
     ----------
     simulator : Simulator
-    state : State
-        Where the motion starts.
+    state : State or None
+        Where the motion starts. None, as `Simulator.start` returns it, is a motion that meets no
+        wall.
     settling : Settling
+    mode : str, optional
+        The mode of a motion that meets no wall; the first one by default, as of `Simulator.start`.
 
     Returns
     -------
     Attractor
     """
+    if state is None:
+        return without_impact(simulator, mode)
     begun, made = state.turns, 0
     run = simulator.run(state, impacts=FIRST)
+    if run.outcome is not Outcome.DONE:
+        return _ended(simulator, run)
     if (found := _sticking(simulator, run, settling)) is not None:
         return periodic(simulator, *found, periods=int(run.turns[-1]) - begun)
     run = simulator.run(state, periods=settling.transient, record=False)
@@ -101,8 +112,41 @@ def _approached(
 
 def _ended(simulator: Simulator, run: Run) -> Attractor:
     """The attractor of a run that ended by itself."""
+    if run.left is not None:
+        mode = simulator.model.WALLS[run.left.wall].next_mode
+        return without_impact(simulator, mode, run.left)
     kind = _ENDS[run.outcome]
     return Attractor(kind, parameters(simulator), kind.value, simulator.period, state=run.end)
+
+
+def without_impact(simulator: Simulator, mode: str = "", left: State | None = None) -> Attractor:
+    """Return the motion without impacts in a mode, after its last one if there was one."""
+    modes = [each.name for each in simulator.model.MODES]
+    mode = mode or next(iter(modes), "")
+    if mode not in (modes or [""]):
+        raise InputError("mode", f"no mode {mode!r}", f"the modes are {', '.join(modes)}")
+    kind = Kind.NO_IMPACT
+    named = f"{kind.value} ({mode})" if mode in modes[1:] else kind.value
+    motion = free_motion(simulator, mode, left)
+    known = parameters(simulator)
+    return Attractor(kind, known, named, simulator.period, mode=mode, motion=motion)
+
+
+def settle_again(
+    simulator: Simulator, attractor: Attractor, settling: Settling = SETTLING
+) -> Attractor | None:
+    """Return what an attractor of neighbouring parameter values leads to; None if its motion is not
+    known."""
+    if attractor.state is not None:
+        return settle(simulator, attractor.state, settling)
+    if attractor.motion is None:
+        return None
+    place, speed = attractor.motion[::2], attractor.motion[1::2]
+    try:
+        state = simulator.start(0.0, place, speed, attractor.mode)
+    except InputError:  # a guard has passed it, or its flights begin at guards alone
+        return None
+    return settle(simulator, state, settling, mode=attractor.mode)
 
 
 def _unsettled(simulator: Simulator, state: State, settling: Settling, periods: int) -> Attractor:

@@ -36,6 +36,7 @@ from .flight_from_state import (
     KernelWindow,
     Window,
     linear_windows,
+    until_repeated,
     windows,
 )
 from .flights import NUDGE
@@ -262,7 +263,8 @@ class Automaton:
         lengths = windows(self.period, self.longest, short)
         if self.linear[wall]:
             start, held = self.leave(state)
-            for one in linear_windows(self.flying(wall, held), start, state.phase, lengths):
+            flown = linear_windows(self.flying(wall, held), start, state.phase, lengths)
+            for one in until_repeated(flown):
                 yield one, held
             return
         known = (self.kernels, self.values, self.guards[wall], self.positions[wall], state)
@@ -402,15 +404,25 @@ class Automaton:
             if self.passages.watched[wall][k]:
                 gap = self.guards[k].side * (self.positions[k] - float(row @ np.array(position)))
                 if not gap >= 0.0:
-                    found = f"{list(position)} is beyond {self.guards[k].name}"
-                    raise InputError("position", found, "start within the guards")
+                    raise self._outside(list(position), self.guards[k].name, mode)
         turns = math.floor(time / self.period)
         phase, motion = time - turns * self.period, self.motion(mode, 0)
         begin = motion.embedded(position, velocity, phase)
         lengths = windows(self.period, self.longest, short=False)
-        for window in linear_windows(motion, begin, phase, lengths):
+        for window in until_repeated(linear_windows(motion, begin, phase, lengths)):
             first = self._first(window, 0, None, wall)
             if first is not None:
                 at, passed = wrapped(phase + window.begin + first[0], self.period)
                 return self._passed(replace(first[1], phase=at, turns=turns + passed))
         return None
+
+    def _outside(self, position: list[float], guard: str, mode: str) -> InputError:
+        """A start beyond a guard of its mode."""
+        if not mode:
+            return InputError(
+                "position", f"{position} is beyond {guard}", "start within the guards"
+            )
+        found = f"{position} is beyond {guard}, at which the mode {mode!r} ends"
+        others = dict.fromkeys(g.next_mode for g in self.guards if g.next_mode != mode)
+        named = " or ".join(f"mode={other!r}" for other in others)
+        return InputError("position", found, f"start within the guards, or give {named}")

@@ -13,6 +13,8 @@ from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any, Protocol, TypeAlias
 
+import numpy as np
+
 from ..arrays import Array
 from ..models.guards import Guard
 from ..models.section import pivot
@@ -27,6 +29,9 @@ from .run import State
 Coordinate: TypeAlias = tuple[Motion, list[float], float]
 """A gap coordinate in a window: its displacement, velocity and acceleration, the times between
 which the acceleration has one sign, and where displacements are measured from."""
+
+REPEATED = 4e-16
+"""States that differ by less, by their size, are one to rounding."""
 
 SHORTEST = 0.125
 """The first window of flights that may be short, in periods."""
@@ -124,6 +129,21 @@ def linear_windows(
         yield LinearWindow(motion, track, state, begin, length)
         state, now = track.at(length), phase + begin + length
         state = motion.resting(motion.embedded(state[:size], state[size : 2 * size], now))
+
+
+def until_repeated(found: Iterable[LinearWindow]) -> Iterator[LinearWindow]:
+    """Yield windows of a flight until one is the one before it again, to rounding.
+
+    What meets no guard in it meets none in any that follows.
+    """
+    before = None
+    for window in found:
+        if before is not None and window.length == before.length:
+            apart = np.max(np.abs(window.state - before.state))
+            if apart <= REPEATED * np.max(np.abs(window.state)):
+                return
+        yield window
+        before = window
 
 
 @dataclass(frozen=True, eq=False)

@@ -91,6 +91,8 @@ class Run:
     outcome : Outcome
     end : State or None
         Where a further run can start; None if there is no such state.
+    left : State or None
+        The impact, or release, that the last flight leaves, where that meets no guard.
     others : ndarray of float, shape (N, n)
         The other section coordinates of each row; n is zero for one degree of freedom.
     held : ndarray of int, shape (N,)
@@ -108,6 +110,7 @@ class Run:
     end: State | None
     others: Array = field(default_factory=lambda: np.zeros((0, 0)))
     held: Array = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
+    left: State | None = None
 
     def __len__(self) -> int:
         return len(self.walls)

@@ -141,7 +141,7 @@ class Simulator:
         Returns
         -------
         State or None
-            None if no wall is met.
+            None if no wall is met; `settle` takes it, too.
 
         Raises
         ------
@@ -236,7 +236,7 @@ class Simulator:
 
     def run(
         self,
-        state: State,
+        state: State | None,
         *,
         impacts: int | None = None,
         periods: int | None = None,
@@ -248,7 +248,7 @@ class Simulator:
         ----------
         state : State
             The impact that is about to happen; it is not among the rows. A phase beyond [0, T) is
-            taken as whole periods and a phase.
+            taken as whole periods and a phase. None, as `start` returns it, is refused.
         impacts : int, optional
             Rows to make at most.
         periods : int, optional
@@ -263,8 +263,12 @@ class Simulator:
         Raises
         ------
         InputError
-            If neither `impacts` nor `periods` is given, or one is no whole number >= 0.
+            If there is no state, neither `impacts` nor `periods` is given, or one is no whole
+            number >= 0.
         """
+        if state is None:
+            found = "None: the motion meets no wall"
+            raise InputError("state", found, "give an impact; settle tells what that motion is")
         if impacts is None and periods is None:
             raise InputError("impacts", "no end of the run", "give impacts or periods")
         for name, number in (("impacts", impacts), ("periods", periods)):
@@ -281,10 +285,11 @@ class Simulator:
             state, outcome, count, columns = self.machine.make(state, span, asked, record)
             parts.append(columns)
             made, size = made + count, min(4 * size, CHUNK)
-        end = state if outcome is not Outcome.NO_IMPACT else None
+        lost = outcome is Outcome.NO_IMPACT
+        end, left = (None, state) if lost else (state, None)
         width = self.model.unknowns_per_impact - 2
         more = more_joined(parts, width) if self.several else {}
-        return Run(self.letters, self.period, *joined(parts), outcome, end, **more)
+        return Run(self.letters, self.period, *joined(parts), outcome, end, **more, left=left)
 
     # The linearised map.
 

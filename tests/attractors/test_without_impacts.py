@@ -1,0 +1,183 @@
+"""Motions that meet no guard: told apart by their mode, and matched with the word `0`."""
+
+from __future__ import annotations
+
+import json
+import math
+
+import numpy as np
+import pytest
+import sympy
+
+from contimpact import Formulas, InputError, Model, Parameter, Simulator, read_scene, settle, sweep
+from contimpact.attractors.attractor import Attractor, Kind
+from contimpact.attractors.coverage import cover
+from contimpact.attractors.edges import locate
+from contimpact.attractors.simulation import simulate
+from contimpact.attractors.sweep import Row, Simulators, same
+from contimpact.models.linear import Linear
+from contimpact.models.model import Guard, Mode
+from contimpact.records.diagram import Diagram
+from contimpact.systems.soft_stop import SoftStop
+
+VALUES = {"a": 1.0, "w": 2.0, "c": 0.3, "k": 1.0, "e": 0.5, "P": 4.0, "kb": 5.0}
+
+
+class Magnet(Model):
+    """x'' + c x' + k x = a cos wt + [x > e](P - kb (x - e)): the body may stay where it is held."""
+
+    SYSTEM = "magnet"
+    MODES = (Mode("free"), Mode("held"))
+    WALLS = (Guard("C", +1, "free", "held"), Guard("R", -1, "held", "free"))
+    PARAMETERS = tuple(Parameter(name, "", name) for name in VALUES)
+
+    def formulas(self, symbols):
+        a, w, c, k, e, P, kb = (symbols[p.name] for p in self.PARAMETERS)
+        period = 2 * sympy.pi / w
+
+        def linear(stiffness, pull):
+            given = {"mass": [[1]], "damping": [[c]], "stiffness": [[stiffness]]}
+            return Linear(**given, period=period, force=lambda t: [a * sympy.cos(w * t) + pull])
+
+        free, held = linear(k, 0), linear(k + kb, P + kb * e)
+        return Formulas(
+            period=period,
+            walls={"C": e, "R": e},
+            flight={"free": free.flight, "held": held.flight},
+            acceleration={"free": free.acceleration, "held": held.acceleration},
+        )
+
+
+def response(k, c, w, a=1.0, mean=0.0):
+    """Position and velocity at t = 0 of x'' + c x' + k x = a cos wt + mean k."""
+    size = (k - w**2) ** 2 + (c * w) ** 2
+    return mean + a * (k - w**2) / size, a * c * w**2 / size
+
+
+@pytest.fixture(scope="module")
+def simulator():
+    return Simulator(Magnet(**VALUES))
+
+
+@pytest.fixture(scope="module")
+def free(simulator):
+    return settle(simulator, simulator.start(0.0, position=0.0, velocity=0.0))
+
+
+@pytest.fixture(scope="module")
+def held(simulator):
+    start = simulator.start(0.0, position=1.5, velocity=0.2, mode="held")
+    return settle(simulator, start, mode="held")
+
+
+def test_settle_says_what_a_start_that_meets_no_wall_leads_to(simulator, free):
+    assert simulator.start(0.0, position=0.0, velocity=0.0) is None
+    assert (free.kind, free.notation, free.mode) == (Kind.NO_IMPACT, "no impact", "free")
+    assert free.motion == pytest.approx(response(1.0, 0.3, 2.0), rel=1e-12)
+
+
+def test_modes_tell_motions_without_impacts_apart(free, held):
+    assert (held.kind, held.notation, held.mode) == (Kind.NO_IMPACT, "no impact (held)", "held")
+    assert held.motion == pytest.approx(response(6.0, 0.3, 2.0, mean=6.5 / 6.0), rel=1e-12)
+    assert free != held
+    assert free.label != held.label
+    assert not same(free, held)
+    assert same(held, held)
+
+
+def test_a_motion_that_stops_hitting_says_in_which_mode_it_goes_on(simulator, held):
+    found = settle(simulator, simulator.state("C", 2.0, 1.0))
+    assert (found.mode, found.motion) == ("held", held.motion)
+
+
+def test_records_keep_mode_and_motion(held):
+    record = json.loads(json.dumps(held.as_record()))
+    assert Attractor.from_record(record) == held
+    record["motion"] = [1.0]
+    with pytest.raises(ValueError, match="motion without all coordinates"):
+        Attractor.from_record(record).require(Magnet(**VALUES))
+
+
+def test_what_cannot_start_without_an_impact_says_so(simulator):
+    with pytest.raises(InputError, match="state: None: the motion meets no wall"):
+        simulator.run(None, impacts=10)
+    start = simulator.start(0.0, position=0.0, velocity=0.0)
+    with pytest.raises(InputError, match="start: None: the motion meets no wall; give an impact"):
+        sweep(simulator.model, "w", [2.0, 1.9], start=start)
+
+
+def test_a_start_in_another_mode_is_offered(simulator):
+    with pytest.raises(InputError, match=r"beyond C, at which the mode 'free' ends; .*mode='held'"):
+        simulator.start(0.0, position=1.0, velocity=0.0)
+
+
+def test_a_mode_that_is_not_there_is_refused(simulator):
+    with pytest.raises(InputError, match="no mode 'stuck'; the modes are free, held"):
+        settle(simulator, None, mode="stuck")
+
+
+def test_its_end_along_a_sweep_is_where_it_reaches_the_guard(free, held):
+    """Held, the body swings about its mean with the amplitude a/hypot(k + kb - w^2, c w)."""
+    model = Magnet(**VALUES)
+    simulators = Simulators(model, "w")
+    before, after = Row("up", 2.0, held), Row("up", 2.1, free)
+    _, left, lost, _ = locate(simulators, before, after, 1e-2)
+    far = 6.5 / 6.0 - 0.5
+    limits = [1.0 / math.hypot(6.0 - w**2, 0.3 * w) - far for w in (left.value, lost.value)]
+    assert limits[0] < 0.0 < limits[1]
+    assert abs(lost.value - left.value) <= 1e-2
+
+
+def test_flights_by_kernels_settle_on_their_motion_too():
+    """Of the soft stop, in closed form."""
+    model = SoftStop(a=1.0, omega=2.0, c=0.3, k=1.0, e=0.5, k_b=20.0, c_b=0.3)
+    simulator = Simulator(model, longest_flight=60)
+    found = settle(simulator, simulator.state("C", 0.0, 1.0))
+    assert found.motion == pytest.approx(response(1.0, 0.3, 2.0), rel=1e-9)
+
+
+SCENE = {
+    "name": "quiet",
+    "model": {
+        "system": "linear",
+        "coordinates": ["x"],
+        "mass": [1],
+        "damping": ["c"],
+        "stiffness": [1],
+        "force": ["cos(omega*t)"],
+        "period": "2*pi/omega",
+        "guards": {"S": {"within": "x <= 1/2", "restitution": 0.1}},
+        "parameters": {"omega": 2.0, "c": 0.5},
+    },
+    "follow": {"parameter": "omega", "range": [1.9, 2.4], "orbits": ["0"], "switch": []},
+    "detect": {"events": ["G"]},
+    "simulate": {"values": 3, "branches": True, "transitions": False, "periods": 100},
+}
+
+
+@pytest.fixture(scope="module")
+def simulated(tmp_path_factory):
+    return simulate(read_scene(SCENE), tmp_path_factory.mktemp("quiet"))
+
+
+def test_motions_without_impacts_lie_on_branches_of_the_word_0(simulated):
+    assert {row.attractor.notation for row in simulated.sweep.rows} == {"no impact"}
+    assert simulated.coverage.uncovered == []
+    found = simulated.coverage.matches
+    assert [(m.branch, m.word, m.period) for m in found] == [("b1", "0", 1)] * 3
+    assert max(m.distance for m in found) < 1e-9
+
+
+def test_where_no_branch_has_them_a_scene_would_follow_them(simulated):
+    (uncovered,) = cover(simulated.sweep, Diagram("none", [])).uncovered
+    assert (uncovered.kind, uncovered.count) == ("no impact", 3)
+    assert uncovered.why == "no branch has this orbit"
+    assert 'orbits = ["0"]' in uncovered.scene
+
+
+def test_a_free_body_that_is_not_damped_settles_on_nothing():
+    model = Magnet(**VALUES | {"c": 0.0})
+    simulator = Simulator(model)
+    found = settle(simulator, simulator.start(0.0, position=0.0, velocity=0.0))
+    assert found.motion is None
+    assert np.array_equal(found.velocities, [])
