@@ -17,7 +17,7 @@ from flint import arb, ctx
 from mpmath.libmp import from_man_exp, to_fixed
 
 from contimpact.segments.arithmetic import Arithmetic
-from contimpact.segments.exact_transients import _partial_fractions
+from contimpact.segments.exact_transients import _partial_fractions, _roots
 from contimpact.segments.linear_flow import Shape, generators
 from contimpact.segments.many_digits import many_digits
 from contimpact.segments.stumpff import HIGHEST, TOGETHER
@@ -105,7 +105,7 @@ def transients(order):
 
 def _free_motion(n, b, c, k, t):
     c, k, t = map(MP.mpf, (c, k, t))
-    return _partial_fractions(MP, n, b, c, k, t) * t ** -max(2 * b - 1 - n, 0)
+    return _partial_fractions(MP, n, b, _roots(MP, c, k, t), t) * t ** -max(2 * b - 1 - n, 0)
 
 
 def stumpff(k):

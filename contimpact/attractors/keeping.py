@@ -149,14 +149,17 @@ WIDER = ("others", "held")
 
 def _of_run(run: Run) -> dict[str, Any]:
     columns = {name: getattr(run, name).tolist() for name in COLUMNS}
-    end = None if run.end is None else dataclasses.asdict(run.end)
+    states = {"end": run.end, "left": run.left}
+    kept = {name: None if s is None else dataclasses.asdict(s) for name, s in states.items()}
     about = {"letters": list(run.letters), "period": run.period, "outcome": run.outcome.name}
-    return about | columns | {"end": end}
+    return about | columns | kept
 
 
 def _run(record: Mapping[str, Any]) -> Run:
     """A run; its columns have a row each for the same impacts."""
-    columns = {name: np.array(record[name], dtype=kind) for name, kind in COLUMNS.items()}
+    columns: dict[str, Any] = {
+        name: np.array(record[name], dtype=kind) for name, kind in COLUMNS.items()
+    }
     if not columns["others"].size:
         columns["others"] = columns["others"].reshape(len(record["others"]), 0)
     own = [column for name, column in columns.items() if column.size or name not in WIDER]
@@ -165,9 +168,9 @@ def _run(record: Mapping[str, Any]) -> Run:
     letters = tuple(fitted(record["letters"], Sequence[str], "letters"))
     if np.any(columns["walls"] >= len(letters)):
         raise ValueError("a wall without a name")
-    end = None if record["end"] is None else made(State, record["end"])
+    end, left = (None if record[n] is None else made(State, record[n]) for n in ("end", "left"))
     period = fitted(record["period"], float, "period")
-    return Run(letters, period, outcome=Outcome[record["outcome"]], end=end, **columns)
+    return Run(letters, period, outcome=Outcome[record["outcome"]], end=end, left=left, **columns)
 
 
 def _result(record: Mapping[str, Any], model: Model | None) -> Any:

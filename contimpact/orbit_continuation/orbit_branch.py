@@ -296,7 +296,10 @@ class Run:
         problem, left, right = self.problem, self.rows[row], self.rows[row + 1]
         scale = problem.scale(left, float(np.ptp(self.rows[:, -1])) or 1.0)
         way, away = (right - left) / scale, problem.difference(unknowns, left) / scale
-        part = float(way @ away) / (float(way @ way) or 1.0)
+        length = float(way @ way)
+        if not length:  # where two walks begin, the point stands twice
+            return False
+        part = float(way @ away) / length
         if not -BEYOND <= part <= 1.0 + BEYOND:
             return False
         guess = left + part * (right - left)

@@ -284,7 +284,7 @@ def mean_rates(generator: Array, dt: Any, summed: Summed) -> tuple[Array, Array]
             found = found + 0.5 * gained
             found[h] = last
             t = 2.0 * t
-    if generator.ndim == 2 and not np.all(np.isfinite(found)):
+    if generator.ndim == 2 and found.dtype != object and not np.all(np.isfinite(found)):
         raise OverflowError("a linear flight grows beyond the range of floats")
     return found[q], found[h]
 

@@ -242,7 +242,7 @@ def test_other_forces_are_refused(force, said):
         ({"mass": [[1, 0], [0, 0]]}, "mass: the matrix is singular"),
         ({"mass": [[1, 1], [1, 1]]}, "mass: the matrix is singular"),
         ({"damping": [[1]]}, "damping: found rows"),
-        ({"force": lambda t: [0]}, "force: found 1 forces"),
+        ({"force": lambda t: [0]}, r"force: found \[0\]; give a list with one"),
     ],
 )
 def test_other_matrices_are_refused(changes, said):
