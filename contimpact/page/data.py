@@ -12,6 +12,7 @@ from .. import __version__
 from ..arrays import Array
 from ..bifurcations.registry import kind_of
 from ..models.model import Model
+from ..records.area import Area
 from ..records.branch import Branch
 from ..records.competition import falling, panels, parameters_of, regions
 from ..records.curve import Curve
@@ -283,7 +284,7 @@ def _status(curve: Curve) -> Array:
 
 
 def _panels(diagram: Diagram) -> list[dict[str, Any]]:
-    """The curves by member of the family and pair of parameters, with what comes first."""
+    """The curves by member of the family and pair of parameters, areas, and what comes first."""
     places = {curve.id: place for place, curve in enumerate(diagram.curves)}
     return [
         {
@@ -291,6 +292,11 @@ def _panels(diagram: Diagram) -> list[dict[str, Any]]:
             "along": (along := falling(group)),
             "across": group[0].parameters[1],
             "curves": [places[curve.id] for curve in group],
+            "areas": [
+                _area(area)
+                for area in diagram.areas
+                if area.orbits and _in(area, group[0].fixed, group[0].parameters[1], along)
+            ],
             "regions": [
                 {**dataclasses.asdict(region), "said": region.said}
                 for region in regions(group, along, diagram.checks)
@@ -298,6 +304,22 @@ def _panels(diagram: Diagram) -> list[dict[str, Any]]:
         }
         for group in panels(diagram.curves)
     ]
+
+
+def _in(area: Area, fixed: Mapping[str, float], across: str, along: str) -> bool:
+    return (dict(area.fixed), area.across, area.along) == (dict(fixed), across, along)
+
+
+def _area(area: Area) -> dict[str, Any]:
+    doubts = [f"{d.across:.6g}, {d.along:.6g}: {d.says}" for d in area.doubtful]
+    return {
+        "id": area.id,
+        "orbits": [{"notation": o.notation, "ends": o.ends} for o in area.orbits],
+        "polygon": [[list(point) for point in ring] for ring in area.polygon],
+        "part": area.part,
+        "says": " and ".join(map(str, area.orbits)),
+        "doubt": "; ".join(doubts),
+    }
 
 
 # Attractors.

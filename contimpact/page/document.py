@@ -26,7 +26,7 @@ FOLDER = Path(__file__).parent
 LIBRARY = "vendor/d3.min.js"
 SCRIPTS = (
     *("data", "state", "numbers", "shape", "chart", "diagram", "pointer", "labels"),
-    *("motion", "orbit", "moving", "catalogue", "plane", "files", "main"),
+    *("motion", "orbit", "moving", "catalogue", "plane", "areas", "files", "main"),
 )
 """Our own scripts, in the order in which they stand on each other."""
 

@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+import dataclasses
+
 import pytest
 
+from contimpact.records.area import Area, Doubt, StableOrbit
 from contimpact.scenes.scene import read_scene
 from contimpact.studies.explore import follow
+from contimpact.two_parameters.curves import follow_curve
 
 PAIR = {"beta": "pi/6", "r": 0.3, "A": 5.0, "s": 0.34}
 SMALL = {
@@ -27,3 +31,23 @@ def small_scene():
 @pytest.fixture(scope="session")
 def small(small_scene):
     return follow(small_scene)
+
+
+@pytest.fixture(scope="session")
+def small_map(small, small_scene):
+    """Its period doubling over r, and areas as records: one in the plane of the curve, one in which
+    nothing is stable, one of another plane."""
+    doubling = next(e for e in small.entries if e.kind == "PD")
+    curve = follow_curve(doubling, None, "r", small_scene.range, (0.25, 0.35), detect=False)
+    low, high = float(curve["d"].min()), float(curve["d"].max())
+    ring = [(0.25, low), (0.35, low), (0.35, high), (0.25, high), (0.25, low)]
+    orbit = StableOrbit("BT", 1, "1:1", "PD", "PD", "supercritical", [3])
+    doubt = Doubt(0.3, 0.2, "nothing stable")
+    about = {"fixed": {}, "across": "r", "along": "d", "borders": [[(0, "side")]], "places": []}
+    common = {"polygon": [ring], "part": 0.5, "checked": 1, **about}
+    areas = [
+        Area(id="a1", orbits=[orbit], doubtful=[doubt], **common),
+        Area(id="a2", orbits=[], **common),
+        Area(id="a3", orbits=[orbit], **{**common, "along": "s"}),
+    ]
+    return dataclasses.replace(small, curves=[curve], areas=areas)

@@ -512,6 +512,17 @@ def test_a_click_on_curves_opens_the_diagram_there(reader, computed):
     )
 
 
+def test_areas_are_tinted_and_told(reader, small_map, small_scene):
+    page = reader(small_map, small_scene, "view=plane")
+    (area,) = page.all("#plane .area[data-area]")
+    assert area.get_attribute("fill") == page.one("#plane .curve").get_attribute("stroke")
+    assert "stable until PD" in page.text("#plane .tints")
+    webdriver.ActionChains(page.driver).move_to_element(area).perform()
+    assert "a1: 1:1 until PD (supercritical), mechanism 3" in page.text("#plane-hover")
+    assert "0.3, 0.2: nothing stable" in page.text("#plane-points")
+    assert not page.all("#plane .region")
+
+
 def test_attractors_are_a_layer(reader, small, small_scene, tmp_path):
     table = tmp_path / "sweep.csv"
     found = sweep(small_scene.model, "s", [0.395, 0.35])

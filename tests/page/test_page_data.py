@@ -202,3 +202,14 @@ def test_a_damaged_table_of_attractors_is_refused(swept, small_scene, tmp_path, 
     damaged.write_text(change(swept.read_text(encoding="utf-8")), encoding="utf-8")
     with pytest.raises(InputError, match=r"sweep\.csv"):
         read_sweep(damaged, small_scene.model)
+
+
+def test_areas_of_a_panel(small_map, small_scene):
+    """With the rings of their polygons, what they say, and where a run doubts it."""
+    (panel,) = page_data(small_map, small_scene.model, Shown("d"))["panels"]
+    (area,) = panel["areas"]
+    assert area["id"] == "a1"
+    assert area["says"] == "1:1 until PD (supercritical), mechanism 3"
+    assert area["polygon"] == [[list(point) for point in small_map.areas[0].polygon[0]]]
+    assert area["doubt"] == "0.3, 0.2: nothing stable"
+    assert area["orbits"] == [{"notation": "1:1", "ends": "PD"}]

@@ -35,7 +35,11 @@
  */
 /** @typedef {{branch: string, notation: string, low: number, high: number, rows: [number, number]}} Run */
 /**
- * @typedef {{fixed: Record<string, number>, along: string, across: string, curves: number[],
+ * @typedef {{id: string, orbits: {notation: string, ends: string | null}[], polygon: [number, number][][],
+ *   part: number, says: string, doubt: string}} Area
+ */
+/**
+ * @typedef {{fixed: Record<string, number>, along: string, across: string, curves: number[], areas: Area[],
  *   regions: {low: number, high: number, first: string, notation: string, said: string}[]}} Panel
  */
 /**

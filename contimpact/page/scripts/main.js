@@ -157,7 +157,7 @@ observers.push((changed) => {
   drawControls();
   if (state.view === "diagram" && any(REDRAWN)) drawDiagram();
   if (state.view === "plane" && any(["view", "panel", "plane", "member"])) drawPlane();
-  if (any(["panel"])) drawPointTable();
+  if (any(["panel"])) drawPlaneTables();
   if (any(["at", "view"]) && state.view === "diagram") drawOrbit();
   if (any(LISTED)) drawTable();
   if (changed.has("at")) markRow(true);
@@ -273,7 +273,7 @@ drawWarnings();
 drawTransitions();
 Object.assign(state, cited());
 drawAll();
-drawPointTable();
+drawPlaneTables();
 addEventListener("hashchange", () => {
   if (location.hash.slice(1) !== fragment()) change(cited());
 });

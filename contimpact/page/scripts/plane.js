@@ -63,7 +63,7 @@ function planeHome() {
 function drawPlane() {
   const panel = page.panels[state.panel];
   if (!panel) return;
-  const width = sized(plane, 520),
+  const width = sized(plane, panel.areas.length ? 570 : 520),
     box = { left: 62, right: width - 20, top: 16, bottom: 430 },
     given = state.plane;
   /** @type {Limits} */
@@ -72,12 +72,14 @@ function drawPlane() {
     y = d3.scaleLinear(limits.y, [box.bottom, box.top]);
   planeDrawn = { box, limits, x, y };
   const inside = drawFrame(plane, box, { x, y }, { x: withUnit(panel.across), y: withUnit(panel.along) });
+  drawAreas(group(inside, "areas"), panel);
   drawRegions(group(inside, "regions"), panel);
   drawCurves(group(inside, "curves"), panel);
   drawPoints(group(inside, "points"), panel);
   group(inside, "pointer");
   drawComputed(group(plane, "values"), panel);
   drawCurveKey(group(plane, "key"), panel);
+  drawAreaKey(group(plane, "tints"), panel, 518);
   plane.attr(
     "aria-label",
     `Curves of bifurcations: ${withUnit(panel.along)} against ${withUnit(panel.across)}, ${valuesText(panel.fixed)}`,
@@ -157,11 +159,11 @@ function drawPoints(layer, panel) {
     .text(({ kind }) => kind);
 }
 
-/** What comes first, as bands along the lower edge. @param {Selected} layer @param {Panel} panel */
+/** What comes first, as bands along the lower edge, where no areas tell more. @param {Selected} layer @param {Panel} panel */
 function drawRegions(layer, panel) {
   const { x, box } = planeDrawn,
     orbits = [...new Set(panel.regions.map((region) => region.notation))];
-  const bands = panel.regions.map((region) => {
+  const bands = (panel.areas.length ? [] : panel.regions).map((region) => {
     const curve = page.curves.find((one) => one.label === region.first && one.notation === region.notation);
     return {
       region,
@@ -248,8 +250,8 @@ function drawCurveKey(layer, panel) {
     .text(({ name }) => name);
 }
 
-/** The table of points of codimension two. */
-function drawPointTable() {
+/** The tables of points of codimension two and of areas. */
+function drawPlaneTables() {
   const panel = page.panels[state.panel];
   const rows = (panel?.curves ?? []).flatMap((place) =>
     page.curves[place].points.map((point) => [
@@ -261,8 +263,11 @@ function drawPointTable() {
     ]),
   );
   const head = ["point", "on", withUnit(panel?.across ?? ""), withUnit(panel?.along ?? ""), "what changes"];
+  const areas = panel ? areaRows(panel) : [],
+    areaHead = ["area", "stable orbits", "of the rectangle", "doubts"];
   element("plane-points").replaceChildren(
     ...(rows.length ? [tableOf([head, ...rows], "Points of codimension two")] : []),
+    ...(areas.length ? [tableOf([areaHead, ...areas], "Areas")] : []),
   );
 }
 
@@ -315,6 +320,8 @@ function planeText(px, py) {
     lines.push(`${curve.label} of ${curve.notation}, ${curve.id}${ghost ? ", ghost" : ""}`);
     lines.push(...names.map((name) => `${symbol(name)} = ${shown(columns[name]?.[row])}`));
   }
+  const area = areaAt(panel, planeDrawn.x.invert(px), planeDrawn.y.invert(py));
+  if (area) lines.push(`${area.id}: ${area.says}`);
   if (member) lines.push(`click: the diagram at ${symbol(panel.across)} = ${ofPi(member.value)}`);
   return { found, text: lines.join("\n") };
 }
