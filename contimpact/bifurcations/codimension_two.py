@@ -9,7 +9,7 @@ G-PD   G, V         determinant of C(-1) of the orbit that grazes
 G-FB   G, V         determinant of C(1) of the orbit that grazes (the old branch folds), and
                     parameter rate of the branch with one impact more (its fold is born)
 DG     G, V         acceleration at the touch
-R1, R2 FB, PD       product of two multipliers minus one: a second one at 1, or at -1
+R1, R2 FB, PD       product of the critical multiplier and another minus one: two at 1, or at -1
 ====== ============ ======================================================================
 
 Those of one kind alone stand with it: CP in `fold`, GPD in `doubling`. They are located by
@@ -136,15 +136,19 @@ class AlsoStops(OnCurve):
 
 
 class Resonance(OnCurve):
-    """A second multiplier joins the critical one."""
+    """A second multiplier joins the critical one, 1 or -1."""
 
-    def __init__(self, kind: str, multiplier: str) -> None:
-        self.kind = kind
-        self.changes = f"two multipliers are {multiplier}: a curve of NS begins"
+    noise = 1e-9  # without damping and losses the product is one everywhere, within rounding
+
+    def __init__(self, kind: str, multiplier: float) -> None:
+        self.kind, self.multiplier = kind, multiplier
+        self.changes = f"two multipliers are {multiplier:.0f}: a curve of NS begins"
 
     def of(self, here: CurvePoint) -> ArrayLike:
-        value = float(neimark_sacker(here.orbit.stability.products))
-        return value if abs(value) > 1e-9 else np.nan
+        """Of products with the critical one alone: two others may be a pair of their own."""
+        values = here.orbit.multipliers
+        critical = int(np.argmin(np.abs(values - self.multiplier)))
+        return neimark_sacker(values[critical] * np.delete(values, critical))
 
     def born(self, here: CurvePoint, index: int) -> list[CurveStart]:
         """The curve of NS; with q the eigenvector, C(mu) q + C'(mu) mu q = 0 gives the next one."""

@@ -30,7 +30,7 @@ from .curve_start import CurveStart, twice
 from .extended_system import ExtendedSystem, located
 from .kind import SUB, SUPER, Change, Details, Kind, Look, ManyDigits, System, Values
 from .orbit_test import OrbitEvent, OrbitPoint, Orbits, OrbitTest
-from .singular_cycle import ROUNDING, SingularCycle, has_multiplier
+from .singular_cycle import ROUNDING, SingularCycle, has_multiplier, null_vectors
 from .start import Start
 
 
@@ -150,7 +150,7 @@ class PD(Kind):
         return (SUPER if unstable[0] > unstable[1] else SUB), None
 
     def codimension_two(self, word: Word) -> list[TestFunction[CurvePoint]]:
-        resonance = Resonance("R2", "-1")
+        resonance = Resonance("R2", -1.0)
         return [DoublingGrazes(self.name), AlsoStops(self.name), DoublingTurns(), resonance]
 
 
@@ -177,19 +177,15 @@ def doubling_bend(here: Linearisation) -> float:
 def _bend(here: Linearisation) -> tuple[float, float]:
     """Numerator and denominator of -c.
 
-    Of the two signs of psi that is taken for which psi . C'(mu) q > 0: it does not vanish where the
-    multiplier -1 is simple.
+    As `null_vectors` orients psi and q, the numerator is continuous along a curve, also through R2.
     """
     problem, n = here.problem, here.problem.n
-    left, _, right = np.linalg.svd(here.cyclic(-1.0)[:, :n])
-    psi, q = left[:, -1], right[-1]
+    psi, q = null_vectors(here.cyclic(-1.0)[:, :n])
     along = np.concatenate([q, np.zeros(problem.free)])
     mixed = problem.second_along(here.unknowns, along, -1.0)
     squared = problem.second_along(here.unknowns, along, -1.0, beside=-1.0)[:, :n] @ q
     cubed = problem.third_along(here.unknowns, q, -1.0)
     periodic = here.cyclic(1.0)[:, :n]
-    if psi @ periodic @ q < 0.0:  # C(1) q = C(-1) q + 2 C'(mu) q
-        psi = -psi
     bent, moved = np.linalg.solve(
         periodic, np.column_stack([-0.5 * squared, -here.by_parameter[:, 0]])
     ).T

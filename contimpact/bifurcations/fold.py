@@ -13,7 +13,7 @@ from .codimension_two import AlsoGrazes, AlsoStops, CurvePoint, OnCurve, Resonan
 from .extended_system import ExtendedSystem, located
 from .kind import Change, Details, Kind, Look, ManyDigits, System, Values
 from .orbit_test import OrbitEvent, OrbitPoint, Orbits, OrbitTest
-from .singular_cycle import SingularCycle, has_multiplier
+from .singular_cycle import SingularCycle, has_multiplier, null_vectors
 from .unfolding import stands_upright
 
 
@@ -36,15 +36,15 @@ class Fold(OrbitTest):
 
 
 class Cusp(OnCurve):
-    """CP: psi . F_zz[q, q], oriented by psi . F_lambda > 0."""
+    """CP: psi . F_zz[q, q]; psi is oriented with q, which the curve carries along."""
 
     kind = "CP"
     changes = "a cusp: two folds meet and end"
 
     def of(self, here: CurvePoint) -> float:
         orbit, n = here.orbit, here.orbit.problem.n
-        psi = np.linalg.svd(orbit.cyclic(1.0)[:, :n])[0][:, -1]
-        psi = psi * np.sign(psi @ orbit.by_parameter[:, 0])
+        psi, q = null_vectors(orbit.cyclic(1.0)[:, :n])
+        psi = psi * np.sign(q @ here.own)
         along = np.concatenate([here.own, np.zeros(orbit.problem.free)])
         return psi @ orbit.problem.second_along(orbit.unknowns, along) @ along
 
@@ -69,4 +69,4 @@ class FB(Kind):
         return orbit.singular(unknowns, 1.0)
 
     def codimension_two(self, word: Word) -> list[TestFunction[CurvePoint]]:
-        return [AlsoGrazes(self.name), AlsoStops(self.name), Cusp(), Resonance("R1", "1")]
+        return [AlsoGrazes(self.name), AlsoStops(self.name), Cusp(), Resonance("R1", 1.0)]

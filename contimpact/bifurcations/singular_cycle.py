@@ -26,6 +26,17 @@ def has_multiplier(event: OrbitEvent, target: float) -> bool:
     return bool(np.min(np.abs(multipliers - target)) < UNIT_CIRCLE)
 
 
+def null_vectors(matrix: Array) -> tuple[Array, Array]:
+    """Return the left and the right null vector of a matrix that lacks one rank.
+
+    They are oriented together: their product is a positive multiple of the adjugate, which does not
+    vanish along a curve of such matrices.
+    """
+    left, _, right = np.linalg.svd(matrix)
+    sign = np.sign(np.linalg.det(left) * np.linalg.det(right))
+    return sign * left[:, -1], right[-1]
+
+
 class SingularCycle(ExtendedSystem):
     """C(mu) is singular: mu is a multiplier. FB for mu = 1, PD for mu = -1."""
 

@@ -16,7 +16,7 @@ from ..scenes.scene import CurveOptions, Scene
 from ..segments.kernels import Kernels
 from .births import entries_born
 from .coverage import Lines
-from .runs import passes, run_through
+from .runs import passes, run_through, run_with
 
 
 class CurveMap(Protocol):
@@ -82,12 +82,15 @@ class Covering:
         own = self.map
         second = own.options.parameter
         there = self.model.replace(**{second: entry.parameters[second]})
-        run = run_through(own.scene, there, entry, own.kernels)
-        own.evaluations += run.problem.kernel_evaluations
-        if run.interrupted:
-            raise KeyboardInterrupt
-        own.start_from(run, there, self.fixed)
-        return "" if self.covered(entry) else "no curve through it could be followed"
+        for through in (run_through, run_with):
+            run = through(own.scene, there, entry, own.kernels)
+            own.evaluations += run.problem.kernel_evaluations
+            if run.interrupted:
+                raise KeyboardInterrupt
+            own.start_from(run, there, self.fixed)
+            if self.covered(entry):
+                return ""
+        return "no curve through it could be followed"
 
     def further(self) -> list[Entry]:
         """Start curves from points of codimension two; returns the entries they started from."""

@@ -39,7 +39,8 @@ from .shorter import Repeats, crossing, ended
 Range = tuple[float, float]
 
 ON_LIMIT = 1e-12
-"""How far beyond what a parameter admits a point of a curve may be by rounding."""
+"""How far beyond what a parameter admits, and as part of it from a value, rounding may put a point
+of a curve."""
 
 
 def follow_curve(
@@ -225,6 +226,7 @@ class SecondValue(TestFunction):
 
     def __init__(self, wanted: Sequence[float]) -> None:
         self.wanted = np.array(wanted, dtype=float)
+        self.noise = ON_LIMIT * max((abs(value) for value in wanted), default=0.0)
 
     def values(self, point: Point) -> Array:
         return point.parameter - self.wanted

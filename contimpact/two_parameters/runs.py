@@ -14,6 +14,7 @@ import numpy as np
 from ..bifurcations.extended_system import solve
 from ..bifurcations.registry import test_functions
 from ..continuation.bordered import first_tangent
+from ..continuation.branch import Event
 from ..continuation.test_function import TestFunction
 from ..models.model import Model
 from ..models.word import Word, is_rotation
@@ -29,6 +30,7 @@ from ..records.branch import Branch
 from ..records.competition import BIRTHS
 from ..records.curve import Curve
 from ..records.entry import Entry
+from ..records.entry_conversion import details_of
 from ..records.recovery import orbit_of
 from ..records.tables import columns_of
 from ..scenes.scene import Scene
@@ -108,10 +110,24 @@ def run_through(scene: Scene, model: Model, entry: Entry, kernels: Kernels) -> R
     From a step beside it: on the entry itself the walk could not tell which way it crosses.
     """
     orbit = orbit_of(entry, model, kernels)
-    problem = orbit.problem
+    return _run_from(scene, orbit.problem, _beside(orbit.problem, orbit.unknowns, scene))
+
+
+def run_with(scene: Scene, model: Model, entry: Entry, kernels: Kernels) -> Run:
+    """Follow the branch through the orbit of an entry, with that as its only event.
+
+    For where the test function sees no crossing: all orbits of the branch may be on the curve.
+    """
+    orbit = orbit_of(entry, model, kernels)
+    run = _run_from(scene, orbit.problem, orbit.unknowns)
+    place = int(np.argmin(np.max(np.abs(run.points.unknowns - orbit.unknowns), axis=1)))
+    told = entry.residual, entry.error, entry.method, details_of(entry)
+    return dataclasses.replace(run, events=[Event(entry.kind, run.points[place], *told)])
+
+
+def _run_from(scene: Scene, problem: OrbitProblem, start: Array) -> Run:
     stop = at_image(problem)
     tests = watched(tests_of(scene, problem), stop)
-    start = _beside(problem, orbit.unknowns, scene)
     return both_ways(problem, start, scene.range, tests, scene.settings, stop=stop)
 
 
@@ -197,11 +213,29 @@ def passes(curve: Curve, entry: Entry, model: Model, kernels: Kernels) -> bool:
         return False
     here = orbit_of(entry, model, kernels)
     problem = here.problem
-    return any(
+    first, second = curve.parameters
+    if any(
         _same(problem, entry, guess, here.unknowns, size)
-        for name in curve.parameters[::-1]
+        for name in (second, first)
         for guess, size in _crossings(curve, name, entry.parameters[name], problem)
-    )
+    ):
+        return True
+    near = [
+        (np.append(guess[:-1], entry.parameters[second]), size)
+        for guess, size in _crossings(curve, first, entry.parameters[first], problem)
+        if _apart(problem, guess, here.unknowns) < NEAR_CURVE
+    ]
+    return bool(near) and _passes_across(entry, model, second, near)
+
+
+def _passes_across(
+    entry: Entry, model: Model, second: str, near: Sequence[tuple[Array, float]]
+) -> bool:
+    """The same with the second parameter free: where the curve keeps its value, the first one is
+    not told by the equations."""
+    turned = dataclasses.replace(entry, parameter=second)
+    here = orbit_of(turned, model, Kernels(model, second))
+    return any(_same(here.problem, turned, guess, here.unknowns, size) for guess, size in near)
 
 
 def _crossings(
@@ -226,13 +260,17 @@ def _crossings(
 def _same(problem: OrbitProblem, entry: Entry, guess: Array, unknowns: Array, size: float) -> bool:
     """Whether the bifurcation next to a guess is that of an entry."""
     away = problem.difference(guess, unknowns)
-    off = float(np.max(np.abs(away)))
+    off = _apart(problem, guess, unknowns)
     if off > size + NEAR_CURVE:
         return False
     solution = solve(system_of(problem, entry), problem.evaluate(unknowns + away))
     if solution is None:
         return off < NEAR_CURVE
     return bool(np.max(np.abs(problem.difference(solution.unknowns, unknowns))) < SAME_CURVE)
+
+
+def _apart(problem: OrbitProblem, one: Array, other: Array) -> float:
+    return float(np.max(np.abs(problem.difference(one, other))))
 
 
 def same_curve(one: Curve, other: Curve) -> bool:

@@ -7,6 +7,7 @@ import math
 
 import numpy as np
 import pytest
+from zoo import scene
 
 from contimpact.bifurcations.codimension_two import Resonance
 from contimpact.bifurcations.torus import NS
@@ -15,6 +16,7 @@ from contimpact.orbit_continuation.orbit_branch import continue_orbit
 from contimpact.orbits.problem import OrbitProblem
 from contimpact.orbits.search import find_orbits
 from contimpact.segments.kernels import Kernels
+from contimpact.studies.explore import follow
 from contimpact.systems.oscillator import Oscillator
 from contimpact.two_parameters.curves import follow_curve
 from contimpact.two_parameters.problem import curve_problem
@@ -88,7 +90,7 @@ def test_it_begins_at_the_resonance():
     problem = OrbitProblem(model, Word("S", 1), pairs)
     here = problem.evaluate(np.array([curve["t1"][row], curve["v1"][row], at["c"], at["sigma"]]))
     mu = float(np.sign(here.multipliers[0].real))
-    start = Resonance("R1" if mu > 0 else "R2", f"{mu:.0f}").born(_At(here), 0)[0]
+    start = Resonance("R1" if mu > 0 else "R2", mu).born(_At(here), 0)[0]
     system = NS().equations(problem, {})
     own = system.start(here)
     assert own[-1] == pytest.approx(0.0 if mu > 0 else math.pi, abs=1e-3)
@@ -97,6 +99,68 @@ def test_it_begins_at_the_resonance():
     beside = own + step * moved
     off = system.assemble(here, beside).residual
     assert np.max(np.abs(off)) < 10.0 * step**2
+
+
+RESONANCES = {
+    "R1": ("FB", "S/2T", 2.22, 0.6, [0.5, 1.0], [-0.3, -0.1], 0.75),
+    "R2": ("PD", "S", 2.33, 0.8, [-0.3, 0.6], [-0.35, -0.05], 0.3),
+}
+
+
+@pytest.fixture(scope="module", params=sorted(RESONANCES))
+def resonant(request):
+    """The map of an oscillator that gains as much in flight as it loses at impacts at one damping:
+    there, for all places of the stop, is the curve of NS, and on it another curve has a resonance.
+    """
+    kind, word, omega, r, across, along, sigma = RESONANCES[request.param]
+    values = {"a": 1.0, "omega": omega, "c": -0.2, "k": 1.0, "sigma": sigma, "r": r}
+    given = scene(
+        model={"system": "oscillator", "parameters": values},
+        follow={"parameter": "sigma", "range": across, "orbits": [word], "switch": []},
+        detect={"events": ["FB", "PD", "NS"]},
+        curves={"parameter": "c", "range": along, "kinds": ["FB", "PD", "NS"], "cover": 1},
+        numerics={"starts": 16},
+    )
+    periods = given.orbits[0].period
+    return request.param, kind, damping(omega, r) / periods, follow(given)
+
+
+def test_a_map_has_the_curve_that_begins_at_a_resonance(resonant):
+    name, kind, exact, diagram = resonant
+    (point,) = (p for c in diagram.curves if c.kind == kind for p in c.points if p.kind == name)
+    assert point.parameters["c"] == pytest.approx(exact, abs=1e-11)
+    (torus,) = (c for c in diagram.curves if c.kind == "NS")
+    apart = np.abs(torus["multiplier1_im"]) > 0.1
+    assert torus["c"][apart] == pytest.approx(exact, abs=1e-12)
+    ends = [row for row, e in zip((0, -1), torus.ends, strict=True) if e.kind.name == "RESONANCE"]
+    away = [abs(torus["sigma"][row] - point.parameters["sigma"]) for row in ends]
+    assert min(away) < 1e-6
+    (told,) = diagram.coverage
+    assert told.born >= 1
+    assert not told.uncovered
+    assert told.complete
+
+
+def test_nothing_is_said_to_be_missed_at_a_resonance(resonant):
+    """Along the curve of PD its criticality is told on both sides."""
+    assert not any(curve.missed for curve in resonant[-1].curves)
+
+
+def test_a_pair_of_two_others_is_no_resonance():
+    """A fold of an orbit that also has a pair on the unit circle."""
+    circle = np.exp([0.7j, -0.7j])
+    values = {"pair": [*circle, 1.0, 0.3], "double": [2.0, 1.0, 1.0, 0.3]}
+    told = {
+        name: float(Resonance("R1", 1.0).of(_At(_Orbit(np.array(mu)))))
+        for name, mu in values.items()
+    }
+    assert told["double"] == 0.0
+    assert abs(told["pair"]) > 0.01
+
+
+@dataclasses.dataclass
+class _Orbit:
+    multipliers: object
 
 
 @dataclasses.dataclass
