@@ -29,7 +29,7 @@ from .chain_functions import (
     observe_chain,
     tangent_of_chain,
 )
-from .orbit_backend import OrbitBackend
+from .cycle_backend import OrbitBackend
 
 if TYPE_CHECKING:
     from ..compiling.program import Program

@@ -15,7 +15,7 @@ from zoo import ROOT
 
 from contimpact import continue_orbit, find_orbits
 from contimpact.continuation.settings import Settings
-from contimpact.orbit_continuation import chain_backend, orbit_backend
+from contimpact.orbit_continuation import chain_backend, cycle_backend
 from contimpact.scenes.scene import load_scene
 from contimpact.segments.compiled_flow import flow_compiled, space_of
 from contimpact.segments.float_flow import flow
@@ -88,7 +88,7 @@ def as_text(monkeypatch):
     def load(identity, arguments, build, worth=True):
         return made.setdefault(identity, Text(build()))
 
-    for backend in (chain_backend, orbit_backend):
+    for backend in (chain_backend, cycle_backend):
         monkeypatch.setattr(backend, "load", load)
     return made
 
