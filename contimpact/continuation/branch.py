@@ -106,6 +106,10 @@ class EndKind(enum.Enum):
     )
     TOUCH = "the touch reaches an impact of its own flight at {parameter} = {value:.12g}"
     RESONANCE = "the pair of multipliers meets on the real axis at {parameter} = {value:.12g}"
+    PERIOD = (
+        "the forcing's period is {times} times that of the start at {parameter} = {value:.12g} and "
+        "grows without bound beyond; to go on, start from there"
+    )
     STOPPED = "stopped at {parameter} = {value:.12g} on request"
     INTERRUPTED = "interrupted at {parameter} = {value:.12g}: what lies beyond was not followed"
 

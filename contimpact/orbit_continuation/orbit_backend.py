@@ -18,6 +18,7 @@ from ..orbits.linearisation import Linearisation
 from ..orbits.problem import OrbitProblem
 from .chain_backend import ChainBackend
 from .cycle_backend import OrbitBackend
+from .longest_period import bounded, told
 
 
 def walk_orbits(
@@ -36,7 +37,10 @@ def walk_orbits(
     """
     backend = backend_of(problem, tests, gaps)
     at, name = (problem, start, direction), problem.parameter
+    asked = options["limits"]
+    options["limits"] = bounded(problem, start, asked)
     found = walk(*at, parameter=name, tests=tests, backend=backend, meeting=meeting, **options)
+    found = told(found, problem, asked)
     if not gaps:
         return found
     settings, switched = options.get("settings") or Settings(), options.get("tangent") is not None
