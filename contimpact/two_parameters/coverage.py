@@ -3,8 +3,9 @@
 Curves say nothing of those they do not pass. A run along a line meets whatever crosses it, so
 lines are laid: the sides of the rectangle first and then ever denser, until as many as asked for in
 a row have met nothing new; then between neighbours on which different numbers of branches have
-physical orbits, for there a word appears or vanishes. A curve is started from every entry that lies
-on none.
+physical orbits, for there a word appears or vanishes; then from where something comes near to zero
+on a line and turns back, for beside it may be a closed curve that no line crosses. A curve is
+started from every entry that lies on none.
 """
 
 from __future__ import annotations
@@ -21,12 +22,14 @@ from ..models.word import Word
 from ..orbit_continuation.orbit_branch import Run
 from ..orbits.problem import Array
 from ..orbits.quiet import problem_of
+from ..orbits.search import solve_near
 from ..progress import Progress
 from ..records.curve import Coverage
 from ..records.entry import Entry
 from ..scenes.scene import Scene
 from ..segments.kernels import Kernels
-from .line_runs import across, at_value, crossing_runs, physical, switched_runs
+from .line_runs import across, at_value, crossing_runs, physical, run_on_line, switched_runs
+from .near_misses import Descents, NearMiss, near_misses
 
 GOLDEN = 0.5 * (np.sqrt(5.0) - 1.0)
 INSIDE = 1e-6
@@ -53,13 +56,14 @@ class Met:
 @dataclass(frozen=True)
 class Line:
     """A line: the parameter that is held, how far across its range, its value, and the runs of the
-    scene's word, with how many of them have physical orbits."""
+    scene's word, with how many of them have physical orbits; then those switched to."""
 
     held: str
     part: float
     value: float
     runs: Sequence[Run]
     real: int
+    born: Sequence[Run] = ()
 
 
 class Lines:
@@ -103,6 +107,9 @@ class Lines:
             first: (Kernels(model, second), self.options.range, scene.range),
         }
         self.laid: list[Line] = []
+        self.looked = 0
+        ranges = {held: way[2] for held, way in self.ways.items()}
+        self.descents = Descents(ranges, self.cross)
         self.met = {(word.walls, word.period): Met(word)}
         self.evaluations = 0
         self.generator = np.random.default_rng(scene.seed)
@@ -117,8 +124,8 @@ class Lines:
             if held is None:
                 break
             quiet = 0 if self.run(held, part) else quiet + 1
-            between = [self.run(*place) for place in self.between()] if quiet >= wanted else []
-            quiet = 0 if any(between) else quiet
+            if quiet >= wanted and (self.look_between() or self.descend()):
+                quiet = 0
         return [self.said(met, dict(fixed), quiet >= wanted) for met in self.met.values()]
 
     def lines(self) -> Iterator[tuple[str, float]]:
@@ -127,6 +134,11 @@ class Lines:
         for part in [INSIDE, 1.0 - INSIDE, *((GOLDEN * np.arange(1, 1 + most)) % 1.0).tolist()]:
             for held in self.ways:
                 yield held, part
+
+    def look_between(self) -> bool:
+        """Lay lines between neighbours that differ; whether one met an entry on no curve."""
+        met = [self.run(*place) for place in self.between()]
+        return any(met)
 
     def between(self) -> Iterator[tuple[str, float]]:
         """Places half way between neighbours with different numbers of branches, ever nearer."""
@@ -152,13 +164,43 @@ class Lines:
         runs = crossing_runs(self.scene, problem, limits, known, self.generator)
         born = switched_runs(self.scene, runs, limits)
         real = sum(bool(np.any(physical(run.points))) for run in runs)
-        self.laid.append(Line(held, part, value, runs, real))
+        self.laid.append(Line(held, part, value, runs, real, born))
         self.evaluations += problem.kernel_evaluations
         self.evaluations += sum(run.problem.kernel_evaluations for run in born)
-        every = [*runs, *born]
-        found = [e for run in every for e in run.branch("b0", kinds=self.options.kinds).events]
+        return self.meet_on([*runs, *born])
+
+    def meet_on(self, runs: Sequence[Run]) -> bool:
+        """Whether an entry of some runs is on no curve."""
+        found = [e for run in runs for e in run.branch("b0", kinds=self.options.kinds).events]
         met = [self.meet(entry) for entry in found if self.wanted(entry)]
         return any(met)
+
+    # Near misses on lines, from which closed curves between them are reached.
+
+    def descend(self) -> bool:
+        """Follow orbits from the near misses of lines to events; whether one is on no curve."""
+        lines, self.looked = self.laid[self.looked :], len(self.laid)
+        misses = [
+            (miss, line)
+            for line in lines
+            for run in (*line.runs, *line.born)
+            for miss in near_misses(run, self.options.kinds)
+        ]
+        misses.sort(key=lambda pair: pair[0].size)
+        self.progress(f"{self.word}: {len(misses)} near misses on {len(lines)} lines")
+        runs = (r for m, line in misses for r in self.descents.runs(m, line.held, line.value))
+        met = [self.meet_on([run]) for run in runs]
+        return any(met)
+
+    def cross(self, miss: NearMiss, held: str, place: Mapping[str, float]) -> Run | None:
+        """Follow the orbit of a near miss while a parameter is held."""
+        kernels, limits, _ = self.ways[held]
+        problem = problem_of(self.model.replace(**{held: place[held]}), miss.word, kernels)
+        start = np.append(miss.unknowns[:-1], place[kernels.parameter])
+        here = solve_near(problem, start)
+        run = None if here is None else run_on_line(self.scene, problem, here.unknowns, limits)
+        self.evaluations += problem.kernel_evaluations
+        return run
 
     def known(self, held: str, value: float) -> Iterator[Array]:
         """Orbits that lines across this one have met at its value, with their own value last."""

@@ -78,12 +78,17 @@ def _follow(
     runs: list[Run], scene: Scene, problem: OrbitProblem, unknowns: Array, limits: Range
 ) -> None:
     """Add the run through an orbit, unless it lies on one already."""
-    if lies_on(runs, problem, unknowns):
-        return
+    if not lies_on(runs, problem, unknowns):
+        runs.append(run_on_line(scene, problem, unknowns, limits))
+
+
+def run_on_line(scene: Scene, problem: OrbitProblem, unknowns: Array, limits: Range) -> Run:
+    """Follow an orbit along a line, both ways."""
     stop = at_image(problem)
     tests = watched(tests_of(scene, problem), stop)
-    runs.append(both_ways(problem, unknowns, limits, tests, scene.settings, stop=stop))
-    _uninterrupted(runs[-1])
+    run = both_ways(problem, unknowns, limits, tests, scene.settings, stop=stop)
+    _uninterrupted(run)
+    return run
 
 
 def lies_on(runs: Sequence[Run], problem: OrbitProblem, unknowns: Array) -> bool:
