@@ -174,10 +174,11 @@ class Reference:
         residual: list[Any] = []
         blocks = []
         for k, segment in enumerate(problem.segments):
-            i, j = m * k, m * k + m
+            j = m * k + m
             arrival = z[j : j + m] if j < n else [closing, *z[1:m]]
             arrival = arrival if problem.word.walls else z[:m]
-            rows, *entries, by_parameter = segment.over(self.arithmetic)(z[i:j], arrival, p)
+            left = self.leaving(z, k)
+            rows, *entries, by_parameter = segment.over(self.arithmetic)(left, arrival, p)
             residual += rows
             start, end = (ctx.matrix([e[m * r : m * r + m] for r in range(m)]) for e in entries)
             if j == n and problem.word.walls:
@@ -185,10 +186,17 @@ class Reference:
                 by_parameter = tuple(g + drift * end[r, 0] for r, g in enumerate(by_parameter))
                 if problem.autonomous and not held:
                     end[:, 0] *= 0
-            if problem.autonomous and held and k == 0:
+            if problem.autonomous and held and problem.word.walls and k == 0:
                 start[:, 0] *= 0
+            if problem.autonomous and not problem.word.walls:
+                start[:, 1] *= 0
             blocks.append((start, end, list(by_parameter)))
         return residual, blocks
+
+    def leaving(self, z: Sequence[Any], flight: int) -> list[Any]:
+        """Return where a flight leaves; without impacts and forcing, where a coordinate turns."""
+        m = self.problem.m
+        return self.problem.leaves(list(z[m * flight : m * flight + m])).tolist()
 
     def residual(self, z: Sequence[Any]) -> list[Any]:
         """Return the residuals of the orbit problem."""
@@ -283,11 +291,10 @@ class Reference:
         m, n = problem.m, problem.n
         flight, wall = details["flight"], details["wall"]
         kernel = self.flight(problem.word.walls[flight : flight + 1] or SECTION, wall)
-        left = slice(m * flight, m * flight + m)
 
         def system(x: list[Any]) -> list[Any]:
-            touch = [x[n + 1], self.ctx.zero, *x[n + 2 :]]
-            rows, _, _, _ = kernel(*x[left], *touch, *self.values(x[: n + 1]))
+            touch, left = [x[n + 1], self.ctx.zero, *x[n + 2 :]], self.leaving(x, flight)
+            rows, _, _, _ = kernel(*left, *touch, *self.values(x[: n + 1]))
             return [*self.residual(x[: n + 1]), *rows]
 
         return system, [float(details["touch_time"]), *[0.0] * (m - 2)]

@@ -111,7 +111,7 @@ def details_of(entry: Entry) -> dict[str, Any]:
     if lacking := [name for name in kind_of(entry.kind).needed if name not in details]:
         found = f"it has no {lacking[0]}"
         raise InputError("entry", found, "give an entry as a catalogue records it")
-    if entry.orbit_period is not None and "touch_time" in details:
+    if entry.word and entry.orbit_period is not None and "touch_time" in details:
         details["touch_time"] -= entry.orbit_period
     return details
 

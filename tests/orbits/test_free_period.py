@@ -251,6 +251,9 @@ def test_van_der_pol():
     branch = ci.continue_orbit(free, "sigma", (1.9, 2.3), events=["G"])
     (event,) = branch.events
     assert event.value == pytest.approx(2.00861986087484313, abs=event.error + 1e-15)
+    here = event.orbit()
+    many = Reference(here.problem).event("G", here.unknowns, details_of(event))
+    assert abs(many.parameter_error(event.value)) <= event.error < 1e-12
     impacts = ci.continue_born(event, range=(1.5, 2.3), events=["V"])
     assert [e.label for e in impacts.events] == ["V[1->0]"] or not impacts.events
     row = int(np.argmin(impacts["sigma"]))
