@@ -19,6 +19,7 @@ from .. import __version__
 from ..errors import InputError, NotWrittenError
 from .examples import with_examples
 from .terminal import complain, say
+from .termination import as_interruption
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -40,7 +41,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
 def _status(arguments: Sequence[str] | None) -> int:
     options = parser().parse_args(arguments)
     try:
-        return int(importlib.import_module(f"{__name__}.{options.module}").command(options))
+        with as_interruption():
+            return int(importlib.import_module(f"{__name__}.{options.module}").command(options))
     except InputError as error:
         complain(error)
         return 1 if isinstance(error, NotWrittenError) else 2

@@ -13,6 +13,7 @@ from typing import Any
 from ..errors import InputError
 from ..progress import Progress
 from ..records.result_folder import Files
+from .termination import ENDING
 
 
 def require_output(options: argparse.Namespace) -> None:
@@ -41,11 +42,12 @@ def deferred(interruption: Interruption) -> Iterator[None]:
             interruption.raising = False
             raise KeyboardInterrupt
 
-    before = signal.signal(signal.SIGINT, note)
+    before = {number: signal.signal(number, note) for number in ENDING}
     try:
         yield
     finally:
-        signal.signal(signal.SIGINT, before if before is not None else signal.SIG_DFL)
+        for number, handler in before.items():
+            signal.signal(number, handler if handler is not None else signal.SIG_DFL)
 
 
 def drawn(

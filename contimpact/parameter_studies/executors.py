@@ -114,6 +114,7 @@ def _one_thread_each() -> Iterator[None]:
 def _started() -> None:
     """In a new process: leave the keyboard to its parent, and end when the parent does."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
+    signal.signal(signal.SIGTERM, signal.SIG_DFL)
     threading.Thread(target=_end_with_parent, daemon=True).start()
 
 
