@@ -12,7 +12,7 @@ from ..display import Shown, Summary, frame, in_lines
 from ..models.model import Model
 from ..models.word import Word
 from .linearisation import Linearisation
-from .path import Path, path_of
+from .path import Path, motion_of, path_of
 from .problem import Array, OrbitProblem
 from .sensitivity import Sensitivity, sensitivity_of
 
@@ -128,6 +128,22 @@ class Orbit(Shown):
             On each flight.
         """
         return path_of(self.linearisation, points)
+
+    def motion(self, points: int = 200) -> Path:
+        """Return the motion of all coordinates along one period: times, positions, velocities.
+
+        Parameters
+        ----------
+        points : int
+            On each flight.
+
+        Returns
+        -------
+        Path
+            `x` and `v` have a column for each degree of freedom, in the model's order. An orbit
+            without impacts begins at t = 0.
+        """
+        return motion_of(self.linearisation, points)
 
     def sensitivity(self, parameter: str) -> Sensitivity:
         """Return the derivatives of impact times and velocities with respect to a parameter.

@@ -7,7 +7,10 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from ..arrays import Array
+from ..models.section import state_before
 from ..segments.arithmetic import ARRAYS, evaluate_in
+from ..segments.layout import SECTION
+from ..segments.track import track_of
 
 if TYPE_CHECKING:
     from .linearisation import Linearisation
@@ -49,3 +52,55 @@ def positions(here: Linearisation) -> dict[str, float]:
     setup = problem.kernels.setup(*problem.values(here.unknowns))
     names = (wall.name for wall in problem.model.WALLS)
     return {name: float(x) for name, x in zip(names, setup.walls, strict=True)}
+
+
+def motion_of(here: Linearisation, points: int = 200) -> Path:
+    """Return the motion of all coordinates along an orbit's period; `x` and `v` have a column for
+    each. Without impacts it begins at t = 0."""
+    problem = here.problem
+    rows = problem.impacts(here.unknowns).tolist()
+    if not rows:
+        dt = np.linspace(0.0, here.span, points)
+        state, wall = here.unknowns[: problem.m].tolist(), problem.model.WALLS[0].name
+        return Path(dt, *_by_segment(here, SECTION, wall, state, 0.0, dt))
+    walls = problem.word.walls
+    parts = []
+    for k, (wall, row) in enumerate(zip(walls, rows, strict=True)):
+        dt = np.linspace(0.0, np.subtract(*problem.times_around(here.unknowns, k)[::-1]), points)
+        if problem.kernels.linear(wall):
+            x, v = _on_track(here, wall, row, dt)
+        else:
+            x, v = _by_segment(here, wall, walls[(k + 1) % len(walls)], row, row[0], dt)
+        parts.append((row[0] + dt, x, v))
+    return Path(*(np.concatenate(column) for column in zip(*parts, strict=True)))
+
+
+def _on_track(here: Linearisation, wall: str, row: list[float], dt: Array) -> tuple[Array, Array]:
+    """Positions and velocities of all coordinates along a linear flight."""
+    problem, size = here.problem, here.problem.model.DEGREES_OF_FREEDOM
+    law = problem.kernels.law(wall)(*row, *problem.values(here.unknowns))
+    if not dt[-1] > 0.0:
+        states = np.tile(np.array(law[3], dtype=float), (len(dt), 1))
+    else:
+        track = track_of(law, float(dt[-1]))
+        states = np.array([track.at(t) for t in dt.tolist()])
+    return states[:, :size], states[:, size : 2 * size]
+
+
+def _by_segment(
+    here: Linearisation, left: str, wall: str, row: list[float], begin: float, dt: Array
+) -> tuple[Array, Array]:
+    """The same by the kernels of a flight to a wall: its gap coordinate, and what arrives there."""
+    problem = here.problem
+    values, kernels = problem.values(here.unknowns), problem.kernels
+    guard = next(g for g in problem.model.WALLS if g.name == wall)
+    gap = kernels.since(wall) if left == SECTION else kernels.gap(left, wall)
+    segment, none = kernels.segment(left, wall), [0.0] * (problem.m - 1)
+    found = []
+    for t in dt.tolist():
+        place, speed = gap(*row, t, *values)[:2]
+        others = segment.blocks(row, [begin + t, *none], values)[0][2:] if problem.m > 2 else ()
+        factors = guard.row(problem.model.DEGREES_OF_FREEDOM)
+        found.append(state_before(factors, place, [speed, *others]))
+    x, v = np.array(found, dtype=float).transpose(1, 0, 2)
+    return x, v
