@@ -234,7 +234,8 @@ class G(Kind):
 
     def verdict(self, here: Linearisation, details: Details) -> Verdict:
         touching = {(t.flight, t.wall) for t in _touching(here)}
-        return here.judge(forgive_touches={(details["flight"], details["wall"]), *touching})
+        touching.add((details["flight"], details["wall"]))
+        return here.judge(forgive_touches=touching, forgive_impacts=here.at_rest)
 
     def symbol(self, period: int) -> str:
         """On orbits of the period 2T, 4T, ... it is PD_G."""

@@ -14,7 +14,7 @@ from ..segments.flight import FlightGaps
 from ..segments.passages import ELSEWHERE, MEETING
 from .block_cyclic import BRIEF
 from .multipliers import Stability, count_unstable, stability_of, stability_of_orbit
-from .physicality import Verdict, findings, judge, verdict_of
+from .physicality import AT_REST, Verdict, findings, judge, verdict_of
 
 if TYPE_CHECKING:
     from .problem import OrbitProblem
@@ -207,6 +207,14 @@ class Linearisation:
     ) -> Verdict:
         """As `verdict`, with touches or impacts forgiven; see `physicality.judge`."""
         return judge(*self._flights(), forgive_touches, forgive_impacts)
+
+    @property
+    def at_rest(self) -> list[int]:
+        """The impacts whose velocity is rounding beside the speeds along the flights."""
+        problem = self.problem
+        speed = float(problem.scale(self.unknowns, 1.0)[1])
+        velocities = problem.impacts(self.unknowns)[: len(problem.word), 1]
+        return np.nonzero(np.abs(velocities) < AT_REST * speed)[0].tolist()
 
     @functools.cached_property
     def findings(self) -> Sequence[float]:
