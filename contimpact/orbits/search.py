@@ -52,7 +52,8 @@ def find_orbits(
     word : str or Word
         ``"2:1"``, ``"1:1/2T"``, ``"BTBT/2T"``, ...
     parameter : str, optional
-        The parameter that will be followed; the first of the model by default.
+        The parameter that will be followed; the first of the model by default, or the last where
+        the period is free: the first ones may bring a forcing.
     kernels : Kernels, optional
         Kernels to use, if some are at hand; they name the parameter.
     rng : None, int or numpy.random.Generator, default 0
@@ -84,7 +85,8 @@ def find_orbits(
     letters = [w.name for w in model.WALLS]
     if not isinstance(word, Word):
         word = parse_word(word, letters, graph=graph(model.WALLS), free=model.autonomous)
-    kernels = kernels or Kernels(model, parameter or next(iter(model.values)))
+    first = list(model.values)[-1 if model.autonomous else 0]
+    kernels = kernels or Kernels(model, parameter or first)
     problem = problem_of(model, word, kernels)
     generator = np.random.default_rng(rng)
     with asked(progress, f"find_orbits {word}") as tell:

@@ -175,11 +175,11 @@ def backend_of(problem: CurveProblem) -> CurveBackend | None:
     """Return a curve's problem for several steps at a time.
 
     None where there is none: for other equations, more than one degree of freedom or two free
-    parameters, long words, and flights that are no straight-line code.
+    parameters, free periods, long words, and flights that are no straight-line code.
     """
     orbit = problem.orbit
     variant = VARIANTS.get(type(problem.system))
-    if variant is None or orbit.m != 2 or orbit.free != 2:
+    if variant is None or orbit.m != 2 or orbit.free != 2 or orbit.autonomous:
         return None
     if not 1 <= len(orbit.word) <= LONGEST or orbit.kernels.loops:
         return None

@@ -99,6 +99,18 @@ def test_periods_asked_for_are_hit_within_their_errors(branch):
         assert abs(event.value - c) <= event.error < 1e-13
 
 
+def test_a_curve_of_equal_periods(branch):
+    """In two parameters: orbits at its points have the period of the first."""
+    event = next(e for e in branch.events if e.kind == "UZ")
+    limits = {"first_range": (-0.2, -0.01), "second_range": (0.6, 0.95)}
+    curve = ci.follow_curve(event, second="r", **limits)
+    assert len(curve) > 10
+    for row in (0, len(curve) // 2, -1):
+        model = oscillator(c=float(curve["c"][row]), r=float(curve["r"][row]))
+        found = ci.find_orbits(model, "S", starts=32, rounds=2)
+        assert [o.period for o in found if o.physical] == [pytest.approx(3.5, abs=1e-12)]
+
+
 @pytest.mark.slow
 def test_random_periods_are_hit_within_their_errors():
     """Of systems at random."""
@@ -366,7 +378,10 @@ def test_a_period_without_bound():
     branch = ci.continue_orbit(orbit, "c", (-0.3, -0.04), events=["FB"])
     (end,) = (end for end in branch.ends if end.kind is EndKind.FOR_EVER)
     assert branch["period"].max() > 16.0
-    assert [e.kind for e in branch.events] == ["FB"]
+    (fold,) = branch.events
+    limits = {"first_range": (-0.12, -0.05), "second_range": (0.75, 0.85)}
+    curve = ci.follow_curve(fold, second="r", **limits)
+    assert sorted(curve["r"][[0, -1]]) == [0.75, 0.85]
 
     def returns(c):
         """How much energy is missing on the way from the saddle to the stop, and back to it."""
