@@ -37,6 +37,7 @@ from .transitions import Transition, all_changes, between, explained
 
 if TYPE_CHECKING:
     from ..records.diagram import Diagram
+    from ..simulation.simulator import Simulator
     from .basins import Basins
     from .coverage import Coverage
 
@@ -218,11 +219,12 @@ class _Director:
         sweep, diagram = self.result.sweep, self.result.diagram
         pairs = all_changes(sweep)
         clock = _Clock("transitions", len(pairs), self.progress)
+        simulators = _Watched(self.simulators, clock)
         for before, after in pairs:
             key = (after.direction, after.value)
             if key not in self.kept.changes:
                 found = between(
-                    self.simulators, before, after, self.options.width, self.options.settling
+                    simulators, before, after, self.options.width, self.options.settling
                 )
                 self.kept.keep_changes(*key, list(found))
                 clock.tick(f"{self.scene.parameter} = {after.value:.6g}")
@@ -296,6 +298,10 @@ class _Clock:
     def skip(self, count: int) -> None:
         self.done += count
 
+    def working(self, text: str) -> None:
+        """Tell what is done for the next piece; how long that takes is not known."""
+        self.progress(f"{self.stage}: {self.done} of {self.total}; {text}")
+
     def tick(self, text: str) -> None:
         self.done += 1
         self.timed += 1
@@ -303,6 +309,18 @@ class _Clock:
         left = each * (self.total - self.done)
         place = f"{self.stage}: {self.done} of {self.total}"
         self.progress(f"{place}, about {left:.0f} s left; {text}")
+
+
+class _Watched(Simulators):
+    """Simulators that tell which value is tried."""
+
+    def __init__(self, own: Simulators, clock: _Clock) -> None:
+        super().__init__(own.model, own.parameter, own.kernels)
+        self.clock = clock
+
+    def at(self, value: float) -> Simulator:
+        self.clock.working(f"trying {self.parameter} = {value:.9g}")
+        return super().at(value)
 
 
 def write_simulation(result: Simulation, folder: Path) -> list[str]:

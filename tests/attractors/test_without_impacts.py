@@ -181,3 +181,14 @@ def test_a_free_body_that_is_not_damped_settles_on_nothing():
     found = settle(simulator, simulator.start(0.0, position=0.0, velocity=0.0))
     assert found.motion is None
     assert np.array_equal(found.velocities, [])
+
+
+def test_the_search_for_a_transition_tells_what_it_tries(tmp_path):
+    """What went before it is not the last that is heard for its whole time."""
+    options = {"values": 2, "transitions": True, "width": 0.1, "periods": 100, "impacts": 100}
+    follow = SCENE["follow"] | {"range": [1.3, 2.4]}
+    heard = []
+    scene = read_scene(SCENE | {"follow": follow, "simulate": options})
+    found = simulate(scene, tmp_path, progress=heard.append)
+    assert len(found.transitions) == 1
+    assert sum(line.startswith("transitions: 0 of 1; trying omega = ") for line in heard) > 2
