@@ -262,14 +262,21 @@ def check_values(machine: Machine, values: Mapping[str, float]) -> None:
         for i, row in enumerate(machine.mass)
     ]
     _check_mass(mass)
-    period = number(machine.period, "period", values)
-    if not period > 0.0:
-        raise InputError("period", f"it is {period:.6g}", "give the period of the forcing, above 0")
     for guard in machine.guards:
         where = f"guards.{guard.name}.restitution"
         restitution = number(guard.restitution, where, values)
         if not 0.0 <= restitution <= 1.0:
             raise InputError(where, f"it is {restitution:.6g}", "it must be from 0 to 1")
+
+
+def check_period(machine: Machine, values: Mapping[str, float]) -> None:
+    """Refuse a period of the forcing that is none, where a machine is stated.
+
+    Branches may lead to where there is none, and end on the way.
+    """
+    period = number(machine.period, "period", values)
+    if not period > 0.0:
+        raise InputError("period", f"it is {period:.6g}", "give the period of the forcing, above 0")
 
 
 def _check_mass(mass: list[list[float]]) -> None:

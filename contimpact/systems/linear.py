@@ -15,7 +15,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any, ClassVar, Self
 
 from ..errors import InputError
-from ..models.machine import TIME, Machine, StatedGuard, check_values, machine_of
+from ..models.machine import TIME, Machine, StatedGuard, check_period, check_values, machine_of
 from ..models.model import Formulas, Model, Parameter, Wall
 
 
@@ -41,6 +41,10 @@ class LinearMachine(Model):
     def __new__(cls, /, **given: Any) -> Self:
         kind = class_of(str(given.get("machine", ""))) if cls is LinearMachine else cls
         return object.__new__(kind)  # type: ignore[return-value]
+
+    def __init__(self, /, **given: Any) -> None:
+        super().__init__(**given)
+        check_period(self.machine, self.values)
 
     def __copy__(self) -> Self:
         other = object.__new__(type(self))
