@@ -18,6 +18,7 @@ from ..orbits.linearisation import Linearisation
 from ..orbits.problem import OrbitProblem
 from .chain_backend import ChainBackend
 from .cycle_backend import OrbitBackend
+from .free_period_ends import FreePeriodEnds
 from .longest_period import bounded, told
 
 
@@ -35,6 +36,8 @@ def walk_orbits(
     With `gaps` it is decided at every point if the orbit is physical, and changes of that or of the
     number of unstable multipliers are explained by events; see `contimpact.bifurcations.status`.
     """
+    if problem.autonomous:
+        options["stop"] = FreePeriodEnds(problem, options.get("stop"))
     backend = backend_of(problem, tests, gaps)
     at, name = (problem, start, direction), problem.parameter
     asked = options["limits"]
