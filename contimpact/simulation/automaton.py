@@ -21,12 +21,10 @@ import numpy as np
 
 from ..arrays import Array
 from ..errors import InputError
-from ..models.guards import slides_at
 from ..models.model import Model
 from ..models.section import state_before
 from ..segments.arrival import first_hit
 from ..segments.kernels import Kernels
-from ..segments.limits import room
 from ..segments.linear_flow import Shape
 from ..segments.passages import ELSEWHERE
 from .body import wrapped
@@ -41,6 +39,7 @@ from .flight_from_state import (
 )
 from .flights import NUDGE
 from .linear_motion import Contact, LinearMotion
+from .passing import Passing
 from .paths import path_of
 from .random_states import random_impact
 from .run import Outcome, State, columns_of
@@ -88,6 +87,7 @@ class Automaton:
         self.rows = tuple(np.array(guard.row(self.size), dtype=float) for guard in self.guards)
         self.restitution = tuple(self._restitution(k) for k in range(len(self.guards)))
         self._motions: dict[tuple[str, int], LinearMotion] = {}
+        self._through = Passing(kernels, self.values, self.positions)
 
     # What is fixed with the parameters.
 
@@ -232,29 +232,8 @@ class Automaton:
             if found is not None:
                 at = found[0] + window.begin
                 phase, passed = wrapped(state.phase + at, self.period)
-                return self._passed(replace(found[1], phase=phase, turns=state.turns + passed))
+                return self._through(replace(found[1], phase=phase, turns=state.turns + passed))
         return Outcome.RESTING if resting else Outcome.NO_IMPACT
-
-    def _passed(self, state: State) -> State:
-        """An arrival where the motion slides or, if it cannot, goes through the surface."""
-        for k, j in self._crossings.get(state.wall, ()):
-            sliding, limit = self.guards[j].name, self.guards[k].past
-            leave = (state.phase, *state.section)
-            within = room(self.kernels, sliding, limit, leave, self.values, self.positions)
-            return replace(state, wall=k if within < 0.0 else j)
-        return state
-
-    @functools.cached_property
-    def _crossings(self) -> dict[int, list[tuple[int, int]]]:
-        """Of each guard: those on its surface that lead through it and to sliding."""
-        found: dict[int, list[tuple[int, int]]] = {}
-        for k, guard in enumerate(self.guards):
-            sliding = slides_at(self.guards, guard) if guard.past else None
-            if sliding is not None:
-                pair = k, self.guards.index(sliding)
-                for i in pair:
-                    found.setdefault(i, []).append(pair)
-        return found
 
     def _windows(self, state: State) -> Iterator[tuple[Window, int]]:
         """The windows of the flight from a state, and the walls held in it."""
@@ -413,7 +392,7 @@ class Automaton:
             first = self._first(window, 0, None, wall)
             if first is not None:
                 at, passed = wrapped(phase + window.begin + first[0], self.period)
-                return self._passed(replace(first[1], phase=at, turns=turns + passed))
+                return self._through(replace(first[1], phase=at, turns=turns + passed))
         return None
 
     def _outside(self, position: list[float], guard: str, mode: str) -> InputError:
