@@ -1,5 +1,7 @@
-"""A request to end (SIGTERM), as schedulers send it, is taken as Ctrl-C: what was computed is
-written."""
+"""A request to end (SIGTERM), as schedulers send it, is taken as Ctrl-C.
+
+What was computed is written.
+"""
 
 from __future__ import annotations
 
