@@ -117,8 +117,10 @@ class Branch(Shown):
 
     @property
     def between(self) -> Array:
-        """Whether a row has the status of neither side: at an event, and where the branch is born,
-        whose orbit is another branch's."""
+        """Whether a row has the status of neither side.
+
+        So it is at an event, and where the branch is born, whose orbit is another branch's.
+        """
         found = np.asarray(self["event"] != "")
         found[0] |= self.ends[0].kind is EndKind.BORN
         return found

@@ -93,7 +93,7 @@ def back(formulas, symbols):
 
 MISTAKES = [
     (one, "formulas: flight: found 'left'; give one for each mode: 'left', 'right'"),
-    (exchanged, "flight from 'P': its velocity contradicts the acceleration"),
+    (exchanged, "flight from 'P' in the mode 'right': its velocity contradicts the acceleration"),
     (apart, "formulas: walls: 'P' leads into the mode 'right' 1 beyond 'N'"),
     (back, "jump at 'P': the body leaves the mode 'right' at once by 'N'"),
     (lambda f, s: s["k"], "no parameter 'k'; its parameters are a, omega, c, k_l, k_r"),
