@@ -137,7 +137,7 @@ def test_a_finished_run_is_resumed_without_work(scene_file, tmp_path, monkeypatc
         raise AssertionError("nothing is left to simulate")
 
     monkeypatch.setattr("contimpact.attractors.sweep.settle", forbidden)
-    monkeypatch.setattr("contimpact.attractors.edges.settle", forbidden)
+    monkeypatch.setattr("contimpact.attractors.edges.settle_again", forbidden)
     assert run(path, "-o", out, "--no-plot", "-q", "--resume") == 0
     assert {name: (out / name).read_bytes() for name in TABLES} == before
 
