@@ -248,7 +248,7 @@ def pendulum() -> tuple[OrbitProblem, Array, int]:
 
 
 def oscillator(word: str, flight: str) -> Callable[[], Walk]:
-    """Return the walk up in omega, with events and physicality, from the first orbit that the closed form has."""
+    """Return the walk up in omega, events on, from the first orbit that the closed form has."""
     found = find_orbits(Oscillator(**OSCILLATOR), word, parameter="omega")[0]
     system = FLIGHTS[flight](**OSCILLATOR)
     problem = problem_of(system, found.word, Kernels(system, "omega"))
