@@ -13,7 +13,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..continuation.branch import EndKind
+from ..continuation.ends import EndKind
 from ..continuation.problem import Problem
 from ..continuation.test_function import Located, TestFunction
 from ..models.word import Word

@@ -28,7 +28,8 @@ from itertools import pairwise
 
 import numpy as np
 
-from ..continuation.branch import EndKind, Point
+from ..continuation.branch import Point
+from ..continuation.ends import EndKind
 from ..continuation.problem import Problem
 from ..continuation.test_function import Located, TestFunction
 from ..models.guards import way_back

@@ -17,7 +17,8 @@ from typing import Protocol
 import numpy as np
 
 from ..arrays import Number
-from ..continuation.branch import Details, EndKind
+from ..continuation.branch import Details
+from ..continuation.ends import EndKind
 from ..continuation.test_function import TestFunction
 from ..models.word import Word
 from ..orbits.linearisation import Linearisation

@@ -10,7 +10,8 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from ..continuation.branch import EndKind, Point
+from ..continuation.branch import Point
+from ..continuation.ends import EndKind
 from ..continuation.test_function import TestFunction
 from ..models.word import Word
 from ..orbits.linearisation import Linearisation

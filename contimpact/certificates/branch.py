@@ -17,7 +17,7 @@ import numpy as np
 from flint import ctx
 
 from ..bifurcations.registry import kind_of
-from ..continuation.branch import EndKind
+from ..continuation.ends import EndKind
 from ..models.model import Model
 from ..models.word import Word
 from ..orbits.problem import Array, OrbitProblem

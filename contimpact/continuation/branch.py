@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import bisect
-import enum
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any, Generic, TypeAlias, overload
@@ -11,6 +10,7 @@ from typing import Any, Generic, TypeAlias, overload
 import numpy as np
 
 from ..arrays import Array
+from .ends import End
 from .event_order import in_order
 from .problem import E, Evaluation
 
@@ -49,84 +49,6 @@ class Point(Generic[E]):
     def parameter(self) -> float:
         """Value of the free parameter."""
         return float(self.evaluation.unknowns[-1])
-
-
-class EndKind(enum.Enum):
-    """Why a branch ends; the value is the sentence a user reads."""
-
-    RANGE = "reached the end of the range at {parameter} = {value:.12g}"
-    CLOSED = "closed on itself: the branch is a loop"
-    STEP = (
-        "the step fell below {floor:.3g} at {parameter} = {value:.12g} ({why}); a smaller min_step "
-        "or another free parameter may carry on"
-    )
-    CORRECTOR = (
-        "the corrector failed at {parameter} = {value:.12g} even with the smallest step ({why}); "
-        "the formulas may have no value beyond"
-    )
-    START = "the first point was not reached at {parameter} = {value:.12g} ({why})"
-    SINGULAR = (
-        "the tangent is not defined at {parameter} = {value:.12g} ({why}); start from another point"
-    )
-    POINTS = (
-        "the limit of {limit} points was reached at {parameter} = {value:.12g}; raise max_points "
-        "to go on"
-    )
-    EDGE = (
-        "left the range within a step of {floor:.3g} from {parameter} = {value:.12g} ({why}); "
-        "another range or a smaller min_step ends on the limit itself"
-    )
-    NEAR_MISS = (
-        "another branch passes this one at {parameter} = {place:.12g} at a distance of {near}, and "
-        "no step follows this one beyond {parameter} = {value:.12g} ({why}); change a parameter to "
-        "part them further"
-    )
-    SHORTER = (
-        "became {word}, run {times} times, at {parameter} = {value:.12g}; beyond, the same orbits "
-        "come again, whole periods later"
-    )
-    SYMMETRIC = (
-        "became its own mirror image at {parameter} = {value:.12g}; beyond, the mirror images of "
-        "its orbits follow"
-    )
-    REST = (
-        "shrank to an equilibrium near {parameter} = {value:.9g}, where the orbits are born: a "
-        "Hopf bifurcation"
-    )
-    FOR_EVER = (
-        "the period has grown to {period:.6g} at {parameter} = {value:.12g}, and the rounding "
-        "errors of so long a flight to {off:.1g}: the orbits come near to one that takes for ever, "
-        "by an equilibrium (a homoclinic one)"
-    )
-    KNOWN = "met branch {known} at {parameter} = {value:.12g}"
-    BORN = "born at {entry} of branch {parent} at {parameter} = {value:.12g}"
-    UNFOLDED = (
-        "the crossing of branches is unfolded at {parameter} = {value:.12g}: beyond, the branches "
-        "pass each other"
-    )
-    TOUCH = "the touch reaches an impact of its own flight at {parameter} = {value:.12g}"
-    RESONANCE = "the pair of multipliers meets on the real axis at {parameter} = {value:.12g}"
-    PERIOD = (
-        "the forcing's period is {times} times that of the start at {parameter} = {value:.12g} and "
-        "grows without bound beyond; to go on, start from there"
-    )
-    STOPPED = "stopped at {parameter} = {value:.12g} on request"
-    INTERRUPTED = "interrupted at {parameter} = {value:.12g}: what lies beyond was not followed"
-
-
-@dataclass(frozen=True)
-class End:
-    """How a branch ends: the kind, the parameter value there, and a sentence."""
-
-    kind: EndKind
-    value: float
-    message: str
-
-    @classmethod
-    def of(cls, kind: EndKind, parameter: str, value: float, **details: object) -> End:
-        """Make an end, filling in its sentence."""
-        text = kind.value.format(parameter=parameter, value=value, **details)
-        return cls(kind, value, text)
 
 
 Details: TypeAlias = Mapping[str, Any]

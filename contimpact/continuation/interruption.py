@@ -10,7 +10,8 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable
 from typing import TypeVar
 
-from .branch import End, EndKind, Walk
+from .branch import Walk
+from .ends import End, EndKind
 
 T = TypeVar("T")
 

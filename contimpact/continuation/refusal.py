@@ -5,7 +5,7 @@ from __future__ import annotations
 import enum
 from dataclasses import dataclass
 
-from .branch import EndKind
+from .ends import EndKind
 
 
 class Refusal(enum.Enum):

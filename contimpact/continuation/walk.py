@@ -13,10 +13,11 @@ from . import closed_branch
 from .arc import Arc
 from .batch import Backend, Batch, Notice, Position, Proposal
 from .bordered import point_after
-from .branch import Block, End, EndKind, Event, Missed, Point, Points, Walk
+from .branch import Block, Event, Missed, Point, Points, Walk
 from .corrector import correct
 from .crossing_branches import Find, Meeting, Passes
 from .dense import DenseBackend
+from .ends import End, EndKind
 from .events import find_events
 from .interruption import Interrupted
 from .limits import apart, check, on_limit

@@ -8,7 +8,8 @@ from collections.abc import Callable, Mapping, Sequence
 from ..bifurcations.declarations import EVENTS, SWITCHES
 from ..bifurcations.registry import switch
 from ..bifurcations.start import Start, once
-from ..continuation.branch import End, EndKind, Point, Walk
+from ..continuation.branch import Point, Walk
+from ..continuation.ends import End, EndKind
 from ..continuation.interruption import kept, other_way, undisturbed
 from ..continuation.settings import Settings
 from ..continuation.test_function import TestFunction

@@ -6,7 +6,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from ..continuation.branch import End, EndKind, Event, Point
+from ..continuation.branch import Event, Point
+from ..continuation.ends import End, EndKind
 from ..continuation.walk import Stop
 from ..orbits.problem import OrbitProblem
 from ..orbits.quiet import FreeQuietProblem

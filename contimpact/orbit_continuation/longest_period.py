@@ -10,7 +10,8 @@ import math
 from dataclasses import replace
 
 from ..arrays import Array
-from ..continuation.branch import End, EndKind, Walk
+from ..continuation.branch import Walk
+from ..continuation.ends import End, EndKind
 from ..orbits.linearisation import Linearisation
 from ..orbits.problem import OrbitProblem
 

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ..continuation.branch import End, EndKind
+from ..continuation.ends import End, EndKind
 from ..display import Shown, Summary, frame, in_lines
 from ..errors import shown
 from .entry import Entry

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from ..arrays import Array
-from ..continuation.branch import End
+from ..continuation.ends import End
 from ..display import Shown, Summary, frame, in_lines
 from .tables import same_data
 

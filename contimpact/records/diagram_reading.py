@@ -24,7 +24,7 @@ import numpy as np
 from ..bifurcations.doubling import PD
 from ..bifurcations.fold import FB
 from ..bifurcations.grazing import G
-from ..continuation.branch import EndKind
+from ..continuation.ends import EndKind
 from .branch import Branch
 from .entry import Entry
 

@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ..arrays import Array
-from ..continuation.branch import End, EndKind
+from ..continuation.ends import End, EndKind
 from ..errors import InputError
 from ..models.word import LONGEST_WORD
 from ..storage.decoding import DAMAGE, fitted, made

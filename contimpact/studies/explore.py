@@ -17,7 +17,8 @@ import numpy as np
 
 from ..bifurcations.registry import switch, test_functions
 from ..bifurcations.start import Start, once
-from ..continuation.branch import End, EndKind, Point
+from ..continuation.branch import Point
+from ..continuation.ends import End, EndKind
 from ..continuation.settings import Settings
 from ..continuation.test_function import TestFunction
 from ..errors import InputError

@@ -7,7 +7,8 @@ from collections.abc import Callable, Sequence
 import numpy as np
 
 from ..bifurcations.registry import kind_of
-from ..continuation.branch import End, EndKind, Point
+from ..continuation.branch import Point
+from ..continuation.ends import End, EndKind
 from ..continuation.settings import Settings
 from ..continuation.test_function import TestFunction
 from ..errors import InputError

@@ -15,7 +15,8 @@ from numpy.typing import ArrayLike
 
 from ..bifurcations.declarations import REQUESTED
 from ..bifurcations.kind import Kind
-from ..continuation.branch import End, EndKind, Event, Point, Walk, joined
+from ..continuation.branch import Event, Point, Walk, joined
+from ..continuation.ends import End, EndKind
 from ..continuation.interruption import kept, other_way
 from ..continuation.settings import Settings
 from ..continuation.test_function import TestFunction

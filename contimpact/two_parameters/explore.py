@@ -11,7 +11,7 @@ import numpy as np
 
 from ..bifurcations.registry import test_functions
 from ..bifurcations.requested import Requested
-from ..continuation.branch import End
+from ..continuation.ends import End
 from ..continuation.interruption import interrupted
 from ..continuation.walk import Options
 from ..errors import InputError

@@ -8,7 +8,8 @@ import numpy as np
 
 from ..bifurcations.registry import kind_of, switch
 from ..bifurcations.start import once
-from ..continuation.branch import End, EndKind, Event, Points
+from ..continuation.branch import Event, Points
+from ..continuation.ends import End, EndKind
 from ..orbit_continuation.born import first_step, run_born
 from ..orbit_continuation.orbit_branch import Run, both_ways
 from ..orbit_continuation.symmetry import at_image, watched

@@ -11,8 +11,9 @@ import numpy as np
 from ..bifurcations.curve_start import twice
 from ..bifurcations.extended_system import solve
 from ..bifurcations.registry import kind_of
-from ..continuation.branch import End, EndKind, Event, Point
+from ..continuation.branch import Event, Point
 from ..continuation.crossing_branches import Meeting
+from ..continuation.ends import End, EndKind
 from ..continuation.problem import Problem
 from ..continuation.test_function import Located, TestFunction
 from ..orbits.linearisation import Linearisation

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..bifurcations.registry import test_functions
-from ..continuation.branch import EndKind
+from ..continuation.ends import EndKind
 from ..models.model import Model
 from ..models.word import Word
 from ..orbits.orbit import Orbit

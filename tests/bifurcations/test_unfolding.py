@@ -14,7 +14,8 @@ import pytest
 
 from contimpact.bifurcations.fold import Fold
 from contimpact.bifurcations.registry import test_functions as functions
-from contimpact.continuation.branch import EndKind, Event, Point
+from contimpact.continuation.branch import Event, Point
+from contimpact.continuation.ends import EndKind
 from contimpact.continuation.settings import Settings
 from contimpact.orbit_continuation.orbit_branch import both_ways, continue_orbit
 from contimpact.orbits.search import find_orbits, solve_near

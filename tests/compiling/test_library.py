@@ -19,7 +19,7 @@ from contimpact.compiling import library as module
 from contimpact.compiling.arguments import VECTOR
 from contimpact.compiling.machine_code import _self_contained
 from contimpact.compiling.program import Program
-from contimpact.continuation.branch import EndKind
+from contimpact.continuation.ends import EndKind
 from contimpact.continuation.settings import Settings
 from contimpact.errors import InputError
 from contimpact.models.word import parse_word

@@ -8,7 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 import pytest
 
-from contimpact.continuation.branch import Block, End, EndKind, Point, Points, Walk, joined
+from contimpact.continuation.branch import Block, Point, Points, Walk, joined
+from contimpact.continuation.ends import End, EndKind
 from contimpact.orbit_continuation.orbit_branch import continue_orbit
 
 

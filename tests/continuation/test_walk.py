@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 from algebraic import Algebraic, follow
 
-from contimpact.continuation.branch import End, EndKind, Event, joined
+from contimpact.continuation.branch import Event, joined
+from contimpact.continuation.ends import End, EndKind
 from contimpact.continuation.refusal import Refusal, Refused
 from contimpact.continuation.settings import Settings
 from contimpact.continuation.test_function import TestFunction, UserFunction

@@ -10,7 +10,7 @@ from contimpact.bifurcations.declarations import EVENTS
 from contimpact.bifurcations.extended_system import located
 from contimpact.bifurcations.grazing import Grazing, Touching
 from contimpact.bifurcations.registry import test_functions as make_tests
-from contimpact.continuation.branch import EndKind
+from contimpact.continuation.ends import EndKind
 from contimpact.continuation.settings import Settings
 from contimpact.orbit_continuation.orbit_branch import both_ways
 from contimpact.orbit_continuation.symmetry import at_image

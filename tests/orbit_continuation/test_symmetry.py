@@ -10,7 +10,7 @@ from algebraic import Algebraic
 from algebraic import follow as follow_curve
 from zoo import scene
 
-from contimpact.continuation.branch import EndKind
+from contimpact.continuation.ends import EndKind
 from contimpact.orbit_continuation.born import continue_born
 from contimpact.orbit_continuation.orbit_branch import continue_orbit
 from contimpact.orbits.search import find_orbits

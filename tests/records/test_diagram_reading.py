@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from zoo import ROOT
 
-from contimpact.continuation.branch import EndKind
+from contimpact.continuation.ends import EndKind
 from contimpact.plots.lines import runs
 from contimpact.records.diagram_reading import read, stable_intervals
 from contimpact.scenes.scene import load_scene, read_scene

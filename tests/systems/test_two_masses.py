@@ -12,7 +12,7 @@ from zoo import ProportionalMasses
 from contimpact.accuracy.reference import Reference
 from contimpact.bifurcations.registry import switch
 from contimpact.bifurcations.registry import test_functions as functions
-from contimpact.continuation.branch import EndKind
+from contimpact.continuation.ends import EndKind
 from contimpact.continuation.settings import Settings
 from contimpact.orbit_continuation.orbit_branch import both_ways, continue_orbit
 from contimpact.orbits.search import find_orbits

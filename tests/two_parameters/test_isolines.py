@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from contimpact.continuation.branch import End
+from contimpact.continuation.ends import End
 from contimpact.errors import InputError
 from contimpact.orbit_continuation.orbit_branch import continue_orbit
 from contimpact.orbits.search import find_orbits
