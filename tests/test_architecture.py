@@ -361,3 +361,8 @@ def test_kernels_are_known_by_all_files_that_write_them():
     named = {f"contimpact.{name.replace('/', '.')}" for name in GENERATOR}
     others = ("arrays", "errors", "models.automaton", "models.contract", "models.sources")
     assert writing - {f"contimpact.{name}" for name in others} == named
+
+
+@pytest.mark.parametrize("module", sorted(FILES))
+def test_no_file_is_longer_than_four_hundred_lines(module):
+    assert len(FILES[module].read_text(encoding="utf-8").splitlines()) <= 400

@@ -20,7 +20,6 @@ from typing import Any
 import numpy as np
 
 from ..arrays import Array
-from ..errors import InputError
 from ..models.model import Model
 from ..models.section import state_before
 from ..segments.arrival import first_hit
@@ -43,6 +42,7 @@ from .passing import Passing
 from .paths import path_of
 from .random_states import random_impact
 from .run import Outcome, State, columns_of
+from .starting import check_start
 
 TOGETHER = 1e-14
 """Arrivals within this part of a period are at one time; the fastest of them comes first."""
@@ -371,19 +371,8 @@ class Automaton:
         self, time: float, position: Sequence[float], velocity: Sequence[float], mode: str
     ) -> State | None:
         """Return the first impact of a system that starts anywhere, in a mode; None for none."""
-        modes = [guard.next_mode for guard in self.guards]
         mode = mode or self.first_mode
-        if mode not in modes:
-            raise InputError("mode", f"no mode {mode!r}", f"the modes are {', '.join(modes)}")
-        wall = modes.index(mode)
-        if not self.linear[wall]:
-            found = f"the flights of {self.kernels.model.SYSTEM} are known from guards on"
-            raise InputError("position", found, "start at a guard")
-        for k, row in enumerate(self.rows):
-            if self.passages.watched[wall][k]:
-                gap = self.guards[k].side * (self.positions[k] - float(row @ np.array(position)))
-                if not gap >= 0.0:
-                    raise self._outside(list(position), self.guards[k].name, mode)
+        wall = check_start(self, position, mode)
         turns = math.floor(time / self.period)
         phase, motion = time - turns * self.period, self.motion(mode, 0)
         begin = motion.embedded(position, velocity, phase)
@@ -394,14 +383,3 @@ class Automaton:
                 at, passed = wrapped(phase + window.begin + first[0], self.period)
                 return self._through(replace(first[1], phase=at, turns=turns + passed))
         return None
-
-    def _outside(self, position: list[float], guard: str, mode: str) -> InputError:
-        """A start beyond a guard of its mode."""
-        if not mode:
-            return InputError(
-                "position", f"{position} is beyond {guard}", "start within the guards"
-            )
-        found = f"{position} is beyond {guard}, at which the mode {mode!r} ends"
-        others = dict.fromkeys(g.next_mode for g in self.guards if g.next_mode != mode)
-        named = " or ".join(f"mode={other!r}" for other in others)
-        return InputError("position", found, f"start within the guards, or give {named}")
