@@ -9,12 +9,13 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ..arrays import ARRAYS, Array, Containers, Vector
-from ..bifurcations.orbit_test import ManyOrbits
+from ..bifurcations.orbit_test import ManyOrbits, OneOrbit
 from ..compiling.library import CompiledProgram, load
 from ..continuation.batch import columns
 from ..continuation.branch import Block
 from ..models.guards import Row
 from ..orbits.cyclic_chain import block_size, kept_size
+from ..orbits.linearisation import Linearisation
 from ..orbits.multipliers import of_pencil, products_of
 from ..orbits.problem import OrbitProblem
 from ..segments.layout import Blocks, Setup
@@ -22,6 +23,7 @@ from ..segments.oscillation import MOST, ROW
 from ..segments.touches import coordinates
 from .chain_functions import (
     FINDINGS,
+    UNRESOLVED,
     ChainVectors,
     chain_step,
     evaluate_chain,
@@ -29,7 +31,7 @@ from .chain_functions import (
     observe_chain,
     tangent_of_chain,
 )
-from .cycle_backend import OrbitBackend
+from .cycle_backend import CycleBackend
 
 if TYPE_CHECKING:
     from ..compiling.program import Program
@@ -41,8 +43,8 @@ ARGUMENTS = "iiiiii" + "fffffff" + "FFFF" + "fffff" + "FF" + "ffffff" + "ff" + "
 """Kinds of the entry's arguments: those of `ChainVectors`, then those of `take_steps`."""
 
 
-class ChainBackend(OrbitBackend):
-    """As `OrbitBackend`, for several coordinates; use `follows` to know whether there is one."""
+class ChainBackend(CycleBackend):
+    """As `CycleBackend`, for several coordinates; use `follows` to know whether there is one."""
 
     @staticmethod
     def follows(problem: OrbitProblem) -> bool:
@@ -155,11 +157,22 @@ class ChainBackend(OrbitBackend):
         def observe(
             orbit: ChainVectors, z: Vector, tangent: Vector, sign: float, row: Vector, at: int
         ) -> None:
+            before = orbit.clock[UNRESOLVED]
             observe_chain(follow, orbit, z, tangent, sign, row, at)
+            if orbit.clock[UNRESOLVED] != before:
+                self.resolve(z, row, at)
 
         return evaluate, chain_step, tangent_of_chain, observe
 
-    @property
+    def resolve(self, z: Vector, row: Vector, at: int) -> None:
+        """Fill in gaps and verdict of flights that are too stiff to be followed in few steps."""
+        here = Linearisation(self.problem, np.array(z))
+        orbit, gaps = OneOrbit(here), at + self.described
+        measured = [*orbit.gaps.ravel().tolist(), *orbit.slowest.ravel().tolist()]
+        row[gaps : gaps + len(measured)] = measured
+        row[at + 1 : at + 1 + FINDINGS] = list(here.findings)
+
+    @functools.cached_property
     def variant(self) -> str | None:
         """How compiled code follows flights; None where it cannot."""
         return None if self.obstacle else "chain"

@@ -18,13 +18,11 @@ from ..segments.layout import Blocks, Setup
 from ..segments.oscillation import MOST
 from ..segments.oscillations import Followed, along_one, follow_all
 from ..segments.turning_points import excursions
+from .orbit_functions import UNRESOLVED
 
 WALLS, PERIODS, FREE, DERIVED, GAPS, DOUBLING, UNKNOWNS, COORDINATES = range(8)
 """Places in `counts`: as of `orbit_functions`, then the unknowns of an impact, and how many gap
 coordinates there are."""
-
-UNRESOLVED = 2
-"""Place in `clock`."""
 
 FINDINGS = 6
 """Numbers that `verdict` returns."""

@@ -21,7 +21,6 @@ from ..segments.flight import excursion_of
 from ..segments.layout import Setup
 from ..segments.oscillation import MOST, ROW
 from ..segments.zeros import time_zeros
-from .linear_flights import space_for
 from .orbit_functions import (
     DESCRIBED,
     DETERMINANT,
@@ -44,11 +43,13 @@ WORTH = 64
 """Points asked for at once from which compiled code is looked for."""
 
 
+TOO_STIFF = "flights whose equations are not linear, or too stiff"
+
 LINEAR = 50
 """A linear flight takes as long as so many of the impact pair, plainly."""
 
 
-class OrbitBackend:
+class CycleBackend:
     """An orbit problem as steps ask for it: block-cyclic elimination, many steps at a time.
 
     Parameters
@@ -63,12 +64,16 @@ class OrbitBackend:
 
     def __init__(self, problem: OrbitProblem, gaps: bool, doubling: bool) -> None:
         self.problem, self.gaps, self.doubling = problem, gaps, doubling
-        kernels, values = problem.kernels, problem.model.values.values()
-        setup = kernels.setup(*values)
-        self.fixed = POSITIONS + len(setup.walls) + len(setup.derived)
-        self.zeros = time_zeros(kernels.harmonics(*values), setup.period)
+        self.setup = problem.kernels.setup(*problem.model.values.values())
+        self.fixed = POSITIONS + len(self.setup.walls) + len(self.setup.derived)
         self.count, self.walls = len(problem.word), len(problem.model.WALLS)
         self.derived = len(problem.model.DERIVED)
+
+    @functools.cached_property
+    def zeros(self) -> list[float] | None:
+        """Of the acceleration, where they are the same along the branch."""
+        harmonics = self.problem.kernels.harmonics(*self.problem.model.values.values())
+        return time_zeros(harmonics, self.setup.period)
 
     @functools.cached_property
     def functions(self) -> Functions:
@@ -123,7 +128,7 @@ class OrbitBackend:
         import logging
 
         logging.getLogger(__name__).info("flights too stiff for compiled code: going on plainly")
-        self.variant = None
+        self.variant, self.obstacle = None, TOO_STIFF
         return self.steps(position, most, None)
 
     def steps(self, position: Position, most: int, fast: CompiledProgram | None) -> Batch:
@@ -147,7 +152,7 @@ class OrbitBackend:
     def obstacle(self) -> str:
         """Why there is no compiled code."""
         if self.zeros is None:
-            return "flights whose equations are not linear, or too stiff"
+            return TOO_STIFF
         return "a forcing whose harmonics change along a branch"
 
     @functools.cached_property
@@ -159,7 +164,12 @@ class OrbitBackend:
     @functools.cached_property
     def space(self) -> int:
         """Numbers of scratch space behind the parameter values of compiled code."""
-        return space_for(self.problem.kernels)
+        kernels, walls = self.problem.kernels, self.problem.model.WALLS
+        if not any(kernels.linear(wall.name) for wall in walls):
+            return 0
+        from .linear_flights import space_for
+
+        return space_for(kernels)
 
     def block(self, rows: Array) -> Block:
         """The points in the rows of `take_steps`."""

@@ -16,9 +16,7 @@ from ..continuation.test_function import TestFunction
 from ..continuation.walk import Options, walk
 from ..orbits.linearisation import Linearisation
 from ..orbits.problem import OrbitProblem
-from .chain_backend import ChainBackend
-from .cycle_backend import OrbitBackend
-from .free_period_ends import FreePeriodEnds
+from .cycle_backend import CycleBackend
 from .longest_period import bounded, told
 
 
@@ -37,6 +35,8 @@ def walk_orbits(
     number of unstable multipliers are explained by events; see `contimpact.bifurcations.status`.
     """
     if problem.autonomous:
+        from .free_period_ends import FreePeriodEnds
+
         options["stop"] = FreePeriodEnds(problem, options.get("stop"))
     backend = backend_of(problem, tests, gaps)
     at, name = (problem, start, direction), problem.parameter
@@ -52,11 +52,12 @@ def walk_orbits(
 
 def backend_of(
     problem: OrbitProblem, tests: Sequence[TestFunction[Linearisation]], gaps: bool = True
-) -> OrbitBackend | None:
+) -> CycleBackend | None:
     """Return a problem on block-cyclic elimination.
 
-    None where there is none: for more than one degree of freedom, for two free parameters, for
-    orbits without impacts, for free periods, and where jumps move the gap coordinate.
+    None where there is none: for several coordinates that do not move linearly or are more than
+    four, for two free parameters, for orbits without impacts, for free periods, and where jumps
+    move the gap coordinate.
     """
     if problem.free != 1 or not problem.word.walls:
         return None
@@ -66,9 +67,13 @@ def backend_of(
     if problem.lost or not problem.kernels.passages.anchored:
         plainly("modes of different dimension, and jumps that move the gap coordinate")
         return None
-    if problem.m != 2 and not ChainBackend.follows(problem):
+    needs = {need for test in tests if isinstance(test, OrbitTest) for need in test.needs}
+    wanted = gaps or "gaps" in needs, "doubling" in needs
+    if problem.m == 2:
+        return CycleBackend(problem, *wanted)
+    from .chain_backend import ChainBackend
+
+    if not ChainBackend.follows(problem):
         plainly("several coordinates that do not move linearly, or more than four of them")
         return None
-    needs = {need for test in tests if isinstance(test, OrbitTest) for need in test.needs}
-    kind = OrbitBackend if problem.m == 2 else ChainBackend
-    return kind(problem, gaps or "gaps" in needs, "doubling" in needs)
+    return ChainBackend(problem, *wanted)

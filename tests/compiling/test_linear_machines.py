@@ -138,3 +138,18 @@ def test_compiled_branches_are_the_same(plain_and_compiled, name):
     plain, fast = plain_and_compiled(lambda: branch(name, 300, 0.01))
     assert bool(plain.events) is (name not in WITHOUT_EVENTS)
     same(plain, fast)
+
+
+@pytest.mark.parametrize("mode", ["never", "text"])
+def test_flights_too_stiff_to_be_followed_in_few_steps_are_judged(as_text, monkeypatch, mode):
+    """With c2 = 400 a flight would take more steps than there is room for."""
+    if mode == "never":
+        monkeypatch.setenv("CONTIMPACT_COMPILED", "never")
+    stiff = MASSES | {"c2": 400.0, "sigma_2": 100.0}
+    model = TwoMasses(omega=0.8, r=0.8, **stiff)
+    orbit = find_orbits(model, "A", parameter="omega")[0]
+    branch = continue_orbit(orbit, "omega", (0.792, 0.808), events=[])
+    for row in range(len(branch)):
+        here = branch.orbit(row).linearisation
+        assert bool(branch["physical"][row]) is here.verdict.physical is False
+        assert branch["smallest_gap"][row] == pytest.approx(here.verdict.smallest_gap, abs=1e-9)
