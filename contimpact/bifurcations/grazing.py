@@ -82,9 +82,9 @@ class Grazing(OrbitTest):
     def of(self, orbits: Orbits) -> Array:
         """Gaps, and where sliding begins, how far from its limits; then, to see where extrema of a
         flight are born, how nearly it turns elsewhere."""
-        begun = [[one.room(z) for one in self.beginnings] for z in orbits.unknowns]
         gaps = orbits.gaps.reshape(len(orbits.gaps), -1)
-        return np.hstack([gaps, np.reshape(begun, (len(gaps), -1)), orbits.slowest])
+        rooms = [[one.room(z) for z in orbits.unknowns] for one in self.beginnings]
+        return np.column_stack([gaps, *rooms, orbits.slowest])
 
     def guided(self, left: Array, right: Array) -> Array:
         """Flights that turn nowhere at either end of an arc may do so between."""

@@ -8,7 +8,7 @@ from ..continuation.problem import Problem
 from ..continuation.test_function import Located, TestFunction
 from ..models.word import Word
 from ..orbits.linearisation import Linearisation
-from ..orbits.multipliers import count_unstable, multipliers
+from ..orbits.multipliers import count_unstable
 from ..orbits.physicality import OUT_OF_ORDER
 from ..orbits.problem import Array, OrbitProblem
 from ..orbits.rounding import rounding_of_setup
@@ -103,7 +103,7 @@ class T(Kind):
         if there is None:
             return super().multipliers(here, details)
         orbit = there[0].evaluate(there[1])
-        found = multipliers(orbit.start, orbit.end)
+        found = orbit.by_blocks.multipliers
         return found, int(count_unstable(found))
 
     def sliding(self, event: OrbitEvent) -> str | None:

@@ -17,7 +17,7 @@ from ..continuation.problem import Problem
 from ..continuation.test_function import Located, TestFunction
 from ..models.word import Word
 from ..orbits.linearisation import Linearisation
-from ..orbits.multipliers import count_unstable, stability_of
+from ..orbits.multipliers import count_unstable
 from ..orbits.physicality import WRONG_WAY, Verdict
 from ..orbits.problem import Array, OrbitProblem
 from .adding import where_added
@@ -180,7 +180,7 @@ class V(Kind):
         if shorter is None:
             return super().multipliers(here, details)
         there = shorter[0].evaluate(shorter[1])
-        found = there.told(stability_of(there.held, there.end)).multipliers
+        found = there.by_blocks.multipliers
         return found, int(count_unstable(found))
 
     def verdict(self, here: Linearisation, details: Details) -> Verdict:

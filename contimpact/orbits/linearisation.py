@@ -164,6 +164,11 @@ class Linearisation:
         """The blocks A_k of the multipliers; see `OrbitProblem.held`."""
         return self.problem.held(self.start)
 
+    @property
+    def by_blocks(self) -> Stability:
+        """Stability by the blocks as they are, where an impact is at rest or a flight vanishes."""
+        return self.told(stability_of(self.held, self.end))
+
     def told(self, found: Stability) -> Stability:
         """Return what blocks tell of stability, less what is known without them."""
         return found.without(self.problem.lost, int(self.problem.autonomous))
