@@ -1,4 +1,4 @@
-"""Kernels evaluated in fifty digits by ways that share nothing with the enclosures of `balls`.
+"""Kernels evaluated in fifty digits by other ways than the enclosures of `balls`.
 
 A kernel's text is the same, and is what is enclosed. What it calls is computed otherwise, and
 without Arb:
@@ -8,6 +8,11 @@ without Arb:
 - free motions by partial fractions over both roots, where balls sum power series in the time;
 - Stumpff functions by closed forms below 1/2 and by series up to 30, where balls do the reverse;
 - elementary functions by mpmath.
+
+Shared with the package, so that only other tests can see a mistake in one of these: the matrices of
+a linear flight (`generators`), which free motions there are and in which order (`TABLES`,
+`MOTIONS`), their partial fractions (`_partial_fractions`, `_roots`), and what `many_digits` takes
+from mpmath, which gives Stumpff functions of small arguments, too.
 """
 
 from __future__ import annotations
