@@ -32,7 +32,15 @@ from contimpact.segments.ball_series import number  # noqa: E402
 
 MANY, FEW = 10_000, 2
 """Random arguments of a kernel, in the tests that take minutes and in the others."""
-QUICK = ("impact pair", "light damping", "bouncing ball", "two stops", "impact damper")
+QUICK = (
+    "impact pair",
+    "harmonics",
+    "light damping",
+    "heavy damping",
+    "bouncing ball",
+    "two stops",
+    "impact damper",
+)
 
 
 def three_masses():
