@@ -21,7 +21,7 @@ from typing import Any, Protocol
 import numpy as np
 
 from ..arrays import Number
-from . import integration, layout, linear_flow, stumpff, transients
+from . import array_transients, integration, layout, linear_flow, stumpff, transients
 from .taylor import require
 
 
@@ -158,5 +158,5 @@ ARRAYS = Arithmetic(
     | {"nan": math.nan, **linear_flow.ARRAY, **integration.ARRAY, **PLAIN}
     | {"waves": _array_waves, "total": lambda x: np.sum(x, axis=0)}
     | stumpff.ARRAY
-    | transients.ARRAY
+    | array_transients.ARRAY
 )

@@ -21,10 +21,7 @@ differentiated in its own: as a product, the rate of :math:`g_{n,b}` would be a 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from typing import Any, TypeAlias
-
-import numpy as np
 
 Values: TypeAlias = tuple[Any, ...]
 
@@ -40,13 +37,13 @@ MOTIONS = {
 }
 """Those that are given as functions of time besides, behind the others."""
 
-_APART = 4.0
+APART = 4.0
 """Least distance of the roots of D, squared and quartered, to be summed over."""
-_SERIES_BELOW = 4.0
-_SLOW = 3.0
-_TERMS = 28
-_FEW = 20
-_INVERSE_FACTORIAL = tuple(1.0 / math.factorial(i) for i in range(_TERMS + 1))
+SERIES_BELOW = 4.0
+SLOW = 3.0
+TERMS = 28
+FEW = 20
+INVERSE_FACTORIAL = tuple(1.0 / math.factorial(i) for i in range(TERMS + 1))
 
 
 def transients1(c: Any, k: Any, t: Any) -> Values:
@@ -61,25 +58,25 @@ def _timed1(t: Any, f1: Any, p1: Any, u1: Any) -> Values:
 def _means1(c: Any, k: Any, t: Any) -> Values:
     y, kappa = 0.5 * c * t, k * t * t
     q = kappa - y * y
-    if q <= -_APART:
+    if q <= -APART:
         return _apart1(y, kappa, t)
-    if q < _SERIES_BELOW:
+    if q < SERIES_BELOW:
         basis = _series1(y, q, _terms(y, kappa))
     else:
         x = math.sqrt(q)
         basis = _swing1(q, math.sin(x) / x, math.cos(x))
-    return _near1(c, k, t, math.exp(-y), kappa < _SERIES_BELOW, *basis)
+    return _near1(c, k, t, math.exp(-y), kappa < SERIES_BELOW, *basis)
 
 
 def _terms(y: Any, kappa: Any) -> int:
-    return _FEW if y * y < 0.25 and kappa < 1.0 else _TERMS
+    return FEW if y * y < 0.25 and kappa < 1.0 else TERMS
 
 
 def _series1(y: Any, q: Any, terms: int) -> Values:
     """Sum of y^i X(i+1), X(0) and X(-1), where X(i) belongs to 1/(sigma^i (sigma^2 + q))."""
     total = x = later = 0.0
     for i in range(terms, 1, -1):
-        x, later = _INVERSE_FACTORIAL[i] - q * later, x
+        x, later = INVERSE_FACTORIAL[i] - q * later, x
         total = total * y + x
     x, later = 1.0 - q * later, x
     return total, x, 1.0 - q * later
@@ -106,7 +103,7 @@ def _apart1(y: Any, kappa: Any, t: Any) -> Values:
     by = 1.0 / (high - low)
     eh, el = math.exp(high), math.exp(low)
     g0, g1 = by * (eh - el), by * (high * eh - low * el)
-    if min(abs(high), abs(low)) < _SLOW:
+    if min(abs(high), abs(low)) < SLOW:
         return by * (_lag(1, high) - _lag(1, low)), g0, g1
     return (1.0 - g1 - 2.0 * y * g0) / kappa, g0, g1
 
@@ -125,13 +122,13 @@ def _lag(j: int, root: Any) -> Any:
     """The inverse Laplace transform of 1/(s (s - root)^j) at time one."""
     if abs(root) < 1.0:
         total = 0.0
-        for i in range(_FEW + j, j - 1, -1):
-            total = _INVERSE_FACTORIAL[i] - root * total
+        for i in range(FEW + j, j - 1, -1):
+            total = INVERSE_FACTORIAL[i] - root * total
         return math.exp(root) * total
     grown = math.exp(root)
     lag = (grown - 1.0) / root
     for i in range(1, j):
-        lag = (grown * _INVERSE_FACTORIAL[i] - lag) / root
+        lag = (grown * INVERSE_FACTORIAL[i] - lag) / root
     return lag
 
 
@@ -153,14 +150,14 @@ def _timed2(
 def _means2(c: Any, k: Any, t: Any) -> Values:
     y, kappa = 0.5 * c * t, k * t * t
     q = kappa - y * y
-    if q <= -_APART:
+    if q <= -APART:
         return _apart2(y, kappa, t)
-    if q < _SERIES_BELOW:
+    if q < SERIES_BELOW:
         basis = _series2(y, q, _terms(y, kappa))
     else:
         x = math.sqrt(q)
         basis = _swing2(q, math.sin(x) / x, math.cos(x))
-    return _near2(c, k, t, math.exp(-y), kappa < _SERIES_BELOW, *basis)
+    return _near2(c, k, t, math.exp(-y), kappa < SERIES_BELOW, *basis)
 
 
 def _series2(y: Any, q: Any, terms: int) -> Values:
@@ -168,7 +165,7 @@ def _series2(y: Any, q: Any, terms: int) -> Values:
     total1 = total2 = x1 = x2 = later1 = later2 = 0.0
     for i in range(terms, 1, -1):
         above = later1
-        x1, later1 = _INVERSE_FACTORIAL[i] - q * later1, x1
+        x1, later1 = INVERSE_FACTORIAL[i] - q * later1, x1
         x2, later2 = above - q * later2, x2
         total1, total2 = total1 * y + x1, total2 * y + x2
     return total1, total2, 1.0 - q * later1, 1.0 - q * x1, later1 - q * later2
@@ -202,7 +199,7 @@ def _apart2(y: Any, kappa: Any, t: Any) -> Values:
     g02 = by2 * (eh + el - 2.0 * g01)
     g12 = by2 * (h + eh + m + el - 2.0 * g11)
     g22 = by2 * ((high + 2.0) * h + (low + 2.0) * m - 2.0 * g21)
-    if min(abs(high), abs(low)) < _SLOW:
+    if min(abs(high), abs(low)) < SLOW:
         f1 = by * (_lag(1, high) - _lag(1, low))
         f2 = by2 * (_lag(2, high) + _lag(2, low) - 2.0 * f1)
     else:
@@ -234,14 +231,14 @@ def _timed4(
 def _means4(c: Any, k: Any, t: Any) -> Values:
     y, kappa = 0.5 * c * t, k * t * t
     q = kappa - y * y
-    if q <= -_APART:
+    if q <= -APART:
         return _apart4(y, kappa, t)
-    if q < _SERIES_BELOW:
+    if q < SERIES_BELOW:
         basis = _series4(y, q, _terms(y, kappa))
     else:
         x = math.sqrt(q)
         basis = _swing4(q, math.sin(x) / x, math.cos(x))
-    return _near4(c, k, t, math.exp(-y), kappa < _SERIES_BELOW, *basis)
+    return _near4(c, k, t, math.exp(-y), kappa < SERIES_BELOW, *basis)
 
 
 def _next(y: Any, kappa: Any, below: Any, one: Any, zero: Any) -> Any:
@@ -257,7 +254,7 @@ def _series4(y: Any, q: Any, terms: int) -> Values:
         x4, later4 = later3 - q * later4, x4
         x3, later3 = later2 - q * later3, x3
         x2, later2 = later1 - q * later2, x2
-        x1, later1 = _INVERSE_FACTORIAL[i] - q * later1, x1
+        x1, later1 = INVERSE_FACTORIAL[i] - q * later1, x1
         total1, total2 = total1 * y + x1, total2 * y + x2
         total3, total4 = total3 * y + x3, total4 * y + x4
     return (
@@ -298,7 +295,7 @@ def _near4(
 
 def _apart4(y: Any, kappa: Any, t: Any) -> Values:
     high, low = _roots(y, kappa)
-    slow = min(abs(high), abs(low)) < _SLOW
+    slow = min(abs(high), abs(low)) < SLOW
     f1 = f2 = f3 = f4 = 0.0
     if slow:
         f1, f2 = _sum(-1, 1, high, low), _sum(-1, 2, high, low)
@@ -339,44 +336,9 @@ def _part(n: int, j: int, root: Any) -> Any:
         return _lag(j, root)
     total, factor = 0.0, 1.0
     for i in range(min(n, j - 1) + 1):
-        total += factor * root ** (n - i) * _INVERSE_FACTORIAL[j - 1 - i]
+        total += factor * root ** (n - i) * INVERSE_FACTORIAL[j - 1 - i]
         factor = factor * (n - i) / (i + 1)
     return math.exp(root) * total
 
 
 SCALAR = {"transients1": transients1, "transients2": transients2, "transients4": transients4}
-
-
-def _array(order: int) -> Callable[..., Values]:
-    """The same functions for arrays; element by element where the roots are apart."""
-    scalar, near, series, swing, timed = (
-        globals()[f"_{name}{order}"] for name in ("means", "near", "series", "swing", "timed")
-    )
-    count = len(TABLES[order])
-
-    def basis(y: Any, q: Any) -> Values:
-        if q[0] < _SERIES_BELOW:
-            return series(y, q, _TERMS)
-        x = np.sqrt(q)
-        return swing(q, np.sin(x) / x, np.cos(x))
-
-    def function(c: Any, k: Any, t: Any) -> Values:
-        given = np.broadcast_arrays(*(np.asarray(x, dtype=float) for x in (c, k, t)))
-        c, k, t = (x.ravel() for x in given)
-        found = np.empty((count, t.size))
-        y, kappa = 0.5 * c * t, k * t * t
-        q = kappa - y * y
-        short, low, apart = kappa < _SERIES_BELOW, q < _SERIES_BELOW, q <= -_APART
-        for i in np.flatnonzero(apart).tolist():
-            found[:, i] = scalar(float(c[i]), float(k[i]), float(t[i]))
-        for part in (low & short & ~apart, low & ~short & ~apart, ~low):
-            if np.any(part):
-                ch, kh, th, yh, qh = (x[part] for x in (c, k, t, y, q))
-                brief = bool(short[part][0])
-                found[:, part] = near(ch, kh, th, np.exp(-yh), brief, *basis(yh, qh))
-        return timed(given[2], *found.reshape(count, *given[0].shape))
-
-    return function
-
-
-ARRAY = {f"transients{order}": _array(order) for order in TABLES}

@@ -12,12 +12,13 @@ import sympy
 from contimpact.errors import InputError
 from contimpact.models.symbolic import MeanTransient, Transient
 from contimpact.segments import printing
+from contimpact.segments.array_transients import ARRAY
 from contimpact.segments.bounded import BOUNDED, Bounded
 from contimpact.segments.exact_transients import _power_series, transient
 from contimpact.segments.kernels import Kernels
 from contimpact.segments.layout import flat
 from contimpact.segments.many_digits import many_digits
-from contimpact.segments.transients import ARRAY, MOTIONS, SCALAR, TABLES
+from contimpact.segments.transients import MOTIONS, SCALAR, TABLES
 from contimpact.systems.oscillator import Oscillator
 
 CTX = mp.mp.clone()
@@ -78,16 +79,25 @@ def test_sums_over_roots_and_power_series_are_the_same(c, k, t):
 @pytest.mark.parametrize("t", [1.0, 1e-7])
 def test_free_motions(y, kappa, t):
     c, k = 2 * y / t, kappa / t**2
-    found = dict(zip(TABLES[4], SCALAR["transients4"](c, k, t), strict=False))
-    arrays = dict(zip(TABLES[4], ARRAY["transients4"](c, k, np.array([t, 2 * t])), strict=False))
-    for (n, b), value in found.items():
-        truth, size = exact(n, b, c, k, t)
-        assert abs(value - truth) <= ALLOWED[b] * size, (n, b)
-        assert abs(arrays[n, b][0] - truth) <= ALLOWED[b] * size, (n, b)
-        for order in (1, 2):
-            if (n, b) in TABLES[order]:
-                short = SCALAR[f"transients{order}"](c, k, t)[TABLES[order].index((n, b))]
-                assert abs(short - truth) <= ALLOWED[b] * size, (n, b, order)
+    for order, table in TABLES.items():
+        found = SCALAR[f"transients{order}"](c, k, t)
+        arrays = ARRAY[f"transients{order}"](c, k, np.array([t, 2 * t]))
+        for (n, b), value, values in zip(table, found, arrays, strict=False):
+            truth, size = exact(n, b, c, k, t)
+            assert abs(value - truth) <= ALLOWED[b] * size, (n, b, order)
+            assert abs(values[0] - truth) <= ALLOWED[b] * size, (n, b, order)
+
+
+@pytest.mark.parametrize("order", TABLES)
+def test_arrays_of_all_kinds_of_damping(order):
+    rng = np.random.default_rng(order)
+    y, kappa = rng.choice([-5, -2, 0.1, 3, 30, 700], 300), rng.choice([0, 0.01, 3, 30, 1e4], 300)
+    t = rng.uniform(0.1, 10.0, 300)
+    c, k = 2 * y / t, kappa / t**2
+    together = np.array(ARRAY[f"transients{order}"](c, k, t))
+    for i, given in enumerate(zip(c.tolist(), k.tolist(), t.tolist(), strict=True)):
+        found = SCALAR[f"transients{order}"](*given)
+        assert together[:, i] == pytest.approx(found, rel=1e-12, abs=1e-280)
 
 
 @pytest.mark.parametrize(
