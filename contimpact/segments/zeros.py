@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator, Sequence
+from functools import cache
 from typing import TypeAlias
 
 import numpy as np
@@ -36,6 +37,14 @@ _SMALLEST = 2.0**-1000
 _LAYER = 1e-12
 """Part of the largest coefficient by which the interpolant may miss the function at an end. No node
 lies in the boundary layer of a strongly damped flight, whose rest looks smooth."""
+
+_MISSED = 1e-6
+"""Part of it by which an interpolant that is smooth misses an end behind such a layer, which is too
+thin for higher degrees as well."""
+
+_ALONE = 1.01
+"""A mean that is larger than all oscillation about it, by so much, leaves no room for a zero, nor
+for the pair beside the real axis that a touch may have become by rounding."""
 
 
 def time_zeros(harmonics: Sequence[float], period: float) -> list[float] | None:
@@ -222,10 +231,14 @@ def _interpolated_zeros(function: Callable[[Array], Array], length: float) -> li
         tail = float(np.max(np.abs(coefficients[-3:]))) / size if size else math.inf
         resolved = tail < 1e-14 or (tail < _NOISE and tail > 0.1 * before)
         if resolved and off <= max(_LAYER, len(values) * tail) * size:
+            if abs(coefficients[0]) > _ALONE * np.sum(np.abs(coefficients[1:])):
+                return []
             kept = np.nonzero(np.abs(coefficients) > 1e-15 * size)[0][-1] + 1
             roots = chebyshev.chebroots(coefficients[:kept]) if kept > 1 else np.array([])
             near = (np.abs(roots.imag) < 1e-6) & (np.abs(roots.real) <= 1.0 + 1e-9)
             return sorted((0.5 * length * (np.clip(roots.real[near], -1.0, 1.0) + 1.0)).tolist())
+        if resolved and off > _MISSED * size:
+            return None
         before = tail
     return None
 
@@ -250,8 +263,12 @@ def chebyshev_nodes(count: int, length: float) -> Array:
 
 def chebyshev_coefficients(values: Array) -> Array:
     """Return the coefficients of the interpolant through values at `chebyshev_nodes`."""
-    n = len(values)
-    angles = np.pi * (np.arange(n) + 0.5) / n
-    coefficients = 2.0 / n * np.cos(np.outer(np.arange(n), angles)) @ values
+    coefficients = _transform(len(values)) @ values
     coefficients[0] *= 0.5
     return coefficients
+
+
+@cache
+def _transform(n: int) -> Array:
+    angles = np.pi * (np.arange(n) + 0.5) / n
+    return np.asarray(2.0 / n * np.cos(np.outer(np.arange(n), angles)))
