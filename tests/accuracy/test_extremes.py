@@ -13,9 +13,16 @@ BEYOND = ("oscillator, overdamped, c = 1e8: the fold",)
 """Where the condition number is 1e16 and the status of points is rounding."""
 
 
-@pytest.mark.parametrize(
-    "name", [pytest.param(n, marks=[pytest.mark.corrupting] if n in BEYOND else []) for n in CASES]
-)
+LONG = ("oscillator, overdamped, c = 1e8: four decades of a", *BEYOND)
+"""What takes a minute; quick tests have the orbits there, and the same with c = 1e4."""
+
+
+def marks(name):
+    among = (pytest.mark.corrupting, BEYOND), (pytest.mark.slow, LONG)
+    return [mark for mark, names in among if name in names]
+
+
+@pytest.mark.parametrize("name", [pytest.param(name, marks=marks(name)) for name in CASES])
 def test_extreme(name):
     row = measure(name)
     said = row.outcome.endswith("said so") or row.outcome.startswith("refused: ")

@@ -104,11 +104,10 @@ def test_compiled_walks_are_the_same_for_random_parameters(plain_and_compiled, s
         same(one, other)
 
 
-@needs_numba
-def test_compiled_walks_where_the_zeros_of_the_acceleration_move(plain_and_compiled):
+def test_compiled_walks_where_the_zeros_of_the_acceleration_move(plain_and_program):
     """Along A the zeros of a single harmonic change, and vanish where gravity outweighs it."""
     model = ImpactPair(beta=math.pi / 6, r=0.3, A=5.0, s=0.34)
-    plain, fast = plain_and_compiled(lambda: walks(model, "BT", "A", (0.4, 30.0)))
+    plain, fast = plain_and_program(lambda: walks(model, "BT", "A", (0.4, 30.0)))
     assert plain[0].events
     for one, other in zip(plain, fast, strict=True):
         same(one, other)
@@ -179,8 +178,7 @@ def test_a_callback_sees_every_point_of_a_compiled_walk_and_may_stop(plain_and_c
     assert len(fast) == stop_at
 
 
-@needs_numba
-def test_compiled_walks_of_flights_that_depend_on_the_state(plain_and_compiled, oscillator):
+def test_compiled_walks_of_flights_that_depend_on_the_state(plain_and_program, oscillator):
     """The oscillator against a rigid stop, below and above critical damping."""
     for given, word in (({}, "SS/3T"), ({"c": 3.0, "sigma": -0.1}, "S")):
         model = oscillator(**{"omega": 1.0, "c": 0.1, "sigma": 0.4} | given)
@@ -188,7 +186,7 @@ def test_compiled_walks_of_flights_that_depend_on_the_state(plain_and_compiled, 
         def go(model=model, word=word):
             return walks(model, word, "a", (0.05, 1.5))
 
-        plain, fast = plain_and_compiled(go)
+        plain, fast = plain_and_program(go)
         assert any(walk.events for walk in plain)
         for one, other in zip(plain, fast, strict=True):
             same(one, other)
@@ -205,12 +203,11 @@ def test_compiled_walks_through_two_modes(plain_and_compiled, word):
         same(one, other)
 
 
-@needs_numba
-def test_flights_too_stiff_for_compiled_code_go_on_plainly(plain_and_compiled, oscillator, caplog):
+def test_flights_too_stiff_for_compiled_code_go_on_plainly(plain_and_program, oscillator, caplog):
     """With c = 800 a flight would take more steps than there is room for."""
     model = oscillator(c=800.0, omega=1.0, sigma=0.0)
     caplog.set_level(logging.INFO)
-    plain, fast = plain_and_compiled(lambda: walks(model, "S", "a", (0.95, 1.05)))
+    plain, fast = plain_and_program(lambda: walks(model, "S", "a", (0.95, 1.05)))
     assert fast
     for one, other in zip(plain, fast, strict=True):
         same(one, other)

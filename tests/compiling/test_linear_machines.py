@@ -1,8 +1,4 @@
-"""Linear machines compiled: the same numbers as plainly, to the last bit.
-
-Compiling one program takes twenty seconds. The text that is compiled runs as it stands, too, on the
-arrays that compiled code is given: so it is compared here, and compiled where slow tests run.
-"""
+"""Linear machines compiled: the same numbers as plainly, to the last bit."""
 
 from __future__ import annotations
 
@@ -11,11 +7,11 @@ import math
 
 import numpy as np
 import pytest
+from program_text import run_as_texts
 from zoo import ROOT
 
 from contimpact import continue_orbit, find_orbits
 from contimpact.continuation.settings import Settings
-from contimpact.orbit_continuation import chain_backend, cycle_backend
 from contimpact.scenes.scene import load_scene
 from contimpact.segments.compiled_flow import flow_compiled, space_of
 from contimpact.segments.float_flow import flow
@@ -67,30 +63,9 @@ def test_a_flow_beyond_the_range_of_floats_has_no_value():
     assert np.all(np.isnan(flow_compiled(1, 1, 0, 1.0, space)))
 
 
-class Text:
-    """A program's text, run as it stands in the place of machine code."""
-
-    def __init__(self, program):
-        self.names = {"compile": lambda function: function}
-        exec(program.text, self.names)
-
-    def __call__(self, *arrays):
-        with np.errstate(all="ignore"):
-            return self.names["entry"](*arrays)
-
-
 @pytest.fixture
 def as_text(monkeypatch):
-    """Let walks run on the texts of programs, instead of machine code."""
-    monkeypatch.setenv("CONTIMPACT_COMPILED", "always")
-    made = {}
-
-    def load(identity, arguments, build, worth=True):
-        return made.setdefault(identity, Text(build()))
-
-    for backend in (chain_backend, cycle_backend):
-        monkeypatch.setattr(backend, "load", load)
-    return made
+    return run_as_texts(monkeypatch)
 
 
 FAR = {"rattle", "coupled-by-impact"}
