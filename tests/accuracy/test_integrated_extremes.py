@@ -55,7 +55,7 @@ def test_a_flight_under_strong_damping():
     wall, dt, speed = simulator.fly(0, 0.3, 1.0)
     assert wall == -1  # it creeps away from the stop
     same = flown(values, [1.5, -0.8], 0.3, 0.3 + dt, "Radau", 1e-10)
-    assert speed == pytest.approx(same[1], rel=1e-6)
+    assert speed == pytest.approx(same[1], rel=1e-9)
     run = simulator.run(simulator.state("S", 0.3, 1.0), impacts=3)
     assert run.outcome is Outcome.NO_IMPACT
 
@@ -68,10 +68,10 @@ def test_a_stop_beyond_upright():
     branch = ci.continue_orbit(
         found[0], "sigma", (3.1, 3.2), events=["UZ"], values={"sigma": [math.pi]}
     )
-    assert {end.kind for end in branch.ends} <= {*EndKind}
+    assert [end.kind for end in branch.ends] == [EndKind.RANGE] * 2
+    assert [entry.kind for entry in branch.events] == ["UZ"]
     for entry in branch.events:
         t, v = entry.times[0], entry.velocities[0]
         span = 2.0 * math.pi / values["omega"]
         back = flown(values, [math.pi, -0.8 * v], t, t + span)
         assert back == pytest.approx([math.pi, v], abs=1e-8 * max(1.0, abs(v)))
-    assert branch.events
