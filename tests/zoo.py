@@ -5,6 +5,8 @@ from __future__ import annotations
 import importlib.util
 from pathlib import Path
 
+import mpmath as mp
+
 from contimpact.models.model import Formulas, Model, Parameter, Wall
 from contimpact.scenes.scene import read_scene
 from contimpact.systems.impact_pair import ImpactPair
@@ -164,3 +166,38 @@ def two_masses(**given):
     """Two equal masses at values where they hit the stop once in a period."""
     values = {"a": 1.0, "omega": 1.3, "c": 0.1, "k1": 1.0, "k2": 0.6, "sigma": 0.5, "r": 0.8}
     return TwoMasses(**(values | given))
+
+
+def adding_sliding(values, guess):
+    """Where sticking is divided of a body on a belt that slips and sticks once, by closed forms.
+
+    The friction that holds the body touches its lower limit. `guess` is the amplitude and when the
+    body slips, sticks and touches; returned as these are, to thirty digits.
+    """
+    omega, c, V, mu = (mp.mpf(values[name]) for name in ("omega", "c", "V", "mu_0"))
+    root, period = mp.sqrt(1 - c**2 / 4), 2 * mp.pi / omega
+
+    def residual(a, slips, sticks, touches):
+        response = a / mp.mpc(1 - omega**2, c * omega)
+
+        def steady(t):
+            return mp.re(response * mp.expj(omega * t)), mp.re(
+                1j * omega * response * mp.expj(omega * t)
+            )
+
+        def holds(x, t):
+            return x + c * V - a * mp.cos(omega * t)
+
+        begin = mu - holds(0, slips)
+        (p, q), dt = steady(slips), sticks - slips
+        x, v = begin - mu - p, V - q
+        e, cos, sin = mp.exp(-c * dt / 2), mp.cos(root * dt), mp.sin(root * dt) / root
+        p, q = steady(sticks)
+        end = mu + p + e * (x * cos + (v + c * x / 2) * sin)
+        speed = q + e * (v * cos - (x + c * v / 2) * sin)
+        back = end + V * (slips + period - sticks)
+        touch = holds(end + V * (touches - sticks), touches) + mu
+        return [speed - V, back - begin, touch, V + a * omega * mp.sin(omega * touches)]
+
+    with mp.workdps(30):
+        return [*mp.findroot(residual, guess)]

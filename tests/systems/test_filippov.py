@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 import sympy
 from scipy.integrate import solve_ivp
+from zoo import adding_sliding
 
 import contimpact as ci
 from contimpact.errors import InputError
@@ -97,10 +98,12 @@ def test_its_sliding_bifurcations_are_the_belts():
     ends = []
     for kind in (Stated, Belt):
         branch = ci.continue_orbit(one(kind, "PS"), "a", (0.53, 0.56), events=["G"])
-        ends.append(
-            [(e.label, e.sliding, e.criticality, round(e.value, 11)) for e in branch.events]
-        )
-    assert ends[0] == ends[1] == [("G[PS->PSAB]", "adding-sliding", "supercritical", 0.54716852427)]
+        ends.append([(e.label, e.sliding, e.criticality) for e in branch.events])
+        (event,) = branch.events
+        a, *_, touch = adding_sliding(VALUES, [event.value, *event.times, event.touch_time])
+        assert abs(event.value - a) <= event.error < 1e-13
+        assert event.touch_time == pytest.approx(float(touch), abs=1e-12)
+    assert ends[0] == ends[1] == [("G[PS->PSAB]", "adding-sliding", "supercritical")]
 
 
 def filippov_by_integration(t, x, a, omega, k, impacts):
