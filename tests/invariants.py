@@ -19,6 +19,7 @@ from contimpact.orbits.linearisation import Summary
 from contimpact.orbits.multipliers import count_unstable
 from contimpact.orbits.physicality import PHYSICAL
 from contimpact.orbits.rounding import rounding
+from contimpact.segments.bounded import UNIT
 
 EVENT_RESIDUAL = 1e-10
 """The residual an event may have at most, however it was located."""
@@ -75,12 +76,15 @@ def check_walk(problem, walk, asked, settings, switched):
 
 
 def check_residuals(points, settings):
-    """Residuals are within the tolerance; where that is below rounding, within that."""
+    """Residuals are within the tolerance; where that is below rounding, within that, of the
+    equations and of the unknowns themselves."""
     residuals = Summary.of(points.numbers).largest_residual
     assert np.all(np.isfinite(residuals))
     for i in np.nonzero(residuals > settings.tolerance)[0].tolist():
         here = points[i].evaluation
-        assert np.all(np.abs(here.residual) <= 4.0 * settings.tolerance + rounding(here).residual)
+        moved = np.abs(here.jacobian) @ (UNIT * np.abs(here.unknowns))
+        allowed = 4.0 * settings.tolerance + rounding(here).residual + moved
+        assert np.all(np.abs(here.residual) <= allowed)
 
 
 def check_way(points, walk, switched):

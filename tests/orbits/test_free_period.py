@@ -372,8 +372,13 @@ def test_where_sticking_vanishes(stick_slip):
         w, velocity = orbit.unknowns[0], orbit.value + orbit.unknowns[0]
         law, *_ = slip(orbit.value, 0.0)
         start = 1.0 / (1.0 - 3.0 * w) - 0.2 * velocity, velocity  # where it is fastest
-        back = solve_ivp(law, (0.0, orbit.period), start, **TIGHT).y[:, -1]
+
+        def flow(t, y, law=law, V=orbit.value):
+            return [*law(t, y), -0.2 + 3.0 / (1.0 - 3.0 * (y[1] - V)) ** 2]
+
+        *back, divergence = solve_ivp(flow, (0.0, orbit.period), [*start, 0.0], **TIGHT).y[:, -1]
         assert back == pytest.approx(start, abs=1e-10)
+        assert orbit.multipliers == [pytest.approx(math.exp(divergence), rel=1e-9)]
     assert np.all(np.diff(quiet["arclength"]) > 0.0)
 
 
