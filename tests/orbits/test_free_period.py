@@ -15,6 +15,7 @@ import contimpact as ci
 from contimpact.accuracy.reference import Reference
 from contimpact.continuation.ends import EndKind
 from contimpact.errors import InputError
+from contimpact.models.model import Formulas
 from contimpact.models.word import Word, parse_word
 from contimpact.orbits.quiet import problem_of
 from contimpact.orbits.search import orbit_at
@@ -204,6 +205,39 @@ def test_a_forcing_is_refused():
         ci.find_orbits(oscillator(), "S", parameter="a")
     with pytest.raises(InputError, match="period: found 'long'"):
         ci.Oscillator(**VALUES, period="long")
+
+
+class Runaway(ci.Oscillator):
+    """A spring that pushes away: from the stop to infinity within 1.3 sigma/sqrt(k)."""
+
+    SYSTEM = "runaway"
+
+    def formulas(self, symbols):
+        import sympy
+
+        from contimpact.models.nonlinear import Nonlinear
+
+        a, omega, _, k, sigma, r = symbols.values()
+        motion = Nonlinear(lambda t, x, v: [k * x[0] ** 3 / sigma**2 + a * sympy.cos(omega * t)])
+        return Formulas(
+            period=2 * sympy.pi / omega,
+            walls={"S": sigma},
+            reset=lambda wall, x, v: [-r * v[0]],
+            flight=motion.flight,
+            acceleration=motion.acceleration,
+        )
+
+
+@integrated
+def test_a_forcing_of_short_flights_is_seen():
+    """Flights of the time 1 have no value, nor, with a spring of 1e8, has any that is looked at."""
+    values = VALUES | {"k": 1e4}
+    with pytest.raises(InputError, match="the flight SS depends on the time"):
+        ci.find_orbits(Runaway(**values | {"a": 0.1}, period="free"), "S")
+    with pytest.raises(InputError, match="motions depend on the time where a is not"):
+        ci.find_orbits(Runaway(**values, period="free"), "S", parameter="a")
+    with pytest.raises(InputError, match="the flight SS has no value at random states"):
+        ci.find_orbits(Runaway(**values | {"k": 1e8}, period="free"), "S", parameter="k")
 
 
 def test_words_have_no_period():
