@@ -26,7 +26,7 @@ NEARBY = 16
 
 def locate(
     simulators: Simulators, before: Row, after: Row, width: float, settling: Settling = SETTLING
-) -> tuple[Row, Row, Row, Row | None]:
+) -> tuple[Row, Row, Row | None, Row | None]:
     """Locate the end of an attractor between two rows.
 
     A periodic attractor, or a motion without impacts, is followed by simulation. The step is halved
@@ -39,7 +39,8 @@ def locate(
     earlier, left, lost, right : Row
         Two values with the attractor before, the second one the last; the first beyond the end; and
         the first from there on at which the motion settles. `right` is None if a periodic attractor
-        does not end within ten times the distance of the two rows.
+        does not end within ten times the distance of the two rows. `lost` is None, and `right` the
+        second row, where a motion without impacts cannot be started anew.
     """
     earlier, left, lost = before, before, after
     step, won = 0.5 * (after.value - before.value), 0
@@ -48,6 +49,8 @@ def locate(
     for _ in range(EVALUATIONS):
         patient = _patient(left.attractor, abs(step), width, settling)
         row = _row(simulators, left, left.value + step, patient)
+        if row is None:
+            return earlier, left, None, after
         if row.attractor.label == left.attractor.label:
             earlier, left, won = left, row, won + 1
             if (furthest - left.value) * step <= 0.0:
@@ -92,11 +95,15 @@ def _settled(
     while not ahead.attractor.settled and abs(furthest - ahead.value) > abs(step) > 0.0:
         value = ahead.value + step
         patient = _patient(left.attractor, abs(value - left.value), width, settling)
-        ahead = _row(simulators, ahead, value, patient)
+        found = _row(simulators, ahead, value, patient)
+        if found is None:
+            return lost
+        ahead = found
         step *= 2.0
     return ahead if ahead.attractor.settled else lost
 
 
-def _row(simulators: Simulators, before: Row, value: float, settling: Settling) -> Row:
+def _row(simulators: Simulators, before: Row, value: float, settling: Settling) -> Row | None:
+    """What an attractor leads to at another value; None if that cannot be told."""
     found = settle_again(simulators.at(value), before.attractor, settling)
-    return Row(before.direction, value, before.attractor if found is None else found)
+    return None if found is None else Row(before.direction, value, found)

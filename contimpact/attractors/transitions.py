@@ -88,6 +88,9 @@ def between(
         if right is None:
             yield _changed_basin(first, after, left)
             return
+        if lost is None:
+            yield _not_followed(left, after)
+            return
         if right.attractor.label != left.attractor.label:
             yield replace(name(left, right, earlier), wide=_wide(left, lost, right, width))
         if right.attractor.label == after.attractor.label:
@@ -109,6 +112,16 @@ def _changed_basin(first: Row, after: Row, last: Row) -> Transition:
     )
     wide = "it is a step of the sweep; more simulate.values keep to the attractor"
     return replace(_unnamed(first, after), evidence=evidence, wide=wide)
+
+
+def _not_followed(left: Row, after: Row) -> Transition:
+    """A change somewhere behind a motion without impacts that cannot be started anew."""
+    evidence = (
+        f"{left.attractor.notation} cannot be started anew beyond {left.value:.9g}: no motion of "
+        "the forcing's period, within the guards, is known of it; it is not followed to its end"
+    )
+    wide = "it is a step of the sweep; more simulate.values narrow it"
+    return replace(_unnamed(left, after), evidence=evidence, wide=wide)
 
 
 def _unnamed(before: Row, after: Row) -> Transition:

@@ -13,7 +13,7 @@ import numpy as np
 
 from ..errors import InputError
 from ..scenes.simulate_tables import SETTLING, Settling
-from ..simulation.free_motion import free_motion
+from ..simulation.free_motion import free_motion, later
 from ..simulation.lyapunov import exponents_of
 from ..simulation.run import Outcome, Run, State
 from ..simulation.simulator import Simulator
@@ -25,6 +25,8 @@ from .periodic import parameters, periodic
 
 KEPT = 1000
 """Impacts kept of a motion that is not periodic."""
+TIMES = (0.0, 0.5, 0.25, 0.75)
+"""At which a motion without impacts is started anew, in periods: the first one within the guards."""
 FIRST = 64
 """Impacts after which a motion is examined for the first time."""
 _ENDS = {
@@ -135,18 +137,24 @@ def without_impact(simulator: Simulator, mode: str = "", left: State | None = No
 def settle_again(
     simulator: Simulator, attractor: Attractor, settling: Settling = SETTLING
 ) -> Attractor | None:
-    """Return what an attractor of neighbouring parameter values leads to; None if its motion is not
-    known."""
+    """Return what an attractor of neighbouring parameter values leads to.
+
+    None if that cannot be told: its motion is not known, or cannot be started without an impact.
+    """
     if attractor.state is not None:
         return settle(simulator, attractor.state, settling)
     if attractor.motion is None:
         return None
-    place, speed = attractor.motion[::2], attractor.motion[1::2]
-    try:
-        state = simulator.start(0.0, place, speed, attractor.mode)
-    except InputError:  # a guard has passed it, or its flights begin at guards alone
-        return None
-    return settle(simulator, state, settling, mode=attractor.mode)
+    for part in TIMES:
+        time = part * simulator.period
+        try:
+            at = later(simulator, attractor.mode, attractor.motion, time)
+            state = at and simulator.start(time, *at, attractor.mode)
+        except InputError:  # a guard has passed it, or its flights begin at guards alone
+            continue
+        if at is not None:
+            return settle(simulator, state, settling, mode=attractor.mode)
+    return None
 
 
 def _unsettled(simulator: Simulator, state: State, settling: Settling, periods: int) -> Attractor:

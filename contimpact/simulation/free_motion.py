@@ -53,6 +53,25 @@ def free_motion(
     return None
 
 
+def later(
+    simulator: Simulator, mode: str, motion: tuple[float, ...], time: float
+) -> tuple[list[float], list[float]] | None:
+    """Return position and velocity some time after t = 0, guards passed through.
+
+    None if the mode is not linear.
+    """
+    place, speed = list(motion[::2]), list(motion[1::2])
+    machine = simulator.machine
+    walls = [k for k, guard in enumerate(simulator.model.WALLS) if guard.next_mode == mode]
+    if time == 0.0:
+        return place, speed
+    if not (isinstance(machine, Automaton) and all(machine.linear[k] for k in walls)):
+        return None
+    law, d = machine.motion(mode, 0), len(place)
+    moved = law.track(law.embedded(place, speed, 0.0), simulator.period).at(time)
+    return moved[:d].tolist(), moved[d : 2 * d].tolist()
+
+
 def _fixed_point(motion: LinearMotion, period: float) -> tuple[float, ...] | None:
     """Where the affine map over a period leads back to, if it contracts."""
     d = motion.shape.freedom

@@ -14,7 +14,9 @@ from contimpact.attractors.attractor import Attractor, Kind
 from contimpact.attractors.coverage import cover
 from contimpact.attractors.edges import locate
 from contimpact.attractors.simulation import simulate
-from contimpact.attractors.sweep import Row, Simulators, same
+from contimpact.attractors.sweep import Row, Simulators, Sweep, same
+from contimpact.attractors.transitions import find_transitions
+from contimpact.attractors.verdict import settle_again
 from contimpact.models.linear import Linear
 from contimpact.models.model import Guard, Mode
 from contimpact.records.diagram import Diagram
@@ -126,6 +128,35 @@ def test_its_end_along_a_sweep_is_where_it_reaches_the_guard(free, held):
     limits = [1.0 / math.hypot(6.0 - w**2, 0.3 * w) - far for w in (left.value, lost.value)]
     assert limits[0] < 0.0 < limits[1]
     assert abs(lost.value - left.value) <= 1e-2
+
+
+def test_its_end_is_found_where_a_guard_comes_to_it_as_it_is_started_anew():
+    """At t = 0 the body is farthest out; the guard passes it there, and it starts half a period
+    later. It was said to go on."""
+    model = Magnet(**VALUES | {"w": 0.3, "a": 0.45})
+    simulator = Simulator(model)
+    free = settle(simulator, simulator.start(0.0, position=0.45, velocity=0.0))
+    beyond = settle_again(Simulator(model.replace(e=0.485)), free)
+    assert free.label != beyond.label == "no impact (held)"
+    rows = Row("down", 0.496, free), Row("down", 0.485, beyond)
+    _, left, lost, right = locate(Simulators(model, "e"), *rows, 4e-3)
+    assert right.attractor.label == beyond.label
+    assert left.value > 0.45 / math.hypot(0.91, 0.09) > lost.value
+    assert left.value - lost.value <= 4e-3
+
+
+def test_a_motion_that_is_not_known_is_not_followed(simulator, held):
+    """Without damping it is quasiperiodic, which the transition says; it was said to go on."""
+    model = Magnet(**VALUES | {"c": 0.0})
+    undamped = Simulator(model)
+    free = settle(undamped, undamped.start(0.0, position=0.0, velocity=0.0))
+    assert (free.kind, free.motion) == (Kind.NO_IMPACT, None)
+    rows = [Row("up", 1.0, free), Row("up", 1.2, held)]
+    (found,) = find_transitions(Sweep(model, "a", rows), 1e-3)
+    assert (found.kind, found.label) == (None, "no impact->no impact (held)")
+    assert (found.before.value, found.after.value) == (1.0, 1.2)
+    assert "no impact cannot be started anew beyond 1" in found.evidence
+    assert "more simulate.values" in found.wide
 
 
 def test_flights_by_kernels_settle_on_their_motion_too():
