@@ -31,7 +31,7 @@ def columns_of(m: int) -> list[str]:
 def table_of(sweep: Sweep) -> tuple[list[str], list[list[Any]]]:
     """Return the columns' names and the rows."""
     most = max((_shown(row.attractor) for row in sweep.rows), default=0)
-    letters = [wall.name for wall in sweep.model.WALLS]
+    letters = sweep.model.letters
     names = [*sweep.model.values, *sweep.model.DERIVED]
     m = sweep.model.unknowns_per_impact
     each = ("wall", *coordinates(m))

@@ -67,7 +67,7 @@ def losses(of: Orbit | Entry | Attractor, model: Model | None = None) -> Losses:
     if isinstance(orbit, Orbit):
         problem = orbit.problem
         rows = problem.impacts(orbit.unknowns)
-        walls = [w.name for w in orbit.model.WALLS]
+        walls = orbit.model.letters
         numbers = np.array([walls.index(w) for w in problem.word.walls], dtype=int)
         found = _lost(problem.kernels, orbit.model, numbers, rows[:, 1:])
         return _means(found, problem.span(orbit.unknowns))
@@ -96,7 +96,7 @@ def of_attractor(attractor: Attractor, model: Model, kernels: Kernels) -> Losses
 
 
 def _lost(kernels: Kernels, model: Model, walls: Array, section: Array) -> Array:
-    names, values = [wall.name for wall in model.WALLS], tuple(model.values.values())
+    names, values = model.letters, tuple(model.values.values())
     rows = zip(walls.tolist(), section.tolist(), strict=True)
     found = [float(kernels.loss(names[wall])(*row, *values)[0]) for wall, row in rows]
     if any(math.isnan(lost) for lost in found):

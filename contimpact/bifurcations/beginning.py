@@ -97,7 +97,7 @@ class Begun:
 
     @property
     def _side(self) -> float:
-        return next(g.side for g in self.problem.model.WALLS if g.name == self.limit)
+        return self.problem.model.guard(self.limit).side
 
 
 def added(problem: OrbitProblem, unknowns: Array, flight: int) -> Start | None:

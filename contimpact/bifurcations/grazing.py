@@ -72,7 +72,7 @@ class Grazing(OrbitTest):
     needs = ("gaps",)
 
     def __init__(self, problem: OrbitProblem) -> None:
-        walls = [w.name for w in problem.model.WALLS]
+        walls = problem.model.letters
         self.places = [(k, wall) for k in range(len(problem.segments)) for wall in walls]
         self.beginnings = beginnings(problem)
         positions = problem.kernels.setup(*problem.model.values.values()).walls
@@ -294,11 +294,10 @@ def added_impacts(event: OrbitEvent) -> int:
 def _excursion(problem: OrbitProblem, flight: int, wall: str) -> str | None:
     """The letters of the shortest excursion beyond a guard that is touched."""
     guards, passages = problem.model.WALLS, problem.kernels.passages
-    mode = guards[0].modes[0] if not problem.model.MODES else problem.model.MODES[0].name
-    for guard in guards:
-        if guard.name == problem.word.walls[flight : flight + 1]:
-            mode = guard.next_mode
-    touched = next(i for i, g in enumerate(guards) if g.name == wall)
+    mode = problem.model.first_mode
+    if problem.word.walls:
+        mode = problem.model.guard(problem.word.walls[flight]).next_mode
+    touched = problem.model.letters.index(wall)
     there = [g.name for i, g in enumerate(guards) if passages.meets_at_rest(touched, i)]
     return way_back(guards, wall, mode, "".join(there))
 
@@ -309,10 +308,9 @@ def _at_rest(problem: OrbitProblem, unknowns: Array, letters: str, touch: Array)
     Behind a touch the next mode may run towards its guard, as friction does towards its limit.
     """
     kernels, values, rows = problem.kernels, problem.values(unknowns), [touch]
-    places = {guard.name: i for i, guard in enumerate(problem.model.WALLS)}
     for a, b in pairwise(letters):
         row = touch.copy()
-        if kernels.passages.arrivals[places[a]][places[b]] == ELSEWHERE:
+        if kernels.arrival(a, b) == ELSEWHERE:
             row[1] = kernels.gap(a, b)(*rows[-1], 0.0, *values)[1]
         rows.append(row)
     return rows
@@ -339,9 +337,7 @@ def _of_sliding(event: OrbitEvent, start: Start) -> str | None:
     """The criticality where the excursion ends on another surface; None where it does not."""
     problem, details = start.problem, event.details
     letters = _excursion(event.point.evaluation.problem, details["flight"], details["wall"]) or ""
-    names = [guard.name for guard in problem.model.WALLS]
-    first, second = (names.index(letter) for letter in letters[:2])
-    if problem.kernels.passages.arrivals[first][second] != ELSEWHERE:
+    if problem.kernels.arrival(*letters[:2]) != ELSEWHERE:
         return None
     jacobian = problem.evaluate(start.unknowns).jacobian
     left = np.linalg.svd(jacobian[:, : problem.n])[0][:, -1]
@@ -362,7 +358,7 @@ def _gap_slope(event: OrbitEvent) -> float:
 
 
 def _side(problem: OrbitProblem, event: OrbitEvent) -> float:
-    return next(w.side for w in problem.model.WALLS if w.name == event.details["wall"])
+    return problem.model.guard(event.details["wall"]).side
 
 
 # Along curves.

@@ -37,12 +37,9 @@ BRIEF = 1e-9
 
 def slides(model: Model, mode: str) -> bool:
     """Whether the motion in a mode is sliding."""
-    if not model.MODES:
-        return False
-    sizes = (
-        state_size(model.MODES, m, model.DEGREES_OF_FREEDOM) for m in (mode, model.MODES[0].name)
-    )
-    return next(sizes) < next(sizes)
+    degrees = model.DEGREES_OF_FREEDOM
+    here, first = (state_size(model.MODES, m, degrees) for m in (mode, model.first_mode))
+    return here < first
 
 
 def at_touch(problem: OrbitProblem, details: Details) -> str | None:
@@ -50,7 +47,7 @@ def at_touch(problem: OrbitProblem, details: Details) -> str | None:
     model = problem.model
     if "impact" in details:
         return CROSSING if guard_at(problem, details["impact"]).past else SWITCHING
-    touched = _named(problem, details["wall"])
+    touched = model.guard(details["wall"])
     if slides(model, touched.modes[0]):
         return ADDING
     return GRAZING if slides(model, touched.next_mode) else None
@@ -88,11 +85,7 @@ def is_brief(problem: OrbitProblem, unknowns: Array, flight: int) -> bool:
 
 def guard_at(problem: OrbitProblem, impact: int) -> Guard:
     """Return the guard of an impact, counted around."""
-    return _named(problem, problem.word.walls[impact % len(problem.word)])
-
-
-def _named(problem: OrbitProblem, letter: str) -> Guard:
-    return next(guard for guard in problem.model.WALLS if guard.name == letter)
+    return problem.model.guard(problem.word.walls[impact % len(problem.word)])
 
 
 # What an impact at which sliding begins on a limit becomes.
@@ -101,6 +94,7 @@ def _named(problem: OrbitProblem, letter: str) -> Guard:
 def longer(problem: OrbitProblem, impact: int, limit: str) -> str | None:
     """Return the two letters in the place of an impact's: SA for C, CB for S; None if not known."""
     guards, guard = problem.model.WALLS, guard_at(problem, impact)
+    arrival = problem.kernels.arrival
     if guard.past:
         sliding = slides_at(guards, guard)
         return None if sliding is None else sliding.name + guard.past
@@ -108,26 +102,17 @@ def longer(problem: OrbitProblem, impact: int, limit: str) -> str | None:
     if crossing is None:
         return None
     back = (g for g in guards if crossing.next_mode in g.modes and g.next_mode == guard.next_mode)
-    letters = (g.name for g in back if _on_one_surface(problem, crossing.name, g.name))
+    letters = (g.name for g in back if arrival(crossing.name, g.name) != ELSEWHERE)
     letter = next(letters, None)
     return None if letter is None else crossing.name + letter
 
 
 def shorter(problem: OrbitProblem, flight: int) -> str | None:
     """Return the letter in the place of those at both ends of a flight that takes no time."""
-    guards, one, other = (
-        problem.model.WALLS,
-        guard_at(problem, flight),
-        guard_at(problem, flight + 1),
-    )
+    guards = problem.model.WALLS
+    one, other = guard_at(problem, flight), guard_at(problem, flight + 1)
     through = slides_at(guards, one) if one.past else crosses_at(guards, one, other.name)
     return through.name if through is not None and through.next_mode == other.next_mode else None
-
-
-def _on_one_surface(problem: OrbitProblem, one: str, other: str) -> bool:
-    letters = [guard.name for guard in problem.model.WALLS]
-    arrivals = problem.kernels.passages.arrivals
-    return arrivals[letters.index(one)][letters.index(other)] != ELSEWHERE
 
 
 def respelled(word: Word, impact: int, letters: str, taken: int = 1) -> Word:

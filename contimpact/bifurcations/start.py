@@ -63,11 +63,8 @@ def once(start: Start) -> Start:
     shorter, _ = shortest(problem, ahead, REPEATS)
     if shorter is problem:
         return start
-    letters = [w.name for w in problem.model.WALLS]
-    note = (
-        f"the {problem.word.notation(letters)} orbits born there are "
-        f"{repetitions([shorter.word.notation(letters)])}, and followed as such"
-    )
+    longer, repeated = (p.word.notation(p.model.letters) for p in (problem, shorter))
+    note = f"the {longer} orbits born there are {repetitions([repeated])}, and followed as such"
     impacts = len(shorter.word)
     unknowns, tangent = (first_lap(problem, z, impacts) for z in (unknowns, tangent))
     return Start(shorter, unknowns, tangent, False, True, note)

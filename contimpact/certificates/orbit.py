@@ -102,9 +102,8 @@ class Orbit:
         through a state is the only one, and leads from one state at the time zero.
         """
         space, problem = self.space, self.space.problem
-        guard = next(g for g in problem.model.WALLS if g.name == problem.word.walls[impact])
-        first = problem.model.MODES[0].name if problem.model.MODES else guard.next_mode
-        if guard.next_mode != first:
+        guard = problem.model.guard(problem.word.walls[impact])
+        if guard.next_mode != problem.model.first_mode:
             raise ValueError("those of the orbit without impacts are not known")
         values, (time, _, *others) = space.values(self.z), space.impacts(self.z)[impact]
         period = space.setup(values).period

@@ -60,8 +60,7 @@ class QuietGap(Gap):
 
     def __init__(self, space: BallProblem, z: Balls, wall: str, touch: Any = None) -> None:
         problem = space.problem
-        letters = [guard.name for guard in problem.model.WALLS]
-        place = letters.index(wall)
+        place = problem.model.letters.index(wall)
         self.met = Met(problem.model.WALLS[place], place, False, False)
         self.side, self.beside = self.met.guard.side, (False, False)
         self.values, self.state = space.values(z), list(z[: problem.m])
@@ -96,5 +95,4 @@ def guards_met(space: BallProblem, flight: int) -> list[Guard]:
     model = space.problem.model
     if space.problem.word.walls:
         return walls_met(space, flight)
-    mode = model.MODES[0].name if model.MODES else ""
-    return [guard for guard in model.WALLS if mode in guard.modes]
+    return [guard for guard in model.WALLS if model.first_mode in guard.modes]

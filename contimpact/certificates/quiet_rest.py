@@ -34,7 +34,7 @@ def rests(space: BallProblem, box: Balls, inner: Balls) -> bool:
     """
     problem, m = space.problem, space.problem.m
     word = problem.word
-    guard = next(g for g in problem.model.WALLS if g.name == word.walls[0])
+    guard = problem.model.guard(word.walls[0])
     if word.period == 1 or not guard.rigid:
         return False
     base = problem_of(problem.model, Word("", 1), problem.kernels)

@@ -61,7 +61,7 @@ def _computed(scene: Scene, tell: Progress) -> tuple[Sequence[float], list[str]]
 
 def _orbits(scene: Scene, kernels: Kernels, tell: Progress) -> list[str]:
     """How many orbits each word has at the start; refused where a run would be."""
-    letters = [w.name for w in scene.model.WALLS]
+    letters = scene.model.letters
     lines, missing = [], []
     for word in scene.orbits:
         tell(f"looking for {word} at {scene.parameter} = {scene.start:.6g}")

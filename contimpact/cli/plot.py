@@ -120,7 +120,7 @@ def _shown_as(
 
 def _require_walls(diagram: Diagram, scene: Scene) -> None:
     """Raise `InputError` if orbits have walls that the scene's system has not."""
-    walls = {wall.name for wall in scene.model.WALLS}
+    walls = set(scene.model.letters)
     for branch in diagram.branches:
         if not set(branch.word) <= walls:
             accepted = f"{scene.model.SYSTEM} has the walls {', '.join(sorted(walls))}"

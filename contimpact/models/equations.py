@@ -181,7 +181,7 @@ def _evaluated(model: Model) -> Equations:
         accepted = "give jump alone: it states positions and velocities after an impact"
         raise InputError(f"{where}: reset", "found beside jump", accepted)
     _check_modes(formulas, [mode.name for mode in model.MODES], where)
-    walls = _named(formulas.walls, [wall.name for wall in model.WALLS], "WALLS", f"{where}: walls")
+    walls = _named(formulas.walls, model.letters, "WALLS", f"{where}: walls")
     size = model.DEGREES_OF_FREEDOM
     state = tuple(own(f"{n}{i}_0") for i in range(size) for n in "xv")
     section = ["v"] if size == 1 else [n for i in range(size) for n in (f"x{i}_", f"v{i}_")][1:]
@@ -214,7 +214,7 @@ def _evaluated(model: Model) -> Equations:
 
 def _quiet(formulas: Formulas, model: Model, state: Sequence[Any], where: str) -> Departure:
     """The flight from the section t = 0, in the first mode; velocities of first order follow."""
-    mode = model.MODES[0].name if model.MODES else ""
+    mode = model.first_mode
     orders = orders_of(model.MODES, mode, model.DEGREES_OF_FREEDOM)
     speeds = [v for v, order in zip(state[1::2], orders, strict=True) if order == 2]
     return departure(formulas, mode, orders, state[::2], speeds, where)

@@ -113,10 +113,14 @@ def state_size(modes: Sequence[Mode], name: str, size: int) -> int:
     return sum(orders_of(modes, name, size)) - dependent
 
 
+def guard_of(guards: Sequence[Guard], letter: str) -> Guard:
+    """Return the guard of a letter."""
+    return next(guard for guard in guards if guard.name == letter)
+
+
 def following(guards: Sequence[Guard], letter: str) -> str:
     """Return the letters of the guards that can come after one."""
-    mode = next(guard.next_mode for guard in guards if guard.name == letter)
-    return watched(guards, mode)
+    return watched(guards, guard_of(guards, letter).next_mode)
 
 
 def is_path(guards: Sequence[Guard], letters: str) -> bool:

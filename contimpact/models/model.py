@@ -20,6 +20,7 @@ from .expressions import check_expression
 from .guards import Guard as Guard
 from .guards import Mode as Mode
 from .guards import Wall as Wall
+from .guards import guard_of
 from .own_parameters import check_with_own, own_names
 from .sources import identity
 
@@ -250,6 +251,20 @@ class Model(ABC):
     def unknowns_per_impact(self) -> int:
         """Unknowns of one impact: its time and its section coordinates before impact."""
         return 2 * self.DEGREES_OF_FREEDOM
+
+    @property
+    def letters(self) -> list[str]:
+        """The letters of the guards, in which words are written."""
+        return [guard.name for guard in self.WALLS]
+
+    def guard(self, letter: str) -> Guard:
+        """Return the guard of a letter."""
+        return guard_of(self.WALLS, letter)
+
+    @property
+    def first_mode(self) -> str:
+        """The mode in which motion begins; it has no name where there is one."""
+        return self.MODES[0].name if self.MODES else ""
 
     @property
     def declared(self) -> Mapping[str, Parameter]:

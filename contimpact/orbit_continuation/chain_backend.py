@@ -73,7 +73,7 @@ class ChainBackend(CycleBackend):
         vector, table = made_by
         problem, count, walls = self.problem, self.count, self.walls
         m, d, many = problem.m, problem.model.DEGREES_OF_FREEDOM, len(self.coordinates)
-        named = [wall.name for wall in problem.model.WALLS]
+        named = problem.model.letters
         word = [named.index(letter) for letter in problem.word.walls]
         place = list(problem.model.values).index(problem.parameter)
         wanted = [int(self.gaps), int(self.doubling), m, many]
@@ -130,7 +130,7 @@ class ChainBackend(CycleBackend):
     def functions(self) -> Any:
         """What `take_steps` needs of the problem, plainly."""
         kernels, m = self.problem.kernels, self.problem.m
-        named = [wall.name for wall in self.problem.model.WALLS]
+        named = self.problem.model.letters
         flights: dict[int, Any] = {}
 
         def flight(kind: int, ends: Vector, values: Vector) -> Blocks:

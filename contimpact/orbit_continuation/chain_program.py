@@ -46,7 +46,7 @@ def program_of(kernels: Kernels) -> Program:
     program = Program({store: store_compiled, row_of: row_of_compiled, flow: flow_compiled})
     count, m = len(kernels.model.values), kernels.model.unknowns_per_impact
     p = ", ".join(f"p[{i}]" for i in range(count))
-    walls = [wall.name for wall in kernels.model.WALLS]
+    walls = kernels.model.letters
     flights = {f"flight_{a}_{b}": with_space(kernels.flight(a, b)) for a in walls for b in walls}
     ends = ", ".join(f"s[{i}]" for i in range(2 * m))
     given = f"{ends}, {p}, p[{count}:]"

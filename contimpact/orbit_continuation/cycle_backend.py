@@ -89,7 +89,7 @@ class CycleBackend:
         """The branch as vectors and tables."""
         vector, table = made_by
         problem, count, walls = self.problem, self.count, self.walls
-        named = [wall.name for wall in problem.model.WALLS]
+        named = problem.model.letters
         word = [named.index(letter) for letter in problem.word.walls]
         place = list(problem.model.values).index(problem.parameter)
         wanted = [int(self.gaps), int(self.doubling)]

@@ -233,7 +233,7 @@ class Run:
             id=name,
             word=problem.word.walls,
             period=problem.word.period,
-            notation=problem.word.notation([w.name for w in problem.model.WALLS]),
+            notation=problem.word.notation(problem.model.letters),
             system=problem.model.SYSTEM,
             options=problem.model.options,
             parameter=problem.parameter,

@@ -85,7 +85,7 @@ def program_of(kernels: Kernels, variant: str) -> Program:
     program = Program({store: store_compiled, row_of: row_of_compiled, flow: flow_compiled})
     count = len(kernels.model.values)
     p = ", ".join(f"p[{i}]" for i in range(count))
-    walls = [wall.name for wall in kernels.model.WALLS]
+    walls = kernels.model.letters
     flights = {f"flight_{a}_{b}": kernels.flight(a, b) for a in walls for b in walls}
     ends = f"t0, v0, t1, v1, {p}"
     if any(kernels.linear(wall) for wall in walls):

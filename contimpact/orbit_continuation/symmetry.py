@@ -126,6 +126,6 @@ class _AtImage:
         shorter, moved = shortest(self.problem, point.unknowns, AT_IMAGE)
         if self.known is not None and (branch := self.known(shorter, moved)):
             return End.of(EndKind.KNOWN, name, value, known=branch)
-        letters = [w.name for w in self.problem.model.WALLS]
+        letters = self.problem.model.letters
         times = self.problem.word.period // shorter.word.period
         return End.of(kind, name, value, word=shorter.word.notation(letters), times=times)

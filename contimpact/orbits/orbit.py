@@ -46,7 +46,7 @@ class Orbit(Shown):
     @property
     def notation(self) -> str:
         """The word's count of impacts: ``2:1``, ``1:1/2T``."""
-        return self.word.notation([wall.name for wall in self.problem.model.WALLS])
+        return self.word.notation(self.problem.model.letters)
 
     @property
     def parameter(self) -> str:

@@ -50,8 +50,8 @@ def positions(here: Linearisation) -> dict[str, float]:
     """Return the positions of the walls at an orbit's parameter values, by name."""
     problem = here.problem
     setup = problem.kernels.setup(*problem.values(here.unknowns))
-    names = (wall.name for wall in problem.model.WALLS)
-    return {name: float(x) for name, x in zip(names, setup.walls, strict=True)}
+    places = zip(problem.model.letters, setup.walls, strict=True)
+    return {name: float(x) for name, x in places}
 
 
 def motion_of(here: Linearisation, points: int = 200) -> Path:
@@ -93,7 +93,7 @@ def _by_segment(
     """The same by the kernels of a flight to a wall: its gap coordinate, and what arrives there."""
     problem = here.problem
     values, kernels = problem.values(here.unknowns), problem.kernels
-    guard = next(g for g in problem.model.WALLS if g.name == wall)
+    guard = problem.model.guard(wall)
     gap = kernels.since(wall) if left == SECTION else kernels.gap(left, wall)
     segment, none = kernels.segment(left, wall), [0.0] * (problem.m - 1)
     found = []

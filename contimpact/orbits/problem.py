@@ -80,9 +80,7 @@ class OrbitProblem:
         following = word.walls[1:] + word.walls[0]
         self.kinds = tuple(zip(word.walls, following, strict=True))
         self.segments = [kernels.segment(a, b) for a, b in self.kinds]
-        places = {guard.name: i for i, guard in enumerate(model.WALLS)}
-        arrivals = kernels.passages.arrivals
-        self.arrivals = tuple(arrivals[places[a]][places[b]] for a, b in self.kinds)
+        self.arrivals = tuple(kernels.arrival(a, b) for a, b in self.kinds)
         self.excursions = self._excursions()
         self.lost = self._lost()
         self._place_blocks()

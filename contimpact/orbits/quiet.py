@@ -65,8 +65,8 @@ class QuietProblem(OrbitProblem):
         self._begin(model, word, kernels)
         self.n = self.m
         self.kinds, self.arrivals, self.excursions = (), (), ()
-        first = model.MODES[0].name if model.MODES else ""
-        self.lost = self.m - state_size(model.MODES, first, model.DEGREES_OF_FREEDOM)
+        own = state_size(model.MODES, model.first_mode, model.DEGREES_OF_FREEDOM)
+        self.lost = self.m - own
         self.segments = [kernels.segment(SECTION, str(word.period))]
         self._place_blocks()
 
@@ -119,7 +119,7 @@ class QuietProblem(OrbitProblem):
 
     def gaps(self, unknowns: Array) -> list[FlightGaps]:
         """Return the nearest touch of each guard of the first mode, in one row."""
-        mode = self.model.MODES[0].name if self.model.MODES else ""
+        mode = self.model.first_mode
         positions = self.kernels.setup(*self.values(unknowns)).walls
         watched = self._rows()
         look = self._on_track if self.kernels.integrated(SECTION) else self._by_kernels
@@ -136,7 +136,7 @@ class QuietProblem(OrbitProblem):
 
     def _rows(self) -> dict[Row, str]:
         """The gap coordinates of the guards of the first mode, each with the letter of one."""
-        mode = self.model.MODES[0].name if self.model.MODES else ""
+        mode = self.model.first_mode
         return {g.row(self.m // 2): g.name for g in self.model.WALLS if mode in g.modes}
 
     def _on_track(self, watched: Mapping[Row, str], unknowns: Array) -> dict[Row, Excursion]:
@@ -232,12 +232,10 @@ class FreeQuietProblem(QuietProblem):
 
     def from_touch(self, problem: OrbitProblem, unknowns: Array, impact: int) -> Array:
         """Return the touch, where the gap coordinate turns, and the period."""
-        guards = zip(
-            self.model.WALLS, self.kernels.setup(*self.values(unknowns)).walls, strict=True
-        )
         letter, section = problem.word.walls[impact], problem.impacts(unknowns)[impact, 1:].tolist()
-        row, place = next((g.row(self.m // 2), x) for g, x in guards if g.name == letter)
-        state = np.array(state_before(row, place, section)).T.ravel()
+        walls = self.kernels.setup(*self.values(unknowns)).walls
+        row, place = self.model.guard(letter).row(self.m // 2), self.model.letters.index(letter)
+        state = np.array(state_before(row, walls[place], section)).T.ravel()
         state[1] = problem.span(unknowns)
         return state
 

@@ -82,7 +82,7 @@ def find_orbits(
     for name, count in (("starts", starts), ("rounds", rounds)):
         if count < 1:
             raise InputError(name, f"found {count!r}", "give a whole number >= 1")
-    letters = [w.name for w in model.WALLS]
+    letters = model.letters
     if not isinstance(word, Word):
         word = parse_word(word, letters, graph=graph(model.WALLS), free=model.autonomous)
     first = list(model.values)[-1 if model.autonomous else 0]

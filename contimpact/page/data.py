@@ -115,7 +115,7 @@ def _known(branch: Branch, model: Model | None) -> bool:
         and branch.system == model.SYSTEM
         and dict(model.options) == dict(branch.options)
         and set(model.values) <= set(branch.parameters)
-        and set(branch.word) <= {wall.name for wall in model.WALLS}
+        and set(branch.word) <= set(model.letters)
     )
 
 
@@ -147,7 +147,7 @@ def _units(branches: Sequence[Branch], model: Model | None) -> dict[str, str]:
 
 def _walls(branches: Sequence[Branch], model: Model | None) -> list[str]:
     if model:
-        return [wall.name for wall in model.WALLS]
+        return model.letters
     return sorted({wall for branch in branches for wall in branch.word})
 
 

@@ -105,7 +105,7 @@ def read_sweep(path: Path, model: Model) -> list[Swept]:
 
 
 def _row(cells: Mapping[str, str], model: Model) -> _Row:
-    letters = [wall.name for wall in model.WALLS]
+    letters = model.letters
     names = coordinates(model.unknowns_per_impact)
     impacts: list[tuple[float, ...]] = []
     for k in range(1, len(cells)):

@@ -126,7 +126,7 @@ def _state(given: Any, orbit: Orbit) -> str:
 
 
 def _label(orbit: Orbit, state: str) -> str:
-    notation = orbit.word.notation([wall.name for wall in orbit.model.WALLS])
+    notation = orbit.word.notation(orbit.model.letters)
     parameter = orbit.problem.parameter
     return f"{notation}, {state}, {parameter} = {orbit.unknowns[-1]:.6g}"
 

@@ -32,7 +32,7 @@ def entry_of(event: Event, identity: str, branch: str, before: Point, after: Poi
     here: Linearisation = event.point.evaluation
     kind, problem = kind_of(event.kind), here.problem
     word, details = problem.word, event.details
-    letters = [w.name for w in problem.model.WALLS]
+    letters = problem.model.letters
     becomes = kind.next_word(event)
     added = 0 if becomes is None else len(becomes) - len(word)
     multipliers, n_unstable = kind.multipliers(here, details)

@@ -320,7 +320,7 @@ def read_scene(given: Mapping[str, Any], systems: Mapping[str, type[Model]] | No
         found = f"[{low:.12g}, {high:.12g}] does not hold the start {parameter} = {start:.12g}"
         raise InputError("follow.range", found, f"widen it or change model.parameters.{parameter}")
     model.validate_between(parameter, low, high, "follow.range")
-    letters = [w.name for w in model.WALLS]
+    letters = model.letters
     orbits = tuple(
         dict.fromkeys(
             parse_word(text, letters, f"follow.orbits[{i}]", graph(model.WALLS), model.autonomous)

@@ -178,8 +178,8 @@ def _check_symmetry(model: Model, name: str, symmetry: Symmetry, kernels: Agreem
         start = [random.uniform(-1, 1) for _ in range(model.unknowns_per_impact - 1)]
         image = [symmetry.sign * x for x in start]
         for (wall, i), kernel in kernels.items():
-            if symmetry.walls.get(wall) not in {w.name for w in model.WALLS}:
-                accepted = f"give each of {', '.join(w.name for w in model.WALLS)} its image"
+            if symmetry.walls.get(wall) not in model.letters:
+                accepted = f"give each of {', '.join(model.letters)} its image"
                 raise InputError(where, f"the wall {wall!r} has none", accepted)
             other = kernels[symmetry.walls[wall], i]
             try:

@@ -57,7 +57,7 @@ class ClosedForm:
         """Return the velocity of the gap coordinate at so many equal steps after leaving."""
         kernels, left = self._kernels, self._walls[0]
         if left != SECTION and kernels.linear(left):
-            guard = next(guard for guard in kernels.model.WALLS if guard.name == left)
+            guard = kernels.model.guard(left)
             found = velocities(kernels.law(left)(*start, *values), step, count)
             return found @ np.array(guard.row(kernels.model.DEGREES_OF_FREEDOM), dtype=float)
         times = step * np.arange(1.0, count + 1.0)

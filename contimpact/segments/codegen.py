@@ -274,7 +274,7 @@ class KernelWriter:
         )
         about = f"""What depends on the parameters alone.
 
-        Walls: {", ".join(w.name for w in self.model.WALLS)}; derived parameters:
+        Walls: {", ".join(self.model.letters)}; derived parameters:
         {", ".join(self.model.DERIVED) or "none"}; free: {", ".join(self.parameters)}."""
         return self._shared(name, [], about, found)
 

@@ -184,7 +184,7 @@ class Kernels:
     def linear(self, a: str) -> bool:
         """Whether the flight after a wall is a linear one, which `law` describes."""
         model = self.model
-        after = next(guard.next_mode for guard in model.WALLS if guard.name == a)
+        after = model.guard(a).next_mode
         size = model.DEGREES_OF_FREEDOM
         whole = orders_of(model.MODES, after, size) == (2,) * size
         return whole and "flow" in self.motion(a).__code__.co_names
@@ -193,6 +193,10 @@ class Kernels:
         """Whether the flight after a wall, or from the section, is integrated, from its `field`."""
         kernel = self.since(self.model.WALLS[0].name) if a == SECTION else self.motion(a)
         return "flown" in kernel.__code__.co_names
+
+    def arrival(self, a: str, b: str) -> int:
+        """Where the flight between two walls ends; see `contimpact.segments.passages`."""
+        return self.passages.arrivals[self.model.letters.index(a)][self.model.letters.index(b)]
 
     @functools.cached_property
     def oscillates(self) -> bool:
@@ -220,7 +224,7 @@ class Kernels:
     def flights(self) -> Callable[..., Any]:
         """``flights(kind, t0, v0, t1, v1, p)``: the flight between two walls by their numbers,
         kind = start * walls + end; for one degree of freedom."""
-        named = [wall.name for wall in self.model.WALLS]
+        named = self.model.letters
         loaded = _WhenAsked[Kernel](
             lambda kind: self.flight(*(named[i] for i in divmod(kind, len(named))))
         )
@@ -232,7 +236,7 @@ class Kernels:
         """``seconds(kind, t0, v0, t1, v1, q0, q1, q2, q3, p)``: how the `Blocks` of the flight
         between two walls by their numbers change along q, parameters held; for one degree of
         freedom."""
-        named = [wall.name for wall in self.model.WALLS]
+        named = self.model.letters
         loaded: _WhenAsked[Callable[..., Any]] = _WhenAsked(
             lambda kind: self.second(*(named[i] for i in divmod(kind, len(named))))
         )
@@ -243,7 +247,7 @@ class Kernels:
     @functools.cached_property
     def loops(self) -> bool:
         """Whether flights are computed in loops, rather than written out."""
-        first, *_ = (wall.name for wall in self.model.WALLS)
+        first, *_ = self.model.letters
         after = following(self.model.WALLS, first)[0]
         return bool({"flow", "waves"} & {*self.flight(first, after).__code__.co_names})
 

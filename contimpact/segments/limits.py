@@ -23,7 +23,7 @@ def limits_of(kernels: Kernels, letter: str) -> list[tuple[str, str, float]]:
         begin: +1 within, -1 beyond.
     """
     guards, passages = kernels.model.WALLS, kernels.passages
-    place = next(i for i, guard in enumerate(guards) if guard.name == letter)
+    place = kernels.model.letters.index(letter)
     guard = guards[place]
     if guard.past:
         sliding = slides_at(guards, guard)
@@ -58,10 +58,9 @@ def room(
     values, positions : sequence of float
         Of the parameters, and of the guards.
     """
-    guards = kernels.model.WALLS
-    place = next(i for i, guard in enumerate(guards) if guard.name == limit)
+    position = positions[kernels.model.letters.index(limit)]
     begin = kernels.gap(sliding, limit)(*leave, 0.0, *values)[0]
-    return guards[place].side * (positions[place] - float(begin))
+    return kernels.model.guard(limit).side * (position - float(begin))
 
 
 def not_past(

@@ -83,7 +83,7 @@ class Automaton:
         self.values, self.positions = tuple(model.values.values()), tuple(positions)
         self.period, self.longest = period, longest
         self.passages = kernels.passages
-        self.first_mode = model.MODES[0].name if model.MODES else ""
+        self.first_mode = model.first_mode
         self.rows = tuple(np.array(guard.row(self.size), dtype=float) for guard in self.guards)
         self.restitution = tuple(self._restitution(k) for k in range(len(self.guards)))
         self._motions: dict[tuple[str, int], LinearMotion] = {}

@@ -51,7 +51,7 @@ def derivative_of_pair(
     Its four entries tt, tv, vt, vv stand row by row, for (time, velocity before impact): -B^-1 A
     with the blocks of the flight kernel. A velocity of zero at the end makes it infinite.
     """
-    letters = [guard.name for guard in kernels.model.WALLS]
+    letters = kernels.model.letters
     watched = kernels.passages.watched
     places = range(len(letters))
     flights = {

@@ -57,7 +57,7 @@ class Simulator:
         self.model = model
         self.kernels = kernels or Kernels(model, next(iter(model.values)))
         self.longest_flight = longest_flight
-        self.letters = tuple(wall.name for wall in model.WALLS)
+        self.letters = tuple(model.letters)
         self.sides = tuple(wall.side for wall in model.WALLS)
         self.values = tuple(model.values.values())
         setup = self.kernels.setup(*self.values)

@@ -312,7 +312,7 @@ class _Explorer:
         return tests
 
     def reporter(self, problem: OrbitProblem, name: str) -> Callable[[Point], None]:
-        shown = problem.word.notation([w.name for w in self.scene.model.WALLS])
+        shown = problem.word.notation(self.scene.model.letters)
         count = counted(f"following {name}, {shown}", self.scene.parameter, self.progress)
 
         def report(point: Point[Linearisation]) -> None:

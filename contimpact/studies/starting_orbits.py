@@ -70,7 +70,7 @@ class NotFound:
     @classmethod
     def of(cls, scene: Scene, kernels: Kernels, word: Word) -> NotFound:
         """Tell what a search in vain at a scene's start has tried: it ends after two rounds."""
-        letters = [w.name for w in scene.model.WALLS]
+        letters = scene.model.letters
         shorter = [w for w in word.repeated() if orbits_at(scene, kernels, w, scene.start)]
         tried = scene.parameter, scene.start, scene.starts, min(scene.rounds, 2)
         repeated = tuple(w.notation(letters) for w in shorter)

@@ -240,7 +240,7 @@ class Lines:
 
     def said(self, met: Met, fixed: dict[str, float], complete: bool) -> Coverage:
         """The statement on one word; entries that later curves pass are off none."""
-        walls = [wall.name for wall in self.scene.model.WALLS]
+        walls = self.scene.model.letters
         word, names = met.word, (self.scene.parameter, self.options.parameter)
         off: list[dict[str, object]] = [
             {"kind": e.kind, **{n: e.parameters[n] for n in names}, "reason": reason}

@@ -68,7 +68,7 @@ class CurveBackend:
         """The problem as vectors and tables."""
         vector, table = made_by
         orbit, system = self.problem.orbit, self.problem.system
-        walls = [wall.name for wall in orbit.model.WALLS]
+        walls = orbit.model.letters
         names, places = list(orbit.model.values), [walls.index(a) for a in orbit.word.walls]
         kinds = [len(walls) * a + b for a, b in zip(places, [*places[1:], places[0]], strict=True)]
         first, second = (names.index(name) for name in orbit.kernels.parameters)

@@ -56,7 +56,7 @@ def program_of(kernels: Kernels, variant: str) -> Program:
     """
     program = Program({})
     p = ", ".join(f"p[{i}]" for i in range(len(kernels.model.values)))
-    walls = [wall.name for wall in kernels.model.WALLS]
+    walls = kernels.model.letters
     pairs = [(a, b) for a in walls for b in walls]
     flights = {f"flight_{a}_{b}": kernels.flight(a, b) for a, b in pairs}
     ends = "t0, v0, t1, v1"

@@ -314,7 +314,7 @@ class _CurveExplorer:
         entries = [entry for run in runs for entry in self.start_from(run, there, fixed)]
         self.evaluations += runs[0].problem.kernel_evaluations if runs else 0
         first = first_of(entries, self.options.kinds, self.along(fixed))
-        notation = word.notation([w.name for w in scene.model.WALLS])
+        notation = word.notation(scene.model.letters)
         check = Check(dict(fixed), word.walls, word.period, notation, second, value, first)
         self.checks.append(check)
 

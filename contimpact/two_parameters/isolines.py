@@ -100,7 +100,7 @@ def follow_isoline(
     found = followed(curve, start, limits, special, values, settings, callback)
     if isinstance(found, End):
         return found
-    notation = given.word.notation([wall.name for wall in at.WALLS])
+    notation = given.word.notation(at.letters)
     return tabulated(name, curve, found, special, label, notation, "")
 
 

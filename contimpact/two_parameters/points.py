@@ -309,7 +309,7 @@ def _place(problem: OrbitProblem, details: Details) -> int:
     """Which of the values of `AlsoGrazes` or `AlsoStops` belongs to a touch or an impact."""
     if "impact" in details:
         return int(details["impact"])
-    walls = [wall.name for wall in problem.model.WALLS]
+    walls = problem.model.letters
     return int(details["flight"]) * len(walls) + walls.index(details["wall"])
 
 
@@ -329,7 +329,7 @@ def _time_of_touch(here: Linearisation, flight: int, wall: str) -> float:
     problem = here.problem
     values, rows = problem.values(here.unknowns), problem.impacts(here.unknowns)
     times = np.append(rows[:, 0], rows[0, 0] + here.span)
-    walls = [w.name for w in problem.model.WALLS]
+    walls = problem.model.letters
     places = problem.kernels.setup(*values).walls
     away = places[walls.index(wall)] - places[walls.index(problem.word.walls[flight])]
     length, row = times[flight + 1] - times[flight], rows[flight].tolist()

@@ -60,7 +60,7 @@ def ended(point: Point[CurvePoint]) -> End:
     """Return the end of a curve at an orbit that repeats a shorter one."""
     orbit = point.evaluation.orbit
     once, _ = shortest(orbit.problem, orbit.unknowns, SAME_ORBIT)
-    letters = [w.name for w in orbit.problem.model.WALLS]
+    letters = orbit.problem.model.letters
     first, times = orbit.problem.kernels.parameter, len(orbit.problem.word) // len(once.word)
     told = {"word": once.word.notation(letters), "times": times}
     return End.of(EndKind.SHORTER, first, point.evaluation.parameter(first), **told)
