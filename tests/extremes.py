@@ -14,6 +14,7 @@ from pathlib import Path
 import mpmath
 import numpy as np
 from scipy.optimize import brentq
+from zoo import unknowns_of
 
 from contimpact import ImpactPair, InputError, Oscillator, Settings, find_orbits
 from contimpact.accuracy.reference import Reference
@@ -177,7 +178,7 @@ def many_impacts():
     gap = problem.kernels.setup(*model.values.values()).derived[0]
     times = np.arange(200) / 100.0
     speeds = np.where(np.arange(200) % 2 == 0, 1.0, -1.0) * gap * 100.0
-    return solved(problem, problem.unknowns_of(times, speeds), allowed=1e-9)
+    return solved(problem, unknowns_of(problem, times, speeds), allowed=1e-9)
 
 
 @case("word of 200 impacts, 1:1/100T")
@@ -197,7 +198,7 @@ def repeated(model, times):
     rows = orbit.problem.impacts(orbit.unknowns)
     later = [rows + np.array([2.0 * k, 0.0]) for k in range(times)]
     problem = OrbitProblem(model, Word("BT" * times, times), kernels)
-    guess = problem.unknowns_of(np.vstack(later)[:, 0] + 1e-6, np.vstack(later)[:, 1])
+    guess = unknowns_of(problem, np.vstack(later)[:, 0] + 1e-6, np.vstack(later)[:, 1])
     row = solved(problem, guess, allowed=1e-10)
     here = solve_near(problem, guess)
     found = Reference(problem).orbit(here.unknowns)

@@ -6,6 +6,7 @@ import importlib.util
 from pathlib import Path
 
 import mpmath as mp
+import numpy as np
 
 from contimpact.models.model import Formulas, Model, Parameter, Wall
 from contimpact.scenes.scene import read_scene
@@ -23,6 +24,14 @@ def example(name):
     module = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(module)
     return module
+
+
+def unknowns_of(problem, times, sections, value=None):
+    """Unknowns from impact times (N,), section coordinates (N, m - 1) and the parameters."""
+    sections = np.reshape(sections, (len(times), -1))
+    free = [problem.model.values[name] for name in problem.kernels.parameters]
+    rows = np.column_stack([times, sections])
+    return np.append(rows.ravel(), free if value is None else value)
 
 
 def harmonic_pair(waves, **given):

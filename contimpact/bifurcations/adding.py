@@ -42,8 +42,7 @@ def where_added(guess: OrbitPoint, flight: int, details: Details) -> Located | N
     without = problem_of(problem.model, word, problem.kernels)
     system = _touching(problem, without, unknowns, ends)
     rest = np.delete(problem.impacts(unknowns), ends, axis=0)
-    rest = without.placed(rest, guess.evaluation.span)
-    begin = np.append(rest.ravel(), unknowns[-problem.free :])
+    begin = without.with_impacts(rest, guess.evaluation.span, unknowns)
     solution = solve(system, without.evaluate(begin))
     if solution is None:
         return None

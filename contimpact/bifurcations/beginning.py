@@ -5,8 +5,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-import numpy as np
-
 from ..continuation.branch import Details
 from ..continuation.test_function import Located
 from ..models.word import Word
@@ -75,8 +73,7 @@ class Begun:
             return None
         there = problem_of(self.problem.model, word, self.problem.kernels)
         rows = lengthened(self.problem, unknowns, self.impact, letters)
-        rows = there.placed(rows, self.problem.span(unknowns))
-        start = regular(there, np.append(rows.ravel(), unknowns[-self.problem.free :]))
+        start = regular(there, there.with_impacts(rows, self.problem.span(unknowns), unknowns))
         return start if start is None or self._longer(start) >= 0.0 else start.reversed()
 
     def criticality(self, event: OrbitEvent, start: Start) -> str | None:

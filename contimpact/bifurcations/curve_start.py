@@ -52,5 +52,5 @@ def twice(here: Linearisation) -> Linearisation:
     later[:, 0] += span
     word = Word(problem.word.walls * 2, problem.word.period * 2)
     doubled = problem_of(problem.model, word, problem.kernels)
-    free, rows = here.unknowns[problem.n :], np.vstack([rows, later])
-    return doubled.evaluate(np.append(doubled.placed(rows, 2.0 * span).ravel(), free))
+    both = np.vstack([rows, later])
+    return doubled.evaluate(doubled.with_impacts(both, 2.0 * span, here.unknowns))

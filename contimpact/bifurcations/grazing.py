@@ -200,7 +200,7 @@ class G(Kind):
             letters = _excursion(problem, flight, wall) or ""
             rows = _inserted(rows, flight, _at_rest(problem, here.unknowns, letters, touch))
         longer = problem_of(problem.model, word, problem.kernels)
-        unknowns = np.append(longer.placed(rows, here.span).ravel(), here.unknowns[-1])
+        unknowns = longer.with_impacts(rows, here.span, here.unknowns)
         if self.sliding(event) == ADDING:
             return added(longer, unknowns, event.details["flight"] + 1)
         start = regular(longer, unknowns)
@@ -381,6 +381,6 @@ def _with_touch(here: CurvePoint) -> Linearisation:
     touch, letters = np.insert(here.own, 1, 0.0), _excursion(problem, flight, wall) or wall
     added = _at_rest(problem, orbit.unknowns, letters, touch)
     longer = problem_of(problem.model, problem.word.insert(flight, letters), problem.kernels)
-    rows = longer.placed(_inserted(problem.impacts(orbit.unknowns), flight, added), orbit.span)
+    rows = _inserted(problem.impacts(orbit.unknowns), flight, added)
     problem.kernel_evaluations += len(longer.word)
-    return longer.evaluate(np.append(rows.ravel(), orbit.unknowns[-problem.free :]))
+    return longer.evaluate(longer.with_impacts(rows, orbit.span, orbit.unknowns))

@@ -141,5 +141,4 @@ def merged(
     word = respelled(problem.word, flight, letter, 2)
     there = problem_of(problem.model, word, problem.kernels)
     rows = np.delete(problem.impacts(unknowns), other, axis=0)
-    rows = there.placed(rows, problem.span(unknowns))
-    return there, np.append(rows.ravel(), unknowns[-problem.free :])
+    return there, there.with_impacts(rows, problem.span(unknowns), unknowns)

@@ -40,8 +40,7 @@ def without(here: Linearisation, impact: int) -> tuple[OrbitProblem, Array] | No
         return None
     shorter = problem_of(problem.model, word, problem.kernels)
     kept = np.delete(problem.impacts(here.unknowns), dropped, axis=0)
-    kept = shorter.placed(kept, here.span)
-    return shorter, np.append(kept.ravel(), here.unknowns[-problem.free :])
+    return shorter, shorter.with_impacts(kept, here.span, here.unknowns)
 
 
 def vanished(here: Linearisation, impact: int) -> tuple[int, ...]:

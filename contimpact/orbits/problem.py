@@ -297,6 +297,11 @@ class OrbitProblem:
         """Return an orbit's impacts in the clock of the unknowns, given its period."""
         return rows
 
+    def with_impacts(self, rows: Array, span: float, beside: Array) -> Array:
+        """Return the unknowns of an orbit, given its impacts and its period; the free parameters
+        are those at the end of other unknowns."""
+        return np.append(self.placed(rows, span).ravel(), beside[-self.free :])
+
     def held(self, start: Array) -> Array:
         """Return the blocks A_k on the section whose map the multipliers are of."""
         return start
@@ -330,15 +335,6 @@ class OrbitProblem:
             result += segment.third(z[i:j], arrival, [*q[i:j], *moved], p)
         self.kernel_evaluations += len(self.segments)
         return np.array(result)
-
-    def unknowns_of(
-        self, times: ArrayLike, sections: ArrayLike, value: float | None = None
-    ) -> Array:
-        """Return z from impact times (N,), section coordinates (N, m - 1) and lambda."""
-        times = np.asarray(times, dtype=float).reshape(-1, 1)
-        sections = np.asarray(sections, dtype=float).reshape(len(times), -1)
-        free = [self._values[place] for place in self._free] if value is None else [value]
-        return np.append(np.hstack([times, sections]).ravel(), free)
 
     def scale(self, unknowns: Array, span: ArrayLike) -> Array:
         """Return natural sizes of the unknowns, by which arclength is measured.

@@ -26,9 +26,7 @@ def rotated_to(problem: OrbitProblem, unknowns: Array, word: Word) -> Array | No
     rows = problem.impacts(unknowns).copy()
     span = problem.span(unknowns)
     rows[:shift, 0] += span
-    rotated = unknowns.copy()
-    rotated[:-1] = problem.placed(_rolled(rows, shift), span).ravel()
-    return rotated
+    return problem.with_impacts(_rolled(rows, shift), span, unknowns)
 
 
 def mirrored(
@@ -40,9 +38,7 @@ def mirrored(
     rows = problem.impacts(unknowns).copy()
     rows[:, 0] += symmetry.shift * problem.period(unknowns)
     rows[:, 1:] *= symmetry.sign
-    moved = unknowns.copy()
-    moved[:-1] = image.placed(rows, problem.span(unknowns)).ravel()
-    return image, moved
+    return image, image.with_impacts(rows, problem.span(unknowns), unknowns)
 
 
 def repeats(problem: OrbitProblem, unknowns: Array, tolerance: float) -> bool:

@@ -229,8 +229,7 @@ def _turned(here: Linearisation) -> Linearisation:
     rows[:first, 0] += span
     rows = np.roll(rows, -first, axis=0)
     rows[:, 0] -= np.floor(rows[0, 0] / period) * period
-    rows = problem.placed(rows, span)
-    return problem.evaluate(np.append(rows.ravel(), here.unknowns[-problem.free :]))
+    return problem.evaluate(problem.with_impacts(rows, span, here.unknowns))
 
 
 def _in_order(here: Linearisation) -> bool:

@@ -7,6 +7,7 @@ import math
 import mpmath as mp
 import numpy as np
 import pytest
+from zoo import unknowns_of
 
 from contimpact.models.word import Word
 from contimpact.orbits.problem import OrbitProblem
@@ -23,7 +24,7 @@ def random_point(problem, seed, value=None):
     n = len(problem.word)
     period = problem.kernels.setup(*problem.model.values.values()).period
     times = rng.uniform(0, period) + np.sort(rng.uniform(0, problem.word.period * period, n))
-    return problem.unknowns_of(times, rng.normal(size=n), value)
+    return unknowns_of(problem, times, rng.normal(size=n), value)
 
 
 def cases(pair, oscillator, problem_of):
@@ -267,11 +268,11 @@ def test_no_value(pair, problem_of):
 # Unknowns as orbits
 
 
-def test_unknowns_of(pair, problem_of):
+def test_impacts(pair, problem_of):
     problem = problem_of(pair(), "BT", "A")
-    z = problem.unknowns_of([0.1, 1.4], [0.6, -0.5])
+    z = unknowns_of(problem, [0.1, 1.4], [0.6, -0.5])
     assert z.tolist() == [0.1, 0.6, 1.4, -0.5, 5.0]
-    assert problem.unknowns_of([0.1, 1.4], [[0.6], [-0.5]], 7.0)[-1] == 7.0
+    assert unknowns_of(problem, [0.1, 1.4], [[0.6], [-0.5]], 7.0)[-1] == 7.0
     np.testing.assert_array_equal(problem.impacts(z), [[0.1, 0.6], [1.4, -0.5]])
 
 
@@ -299,14 +300,14 @@ def test_difference(pair, problem_of, word, shifts):
 def test_scale(pair, problem_of):
     """A shift of every time by a period, or of every velocity by the largest, has length one."""
     problem = problem_of(pair(), "BBT", "A")
-    z = problem.unknowns_of([0.1, 0.5, 1.4], [0.6, 0.1, -0.5])
+    z = unknowns_of(problem, [0.1, 0.5, 1.4], [0.6, 0.1, -0.5])
     scale = problem.scale(z, 2.5)
     assert scale[-1] == 2.5
     times, velocities = np.zeros(7), np.zeros(7)
     times[0:6:2], velocities[1:6:2] = 2.0, 0.6
     assert np.linalg.norm(times / scale) == pytest.approx(1.0, rel=1e-15)
     assert np.linalg.norm(velocities / scale) == pytest.approx(1.0, rel=1e-15)
-    resting = problem.unknowns_of([0.1, 0.5, 1.4], [0.0, 0.0, 0.0])
+    resting = unknowns_of(problem, [0.1, 0.5, 1.4], [0.0, 0.0, 0.0])
     assert np.all(problem.scale(resting, 1.0) > 0.0)
 
 

@@ -6,6 +6,7 @@ import math
 
 import numpy as np
 import pytest
+from zoo import unknowns_of
 
 from contimpact.errors import InputError
 from contimpact.models.word import Word
@@ -491,7 +492,7 @@ def test_orbit_at(pair, orbits):
 
 def test_orbit_at_nowhere(pair, orbits, problem_of):
     problem = problem_of(pair(beta=0.0, d=5.0), "BT", "s")
-    guess = problem.unknowns_of([0.1, 1.0], [0.6, -0.6])
+    guess = unknowns_of(problem, [0.1, 1.0], [0.6, -0.6])
     assert solve_near(problem, guess) is None
     with pytest.raises(InputError, match="no BT orbit was reached"):
         orbit_at(problem, guess)

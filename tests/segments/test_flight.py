@@ -9,6 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.optimize import brentq
+from zoo import unknowns_of
 
 from contimpact.models.model import Wall
 from contimpact.orbits.physicality import judge
@@ -554,7 +555,7 @@ def test_wrong_way(pair, kernels_of):
 def test_excursion_of_a_wrong_way_impact_is_no_touch(pair, problem_of):
     """Leaving B outwards, the ball turns outside: that belongs to the impact."""
     problem = problem_of(pair(), "BT", "s")
-    z = problem.unknowns_of([0.9, 2.2], [-0.05, -0.4])
+    z = unknowns_of(problem, [0.9, 2.2], [-0.05, -0.4])
     gaps = problem.evaluate(z).gaps
     p = problem.values(z)
     motion = problem.kernels.motion("B")
@@ -567,7 +568,7 @@ def test_excursion_of_a_wrong_way_impact_is_no_touch(pair, problem_of):
 
 def test_impacts_out_of_order(pair, problem_of):
     problem = problem_of(pair(), "BT", "s")
-    verdict = problem.evaluate(problem.unknowns_of([1.0, 0.9], [0.6, -0.5])).verdict
+    verdict = problem.evaluate(unknowns_of(problem, [1.0, 0.9], [0.6, -0.5])).verdict
     assert not verdict.physical
     assert verdict.reason == "impacts out of order: flight 0 (B to T) lasts -0.1"
 
@@ -575,7 +576,7 @@ def test_impacts_out_of_order(pair, problem_of):
 def test_no_duration(pair, problem_of):
     """A flight without duration has no interior: nothing to touch, nothing out of order."""
     problem = problem_of(pair(), "BBT", "s")
-    here = problem.evaluate(problem.unknowns_of([0.5, 0.5, 1.5], [0.6, 0.1, -0.5]))
+    here = problem.evaluate(unknowns_of(problem, [0.5, 0.5, 1.5], [0.6, 0.1, -0.5]))
     assert here.gaps[0] == FlightGaps(0.0, (None, None))
     assert "out of order" not in (here.verdict.reason or "")
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import mpmath
 import numpy as np
 import pytest
-from zoo import two_masses
+from zoo import two_masses, unknowns_of
 
 from contimpact.accuracy.reference import Reference
 from contimpact.models.word import Word
@@ -45,7 +45,7 @@ def test_an_orbit_problem_takes_the_segments_it_is_given(pair):
     own = OrbitProblem(model, Word("BBT"), Kernels(model, "s"))
     other = OrbitProblem(model, Word("BBT"), Source(model, "s"))
     assert [segment.name for segment in other.segments] == ["BB", "BT", "TB"]
-    z = own.unknowns_of([0.1, 0.5, 1.4], [0.7, 0.3, -0.5])
+    z = unknowns_of(own, [0.1, 0.5, 1.4], [0.7, 0.3, -0.5])
     one, two = own.evaluate(z), other.evaluate(z)
     assert np.max(np.abs(one.residual - two.residual)) < 1e-15
     assert one.jacobian == pytest.approx(two.jacobian, rel=1e-13, abs=1e-14)
