@@ -12,14 +12,11 @@ from typing import Any
 import numpy as np
 
 from ..models.word import Word
-from ..orbits.problem import Array, OrbitProblem
 from ..orbits.quiet import problem_of
+from ..orbits.search import solve_near
 from .equations import BallProblem, Balls
 from .krawczyk import proven
 from .quiet import QuietBalls
-
-STEPS = 8
-"""Of Newton's iteration for the state at the time zero; linear flights need one."""
 
 
 def rests(space: BallProblem, box: Balls, inner: Balls) -> bool:
@@ -39,28 +36,16 @@ def rests(space: BallProblem, box: Balls, inner: Balls) -> bool:
         return False
     base = problem_of(problem.model, Word("", 1), problem.kernels)
     touch = [float(x.mid()) for x in inner[:m]]
-    state = _state(base, float(inner[m].mid()))
-    if state is None:
+    start = solve_near(base, np.append(np.zeros(base.m), float(inner[m].mid())))
+    if start is None:
         return False
+    state = start.unknowns
     period = base.span(state)
     where = {"wall": guard.name, "touch_time": touch[0] % period}
     quiet = QuietBalls(base, space.bits)
     system, own = quiet.grazing(state, where)
     found = proven(quiet, system, [*state.tolist(), own[0], *touch[2:]])
     return found is not None and _same(quiet, found[1], word.period, box)
-
-
-def _state(base: OrbitProblem, value: float) -> Array | None:
-    """State and parameter of the orbit without impacts, in doubles."""
-    z = np.append(np.zeros(base.m), value)
-    for _ in range(STEPS):
-        here = base.evaluate(z)
-        try:
-            step = np.linalg.solve(here.cyclic(1.0)[:, : base.m], here.residual)
-        except np.linalg.LinAlgError:
-            return None
-        z[: base.m] -= step
-    return z if np.isfinite(z).all() else None
 
 
 def _same(base: BallProblem, z: Balls, times: int, box: Sequence[Any]) -> bool:
