@@ -32,7 +32,7 @@ from ..segments.integrated_track import integrated_track
 from ..segments.kernels import Kernels
 from ..segments.layout import SECTION
 from ..segments.zeros import chebyshev_zeros, rounding_along
-from .free_period import FreePeriodProblem, require_no_forcing
+from .free_period import FreePeriodProblem
 from .linearisation import CyclicBlocks, Linearisation
 from .problem import Array, OrbitProblem
 
@@ -201,10 +201,6 @@ class FreeQuietProblem(QuietProblem):
     """The equations of orbits without impacts in a system without forcing."""
 
     autonomous = True
-
-    def __init__(self, model: Model, word: Word, kernels: Kernels) -> None:
-        super().__init__(model, word, kernels)
-        require_no_forcing(model, kernels)
 
     def span(self, unknowns: Array) -> float:
         """Return the orbit's period."""
