@@ -353,7 +353,7 @@ def _gap_slope(event: OrbitEvent) -> float:
     places = (event.details[name] for name in ("flight", "wall", "touch_time"))
     system = Touching(here.problem, *places)
     _, start, _, by_parameter = system.arrival(here, system.start(here))
-    rate = float(start[0] @ along[system.own_impact] + by_parameter[0, 0] * along[-1])
+    rate = float(start[0] @ along[system.left] + by_parameter[0, 0] * along[-1])
     return float(-_side(here.problem, event) * rate * along[-1])
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from abc import abstractmethod
 from collections.abc import Sequence
 
 import numpy as np
@@ -16,16 +17,54 @@ from ..segments.segment import Segment
 from .extended_system import Assembled, ExtendedSystem
 
 
-class Touching(ExtendedSystem):
+class Arrival(ExtendedSystem):
+    """A flight leaves with one of the orbit's and arrives at a guard; of the unknowns there those
+    numbered in `free` are the system's own."""
+
+    def __init__(
+        self, problem: OrbitProblem, flight: int, segment: Segment, free: Sequence[int]
+    ) -> None:
+        super().__init__(problem)
+        self.flight, self.segment, self.free = flight, segment, list(free)
+        self.left = slice(problem.m * flight, problem.m * flight + problem.m)
+
+    @abstractmethod
+    def ends(self, here: Linearisation, own: Array) -> tuple[list[float], list[float]]:
+        """Return the unknowns at both ends of the flight."""
+
+    def assemble(self, here: Linearisation, own: Array) -> Assembled:
+        n, m = self.problem.n, self.problem.m
+        orbit = len(here.unknowns)
+        arrival, start, end, by_parameter = self.arrival(here, own)
+        self.problem.kernel_evaluations += 1
+        jacobian = np.zeros((n + m, orbit + m - 1))
+        jacobian[:n, :orbit] = here.jacobian
+        jacobian[n:, self.left] = start
+        jacobian[n:, n:orbit] = by_parameter
+        jacobian[n:, orbit:] = end[:, self.free]
+        return Assembled(np.concatenate([here.residual, arrival]), jacobian)
+
+    def rounding(self, here: Linearisation, own: Array) -> Array:
+        values = self.problem.values(here.unknowns)
+        arrival, _, _, _ = bounds_of(self.segment, *self.ends(here, own), values)[1]
+        return np.concatenate([rounding(here).residual, arrival])
+
+    def arrival(self, here: Linearisation, own: Array) -> tuple[Array, Array, Array, Array]:
+        """Return residual and derivatives of the flight."""
+        m, values = self.problem.m, self.problem.values(here.unknowns)
+        rows, leaving, *ends = self.segment.blocks(*self.ends(here, own), values)
+        start, end, free = map(np.array, (self.problem.leaves(leaving), *ends))
+        return np.array(rows), start.reshape(m, m), end.reshape(m, m), free.reshape(m, -1)
+
+
+class Touching(Arrival):
     """A flight reaches a wall with zero velocity."""
 
     def __init__(self, problem: OrbitProblem, flight: int, wall: str, time: float) -> None:
-        super().__init__(problem)
-        self.flight, self.wall, self.time = flight, wall, time
-        m = problem.m
-        self.own_impact, self.free = slice(m * flight, m * flight + m), [0, *range(2, m)]
         left = problem.word.walls[flight : flight + 1] or SECTION
-        self.segment = problem.kernels.segment(left, wall)
+        segment = problem.kernels.segment(left, wall)
+        super().__init__(problem, flight, segment, [0, *range(2, problem.m)])
+        self.wall, self.time = wall, time
 
     def touch(self, own: Array) -> Array:
         """Return the touch as an impact: its time and section coordinates."""
@@ -41,22 +80,6 @@ class Touching(ExtendedSystem):
             own[1:] -= np.linalg.lstsq(end[:, self.free[1:]], out, rcond=None)[0]
         return own
 
-    def assemble(self, here: Linearisation, own: Array) -> Assembled:
-        n, m = self.problem.n, self.problem.m
-        orbit = len(here.unknowns)
-        arrival, start, end, by_parameter = self.arrival(here, own)
-        self.problem.kernel_evaluations += 1
-        jacobian = np.zeros((n + m, orbit + m - 1))
-        jacobian[:n, :orbit] = here.jacobian
-        jacobian[n:, self.own_impact] = start
-        jacobian[n:, n:orbit] = by_parameter
-        jacobian[n:, orbit:] = end[:, self.free]
-        return Assembled(np.concatenate([here.residual, arrival]), jacobian)
-
-    def rounding(self, here: Linearisation, own: Array) -> Array:
-        arrival, _, _, _ = bounds_of(self.segment, *self._arguments(here, own))[1]
-        return np.concatenate([rounding(here).residual, arrival])
-
     def scale(self, own: Array, sizes: Array) -> Array:
         others = super().scale(own, sizes)
         others[0] = sizes[0]
@@ -65,19 +88,12 @@ class Touching(ExtendedSystem):
     def details(self, own: Array) -> Details:
         return {"touch_time": float(own[0])}
 
-    def arrival(self, here: Linearisation, own: Array) -> tuple[Array, Array, Array, Array]:
-        """Return residual and derivatives of the flight to the touch."""
-        m = self.problem.m
-        rows, leaving, *ends = self.segment.blocks(*self._arguments(here, own))
-        start, end, free = map(np.array, (self.problem.leaves(leaving), *ends))
-        return np.array(rows), start.reshape(m, m), end.reshape(m, m), free.reshape(m, -1)
-
-    def _arguments(self, here: Linearisation, own: Array) -> tuple[list[float], ...]:
+    def ends(self, here: Linearisation, own: Array) -> tuple[list[float], list[float]]:
         _, left = self.problem.leaving(here.unknowns, self.flight)
-        return left, self.touch(own).tolist(), self.problem.values(here.unknowns)
+        return left, self.touch(own).tolist()
 
 
-class Beginning(ExtendedSystem):
+class Beginning(Arrival):
     """Sliding begins on one of its limits: a flight to it takes no time.
 
     Its own unknowns are the section coordinates there.
@@ -91,37 +107,24 @@ class Beginning(ExtendedSystem):
     """
 
     def __init__(self, problem: OrbitProblem, impact: int, sliding: str, limit: str) -> None:
-        super().__init__(problem)
-        self.impact = slice(problem.m * impact, problem.m * impact + problem.m)
-        self.segment = problem.kernels.segment(sliding, limit)
+        segment = problem.kernels.segment(sliding, limit)
+        super().__init__(problem, impact, segment, range(1, problem.m))
 
     def start(self, here: Linearisation) -> Array:
-        left, _, values = self._arguments(here, np.zeros(self.problem.m - 1))
-        return np.array(arrived(self.segment, left, values)[1:])
+        left = here.unknowns[self.left].tolist()
+        return np.array(arrived(self.segment, left, self.problem.values(here.unknowns))[1:])
 
-    def assemble(self, here: Linearisation, own: Array) -> Assembled:
-        n, m, orbit = self.problem.n, self.problem.m, len(here.unknowns)
-        rows, start, end, free = map(np.array, self.segment.blocks(*self._arguments(here, own)))
-        start, end = start.reshape(m, m), end.reshape(m, m)
+    def arrival(self, here: Linearisation, own: Array) -> tuple[Array, Array, Array, Array]:
+        rows, start, end, free = super().arrival(here, own)
         start[:, 0] += end[:, 0]  # both times are one
-        self.problem.kernel_evaluations += 1
-        jacobian = np.zeros((n + m, orbit + m - 1))
-        jacobian[:n, :orbit] = here.jacobian
-        jacobian[n:, self.impact] = start
-        jacobian[n:, n:orbit] = free.reshape(m, -1)
-        jacobian[n:, orbit:] = end[:, 1:]
-        return Assembled(np.concatenate([here.residual, rows]), jacobian)
-
-    def rounding(self, here: Linearisation, own: Array) -> Array:
-        arrival, _, _, _ = bounds_of(self.segment, *self._arguments(here, own))[1]
-        return np.concatenate([rounding(here).residual, arrival])
+        return rows, start, end, free
 
     def scale(self, own: Array, sizes: Array) -> Array:
         return np.asarray(sizes[1 : self.problem.m])
 
-    def _arguments(self, here: Linearisation, own: Array) -> tuple[list[float], ...]:
-        left = here.unknowns[self.impact].tolist()
-        return left, [left[0], *own.tolist()], self.problem.values(here.unknowns)
+    def ends(self, here: Linearisation, own: Array) -> tuple[list[float], list[float]]:
+        left = here.unknowns[self.left].tolist()
+        return left, [left[0], *own.tolist()]
 
 
 def arrived(segment: Segment, left: Sequence[float], values: Sequence[float]) -> list[float]:
