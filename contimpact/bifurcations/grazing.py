@@ -198,7 +198,7 @@ class G(Kind):
             system = Touching(problem, flight, wall, time)
             touch = system.touch(system.start(here))
             letters = _excursion(problem, flight, wall) or ""
-            rows = _inserted(rows, flight, _at_rest(problem, here.unknowns, letters, touch))
+            rows = _inserted(rows, flight, _at_touch(problem, here.unknowns, letters, touch))
         longer = problem_of(problem.model, word, problem.kernels)
         unknowns = longer.with_impacts(rows, here.span, here.unknowns)
         if self.sliding(event) == ADDING:
@@ -236,7 +236,7 @@ class G(Kind):
     def verdict(self, here: Linearisation, details: Details) -> Verdict:
         touching = {(t.flight, t.wall) for t in _touching(here)}
         touching.add((details["flight"], details["wall"]))
-        return here.judge(forgive_touches=touching, forgive_impacts=here.at_rest)
+        return here.judge(forgive_touches=touching, forgive_impacts=here.resting)
 
     def symbol(self, period: int) -> str:
         """On orbits of the period 2T, 4T, ... it is PD_G."""
@@ -302,7 +302,7 @@ def _excursion(problem: OrbitProblem, flight: int, wall: str) -> str | None:
     return way_back(guards, wall, mode, "".join(there))
 
 
-def _at_rest(problem: OrbitProblem, unknowns: Array, letters: str, touch: Array) -> list[Array]:
+def _at_touch(problem: OrbitProblem, unknowns: Array, letters: str, touch: Array) -> list[Array]:
     """The impacts of an excursion that takes no time, from the touch with which it begins.
 
     Behind a touch the next mode may run towards its guard, as friction does towards its limit.
@@ -379,7 +379,7 @@ def _with_touch(here: CurvePoint) -> Linearisation:
     orbit, problem = here.orbit, here.orbit.problem
     flight, wall = here.details["flight"], here.details["wall"]
     touch, letters = np.insert(here.own, 1, 0.0), _excursion(problem, flight, wall) or wall
-    added = _at_rest(problem, orbit.unknowns, letters, touch)
+    added = _at_touch(problem, orbit.unknowns, letters, touch)
     longer = problem_of(problem.model, problem.word.insert(flight, letters), problem.kernels)
     rows = _inserted(problem.impacts(orbit.unknowns), flight, added)
     problem.kernel_evaluations += len(longer.word)

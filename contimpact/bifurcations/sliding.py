@@ -31,7 +31,7 @@ from .touching import arrived
 GRAZING, ADDING = "grazing-sliding", "adding-sliding"
 SWITCHING, CROSSING = "switching-sliding", "crossing-sliding"
 
-BRIEF = 1e-9
+INSTANT = 1e-9
 """A flight shorter than this part of the period takes no time."""
 
 
@@ -53,7 +53,7 @@ def at_touch(problem: OrbitProblem, details: Details) -> str | None:
     return GRAZING if slides(model, touched.next_mode) else None
 
 
-def at_rest(problem: OrbitProblem, unknowns: Array, impact: int) -> str | None:
+def at_zero_velocity(problem: OrbitProblem, unknowns: Array, impact: int) -> str | None:
     """Return which sliding bifurcation a V is."""
     guard = guard_at(problem, impact)
     if slides(problem.model, guard.modes[0]):
@@ -80,7 +80,7 @@ def at_once(problem: OrbitProblem, flight: int) -> str | None:
 def is_brief(problem: OrbitProblem, unknowns: Array, flight: int) -> bool:
     """Whether a flight takes no time."""
     begin, end = problem.times_around(unknowns, flight)
-    return abs(end - begin) < BRIEF * problem.span(unknowns)
+    return abs(end - begin) < INSTANT * problem.span(unknowns)
 
 
 def guard_at(problem: OrbitProblem, impact: int) -> Guard:

@@ -10,7 +10,7 @@ from ..orbits.linearisation import Linearisation
 from ..orbits.problem import Array, OrbitProblem
 from ..orbits.quiet import QuietProblem, problem_of
 from ..orbits.search import solve_near
-from .sliding import CROSSING, SWITCHING, at_once, at_rest, is_brief, merged
+from .sliding import CROSSING, SWITCHING, at_once, at_zero_velocity, is_brief, merged
 
 TOUCHING = 1e-6
 """A gap below this is a touch, where the orbit without impacts is that of a V."""
@@ -31,7 +31,7 @@ def without(here: Linearisation, impact: int) -> tuple[OrbitProblem, Array] | No
     """
     problem, dropped = here.problem, vanished(here, impact)
     before = (impact - 1) % len(problem.word)
-    if at_rest(problem, here.unknowns, impact) == SWITCHING:
+    if at_zero_velocity(problem, here.unknowns, impact) == SWITCHING:
         return merged(problem, here.unknowns, before)
     if len(problem.word) == len(dropped):
         return _quiet(here, impact)

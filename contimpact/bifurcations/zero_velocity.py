@@ -26,7 +26,7 @@ from .extended_system import ExtendedSystem
 from .kind import Change, Details, Kind, Look, ManyDigits, System, Values
 from .orbit_test import OrbitEvent, OrbitPoint, Orbits
 from .reached import Reached, ScalarTest
-from .sliding import BRIEF, at_rest
+from .sliding import INSTANT, at_zero_velocity
 from .start import Start, regular
 from .vanishing import vanished, vanishing, without
 from .zero_duration import ZeroDuration
@@ -117,7 +117,7 @@ class Alone:
     def rates(self, orbits: Orbits, lengths: Array) -> Array:
         """Return them for many orbits; not a number where an excursion vanishes, shape (P,)."""
         least = np.min(np.abs(lengths[:, self.flights]), axis=1)
-        there = least > BRIEF * orbits.spans
+        there = least > INSTANT * orbits.spans
         over = np.where(there, np.prod(lengths[:, self.flights], axis=1), np.nan)
         return self.side * orbits.unknowns[:, self.velocity] / over
 
@@ -192,11 +192,13 @@ class V(Kind):
 
     def sliding(self, event: OrbitEvent) -> str | None:
         here = event.point.evaluation
-        return at_rest(here.problem, here.unknowns, event.details["impact"])
+        return at_zero_velocity(here.problem, here.unknowns, event.details["impact"])
 
     def codimension_two(self, word: Word) -> list[TestFunction[CurvePoint]]:
         shorter = _without_touch if len(word) > 1 else None
-        return touch_points(_at_impact, lambda here: here.orbit, shorter)
+        return touch_points(
+            lambda here: (here.details["impact"], 0.0), lambda here: here.orbit, shorter
+        )
 
 
 def _shorter(here: Linearisation, details: Details) -> tuple[OrbitProblem, Array] | None:
@@ -218,7 +220,3 @@ def _without_touch(here: CurvePoint) -> Linearisation:
         raise ArithmeticError("no impact is left")
     here.orbit.problem.kernel_evaluations += len(shorter[0].word)
     return shorter[0].evaluate(shorter[1])
-
-
-def _at_impact(here: CurvePoint) -> tuple[int, float]:
-    return here.details["impact"], 0.0

@@ -38,9 +38,9 @@ class FreePeriodEnds:
         before, self.before = self.before or point, point
         if self.stop is not None and (ended := self.stop(point, events)):
             return ended
-        return self.at_rest(before, point) or self.for_ever(before, point)
+        return self.comes_to_rest(before, point) or self.for_ever(before, point)
 
-    def at_rest(self, before: Point, point: Point) -> tuple[End, Point] | None:
+    def comes_to_rest(self, before: Point, point: Point) -> tuple[End, Point] | None:
         """The end before the first coordinate turns the other way: the orbits have shrunk to none.
 
         They do so with the root of the parameter's distance, by which its value is told.

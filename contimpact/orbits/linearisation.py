@@ -214,7 +214,7 @@ class Linearisation:
         return judge(*self._flights(), forgive_touches, forgive_impacts)
 
     @property
-    def at_rest(self) -> list[int]:
+    def resting(self) -> list[int]:
         """The impacts whose velocity is rounding beside the speeds along the flights."""
         problem = self.problem
         speed = float(problem.scale(self.unknowns, 1.0)[1])
