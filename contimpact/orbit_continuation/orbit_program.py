@@ -23,15 +23,8 @@ from .orbit_functions import (
 )
 
 ENTRY = """
-def entry(
-    kinds, word, arrivals, watched, counts, values, sides, leaving, zeros, blocks, kept, reduced,
-    fixed, clock, steps, durations, gaps, times, velocities, options, state, scale, z, tangent,
-    chord, work, rows,
-):
-    orbit = OrbitVectors(
-        kinds, word, arrivals, watched, counts, values, sides, leaving, zeros, blocks, kept,
-        reduced, fixed, clock, steps, durations, gaps, times, velocities,
-    )
+def entry({fields}, options, state, scale, z, tangent, chord, work, rows):
+    orbit = OrbitVectors({fields})
     vectors = (options, state, scale, z, tangent, chord, work, rows)
     return take_steps(evaluate, newton_step, tangent_of_cycle, observe, orbit, vectors)
 
@@ -97,7 +90,8 @@ def program_of(kernels: Kernels, variant: str) -> Program:
     _add_excursions(program, kernels, variant, walls, p)
     called = (take_steps, newton_step, tangent_of_cycle, evaluate_cycle, observe_cycle)
     named = {function.__name__: function for function in called}
-    program.glue(ENTRY.format(p=p), kernel_setup=kernels.setup, **named)
+    fields = ", ".join(OrbitVectors._fields)
+    program.glue(ENTRY.format(fields=fields, p=p), kernel_setup=kernels.setup, **named)
     return program
 
 

@@ -18,13 +18,8 @@ from .curve_functions import (
 )
 
 ENTRY = """
-def entry(
-    kinds, counts, numbers, values, residual, right, blocks, jacobian, factors, options, state,
-    scale, z, tangent, chord, work, rows,
-):
-    curve = CurveVectors(
-        kinds, counts, numbers, values, residual, right, blocks, jacobian, factors
-    )
+def entry({fields}, options, state, scale, z, tangent, chord, work, rows):
+    curve = CurveVectors({fields})
     vectors = (options, state, scale, z, tangent, chord, work, rows)
     return take_steps(evaluate, newton_step, tangent_of_curve, observe_curve, curve, vectors)
 
@@ -75,6 +70,6 @@ def program_of(kernels: Kernels, variant: str) -> Program:
         called.append(evaluate_touching)
     program.constant("CurveVectors", CurveVectors)
     named = {function.__name__: function for function in called}
-    text = EVALUATE[variant] + ENTRY.format(p=p)
+    text = EVALUATE[variant] + ENTRY.format(fields=", ".join(CurveVectors._fields), p=p)
     program.glue(text, kernel_setup=kernels.setup, **named)
     return program
