@@ -44,12 +44,9 @@ def measured_events(
         fixed = [v for n, v in problem.model.values.items() if n != scene.parameter]
         key = (entry.word, entry.period, *fixed)
         exact = references.setdefault(key, Reference(problem, DIGITS))
-        rows.append(_event_row(entry, here.unknowns, _solved(exact, entry, here.unknowns), True))
+        found = exact.event(entry.kind, here.unknowns, details_of(entry))
+        rows.append(_event_row(entry, here.unknowns, found, True))
     return [*rows, *(_event_row(entry, None, None, False) for entry in entries[len(rows) :])]
-
-
-def _solved(exact: Reference, entry: Entry, unknowns: Array) -> Exact | None:
-    return exact.event(entry.kind, unknowns, details_of(entry))
 
 
 def _event_row(

@@ -165,7 +165,9 @@ def simulated(
     row |= {"evaluations": None, "failed": 0, "unfinished": 0}
     by_integrator: dict[str, list[dict[str, Any]]] = {EXPLICIT: [], IMPLICIT: []}
     for method, rows in by_integrator.items():
-        if simulator.several or (method == IMPLICIT and not _unfinished(by_integrator[EXPLICIT])):
+        if simulator.several or (
+            method == IMPLICIT and not any(row["unfinished"] for row in by_integrator[EXPLICIT])
+        ):
             continue
         rows += [integrated(exact, run, tolerance, method) for tolerance in tolerances]
     energy = None
@@ -180,10 +182,6 @@ def simulated(
         "along": along,
         "energy": energy,
     }
-
-
-def _unfinished(rows: Sequence[Mapping[str, Any]]) -> bool:
-    return any(row["unfinished"] for row in rows)
 
 
 def integrated(exact: ExactFlights, run: Run, tolerance: float, method: str) -> dict[str, Any]:

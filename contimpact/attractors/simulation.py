@@ -11,7 +11,7 @@ import time
 from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -178,7 +178,7 @@ class _Director:
             known = [row for row in self.kept.rows if row.direction == direction]
             rows += known
             clock.skip(len(known))
-            start = _last_state(known)
+            start = known[-1].attractor.state if known else None
             left = values[len(known) :]
             named = f"{direction} in {self.scene.parameter}"
             for row in sweep_rows(
@@ -278,11 +278,6 @@ class _Director:
             self.result.basins.append(
                 basins(simulator, shape=shape, settling=settling, known=known, callback=report)
             )
-
-
-def _last_state(rows: list[Row]) -> Any:
-    """Where a sweep goes on."""
-    return rows[-1].attractor.state if rows else None
 
 
 class _Clock:

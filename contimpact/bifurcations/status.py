@@ -97,7 +97,8 @@ def _changes(
     """Points between which a status changes; where both do, stability comes first."""
     numbers = Points(walk.points).numbers[told]
     unphysical = numbers[:, -6] != PHYSICAL
-    status = {Change.STABILITY: _unstable(numbers), Change.PHYSICALITY: unphysical}
+    unstable = count_unstable(np.ascontiguousarray(numbers[..., 1:-6]).view(complex))
+    status = {Change.STABILITY: unstable, Change.PHYSICALITY: unphysical}
     changes = [
         (int(told[i]), int(told[i + 1]), change)
         for change, values in status.items()
@@ -105,10 +106,6 @@ def _changes(
         for i in np.nonzero(values[1:] != values[:-1])[0]
     ]
     return sorted(changes, key=lambda found: found[0])
-
-
-def _unstable(numbers: Array) -> Array:
-    return count_unstable(np.ascontiguousarray(numbers[..., 1:-6]).view(complex))
 
 
 def _explains(

@@ -63,7 +63,9 @@ class Extent:
     ) -> Extent:
         """The result of an operation on two, with the ends of its values."""
         work = self.work + other.work + (expanded if expanded > 1 else 0.0)
-        low, high = (-math.inf, math.inf) if any(map(math.isnan, values)) else _ends(values)
+        low, high = (
+            (-math.inf, math.inf) if any(map(math.isnan, values)) else (min(values), max(values))
+        )
         exponent, depth = max(self.exponent, other.exponent), max(self.depth, other.depth)
         return Extent(low, high, min(terms, MOST_WORK), min(work, MOST_WORK), exponent, depth)
 
@@ -150,10 +152,6 @@ _RANGES = {
 
 def _extent(value: Extent | float) -> Extent:
     return value if isinstance(value, Extent) else Extent(float(value), float(value), work=0.0)
-
-
-def _ends(values: list[float]) -> tuple[float, float]:
-    return min(values), max(values)
 
 
 def _power(base: float, exponent: float) -> float:

@@ -177,7 +177,9 @@ def _branch(branch: Branch, tracks: Tracks | None, every: int) -> dict[str, Any]
         "columns": {name: packed(branch[name]) for name in names if name in branch.columns},
         "times": packed(branch.times),
         "velocities": packed(branch.velocities),
-        "multipliers": packed(_pairs(branch.multipliers)),
+        "multipliers": packed(
+            np.stack([branch.multipliers.real, branch.multipliers.imag], axis=-1)
+        ),
         "unstable": packed(np.clip(branch["n_unstable"], 0, 255), "u1"),
         "physical": packed(branch.physical, "u1"),
         "reasons": known.tolist(),
@@ -187,10 +189,6 @@ def _branch(branch: Branch, tracks: Tracks | None, every: int) -> dict[str, Any]
     if tracks is not None:
         record["tracks"] = tracks.record(_orbits(branch), _kept(len(branch), every, marked))
     return record
-
-
-def _pairs(multipliers: Array) -> Array:
-    return np.stack([multipliers.real, multipliers.imag], axis=-1)
 
 
 def _orbits(branch: Branch) -> Orbits:

@@ -37,7 +37,9 @@ def page_text(
     """Return the page; takes the arguments of `data.page_data`."""
     style = _asset("page.css")
     library = _asset(LIBRARY)
-    script = "\n".join(["(() => {", '"use strict";', *map(_script, SCRIPTS), "})();"])
+    script = "\n".join(
+        ["(() => {", '"use strict";', *(_asset(f"scripts/{name}.js") for name in SCRIPTS), "})();"]
+    )
     parts = {
         "policy": _policy([library, script], [style]),
         "title": html.escape(f"{printable(diagram.name)} - contimpact"),
@@ -77,10 +79,6 @@ def attractors_in(folder: Path, model: Model | None) -> list[Swept]:
 def _asset(name: str) -> str:
     """A file of the package, with the line ends that browsers see."""
     return (FOLDER / name).read_bytes().decode().replace("\r\n", "\n")
-
-
-def _script(name: str) -> str:
-    return _asset(f"scripts/{name}.js")
 
 
 def _policy(scripts: Sequence[str], styles: Sequence[str]) -> str:

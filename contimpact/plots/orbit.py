@@ -70,7 +70,9 @@ def plot_orbit(
         raise InputError("orbits", "none", "give an orbit, an entry, or (branch, row)")
     if labels is not None and len(labels) != len(found):
         raise InputError("labels", f"found {len(labels)}", f"give {len(found)}, one for each orbit")
-    plane, series = _axes() if axes is None else axes
+    if axes is None:
+        axes = new_figure(9.0, 4.0).subplots(1, 2, width_ratios=(1.0, 1.5))
+    plane, series = axes
     states = list(map(_state, given, found))
     told = list(labels) if labels is not None else list(map(_label, found, states))
     looks = _looks(states)
@@ -98,10 +100,6 @@ def _orbit(given: Any, model: Model | None) -> Orbit:
         accepted = "give the model it was simulated with as model="
         raise InputError("orbits", "an attractor, which does not name its system", accepted)
     return given.orbit(model)
-
-
-def _axes() -> Any:
-    return new_figure(9.0, 4.0).subplots(1, 2, width_ratios=(1.0, 1.5))
 
 
 def _looks(states: Sequence[str]) -> list[dict[str, Any]]:

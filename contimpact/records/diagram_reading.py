@@ -131,7 +131,7 @@ def read(diagram: Diagram) -> Reading:
     Reading
     """
     stable = [interval for branch in diagram.branches for interval in stable_intervals(branch)]
-    member = {branch.id: _member(branch) for branch in diagram.branches}
+    member = {b.id: tuple(float(b[name][0]) for name in b.constant) for b in diagram.branches}
     grazings = [e for e in diagram.entries if e.kind == G.name and e.physical and e.order == 1]
     known = {branch.id for branch in diagram.branches}
     transitions = [
@@ -140,11 +140,6 @@ def read(diagram: Diagram) -> Reading:
         if entry.period <= 1 and entry.opens and entry.opens[0] in known
     ]
     return Reading(stable, _bistable(stable, member), transitions)
-
-
-def _member(branch: Branch) -> tuple[float, ...]:
-    """The values of the parameters that are constant on a branch: its member of a family."""
-    return tuple(float(branch[name][0]) for name in branch.constant)
 
 
 def stable_intervals(branch: Branch) -> list[Interval]:

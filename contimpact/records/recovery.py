@@ -211,12 +211,12 @@ def _classes(name: str) -> list[type[Model]]:
     if (kind := installed(name)) is not None:
         return [kind]
     # a class that is defined again, as in a notebook, replaces the earlier one
-    own = {(k.__module__, k.__qualname__): k for k in _below(Model) if _is(k, name)}
+    own = {
+        (k.__module__, k.__qualname__): k
+        for k in _below(Model)
+        if getattr(k, "SYSTEM", None) == name
+    }
     return list(own.values())
-
-
-def _is(kind: type[Model], name: str) -> bool:
-    return getattr(kind, "SYSTEM", None) == name
 
 
 def _below(kind: Any) -> Iterator[type[Model]]:

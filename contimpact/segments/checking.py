@@ -49,10 +49,10 @@ def check_model(model: Model) -> list[str]:
         Naming the formulas that contradict each other, and where.
     """
     writer = KernelWriter(model, (next(iter(model.values)),))
-    kernels = {
-        (wall.name, i): _agreement(writer, f"agreement_{wall.name}_{i}")
-        for wall in model.WALLS
-        for i in range(model.DEGREES_OF_FREEDOM)
+    places = [(wall, i) for wall in model.letters for i in range(model.DEGREES_OF_FREEDOM)]
+    names = {(wall, i): f"agreement_{wall}_{i}" for wall, i in places}
+    kernels: Agreements = {
+        place: kernel_of(name, writer.write(name), f"<{name}>") for place, name in names.items()
     }
     done = [*_derived(model), *_period(model, kernels)]
     for (wall, _), kernel in kernels.items():
@@ -60,10 +60,6 @@ def check_model(model: Model) -> list[str]:
     done += [f"flight from {wall.name}" for wall in model.WALLS]
     done += [*_resets(model, kernels), *_passages(model, kernels)]
     return [*done, *_symmetries(model, writer, kernels)]
-
-
-def _agreement(writer: KernelWriter, name: str) -> Callable[..., Sequence[float]]:
-    return kernel_of(name, writer.write(name), f"<{name}>")
 
 
 def _derived(model: Model) -> list[str]:
