@@ -57,7 +57,7 @@ class FB(Kind):
     multiplier = 1.0
     shorter_at = ("PD", "GPD")
     auto = 5
-    look = Look("^", "#D55E00", 0.8, "......")
+    look = Look("^", "#D55E00", 0.8, "..")
 
     def test(self, problem: OrbitProblem, values: Values) -> TestFunction[Linearisation]:
         return Fold()
