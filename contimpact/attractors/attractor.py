@@ -60,8 +60,12 @@ class Attractor:
     multipliers : tuple of complex, or None
         The largest first.
     exponents : tuple of float
-        Lyapunov exponents per impact, the largest first, and its standard error.
+        Lyapunov exponents per impact, the largest first, and its standard error; of periodic
+        motion NaN where rounding leaves nothing of the multiplier, which is then zero.
     error : float
+    exponent_sum : float or None
+        Of periodic motion the sum of all exponents, from determinants, also where they are not
+        known one by one; None where it is that of `exponents`.
     restitution : float
         Mean of ln r^2 over the impacts.
     per_period : float
@@ -110,6 +114,7 @@ class Attractor:
     state: State | None = None
     mode: str = ""
     motion: tuple[float, ...] | None = None
+    exponent_sum: float | None = None
 
     @property
     def label(self) -> str:

@@ -53,7 +53,8 @@ def _cells(row: Row, names: Sequence[str], letters: Sequence[str], m: int) -> li
     exponents = a.exponents if len(a.exponents) == m else (math.nan,) * m
     cells: list[Any] = [a.parameters[name] for name in names]
     cells += [row.direction, a.kind.value, a.notation, a.word, a.period, a.rate, *exponents]
-    cells += [a.error, sum(exponents), a.restitution, a.per_period, *spread]
+    total = sum(exponents) if a.exponent_sum is None else a.exponent_sum
+    cells += [a.error, total, a.restitution, a.per_period, *spread]
     cells += [a.smallest_gap, a.closing, a.distance, a.periods, len(a.walls)]
     for k in range(_shown(a)):
         wall = letters[a.walls[k]] + ("*" if a.released[k] else "")

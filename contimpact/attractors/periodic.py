@@ -14,6 +14,7 @@ from ..segments.touches import interior_touches
 from ..simulation.simulator import Simulator
 from .attractor import Attractor, Kind
 from .cycle import Cycle
+from .periodic_exponents import contracting
 
 
 def parameters(simulator: Simulator) -> dict[str, float]:
@@ -29,7 +30,7 @@ def periodic(
     sticks = bool(cycle.released.any() or cycle.held.any())
     word = _sticking_word(simulator, cycle) if sticks else _letters(simulator, cycle.walls)
     count, smallest = len(cycle.walls), math.nan
-    mean = tuple(math.log(abs(mu)) / count if mu != 0 else -math.inf for mu in cycle.multipliers)
+    found = contracting(simulator, cycle)
     logs = [2.0 * math.log(e) if e else -math.inf for e in simulator.restitution]
     if sticks:
         notation = _sticking_notation(simulator, cycle)
@@ -42,11 +43,12 @@ def periodic(
         notation,
         simulator.period,
         word,
-        **vars(cycle),
-        exponents=mean,
-        error=0.0,
+        **(vars(cycle) | {"multipliers": found.multipliers}),
+        exponents=found.exponents,
+        error=found.error,
+        exponent_sum=found.total,
         restitution=math.nan if sticks else float(np.mean([logs[wall] for wall in cycle.walls])),
-        per_period=mean[0] * count / cycle.period,
+        per_period=found.exponents[0] * count / cycle.period,
         rate=math.inf if sticks else count / cycle.period,
         smallest_gap=smallest,
         distance=distance,

@@ -26,7 +26,7 @@ from .periodic import parameters, periodic
 KEPT = 1000
 """Impacts kept of a motion that is not periodic."""
 TIMES = (0.0, 0.5, 0.25, 0.75)
-"""At which a motion without impacts is started anew, in periods: the first one within the guards."""
+"""When a motion without impacts is started anew, in periods: the first one within the guards."""
 FIRST = 64
 """Impacts after which a motion is examined for the first time."""
 _ENDS = {

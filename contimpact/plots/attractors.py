@@ -10,6 +10,7 @@ well.
 from __future__ import annotations
 
 import itertools
+import math
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -164,12 +165,15 @@ def plot_exponents(sweep: Sweep, ax: Any = None, *, x: str | None = None, unit: 
     """Draw the largest Lyapunov exponent per forcing period.
 
     Periodic motion is drawn open, complex motion filled with bars of one standard error; motion
-    that sticks has no finite exponent and is marked at the lower edge.
+    that sticks has no finite exponent and is marked at the lower edge, as is periodic motion whose
+    exponents rounding takes.
     """
     ax = ax or style.new_figure(7.2, 3.6).add_subplot()
     x = x or sweep.parameter
     finite = [r for r in sweep.rows if np.isfinite(r.attractor.per_period)]
     sticking = [r for r in sweep.rows if r.attractor.kind is Kind.STICKING]
+    of_one = [r for r in sweep.rows if r.attractor.kind is Kind.PERIODIC]
+    lost = [r for r in of_one if math.isnan(r.attractor.per_period)]
     handles = []
     ax.axhline(0.0, color="0.6", linewidth=0.8, zorder=0)
     of_kind = {kind: [r for r in finite if r.attractor.kind is kind] for kind in Kind}
@@ -187,11 +191,12 @@ def plot_exponents(sweep: Sweep, ax: Any = None, *, x: str | None = None, unit: 
         values = [r.attractor.per_period for r in rows]
         ax.errorbar(places, values, yerr=errors, linestyle="none", elinewidth=0.8, **mark)
         handles.append(style.legend_mark(linestyle="none", label=name, **mark))
-    if sticking:
-        mark = {"marker": "v", "markersize": 4, "color": "0.15", "linestyle": "none"}
-        places = [r.attractor.parameters[x] for r in sticking]
-        ax.plot(places, [0.02] * len(places), transform=ax.get_xaxis_transform(), **mark)
-        handles.append(style.legend_mark(label="sticking", **mark))
+    for name, rows, shape in (("sticking", sticking, "v"), ("below rounding", lost, "x")):
+        if rows:
+            mark = {"marker": shape, "markersize": 4, "color": "0.15", "linestyle": "none"}
+            places = [r.attractor.parameters[x] for r in rows]
+            ax.plot(places, [0.02] * len(places), transform=ax.get_xaxis_transform(), **mark)
+            handles.append(style.legend_mark(label=name, **mark))
     ax.set_xlim(*_limits(sweep, x))
     _label(ax, x, unit, "largest exponent per period")
     _legend(ax, handles)
