@@ -21,6 +21,8 @@ _INVISIBLE = re.compile(
     "[\x7f-\x9f\xad\u061c\u200b-\u200f\u2028-\u202e\u2060-\u206f\ufeff\ufff9-\ufffb\ud800-\udfff]"
 )
 """Characters that change how a text is shown, and halves of characters."""
+_NUMBERS = re.compile(r"(?<=\[)\n *-?\d[^][{}\"tfn]*(?=\])")
+"""What stands in a list of numbers alone that is printed over several lines."""
 _FORMULA = tuple("=+-@\t\r'")
 """How cells begin that a spreadsheet takes for formulas; and ``'``, the mark that they are none."""
 
@@ -38,8 +40,9 @@ Json: TypeAlias = bool | int | float | str | Sequence["Json"] | Mapping[str, "Js
 
 
 def json_text(content: Json) -> str:
-    """Return readable JSON with no number that is not finite."""
+    """Return readable JSON with no number that is not finite; lists of numbers are in one line."""
     text = json.dumps(_finite(content), indent=1, allow_nan=False, ensure_ascii=False)
+    text = _NUMBERS.sub(lambda found: " ".join(found[0].split()), text)
     return f"{_visible(text)}\n"
 
 

@@ -276,6 +276,16 @@ def test_json_text_reads_back(value):
     assert repr(got) == repr(finite(value))  # signs of zero, and 1 apart from 1.0 and True
 
 
+def test_lists_of_numbers_are_in_one_line():
+    """Points of a polygon are many; all else has a line of its own."""
+    given = {"ring": [[0.1, -2e-05], [1, 2.5]], "mixed": [1, None, "2"], "in": "[\n 1,\n 2\n]"}
+    text = json_text(given)
+    assert "[0.1, -2e-05],\n" in text
+    assert "[1, 2.5]\n" in text
+    assert len(text.splitlines()) == 2 + 4 + 5 + 1
+    assert json.loads(text) == given
+
+
 # events.csv
 
 
