@@ -34,6 +34,7 @@ from ..records.tables import all_parameters, columns_of
 from ..scenes.options import CURVE_SETTINGS
 from ..segments.kernels import Kernels
 from .curve_backend import backend_of
+from .filling import filled
 from .problem import CurvePoint, CurveProblem, curve_problem, require_curve
 from .shorter import Repeats, crossing, ended
 
@@ -56,6 +57,7 @@ def follow_curve(
     settings: Settings = CURVE_SETTINGS,
     kernels: Kernels | None = None,
     detect: bool = True,
+    within: float | None = None,
     callback: Callable[[Point], bool | None] | None = None,
     progress: Asked = False,
 ) -> Curve:
@@ -81,6 +83,9 @@ def follow_curve(
         Kernels with both parameters free, if some are at hand.
     detect : bool
         Whether to look for points of codimension two.
+    within : float, optional
+        How near, as part of both ranges, cubic splines through the points over the arclength keep
+        to the curve: further points are put between where they would not.
     callback : callable, optional
         Called with every accepted point.
     progress : bool or callable
@@ -117,6 +122,10 @@ def follow_curve(
     if isinstance(found, End):
         accepted = "give another entry of the curve"
         raise InputError("entry", f"no curve starts there: {found.message}", accepted)
+    if within is not None:
+        spans = [high - low for low, high in ranges]
+        backward, forward = (filled(w, problem, spans, settings, within) for w in found)
+        found = backward, forward
     return tabulated(name, problem, found, special, label, entry.notation, entry.id)
 
 

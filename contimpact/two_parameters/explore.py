@@ -58,6 +58,9 @@ def with_curves(scene: Scene, diagram: Diagram, progress: Progress | None = None
 ON_EDGE = 1e-9
 """Points nearer than this part of a range to its limits are not followed out of it."""
 
+CLOSE = 1e-7
+"""How near, as part of both ranges, splines keep to the curves that divide areas."""
+
 NARROWEST = 1e-4
 """Ranges below this part of the whole are not checked on their own."""
 
@@ -226,6 +229,7 @@ class _CurveExplorer:
                 values=sorted(wanted),
                 settings=options.settings,
                 kernels=self.pairs,
+                within=CLOSE if options.areas else None,
                 callback=callback,
             )
         except InputError as error:
