@@ -15,9 +15,11 @@ from matplotlib.colors import to_rgb
 from matplotlib.patches import Patch, PathPatch
 from matplotlib.path import Path
 
+from ..arrays import Array
 from ..bifurcations.registry import kind_of
 from ..records.area import Area, StableOrbit
 from .texts import plain, set_label
+from .thinning import thinned
 
 TINT, DARKEST = 0.28, 0.84
 """Of a curve's colour in the area of the orbits that end at it, and what none is darker than."""
@@ -51,13 +53,14 @@ def draw_areas(ax: Any, areas: Sequence[Area], colours: Colours) -> None:
     colours : callable ``colours(orbit) -> colour``
         Of the curve at which an orbit ends.
     """
+    sizes = np.ptp(np.vstack([area.polygon[0] for area in areas]), axis=0)
     for area in areas:
-        look = _look(area.orbits[0], colours)
+        look, path = _look(area.orbits[0], colours), _path(area, sizes)
         sharp = {"linewidth": 0.0, "antialiased": False}  # no seams between areas
-        ax.add_patch(PathPatch(_path(area), zorder=0.5, **sharp, **look))
+        ax.add_patch(PathPatch(path, zorder=0.5, **sharp, **look))
         if area.bistable:
             crossed = {"facecolor": "none", "edgecolor": HATCHED, "hatch": CROSSED}
-            ax.add_patch(PathPatch(_path(area), linewidth=0.0, zorder=0.6, **crossed))
+            ax.add_patch(PathPatch(path, linewidth=0.0, zorder=0.6, **crossed))
 
 
 def area_legend(areas: Sequence[Area], colours: Colours) -> list[Patch]:
@@ -91,11 +94,10 @@ def _text(orbit: StableOrbit, several: bool) -> str:
     return until + (f" ({plain(name)})" if name else "")
 
 
-def _path(area: Area) -> Path:
-    """An area's outline; holes run the other way round."""
-    codes = [
-        code
-        for ring in area.polygon
-        for code in (Path.MOVETO, *[Path.LINETO] * (len(ring) - 2), Path.CLOSEPOLY)
-    ]
-    return Path(np.vstack([np.asarray(ring) for ring in area.polygon]), codes)
+def _path(area: Area, sizes: Array) -> Path:
+    """An area's outline as it is seen in a picture of some size; holes run the other way round."""
+    rings, codes = [], []
+    for points, borders in zip(map(np.asarray, area.polygon), area.borders, strict=True):
+        rings.append(points[thinned(points / sizes, [place for place, _ in borders])])
+        codes += [Path.MOVETO, *[Path.LINETO] * (len(rings[-1]) - 2), Path.CLOSEPOLY]
+    return Path(np.vstack(rings), codes)

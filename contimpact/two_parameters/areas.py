@@ -8,6 +8,7 @@ says what, further ones check it. Cells that say the same are one area (`outline
 from __future__ import annotations
 
 import itertools
+import math
 from collections import defaultdict
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -34,6 +35,8 @@ BESIDES = 6
 """Heights at which a run that checks looks for orbits besides the middles of cells."""
 ON_CURVE = 1e-4
 """An end of a stable orbit farther than this part of the height from every curve is on none."""
+FINEST = 1e-9
+"""Coordinates in results are rounded to this part of the rectangle's sides, or finer."""
 
 
 @dataclass(frozen=True)
@@ -209,7 +212,11 @@ class _Divider:
         return [self.slabs[k].middle(j, FIRST) for k, j in cells]
 
     def ring(self, points: Iterable[Sequence[float]]) -> Ring:
-        return [(_short(x), _short(y)) for x, y in (self.frame.at(*point) for point in points)]
+        frame = self.frame
+        sizes = frame.right - frame.left, frame.upper - frame.lower
+        wide, high = (-math.floor(math.log10(FINEST * size)) for size in sizes)
+        places = (frame.at(*point) for point in points)
+        return [(round(float(x), wide), round(float(y), high)) for x, y in places]
 
     def doubt(self, number: int, cell: int, seen: Seen, says: Sequence[StableOrbit]) -> Doubt:
         place = self.frame.at(*self.slabs[number].middle(cell, seen.part))
@@ -260,7 +267,3 @@ def _checked(slab: Slab) -> list[float]:
 
 def _width(slab: Slab) -> float:
     return slab.right - slab.left
-
-
-def _short(value: float) -> float:
-    return float(f"{value:.10g}")

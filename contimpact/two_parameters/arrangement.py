@@ -20,6 +20,7 @@ Curves are known by points and interpolated by cubic splines over their arclengt
 from __future__ import annotations
 
 import itertools
+import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -36,6 +37,8 @@ TIGHT = 1e-9
 """Distances of arcs below this part of the height have no sign."""
 MOST_ROUNDS = 8
 """How often slabs are cut anew where arcs turn out to cross in them."""
+BETWEEN = (0.25, 0.5, 0.75)
+"""Where between two points of a curve it is held against their chord."""
 FINE = 8
 """Parts into which the way from one point of a curve to the next is divided to find crossings."""
 
@@ -152,9 +155,14 @@ class Arc:
         """Return y."""
         if x <= self.low or x >= self.high:
             return float(self.y[0] if x <= self.low else self.y[-1])
+        return float(self.spline(self._place(x))[1])
+
+    def _place(self, x: float) -> float:
+        """The arclength at which it passes x, or of its end that is nearest to it."""
+        if x <= self.low or x >= self.high:
+            return float(self.s[0] if x <= self.low else self.s[-1])
         row = int(np.searchsorted(self.x, x, side="right"))
-        ends = float(self.s[row - 1]), float(self.s[row])
-        return float(self.spline(self._arclength(x, *ends))[1])
+        return self._arclength(x, float(self.s[row - 1]), float(self.s[row]))
 
     def _arclength(self, x: float, left: float, right: float) -> float:
         def away(s: float) -> float:
@@ -175,11 +183,39 @@ class Arc:
                 found.append(float(self.spline(s)[0]))
         return found
 
-    def between(self, left: float, right: float) -> Array:
-        """Return points of it from one x to another, the ends included."""
-        inside = (self.x > left) & (self.x < right)
-        middle = np.column_stack([self.x[inside], self.y[inside]])
-        return np.vstack([[left, self.at(left)], middle, [right, self.at(right)]])
+    def between(self, left: float, right: float, chord: float) -> Array:
+        """Return points of it from one x to another, from whose chords it departs no farther.
+
+        It departs from a chord of the length l by k l^2 / 8 where its curvature is k: the points
+        are as dense as the root of k, and denser where k changes much from one to the next.
+        """
+        ends = [self._place(x) for x in (left, right)]
+        inside = self.s[(self.s > min(ends)) & (self.s < max(ends))]
+        s = np.concatenate([[ends[0]], inside, [ends[1]]])
+        along, bend = self.spline(s, 1), self.spline(s, 2)
+        speed = np.maximum(np.hypot(*along.T), SAME)
+        across = np.abs(along[:, 0] * bend[:, 1] - along[:, 1] * bend[:, 0])
+        density = np.sqrt(across / (8.0 * chord * speed))
+        parts = np.maximum(density[:-1], density[1:]) * np.abs(np.diff(s))
+        counted = np.concatenate([[0.0], np.cumsum(parts)])
+        even = np.linspace(0.0, counted[-1], max(1, math.ceil(counted[-1])) + 1)
+        s = np.interp(even, counted, s)
+        s[-1] = ends[1]  # a straight line counts for nothing
+        while np.any(far := self._off(s) > chord):
+            s = np.insert(s, np.nonzero(far)[0] + 1, 0.5 * (s[:-1] + s[1:])[far])
+        return np.asarray(self.spline(s))
+
+    def _off(self, s: Array) -> Array:
+        """How far it is from the chords between some of its points."""
+        points = self.spline(s)
+        chords = np.diff(points, axis=0)
+        lengths = np.maximum(np.hypot(*chords.T), TIGHT)
+        found = np.zeros(len(chords))
+        for part in BETWEEN:
+            away = self.spline(s[:-1] + part * np.diff(s)) - points[:-1]
+            across = np.abs(chords[:, 0] * away[:, 1] - chords[:, 1] * away[:, 0])
+            found = np.maximum(found, across / lengths)
+        return found
 
 
 def crossings(one: Arc, other: Arc) -> list[float]:

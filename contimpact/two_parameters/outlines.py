@@ -18,8 +18,9 @@ import numpy as np
 from ..arrays import Array
 from .arrangement import SAME, Slab
 
-CHORD = 1e-4
-"""How far the sides of polygons may depart from their curves, as part of the square's side."""
+CHORD = 9e-7
+"""How far the sides of polygons may depart from the splines of their curves, as part of the
+square's side: with what these depart from the curves, 1e-6."""
 
 Cell = tuple[int, int]
 """A cell by the numbers of its slab and of itself, from below."""
@@ -163,9 +164,9 @@ class _Tracer:
         corners = np.array([self._place(node) for node in ends])
         if not line.arcs:
             return Edge(*ends, SIDE, corners)
-        points = line.arcs[0].between(here.left, here.right)
+        points = line.arcs[0].between(here.left, here.right, CHORD)
         points[[0, -1]] = corners
-        return Edge(*ends, " ".join(line.names), _thinned(points))
+        return Edge(*ends, " ".join(line.names), points)
 
     def _upright(
         self, slab: int, cell: int, side: int, number: int, owner: dict[Cell, int]
@@ -246,26 +247,3 @@ def _straight(before: Array, edge: Edge) -> bool:
 def _area(ring: Array) -> float:
     x, y = ring.T
     return 0.5 * float(np.sum(x[:-1] * y[1:] - x[1:] * y[:-1]))
-
-
-def _thinned(points: Array) -> Array:
-    """The points without those that lie on the chord of others (Ramer, Douglas and Peucker)."""
-    kept = np.zeros(len(points), bool)
-    kept[[0, -1]] = True
-    waiting = [(0, len(points) - 1)]
-    while waiting:
-        first, last = waiting.pop()
-        away = _off_chord(points[first : last + 1])
-        if len(away) and away.max() > CHORD:
-            middle = first + 1 + int(np.argmax(away))
-            kept[middle] = True
-            waiting += [(first, middle), (middle, last)]
-    return points[kept]
-
-
-def _off_chord(points: Array) -> Array:
-    """How far the inner points of an arc are from its chord."""
-    chord = points[-1] - points[0]
-    away = points[1:-1] - points[0]
-    length = math.hypot(*chord) or 1.0
-    return np.asarray(np.abs(chord[0] * away[:, 1] - chord[1] * away[:, 0]) / length)

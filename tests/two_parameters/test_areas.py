@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import itertools
 import json
 import math
 
@@ -16,6 +17,7 @@ from contimpact.records.catalogue import catalogue_text, load_diagram, write_dia
 from contimpact.segments.kernels import Kernels
 from contimpact.studies.explore import follow
 from contimpact.two_parameters.areas import agree
+from contimpact.two_parameters.arrangement import slabs
 from contimpact.two_parameters.frame import Frame
 from contimpact.two_parameters.stretches import once, stable_branches, stretches
 
@@ -97,24 +99,74 @@ def first_end(model, A_start):
     return None
 
 
-def distance(diagram, r, d):
-    """How far a place is from the curves, in d."""
-    heights = []
-    for curve in diagram.curves:
-        order = np.argsort(curve["r"])
-        heights.append(np.interp(r, curve["r"][order], curve["d"][order]))
-    return min(abs(d - height) for height in heights)
+def places(diagram, number, near=None, seed=3):
+    """Random places in the unit square with their distance from the nearest border, upright; with
+    `near` not farther from one than that."""
+    frame = Frame.of(around_the_crossing(), diagram.curves)
+    cut = slabs([frame.path(curve) for curve in diagram.curves])
+    rng = np.random.default_rng(seed)
+    while number:
+        x, y = rng.uniform(0.0, 1.0, 2).tolist()
+        slab = next(slab for slab in cut if slab.left <= x <= slab.right)
+        heights = slab.heights(x)
+        if near is not None:
+            border = rng.choice(heights[1:-1]) if len(heights) > 2 else 0.0
+            y = min(max(float(border + rng.choice((-1.0, 1.0)) * rng.uniform(0.0, near)), 0.0), 1.0)
+        away = min([abs(y - heights).min(), x - slab.left, slab.right - x])
+        if away > 1e-6:
+            number -= 1
+            yield frame.at(x, y)
+
+
+def disagreeing(diagram, *about):
+    """The places at which a run says something else than the polygon there."""
+    model = around_the_crossing().model
+    found = []
+    for r, d in places(diagram, *about):
+        value = 1.55625 / d
+        (area,) = [area for area in diagram.areas if area.holds(r, d)]
+        if ends(area) != [end for end in [first_end(model.replace(r=r), value)] if end]:
+            found.append((r, d, ends(area)))
+    return found
 
 
 def test_random_runs_agree(diagram):
+    assert not disagreeing(diagram, 20)
+
+
+def test_runs_next_to_borders_agree(diagram):
+    """As near as a millionth of the rectangle's side."""
+    assert not disagreeing(diagram, 6, 1e-5)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("near", [None, 1e-3, 1e-4, 1e-5])
+def test_two_thousand_runs_agree(diagram, near):
+    assert not disagreeing(diagram, 500, near, 4)
+
+
+@pytest.mark.parametrize("kind", ["PD", "G"])
+def test_sides_of_polygons_keep_to_curves(diagram, kind):
+    """The middle of every side, on the curve that is followed anew through its value of r."""
+    (curve,) = (c for c in diagram.curves if c.kind == kind)
+    entry = next(e for e in diagram.entries if e.id == curve.origin)
+    sides = []
+    for area in diagram.areas:
+        ring = np.array(area.polygon[0])
+        starts = [*area.borders[0], (len(ring) - 1, "")]
+        for (first, name), (last, _) in itertools.pairwise(starts):
+            if name == curve.id:
+                sides += list(0.5 * (ring[first:last] + ring[first + 1 : last + 1]))
+    sides = sides[:: max(1, len(sides) // 40)]
     model = around_the_crossing().model
-    for r, A_value in np.random.default_rng(3).uniform(*zip(R, A, strict=True), (25, 2)):
-        at = model.replace(r=float(r), A=float(A_value))
-        d = 1.55625 / float(A_value)
-        if distance(diagram, float(r), d) < 2e-5:
-            continue
-        (area,) = [area for area in diagram.areas if area.holds(float(r), d)]
-        assert ends(area) == [end for end in [first_end(at, float(A_value))] if end]
+    anew = ci.follow_curve(
+        entry, model, "r", A, R, values=sorted(float(r) for r, _ in sides), detect=False
+    )
+    high = np.ptp([1.55625 / value for value in A])
+    for r, d in sides:
+        row = int(np.argmin(np.abs(anew["r"] - r)))
+        assert anew["r"][row] == pytest.approx(r, abs=1e-12)
+        assert abs(anew["d"][row] - d) < 2e-6 * high
 
 
 def test_what_is_on_no_curve_is_said():

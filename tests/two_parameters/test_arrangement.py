@@ -57,12 +57,30 @@ def test_a_circle_is_an_area_and_a_hole():
     circle = path("c", 0.5 + 0.3 * np.cos(turn), 0.5 + 0.3 * np.sin(turn))
     _, found, _ = divided([circle], lambda x, y: np.hypot(x - 0.5, y - 0.5) < 0.3)
     inside, outside = sorted(found, key=lambda o: o.part)
-    assert inside.part == pytest.approx(0.09 * np.pi, abs=0.6 * np.pi * CHORD)
+    assert inside.part == pytest.approx(0.09 * np.pi, abs=np.pi * CHORD)
     assert inside.part + outside.part == pytest.approx(1.0, abs=1e-12)
     assert len(outside.rings) == 2
     assert outside.borders[1] == [(0, "c")]
-    away = np.abs(np.hypot(*(inside.rings[0] - 0.5).T) - 0.3)
-    assert away.max() < 1e-6  # corners lie on the curve, however few there are
+    ring = inside.rings[0]
+    away = np.abs(np.hypot(*(ring - 0.5).T) - 0.3)
+    assert away.max() < 1e-7  # corners lie on the curve
+    sides = np.abs(np.hypot(*(0.5 * (ring[:-1] + ring[1:]) - 0.5).T) - 0.3)
+    assert sides.max() < CHORD + 1e-7
+    fewest = np.pi / np.arccos(1.0 - CHORD / 0.3)  # of chords that depart by so much
+    assert len(ring) - 1 < 1.1 * fewest + 4.0
+
+
+@pytest.mark.parametrize("bend", [3.0, 30.0])
+def test_points_are_dense_where_a_curve_is_bent(bend):
+    """A step as steep as one likes: it departs from no side by more."""
+    x = np.linspace(0.0, 1.0, 201)
+    step = path("step", x, 0.5 + 0.3 * np.tanh(bend * (x - 0.5)))
+    points = np.vstack([arc.between(arc.low, arc.high, CHORD) for arc in step.arcs()])
+    s = np.linspace(0.0, step.arclengths[-1], 100_001)
+    (x, y), (along, up) = step.spline(s).T, step.spline(s, 1).T
+    away = np.abs(np.interp(x, *points.T) - y) * along / np.hypot(along, up)
+    assert 0.5 * CHORD < away.max() < CHORD + 1e-9
+    assert 100 < len(points) < 2000
 
 
 def test_curves_that_touch_do_not_cross():
