@@ -23,14 +23,15 @@ from contimpact.records.catalogue import load_diagram
 from contimpact.scenes.scene import read_scene
 from contimpact.segments.kernels import Kernels
 from contimpact.two_parameters.arrangement import slabs
-from contimpact.two_parameters.frame import Frame
+from contimpact.two_parameters.frame import Frame, bounding
 
 
 class Map:
     """The areas of one member of a family, found by its curves."""
 
     def __init__(self, scene, fixed, diagram):
-        curves = [curve for curve in diagram.curves if dict(curve.fixed) == fixed]
+        own = [curve for curve in diagram.curves if dict(curve.fixed) == fixed]
+        curves = bounding(scene, own)
         self.areas = [area for area in diagram.areas if dict(area.fixed) == fixed]
         self.model, self.frame = scene.model.replace(**fixed), Frame.of(scene, curves)
         self.slabs = slabs([self.frame.path(curve) for curve in curves])

@@ -22,7 +22,7 @@ from ..records.curve import Curve
 from ..scenes.scene import Scene
 from ..segments.kernels import Kernels
 from .arrangement import SAME, Slab, slabs
-from .frame import Frame
+from .frame import Frame, bounding
 from .mechanisms import mechanisms
 from .outlines import Cell, Outline, outlines
 from .stretches import Stretch, once, stable_branches, stretches
@@ -95,6 +95,7 @@ class _Divider:
     ) -> None:
         self.scene, self.model, self.fixed = scene, model, fixed
         self.kernels, self.progress = kernels, progress
+        curves = bounding(scene, curves)
         self.frame = Frame.of(scene, curves)
         self.slabs = slabs([self.frame.path(curve) for curve in curves])
         self.curves = {curve.id: curve for curve in curves}

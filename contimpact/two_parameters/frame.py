@@ -8,10 +8,21 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..bifurcations.declarations import REQUESTED
+from ..models.word import is_rotation
 from ..records.competition import falling, ghostly
 from ..records.curve import Curve
 from ..scenes.scene import Scene
 from .arrangement import Path
+
+
+def bounding(scene: Scene, curves: Sequence[Curve]) -> list[Curve]:
+    """Return the curves of a scene's own words: its orbits end on no others."""
+
+    def own(curve: Curve) -> bool:
+        of_period = (word for word in scene.orbits if word.period == curve.period)
+        return any(is_rotation(word.walls, curve.word) for word in of_period)
+
+    return list(filter(own, curves))
 
 
 @dataclass(frozen=True)
