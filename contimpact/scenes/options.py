@@ -55,8 +55,8 @@ class CurveOptions:
     range : (low, high)
     kinds : sequence of str
         Kinds of the entries at which curves start.
-    unphysical : bool
-        Whether also entries of unphysical orbits have their curves followed.
+    unphysical : sequence of str
+        Kinds of which curves start also at entries of unphysical orbits.
     values : sequence of float
         Values of the second parameter to hit exactly.
     family : (name, values) or None
@@ -71,12 +71,15 @@ class CurveOptions:
         A parameter in which points of codimension two are followed.
     areas : bool
         Whether the rectangle is divided into areas by what ends the stable orbits.
+    reach : int
+        How many words away from the scene's the orbits may be whose curves start at points of
+        codimension two.
     """
 
     parameter: str
     range: tuple[float, float]
     kinds: tuple[str, ...]
-    unphysical: bool = False
+    unphysical: tuple[str, ...] = ()
     values: tuple[float, ...] = ()
     family: tuple[str, tuple[float, ...]] | None = None
     settings: Settings = CURVE_SETTINGS
@@ -84,6 +87,7 @@ class CurveOptions:
     third: tuple[str, tuple[float, float]] | None = None
     cover: int = 0
     areas: bool = False
+    reach: int = 1
 
 
 @dataclass(frozen=True)

@@ -172,11 +172,12 @@ class Scene:
             "parameter": curves.parameter,
             "range": list(curves.range),
             "kinds": list(curves.kinds),
-            "unphysical": curves.unphysical,
+            "unphysical": list(curves.unphysical),
             "values": list(curves.values),
             "start": list(curves.start),
             "cover": curves.cover,
             "areas": curves.areas,
+            "reach": curves.reach,
             "step": settings.step,
             "max_step": settings.max_step,
             "max_points": settings.max_points,
@@ -342,7 +343,8 @@ def read_scene(given: Mapping[str, Any], systems: Mapping[str, type[Model]] | No
     plot = read_plot(top.table("plot", optional=True), model, parameter)
     curves = None
     if top.has("curves"):
-        curves = read_curves(top.table("curves"), model, parameter, events)
+        steps = max(1, reach["depth"]) if reach["switch"] else 1
+        curves = read_curves(top.table("curves"), model, parameter, events, steps)
     simulate, energy = read_simulation(top, model, parameter, (low, high))
     certify = read_certify(top.table("certify"), events) if top.has("certify") else None
     if certify and model.autonomous:

@@ -137,8 +137,10 @@ def read_detect(
     return tuple(events), values
 
 
-def read_curves(table: Table, model: Model, first: str, events: Sequence[str]) -> CurveOptions:
-    """Return what [curves] asks for."""
+def read_curves(
+    table: Table, model: Model, first: str, events: Sequence[str], farthest: int
+) -> CurveOptions:
+    """Return what [curves] asks for; it reaches as many words away as given here."""
     name = table.text("parameter")
     declared = model.require(name, "curves.parameter")
     if name == first:
@@ -156,7 +158,7 @@ def read_curves(table: Table, model: Model, first: str, events: Sequence[str]) -
                 f"{', '.join(looked_for) or 'none'}"
             )
             raise InputError(f"curves.kinds[{i}]", f"found {kind!r}", accepted)
-    unphysical = table.truth("unphysical", False)
+    unphysical = _unphysical(table, kinds)
     values, start = (tuple(table.optional_numbers(key)) for key in ("values", "start"))
     for i, value in enumerate(start):
         if not low <= value <= high:
@@ -165,6 +167,7 @@ def read_curves(table: Table, model: Model, first: str, events: Sequence[str]) -
             raise InputError(f"curves.start[{i}]", found, accepted)
     cover = table.whole("cover", 0, least=0, most=MOST_LINES)
     areas = table.truth("areas", False)
+    reach = table.whole("reach", farthest, least=0, most=MOST_TRIES)
     family = _family(table.table("family", optional=True), model, (first, name))
     third = _third(table.table("third", optional=True), model, (first, name))
     steps: dict[str, Any] = {
@@ -180,7 +183,7 @@ def read_curves(table: Table, model: Model, first: str, events: Sequence[str]) -
         name,
         (low, high),
         tuple(dict.fromkeys(kinds)),
-        unphysical,
+        tuple(dict.fromkeys(unphysical)),
         values,
         family,
         settings,
@@ -188,7 +191,20 @@ def read_curves(table: Table, model: Model, first: str, events: Sequence[str]) -
         third,
         cover,
         areas,
+        reach,
     )
+
+
+def _unphysical(table: Table, kinds: Sequence[str]) -> Sequence[str]:
+    """The kinds whose curves start at unphysical orbits, too: all, none, or those named."""
+    if isinstance(table.data.get("unphysical"), list):
+        named = table.texts("unphysical")
+        for i, kind in enumerate(named):
+            if kind not in kinds:
+                accepted = f"accepted are those of curves.kinds: {', '.join(kinds)}"
+                raise InputError(f"curves.unphysical[{i}]", f"found {kind!r}", accepted)
+        return named
+    return kinds if table.truth("unphysical", False) else ()
 
 
 def read_simulation(

@@ -210,8 +210,10 @@ class Lines:
                     for unknowns in at_value(run, value):
                         yield np.append(unknowns[:-1], line.value)
 
-    def wanted(self, entry: Entry) -> bool:
-        return entry.physical or self.options.unphysical
+    @staticmethod
+    def wanted(entry: Entry) -> bool:
+        """Whether an entry is to be on a curve: unphysical orbits are without number."""
+        return entry.physical
 
     def meet(self, entry: Entry) -> bool:
         """Whether an entry is on no curve yet; one is started there."""

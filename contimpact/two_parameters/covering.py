@@ -110,12 +110,10 @@ class Covering:
         return started
 
     def near_enough(self, entry: Entry, curve: Curve) -> bool:
-        """Whether an entry's word is born from one of the scene in as few steps as it switches, or
-        in one."""
-        scene = self.map.scene
+        """Whether an entry's word is born from one of the scene in as few steps as it reaches."""
         before = self.births.get((curve.word, curve.period), 0)
         own = before + ((entry.word, entry.period) != (curve.word, curve.period))
-        if own > (max(1, scene.depth) if scene.switch else 1):
+        if own > self.map.options.reach:
             return False
         known = self.births.setdefault((entry.word, entry.period), own)
         self.births[entry.word, entry.period] = min(known, own)

@@ -129,7 +129,7 @@ class _CurveExplorer:
     def wanted(self, entry: Entry) -> bool:
         """Whether a curve starts at an entry."""
         options = self.options
-        return entry.kind in options.kinds and (entry.physical or options.unphysical)
+        return entry.kind in (options.kinds if entry.physical else options.unphysical)
 
     # The family: the scene's orbits carried to each value, and their branches there.
 

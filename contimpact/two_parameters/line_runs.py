@@ -109,7 +109,7 @@ def _uninterrupted(run: Run) -> None:
 def switched_runs(scene: Scene, runs: Sequence[Run], limits: Range) -> list[Run]:
     """Follow the branches born at events of runs, as often in turn as the scene switches.
 
-    Those of unphysical orbits are left out unless the scene wants their curves.
+    Those of unphysical orbits are left out.
     """
     found: list[Run] = []
     last = list(runs)
@@ -127,10 +127,9 @@ def switched_runs(scene: Scene, runs: Sequence[Run], limits: Range) -> list[Run]
 
 def _births(scene: Scene, runs: Sequence[Run]) -> Iterator[Event]:
     """The events at which to switch."""
-    assert scene.curves is not None
     for event in (event for run in runs for event in run.events if event.kind in scene.switch):
         kind, here = kind_of(event.kind), event.point.evaluation
-        if scene.curves.unphysical or kind.verdict(here, event.details).physical:
+        if kind.verdict(here, event.details).physical:
             yield event
 
 

@@ -133,3 +133,15 @@ def test_a_map_without_orbits_says_where_they_were_looked_for():
     curves = dataclasses.replace(given.curves, range=(0.49, 0.51))
     with pytest.raises(InputError, match=r"nor at [1-9]"):
         follow(dataclasses.replace(given, range=(6.9, 7.1), curves=curves))
+
+
+def test_ghosts_of_unphysical_orbits_are_followed_but_not_asked_of_lines():
+    """There is no end to unphysical orbits: curves of theirs start at runs, of the kinds named."""
+    given = map_of(math.pi / 6, word="2:1", cover=1, reach=0, unphysical=["PD"], start=[0.2])
+    diagram = follow(dataclasses.replace(given, starts=16, range=(3.0, 12.0)))
+    ghosts = [c for c in diagram.curves if not c["physical"].any()]
+    assert {c.kind for c in ghosts} == {"PD"}
+    assert {c.word for c in diagram.curves} == {"BBT"}  # the scene's, which reaches for no other
+    (told,) = diagram.coverage
+    assert told.complete
+    assert not told.uncovered

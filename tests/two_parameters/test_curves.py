@@ -315,6 +315,9 @@ def test_cusp_and_degenerate_touch_are_zeros_of_what_they_say():
         ({"kinds": ["T"]}, "curves.kinds[0]"),
         ({"start": [0.1, 0.95]}, "curves.start[1]"),
         ({"start": 3}, "curves.start"),
+        ({"unphysical": ["PD", "FB"]}, "curves.unphysical[1]"),
+        ({"unphysical": 1}, "curves.unphysical"),
+        ({"reach": -1}, "curves.reach"),
         ({"family": {"r": [0.1]}}, "curves.family.r"),
         ({"family": {"beta": []}}, "curves.family.beta"),
         ({"family": {"beta": [3.0]}}, "curves.family.beta"),
@@ -325,6 +328,26 @@ def test_bad_scenes_are_refused(curves, where):
     with pytest.raises(InputError) as refused:
         fig6(**curves)
     assert refused.value.where == where
+
+
+@pytest.mark.parametrize(
+    ("unphysical", "kinds"), [(False, []), (True, ["PD", "G"]), (["G"], ["G"]), ([], [])]
+)
+def test_kinds_whose_ghosts_on_unphysical_orbits_are_followed(unphysical, kinds):
+    """All, none, or those named; as the manifest has it, it is read back."""
+    given = fig6(unphysical=unphysical)
+    assert given.resolved()["curves"]["unphysical"] == kinds
+    assert read_scene(given.resolved()).curves == given.curves
+
+
+def test_how_far_a_map_reaches():
+    """As many words away as it switches deep, or one; a scene may say otherwise."""
+    table = {**fig6().resolved(), "follow": {**fig6().resolved()["follow"], "switch": ["PD"]}}
+    table["follow"]["depth"] = 3
+    del table["curves"]["reach"]
+    assert read_scene(table).curves.reach == 3
+    assert fig6().curves.reach == 1
+    assert fig6(reach=0).curves.reach == 0
 
 
 @pytest.mark.parametrize(
