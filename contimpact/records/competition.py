@@ -8,7 +8,7 @@ with the largest value first that is no ghost; where curves cross, the order cha
 from __future__ import annotations
 
 import itertools
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
@@ -24,6 +24,9 @@ if TYPE_CHECKING:
 
 BIRTHS = ("FB", "V")
 """Kinds at which an orbit comes into being as often as it ends: others compete without them."""
+LOOKS = 8
+"""Places between two special points at which it is asked what comes first."""
+HALVINGS = 40
 SAME_EDGE = 1e-9
 """Edges of regions closer than this part of the whole are one."""
 
@@ -157,8 +160,12 @@ def _regions(group: Sequence[Curve], along: str) -> list[Region]:
     high = max(float(c[second].max()) for c in group)
     edges = _apart([low, high, *crossings, *_ends(group, second)], SAME_EDGE * (high - low))
     found: list[Region] = []
-    for left, right in itertools.pairwise(edges):
-        label = _first_at(group, second, along, 0.5 * (left + right))
+    pieces = (
+        piece
+        for left, right in itertools.pairwise(edges)
+        for piece in _pieces(lambda value: _first_at(group, second, along, value), left, right)
+    )
+    for left, right, label in pieces:
         if label is None:
             continue
         if found and found[-1].first == label and found[-1].high == left:
@@ -170,6 +177,31 @@ def _regions(group: Sequence[Curve], along: str) -> list[Region]:
             )
         )
     return found
+
+
+def _pieces(
+    first_at: Callable[[float], str | None], left: float, right: float
+) -> Iterator[tuple[float, float, str | None]]:
+    """A range between special points, in parts: curves of different orbits cross unmarked."""
+    places = left + (right - left) * (np.arange(LOOKS) + 0.5) / LOOKS
+    seen = [(place, first_at(place)) for place in places.tolist()]
+    low, label = left, seen[0][1]
+    for (before, _), (after, further) in itertools.pairwise(seen):
+        if further != label:
+            cut = _exchange(first_at, label, before, after)
+            yield low, cut, label
+            low, label = cut, further
+    yield low, right, label
+
+
+def _exchange(
+    first_at: Callable[[float], str | None], label: str | None, low: float, high: float
+) -> float:
+    """Where it is no longer that label that comes first, by bisection."""
+    for _ in range(HALVINGS):
+        middle = 0.5 * (low + high)
+        low, high = (middle, high) if first_at(middle) == label else (low, middle)
+    return high
 
 
 def _apart(values: Sequence[float], distance: float) -> list[float]:

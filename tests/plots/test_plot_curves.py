@@ -96,6 +96,16 @@ def test_the_order_is_that_of_the_y_axis():
     assert [region.first for region in regions([low, high], "d")] == ["PD"]
 
 
+def test_curves_of_different_orbits_exchange_places_where_they_cross():
+    """Nothing marks the place: no point of codimension two, no end, no point of a table."""
+    doubling = curve(("s", "r"), s=0.3 + 0.1 * RAMP, r=RAMP)
+    grazing = curve(("s", "r"), "G", "G[1:1->2:1]", s=0.37 - 0.2 * RAMP, r=RAMP)
+    first, second = regions([doubling, grazing])
+    assert (first.first, second.first) == ("G[1:1->2:1]", "PD")
+    assert first.high == second.low == pytest.approx(0.07 / 0.3, abs=1e-12)
+    assert (first.low, second.high) == (0.0, 1.0)
+
+
 def test_where_an_orbit_is_born_is_not_what_it_meets_first():
     """A fold above a period doubling is where the orbit begins."""
     doubling = curve(("s", "r"), s=0.3 + 0.1 * RAMP, r=RAMP)
