@@ -94,7 +94,7 @@ def main():
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--near", type=float, help="places nearer to a curve than this")
     options = parser.parse_args()
-    worst, wrong, drawn = 0.0, 0, 0
+    off, drawn = [], []
     for folder in map(Path, options.folders):
         manifest = json.loads((folder / "manifest.json").read_text(encoding="utf-8"))
         scene, diagram = read_scene(manifest["scene"]["resolved"]), load_diagram(folder)
@@ -110,16 +110,17 @@ def main():
             limits = (low, value) if frame.power > 0.0 else (value, high)
             seen = first_ends(scene, model, kernels, limits)
             said, away = one.says(x, y)
-            drawn += one.drawn(x, y) != seen
+            drawn += [away] if one.drawn(x, y) != seen else []
             if said != seen:
-                wrong, worst = wrong + 1, max(worst, away)
+                off.append(away)
                 place = dict(zip((frame.across, frame.along), frame.at(x, y), strict=True))
                 print(f"  {model}: {place}: {said}, a run {seen}; {away:.1e} from the next border")
         seconds = time.perf_counter() - began
         print(f"{folder.name}: {options.points} runs in {seconds:.0f} s", flush=True)
-    print(f"{wrong} runs say otherwise, the farthest {worst:.1e} of the side from a border;")
-    print(f"{drawn} by the polygons")
-    return 1 if worst > 1e-6 else 0
+    for what, away in (("the curves", off), ("the polygons", drawn)):
+        farthest = f", the farthest {max(away):.1e} of the side from a border" if away else ""
+        print(f"{len(away)} runs say otherwise than {what}{farthest}")
+    return 1 if max([*off, *drawn], default=0.0) > 1e-6 else 0
 
 
 if __name__ == "__main__":
