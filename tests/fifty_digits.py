@@ -7,29 +7,37 @@ without Arb:
   exponentials of matrices, balancing or doubling;
 - free motions by partial fractions over both roots, where balls sum power series in the time;
 - Stumpff functions by closed forms below 1/2 and by series up to 30, where balls do the reverse;
-- elementary functions by mpmath.
+- elementary functions by MPFR if gmpy2 is there, which is ten times as fast, or by mpmath.
 
 Shared with the package, so that only other tests can see a mistake in one of these: the matrices of
 a linear flight (`generators`), which free motions there are and in which order (`TABLES`,
-`MOTIONS`), their partial fractions (`_partial_fractions`, `_roots`), and what `many_digits` takes
-from mpmath, which gives Stumpff functions of small arguments, too.
+`MOTIONS`), and the series of `many_digits`, which gives Stumpff functions of small arguments.
 """
 
 from __future__ import annotations
 
+import math
+
 import mpmath
-from flint import arb, ctx
-from mpmath.libmp import from_man_exp, to_fixed
+from flint import arb
+from mpmath.libmp import MPZ
 
 from contimpact.segments.arithmetic import Arithmetic
-from contimpact.segments.exact_transients import _partial_fractions, _roots
 from contimpact.segments.linear_flow import Shape, generators
 from contimpact.segments.many_digits import many_digits
 from contimpact.segments.stumpff import HIGHEST, TOGETHER
 from contimpact.segments.transients import MOTIONS, TABLES
 
+try:
+    import mpfr
+except ModuleNotFoundError:
+    mpfr = None
+
 MP = mpmath.mp.clone()
 MP.dps = 50
+
+DIGITS = mpfr.Context(50) if mpfr else MP
+"""The quicker one of both kinds of numbers."""
 
 BITS = 384
 """Behind the point of whole numbers."""
@@ -37,30 +45,36 @@ SPARE = 160
 """Digits of sums that cancel."""
 
 
-def flow(d, h, directions, dt, *numbers):
-    """What `linear_flow.flow` returns."""
-    shape, t = Shape(d, h, directions), _fixed(dt)
-    given = [MP.mpf(x) for x in numbers]
-    matrices = [_entries(matrix) for matrix in generators(shape, given, object)]
-    n = shape.size
-    whole = [(i + n * k, j + n * k, g) for k in range(directions + 1) for i, j, g in matrices[0]]
-    whole += [(i, j + n * k, g) for k, m in enumerate(matrices[1:], 1) for i, j, g in m]
-    rows = [_of_position(i, n * (directions + 1), whole, t) for i in range(d)]
-    tables = []
-    for first in range(0, n * (directions + 1), n):
-        part, count = slice(first, first + n), 4 if first == 0 else 2
-        tables += [[row[kind][part] for row in rows] for kind in range(count)]
-    return [MP.make_mpf(from_man_exp(x, -BITS)) for table in tables for row in table for x in row]
+def flow(ctx):
+    """`linear_flow.flow`."""
+
+    def function(d, h, directions, dt, *numbers):
+        shape, t = Shape(d, h, directions), _fixed(ctx, dt)
+        given = [ctx.mpf(x) for x in numbers]
+        matrices = [_entries(ctx, matrix) for matrix in generators(shape, given, object)]
+        n = shape.size
+        whole = [
+            (i + n * k, j + n * k, g) for k in range(directions + 1) for i, j, g in matrices[0]
+        ]
+        whole += [(i, j + n * k, g) for k, m in enumerate(matrices[1:], 1) for i, j, g in m]
+        rows = [_of_position(i, n * (directions + 1), whole, t) for i in range(d)]
+        tables = []
+        for first in range(0, n * (directions + 1), n):
+            part, count = slice(first, first + n), 4 if first == 0 else 2
+            tables += [row[kind][part] for kind in range(count) for row in rows]
+        return [ctx.ldexp(ctx.mpf(x), -BITS) for row in tables for x in row]
+
+    return function
 
 
-def _fixed(x):
-    return to_fixed(MP.mpf(x)._mpf_, BITS)
+def _fixed(ctx, x):
+    return MPZ(int(ctx.ldexp(ctx.mpf(x), BITS)))
 
 
-def _entries(matrix):
+def _entries(ctx, matrix):
     """Those that are not zero, each with its place."""
     places = ((i, j, x) for i, row in enumerate(matrix) for j, x in enumerate(row))
-    return [(i, j, _fixed(x)) for i, j, x in places if x]
+    return [(i, j, _fixed(ctx, x)) for i, j, x in places if x]
 
 
 def _of_position(place, size, matrix, t):
@@ -69,13 +83,13 @@ def _of_position(place, size, matrix, t):
     Q is the sum of G^(k+1) t^k/(k+1)!, exp(Gt) is 1 + tQ, and commutes with G; e G is the row of
     the velocity. Only the rate of Q is divided by t, of whose digits there are many.
     """
-    row = [int(i == place) << BITS for i in range(size)]
-    term, mean, k = _times(row, matrix), [0] * size, 1
+    row = [MPZ(i == place) << BITS for i in range(size)]
+    timed = [(i, j, g * t >> BITS) for i, j, g in matrix]
+    term, mean, k = _times(row, matrix), [MPZ(0)] * size, 1
     while any(term):
         mean = [a + b for a, b in zip(mean, term, strict=True)]
         k += 1
-        by = k << BITS
-        term = [_quotient(x * t, by) for x in _times(term, matrix)]
+        term = [_quotient(x, k) for x in _times(term, timed)]
     arrived = [a + (t * b >> BITS) for a, b in zip(row, mean, strict=True)]
     end = _times(arrived, matrix)
     rate = [((a - b) << BITS) // t for a, b in zip(end, mean, strict=True)]
@@ -83,7 +97,7 @@ def _of_position(place, size, matrix, t):
 
 
 def _times(row, matrix):
-    found = [0] * len(row)
+    found = [MPZ(0)] * len(row)
     for i, j, g in matrix:
         if row[i]:
             found[j] += row[i] * g
@@ -95,67 +109,104 @@ def _quotient(x, by):
     return x // by if x >= 0 else -(-x // by)
 
 
-def transients(order):
-    """What `transients` of that order returns."""
+def transients(ctx, order):
+    """`transients` of that order."""
 
     def function(c, k, t):
-        with MP.workdps(SPARE):
-            means = [_free_motion(n, b, c, k, t) for n, b in TABLES[order]]
-            of = dict(zip(TABLES[order], means, strict=True))
-            timed = [of[n, b] * MP.mpf(t) ** (2 * b - 1 - n) for n, b in MOTIONS[order]]
-        return tuple(+x for x in (*means, *timed))
+        with ctx.workdps(SPARE):
+            c, k, t = map(ctx.mpf, (c, k, t))
+            roots = _roots(ctx, c, k, t)
+            motions = {(n, b): _free_motion(n, b, roots, t) for n, b in TABLES[order]}
+            means = {(n, b): x / _power(t, max(2 * b - 1 - n, 0)) for (n, b), x in motions.items()}
+        found = [*means.values(), *(motions[of] for of in MOTIONS[order])]
+        return tuple(+x for x in found)
 
     return function
 
 
-def _free_motion(n, b, c, k, t):
-    c, k, t = map(MP.mpf, (c, k, t))
-    return _partial_fractions(MP, n, b, _roots(MP, c, k, t), t) * t ** -max(2 * b - 1 - n, 0)
+def _roots(ctx, c, k, t):
+    """Those of s^2 + cs + k, two: the distance to the other one, the root, its exponential."""
+    apart = ctx.sqrt(ctx.mpc(c * c - 4 * k))
+    roots = [(distance, (distance - c) / 2) for distance in (apart, -apart)]
+    return [(distance, root, ctx.exp(root * t)) for distance, root in roots]
 
 
-def stumpff(k):
-    """c_k."""
+def _free_motion(n, b, roots, t):
+    """The inverse Laplace transform of s^n/(s^2 + cs + k)^b, by partial fractions."""
+    parts = [
+        (-1) ** (b - j)
+        * math.comb(2 * b - j - 1, b - j)
+        * _of_root(n, j, root, grown, t)
+        / _power(distance, 2 * b - j)
+        for distance, root, grown in roots
+        for j in range(1, b + 1)
+    ]
+    return sum(parts).real
+
+
+def _of_root(n, j, root, grown, t):
+    """That of s^n/(s - root)^j; `grown` is exp(root t)."""
+    if n >= 0:
+        return grown * sum(
+            math.comb(n, i) * _power(root, n - i) * _power(t, j - 1 - i) / math.factorial(j - 1 - i)
+            for i in range(min(n, j - 1) + 1)
+        )
+    found = (grown - 1) / root
+    for i in range(1, j):
+        found = (grown * _power(t, i) / math.factorial(i) - found) / root
+    return found
+
+
+def _power(x, n):
+    """By products, which for complex numbers of MPC is quickest."""
+    return math.prod([x] * n)
+
+
+def stumpff(ctx, k, plain):
+    """c_k; `plain` is that of `many_digits`."""
 
     def function(q):
-        q = MP.mpf(q)
+        q = ctx.mpf(q)
         if k < 2 or q == 0 or abs(q) >= 0.5:
-            return PLAIN.names[f"stumpff{k}"](q)
-        with MP.workdps(SPARE):
-            x = MP.sqrt(abs(q))
-            found = [MP.cos(x), MP.sin(x) / x] if q > 0 else [MP.cosh(x), MP.sinh(x) / x]
+            return plain(q)
+        with ctx.workdps(SPARE):
+            x = ctx.sqrt(abs(q))
+            found = [ctx.cos(x), ctx.sin(x) / x] if q > 0 else [ctx.cosh(x), ctx.sinh(x) / x]
             for j in range(k - 1):
-                found.append((1 / MP.factorial(j) - found[j]) / q)
+                found.append((1 / ctx.factorial(j) - found[j]) / q)
         return +found[k]
 
     return function
 
 
-def _together(highest):
-    functions = [stumpff(k) for k in range(1, highest + 1)]
+def _together(functions):
     return lambda q: tuple(function(q) for function in functions)
 
 
 PLAIN = many_digits(MP)
 
-REFERENCE = Arithmetic(
-    PLAIN.names
-    | {"flow": flow}
-    | {f"transients{order}": transients(order) for order in TABLES}
-    | {f"stumpff{k}": stumpff(k) for k in range(HIGHEST + 1)}
-    | {f"stumpffs{n}": _together(n) for n in TOGETHER},
-    exact=True,
-)
+
+def reference(ctx):
+    """Kernels in the numbers of a context."""
+    names = many_digits(ctx).names
+    each = [stumpff(ctx, k, names[f"stumpff{k}"]) for k in range(HIGHEST + 1)]
+    return Arithmetic(
+        names
+        | {"flow": flow(ctx)}
+        | {f"transients{order}": transients(ctx, order) for order in TABLES}
+        | {f"stumpff{k}": function for k, function in enumerate(each)}
+        | {f"stumpffs{n}": _together(each[1 : n + 1]) for n in TOGETHER},
+        exact=True,
+    )
 
 
-def exactly(number):
-    """A number as the ball of no radius that it is."""
-    sign, mantissa, exponent, _ = MP.mpf(number)._mpf_
-    return arb(((-1) ** sign * int(mantissa), exponent))
+REFERENCE = reference(DIGITS)
 
 
 def holds(ball, number):
     """Whether a ball holds a number of fifty digits, these rounded."""
-    with ctx.workprec(400):
-        digits = exactly(number)
-        slack = abs(digits) * arb(10) ** -47 + arb(10) ** -60
-        return bool(ball.overlaps(digits + arb(0, 1) * slack))
+    exact = number if hasattr(number, "_mpf_") else MP.mpf(number)
+    sign, mantissa, exponent, _ = exact._mpf_
+    slack = abs(float(number)) * 1e-47 + 1e-60
+    digits = arb(((-1) ** sign * int(mantissa), exponent), slack)
+    return math.isfinite(slack) and bool(ball.overlaps(digits))
