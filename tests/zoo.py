@@ -8,7 +8,7 @@ from pathlib import Path
 import mpmath as mp
 import numpy as np
 
-from contimpact.models.model import Formulas, Model, Parameter, Wall
+from contimpact.models.model import Formulas, Guard, Mode, Model, Parameter, Wall
 from contimpact.scenes.scene import read_scene
 from contimpact.systems.impact_pair import ImpactPair
 from contimpact.systems.oscillator import Oscillator
@@ -210,3 +210,35 @@ def adding_sliding(values, guess):
 
     with mp.workdps(30):
         return [*mp.findroot(residual, guess)]
+
+
+PRELOADED = {"a": 1.0, "w": 0.41, "c": 0.1, "k": 1.0, "e": 0.5, "P": -0.3, "kb": 5.0, "cb": 0.4}
+
+
+class Preloaded(Model):
+    """x'' + c x' + k x = a cos wt - [x > e](P + kb (x - e) + cb x'); a magnet where P < 0."""
+
+    SYSTEM = "preloaded"
+    MODES = (Mode("free"), Mode("pressed"))
+    WALLS = (Guard("C", +1, "free", "pressed"), Guard("R", -1, "pressed", "free"))
+    PARAMETERS = tuple(Parameter(name, "", name) for name in PRELOADED)
+
+    def formulas(self, symbols):
+        import sympy
+
+        from contimpact.models.linear import Linear
+
+        a, w, c, k, e, P, kb, cb = (symbols[p.name] for p in self.PARAMETERS)
+        period = 2 * sympy.pi / w
+
+        def linear(damping, stiffness, force):
+            given = {"mass": [[1]], "damping": [[damping]], "stiffness": [[stiffness]]}
+            return Linear(**given, period=period, force=lambda t: [a * sympy.cos(w * t) + force])
+
+        free, pressed = linear(c, k, 0), linear(c + cb, k + kb, kb * e - P)
+        return Formulas(
+            period=period,
+            walls={"C": e, "R": e},
+            flight={"free": free.flight, "pressed": pressed.flight},
+            acceleration={"free": free.acceleration, "pressed": pressed.acceleration},
+        )

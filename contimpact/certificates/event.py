@@ -21,6 +21,7 @@ from ..records.tables import coordinates
 from .crossing import crosses
 from .equations import BallProblem, Balls
 from .krawczyk import krawczyk, proven
+from .merging import stops
 from .orbit import Orbit
 from .quiet import ball_problem
 from .rest import resting
@@ -242,6 +243,8 @@ def _existing(
         stopped = tuple(resting(space, box, inner))
     elif "impact" in details:
         stopped = stopped_at(problem, details)
+    elif "flight" in details and stops(space, z, details["flight"]):
+        stopped = (details["flight"],)
     for impact in stopped:
         z[problem.m * impact + 1] = arb(0)
     return Orbit(space, z, kind, exact, stopped), box, inner

@@ -1,7 +1,8 @@
 """What a flight can meet: the gap coordinates of its guards, in balls.
 
-Guards on one coordinate are looked at together. Displacements are counted from the guard left where
-that is on the coordinate, so that the gap to its surface is zero exactly when the flight leaves.
+Guards on one coordinate are looked at together, and those on one surface once. Displacements are
+counted from the guard left where that is on the coordinate, so that the gap to its surface is zero
+exactly when the flight leaves.
 """
 
 from __future__ import annotations
@@ -10,7 +11,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from ..models.guards import Guard
+from ..models.guards import Guard, same_surface
 from ..orbits.problem import OrbitProblem
 from ..segments.passages import ELSEWHERE
 from ..segments.touches import coordinates
@@ -90,9 +91,11 @@ def met_by(space: BallProblem, flight: int, wall: str) -> tuple[Coordinate, Met]
 
 
 def _meets(problem: OrbitProblem, left: int, guard: int) -> bool:
-    return problem.kernels.passages.watched[left][guard]
+    through = problem.model.WALLS[guard].past
+    return problem.kernels.passages.watched[left][guard] and not through
 
 
 def _met(problem: OrbitProblem, guard: int, left: int, reached: int) -> Met:
+    walls = problem.model.WALLS
     own = problem.kernels.passages.arrivals[left][guard] != ELSEWHERE
-    return Met(problem.model.WALLS[guard], guard, own, guard == reached)
+    return Met(walls[guard], guard, own, same_surface(walls[guard], walls[reached]))

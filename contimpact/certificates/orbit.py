@@ -5,6 +5,7 @@ The event's own touch, impact and multipliers are set aside, as its kind says.
 
 from __future__ import annotations
 
+import functools
 import itertools
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -14,7 +15,6 @@ import numpy as np
 from flint import acb_mat, arb, arb_mat
 
 from ..bifurcations.kind import Kind
-from ..bifurcations.zero_velocity import vanishing
 from ..orbits.problem import OrbitProblem
 from ..segments.ball_series import number
 from ..segments.balls import turns
@@ -23,10 +23,14 @@ from . import winding
 from .clearance import Clear
 from .equations import BallProblem, Balls, Flight
 from .krawczyk import proven
+from .merging import Remains, remains_of, takes_no_time
 from .quiet import gap_of, guards_met
+from .rooms import Limit, limits
 
 ANYWHERE = (1.0, -1.0, 1j, -1j)
 """Multipliers of which an event that is one of a multiplier's sets one aside, at least."""
+
+ON_CIRCLE = "a multiplier may lie on the unit circle"
 
 Claim = tuple[Any, str]
 """What is proven, or None and what could not be decided."""
@@ -62,6 +66,9 @@ class Orbit:
             flights = self._flights()
         except (ValueError, ZeroDivisionError) as error:
             return None, str(error)
+        if self._lasts:
+            counted = winding.outside(flights)
+            return (None, ON_CIRCLE) if counted is None else (counted - 1, "")
         try:
             found = (_outside_of_two if self.space.problem.m == 2 else _outside)(self, flights)
         except (ValueError, ZeroDivisionError) as error:
@@ -73,38 +80,46 @@ class Orbit:
 
     def critical(self, middles: Sequence[complex]) -> list[int]:
         """Return the places of the multipliers that belong to the event."""
-        return [] if self._dropped else self.kind.critical(np.array(middles))
+        return [] if self._remains else self.kind.critical(np.array(middles))
+
+    @functools.cached_property
+    def _remains(self) -> Remains | None:
+        return remains_of(self.space.problem, self.z, self.details)
+
+    @property
+    def _lasts(self) -> bool:
+        """Whether the event is that a contact which lasts begins or ends at rest: a multiplier is
+        infinite, and the event's."""
+        return {"impact", "flight"} <= set(self.details) and "touch_time" not in self.details
 
     def _flights(self) -> list[Flight]:
         """The flights that tell the multipliers; those of the word without impacts at rest."""
-        problem, dropped = self.space.problem, self._dropped
-        if not dropped:
+        problem, remains = self.space.problem, self._remains
+        if remains is None:
             return self.space.flights(self.z)
-        if len(problem.word) == len(dropped):
-            return [self._quiet_flight(dropped[-1])]
-        shorter = OrbitProblem(problem.model, problem.word.drop(*dropped), problem.kernels)
+        lasting = [k for k in remains.brief if not self._vanishing(k)]
+        if lasting:
+            raise ValueError(f"flight {lasting[0]} is not proven to take no time")
+        if not remains.word.walls:
+            return [self._quiet_flight(remains.dropped)]
+        shorter = OrbitProblem(problem.model, remains.word, problem.kernels)
         rows = self.space.impacts(self.z)[:-1]
-        kept = [x for k, row in enumerate(rows) if k not in dropped for x in row]
+        kept = [x for k, row in enumerate(rows) if k not in remains.dropped for x in row]
         return BallProblem(shorter, self.space.bits).flights([*kept, self.z[-1]])
 
-    @property
-    def _dropped(self) -> tuple[int, ...]:
-        """The impacts at rest, if these are the event."""
-        impact = self.details.get("impact")
-        if impact is None or "flight" in self.details:
-            return ()
-        return vanishing(self.space.problem, impact)
-
-    def _quiet_flight(self, impact: int) -> Flight:
+    def _quiet_flight(self, dropped: Sequence[int]) -> Flight:
         """The flight of the orbit without impacts, from where it is at the time zero.
 
         The impact at rest changes nothing, so that the orbit passes through its state; a motion
         through a state is the only one, and leads from one state at the time zero.
         """
         space, problem = self.space, self.space.problem
-        guard = problem.model.guard(problem.word.walls[impact])
-        if guard.next_mode != problem.model.first_mode:
+        own = {k: problem.model.guard(problem.word.walls[k]) for k in dropped}
+        first = problem.model.first_mode
+        met = [k for k, guard in own.items() if first in guard.modes]
+        if not met or own[dropped[-1]].next_mode != first:
             raise ValueError("those of the orbit without impacts are not known")
+        impact, guard = met[0], own[met[0]]
         values, (time, _, *others) = space.values(self.z), space.impacts(self.z)[impact]
         period = space.setup(values).period
         touch = [time - turns(time, period) * period, arb(0), *others]
@@ -128,26 +143,34 @@ class Orbit:
         for k, speed in self._speeds():
             if not speed > 0:
                 return None, f"impact {k} has the velocity {speed.str(6)} towards its wall"
+        for one, room in self._rooms():
+            if not room > 0:
+                return None, f"impact {one.impact} is {room.str(6)} beyond the limit {one.wall}"
         return self._clear()
 
     def _pairs(self) -> list[tuple[Balls, Balls]]:
         return list(itertools.pairwise(self.space.impacts(self.z)))
 
     def _vanishing(self, flight: int) -> bool:
-        """Whether the event is that a flight's duration vanishes."""
-        if "impact" in self.details:
-            excursion = flight in self.space.problem.excursions and "flight" not in self.details
-            return excursion and flight == self.details["impact"]
-        return self.details.get("flight") == flight and "touch_time" not in self.details
+        """Whether a flight takes no time at the event."""
+        if "impact" not in self.details:
+            return self.details.get("flight") == flight and "touch_time" not in self.details
+        if self._remains is None or flight not in self._remains.brief:
+            return False
+        if flight in self.space.problem.excursions and flight == self.details["impact"]:
+            return True
+        return takes_no_time(self.space, self.z, flight)
 
     def _speeds(self) -> list[tuple[int, Any]]:
-        """Velocities towards the walls, that of an impact at rest set aside."""
+        """Velocities towards the walls, those of impacts at rest set aside, and of those that the
+        orbit without flights of no duration does not have."""
         problem = self.space.problem
+        aside = {*self.at_rest, *(self._remains.dropped if self._remains else ())}
         sides = {wall.name: wall.side for wall in problem.model.WALLS}
         return [
             (k, sides[wall] * self.z[problem.m * k + 1])
             for k, wall in enumerate(problem.word.walls)
-            if k not in self.at_rest
+            if k not in aside
         ]
 
     def _unphysical(self) -> str:
@@ -158,7 +181,22 @@ class Orbit:
         for k, speed in self._speeds():
             if speed < 0:
                 return f"impact {k} runs the wrong way"
+        for one, room in self._rooms():
+            if room < 0:
+                return f"impact {one.impact} leads through, though {one.sliding} would slide"
         return self._deepest()
+
+    def _rooms(self) -> list[tuple[Limit, Any]]:
+        """How far beyond their limits impacts are that lead through a surface on which others
+        slide, those at the ends of flights that take no time set aside."""
+        problem = self.space.problem
+        beyond = [one for one in limits(problem) if one.sign < 0]
+        count = len(problem.word)
+        return [
+            (one, one.room(self.space, self.z))
+            for one in beyond
+            if not (self._vanishing(one.impact) or self._vanishing((one.impact - 1) % count))
+        ]
 
     def _deepest(self) -> str:
         """Where a flight passes a wall, at the nearest touches that doubles find."""
@@ -197,8 +235,10 @@ class Orbit:
         if not word:
             return False, False
         before, behind = (flight - 1) % len(word), (flight + 1) % len(word)
+        guards = self.space.problem.model.WALLS
+        left = next(guard for guard in guards if guard.name == word[before])
         return (
-            self._vanishing(before) and word[before] == wall,
+            self._vanishing(before) and wall in (left.name, left.past),
             self._vanishing(behind) and word[(behind + 1) % len(word)] == wall,
         )
 

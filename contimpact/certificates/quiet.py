@@ -95,4 +95,4 @@ def guards_met(space: BallProblem, flight: int) -> list[Guard]:
     model = space.problem.model
     if space.problem.word.walls:
         return walls_met(space, flight)
-    return [guard for guard in model.WALLS if model.first_mode in guard.modes]
+    return [g for g in model.WALLS if model.first_mode in g.modes and not g.past]

@@ -11,46 +11,18 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-import sympy
 from scipy.integrate import solve_ivp
+from zoo import PRELOADED as VALUES
+from zoo import Preloaded
 
-from contimpact import Formulas, Model, Parameter, continue_orbit, follow_curve
+from contimpact import continue_orbit, follow_curve
 from contimpact.bifurcations.kind import Change
 from contimpact.bifurcations.status import _unexplained
-from contimpact.models.linear import Linear
-from contimpact.models.model import Guard, Mode
 from contimpact.models.word import Word
 from contimpact.orbits.orbit import Orbit
 from contimpact.orbits.problem import OrbitProblem
 from contimpact.orbits.search import solve_near
 from contimpact.segments.kernels import Kernels
-
-VALUES = {"a": 1.0, "w": 0.41, "c": 0.1, "k": 1.0, "e": 0.5, "P": -0.3, "kb": 5.0, "cb": 0.4}
-
-
-class Preloaded(Model):
-    """x'' + c x' + k x = a cos wt - [x > e](P + kb (x - e) + cb x'); a magnet where P < 0."""
-
-    SYSTEM = "preloaded"
-    MODES = (Mode("free"), Mode("pressed"))
-    WALLS = (Guard("C", +1, "free", "pressed"), Guard("R", -1, "pressed", "free"))
-    PARAMETERS = tuple(Parameter(name, "", name) for name in VALUES)
-
-    def formulas(self, symbols):
-        a, w, c, k, e, P, kb, cb = (symbols[p.name] for p in self.PARAMETERS)
-        period = 2 * sympy.pi / w
-
-        def linear(damping, stiffness, force):
-            given = {"mass": [[1]], "damping": [[damping]], "stiffness": [[stiffness]]}
-            return Linear(**given, period=period, force=lambda t: [a * sympy.cos(w * t) + force])
-
-        free, pressed = linear(c, k, 0), linear(c + cb, k + kb, kb * e - P)
-        return Formulas(
-            period=period,
-            walls={"C": e, "R": e},
-            flight={"free": free.flight, "pressed": pressed.flight},
-            acceleration={"free": free.acceleration, "pressed": pressed.acceleration},
-        )
 
 
 def branch(limits, guess, events=("FB", "V"), **changes):

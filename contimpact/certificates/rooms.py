@@ -1,0 +1,48 @@
+"""Where sliding would begin at an impact, in balls; see `contimpact.segments.limits`."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+from flint import arb
+
+from ..orbits.problem import OrbitProblem
+from ..segments.limits import limits_of
+from .equations import BallProblem, Balls
+
+
+@dataclass(frozen=True)
+class Limit:
+    """A limit that decides which of the guards on a surface an impact meets.
+
+    Attributes
+    ----------
+    impact : int
+    sliding, wall : str
+        The guard at which sliding would begin, and the one that limits it.
+    sign : float
+        +1 where it has to begin within the limit, -1 where beyond.
+    """
+
+    impact: int
+    sliding: str
+    wall: str
+    sign: float
+
+    def room(self, space: BallProblem, z: Balls) -> Any:
+        """Return how far on the right side of the limit sliding would begin."""
+        guards, values = space.problem.model.WALLS, space.values(z)
+        place = next(i for i, guard in enumerate(guards) if guard.name == self.wall)
+        motion = space.motion(self.sliding, self.wall)
+        begin = motion(space.impacts(z)[self.impact], arb(0), values)[0]
+        return self.sign * guards[place].side * (space.setup(values).walls[place] - begin)
+
+
+def limits(problem: OrbitProblem) -> list[Limit]:
+    """Return those of all impacts of a word."""
+    return [
+        Limit(impact, *one)
+        for impact, letter in enumerate(problem.word.walls)
+        for one in limits_of(problem.kernels, letter)
+    ]

@@ -1,0 +1,93 @@
+"""Events at which an impact comes to rest or a flight takes no time, and the limits of sliding."""
+
+from __future__ import annotations
+
+import dataclasses
+import functools
+
+import numpy as np
+import pytest
+from zoo import PRELOADED, ROOT, Preloaded
+
+import contimpact
+from contimpact.continuation.settings import Settings
+from contimpact.models.word import Word
+from contimpact.orbits.orbit import Orbit
+from contimpact.orbits.problem import OrbitProblem
+from contimpact.orbits.search import solve_near
+from contimpact.records.catalogue import load_entries
+from contimpact.segments.kernels import Kernels
+from contimpact.systems.belt import Belt
+
+pytest.importorskip("flint", reason="needs contimpact[certify]")
+from contimpact.certificates.event import certified, verified
+
+VALUES = {"a": 0.6, "omega": 0.5, "c": 0.1, "V": 0.1, "mu_0": 0.5}
+EVENTS = ["FB", "PD", "G", "V", "T"]
+
+
+@functools.cache
+def magnet_at_rest():
+    """Where the magnet's contact, which lasts, ends at rest."""
+    problem = OrbitProblem(Preloaded(**PRELOADED), Word("CR"), Kernels(Preloaded(**PRELOADED), "w"))
+    found = solve_near(problem, np.array([-2.0197, 0.2418, 3.3507, -0.0013, 0.40464]))
+    (event,) = contimpact.continue_orbit(
+        Orbit(problem, found), "w", (0.403, 0.4146), events=["V"]
+    ).events
+    return event, lambda: problem
+
+
+def test_the_infinite_multiplier_of_a_contact_that_lasts_is_the_events_own():
+    event, problem = magnet_at_rest()
+    assert (event.impact, event.flight, event.n_unstable) == (1, 0, 0)
+    found = certified(event, problem)
+    assert found.certified, found
+    assert verified(event, found, problem).certified
+    wrong = dataclasses.replace(event, n_unstable=1)
+    assert certified(wrong, problem).clause == "stability"
+    wrong = dataclasses.replace(event, physical=False)
+    assert certified(wrong, problem).clause == "physicality"
+
+
+@pytest.mark.parametrize("kind", ["G", "V"])
+def test_where_sliding_vanishes_multipliers_are_those_without_it(kind):
+    """Of the belt: a touch of S, beside which C lies on the same surface, and the V of SP."""
+    (entry,) = (e for e in load_entries(ROOT / "branches" / "belt") if e.kind == kind)
+    found = certified(entry)
+    assert found.certified, found
+    assert found.certified_radius < 1e-30
+    for clause, values in {
+        "stability": {"n_unstable": 1},
+        "physicality": {"physical": False},
+    }.items():
+        assert certified(dataclasses.replace(entry, **values)).clause == clause
+
+
+def followed(word, at, limits):
+    orbits = contimpact.find_orbits(Belt(**VALUES | {"a": at}), word, parameter="a", starts=20)
+    orbit = next(orbit for orbit in orbits if orbit.physical)
+    return contimpact.continue_orbit(orbit, "a", limits, events=EVENTS)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("word", "at", "limits", "sliding", "kinds"),
+    [
+        ("DSA", 1.74, (1.72, 1.764), "crossing-sliding", {"T"}),
+        ("DSA", 1.74, (1.72, 1.764), "switching-sliding", {"T", "V"}),
+        ("DC", 1.77, (1.7645, 1.78), "grazing-sliding", {"T", "V"}),
+    ],
+)
+def test_flights_that_take_no_time_are_proven_to(word, at, limits, sliding, kinds):
+    """On the branch born at a sliding bifurcation, from its other end."""
+    (begun,) = (e for e in followed(word, at, limits).events if e.sliding == sliding)
+    near = begun.value - 1e-3, begun.value + 1e-3
+    born = contimpact.continue_born(begun, range=near, events=EVENTS)
+    start = born.orbit(int(np.flatnonzero(born.physical & (born.columns["event"] == ""))[-1]))
+    steps = Settings(step=7.3e-4)
+    back = contimpact.continue_orbit(start, "a", near, events=EVENTS, settings=steps)
+    events = [event for event in back.events if event.sliding == sliding]
+    assert {event.kind for event in events} == kinds
+    for event in events:
+        assert certified(event).certified, event
+        assert certified(dataclasses.replace(event, n_unstable=1)).clause == "stability"
