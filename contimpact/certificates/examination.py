@@ -20,6 +20,7 @@ from .event import EventCertificate
 from .joints import meet
 from .krawczyk import proven
 from .nodes import halved
+from .rooms import Limit, limits
 from .test_functions import OF_TWO, Test, regular, test_at
 from .touches import Flying, Patch, flying
 from .tube import Segment, Tube, proven_tube
@@ -135,6 +136,7 @@ class Examination:
         self.kinds, self.known = covered(kinds), known
         self.budget = budget or Budget()
         self.found = Findings()
+        self.limits = limits(problem)
 
     def account(self, segment: Segment, tube: Tube | None, depth: int = 0) -> None:
         """Search a tube; without one, note that nothing is proven there."""
@@ -163,6 +165,7 @@ class Examination:
                 )
                 if next(found, None) is not None:
                     left.append(f"touches of flight {flight} are not excluded")
+            left += [_at_limit(one) for one in self.limits]
         if not left:
             self.found.tubes.append((birth.segment, birth))
         return left
@@ -216,6 +219,8 @@ class Examination:
         missing: list[str],
         left: list[str],
     ) -> None:
+        whole = tube.state(arb(0, 1))
+        left += [_at_limit(one) for one in self.limits if one.room(self.space, whole).contains(0)]
         for flight in range(len(self.space.problem.word)):
             own = [(one, u) for one, u in placed if one.touch is not None and one.flight == flight]
             spots = [(one, u, _fraction(one, self.space)) for one, u in own]
@@ -264,6 +269,10 @@ class Examination:
         at = place(tube, one)
         wide = Patch(patch.flight, patch.wall, _wider(patch.along), _wider(patch.at), True)
         return at is not None and _inside(wide, one, at, _fraction(one, self.space))
+
+
+def _at_limit(limit: Limit) -> str:
+    return f"it is not excluded that impact {limit.impact} comes to the limit {limit.wall}"
 
 
 def _clear_of_zeros(birth: Birth, function: Test) -> bool:

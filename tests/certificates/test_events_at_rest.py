@@ -91,3 +91,21 @@ def test_flights_that_take_no_time_are_proven_to(word, at, limits, sliding, kind
     for event in events:
         assert certified(event).certified, event
         assert certified(dataclasses.replace(event, n_unstable=1)).clause == "stability"
+
+
+@pytest.mark.slow
+def test_where_sliding_begins_on_a_limit_no_branch_is_complete():
+    """These grazings have no touch, and no equations that are certified."""
+    branch = followed("DSA", 1.74, (1.72, 1.764))
+    assert [e.kind for e in branch.events] == ["G", "G"]
+    (found,) = contimpact.certify(branch).branches
+    assert not found.complete
+    assert len(found.unproven) == 2
+    for piece, event, where in zip(
+        found.unproven,
+        branch.events,
+        ("impact 0 comes to the limit P", "impact 1 comes to the limit A"),
+        strict=True,
+    ):
+        assert where in piece.what
+        assert min(piece.start, piece.end) < event.value < max(piece.start, piece.end)
