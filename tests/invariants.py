@@ -14,7 +14,7 @@ from contimpact.bifurcations.kind import Change
 from contimpact.bifurcations.registry import kind_of
 from contimpact.bifurcations.status import with_status
 from contimpact.continuation.branch import Points
-from contimpact.orbit_continuation import orbit_backend, orbit_branch
+from contimpact.orbit_continuation import orbit_branch, orbit_walks
 from contimpact.orbits.linearisation import Summary
 from contimpact.orbits.multipliers import count_unstable
 from contimpact.orbits.physicality import PHYSICAL
@@ -42,7 +42,7 @@ class Watch:
 
 def watch(patch):
     """Have every walk and every table checked from now on, as long as a monkeypatch lasts."""
-    explained, branch = orbit_backend.explained, orbit_branch.Run.branch
+    explained, branch = orbit_walks.explained, orbit_branch.Run.branch
 
     def checked_walk(problem, walk, tests, settings, switched):
         found = explained(problem, walk, tests, settings, switched)
@@ -58,7 +58,7 @@ def watch(patch):
             check_branch(found)
         return found
 
-    patch.setattr(orbit_backend, "explained", checked_walk)
+    patch.setattr(orbit_walks, "explained", checked_walk)
     patch.setattr(orbit_branch.Run, "branch", checked_branch)
 
 

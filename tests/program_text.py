@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from contimpact.orbit_continuation import chain_backend, cycle_backend
+from contimpact.orbit_continuation import orbit_backend
 
 
 class Text:
@@ -29,6 +29,5 @@ def run_as_texts(monkeypatch):
     def load(identity, arguments, build, worth=True):
         return made.setdefault(identity, Text(build()))
 
-    for backend in (chain_backend, cycle_backend):
-        monkeypatch.setattr(backend, "load", load)
+    monkeypatch.setattr(orbit_backend, "load", load)
     return made

@@ -22,7 +22,7 @@ from .. import __version__
 from ..continuation.branch import Point, Walk
 from ..continuation.settings import PREDICTORS, Settings
 from ..errors import InputError
-from ..orbit_continuation.orbit_backend import walk_orbits
+from ..orbit_continuation.orbit_walks import walk_orbits
 from ..orbits.orbit import Orbit
 from ..orbits.problem import Array
 from ..records.diagram import Diagram

@@ -21,8 +21,8 @@ from ..records.branch import Branch
 from ..records.entry import Entry
 from ..records.entry_conversion import event_of
 from ..records.given import entry_first
-from .orbit_backend import walk_orbits
 from .orbit_branch import Callback, Run, UserEvent, checked_range, tests_of_events, told_of
+from .orbit_walks import walk_orbits
 from .symmetry import again, at_image, mirrors_back, symmetry_of, watched
 
 

@@ -4,13 +4,12 @@ from __future__ import annotations
 
 import functools
 import math
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from ..arrays import ARRAYS, Array, Containers, Vector
 from ..bifurcations.orbit_test import ManyOrbits, OneOrbit
-from ..compiling.library import CompiledProgram, load
 from ..continuation.batch import columns
 from ..continuation.branch import Block
 from ..models.guards import Row
@@ -18,6 +17,7 @@ from ..orbits.cyclic_chain import block_size, kept_size
 from ..orbits.linearisation import Linearisation
 from ..orbits.multipliers import of_pencil, products_of
 from ..orbits.problem import OrbitProblem
+from ..segments.arithmetic import Kernel
 from ..segments.layout import Blocks, Setup
 from ..segments.oscillation import MOST, ROW
 from ..segments.touches import coordinates
@@ -31,7 +31,7 @@ from .chain_functions import (
     observe_chain,
     tangent_of_chain,
 )
-from .cycle_backend import CycleBackend
+from .orbit_backend import Functions, OrbitBackend
 
 if TYPE_CHECKING:
     from ..compiling.program import Program
@@ -39,12 +39,11 @@ if TYPE_CHECKING:
 MOST_COORDINATES = 4
 """Up to which steps in plain Python, or in machine code without a library, pay."""
 
-ARGUMENTS = "iiiiii" + "fffffff" + "FFFF" + "fffff" + "FF" + "ffffff" + "ff" + "ffff" + "FF"
-"""Kinds of the entry's arguments: those of `ChainVectors`, then those of `take_steps`."""
 
+class ChainBackend(OrbitBackend[ChainVectors]):
+    """See `OrbitBackend`; for several coordinates. Use `follows` to know whether there is one."""
 
-class ChainBackend(CycleBackend):
-    """As `CycleBackend`, for several coordinates; use `follows` to know whether there is one."""
+    ARGUMENTS = "iiiiii" + "fffffff" + "FFFF" + "fffff" + "FF" + "ffffff" + "ff" + "ffff" + "FF"
 
     @staticmethod
     def follows(problem: OrbitProblem) -> bool:
@@ -64,36 +63,23 @@ class ChainBackend(CycleBackend):
         given = *start, *self.problem.model.values.values()
         return {a: int(kernels.law(a)(*given)[1]) for a in dict.fromkeys(self.problem.word.walls)}
 
-    @property
+    @functools.cached_property
     def described(self) -> int:
         return 1 + FINDINGS + 2 * self.problem.m**2 + 2
 
-    def vectors(self, made_by: Containers) -> Any:
-        """The branch as vectors and tables."""
+    def vectors(self, made_by: Containers) -> ChainVectors:
         vector, table = made_by
-        problem, count, walls = self.problem, self.count, self.walls
-        m, d, many = problem.m, problem.model.DEGREES_OF_FREEDOM, len(self.coordinates)
-        named = problem.model.letters
-        word = [named.index(letter) for letter in problem.word.walls]
-        place = list(problem.model.values).index(problem.parameter)
-        wanted = [int(self.gaps), int(self.doubling), m, many]
+        count, m, many = self.count, self.problem.m, len(self.coordinates)
+        d = self.problem.model.DEGREES_OF_FREEDOM
         size = 2 * d + 2 * max(self.laws.values()) + 1
         measured = {i: g for g, found in enumerate(self.coordinates.values()) for i in found}
-        passages = problem.kernels.passages
 
         def zeros(count: int) -> Vector:
             return vector([0.0] * count)
 
         return ChainVectors(
-            kinds=vector([a * walls + b for a, b in zip(word, word[1:] + word[:1], strict=True)]),
-            word=vector(word),
-            arrivals=vector(problem.arrivals),
-            watched=vector([int(meets) for row in passages.watched for meets in row]),
-            counts=vector([walls, problem.word.period, place, self.derived, *wanted]),
-            measured=vector([measured[i] for i in range(walls)]),
-            values=vector(list(problem.model.values.values())),
-            sides=vector([float(wall.side) for wall in problem.model.WALLS]),
-            leaving=vector(passages.leaving),
+            **self.common(made_by, m, many),
+            measured=vector([measured[i] for i in range(self.walls)]),
             weights=vector([float(c) for row in self.coordinates for c in row]),
             ends=zeros(max(2 * m, size)),
             law=zeros((d + 1) * size),
@@ -101,12 +87,6 @@ class ChainBackend(CycleBackend):
             blocks=table(count, block_size(m)),
             kept=table(count, kept_size(m)),
             work=table(2 * m, 3 * m + 2),
-            fixed=table(1, self.fixed),
-            clock=zeros(3),
-            durations=zeros(count),
-            gaps=zeros(count * walls),
-            times=zeros(count * walls),
-            velocities=zeros(count),
             own=table(d, ROW),
             steps=table(0, ROW),
             breaks=zeros(2 * MOST * many),
@@ -118,8 +98,7 @@ class ChainBackend(CycleBackend):
         )
 
     @functools.cached_property
-    def arrays(self) -> Any:
-        """The branch as arrays, for compiled code."""
+    def arrays(self) -> ChainVectors:
         given = self.vectors(ARRAYS)
         return given._replace(
             values=np.append(given.values, np.zeros(self.space)),
@@ -127,11 +106,10 @@ class ChainBackend(CycleBackend):
         )
 
     @functools.cached_property
-    def functions(self) -> Any:
-        """What `take_steps` needs of the problem, plainly."""
+    def functions(self) -> Functions[ChainVectors]:
         kernels, m = self.problem.kernels, self.problem.m
         named = self.problem.model.letters
-        flights: dict[int, Any] = {}
+        flights: dict[int, Kernel] = {}
 
         def flight(kind: int, ends: Vector, values: Vector) -> Blocks:
             if kind not in flights:
@@ -142,7 +120,7 @@ class ChainBackend(CycleBackend):
         def setup(values: Vector) -> Setup:
             return kernels.setup(*values)
 
-        def law(wall: int, ends: Vector, values: Vector) -> Any:
+        def law(wall: int, ends: Vector, values: Vector) -> Vector:
             return kernels.law(named[wall])(*ends[:m], *values)
 
         def evaluate(orbit: ChainVectors, z: Vector) -> float:
@@ -174,12 +152,10 @@ class ChainBackend(CycleBackend):
 
     @functools.cached_property
     def variant(self) -> str | None:
-        """How compiled code follows flights; None where it cannot."""
         return None if self.obstacle else "chain"
 
     @functools.cached_property
     def obstacle(self) -> str:
-        """Why there is no compiled code; nothing where there is."""
         kernels, guards = self.problem.kernels, self.problem.model.WALLS
         if (
             all(kernels.linear(guard.name) for guard in guards)
@@ -188,18 +164,12 @@ class ChainBackend(CycleBackend):
             return ""
         return "modes of several coordinates that move by laws of different kinds"
 
-    def program(self) -> CompiledProgram | None:
-        kernels = self.problem.kernels
+    def written(self) -> Program:
+        from .chain_program import program_of
 
-        def build() -> Program:
-            from .chain_program import program_of
-
-            return program_of(kernels)
-
-        return load((kernels.identity, "chain"), ARGUMENTS, build)
+        return program_of(self.problem.kernels)
 
     def block(self, rows: Array) -> Block:
-        """The points in the rows of `take_steps`."""
         m = self.problem.m
         unknowns, tangents, signs, places, tries, seen = columns(rows, self.problem.n + 1)
         pencils = seen[:, 1 + FINDINGS : 1 + FINDINGS + 2 * m * m].reshape(-1, 2, m, m)

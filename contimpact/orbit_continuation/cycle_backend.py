@@ -4,30 +4,27 @@ from __future__ import annotations
 
 import functools
 import math
-from typing import TYPE_CHECKING, TypeAlias
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..arrays import ARRAYS, LISTS, Array, Containers, Vector
+from ..arrays import ARRAYS, Array, Containers, Vector
 from ..bifurcations.orbit_test import ManyOrbits
-from ..compiling.library import CompiledProgram, load, mode, plainly, spend
-from ..continuation.batch import Batch, Position, batch_of, columns
+from ..continuation.batch import columns
 from ..continuation.branch import Block
-from ..continuation.corrector import Evaluate, Solve
-from ..continuation.step import EVALUATIONS, Observe, TangentAt, take_steps
-from ..orbits.block_cyclic import BLOCK, KEPT, POSITIONS
+from ..orbits.block_cyclic import BLOCK, KEPT
 from ..orbits.problem import OrbitProblem
 from ..segments.flight import excursion_of
 from ..segments.layout import Setup
 from ..segments.oscillation import MOST, ROW
 from ..segments.zeros import time_zeros
+from .orbit_backend import TOO_STIFF, Functions, OrbitBackend
 from .orbit_functions import (
     DESCRIBED,
     DETERMINANT,
     MEASURED,
     PRODUCT,
     SPAN,
-    UNRESOLVED,
     OrbitVectors,
     evaluate_cycle,
     newton_step,
@@ -39,35 +36,10 @@ if TYPE_CHECKING:
     from ..compiling.program import Program
 
 
-WORTH = 64
-"""Points asked for at once from which compiled code is looked for."""
+class CycleBackend(OrbitBackend[OrbitVectors]):
+    """See `OrbitBackend`; for problems with one degree of freedom."""
 
-
-TOO_STIFF = "flights whose equations are not linear, or too stiff"
-
-LINEAR = 50
-"""A linear flight takes as long as so many of the impact pair, plainly."""
-
-
-class CycleBackend:
-    """An orbit problem as steps ask for it: block-cyclic elimination, many steps at a time.
-
-    Parameters
-    ----------
-    problem : OrbitProblem
-        With one degree of freedom and one free parameter.
-    gaps : bool
-        Whether to decide at every point if it is physical.
-    doubling : bool
-        Whether the determinant of a PD is wanted.
-    """
-
-    def __init__(self, problem: OrbitProblem, gaps: bool, doubling: bool) -> None:
-        self.problem, self.gaps, self.doubling = problem, gaps, doubling
-        self.setup = problem.kernels.setup(*problem.model.values.values())
-        self.fixed = POSITIONS + len(self.setup.walls) + len(self.setup.derived)
-        self.count, self.walls = len(problem.word), len(problem.model.WALLS)
-        self.derived = len(problem.model.DERIVED)
+    ARGUMENTS = "iiiii" + "ffff" + "FFFF" + "fF" + "ffff" + "ff" + "ffff" + "FF"
 
     @functools.cached_property
     def zeros(self) -> list[float] | None:
@@ -76,77 +48,23 @@ class CycleBackend:
         return time_zeros(harmonics, self.setup.period)
 
     @functools.cached_property
-    def functions(self) -> Functions:
-        """What `take_steps` needs of the problem, plainly."""
+    def functions(self) -> Functions[OrbitVectors]:
         return plain_functions(self.problem, self.zeros)
 
-    @property
+    @functools.cached_property
     def described(self) -> int:
-        """Numbers of a point before its gaps."""
         return MEASURED
 
     def vectors(self, made_by: Containers) -> OrbitVectors:
-        """The branch as vectors and tables."""
         vector, table = made_by
-        problem, count, walls = self.problem, self.count, self.walls
-        named = problem.model.letters
-        word = [named.index(letter) for letter in problem.word.walls]
-        place = list(problem.model.values).index(problem.parameter)
-        wanted = [int(self.gaps), int(self.doubling)]
-        passages = problem.kernels.passages
         return OrbitVectors(
-            kinds=vector([a * walls + b for a, b in zip(word, word[1:] + word[:1], strict=True)]),
-            word=vector(word),
-            arrivals=vector(problem.arrivals),
-            watched=vector([int(meets) for row in passages.watched for meets in row]),
-            counts=vector([walls, problem.word.period, place, self.derived, *wanted]),
-            values=vector(list(problem.model.values.values())),
-            sides=vector([float(wall.side) for wall in problem.model.WALLS]),
-            leaving=vector(passages.leaving),
+            **self.common(made_by),
             zeros=vector([0.0] * 2 if self.variant == "single" else self.zeros or []),
-            blocks=table(count, BLOCK),
-            kept=table(count, KEPT),
+            blocks=table(self.count, BLOCK),
+            kept=table(self.count, KEPT),
             reduced=table(1, KEPT),
-            fixed=table(1, self.fixed),
-            clock=vector([0.0] * 3),
             steps=table(0, ROW),
-            durations=vector([0.0] * count),
-            gaps=vector([0.0] * count * walls),
-            times=vector([0.0] * count * walls),
-            velocities=vector([0.0] * count),
         )
-
-    def advance(self, position: Position, most: int) -> Batch:
-        """Take steps until one is proposed or refused, `most` at most."""
-        fast = self.compiled(most)
-        if fast is None:
-            return self.steps(position, most, None)
-        self.arrays.clock[UNRESOLVED] = 0.0
-        made = self.steps(position, most, fast)
-        if self.arrays.clock[UNRESOLVED] == 0.0:
-            return made
-        import logging
-
-        logging.getLogger(__name__).info("flights too stiff for compiled code: going on plainly")
-        self.variant, self.obstacle = None, TOO_STIFF
-        return self.steps(position, most, None)
-
-    def steps(self, position: Position, most: int, fast: CompiledProgram | None) -> Batch:
-        """Take them by compiled code, or plainly."""
-        vectors = position.vectors(self.recorded, most, ARRAYS if fast else LISTS)
-        if fast:
-            made = fast(*self.arrays, *vectors)
-        else:
-            made = take_steps(*self.functions, self.lists, tuple(vectors))
-        flights = int(vectors.state[EVALUATIONS]) * self.count
-        self.problem.kernel_evaluations += flights
-        spend(0 if fast else flights * self.cost)
-        return batch_of(position, self.problem, vectors, made, self.block)
-
-    @property
-    def recorded(self) -> int:
-        """How many numbers `observe_cycle` records of a point."""
-        return self.described + self.count * (self.walls + 1) + self.derived
 
     @functools.cached_property
     def obstacle(self) -> str:
@@ -155,24 +73,7 @@ class CycleBackend:
             return TOO_STIFF
         return "a forcing whose harmonics change along a branch"
 
-    @functools.cached_property
-    def cost(self) -> int:
-        """What a flight counts for, plainly."""
-        flight = self.problem.kernels.flight(*self.problem.kinds[0])
-        return LINEAR if "flow" in flight.__code__.co_names else 1
-
-    @functools.cached_property
-    def space(self) -> int:
-        """Numbers of scratch space behind the parameter values of compiled code."""
-        kernels, walls = self.problem.kernels, self.problem.model.WALLS
-        if not any(kernels.linear(wall.name) for wall in walls):
-            return 0
-        from .linear_flights import space_for
-
-        return space_for(kernels)
-
     def block(self, rows: Array) -> Block:
-        """The points in the rows of `take_steps`."""
         unknowns, tangents, signs, places, tries, seen = columns(rows, self.problem.n + 1)
         gaps = MEASURED + self.count * self.walls
         turns = gaps + self.count
@@ -184,41 +85,13 @@ class CycleBackend:
         return Block(*points, places, tries, described, made, measured=measured)
 
     @functools.cached_property
-    def lists(self) -> OrbitVectors:
-        """The branch as lists, for a plain run."""
-        return self.vectors(LISTS)
-
-    @functools.cached_property
     def arrays(self) -> OrbitVectors:
-        """The branch as arrays, for compiled code."""
         given = self.vectors(ARRAYS)
         if self.space:
             given = given._replace(values=np.append(given.values, np.zeros(self.space)))
         if self.variant == "law":
             given = given._replace(steps=np.zeros((MOST, ROW)), zeros=np.zeros(2 * MOST))
         return given
-
-    def compiled(self, most: int) -> CompiledProgram | None:
-        """Compiled code, where there is any and the work is worth it."""
-        said = mode()
-        if said == "never" or (said == "auto" and most < WORTH):
-            return None
-        if self.variant is None:
-            plainly(self.obstacle)
-            return None
-        return self.program()
-
-    def program(self) -> CompiledProgram | None:
-        """The program, if it is in the cache or worth compiling."""
-        kernels, variant = self.problem.kernels, self.variant
-        assert variant is not None
-
-        def build() -> Program:
-            from .orbit_program import program_of
-
-            return program_of(kernels, variant)
-
-        return load((kernels.identity, variant), ARGUMENTS, build)
 
     @functools.cached_property
     def variant(self) -> str | None:
@@ -231,16 +104,14 @@ class CycleBackend:
             return "fixed"
         return "single" if len(harmonics) == 4 and harmonics[1] == 1 else None
 
+    def written(self) -> Program:
+        from .orbit_program import program_of
 
-ARGUMENTS = "iiiii" + "ffff" + "FFFF" + "fF" + "ffff" + "ff" + "ffff" + "FF"
-"""Kinds of the entry's arguments: those of `OrbitVectors`, then those of `StepVectors`."""
-
-Functions: TypeAlias = tuple[
-    Evaluate[OrbitVectors], Solve[OrbitVectors], TangentAt[OrbitVectors], Observe[OrbitVectors]
-]
+        assert self.variant is not None
+        return program_of(self.problem.kernels, self.variant)
 
 
-def plain_functions(problem: OrbitProblem, fixed: list[float] | None) -> Functions:
+def plain_functions(problem: OrbitProblem, fixed: list[float] | None) -> Functions[OrbitVectors]:
     """Return what `take_steps` needs of a problem: evaluate, solve, tangent_at and observe.
 
     `fixed` are the zeros of the acceleration, where they are the same along the branch.

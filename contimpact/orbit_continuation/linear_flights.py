@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import ast
-from typing import Any
 
 from ..segments.arithmetic import Kernel, kernel_of
 from ..segments.compiled_flow import space_of
@@ -35,7 +34,7 @@ def with_space(kernel: Kernel) -> Kernel:
     body: list[ast.stmt] = []
     flows = 0
     for statement in function.body:
-        call: Any = getattr(statement, "value", None)
+        call = getattr(statement, "value", None)
         if isinstance(call, ast.Call) and getattr(call.func, "id", "") == "flow":
             flows += 1
             for i, number in enumerate(call.args[4:]):

@@ -1,79 +1,186 @@
-"""Walks along branches of orbits, each on the backend that fits its problem."""
+"""What backends for orbits have in common: many steps at a time, plain or compiled."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from typing import Unpack
+import functools
+from abc import ABC, abstractmethod
+from typing import TYPE_CHECKING, ClassVar, Generic, TypeAlias, TypeVar
 
-from ..arrays import Array
-from ..bifurcations.orbit_test import OrbitTest
-from ..bifurcations.status import explained
-from ..bifurcations.unfolding import meeting
-from ..compiling.library import plainly
-from ..continuation.branch import Walk
-from ..continuation.settings import Settings
-from ..continuation.test_function import TestFunction
-from ..continuation.walk import Options, walk
-from ..orbits.linearisation import Linearisation
+from ..arrays import ARRAYS, LISTS, Array, Containers, Vector
+from ..compiling.library import CompiledProgram, load, mode, plainly, spend
+from ..continuation.batch import Batch, Position, batch_of
+from ..continuation.branch import Block
+from ..continuation.corrector import Evaluate, Solve
+from ..continuation.step import EVALUATIONS, Observe, TangentAt, take_steps
+from ..orbits.block_cyclic import POSITIONS
 from ..orbits.problem import OrbitProblem
-from .cycle_backend import CycleBackend
-from .longest_period import bounded, told
+from .orbit_functions import UNRESOLVED
+
+if TYPE_CHECKING:
+    from ..compiling.program import Program
+    from .chain_functions import ChainVectors
+    from .orbit_functions import OrbitVectors
+
+V = TypeVar("V", "OrbitVectors", "ChainVectors")
+"""A branch as vectors and tables."""
+
+Functions: TypeAlias = tuple[Evaluate[V], Solve[V], TangentAt[V], Observe[V]]
+"""What `take_steps` needs of a problem: evaluate, solve, tangent_at and observe."""
+
+WORTH = 64
+"""Points asked for at once from which compiled code is looked for."""
+
+TOO_STIFF = "flights whose equations are not linear, or too stiff"
+
+LINEAR = 50
+"""A linear flight takes as long as so many of the impact pair, plainly."""
 
 
-def walk_orbits(
-    problem: OrbitProblem,
-    start: Array,
-    direction: int,
-    *,
-    tests: Sequence[TestFunction[Linearisation]] = (),
-    gaps: bool = True,
-    **options: Unpack[Options],
-) -> Walk[Linearisation]:
-    """As `contimpact.continuation.walk.walk`, for orbits: on a backend of their own.
+class OrbitBackend(ABC, Generic[V]):
+    """An orbit problem as steps ask for it: block-cyclic elimination, many steps at a time.
 
-    With `gaps` it is decided at every point if the orbit is physical, and changes of that or of the
-    number of unstable multipliers are explained by events; see `contimpact.bifurcations.status`.
+    Parameters
+    ----------
+    problem : OrbitProblem
+        With one free parameter.
+    gaps : bool
+        Whether to decide at every point if it is physical.
+    doubling : bool
+        Whether the determinant of a PD is wanted.
     """
-    if problem.autonomous:
-        from .free_period_ends import FreePeriodEnds
 
-        options["stop"] = FreePeriodEnds(problem, options.get("stop"))
-    backend = backend_of(problem, tests, gaps)
-    at, name = (problem, start, direction), problem.parameter
-    asked = options["limits"]
-    options["limits"] = bounded(problem, start, asked)
-    found = walk(*at, parameter=name, tests=tests, backend=backend, meeting=meeting, **options)
-    found = told(found, problem, asked)
-    if not gaps:
-        return found
-    settings, switched = options.get("settings") or Settings(), options.get("tangent") is not None
-    return explained(problem, found, tests, settings, switched)
+    ARGUMENTS: ClassVar[str]
+    """Kinds of the compiled entry's arguments: those of the vectors, then of `StepVectors`."""
 
+    def __init__(self, problem: OrbitProblem, gaps: bool, doubling: bool) -> None:
+        self.problem, self.gaps, self.doubling = problem, gaps, doubling
+        self.setup = problem.kernels.setup(*problem.model.values.values())
+        self.count, self.walls = len(problem.word), len(problem.model.WALLS)
+        self.derived = len(problem.model.DERIVED)
 
-def backend_of(
-    problem: OrbitProblem, tests: Sequence[TestFunction[Linearisation]], gaps: bool = True
-) -> CycleBackend | None:
-    """Return a problem on block-cyclic elimination.
+    @functools.cached_property
+    @abstractmethod
+    def described(self) -> int:
+        """Numbers of a point before its gaps."""
 
-    None where there is none: for several coordinates that do not move linearly or are more than
-    four, for two free parameters, for orbits without impacts, for free periods, and where jumps
-    move the gap coordinate.
-    """
-    if problem.free != 1 or not problem.word.walls:
-        return None
-    if problem.autonomous:
-        plainly("free periods")
-        return None
-    if problem.lost or not problem.kernels.passages.anchored:
-        plainly("modes of different dimension, and jumps that move the gap coordinate")
-        return None
-    needs = {need for test in tests if isinstance(test, OrbitTest) for need in test.needs}
-    wanted = gaps or "gaps" in needs, "doubling" in needs
-    if problem.m == 2:
-        return CycleBackend(problem, *wanted)
-    from .chain_backend import ChainBackend
+    @functools.cached_property
+    @abstractmethod
+    def functions(self) -> Functions[V]:
+        """What `take_steps` needs of the problem, plainly."""
 
-    if not ChainBackend.follows(problem):
-        plainly("several coordinates that do not move linearly, or more than four of them")
-        return None
-    return ChainBackend(problem, *wanted)
+    @functools.cached_property
+    @abstractmethod
+    def arrays(self) -> V:
+        """The branch as arrays, for compiled code."""
+
+    @functools.cached_property
+    @abstractmethod
+    def variant(self) -> str | None:
+        """How compiled code follows flights; None where it cannot."""
+
+    @functools.cached_property
+    @abstractmethod
+    def obstacle(self) -> str:
+        """Why there is no compiled code."""
+
+    @abstractmethod
+    def vectors(self, made_by: Containers) -> V:
+        """The branch as vectors and tables."""
+
+    @abstractmethod
+    def block(self, rows: Array) -> Block:
+        """The points in the rows of `take_steps`."""
+
+    @abstractmethod
+    def written(self) -> Program:
+        """The program of the variant."""
+
+    def common(self, made_by: Containers, *more: int) -> dict[str, Vector]:
+        """The vectors and tables that all backends have, by name, with `more` in the counts."""
+        vector, table = made_by
+        problem, count, walls = self.problem, self.count, self.walls
+        word = [problem.model.letters.index(letter) for letter in problem.word.walls]
+        place = list(problem.model.values).index(problem.parameter)
+        wanted: list[int] = [int(self.gaps), int(self.doubling), *more]
+        passages = problem.kernels.passages
+        return {
+            "kinds": vector(
+                [a * walls + b for a, b in zip(word, word[1:] + word[:1], strict=True)]
+            ),
+            "word": vector(word),
+            "arrivals": vector(problem.arrivals),
+            "watched": vector([int(meets) for row in passages.watched for meets in row]),
+            "counts": vector([walls, problem.word.period, place, self.derived, *wanted]),
+            "values": vector(list(problem.model.values.values())),
+            "sides": vector([float(wall.side) for wall in problem.model.WALLS]),
+            "leaving": vector(passages.leaving),
+            "fixed": table(1, POSITIONS + len(self.setup.walls) + len(self.setup.derived)),
+            "clock": vector([0.0] * 3),
+            "durations": vector([0.0] * count),
+            "gaps": vector([0.0] * count * walls),
+            "times": vector([0.0] * count * walls),
+            "velocities": vector([0.0] * count),
+        }
+
+    def advance(self, position: Position, most: int) -> Batch:
+        """Take steps until one is proposed or refused, `most` at most."""
+        fast = self.compiled(most)
+        if fast is None:
+            return self.steps(position, most, None)
+        self.arrays.clock[UNRESOLVED] = 0.0
+        made = self.steps(position, most, fast)
+        if self.arrays.clock[UNRESOLVED] == 0.0:
+            return made
+        import logging
+
+        logging.getLogger(__name__).info("flights too stiff for compiled code: going on plainly")
+        self.variant, self.obstacle = None, TOO_STIFF
+        return self.steps(position, most, None)
+
+    def steps(self, position: Position, most: int, fast: CompiledProgram | None) -> Batch:
+        """Take them by compiled code, or plainly."""
+        vectors = position.vectors(self.recorded, most, ARRAYS if fast else LISTS)
+        if fast:
+            made = fast(*self.arrays, *vectors)
+        else:
+            made = take_steps(*self.functions, self.lists, tuple(vectors))
+        flights = int(vectors.state[EVALUATIONS]) * self.count
+        self.problem.kernel_evaluations += flights
+        spend(0 if fast else flights * self.cost)
+        return batch_of(position, self.problem, vectors, made, self.block)
+
+    @property
+    def recorded(self) -> int:
+        """How many numbers ``observe`` records of a point."""
+        return self.described + self.count * (self.walls + 1) + self.derived
+
+    @functools.cached_property
+    def cost(self) -> int:
+        """What a flight counts for, plainly."""
+        flight = self.problem.kernels.flight(*self.problem.kinds[0])
+        return LINEAR if "flow" in flight.__code__.co_names else 1
+
+    @functools.cached_property
+    def space(self) -> int:
+        """Numbers of scratch space behind the parameter values of compiled code."""
+        kernels, walls = self.problem.kernels, self.problem.model.WALLS
+        if not any(kernels.linear(wall.name) for wall in walls):
+            return 0
+        from .linear_flights import space_for
+
+        return space_for(kernels)
+
+    @functools.cached_property
+    def lists(self) -> V:
+        """The branch as lists, for a plain run."""
+        return self.vectors(LISTS)
+
+    def compiled(self, most: int) -> CompiledProgram | None:
+        """Compiled code, if it is in the cache or worth compiling, and the work is worth it."""
+        said = mode()
+        if said == "never" or (said == "auto" and most < WORTH):
+            return None
+        if self.variant is None:
+            plainly(self.obstacle)
+            return None
+        return load((self.problem.kernels.identity, self.variant), self.ARGUMENTS, self.written)

@@ -7,7 +7,6 @@ import dataclasses
 import functools
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
@@ -17,13 +16,13 @@ from ..bifurcations.registry import test_functions
 from ..continuation.branch import Event, Point, Points, Walk, joined
 from ..continuation.corrector import correct
 from ..continuation.interruption import interrupted, kept, other_way, undisturbed
+from ..continuation.problem import Evaluation
 from ..continuation.settings import Settings
 from ..continuation.test_function import TestFunction, UserFunction
 from ..continuation.walk import SAME_SOLUTION, Stop
 from ..errors import InputError
 from ..models.model import Model
 from ..models.word import Word
-from ..orbits.linearisation import Linearisation
 from ..orbits.orbit import Orbit
 from ..orbits.problem import OrbitProblem
 from ..orbits.quiet import problem_of
@@ -35,7 +34,7 @@ from ..records.entry import Entry
 from ..records.entry_conversion import entry_of
 from ..records.given import as_orbit, named
 from ..segments.kernels import Kernels
-from .orbit_backend import walk_orbits
+from .orbit_walks import walk_orbits
 from .symmetry import at_image, watched
 from .tables import tabulate
 
@@ -176,7 +175,7 @@ def _user(given: UserEvent) -> TestFunction:
     kind, function = given
 
     def value(point: Point) -> float:
-        found = np.asarray(function(_orbit(point)), dtype=float)
+        found = np.asarray(function(Orbit(point.evaluation.problem, point.evaluation)), dtype=float)
         if found.size != 1:
             raise InputError(
                 f"event {kind}", f"its function returned {found!r}", "return one number"
@@ -184,10 +183,6 @@ def _user(given: UserEvent) -> TestFunction:
         return float(found.reshape(()))
 
     return UserFunction(kind, value)
-
-
-def _orbit(point: Point[Linearisation]) -> Orbit:
-    return Orbit(point.evaluation.problem, point.evaluation)
 
 
 @dataclass(frozen=True, eq=False)
@@ -303,11 +298,10 @@ class Run:
         if not -BEYOND <= part <= 1.0 + BEYOND:
             return False
         guess = left + part * (right - left)
-        return self._same(
-            correct(problem, guess, way / scale, scale, Settings()).evaluation, unknowns
-        )
+        found = correct(problem, guess, way / scale, scale, Settings())
+        return self._same(found.evaluation, unknowns)
 
-    def _same(self, here: Any, unknowns: Array) -> bool:
+    def _same(self, here: Evaluation | None, unknowns: Array) -> bool:
         """Whether a solution, if there is one, is an orbit."""
         if here is None:
             return False

@@ -17,8 +17,8 @@ from ..continuation.walk import Options
 from ..errors import InputError
 from ..models.model import Model
 from ..models.word import Word
-from ..orbit_continuation.orbit_backend import walk_orbits
 from ..orbit_continuation.orbit_branch import Run, both_ways
+from ..orbit_continuation.orbit_walks import walk_orbits
 from ..orbits.problem import Array, OrbitProblem
 from ..orbits.quiet import problem_of
 from ..orbits.search import solve_near

@@ -18,8 +18,8 @@ from ..continuation.branch import Event
 from ..continuation.test_function import TestFunction
 from ..models.model import Model
 from ..models.word import Word, is_rotation
-from ..orbit_continuation.orbit_backend import walk_orbits
 from ..orbit_continuation.orbit_branch import Run, both_ways
+from ..orbit_continuation.orbit_walks import walk_orbits
 from ..orbit_continuation.symmetry import at_image, watched
 from ..orbits.orbit import Orbit
 from ..orbits.problem import Array, OrbitProblem

@@ -21,7 +21,7 @@ from contimpact.accuracy.simulated import simulated
 from contimpact.cli import main
 from contimpact.continuation.settings import Settings
 from contimpact.errors import InputError
-from contimpact.orbit_continuation.orbit_backend import walk_orbits
+from contimpact.orbit_continuation.orbit_walks import walk_orbits
 from contimpact.orbits.search import find_orbits
 from contimpact.plots.report import plot_report
 from contimpact.scenes.scene import load_scene, read_scene

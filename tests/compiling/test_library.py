@@ -23,8 +23,8 @@ from contimpact.continuation.ends import EndKind
 from contimpact.continuation.settings import Settings
 from contimpact.errors import InputError
 from contimpact.models.word import parse_word
-from contimpact.orbit_continuation.orbit_backend import backend_of, walk_orbits
 from contimpact.orbit_continuation.orbit_program import program_of
+from contimpact.orbit_continuation.orbit_walks import backend_of, walk_orbits
 from contimpact.orbits.problem import OrbitProblem
 from contimpact.segments.kernels import Kernels
 from contimpact.systems.soft_stop import SoftStop

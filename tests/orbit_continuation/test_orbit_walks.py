@@ -12,7 +12,7 @@ from contimpact.continuation.batch import Position
 from contimpact.continuation.settings import Settings
 from contimpact.continuation.test_function import UserFunction
 from contimpact.continuation.walk import walk
-from contimpact.orbit_continuation.orbit_backend import backend_of, walk_orbits
+from contimpact.orbit_continuation.orbit_walks import backend_of, walk_orbits
 from contimpact.orbits.search import find_orbits
 
 EVENTS = ("FB", "BP", "PD", "NS", "G", "V", "T")
