@@ -17,9 +17,8 @@ A1, not of B3. The multiplier 1 of the flow's direction becomes a 0 in that plac
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
 
-from ..arrays import Array
+from ..arrays import Array, Number
 from .problem import OrbitProblem
 
 
@@ -36,7 +35,7 @@ class FreePeriodProblem(OrbitProblem):
         """Return the orbit's period."""
         return -float(unknowns[0])
 
-    def closing(self, first: Any, period: Any) -> Any:
+    def closing(self, first: Number, period: Number) -> Number:
         """Return when an orbit closes: at t = 0."""
         return 0.0 * first
 

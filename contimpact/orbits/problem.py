@@ -24,12 +24,11 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from itertools import pairwise
-from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..arrays import Array
+from ..arrays import Array, Number
 from ..errors import InputError
 from ..models.guards import state_size
 from ..models.model import Model
@@ -165,7 +164,7 @@ class OrbitProblem:
         """Return the letter of the guard a flight leaves, and the unknowns there."""
         return self.word.walls[flight], self.impacts(unknowns)[flight].tolist()
 
-    def leaves(self, moved: Any) -> Array:
+    def leaves(self, moved: ArrayLike) -> Array:
         """Return a direction of an impact's unknowns, or rows of them in turn, as one of where a
         flight leaves."""
         return np.asarray(moved)
@@ -288,7 +287,7 @@ class OrbitProblem:
         matrix[self._at_end] += end
         return matrix.reshape(self.n, -1)
 
-    def closing(self, first: Any, period: Any) -> Any:
+    def closing(self, first: Number, period: Number) -> Number:
         """Return when an orbit closes, of the first impact's time and the forcing period."""
         return first + period * self.word.period
 
