@@ -44,13 +44,7 @@ ITERATIONS = 12
 
 
 class ExactFlights:
-    """Arrivals in many digits.
-
-    Parameters
-    ----------
-    simulator : Simulator
-    digits : int
-    """
+    """Arrivals in many digits."""
 
     def __init__(self, simulator: Simulator, digits: int = 30) -> None:
         model, kernels = simulator.model, simulator.kernels

@@ -86,10 +86,6 @@ def basins(
     callback : callable, optional
         Called with starts done and their number.
 
-    Returns
-    -------
-    Basins
-
     Notes
     -----
     With several degrees of freedom all starts have the other coordinates of the fastest impact on

@@ -149,10 +149,6 @@ def orbits_on(branch: Branch, sweep: Sweep, value: float, kernels: Kernels) -> l
     """Return the orbits of a branch at a parameter value.
 
     Each is solved for at that value from the line between the neighbouring points.
-
-    Returns
-    -------
-    list of Orbit
     """
     parameters = branch[branch.parameter]
     offset = parameters - value

@@ -123,14 +123,7 @@ def _shortened(met: Sequence[str], most: int = 12) -> str:
 
 
 class Simulators:
-    """Simulators of one model along a parameter; kernels are loaded once.
-
-    Parameters
-    ----------
-    model : Model
-    parameter : str
-    kernels : Kernels, optional
-    """
+    """Simulators of one model along a parameter; kernels are loaded once."""
 
     def __init__(self, model: Model, parameter: str, kernels: Kernels | None = None) -> None:
         self.model, self.parameter = model, parameter

@@ -46,10 +46,6 @@ def number(text: str, where: str, values: Mapping[str, float] | None = None) -> 
     values : mapping of str to float, optional
         Further names that may stand in it.
 
-    Returns
-    -------
-    float
-
     Raises
     ------
     InputError

@@ -36,10 +36,6 @@ def plot_map(shown: Map, ax: Any = None, units: Mapping[str, str] | None = None)
         Where to draw; an axes of a new figure by default.
     units : mapping of str to str, optional
         Of the parameters.
-
-    Returns
-    -------
-    matplotlib.axes.Axes
     """
     ax = ax or matplotlib.figure.Figure(figsize=(6.4, 4.8), layout="constrained").add_subplot()
     handles = _draw_names(ax, shown) if shown.named else _draw_numbers(ax, shown)

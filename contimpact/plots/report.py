@@ -31,10 +31,6 @@ def plot_report(data: Mapping[str, Any], ax: Any = None, *, against: str = "seco
         Where to draw; a new figure otherwise.
     against : {"seconds", "evaluations"}
         Seconds are medians, with bars from the least to the most.
-
-    Returns
-    -------
-    matplotlib.axes.Axes
     """
     if ax is None:
         figure = matplotlib.figure.Figure(figsize=(5.2, 4.2), dpi=150, layout="constrained")

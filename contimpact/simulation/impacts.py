@@ -47,10 +47,6 @@ def make_impacts(
         Filled with a number for each impact or release; of shape (0,) if no rows are kept.
     span : vector of int, shape (2,)
         Rows to make at most, and the turns at which to stop.
-
-    Returns
-    -------
-    made : int
     """
     period, kept = body.clock[0], len(walls) > 0
     wall, turn, phase, velocity = state[0], state[1], when[0], when[1]

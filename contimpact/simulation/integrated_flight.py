@@ -22,14 +22,7 @@ one before, a period at most; where the flow does not stay finite they are halve
 
 
 class Begun(NamedTuple):
-    """What a flight leaves with.
-
-    Attributes
-    ----------
-    field : str
-    time, position, velocity : float
-    parameters : list of float
-    """
+    """What a flight leaves with."""
 
     field: str
     time: float
