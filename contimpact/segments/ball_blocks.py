@@ -15,10 +15,14 @@ from typing import Any, TypeAlias
 
 from flint import arb, arb_mat, ctx
 
+from ..arrays import Number
 from .ball_series import around_zero
 
-Blocks: TypeAlias = list[list[Any]]
-"""``blocks[k][i]`` is A_{k,i}, an ``arb_mat``, or None for one that is zero."""
+Matrix: TypeAlias = Any
+"""An ``arb_mat``, or None for one that is zero."""
+
+Blocks: TypeAlias = list[list[Matrix]]
+"""``blocks[k][i]`` is A_{k,i}."""
 
 SMALL = 6
 """The exponential's series is summed for a norm of 2 to minus this."""
@@ -44,14 +48,14 @@ def product(a: Blocks, b: Blocks) -> Blocks:
     return found
 
 
-def _add(into: list[Any], i: int, left: Any, right: Any) -> None:
+def _add(into: list[Matrix], i: int, left: Matrix, right: Matrix) -> None:
     if left is None or right is None:
         return
     more = left * right
     into[i] = more if into[i] is None else into[i] + more
 
 
-def mapped(function: Callable[..., Any], *all_blocks: Blocks) -> Blocks:
+def mapped(function: Callable[..., Matrix], *all_blocks: Blocks) -> Blocks:
     """Return what a function makes of each block; those that are zero everywhere stay so."""
     return [
         [
@@ -62,7 +66,7 @@ def mapped(function: Callable[..., Any], *all_blocks: Blocks) -> Blocks:
     ]
 
 
-def scaled(a: Blocks, factor: Any) -> Blocks:
+def scaled(a: Blocks, factor: Number) -> Blocks:
     """Return a multiple."""
     return mapped(lambda block: block * factor, a)
 
@@ -77,7 +81,7 @@ def subtracted(a: Blocks, b: Blocks) -> Blocks:
     return mapped(lambda x, y: -y if x is None else x if y is None else x - y, a, b)
 
 
-def norm(a: Blocks) -> Any:
+def norm(a: Blocks) -> Number:
     """Return the largest sum of absolute values of a row, of all blocks, rounded upwards."""
     tables = [block.tolist() for row in a for block in row if block is not None]
     sums = [
@@ -125,18 +129,18 @@ def _series(a: Blocks, terms: int) -> Blocks:
     return total
 
 
-def _combined(powers: Sequence[Blocks], factors: Sequence[Any]) -> Blocks:
+def _combined(powers: Sequence[Blocks], factors: Sequence[Number]) -> Blocks:
     total = scaled(powers[0], factors[0])
     for power, factor in zip(powers[1:], factors[1:], strict=False):
         total = added(total, scaled(power, factor))
     return total
 
 
-def _inverse_factorial(j: int) -> Any:
+def _inverse_factorial(j: int) -> Number:
     return 1 / arb(math.factorial(j))
 
 
-def _left_out_added(a: Blocks, bound: Any) -> Blocks:
+def _left_out_added(a: Blocks, bound: Number) -> Blocks:
     """The sum with balls in every entry of every block."""
     rows, columns = a[0][0].nrows(), a[0][0].ncols()
     ball = around_zero(bound.upper())

@@ -23,12 +23,12 @@ from __future__ import annotations
 import functools
 import math
 from collections.abc import Iterator, Sequence
-from typing import Any
 
 import numpy as np
 from flint import arb, arb_mat, arb_series, ctx
 
-from .ball_blocks import Blocks, exponential, norm, one, product, scaled, subtracted
+from ..arrays import Array
+from .ball_blocks import Blocks, Matrix, exponential, norm, one, product, scaled, subtracted
 from .ball_series import Number, around_zero, constant, number
 from .linear_flow import Shape, generators, scales_of
 
@@ -39,7 +39,7 @@ TABLES = ((True, 0), (False, 1), (True, 1), (False, 2))
 """What `linear_flow.flow` returns: Q or P, and how often it is differentiated by the time."""
 
 
-def flow(d: int, h: int, directions: int, dt: Any, *numbers: Any) -> Entries:
+def flow(d: int, h: int, directions: int, dt: Number, *numbers: Number) -> Entries:
     """Return what `linear_flow.flow` returns, as enclosures: of balls, or of power series."""
     shape = Shape(d, h, directions)
     time, given = number(dt), [number(x) for x in numbers]
@@ -50,12 +50,12 @@ def flow(d: int, h: int, directions: int, dt: Any, *numbers: Any) -> Entries:
     return Entries(motion, time, length)
 
 
-def _varies(x: Any) -> bool:
+def _varies(x: Number) -> bool:
     """Whether a number has higher coefficients: its powers then have all of them."""
     return isinstance(x, arb_series) and x.length() > 1
 
 
-def _coefficient(x: Any, j: int) -> Any:
+def _coefficient(x: Number, j: int) -> Number:
     if isinstance(x, arb_series):
         return x[j]
     return x if j == 0 else arb(0)
@@ -72,10 +72,10 @@ class Entries:
         Of power series; 1 for balls.
     """
 
-    def __init__(self, motion: _Motion, time: Any, length: int) -> None:
+    def __init__(self, motion: _Motion, time: Number, length: int) -> None:
         self.motion, self.time, self.length = motion, time, length
         self._known: dict[int, Number] = {}
-        self._tables: dict[tuple[bool, int], Any] = {}
+        self._tables: dict[tuple[bool, int], Matrix] = {}
 
     def __len__(self) -> int:
         shape = self.motion.shape
@@ -103,7 +103,7 @@ class Entries:
             return arb_series(found, prec=self.length)
         return found[0]
 
-    def _table(self, means: bool, rates: int) -> Any:
+    def _table(self, means: bool, rates: int) -> Matrix:
         """The coefficients of the series of all entries of Q or P, or of their rates by the time.
 
         With Taylor coefficients c_m by the time for each order of the parameters' series, they are
@@ -119,7 +119,7 @@ class Entries:
         return arb_mat(rows) * arb_mat([row for part in taylor for row in part.tolist()])
 
     @functools.cached_property
-    def _powers(self) -> list[Any]:
+    def _powers(self) -> list[Number]:
         """Powers of the time's change, as many as do not vanish."""
         if not isinstance(self.time, arb_series):
             return [[arb(1)] + [arb(0)] * self.length]
@@ -143,7 +143,7 @@ class _Motion:
         How many coefficients are wanted.
     """
 
-    def __init__(self, shape: Shape, orders: list[list[Any]], time: Any, count: int) -> None:
+    def __init__(self, shape: Shape, orders: list[list[Number]], time: Number, count: int) -> None:
         self.shape, self.count = shape, count
         whole = self._balanced(orders)
         self.reach, self.growth = abs(time).upper(), norm(whole)
@@ -154,9 +154,9 @@ class _Motion:
         self.last = self._last(float(turning))
         with ctx.workprec(ctx.prec + 64 + self.last + math.ceil(1.5 * float(turning))):
             self.positions, self.means = self._around_middle(whole)
-        self._taylor: dict[bool, list[Any]] = {}
+        self._taylor: dict[bool, list[Matrix]] = {}
 
-    def _balanced(self, orders: list[list[Any]]) -> Blocks:
+    def _balanced(self, orders: list[list[Number]]) -> Blocks:
         """G, its derivatives and its power series, in the units of `scales_of`."""
         matrices = [generators(self.shape, row, object) for row in orders]
         for later in matrices[1:]:
@@ -202,7 +202,7 @@ class _Motion:
         return rows, means[1:]
 
     @functools.cached_property
-    def left_out(self) -> tuple[list[Any], list[Any]]:
+    def left_out(self) -> tuple[list[Number], list[Number]]:
         """Balls that hold what the Taylor series of P and of Q leave out."""
         beyond, step = self.last + 1, abs(self.beside).upper()
         grown = (self.growth * self.reach).exp()
@@ -213,7 +213,7 @@ class _Motion:
             found.append([around_zero((size * n * power).upper()) for n, power in ways])
         return found[0], found[1]
 
-    def taylor(self, means: bool) -> list[Any]:
+    def taylor(self, means: bool) -> list[Matrix]:
         """Return the Taylor coefficients of Q, or P, on the ball of times.
 
         For each order of the parameters' series a matrix: a row for each coefficient, in it the
@@ -227,7 +227,7 @@ class _Motion:
         return self._taylor[means]
 
     @functools.cached_property
-    def _moved(self) -> Any:
+    def _moved(self) -> Matrix:
         """What makes Taylor coefficients on the ball of times from those at its middle."""
         powers = [arb(1)]
         while len(powers) <= self.last:
@@ -240,7 +240,7 @@ class _Motion:
             ]
         )
 
-    def _flat(self, rows: Sequence[Blocks], order: int) -> Any:
+    def _flat(self, rows: Sequence[Blocks], order: int) -> Matrix:
         """The blocks of an order, each matrix as a row."""
         zeros = [arb(0)] * (self.shape.freedom * self.shape.size)
         return arb_mat(
@@ -250,7 +250,7 @@ class _Motion:
             ]
         )
 
-    def _with_left_out(self, taylor: Any, means: bool) -> Any:
+    def _with_left_out(self, taylor: Matrix, means: bool) -> Matrix:
         width = taylor.ncols()
         return taylor + arb_mat([[left] * width for left in self.left_out[means]])
 
@@ -259,11 +259,11 @@ class _Motion:
         return float(self.sizes[direction] / self.balance[i, j])
 
 
-def _block(rows: list[list[Any]]) -> Any:
+def _block(rows: list[list[Number]]) -> Matrix:
     """A matrix, or None for that of zeros."""
     return None if all(x == 0 for row in rows for x in row) else arb_mat(rows)
 
 
-def _doubles(matrix: Any) -> Any:
+def _doubles(matrix: Array) -> Array:
     """Midpoints of a matrix of balls."""
     return np.array([[float(arb(x).mid()) for x in row] for row in matrix.tolist()])

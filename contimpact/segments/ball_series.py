@@ -10,17 +10,17 @@ Number: TypeAlias = Any
 """An ``arb``, or an ``arb_series`` of them."""
 
 
-def number(x: Any) -> Number:
+def number(x: Number) -> Number:
     """Return a number of a kernel as one of this arithmetic."""
     return x if isinstance(x, arb | arb_series) else arb(x)
 
 
-def constant(x: Any) -> Any:
+def constant(x: Number) -> Number:
     """Return a number without its higher coefficients."""
     return x[0] if isinstance(x, arb_series) else number(x)
 
 
-def around_zero(radius: Any) -> Any:
+def around_zero(radius: Number) -> Number:
     """Return the ball around zero that holds a radius, itself a ball."""
     return arb(0, 1) * radius
 
@@ -33,7 +33,7 @@ def power(x: Number, exponent: int) -> Number:
     return found
 
 
-def composed(series: Any, x: Any) -> Any:
+def composed(series: Number, x: Number) -> Number:
     """Return a function of a series, from its Taylor series at the constant term of this."""
     change = arb_series([0, *x.coeffs()[1:]], prec=x.prec)
     if change.length() == 0:  # python-flint takes the empty series for one with a constant term

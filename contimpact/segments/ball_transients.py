@@ -14,18 +14,18 @@ from __future__ import annotations
 import functools
 import math
 from collections.abc import Callable
-from typing import Any
 
 from flint import arb, arb_poly, arb_series, ctx
 
+from ..arrays import Number, Vector
 from .ball_series import around_zero, composed, power
 from .transients import MOTIONS, TABLES
 
 
-def transients(order: int) -> Callable[[Any, Any, Any], Any]:
+def transients(order: int) -> Callable[[Number, Number, Number], Vector]:
     """Return what `transients` of that order returns, as enclosures."""
 
-    def function(c: Any, k: Any, t: Any) -> Any:
+    def function(c: Number, k: Number, t: Number) -> Vector:
         c, k = _held(c), _held(k)
         means = {(n, b): transient(n, b, c, k, t) for n, b in TABLES[order]}
         timed = (means[n, b] * power(t, 2 * b - 1 - n) for n, b in MOTIONS[order])
@@ -34,7 +34,7 @@ def transients(order: int) -> Callable[[Any, Any, Any], Any]:
     return function
 
 
-def _held(number: Any) -> Any:
+def _held(number: Number) -> Number:
     """A coefficient that does not vary."""
     if isinstance(number, arb_series):
         if any(c != 0 for c in number.coeffs()[1:]):
@@ -43,7 +43,7 @@ def _held(number: Any) -> Any:
     return arb(number)
 
 
-def transient(n: int, b: int, c: Any, k: Any, t: Any) -> Any:
+def transient(n: int, b: int, c: Number, k: Number, t: Number) -> Number:
     """Return the mean (n, b), or the function of time where n >= 2b, at a time."""
     length = t.prec if isinstance(t, arb_series) else 1
     here = t[0] if isinstance(t, arb_series) else arb(t)
@@ -85,7 +85,7 @@ def _rounded_up(number: int, step: int) -> int:
     return -(-number // step) * step
 
 
-def _polynomial(n: int, b: int, c: Any, k: Any, terms: int) -> Any:
+def _polynomial(n: int, b: int, c: Number, k: Number, terms: int) -> Number:
     """The sum of the first powers of the time."""
     if c.is_exact() and k.is_exact():
         return _known(n, b, c.man_exp(), k.man_exp(), terms, ctx.prec)
@@ -93,12 +93,12 @@ def _polynomial(n: int, b: int, c: Any, k: Any, terms: int) -> Any:
 
 
 @functools.lru_cache(maxsize=256)
-def _known(n: int, b: int, c: Any, k: Any, terms: int, bits: int) -> Any:
+def _known(n: int, b: int, c: Number, k: Number, terms: int, bits: int) -> Number:
     """The same for exact numbers, which are the same all along a branch."""
     return arb_poly(_coefficients(n, b, arb(c), arb(k), terms))
 
 
-def _coefficients(n: int, b: int, c: Any, k: Any, terms: int) -> list[Any]:
+def _coefficients(n: int, b: int, c: Number, k: Number, terms: int) -> list[Number]:
     """Those of the powers of the time."""
     degree, first = 2 * b - 1 - n, _first(n, b)
     here, before = arb(1), arb(0)
@@ -110,7 +110,7 @@ def _coefficients(n: int, b: int, c: Any, k: Any, terms: int) -> list[Any]:
     return found
 
 
-def _left_out(n: int, b: int, size: Any, reach: Any, terms: int, i: int) -> Any:
+def _left_out(n: int, b: int, size: Number, reach: Number, terms: int, i: int) -> Number:
     """A bound of the i-th Taylor coefficient of the rest: twice that of its first term.
 
     Terms fall by half at least, see `_terms`.

@@ -120,7 +120,7 @@ def _cosh(x: Number) -> Number:
     return (grown + 1 / grown) / 2
 
 
-def _floor(x: Any) -> Number:
+def _floor(x: Number) -> Number:
     if isinstance(x, _Turns):
         return arb(x.whole)
     whole = constant(x).floor().unique_fmpz()
@@ -129,7 +129,7 @@ def _floor(x: Any) -> Number:
     return arb(whole)
 
 
-def _abs(x: Any) -> Number:
+def _abs(x: Number) -> Number:
     here = constant(x)
     if isinstance(x, arb_series) and not (here > 0 or here < 0):
         raise UndecidedError(f"the sign of {here}")
@@ -139,11 +139,11 @@ def _abs(x: Any) -> Number:
 # Stumpff functions.
 
 
-def _one(k: int, q: Any) -> Number:
+def _one(k: int, q: Number) -> Number:
     return stumpff([k], number(q))[0]
 
 
-def _together(highest: int, q: Any) -> tuple[Number, ...]:
+def _together(highest: int, q: Number) -> tuple[Number, ...]:
     return tuple(stumpff(range(1, highest + 1), number(q)))
 
 
@@ -160,14 +160,14 @@ def stumpff(orders: Sequence[int], q: Number) -> list[Number]:
     ]
 
 
-def _spread(ball: Any) -> Any:
+def _spread(ball: Number) -> Number:
     """The radius, times what slopes of Stumpff functions grow by at negative numbers."""
     low, radius = ball.lower(), ball.rad()
     return (-low).sqrt().cosh() * radius if low < 0 else radius
 
 
 @functools.cache
-def _slopes(k: int, length: int) -> list[Any]:
+def _slopes(k: int, length: int) -> list[Number]:
     """Balls that hold the slopes of the Taylor coefficients of c_k."""
     return [around_zero(fmpq(n + 1, math.factorial(2 * n + k + 2))) for n in range(length)]
 

@@ -19,7 +19,7 @@ from typing import Any
 
 import numpy as np
 
-from ..arrays import Array
+from ..arrays import Array, Number, Vector
 from . import integration, linear_flow
 from .arithmetic import FLOATS, PLAIN, Arithmetic, Kernel, evaluate_in
 from .layout import flat, refilled
@@ -41,38 +41,38 @@ class Bounded:
         self.value, self.error = value, error
 
     @classmethod
-    def of(cls, number: Any) -> Bounded:
+    def of(cls, number: Number) -> Bounded:
         """Return a number of a formula: whole ones are exact, others have been rounded."""
         if isinstance(number, cls):
             return number
         value = float(number)
         return cls(value, 0.0 if value.is_integer() else 2.0 * UNIT * abs(value))
 
-    def __add__(self, other: Any) -> Bounded:
+    def __add__(self, other: Number) -> Bounded:
         other = self.of(other)
         value = self.value + other.value
         return Bounded(value, self.error + other.error + UNIT * abs(value))
 
-    def __mul__(self, other: Any) -> Bounded:
+    def __mul__(self, other: Number) -> Bounded:
         other = self.of(other)
         value = self.value * other.value
         spread = abs(self.value) * other.error + abs(other.value) * self.error
         return Bounded(value, spread + self.error * other.error + UNIT * abs(value))
 
-    def __truediv__(self, other: Any) -> Bounded:
+    def __truediv__(self, other: Number) -> Bounded:
         other = self.of(other)
         value = self.value / other.value
         least = abs(other.value) - other.error
         spread = (self.error + abs(value) * other.error) / least if least > 0.0 else math.inf
         return Bounded(value, spread + UNIT * abs(value))
 
-    def __mod__(self, other: Any) -> Bounded:
+    def __mod__(self, other: Number) -> Bounded:
         other = self.of(other)
         value = self.value % other.value
         turns = abs(round((self.value - value) / other.value))
         return Bounded(value, self.error + turns * other.error + UNIT * abs(value))
 
-    def __pow__(self, exponent: Any) -> Bounded:
+    def __pow__(self, exponent: Number) -> Bounded:
         return _power(self, self.of(exponent))
 
     def __neg__(self) -> Bounded:
@@ -81,19 +81,19 @@ class Bounded:
     def __abs__(self) -> Bounded:
         return Bounded(abs(self.value), self.error)
 
-    def __sub__(self, other: Any) -> Bounded:
+    def __sub__(self, other: Number) -> Bounded:
         return self + -self.of(other)
 
-    def __rsub__(self, other: Any) -> Bounded:
+    def __rsub__(self, other: Number) -> Bounded:
         return self.of(other) - self
 
-    def __rtruediv__(self, other: Any) -> Bounded:
+    def __rtruediv__(self, other: Number) -> Bounded:
         return self.of(other) / self
 
-    def __rmod__(self, other: Any) -> Bounded:
+    def __rmod__(self, other: Number) -> Bounded:
         return self.of(other) % self
 
-    def __rpow__(self, base: Any) -> Bounded:
+    def __rpow__(self, base: Number) -> Bounded:
         return _power(self.of(base), self)
 
     __radd__, __rmul__, __pos__ = __add__, __mul__, lambda self: self
@@ -101,16 +101,16 @@ class Bounded:
     def __float__(self) -> float:
         return self.value
 
-    def __lt__(self, other: Any) -> bool:
+    def __lt__(self, other: Number) -> bool:
         return self.value < float(other)
 
-    def __le__(self, other: Any) -> bool:
+    def __le__(self, other: Number) -> bool:
         return self.value <= float(other)
 
-    def __gt__(self, other: Any) -> bool:
+    def __gt__(self, other: Number) -> bool:
         return self.value > float(other)
 
-    def __ge__(self, other: Any) -> bool:
+    def __ge__(self, other: Number) -> bool:
         return self.value >= float(other)
 
 
@@ -128,7 +128,7 @@ def _bounded(
     rougher, to a multiple of these. `sizes` are what its results are rounded beside.
     """
 
-    def on_bounded(*arguments: Any) -> Any:
+    def on_bounded(*arguments: Number) -> Number | Vector:
         given = [Bounded.of(a) for a in arguments]
         values = [a.value for a in given]
         found = function(*values)
@@ -159,12 +159,12 @@ def _slopes(function: Callable[..., Any], values: list[float], i: int, here: Arr
     return np.max(sizes, axis=0)
 
 
-def _floor(x: Any) -> Bounded:
+def _floor(x: Number) -> Bounded:
     """A whole number of turns; which one does not matter."""
     return Bounded(float(math.floor(Bounded.of(x).value)))
 
 
-def _flow(d: int, h: int, directions: int, *arguments: Any) -> Any:
+def _flow(d: int, h: int, directions: int, *arguments: Number) -> Vector:
     """A linear flight."""
     numbers = [Bounded.of(a).value for a in arguments[1:]]
     sizes = partial(linear_flow.rounded_beside, d, h, directions, numbers)
@@ -172,7 +172,7 @@ def _flow(d: int, h: int, directions: int, *arguments: Any) -> Any:
     return _bounded(function, sizes=sizes)(*arguments)
 
 
-def _flown(field: str, directions: str, *arguments: Any) -> Any:
+def _flown(field: str, directions: str, *arguments: Number) -> Vector:
     """A flight that is integrated."""
     numbers = [Bounded.of(a).value for a in arguments]
     sizes = partial(integration.rounded_beside, field, directions, numbers)
@@ -212,7 +212,7 @@ def bounds_of_kernel(kernel: Kernel, arguments: Numbers) -> Any:
     return _apart(evaluate_in(kernel, BOUNDED)(*map(_exact, arguments)))
 
 
-def _exact(number: Any) -> Bounded:
+def _exact(number: Number) -> Bounded:
     return number if isinstance(number, Bounded) else Bounded(float(number))
 
 

@@ -5,13 +5,14 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Sequence
 from typing import Any
 
+from ..arrays import Number, Vector
 from .transients import MOTIONS, TABLES
 
 
-def transients(ctx: Any, order: int) -> Callable[[Any, Any, Any], Any]:
+def transients(ctx: Any, order: int) -> Callable[[Number, Number, Number], Vector]:
     """What `transients` of that order returns, in many digits."""
 
-    def function(c: Any, k: Any, t: Any) -> Any:
+    def function(c: Number, k: Number, t: Number) -> Vector:
         means = together(ctx, TABLES[order], c, k, t)
         timed = (means[n, b] * ctx.mpf(t) ** (2 * b - 1 - n) for n, b in MOTIONS[order])
         return (*means.values(), *timed)
@@ -27,13 +28,13 @@ NEAR = 1e-3
 """Distance of roots, from zero or from each other, below which that is so."""
 
 
-def transient(ctx: Any, n: int, b: int, c: Any, k: Any, t: Any) -> Any:
+def transient(ctx: Any, n: int, b: int, c: Number, k: Number, t: Number) -> Number:
     """The inverse Laplace transform of s^n/(s^2 + cs + k)^b, by t^(2b-1-n) where n < 2b."""
     return together(ctx, [(n, b)], c, k, t)[n, b]
 
 
 def together(
-    ctx: Any, table: Iterable[tuple[int, int]], c: Any, k: Any, t: Any
+    ctx: Any, table: Iterable[tuple[int, int]], c: Number, k: Number, t: Number
 ) -> dict[tuple[int, int], Any]:
     """The same of several n and b, which share their exponentials."""
     c, k, t = map(ctx.mpf, (c, k, t))
@@ -51,13 +52,15 @@ def together(
     return {of: +value for of, value in found.items()}
 
 
-def _near(ctx: Any, c: Any, k: Any, t: Any) -> bool:
+def _near(ctx: Any, c: Number, k: Number, t: Number) -> bool:
     """Whether a root is near zero or the other one, so that sums over both lose many digits."""
     apart = ctx.sqrt(ctx.mpc(c * c - 4 * k))
     return bool(min(abs(apart), abs(apart - c) / 2, abs(apart + c) / 2) * abs(t) < NEAR)
 
 
-def _power_series(ctx: Any, n: int, b: int, c: Any, k: Any, t: Any, size: Any) -> Any:
+def _power_series(
+    ctx: Any, n: int, b: int, c: Number, k: Number, t: Number, size: Number
+) -> Number:
     """By the coefficients of 1/(1 + cz + kz^2)^b; powers below zero are impulses."""
     degree = 2 * b - 1 - n
     here, before, total = ctx.one, ctx.zero, ctx.zero
@@ -71,7 +74,7 @@ def _power_series(ctx: Any, n: int, b: int, c: Any, k: Any, t: Any, size: Any) -
     return total
 
 
-def _roots(ctx: Any, c: Any, k: Any, t: Any) -> list[tuple[Any, Any, Any]]:
+def _roots(ctx: Any, c: Number, k: Number, t: Number) -> list[tuple[Number, Number, Number]]:
     """Both roots: the distance to the other one, the root, and its exponential.
 
     They cannot coincide, as they are far from zero and may be moved apart.
@@ -81,7 +84,7 @@ def _roots(ctx: Any, c: Any, k: Any, t: Any) -> list[tuple[Any, Any, Any]]:
     return [(distance, root, ctx.exp(root * t)) for distance, root in roots]
 
 
-def _partial_fractions(ctx: Any, n: int, b: int, roots: Sequence[Any], t: Any) -> Any:
+def _partial_fractions(ctx: Any, n: int, b: int, roots: Sequence[Number], t: Number) -> Number:
     total = ctx.zero
     for distance, root, grown in roots:
         for j in range(1, b + 1):
@@ -90,7 +93,7 @@ def _partial_fractions(ctx: Any, n: int, b: int, roots: Sequence[Any], t: Any) -
     return ctx.re(total)
 
 
-def _of_root(ctx: Any, n: int, j: int, root: Any, grown: Any, t: Any) -> Any:
+def _of_root(ctx: Any, n: int, j: int, root: Number, grown: Number, t: Number) -> Number:
     """The inverse Laplace transform of s^n/(s - root)^j; `grown` is exp(root t)."""
     if n >= 0:
         return grown * sum(

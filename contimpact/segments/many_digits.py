@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any
 
+from ..arrays import Number, Vector
 from . import integration, linear_flow
 from .arithmetic import FUNCTIONS, PLAIN, Arithmetic
 from .exact_transients import transients
@@ -23,10 +24,10 @@ def many_digits(ctx: Any) -> Arithmetic:
     return Arithmetic(names | constants, exact=True)
 
 
-def _stumpff(ctx: Any, k: int) -> Callable[[Any], Any]:
+def _stumpff(ctx: Any, k: int) -> Callable[[Number], Number]:
     """c_k by its series near zero, by the recurrence from c_0 and c_1 away from it."""
 
-    def function(q: Any) -> Any:
+    def function(q: Number) -> Number:
         q = ctx.mpf(q)
         if k > 1 and abs(q) < 30:
             return _series(ctx, k, q)
@@ -40,13 +41,13 @@ def _stumpff(ctx: Any, k: int) -> Callable[[Any], Any]:
     return function
 
 
-def _stumpffs(ctx: Any, highest: int) -> Callable[[Any], Any]:
+def _stumpffs(ctx: Any, highest: int) -> Callable[[Number], Vector]:
     """All c_k from the first on."""
     functions = [_stumpff(ctx, k) for k in range(1, highest + 1)]
     return lambda q: tuple(function(q) for function in functions)
 
 
-def _series(ctx: Any, k: int, q: Any) -> Any:
+def _series(ctx: Any, k: int, q: Number) -> Number:
     with ctx.extradps(6):
         term = total = 1 / ctx.factorial(k)
         j = 0

@@ -11,6 +11,7 @@ from collections import Counter
 from collections.abc import Callable, Sequence
 from typing import Any
 
+from ..arrays import Number, Vector
 from .arithmetic import FLOATS, PLAIN, Arithmetic
 from .layout import flat, refilled, result_text
 from .stumpff import TOGETHER
@@ -27,7 +28,7 @@ class Tape:
         self.steps: list[tuple[Any, ...]] = []
         self._places: dict[tuple[Any, ...], int] = {}
 
-    def step(self, operation: str, *operands: Any) -> Recorded:
+    def step(self, operation: str, *operands: Number) -> Recorded:
         """Return the result of an operation on recorded numbers and floats."""
         key = (operation, *(x.place if isinstance(x, Recorded) else repr(x) for x in operands))
         if key not in self._places:
@@ -35,7 +36,7 @@ class Tape:
             self.steps.append(key)
         return Recorded(self, self._places[key])
 
-    def note(self, operation: str, operand: Any, result: Recorded) -> None:
+    def note(self, operation: str, operand: Number, result: Recorded) -> None:
         """Remember the result of an operation that need not be made."""
         self._places.setdefault((operation, operand.place), result.place)
 
@@ -76,49 +77,49 @@ class Recorded:
     def __init__(self, tape: Tape, place: int) -> None:
         self.tape, self.place = tape, place
 
-    def _with(self, operation: str, *operands: Any) -> Any:
+    def _with(self, operation: str, *operands: Number) -> Number:
         if all(isinstance(x, Recorded | int | float) for x in operands):
             return self.tape.step(operation, *operands)
         return NotImplemented
 
-    def __add__(self, other: Any) -> Any:
+    def __add__(self, other: Number) -> Number:
         return self._with("({} + {})", self, other)
 
-    def __radd__(self, other: Any) -> Any:
+    def __radd__(self, other: Number) -> Number:
         return self._with("({} + {})", other, self)
 
-    def __sub__(self, other: Any) -> Any:
+    def __sub__(self, other: Number) -> Number:
         return self._with("({} - {})", self, other)
 
-    def __rsub__(self, other: Any) -> Any:
+    def __rsub__(self, other: Number) -> Number:
         return self._with("({} - {})", other, self)
 
-    def __mul__(self, other: Any) -> Any:
+    def __mul__(self, other: Number) -> Number:
         return self._with("({}*{})", self, other)
 
-    def __rmul__(self, other: Any) -> Any:
+    def __rmul__(self, other: Number) -> Number:
         return self._with("({}*{})", other, self)
 
-    def __truediv__(self, other: Any) -> Any:
+    def __truediv__(self, other: Number) -> Number:
         return self._with("({}/{})", self, other)
 
-    def __rtruediv__(self, other: Any) -> Any:
+    def __rtruediv__(self, other: Number) -> Number:
         return self._with("({}/{})", other, self)
 
-    def __mod__(self, other: Any) -> Any:
+    def __mod__(self, other: Number) -> Number:
         return self._with("({} % {})", self, other)
 
-    def __pow__(self, other: Any) -> Any:
+    def __pow__(self, other: Number) -> Number:
         return self._with("({}**{})", self, other)
 
-    def __neg__(self) -> Any:
+    def __neg__(self) -> Number:
         return self._with("(-{})", self)
 
 
 def _recorded(name: str, function: Callable[..., Any]) -> Callable[..., Any]:
     """A function that writes itself down where one of its arguments is on a tape."""
 
-    def on_recorded(*arguments: Any) -> Any:
+    def on_recorded(*arguments: Number) -> Number | Vector:
         tapes = [x.tape for x in arguments if isinstance(x, Recorded)]
         if not tapes:
             return function(*arguments)
@@ -127,10 +128,10 @@ def _recorded(name: str, function: Callable[..., Any]) -> Callable[..., Any]:
     return on_recorded
 
 
-def _together(highest: int) -> Callable[[Any], Any]:
+def _together(highest: int) -> Callable[[Number], Vector]:
     """Stumpff functions of one argument; what asks for one of them later finds it there."""
 
-    def on_recorded(q: Any) -> Any:
+    def on_recorded(q: Number) -> Vector:
         if not isinstance(q, Recorded):
             return FLOATS.names[f"stumpffs{highest}"](q)
         found = q.tape.step(f"stumpffs{highest}({{}})", q)
@@ -147,7 +148,7 @@ def _transients(order: int) -> Callable[..., Any]:
     name, count = f"transients{order}", len(TABLES[order]) + len(MOTIONS[order])
     together = _recorded(name, FLOATS.names[name])
 
-    def on_recorded(*arguments: Any) -> Any:
+    def on_recorded(*arguments: Number) -> Vector:
         found = together(*arguments)
         if not isinstance(found, Recorded):
             return found

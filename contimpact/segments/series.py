@@ -17,8 +17,9 @@ made from them.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
-from typing import Any, TypeAlias
+from typing import Any, NoReturn, TypeAlias
 
+from ..arrays import Number, Vector
 from ..errors import InputError
 from .arithmetic import PLAIN, Arithmetic
 from .stumpff import HIGHEST, TOGETHER
@@ -30,15 +31,15 @@ class Series:
 
     __slots__ = ("coefficients",)
 
-    def __init__(self, coefficients: Iterable[Any]) -> None:
+    def __init__(self, coefficients: Iterable[Number]) -> None:
         self.coefficients = list(coefficients)
 
-    def _of(self, other: Any) -> Series:
+    def _of(self, other: Number) -> Series:
         if isinstance(other, Series):
             return other
         return Series([other, *[0] * (len(self.coefficients) - 1)])
 
-    def __add__(self, other: Any) -> Series:
+    def __add__(self, other: Number) -> Series:
         return Series(map(_sum, self.coefficients, self._of(other).coefficients))
 
     __radd__ = __add__
@@ -46,53 +47,53 @@ class Series:
     def __neg__(self) -> Series:
         return Series([0 if _vanishes(a) else -a for a in self.coefficients])
 
-    def __sub__(self, other: Any) -> Series:
+    def __sub__(self, other: Number) -> Series:
         return Series(map(_difference, self.coefficients, self._of(other).coefficients))
 
-    def __rsub__(self, other: Any) -> Series:
+    def __rsub__(self, other: Number) -> Series:
         return self._of(other) - self
 
-    def __mul__(self, other: Any) -> Series:
+    def __mul__(self, other: Number) -> Series:
         a, b = self.coefficients, self._of(other).coefficients
         return Series([_product(a[: n + 1], b[n::-1]) for n in range(min(len(a), len(b)))])
 
     __rmul__ = __mul__
 
-    def __truediv__(self, other: Any) -> Series:
+    def __truediv__(self, other: Number) -> Series:
         a, b = self.coefficients, self._of(other).coefficients
-        found: list[Any] = []
+        found: list[Number] = []
         for n in range(min(len(a), len(b))):
             left = _difference(a[n], _product(b[1 : n + 1], found[::-1]))
             found.append(0 if _vanishes(left) else left / b[0])
         return Series(found)
 
-    def __rtruediv__(self, other: Any) -> Series:
+    def __rtruediv__(self, other: Number) -> Series:
         return self._of(other) / self
 
-    def __pow__(self, exponent: Any) -> Series:
+    def __pow__(self, exponent: Number) -> Series:
         return composed(lambda x: x**exponent, [lambda x: exponent * x ** (exponent - 1)], self)
 
-    def __mod__(self, other: Any) -> Series:
+    def __mod__(self, other: Number) -> Series:
         (a, *rest), (b, *by) = self.coefficients, self._of(other).coefficients
         turns = (a - a % b) / b
         return Series([a % b, *map(_difference, rest, (_product([turns], [c]) for c in by))])
 
 
-def _vanishes(coefficient: Any) -> bool:
+def _vanishes(coefficient: Number) -> bool:
     return type(coefficient) is int and coefficient == 0
 
 
-def _sum(a: Any, b: Any) -> Any:
+def _sum(a: Number, b: Number) -> Number:
     return b if _vanishes(a) else a if _vanishes(b) else a + b
 
 
-def _difference(a: Any, b: Any) -> Any:
+def _difference(a: Number, b: Number) -> Number:
     return a if _vanishes(b) else -b if _vanishes(a) else a - b
 
 
-def _product(a: Sequence[Any], b: Sequence[Any]) -> Any:
+def _product(a: Sequence[Number], b: Sequence[Number]) -> Number:
     """The sum of the products of coefficients."""
-    total: Any = 0
+    total: Number = 0
     for x, y in zip(a, b, strict=True):
         if not (_vanishes(x) or _vanishes(y)):
             total = _sum(total, x * y)
@@ -100,7 +101,7 @@ def _product(a: Sequence[Any], b: Sequence[Any]) -> Any:
 
 
 def composed(
-    function: Callable[..., Any], slopes: Sequence[Callable[..., Any]], *arguments: Any
+    function: Callable[..., Any], slopes: Sequence[Callable[..., Any]], *arguments: Number
 ) -> Series:
     """Return a function of series, from its values and its derivatives as functions of series.
 
@@ -121,7 +122,7 @@ def composed(
     return Series([c / n if n > 1 and not _vanishes(c) else c for n, c in enumerate(found)])
 
 
-def _alike(arguments: Sequence[Any]) -> tuple[int, list[Series]]:
+def _alike(arguments: Sequence[Number]) -> tuple[int, list[Series]]:
     """Arguments as series of one length, and that length."""
     size = min(len(x.coefficients) for x in arguments if isinstance(x, Series))
     given = (x.coefficients if isinstance(x, Series) else [x, *[0] * size] for x in arguments)
@@ -145,8 +146,10 @@ def series(inner: Arithmetic) -> Arithmetic:
     return Arithmetic(names | constants | PLAIN, inner.exact)
 
 
-def _of_series(function: Callable[..., Any], slopes: Sequence[Callable[..., Any]]) -> Any:
-    def on_series(*arguments: Any) -> Any:
+def _of_series(
+    function: Callable[..., Any], slopes: Sequence[Callable[..., Any]]
+) -> Callable[..., Any]:
+    def on_series(*arguments: Number) -> Number:
         if any(isinstance(x, Series) for x in arguments):
             return composed(function, slopes, *arguments)
         return function(*arguments)
@@ -179,7 +182,7 @@ def _slopes(names: dict[str, Any]) -> dict[str, list[Callable[..., Any]]]:
     return found
 
 
-def _stumpff_slope(f: dict[str, Any], k: int, q: Any) -> Any:
+def _stumpff_slope(f: dict[str, Any], k: int, q: Number) -> Number:
     """c_k' = (k c_{k+2} - c_{k+1})/2."""
     above = f[f"stumpff{k + 1}"](q)
     if k == 0:
@@ -188,16 +191,16 @@ def _stumpff_slope(f: dict[str, Any], k: int, q: Any) -> Any:
     return ((further if k == 1 else k * further) - above) / 2
 
 
-def _beyond(*arguments: Any) -> Any:
+def _beyond(*arguments: Number) -> NoReturn:
     found = f"derivatives of Stumpff functions beyond c_{HIGHEST} are asked for"
     raise InputError("flight", found, "write it with Stumpff functions of lower order")
 
 
-def _together(inner: Arithmetic, names: dict[str, Any], highest: int) -> Callable[[Any], Any]:
+def _together(inner: Arithmetic, names: dict[str, Any], highest: int) -> Callable[[Number], Vector]:
     """All c_k from the first on, by the function of the coefficients' arithmetic for all."""
     slopes = _slopes(names)
 
-    def on_series(q: Any) -> Any:
+    def on_series(q: Number) -> Vector:
         if not isinstance(q, Series):
             return inner.names[f"stumpffs{highest}"](q)
         values = inner.names[f"stumpffs{highest}"](q.coefficients[0])
@@ -213,7 +216,7 @@ def _transients(inner: Arithmetic, order: int) -> Callable[..., Any]:
     """Free motions of an oscillator, from those with all their derivatives."""
     highest = max(TABLES)
 
-    def on_series(*arguments: Any) -> Any:
+    def on_series(*arguments: Number) -> Vector:
         if not any(isinstance(x, Series) for x in arguments):
             return inner.names[f"transients{order}"](*arguments)
         size, given = _alike(arguments)
@@ -229,7 +232,7 @@ def _transients(inner: Arithmetic, order: int) -> Callable[..., Any]:
 def _flow(inner: Arithmetic) -> Callable[..., Any]:
     """Linear flights."""
 
-    def on_series(d: int, h: int, directions: int, *arguments: Any) -> Any:
+    def on_series(d: int, h: int, directions: int, *arguments: Number) -> Vector:
         if not any(isinstance(x, Series) for x in arguments):
             return inner.names["flow"](d, h, directions, *arguments)
         _, (dt, *numbers) = _alike(arguments)
@@ -243,7 +246,7 @@ def _flow(inner: Arithmetic) -> Callable[..., Any]:
 def _flown(inner: Arithmetic) -> Callable[..., Any]:
     """Flights that are integrated."""
 
-    def on_series(field: str, directions: str, *arguments: Any) -> Any:
+    def on_series(field: str, directions: str, *arguments: Number) -> Vector:
         if not any(isinstance(x, Series) for x in arguments):
             return inner.names["flown"](field, directions, *arguments)
         _, given = _alike(arguments)
