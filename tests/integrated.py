@@ -1,6 +1,7 @@
 """Systems with closed forms, as if they had none: their flights are integrated."""
 
 import sympy
+from zoo import TWO_MASSES
 
 from contimpact.models.model import Formulas
 from contimpact.models.nonlinear import Nonlinear
@@ -34,14 +35,4 @@ class IntegratedMasses(TwoMasses):
         return Formulas(**{**vars(formulas), "flight": motion.flight})
 
 
-MASSES = {
-    "c1": 0.1,
-    "c2": 0.05,
-    "k1": 1.0,
-    "k2": 0.6,
-    "a1": 1.0,
-    "omega": 1.8,
-    "sigma_1": 1.0,
-    "sigma_2": 1.0,
-    "r": 0.8,
-}
+MASSES = TWO_MASSES | {"omega": 1.8, "sigma_1": 1.0, "sigma_2": 1.0}

@@ -86,6 +86,11 @@ events = ["PD", "G"]
 """One parameter range, two orbits at the start, a period doubling and a ghost grazing."""
 
 
+TWO_MASSES = {"c1": 0.1, "c2": 0.05, "k1": 1.0, "k2": 0.6, "a1": 1.0, "omega": 1.3}
+TWO_MASSES |= {"sigma_1": 0.5, "sigma_2": 0.4, "r": 0.8}
+"""Parameters of the package's `two-masses`."""
+
+
 class TwoMasses(Model):
     """Two equal masses in a row, the first one against a stop.
 

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 import pytest
+from algebraic import EPSILON, Values
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -19,17 +20,6 @@ from contimpact.continuation.settings import Settings
 from contimpact.continuation.sign_changes import DIPS, Sample, Stretch, crossings, suspects
 from contimpact.continuation.test_function import Located, TestFunction, UserFunction
 from contimpact.continuation.walk import walk
-
-EPSILON = float(np.finfo(float).eps)
-
-
-@dataclass(frozen=True)
-class Values:
-    """An evaluation."""
-
-    unknowns: np.ndarray
-    residual: np.ndarray
-    jacobian: np.ndarray
 
 
 @dataclass

@@ -11,7 +11,7 @@ import sys
 from pathlib import Path
 
 import pytest
-from zoo import ROOT
+from zoo import ROOT, SMALL
 
 from contimpact import load_diagram, load_scene, write_diagram
 from contimpact.cli import main
@@ -25,18 +25,7 @@ from contimpact.storage.locks import LOCK, locked
 from contimpact.storage.processes import this_process
 
 BRANCHES = ROOT / "branches"
-SCENE = """
-name = "small"
-[model]
-system = "impact-pair"
-parameters = { beta = "pi/6", r = 0.3, A = 5.0, s = 0.34 }
-[follow]
-parameter = "s"
-range = [0.3, 0.4]
-orbits = ["1:1"]
-[detect]
-events = ["PD", "G"]
-[plot]
+SCENE = f"""{SMALL}[plot]
 x = "d"
 formats = ["png"]
 """
@@ -279,7 +268,7 @@ def test_results_of_two_scenes_are_not_mixed(scene, tmp_path, order):
     """What the first has left is of another scene and goes; rows say themselves what they are."""
     folder = tmp_path / "out"
     first = scene(SCENE + SIMULATE, "first.toml")
-    second = scene(SCENE.replace("0.3, A", "0.4, A") + SIMULATE, "second.toml")
+    second = scene(SCENE.replace("r = 0.3", "r = 0.4") + SIMULATE, "second.toml")
     assert run(order[0], first, "-o", folder, "-q", "--no-plot") == 0
     assert run(order[1], second, "-o", folder, "-q", "--no-plot") == 0
     mine = {"run": {"catalogue.json", "events.csv"}, "simulate": {"sweep.csv"}}

@@ -8,7 +8,7 @@ import pickle
 
 import numpy as np
 import pytest
-from zoo import ROOT
+from zoo import ROOT, TWO_MASSES
 
 from contimpact.errors import InputError
 from contimpact.orbits.search import find_orbits
@@ -16,18 +16,6 @@ from contimpact.scenes.scene import load_scene, read_scene
 from contimpact.segments.checking import check_model
 from contimpact.studies.explore import follow
 from contimpact.systems.impact_damper import ImpactDamper
-
-VALUES = {
-    "c1": 0.1,
-    "c2": 0.05,
-    "k1": 1.0,
-    "k2": 0.6,
-    "a1": 1.0,
-    "omega": 1.3,
-    "sigma_1": 0.5,
-    "sigma_2": 0.4,
-    "r": 0.8,
-}
 
 MASSES = {
     "system": "linear",
@@ -41,7 +29,7 @@ MASSES = {
         "A": {"within": "x1 <= sigma_1", "restitution": "r"},
         "B": {"within": "x2 <= sigma_2", "restitution": "r"},
     },
-    "parameters": VALUES,
+    "parameters": TWO_MASSES,
 }
 
 DAMPER = {
@@ -70,7 +58,7 @@ def scene_of(model, **follow_):
 def test_two_masses_stated_in_a_scene_have_the_catalogue_of_the_system():
     """The same events at the same places, to their errors."""
     own = follow(scene_of(MASSES))
-    known = follow(scene_of({"system": "two-masses", "parameters": VALUES}))
+    known = follow(scene_of({"system": "two-masses", "parameters": TWO_MASSES}))
     assert [e.label for e in own.entries] == [e.label for e in known.entries]
     assert len(own.entries) > 0
     for one, other in zip(own.entries, known.entries, strict=True):
@@ -174,9 +162,9 @@ def test_what_is_recorded_makes_the_machine_again():
             r"model\.mass\[0\]: found 1e\+200; give a number of at most 1e\+100",
         ),
         ({"period": "omega - omega"}, r"model\.period: it is 0; give the period of the forcing"),
-        ({"parameters": VALUES | {"t": 1.0}}, r"model\.parameters\.t: the name 't'"),
-        ({"parameters": VALUES | {"r": 1.5}}, r"model\.parameters\.r: .*from 0 to 1"),
-        ({"parameters": VALUES | {"event": 1.5}}, r"model\.parameters: the name 'event'"),
+        ({"parameters": TWO_MASSES | {"t": 1.0}}, r"model\.parameters\.t: the name 't'"),
+        ({"parameters": TWO_MASSES | {"r": 1.5}}, r"model\.parameters\.r: .*from 0 to 1"),
+        ({"parameters": TWO_MASSES | {"event": 1.5}}, r"model\.parameters: the name 'event'"),
         ({"guard": {}}, r"model\.guard: unknown key \(did you mean 'guards'"),
     ],
 )
@@ -186,7 +174,7 @@ def test_mistakes_are_refused_with_their_place(changes, says):
 
 
 def test_masses_are_checked_at_both_ends_of_a_range():
-    model = MASSES | {"mass": ["m", 1], "parameters": VALUES | {"m": 1.0}}
+    model = MASSES | {"mass": ["m", 1], "parameters": TWO_MASSES | {"m": 1.0}}
     with pytest.raises(InputError, match=r"follow\.range\.mass: .* not positive definite"):
         scene_of(model, parameter="m", range=[-0.5, 2.0])
 
@@ -206,7 +194,7 @@ def test_names_may_be_words_of_python():
 
 def test_a_text_that_is_no_machine_is_refused():
     with pytest.raises(InputError, match=r"model\.machine: found '\{\}'; state the machine in a"):
-        scene_of({"system": "linear", "machine": "{}", "parameters": VALUES})
+        scene_of({"system": "linear", "machine": "{}", "parameters": TWO_MASSES})
 
 
 def test_the_example_of_the_documentation():

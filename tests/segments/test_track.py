@@ -6,6 +6,7 @@ import math
 
 import numpy as np
 import pytest
+from zoo import TWO_MASSES
 
 from contimpact.segments.arithmetic import ARRAYS, evaluate_in
 from contimpact.segments.kernels import Kernels
@@ -17,18 +18,7 @@ STATE = [0.3, -0.2, 0.7, 0.1, math.cos(0.4), math.sin(0.4), 1.0]
 
 
 def masses(**given):
-    values = {
-        "c1": 0.1,
-        "c2": 0.05,
-        "k1": 1.0,
-        "k2": 0.6,
-        "a1": 1.0,
-        "omega": 1.3,
-        "sigma_1": 0.5,
-        "sigma_2": 0.4,
-        "r": 0.8,
-    }
-    return TwoMasses(**(values | given))
+    return TwoMasses(**(TWO_MASSES | given))
 
 
 @pytest.mark.parametrize("stiffness", [1.0, 1e6])

@@ -10,7 +10,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
-from zoo import ProportionalMasses
+from zoo import TWO_MASSES, ProportionalMasses
 
 from contimpact import losses
 from contimpact.attractors.attractor import Attractor, Kind
@@ -29,17 +29,7 @@ from contimpact.systems.coupled_by_impact import CoupledByImpact
 from contimpact.systems.impact_damper import ImpactDamper
 from contimpact.systems.two_masses import TwoMasses
 
-VALUES = {
-    "c1": 0.1,
-    "c2": 0.05,
-    "k1": 1.0,
-    "k2": 0.6,
-    "a1": 1.0,
-    "omega": 1.8,
-    "sigma_1": 1.0,
-    "sigma_2": 1.0,
-    "r": 0.8,
-}
+VALUES = TWO_MASSES | {"omega": 1.8, "sigma_1": 1.0, "sigma_2": 1.0}
 STICKING = {"omega": 0.6, "sigma_1": 0.1, "sigma_2": 0.3, "r": 0.5}
 RELEASED = (1.0098, (0.0864, -0.0536))
 """Near an impact on B of the motion with sojourns on A."""

@@ -7,7 +7,7 @@ import math
 import mpmath
 import numpy as np
 import pytest
-from zoo import ProportionalMasses
+from zoo import TWO_MASSES, ProportionalMasses
 
 from contimpact.accuracy.reference import Reference
 from contimpact.bifurcations.registry import switch
@@ -22,21 +22,9 @@ from contimpact.segments.layout import flat
 from contimpact.segments.many_digits import many_digits
 from contimpact.systems.two_masses import TwoMasses
 
-VALUES = {
-    "c1": 0.1,
-    "c2": 0.05,
-    "k1": 1.0,
-    "k2": 0.6,
-    "a1": 1.0,
-    "omega": 1.3,
-    "sigma_1": 0.5,
-    "sigma_2": 0.4,
-    "r": 0.8,
-}
-
 
 def masses(**given):
-    return TwoMasses(**(VALUES | given))
+    return TwoMasses(**(TWO_MASSES | given))
 
 
 @pytest.fixture(scope="module")
@@ -67,8 +55,8 @@ def test_orbits_are_those_of_modal_superposition():
 def test_product_of_multipliers(impacting):
     """Of each impact r^2, and of the flights what damping takes."""
     found = np.prod(impacting.multipliers)
-    rate = (VALUES["c1"] + VALUES["c2"]) + VALUES["c2"]
-    truth = VALUES["r"] ** 4 * math.exp(-rate * 2.0 * math.pi / VALUES["omega"])
+    rate = (TWO_MASSES["c1"] + TWO_MASSES["c2"]) + TWO_MASSES["c2"]
+    truth = TWO_MASSES["r"] ** 4 * math.exp(-rate * 2.0 * math.pi / TWO_MASSES["omega"])
     assert found == pytest.approx(truth, rel=1e-12)
 
 
@@ -124,8 +112,8 @@ def test_events_and_switching():
 def test_a_catalogue_lists_all_positions_and_velocities(impacting):
     """From B's impact on with B's own position, and the first mass's as the other coordinate."""
     first, second = impacts_of(impacting.problem, impacting.unknowns)
-    assert first["positions"][0] == VALUES["sigma_1"]
-    assert second["positions"][1] == VALUES["sigma_2"]
+    assert first["positions"][0] == TWO_MASSES["sigma_1"]
+    assert second["positions"][1] == TWO_MASSES["sigma_2"]
     assert first["positions"][1] == first["x1_"]
     assert second["positions"][0] == second["x1_"]
     assert second["velocities"] == [second["v1_"], second["velocity"]]
