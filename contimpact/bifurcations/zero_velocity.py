@@ -26,7 +26,7 @@ from .extended_system import ExtendedSystem
 from .kind import Change, Details, Kind, Look, ManyDigits, System, Values
 from .orbit_test import OrbitEvent, OrbitPoint, Orbits
 from .reached import Reached, ScalarTest
-from .sliding import INSTANT, at_zero_velocity
+from .sliding import INSTANT, at_zero_velocity, guard_at
 from .start import Start, regular
 from .vanishing import vanished, vanishing, without
 from .zero_duration import ZeroDuration
@@ -42,10 +42,9 @@ class ZeroVelocity(ScalarTest):
     kind = "V"
 
     def __init__(self, problem: OrbitProblem) -> None:
-        sides = {w.name: float(w.side) for w in problem.model.WALLS}
         met = {k for flight in problem.excursions for k in vanishing(problem, flight)}
         self.impacts = [k for k in range(len(problem.word)) if k not in met]
-        self.sides = np.array([sides[problem.word.walls[k]] for k in self.impacts])
+        self.sides = np.array([float(guard_at(problem, k).side) for k in self.impacts])
         self.velocities = 1 + problem.m * np.array(self.impacts, dtype=int)
         self.excursions = list(problem.excursions)
         self.durations = ZeroDuration(problem)
@@ -108,9 +107,8 @@ class Alone:
     """The velocity of an impact between excursions, towards its wall, over their durations."""
 
     def __init__(self, problem: OrbitProblem, impact: int) -> None:
-        sides = {w.name: float(w.side) for w in problem.model.WALLS}
         beside = impact, (impact - 1) % len(problem.word)
-        self.impact, self.side = impact, sides[problem.word.walls[impact]]
+        self.impact, self.side = impact, float(guard_at(problem, impact).side)
         self.flights = [k for k in beside if k in problem.excursions]
         self.velocity = 1 + problem.m * impact
 
