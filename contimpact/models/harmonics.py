@@ -10,6 +10,7 @@ from collections.abc import Callable, Sequence
 from typing import Any
 
 import sympy
+from sympy import Expr
 
 from .symbols import own
 
@@ -26,7 +27,7 @@ class HarmonicSum(sympy.Expr):
     is_commutative = True
 
     @property
-    def free_symbols(self) -> set[Any]:
+    def free_symbols(self) -> set[Expr]:
         return set(self.args[0].free_symbols) - set(INDICES)
 
     def doit(self, **hints: Any) -> Any:
@@ -34,15 +35,15 @@ class HarmonicSum(sympy.Expr):
         term, rows = self.args
         return sympy.Add(*(term.xreplace(dict(zip(INDICES, row, strict=True))) for row in rows))
 
-    def _eval_derivative(self, symbol: Any) -> Any:
+    def _eval_derivative(self, symbol: Expr) -> Expr:
         term, rows = self.args
         slope = sympy.diff(term, symbol)
         return HarmonicSum(slope, rows) if slope != 0 else slope
 
 
 def over_harmonics(
-    harmonics: Sequence[tuple[Any, Any, Any]], term: Callable[[Any, Any, Any], Any]
-) -> Any:
+    harmonics: Sequence[tuple[Expr, Expr, Expr]], term: Callable[[Expr, Expr, Expr], Expr]
+) -> Expr:
     """Return the sum of ``term(k, a, b)`` over harmonics: one term where there are many numbers."""
     rows = sympy.Tuple(*(sympy.Tuple(*map(sympy.sympify, row)) for row in harmonics))
     if len(rows) <= WRITTEN_OUT or rows.free_symbols:

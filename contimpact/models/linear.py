@@ -10,12 +10,12 @@ from functools import cached_property
 from typing import Any, Self, TypeAlias
 
 import sympy
-from sympy import Integer, pi
+from sympy import Expr, Integer, pi
 from sympy.simplify.fu import TR8
 
 from ..errors import InputError, shown
 
-Matrix = Sequence[Sequence[Any]]
+Matrix = Sequence[Sequence[Expr]]
 
 
 class Law(sympy.Atom):
@@ -32,7 +32,7 @@ class Law(sympy.Atom):
 
     __slots__ = ("freedom", "numbers", "waves")
 
-    def __new__(cls, freedom: int, waves: int, numbers: Sequence[Any]) -> Self:
+    def __new__(cls, freedom: int, waves: int, numbers: Sequence[Expr]) -> Self:
         law: Self = super().__new__(cls)
         law.freedom, law.waves, law.numbers = freedom, waves, tuple(numbers)
         return law
@@ -50,7 +50,7 @@ class Law(sympy.Atom):
         return f"Law({self.freedom}, {self.waves}, {', '.join(map(printer._print, self.numbers))})"
 
     @property
-    def parameters(self) -> list[Any]:
+    def parameters(self) -> list[Expr]:
         """The symbols in it, by name."""
         return sorted(set().union(*(e.free_symbols for e in self.numbers)), key=str)
 
@@ -69,7 +69,7 @@ class _Flow(sympy.Function):
             raise InputError("flight", found, "differentiate its kernel instead")
         return self.func(law, i, j, Integer(argindex - 4), *rest)
 
-    def _eval_derivative(self, s: Any) -> Any:
+    def _eval_derivative(self, s: Expr) -> Expr:
         return self.fdiff(5 + self.args[4:].index(s)) if s in self.args[4:] else Integer(0)
 
 
@@ -112,8 +112,8 @@ class Linear:
         mass: Matrix,
         damping: Matrix,
         stiffness: Matrix,
-        force: Callable[[Any], Sequence[Any]],
-        period: Any,
+        force: Callable[[Expr], Sequence[Expr]],
+        period: Expr,
     ) -> None:
         size = len(_rows(mass, "mass"))
         m, c, k = (
@@ -137,21 +137,21 @@ class Linear:
         self.law = Law(size, len(self.orders), [e for row in self.rows for e in row] + frequencies)
 
     @cached_property
-    def _parameters(self) -> list[Any]:
+    def _parameters(self) -> list[Expr]:
         return self.law.parameters
 
-    def _coordinates(self, t: Any, x: Sequence[Any], v: Sequence[Any]) -> list[Any]:
+    def _coordinates(self, t: Expr, x: Sequence[Expr], v: Sequence[Expr]) -> list[Expr]:
         angles = [2 * pi * n * t / self.period for n in self.orders]
         waves = [wave(angle) for angle in angles for wave in (sympy.cos, sympy.sin)]
         return [*x, *v, *waves, Integer(1)]
 
     def flight(
-        self, t0: Any, x0: Sequence[Any], v0: Sequence[Any], dt: Any
-    ) -> tuple[list[Any], list[Any]]:
+        self, t0: Expr, x0: Sequence[Expr], v0: Sequence[Expr], dt: Expr
+    ) -> tuple[list[Expr], list[Expr]]:
         """Return mean velocities and end velocities, as `Formulas.flight` does."""
         state = self._coordinates(t0, x0, v0)
 
-        def row(kind: Any, i: int) -> Any:
+        def row(kind: type[sympy.Function], i: int) -> Expr:
             entries = (
                 kind(self.law, Integer(i), Integer(j), Integer(0), dt, *self._parameters)
                 for j in range(len(state))
@@ -161,13 +161,13 @@ class Linear:
         size = range(self.law.freedom)
         return [row(MeanFlow, i) for i in size], [row(EndFlow, i) for i in size]
 
-    def acceleration(self, t: Any, x: Sequence[Any], v: Sequence[Any]) -> list[Any]:
+    def acceleration(self, t: Expr, x: Sequence[Expr], v: Sequence[Expr]) -> list[Expr]:
         """Return the accelerations, as `Formulas.acceleration` does."""
         state = self._coordinates(t, x, v)
         return [sympy.Add(*(a * b for a, b in zip(row, state, strict=True))) for row in self.rows]
 
 
-def _rows(given: Matrix | Sequence[Any], name: str) -> list[list[Any]]:
+def _rows(given: Matrix | Sequence[Expr], name: str) -> list[list[Expr]]:
     """The rows of a matrix, from its rows or its diagonal."""
     if isinstance(given, sympy.MatrixBase):
         return given.tolist()
@@ -178,14 +178,14 @@ def _rows(given: Matrix | Sequence[Any], name: str) -> list[list[Any]]:
     return [[e if i == j else 0 for j in range(len(given))] for i, e in enumerate(given)]
 
 
-def _square(rows: list[list[Any]], size: int, name: str) -> Any:
+def _square(rows: list[list[Expr]], size: int, name: str) -> sympy.Matrix:
     if len(rows) != size or any(len(row) != size for row in rows):
         accepted = f"give {size} rows of {size} entries"
         raise InputError(name, f"found rows of {shown([len(row) for row in rows])}", accepted)
     return sympy.Matrix(size, size, lambda i, j: sympy.sympify(rows[i][j]))
 
 
-def _inverse(mass: Any) -> Any:
+def _inverse(mass: sympy.Matrix) -> sympy.Matrix:
     if mass.is_diagonal():
         if any(e == 0 for e in mass.diagonal()):
             raise InputError("mass", "the matrix is singular", "give every coordinate a mass")
@@ -196,11 +196,13 @@ def _inverse(mass: Any) -> Any:
     return mass.adjugate() / determinant
 
 
-Rows: TypeAlias = tuple[list[list[Any]], dict[int, list[tuple[Any, Any]]]]
+Rows: TypeAlias = tuple[list[list[Expr]], dict[int, list[tuple[Expr, Expr]]]]
 """Factors of positions and velocities, and of the cosine and the sine of each harmonic."""
 
 
-def rows_of(accelerations: Sequence[Any], state: Sequence[Any], t: Any, period: Any) -> Rows | None:
+def rows_of(
+    accelerations: Sequence[Expr], state: Sequence[Expr], t: Expr, period: Expr
+) -> Rows | None:
     """Return the rows of a linear law from accelerations; None where they are not linear.
 
     Parameters
@@ -221,7 +223,7 @@ def rows_of(accelerations: Sequence[Any], state: Sequence[Any], t: Any, period: 
     return factors, {n: [waves.get(n, none) for waves in found] for n in orders}
 
 
-def law_of(rows: Rows, orders: Sequence[int], period: Any) -> Law:
+def law_of(rows: Rows, orders: Sequence[int], period: Expr) -> Law:
     """Return the law of a linear flight with harmonics of the given orders."""
     factors, waves = rows
     none = [(Integer(0), Integer(0))] * len(factors)
@@ -235,7 +237,7 @@ def law_of(rows: Rows, orders: Sequence[int], period: Any) -> Law:
     return Law(len(factors), len(orders), [*numbers, *(2 * pi * n / period for n in orders)])
 
 
-def harmonics_of(e: Any, t: Any, period: Any, where: str) -> dict[int, tuple[Any, Any]]:
+def harmonics_of(e: Expr, t: Expr, period: Expr, where: str) -> dict[int, tuple[Expr, Expr]]:
     """Return the factors (of the cosine, of the sine) of each harmonic of a function of t.
 
     Raises
@@ -243,7 +245,7 @@ def harmonics_of(e: Any, t: Any, period: Any, where: str) -> dict[int, tuple[Any
     InputError
         If it is no sum of harmonics of that period.
     """
-    found: dict[int, tuple[Any, Any]] = {}
+    found: dict[int, tuple[Expr, Expr]] = {}
     for term in sympy.Add.make_args(sympy.expand(TR8(sympy.expand(sympy.sympify(e))))):
         factor, order, parts = term, 0, (Integer(1), Integer(0))
         if term.has(t):
@@ -254,7 +256,7 @@ def harmonics_of(e: Any, t: Any, period: Any, where: str) -> dict[int, tuple[Any
     return found
 
 
-def _wave(wave: Any, t: Any, period: Any, where: str) -> tuple[int, tuple[Any, Any]]:
+def _wave(wave: Expr, t: Expr, period: Expr, where: str) -> tuple[int, tuple[Expr, Expr]]:
     """The order of a sine or cosine of t, and its factors of cosine and sine."""
     accepted = f"give a sum of products of sines and cosines of the period {period}"
     angle = sympy.expand(wave.args[0]) if isinstance(wave, sympy.sin | sympy.cos) else None

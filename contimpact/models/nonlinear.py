@@ -10,7 +10,7 @@ from functools import cached_property
 from typing import Any, Self
 
 import sympy
-from sympy import Integer
+from sympy import Expr, Integer
 
 from ..errors import InputError
 from .symbols import own
@@ -29,7 +29,7 @@ class Field(sympy.Atom):
 
     __slots__ = ("accelerations",)
 
-    def __new__(cls, accelerations: Sequence[Any]) -> Self:
+    def __new__(cls, accelerations: Sequence[Expr]) -> Self:
         field: Self = super().__new__(cls)
         field.accelerations = tuple(accelerations)
         return field
@@ -47,18 +47,18 @@ class Field(sympy.Atom):
         return f"Field([{', '.join(map(printer._print, self.accelerations))}])"
 
     @property
-    def state(self) -> tuple[Any, ...]:
+    def state(self) -> tuple[Expr, ...]:
         """The symbols of time, positions and velocities."""
         return state_symbols(len(self.accelerations))
 
     @property
-    def parameters(self) -> list[Any]:
+    def parameters(self) -> list[Expr]:
         """The other symbols in it, by name."""
         found = set().union(*(e.free_symbols for e in self.accelerations))
         return sorted(found - set(self.state), key=str)
 
 
-def state_symbols(freedom: int) -> tuple[Any, ...]:
+def state_symbols(freedom: int) -> tuple[Expr, ...]:
     """Return the symbols in which accelerations are stated: time, positions and velocities."""
     places = range(freedom)
     return own("t"), *(own(f"x{i}") for i in places), *(own(f"v{i}") for i in places)
@@ -79,7 +79,7 @@ class Flown(sympy.Function):
             raise InputError("flight", found, "differentiate its kernel instead")
         return self.func(field, kind, i, Integer(argindex - 4), *rest)
 
-    def _eval_derivative(self, s: Any) -> Any:
+    def _eval_derivative(self, s: Expr) -> Expr:
         moving = ((k, sympy.diff(a, s)) for k, a in enumerate(self.args[4:], 5))
         return sympy.Add(*(rate * self.fdiff(k) for k, rate in moving if rate != 0))
 
@@ -104,7 +104,7 @@ class Nonlinear:
 
     def __init__(
         self,
-        force: Callable[[Any, Sequence[Any], Sequence[Any]], Sequence[Any]],
+        force: Callable[[Expr, Sequence[Expr], Sequence[Expr]], Sequence[Expr]],
         degrees_of_freedom: int = 1,
     ) -> None:
         self.force = force
@@ -116,22 +116,22 @@ class Nonlinear:
         self.field = Field([sympy.sympify(e) for e in given])
 
     @cached_property
-    def _parameters(self) -> list[Any]:
+    def _parameters(self) -> list[Expr]:
         return self.field.parameters
 
     def flight(
-        self, t0: Any, x0: Sequence[Any], v0: Sequence[Any], dt: Any
-    ) -> tuple[list[Any], list[Any]]:
+        self, t0: Expr, x0: Sequence[Expr], v0: Sequence[Expr], dt: Expr
+    ) -> tuple[list[Expr], list[Expr]]:
         """Return mean velocities and end velocities, as `Formulas.flight` does."""
         given = (dt, t0, *x0, *v0, *self._parameters)
 
-        def number(kind: int, i: int) -> Any:
+        def number(kind: int, i: int) -> Expr:
             return Flown(self.field, Integer(kind), Integer(i), Integer(0), *given)
 
         places = range(len(x0))
         means = [number(MEAN, i) for i in places]
         return means, [number(END, i) for i in places]
 
-    def acceleration(self, t: Any, x: Sequence[Any], v: Sequence[Any]) -> list[Any]:
+    def acceleration(self, t: Expr, x: Sequence[Expr], v: Sequence[Expr]) -> list[Expr]:
         """Return the accelerations, as `Formulas.acceleration` does."""
         return [sympy.sympify(e) for e in self.force(t, x, v)]

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, TypeVar
 
 import sympy
+from sympy import Expr
 
 from ..errors import InputError, shown
 from .guards import Guard, Mode, Row, orders_of
@@ -38,20 +39,20 @@ class Departure:
         The same in the time `T0`, and positions and velocities as `state_symbols` names them.
     """
 
-    position: tuple[Any, ...]
-    velocity: tuple[Any, ...]
-    mean: tuple[Any, ...]
-    end: tuple[Any, ...]
-    acceleration: tuple[Any, ...]
-    by_state: tuple[Any, ...]
+    position: tuple[Expr, ...]
+    velocity: tuple[Expr, ...]
+    mean: tuple[Expr, ...]
+    end: tuple[Expr, ...]
+    acceleration: tuple[Expr, ...]
+    by_state: tuple[Expr, ...]
 
     @property
-    def now(self) -> list[Any]:
+    def now(self) -> list[Expr]:
         """Positions at the end."""
         return [x + DT * u for x, u in zip(self.position, self.mean, strict=True)]
 
 
-def along(row: Row, state: Sequence[Any]) -> Any:
+def along(row: Row, state: Sequence[Expr]) -> Expr:
     """Return a linear combination of positions or velocities."""
     return sum((c * part for c, part in zip(row, state, strict=True) if c), sympy.S.Zero)
 
@@ -59,8 +60,8 @@ def along(row: Row, state: Sequence[Any]) -> Any:
 def after_impact(
     formulas: Formulas,
     guard: Guard,
-    position: Sequence[Any],
-    velocity: Sequence[Any],
+    position: Sequence[Expr],
+    velocity: Sequence[Expr],
     modes: Sequence[Mode],
     where: str,
 ) -> Departure:
@@ -106,8 +107,8 @@ def departure(
     formulas: Formulas,
     mode: str,
     orders: Sequence[int],
-    position: Sequence[Any],
-    velocity: Sequence[Any],
+    position: Sequence[Expr],
+    velocity: Sequence[Expr],
     where: str,
 ) -> Departure:
     """Return the flight from a state in a mode, in all coordinates of the system.
@@ -131,7 +132,7 @@ def departure(
     mean, end = (_listed(part, size, f"{where}: flight") for part in flown)
     now = [x + DT * u for x, u in zip(position, mean, strict=True)]
 
-    def law(t: Any, x: Sequence[Any], v: Sequence[Any]) -> tuple[Any, ...]:
+    def law(t: Expr, x: Sequence[Expr], v: Sequence[Expr]) -> tuple[Expr, ...]:
         here = f"{where}: acceleration"
         return _listed(on_symbols(here, acceleration, t, x, [v[i] for i in second]), size, here)
 
@@ -153,8 +154,8 @@ def departure(
 
 
 def _accelerations(
-    law: Sequence[Any], orders: Sequence[int], x: Sequence[Any], v: Sequence[Any]
-) -> tuple[Any, ...]:
+    law: Sequence[Expr], orders: Sequence[int], x: Sequence[Expr], v: Sequence[Expr]
+) -> tuple[Expr, ...]:
     """Accelerations from laws of second order and of first, whose rates of change they are."""
     rates = dict(zip(x, v, strict=True)) | {T0: sympy.S.One}
     rates |= {v[i]: law[i] for i, order in enumerate(orders) if order == 2}
@@ -164,13 +165,13 @@ def _accelerations(
     )
 
 
-def _in_all(part: Sequence[Any], orders: Sequence[int]) -> tuple[Any, ...]:
+def _in_all(part: Sequence[Expr], orders: Sequence[int]) -> tuple[Expr, ...]:
     """One entry for each coordinate of the system, zero for those that a mode does not have."""
     own = iter(part)
     return tuple(next(own) if order else sympy.S.Zero for order in orders)
 
 
-def state_symbols(size: int) -> tuple[list[Any], list[Any]]:
+def state_symbols(size: int) -> tuple[list[Expr], list[Expr]]:
     """Return symbols of so many positions and velocities."""
     return [own(f"position{i}") for i in range(size)], [own(f"velocity{i}") for i in range(size)]
 
@@ -183,11 +184,11 @@ def of_mode(given: Any, mode: str) -> Any:
 def state_after(
     formulas: Formulas,
     name: str,
-    position: Sequence[Any],
-    velocity: Sequence[Any],
+    position: Sequence[Expr],
+    velocity: Sequence[Expr],
     where: str,
     orders: tuple[Sequence[int], Sequence[int]] | None = None,
-) -> tuple[Sequence[Any], Sequence[Any]]:
+) -> tuple[Sequence[Expr], Sequence[Expr]]:
     """Return positions and velocities after an impact, those that are the state of the next mode.
 
     Parameters
@@ -208,7 +209,7 @@ def state_after(
     if tuple(before) != tuple(after):
         found = f"{name!r} leads to a mode of other coordinates"
         raise InputError(f"{where}: jump", found, "give positions and velocities after it")
-    left: Sequence[Any] = [v for v, order in zip(velocity, present, strict=True) if order == 2]
+    left: Sequence[Expr] = [v for v, order in zip(velocity, present, strict=True) if order == 2]
     if formulas.reset is not None:
         left = on_symbols(f"{where}: reset", formulas.reset, name, position, velocity)
     return position, _listed(left, sizes[1], f"{where}: reset")

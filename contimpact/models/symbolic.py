@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 import sympy
-from sympy import I, Integer, pi
+from sympy import Expr, I, Integer, pi
 
 from ..errors import InputError, shown
 from .expressions import check_expression, sympy_expression, values_of
@@ -65,7 +65,7 @@ class MeanTransient(sympy.Function):
 
 
 def harmonic_means(
-    a: Any, b: Any, w: Any, t0: sympy.Expr, dt: sympy.Expr
+    a: Expr, b: Expr, w: Expr, t0: sympy.Expr, dt: sympy.Expr
 ) -> tuple[sympy.Expr, sympy.Expr]:
     r"""Integrate f(t) = a cos(w t) + b sin(w t) once and twice over a flight.
 
@@ -83,7 +83,7 @@ def harmonic_means(
 
 
 def driven_oscillator(
-    a: Any, omega: Any, c: Any, k: Any, rest: Any = 0, load: Any = 0
+    a: Expr, omega: Expr, c: Expr, k: Expr, rest: Expr | float = 0, load: Expr | float = 0
 ) -> tuple[Callable[..., Any], Callable[..., Any]]:
     r"""State the motion of :math:`\ddot x + c\dot x + k(x - x_r) = l + a\cos\omega t`.
 
@@ -103,19 +103,19 @@ def driven_oscillator(
     denominator = (k - omega**2) ** 2 + (c * omega) ** 2
     in_phase, quadrature = a * (k - omega**2) / denominator, a * c * omega / denominator
 
-    def steady(t: Any) -> Any:
+    def steady(t: Expr) -> Expr:
         return in_phase * sympy.cos(omega * t) + quadrature * sympy.sin(omega * t)
 
-    def steady_rate(t: Any) -> Any:
+    def steady_rate(t: Expr) -> Expr:
         return omega * (quadrature * sympy.cos(omega * t) - in_phase * sympy.sin(omega * t))
 
     def flight(
-        t0: Any, x0: Sequence[Any], v0: Sequence[Any], dt: Any
-    ) -> tuple[list[Any], list[Any]]:
+        t0: Expr, x0: Sequence[Expr], v0: Sequence[Expr], dt: Expr
+    ) -> tuple[list[Expr], list[Expr]]:
         # With A, B the free motions from unit displacement and from unit velocity,
         #   x1 - x0 = [p(t1) - p(t0)] + (x0 - p0)(A - 1) + (v0 - p0') B,
         # each bracket divided by dt in closed form. 1 - A is k times the integral of B.
-        def motion(kind: Any, n: int) -> Any:
+        def motion(kind: type[sympy.Function], n: int) -> Expr:
             return kind(Integer(n), Integer(1), c, k, dt)
 
         middle = t0 + dt / 2
@@ -129,15 +129,15 @@ def driven_oscillator(
         )
         return [mean], [speed]
 
-    def acceleration(t: Any, x: Sequence[Any], v: Sequence[Any]) -> list[Any]:
+    def acceleration(t: Expr, x: Sequence[Expr], v: Sequence[Expr]) -> list[Expr]:
         return [load + a * sympy.cos(omega * t) - c * v[0] - k * (x[0] - rest)]
 
     return flight, acceleration
 
 
 def fourier_series(
-    text: str, where: str, period: sympy.Expr, parameters: Mapping[str, Any] | None = None
-) -> tuple[Any, list[tuple[int, Any, Any]]]:
+    text: str, where: str, period: sympy.Expr, parameters: Mapping[str, Expr] | None = None
+) -> tuple[Expr, list[tuple[int, Expr, Expr]]]:
     """Expand a periodic function of ``t`` into a finite sum of harmonics.
 
     Sums and products of sines and cosines are expanded exactly, unless that makes more than about
@@ -172,7 +172,7 @@ def fourier_series(
         expression = sympy_expression(text, where, {"t": t, **symbols})
         if expression.has(sympy.oo, -sympy.oo, sympy.zoo, sympy.nan):
             raise InputError(where, f"{text!r} is not finite", "use a function that is finite")
-        held: dict[Any, Any] = {}
+        held: dict[Expr, Expr] = {}
         coefficients = _exact_coefficients(_held(expression, t, held), t, text, where, period)
         let_go = {dummy: e for e, dummy in held.items()}
         if coefficients is not None:
@@ -190,7 +190,7 @@ def fourier_series(
     return mean, [(k, a, b) for k, a, b in coefficients if k > 0]
 
 
-def _held(e: Any, t: Any, held: dict[Any, Any]) -> Any:
+def _held(e: Expr, t: Expr, held: dict[Expr, Expr]) -> Expr:
     """An expression whose parts in parameters alone are symbols, which expanding leaves alone."""
     if e.has(t):
         return e.func(*(_held(a, t, held) for a in e.args)) if e.args else e
@@ -201,9 +201,9 @@ def _held(e: Any, t: Any, held: dict[Any, Any]) -> Any:
 
 def _exact_coefficients(
     expression: sympy.Expr, t: sympy.Symbol, text: str, where: str, period: sympy.Expr
-) -> list[tuple[int, Any, Any]] | None:
+) -> list[tuple[int, Expr, Expr]] | None:
     """(k, a_k, b_k) of a trigonometric polynomial; None if the expression is not one."""
-    amplitudes: dict[int, Any] = {}
+    amplitudes: dict[int, Expr] = {}
     for term in sympy.Add.make_args(sympy.expand(expression.rewrite(sympy.exp))):
         factor, moving = sympy.powsimp(term).as_independent(t)
         if moving != 1 and not isinstance(moving, sympy.exp):
@@ -231,7 +231,7 @@ def _exact_coefficients(
     return [(k, a, b) for k, a, b in result if (a, b) != (0, 0)]
 
 
-def _require_real(amplitudes: Mapping[int, Any], text: str, where: str) -> None:
+def _require_real(amplitudes: Mapping[int, Expr], text: str, where: str) -> None:
     """Refuse what is not finite, or not real for real t: c_-k has to be the conjugate of c_k."""
     free = sorted(
         set().union(*(sympy.sympify(c).free_symbols for c in amplitudes.values())), key=str
@@ -245,7 +245,7 @@ def _require_real(amplitudes: Mapping[int, Any], text: str, where: str) -> None:
         raise InputError(where, f"{text!r} is not real", "use a function that is real for real t")
 
 
-def _real(value: Any) -> Any:
+def _real(value: Expr) -> Expr:
     """A number as a rational if it is one, else as a 53-bit float; with parameters as it is."""
     if value.free_symbols:
         return sympy.simplify(sympy.expand_complex(value).as_real_imag()[0])
@@ -256,7 +256,9 @@ def _real(value: Any) -> Any:
     return value if value.is_Rational else sympy.Float(number, 17)
 
 
-def _sampled_coefficients(text: str, where: str, period: sympy.Expr) -> list[tuple[int, Any, Any]]:
+def _sampled_coefficients(
+    text: str, where: str, period: sympy.Expr
+) -> list[tuple[int, Expr, Expr]]:
     length = float(period)
     times = length * np.arange(_SAMPLES) / _SAMPLES
     with np.errstate(all="ignore"):
