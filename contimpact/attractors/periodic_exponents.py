@@ -68,7 +68,7 @@ def contracting(simulator: Simulator, cycle: Cycle) -> Contracting:
     errors = _errors(*rounded_product(simulator, rows), mus)
     mus, logs, error = _told(mus, errors, whole)
     total = math.fsum(logs) if math.isnan(whole.logarithm) else whole.logarithm
-    error = 0.0 if error <= NEGLIGIBLE else -math.log1p(-error)
+    error = 0.0 if error <= NEGLIGIBLE else -math.log1p(-min(error, 1.0 - NEGLIGIBLE))
     return Contracting(mus, tuple(e / count for e in logs), error / count, total / count)
 
 

@@ -27,11 +27,10 @@ DAMPINGS = (0.5, 2.0, 4.0, 6.0, 8.0, 10.0, 12.0, 15.0, 19.0, 30.0, 60.0)
 
 def cycle_of(orbit):
     """An orbit as the cycle of the simulated map."""
-    n, m = len(orbit.word.walls), orbit.problem.m
+    n = len(orbit.word.walls)
     rows = orbit.problem.impacts(orbit.unknowns)
     letters = [guard.name for guard in orbit.model.WALLS]
     walls = np.array([letters.index(wall) for wall in orbit.word.walls], dtype=np.int8)
-    resting = {"held": np.zeros(n, dtype=np.int64), "others": rows[:, 2:]} if m > 2 else {}
     return Cycle(
         walls,
         rows[:, 0],
@@ -40,7 +39,8 @@ def cycle_of(orbit):
         orbit.word.period,
         tuple(map(complex, orbit.multipliers)),
         orbit.residual,
-        **resting,
+        rows[:, 2:],
+        np.zeros(n, dtype=np.int64),
     )
 
 
