@@ -116,6 +116,7 @@ def start_row(branch: Branch, entry) -> int:
 
 
 def test_grazing_branches_have_a_physical_and_an_unphysical_side(fig7):
+    looked_at = []
     for branch in fig7.branches:
         entry = next((e for e in fig7.entries if e.id == branch.origin), None)
         if entry is None or entry.kind != "G" or not entry.physical:
@@ -123,6 +124,9 @@ def test_grazing_branches_have_a_physical_and_an_unphysical_side(fig7):
         row = start_row(branch, entry)
         sides = {bool(branch.physical[row - 1]), bool(branch.physical[row + 1])}
         assert sides == {True, False}
+        looked_at.append(entry.label)
+    assert len(looked_at) >= 3
+    assert "G[2:1->3:1]" in looked_at
 
 
 def test_no_branch_is_followed_twice(fig7):
@@ -316,6 +320,7 @@ def test_merging_impacts_are_no_bifurcation_of_multipliers():
             detect={"events": ["FB", "BP", "PD", "G"]},
         )
     )
+    assert {entry.kind for entry in diagram.entries} >= {"FB", "PD"}
     for entry in diagram.entries:
         if entry.kind in ("FB", "BP", "PD"):
             target = -1.0 if entry.kind == "PD" else 1.0

@@ -129,7 +129,11 @@ def test_multipliers_of_orbits(pair, kernels_of, word, d):
     Measured: 7e-16 relative where |mu| < 2; the larger one loses up to eps |mu| (2.8e-13 at 289),
     and the smaller with it, since their product is kept.
     """
-    for orbit in find_orbits(pair(d=d), word, kernels=kernels_of(pair(), "s")):
+    found = find_orbits(pair(d=d), word, kernels=kernels_of(pair(), "s"))
+    assert found
+    if (word, d) == ("2:1", 0.205):
+        assert max(abs(orbit.multipliers[0]) for orbit in found) == pytest.approx(289.0, abs=0.5)
+    for orbit in found:
         here = orbit.linearisation
         exact = exact_multipliers(here.start, here.end)
         bound = 2e-15 + 20 * EPS * float(abs(exact[0]))

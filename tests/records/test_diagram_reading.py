@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+from itertools import groupby
 
 import numpy as np
 import pytest
@@ -42,11 +43,19 @@ def test_intervals_end_exactly_at_events(fig7):
 
 
 def test_intervals_hold_only_stable_physical_points(fig7):
+    """One for each stretch of such points along a branch."""
+    stretches = 0
     for branch in fig7.branches:
-        for interval in stable_intervals(branch):
-            inside = (branch["s"] > interval.low) & (branch["s"] < interval.high)
-            rows = inside & branch.stable & branch.physical
-            assert np.any(rows) or len(branch) < 5
+        own, found = branch["event"] == "", stable_intervals(branch)
+        good, values = (branch.stable & branch.physical)[own], branch["s"][own]
+        rows = [list(group) for _, group in groupby(range(len(good)), key=lambda k: good[k])]
+        held = [part for part in rows if good[part[0]]]
+        assert len(found) == len(held)
+        stretches += len(held)
+        for part in held:
+            low, high = np.min(values[part]), np.max(values[part])
+            assert sum(i.low <= low and high <= i.high for i in found) == 1
+    assert stretches == 4
 
 
 def test_where_a_branch_is_born_it_has_no_status_of_its_own(fig7):

@@ -32,11 +32,14 @@ def small(**follow_keys):
 def test_every_change_of_physicality_is_an_event():
     """Where an orbit begins to pass a wall it grazes it, or an impact appears or vanishes."""
     scene = dataclasses.replace(load_scene(FIG7), events=("FB", "BP", "PD", "G", "V", "T"))
+    passing = 0
     for branch in follow(scene).branches:
         reasons, events = branch["reason"], branch["event"]
         for i in np.nonzero(np.diff(branch["physical"]))[0]:
             if "passes wall" in reasons[i] + reasons[i + 1]:
+                passing += 1
                 assert events[i] or events[i + 1], (branch.id, branch["s"][i])
+    assert passing == 4
 
 
 def test_rotated_words_are_one():

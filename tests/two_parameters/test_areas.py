@@ -67,7 +67,7 @@ def test_the_rectangle_is_divided_by_what_ends_the_orbit(diagram):
 
 def test_borders_are_the_curves(diagram):
     """PD on the right of the crossing and G on its left; above it a line parts what is below."""
-    kinds = {curve.id: curve.kind for curve in diagram.curves}
+    kinds, lines = {curve.id: curve.kind for curve in diagram.curves}, 0
     for area in diagram.areas:
         (ring,), (borders,) = area.polygon, area.borders
         named = [kinds.get(name, name) for _, name in borders]
@@ -75,8 +75,10 @@ def test_borders_are_the_curves(diagram):
         assert sorted(named) == sorted(wanted.get("".join(ends(area)), ["PD", "side", "G"]))
         assert ring[0] == ring[-1]
         if "line" in named:
+            lines += 1
             start = borders[named.index("line")][0]
             assert [ring[start + k][0] for k in (0, 1)] == pytest.approx([CROSSING] * 2, abs=1e-8)
+    assert lines == 2
 
 
 def test_mechanisms(diagram):

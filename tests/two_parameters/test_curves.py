@@ -213,6 +213,7 @@ def test_no_region_is_a_crossing_found_on_both_curves(panel):
 
 def test_ghosts_change_where_the_curves_cross(panel):
     """PD is a ghost below the crossing, the grazing above it."""
+    crossed = []
     for curve in panel.curves:
         crossing = [p.parameters["r"] for p in curve.points if p.kind in ("PD-G", "G-PD")]
         if not crossing:
@@ -221,6 +222,8 @@ def test_ghosts_change_where_the_curves_cross(panel):
         below = curve["r"] < crossing[0]
         expected = below if curve.kind == "PD" else ~below
         assert np.array_equal(curve.ghost[away], expected[away])
+        crossed.append(curve.kind)
+    assert crossed == ["G", "PD"] * 3
 
 
 def test_curves_solve_their_equations(panel):
@@ -277,6 +280,7 @@ def test_curves_end_with_a_reason_at_the_edges(parameter, limits):
         curve = follow_curve(model, entry, parameter, (0.03, 1.2), limits)
         kinds |= {end.kind.name for end in curve.ends}
         assert all(end.message for end in curve.ends)
+    assert "RANGE" in kinds
     assert kinds <= {"RANGE", "TOUCH", "CLOSED"}
 
 
