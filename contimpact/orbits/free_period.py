@@ -19,17 +19,29 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from ..arrays import Array, Number
+from ..models.model import Model
+from ..models.word import Word
+from ..segments.kernels import Kernels
+from .forcing import require_no_forcing
 from .problem import OrbitProblem
 
 
-class FreePeriodProblem(OrbitProblem):
-    """The equations of a word in a system without forcing; see `OrbitProblem`."""
+class WithoutForcing(OrbitProblem):
+    """Orbits of a system without forcing."""
 
     autonomous = True
+
+    def _begin(self, model: Model, word: Word, kernels: Kernels) -> None:
+        super()._begin(model, word, kernels)
+        require_no_forcing(model, kernels)
 
     def period(self, unknowns: Array) -> float:
         """Return the orbit's period."""
         return self.span(unknowns)
+
+
+class FreePeriodProblem(WithoutForcing):
+    """The equations of a word in a system without forcing; see `OrbitProblem`."""
 
     def span(self, unknowns: Array) -> float:
         """Return the orbit's period."""

@@ -37,7 +37,6 @@ from ..segments.flight import FlightGaps
 from ..segments.kernels import Kernels
 from ..segments.passages import MEETING
 from ..segments.touches import interior_touches
-from .forcing import require_no_forcing
 from .linearisation import CyclicBlocks, Linearisation, Summary
 
 
@@ -99,8 +98,6 @@ class OrbitProblem:
             found = f"{word!r}, of a model {'without' if model.autonomous else 'with'} forcing"
             accepted = f"give the period {0 if model.autonomous else 1}, or the word as a text"
             raise InputError("word", found, accepted)
-        if self.autonomous:
-            require_no_forcing(model, kernels)
 
     def _place_blocks(self) -> None:
         """Positions of the blocks A and B in the flattened n x (n + free) Jacobian."""

@@ -32,7 +32,7 @@ from ..segments.integrated_track import integrated_track
 from ..segments.kernels import Kernels
 from ..segments.layout import SECTION
 from ..segments.zeros import chebyshev_zeros, rounding_along
-from .free_period import FreePeriodProblem
+from .free_period import FreePeriodProblem, WithoutForcing
 from .linearisation import CyclicBlocks, Linearisation
 from .problem import Array, OrbitProblem
 
@@ -197,18 +197,12 @@ class QuietProblem(OrbitProblem):
         return np.asarray(one - other)
 
 
-class FreeQuietProblem(QuietProblem):
+class FreeQuietProblem(WithoutForcing, QuietProblem):
     """The equations of orbits without impacts in a system without forcing."""
-
-    autonomous = True
 
     def span(self, unknowns: Array) -> float:
         """Return the orbit's period."""
         return float(unknowns[1])
-
-    def period(self, unknowns: Array) -> float:
-        """Return the orbit's period."""
-        return self.span(unknowns)
 
     def state(self, unknowns: Array) -> list[float]:
         """Return the state on the section, where the first coordinate turns."""
