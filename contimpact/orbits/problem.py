@@ -250,16 +250,13 @@ class OrbitProblem:
         start: list[float] = []
         end: list[float] = []
         by_parameter: list[float] = []
-        for k, segment in enumerate(self.segments):
-            i = m * k
-            j = i + m
-            arrival, moved = z[j : j + m], q[j : j + m]
-            if j == n:
-                arrival = [self.closing(z[0], setup.period), *z[1:m]]
-                moved = self.returned(q[:m], mu)
-                moved[0] += float(slopes @ direction[n:])
-            along = [*q[i:j], *moved, *q[n:]]
-            _, leaving, arriving, free = segment.second(z[i:j], arrival, along, p)
+        back = self.returned(q[:m], mu)
+        back[0] += float(slopes @ direction[n:])
+        arrival = [self.closing(z[0], setup.period), *z[1:m]]
+        ends, moves = self._ends(z, arrival), self._ends(q, back)
+        for segment, one, moved in zip(self.segments, ends, moves, strict=True):
+            along = [*moved[0], *moved[1], *q[n:]]
+            _, leaving, arriving, free = segment.second(*one, along, p)
             start += leaving
             end += arriving
             by_parameter += free
@@ -275,6 +272,11 @@ class OrbitProblem:
             bend = self.word.period * curvatures @ direction[n:]
             gradient[n - m :, n:] += np.outer(arriving[::m], bend)
         return gradient
+
+    def _ends(self, given: list[float], last: list[float]) -> list[tuple[list[float], list[float]]]:
+        """What is given of impacts, at both ends of each flight; `last` where the orbit closes."""
+        rows = [given[i : i + self.m] for i in range(0, self.n, self.m)]
+        return list(zip(rows, [*rows[1:], last], strict=True))
 
     def cyclic(self, start: Array, end: Array) -> Array:
         """Return the (n, n + free) cyclic matrix of flattened blocks, zero in the columns of the
@@ -320,18 +322,13 @@ class OrbitProblem:
         mu : float
             In the last flight the arrival moves by mu q_1.
         """
-        m, n = self.m, self.n
+        m, p = self.m, self.values(unknowns)
         z, q = unknowns.tolist(), direction.tolist()
-        p = self.values(unknowns)
-        span = self.span(unknowns)
+        ends = self._ends(z, [z[0] + self.span(unknowns), *z[1:m]])
+        moves = self._ends(q, self.returned(q[:m], mu))
         result: list[float] = []
-        for k, segment in enumerate(self.segments):
-            i = m * k
-            j = i + m
-            last = j == n
-            arrival = [z[0] + span, *z[1:m]] if last else z[j : j + m]
-            moved = self.returned(q[:m], mu) if last else q[j : j + m]
-            result += segment.third(z[i:j], arrival, [*q[i:j], *moved], p)
+        for segment, one, moved in zip(self.segments, ends, moves, strict=True):
+            result += segment.third(*one, [*moved[0], *moved[1]], p)
         self.kernel_evaluations += len(self.segments)
         return np.array(result)
 
