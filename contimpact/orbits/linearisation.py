@@ -14,7 +14,7 @@ from ..segments.flight import FlightGaps
 from ..segments.passages import ELSEWHERE, MEETING
 from .block_cyclic import BRIEF
 from .multipliers import Stability, count_unstable, stability_of, stability_of_orbit
-from .physicality import AT_REST, Verdict, findings, judge, verdict_of
+from .physicality import AT_REST, Verdict, findings, verdict_of
 
 if TYPE_CHECKING:
     from .problem import OrbitProblem
@@ -210,8 +210,9 @@ class Linearisation:
         forgive_touches: Collection[tuple[int, str]] = (),
         forgive_impacts: Collection[int] = (),
     ) -> Verdict:
-        """As `verdict`, with touches or impacts forgiven; see `physicality.judge`."""
-        return judge(*self._flights(), forgive_touches, forgive_impacts)
+        """As `verdict`, with touches or impacts forgiven; see `physicality.findings`."""
+        found = findings(*self._flights(), forgive_touches, forgive_impacts)
+        return verdict_of(found, self.problem.word.walls, self.problem.model.WALLS)
 
     @property
     def resting(self) -> list[int]:

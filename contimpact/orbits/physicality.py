@@ -21,31 +21,6 @@ class Verdict:
     smallest_gap: float
 
 
-def judge(
-    word: str,
-    named: Sequence[Guard],
-    impacts: Array,
-    gaps: Sequence[FlightGaps],
-    forgive_touches: Collection[tuple[int, str]] = (),
-    forgive_impacts: Collection[int] = (),
-) -> Verdict:
-    """Decide whether an orbit is physical.
-
-    Parameters
-    ----------
-    word, named, impacts, gaps
-        As in `findings`.
-    forgive_touches : collection of (flight, wall)
-        Touches that are not held against the orbit: the grazing event itself.
-    forgive_impacts : collection of int
-        Impacts whose direction is not held against it, nor the order of two in a row: the zero
-        velocity itself.
-    """
-    return verdict_of(
-        findings(word, named, impacts, gaps, forgive_touches, forgive_impacts), word, named
-    )
-
-
 def findings(
     word: str,
     named: Sequence[Guard],
@@ -62,8 +37,11 @@ def findings(
     named : sequence of Guard
     impacts : ndarray of shape (N, m)
     gaps : sequence of FlightGaps
-    forgive_touches, forgive_impacts
-        As in `judge`.
+    forgive_touches : collection of (flight, wall)
+        Touches that are not held against the orbit: the grazing event itself.
+    forgive_impacts : collection of int
+        Impacts whose direction is not held against it, nor the order of two in a row: the zero
+        velocity itself.
     """
     places = {w.name: i for i, w in enumerate(named)}
     walls = [places[name] for name in word]

@@ -12,7 +12,7 @@ from scipy.optimize import brentq
 from zoo import unknowns_of
 
 from contimpact.models.model import Wall
-from contimpact.orbits.physicality import judge
+from contimpact.orbits.physicality import findings, verdict_of
 from contimpact.orbits.search import find_orbits
 from contimpact.segments import zeros as module
 from contimpact.segments.arithmetic import ARRAYS, evaluate_in
@@ -602,7 +602,8 @@ def verdict(gaps, velocities=(0.5, -0.5), **forgiven):
         for k in range(2)
     ]
     impacts = np.column_stack([[0.0, 1.0], velocities])
-    return judge("BT", WALLS, impacts, flights, **forgiven)
+    found = findings("BT", WALLS, impacts, flights, **forgiven)
+    return verdict_of(found, "BT", WALLS)
 
 
 def test_judge_without_touches():
