@@ -49,9 +49,8 @@ class EndKind(enum.Enum):
         "Hopf bifurcation"
     )
     FOR_EVER = (
-        "the period has grown to {period:.6g} at {parameter} = {value:.12g}, and the rounding "
-        "errors of so long a flight to {off:.1g}: the orbits come near to one that takes for ever, "
-        "by an equilibrium (a homoclinic one)"
+        "the period has grown to {period:.6g} at {parameter} = {value:.12g}, and {what}: the "
+        "orbits come near to one that takes for ever, by an equilibrium (a homoclinic one)"
     )
     KNOWN = "met branch {known} at {parameter} = {value:.12g}"
     BORN = "born at {entry} of branch {parent} at {parameter} = {value:.12g}"

@@ -15,6 +15,9 @@ from ..orbits.quiet import FreeQuietProblem
 LOST = 1e-9
 """A residual, as part of the orbit's size, to which rounding errors have grown on a long flight."""
 
+STILL = 1e-13
+"""A change of the parameter within a step, as part of it, with which its value is known."""
+
 LONG = 1.5
 """By how much a period has grown that grows without bound."""
 
@@ -55,13 +58,17 @@ class FreePeriodEnds:
         return End.of(EndKind.REST, problem.parameter, value), before
 
     def for_ever(self, before: Point, point: Point) -> tuple[End, Point] | None:
-        """The end where the period grows, and rounding errors with it."""
+        """The end where the period grows alone, or rounding errors with it."""
         here, problem = point.evaluation, self.problem
         longer = here.span > before.evaluation.span
         self.shortest = min(self.shortest, here.span)
         size = max(1.0, float(np.max(np.abs(problem.impacts(here.unknowns)[:, 1:]), initial=0.0)))
-        lost = here.largest_residual > LOST * size
-        if not (longer and lost and here.span > LONG * self.shortest):
+        lost, step = here.largest_residual > LOST * size, point.parameter - before.parameter
+        still = before is not point and abs(step) < STILL * abs(point.parameter)
+        if not (longer and (lost or still) and here.span > LONG * self.shortest):
             return None
-        told = {"period": here.span, "off": here.largest_residual}
+        what = f"{problem.parameter} changes no more"
+        if lost:
+            what = f"the rounding errors of so long a flight to {here.largest_residual:.1g}"
+        told = {"period": here.span, "what": what}
         return End.of(EndKind.FOR_EVER, problem.parameter, point.parameter, **told), point

@@ -21,6 +21,7 @@ from .longest_period import bounded, told
 
 if TYPE_CHECKING:
     from .chain_backend import ChainBackend
+    from .long_flights import UntilLong
 
 
 def walk_orbits(
@@ -55,7 +56,7 @@ def walk_orbits(
 
 def backend_of(
     problem: OrbitProblem, tests: Sequence[TestFunction[Linearisation]], gaps: bool = True
-) -> CycleBackend | ChainBackend | None:
+) -> CycleBackend | ChainBackend | UntilLong | None:
     """Return a problem on block-cyclic elimination.
 
     None where there is none: for several coordinates that do not move linearly or are more than
@@ -73,7 +74,12 @@ def backend_of(
     needs = {need for test in tests if isinstance(test, OrbitTest) for need in test.needs}
     wanted = gaps or "gaps" in needs, "doubling" in needs
     if problem.m == 2:
-        return CycleBackend(problem, *wanted)
+        backend = CycleBackend(problem, *wanted)
+        if not any(problem.kernels.integrated(letter) for letter in problem.word.walls):
+            return backend
+        from .long_flights import UntilLong
+
+        return UntilLong(backend, problem, problem.kernels)
     from .chain_backend import ChainBackend
 
     if not ChainBackend.follows(problem):

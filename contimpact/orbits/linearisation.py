@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import functools
 from collections.abc import Collection, Mapping, Sequence
+from dataclasses import replace
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
@@ -13,7 +14,13 @@ from ..models.guards import Guard
 from ..segments.flight import FlightGaps
 from ..segments.passages import ELSEWHERE, MEETING
 from .block_cyclic import BRIEF
-from .multipliers import Stability, count_unstable, stability_of, stability_of_orbit
+from .multipliers import (
+    Stability,
+    count_unstable,
+    determinant,
+    stability_of,
+    stability_of_orbit,
+)
 from .physicality import AT_REST, Verdict, findings, verdict_of
 
 if TYPE_CHECKING:
@@ -29,12 +36,15 @@ class CyclicBlocks(NamedTuple):
     start, end : ndarray of shape (N, m, m)
         The blocks A_k and B_k.
     by_parameter : ndarray of shape (n, free)
+    together : bool
+        Whether rows of a flight are combinations of its equations; see `layout.Together`.
     """
 
     residual: Array
     start: Array
     end: Array
     by_parameter: Array
+    together: bool = False
 
 
 class Summary(NamedTuple):
@@ -140,6 +150,8 @@ class Linearisation:
         a grazing go with its inverse, and the kernel's carries the rounding of larger terms.
         """
         problem, start = self.problem, self.held
+        if problem.arrivals and self.blocks.together:
+            return self.told(self._in_pieces(start))
         if not problem.arrivals:  # without impacts
             return self.told(stability_of(start, self.end))
         if problem.m == 2:
@@ -158,6 +170,23 @@ class Linearisation:
         end[same, 0, 0] = arriving[same] / durations[same]
         end[different, 0, 0] = arriving[different]
         return self.told(stability_of(start, end))
+
+    def _in_pieces(self, start: Array) -> Stability:
+        """The same where flights are computed in pieces.
+
+        Without forcing, the derivatives by both times are opposite: those of the end where the row
+        is smaller are the exact ones. Of one degree of freedom the other multiplier of all
+        directions is then 1, so that their product is the one asked for, whatever its size.
+        """
+        found = stability_of(start, self.end)
+        if not (self.problem.autonomous and self.problem.m == 2):
+            return found
+        start, end = self.start.copy(), self.end.copy()
+        by_start = np.abs(start[:, :, 1]) < np.abs(end[:, :, 1])
+        later = np.where(by_start, -start[:, :, 0], end[:, :, 0])
+        start[:, :, 0], end[:, :, 0] = -later, later
+        values = np.array([determinant(start, end), 0.0], dtype=complex)
+        return replace(found, multipliers=values)
 
     @property
     def held(self) -> Array:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
@@ -37,12 +37,18 @@ def path_of(here: Linearisation, points: int = 200) -> Path:
     rows = problem.impacts(here.unknowns).tolist()
     ends = [row[0] for row in rows[1:]] + [rows[0][0] + here.span]
     walls, begin = positions(here), rows[0][0] if rows and problem.autonomous else 0.0
-    parts = []
+    parts: list[tuple[Any, ...]] = []
     for wall, row, end in zip(problem.word.walls, rows, ends, strict=True):
         dt = np.linspace(0.0, end - row[0], points)
-        motion = evaluate_in(problem.kernels.motion(wall), ARRAYS)
-        x, v = motion(*(value + 0.0 * dt for value in row), dt, *values)[:2]
-        parts.append((row[0] - begin + dt, walls[wall] + x, v))
+        if (states := _long(here, len(parts), dt)) is not None:
+            guard = next(g for g in problem.model.WALLS if g.name == wall)
+            factors = np.array(guard.row(problem.model.DEGREES_OF_FREEDOM), dtype=float)
+            x, v = (part @ factors for part in states)
+        else:
+            motion = evaluate_in(problem.kernels.motion(wall), ARRAYS)
+            x, v = motion(*(value + 0.0 * dt for value in row), dt, *values)[:2]
+            x = walls[wall] + x
+        parts.append((row[0] - begin + dt, x, v))
     return Path(*(np.concatenate(column) for column in zip(*parts, strict=True)))
 
 
@@ -62,17 +68,41 @@ def motion_of(here: Linearisation, points: int = 200) -> Path:
     if not rows:
         dt = np.linspace(0.0, here.span, points)
         state, wall = here.unknowns[: problem.m].tolist(), problem.model.WALLS[0].name
+        if (states := _long(here, 0, dt)) is not None:
+            return Path(dt, *states)
         return Path(dt, *_by_segment(here, SECTION, wall, state, 0.0, dt))
     walls = problem.word.walls
     parts = []
     for k, (wall, row) in enumerate(zip(walls, rows, strict=True)):
         dt = np.linspace(0.0, np.subtract(*problem.times_around(here.unknowns, k)[::-1]), points)
-        if problem.kernels.linear(wall):
+        if (states := _long(here, k, dt)) is not None:
+            x, v = states
+        elif problem.kernels.linear(wall):
             x, v = _on_track(here, wall, row, dt)
         else:
             x, v = _by_segment(here, wall, walls[(k + 1) % len(walls)], row, row[0], dt)
         parts.append((row[0] + dt, x, v))
     return Path(*(np.concatenate(column) for column in zip(*parts, strict=True)))
+
+
+def _long(here: Linearisation, flight: int, dt: Array) -> tuple[Array, Array] | None:
+    """Positions and velocities of all coordinates along a flight that is computed in pieces."""
+    problem, z = here.problem, here.unknowns
+    left, leave = problem.leaving(z, flight)
+    if not problem.kernels.integrated(left):
+        return None
+    rows = [*problem.impacts(z).tolist(), z[: problem.m].tolist()]
+    arrive = rows[flight + 1] if len(rows) > 1 else rows[0]
+    if flight + 2 == len(rows):
+        arrive[0] += here.span
+    segment: Any = problem.segments[flight]
+    track = segment.long_track(leave, arrive, problem.values(here.unknowns))
+    if track is None:
+        return None
+    size = problem.model.DEGREES_OF_FREEDOM
+    curves = [track.along(row) for row in np.eye(size).tolist()]
+    found = np.array([[curve((), t, ())[:2] for curve in curves] for t in dt.tolist()])
+    return found[:, :, 0], found[:, :, 1]
 
 
 def _on_track(here: Linearisation, wall: str, row: list[float], dt: Array) -> tuple[Array, Array]:

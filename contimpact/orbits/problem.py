@@ -35,6 +35,7 @@ from ..models.model import Model
 from ..models.word import Word
 from ..segments.flight import FlightGaps
 from ..segments.kernels import Kernels
+from ..segments.layout import Together
 from ..segments.passages import MEETING
 from ..segments.touches import interior_touches
 from .linearisation import CyclicBlocks, Linearisation, Summary
@@ -191,15 +192,14 @@ class OrbitProblem:
         p = self.values(unknowns)
         setup = self.kernels.setup(*p)
         closing = self.closing(z[0], setup.period)
-        residual: list[float] = []
-        start: list[float] = []
-        end: list[float] = []
-        by_parameter: list[float] = []
+        residual, start, end, by_parameter = (list[float]() for _ in range(4))
+        together = False
         for k, segment in enumerate(self.segments):
             i = m * k
             j = i + m
             arrival = z[j : j + m] if j < n else [closing, *z[1:m]]
-            rows, leaving, arriving, free = segment.blocks(z[i:j], arrival, p)
+            rows, leaving, arriving, free = found = segment.blocks(z[i:j], arrival, p)
+            together = together or isinstance(found, Together)
             residual += rows
             start += leaving
             end += arriving
@@ -213,6 +213,7 @@ class OrbitProblem:
             np.array(start).reshape(-1, m, m),
             np.array(end).reshape(-1, m, m),
             np.array(by_parameter).reshape(n, -1),
+            together,
         )
         return Linearisation(self, unknowns, blocks)
 

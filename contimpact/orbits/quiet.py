@@ -17,6 +17,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -28,7 +29,7 @@ from ..models.section import state_before
 from ..models.word import Word
 from ..segments.arithmetic import ARRAYS, evaluate_in
 from ..segments.flight import Excursion, FlightGaps, Moved, excursions, touch_of
-from ..segments.integrated_track import integrated_track
+from ..segments.integrated_track import IntegratedTrack, integrated_track, joined
 from ..segments.kernels import Kernels
 from ..segments.layout import SECTION
 from ..segments.zeros import chebyshev_zeros, rounding_along
@@ -143,13 +144,25 @@ class QuietProblem(OrbitProblem):
         """The extrema of gap coordinates, of a flight that is integrated."""
         values, state = self.values(unknowns), self.state(unknowns)
         length = self.times_around(unknowns, 0)[1]
-        track = integrated_track(self.kernels, SECTION, state, values, length)
+        track = self._track(unknowns, state, values, length)
         found = {}
         for row in watched:
             curve = track.along(row)
             ends = (length, curve((), length, ())[1], 0.0, 0.0)
             found[row] = excursions(curve, (), (), *ends, curve.breaks(), 0.0, math.inf)
         return found
+
+    def _track(
+        self, unknowns: Array, state: list[float], values: list[float], length: float
+    ) -> IntegratedTrack:
+        """The orbit and what comes after it, where its first states come again."""
+        segment: Any = self.segments[0]
+        whole = segment.long_track(state, unknowns[: self.m].tolist(), values)
+        if whole is None:
+            return integrated_track(self.kernels, SECTION, state, values, length)
+        span, places = self.span(unknowns), np.array(state[::2])
+        more = integrated_track(self.kernels, SECTION, state, values, length - span)
+        return joined([whole, more], [0.0, span], np.array([places, places]))
 
     def _by_kernels(self, watched: Mapping[Row, str], unknowns: Array) -> dict[Row, Excursion]:
         return {row: self._excursion(name, unknowns) for row, name in watched.items()}

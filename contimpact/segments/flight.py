@@ -10,7 +10,7 @@ from typing import Any
 from ..arrays import Array, Vector
 from ..models.guards import Guard
 from .arithmetic import ARRAYS, evaluate_in
-from .integrated_track import integrated_track
+from .integrated_track import integrated_track, track_between
 from .kernels import Kernels
 from .oscillation import MOST, excursion_by_law
 from .track import track_of
@@ -85,7 +85,13 @@ def flight_gaps(
             continue
         head, phase = (i, *leave), leave[0] % period
         sides = passages.leaving[i], named[j].side
-        found = excursion(head, values, length, arrive[1], *sides, zeros, phase, period)
+        if kernels.integrated(wall):
+            track = track_between(kernels, (wall, named[j].name), leave, arrive, values, length)
+            curve = track.along(named[i].row(1), from_start=True)
+            along = arrive[1], *sides, curve.breaks(), 0.0, math.inf
+            found = excursions(curve, (), (), length, *along)
+        else:
+            found = excursion(head, values, length, arrive[1], *sides, zeros, phase, period)
         touches = tuple(
             touch_of(k, leave[0], w, setup.walls[place] - setup.walls[i], found) if meets else None
             for place, (w, meets) in enumerate(zip(named, passages.watched[i], strict=True))

@@ -9,7 +9,7 @@ from __future__ import annotations
 import functools
 from bisect import bisect_right
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
 
@@ -41,6 +41,13 @@ class IntegratedTrack:
         self.times, self.speeds = length * times, speeds
         self.moved = length * means
 
+    @classmethod
+    def of(cls, start: list[float], times: Array, moved: Array, speeds: Array) -> Self:
+        """Return the states of a flight from its polynomials."""
+        track = cls.__new__(cls)
+        track.start, track.times, track.moved, track.speeds = start, times, moved, speeds
+        return track
+
     def along(self, row: Sequence[float], from_start: bool = False) -> IntegratedCurve:
         """Return a linear combination of the positions, or how far it is from where it starts."""
         weights = np.array([float(c) for c in row])
@@ -56,6 +63,37 @@ def integrated_track(
     """Return the track of a flight that is integrated, from the unknowns where it leaves."""
     field, numbers = kernels.field(wall)(*leave, *values)
     return IntegratedTrack(field, numbers, length)
+
+
+def joined(
+    tracks: Sequence[IntegratedTrack], begins: Sequence[float] | Array, positions: Array
+) -> IntegratedTrack:
+    """Return one flight of several, which begin at these times and positions."""
+    times, moved = [tracks[0].times[:1]], []
+    for track, begin, position in zip(tracks, begins, positions, strict=True):
+        times.append(begin + track.times[1:])
+        way = track.moved.copy()
+        way[:, :, 0] += position - positions[0]
+        moved.append(way)
+    speeds = np.concatenate([track.speeds for track in tracks])
+    return IntegratedTrack.of(tracks[0].start, np.concatenate(times), np.concatenate(moved), speeds)
+
+
+def track_between(
+    kernels: Kernels,
+    ends: tuple[str, str],
+    leave: Sequence[float],
+    arrive: Sequence[float],
+    values: Sequence[float],
+    length: float,
+) -> IntegratedTrack:
+    """Return the track of a flight that is integrated, from one guard to another.
+
+    A long one is held by both of its ends: from where it leaves alone, it would go astray.
+    """
+    segment: Any = kernels.segment(*ends)
+    found: IntegratedTrack | None = segment.long_track(leave, arrive, values)
+    return found or integrated_track(kernels, ends[0], leave, values, length)
 
 
 class IntegratedCurve:

@@ -68,7 +68,11 @@ class Kernels:
     ----------
     loaded, generated : list of str
         Names of the kernels read from the cache and of those that had to be generated.
+    long : bool
+        Whether one of the `flights` has grown too much to be computed as a whole.
     """
+
+    long = False
 
     def __init__(self, model: Model, parameter: str, *others: str) -> None:
         self.model, self.parameter = model, parameter
@@ -124,7 +128,13 @@ class Kernels:
                 accepted = f"after {start} can come {' or '.join(after)}"
                 raise InputError("word", f"it has {end} after {start}", accepted)
         if (start, end) not in self._segments:
-            self._segments[start, end] = ClosedForm(self, start, end)
+            integrated = "flown" in self.flight(start, end).__code__.co_names
+            form = ClosedForm
+            if integrated:
+                from .integrated_form import IntegratedForm
+
+                form = IntegratedForm
+            self._segments[start, end] = form(self, start, end)
         return self._segments[start, end]
 
     def flight(self, a: str, b: str) -> Kernel:
@@ -225,11 +235,25 @@ class Kernels:
         """``flights(kind, t0, v0, t1, v1, p)``: the flight between two walls by their numbers,
         kind = start * walls + end; for one degree of freedom."""
         named = self.model.letters
-        loaded = _WhenAsked[Kernel](
-            lambda kind: self.flight(*(named[i] for i in divmod(kind, len(named))))
+        loaded = _WhenAsked[Callable[..., Any]](
+            lambda kind: self._noticed(*(named[i] for i in divmod(kind, len(named))))
         )
 
         return _caller("kind, t0, v0, t1, v1, p", "kind", "t0, v0, t1, v1", self.model, loaded)
+
+    def _noticed(self, a: str, b: str) -> Callable[..., Any]:
+        """A flight; of one that is integrated it is noticed if it is `long`."""
+        flight = self.flight(a, b)
+        if "flown" not in flight.__code__.co_names:
+            return flight
+        from .integrated_form import grows
+
+        def noticed(*given: float) -> Any:
+            blocks = flight(*given)
+            self.long = self.long or grows(blocks, self.model.unknowns_per_impact)
+            return blocks
+
+        return noticed
 
     @functools.cached_property
     def seconds(self) -> Callable[..., Any]:

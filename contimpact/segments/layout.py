@@ -37,6 +37,16 @@ Blocks: TypeAlias = tuple[Row, Row, Row, Row]
 leaves (m x m), to those of the impact it reaches (m x m), and to the free parameters (m x free)."""
 
 
+class Together(NamedTuple):
+    """`Blocks` whose rows are combinations of a segment's equations, by a regular matrix that keeps
+    their orientation: those of a flight that is too long to be computed as a whole."""
+
+    residual: Row
+    start: Row
+    end: Row
+    by_parameter: Row
+
+
 class Setup(NamedTuple):
     """What depends on the parameters alone.
 

@@ -16,7 +16,7 @@ from ..models.guards import Guard, Row
 from ..models.model import Model
 from .arithmetic import ARRAYS, Kernel, evaluate_in
 from .flight import FlightGaps, Motion, Touch, excursions, flight_gaps
-from .integrated_track import integrated_track
+from .integrated_track import track_between
 from .kernels import Kernels
 from .limits import not_past
 from .passages import ELSEWHERE
@@ -51,9 +51,12 @@ def interior_touches(
         length = arrive[0] - leave[0]
         if length > 0.0:
             ends = places[wall], places[walls[(k + 1) % len(walls)]]
-            flown = linear_flight if kernels.linear(wall) else other_flight
-            flown = integrated_flight if kernels.integrated(wall) else flown
-            motions = flown(kernels, wall, leave, length, values)
+            if kernels.integrated(wall):
+                letters = wall, walls[(k + 1) % len(walls)]
+                motions = integrated_flight(kernels, letters, leave, arrive, length, values)
+            else:
+                flown = linear_flight if kernels.linear(wall) else other_flight
+                motions = flown(kernels, wall, leave, length, values)
             touches, slowest = _touches(kernels, ends, motions, positions, length, arrive[1])
             moved = (None if t is None else Touch(k, t[0], leave[0] + t[1], t[2]) for t in touches)
             guard = kernels.model.WALLS[ends[0]]
@@ -91,10 +94,15 @@ def linear_flight(
 
 
 def integrated_flight(
-    kernels: Kernels, wall: str, leave: Sequence[float], length: float, values: Sequence[float]
+    kernels: Kernels,
+    ends: tuple[str, str],
+    leave: Sequence[float],
+    arrive: Sequence[float],
+    length: float,
+    values: Sequence[float],
 ) -> list[Seen]:
     """Return each of the `coordinates` on a flight that is integrated."""
-    track = integrated_track(kernels, wall, leave, values, length)
+    track = track_between(kernels, ends, leave, arrive, values, length)
     curves = [track.along(row) for row in coordinates(kernels.model)]
     return [(curve, curve.breaks()) for curve in curves]
 

@@ -15,6 +15,7 @@ from ..compiling.library import PAYS_AFTER, CompiledProgram, load, mode, spend
 from ..continuation.batch import Batch, Position, batch_of, columns
 from ..continuation.branch import Block
 from ..continuation.step import EVALUATIONS, take_steps
+from ..orbit_continuation.long_flights import UntilLong
 from ..orbits.linearisation import CyclicBlocks, Linearisation
 from ..segments.layout import Setup
 from .curve_functions import (
@@ -171,7 +172,7 @@ class CurveBackend:
         return self.problem.orbit.kernels.identity, self.variant
 
 
-def backend_of(problem: CurveProblem) -> CurveBackend | None:
+def backend_of(problem: CurveProblem) -> CurveBackend | UntilLong | None:
     """Return a curve's problem for several steps at a time.
 
     None where there is none: for other equations, more than one degree of freedom or two free
@@ -183,4 +184,7 @@ def backend_of(problem: CurveProblem) -> CurveBackend | None:
         return None
     if not 1 <= len(orbit.word) <= LONGEST or orbit.kernels.loops:
         return None
-    return CurveBackend(problem, variant)
+    backend = CurveBackend(problem, variant)
+    if not any(orbit.kernels.integrated(letter) for letter in orbit.word.walls):
+        return backend
+    return UntilLong(backend, problem, orbit.kernels)

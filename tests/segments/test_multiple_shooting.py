@@ -1,0 +1,186 @@
+"""Long flights in pieces: what the whole flight is, where that can be told, and where it cannot."""
+
+import math
+
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+from scipy.optimize import brentq
+
+import contimpact as ci
+from contimpact.accuracy.reference import Reference
+from contimpact.continuation.ends import EndKind
+from contimpact.models.word import Word
+from contimpact.orbits.quiet import problem_of
+from contimpact.orbits.search import orbit_at
+from contimpact.segments import integrated_form
+from contimpact.segments.kernels import Kernels
+from contimpact.segments.layout import Together
+from contimpact.systems.duffing import Duffing
+from contimpact.systems.pendulum import Pendulum
+
+pytest.importorskip("heyoka", reason="needs contimpact[ode]")
+
+VALUES = {"a": 1.0, "omega": 0.8, "c": 0.1, "sigma": 3.1, "r": 0.8}
+NEAR = [3.6340, 0.1536, 0.8]
+
+
+@pytest.fixture(scope="module")
+def kernels():
+    return Kernels(Pendulum(**VALUES), "omega")
+
+
+def both(monkeypatch, kernels, ask):
+    """What a segment answers as a whole, and in pieces."""
+    segment, values = kernels.segment("S", "S"), list(VALUES.values())
+    answers = []
+    for long in (math.inf, 0.0):
+        monkeypatch.setattr(integrated_form, "LONG", long)
+        answers.append(ask(segment, values))
+    return answers
+
+
+def matrices(blocks):
+    return [np.reshape(part, (2, -1)) for part in blocks]
+
+
+def test_rows_are_combinations_of_those_of_the_whole_flight(monkeypatch, kernels):
+    """At ends that a flight joins, of which the second is flown to."""
+    whole, pieces = both(monkeypatch, kernels, lambda s, p: s.blocks(*joined(kernels), p))
+    assert isinstance(pieces, Together)
+    (r, *one), (q, *other) = matrices(whole), matrices(pieces)
+    assert np.max(np.abs([r, q])) < 1e-12
+    one, other = np.hstack(one), np.hstack(other)
+    turned = np.linalg.lstsq(one.T, other.T, rcond=None)[0]
+    assert np.linalg.det(turned) > 0.0
+    assert one.T @ turned == pytest.approx(other.T, abs=1e-11)
+
+
+def test_higher_derivatives_vanish_together(monkeypatch, kernels):
+    """Along a direction in which the ends stay joined, second ones are those of the whole."""
+    start, end = joined(kernels)
+    blocks = kernels.segment("S", "S").blocks(start, end, list(VALUES.values()))
+    _, *parts = matrices(blocks)
+    null = np.linalg.svd(np.hstack(parts))[2][2:]
+    along = (null[0] + 0.3 * null[1]).tolist()
+    one, other = both(monkeypatch, kernels, lambda s, p: s.second(start, end, along, p))
+    first = both(monkeypatch, kernels, lambda s, p: s.blocks(start, end, p))
+    wholes, pieces = (np.hstack(matrices(each)[1:]) for each in first)
+    turned = np.linalg.lstsq(wholes.T, pieces.T, rcond=None)[0].T
+    (_, *changes), (_, *same) = matrices(one), matrices(other)
+    size = np.max(np.abs(turned @ np.hstack(changes)))
+    for e in null:  # the rows themselves turn, but by nothing where they vanish
+        assert np.hstack(same) @ e == pytest.approx(
+            turned @ np.hstack(changes) @ e, abs=1e-8 * size
+        )
+
+
+def joined(kernels):
+    """Ends that a flight of the pendulum joins: those of a periodic one."""
+    problem = problem_of(Pendulum(**VALUES), Word("S", 1), kernels)
+    t, v, _ = orbit_at(problem, np.array(NEAR)).unknowns.tolist()
+    return [t, v], [t + 2.0 * math.pi / VALUES["omega"], v]
+
+
+def upright(omega):
+    """A pendulum that is carried about its upright position; the flight takes a period."""
+    model = Pendulum(a=0.3, omega=omega, c=0.1, sigma=4.5, r=0.8)
+    problem = problem_of(model, Word(""), Kernels(model, "omega"))
+    return orbit_at(problem, answer(omega))
+
+
+def answer(omega, waves=24, points=96):
+    """The same orbit as a sum of harmonics: its state at t = 0, by collocation."""
+    t = np.arange(points) * 2.0 * np.pi / points
+    orders = np.arange(1, waves + 1)
+    columns = [np.ones(points), *np.cos(np.outer(orders, t)), *np.sin(np.outer(orders, t))]
+    rates = np.concatenate([[0.0], orders, orders]) * omega
+    basis = np.array(columns).T
+    slopes = np.zeros_like(basis)
+    slopes[:, 1 : waves + 1] = -np.sin(np.outer(t, orders)) * rates[1 : waves + 1]
+    slopes[:, waves + 1 :] = np.cos(np.outer(t, orders)) * rates[waves + 1 :]
+    linear = -basis * rates**2 + 0.1 * slopes
+    found = np.zeros(2 * waves + 1)  # of the angle from upright
+    for _ in range(20):
+        off = linear @ found - np.sin(basis @ found) - 0.3 * np.cos(t)
+        matrix = linear - np.cos(basis @ found)[:, None] * basis
+        found -= np.linalg.lstsq(matrix, off, rcond=None)[0]
+    return np.array([np.pi + basis[0] @ found, slopes[0] @ found, omega])
+
+
+@pytest.mark.parametrize("omega", [0.3, 0.1])
+def test_orbits_that_no_integration_from_their_start_returns(omega):
+    """Their multipliers are 1e9 and 1e26: the state after a period is not that of the start."""
+    orbit = upright(omega)
+    assert orbit.unknowns[:2] == pytest.approx(answer(omega)[:2], abs=1e-13)
+    assert orbit.residual < 1e-14
+    assert orbit.physical
+    large, small = np.abs(orbit.multipliers)
+    assert large > 1e8
+    span = 2.0 * math.pi / omega
+    assert large * small == pytest.approx(math.exp(-0.1 * span), rel=1e-11)
+    path = orbit.motion(9)
+    assert path.x[[0, -1], 0] == pytest.approx(orbit.unknowns[0], abs=1e-12)
+    assert np.max(np.abs(path.x - math.pi)) < 0.4
+
+
+@pytest.mark.slow
+def test_multipliers_in_many_digits():
+    """Of 1.4e5 and 2e-6, all digits of their own."""
+    orbit = upright(0.5)
+    reference = Reference(orbit.problem, 40)
+    exact = reference.orbit(orbit.unknowns)
+    assert exact.distance(orbit.unknowns) < 1e-15
+    expected = [complex(m).real for m in reference.multipliers(exact.unknowns)]
+    assert expected[0] > 1e5
+    assert orbit.multipliers.real == pytest.approx(expected, rel=1e-13)
+
+
+def test_branches_end_at_homoclinic_orbits():
+    """Of a Duffing oscillator in one of its wells; the multiplier is r^2 exp(-c T)."""
+    values = {"a": 0.0, "omega": 1.0, "alpha": -1.0, "beta": 1.0, "sigma": 1.2, "r": 0.8}
+    model = Duffing(c=-0.05, **values, period="free")
+    found = ci.find_orbits(model, "S", parameter="c", starts=16, rounds=1)
+    orbit = next(o for o in found if o.physical)
+    branch = ci.continue_orbit(orbit, "c", (-0.3, -0.04), events=[])
+    (end,) = (end for end in branch.ends if end.kind is EndKind.FOR_EVER)
+    assert "c changes no more" in end.message
+    assert branch["period"].max() > 40.0
+    expected = 0.64 * np.exp(-branch["c"] * branch["period"])
+    assert branch["multiplier1_re"] == pytest.approx(expected, rel=1e-9)
+    assert end.value == pytest.approx(homoclinic(), abs=1e-13)
+
+
+def homoclinic():
+    """The damping at which the way out of the saddle and the way into it meet at the stop."""
+
+    def speed(c, way):
+        """At the stop, of the way that leaves the saddle (1), or leads to it (-1)."""
+        rate = 0.5 * (-c + way * math.sqrt(c * c + 4.0))
+        small = 1e-8
+
+        def stop(t, y):
+            return y[0] - 1.2
+
+        stop.terminal = True
+        options = {"method": "DOP853", "rtol": 2.5e-14, "atol": 1e-22, "events": stop}
+        law = lambda t, y: [y[1], y[0] - y[0] ** 3 - c * y[1]]  # noqa: E731
+        found = solve_ivp(law, (0.0, way * 60.0), [small, small * rate], **options)
+        return found.y[1, -1]
+
+    return brentq(lambda c: 0.8 * speed(c, 1) + speed(c, -1), -0.1, -0.06, xtol=1e-15)
+
+
+@pytest.mark.slow
+def test_a_branch_goes_on_where_flights_become_long():
+    """A stop just short of upright: from whole flights to those in pieces."""
+    orbits = ci.find_orbits(Pendulum(**VALUES), "S", parameter="omega", starts=20, rounds=1)
+    start = min(orbits, key=lambda orbit: abs(orbit.velocities[0] - 0.1536))
+    branch = ci.continue_orbit(start, "omega", (0.35, 0.82), events=["PD"])
+    assert [end.kind for end in branch.ends] == [EndKind.RANGE] * 2
+    assert np.max(np.abs(branch["multiplier1_re"])) > 1e4
+    assert np.max(branch["residual"]) < 1e-11
+    product = branch["multiplier1_re"] * branch["multiplier2_re"]
+    expected = 0.64 * np.exp(-0.1 * 2.0 * math.pi / branch["omega"])
+    long = np.abs(branch["multiplier1_re"]) > 2e3
+    assert product[long] == pytest.approx(expected[long], rel=1e-9)
