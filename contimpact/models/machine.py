@@ -122,6 +122,24 @@ def stated(given: Mapping[str, Any], parameters: Sequence[str]) -> Machine:
     return machine
 
 
+def check_use(machine: Machine) -> None:
+    """Refuse a parameter in none of the expressions: it may be one with its name misspelt.
+
+    Raises
+    ------
+    InputError
+        With the place in the scene's table.
+    """
+    rows = [*machine.mass, *machine.damping, *machine.stiffness, machine.force, (machine.period,)]
+    texts = [text for row in rows for text in row]
+    texts += [e for guard in machine.guards for e in (guard.position, guard.restitution)]
+    used = {name for text in texts for name in names_in(text)}
+    for name in machine.parameters:
+        if name not in used:
+            accepted = f"use {name} in the machine, or take its value away"
+            raise InputError(f"parameters.{name}", "no expression has it", accepted)
+
+
 def _coordinates(names: Any, parameters: Sequence[str]) -> tuple[str, ...]:
     accepted = f"give a list of 1 to {MOST_COORDINATES} names, each once"
     if not isinstance(names, list) or not 1 <= len(names) <= MOST_COORDINATES:

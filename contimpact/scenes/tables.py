@@ -43,7 +43,7 @@ if TYPE_CHECKING:
 
 def read_machine(table: Table, kind: type[Model]) -> Model:
     """Return the machine that [model] states."""
-    from ..models.machine import stated
+    from ..models.machine import check_use, stated
 
     parameters = table.table("parameters")
     values = {name: parameters.number(name) for name in parameters.data}
@@ -59,7 +59,10 @@ def read_machine(table: Table, kind: type[Model]) -> Model:
     }
     table.finish()
     try:
-        return kind(machine=stated(given, list(values)).text, **values)
+        machine = stated(given, list(values))
+        model = kind(machine=machine.text, **values)
+        check_use(machine)
+        return model
     except InputError as error:
         inside = "model.parameters" if error.where in values else "model"
         raise error.within(inside) from None
