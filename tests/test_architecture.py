@@ -155,7 +155,9 @@ def test_a_system_stands_on_the_model_alone(module):
         "symbolic",
         "linear",
         "nonlinear",
+        "motion",
         "machine",
+        "stated_modes",
         "expressions",
         "own_parameters",
     )
@@ -189,9 +191,9 @@ def test_sympy_is_imported_where_it_is_used(module):
     of_models = (
         "equations",
         "filippov",
-        "first_order",
         "harmonics",
         "linear",
+        "motion",
         "nonlinear",
         "restitution",
         "symbolic",

@@ -15,18 +15,20 @@ Importing this module imports SymPy.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from functools import cached_property
 from typing import Any
 
 import sympy
 
 from ..errors import InputError
-from .first_order import FirstOrder, Rates
 from .model import Formulas
+from .motion import Motion
 from .nonlinear import state_symbols
 from .section import pivot
 from .switching import ABOVE, BELOW, SLIDING
+
+Rates = Callable[[Any, Sequence[Any]], Sequence[Any]]
 
 
 class Filippov:
@@ -72,10 +74,10 @@ class Filippov:
             **more,
         )
 
-    def _flow(self, rates: Rates) -> FirstOrder:
-        return FirstOrder(rates, len(self.normal), self.period)
+    def _flow(self, rates: Rates) -> Motion:
+        return Motion(lambda t, x, v: rates(t, x), (1,) * len(self.normal), self.period)
 
-    def _side(self, field: Rates) -> FirstOrder:
+    def _side(self, field: Rates) -> Motion:
         def rates(t: Any, c: Sequence[Any]) -> list[Any]:
             found = list(field(t, self._state(c, c[self.place])))
             found[self.place] = self._across(found)
