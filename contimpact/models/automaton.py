@@ -61,9 +61,6 @@ def _modes(modes: Any, size: int, where: str) -> list[str]:
         if not isinstance(first, tuple) or not set(first) <= set(range(own)):
             found = f"mode {mode.name!r} has the coordinates of first order {shown(first)}"
             raise InputError(where, found, f"give a tuple of numbers from 0 to {own - 1}")
-    if modes and not all(modes[0].orders(size)):
-        found = f"the first mode {names[0]!r} does not have all coordinates"
-        raise InputError(where, found, "begin with one that has: orbits of the word 0 are in it")
     return names or [""]
 
 

@@ -91,9 +91,10 @@ class Equations:
 
     def lands(self, a: str, b: str) -> bool:
         """Whether a touch of one guard, by its jump, leads onto the surface of another."""
-        _, row = self.pivot(a)
+        _, row = self.pivot(b)
         left = sympy.sympify(along(row, self.departures[a].position)).subs(self.start[0], 0)
-        return self.pivot(b)[1] == row and sympy.expand(left - self.walls[b]) == 0
+        followed = self.guards[a].next_mode in self.guards[b].modes
+        return followed and sympy.expand(left - self.walls[b]) == 0
 
     @cached_property
     def digest(self) -> str:
@@ -217,7 +218,8 @@ def _quiet(formulas: Formulas, model: Model, state: Sequence[Any], where: str) -
     mode = model.first_mode
     orders = orders_of(model.MODES, mode, model.DEGREES_OF_FREEDOM)
     speeds = [v for v, order in zip(state[1::2], orders, strict=True) if order == 2]
-    return departure(formulas, mode, orders, state[::2], speeds, where)
+    places = [x for x, order in zip(state[::2], orders, strict=True) if order]
+    return departure(formulas, mode, orders, places, speeds, where)
 
 
 def _check_modes(formulas: Formulas, modes: Sequence[str], where: str) -> None:

@@ -190,8 +190,19 @@ class QuietProblem(OrbitProblem):
         return unknowns, moved
 
     def from_touch(self, problem: OrbitProblem, unknowns: Array, impact: int) -> Array:
-        """Return a guess of the unknowns where the only impact of a word vanishes, shape (m,)."""
-        return np.zeros(self.m)
+        """Return a guess of the unknowns where the only impact of a word vanishes, shape (m,).
+
+        Of a flight that is integrated it is the state on the section, on the way to the touch.
+        """
+        flight = (impact - 1) % len(problem.word)
+        wall, leave = problem.leaving(unknowns, flight)
+        if not self.kernels.integrated(wall):
+            return np.zeros(self.m)
+        length = -leave[0] % self.period(unknowns)
+        track = integrated_track(self.kernels, wall, leave, self.values(unknowns), length)
+        size = self.m // 2
+        ends = [track.along(row).at_end() for row in np.eye(size).tolist()]
+        return np.array(ends).ravel()
 
     def scale(self, unknowns: Array, span: ArrayLike) -> Array:
         """Return natural sizes of the unknowns, by which arclength is measured."""

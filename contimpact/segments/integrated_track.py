@@ -49,8 +49,11 @@ class IntegratedTrack:
         return track
 
     def along(self, row: Sequence[float], from_start: bool = False) -> IntegratedCurve:
-        """Return a linear combination of the positions, or how far it is from where it starts."""
-        weights = np.array([float(c) for c in row])
+        """Return a linear combination of the positions, or how far it is from where it starts.
+
+        Coordinates that the mode does not have are at zero.
+        """
+        weights = np.array([float(c) for c in row[: len(self.start)]])
         position, velocity = (np.einsum("i,kij->kj", weights, e) for e in (self.moved, self.speeds))
         if not from_start:
             position[:, 0] += weights @ self.start

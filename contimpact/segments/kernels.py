@@ -201,8 +201,20 @@ class Kernels:
 
     def integrated(self, a: str) -> bool:
         """Whether the flight after a wall, or from the section, is integrated, from its `field`."""
-        kernel = self.since(self.model.WALLS[0].name) if a == SECTION else self.motion(a)
-        return "flown" in kernel.__code__.co_names
+        return "flown" in self._moving(a).__code__.co_names
+
+    def _moving(self, a: str) -> Kernel:
+        """A kernel of how a gap coordinate moves in the mode after a wall, or in the first one."""
+        model, size = self.model, self.model.DEGREES_OF_FREEDOM
+        first = model.MODES[0].name if model.MODES else ""
+        guard = next((g for g in model.WALLS if g.name == a), None)
+        mode = first if guard is None else guard.next_mode
+        orders = orders_of(model.MODES, mode, size)
+        met = next(g for g in model.WALLS if mode in g.modes)
+        if guard is None:
+            return self.since(model.WALLS[0].name if all(orders) else met.name)
+        has = any(c and order for c, order in zip(guard.row(size), orders, strict=True))
+        return self.motion(a) if has else self.gap(a, met.name)
 
     def arrival(self, a: str, b: str) -> int:
         """Where the flight between two walls ends; see `contimpact.segments.passages`."""

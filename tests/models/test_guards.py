@@ -65,10 +65,6 @@ SMALLER = {"MODES": (MODES[0], Mode("contact", 1)), "DEGREES_OF_FREEDOM": 2}
             r"mode 'contact' has the coordinates of first order \(1,\); .*from 0 to 0",
         ),
         (
-            {"DEGREES_OF_FREEDOM": 2, "MODES": (Mode("free", 1), Mode("contact"))},
-            r"the first mode 'free' does not have all coordinates",
-        ),
-        (
             {"WALLS": (CONTACT, RELEASE, Guard("K", 1, "free", "contact", past="Z"))},
             r"'K' leads on past 'Z'; give a guard on the same surface",
         ),
