@@ -5,6 +5,8 @@ Rounds of starts (`contimpact.orbits.starts`) are repeated until several in a ro
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 
 from ..errors import InputError
@@ -12,7 +14,7 @@ from ..models.guards import graph
 from ..models.model import Model
 from ..models.word import Word, parse_word
 from ..progress import Asked, Progress, asked, silent
-from ..segments.kernels import Kernels
+from ..segments.kernels import SECTION, Kernels
 from .linearisation import Linearisation
 from .orbit import Orbit
 from .problem import Array, OrbitProblem
@@ -25,6 +27,9 @@ FEWEST_STARTS, MOST_WORK = 16, 40_000
 
 QUIET_STARTS, TURNING_STARTS, TURNING_ITERATIONS = 64, 256, 25
 """For orbits without impacts, and where their period is free."""
+
+SHORTER = 0.5 ** np.arange(6)
+"""Parts of a Newton step from afar, of which the first is taken that leads nearer."""
 
 SAME_ORBIT = 1e-7
 SAME_SINGULAR_ORBIT = 1e-4
@@ -106,30 +111,79 @@ def orbits_of(
             return _turning(problem, generator)
         return _without_impacts(problem, generator)
     starts = min(starts, max(FEWEST_STARTS, MOST_WORK // len(problem.word) ** 2))
+    found = _from_rounds(problem, generator, starts, rounds, tell)
+    if not found and any(problem.kernels.integrated(a) for a in problem.word.walls):
+        tell("states at random, too")
+        found = _from_rounds(problem, generator, starts, rounds, tell, fitted=False)
+    return sorted(found, key=lambda orbit: -float(orbit.velocities[0]))
+
+
+def _from_rounds(
+    problem: OrbitProblem,
+    generator: np.random.Generator,
+    starts: int,
+    rounds: int,
+    tell: Progress,
+    fitted: bool = True,
+) -> list[Orbit]:
+    """The orbits of a word with letters, from starts that fit their times or any states."""
     found: list[Orbit] = []
     known: list[Array] = []
     quiet = 0
     tell(f"{starts} starts in a round")
-    for number, solutions in enumerate(rounds_of_starts(problem, generator, starts, rounds), 1):
+    solved = rounds_of_starts(problem, generator, starts, rounds, fitted)
+    for number, solutions in enumerate(solved, 1):
         before = len(found)
         _keep(found, known, problem, solutions)
         tell(f"{len(found)} orbits after {number} rounds of {starts} starts")
         quiet = quiet + 1 if len(found) == before else 0
         if quiet == 2:
             break
-    return sorted(found, key=lambda orbit: -float(orbit.velocities[0]))
+    return found
 
 
 def _without_impacts(problem: OrbitProblem, generator: np.random.Generator) -> list[Orbit]:
     """The orbits of the word `0`; of linear flights the first start leads to the only one."""
     free = [problem.model.values[name] for name in problem.kernels.parameters]
+
+    def state(trial: int) -> Array:
+        drawn = generator.normal(scale=10.0 ** (trial % 4 - 2), size=problem.m) * (trial > 0)
+        return np.append(drawn, free)
+
     found: list[Orbit] = []
     for trial in range(QUIET_STARTS):
-        state = generator.normal(scale=10.0 ** (trial % 4 - 2), size=problem.m) * (trial > 0)
-        here = solve_near(problem, np.append(state, free))
-        if here is not None and _regular(here) and not _repeats_quietly(here):
-            _add(found, here, SAME_ORBIT * max(1.0, float(np.max(np.abs(here.unknowns)))))
+        _add_quiet(found, solve_near(problem, state(trial)))
+    if not found and problem.kernels.integrated(SECTION):
+        for trial in range(QUIET_STARTS):
+            _add_quiet(found, solve_near(problem, _nearer(problem, state(trial))))
     return found
+
+
+def _add_quiet(found: list[Orbit], here: Linearisation | None) -> None:
+    """Add an orbit without impacts to the list unless it is there, or one of a shorter period."""
+    if here is not None and _regular(here) and not _repeats_quietly(here):
+        _add(found, here, SAME_ORBIT * max(1.0, float(np.max(np.abs(here.unknowns)))))
+
+
+def _nearer(problem: OrbitProblem, unknowns: Array) -> Array:
+    """Follow Newton's steps from afar, each as far as the residual falls."""
+    z, best = unknowns, math.inf
+    step = np.zeros(problem.n)
+    try:
+        for _ in range(TURNING_ITERATIONS):
+            for part in SHORTER:
+                trial = z.copy()
+                trial[: problem.n] -= part * step
+                here = problem.evaluate(trial)
+                if here.largest_residual < best:
+                    break
+            else:
+                break
+            z, best = trial, here.largest_residual
+            step = np.linalg.solve(here.jacobian[:, : problem.n], here.residual)
+    except (ArithmeticError, ValueError, np.linalg.LinAlgError):
+        pass
+    return z
 
 
 def _turning(problem: FreeQuietProblem, generator: np.random.Generator) -> list[Orbit]:

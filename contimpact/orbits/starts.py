@@ -22,19 +22,35 @@ SPANS = 0.2, 5.0
 LONGEST = 2.0 * SPANS[1]
 """Free period from which on a start is given up, likewise."""
 
+FAR = 30.0
+"""Times as large as those of most starts: section coordinates at which one is given up, where
+flights are integrated, which takes the longer the faster they oscillate."""
+
+SIZES = 0.1, 1.0, 10.0
+"""Of section coordinates that are drawn at random."""
+
 ROUNDS_AT_ONCE = 3
 """Rounds iterated together; where there is an orbit, no search ends before the third."""
 
 
 def rounds_of_starts(
-    problem: OrbitProblem, generator: np.random.Generator, starts: int, rounds: int
+    problem: OrbitProblem,
+    generator: np.random.Generator,
+    starts: int,
+    rounds: int,
+    fitted: bool = True,
 ) -> Iterator[Array]:
-    """The solutions that the starts of each round lead to, in the order of their iterations."""
+    """The solutions that the starts of each round lead to, in the order of their iterations.
+
+    Section coordinates are drawn at random, too, unless they are fitted to the times.
+    """
     for first in range(0, rounds, ROUNDS_AT_ONCE):
         count = min(ROUNDS_AT_ONCE, rounds - first)
         times = [_random_times(problem, generator, starts) for _ in range(count)]
         with np.errstate(all="ignore"):
-            solutions, origin = _newton(problem, _with_sections(problem, np.concatenate(times)))
+            at = np.concatenate(times)
+            begun = _with_sections(problem, at) if fitted else _drawn(problem, at, generator)
+            solutions, origin = _newton(problem, begun)
         for k in range(count):
             yield solutions[origin // starts == k]
 
@@ -70,6 +86,14 @@ def _with_sections(problem: OrbitProblem, times: Array) -> Array:
     return z
 
 
+def _drawn(problem: OrbitProblem, times: Array, generator: np.random.Generator) -> Array:
+    """The starts with these impact times: section coordinates at random."""
+    z = generator.normal(size=(*times.shape, problem.m))
+    z *= generator.choice(SIZES, (len(times), 1, 1))
+    z[:, :, 0] = times
+    return z
+
+
 def _newton(problem: OrbitProblem, z: Array) -> tuple[Array, Array]:
     """Newton's iteration from every start.
 
@@ -86,11 +110,13 @@ def _newton(problem: OrbitProblem, z: Array) -> tuple[Array, Array]:
     origin = np.arange(count)
     reached: list[Array] = []
     origins: list[Array] = []
+    far = _far(problem, z)
     for _ in range(ITERATIONS):
         residual, jacobian = _evaluate_all(problem, z)
         healthy = np.isfinite(jacobian).all(axis=(1, 2)) & np.isfinite(residual).all(axis=1)
         if problem.autonomous:
             healthy &= -z[:, 0, 0] < LONGEST * period
+        healthy &= _sizes(z) < far
         z, origin = z[healthy], origin[healthy]
         jacobian = jacobian[healthy] + 1e-300 * np.eye(n * m)
         step = _solve_all(jacobian, -residual[healthy]).reshape(-1, n, m)
@@ -103,6 +129,18 @@ def _newton(problem: OrbitProblem, z: Array) -> tuple[Array, Array]:
         z = z + step * _shortening(problem, z, step, period)[:, None, None]
     solutions = np.concatenate(reached).reshape(-1, n * m)
     return np.insert(solutions, n * m, value, axis=1), np.concatenate(origins)
+
+
+def _far(problem: OrbitProblem, z: Array) -> float:
+    """The size of section coordinates at which starts are given up."""
+    sizes = _sizes(z)
+    known = sizes[np.isfinite(sizes) & (sizes > 0.0)]
+    integrated = any(problem.kernels.integrated(a) for a in problem.word.walls)
+    return FAR * float(np.median(known)) if integrated and len(known) else np.inf
+
+
+def _sizes(z: Array) -> Array:
+    return np.max(np.abs(z[:, :, 1:]), axis=(1, 2))
 
 
 def _solve_all(matrices: Array, right: Array) -> Array:
