@@ -72,6 +72,13 @@ class Machine:
         """The machine as a text, from which `machine_of` makes it again."""
         return json.dumps(asdict(self), separators=(",", ":"))
 
+    @property
+    def expressions(self) -> list[str]:
+        """All that parameters may stand in."""
+        rows = (*self.mass, *self.damping, *self.stiffness, self.force, (self.period,))
+        at_guards = (text for guard in self.guards for text in (guard.position, guard.restitution))
+        return [*(text for row in rows for text in row), *at_guards]
+
 
 def machine_of(text: str) -> Machine:
     """Return the machine that a text holds.
@@ -114,7 +121,7 @@ def stated(given: Mapping[str, Any], parameters: Sequence[str]) -> Machine:
     matrices = {name: _matrix(given[name], len(names), name) for name in MATRICES}
     force = _expressions(given["force"], len(names), "force")
     guards = tuple(_guard(name, g, names) for name, g in given["guards"].items())
-    period = _expression(given["period"], "period")
+    period = text_of(given["period"], "period")
     machine = Machine(
         tuple(parameters), names, **matrices, force=force, period=period, guards=guards
     )
@@ -122,7 +129,7 @@ def stated(given: Mapping[str, Any], parameters: Sequence[str]) -> Machine:
     return machine
 
 
-def check_use(machine: Machine) -> None:
+def check_use(parameters: Sequence[str], expressions: Sequence[str]) -> None:
     """Refuse a parameter in none of the expressions: it may be one with its name misspelt.
 
     Raises
@@ -130,11 +137,8 @@ def check_use(machine: Machine) -> None:
     InputError
         With the place in the scene's table.
     """
-    rows = [*machine.mass, *machine.damping, *machine.stiffness, machine.force, (machine.period,)]
-    texts = [text for row in rows for text in row]
-    texts += [e for guard in machine.guards for e in (guard.position, guard.restitution)]
-    used = {name for text in texts for name in names_in(text)}
-    for name in machine.parameters:
+    used = {name for text in expressions for name in names_in(text)}
+    for name in parameters:
         if name not in used:
             accepted = f"use {name} in the machine, or take its value away"
             raise InputError(f"parameters.{name}", "no expression has it", accepted)
@@ -169,10 +173,10 @@ def _matrix(given: Any, size: int, where: str) -> tuple[tuple[str, ...], ...]:
 def _expressions(given: Any, size: int, where: str) -> tuple[str, ...]:
     if not isinstance(given, list) or len(given) != size:
         raise InputError(where, f"found {shown(given)}", f"give a list of {size} entries")
-    return tuple(_expression(e, f"{where}[{i}]") for i, e in enumerate(given))
+    return tuple(text_of(e, f"{where}[{i}]") for i, e in enumerate(given))
 
 
-def _expression(given: Any, where: str) -> str:
+def text_of(given: Any, where: str) -> str:
     """A number or a text as a text."""
     if isinstance(given, str):
         return given
@@ -195,13 +199,13 @@ def _guard(name: str, given: Any, coordinates: Sequence[str]) -> StatedGuard:
     for key in ("within", "restitution"):
         if key not in given:
             raise InputError(f"{where}.{key}", "missing", f"give {key}, an expression in quotes")
-    left, side, position = _within(given["within"], f"{where}.within", coordinates)
-    row = _row(left, f"{where}.within", coordinates)
-    restitution = _expression(given["restitution"], f"{where}.restitution")
+    left, side, position = sides_of(given["within"], f"{where}.within", coordinates)
+    row = row_of(left, f"{where}.within", coordinates)
+    restitution = text_of(given["restitution"], f"{where}.restitution")
     return StatedGuard(name, row, side, position, restitution)
 
 
-def _within(text: Any, where: str, coordinates: Sequence[str]) -> tuple[str, int, str]:
+def sides_of(text: Any, where: str, coordinates: Sequence[str]) -> tuple[str, int, str]:
     """The gap coordinate, +1 where it stays below its position, and the position."""
     accepted = f'give where the machine stays, such as "{coordinates[0]} <= sigma"'
     found = f"found {shown(text)}"
@@ -221,7 +225,7 @@ def _within(text: Any, where: str, coordinates: Sequence[str]) -> tuple[str, int
     return gap, +1 if below else -1, position
 
 
-def _row(text: str, where: str, coordinates: Sequence[str]) -> tuple[float, ...]:
+def row_of(text: str, where: str, coordinates: Sequence[str]) -> tuple[float, ...]:
     """The factors of a linear combination of coordinates."""
     check_expression(text, where, coordinates)
 

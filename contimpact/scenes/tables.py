@@ -5,7 +5,7 @@ Every mistake is refused with the path of its key, what was found and what would
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, fields, replace
 from typing import TYPE_CHECKING, Any
 
@@ -37,16 +37,16 @@ from .options import (
 from .table import REQUIRED, Table
 
 if TYPE_CHECKING:
+    from ..models.machine import Machine
+    from ..models.stated_modes import StatedModes
     from ..systems.membrane import Membrane
     from .simulate_tables import SimulateOptions
 
 
 def read_machine(table: Table, kind: type[Model]) -> Model:
     """Return the machine that [model] states."""
-    from ..models.machine import check_use, stated
+    from ..models.machine import stated
 
-    parameters = table.table("parameters")
-    values = {name: parameters.number(name) for name in parameters.data}
     lists = {name: table.take(name, REQUIRED, "a list") for name in ("coordinates", "mass")}
     size = len(lists["coordinates"]) if isinstance(lists["coordinates"], list) else 1
     given = {
@@ -57,11 +57,36 @@ def read_machine(table: Table, kind: type[Model]) -> Model:
         "period": table.take("period", REQUIRED, "the forcing period"),
         "guards": table.table("guards").data,
     }
+    return _stated(table, kind, lambda names: stated(given, names))
+
+
+def read_modes(table: Table, kind: type[Model]) -> Model:
+    """Return the hybrid system that [model] states."""
+    from ..models.stated_modes import stated
+
+    given = {name: table.table(name).data for name in ("modes", "guards")}
+    given["define"] = table.table("define", optional=True).data
+    given["period"] = table.take("period", REQUIRED, "the forcing period")
+    return _stated(table, kind, lambda names: stated(given, names))
+
+
+STATEMENTS = {"linear": read_machine, "hybrid": read_modes}
+"""Readers of the systems that scenes state themselves."""
+
+
+def _stated(
+    table: Table, kind: type[Model], state: Callable[[list[str]], Machine | StatedModes]
+) -> Model:
+    """The system that the names of its parameters complete; each has to stand in it."""
+    from ..models.machine import check_use
+
+    parameters = table.table("parameters")
+    values = {name: parameters.number(name) for name in parameters.data}
     table.finish()
     try:
-        machine = stated(given, list(values))
+        machine = state(list(values))
         model = kind(machine=machine.text, **values)
-        check_use(machine)
+        check_use(machine.parameters, machine.expressions)
         return model
     except InputError as error:
         inside = "model.parameters" if error.where in values else "model"
@@ -72,7 +97,7 @@ def read_model(table: Table, systems: Mapping[str, type[Model]] | None = None) -
     """Return the model of [model] at the start's parameter values."""
     kind = system(table.text("system"), "model.system", systems)
     if kind.STATED and "machine" not in table.data:
-        return read_machine(table, kind)
+        return STATEMENTS[kind.SYSTEM](table, kind)
     options = {name: table.text(name, default) for name, default in kind.OPTIONS.items()}
     if table.has("period"):
         options["period"] = table.text("period")

@@ -23,6 +23,7 @@ SYSTEMS = {
     "belt": "belt:Belt",
     "van-der-pol": "van_der_pol:VanDerPol",
     "linear": "linear:LinearMachine",
+    "hybrid": "hybrid:HybridSystem",
 }
 
 PLUGINS = "contimpact.systems"

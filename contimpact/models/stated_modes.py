@@ -1,0 +1,354 @@
+"""A hybrid system in texts: laws of motion for each mode, and guards that lead from one to another.
+
+What a scene states is checked here without SymPy, and kept as one text, by which the system is
+known in records.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass
+from typing import Any, TypeAlias
+
+from ..errors import InputError, shown
+from .expressions import CONSTANTS, FUNCTIONS, check_expression, names_in, number
+from .machine import MOST_COORDINATES, TIME, row_of, sides_of, text_of
+
+Texts: TypeAlias = tuple[tuple[str, str], ...]
+"""Names, and an expression for each."""
+GUARD_KEYS = ("mode", "within", "to", "set", "past")
+
+
+@dataclass(frozen=True)
+class StatedMode:
+    """A mode by the laws of its state.
+
+    Attributes
+    ----------
+    name : str
+    laws : tuple of (str, str)
+        The rate of change of each state variable, in that order.
+    """
+
+    name: str
+    laws: Texts
+
+    @property
+    def variables(self) -> tuple[str, ...]:
+        """The names of its state."""
+        return tuple(name for name, _ in self.laws)
+
+    def velocities(self, sections: Sequence[str]) -> dict[str, str]:
+        """Return the coordinates of second order, each with its velocity.
+
+        A variable whose rate is another one has that for its velocity, unless a guard lies on it.
+        """
+        found: dict[str, str] = {}
+        for name, law in self.laws:
+            rate = law.strip()
+            free = rate in self.variables and rate not in (name, *sections, *found.values())
+            if free and name not in found.values() and rate not in found:
+                found[name] = rate
+        return found
+
+    def coordinates(self, sections: Sequence[str]) -> tuple[str, ...]:
+        """Return the names of its coordinates, in their order."""
+        speeds = self.velocities(sections).values()
+        return tuple(name for name in self.variables if name not in speeds)
+
+
+@dataclass(frozen=True)
+class StatedGuard:
+    """A surface at which some modes end.
+
+    Attributes
+    ----------
+    name : str
+        Its letter.
+    modes : tuple of str
+    to : str
+        The mode it leads to.
+    row : tuple of float
+        The gap coordinate: a factor for each coordinate of the mode.
+    side : int
+        +1 where the gap coordinate stays below the position, -1 where it stays above.
+    position : str
+    after : tuple of (str, str)
+        State variables that change there, in the state before and the parameters.
+    past : str
+        See `contimpact.models.guards.Guard.past`.
+    """
+
+    name: str
+    modes: tuple[str, ...]
+    to: str
+    row: tuple[float, ...]
+    side: int
+    position: str
+    after: Texts
+    past: str
+
+
+@dataclass(frozen=True)
+class StatedModes:
+    """Everything a hybrid system is made of.
+
+    Attributes
+    ----------
+    parameters : tuple of str
+    definitions : tuple of (str, str)
+        Names for expressions that stand in laws and guards.
+    sections : tuple of str
+        State variables that guards lie on.
+    modes : tuple of StatedMode
+    guards : tuple of StatedGuard
+    period : str
+    """
+
+    parameters: tuple[str, ...]
+    definitions: Texts
+    sections: tuple[str, ...]
+    modes: tuple[StatedMode, ...]
+    guards: tuple[StatedGuard, ...]
+    period: str
+
+    @property
+    def text(self) -> str:
+        """The system as a text, from which `modes_of` makes it again."""
+        return json.dumps(asdict(self), separators=(",", ":"))
+
+    @property
+    def laws(self) -> list[str]:
+        """The expressions of all laws, and those that may stand in them."""
+        laws = [law for mode in self.modes for _, law in mode.laws]
+        return [*(text for _, text in self.definitions), *laws]
+
+    @property
+    def expressions(self) -> list[str]:
+        """All that parameters may stand in."""
+        changes = [text for guard in self.guards for _, text in guard.after]
+        return [*self.laws, *(guard.position for guard in self.guards), *changes, self.period]
+
+    @property
+    def autonomous(self) -> bool:
+        """Whether the time stands nowhere in it."""
+        return not any(TIME in names_in(text) for text in self.laws)
+
+    @property
+    def degrees_of_freedom(self) -> int:
+        """The coordinates of the mode that has most."""
+        return max(len(mode.coordinates(self.sections)) for mode in self.modes)
+
+    def mode(self, name: str) -> StatedMode:
+        """Return a mode by its name."""
+        return next(mode for mode in self.modes if mode.name == name)
+
+
+def modes_of(text: str) -> StatedModes:
+    """Return the system that a text holds.
+
+    Raises
+    ------
+    InputError
+        If it is no such text.
+    """
+    try:
+        given = json.loads(text)
+        modes = tuple(StatedMode(m["name"], _pairs(m["laws"])) for m in given["modes"])
+        guards = tuple(
+            StatedGuard(
+                **{
+                    **g,
+                    "modes": tuple(g["modes"]),
+                    "row": tuple(g["row"]),
+                    "after": _pairs(g["after"]),
+                }
+            )
+            for g in given["guards"]
+        )
+        names = (tuple(given[name]) for name in ("parameters", "sections"))
+        parameters, sections = names
+        definitions = _pairs(given["definitions"])
+        found = StatedModes(parameters, definitions, sections, modes, guards, given["period"])
+    except (ValueError, TypeError, KeyError) as error:
+        accepted = "state the system in a scene, with modes and guards"
+        raise InputError("machine", f"found {shown(text)}", accepted) from error
+    _check(found)
+    return found
+
+
+def _pairs(given: Any) -> Texts:
+    return tuple((str(name), str(text)) for name, text in given)
+
+
+def stated(given: Mapping[str, Any], parameters: Sequence[str]) -> StatedModes:
+    """Return the system of a scene's table.
+
+    Parameters
+    ----------
+    given : mapping
+        ``modes``, ``guards``, ``define`` and ``period``, as tables, numbers and texts.
+    parameters : sequence of str
+        The names that have a value.
+
+    Raises
+    ------
+    InputError
+        With the place in the table.
+    """
+    definitions = _texts(given["define"], "define")
+    _check_names([*parameters], "parameters", (*FUNCTIONS, *CONSTANTS, TIME))
+    taken = (*parameters, *FUNCTIONS, *CONSTANTS, TIME)
+    _check_names([name for name, _ in definitions], "define", taken)
+    modes = tuple(
+        _mode(name, laws, (*taken, *dict(definitions))) for name, laws in given["modes"].items()
+    )
+    if not modes:
+        raise InputError("modes", "none", "give at least one")
+    tables = {name: _guard_table(name, g, modes) for name, g in given["guards"].items()}
+    sections = dict.fromkeys(
+        name
+        for _, mode, table in tables.values()
+        for name in names_in(str(table["within"]).replace("<=", "-").replace(">=", "-"))
+        if name in mode.variables
+    )
+    guards = tuple(
+        _guard(name, names, mode, table, tuple(sections))
+        for name, (names, mode, table) in tables.items()
+    )
+    period = text_of(given["period"], "period")
+    found = StatedModes(tuple(parameters), definitions, tuple(sections), modes, guards, period)
+    _check(found)
+    return found
+
+
+def _texts(given: Any, where: str) -> Texts:
+    """Names and expressions of a table."""
+    if not isinstance(given, Mapping):
+        raise InputError(where, f"found {shown(given)}", 'give a table such as { x = "v" }')
+    return tuple((name, text_of(e, f"{where}.{name}")) for name, e in given.items())
+
+
+def _check_names(names: Sequence[str], where: str, taken: Sequence[str]) -> None:
+    for name in names:
+        if not name.isidentifier() or name in taken:
+            found = f"the name {shown(name)}"
+            accepted = "give a name of its own, of letters, digits and underscores"
+            raise InputError(f"{where}.{name}", found, accepted)
+
+
+def _mode(name: str, laws: Any, taken: Sequence[str]) -> StatedMode:
+    where = f"modes.{name}"
+    mode = StatedMode(name, _texts(laws, where))
+    if not 1 <= len(mode.laws) <= 2 * MOST_COORDINATES:
+        accepted = f"give the rates of 1 to {2 * MOST_COORDINATES} variables"
+        raise InputError(where, f"found {len(mode.laws)} laws", accepted)
+    _check_names(mode.variables, where, taken)
+    return mode
+
+
+def _guard_table(
+    name: str, given: Any, modes: Sequence[StatedMode]
+) -> tuple[tuple[str, ...], StatedMode, Mapping[str, Any]]:
+    """The modes that a guard ends, the first of them, and its table."""
+    where = f"guards.{name}"
+    if not isinstance(given, Mapping):
+        raise InputError(where, f"found {shown(given)}", 'give { within = "x <= sigma" }')
+    for key in given:
+        if key not in GUARD_KEYS:
+            accepted = f"accepted are {', '.join(GUARD_KEYS)}"
+            raise InputError(f"{where}.{key}", "unknown key", accepted)
+    if "within" not in given:
+        raise InputError(f"{where}.within", "missing", 'give it, such as "x <= sigma"')
+    known = {mode.name: mode for mode in modes}
+    first = modes[0].name if len(modes) == 1 else None
+    ended = given.get("mode", first)
+    names = tuple(ended) if isinstance(ended, list) else (ended,)
+    for mode in (*names, given.get("to", names[0])):
+        if mode not in known:
+            found = "missing" if mode is None else f"found {shown(mode)}"
+            key = "mode" if mode in names else "to"
+            raise InputError(f"{where}.{key}", found, f"the modes are {', '.join(known)}")
+    return names, known[names[0]], given
+
+
+def _guard(
+    name: str,
+    names: tuple[str, ...],
+    mode: StatedMode,
+    given: Mapping[str, Any],
+    sections: Sequence[str],
+) -> StatedGuard:
+    where = f"guards.{name}"
+    coordinates = mode.coordinates(sections)
+    left, side, position = sides_of(given["within"], f"{where}.within", coordinates)
+    row = row_of(left, f"{where}.within", coordinates)
+    after, past = _texts(given.get("set", {}), f"{where}.set"), str(given.get("past", ""))
+    return StatedGuard(name, names, given.get("to", names[0]), row, side, position, after, past)
+
+
+def _check(given: StatedModes) -> None:
+    """Refuse expressions of anything but what has a value where they stand."""
+    known = given.parameters
+    for name, text in given.definitions:
+        variables = [v for mode in given.modes for v in mode.variables]
+        before = [n for n, _ in given.definitions[: [*dict(given.definitions)].index(name)]]
+        check_expression(text, f"define.{name}", (TIME, *known, *before, *variables))
+    check_expression(given.period, "period", known)
+    if not given.guards:
+        raise InputError("guards", "none", "give at least one")
+    for mode in given.modes:
+        usable = (TIME, *known, *mode.variables, *usable_definitions(given, mode))
+        for name, text in mode.laws:
+            check_expression(text, f"modes.{mode.name}.{name}", usable)
+    for guard in given.guards:
+        _check_guard(guard, given)
+
+
+def _check_guard(guard: StatedGuard, given: StatedModes) -> None:
+    where = f"guards.{guard.name}"
+    check_expression(guard.position, f"{where}.within", given.parameters)
+    before, after = given.mode(guard.modes[0]), given.mode(guard.to)
+    for name in guard.modes[1:]:
+        if given.mode(name).variables != before.variables:
+            found = f"it ends modes of different variables: {', '.join(guard.modes)}"
+            raise InputError(f"{where}.mode", found, "give a guard for each of them")
+    for name, text in guard.after:
+        if name not in after.variables:
+            accepted = f"the mode {after.name!r} has {', '.join(after.variables)}"
+            raise InputError(f"{where}.set.{name}", f"no variable {name!r}", accepted)
+        usable = [
+            d for d in usable_definitions(given, before) if not _timed(dict(given.definitions), d)
+        ]
+        check_expression(
+            text, f"{where}.set.{name}", (*given.parameters, *before.variables, *usable)
+        )
+    for name in after.variables:
+        if name not in (*before.variables, *dict(guard.after)):
+            found = f"nothing says what {name!r} is in the mode {after.name!r}"
+            raise InputError(f"{where}.set.{name}", found, "give it, in the state before")
+
+
+def usable_definitions(given: StatedModes, mode: StatedMode) -> list[str]:
+    """Return the definitions whose variables a mode has."""
+    found: list[str] = []
+    for name, text in given.definitions:
+        if set(names_in(text)) <= {
+            *found, TIME, *given.parameters, *mode.variables, *FUNCTIONS, *CONSTANTS,
+        }:  # fmt: skip
+            found.append(name)
+    return found
+
+
+def _timed(definitions: Mapping[str, str], name: str) -> bool:
+    """Whether the time stands in a definition."""
+    names = names_in(definitions[name])
+    return TIME in names or any(_timed(definitions, n) for n in names if n in definitions)
+
+
+def check_period(given: StatedModes, values: Mapping[str, float]) -> None:
+    """Refuse a period of the forcing that is none, where a system is stated."""
+    period = number(given.period, "period", values)
+    if not period > 0.0:
+        raise InputError("period", f"it is {period:.6g}", "give the period of the forcing, above 0")

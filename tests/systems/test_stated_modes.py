@@ -1,0 +1,325 @@
+"""Hybrid systems stated in scenes: COCO's and PWSDDE-cont's demonstrations, and what is refused.
+
+References are closed forms and SciPy's DOP853; nothing here comes from the package but what is
+compared.
+"""
+
+import copy
+import math
+import pickle
+import tomllib
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+from scipy.optimize import brentq, fsolve
+
+import contimpact as ci
+from contimpact.errors import InputError
+from contimpact.models.stated_modes import StatedMode
+from contimpact.scenes.scene import read_scene
+
+BRANCHES = Path(__file__).parents[2] / "branches"
+EXACT = {"rtol": 1e-13, "atol": 1e-13, "method": "DOP853"}
+
+OSCILLATOR = {
+    "system": "hybrid",
+    "period": "2*pi/omega",
+    "parameters": {"a": 0.4, "omega": 1.3, "c": 0.1, "sigma": 0.5, "r": 0.8},
+    "define": {"drive": "a*cos(omega*t)"},
+    "modes": {"free": {"x": "v", "v": "drive - c*v - x"}},
+    "guards": {"S": {"within": "x <= sigma", "set": {"v": "-r*v"}}},
+}
+
+
+def guard(**changes):
+    return {"guards": {"S": {"within": "x <= sigma"} | changes}}
+
+
+def laws(**given):
+    return {"modes": {"free": given}}
+
+
+def model_of(table):
+    scene = {"name": "n", "model": copy.deepcopy(table)}
+    scene["follow"] = {
+        "parameter": next(iter(table["parameters"])),
+        "range": [-9, 9],
+        "orbits": ["0"],
+    }
+    return read_scene(scene).model
+
+
+def shipped(name, **values):
+    given = tomllib.loads((BRANCHES / name / "scene.toml").read_text(encoding="utf-8"))
+    return model_of(given["model"]).replace(**values)
+
+
+def test_the_oscillator_stated_is_the_one_that_comes_with_the_package():
+    stated = model_of(OSCILLATOR)
+    own = ci.Oscillator(k=1, **OSCILLATOR["parameters"])
+    found, expected = (ci.find_orbits(m, "S", parameter="omega") for m in (stated, own))
+    assert len(found) == len(expected) > 0
+    for one, other in zip(found, expected, strict=True):
+        np.testing.assert_allclose(one.times, other.times, rtol=0, atol=1e-12)
+        np.testing.assert_allclose(one.velocities, other.velocities, rtol=1e-12)
+        np.testing.assert_allclose(one.multipliers, other.multipliers, rtol=1e-10)
+
+
+def test_a_variable_whose_rate_is_another_one_is_of_second_order_unless_a_guard_lies_on_that():
+    mode = StatedMode("m", (("x", "v"), ("v", "-x"), ("u", "v")))
+    assert mode.velocities(()) == {"x": "v"}
+    assert mode.coordinates(()) == ("x", "u")
+    assert mode.velocities(("v",)) == {}
+
+
+def test_models_are_copied_and_pickled_and_stand_in_entries():
+    model = model_of(OSCILLATOR)
+    assert pickle.loads(pickle.dumps(model)) == model == copy.copy(model)
+    assert type(model)(machine=model.options["machine"], **model.values) == model
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (guard(to="gone"), r"model\.guards\.S\.to: found 'gone'"),
+        (guard(within="v*x <= sigma"), r"model\.guards\.S\.within"),
+        (guard(set={"w": "1"}), r"model\.guards\.S\.set\.w: no variable"),
+        (guard(set={"v": "-drive"}), r"S\.set\.v: unknown name 'drive'"),
+        (laws(x="v", v="-x + q"), r"model\.modes\.free\.v: unknown name 'q'"),
+        (laws(a="v", v="-x"), r"model\.modes\.free\.a: the name 'a'"),
+        ({"period": "-1"}, r"model\.period: it is -1"),
+    ],
+)
+def test_mistakes_are_refused_with_their_place(change, message):
+    with pytest.raises(InputError, match=message):
+        model_of(OSCILLATOR | change)
+
+
+def test_what_a_variable_is_in_the_next_mode_has_to_be_said():
+    modes = OSCILLATOR["modes"] | {"held": {"f": "1"}}
+    guards = {
+        "S": {"mode": "free", "within": "x <= sigma", "to": "held"},
+        "R": {"mode": "held", "within": "f <= 1", "to": "free", "set": {"x": "sigma", "v": 0}},
+    }
+    with pytest.raises(InputError, match=r"guards\.S\.set\.f: nothing says what 'f' is"):
+        model_of(OSCILLATOR | {"modes": modes, "guards": guards})
+
+
+# COCO's piecewise: in polar coordinates both fields have closed forms.
+
+
+def _round(start, al, be, ga):
+    """The radius after one turn from (0, start), how long it took, and the slope of the map."""
+    grown = math.exp(math.pi)
+    low = start * grown / (1 + start * (grown - 1))
+
+    def after(time):
+        grown = math.exp(al * be * time)
+        return be * low * grown / (be + low * (grown - 1))
+
+    def turned(time):
+        return ga * time + math.log(after(time) / low) / al - math.pi
+
+    time = brentq(turned, 0.1, 9.0, xtol=1e-15)
+    return after(time), math.pi + time
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("be", [0.7, 2.0, 4.5])
+def test_piecewise_has_the_orbit_of_its_closed_form(be):
+    pytest.importorskip("heyoka")
+    model = shipped("coco_piecewise", be=be)
+    radius = brentq(lambda r: _round(r, 1.0, be, 1.5)[0] - r, 0.05, 8.0, xtol=1e-15)
+    period = _round(radius, 1.0, be, 1.5)[1]
+    slope = (_round(radius + 1e-5, 1.0, be, 1.5)[0] - _round(radius - 1e-5, 1.0, be, 1.5)[0]) / 2e-5
+    (orbit,) = (o for o in ci.find_orbits(model, "LR", parameter="be", starts=64) if o.physical)
+    assert orbit.period == pytest.approx(period, abs=1e-11)
+    assert abs(orbit.multipliers[0]) == pytest.approx(slope, abs=1e-7)
+    assert list(orbit.multipliers[1:]) == [0.0, 0.0]
+
+
+# COCO's bangbang.
+
+
+@pytest.mark.slow
+def test_bang_bang_has_the_orbit_of_dop853():
+    pytest.importorskip("heyoka")
+    model = shipped("coco_bang_bang", om=1.1)
+    (orbit,) = ci.find_orbits(model, "NP", parameter="om", starts=48)
+    half = math.pi / 1.1
+
+    def flown(state, force):
+        def field(t, y):
+            return [y[1], force - 0.2 * y[1] - y[0] - y[0] ** 3]
+
+        return solve_ivp(field, (0.0, half), state, **EXACT).y[:, -1]
+
+    at_n = orbit.problem.impacts(orbit.unknowns)[0, 2:]
+    np.testing.assert_allclose(flown(flown(at_n, -26.0), 26.0), at_n, rtol=0, atol=1e-10)
+    assert orbit.period == pytest.approx(2 * half, abs=1e-12)
+
+
+# COCO's stickslip.
+
+
+def _stick(V, w=0.92, c=0.04):
+    def field(t, y):
+        return [y[1], (V * math.sin(w * t) / (1 - y[0])) ** 2 - c * y[1] - y[0]]
+
+    return field
+
+
+def _touch(level=0.5):
+    """V, time and velocity at t = 0 of the orbit without impact that touches the level."""
+
+    def apart(z):
+        V, t, slow = z
+        run = solve_ivp(_stick(V), (t, t + math.pi / 0.92), [level, slow], **EXACT)
+        return [*(run.y[:, -1] - [level, slow]), slow]
+
+    return fsolve(apart, [0.5875, -0.01, 0.0], xtol=1e-14)
+
+
+@pytest.fixture(scope="module")
+def impacting():
+    pytest.importorskip("heyoka")
+    model = shipped("coco_stick_slip")
+    (orbit,) = (
+        o for o in ci.find_orbits(model, "IR", parameter="V", starts=128, rounds=3) if o.physical
+    )
+    return orbit
+
+
+@pytest.mark.slow
+def test_stick_slip_begins_where_the_orbit_that_sticks_touches(impacting):
+    branch = ci.continue_orbit(impacting, "V", (0.58, 0.605), events=["V"])
+    (event,) = branch.events
+    assert event.value == pytest.approx(_touch()[0], abs=1e-10)
+    quiet = ci.continue_born(event, range=(0.5, 0.7), events=["FB"])
+    assert quiet.word == ""
+    (fold,) = quiet.events
+    assert event.value < fold.value < 0.58754
+
+
+@pytest.mark.slow
+def test_stick_slip_has_the_orbit_of_dop853(impacting):
+    V = impacting.value
+    begun, ended = impacting.times
+    speed = impacting.velocities[0]
+
+    def slip(t, y):
+        force = _stick(V)(t, y)[1]
+        return [y[1], 3.17 + 6 * force / 5, -3.17 - force / 5]
+
+    def rest(t, y):
+        return y[2]
+
+    def hits(t, y):
+        return y[0] - 0.5
+
+    rest.terminal = hits.terminal = True
+    rest.direction, hits.direction = -1, 1
+    first = [0.5, -0.8 * speed, 1.8 * speed / 6]
+    slipped = solve_ivp(slip, (begun, begun + 1), first, events=rest, **EXACT)
+    assert slipped.t[-1] == pytest.approx(ended, abs=1e-10)
+    stuck = solve_ivp(_stick(V), (ended, ended + 9), slipped.y[:2, -1], events=hits, **EXACT)
+    assert stuck.t[-1] == pytest.approx(begun + math.pi / 0.92, abs=1e-10)
+    assert stuck.y[1, -1] == pytest.approx(speed, abs=1e-10)
+
+
+def test_the_grazing_orbit_noted_in_coco_is_there():
+    """V = 0.58762, w = 0.9189: x = 0.25073 and v = 0.0043073 at the phase pi/2, from -0.0095526."""
+    start, w = -0.0095526 / 0.9189, 0.9189
+    run = solve_ivp(_stick(0.58762, w), (start, math.pi / 2 / w), [0.5, 0.0], **EXACT)
+    np.testing.assert_allclose(run.y[:, -1], [0.25073, 0.0043073], rtol=0, atol=6e-6)
+
+
+# PWSDDE-cont's dry friction: symmetric motion that never sticks, from half a period of it.
+
+
+def _reversal(eta, near):
+    """The frequency, time and velocity's rate where friction at a reversal is at a limit."""
+
+    def apart(z):
+        omega, t, x = z
+
+        def field(s, y):
+            return [y[1], 1.5 * math.cos(omega * (s - 1.0)) - 0.1 * y[1] - y[0] + 1.0]
+
+        run = solve_ivp(field, (t, t + math.pi / omega), [x, 0.0], **EXACT)
+        return [*(run.y[:, -1] + [x, 0.0]), 1.5 * math.cos(omega * (t - 1.0)) - x + eta]
+
+    return fsolve(apart, near, xtol=1e-13)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("eta", "near"), [(1.1, [0.7487, 2.18, 3.0]), (1.0, [0.7226, 2.15, 3.0])])
+def test_reversals_without_sticking_end_where_friction_can_hold_the_body(eta, near):
+    model = shipped("dry_friction", eta=eta, omega=0.9)
+    (orbit,) = (o for o in ci.find_orbits(model, "CD", parameter="omega", starts=32) if o.physical)
+    branch = ci.continue_orbit(orbit, "omega", (0.7, 0.95), events=["G"])
+    first = min(branch.events, key=lambda event: abs(event.value - near[0]))
+    assert first.value == pytest.approx(_reversal(eta, near)[0], abs=1e-10)
+    assert first.sliding == "crossing-sliding"
+
+
+def test_an_orbit_that_sticks_twice_is_that_of_dop853():
+    model = shipped("dry_friction", omega=0.72)
+    orbit = next(
+        o for o in ci.find_orbits(model, "SABP", parameter="omega", starts=64) if o.physical
+    )
+    stop, leaves, _, _ = orbit.times
+    x = 1.5 * math.cos(0.72 * (leaves - 1.0)) + 1.1  # at rest, the friction is -1.1 as it leaves
+
+    def field(t, y):
+        return [y[1], 1.5 * math.cos(0.72 * (t - 1.0)) - 0.1 * y[1] - y[0] + 1.0]
+
+    def rest(t, y):
+        return y[1]
+
+    rest.terminal, rest.direction = True, 1
+    run = solve_ivp(field, (leaves, leaves + 9.0), [x, -1e-300], events=rest, **EXACT)
+    assert run.t[-1] == pytest.approx(stop + math.pi / 0.72, abs=1e-10)
+    assert run.y[0, -1] == pytest.approx(-x, abs=1e-10)
+    assert orbit.multipliers[1] == 0.0
+
+
+# PWSDDE-cont's two-degree-of-freedom impact Duffing oscillator.
+
+
+@pytest.mark.slow
+def test_two_bodies_that_hit_each_other_have_the_orbit_of_dop853():
+    pytest.importorskip("heyoka")
+    model = shipped("impact_duffing")
+    orbits = ci.find_orbits(model, "UD", parameter="omega", starts=24, rounds=3)
+    orbit = next(o for o in orbits if o.physical and o.stable)
+    (begun, gap_speed, *rest), (ended, *_) = orbit.problem.impacts(orbit.unknowns)
+    x, v = _bodies(rest, gap_speed)
+    both = 1.9 * (v[0] + 0.05 * v[1]) / 1.05
+
+    def field(t, y):
+        d, w = y[0] - y[1], y[2] - y[3]
+        pull = 0.952**2 * d + 0.254 * w + 0.1 * d**3
+        return [
+            y[2],
+            y[3],
+            math.cos(1.5 * t) - y[0] - 0.04 * y[2] - 0.1 * y[0] ** 3 - 0.05 * pull,
+            pull,
+        ]
+
+    def below(t, y):
+        return y[1] - y[0] + 1.0
+
+    below.terminal, below.direction = True, -1
+    first = [*x, *(both - 0.9 * s for s in v)]
+    run = solve_ivp(field, (begun, begun + 9.0), first, events=below, **EXACT)
+    assert run.t[-1] == pytest.approx(ended, abs=1e-10)
+    np.testing.assert_allclose(run.y[:2, -1], -np.array(x), rtol=0, atol=1e-10)
+
+
+def _bodies(rest, gap_speed):
+    """Positions and velocities at U, where x2 - x1 = 1, from those of the second body."""
+    x2, v2 = rest
+    return [x2 - 1.0, x2], [v2 - gap_speed, v2]
