@@ -37,6 +37,10 @@ def draw_guides(ax: Any, y: Quantity) -> None:
         ax.axhline(value, color="0.75", linewidth=0.6, zorder=0)
 
 
+IN_A_LINE = 4
+"""Walls in a line of the label; more do not fit beside the axis."""
+
+
 def limits_of(
     pieces: Sequence[Piece], seen: tuple[float, float], y: Quantity
 ) -> tuple[float, float]:
@@ -57,7 +61,8 @@ def ordinate_label(diagram: Diagram, y: Quantity, names: Sequence[str]) -> str:
     """Return the label of the y axis; of velocities, which sign they have at which wall."""
     if y == VELOCITY:
         signs = _signs(diagram, names)
-        return "impact velocity (before impact)" + (f"\n{', '.join(signs)}" if signs else "")
+        lines = [", ".join(signs[i : i + IN_A_LINE]) for i in range(0, len(signs), IN_A_LINE)]
+        return "\n".join(["impact velocity (before impact)", *lines])
     if isinstance(y, str):
         return LABELS.get(y) or axis_label(y)
     return plain(names[0]) if len(names) == 1 else ""
