@@ -5,7 +5,7 @@ Multipliers at such an event are those of the word without what vanishes, as
 here: by the equations of the event, or as follows. Let a flight begin on the surface that it
 reaches. If it begins, or ends, at rest there, and the acceleration has one sign all along, it takes
 no time. If the jump of an impact at rest leads onto that surface, it is the velocity that has to
-have one sign.
+have one sign. (Guards with `past` change a velocity of zero, too: nothing leaves them at rest.)
 """
 
 from __future__ import annotations
@@ -96,9 +96,10 @@ def takes_no_time(space: BallProblem, z: Balls, flight: int) -> bool:
     motion = space.motion(ends[0], None if left == reached else ends[1])
     _, speed, acceleration = motion(start, duration.union(arb(0)), space.values(z))
     passages = problem.kernels.passages
+    leaves_at_rest = bool(start[1] == 0) and not problem.model.WALLS[left].past
     if passages.arrivals[left][reached] != ELSEWHERE:
-        return bool(start[1] == 0 or end[1] == 0) and not acceleration.contains(0)
-    return bool(start[1] == 0) and passages.meets_at_rest(left, reached) and not speed.contains(0)
+        return (leaves_at_rest or bool(end[1] == 0)) and not acceleration.contains(0)
+    return leaves_at_rest and passages.meets_at_rest(left, reached) and not speed.contains(0)
 
 
 def stops(space: BallProblem, z: Balls, flight: int) -> bool:
