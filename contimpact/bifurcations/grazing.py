@@ -121,6 +121,14 @@ class Grazing(OrbitTest):
         touch = self.touch(problem.evaluate(found.unknowns), index)
         return touch is None or touch.gap > -PASSING
 
+    def enters(self, point: OrbitPoint, index: int) -> bool:
+        """An extremum comes from the next flight, across an impact on another coordinate."""
+        if index >= len(self.places):
+            return False
+        here, touch = point.evaluation, self.touch(point.evaluation, index)
+        ends = here.problem.times_around(here.unknowns, self.places[index][0])
+        return touch is not None and min(abs(touch.time - end) for end in ends) < AT_END * here.span
+
     def accept(self, event: OrbitEvent) -> bool:
         """Where the flight that begins takes no time, it is that which vanishes: a T; and so it is
         where sliding touches the limit at which it ends then."""

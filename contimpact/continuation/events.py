@@ -124,7 +124,7 @@ class _Search:
         event = locate(test, arc, index, left, right)
         if isinstance(event, Missed):
             self.missed.append(event)
-        elif test.accept(event):
+        elif event is not None and test.accept(event):
             self.events.append(event)
 
     def give_up(self, arc: Arc, stretch: Stretch) -> None:

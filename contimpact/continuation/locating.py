@@ -28,12 +28,14 @@ ACCEPTED_ERROR = 1e-7
 NO_VALUE = "the test function has no value inside the bracket"
 
 
-def locate(test: TestFunction, arc: Arc, index: int, left: float, right: float) -> Event | Missed:
+def locate(
+    test: TestFunction, arc: Arc, index: int, left: float, right: float
+) -> Event | Missed | None:
     """Locate one crossing: Newton on the extended system, from ever closer points.
 
     The first guess is linear interpolation along the cubic between both points. If Newton fails or
     leaves the arc, the bracket is narrowed along the branch and Newton tried again; a bracket
-    narrowed to rounding is itself the answer.
+    narrowed to rounding is itself the answer. None where it is no crossing.
     """
     a, b, fa, fb = 0.0, 1.0, left, right
     guess = arc.near(_next_fraction(a, b, fa, fb, 0))
@@ -73,6 +75,9 @@ def locate(test: TestFunction, arc: Arc, index: int, left: float, right: float) 
     assert guess is not None
     shrunk = min(abs(fa), abs(fb)) <= SHRUNK * max(abs(left), abs(right))
     if not shrunk:
+        sides = arc.left if a == 0.0 else arc.at(a), arc.right if b == 1.0 else arc.at(b)
+        if any(side is not None and test.enters(side, index) for side in sides):
+            return None
         return missed(test.kind, arc, "the test function jumps without passing through zero")
     return _by_bracket(test, arc, guess, index, 0.0 if value == 0.0 else b - a)
 

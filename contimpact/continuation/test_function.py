@@ -81,6 +81,11 @@ class TestFunction(ABC, Generic[At]):
         """Solve the exact extended system from a nearby point; None if that fails."""
         return None
 
+    def enters(self, point: Point[At], index: int) -> bool:
+        """Whether a value begins at the point, where what it is of comes from elsewhere: that it
+        jumps there is nothing that was missed."""
+        return False
+
     def accept(self, event: Event[At]) -> bool:
         """Whether a located zero is an event of this kind."""
         return True

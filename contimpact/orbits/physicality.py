@@ -80,6 +80,11 @@ AT_REST = 1e-12
 a zero velocity its sign is rounding."""
 
 
+AT_ONCE = 1e-12
+"""Impacts that follow each other within this part of the orbit's period are in either order: both
+bodies of a symmetric machine hit at once, all along a branch."""
+
+
 def verdict(
     walls: Vector,
     sides: Vector,
@@ -90,8 +95,8 @@ def verdict(
 ) -> tuple[int, int, int, float, float, float]:
     """Decide whether an orbit is physical, from numbers.
 
-    It is if all flights last, none passes a wall, and every impact runs towards its wall or is at
-    rest within `AT_REST`.
+    It is if all flights last, within `AT_ONCE`, none passes a wall, and every impact runs towards
+    its wall or is at rest within `AT_REST`.
 
     Parameters
     ----------
@@ -118,9 +123,11 @@ def verdict(
         Smallest gap of all; not a number where there is none.
     """
     what, place, wall, amount, when, smallest = 0, 0, 0, 0.0, 0.0, math.inf
-    count = len(sides)
+    count, span = len(sides), 0.0
     for k in range(len(durations)):
-        if durations[k] < 0.0 and what == 0:
+        span += durations[k]
+    for k in range(len(durations)):
+        if durations[k] < -AT_ONCE * span and what == 0:
             what, place, amount = 1, k, durations[k]
         for i in range(count):
             gap = gaps[count * k + i]

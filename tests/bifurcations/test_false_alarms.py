@@ -1,0 +1,64 @@
+"""What looks like an event that was missed, and is none."""
+
+import numpy as np
+import pytest
+
+from contimpact.models.word import Word
+from contimpact.orbit_continuation.orbit_branch import continue_orbit
+from contimpact.orbits.quiet import problem_of
+from contimpact.orbits.search import find_orbits, orbit_at
+from contimpact.scenes.scene import read_scene
+from contimpact.segments.kernels import Kernels
+from contimpact.systems.oscillator import Oscillator
+from contimpact.systems.two_masses import TwoMasses
+
+SYMMETRIC = {
+    "name": "symmetric",
+    "model": {
+        "system": "linear",
+        "coordinates": ["x", "y"],
+        "mass": [1, 1],
+        "damping": ["c", "c"],
+        "stiffness": [["1 + k", "-k"], ["-k", "1 + k"]],
+        "force": ["a*cos(omega*t)", "a*cos(omega*t)"],
+        "period": "2*pi/omega",
+        "guards": {
+            "A": {"within": "x <= s", "restitution": "r"},
+            "B": {"within": "y <= s", "restitution": "r"},
+        },
+        "parameters": {"c": 0.1, "k": 0.3, "a": 1.0, "omega": 1.2, "s": 0.5, "r": 0.7},
+    },
+    "follow": {"parameter": "omega", "range": [1.0, 1.5], "orbits": ["AB"]},
+}
+
+
+def test_bodies_that_hit_at_once_all_along_a_branch():
+    """Two equal ones move as one oscillator does; which impact comes first is rounding."""
+    one = Oscillator(a=1.0, omega=1.2, c=0.1, k=1.0, sigma=0.5, r=0.7)
+    orbits = find_orbits(one, "S", parameter="omega")
+    model = read_scene(SYMMETRIC).model
+    problem = problem_of(model, Word("AB"), Kernels(model, "omega"))
+    for orbit in orbits:
+        t, v, omega = orbit.unknowns.tolist()
+        both = orbit_at(problem, np.array([t, v, 0.5, v, t, v, 0.5, -0.7 * v, omega]))
+        branch = continue_orbit(both, "omega", (1.0, 1.5), events=["T", "G", "V"])
+        assert not branch.missed
+        assert not branch.events
+        alone = continue_orbit(orbit, "omega", (1.0, 1.5), events=[])
+        assert branch["physical"].all() == alone["physical"].all()
+
+
+@pytest.mark.parametrize("limits", [(2.5, 2.54), (2.515, 2.523)])
+def test_an_extremum_that_comes_from_the_next_flight(limits):
+    """Beside an unphysical orbit one body turns beyond its stop while the other one hits."""
+    values = {"m1": 1, "m2": 1, "c1": 0.1, "c2": 0.05, "k1": 1, "k2": 0.6, "a1": 1, "a2": 0}
+    model = TwoMasses(**values, omega=1.5, sigma_1=1, sigma_2=2.517, r=0.8)
+    problem = problem_of(model, Word("AB", 2), Kernels(model, "sigma_2"))
+    first, second = [0.232, 1.872, 3.507, -0.340], [9.840, 1.148, 2.794, 0.007]
+    orbit = orbit_at(problem, np.array([*first, *second, 2.517]))
+    branch = continue_orbit(orbit, "sigma_2", limits, events=["G", "T"])
+    gaps = branch["smallest_gap"]
+    assert np.any(gaps > 0.5)
+    assert np.any(gaps < -1.5)  # it jumps on the way
+    assert not branch.missed
+    assert not branch.events
