@@ -21,8 +21,14 @@ from typing import Any
 
 import numpy as np
 
+from ..arrays import Array
+from .contraction import contraction
 from .run import Run, State
 from .simulator import Simulator
+
+CANCELS = 1e-9
+"""A factor of the diagonal, or a determinant, below this part of the others, or of its terms, is
+rounding: strong damping leaves it to Liouville's formula; see `contraction`."""
 
 
 @dataclass(frozen=True)
@@ -33,7 +39,8 @@ class Exponents:
     ----------
     per_impact : tuple of float
         The largest one first; minus infinity where the body stuck to a wall, which forgets the
-        past: with one degree of freedom all of it, with several a part.
+        past: with one degree of freedom all of it, with several a part. NaN, and last, where
+        damping takes several below rounding.
     error : float
         Standard error of the largest one, from the scatter of means over batches of impacts.
     restitution : float
@@ -105,12 +112,13 @@ def exponents_of(
         tv, vt = tv / before.velocity, vt * after.velocity
         vv *= after.velocity / before.velocity
         x, y = tt * x + tv * y, vt * x + vv * y
-        size, det = math.hypot(x, y), abs(tt * vv - tv * vt)
+        size, det, terms = math.hypot(x, y), abs(tt * vv - tv * vt), abs(tt * vv) + abs(tv * vt)
         if not 0.0 < size < math.inf:
             break
         x, y = x / size, y / size
         first.append(math.log(size))
-        second.append(math.log(det) - first[-1] if det else -math.inf)
+        whole = math.log(det) if det > CANCELS * terms else _contraction(simulator, before, after)
+        second.append(whole - first[-1])
         before = after
     count = len(first)
     pair = (_mean(first), _mean(second))
@@ -134,12 +142,34 @@ def _of_several(
         q, r = np.linalg.qr((next_scale[:, None] * step / scale) @ q)
         with np.errstate(divide="ignore"):
             logs.append(np.log(np.abs(np.diag(r))))
+        if not (before.released or after.released or after.held):
+            _without_rounding(logs[-1], simulator, before, after)
         before, scale = after, next_scale
     table = np.array(logs).reshape(-1, m)
-    per_impact = tuple(sorted((_mean(column) for column in table.T.tolist()), reverse=True))
+    means = [_mean(column) for column in table.T.tolist()]
+    known = sorted((mean for mean in means if not math.isnan(mean)), reverse=True)
+    per_impact = (*known, *[math.nan] * (m - len(known)))
     scatter = _scatter(table[:, 0].tolist(), batches)
     restitution = _restitution(simulator, run)
     return Exponents(per_impact, scatter, restitution, len(table), periods, run.end)
+
+
+def _without_rounding(logs: Array, simulator: Simulator, before: State, after: State) -> None:
+    """Take out what is rounding of the logarithms of a diagonal; one alone is what is left of the
+    determinant."""
+    lost = logs < np.max(logs) + math.log(CANCELS)
+    if np.any(lost):
+        rest = math.fsum(logs[~lost])
+        one = np.count_nonzero(lost) == 1
+        logs[lost] = _contraction(simulator, before, after) - rest if one else math.nan
+
+
+def _contraction(simulator: Simulator, before: State, after: State) -> float:
+    """The logarithm of a flight's determinant, in the units of disturbances."""
+    one, other = abs(before.velocity), abs(after.velocity)
+    if not one or not other:
+        return -math.inf
+    return contraction(simulator, [before, after]).logarithm + math.log(other / one)
 
 
 def _scale(state: State, m: int) -> Any:
