@@ -23,7 +23,7 @@ from contimpact.systems.oscillator import Oscillator
 from contimpact.systems.two_masses import TwoMasses
 
 STIFF = {"a": 40.0, "omega": 1.0, "k": 100.0, "sigma": 0.3, "r": 0.8}
-DAMPINGS = (0.5, 4.0, 6.0, 8.0, 10.0, 12.0, 30.0, 60.0)
+DAMPINGS = (0.5, 6.0, 8.0, 10.0, 12.0, 60.0)
 
 
 def cycle_of(orbit):
