@@ -34,6 +34,10 @@ PIECE_GROWS, PIECE_MAY = 30.0, 3e3
 TRUSTED = 1e7
 """Growth up to which states flown to from one end are a guess of those of the flight."""
 
+SIZE = 1e3
+"""Of the rows in which flights are long: what residual is accepted must not be a large part of what
+they decay to, on which multipliers and the parameter of a homoclinic orbit depend."""
+
 MOST_PIECES, SHORTEST = 400, 2.0**-12
 """Of a flight, and the shortest as a part of it."""
 
@@ -173,8 +177,8 @@ class Pieces:
     def combinations(self) -> list[Array]:
         """Return the factors of each piece's equations in rows without the states between.
 
-        Rows are of size 1, and in the order of their growth; together they keep the orientation of
-        the last equations.
+        Rows are of size `SIZE`, and in the order of their growth; together they keep the
+        orientation of the last equations.
         """
         turned, triangles, factors = np.eye(len(self.arrival)), [], self.factors
         turns = []
@@ -187,7 +191,7 @@ class Pieces:
         rows = [_scaled(i, triangles) for i in range(len(turned))]
         if np.linalg.det(turned) < 0.0:
             rows[-1] = -rows[-1]
-        together = np.stack(rows, axis=1)
+        together = SIZE * np.stack(rows, axis=1)
         return [row @ turn.T for row, turn in zip(together, turns, strict=True)]
 
     def track(self) -> IntegratedTrack:
