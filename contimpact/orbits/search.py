@@ -182,7 +182,7 @@ def _nearer(problem: OrbitProblem, unknowns: Array) -> Array:
             z, best = trial, here.largest_residual
             step = np.linalg.solve(here.jacobian[:, : problem.n], here.residual)
     except (ArithmeticError, ValueError, np.linalg.LinAlgError):
-        pass
+        return z
     return z
 
 
