@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 
+import numpy as np
 import pytest
 
 from contimpact.bifurcations.curve_start import twice
@@ -11,6 +12,7 @@ from contimpact.orbit_continuation.orbit_branch import continue_orbit
 from contimpact.orbits.search import find_orbits
 from contimpact.records.recovery import orbit_of
 from contimpact.segments.kernels import Kernels
+from contimpact.systems.impact_damper import ImpactDamper
 from contimpact.systems.impact_pair import ImpactPair
 from contimpact.two_parameters.births import entries_born
 from contimpact.two_parameters.curves import follow_curve
@@ -118,3 +120,23 @@ def test_an_orbit_run_twice(turning):
 def test_kinds_that_are_not_wanted_are_left_out(grazing):
     entry, point = grazing
     assert not list(entries_born(entry, point, MODEL, ("FB", "NS"), PAIRS, RANGES))
+
+
+@pytest.mark.slow
+def test_ns_of_a_machine_begins_where_two_multipliers_of_its_fold_are_one():
+    """The impact damper: its curve of NS passes what a run over d at Omega = 1 meets."""
+    machine = ImpactDamper(d=26.9, r=0.8, mu=0.1, zeta=0.01, Omega=1.0)
+    ranges = ((0.93, 1.02), (15.0, 27.0))
+    orbits = find_orbits(machine, "RL", parameter="Omega", starts=16, rounds=1)
+    events = continue_orbit(orbits[0], range=(0.9615, 1.02), events=("FB",)).events
+    entry = next(e for e in events if e.kind == "FB")
+    curve = follow_curve(entry, machine, "d", *ranges)
+    points = [p for p in curve.points if p.kind == "R1"]
+    point = min(points, key=lambda p: abs(p.parameters["d"] - 26.7044))  # at the other one is a BP
+    pairs = Kernels(machine, "Omega", "d")
+    begun = next(iter(entries_born(entry, point, machine, ("NS",), pairs, ranges)))
+    torus = follow_curve(begun, machine, "d", *ranges, values=[26.324193380652915])
+    (end,) = (e for e in torus.ends if e.kind.name == "RESONANCE")
+    assert end.value == pytest.approx(point.parameters["Omega"], abs=1e-6)
+    there = torus["Omega"][torus["event"] == "UZ"]
+    assert np.min(np.abs(there - 1.0)) < 1e-9  # catalogued, from a run over d
