@@ -14,6 +14,10 @@ from .taylor import integrator, statement
 TRIALS_APART = 0.7
 """Part of the mean step to which another integration is held, to see how far results differ."""
 
+MANY = 64
+"""Flights at once, as in searches, from which they are integrated side by side; the number alone
+decides, so that results do not depend on what a process has done before."""
+
 
 def flown(field: str, directions: str, *numbers: float) -> list[float]:
     """Return mean and end velocities of a flight, and their derivatives.
@@ -63,15 +67,26 @@ def flown_of_arrays(field: str, directions: str, *numbers: Any) -> Array:
         from .integrated_track import velocities_at
 
         return velocities_at(field, numbers[1:], given[0].ravel()).reshape(-1, *shape)
-    function = integrator(field, tuple(directions.split()))
-    size = len(function.wanted) * len(function.wanted[0])
-    found = np.full((given[0].size, size), np.nan)
-    for i, row in enumerate(zip(*(x.ravel().tolist() for x in given), strict=True)):
+    rows, by = np.column_stack([x.ravel() for x in given]), tuple(directions.split())
+    found = _together(field, by, rows) if len(rows) >= MANY else _in_turn(field, by, rows)
+    return found.T.reshape(-1, *shape)
+
+
+def _together(field: str, by: tuple[str, ...], rows: Array) -> Array:
+    from .taylor_batch import batch_integrator
+
+    return batch_integrator(field, by).of_rows(rows)
+
+
+def _in_turn(field: str, by: tuple[str, ...], rows: Array) -> Array:
+    function = integrator(field, by)
+    found = np.full((len(rows), len(function.wanted) * len(function.wanted[0])), np.nan)
+    for i, row in enumerate(rows.tolist()):
         try:
             found[i] = function(row)
         except ArithmeticError:
             continue
-    return found.T.reshape(-1, *shape)
+    return found
 
 
 def rounded_beside(field: str, directions: str, numbers: Sequence[float], found: Array) -> Array:

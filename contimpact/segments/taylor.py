@@ -103,9 +103,7 @@ class Integrator:
         system, keys = self._equations()
         if degree:
             system, keys = self._series(system, keys)
-        kind = {"fp_type": hy.real, "prec": bits, "compact_mode": True} if bits else {}
-        rare = degree > 0 or bits > 0
-        self._adaptive = hy.taylor_adaptive(system, opt_level=0 if rare else 1, **kind)
+        self._adaptive = self._compiled(system)
         self._places = {key: i for i, key in enumerate(keys)}
         self._scale = self._number(SCALE)
         self._blank = [self._number(0.0)] * len(keys)
@@ -125,6 +123,13 @@ class Integrator:
         self._orders = np.arange(self._adaptive.order + 1.0)
         outcome = hy.taylor_outcome
         self._arrived, self._stepped = {outcome.time_limit}, {outcome.time_limit, outcome.success}
+
+    def _compiled(self, system: list[Any]) -> Any:
+        kind: dict[str, Any] = {}
+        if self.bits:
+            kind = {"fp_type": self.hy.real, "prec": self.bits, "compact_mode": True}
+        rare = self.degree > 0 or self.bits > 0
+        return self.hy.taylor_adaptive(system, opt_level=0 if rare else 1, **kind)
 
     # The equations.
 

@@ -11,6 +11,7 @@ from integrated import MASSES, Integrated, IntegratedMasses
 from contimpact.errors import InputError
 from contimpact.models.model import Formulas
 from contimpact.models.nonlinear import Nonlinear
+from contimpact.orbits.search import find_orbits
 from contimpact.segments import integration
 from contimpact.segments.arithmetic import ARRAYS, evaluate_in
 from contimpact.segments.bounded import BOUNDED, Bounded
@@ -194,3 +195,51 @@ def test_accelerations_are_in_the_symbols_given():
 
 def _pendulum():
     return Pendulum(a=1.0, omega=0.8, c=0.1, sigma=1.0, r=0.8)
+
+
+# Many flights at once
+
+
+def in_turn(field, names, rows):
+    """Each flight by the scalar integrator; NaN where it has no value."""
+    found = []
+    for row in rows.tolist():
+        try:
+            found.append(flown(field, names, *row))
+        except ArithmeticError:
+            found.append([math.nan] * (2 * (1 + len(names.split()))))
+    return np.array(found).T
+
+
+def test_flights_side_by_side_are_those_in_turn():
+    rng = np.random.default_rng(0)
+    rows = np.array(AT) + rng.normal(scale=0.5, size=(integration.MANY + 3, len(AT)))
+    rows[:20, 0] *= -1.0
+    rows[5, 0] = 0.0
+    found = integration.flown_of_arrays(FIELD, ALL, *rows.T)
+    expected = in_turn(FIELD, ALL, rows)
+    assert not np.any(np.isnan(expected))
+    assert found == pytest.approx(expected, rel=1e-13, abs=1e-14)
+
+
+def test_flights_beside_those_that_do_not_stay_finite():
+    """Half of them fall to infinity on the way; they stop no other."""
+    field, rng = text_of([], ["x0**3"]), np.random.default_rng(1)
+    rows = rng.normal(size=(2 * integration.MANY, 4)) * [2.0, 0.0, 2.0, 1.0]
+    rows[7, 2] = math.nan
+    found = integration.flown_of_arrays(field, "dt", *rows.T)
+    expected = in_turn(field, "dt", rows)
+    without = np.isnan(expected).any(axis=0)
+    assert 20 < np.sum(without) < len(rows) - 20
+    assert np.array_equal(np.isnan(found), np.isnan(expected))
+    assert found[:, ~without] == pytest.approx(expected[:, ~without], rel=1e-12)
+
+
+def test_searches_find_the_same_side_by_side(monkeypatch):
+    model = Pendulum(a=1.0, omega=1.2, c=0.1, sigma=0.3, r=0.8)
+    together = find_orbits(model, "S", parameter="omega")
+    monkeypatch.setattr(integration, "MANY", 10**9)
+    alone = find_orbits(model, "S", parameter="omega")
+    assert len(together) == len(alone) == 6
+    for one, other in zip(together, alone, strict=True):
+        assert one.unknowns == pytest.approx(other.unknowns, abs=1e-13)
