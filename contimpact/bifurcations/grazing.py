@@ -242,7 +242,8 @@ class G(Kind):
         return (SUB if (old > 0.0) == (new > 0.0) else SUPER), slope
 
     def verdict(self, here: Linearisation, details: Details) -> Verdict:
-        touching = {(t.flight, t.wall) for t in _touching(here)}
+        begun = (t for flight in here.gaps for t in flight.beyond if abs(t.gap) < TOUCHING)
+        touching = {(t.flight, t.wall) for t in (*_touching(here), *begun)}
         touching.add((details["flight"], details["wall"]))
         return here.judge(forgive_touches=touching, forgive_impacts=here.resting)
 
