@@ -75,7 +75,7 @@ def backend_of(
     wanted = gaps or "gaps" in needs, "doubling" in needs
     if problem.m == 2:
         backend = CycleBackend(problem, *wanted)
-        if not any(problem.kernels.integrated(letter) for letter in problem.word.walls):
+        if not any(problem.kernels.flown(*kind) for kind in problem.kinds):
             return backend
         from .long_flights import UntilLong
 

@@ -112,7 +112,7 @@ def orbits_of(
         return _without_impacts(problem, generator)
     starts = min(starts, max(FEWEST_STARTS, MOST_WORK // len(problem.word) ** 2))
     found = _from_rounds(problem, generator, starts, rounds, tell)
-    if not found and any(problem.kernels.integrated(a) for a in problem.word.walls):
+    if not found and any(problem.kernels.flown(*kind) for kind in problem.kinds):
         tell("states at random, too")
         found = _from_rounds(problem, generator, starts, rounds, tell, fitted=False)
     return sorted(found, key=lambda orbit: -float(orbit.velocities[0]))

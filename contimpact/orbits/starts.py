@@ -135,7 +135,7 @@ def _far(problem: OrbitProblem, z: Array) -> float:
     """The size of section coordinates at which starts are given up."""
     sizes = _sizes(z)
     known = sizes[np.isfinite(sizes) & (sizes > 0.0)]
-    integrated = any(problem.kernels.integrated(a) for a in problem.word.walls)
+    integrated = any(problem.kernels.flown(*kind) for kind in problem.kinds)
     return FAR * float(np.median(known)) if integrated and len(known) else np.inf
 
 

@@ -128,14 +128,17 @@ class Kernels:
                 accepted = f"after {start} can come {' or '.join(after)}"
                 raise InputError("word", f"it has {end} after {start}", accepted)
         if (start, end) not in self._segments:
-            integrated = "flown" in self.flight(start, end).__code__.co_names
             form = ClosedForm
-            if integrated:
+            if self.flown(start, end):
                 from .integrated_form import IntegratedForm
 
                 form = IntegratedForm
             self._segments[start, end] = form(self, start, end)
         return self._segments[start, end]
+
+    def flown(self, a: str, b: str) -> bool:
+        """Whether the flight from wall a to wall b is integrated."""
+        return "flown" in self.flight(a, b).__code__.co_names
 
     def flight(self, a: str, b: str) -> Kernel:
         """``flight(t0, *y0, t1, *y1, *p)``: the `Blocks` of a flight from wall a to wall b."""

@@ -185,6 +185,6 @@ def backend_of(problem: CurveProblem) -> CurveBackend | UntilLong | None:
     if not 1 <= len(orbit.word) <= LONGEST or orbit.kernels.loops:
         return None
     backend = CurveBackend(problem, variant)
-    if not any(orbit.kernels.integrated(letter) for letter in orbit.word.walls):
+    if not any(orbit.kernels.flown(*kind) for kind in orbit.kinds):
         return backend
     return UntilLong(backend, problem, orbit.kernels)
