@@ -247,8 +247,39 @@ def _first_at(group: Sequence[Curve], second: str, along: str, value: float) -> 
 
 def real_heights(curve: Curve, second: str, along: str, value: float) -> list[float]:
     """Return a column's values wherever a curve that is no ghost passes a parameter's value."""
-    x, y, ghost = curve[second] - value, curve[along], ghostly(curve)
-    rows = np.nonzero((x[:-1] >= 0.0) != (x[1:] >= 0.0))[0]
-    return [
-        float(y[i] + (y[i + 1] - y[i]) * x[i] / (x[i] - x[i + 1])) for i in rows if not ghost[i]
-    ]
+    x, ghost = curve[second] - value, ghostly(curve)
+    rows = np.nonzero((x[:-1] >= 0.0) != (x[1:] >= 0.0))[0].tolist()
+    return [_height(curve, x, curve[along], row) for row in rows if not ghost[row]]
+
+
+def _height(curve: Curve, x: Array, y: Array, row: int) -> float:
+    """Where x is zero between a row and the next, y on cubics in arclength through four rows."""
+    first = max(0, min(row - 1, len(x) - 4))
+    near = slice(first, first + 4)
+    s = (curve["arclength"][near] - curve["arclength"][row]).tolist()
+    if len(s) < 4 or not all(one < other for one, other in itertools.pairwise(s)):
+        return float(y[row] + (y[row + 1] - y[row]) * x[row] / (x[row] - x[row + 1]))
+    across, up = _differences(s, x[near].tolist()), _differences(s, y[near].tolist())
+    low, high = 0.0, s[row + 1 - first]
+    rises = x[row + 1] >= 0.0
+    for _ in range(HALVINGS):
+        middle = 0.5 * (low + high)
+        below = (_cubic(s, across, middle) >= 0.0) != rises
+        low, high = (middle, high) if below else (low, middle)
+    return _cubic(s, up, high)
+
+
+def _differences(s: Sequence[float], values: Sequence[float]) -> list[float]:
+    """The divided differences of Newton's interpolation."""
+    found = list(values)
+    for order in range(1, len(s)):
+        for i in range(len(s) - 1, order - 1, -1):
+            found[i] = (found[i] - found[i - 1]) / (s[i] - s[i - order])
+    return found
+
+
+def _cubic(s: Sequence[float], differences: Sequence[float], at: float) -> float:
+    total = 0.0
+    for place, difference in zip(reversed(s), reversed(differences), strict=True):
+        total = total * (at - place) + difference
+    return total

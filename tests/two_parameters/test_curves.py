@@ -390,6 +390,24 @@ def test_curves_that_do_not_pass_the_scenes_own_value_are_found(fig6d):
         assert not any(same_curve(curve, other) for other in fig6d.curves if other is not curve)
 
 
+def test_heights_between_points():
+    """Cubics through four points are a hundred times as near as lines where a curve bends."""
+    model = ImpactPair(beta=math.pi / 6, r=0.5, A=5.0, s=0.4)
+    entry = entry_of(model, "1:1", "s", (0.1, 1.2), "PD")
+    hit = np.linspace(0.2, 0.8, 25)
+    curve = follow_curve(entry, model, "r", (0.1, 1.2), (0.1, 0.9), values=hit.tolist())
+    exact = np.min(np.abs(curve["r"][:, None] - hit), axis=1) < 1e-12
+    assert np.sum(exact) >= len(hit)
+    left = {name: column[~exact] for name, column in curve.columns.items()}
+    thinned = dataclasses.replace(curve, columns=left)
+    order = np.argsort(left["r"])
+    for value, d in zip(curve["r"][exact], curve["d"][exact], strict=True):
+        (height,) = real_heights(thinned, "r", "d", value)
+        assert height == pytest.approx(d, abs=2e-6)
+    lines = np.interp(curve["r"][exact], left["r"][order], left["d"][order])
+    assert np.max(np.abs(lines - curve["d"][exact])) > 1e-4
+
+
 def test_what_comes_first_is_what_runs_say(fig6d):
     found = regions(fig6d.curves, "d", fig6d.checks)
     assert found
