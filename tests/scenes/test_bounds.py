@@ -78,6 +78,7 @@ def test_the_reader_of_the_docs():
         "grid",
         "transient",
         "periods",
+        "reach",
         "longest",
         "impacts",
     } == keys
