@@ -82,7 +82,7 @@ def test_the_reader_of_the_docs():
         "longest",
         "impacts",
     } == keys
-    assert len(documented()) == 18
+    assert len(documented()) == 19
     assert value("2⁶³ - 1") == 2**63 - 1
 
 
