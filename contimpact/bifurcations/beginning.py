@@ -10,7 +10,7 @@ from ..continuation.test_function import Located
 from ..models.word import Word
 from ..orbits.problem import Array, OrbitProblem
 from ..orbits.quiet import problem_of
-from ..segments.limits import limits_of, room
+from ..segments.limits import limits_of, margin
 from .branch_point import directions_at
 from .extended_system import located
 from .kind import SUB, SUPER
@@ -40,12 +40,12 @@ class Begun:
     limit: str
     sign: float
 
-    def room(self, unknowns: Array) -> float:
+    def margin(self, unknowns: Array) -> float:
         """Return how far it is from the limit, negative where another impact takes its place."""
         kernels, values = self.problem.kernels, self.problem.values(unknowns)
         leave = self.problem.impacts(unknowns)[self.impact].tolist()
         given = leave, values, kernels.setup(*values).walls
-        return self.sign * room(kernels, self.sliding, self.limit, *given)
+        return self.sign * margin(kernels, self.sliding, self.limit, *given)
 
     def equations(self) -> Beginning:
         """Return the equations of an orbit on the limit."""

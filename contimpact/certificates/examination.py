@@ -19,8 +19,8 @@ from .equations import BallProblem, Balls
 from .event import EventCertificate
 from .joints import meet
 from .krawczyk import proven
+from .limits import Limit, limits
 from .nodes import halved
-from .rooms import Limit, limits
 from .test_functions import OF_TWO, Test, regular, test_at
 from .touches import Flying, Patch, flying
 from .tube import Segment, Tube, proven_tube
@@ -220,7 +220,7 @@ class Examination:
         left: list[str],
     ) -> None:
         whole = tube.state(arb(0, 1))
-        left += [_at_limit(one) for one in self.limits if one.room(self.space, whole).contains(0)]
+        left += [_at_limit(one) for one in self.limits if one.margin(self.space, whole).contains(0)]
         for flight in range(len(self.space.problem.word)):
             own = [(one, u) for one, u in placed if one.touch is not None and one.flight == flight]
             spots = [(one, u, _fraction(one, self.space)) for one, u in own]

@@ -23,9 +23,9 @@ from . import winding
 from .clearance import Clear
 from .equations import BallProblem, Balls, Flight
 from .krawczyk import proven
+from .limits import Limit, limits
 from .merging import Remains, remains_of, takes_no_time
 from .quiet import gap_of, guards_met
-from .rooms import Limit, limits
 
 ANYWHERE = (1.0, -1.0, 1j, -1j)
 """Multipliers of which an event that is one of a multiplier's sets one aside, at least."""
@@ -143,9 +143,9 @@ class Orbit:
         for k, speed in self._speeds():
             if not speed > 0:
                 return None, f"impact {k} has the velocity {speed.str(6)} towards its wall"
-        for one, room in self._rooms():
-            if not room > 0:
-                return None, f"impact {one.impact} is {room.str(6)} beyond the limit {one.wall}"
+        for one, margin in self._margins():
+            if not margin > 0:
+                return None, f"impact {one.impact} is {margin.str(6)} beyond the limit {one.wall}"
         return self._clear()
 
     def _pairs(self) -> list[tuple[Balls, Balls]]:
@@ -181,19 +181,19 @@ class Orbit:
         for k, speed in self._speeds():
             if speed < 0:
                 return f"impact {k} runs the wrong way"
-        for one, room in self._rooms():
-            if room < 0:
+        for one, margin in self._margins():
+            if margin < 0:
                 return f"impact {one.impact} leads through, though {one.sliding} would slide"
         return self._deepest()
 
-    def _rooms(self) -> list[tuple[Limit, Any]]:
+    def _margins(self) -> list[tuple[Limit, Any]]:
         """How far beyond their limits impacts are that lead through a surface on which others
         slide, those at the ends of flights that take no time set aside."""
         problem = self.space.problem
         beyond = [one for one in limits(problem) if one.sign < 0]
         count = len(problem.word)
         return [
-            (one, one.room(self.space, self.z))
+            (one, one.margin(self.space, self.z))
             for one in beyond
             if not (self._vanishing(one.impact) or self._vanishing((one.impact - 1) % count))
         ]

@@ -18,7 +18,7 @@ from .arithmetic import FLOATS, Arithmetic, evaluate_in
 from .closed_form import ClosedForm
 from .integrated_track import IntegratedTrack
 from .layout import SECTION, Blocks, Row, Together
-from .multiple_shooting import Course, Pieces, Shooting
+from .multiple_shooting import IntegratedFlight, Pieces, Shooting
 from .passages import ELSEWHERE
 from .segment import Numbers
 from .series import Series, series
@@ -215,12 +215,12 @@ class Split:
         if not length > 0.0:
             raise ArithmeticError("a flight has no duration")
         given = here.numbers[state:, 0]
-        course = Course(here.field, tuple(directions), begin, length, given)
+        flight = IntegratedFlight(here.field, tuple(directions), begin, length, given)
         self.by_arrived = np.array([self._by_arrived(i) for i in range(2 * d)]).T
         arrival = self.by_arrived.copy()
         arrival[:, :d] /= length
         short = here.residual[:, 0] - arrival[:, :d] @ np.array(start[:d])
-        shooting = Shooting(course, np.array(start), arrival, short)
+        shooting = Shooting(flight, np.array(start), arrival, short)
         self.pieces: Pieces = shooting.solve(known.pieces if known else None)
         self.rows = self.pieces.combinations()
 
@@ -268,16 +268,16 @@ class Split:
     def _first(self) -> list[list[Array]]:
         """How each piece's equations change with each unknown, the states between held."""
         pieces, d = self.pieces, self.d
-        result, course = [], pieces.course
+        result, flight = [], pieces.flight
         way = pieces.ends[-1, :d] - pieces.states[0, :d]
         far = np.abs(pieces.ends[-1, :d]) + np.abs(pieces.states[0, :d])
-        arrived = np.concatenate([way / course.length, pieces.ends[-1, d:]])
+        arrived = np.concatenate([way / flight.length, pieces.ends[-1, d:]])
         constant = [[float(x), 0.0] for x in arrived]
-        slopes = self.by_arrived[:, :d] / course.length
+        slopes = self.by_arrived[:, :d] / flight.length
         for direction, numbers in zip(np.eye(self.size), self._changes(), strict=True):
             seen = self.form.seen(*self._given(direction, 1), constant)
             rows = [table @ n for table, n in zip(pieces.tables, numbers, strict=True)]
-            start, longer = seen.numbers[2 : 2 + d, 1], seen.numbers[0, 1] / course.length
+            start, longer = seen.numbers[2 : 2 + d, 1], seen.numbers[0, 1] / flight.length
             direct = seen.residual[:, 1] - slopes @ (start + way * longer)
             if self.form.divided:  # a multiple of the residual makes no difference
                 direct[0] += pieces.residuals[-1][0] * longer
@@ -318,17 +318,17 @@ class Split:
     def _order(self, direction: Array, states: Array) -> list[Array]:
         """The coefficients of the highest order of each piece's equations."""
         pieces, d, degree = self.pieces, self.d, len(states) - 1
-        course, given = pieces.course, self._given(direction, degree)
+        flight, given = pieces.flight, self._given(direction, degree)
         numbers = self.form.seen(*given, None).numbers
-        function = integrator(course.field, (), degree)
+        function = integrator(flight.field, (), degree)
         rows = []
         for j, (first, last) in enumerate(
             zip(pieces.parts[:-1].tolist(), pieces.parts[1:].tolist(), strict=True)
         ):
             begin, length = np.zeros(degree + 1), np.zeros(degree + 1)
             begin[0], length[0] = (
-                course.begin + first * course.length,
-                (last - first) * course.length,
+                flight.begin + first * flight.length,
+                (last - first) * flight.length,
             )
             state = states[:, j].T.copy()
             if j == 0:

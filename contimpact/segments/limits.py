@@ -41,7 +41,7 @@ def limits_of(kernels: Kernels, letter: str) -> list[tuple[str, str, float]]:
     return [(letter, limit, 1.0) for limit in limits]
 
 
-def room(
+def margin(
     kernels: Kernels,
     sliding: str,
     limit: str,
@@ -73,6 +73,6 @@ def not_past(
     """Yield the limit that a guard leads past, and by what (negative) gap it does not."""
     if guard.past:
         ((sliding, limit, _),) = limits_of(kernels, guard.name)
-        within = room(kernels, sliding, limit, leave, values, positions)
+        within = margin(kernels, sliding, limit, leave, values, positions)
         if within > 0.0:
             yield limit, -within

@@ -51,7 +51,7 @@ class NotSplit(ArithmeticError):
 
 
 @dataclass(frozen=True, eq=False)
-class Course:
+class IntegratedFlight:
     """What a flight is integrated from.
 
     Attributes
@@ -119,7 +119,7 @@ class Pieces:
 
     Attributes
     ----------
-    course : Course
+    flight : IntegratedFlight
     parts : ndarray of shape (J + 1,)
         Where pieces begin and end, as parts of the flight.
     states : ndarray of shape (J, 2 * freedom)
@@ -127,14 +127,14 @@ class Pieces:
     ends : ndarray of shape (J, 2 * freedom)
         To which they lead.
     tables : list of ndarray
-        Derivatives of these, as of `Course.fly`.
+        Derivatives of these, as of `IntegratedFlight.fly`.
     arrival : ndarray of shape (2 * freedom, 2 * freedom)
         Derivatives of the last equations by the state to which the last piece leads: E.
     residuals : list of ndarray
         Of the equations of each piece.
     """
 
-    course: Course
+    flight: IntegratedFlight
     parts: Array
     states: Array
     ends: Array
@@ -145,13 +145,13 @@ class Pieces:
     @property
     def factors(self) -> list[Array]:
         """The derivatives of each piece's equations by the state it begins with."""
-        size = 2 * self.course.freedom
+        size = 2 * self.flight.freedom
         found = [table[:, 2 : 2 + size] for table in self.tables]
         return [*found[:-1], self.arrival @ found[-1]]
 
     def jacobian(self) -> Array:
         """Return the derivatives of all equations by the states between the ends."""
-        size, factors = 2 * self.course.freedom, self.factors
+        size, factors = 2 * self.flight.freedom, self.factors
         count = len(factors)
         matrix = np.zeros((count * size, (count - 1) * size))
         for j in range(count - 1):
@@ -196,18 +196,18 @@ class Pieces:
 
     def track(self) -> IntegratedTrack:
         """Return the whole flight as polynomials."""
-        course, d = self.course, self.course.freedom
-        begins = [course.numbers(a, b, s)[1:] for a, b, s in self._each()]
-        lengths = np.diff(self.parts) * course.length
+        flight, d = self.flight, self.flight.freedom
+        begins = [flight.numbers(a, b, s)[1:] for a, b, s in self._each()]
+        lengths = np.diff(self.parts) * flight.length
         tracks = [
-            IntegratedTrack(course.field, numbers, float(length))
+            IntegratedTrack(flight.field, numbers, float(length))
             for numbers, length in zip(begins, lengths, strict=True)
         ]
-        return joined(tracks, self.parts[:-1] * course.length, self.states[:, :d])
+        return joined(tracks, self.parts[:-1] * flight.length, self.states[:, :d])
 
     def off(self) -> list[tuple[Array, Array]]:
         """Return bounds of the rounding errors of each piece's end and derivatives."""
-        return [self.course.off(*each) for each in self._each()]
+        return [self.flight.off(*each) for each in self._each()]
 
     def _each(self) -> list[tuple[float, float, Array]]:
         return list(
@@ -235,7 +235,7 @@ class Shooting:
 
     Parameters
     ----------
-    course : Course
+    flight : IntegratedFlight
     start : ndarray of shape (2 * freedom,)
         The state it leaves with.
     arrival : ndarray of shape (2 * freedom, 2 * freedom)
@@ -244,8 +244,10 @@ class Shooting:
         The residual of the arrival where the last piece leads to the state 0.
     """
 
-    def __init__(self, course: Course, start: Array, arrival: Array, short: Array) -> None:
-        self.course, self.start = course, start
+    def __init__(
+        self, flight: IntegratedFlight, start: Array, arrival: Array, short: Array
+    ) -> None:
+        self.flight, self.start = flight, start
         self.arrival, self.short = arrival, short
 
     def solve(self, known: Pieces | None = None) -> Pieces:
@@ -271,7 +273,7 @@ class Shooting:
         """The flight in pieces none of which grows by too much."""
         while True:
             found = self._newton(parts, states)
-            long = [self.course.growth(table) > PIECE_MAY for table in found.tables]
+            long = [self.flight.growth(table) > PIECE_MAY for table in found.tables]
             if not any(long):
                 return found
             parts, states = self._halved(found, long)
@@ -283,7 +285,7 @@ class Shooting:
             if halve:
                 middle = 0.5 * (first + last)
                 parts.append(middle)
-                states.append(self.course.fly(first, middle, state)[0])
+                states.append(self.flight.fly(first, middle, state)[0])
             parts.append(last)
         if len(states) > MOST_PIECES or min(np.diff(parts)) < SHORTEST:
             raise NotSplit(f"a long flight asks for more than {MOST_PIECES} pieces")
@@ -310,11 +312,11 @@ class Shooting:
     def _at(self, parts: Array, states: Array) -> Pieces:
         """The pieces that begin with these states."""
         each = zip(parts[:-1].tolist(), parts[1:].tolist(), states, strict=True)
-        flown = [self.course.fly(*one) for one in each]
+        flown = [self.flight.fly(*one) for one in each]
         ends = np.array([end for end, _ in flown])
         residuals = [*(ends[:-1] - states[1:]), self.short + self.arrival @ ends[-1]]
         tables = [table for _, table in flown]
-        return Pieces(self.course, parts, states, ends, tables, self.arrival, residuals)
+        return Pieces(self.flight, parts, states, ends, tables, self.arrival, residuals)
 
     def _guess(self) -> tuple[Array, Array, bool]:
         """States flown to from both ends, as far as these can be trusted, and between them; and
@@ -336,7 +338,7 @@ class Shooting:
         nodes = [each for sweep in there for each in sweep]
         nodes = nodes[:-1] if nodes[-1][0] == 1.0 else nodes
         if len(nodes) < 2:
-            nodes.append((0.5, self.course.fly(0.0, 0.5, self.start)[0]))
+            nodes.append((0.5, self.flight.fly(0.0, 0.5, self.start)[0]))
         return np.array([*(part for part, _ in nodes), 1.0]), np.array([s for _, s in nodes]), meet
 
     def _swept(self, part: float, state: Array) -> list[tuple[float, Array]]:
@@ -347,7 +349,7 @@ class Shooting:
         while 0.0 <= part + way * SHORTEST <= 1.0:
             goal = min(max(part + way * size, 0.0), 1.0)
             try:
-                end, table = self.course.fly(part, goal, state)
+                end, table = self.flight.fly(part, goal, state)
             except ArithmeticError:
                 end, table = state, np.full((len(state), 2 + len(state)), np.inf)
             factor = table[:, 2 : 2 + len(state)]

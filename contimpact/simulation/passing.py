@@ -7,7 +7,7 @@ from dataclasses import replace
 
 from ..models.guards import slides_at
 from ..segments.kernels import Kernels
-from ..segments.limits import room
+from ..segments.limits import margin
 from .run import State
 
 
@@ -40,5 +40,5 @@ class Passing:
         through, sliding = self.pairs[state.wall]
         guards = self.kernels.model.WALLS
         given = (state.phase, *state.section), self.values, self.positions
-        within = room(self.kernels, guards[sliding].name, guards[through].past, *given)
+        within = margin(self.kernels, guards[sliding].name, guards[through].past, *given)
         return replace(state, wall=through if within < 0.0 else sliding)

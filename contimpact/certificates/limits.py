@@ -30,7 +30,7 @@ class Limit:
     wall: str
     sign: float
 
-    def room(self, space: BallProblem, z: Balls) -> Any:
+    def margin(self, space: BallProblem, z: Balls) -> Any:
         """Return how far on the right side of the limit sliding would begin."""
         guards, values = space.problem.model.WALLS, space.values(z)
         place = next(i for i, guard in enumerate(guards) if guard.name == self.wall)
