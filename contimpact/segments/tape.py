@@ -120,7 +120,10 @@ def _factored(e: Any) -> tuple[Any, Any]:
     if not e.is_Add:
         return S.One, e
     factor, rest = e.primitive()
-    return (-factor, -rest) if rest.could_extract_minus_sign() else (factor, rest)
+    turned = -rest
+    if rest.could_extract_minus_sign() and not turned.could_extract_minus_sign():
+        return -factor, turned
+    return factor, rest  # SymPy may say of both that a sign can be extracted
 
 
 def _partial(e: Any, i: int) -> Any:

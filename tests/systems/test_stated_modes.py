@@ -323,3 +323,24 @@ def _bodies(rest, gap_speed):
     """Positions and velocities at U, where x2 - x1 = 1, from those of the second body."""
     x2, v2 = rest
     return [x2 - 1.0, x2], [v2 - gap_speed, v2]
+
+
+def test_a_guard_on_a_velocity():
+    """SymPy says of a sum and of its negative that a sign can be extracted."""
+    table = {
+        "name": "governor",
+        "model": {
+            "system": "hybrid",
+            "period": "2*pi/w",
+            "parameters": {"w": 1.2, "c": 0.1, "k": 1.0, "r": 0.8, "s": 0.5},
+            "modes": {"free": {"x": "v", "v": "cos(w*t)-c*v-k*x"}},
+            "guards": {"S": {"within": "v <= s", "set": {"v": "-r*v"}}},
+        },
+        "follow": {"parameter": "w", "range": [0.9, 1.6], "orbits": ["S"]},
+    }
+    model = read_scene(table).model
+    orbits = ci.find_orbits(model, "S", parameter="w", starts=64)
+    assert orbits
+    for orbit in orbits:
+        ((time, force, x, *_),) = orbit.problem.impacts(orbit.unknowns)
+        assert force == pytest.approx(math.cos(1.2 * time) - 0.1 * 0.5 - x, abs=1e-12)
