@@ -68,25 +68,13 @@ def flown_of_arrays(field: str, directions: str, *numbers: Any) -> Array:
 
         return velocities_at(field, numbers[1:], given[0].ravel()).reshape(-1, *shape)
     rows, by = np.column_stack([x.ravel() for x in given]), tuple(directions.split())
-    found = _together(field, by, rows) if len(rows) >= MANY else _in_turn(field, by, rows)
+    if len(rows) >= MANY:
+        from .taylor_batch import batch_integrator
+
+        found = batch_integrator(field, by).each(rows)
+    else:
+        found = integrator(field, by).each(rows)
     return found.T.reshape(-1, *shape)
-
-
-def _together(field: str, by: tuple[str, ...], rows: Array) -> Array:
-    from .taylor_batch import batch_integrator
-
-    return batch_integrator(field, by).of_rows(rows)
-
-
-def _in_turn(field: str, by: tuple[str, ...], rows: Array) -> Array:
-    function = integrator(field, by)
-    found = np.full((len(rows), len(function.wanted) * len(function.wanted[0])), np.nan)
-    for i, row in enumerate(rows.tolist()):
-        try:
-            found[i] = function(row)
-        except ArithmeticError:
-            continue
-    return found
 
 
 def rounded_beside(field: str, directions: str, numbers: Sequence[float], found: Array) -> Array:

@@ -211,6 +211,16 @@ class Integrator:
         found = self._state[self._rows[:, 0]]
         return [x / self._scale for x in found] if self.bits else (found / SCALE).tolist()
 
+    def each(self, rows: Array) -> Array:
+        """Return the same for each row of numbers; NaN where a call raises an error."""
+        found = np.full((len(rows), len(self._rows)), np.nan)
+        for i, row in enumerate(rows.tolist()):
+            try:
+                found[i] = self(row)
+            except ArithmeticError:
+                continue
+        return found
+
     def of_series(self, rows: Sequence[Sequence[Any]]) -> list[list[Any]]:
         """Return the same as coefficients, from coefficients; the first are those of order 0."""
         size, d = self.degree + 1, self.stated.freedom

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from ..arrays import Array
-from .taylor import MOST_STEPS, SCALE, Integrator
+from .taylor import MOST_STEPS, SCALE, Integrator, integrator
 
 
 class BatchIntegrator(Integrator):
@@ -23,14 +23,18 @@ class BatchIntegrator(Integrator):
 
     def __init__(self, field: str, directions: tuple[str, ...]) -> None:
         super().__init__(field, directions, 0, 0)
+        self.field = field
 
     def _compiled(self, system: list[Any]) -> Any:
         self.lanes = self.hy.recommended_simd_size()
         blank = np.zeros((len(system), self.lanes))
         return self.hy.taylor_adaptive_batch(system, blank, opt_level=1)
 
-    def of_rows(self, rows: Array) -> Array:
-        """Return mean and end velocities and their derivatives for each row of numbers.
+    def each(self, rows: Array) -> Array:
+        """Return what an `Integrator` does for each row of numbers.
+
+        Flights of like duration are integrated together. One that ceases to be finite stops those
+        beside it; then they are integrated one by one.
 
         Parameters
         ----------
@@ -40,38 +44,22 @@ class BatchIntegrator(Integrator):
         Returns
         -------
         ndarray of shape (flights, values)
-            As a call of an `Integrator` gives them; NaN where it raises an error.
         """
         found = np.full((len(rows), len(self._rows)), np.nan)
         usable = np.flatnonzero(np.all(np.isfinite(rows), axis=1))
-        alike = usable[np.argsort(np.abs(rows[usable, 0]))]  # in the number of their steps
+        alike = usable[np.argsort(np.abs(rows[usable, 0]))]
         for first in range(0, len(alike), self.lanes):
             lanes = alike[first : first + self.lanes]
-            found[lanes] = self._side_by_side(rows[lanes])
+            together = self._side_by_side(rows[lanes])
+            if together is None:
+                together = integrator(self.field, self.directions).each(rows[lanes])
+            found[lanes] = together
         return found
 
-    def _side_by_side(self, rows: Array) -> Array:
-        """The same of as many flights as there are lanes, or fewer.
-
-        One that ceases to be finite stops all; they begin again with nothing in its place.
-        """
-        count = len(rows)
-        given = rows[np.arange(self.lanes) % count]
-        given[count:, 0] = 0.0
-        finite = np.ones(self.lanes, dtype=bool)
-        while np.any(finite):
-            lost = self._propagated(given)
-            if not np.any(lost):
-                break
-            finite &= ~lost
-            given[lost] = given[np.argmax(finite)]
-            given[lost, 0] = 0.0
-        arrived = [said[0] in self._arrived for said in self._adaptive.propagate_res]
-        found = np.where(finite & arrived, self._state[self._rows[:, 0]] / SCALE, np.nan)
-        return np.asarray(found.T[:count])
-
-    def _propagated(self, given: Array) -> Array:
-        """Integrate all lanes; which of them cease to be finite."""
+    def _side_by_side(self, rows: Array) -> Array | None:
+        """The same of as many flights as there are lanes, or fewer; None where one does not end."""
+        given = rows[np.arange(self.lanes) % len(rows)]
+        given[len(rows) :, 0] = 0.0
         d = self.stated.freedom
         self._given[:] = given[:, : self._used].T
         self._adaptive.set_time(0.0)
@@ -82,8 +70,9 @@ class BatchIntegrator(Integrator):
             if place is not None:
                 self._state[place] = SCALE
         self._adaptive.propagate_until(1.0, max_steps=MOST_STEPS)
-        lost = self.hy.taylor_outcome.err_nf_state
-        return np.array([said[0] == lost for said in self._adaptive.propagate_res])
+        if not all(said[0] in self._arrived for said in self._adaptive.propagate_res):
+            return None
+        return np.asarray(self._state[self._rows[:, 0]].T[: len(rows)] / SCALE)
 
 
 @functools.cache
