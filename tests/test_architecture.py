@@ -158,6 +158,7 @@ def test_a_system_stands_on_the_model_alone(module):
         "motion",
         "machine",
         "stated_modes",
+        "stated_system",
         "expressions",
         "own_parameters",
     )

@@ -291,12 +291,12 @@ def check_values(machine: Machine, values: Mapping[str, float]) -> None:
             raise InputError(where, f"it is {restitution:.6g}", "it must be from 0 to 1")
 
 
-def check_period(machine: Machine, values: Mapping[str, float]) -> None:
-    """Refuse a period of the forcing that is none, where a machine is stated.
+def check_period(text: str, values: Mapping[str, float]) -> None:
+    """Refuse a period of the forcing that is none, where a system is stated.
 
     Branches may lead to where there is none, and end on the way.
     """
-    period = number(machine.period, "period", values)
+    period = number(text, "period", values)
     if not period > 0.0:
         raise InputError("period", f"it is {period:.6g}", "give the period of the forcing, above 0")
 

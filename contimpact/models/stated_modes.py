@@ -12,7 +12,7 @@ from dataclasses import asdict, dataclass
 from typing import Any, TypeAlias
 
 from ..errors import InputError, shown
-from .expressions import CONSTANTS, FUNCTIONS, check_expression, names_in, number
+from .expressions import CONSTANTS, FUNCTIONS, check_expression, names_in
 from .machine import MOST_COORDINATES, TIME, row_of, sides_of, text_of
 
 Texts: TypeAlias = tuple[tuple[str, str], ...]
@@ -345,10 +345,3 @@ def _timed(definitions: Mapping[str, str], name: str) -> bool:
     """Whether the time stands in a definition."""
     names = names_in(definitions[name])
     return TIME in names or any(_timed(definitions, n) for n in names if n in definitions)
-
-
-def check_period(given: StatedModes, values: Mapping[str, float]) -> None:
-    """Refuse a period of the forcing that is none, where a system is stated."""
-    period = number(given.period, "period", values)
-    if not period > 0.0:
-        raise InputError("period", f"it is {period:.6g}", "give the period of the forcing, above 0")

@@ -12,18 +12,18 @@ from typing import Any, ClassVar, Self
 
 from ..errors import InputError
 from ..models.machine import TIME
-from ..models.model import Formulas, Guard, Mode, Model, Parameter, Wall
+from ..models.model import Formulas, Guard, Mode, Parameter, Wall
 from ..models.stated_modes import (
     StatedGuard,
     StatedMode,
     StatedModes,
-    check_period,
     modes_of,
     usable_definitions,
 )
+from ..models.stated_system import StatedSystem
 
 
-class HybridSystem(Model):
+class HybridSystem(StatedSystem):
     """A hybrid system, by the text of its statement.
 
     The class of an instance has the parameters, modes and guards that its statement names.
@@ -37,26 +37,12 @@ class HybridSystem(Model):
     """
 
     SYSTEM = "hybrid"
-    PARAMETERS = ()
-    STATED = True
-    OPTIONS: ClassVar[Mapping[str, str]] = {"machine": ""}
     machine: ClassVar[StatedModes]
 
-    def __new__(cls, /, **given: Any) -> Self:
-        kind = class_of(str(given.get("machine", ""))) if cls is HybridSystem else cls
-        return object.__new__(kind)  # type: ignore[return-value]
-
-    def __init__(self, /, **given: Any) -> None:
-        super().__init__(**given)
-        check_period(self.machine, self.values)
-
-    def __copy__(self) -> Self:
-        other = object.__new__(type(self))
-        other.__dict__.update(self.__dict__)
-        return other
-
-    def __reduce__(self) -> tuple[Any, ...]:
-        return _made, (self.options["machine"], dict(self.values))
+    @classmethod
+    def class_of(cls, text: str) -> type[Self]:
+        """Return the class of a text; see `StatedSystem`."""
+        return _class_of(text)  # type: ignore[return-value]
 
     def formulas(self, symbols: Mapping[str, Any]) -> Formulas:
         """Motion in each mode, in closed form where it is linear, and what guards change."""
@@ -149,7 +135,7 @@ def _known(text: str, names: set[str]) -> bool:
 
 
 @functools.cache
-def class_of(text: str) -> type[HybridSystem]:
+def _class_of(text: str) -> type[HybridSystem]:
     """Return the class of a hybrid system, by its text."""
     given = modes_of(text)
     size = given.degrees_of_freedom
@@ -183,7 +169,3 @@ def _guard(guard: StatedGuard, size: int) -> Guard:
     if guard.modes == (guard.to,):
         return Wall(guard.name, guard.side, guard.modes[0], coordinate=row)
     return Guard(guard.name, guard.side, guard.modes, guard.to, row, guard.past)
-
-
-def _made(text: str, values: Mapping[str, float]) -> HybridSystem:
-    return HybridSystem(machine=text, **values)

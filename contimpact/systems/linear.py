@@ -15,11 +15,12 @@ from collections.abc import Mapping, Sequence
 from typing import Any, ClassVar, Self
 
 from ..errors import InputError
-from ..models.machine import TIME, Machine, StatedGuard, check_period, check_values, machine_of
-from ..models.model import Formulas, Model, Parameter, Wall
+from ..models.machine import TIME, Machine, StatedGuard, check_values, machine_of
+from ..models.model import Formulas, Parameter, Wall
+from ..models.stated_system import StatedSystem
 
 
-class LinearMachine(Model):
+class LinearMachine(StatedSystem):
     """A linear machine, by the text of its statement.
 
     The class of an instance has the parameters and guards that its statement names.
@@ -33,26 +34,12 @@ class LinearMachine(Model):
     """
 
     SYSTEM = "linear"
-    PARAMETERS = ()
-    STATED = True
-    OPTIONS: ClassVar[Mapping[str, str]] = {"machine": ""}
     machine: ClassVar[Machine]
 
-    def __new__(cls, /, **given: Any) -> Self:
-        kind = class_of(str(given.get("machine", ""))) if cls is LinearMachine else cls
-        return object.__new__(kind)  # type: ignore[return-value]
-
-    def __init__(self, /, **given: Any) -> None:
-        super().__init__(**given)
-        check_period(self.machine, self.values)
-
-    def __copy__(self) -> Self:
-        other = object.__new__(type(self))
-        other.__dict__.update(self.__dict__)
-        return other
-
-    def __reduce__(self) -> tuple[Any, ...]:
-        return _made, (self.options["machine"], dict(self.values))
+    @classmethod
+    def class_of(cls, text: str) -> type[Self]:
+        """Return the class of a text; see `StatedSystem`."""
+        return _class_of(text)  # type: ignore[return-value]
 
     def validate(self) -> None:
         """Refuse masses, restitutions and periods that no machine has."""
@@ -114,7 +101,7 @@ def _hit(guard: StatedGuard, i: int, velocity: Any, restitution: Any) -> Any:
 
 
 @functools.cache
-def class_of(text: str) -> type[LinearMachine]:
+def _class_of(text: str) -> type[LinearMachine]:
     """Return the class of a machine, by its text."""
     machine = machine_of(text)
     names = {g.restitution.strip() for g in machine.guards}
@@ -139,7 +126,3 @@ def class_of(text: str) -> type[LinearMachine]:
     except InputError as error:
         inside = "guards" if error.where.endswith("WALLS") else "parameters"
         raise InputError(inside, error.found, error.accepted) from None
-
-
-def _made(text: str, values: Mapping[str, float]) -> LinearMachine:
-    return LinearMachine(machine=text, **values)
