@@ -7,7 +7,6 @@ of harmonics integrated twice, and the linear oscillator from its characteristic
 from __future__ import annotations
 
 import math
-import os
 from pathlib import Path
 
 import invariants
@@ -23,15 +22,17 @@ from contimpact.systems.oscillator import Oscillator
 
 
 @pytest.fixture(scope="session", autouse=True)
-def kernel_cache(tmp_path_factory):
-    """One cache of kernels for all tests and, under xdist, for all workers."""
-    root = tmp_path_factory.getbasetemp()
-    if os.environ.get("PYTEST_XDIST_WORKER"):
-        root = root.parent
+def kernel_cache(pytestconfig):
+    """One cache of kernels for all tests, workers and runs; ``--cache-clear`` empties it.
+
+    Kernels and programs are found by digests of what they are made from, so that an earlier run's
+    are used for unchanged sources alone.
+    """
+    folder = Path(pytestconfig.cache.mkdir("contimpact")) / "kernels"
     with pytest.MonkeyPatch.context() as patch:
-        patch.setenv("CONTIMPACT_CACHE", str(Path(root) / "kernels"))
+        patch.setenv("CONTIMPACT_CACHE", str(folder))
         patch.setenv("CONTIMPACT_COMPILED", "never")
-        yield Path(root) / "kernels"
+        yield folder
 
 
 @pytest.fixture(scope="session", autouse=True)
