@@ -7,6 +7,7 @@ of harmonics integrated twice, and the linear oscillator from its characteristic
 from __future__ import annotations
 
 import math
+from collections import Counter
 from pathlib import Path
 
 import invariants
@@ -19,6 +20,17 @@ from contimpact.orbits.problem import OrbitProblem
 from contimpact.segments.kernels import Kernels
 from contimpact.systems.impact_pair import ImpactPair
 from contimpact.systems.oscillator import Oscillator
+
+
+@pytest.hookimpl(tryfirst=True)
+def pytest_collection_modifyitems(items):
+    """Mark as full what a test has beyond its quick cases."""
+    cases = Counter()
+    for item in items:
+        if marker := item.get_closest_marker("quick"):
+            cases[item.parent.nodeid, item.originalname] += 1
+            if cases[item.parent.nodeid, item.originalname] > marker.args[0]:
+                item.add_marker("full")
 
 
 @pytest.fixture(scope="session", autouse=True)

@@ -23,6 +23,7 @@ def marks(name):
 
 
 @pytest.mark.parametrize("name", [pytest.param(name, marks=marks(name)) for name in CASES])
+@pytest.mark.quick(1)
 def test_extreme(name):
     row = measure(name)
     said = row.outcome.endswith("said so") or row.outcome.startswith("refused: ")

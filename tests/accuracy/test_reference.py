@@ -31,6 +31,7 @@ POINT = (0.37, 0.61, 1.52, -0.43)
         ("BT", "exp(cos(pi*t))/3"),
     ],
 )
+@pytest.mark.quick(3)
 def test_kernels_in_many_digits(pair, exact, walls, forcing):
     """Against the flight integrated by hand in 60 digits, where quotients such as 1/3 matter."""
     model = pair(forcing=forcing)
@@ -91,6 +92,7 @@ def fig7(pair):
     return runs
 
 
+@pytest.mark.full
 def test_events_are_confirmed_and_their_errors_are_honest(fig7):
     """30 digits: every event moves by less than 1e-13 and no more than it says."""
     kinds = set()

@@ -50,6 +50,7 @@ def data(folder):
     return json.loads((folder / "report.json").read_text(encoding="utf-8"))
 
 
+@pytest.mark.full
 def test_files(folder):
     names = {path.name for path in folder.iterdir()}
     assert names == {"report.json", "report.md", "work-precision.svg", "work-precision.png"}
@@ -234,6 +235,7 @@ def test_the_secant_predictor_reaches_the_same_branch(pair):
 STIFF = {"a": 3000.0, "omega": 1.0, "c": 100.0, "k": 1e4, "sigma": 0.3, "r": 0.8}
 
 
+@pytest.mark.full
 def test_shooting_of_stiff_motion_ends_within_its_budget_and_says_what_it_reached(monkeypatch):
     """One for stiff motion is tried besides; what costs more than nothing ended at is not."""
     monkeypatch.setattr(contestant, "EVALUATIONS", 30_000)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import pytest
+
 from contimpact.accuracy.simulated import ExactFlights, flights_of
 from contimpact.simulation.simulator import Simulator
 from contimpact.systems.two_masses import TwoMasses
@@ -9,6 +11,7 @@ from contimpact.systems.two_masses import TwoMasses
 VALUES = {"c1": 0.1, "c2": 0.05, "k1": 1.0, "k2": 0.6, "a1": 1.0, "omega": 0.6, "r": 0.5}
 
 
+@pytest.mark.full
 def test_all_coordinates_of_flights_are_right_to_rounding():
     simulator = Simulator(TwoMasses(**VALUES, sigma_1=0.1, sigma_2=0.3))
     run = simulator.run(simulator.state("B", 0.173, 1.0098, [0.0864, -0.0536]), impacts=40)

@@ -70,6 +70,7 @@ def test_of_one_coordinate_they_are_those_of_a_unit_of_mass():
     assert losses(orbit).impacts == pytest.approx(expected, rel=1e-13)
 
 
+@pytest.mark.full
 def test_masses_that_are_not_stated_are_asked_for():
     model = ProportionalMasses(k1=1.0, k2=0.6, omega=1.8, r=0.8, a=1.0, c=0.07, sigma=1.0)
     orbit = find_orbits(model, "A", parameter="r", starts=8)[0]

@@ -250,6 +250,7 @@ FIG_3 = {
 
 
 @pytest.mark.parametrize("panel", FIG_3)
+@pytest.mark.quick(1)
 def test_fig_3(pair, kernels_of, panel):
     values, parameter, (first, last), expected = FIG_3[panel]
     model = pair(**values)

@@ -71,6 +71,7 @@ def only(scene, kernels_of, diagram, values, width=1e-6, start=State(0, 0.25, 0.
     return explained(first, diagram, found)
 
 
+@pytest.mark.full
 def test_the_doubling_of_fig_7(scene, kernels_of, diagram):
     """PD, explained by the branch's, which lies in the bracket."""
     found = only(scene, kernels_of, diagram, [0.39, 0.376])
@@ -81,6 +82,7 @@ def test_the_doubling_of_fig_7(scene, kernels_of, diagram):
     assert found.before.multiplier == pytest.approx(-1, abs=1e-4)
 
 
+@pytest.mark.full
 def test_the_onset_of_complex_motion_of_fig_7(scene, kernels_of, diagram):
     """The doubled orbit grazes: in d, 0.22741080 on the branch, within 1e-6 by simulation."""
     found = only(scene, kernels_of, diagram, [0.368, 0.362])
@@ -100,6 +102,7 @@ def test_the_grazing_of_the_2_1_orbit(scene, kernels_of, diagram):
     assert found.explanations[0].role == "explains"
 
 
+@pytest.mark.full
 def test_the_fold_of_the_2_1_orbit_upwards(scene, kernels_of, diagram):
     """Rising, 2:1 lives up to its fold; behind it the motion is complex."""
     found = only(scene, kernels_of, diagram, [0.352, 0.36], start=State(0, 0.1, 0.6))
@@ -132,6 +135,7 @@ def test_an_attractor_that_does_not_end(scene, kernels_of):
     assert change.wide
 
 
+@pytest.mark.full
 def test_records_of_transitions_read_back(scene, kernels_of, diagram):
     found = only(scene, kernels_of, diagram, [0.368, 0.362], width=1e-4)
     assert Transition.from_record(json.loads(json.dumps(found.as_record()))) == found
@@ -237,6 +241,7 @@ def test_a_doubling_is_named_by_what_follows(scene, kernels_of, ending):
     assert name(before, tripled, earlier).kind is None
 
 
+@pytest.mark.full
 def test_a_subcritical_doubling_has_no_name(scene, kernels_of):
     """4:1 loses its stability at s = 0.2558358860, where its branch has a subcritical PD: no
     doubled orbit is stable beyond it, the motion goes to (7:2)/2T."""
@@ -275,6 +280,7 @@ def test_a_narrow_window_of_the_doubled_orbit_is_resolved(kernels_of):
     assert grazing.evidence.startswith("smallest gap")
 
 
+@pytest.mark.full
 def test_wide_brackets_say_why(scene, kernels_of):
     """Beside a doubling the motion does not settle; the bracket is wider than asked and says so."""
     found = swept(scene, kernels_of, [0.39, 0.376])

@@ -118,6 +118,7 @@ def test_a_mode_that_is_not_there_is_refused(simulator):
         settle(simulator, None, mode="stuck")
 
 
+@pytest.mark.full
 def test_its_end_along_a_sweep_is_where_it_reaches_the_guard(free, held):
     """Held, the body swings about its mean with the amplitude a/hypot(k + kb - w^2, c w)."""
     model = Magnet(**VALUES)
@@ -214,6 +215,7 @@ def test_a_free_body_that_is_not_damped_settles_on_nothing():
     assert np.array_equal(found.velocities, [])
 
 
+@pytest.mark.full
 def test_the_search_for_a_transition_tells_what_it_tries(tmp_path):
     """What went before it is not the last that is heard for its whole time."""
     options = {"values": 2, "transitions": True, "width": 0.1, "periods": 100, "impacts": 100}

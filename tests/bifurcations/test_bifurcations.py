@@ -335,6 +335,7 @@ def test_errors_of_located_parameters_are_honest(figure, word):
 
 
 @pytest.mark.parametrize("seed", [0, 2, 4])
+@pytest.mark.full
 def test_errors_are_honest_for_unequal_ends(seed):
     """r_B and r_T differ. Measured: true errors up to 2e-14, at most 0.25 of the reported ones."""
     model, parameter, limits = random_pair(seed)
@@ -507,6 +508,7 @@ def test_closed_forms_of_the_symmetric_pair():
 
 
 @pytest.mark.parametrize("r", [0.05, 0.15, 0.25, 0.35, 0.45, 0.55, 0.65, 0.75, 0.85, 0.95])
+@pytest.mark.quick(3)
 def test_the_symmetric_orbit_folds_and_breaks_its_symmetry(r):
     """Measured: 2e-14 in d, at d = 12.4. The symmetric orbit never doubles its period."""
     breaking, fold = symmetric_lengths(r)
@@ -582,6 +584,7 @@ def test_closed_forms_of_the_bouncing_ball():
 
 @pytest.mark.parametrize("r", [0.1, 0.3, 0.5, 0.7, 0.9])
 @pytest.mark.parametrize(("word", "k"), [("1:0", 1), ("B/2T", 2), ("B/3T", 3)])
+@pytest.mark.quick(5)
 def test_bouncing_ball(word, k, r):
     """Measured: 5e-15 in Gamma. The velocity is 2 k gbar/(1 + r) all along, to 6e-13."""
     born, doubled = ball_thresholds(r, k)
@@ -632,6 +635,7 @@ STOPS = [
 
 
 @pytest.mark.parametrize(("omega", "zeta", "r"), STOPS)
+@pytest.mark.quick(5)
 def test_the_steady_response_grazes_the_stop(omega, zeta, r):
     """sigma_G = 1/sqrt((1 - omega^2)^2 + (2 zeta omega)^2), measured to 3e-15."""
     grazing = 1.0 / math.hypot(1.0 - omega**2, 2.0 * zeta * omega)
@@ -737,6 +741,7 @@ def found_with(orbit, limits, max_step):
 
 
 @pytest.mark.parametrize("seed", range(10))
+@pytest.mark.full
 def test_long_and_short_steps_find_the_same_events(seed):
     """Measured: parameters agree to 7e-14."""
     model, parameter, limits = random_pair(seed)
@@ -776,6 +781,7 @@ BORN_WITHIN = [
 
 @pytest.mark.parametrize(("word", "direction", "amplitude", "given"), BORN_WITHIN)
 @pytest.mark.parametrize("max_step", [0.1, 0.05, 0.025])
+@pytest.mark.quick(2)
 def test_a_touch_that_is_born_and_grazes_within_one_step_is_found(
     word, direction, amplitude, given, max_step
 ):

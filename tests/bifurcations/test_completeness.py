@@ -118,6 +118,7 @@ def same(problem, one, other):
 
 
 @pytest.mark.parametrize("seed", FEW)
+@pytest.mark.quick(1)
 def test_no_event_is_missed_or_false(seed):
     check(seed)
 

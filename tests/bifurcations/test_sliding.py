@@ -111,6 +111,7 @@ def branches():
 
 
 @pytest.mark.parametrize(("word", "at", "longer", "name"), WAY, ids=[way[3] for way in WAY])
+@pytest.mark.full
 def test_both_sides_and_back(branches, word, at, longer, name):
     """From the longer word it is a V or a T, at which that becomes the shorter one again."""
     branch = branches[word]

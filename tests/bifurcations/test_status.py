@@ -124,6 +124,7 @@ def test_beside_a_zero_velocity_the_verdict_is_not_rounding(step):
 
 @pytest.mark.parametrize("kind", ["G", "PD", "V"])
 @pytest.mark.parametrize("nudge", [-3e-16, 0.0, 3e-16])
+@pytest.mark.quick(1)
 def test_an_event_on_a_limit_is_found_at_both_ends(kind, nudge):
     model = ImpactPair(beta=math.pi / 6, r=0.3, A=5.0, s=0.34)
     values = {

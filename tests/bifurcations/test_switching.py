@@ -57,6 +57,7 @@ def find(diagram, label, branch_notation):
         ("fig8", "~G[2:1->2:2]", "2:1", 0.11477162872),
     ],
 )
+@pytest.mark.quick(4)
 def test_everything_follows_from_the_1_1_orbit(request, name, label, notation, d):
     values = [e.parameters["d"] for e in find(request.getfixturevalue(name), label, notation)]
     # the reference values have eleven digits
@@ -242,6 +243,7 @@ def test_continue_born_follows_from_an_entry(fig7):
     np.testing.assert_allclose(ours, theirs, rtol=0, atol=1e-12)
 
 
+@pytest.mark.full
 def test_twice_gives_the_same_catalogue():
     from contimpact.records.catalogue import catalogue_text
 
@@ -280,6 +282,7 @@ def test_survey_finds_branches_the_start_does_not_reach():
     assert len(found.branches) > len(without.branches)
 
 
+@pytest.mark.full
 def test_an_orbit_run_twice_is_the_branch_it_runs():
     """At depth 3 a grazing of (3:2)/2T leads to 2:1 run twice: a meeting, not a branch."""
     diagram = follow(scene(follow={"depth": 3, "max_branches": 16}))

@@ -97,6 +97,7 @@ def check(model, how, sizes, word="1:1", limits=(0.3, 1.2)):
 
 
 @pytest.mark.parametrize("how", ["beta", "r_T"])
+@pytest.mark.full
 def test_an_unfolded_pitchfork_is_no_branch_point(how, kernel_cache):
     sizes = [sign * 10.0**-k for k in (5, 8, 11, 12, 13) for sign in (-1.0, 1.0)]
     counts = check(level(), how, sizes)
@@ -123,6 +124,7 @@ def test_an_unfolding_below_the_error_of_nu_is_a_branch_point_and_says_so(kernel
 
 @pytest.mark.parametrize("size", [1e-13, 1e-10, 1e-7])
 @pytest.mark.parametrize("sign", [-1.0, 1.0])
+@pytest.mark.quick(1)
 def test_the_fold_beside_an_unfolded_pitchfork(size, sign, kernel_cache):
     """It is real, and moves away with the power 2/3 of the unfolding."""
     folds = []
@@ -135,6 +137,7 @@ def test_the_fold_beside_an_unfolded_pitchfork(size, sign, kernel_cache):
     assert power == pytest.approx(2.0 / 3.0, abs=0.02)
 
 
+@pytest.mark.full
 def test_an_exact_pitchfork_has_no_fold(kernel_cache):
     """An arm stands upright at the branch point: a zero of the fold's function, but no fold."""
     rng = np.random.default_rng(3)
@@ -203,6 +206,7 @@ def check_near(model, value, part):
 
 
 @pytest.mark.parametrize("part", [0.3, 1e-2, 1e-3])
+@pytest.mark.quick(1)
 def test_a_step_changes_to_no_other_branch_at_a_pitchfork(part, kernel_cache):
     check_near(level(), 0.364717826974541, part)
 

@@ -353,6 +353,7 @@ def test_the_oscillator_is_certified():
     assert [b.complete for b in found.branches] == [True] * len(found.branches)
 
 
+@pytest.mark.full
 def test_a_branch_born_at_a_doubling_is_complete_from_there_on():
     """1:1/2T of Fig. 7, whose equations are singular where it begins."""
     born = follow(scene(follow={"switch": ["PD"], "depth": 1}))

@@ -37,6 +37,7 @@ def magnet_at_rest():
     return event, lambda: problem
 
 
+@pytest.mark.full
 def test_the_infinite_multiplier_of_a_contact_that_lasts_is_the_events_own():
     event, problem = magnet_at_rest()
     assert (event.impact, event.flight, event.n_unstable) == (1, 0, 0)
@@ -50,6 +51,7 @@ def test_the_infinite_multiplier_of_a_contact_that_lasts_is_the_events_own():
 
 
 @pytest.mark.parametrize("kind", ["G", "V"])
+@pytest.mark.quick(1)
 def test_where_sliding_vanishes_multipliers_are_those_without_it(kind):
     """Of the belt: a touch of S, beside which C lies on the same surface, and the V of SP."""
     (entry,) = (e for e in load_entries(ROOT / "branches" / "belt") if e.kind == kind)

@@ -66,6 +66,7 @@ def proven(name):
 
 
 @pytest.mark.parametrize("name", KINDS)
+@pytest.mark.quick(1)
 def test_every_entry_is_certified(name):
     few = entries_of(name)[:2] if name == "impact_damper" else entries_of(name)
     found = contimpact.certify(few, options=ENTRIES_ALONE)
@@ -92,6 +93,7 @@ def test_an_impact_at_rest_is_that_of_the_orbit_without_impacts():
     assert certified(dataclasses.replace(entry, physical=False)).clause == "physicality"
 
 
+@pytest.mark.full
 def test_a_velocity_that_vanishes_leaves_no_impact():
     """Of several coordinates: the multipliers are those of the orbit without impacts."""
     model = load_scene(ROOT / "branches" / "two_masses" / "scene.toml").model
@@ -138,6 +140,7 @@ def test_a_contact_that_comes_to_rest_is_no_missing_event():
 
 
 @pytest.mark.parametrize("name", ["bouncing_ball", "two_stops"])
+@pytest.mark.quick(1)
 def test_branches_are_complete(name):
     found = proven(name)
     assert found.branches
@@ -158,12 +161,14 @@ def test_branches_of_linear_flights_are_complete_but_where_they_cross():
             assert abs(piece.end - piece.start) < 2e-5
 
 
+@pytest.mark.full
 def test_branches_of_two_degrees_of_freedom_are_proven():
     branch = proven("impact_damper").branches[0]
     assert not branch.refuted
     assert branch.complete, branch.lines()
 
 
+@pytest.mark.full
 def test_branches_followed_in_the_frequency_are_complete():
     """The matrices of their flights depend on it; one touch is counted once, whatever cells the
     tube is cut into."""
@@ -218,6 +223,7 @@ def test_long_flights_take_few_cells(monkeypatch):
 
 
 @pytest.mark.parametrize("name", KINDS)
+@pytest.mark.quick(2)
 def test_wrong_statements_are_rejected_where_they_are(name):
     entries = entries_of(name)[: 3 if name == "bouncing_ball" else 1]
     assert entries

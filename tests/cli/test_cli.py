@@ -202,6 +202,7 @@ def test_no_plot(run, scene, tmp_path):
     assert "plot" not in manifest["seconds"]
 
 
+@pytest.mark.full
 def test_formats_of_the_scene(run, scene, tmp_path):
     path = scene('x = "d"', 'x = "d"\nformats = ["pdf"]')
     assert run("run", path, "-o", tmp_path / "out", "-q")[0] == 0
@@ -218,6 +219,7 @@ def test_no_formats(run, scene, tmp_path):
     assert not any(name.startswith("diagram") for name in files_of(tmp_path / "out"))
 
 
+@pytest.mark.full
 def test_running_twice_gives_the_same_bytes(run, results, tmp_path):
     path = results.parent / "scene.toml"
     for name in ("one", "two"):
@@ -230,6 +232,7 @@ def test_running_twice_gives_the_same_bytes(run, results, tmp_path):
     assert set(one) == set(files_of(results))
 
 
+@pytest.mark.full
 def test_rerun_in_another_process_gives_the_same_bytes(results):
     folder = results.parent / "another"
     scene_file = results.parent / "scene.toml"
@@ -363,6 +366,7 @@ def test_start_where_no_orbit_exists(run, scene, tmp_path, command):
     assert not (tmp_path / "out").exists()
 
 
+@pytest.mark.full
 def test_words_without_an_orbit(run, scene, tmp_path):
     """They are listed, by check and by run, and the others followed."""
     words = ('["1:1"]', '["5:1", "1:1"]', "[0.3, 0.4]", "[0.25, 0.4]")
@@ -493,6 +497,7 @@ def test_plot_over_another_column(monkeypatch, run, copied):
     assert ax.get_xlim() == (0.31, 0.39)
 
 
+@pytest.mark.full
 def test_plot_limits(monkeypatch, run, copied):
     ax = figure_of(monkeypatch, run, copied, "--xlim", "0.1", "0.3", "--ylim", "-1", "2")
     assert ax.get_xlim() == (0.1, 0.3)
@@ -650,6 +655,7 @@ def test_every_public_name_is_there():
     ("options", "imported"),
     [("'--no-plot'", ["numpy"]), ("'-q'", ["numpy", "matplotlib"])],
 )
+@pytest.mark.quick(1)
 def test_a_warm_run_imports_what_it_needs(results, options, imported):
     """The kernels are there since `results`: no SymPy; nothing in a run needs SciPy."""
     scene_file, folder = results.parent / "scene.toml", results.parent / "warm"
@@ -667,6 +673,7 @@ def test_a_warm_run_imports_what_it_needs(results, options, imported):
     assert manifest["kernels"]["loaded"]
 
 
+@pytest.mark.full
 def test_a_warm_check_imports_what_it_needs(results):
     code = (
         "import sys\n"
@@ -720,6 +727,7 @@ def test_an_interruption_of_the_search_keeps_the_results_of_an_earlier_run(
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="POSIX signals")
+@pytest.mark.full
 def test_an_interruption_keeps_the_branch_under_way_and_stops_all_scenes(scene, tmp_path):
     paths = [scene(*ENDLESS, '"small"', f'"{name}"', name=name) for name in ("one", "two")]
     status, said = interrupted(*paths, "-o", tmp_path / "out")
@@ -777,6 +785,7 @@ def test_a_picture_that_is_not_drawn_anew_is_removed(run, scene, copied):
 
 
 @pytest.mark.parametrize("kind", ["svg", "pdf", "PNG"])
+@pytest.mark.quick(1)
 def test_plot_writes_the_same_bytes_every_time(run, copied, tmp_path, kind):
     for name in ("a", "b"):
         assert run("plot", copied, "-o", tmp_path / f"{name}.{kind}")[0] == 0
@@ -820,6 +829,7 @@ def test_incomplete_records(run, copied, tmp_path, command, name, content):
 @pytest.mark.skipif(sys.platform == "win32", reason="POSIX shell")
 @pytest.mark.parametrize("sink", ["| true", "> /dev/full", ">&-"])
 @pytest.mark.parametrize("arguments", ["check", "--help"])
+@pytest.mark.quick(2)
 def test_output_that_nobody_reads(scene, sink, arguments):
     """A closed pipe, a full disk, no output at all: no traceback."""
     if "full" in sink and not Path("/dev/full").exists():

@@ -260,6 +260,7 @@ def failures(numbers, good, folder):
 
 
 @pytest.mark.parametrize("first", range(0, ORDINARY, PER_TEST))
+@pytest.mark.full
 def test_hostile_input(first, good, tmp_path):
     assert failures(range(first, first + PER_TEST), good, tmp_path) == []
 

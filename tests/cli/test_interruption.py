@@ -166,6 +166,7 @@ def stopped_at(marker, times=1):
 
 
 @pytest.mark.parametrize("marker", ["b1", "b2", "b3"])
+@pytest.mark.quick(1)
 def test_a_diagram_keeps_the_branch_under_way(marker):
     """Those before it are whole; nothing is followed after it."""
     whole = follow(read_scene(SCENE))
@@ -178,6 +179,7 @@ def test_a_diagram_keeps_the_branch_under_way(marker):
     read(part)
 
 
+@pytest.mark.full
 def test_a_diagram_keeps_the_curve_under_way():
     curves = {
         "parameter": "r",

@@ -52,6 +52,7 @@ def table(path):
     return json.loads(lines[0].removeprefix("# ")), list(csv.DictReader(lines[1:]))
 
 
+@pytest.mark.full
 def test_tables(scene_file, tmp_path, capsys):
     out = tmp_path / "out"
     assert run(scene_file(), "-o", out, "--no-plot") == 0
@@ -75,6 +76,7 @@ def test_tables(scene_file, tmp_path, capsys):
     assert "down: 1:1" in capsys.readouterr().out
 
 
+@pytest.mark.full
 def test_branches_energy_and_pictures(scene_file, tmp_path):
     out = tmp_path / "out"
     text = SCENE.replace("values = 7", "values = 4\nbranches = true").replace("both", "down")
@@ -100,6 +102,7 @@ def test_branches_energy_and_pictures(scene_file, tmp_path):
 
 
 @pytest.mark.parametrize("after", [2, 9, 14])
+@pytest.mark.full
 def test_interrupted_and_resumed(scene_file, tmp_path, monkeypatch, capsys, after):
     """Stopped after some rows, or after the sweeps, and resumed: the same bytes as in one go."""
     path = scene_file(SCENE + "starts = 2\n")
@@ -128,6 +131,7 @@ def test_interrupted_and_resumed(scene_file, tmp_path, monkeypatch, capsys, afte
         assert (parts / name).read_bytes() == (whole / name).read_bytes(), name
 
 
+@pytest.mark.full
 def test_a_finished_run_is_resumed_without_work(scene_file, tmp_path, monkeypatch):
     path, out = scene_file(), tmp_path / "out"
     assert run(path, "-o", out, "--no-plot", "-q") == 0
@@ -142,6 +146,7 @@ def test_a_finished_run_is_resumed_without_work(scene_file, tmp_path, monkeypatc
     assert {name: (out / name).read_bytes() for name in TABLES} == before
 
 
+@pytest.mark.full
 def test_another_scene_is_not_resumed(scene_file, tmp_path, capsys):
     out = tmp_path / "out"
     assert run(scene_file(), "-o", out, "--no-plot", "-q") == 0
@@ -206,6 +211,7 @@ def test_the_oscillator_has_no_membranes():
         read_scene(given | {"energy": {}})
 
 
+@pytest.mark.full
 def test_run_imports_no_simulation_and_no_matplotlib(scene_file, tmp_path):
     """What a scene does not ask for is not imported, by run and by simulate."""
     code = (

@@ -51,6 +51,7 @@ def table(path):
     return json.loads(head.removeprefix("# ")), list(csv.DictReader(lines))
 
 
+@pytest.mark.full
 def test_a_sweep_of_two_masses(tmp_path, capsys):
     path, out = tmp_path / "scene.toml", tmp_path / "out"
     path.write_text(SCENE, encoding="utf-8")

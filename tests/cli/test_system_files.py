@@ -119,6 +119,7 @@ CLOSURE = closed_over({closure})
 """
 
 
+@pytest.mark.full
 def test_kernels_follow_what_a_file_is_made_of(folder):
     """A helper module, a base class, a closure: each edited, in processes with one cache."""
     (folder / "my_ball.py").write_text(USES_A_HELPER)

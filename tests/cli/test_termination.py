@@ -36,6 +36,7 @@ branches = true
 """
 
 
+@pytest.mark.full
 def test_what_a_simulation_found_is_written(tmp_path):
     file, folder = tmp_path / "long.toml", tmp_path / "out"
     file.write_text(SCENE, encoding="utf-8")

@@ -114,6 +114,7 @@ def forged(**changes):
 
 @pytest.mark.parametrize("notation", ["$\\frac{", "$a$b$", "\\", "x" * 100_000, ESCAPE, "\ud800"])
 @pytest.mark.parametrize("key", ["notation", "label", "kind"])
+@pytest.mark.quick(3)
 def test_texts_of_entries_are_drawn_as_texts(folder, tmp_path, key, notation):
     edited(branch_of(folder), forged(**{key: notation, "ghost": True}))
     edited(branch_of(folder), lambda r: r["events"][0].update(notation="1:1", kind="PD"))
@@ -365,6 +366,7 @@ def python(*arguments, **environment):
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="names of files that are no text")
+@pytest.mark.full
 def test_folders_whose_names_are_not_utf8(folder, tmp_path):
     odd = folder.rename(tmp_path / os.fsdecode(b"\xff\x1b[31m"))
     assert main(["plot", str(odd)]) == 0
@@ -384,6 +386,7 @@ def test_names_that_a_terminal_does_not_know(tmp_path):
 
 
 @pytest.mark.parametrize("backend", ["nonsense", "module://nowhere", "\x1b[31m", "TkAgg"])
+@pytest.mark.quick(1)
 def test_backends_that_do_not_exist(folder, backend):
     said = python("plot", str(folder), MPLBACKEND=backend)
     assert (said.returncode, said.stderr) == (0, b"")

@@ -83,6 +83,7 @@ def walks(model, word, parameter, limits, settings=None, events=EVENTS):
 @needs_numba
 @pytest.mark.parametrize("predictor", ["tangent", "secant"])
 @pytest.mark.parametrize("word", ["BT", "BBT", "BTBT", "BBTT", "B", "BBBTBBT"])
+@pytest.mark.quick(1)
 def test_compiled_walks_are_the_same_to_the_last_bit(plain_and_compiled, word, predictor):
     model = ImpactPair(beta=math.pi / 6, r=0.3, A=5.0, s=0.34)
     settings = Settings(predictor=predictor)
@@ -94,6 +95,7 @@ def test_compiled_walks_are_the_same_to_the_last_bit(plain_and_compiled, word, p
 
 @needs_numba
 @pytest.mark.parametrize("seed", range(12))
+@pytest.mark.quick(1)
 def test_compiled_walks_are_the_same_for_random_parameters(plain_and_compiled, seed):
     rng = np.random.default_rng(seed)
     beta, r, s = rng.uniform(-1.5, 1.5), rng.choice([0.0, 1.0, rng.uniform()]), rng.uniform(0.1, 1)
@@ -104,6 +106,7 @@ def test_compiled_walks_are_the_same_for_random_parameters(plain_and_compiled, s
         same(one, other)
 
 
+@pytest.mark.full
 def test_compiled_walks_where_the_zeros_of_the_acceleration_move(plain_and_program):
     """Along A the zeros of a single harmonic change, and vanish where gravity outweighs it."""
     model = ImpactPair(beta=math.pi / 6, r=0.3, A=5.0, s=0.34)
@@ -178,6 +181,7 @@ def test_a_callback_sees_every_point_of_a_compiled_walk_and_may_stop(plain_and_c
     assert len(fast) == stop_at
 
 
+@pytest.mark.full
 def test_compiled_walks_of_flights_that_depend_on_the_state(plain_and_program, oscillator):
     """The oscillator against a rigid stop, below and above critical damping."""
     for given, word in (({}, "SS/3T"), ({"c": 3.0, "sigma": -0.1}, "S")):
@@ -203,6 +207,7 @@ def test_compiled_walks_through_two_modes(plain_and_compiled, word):
         same(one, other)
 
 
+@pytest.mark.full
 def test_flights_too_stiff_for_compiled_code_go_on_plainly(plain_and_program, oscillator, caplog):
     """With c = 800 a flight would take more steps than there is room for."""
     model = oscillator(c=800.0, omega=1.0, sigma=0.0)
@@ -290,6 +295,7 @@ def run_with(cache, mode):
 
 
 @needs_numba
+@pytest.mark.full
 def test_a_later_process_loads_compiled_code_without_numba(plain_and_compiled, cache):
     problem = problem_of()
     plain_and_compiled(lambda: backend_of(problem, ()).compiled(1))

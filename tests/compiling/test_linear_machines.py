@@ -103,6 +103,7 @@ SLOWER = {"rattle", "three-masses"}
 @pytest.mark.parametrize(
     "name", [pytest.param(n, marks=[pytest.mark.slow] if n in SLOWER else []) for n in CASES]
 )
+@pytest.mark.full
 def test_the_text_that_is_compiled_gives_the_same_branch(as_text, monkeypatch, name):
     fast = branch(name, 3, 0.005)
     assert as_text
@@ -120,6 +121,7 @@ def test_compiled_branches_are_the_same(plain_and_compiled, name):
 
 
 @pytest.mark.parametrize("mode", ["never", "text"])
+@pytest.mark.full
 def test_flights_too_stiff_to_be_followed_in_few_steps_are_judged(as_text, monkeypatch, mode):
     """With c2 = 400 a flight would take more steps than there is room for."""
     if mode == "never":

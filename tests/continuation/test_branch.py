@@ -107,6 +107,7 @@ def test_two_walks_are_joined_in_order():
     assert events == []
 
 
+@pytest.mark.full
 def test_a_watched_walk_keeps_no_objects(pair, kernel_cache):
     """Bytes for each point of a branch: its numbers, not the objects made of them."""
     from contimpact.continuation.settings import Settings

@@ -136,6 +136,7 @@ def test_zeros_on_points_are_counted_the_same_both_ways(values):
 @pytest.mark.parametrize("sign", [1.0, -1.0])
 @pytest.mark.parametrize("number", [1, 2, 5, 9])
 @pytest.mark.parametrize("curve", [LINE, CUBIC])
+@pytest.mark.quick(12)
 def test_a_zero_exactly_on_a_point_is_found_once(curve, number, sign, direction):
     """The walk takes the same steps with and without the test function."""
     target = follow(curve, [0.0, 0.0], direction, []).points[number].parameter
@@ -208,6 +209,7 @@ def test_a_value_that_ceases_to_exist_inside_a_bracket_is_reported():
 )
 @settings(deadline=None, derandomize=True)
 @given(target=st.floats(0.02, 0.85))
+@pytest.mark.full
 def test_the_error_of_a_bracketed_event_is_honest(curve, start, direction, target):
     """Measured: true error at most 0.4 times the one reported, and that below 1e-12."""
     found = follow(curve, start, direction, [user(lambda p: p.parameter - target)], max_points=40)
@@ -300,6 +302,7 @@ def test_a_function_of_several_components_says_which_one_vanished():
 @pytest.mark.parametrize("sign", [1.0, -1.0])
 @pytest.mark.parametrize("width", [0.02, 0.005, 0.001])
 @pytest.mark.parametrize("target", [0.4321, 0.777, 1.013])
+@pytest.mark.quick(27)
 def test_a_function_that_dips_below_zero_within_a_step_crosses_twice(function, sign, width, target):
     """The steps are 0.1 long; its signs on the points say nothing."""
     tests = [user(lambda p: sign * function(p.parameter - target, width))]

@@ -31,6 +31,7 @@ def branch(tmp_path_factory):
     return dataclasses.replace(short, columns=columns, events=[])
 
 
+@pytest.mark.full
 def test_tables_are_read_in_one_pass(branch, tmp_path):
     """No more than the columns is kept, whatever the length of the file."""
     path = tmp_path / "b.csv"
@@ -45,6 +46,7 @@ def test_tables_are_read_in_one_pass(branch, tmp_path):
     assert peak < 2.0 * path.stat().st_size
 
 
+@pytest.mark.full
 def test_points_between_are_computed_together(branch, monkeypatch):
     from contimpact.plots import diagram, lines
 

@@ -452,6 +452,7 @@ def pitchfork(imperfection):
 @pytest.mark.parametrize("max_step", [0.02, 0.1, 0.3])
 @pytest.mark.parametrize("sign", [1.0, -1.0])
 @pytest.mark.parametrize("size", [1e-2, 1e-3, 1e-4, 1e-5, 1e-6, 1e-7, 1e-8])
+@pytest.mark.quick(12)
 def test_on_an_imperfect_pitchfork_the_walk_stays_on_its_piece(size, sign, max_step):
     """x (x^2 - p) = -e: the piece through x < 0 (for e > 0) has no fold and crosses no x = 0."""
     found = follow(

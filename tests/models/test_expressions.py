@@ -250,6 +250,7 @@ def test_numbers_do_not_import_sympy():
 
 @settings(deadline=None, derandomize=True, max_examples=200, database=None)
 @given(st.text(max_size=40))
+@pytest.mark.full
 def test_any_text_is_a_number_or_refused(text):
     try:
         value = number(text, "here")

@@ -43,6 +43,7 @@ def pair(forcing=FORCING, **values):
         ("cos(pi*t) + phase*cos(2*pi*t)", {"phase": 0.3}, "cos(pi*t) + 0.3*cos(2*pi*t)"),
     ],
 )
+@pytest.mark.quick(1)
 def test_a_parameter_is_its_number(forcing, values, numbers):
     """Harmonics, flights with their derivatives, motions: as with the number in its place."""
     one, other = pair(forcing, **values), pair(numbers)
@@ -58,6 +59,7 @@ def test_a_parameter_is_its_number(forcing, values, numbers):
     assert one.unit(next(iter(values))) == ""
 
 
+@pytest.mark.full
 def test_it_is_followed():
     """Each orbit of the branch is one of the forcing with the number that it has there."""
     forcing = "sin(h+1)*cos(pi*t + h)"

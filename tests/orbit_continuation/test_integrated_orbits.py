@@ -30,6 +30,7 @@ def both():
     return branches(Oscillator), branches(Integrated)
 
 
+@pytest.mark.full
 def test_branches_and_events(both):
     (one, branch), (other, same) = both
     assert other.unknowns == pytest.approx(one.unknowns, abs=1e-13)
@@ -45,6 +46,7 @@ def test_branches_and_events(both):
         assert getattr(same, column) == pytest.approx(getattr(branch, column), abs=1e-8)
 
 
+@pytest.mark.full
 def test_curves(both):
     events = [next(e for e in branch.events if e.kind == "PD") for _, branch in both]
     ranges = {"first_range": (0.6, 2.0), "second_range": (0.7, 0.85)}
@@ -56,6 +58,7 @@ def test_curves(both):
         assert found.parameters == pytest.approx(truth.parameters, abs=1e-12)
 
 
+@pytest.mark.full
 def test_two_masses():
     """By matrices, and integrated."""
     found = (
@@ -70,6 +73,7 @@ def test_two_masses():
     assert touches[1][1] == pytest.approx(touches[0][1], abs=1e-12)
 
 
+@pytest.mark.full
 def test_searches_for_events_stay_near(monkeypatch):
     """Where no branches cross, the search for it does not wander off along ever longer flights."""
     asked, steps = [], Integrator._propagate
@@ -88,6 +92,7 @@ def test_searches_for_events_stay_near(monkeypatch):
 
 
 @pytest.mark.parametrize("sigma", [0.3, math.pi], ids=["near", "upright"])
+@pytest.mark.quick(1)
 def test_orbits_of_a_pendulum_in_many_digits(sigma):
     model = Pendulum(a=1.0, omega=0.8, c=0.1, sigma=sigma, r=0.8)
     orbits = ci.find_orbits(model, "S", parameter="a", starts=20, rounds=2)
@@ -113,6 +118,7 @@ def test_orbits_without_impacts():
     assert np.prod(near.multipliers).real == pytest.approx(math.exp(-0.1 * math.pi), rel=1e-13)
 
 
+@pytest.mark.full
 def test_a_period_doubling_without_impacts():
     """Of a driven pendulum that swings freely: the orbit of two periods is born."""
     model = Pendulum(a=1.0, omega=0.83, c=0.1, sigma=4.0, r=0.8)

@@ -28,6 +28,7 @@ SCENE = {
 
 
 @pytest.mark.parametrize("low", [-1.0, 0.0])
+@pytest.mark.quick(1)
 def test_a_branch_of_unbounded_period_ends(low):
     model = read_scene(SCENE).model
     (orbit,) = find_orbits(model, "0", parameter="omega")

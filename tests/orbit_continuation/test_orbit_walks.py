@@ -59,6 +59,7 @@ def compare(cyclic, dense):
 
 @pytest.mark.parametrize("predictor", ["tangent", "secant"])
 @pytest.mark.parametrize("word", ["BT", "BBT", "BTBT", "B", "BBTT"])
+@pytest.mark.quick(1)
 def test_walks_of_the_pair(pair, word, predictor):
     """Fixed steps: rounding does not change how long the next one is."""
     settings = Settings(step=0.01, max_step=0.01, max_angle=1.0, predictor=predictor)

@@ -86,12 +86,14 @@ def lost(orbit, limits=RANGE):
 
 
 @pytest.mark.parametrize(("seed", "limits"), FEW.items())
+@pytest.mark.full
 def test_no_event_is_stepped_over(seed, limits):
     events, missed = lost(random_orbit(seed), limits)
     assert events > 0
     assert missed == 0
 
 
+@pytest.mark.full
 def test_pairs_of_folds_and_doublings_inside_a_step():
     """Two folds, four period doublings and three stable windows lay between two points."""
     waves = [(1, 1, 0), (11, -0.091, 0), (19, -0.428, 0), (36, -0.401, 0), (37, 0.486, 0)]
@@ -106,6 +108,7 @@ def test_pairs_of_folds_and_doublings_inside_a_step():
         assert sum(len(run.events) for run in runs) == 23
 
 
+@pytest.mark.full
 def test_a_touch_where_the_flight_passes_elsewhere_is_no_grazing():
     """At 0.371883 a flight touches a wall that it passes 0.02 later; at 0.371886 nowhere."""
     orbit = random_orbit(1129)

@@ -32,6 +32,7 @@ def each_once(branch):
 
 @pytest.mark.parametrize("s", [0.3825, 0.38, 0.35])
 @pytest.mark.parametrize("events", [("PD", "G"), ("FB", "BP", "PD", "G")])
+@pytest.mark.quick(3)
 def test_a_doubled_orbit_ends_where_it_becomes_the_single_one(pair, s, events):
     orbit = find_orbits(pair(s=s), "1:1/2T", parameter="s")[0]
     branch = continue_orbit(orbit, range=(0.3, 0.45), events=events)
@@ -122,6 +123,7 @@ def turned_circle():
 
 @pytest.mark.parametrize("direction", [1, -1])
 @pytest.mark.parametrize("seed", range(40))
+@pytest.mark.quick(2)
 def test_random_loops_close_where_they_do_and_nowhere_else(seed, direction):
     """A reflection turns the way back: a whole turn. Half a turn on, the same comes again."""
     rng, u = np.random.default_rng(seed), 0.0
@@ -137,6 +139,7 @@ def test_random_loops_close_where_they_do_and_nowhere_else(seed, direction):
 
 
 @pytest.mark.parametrize("seed", [0, 1, 2, 4, 5, 6])
+@pytest.mark.quick(1)
 def test_random_doubled_orbits_make_no_false_loop(pair, seed):
     """No orbit twice on a branch, however it is shifted, and none of a shorter period but at ends.
 

@@ -100,6 +100,7 @@ def test_periods_asked_for_are_hit_within_their_errors(branch):
         assert abs(event.value - c) <= event.error < 1e-13
 
 
+@pytest.mark.full
 def test_a_curve_of_equal_periods(branch):
     """In two parameters: orbits at its points have the period of the first."""
     event = next(e for e in branch.events if e.kind == "UZ")
@@ -168,6 +169,7 @@ def two():
     return ci.continue_orbit(orbit, "c1", (-0.202, -0.1995), events=["FB", "PD", "NS"])
 
 
+@pytest.mark.full
 def test_multipliers_of_two_masses_have_the_product_that_the_flow_has(two):
     """Three of them: the section has three coordinates. Liouville: the divergence is constant."""
     for row in range(0, len(two), 4):

@@ -73,6 +73,7 @@ def test_well_conditioned_cycles(m, count):
 
 @pytest.mark.parametrize("count", [1, 2, 3, 5])
 @pytest.mark.parametrize("m", [2, 4])
+@pytest.mark.quick(2)
 def test_random_cycles(m, count):
     """Blocks with entries from a normal distribution, some of them close to singular.
 

@@ -125,6 +125,7 @@ def test_jacobian(pair, oscillator, problem_of, exact):
             assert row_error(matrix, ExactOrbit(exact, problem).jacobian(in_mp(z))) < 1e-13, name
 
 
+@pytest.mark.full
 def test_two_free_parameters(pair, oscillator, problem_of, exact):
     """Jacobian and its derivative along a direction, with a column for each parameter."""
     for name, problem in curves(pair, oscillator, problem_of):
@@ -236,6 +237,7 @@ def test_one_impact_adds_both_blocks(pair, problem_of):
 
 
 @pytest.mark.parametrize("text", ["100:100", "200:0", "1:1/100T", "BBT" * 66 + "/66T", "3:2/40T"])
+@pytest.mark.quick(1)
 def test_long_words(pair, problem_of, text):
     """Two hundred impacts: evaluated once per flight, banded but for one corner, regular."""
     problem = problem_of(pair(), text, "A")

@@ -105,6 +105,7 @@ def holds(given_scene):
 
 @MODEST
 @given(scenes())
+@pytest.mark.full
 def test_random_scenes(given_scene):
     holds(given_scene)
 

@@ -103,6 +103,7 @@ def test_the_first_impact_is_born_at_the_grazing():
     assert born.orbit(int(row)).physical
 
 
+@pytest.mark.full
 def test_the_first_contact_is_born_at_the_grazing():
     model = SoftStop(a=0.3, omega=1.3, c=0.1, k=1.0, e=0.5, k_b=20.0, c_b=0.3)
     branch = continue_orbit(quiet(model), "a", (0.01, 1.0), events=["G"])
@@ -125,6 +126,7 @@ def test_the_orbit_is_not_found_again_with_twice_the_period():
     assert problem.evaluate(once.unknowns).largest_residual < 1e-14
 
 
+@pytest.mark.full
 def test_a_scene_from_the_word_zero(tmp_path):
     """Followed, switched, its grazing in two parameters, written and read again."""
     scene = read_scene(

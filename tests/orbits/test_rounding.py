@@ -192,6 +192,7 @@ def check(seeds):
     return rows
 
 
+@pytest.mark.full
 def test_reported_errors_are_bounds():
     rows = check([3, 14, 19, 23, 32])
     assert len(rows) >= 30

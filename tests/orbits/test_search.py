@@ -366,6 +366,7 @@ def test_same_rng_same_orbits(pair, orbits):
 
 @pytest.mark.parametrize("word", ["1:1", "2:1", "1:1/2T", "2:1/2T"])
 @pytest.mark.parametrize("rounds", [1, 2, 3, 8])
+@pytest.mark.quick(2)
 def test_rounds_are_the_same_one_by_one_and_together(pair, orbits, monkeypatch, word, rounds):
     """To the bit, also where the last round finds something."""
     model = pair(d=0.12484, A=12.466, r=0.25)
@@ -401,6 +402,7 @@ def test_other_rng_same_set(pair, orbits):
 
 
 @pytest.mark.parametrize("word", ["1:1/2T", "2:1/2T"])
+@pytest.mark.quick(1)
 def test_the_first_impact_does_not_depend_on_the_search(pair, orbits, word):
     """Of the equal letters of a word the one hit fastest comes first, whatever the seed."""
     model = pair(d=0.233) if word == "1:1/2T" else pair(d=0.124, A=12.55, r=0.25)

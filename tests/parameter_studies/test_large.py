@@ -108,6 +108,7 @@ print(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss)
 """
 
 
+@pytest.mark.full
 def test_memory_stays_flat_with_the_number_of_scenes(tmp_path):
     """What is left is the list of points: some 50 bytes for each."""
 

@@ -95,6 +95,7 @@ def test_another_study_of_the_same_name_is_refused(uninterrupted, here):
         computed(uninterrupted, study_given(count=3), here)
 
 
+@pytest.mark.full
 def test_two_studies_in_one_store_and_names_that_would_be_commands(here, uninterrupted, tmp_path):
     path, evil = tmp_path / "two.sqlite", "x'); DROP TABLE events; --\""
     computed(path, study_given(evil), here)
@@ -269,6 +270,7 @@ def test_an_interrupted_diagram_is_incomplete(monkeypatch):
 # Processes
 
 
+@pytest.mark.full
 def test_a_scene_that_kills_its_worker_is_recorded_and_the_others_are_whole(
     uninterrupted, tmp_path, monkeypatch
 ):
@@ -285,6 +287,7 @@ def test_a_scene_that_kills_its_worker_is_recorded_and_the_others_are_whole(
     assert failure["reason"].startswith("its worker ended each of 2 times: killed")
 
 
+@pytest.mark.full
 def test_a_worker_that_somebody_kills_costs_nothing(uninterrupted, tmp_path, monkeypatch):
     monkeypatch.setattr(run, "compute", small_studies.killed_once)
     monkeypatch.setenv("KILLED_ONCE", str(tmp_path / "mark"))
@@ -325,6 +328,7 @@ def command(study, store, *more):
 
 @pytest.mark.skipif(os.name != "posix", reason="POSIX signals")
 @pytest.mark.parametrize("kills", [1, pytest.param(10, marks=pytest.mark.slow)])
+@pytest.mark.full
 def test_a_killed_study_goes_on_to_the_same_result(kills, tmp_path):
     """Killed at random moments; the workers end with their parent."""
     generator = random.Random(3)

@@ -195,6 +195,7 @@ sys.exit(main(sys.argv[2:]))
 
 
 @pytest.mark.skipif(os.name != "posix", reason="limits of POSIX")
+@pytest.mark.full
 def test_a_study_on_a_disk_that_gets_full_goes_on_when_there_is_room(tmp_path):
     """A file that cannot grow: what was finished stays, and the rest is made later."""
     study, path, whole = (tmp_path / name for name in ("study.toml", "s.sqlite", "w.sqlite"))

@@ -314,6 +314,7 @@ def test_a_part_of_a_grid_is_a_grid_and_a_sample_none(tmp_path):
         scattered.zeros()
 
 
+@pytest.mark.full
 def test_the_command_draws_the_maps_and_says_what_they_show(store, tmp_path, capsys):
     assert main(["atlas", str(store), "-o", str(tmp_path), "--study", NAME]) == 0
     out = capsys.readouterr().out

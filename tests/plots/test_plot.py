@@ -435,6 +435,7 @@ def test_saved_files(fig7, tmp_path):
     assert sorted(path.name for path in tmp_path.iterdir()) == sorted(names)
 
 
+@pytest.mark.full
 def test_svg_is_the_same_every_time(fig7, tmp_path):
     for name in ("one", "two"):
         (tmp_path / name).mkdir()
@@ -444,6 +445,7 @@ def test_svg_is_the_same_every_time(fig7, tmp_path):
     assert b"<dc:date>" not in one
 
 
+@pytest.mark.full
 def test_svg_of_another_process_is_the_same(fig7, tmp_path):
     """Nothing in it depends on the process: no salt, no order of a set."""
     scene = json.dumps(scene_of("fig7").given)

@@ -78,6 +78,7 @@ def crossing(one, other):
     return difference.min() < 0.0 < difference.max()
 
 
+@pytest.mark.full
 def test_labels_of_a_crowded_diagram_stay_in_the_figure_and_apart(crowded):
     ax = plot_diagram(crowded)
     boxes = boxes_of(ax)
@@ -92,6 +93,7 @@ def test_labels_of_a_crowded_diagram_stay_in_the_figure_and_apart(crowded):
         assert not one.overlaps(other)
 
 
+@pytest.mark.full
 def test_leaders_neither_cross_nor_run_through_labels(crowded):
     ax = plot_diagram(crowded)
     boxes, leaders = boxes_of(ax), leaders_of(ax)
@@ -103,6 +105,7 @@ def test_leaders_neither_cross_nor_run_through_labels(crowded):
             assert not (box.x0 < x < box.x1 and bottom < box.y0 and box.y1 < top)
 
 
+@pytest.mark.full
 def test_what_finds_no_room_is_counted_in_the_legend(crowded):
     ax = plot_diagram(crowded)
     (note,) = [t.get_text() for t in ax.get_legend().get_texts() if "room" in t.get_text()]
@@ -149,6 +152,7 @@ def test_a_lonely_label_stands_in_the_middle_over_its_value():
     assert (spot.port, spot.left, spot.row) == (100.0, 85.0, 0)
 
 
+@pytest.mark.full
 def test_which_events_are_labelled(fig7):
     counts = {which: len(boxes_of(plot_diagram(fig7, labels=which))) for which in LABELS}
     assert counts["none"] == 0 < counts["real"] < counts["all"]
@@ -183,6 +187,7 @@ def test_the_heading_gives_name_and_fixed_parameters(fig7):
 @pytest.mark.parametrize(
     "name", ["<script>alert(1)</script>", "a\\b/c", "5 $ and 7 $", "$x_1$", "a\\$b", "end\\"]
 )
+@pytest.mark.quick(1)
 def test_the_heading_shows_any_name_as_it_is(fig7, name):
     figure = plot_diagram(dataclasses.replace(fig7, name=name)).figure
     with matplotlib.rc_context({"svg.fonttype": "none"}):

@@ -840,6 +840,7 @@ def test_ends_of_earlier_files_are_read(diagram, tmp_path):
     assert read_branch(tmp_path / "b.csv") == branch
 
 
+@pytest.mark.full
 def test_curves_read_back_equal(tmp_path):
     scene = load_scene(SCENE.parent.parent / "fig6b" / "scene.toml")
     family = "beta", (0.3, math.pi / 6)

@@ -86,6 +86,7 @@ def test_a_point_beside_an_event_by_rounding_ends_no_interval(fig7):
     assert stable_intervals(dataclasses.replace(branch, columns=columns)) == [interval]
 
 
+@pytest.mark.full
 def test_bistability_of_fig8_lies_between_fold_and_grazing(fig8):
     (both,) = [b for b in read(fig8).bistable if set(b.notations) == {"1:1", "2:1"}]
     assert both.low == values(fig8, "2:1", "FB")[0]

@@ -80,6 +80,7 @@ def values(branch):
 # Entries.
 
 
+@pytest.mark.quick(1)
 def test_an_entry_gives_its_orbit(diagram):
     for entry in diagram.entries:
         orbit = entry.orbit()

@@ -825,6 +825,7 @@ places = st.sampled_from(
     base=st.sampled_from([VALID, FULL, OSCILLATOR]),
     mutations=st.dictionaries(places, st.one_of(st.just(ABSENT), junk), min_size=1, max_size=3),
 )
+@pytest.mark.full
 def test_any_mutation_is_a_scene_or_is_refused(base, mutations):
     scene = copy.deepcopy(base)
     for path, value in mutations.items():

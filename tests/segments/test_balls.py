@@ -33,6 +33,7 @@ def precision():
 
 
 @pytest.mark.parametrize("moving", ["number", "time", "both"])
+@pytest.mark.full
 def test_power_series_of_linear_flights_are_enclosed(moving):
     """A number that changes along a line: its powers have coefficients of every order."""
     shape, numbers = linear_flow.Shape(1, 1, 0), [-1.3, -0.1, 0.7, 0.2, 0.1, 1.7]

@@ -204,6 +204,7 @@ def all_missed(system, tries, seed):
 
 
 @pytest.mark.parametrize("system", QUICK)
+@pytest.mark.quick(1)
 def test_enclosures_of_every_kernel_hold_fifty_digits(system):
     found = all_missed(system, FEW, 1)
     assert set(found.values()) == {0}, found

@@ -125,6 +125,7 @@ def test_zeros_in_a_boundary_layer(rate):
     assert [late - t for t in reversed(before)] == pytest.approx(expected, **allowed)
 
 
+@pytest.mark.full
 def test_touches_of_overdamped_flights(oscillator, kernels_of):
     """Against the extrema on a mesh that is fine next to the start."""
     generator, met = np.random.default_rng(5), 0
@@ -252,6 +253,7 @@ SETTINGS = settings(deadline=None, derandomize=True, max_examples=60, database=N
 )
 @SETTINGS
 @given(**FLIGHT)
+@pytest.mark.quick(1)
 def test_excursions_of_the_pair(pair, kernels_of, forcing, start, speed, length):
     model = pair(forcing=forcing, beta=-0.3)
     kernels, p = kernels_of(model, "s"), list(model.values.values())
@@ -268,6 +270,7 @@ def test_excursions_of_the_pair(pair, kernels_of, forcing, start, speed, length)
 @pytest.mark.parametrize("c", [0.0, 0.1, 2.0, 5.0, -0.3])
 @SETTINGS
 @given(**FLIGHT)
+@pytest.mark.quick(2)
 def test_excursions_of_the_oscillator(oscillator, kernels_of, c, start, speed, length):
     model = oscillator(c=c)
     kernels, p = kernels_of(model, "omega"), list(model.values.values())

@@ -57,6 +57,7 @@ def close(one, other, tolerance=1e-14):
 
 @pytest.mark.parametrize("parameters", [("s",), ("omega", "r")])
 @pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.full
 def test_a_loop_is_the_sum(written_out, parameters, kind):
     one, other = looped(*parameters), written_out(*parameters)
     p = list(one.model.values.values())
@@ -70,6 +71,7 @@ def test_a_loop_is_the_sum(written_out, parameters, kind):
 
 
 @pytest.mark.parametrize("large", [0, codegen.LARGE])
+@pytest.mark.full
 def test_a_loop_on_a_tape(written_out, monkeypatch, tmp_path, large):
     """Where formulas are long, derivatives are taken step by step."""
     monkeypatch.setenv("CONTIMPACT_CACHE", str(tmp_path / "tape"))
@@ -150,6 +152,7 @@ def test_a_branch_with_many_harmonics_compiled_and_plain(monkeypatch):
     assert [e.kind for e in plain.events] == [e.kind for e in compiled.events]
 
 
+@pytest.mark.full
 def test_a_rich_forcing_is_derived_as_fast_as_few_harmonics(pair):
     """The text does not grow but for the table of harmonics."""
     few, many = (

@@ -40,6 +40,7 @@ AT = [3.0, 0.3, 0.5, -1.0, 0.7, 0.1, 1.1]
 ALL = "dt t x0 v0 p_a p_c p_w"
 
 
+@pytest.mark.full
 def test_a_flight_is_that_of_another_integrator():
     """By mpmath's own Taylor method, with the variational equations by the initial velocity."""
     given = [1.2, *AT[1:]]
@@ -108,6 +109,7 @@ def test_kernels_are_those_of_the_closed_form(parameter):
         assert flat(found) == pytest.approx(flat(truth), rel=2e-14, abs=2e-14)
 
 
+@pytest.mark.full
 def test_kernels_of_two_masses_are_those_of_the_matrices():
     one, other = (kind(**MASSES) for kind in (TwoMasses, IntegratedMasses))
     one, other = Kernels(one, "k2"), Kernels(other, "k2")
@@ -146,6 +148,7 @@ def test_a_flow_that_does_not_stay_finite():
 
 
 @pytest.mark.parametrize("scale", [1.0, 1e-12, 1e9])
+@pytest.mark.quick(1)
 def test_bounds_of_errors_hold(scale):
     """For states of any size: a pendulum in other units."""
     field = text_of(["p_s"], ["p_s*(cos(t) - sin(x0/p_s)) - v0/10"])

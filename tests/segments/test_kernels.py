@@ -85,6 +85,7 @@ def test_reference_flight_of_the_oscillator_solves_its_equation(oscillator, exac
     + [("cos(pi*t)*cos(2*pi*t)*sin(3*pi*t)", "BT"), ("sin(pi*t)", "TT")]
     + [("exp(cos(pi*t))/3", "TB")],
 )
+@pytest.mark.quick(3)
 def test_residual_of_the_pair(pair, exact, kernels_of, forcing, kind):
     """Flights of 1e-6 to 10 that start as late as 1e3 lose nothing.
 
@@ -216,6 +217,7 @@ def first_rows(blocks):
         ("r_T", {"r_B": 0.2, "r_T": 0.9}, PAIR_KINDS),
     ],
 )
+@pytest.mark.quick(2)
 def test_first_derivatives_of_the_pair(pair, exact, kernels_of, parameter, given, kinds):
     """Measured: errors of 1.0e-14 of the largest derivative in the row."""
     model = pair(**given)
@@ -672,6 +674,7 @@ def finished(started):
     return out.splitlines()
 
 
+@pytest.mark.full
 def test_two_processes_at_once_then_a_warm_one(tmp_path):
     """Both may generate; both succeed, leave whole files, and the next one needs no SymPy."""
     one, other = [finished(p) for p in [process(tmp_path), process(tmp_path)]]
@@ -681,6 +684,7 @@ def test_two_processes_at_once_then_a_warm_one(tmp_path):
     assert warm == [one[0], "", "False"]
 
 
+@pytest.mark.full
 def test_warm_search_imports_neither_sympy_nor_plots(tmp_path):
     code = """
 import sys
@@ -724,6 +728,7 @@ def test_forcings_are_refused_by_their_cause(pair, forcing, says):
         ("+".join(f"cos({k}*pi*t)/{k}" for k in range(1, 65)), 64),
     ],
 )
+@pytest.mark.quick(2)
 def test_rich_forcings_are_read(pair, kernels_of, forcing, harmonics):
     """Their sums of harmonics are their values, to rounding of the largest."""
     model = pair(forcing=forcing, g=0.0)
@@ -738,6 +743,7 @@ def test_rich_forcings_are_read(pair, kernels_of, forcing, harmonics):
     assert np.max(np.abs(found - expected)) < 1e-14 * np.max(np.abs(expected))
 
 
+@pytest.mark.full
 def test_derivatives_of_any_order_take_a_few_steps_for_each_harmonic(pair):
     """Written out, the third derivative of ten harmonics has a hundred thousand operations.
 

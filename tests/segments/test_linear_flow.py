@@ -92,6 +92,7 @@ DIFFERENTIATED = (1e-6, 4.0)
 
 
 @pytest.mark.parametrize("name", CASES)
+@pytest.mark.quick(2)
 def test_flows(name):
     """Beside the largest entry of a table; an angle of 1000 has lost three digits to rounding.
 
@@ -185,6 +186,7 @@ class LinearMasses(TwoMasses):
         )
 
 
+@pytest.mark.full
 def test_kernels_are_those_of_the_closed_form():
     """Residual, all derivatives up to the third, by modal superposition and by the matrices."""
     closed = two_masses()

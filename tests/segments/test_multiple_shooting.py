@@ -111,6 +111,7 @@ def answer(omega, waves=24, points=96):
 
 
 @pytest.mark.parametrize("omega", [0.3, 0.1])
+@pytest.mark.quick(1)
 def test_orbits_that_no_integration_from_their_start_returns(omega):
     """Their multipliers are 1e9 and 1e26: the state after a period is not that of the start."""
     orbit = upright(omega)
@@ -138,6 +139,7 @@ def test_multipliers_in_many_digits():
     assert orbit.multipliers.real == pytest.approx(expected, rel=1e-13)
 
 
+@pytest.mark.full
 def test_branches_end_at_homoclinic_orbits():
     """Of a Duffing oscillator in one of its wells; the multiplier is r^2 exp(-c T)."""
     values = {"a": 0.0, "omega": 1.0, "alpha": -1.0, "beta": 1.0, "sigma": 1.2, "r": 0.8}

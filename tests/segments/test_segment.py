@@ -51,6 +51,7 @@ def test_an_orbit_problem_takes_the_segments_it_is_given(pair):
     assert one.jacobian == pytest.approx(two.jacobian, rel=1e-13, abs=1e-14)
 
 
+@pytest.mark.full
 def test_two_masses():
     """Four unknowns per impact: an orbit, its Jacobian and second derivatives in many digits."""
     orbit = find_orbits(two_masses(), "1", parameter="a", starts=64, rounds=3)[0]

@@ -54,6 +54,7 @@ def test_functions(ctx, name):
 
 @pytest.mark.parametrize("moving", [(1, -1, 2), (0, 0, 1), (1, 0, 0)])
 @pytest.mark.parametrize("order", [1, 2])
+@pytest.mark.quick(1)
 def test_free_motions(ctx, order, moving):
     """Right as far as they go, and as far as the functions of highest order let them."""
     names = series(many_digits(ctx)).names

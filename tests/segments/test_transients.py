@@ -67,6 +67,7 @@ def exact(n, b, c, k, t):
 
 @pytest.mark.parametrize(("c", "k"), [(0.4, 21.0), (3.0, 0.5), (2.0, 1.0 + 1e-7), (-1.0, 0.01)])
 @pytest.mark.parametrize("t", [0.02, 0.7, 4.0, -0.7])
+@pytest.mark.quick(3)
 def test_sums_over_roots_and_power_series_are_the_same(c, k, t):
     for n, b in TABLES[4]:
         with CTX.workdps(90):
@@ -77,6 +78,7 @@ def test_sums_over_roots_and_power_series_are_the_same(c, k, t):
 
 @pytest.mark.parametrize(("y", "kappa"), PLACES)
 @pytest.mark.parametrize("t", [1.0, 1e-7])
+@pytest.mark.quick(5)
 def test_free_motions(y, kappa, t):
     c, k = 2 * y / t, kappa / t**2
     for order, table in TABLES.items():
@@ -175,6 +177,7 @@ LEAST = 1e-40
 
 
 @pytest.mark.parametrize("free", ["c", "k"])
+@pytest.mark.full
 def test_flights_and_their_derivatives(free):
     """Both are right to rounding for any damping. Measured: 2e-16 and, by c without damping in the
     shortest flight, 9e-15."""

@@ -66,6 +66,7 @@ ORBITS = [
 
 
 @pytest.mark.parametrize(("model", "word"), ORBITS, ids=lambda x: getattr(x, "SYSTEM", x))
+@pytest.mark.quick(1)
 def test_it_settles_on_the_stable_orbit(model, word):
     """Word, times, all coordinates and multipliers; measured to a few 1e-15."""
     orbits = find_orbits(model, word, parameter="r", starts=24)
@@ -145,6 +146,7 @@ def test_bodies_that_rest_on_each_other_move_as_one():
     assert found == pytest.approx([force / 1.2, 0.0], abs=1e-14)
 
 
+@pytest.mark.full
 def test_a_motion_with_sojourns_is_told(sticking):
     simulator, found = sticking
     assert (found.kind, found.word, found.notation) == (Kind.STICKING, "AABA*", "inf:1")

@@ -199,6 +199,7 @@ def check_first_arrivals(pair, simulator_of, seed, count):
     return touches
 
 
+@pytest.mark.full
 def test_first_arrival_against_exact_flights(pair, simulator_of):
     """No wrong wall and no missed hit in 500 flights, touches to 1e-9 among them."""
     assert check_first_arrivals(pair, simulator_of, 1, 500) > 30
@@ -503,6 +504,7 @@ def test_sticking_forgets(pair, simulator_of):
 # Turning points that are not looked for
 
 
+@pytest.mark.full
 def test_a_turn_told_by_tangents_changes_nothing(pair, simulator_of, monkeypatch):
     """Where tangents tell that the body turns before a wall, the turning point is left out."""
     flights = list(random_flights(pair, simulator_of, 5, 600))
@@ -563,6 +565,7 @@ def check_random_models(both, simulator_of, pair, seed, count, impacts, **option
 
 @needs_numba
 @pytest.mark.parametrize("s", MOTIONS.values(), ids=MOTIONS)
+@pytest.mark.full
 def test_compiled_runs_are_the_same_to_the_last_bit(pair, simulator_of, plain_and_compiled, s):
     simulator = simulator_of(pair(s=s))
     plain, fast = plain_and_compiled(lambda: simulator.run(State(0, 0.14, 0.686), impacts=10_000))
@@ -599,6 +602,7 @@ def test_compiled_runs_of_random_models_are_the_same(pair, simulator_of, plain_a
         pytest.param("0*t", 10, marks=pytest.mark.slow),
     ],
 )
+@pytest.mark.full
 def test_compiled_runs_with_two_restitutions_and_other_forcings(
     pair, simulator_of, plain_and_compiled, forcing, count
 ):

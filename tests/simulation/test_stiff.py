@@ -45,6 +45,7 @@ def clear_before(simulator, phase, velocity, dt):
 
 
 @pytest.mark.parametrize("k", [1e4, 1e8, 1e12, 1e14])
+@pytest.mark.quick(1)
 def test_first_arrivals_of_a_stiff_oscillator(oscillator, kernels_of, pieces, k):
     """Three impacts took 38 s at k = 1e8; beyond 1e12 some were passed over."""
     simulator = stiff(oscillator, kernels_of, a=k, k=k)

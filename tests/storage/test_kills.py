@@ -200,6 +200,7 @@ def kill(kind, undisturbed, tmp_path, times):
 
 
 @pytest.mark.parametrize("kind", QUICK)
+@pytest.mark.full
 def test_a_few_kills(undisturbed, tmp_path, kind):
     kill(kind, undisturbed, tmp_path, QUICK[kind])
 

@@ -47,6 +47,7 @@ def test_rotated_words_are_one():
 
 
 @pytest.mark.parametrize("max_step", [0.015, 0.03])
+@pytest.mark.quick(1)
 def test_grazing_of_the_3_1_orbit_of_fig7(max_step):
     scene = load_scene(FIG7)
     settings = dataclasses.replace(scene.settings, max_step=max_step)
@@ -73,6 +74,7 @@ LACKING = {"orbits": ["5:1", "1:1", "3:1"], "range": [0.25, 0.4]}
 """At s = 0.34 the search finds neither 3:1 nor 5:1; folds of their stable orbits lie below."""
 
 
+@pytest.mark.full
 def test_words_without_an_orbit_are_listed_and_the_others_followed():
     diagram = follow(small(**LACKING))
     assert {b.word for b in diagram.branches} == {"BT"}
@@ -89,6 +91,7 @@ def test_words_without_an_orbit_are_listed_and_the_others_followed():
     assert dict(listed[1]["elsewhere"])[0.265] == len(found)
 
 
+@pytest.mark.full
 def test_a_survey_follows_words_without_an_orbit_at_the_start():
     diagram = follow(small(survey=True, orbits=["3:1"], range=[0.25, 0.4]))
     assert {b.word for b in diagram.branches} == {"BBBT"}
@@ -137,6 +140,7 @@ def above_the_doubling(*orbits):
     return dataclasses.replace(given, model=given.model.replace(s=0.42))
 
 
+@pytest.mark.full
 def test_only_repetitions_of_a_shorter_orbit_are_called_so():
     with pytest.raises(InputError) as refused:
         follow(above_the_doubling("1:1/2T"))

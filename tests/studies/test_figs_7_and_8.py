@@ -27,6 +27,7 @@ def diagram(scene):
     return follow(scene)
 
 
+@pytest.mark.full
 def test_entries_solve_again_in_thirty_digits(scene, diagram):
     """From the printed orbit; measured: moved by 5e-16 in Fig. 7, by 7e-14 (of 11 N) in Fig. 8."""
     kernels = Kernels(scene.model, scene.parameter)
@@ -40,6 +41,7 @@ def test_entries_solve_again_in_thirty_digits(scene, diagram):
         assert moved <= 10.0 * entry.error + 1e-14, entry
 
 
+@pytest.mark.full
 def test_a_finer_walk_finds_no_other_event(scene, diagram):
     settings = scene.settings
     fine = dataclasses.replace(

@@ -185,6 +185,7 @@ def closes(branch):
 @pytest.mark.parametrize(
     "seed", [*FEW, *(pytest.param(s, marks=pytest.mark.slow) for s in (6, 11))]
 )
+@pytest.mark.full
 def test_statuses_branches_and_loops(seed):
     check(seed)
 

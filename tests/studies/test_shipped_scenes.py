@@ -113,6 +113,7 @@ def test_scene_is_valid_and_named_like_its_folder(name):
 
 
 @pytest.mark.parametrize("name", EVERY)
+@pytest.mark.full
 def test_scene_runs(name):
     asked, result = scene(name), diagram(name)
     assert result.name == name
