@@ -35,23 +35,26 @@ INTEGRATED = [name for name in NAMES if name in ("duffing", "pendulum", "belt_fr
 """Scenes whose flights are integrated: ten to twenty seconds each."""
 
 LONG = [*MAPS, *BODIES, *INTEGRATED]
-QUICK = [name for name in NAMES if name not in LONG]
-
+QUICK = ["fig7", "stop"]
+"""One scene of the pair and one of the oscillator: about a second each."""
 
 TO_A_POLE = {"belt_free": "b1"}
 """Branches whose unphysical slip comes to a pole of the friction law, and ends."""
 
 
-def marks(name):
-    lacking = name in INTEGRATED and importlib.util.find_spec("heyoka") is None
-    skipped = pytest.mark.skipif(lacking, reason="needs contimpact[ode]")
-    return pytest.mark.slow, skipped
+def case(name, *others):
+    """A scene as a case of a test: its tier, and one worker for all its tests, which follows it."""
+    marks = [pytest.mark.xdist_group(name)]
+    if name not in QUICK:
+        marks.append(pytest.mark.slow if name in LONG else pytest.mark.full)
+    if name in INTEGRATED:
+        lacking = importlib.util.find_spec("heyoka") is None
+        marks.append(pytest.mark.skipif(lacking, reason="needs contimpact[ode]"))
+    return pytest.param(name, *others, marks=marks)
 
 
-EVERY = [*QUICK, *(pytest.param(name, marks=marks(name)) for name in LONG)]
-EACH_SIMULATED = [
-    pytest.param(name, marks=marks(name)) if name in LONG else name for name in SIMULATED
-]
+EVERY = [case(name) for name in NAMES]
+EACH_SIMULATED = [case(name) for name in SIMULATED]
 
 DAMPING = {
     "oscillator": lambda p: p["c"],
@@ -87,6 +90,8 @@ FIG_8 = {
 }
 """Values of d by the orbit's count and the event's label."""
 
+FIGURES = [case("fig7", FIG_7), case("fig8", FIG_8)]
+
 SECOND_FOLD = 10.2813
 """Where the second family of 2:1 orbits of Fig. 8 turns, in A."""
 
@@ -113,7 +118,6 @@ def test_scene_is_valid_and_named_like_its_folder(name):
 
 
 @pytest.mark.parametrize("name", EVERY)
-@pytest.mark.full
 def test_scene_runs(name):
     asked, result = scene(name), diagram(name)
     assert result.name == name
@@ -242,7 +246,7 @@ def test_no_event_is_found_twice(name):
             seen.add(key)
 
 
-@pytest.mark.parametrize(("name", "values"), [("fig7", FIG_7), ("fig8", FIG_8)])
+@pytest.mark.parametrize(("name", "values"), FIGURES)
 def test_critical_values_of_the_figures(name, values):
     """All of them, with their labels, and on the simple orbits nothing else within the figure."""
     low, high = scene(name).plot.xlim
@@ -255,8 +259,9 @@ def test_critical_values_of_the_figures(name, values):
     assert found == pytest.approx(values, rel=0.0, abs=2e-11)
 
 
-@pytest.mark.parametrize(("name", "values"), [("fig7", FIG_7), ("fig8", FIG_8)])
+@pytest.mark.parametrize(("name", "values"), FIGURES)
 @pytest.mark.parametrize("max_step", [0.1, 0.02, 0.005])
+@pytest.mark.quick(1)
 def test_critical_values_do_not_depend_on_the_step(name, values, max_step):
     """Long steps neither jump to another branch nor miss an event."""
     asked = scene(name)
@@ -269,6 +274,8 @@ def test_critical_values_do_not_depend_on_the_step(name, values, max_step):
         assert min(np.abs(np.array(here) - d), default=math.inf) < 2e-11, (notation, label)
 
 
+@pytest.mark.full
+@pytest.mark.xdist_group("fig8")
 def test_the_survey_of_fig8_finds_the_second_family():
     """And adds to what follows from the 1:1 orbit, of which it changes nothing."""
     found = diagram("fig8")
@@ -296,7 +303,7 @@ MECHANISMS = {
 """Decided by the order of the exact values; the page on results compares them with the paper."""
 
 
-@pytest.mark.parametrize("name", MECHANISMS)
+@pytest.mark.parametrize("name", [*map(case, MECHANISMS)])
 def test_mechanisms_of_the_figures(name):
     found = {(t.source, t.target): t.mechanism for t in read(diagram(name)).transitions}
     assert found.items() >= MECHANISMS[name].items()
@@ -311,6 +318,8 @@ def test_grazing_of_the_oscillator():
         assert entry.impacts[0]["velocity"] == pytest.approx(0.0, abs=1e-12)
 
 
+@pytest.mark.full
+@pytest.mark.xdist_group("stiff")
 def test_grazings_of_the_stiff_oscillator():
     """The steady response first touches the stop at its amplitude; each next one adds an impact."""
     found = diagram("stiff")
@@ -320,14 +329,15 @@ def test_grazings_of_the_stiff_oscillator():
     assert {(int(t.source), int(t.target)) for t in grazings} >= {(0, 1), (1, 2), (2, 3)}
 
 
-def test_requested_values_are_hit_exactly():
-    for name in QUICK:
-        wanted = scene(name).values
-        for entry in diagram(name).entries:
-            if entry.kind == "UZ":
-                ((parameter, value),) = entry.requested.items()
-                assert value in wanted[parameter]
-                assert entry.parameters[parameter] == pytest.approx(value, rel=4e-16)
+@pytest.mark.parametrize("name", EVERY)
+def test_requested_values_are_hit_exactly(name):
+    wanted = scene(name).values
+    found = [entry for entry in diagram(name).entries if entry.kind == "UZ"]
+    assert bool(found) == bool(wanted)
+    for entry in found:
+        ((parameter, value),) = entry.requested.items()
+        assert value in wanted[parameter]
+        assert entry.parameters[parameter] == pytest.approx(value, rel=4e-16)
 
 
 @pytest.mark.parametrize("name", EVERY)
