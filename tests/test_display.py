@@ -56,6 +56,7 @@ NAMES = ["Diagram", "Branch", "Entry", "Orbit", "Curve", "Sweep"]
 
 
 @pytest.mark.parametrize("name", NAMES)
+@pytest.mark.full
 def test_a_notebook_shows_text_table_and_picture(results, name):
     shown = results[name]._repr_mimebundle_()
     assert shown["text/plain"] == repr(results[name])

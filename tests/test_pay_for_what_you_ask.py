@@ -228,6 +228,7 @@ COMMANDS = {
     ],
 )
 @pytest.mark.parametrize("name", COMMANDS)
+@pytest.mark.quick(1)
 def test_a_command_imports_what_it_needs(name, tables, allowed, tmp_path, of_numpy):
     """With a warm cache, as after the first run; what a scene says of simulations costs nothing."""
     (tmp_path / "scene.toml").write_text(TOML + tables, encoding="utf-8")
@@ -258,6 +259,7 @@ SCENES = {
 
 
 @pytest.mark.parametrize("name", SCENES)
+@pytest.mark.quick(1)
 def test_no_heavy_module_is_imported(measured, name):
     modules = measured(*SCENES[name])["modules"]
     assert among(modules, HEAVY) == []

@@ -54,6 +54,7 @@ NAMES = ["find_orbits", "continue_orbit", "continue_born", "follow", "follow_cur
 
 
 @pytest.mark.parametrize("name", NAMES)
+@pytest.mark.quick(2)
 def test_a_function_is_told_and_nothing_is_printed(name, pair, branch, capsys):
     told = []
     asked, unasked = (calls(pair, branch)[name](p) for p in (told.append, False))

@@ -69,6 +69,7 @@ def checker():
     return module_of("check_site")
 
 
+@pytest.mark.full
 def test_the_start_page_holds_a_live_page_of_fig7(checker, tmp_path):
     """In one file that loads nothing, below two megabytes beside the library it is drawn with."""
     start = (DOCS / "index.md").read_text(encoding="utf-8")

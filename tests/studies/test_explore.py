@@ -29,6 +29,7 @@ def small(**follow_keys):
     return read_scene({**SMALL, "follow": SMALL["follow"] | follow_keys})
 
 
+@pytest.mark.full
 def test_every_change_of_physicality_is_an_event():
     """Where an orbit begins to pass a wall it grazes it, or an impact appears or vanishes."""
     scene = dataclasses.replace(load_scene(FIG7), events=("FB", "BP", "PD", "G", "V", "T"))

@@ -80,6 +80,7 @@ def one(kind, word, **values):
 
 
 @pytest.mark.parametrize(("word", "a", "zeros"), [("PS", 0.54, 3), ("PSAB", 0.6, 3), ("0", 0.1, 2)])
+@pytest.mark.quick(1)
 def test_it_is_the_belt(word, a, zeros):
     """Orbits and multipliers; the directions that there are not have the multiplier zero."""
     found, truth = one(Stated, word, a=a), one(Belt, word, a=a)
@@ -94,6 +95,7 @@ def test_it_is_the_belt(word, a, zeros):
         assert found.velocities[places] == pytest.approx(truth.velocities[places], abs=1e-12)
 
 
+@pytest.mark.full
 def test_its_sliding_bifurcations_are_the_belts():
     ends = []
     for kind in (Stated, Belt):
@@ -148,6 +150,7 @@ def filippov_by_integration(t, x, a, omega, k, impacts):
     return made
 
 
+@pytest.mark.full
 def test_a_relay_against_integration():
     """On an oblique surface: sliding, its ends, and passages."""
     values = {"a": 1.2, "omega": 0.6, "k": 0.8}
@@ -166,6 +169,7 @@ def test_a_relay_against_integration():
     assert run.times == pytest.approx([when for _, when in made], abs=1e-9)
 
 
+@pytest.mark.full
 def test_integrated_flights():
     """A spring that hardens: slip has no closed form."""
     pytest.importorskip("heyoka", reason="needs contimpact[ode]")

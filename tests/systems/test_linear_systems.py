@@ -155,6 +155,7 @@ def periodic(m, c, k, a, omega, time, kick, period):
     return steady(a / m, omega, c / m, k / m, time) + transient
 
 
+@pytest.mark.full
 def test_branches_of_impacting_bodies_have_events():
     orbit = next(o for o in find_orbits(coupled(), "K", parameter="omega", starts=64) if o.physical)
     tests = functions(orbit.problem, ["FB", "PD", "G"], {})

@@ -95,6 +95,7 @@ def made(kind, gamma=1.3):
         "\u0394",
     ],
 )
+@pytest.mark.quick(2)
 def test_a_parameter_may_have_any_name(name):
     """The same orbits as where it is called `a`; sums may be in another order."""
     plain, other = (find_orbits(made(ball(n)), "1", parameter=n) for n in ("a", name))
@@ -310,6 +311,7 @@ class Base(Model):
 """
 
 
+@pytest.mark.full
 def test_a_helper_or_a_base_class_that_changes_is_seen(tmp_path):
     """In processes of their own, with one cache."""
 

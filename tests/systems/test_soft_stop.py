@@ -76,6 +76,7 @@ def test_each_flight_runs_in_the_mode_its_guard_leads_to(parameters):
 
 
 @pytest.mark.parametrize("parameter", ["omega", "e", "k_b"])
+@pytest.mark.quick(1)
 def test_derivatives_against_differences_in_many_digits(orbit, parameter):
     problem = OrbitProblem(orbit.model, Word("CR"), Kernels(orbit.model, parameter))
     value = orbit.model.values[parameter]
@@ -149,6 +150,7 @@ def test_a_simulation_settles_on_the_stable_orbit(orbit):
     assert run.velocities[last] == pytest.approx(orbit.velocities, abs=1e-11)
 
 
+@pytest.mark.full
 def test_exponents_of_a_simulation_are_those_of_the_multipliers(orbit):
     simulator = Simulator(orbit.model)
     state = simulator.run(simulator.state("C", 0.3, 1.0), impacts=150).end
@@ -196,6 +198,7 @@ class StopOfRatio(SoftStop):
 
 
 @pytest.mark.parametrize(("make", "zeta"), [(SoftStop, 0.0), (StopOfRatio, 0.1)])
+@pytest.mark.quick(1)
 def test_a_stiff_stop_is_a_rigid_one(make, zeta):
     """Contact lasts pi/sqrt(k_b (1 - zeta^2)), by which the orbit differs; half a swing of it keeps
     exp(-pi zeta/sqrt(1 - zeta^2)) of the velocity."""

@@ -33,6 +33,7 @@ def impacting():
     return find_orbits(masses(), "AB", parameter="omega", starts=64)[0]
 
 
+@pytest.mark.full
 def test_orbits_are_those_of_modal_superposition():
     """Damping proportional to stiffness, and the second stop out of reach."""
     damping, given = 0.07, {"k1": 1.0, "k2": 0.6, "omega": 1.3, "r": 0.8}
@@ -60,6 +61,7 @@ def test_product_of_multipliers(impacting):
     assert found == pytest.approx(truth, rel=1e-12)
 
 
+@pytest.mark.full
 def test_jacobian_against_differences_in_thirty_digits(impacting):
     ctx = mpmath.mp.clone()
     ctx.dps = 30
@@ -84,6 +86,7 @@ def test_jacobian_against_differences_in_thirty_digits(impacting):
         assert column == pytest.approx(slope, rel=1e-12, abs=1e-12)
 
 
+@pytest.mark.full
 def test_an_orbit_in_many_digits(impacting):
     assert (
         Reference(impacting.problem).orbit(impacting.unknowns).distance(impacting.unknowns) < 1e-12

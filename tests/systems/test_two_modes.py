@@ -45,6 +45,7 @@ def test_with_equal_springs_it_is_the_harmonic_response():
     assert orbit.velocities == pytest.approx([size, -size], rel=1e-12)
 
 
+@pytest.mark.full
 def test_a_simulation_settles_on_its_orbit():
     model = Bilinear(**VALUES)
     (orbit,) = (o for o in find_orbits(model, "PN", parameter="omega") if o.stable and o.physical)
@@ -128,6 +129,7 @@ class Hysteretic(Bilinear):
         return dataclasses.replace(found, walls=found.walls | {"N": -sympy.Rational(1, 5)})
 
 
+@pytest.mark.full
 def test_modes_may_begin_within_their_guards():
     """No guard of the mode lies on the surface at which it begins."""
     model = Hysteretic(**VALUES)

@@ -22,6 +22,7 @@ def symmetric():
 
 
 @pytest.mark.parametrize("start", [0.022, 0.05, 0.09])
+@pytest.mark.quick(1)
 def test_both_touches_of_a_symmetric_orbit_stand_in_order_of_flights(symmetric, start):
     """Whichever way the branch is walked; rounding puts now the one first and now the other."""
     branch = continue_orbit(symmetric(start), "sigma", range=(0.02, 0.1), events=["G"])

@@ -56,6 +56,7 @@ def ends(area):
     return [orbit.ends for orbit in area.orbits]
 
 
+@pytest.mark.full
 def test_the_rectangle_is_divided_by_what_ends_the_orbit(diagram):
     assert sum(area.part for area in diagram.areas) == pytest.approx(1.0, abs=1e-12)
     assert sorted(map(ends, diagram.areas)) == [[], ["G[1:1->2:1]"], ["PD"]]
@@ -132,6 +133,7 @@ def disagreeing(diagram, *about):
     return found
 
 
+@pytest.mark.full
 def test_random_runs_agree(diagram):
     assert not disagreeing(diagram, 20)
 
@@ -148,6 +150,7 @@ def test_two_thousand_runs_agree(diagram, near):
 
 
 @pytest.mark.parametrize("kind", ["PD", "G"])
+@pytest.mark.quick(1)
 def test_sides_of_polygons_keep_to_curves(diagram, kind):
     """The middle of every side, on the curve that is followed anew through its value of r."""
     (curve,) = (c for c in diagram.curves if c.kind == kind)
@@ -171,6 +174,7 @@ def test_sides_of_polygons_keep_to_curves(diagram, kind):
         assert abs(anew["d"][row] - d) < 2e-6 * high
 
 
+@pytest.mark.full
 def test_what_is_on_no_curve_is_said():
     """Without the curve of grazings runs meet an end that is no border."""
     told = follow(around_the_crossing(kinds=["PD"]))
@@ -193,6 +197,7 @@ def test_the_catalogue(diagram, tmp_path):
     assert load_diagram(tmp_path) == diagram
 
 
+@pytest.mark.full
 def test_a_scene_without_areas_has_none():
     given = around_the_crossing(areas=False)
     assert given.resolved()["curves"]["areas"] is False

@@ -88,6 +88,7 @@ def test_it_ends_at_the_gpd(turning):
         assert curve[one][row] == pytest.approx(curve[other][row], abs=1e-8)
 
 
+@pytest.mark.full
 def test_three_curves_meet_at_a_pd_g(grazing):
     """The grazing of the orbit, and those of the doubled orbit on either side."""
     entry, point = grazing
@@ -97,6 +98,7 @@ def test_three_curves_meet_at_a_pd_g(grazing):
     assert max(solves(e) for e in found if e.physical) < 1e-9
 
 
+@pytest.mark.full
 def test_the_folds_at_a_grazing():
     """One of the orbit that grazes, one of that with an impact more: each physical on one side."""
     entry, _ = curve_with("G", "G-PD", 0.55)

@@ -68,6 +68,7 @@ def in_beta(panel, entry, point, **given):
 
 @pytest.mark.parametrize("kind", ["PD", "G"])
 @pytest.mark.parametrize("panel", list(PANELS))
+@pytest.mark.quick(1)
 def test_one_curve_through_all_published_crossings(panel, kind):
     entry, curve, _ = curve_at(panel, kind)
     wanted = {n * math.pi / 18: place for n, place in CROSSINGS[panel].items()}
@@ -89,6 +90,7 @@ def test_one_curve_through_all_published_crossings(panel, kind):
         ("PD", "GPD", (math.pi / 3, 7 * math.pi / 18), 1, 1e-7),
     ],
 )
+@pytest.mark.full
 def test_as_on_a_curve_at_another_angle(kind, name, angles, which, tolerance):
     """GPD is bracketed along the curve in two parameters: to the square root of rounding."""
     here, there = angles
@@ -126,6 +128,7 @@ def test_jacobian_against_differences(name):
         assert np.max(np.abs(rate - exact[:, i]) / scale) < 1e-6
 
 
+@pytest.mark.full
 def test_two_points_meet_where_the_angle_turns():
     """Two G-FB of one curve at beta = pi/18, none at pi/9."""
     entry, curve, _ = curve_at("A", "G", beta=math.pi / 18)
@@ -151,6 +154,7 @@ def test_codimension_three_is_the_same_in_either_family():
     assert found[0] == [pytest.approx(place, rel=1e-11) for place in found[1]]
 
 
+@pytest.mark.full
 def test_a_scene_follows_each_point_once(tmp_path):
     given = scene(
         model={"system": "impact-pair", "parameters": {"beta": 0.5, "r": 0.3, "A": 5.0, "s": 0.4}},

@@ -38,6 +38,7 @@ def covered():
     return given, follow(given)
 
 
+@pytest.mark.full
 def test_both_doublings_of_fig_6b_are_found(covered):
     """At large r a second region of 1:1 is bounded by PD curves far above the first; none of them
     passes r = 0.5."""
@@ -49,6 +50,7 @@ def test_both_doublings_of_fig_6b_are_found(covered):
 
 
 @pytest.mark.parametrize("held", ["A", "r"])
+@pytest.mark.quick(1)
 def test_nothing_off_the_curves_on_other_lines(covered, held):
     given, diagram = covered
     varying = "A" if held == "r" else "r"
@@ -100,6 +102,7 @@ def test_curves_of_doubled_orbits(covered):
     assert any(end == pytest.approx(place, abs=1e-8) for end in ends)
 
 
+@pytest.mark.full
 def test_branches_that_lines_switch_to():
     """With `switch`, entries of the doubled orbit are met on lines as well."""
     given = map_of(math.pi / 3, cover=1)
@@ -123,6 +126,7 @@ def test_each_curve_once(covered):
     assert compared == len(diagram.curves) > 1
 
 
+@pytest.mark.full
 def test_a_map_without_an_orbit_at_its_own_value():
     """At s = 0.5 m there is no 2:1 orbit at A = 7 and r = 0.5."""
     diagram = follow(map_of(math.pi / 6, word="2:1", cover=1))
@@ -138,6 +142,7 @@ def test_a_map_without_orbits_says_where_they_were_looked_for():
         follow(dataclasses.replace(given, range=(6.9, 7.1), curves=curves))
 
 
+@pytest.mark.full
 def test_ghosts_of_unphysical_orbits_are_followed_but_not_asked_of_lines():
     """There is no end to unphysical orbits: curves of theirs start at runs, of the kinds named."""
     given = map_of(math.pi / 6, word="2:1", cover=1, reach=0, unphysical=["PD"], start=[0.2])

@@ -113,6 +113,7 @@ def test_a_process_that_has_computed_much_else_compiles_no_short_curve(entries, 
 @pytest.mark.parametrize(
     "kind", ["G", *(pytest.param(kind, marks=pytest.mark.slow) for kind in ("FB", "PD"))]
 )
+@pytest.mark.full
 def test_compiled_curves_are_the_same_to_the_last_bit(
     entries, kind, monkeypatch, plain_and_compiled
 ):

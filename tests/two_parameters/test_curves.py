@@ -90,6 +90,7 @@ def test_bouncing_ball(kind):
     np.testing.assert_allclose(1 / curve["gbar"][rows], exact, rtol=0, atol=1e-10)
 
 
+@pytest.mark.full
 def test_grazing_curve_of_the_oscillator():
     """The steady response touches the stop at sigma = a/sqrt((k - w^2)^2 + (c w)^2)."""
     wanted = [0.7, 0.9, 1.1, 1.4]
@@ -132,6 +133,7 @@ def agreement(beta, count, seed):
 
 
 @pytest.mark.parametrize("name", ANGLES)
+@pytest.mark.quick(1)
 def test_curves_agree_with_one_parameter_runs(name):
     assert agreement(ANGLES[name], 4, seed=1) < 1e-9
 
@@ -146,6 +148,7 @@ def test_curves_agree_with_one_parameter_runs_at_fifty_values(n):
     ("beta", "d", "r"),
     [(math.pi / 9, 0.205889307, 0.295513665), (math.pi / 6, 0.229925231, 0.185725166)],
 )
+@pytest.mark.quick(1)
 def test_doubling_meets_grazing(beta, d, r):
     """Located on both curves, and confirmed by one-parameter runs on either side."""
     model = ImpactPair(beta=beta, r=0.5, A=5.0, s=0.4)
@@ -197,6 +200,7 @@ def panel():
     return follow(fig6(family={"beta": ["pi/18", "pi/9", "pi/6", "pi/3"]}))
 
 
+@pytest.mark.full
 def test_competition_map(panel):
     found = {}
     for region in regions(panel.curves, "d"):
@@ -284,6 +288,7 @@ def test_curves_end_with_a_reason_at_the_edges(parameter, limits):
     assert kinds <= {"RANGE", "TOUCH", "CLOSED"}
 
 
+@pytest.mark.full
 def test_cusp_and_degenerate_touch_are_zeros_of_what_they_say():
     """Fig. 6(d), 2:1: curves on which folds are born at grazings."""
     model = ImpactPair(beta=math.pi / 4, r=0.5, A=11.0, s=0.5)
@@ -377,6 +382,7 @@ def fig6d():
     return follow(read_scene(data))
 
 
+@pytest.mark.full
 def test_curves_that_do_not_pass_the_scenes_own_value_are_found(fig6d):
     """G[2:1->3:1] at small r ends where it folds; each curve is there once."""
     heights = [

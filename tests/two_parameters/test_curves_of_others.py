@@ -1,11 +1,13 @@
 """A curve that another package's demonstration follows, against its closed form."""
 
 import numpy as np
+import pytest
 
 import contimpact as ci
 from contimpact.systems.oscillator import Oscillator
 
 
+@pytest.mark.full
 def test_grazing_orbits_of_an_oscillator():
     """COCO's demonstration `impact`: the orbit without impacts has the amplitude sigma."""
     model = Oscillator(a=1.0, omega=1.0, c=0.1, k=1.0, sigma=1.0, r=0.8)

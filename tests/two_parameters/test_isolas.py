@@ -49,6 +49,7 @@ def diagram():
     return follow(shaker(cover=1))
 
 
+@pytest.mark.full
 def test_isolas_are_found_from_lines_that_cross_none(diagram):
     """The lines are the sides of the rectangle; the curves are a ninth and a quarter as wide."""
     (told,) = diagram.coverage

@@ -40,6 +40,7 @@ def entry_at(omega=OMEGA, r=R, sigma=0.0):
 
 
 @pytest.mark.parametrize(("second", "wanted"), [("r", [0.7, 0.85, 0.95]), ("omega", [1.45, 1.6])])
+@pytest.mark.full
 def test_against_the_closed_form(second, wanted):
     entry = entry_at()
     limits = {"r": (0.6, 0.97), "omega": (1.4, 1.7)}[second]
@@ -54,6 +55,7 @@ def test_against_the_closed_form(second, wanted):
     assert curve["c"] == pytest.approx(every, abs=1e-12)
 
 
+@pytest.mark.full
 def test_it_ends_where_the_pair_is_real():
     """As sigma grows, the multipliers of the fast orbit meet on the real axis: R1 or R2."""
     entry = entry_at(sigma=0.1)
@@ -125,6 +127,7 @@ def resonant(request):
     return request.param, kind, damping(omega, r) / periods, follow(given)
 
 
+@pytest.mark.full
 def test_a_map_has_the_curve_that_begins_at_a_resonance(resonant):
     name, kind, exact, diagram = resonant
     (point,) = (p for c in diagram.curves if c.kind == kind for p in c.points if p.kind == name)
