@@ -56,4 +56,6 @@ def _summary(tally: Tally, store: str) -> str:
         text += f"; {tally.done} took {duration(tally.seconds)}"
     if tally.estimate:
         text += f" (estimate {duration(tally.estimate)})"
+    if tally.limited:
+        text += f"; limits cut {tally.limited} short: SELECT * FROM limits"
     return text

@@ -6,6 +6,7 @@ Rounds of starts (`contimpact.orbits.starts`) are repeated until several in a ro
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -84,6 +85,39 @@ def find_orbits(
     InputError
         If the word cannot be read or the parameter is unknown.
     """
+    with asked(progress, f"find_orbits {word}") as tell:
+        return search(model, word, parameter, kernels, rng, starts, rounds, tell).orbits
+
+
+@dataclass(frozen=True)
+class Search:
+    """What a search for orbits has found, and how far it went.
+
+    Attributes
+    ----------
+    orbits : list of Orbit
+    starts : int
+        Random starts in each round.
+    settled : bool
+        Whether it ended because rounds found nothing new, not because there were no more.
+    """
+
+    orbits: list[Orbit]
+    starts: int
+    settled: bool = True
+
+
+def search(
+    model: Model,
+    word: str | Word,
+    parameter: str | None = None,
+    kernels: Kernels | None = None,
+    rng: np.random.Generator | int = 0,
+    starts: int = 256,
+    rounds: int = 8,
+    tell: Progress = silent,
+) -> Search:
+    """Search for the orbits of a word, as `find_orbits` does."""
     for name, count in (("starts", starts), ("rounds", rounds)):
         if count < 1:
             raise InputError(name, f"found {count!r}", "give a whole number >= 1")
@@ -94,28 +128,27 @@ def find_orbits(
     kernels = kernels or Kernels(model, parameter or first)
     problem = problem_of(model, word, kernels)
     generator = np.random.default_rng(rng)
-    with asked(progress, f"find_orbits {word}") as tell:
-        return orbits_of(problem, generator, starts, rounds, tell)
+    return search_for(problem, generator, starts, rounds, tell)
 
 
-def orbits_of(
+def search_for(
     problem: OrbitProblem,
     generator: np.random.Generator,
     starts: int,
     rounds: int,
     tell: Progress = silent,
-) -> list[Orbit]:
-    """Find the orbits of a problem at its model's parameters; see `find_orbits`."""
+) -> Search:
+    """Search for the orbits of a problem at its model's parameters; see `find_orbits`."""
     if not problem.word.walls:
         if isinstance(problem, FreeQuietProblem):
-            return _turning(problem, generator)
-        return _without_impacts(problem, generator)
+            return Search(_turning(problem, generator), TURNING_STARTS)
+        return Search(_without_impacts(problem, generator), QUIET_STARTS)
     starts = min(starts, max(FEWEST_STARTS, MOST_WORK // len(problem.word) ** 2))
     found = _from_rounds(problem, generator, starts, rounds, tell)
-    if not found and any(problem.kernels.flown(*kind) for kind in problem.kinds):
+    if not found.orbits and any(problem.kernels.flown(*kind) for kind in problem.kinds):
         tell("states at random, too")
         found = _from_rounds(problem, generator, starts, rounds, tell, fitted=False)
-    return sorted(found, key=lambda orbit: -float(orbit.velocities[0]))
+    return replace(found, orbits=sorted(found.orbits, key=lambda o: -float(o.velocities[0])))
 
 
 def _from_rounds(
@@ -125,7 +158,7 @@ def _from_rounds(
     rounds: int,
     tell: Progress,
     fitted: bool = True,
-) -> list[Orbit]:
+) -> Search:
     """The orbits of a word with letters, from starts that fit their times or any states."""
     found: list[Orbit] = []
     known: list[Array] = []
@@ -139,7 +172,7 @@ def _from_rounds(
         quiet = quiet + 1 if len(found) == before else 0
         if quiet == 2:
             break
-    return found
+    return Search(found, starts, quiet == 2)
 
 
 def _without_impacts(problem: OrbitProblem, generator: np.random.Generator) -> list[Orbit]:

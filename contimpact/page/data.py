@@ -236,7 +236,7 @@ def _reading(diagram: Diagram) -> dict[str, Any]:
     """What was read, stable runs with their rows, transitions with their sentences."""
     found = read(diagram)
     branches = {branch.id: branch for branch in diagram.branches}
-    record = found.as_record()
+    record = found.as_record() | {"incomplete": found.incomplete}
     for run in record["stable"]:
         branch = branches[run["branch"]]
         run["rows"] = [_row_at(branch, run["low"]), _row_at(branch, run["high"])]

@@ -11,6 +11,7 @@ from ..records.branch import Branch
 from ..records.diagram import Diagram
 from ..records.diagram_reading import Interval, Reading, read
 from ..records.entry import Entry
+from ..records.limits import Limit
 
 if TYPE_CHECKING:
     from ..attractors.simulation import Simulation
@@ -53,6 +54,7 @@ def diagram_rows(diagram: Diagram, keep: Sequence[str], derived: str | None) -> 
     rows: Rows = {
         "branches": [_branch(branch, "tables" in keep) for branch in diagram.branches],
         "events": [_event(entry, derived) for entry in diagram.entries],
+        "limits": [_limit(number, limit) for number, limit in enumerate(diagram.limits)],
     }
     if "readings" in keep:
         rows |= _readings(diagram, read(diagram), derived)
@@ -95,6 +97,12 @@ def _branch(branch: Branch, whole: bool) -> dict[str, Any]:
         "missed": len(branch.missed),
         "content": packed(branch_text(branch)) if whole else None,
     }
+
+
+def _limit(number: int, limit: Limit) -> dict[str, Any]:
+    left_out = sum(count for _, count in limit.left_out)
+    about = {"key": limit.key, "value": limit.value, "what": limit.what}
+    return {"number": number, **about, "left_out": left_out}
 
 
 _OF_ENTRY = (

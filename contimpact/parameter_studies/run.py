@@ -61,8 +61,9 @@ class Tally:
         Scenes of the study.
     before : int
         Those that earlier runs have finished.
-    done, failed : int
-        Scenes of this run; the failed ones are among those done.
+    done, failed, limited : int
+        Scenes of this run; those that have failed, or that a limit has cut short, are among those
+        done.
     seconds : float
         Since this run has begun.
     estimate : float or None
@@ -73,6 +74,7 @@ class Tally:
     before: int
     done: int = 0
     failed: int = 0
+    limited: int = 0
     seconds: float = 0.0
     estimate: float | None = None
 
@@ -280,6 +282,7 @@ class _Computation:
         self.tally.done += 1
         self.ready |= outcome.status == "done" or self.tally.done >= FIRST
         self.tally.failed += outcome.status == "failed"
+        self.tally.limited += bool(outcome.rows.get("limits"))
         self.clock.tick()
         self.tell()
 

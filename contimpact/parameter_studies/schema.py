@@ -195,11 +195,24 @@ STEPS = (
         PRIMARY KEY (study, scene, number)
     ) WITHOUT ROWID;
     """,
+    """
+    CREATE TABLE limits (                    -- of the scene, that cut something off
+        study    INTEGER NOT NULL,
+        scene    INTEGER NOT NULL,
+        number   INTEGER NOT NULL,
+        key      TEXT NOT NULL,              -- of the scene, such as follow.max_branches
+        value    INTEGER NOT NULL,
+        what     TEXT NOT NULL,              -- was left out
+        left_out INTEGER NOT NULL,           -- how many
+        PRIMARY KEY (study, scene, number)
+    ) WITHOUT ROWID;
+    """,
 )
 
 OF_SCENES = (
     "coordinates",
     "failures",
+    "limits",
     "branches",
     "events",
     "intervals",

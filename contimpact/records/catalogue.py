@@ -22,8 +22,9 @@ from ..storage.files import Content, write_all
 from ..storage.texts import Json, csv_text, json_line, json_text
 from .branch import Branch
 from .diagram import Diagram
-from .diagram_reading import read
+from .diagram_reading import SURVEYS, read
 from .entry import FLAT, Entry
+from .limits import Limit
 from .loading import BRANCH, CURVE, checking, entry_of, read_branch, read_curve
 from .result_folder import (
     CATALOGUE,
@@ -118,6 +119,8 @@ def catalogue_text(diagram: Diagram) -> str:
             dataclasses.asdict(r) for r in regions(diagram.curves, checks=diagram.checks)
         ]
         content["checks"] = [dataclasses.asdict(check) for check in diagram.checks]
+    if diagram.limits:
+        content["limits"] = [dataclasses.asdict(limit) for limit in diagram.limits]
     if diagram.coverage:
         content["coverage"] = [dataclasses.asdict(c) for c in diagram.coverage]
     if diagram.areas:
@@ -275,7 +278,15 @@ def load_diagram(folder: str | Path) -> Diagram:
             codim2_curves=points,
             coverage=coverage,
             areas=_areas(catalogue),
+            survey=_survey(catalogue),
+            limits=[made(Limit, record) for record in catalogue.get("limits", [])] or (),
         )
+
+
+def _survey(catalogue: Mapping[str, Any]) -> str:
+    """How far the diagram of a catalogue was surveyed; earlier versions do not say."""
+    found = fitted(catalogue.get("reading", {}), Mapping[str, Any], "reading").get("survey")
+    return found if found in SURVEYS else "unknown"
 
 
 def _checks(catalogue: Mapping[str, Any]) -> tuple[Sequence[Check], Sequence[Coverage]]:

@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from .area import Area
     from .curve import Check, Coverage, Curve
     from .diagram_reading import Reading
+    from .limits import Limit
 
 
 @dataclass(frozen=True)
@@ -42,6 +43,10 @@ class Diagram(Shown):
         One-parameter runs against which the order of the curves was checked.
     statistics : mapping
         Seconds per stage, counts, kernels loaded and generated.
+    survey : {"none", "cut short", "done", "unknown"}
+        Whether orbits were looked for across the range, as a scene's ``follow.survey`` asks.
+    limits : sequence of Limit
+        Limits of the scene that were reached, and what was left out for them.
     """
 
     name: str
@@ -52,6 +57,8 @@ class Diagram(Shown):
     codim2_curves: Sequence[Curve] = ()
     coverage: Sequence[Coverage] = ()
     areas: Sequence[Area] = ()
+    survey: str = "none"
+    limits: Sequence[Limit] = ()
 
     @property
     def entries(self) -> list[Entry]:
@@ -141,7 +148,7 @@ class Diagram(Shown):
             rows.append((b.id, b.notation, len(b), low, high, b.origin, _listed(b)))
         columns = ("", "orbits", "points", "from", "to", "born at", "events")
         curves = [_curve_line(c).strip() for c in self._all_curves]
-        return Summary(self._head(), columns, rows, curves)
+        return Summary(self._head(), columns, rows, [*curves, *map(str, self.limits)])
 
     @property
     def _named(self) -> list[Branch | Curve | Entry]:

@@ -92,13 +92,38 @@ class GrazingTransition:
     doubled_grazings: Sequence[tuple[str, float]]
 
 
+SURVEYS = {
+    "done": "",
+    "none": "not surveyed: orbits on no followed branch may exist; follow.survey = true in a scene "
+    "looks for them",
+    "cut short": "surveyed in part: orbits on no followed branch may exist; the limit that ended "
+    "the survey is reported",
+    "unknown": "orbits on no followed branch may exist: it is not recorded whether a survey looked "
+    "for them",
+}
+"""What stands beside a list of stable ranges, by how far the diagram was surveyed."""
+
+
 @dataclass(frozen=True)
 class Reading:
-    """Everything that was read from a diagram."""
+    """Everything that was read from a diagram.
+
+    Attributes
+    ----------
+    stable, bistable, transitions : sequence
+    survey : {"none", "cut short", "done", "unknown"}
+        Whether orbits were looked for across the range; if not, `stable` may be incomplete.
+    """
 
     stable: Sequence[Interval]
     bistable: Sequence[Bistability]
     transitions: Sequence[GrazingTransition]
+    survey: str = "none"
+
+    @property
+    def incomplete(self) -> str:
+        """Why the list of stable ranges may be incomplete, in words; empty after a survey."""
+        return SURVEYS[self.survey]
 
     def as_record(self) -> dict[str, Any]:
         """Return plain data."""
@@ -115,6 +140,7 @@ class Reading:
             f"{b.low:.9g} to {b.high:.9g}"
             for b in self.bistable
         ]
+        lines += [self.incomplete] if self.incomplete else []
         lines += [sentence(t) for t in self.transitions]
         return "\n".join(lines)
 
@@ -139,7 +165,7 @@ def read(diagram: Diagram) -> Reading:
         for entry in grazings
         if entry.period <= 1 and entry.opens and entry.opens[0] in known
     ]
-    return Reading(stable, _bistable(stable, member), transitions)
+    return Reading(stable, _bistable(stable, member), transitions, diagram.survey)
 
 
 def stable_intervals(branch: Branch) -> list[Interval]:

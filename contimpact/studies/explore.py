@@ -31,18 +31,20 @@ from ..orbits.orbit import Orbit
 from ..orbits.problem import Array, OrbitProblem
 from ..orbits.quiet import problem_of
 from ..orbits.recognition import mirrored, rotated_to, shortest
-from ..orbits.search import SAME_ORBIT
+from ..orbits.search import SAME_ORBIT, Search
 from ..progress import Asked, Progress, asked, counted
 from ..records.branch import Branch
 from ..records.diagram import Diagram
 from ..records.entry import Entry
+from ..records.limits import Limits
 from ..scenes.scene import Scene
 from ..segments.kernels import Kernels
 from .counts import counts_of, evaluations_of
 from .openings import Birth, with_openings
-from .starting_orbits import NotFound, orbits_at, orbits_elsewhere, placed, refusal, surveyed
+from .starting_orbits import NotFound, placed, refusal, search_at, search_elsewhere, surveyed
 
 STAGES = ("kernels", "search", "walk", "events", "switching", "tables")
+NOT_SWITCHED = "events not switched at"
 INTERRUPTED = "interrupted"
 """What ended a computation early, where the keyboard did."""
 
@@ -72,7 +74,8 @@ def follow(scene: Scene, progress: Asked = None) -> Diagram:
     -----
     An interruption or a numerical failure ends the computation early; what was computed is
     returned, and ``statistics["failure"]`` says what happened. Words without an orbit at the start
-    are listed in ``statistics["not_found"]``.
+    are listed in ``statistics["not_found"]``. Limits of the scene that cut something off are listed
+    in ``limits``, with what they left out.
     """
     with asked(progress, scene.name) as tell:
         explorer = _Explorer(scene, tell)
@@ -99,6 +102,8 @@ class _Explorer:
     opens: dict[str, list[str]] = field(default_factory=dict)
     meetings: dict[str, list[str]] = field(default_factory=dict)
     notes: list[str] = field(default_factory=list)
+    limits: Limits = field(default_factory=Limits)
+    surveyed: str = "none"
     lacking: dict[Word, NotFound] = field(default_factory=dict)
     probes: int = 0
     tested: list[TestFunction] = field(default_factory=list)
@@ -138,6 +143,8 @@ class _Explorer:
             scene.name,
             with_openings(self.branches, self.opens, self.meetings),
             statistics=self.statistics(),
+            survey=self.surveyed,
+            limits=self.limits.listed() or (),
         )
 
     def problem(self, word: Word) -> OrbitProblem:
@@ -156,25 +163,36 @@ class _Explorer:
         return found
 
     def search(
-        self, word: Word, value: float, find: Callable[..., list[Orbit]] = orbits_at
+        self, word: Word, value: float, find: Callable[..., Search] = search_at
     ) -> list[Orbit]:
         began = time.perf_counter()
-        self.progress(f"looking for {word} at {self.scene.parameter} = {value:.9g}")
+        self.progress(f"looking for {self.place(word, value)}")
         found = find(self.scene, self.kernels, word, value)
         self.seconds["search"] += time.perf_counter() - began
         if word in self.lacking:
-            self.lacking[word] = self.lacking[word].also_at(value, len(found))
-        return found
+            self.lacking[word] = self.lacking[word].also_at(value, len(found.orbits))
+        if found.orbits and not found.settled:
+            what = "searches it ended before two rounds in a row found nothing new"
+            self.limits.reached("numerics.rounds", self.scene.rounds, what, self.place(word, value))
+        return found.orbits
+
+    def place(self, word: Word, value: float) -> str:
+        """A word and where orbits of it are looked for."""
+        return f"{word} at {self.scene.parameter} = {value:.9g}"
 
     def look_elsewhere(self) -> None:
         """Look at other values for words without an orbit at the start, to report them."""
         for word in self.lacking:
             for value in surveyed(self.scene):
-                self.search(word, value, orbits_elsewhere)
+                self.search(word, value, search_elsewhere)
 
     def follow_orbit(self, orbit: Orbit) -> None:
         """Follow an orbit both ways, unless it lies on a branch already known."""
-        if self.known(orbit.problem, orbit.unknowns) is not None or not self.in_budget():
+        if self.known(orbit.problem, orbit.unknowns) is not None:
+            return
+        if not self.in_budget():
+            place = self.place(orbit.problem.word, orbit.value)
+            self.limits.reached(*self.budget(), "orbits not followed", place)
             return
         name = self.next_name()
         tests = self.tests(orbit.problem)
@@ -189,16 +207,17 @@ class _Explorer:
     def survey(self) -> None:
         """Look for more orbits of every word met so far, at values across the range."""
         words = dict.fromkeys([*(run.problem.word for run in self.runs), *self.lacking])
+        self.surveyed = "cut short"
         for value in surveyed(self.scene):
             for word in words:
                 if not self.in_budget():
-                    self.notes.append(
-                        f"the survey ended before {word} at {self.scene.parameter} = {value:.6g}: "
-                        f"{self.budget()} was used up"
-                    )
-                    return
+                    what = "the survey ended before"
+                    self.limits.reached(*self.budget(), what, self.place(word, value))
+                    continue
                 for orbit in self.search(word, value):
                     self.follow_orbit(orbit)
+        if self.in_budget():
+            self.surveyed = "done"
 
     # Branches born at events.
 
@@ -209,11 +228,9 @@ class _Explorer:
             birth = next((b for b in order if b.entry.physical), order[0])
             self.waiting.remove(birth)
             self.follow_birth(birth)
-        if self.waiting:
-            self.notes.append(
-                f"{len(self.waiting)} events were not switched at: {self.budget()} was used up"
-            )
-            self.waiting = []
+        for birth in self.waiting:
+            self.limits.reached(*self.budget(), NOT_SWITCHED, _named(birth.entry))
+        self.waiting = []
 
     def follow_birth(self, birth: Birth) -> None:
         """Follow the branch born at an event; if it is known, record the meeting."""
@@ -242,7 +259,7 @@ class _Explorer:
             self.keep(run, name, entry, birth.depth, began)
 
     def note(self, entry: Entry, text: str) -> None:
-        self.notes.append(f"{entry.id} ({entry.label}): {text}")
+        self.notes.append(f"{_named(entry)}: {text}")
 
     def first_step_known(self, start: Start) -> str | None:
         """The known branch the first step from a start leads to, if any."""
@@ -295,9 +312,11 @@ class _Explorer:
     def in_budget(self) -> bool:
         return len(self.runs) < self.scene.max_branches and self.points() < self.scene.max_points
 
-    def budget(self) -> str:
-        scene = self.scene
-        return f"the budget of {scene.max_branches} branches or {scene.max_points} points"
+    def budget(self) -> tuple[str, int]:
+        """The key and the value of the limit that was reached."""
+        if len(self.runs) >= self.scene.max_branches:
+            return "follow.max_branches", self.scene.max_branches
+        return "follow.max_points", self.scene.max_points
 
     def settings(self) -> Settings:
         left = max(self.scene.max_points - self.points(), 2)
@@ -339,13 +358,23 @@ class _Explorer:
         self.branches.append(branch)
         if entry is not None:
             self.opens.setdefault(entry.id, []).append(name)
+        events = (e for e in run.events if e.kind in self.scene.events)
+        births = [
+            Birth(event, e, depth + 1)
+            for event, e in zip(events, branch.events, strict=True)
+            if event.kind in self.scene.switch and e.id != origin
+        ]
         if depth < self.scene.depth:
-            events = (e for e in run.events if e.kind in self.scene.events)
-            self.waiting += [
-                Birth(event, e, depth + 1)
-                for event, e in zip(events, branch.events, strict=True)
-                if event.kind in self.scene.switch and e.id != origin
-            ]
+            self.waiting += births
+        else:
+            for birth in births:
+                about = "follow.depth", self.scene.depth, NOT_SWITCHED
+                self.limits.reached(*about, _named(birth.entry))
+        if ended := [walk for walk in run.walks if walk.end.kind is EndKind.POINTS]:
+            key, value = "numerics.max_points", self.scene.settings.max_points
+            if all(len(walk.points) < value for walk in ended):
+                key, value = "follow.max_points", self.scene.max_points
+            self.limits.reached(key, value, "branches ended by it", name)
         self.seconds["tables"] += time.perf_counter() - walked
         if interrupted:
             raise KeyboardInterrupt
@@ -360,12 +389,21 @@ class _Explorer:
 
     def statistics(self) -> dict[str, Any]:
         lacking = self.not_found()
+        limits = map(str, self.limits.listed())
         return {
             "seconds": self.seconds,
             "counts": counts_of(self.runs, self.probes),
             "test_functions": evaluations_of(self.tested),
             "kernels": {"loaded": self.kernels.loaded, "generated": self.kernels.generated},
             "not_found": [each.as_record() for each in lacking],
-            "notes": [*self.notes, *(each.told(self.scene.survey) for each in lacking)],
+            "notes": [
+                *self.notes,
+                *limits,
+                *(each.told(self.scene.survey) for each in lacking),
+            ],
             "failure": self.failure,
         }
+
+
+def _named(entry: Entry) -> str:
+    return f"{entry.id} ({entry.label})"

@@ -15,7 +15,7 @@ import numpy as np
 from ..errors import InputError
 from ..models.word import Word, repetitions
 from ..orbits.orbit import Orbit
-from ..orbits.search import find_orbits
+from ..orbits.search import Search, search
 from ..progress import Progress, silent
 from ..scenes.scene import Scene
 from ..segments.kernels import Kernels
@@ -135,19 +135,25 @@ def placed(error: InputError, scene: Scene) -> InputError:
     return error.within("model") if error.where in scene.model.options else error
 
 
+def search_at(scene: Scene, kernels: Kernels, word: Word, value: float) -> Search:
+    """Search for a word at a value of a scene's parameter, with the scene's options."""
+    model = scene.model.replace(**{scene.parameter: value})
+    tried = scene.seed, scene.starts, scene.rounds
+    return search(model, word, scene.parameter, kernels, *tried)
+
+
 def orbits_at(scene: Scene, kernels: Kernels, word: Word, value: float) -> list[Orbit]:
     """Find orbits of a word at a value of a scene's parameter, with the scene's options."""
-    model = scene.model.replace(**{scene.parameter: value})
-    return find_orbits(
-        model, word, kernels=kernels, rng=scene.seed, starts=scene.starts, rounds=scene.rounds
-    )
+    return search_at(scene, kernels, word, value).orbits
 
 
-def orbits_elsewhere(scene: Scene, kernels: Kernels, word: Word, value: float) -> list[Orbit]:
-    """Find orbits at a value besides the start: with few starts, if only to say where there are."""
-    if not scene.survey and not orbits_at(_first(scene), kernels, word, value):
-        return []
-    return orbits_at(scene, kernels, word, value)
+def search_elsewhere(scene: Scene, kernels: Kernels, word: Word, value: float) -> Search:
+    """Search at a value besides the start: with few starts, if only to say where orbits are."""
+    if not scene.survey:
+        glance = search_at(_first(scene), kernels, word, value)
+        if not glance.orbits:
+            return glance
+    return search_at(scene, kernels, word, value)
 
 
 def _first(scene: Scene) -> Scene:
@@ -166,7 +172,7 @@ def not_found(scene: Scene, kernels: Kernels, word: Word, progress: Progress = s
     found = NotFound.of(scene, kernels, word)
     for value in surveyed(scene):
         progress(f"looking for {word} at {scene.parameter} = {value:.6g}")
-        found = found.also_at(value, len(orbits_elsewhere(scene, kernels, word, value)))
+        found = found.also_at(value, len(search_elsewhere(scene, kernels, word, value).orbits))
     return found
 
 

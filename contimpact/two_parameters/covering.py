@@ -12,6 +12,7 @@ from ..progress import Progress
 from ..records.branch import Branch
 from ..records.curve import Codim2, Coverage, Curve
 from ..records.entry import Entry
+from ..records.limits import Limits
 from ..scenes.scene import CurveOptions, Scene
 from ..segments.kernels import Kernels
 from .births import entries_born
@@ -30,6 +31,8 @@ class CurveMap(Protocol):
     branches, curves : list
         As far as they are followed.
     evaluations : int
+    limits : Limits
+        Those that were reached.
     progress : callable
     """
 
@@ -39,6 +42,7 @@ class CurveMap(Protocol):
     pairs: Kernels
     branches: list[Branch]
     evaluations: int
+    limits: Limits
 
     @property
     def progress(self) -> Progress:
@@ -113,7 +117,12 @@ class Covering:
         """Whether an entry's word is born from one of the scene in as few steps as it reaches."""
         before = self.births.get((curve.word, curve.period), 0)
         own = before + ((entry.word, entry.period) != (curve.word, curve.period))
-        if own > self.map.options.reach:
+        reach = self.map.options.reach
+        if own > reach:
+            if not self.covered(entry):
+                name = f"{entry.label} of {entry.notation}"
+                what = "curves not started at points of codimension two"
+                self.map.limits.reached("curves.reach", reach, what, name)
             return False
         known = self.births.setdefault((entry.word, entry.period), own)
         self.births[entry.word, entry.period] = min(known, own)

@@ -11,7 +11,7 @@ import numpy as np
 
 from ..bifurcations.registry import test_functions
 from ..bifurcations.requested import Requested
-from ..continuation.ends import End
+from ..continuation.ends import End, EndKind
 from ..continuation.interruption import interrupted
 from ..continuation.walk import Options
 from ..errors import InputError
@@ -28,6 +28,7 @@ from ..records.competition import Region, falling, regions
 from ..records.curve import Check, Coverage, Curve
 from ..records.diagram import Diagram
 from ..records.entry import Entry
+from ..records.limits import Limits
 from ..scenes.scene import CurveOptions, Scene
 from ..segments.kernels import Kernels
 from .codim2_curves import follow_codim2, on_curve
@@ -74,6 +75,7 @@ class _CurveExplorer:
     branches: list[Branch] = dataclasses.field(default_factory=list)
     curves: list[Curve] = dataclasses.field(default_factory=list)
     notes: list[str] = dataclasses.field(default_factory=list)
+    limits: Limits = dataclasses.field(default_factory=Limits)
     points: list[Curve] = dataclasses.field(default_factory=list)
     checks: list[Check] = dataclasses.field(default_factory=list)
     coverage: list[Coverage] = dataclasses.field(default_factory=list)
@@ -110,7 +112,8 @@ class _CurveExplorer:
         counts["curve_kernel_evaluations"] = sum(c.evaluations for c in self.curves)
         counts["family_kernel_evaluations"] = self.evaluations
         statistics["counts"] = counts
-        statistics["notes"] = [*statistics.get("notes", []), *self.notes]
+        limits = self.limits.listed()
+        statistics["notes"] = [*statistics.get("notes", []), *self.notes, *map(str, limits)]
         loaded = statistics.get("kernels", {"loaded": [], "generated": []})
         statistics["kernels"] = {
             how: [*loaded[how], *(f"{name} (two parameters)" for name in getattr(self.pairs, how))]
@@ -123,6 +126,7 @@ class _CurveExplorer:
             checks=self.checks or (),
             codim2_curves=self.points or (),
             coverage=self.coverage or (),
+            limits=[*self.diagram.limits, *limits] or (),
             statistics=statistics,
         )
 
@@ -239,8 +243,15 @@ class _CurveExplorer:
         if any(same_curve(curve, other) for other in own):
             return False
         self.curves.append(curve)
-        _go_on(curve.ends)
+        self.end_of(curve)
         return True
+
+    def end_of(self, curve: Curve) -> None:
+        """Record a curve that the limit of points ended; let an interruption go on."""
+        if any(end.kind is EndKind.POINTS for end in curve.ends):
+            most = self.options.settings.max_points
+            self.limits.reached("curves.max_points", most, "curves ended by it", curve.id)
+        _go_on(curve.ends)
 
     # Lines in both directions, until they meet nothing new.
 
@@ -286,7 +297,7 @@ class _CurveExplorer:
                 self.notes.append(f"{point.id} {point.kind} is not followed: {curve.message}")
                 continue
             self.points.append(curve)
-            _go_on(curve.ends)
+            self.end_of(curve)
 
     # One-parameter runs: further curves, and what comes first.
 

@@ -18,7 +18,7 @@ from ..orbits.physicality import PHYSICAL
 from ..orbits.problem import Array, OrbitProblem
 from ..orbits.quiet import problem_of
 from ..orbits.recognition import rotated_to, shortest
-from ..orbits.search import orbits_of, solve_near
+from ..orbits.search import search_for, solve_near
 from ..scenes.scene import Scene
 from .runs import tests_of
 
@@ -67,7 +67,7 @@ def crossing_runs(
         for part in (np.arange(count) + generator.uniform(size=count)) / count:
             model = problem.model.replace(**{problem.parameter: across(limits, part)})
             there = problem_of(model, problem.word, problem.kernels)
-            for orbit in orbits_of(there, generator, AT_ONE_VALUE, 1):
+            for orbit in search_for(there, generator, AT_ONE_VALUE, 1).orbits:
                 _follow(runs, scene, problem, orbit.unknowns, limits)
             problem.kernel_evaluations += there.kernel_evaluations
         if len(runs) == before:

@@ -718,7 +718,7 @@ def test_an_interruption_of_the_search_keeps_the_results_of_an_earlier_run(
     def interrupted(*given, **named):
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("contimpact.studies.starting_orbits.find_orbits", interrupted)
+    monkeypatch.setattr("contimpact.studies.starting_orbits.search", interrupted)
     before = files_of(copied)
     status, out, err = run("run", scene(), "-o", copied, "-q")
     assert (status, out) == (1, "")

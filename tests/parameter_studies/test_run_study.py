@@ -368,6 +368,7 @@ def test_the_command_says_what_it_does(tmp_path, capsys):
     out, err = capsys.readouterr()
     assert out.splitlines()[0] == "small: 4 scenes"
     assert out.splitlines()[-1].startswith(f"small: 4 of 4 scenes in {store}; 4 took ")
+    assert out.splitlines()[-1].endswith("; limits cut 4 short: SELECT * FROM limits")
     assert "of 4 scenes" in err
     assert main(["study", str(study), "-o", str(store), "-q"]) == 0
     assert capsys.readouterr() == ("", "")

@@ -8,7 +8,17 @@ import numpy as np
 import pytest
 from zoo import ROOT
 
-from contimpact import InputError, continue_born, find_orbits, follow, load_scene, read_scene
+from contimpact import (
+    InputError,
+    continue_born,
+    find_orbits,
+    follow,
+    load_diagram,
+    load_scene,
+    read_scene,
+    write_diagram,
+)
+from contimpact.orbits.search import Search
 from contimpact.records.diagram import Diagram
 from contimpact.records.diagram_reading import read
 from contimpact.studies import starting_orbits
@@ -45,6 +55,72 @@ def test_every_change_of_physicality_is_an_event():
 
 def test_rotated_words_are_one():
     assert len(follow(small(orbits=["BT", "TB"])).branches) == len(follow(small()).branches)
+
+
+def limited(**follow_keys):
+    """The limits that a diagram of 1:1 and 2:1 reports, and the diagram."""
+    found = follow(small(**{"orbits": ["1:1", "2:1"], "range": [0.27, 0.4]} | follow_keys))
+    return {limit.key: limit for limit in found.limits}, found
+
+
+def test_orbits_that_max_branches_leaves_out_are_reported():
+    """All words are looked for; what is found and not followed is named, with the word."""
+    whole, every = limited(orbits=["1:1", "1:1/2T"])
+    cut, found = limited(orbits=["1:1", "1:1/2T"], max_branches=1)
+    assert "follow.max_branches" not in whole
+    assert [b.id for b in found.branches] == ["b1"]
+    assert len(every.branches) > 1
+    limit = cut["follow.max_branches"]
+    words = {f"{b.word}/2T" if b.period > 1 else b.word for b in every}
+    assert limit.value == 1
+    assert {name for name, _ in limit.left_out} <= {f"{word} at s = 0.34" for word in words}
+    assert any("BTBT/2T" in name for name, _ in limit.left_out)
+    assert str(limit) in found.statistics["notes"]
+    assert "follow.max_branches = 1 was reached; orbits not followed: " in found._repr_html_()
+
+
+def test_events_that_limits_leave_unswitched_are_named():
+    """By the budget of branches, and by the depth."""
+    for keys, key in (({"max_branches": 1}, "follow.max_branches"), ({"depth": 0}, "follow.depth")):
+        cut, found = limited(orbits=["1:1"], switch=["PD", "G"], **keys)
+        events = [f"{e.id} ({e.label})" for e in found.entries]
+        assert [name for name, _ in cut[key].left_out] == events
+        assert cut[key].what == "events not switched at"
+
+
+def test_branches_that_a_limit_of_points_ends_are_named():
+    _, found = limited(orbits=["1:1"], max_points=4)
+    ended = [limit for limit in found.limits if limit.what == "branches ended by it"]
+    assert [(limit.key, limit.left_out) for limit in ended] == [("follow.max_points", [("b1", 1)])]
+    scene = small()
+    scene = dataclasses.replace(scene, settings=dataclasses.replace(scene.settings, max_points=3))
+    (limit,) = follow(scene).limits
+    assert (limit.key, limit.value) == ("numerics.max_points", 3)
+    assert ("b1", 1) in limit.left_out
+
+
+def test_a_search_that_rounds_end_says_so():
+    """After one round that found orbits another one might find more."""
+    cut, _ = limited(orbits=["1:1"])
+    assert not cut
+    (limit,) = follow(dataclasses.replace(small(), rounds=1)).limits
+    assert (limit.key, limit.value) == ("numerics.rounds", 1)
+
+
+def test_a_survey_is_told_from_none_and_from_one_cut_short(tmp_path):
+    """In the reading, as text, and read back from a folder."""
+    for keys, survey, text in (
+        ({}, "none", "not surveyed: orbits on no followed branch may exist"),
+        ({"survey": True}, "done", ""),
+        ({"survey": True, "max_branches": 1}, "cut short", "surveyed in part"),
+    ):
+        found = follow(small(**keys))
+        assert found.reading.survey == survey
+        assert found.reading.incomplete.startswith(text)
+        assert bool(found.reading.incomplete) == bool(text)
+        assert found.reading.incomplete in str(found.reading)
+        write_diagram(found, tmp_path)
+        assert load_diagram(tmp_path) == found
 
 
 @pytest.mark.parametrize("max_step", [0.015, 0.03])
@@ -169,11 +245,11 @@ def test_elsewhere_few_starts_come_first(monkeypatch):
     """Nine whole searches in vain took as long as everything else together."""
     asked = []
 
-    def counted(model, word, **options):
-        asked.append((options["starts"], options["rounds"]))
-        return []
+    def counted(model, word, parameter, kernels, rng, starts, rounds):
+        asked.append((starts, rounds))
+        return Search([], starts)
 
-    monkeypatch.setattr(starting_orbits, "find_orbits", counted)
+    monkeypatch.setattr(starting_orbits, "search", counted)
     with pytest.raises(InputError, match=r"nor at 9 other values .*\(64 random starts at each\)"):
         follow(small(orbits=["3:1"]))
     assert asked == [(256, 8)] + 9 * [(64, 1)]

@@ -49,7 +49,7 @@
  *     source: string, remarks: string[]},
  *   members: {fixed: Record<string, number>, branches: number[]}[], branches: Branch[], entries: Entry[],
  *   looks: Record<string, {marker: string, colour: string, touching: boolean}>,
- *   reading: {stable: Run[], transitions: {entry: string, sentence: string}[]},
+ *   reading: {stable: Run[], transitions: {entry: string, sentence: string}[], incomplete: string},
  *   curves: Curve[], panels: Panel[], swept: Swept[]}} Page
  */
 
