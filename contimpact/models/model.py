@@ -257,6 +257,12 @@ class Model(ABC):
         """The letters of the guards, in which words are written."""
         return [guard.name for guard in self.WALLS]
 
+    @property
+    def coordinates(self) -> tuple[str, ...]:
+        """The names of the coordinates: x, or x1, x2, ... where there are several."""
+        size = self.DEGREES_OF_FREEDOM
+        return ("x",) if size == 1 else tuple(f"x{i + 1}" for i in range(size))
+
     def guard(self, letter: str) -> Guard:
         """Return the guard of a letter."""
         return guard_of(self.WALLS, letter)

@@ -136,9 +136,14 @@ class StatedModes:
         return not any(TIME in names_in(text) for text in self.laws)
 
     @property
-    def degrees_of_freedom(self) -> int:
+    def coordinates(self) -> tuple[str, ...]:
         """The coordinates of the mode that has most."""
-        return max(len(mode.coordinates(self.sections)) for mode in self.modes)
+        return max((mode.coordinates(self.sections) for mode in self.modes), key=len)
+
+    @property
+    def degrees_of_freedom(self) -> int:
+        """How many these are."""
+        return len(self.coordinates)
 
     def mode(self, name: str) -> StatedMode:
         """Return a mode by its name."""

@@ -81,7 +81,8 @@ def page_data(
         *((len(branch), len(branch.word)) for branch in branches if _known(branch, model)),
         *((len(found), len(found.word)) for found in swept if found.periodic),
     ]
-    every, tracks = stride(lines), Tracks(model) if model and lines else None
+    tracks = Tracks(model) if model and lines else None
+    every = stride(lines, tracks.size if tracks else 1)
     return {
         "schema": SCHEMA,
         "version": __version__,

@@ -50,8 +50,8 @@ class KernelWriter:
 
     def write(self, name: str) -> str:
         """Return the source of the kernel `name`: ``setup``, ``harmonics``, ``surfaces``,
-        ``flight_<a>_<b>``, ``motion_<a>``, ``since_<a>``, ``gap_<a>_<b>``, ``law_<a>``,
-        ``field_<a>``, ``loss_<a>`` or ``agreement_<a>_<coordinate>``."""
+        ``flight_<a>_<b>``, ``motion_<a>``, ``states_<a>``, ``since_<a>``, ``gap_<a>_<b>``,
+        ``law_<a>``, ``field_<a>``, ``loss_<a>`` or ``agreement_<a>_<coordinate>``."""
         kind, *walls = name.split("_")
         writers: dict[str, Callable[..., str]] = {
             "setup": self.setup,
@@ -59,6 +59,7 @@ class KernelWriter:
             "harmonics": self.harmonics,
             "flight": self.flight,
             "motion": self.motion,
+            "states": self.states,
             "since": self.since,
             "gap": self.gap,
             "law": self.law,
@@ -186,6 +187,13 @@ class KernelWriter:
         about = f"""Flight after wall {a}: the gap coordinate at the time dt after leaving.
 
         Returns its displacement from the wall, its velocity and its acceleration."""
+        return self._shared(name, [T0, *self.start, DT], about, outputs, reduce=True)
+
+    def states(self, name: str, a: str) -> str:
+        leave = self.leave(a)
+        outputs = tuple(e for pair in zip(leave.now, leave.end, strict=True) for e in pair)
+        about = f"""Flight after wall {a}: position and velocity of each coordinate at the time dt
+        after leaving."""
         return self._shared(name, [T0, *self.start, DT], about, outputs, reduce=True)
 
     def since(self, name: str, b: str) -> str:

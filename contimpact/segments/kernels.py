@@ -172,6 +172,10 @@ class Kernels:
         """``motion(t0, *y0, dt, *p)``: displacement, velocity, acceleration after wall a."""
         return self.kernel(f"motion_{a}")
 
+    def states(self, a: str) -> Kernel:
+        """``states(t0, *y0, dt, *p)``: position and velocity of each coordinate after wall a."""
+        return self.kernel(f"states_{a}")
+
     def since(self, a: str) -> Kernel:
         """``since(*state, dt, *p)``: position, velocity and acceleration of the gap coordinate of
         wall a, from the state on the section t = 0."""

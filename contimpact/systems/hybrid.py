@@ -44,6 +44,11 @@ class HybridSystem(StatedSystem):
         """Return the class of a text; see `StatedSystem`."""
         return _class_of(text)  # type: ignore[return-value]
 
+    @property
+    def coordinates(self) -> tuple[str, ...]:
+        """The names of the coordinates, of the mode that has most."""
+        return self.machine.coordinates
+
     def formulas(self, symbols: Mapping[str, Any]) -> Formulas:
         """Motion in each mode, in closed form where it is linear, and what guards change."""
         given = self.machine

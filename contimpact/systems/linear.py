@@ -45,6 +45,11 @@ class LinearMachine(StatedSystem):
         """Refuse masses, restitutions and periods that no machine has."""
         check_values(self.machine, self.values)
 
+    @property
+    def coordinates(self) -> tuple[str, ...]:
+        """The names of the coordinates."""
+        return self.machine.coordinates
+
     def formulas(self, symbols: Mapping[str, Any]) -> Formulas:
         """Linear flights, and impulses along the guards."""
         import sympy

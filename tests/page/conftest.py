@@ -33,6 +33,27 @@ def small(small_scene):
     return follow(small_scene)
 
 
+MASSES = {"c1": 0.1, "c2": 0.05, "k1": 1.0, "k2": 0.6, "a1": 1.0, "omega": 1.8}
+MASSES |= {"sigma_1": 1.0, "sigma_2": 1.0, "r": 0.8}
+TWO_MASSES = {
+    "name": "two masses",
+    "model": {"system": "two-masses", "parameters": MASSES},
+    "follow": {"parameter": "omega", "range": [1.74, 1.83], "orbits": ["A"]},
+    "detect": {"events": ["FB", "PD"]},
+}
+"""Two coordinates, of which one is hit."""
+
+
+@pytest.fixture(scope="session")
+def masses_scene():
+    return read_scene(TWO_MASSES)
+
+
+@pytest.fixture(scope="session")
+def masses(masses_scene):
+    return follow(masses_scene)
+
+
 @pytest.fixture(scope="session")
 def small_map(small, small_scene):
     """Its period doubling over r, and areas as records: one in the plane of the curve, one in which

@@ -372,6 +372,36 @@ def test_the_orbit_plays(reader, small, small_scene):
     assert page.one("#play").get_attribute("aria-pressed") == "false"
 
 
+def test_every_coordinate_is_drawn_and_every_body_moves(reader, masses, masses_scene):
+    """The lines in the colours of their names, each beginning where its coordinate is."""
+    page, branch = reader(masses, masses_scene, "at=b1:5"), masses["b1"]
+    for picture in ("series", "phase"):
+        assert len(page.all(f"#{picture} .path")) == 2
+        names = [text.text for text in page.all(f"#{picture} .inside .coordinate-name")]
+        assert names == ["x1", "x2"]
+    where = "return [...document.querySelectorAll('#series .ball')].map(b => b.getAttribute('cy'))"
+    before = page.run(where)
+    page.one("#play").click()
+    time.sleep(0.25)
+    page.one("#play").click()
+    after = page.run(where)
+    assert len(before) == len(after) == 2
+    assert all(one != other for one, other in zip(before, after, strict=True))
+    page.one("#save-motion").click()
+    row = page.table("motion.csv")[0]
+    assert float(row["displacement x1"]) == pytest.approx(1.0, abs=1e-6)
+    assert float(row["displacement x2"]) == pytest.approx(branch["x1_1"][5], abs=1e-6)
+    assert float(row["velocity x2"]) == pytest.approx(branch["v1_1"][5], abs=1e-6)
+
+
+def test_what_was_not_surveyed_is_said_beside_the_stable_runs(reader, small, small_scene):
+    page = reader(small, small_scene)
+    assert page.text("#survey").startswith("Stable runs: not surveyed: orbits on no followed")
+    assert any("follow.depth = 1 was reached" in text for text in small.statistics["notes"])
+    done = reader(dataclasses.replace(small, survey="done"), small_scene)
+    assert not done.one("#survey").is_displayed()
+
+
 def test_the_keyboard_reaches_everything(reader, small, small_scene):
     page, keys = reader(small, small_scene, "at=b1:5"), webdriver.Keys
     page.keys("#diagram", keys.ARROW_RIGHT)

@@ -19,6 +19,7 @@ from contimpact.page.packing import packed, script_json
 from contimpact.page.swept import read_sweep
 from contimpact.records.branch import Branch
 from contimpact.records.diagram import Diagram
+from contimpact.scenes.scene import read_scene
 
 TYPES = {"f8": "<f8", "f4": "<f4", "u4": "<u4", "u1": "u1"}
 
@@ -118,6 +119,56 @@ def test_orbits_are_those_of_the_equation_of_motion(small, data):
                     length = times[k + 1] - times[k]
                     there = done.sol(times[k] + u * length)[0]
                     assert hermite(x, v, length, u) == pytest.approx(there, abs=5e-4 * d)
+
+
+def test_every_coordinate_is_that_of_the_equations_of_motion(masses, masses_scene):
+    """Against an integration of both masses from an impact to the next, at the orbits' nodes."""
+    p = masses_scene.model.values
+
+    def law(t, y, omega):
+        x, w, v, u = y
+        middle = p["c2"] * (v - u) + p["k2"] * (x - w)
+        push = p["a1"] * np.cos(omega * t) - p["c1"] * v - p["k1"] * x
+        return [v, u, push - middle, middle]
+
+    record = page_data(masses, masses_scene.model, Shown("omega"))["branches"][0]
+    branch, kept = masses.branches[0], record["tracks"]
+    assert kept["coordinates"] == ["x1", "x2"]
+    assert kept["hits"] == {"A": [0], "B": [1]}
+    assert kept["walls"] == {"A": 1.0, "B": 1.0}
+    rows, nodes = len(branch), kept["nodes"][0]
+    table = unpacked(kept["states"], 4 * rows * nodes).reshape(rows, nodes, 2, 2)
+    for row in (0, rows // 2, rows - 1):
+        omega, time = branch["omega"][row], branch["t1"][row]
+        x, v = branch["x1_1"][row], branch["v1_1"][row]
+        start = [1.0, x, -0.8 * branch["v1"][row], v]
+        times = time + np.linspace(0.0, 2.0 * np.pi / omega, nodes)
+        done = solve_ivp(
+            law, times[[0, -1]], start, args=(omega,), t_eval=times, rtol=1e-10, atol=1e-12
+        )
+        assert table[row, :, :, 0] == pytest.approx(done.y[:2].T, abs=1e-6)
+        assert table[row, :, :, 1] == pytest.approx(done.y[2:].T, abs=1e-5)
+
+
+def test_a_wall_on_a_combination_is_of_its_coordinates_and_one_on_a_multiple_is_moved():
+    """2 x <= 1 is a wall at a half; x - y <= 1 stands at no place of either."""
+    guards = {
+        "A": {"within": "2*x <= 1", "restitution": "r"},
+        "K": {"within": "x - y <= 1", "restitution": "r"},
+    }
+    stated = {"coordinates": ["x", "y"], "mass": [["1", "0"], ["0", "1"]], "guards": guards}
+    stated |= {"stiffness": [["1", "0"], ["0", "2"]], "force": ["cos(t)", "0"], "period": "2*pi"}
+    stated |= {"damping": [["0.1", "0"], ["0", "0.1"]], "parameters": {"r": 0.7}}
+    follow = {"parameter": "r", "range": [0.5, 0.9], "orbits": ["A"]}
+    model = read_scene(
+        {"name": "rod", "model": {"system": "linear", **stated}, "follow": follow}
+    ).model
+    made = tracks.Tracks(model)
+    orbits = tracks.Orbits("A", 1, {"r": np.array([0.6, 0.7])}, np.zeros((2, 1, 4)))
+    _, places = made.clock_and_walls(orbits)
+    assert model.coordinates == ("x", "y")
+    assert made.hits == {"A": [0], "K": [0, 1]}
+    assert places["A"].tolist() == [0.5, 0.5]
 
 
 def test_the_oscillators_orbits_close(kernel_cache):

@@ -5,8 +5,10 @@
 /** @typedef {Float64Array | Float32Array | Uint32Array | Uint8Array} Numbers */
 
 /**
- * States along the flights of some orbits; `rows` are theirs, null for all.
- * @typedef {{period: Packed, walls: Record<string, Packed>, rows: Packed | null, nodes: number[], states: Packed}} Tracks
+ * States along the flights of some orbits; `rows` are theirs, null for all. A state has position and velocity of each
+ * coordinate; `hits` are the coordinates, by their places, of which the gap to a wall is made.
+ * @typedef {{period: Packed, walls: Record<string, Packed>, hits: Record<string, number[]>, coordinates: string[],
+ *   rows: Packed | null, nodes: number[], states: Packed}} Tracks
  */
 /**
  * @typedef {{id: string, word: string, period: number, notation: string, parameter: string, from: string | null,

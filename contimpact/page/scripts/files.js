@@ -92,9 +92,14 @@ function eventsInSight() {
 /** The motion that is drawn: times in forcing periods, positions, velocities. */
 function motionPoints() {
   const rows = moving?.motion.flights.flatMap(({ t, x, v }, k) =>
-    t.map((time, i) => [k + 1, time, x[i], v[i]]),
+    t.map((time, i) => [k + 1, time, ...x.flatMap((each, j) => [each[i], v[j][i]])]),
   );
-  return [["flight", "time", "displacement", "velocity"], ...(rows ?? [])];
+  const several = moving?.motion.coordinates.length !== 1;
+  const names = moving?.motion.coordinates.flatMap((name) => [
+    `displacement${several ? ` ${name}` : ""}`,
+    `velocity${several ? ` ${name}` : ""}`,
+  ]);
+  return [["flight", "time", ...(names ?? [])], ...(rows ?? [])];
 }
 
 /** The curves of the panel, a row for each point. */

@@ -1,31 +1,26 @@
-// The body on its way: played, stopped, and moved along the branch.
+// The bodies on their way: played, stopped, and moved along the branch.
 
 let clock = 0;
 let playing = 0;
 
-/** Where the body is now. */
+/** Where the bodies are now. */
 function drawNow() {
   if (!moving) return;
-  const { motion, scale } = moving,
+  const { motion, bodies, scale } = moving,
     begin = motion.flights[0].t[0],
-    time = begin + (clock % motion.span);
-  const flight =
-    motion.flights.find(({ t }) => time <= t[t.length - 1]) ?? motion.flights[motion.flights.length - 1];
-  const k = Math.max(1, Math.min(flight.t.length - 1, d3.bisectLeft(flight.t, time)));
-  const part = (time - flight.t[k - 1]) / (flight.t[k] - flight.t[k - 1] || 1);
-  const x = flight.x[k - 1] + part * (flight.x[k] - flight.x[k - 1]),
-    v = flight.v[k - 1] + part * (flight.v[k] - flight.v[k - 1]);
-  const right = scale.t.range()[1],
-    [bottom, top] = scale.x.range();
+    time = begin + (clock % motion.span),
+    states = stateAt(motion, time).map((state, i) => ({ ...state, i })),
+    there = states.filter(({ x, v }) => Number.isFinite(x) && Number.isFinite(v));
+  const [bottom, top] = scale.x.range();
   const svg = d3.select("#series");
   group(svg, "body")
     .selectAll("circle")
-    .data([0])
+    .data(there)
     .join("circle")
-    .attr("class", "ball")
+    .attr("class", ({ i }) => `ball ${coordinateClass(i)}`)
     .attr("r", 7)
-    .attr("cx", right + 30)
-    .attr("cy", scale.x(x));
+    .attr("cx", ({ i }) => bodies[i])
+    .attr("cy", ({ x }) => scale.x(x));
   group(group(svg, "inside"), "now")
     .selectAll("line")
     .data([0])
@@ -37,12 +32,12 @@ function drawNow() {
     .attr("y2", top);
   group(group(d3.select("#phase"), "inside"), "now")
     .selectAll("circle")
-    .data([0])
+    .data(there)
     .join("circle")
-    .attr("class", "ball")
+    .attr("class", ({ i }) => `ball ${coordinateClass(i)}`)
     .attr("r", 5)
-    .attr("cx", scale.px(x))
-    .attr("cy", scale.pv(v));
+    .attr("cx", ({ x }) => scale.px(x))
+    .attr("cy", ({ v }) => scale.pv(v));
 }
 
 /** Play or stop; a forcing period takes two seconds. @param {boolean} wanted */

@@ -1,6 +1,6 @@
-// The chosen orbit: displacement over time, phase plane, multipliers, and the body between its walls.
+// The chosen orbit: displacements over time, phase plane, multipliers, and the bodies between their walls.
 
-/** @type {{motion: Motion, scale: {t: Linear, x: Linear, px: Linear, pv: Linear}} | null} */
+/** @type {{motion: Motion, bodies: number[], scale: {t: Linear, x: Linear, px: Linear, pv: Linear}} | null} */
 let moving = null;
 /** Multipliers beyond stand at the edge of their picture, with their size, so that the unit circle can be seen. */
 const EDGE = 2.5;
@@ -57,30 +57,66 @@ function sayMissing(family, row, other, there) {
 /** The extent of all values of a motion, walls included. @param {Motion} motion @param {"x" | "v"} what @returns {[number, number]} */
 function extentOf(motion, what) {
   const values = motion.flights
-    .flatMap((flight) => d3.extent(flight[what]))
+    .flatMap((flight) => flight[what].flatMap((each) => d3.extent(each)))
     .filter((value) => value !== undefined);
   if (what === "x") values.push(...motion.walls.map(([, at]) => at));
   return [d3.min(values) ?? 0, d3.max(values) ?? 1];
 }
 
-/** Lines across a picture for each wall. @param {Selected} layer @param {Motion} motion @param {(at: number) => [number, number, number, number]} line */
+/** Draw a line through points; where there are none, it is interrupted. @param {Pen} pen @param {number[]} x @param {number[]} y */
+function trace(pen, x, y) {
+  let down = false;
+  x.forEach((at, i) => {
+    const there = Number.isFinite(at) && Number.isFinite(y[i]);
+    if (there && down) pen.lineTo(at, y[i]);
+    else if (there) pen.moveTo(at, y[i]);
+    down = there;
+  });
+}
+
+/** The names of several coordinates, in the colours of their lines. @param {Selected} inside @param {Motion} motion @param {Box} box */
+function drawNames(inside, motion, box) {
+  let at = box.left + 6;
+  const names = motion.coordinates.map((name, i) => {
+    const place = at;
+    at += 10 + 8 * name.length;
+    return { name, i, place };
+  });
+  group(inside, "names")
+    .selectAll("text")
+    .data(names.length > 1 ? names : [])
+    .join("text")
+    .attr("class", ({ i }) => `coordinate-name ${coordinateClass(i)}`)
+    .attr("x", ({ place }) => place)
+    .attr("y", box.top + 13)
+    .text(({ name }) => symbol(name));
+}
+
+/** The class of a coordinate's lines. @param {number} place */
+function coordinateClass(place) {
+  return `coordinate${place % 4}`;
+}
+
+/** Lines across a picture for each wall. @param {Selected} layer @param {Motion} motion @param {(at: number, coordinate: number) => [number, number, number, number]} line */
 function drawWalls(layer, motion, line) {
   layer
     .selectAll("line")
     .data(motion.walls)
     .join("line")
     .attr("class", ([name]) => `wall ${wallClass(page.walls.indexOf(name))}`)
-    .attr("x1", ([, at]) => line(at)[0])
-    .attr("y1", ([, at]) => line(at)[1])
-    .attr("x2", ([, at]) => line(at)[2])
-    .attr("y2", ([, at]) => line(at)[3]);
+    .attr("x1", ([, at, i]) => line(at, i)[0])
+    .attr("y1", ([, at, i]) => line(at, i)[1])
+    .attr("x2", ([, at, i]) => line(at, i)[2])
+    .attr("y2", ([, at, i]) => line(at, i)[3]);
 }
 
-/** Displacement over time, and the body beside it. @param {Motion} motion @param {Family} family @param {number} row @param {Entry | null} entry */
+/** Displacements over time, and the bodies beside them. @param {Motion} motion @param {Family} family @param {number} row @param {Entry | null} entry */
 function drawSeries(motion, family, row, entry) {
   const svg = d3.select("#series"),
     width = sized(svg, 230),
-    box = { left: 62, right: width - 58, top: 12, bottom: 188 };
+    count = motion.coordinates.length,
+    apart = Math.min(46, (0.4 * width) / count),
+    box = { left: 62, right: width - 58 - (count - 1) * apart, top: 12, bottom: 188 };
   const turns = motion.span === 1 ? 2 : 1,
     begin = motion.flights[0].t[0];
   const t = d3.scaleLinear([begin, begin + turns * motion.span], [box.left, box.right]);
@@ -92,24 +128,26 @@ function drawSeries(motion, family, row, entry) {
     { x: "time in forcing periods", y: "displacement", ticks: [6, 5] },
   );
   drawWalls(group(inside, "lines"), motion, (at) => [box.left, x(at), box.right, x(at)]);
-  const path = d3.pathRound(2);
-  for (let turn = 0; turn < turns; turn++)
-    motion.flights.forEach((flight, k) =>
-      flight.t.forEach((time, i) => {
-        if (turn + k + i === 0) path.moveTo(t(time), x(flight.x[i]));
-        else path.lineTo(t(time + turn * motion.span), x(flight.x[i]));
-      }),
-    );
+  const repeated = d3
+    .range(turns)
+    .flatMap((turn) => motion.flights.map((flight, k) => ({ flight, k, later: turn * motion.span })));
+  const paths = motion.coordinates.map((_, i) => {
+    const path = d3.pathRound(2);
+    const times = repeated.flatMap(({ flight, later }) => flight.t.map((time) => t(time + later)));
+    trace(path, times, repeated.flatMap(({ flight }) => flight.x[i]).map(x));
+    return path.toString();
+  });
   group(inside, "motion")
     .selectAll("path")
-    .data([path.toString()])
+    .data(paths)
     .join("path")
-    .attr("class", "path")
+    .attr("class", (_, i) => `path ${coordinateClass(i)}`)
     .attr("d", (d) => d);
-  const hits = d3.range(turns).flatMap((turn) =>
-    motion.flights.map((flight, k) => ({
-      t: flight.t[0] + turn * motion.span,
-      x: flight.x[0],
+  drawNames(inside, motion, box);
+  const hits = repeated.flatMap(({ flight, k, later }) =>
+    motion.hits[k].map((i) => ({
+      t: flight.t[0] + later,
+      x: flight.x[i][0],
       wall: family.walls[family.starts[row] + k],
     })),
   );
@@ -121,48 +159,62 @@ function drawSeries(motion, family, row, entry) {
     .attr("r", 3.5)
     .attr("cx", (hit) => t(hit.t))
     .attr("cy", (hit) => x(hit.x));
-  drawTouch(group(inside, "touches"), motion, entry, family, row, t, x);
+  drawTouch(group(inside, "touches"), touches(motion, entry, family, row), ({ time }) => t(time), x);
   const bar = group(svg, "capsule"),
-    middle = box.right + 30;
+    bodies = motion.coordinates.map((_, i) => box.right + 30 + apart * i);
   bar
     .selectAll("rect")
-    .data([0])
+    .data(bodies)
     .join("rect")
     .attr("class", "frame")
-    .attr("x", middle - 14)
+    .attr("x", (middle) => middle - 14)
     .attr("y", box.top)
     .attr("width", 28)
     .attr("height", box.bottom - box.top);
-  drawWalls(bar, motion, (at) => [middle - 14, x(at), middle + 14, x(at)]);
+  drawWalls(bar, motion, (at, i) => [bodies[i] - 14, x(at), bodies[i] + 14, x(at)]);
   bar
-    .selectAll("text")
+    .selectAll("text.wall-name")
     .data(motion.walls)
     .join("text")
     .attr("class", ([name]) => `wall-name ${wallClass(page.walls.indexOf(name))}`)
-    .attr("x", middle + 17)
+    .attr("x", ([, , i]) => bodies[i] + 17)
     .attr("y", ([, at]) => x(at) + 4)
     .text(([name]) => name);
+  bar
+    .selectAll("text.coordinate-name")
+    .data(count > 1 ? motion.coordinates : [])
+    .join("text")
+    .attr("class", (_, i) => `coordinate-name ${coordinateClass(i)}`)
+    .attr("text-anchor", "middle")
+    .attr("x", (_, i) => bodies[i])
+    .attr("y", box.bottom + 16)
+    .text(symbol);
   svg.attr("aria-label", `Displacement over time of ${titleOf(family)}`);
-  moving = { motion, scale: { t, x, px: t, pv: x } };
+  moving = { motion, bodies, scale: { t, x, px: t, pv: x } };
 }
 
-/** The touch of a grazing. @param {Selected} layer @param {Motion} motion @param {Entry | null} entry @param {Family} family @param {number} row @param {Linear} t @param {Linear} x */
-function drawTouch(layer, motion, entry, family, row, t, x) {
-  const wall = motion.walls.find(([name]) => name === entry?.wall),
-    T = tracksOf(family)?.period[row] ?? 1;
-  const touching = entry && entry.touch_time !== null && wall ? [entry.touch_time] : [];
-  const begin = motion.flights[0].t[0],
-    turn = Math.floor(family.times[family.starts[row]] / T);
+/** Where a grazing orbit touches: the time, and the coordinates that do. @param {Motion} motion @param {Entry | null} entry @param {Family} family @param {number} row */
+function touches(motion, entry, family, row) {
+  if (!entry || entry.touch_time === null || !entry.wall) return [];
+  const T = tracksOf(family)?.period[row] ?? 1,
+    begin = motion.flights[0].t[0],
+    turn = Math.floor(family.times[family.starts[row]] / T),
+    since = (entry.touch_time / T - turn - begin) % motion.span,
+    time = begin + ((since + motion.span) % motion.span),
+    state = stateAt(motion, time);
+  return motion.touched(entry.wall).map((i) => ({ time, ...state[i] }));
+}
+
+/** The touch of a grazing. @param {Selected} layer @param {ReturnType<typeof touches>} found @param {(touch: {time: number, x: number}) => number} across @param {Linear} up @param {"x" | "v"} what */
+function drawTouch(layer, found, across, up, what = "x") {
   layer
     .selectAll("circle")
-    .data(touching)
+    .data(found)
     .join("circle")
     .attr("class", "touch")
     .attr("r", 6)
-    .attr("cx", (time) =>
-      t(begin + ((((time / T - turn - begin) % motion.span) + motion.span) % motion.span)),
-    )
-    .attr("cy", x(wall ? wall[1] : 0));
+    .attr("cx", across)
+    .attr("cy", (touch) => up(touch[what]));
 }
 
 /** @param {Motion} motion @param {Family} family @param {number} row @param {Entry | null} entry */
@@ -174,36 +226,34 @@ function drawPhase(motion, family, row, entry) {
   const v = d3.scaleLinear(widened(extentOf(motion, "v"), 0.09), [box.bottom, box.top]);
   const inside = drawFrame(svg, box, { x, y: v }, { x: "displacement", y: "velocity", ticks: [3, 5] });
   drawWalls(group(inside, "lines"), motion, (at) => [x(at), box.top, x(at), box.bottom]);
-  const path = d3.pathRound(2),
-    jumps = d3.pathRound(2),
-    last = motion.flights[motion.flights.length - 1];
-  let before = /** @type {[number, number]} */ ([last.x[last.x.length - 1], last.v[last.v.length - 1]]);
-  for (const flight of motion.flights) {
-    jumps.moveTo(x(before[0]), v(before[1]));
-    jumps.lineTo(x(flight.x[0]), v(flight.v[0]));
-    flight.x.forEach((at, i) =>
-      i ? path.lineTo(x(at), v(flight.v[i])) : path.moveTo(x(at), v(flight.v[i])),
-    );
-    before = [flight.x[flight.x.length - 1], flight.v[flight.v.length - 1]];
-  }
-  const lines = [
-    { name: "jump", d: jumps.toString() },
-    { name: "path", d: path.toString() },
-  ];
+  const last = motion.flights[motion.flights.length - 1],
+    jumps = d3.pathRound(2);
+  const paths = motion.coordinates.map((_, i) => {
+    const path = d3.pathRound(2);
+    motion.flights.forEach((flight, k) => {
+      const before = endOf(k ? motion.flights[k - 1] : last, i);
+      trace(jumps, [x(before.x), x(flight.x[i][0])], [v(before.v), v(flight.v[i][0])]);
+      trace(path, flight.x[i].map(x), flight.v[i].map(v));
+    });
+    return { name: `path ${coordinateClass(i)}`, d: path.toString() };
+  });
   group(inside, "motion")
     .selectAll("path")
-    .data(lines)
+    .data([{ name: "jump", d: jumps.toString() }, ...paths])
     .join("path")
     .attr("class", ({ name }) => name)
     .attr("d", ({ d }) => d);
-  const hits = motion.flights.flatMap((flight, k) => {
-    const at = family.starts[row] + k,
-      wall = family.walls[at];
-    return [
-      { name: "before", wall, x: flight.x[0], v: family.velocities[at] },
-      { name: "after", wall, x: flight.x[0], v: flight.v[0] },
-    ];
-  });
+  drawNames(inside, motion, box);
+  const hits = motion.flights.flatMap((flight, k) =>
+    motion.hits[k].flatMap((i) => {
+      const before = endOf(k ? motion.flights[k - 1] : last, i),
+        wall = family.walls[family.starts[row] + k];
+      return [
+        { name: "before", wall, ...before },
+        { name: "after", wall, x: flight.x[i][0], v: flight.v[i][0] },
+      ];
+    }),
+  );
   group(inside, "impacts")
     .selectAll("circle")
     .data(hits)
@@ -212,17 +262,16 @@ function drawPhase(motion, family, row, entry) {
     .attr("r", 3.5)
     .attr("cx", (hit) => x(hit.x))
     .attr("cy", (hit) => v(hit.v));
-  const touched = motion.walls.filter(([name]) => entry?.touch_time !== null && name === entry?.wall);
-  group(inside, "touches")
-    .selectAll("circle")
-    .data(touched)
-    .join("circle")
-    .attr("class", "touch")
-    .attr("r", 6)
-    .attr("cx", ([, at]) => x(at))
-    .attr("cy", v(0));
+  const found = touches(motion, entry, family, row);
+  drawTouch(group(inside, "touches"), found, (touch) => x(touch.x), v, "v");
   svg.attr("aria-label", `Phase plane of ${titleOf(family)}`);
   if (moving) moving.scale = { ...moving.scale, px: x, pv: v };
+}
+
+/** The state of a coordinate at the end of a flight. @param {Flight} flight @param {number} i */
+function endOf({ x, v }, i) {
+  const at = x[i].length - 1;
+  return { x: x[i][at], v: v[i][at] };
 }
 
 /** Multipliers in the plane of complex numbers, and the unit circle. @param {[number, number][]} multipliers */
