@@ -1,12 +1,70 @@
 """Continuation of periodic orbits in impacting systems, ghosts included.
 
-The names below are loaded when they are first used; importing the package imports nothing else.
+The names below are loaded when they are first used; importing the package imports nothing else. A
+function whose package is not installed says so when it is called.
 """
 
 from __future__ import annotations
 
 import importlib
-from typing import Any
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from .attractors.coverage import cover as cover
+    from .attractors.energy import energy as energy
+    from .attractors.keeping import load as load
+    from .attractors.keeping import save as save
+    from .attractors.losses import losses as losses
+    from .attractors.sweep import sweep as sweep
+    from .attractors.transitions import find_transitions as find_transitions
+    from .attractors.verdict import settle as settle
+    from .certificates.certify import certify as certify
+    from .continuation.settings import Settings as Settings
+    from .errors import InputError as InputError
+    from .models.model import Formulas as Formulas
+    from .models.model import Model as Model
+    from .models.model import Parameter as Parameter
+    from .models.model import Symmetry as Symmetry
+    from .models.model import Wall as Wall
+    from .orbit_continuation.born import continue_born as continue_born
+    from .orbit_continuation.orbit_branch import continue_orbit as continue_orbit
+    from .orbits.orbit import Orbit as Orbit
+    from .orbits.search import find_orbits as find_orbits
+    from .parameter_studies.run import run_study as run_study
+    from .parameter_studies.store import Store as Store
+    from .parameter_studies.study import Study as Study
+    from .parameter_studies.study_file import load_study as load_study
+    from .parameter_studies.study_file import read_study as read_study
+    from .plots.attractors import plot_energy as plot_energy
+    from .plots.attractors import plot_sweep as plot_sweep
+    from .plots.codim2 import plot_codim2 as plot_codim2
+    from .plots.curves import plot_curves as plot_curves
+    from .plots.diagram import plot_diagram as plot_diagram
+    from .plots.orbit import plot_orbit as plot_orbit
+    from .plots.transitions import plot_transitions as plot_transitions
+    from .records.branch import Branch as Branch
+    from .records.catalogue import load_diagram as load_diagram
+    from .records.catalogue import load_entries as load_entries
+    from .records.catalogue import write_diagram as write_diagram
+    from .records.curve import Curve as Curve
+    from .records.diagram import Diagram as Diagram
+    from .records.diagram_reading import read as read
+    from .records.diagram_reading import stable_intervals as stable_intervals
+    from .records.entry import Entry as Entry
+    from .records.formats import write_auto as write_auto
+    from .records.formats import write_mat as write_mat
+    from .scenes.scene import load_scene as load_scene
+    from .scenes.scene import read_scene as read_scene
+    from .segments.checking import check_model as check_model
+    from .simulation.simulator import Simulator as Simulator
+    from .studies.explore import follow as follow
+    from .systems.impact_pair import ImpactPair as ImpactPair
+    from .systems.membrane import Membrane as Membrane
+    from .systems.oscillator import Oscillator as Oscillator
+    from .two_parameters.codim2_curves import follow_codim2 as follow_codim2
+    from .two_parameters.curves import follow_curve as follow_curve
+    from .two_parameters.isolines import follow_isoline as follow_isoline
+    from .two_parameters.sensitivity import sensitivity as sensitivity
 
 __version__ = "0.2.0"
 
@@ -20,7 +78,7 @@ _PLACES = {
     "Formulas": "models.model",
     "Symmetry": "models.model",
     "check_model": "segments.checking",
-    "Orbit": "orbits.search",
+    "Orbit": "orbits.orbit",
     "find_orbits": "orbits.search",
     "Settings": "continuation.settings",
     "continue_orbit": "orbit_continuation.orbit_branch",
@@ -71,10 +129,26 @@ _PLACES = {
 __all__ = ["__version__", *_PLACES]
 
 
-def __getattr__(name: str) -> Any:
-    if name not in _PLACES:
-        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    return getattr(importlib.import_module(f"{__name__}.{_PLACES[name]}"), name)
+if not TYPE_CHECKING:  # where types are read, a name that is not above is a mistake
+
+    def __getattr__(name: str) -> Any:
+        if name not in _PLACES:
+            raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+        try:
+            return getattr(importlib.import_module(f"{__name__}.{_PLACES[name]}"), name)
+        except ModuleNotFoundError as error:
+            return _lacking(name, error)
+
+
+def _lacking(name: str, error: ModuleNotFoundError) -> Any:
+    """What stands for a function whose package is not installed: it says so when it is called."""
+
+    def lacking(*given: Any, **named: Any) -> Any:
+        raise error
+
+    lacking.__name__ = lacking.__qualname__ = name
+    lacking.__doc__ = f"Not available: {error}."
+    return lacking
 
 
 def __dir__() -> list[str]:

@@ -385,6 +385,6 @@ def test_a_damaged_row_of_an_interrupted_proof_is_proven_again(tmp_path):
 
 
 def test_without_the_extra_python_says_what_to_install():
-    code = "import sys; sys.modules['flint'] = None; import contimpact; contimpact.certify"
+    code = "import sys; sys.modules['flint'] = None; import contimpact; contimpact.certify('out')"
     told = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
     assert "pip install contimpact[certify]" in told.stderr
