@@ -393,11 +393,13 @@ def _edited(path, content, random):
 
 
 def sealed(folder):
-    """Write into a folder's manifest the digest of its catalogue, as whoever changes it can do."""
-    catalogue, manifest = folder / "catalogue.json", folder / "manifest.json"
+    """Write into a folder's manifest the digests of its files, as whoever changes them can do."""
+    manifest = folder / "manifest.json"
     try:
         content = json.loads(manifest.read_bytes())
-        content["sha256"]["catalogue.json"] = hashlib.sha256(catalogue.read_bytes()).hexdigest()
+        for name in filter(lambda name: (folder / name).is_file(), content["sha256"]):
+            digest = hashlib.sha256((folder / name).read_bytes()).hexdigest()
+            content["sha256"][name] = digest
         text = json_text(content)
     except (OSError, ValueError, LookupError, TypeError, RecursionError):
         return

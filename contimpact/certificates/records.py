@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 from ..errors import InputError, printable
-from ..records.result_folder import CATALOGUE, MANIFEST, WANTED, read_json, sha256
+from ..records.result_folder import CATALOGUE, MANIFEST, WANTED, digests_of, read_json
 from ..storage.decoding import DAMAGE, made
 from ..storage.files import append, write_text
 from ..storage.texts import Json, json_line, json_text
@@ -157,7 +157,7 @@ def _renew_manifest(folder: Path) -> None:
         return
     manifest = read_json(path, MANIFEST, WANTED)
     manifest["files"] = sorted({*manifest["files"], FILE})
-    manifest["sha256"] = {"catalogue.json": sha256(folder / "catalogue.json")}
+    manifest["sha256"] = manifest.get("sha256", {}) | digests_of(folder, ["catalogue.json"])
     write_text(path, json_text(manifest))
 
 

@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from ..records.manifest import manifest_text
-from ..records.result_folder import Files, sha256
+from ..records.result_folder import Files, digests_of
 from ..scenes.scene import Scene
 
 
@@ -16,8 +16,8 @@ def write_manifest(
     """Write the manifest; what could not be written is said."""
 
     def text() -> str:
-        digest = sha256(files.folder / "catalogue.json")
+        digests = digests_of(files.folder, files.written)
         known = {**statistics, "not_written": files.not_written()}
-        return manifest_text(scene.resolved(), scene.given, left_out, known, files.written, digest)
+        return manifest_text(scene.resolved(), scene.given, left_out, known, files.written, digests)
 
     files.close(text)

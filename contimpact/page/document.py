@@ -16,6 +16,7 @@ from pathlib import Path
 from ..errors import printable
 from ..models.model import Model
 from ..records.diagram import Diagram
+from ..records.result_folder import reading
 from ..storage.files import write, write_all
 from .data import Shown, page_data
 from .packing import script_json
@@ -65,9 +66,11 @@ def write_page(
     Raises
     ------
     InputError
-        If the file cannot be written.
+        If the file cannot be written, or attractors in the folder are not those of its manifest.
     """
-    write(target, page_text(diagram, model, shown, attractors_in(folder, model)))
+    with reading(folder):
+        swept = attractors_in(folder, model)
+    write(target, page_text(diagram, model, shown, swept))
 
 
 def attractors_in(folder: Path, model: Model | None) -> list[Swept]:

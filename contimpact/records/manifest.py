@@ -19,11 +19,11 @@ def manifest_text(
     left_out: Sequence[str],
     statistics: Mapping[str, Any],
     files: Sequence[str],
-    catalogue: str | None = None,
+    digests: Mapping[str, str],
 ) -> str:
     """Return ``manifest.json``: what was asked, what ran, what it cost, what was left out.
 
-    `catalogue` is the digest of the catalogue beside it.
+    `digests` are those of the catalogue and the tables beside it.
     """
     versions = {"contimpact": __version__, "python": platform.python_version()}
     for name in ("numpy", "scipy", "sympy", "matplotlib"):
@@ -39,7 +39,7 @@ def manifest_text(
             "modules": _modules(),
             "left_out": list(left_out),
             "files": sorted(set(files)),
-            "sha256": {"catalogue.json": catalogue} if catalogue else {},
+            "sha256": dict(digests),
         }
     )
 

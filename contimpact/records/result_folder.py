@@ -36,6 +36,8 @@ ROWS = "rows.jsonl"
 """What a simulation keeps as it finds it. It says itself of which scene it is, and stays."""
 TABLES = ("branches", "curves")
 """Folders of tables in a folder of results."""
+SEALED = re.compile(rf"catalogue\.json|sweep\.csv|({'|'.join(TABLES)})/[^/]+\.csv")
+"""The files that are read back: the manifest holds their digests."""
 
 WRITTEN = {
     "run": (
@@ -341,8 +343,8 @@ def reading(folder: Path) -> Iterator[None]:
     Raises
     ------
     InputError
-        If a run was ended while it wrote the folder, its manifest belongs to another catalogue, or
-        it is rewritten meanwhile.
+        If a run was ended while it wrote the folder, its manifest belongs to another catalogue or
+        to another table, or it is rewritten meanwhile.
     """
     before = _state(folder)
     yield
@@ -350,22 +352,30 @@ def reading(folder: Path) -> Iterator[None]:
         raise InputError(str(folder), "written anew while it was read", "read it again")
 
 
+def digests_of(folder: Path, files: Iterable[str]) -> dict[str, str]:
+    """Return the digests of those of a folder's files that are read back, by name."""
+    names = sorted({name for name in files if SEALED.fullmatch(name)})
+    return {name: found for name in names if (found := sha256(folder / name))}
+
+
 def _state(folder: Path) -> tuple[str | None, ...]:
-    """Digests of a folder's manifest and catalogue, if they belong to each other."""
+    """Digests of a folder's manifest and of the files that it seals, if they belong to it."""
     catalogue, manifest = folder / "catalogue.json", folder / "manifest.json"
     if os.path.lexists(folder / MARK):
         found = "a run is writing this folder, or ended before all was written"
         accepted = "run it again, or remove this file to use what is there"
         raise InputError(str(folder / MARK), found, accepted)
-    digest = sha256(catalogue)
     if not manifest.exists():
-        return None, digest
-    digests = read_json(manifest, MANIFEST, WANTED).get("sha256")
-    told = digests.get("catalogue.json") if isinstance(digests, dict) else None
-    if digest and told and told != digest:
-        accepted = "run it again, or remove manifest.json to use the catalogue alone"
-        raise InputError(str(catalogue), "not the one that manifest.json belongs to", accepted)
-    return sha256(manifest), digest
+        return None, sha256(catalogue)
+    sealed = read_json(manifest, MANIFEST, WANTED).get("sha256")
+    told = sealed if isinstance(sealed, dict) else {}
+    there = digests_of(folder, ["catalogue.json", *told])
+    for name, digest in there.items():
+        if told.get(name, digest) != digest:
+            accepted = "run it again, or remove manifest.json to use what is there as it is"
+            where = str(folder / name)
+            raise InputError(where, "not the one that manifest.json belongs to", accepted)
+    return sha256(manifest), *there.values()
 
 
 def sha256(path: Path) -> str | None:

@@ -64,7 +64,7 @@ def edited(path, change):
     change(content)
     new = json.dumps(content)
     path.write_text(new if path.suffix == ".json" else f"# {new}\n{rest}", encoding="utf-8")
-    sealed(path.parent)
+    sealed(path.parent if path.suffix == ".json" else path.parent.parent)
 
 
 # Forged tables and records
@@ -77,6 +77,7 @@ def cell(path, name, content, row=3):
     lines[row][lines[0].split(",").index(name)] = content
     lines[row] = ",".join(lines[row])
     path.write_text("\n".join([head, *lines]), encoding="utf-8")
+    sealed(path.parent.parent)
 
 
 @pytest.mark.parametrize(
@@ -101,6 +102,7 @@ def test_missing_columns(folder, refused, column):
     head, names, rest = path.read_text().split("\n", 2)
     names = ",".join("other" if name == column else name for name in names.split(","))
     path.write_text("\n".join([head, names, rest]))
+    sealed(folder)
     refused("plot", folder, says=f"no column {column}")
 
 

@@ -175,7 +175,8 @@ def test_pictures_of_a_folder_that_is_not_ours_stay(scene, tmp_path):
 
 
 def test_the_manifest_is_tied_to_its_catalogue(out, tmp_path, capsys):
-    assert manifest_of(out)["sha256"] == {"catalogue.json": sha256(out / "catalogue.json")}
+    sealed = {"catalogue.json", *(f"branches/{path.name}" for path in out.glob("branches/*"))}
+    assert manifest_of(out)["sha256"] == {name: sha256(out / name) for name in sealed}
     content = json.loads((out / "catalogue.json").read_text(encoding="utf-8"))
     (out / "catalogue.json").write_text(json.dumps(content | {"scene": "other"}))
     for command in (["plot", out], ["catalogue", out, "-o", tmp_path / "merged"]):
@@ -186,6 +187,26 @@ def test_the_manifest_is_tied_to_its_catalogue(out, tmp_path, capsys):
     for read in (load_diagram, load_entries):
         with pytest.raises(InputError, match="not the one"):
             read(out)
+
+
+def test_a_changed_table_is_refused(out, capsys):
+    """A branch whose unphysical orbits were made physical, and the other way round."""
+    table = next(out.glob("branches/*.csv"))
+    head, names, *rows = table.read_text(encoding="utf-8").splitlines()
+    place = names.split(",").index("physical")
+    turned = [row.split(",") for row in rows]
+    for cells in turned:
+        cells[place] = str(1 - int(cells[place]))
+    table.write_text("\n".join([head, names, *map(",".join, turned), ""]), encoding="utf-8")
+    for command in (["plot", out], ["certify", out], ["certify", out, "--verify"]):
+        assert run(*command) == 2
+        assert f"{table}: not the one that manifest.json belongs to" in capsys.readouterr().err
+    for read in (load_diagram, load_entries):
+        with pytest.raises(InputError, match="not the one"):
+            read(out)
+    (out / "manifest.json").unlink()
+    found = next(b for b in load_diagram(out).branches if table.name.startswith(f"{b.id}-"))
+    assert found["physical"].tolist() == [int(cells[place]) for cells in turned]
 
 
 def test_an_unfinished_folder_is_recognised(out, tmp_path, capsys):
