@@ -249,7 +249,9 @@ def _summary(scene: Scene, diagram: Diagram, folder: Path, total: float) -> None
         for region in regions(diagram.curves, checks=diagram.checks):
             fixed = "".join(f"{n} = {v:.6g}  " for n, v in region.fixed.items())
             say(
-                f"first as {region.along} falls: {fixed}{region.notation}: {region.first} for "
+                f"first as {region.along} falls: {fixed}{region.notation}"
+                + (f" ({region.branch})" if region.branch else "")
+                + f": {region.first} for "
                 f"{region.second} from {region.low:.9g} to {region.high:.9g}"
                 + (f"  ({region.said})" if region.said else "")
             )

@@ -14,7 +14,7 @@ from ..bifurcations.registry import kind_of
 from ..models.model import Model
 from ..records.area import Area
 from ..records.branch import Branch
-from ..records.competition import falling, panels, parameters_of, regions
+from ..records.competition import Region, falling, lanes, panels, parameters_of, regions
 from ..records.curve import Curve
 from ..records.diagram import Diagram
 from ..records.diagram_reading import read, sentence
@@ -296,12 +296,17 @@ def _panels(diagram: Diagram) -> list[dict[str, Any]]:
                 for area in diagram.areas
                 if area.orbits and _in(area, group[0].fixed, group[0].parameters[1], along)
             ],
-            "regions": [
-                {**dataclasses.asdict(region), "said": region.said}
-                for region in regions(group, along, diagram.checks)
-            ],
+            "regions": _regions(regions(group, along, diagram.checks)),
         }
         for group in panels(diagram.curves)
+    ]
+
+
+def _regions(found: Sequence[Region]) -> list[dict[str, Any]]:
+    """Regions with what runs say of them, and the lanes in which they are drawn."""
+    return [
+        {**dataclasses.asdict(region), "said": region.said, "lane": lane}
+        for region, lane in zip(found, lanes(found), strict=True)
     ]
 
 

@@ -22,7 +22,7 @@ from ..bifurcations.declarations import CROSSINGS
 from ..bifurcations.registry import kind_of
 from ..errors import InputError, shown
 from ..records.area import Area, StableOrbit
-from ..records.competition import Region, falling, panels, parameters_of, regions
+from ..records.competition import Region, falling, lanes, panels, parameters_of, regions
 from ..records.curve import Check, Curve
 from .areas import area_legend, draw_areas, of_panel
 from .diagram import save_figure, write_heading
@@ -221,12 +221,11 @@ def _draw_curve(ax: Any, curve: Curve, panel: Panel, colour: str) -> None:
         ax.plot(x[piece], y[piece], color=colour, linestyle=style, linewidth=width)
 
 
-def _draw_region(ax: Any, region: Region, keys: Sequence[Key]) -> None:
+def _draw_region(ax: Any, region: Region, keys: Sequence[Key], lane: int) -> None:
     """A band along the x axis in the colour of what comes first, one over another by orbit; half as
     high if unconfirmed."""
     key = next(k for k in keys if k.label == region.first and k.notation == region.notation)
-    low = 0.04 * list(dict.fromkeys(k.notation for k in keys)).index(region.notation)
-    height = 0.015 if region.said else 0.03
+    low, height = 0.04 * lane, 0.015 if region.said else 0.03
     look = {"facecolor": _colour(key, keys), "hatch": kind_of(key.kind).look.hatch, **BAND}
     ax.axvspan(region.low, region.high, ymin=low, ymax=low + height, **look)
 
@@ -235,8 +234,8 @@ def _draw_regions(
     ax: Any, panel: Panel, keys: Sequence[Key], checks: Sequence[Check]
 ) -> list[Region]:
     found = regions(panel.curves, panel.along, checks)
-    for region in found:
-        _draw_region(ax, region, keys)
+    for region, lane in zip(found, lanes(found), strict=True):
+        _draw_region(ax, region, keys, lane)
     return found
 
 

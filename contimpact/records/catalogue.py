@@ -169,6 +169,7 @@ def _curve_record(curve: Curve) -> dict[str, Json]:
         "parameters": list(curve.parameters),
         "fixed": dict(curve.fixed),
         "from": curve.origin,
+        "branch": curve.branch,
         "points": len(curve),
         "ends": [
             {

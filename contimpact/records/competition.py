@@ -1,8 +1,9 @@
 """Which bifurcation comes first: the competition of curves in two parameters.
 
-For a family member and a word, every curve is read as the first parameter over the second one,
+For a family member and an orbit, every curve is read as the first parameter over the second one,
 or as a derived parameter that is the first one rescaled. As it falls, the orbit meets the curve
-with the largest value first that is no ghost; where curves cross, the order changes.
+with the largest value first that is no ghost; where curves cross, the order changes. Of orbits of
+one word runs tell which curves are whose: those that one branch meets. Without runs all are one.
 """
 
 from __future__ import annotations
@@ -20,7 +21,7 @@ from .curve import Curve
 from .tables import first_unknown
 
 if TYPE_CHECKING:
-    from .curve import Check
+    from .curve import Check, CheckedOrbit
 
 BIRTHS = ("FB", "V")
 """Kinds at which an orbit comes into being as often as it ends: others compete without them."""
@@ -53,6 +54,11 @@ class Region:
         Of the orbit.
     along : str
         The parameter that falls.
+    branch : str
+        The orbit among those of its word, by a branch: that on which the curve began that comes
+        first; empty where a file of an earlier version does not say.
+    curves : sequence of str
+        The curves that come first, in turn.
     """
 
     fixed: Mapping[str, float]
@@ -65,6 +71,8 @@ class Region:
     doubtful: Sequence[float] = ()
     period: int = 1
     along: str = ""
+    branch: str = ""
+    curves: tuple[str, ...] = ()
 
     @property
     def said(self) -> str:
@@ -126,8 +134,35 @@ def regions(
         column = along or falling(panel)
         words = dict.fromkeys((curve.word, curve.period) for curve in panel)
         for word in words:
-            found += _regions([c for c in panel if (c.word, c.period) == word], column)
+            own = [c for c in panel if (c.word, c.period) == word]
+            found += _regions(own, column, [c for c in checks if _of(c, own[0], word)])
     return [_compared(region, checks) for region in found]
+
+
+def _of(check: Check, curve: Curve, word: tuple[str, int]) -> bool:
+    """Whether a run is one of a word, for the member and the second parameter of a curve."""
+    about = dict(check.fixed), check.second, (check.word, check.period)
+    return about == (dict(curve.fixed), curve.parameters[1], word)
+
+
+def lanes(found: Sequence[Region]) -> list[int]:
+    """Return in which lane each region is drawn, so that those of two orbits of a word that share
+    values stand beside each other."""
+    taken: list[tuple[str, list[Region]]] = []
+    numbers = []
+    for region in found:
+        free = (
+            number
+            for number, (notation, others) in enumerate(taken)
+            if notation == region.notation
+            and all(region.low >= one.high or region.high <= one.low for one in others)
+        )
+        number = next(free, len(taken))
+        if number == len(taken):
+            taken.append((region.notation, []))
+        taken[number][1].append(region)
+        numbers.append(number)
+    return numbers
 
 
 def competing(curves: Sequence[Curve]) -> Sequence[Curve]:
@@ -149,58 +184,89 @@ def _compared(region: Region, checks: Sequence[Check]) -> Region:
         == (dict(region.fixed), region.notation, region.second)
         and region.low < check.value < region.high
     ]
-    agree = sorted(c.value for c in inside if c.first == region.first)
+    agree = sorted(c.value for c in inside if _agrees(c, region))
     return replace(region, checked=agree, doubtful=sorted({c.value for c in inside} - {*agree}))
 
 
-def _regions(group: Sequence[Curve], along: str) -> list[Region]:
+def _agrees(check: Check, region: Region) -> bool:
+    """Whether a run says the same of one of its orbits."""
+    if not check.orbits:
+        return check.first == region.first
+    return any(o.first == region.first and o.curve in region.curves for o in check.orbits)
+
+
+def _regions(group: Sequence[Curve], along: str, checks: Sequence[Check]) -> list[Region]:
     second = group[0].parameters[1]
     crossings = [p.parameters[second] for c in group for p in c.points if p.kind in CROSSINGS]
     low = min(float(c[second].min()) for c in group)
     high = max(float(c[second].max()) for c in group)
     edges = _apart([low, high, *crossings, *_ends(group, second)], SAME_EDGE * (high - low))
-    found: list[Region] = []
-    pieces = (
-        piece
-        for left, right in itertools.pairwise(edges)
-        for piece in _pieces(lambda value: _first_at(group, second, along, value), left, right)
-    )
-    for left, right, label in pieces:
-        if label is None:
-            continue
-        if found and found[-1].first == label and found[-1].high == left:
-            left = found.pop().low
-        one = group[0]
-        found.append(
-            Region(
-                one.fixed, one.notation, second, left, right, label, period=one.period, along=along
-            )
-        )
-    return found
+    labels = [curve.label for curve in group]
+    rows: list[_Row] = []
+    for left, right in itertools.pairwise(edges):
+        for start, end, firsts in _pieces(
+            lambda value: _firsts_at(group, second, along, value, checks), left, right
+        ):
+            before = [row for row in rows if row.high == start]
+            for curve, row in zip(firsts, _continued(firsts, before, labels), strict=True):
+                if row is None:
+                    rows.append(_Row([curve], start, end))
+                else:
+                    row.high, row.curves = end, [*row.curves, curve]
+    return [row.region(group, along) for row in rows]
+
+
+@dataclass
+class _Row:
+    """A region as it grows: the places of the curves that come first, in turn."""
+
+    curves: list[int]
+    low: float
+    high: float
+
+    def region(self, group: Sequence[Curve], along: str) -> Region:
+        curve, names = group[self.curves[0]], [group[place].id for place in self.curves]
+        about = curve.fixed, curve.notation, curve.parameters[1], self.low, self.high, curve.label
+        branch, curves = curve.branch, tuple(dict.fromkeys(names))
+        return Region(*about, period=curve.period, along=along, branch=branch, curves=curves)
+
+
+def _continued(firsts: Firsts, before: Sequence[_Row], labels: Sequence[str]) -> list[_Row | None]:
+    """The rows that curves continue: those of the same curve, else the only one of its label."""
+    own = {row.curves[-1]: row for row in before}
+    ended = [labels[curve] for curve in own if curve not in firsts]
+    begun = [labels[curve] for curve in firsts if curve not in own]
+    once = {label for label in begun if begun.count(label) == ended.count(label) == 1}
+    by_label = {labels[c]: row for c, row in own.items() if c not in firsts and labels[c] in once}
+    return [own.get(curve, by_label.get(labels[curve])) for curve in firsts]
+
+
+Firsts = tuple[int, ...]
+"""The places of the curves that come first, one of each orbit."""
 
 
 def _pieces(
-    first_at: Callable[[float], str | None], left: float, right: float
-) -> Iterator[tuple[float, float, str | None]]:
+    firsts_at: Callable[[float], Firsts], left: float, right: float
+) -> Iterator[tuple[float, float, Firsts]]:
     """A range between special points, in parts: curves of different orbits cross unmarked."""
     places = left + (right - left) * (np.arange(LOOKS) + 0.5) / LOOKS
-    seen = [(place, first_at(place)) for place in places.tolist()]
-    low, label = left, seen[0][1]
+    seen = [(place, firsts_at(place)) for place in places.tolist()]
+    low, firsts = left, seen[0][1]
     for (before, _), (after, further) in itertools.pairwise(seen):
-        if further != label:
-            cut = _exchange(first_at, label, before, after)
-            yield low, cut, label
-            low, label = cut, further
-    yield low, right, label
+        if further != firsts:
+            cut = _exchange(firsts_at, firsts, before, after)
+            yield low, cut, firsts
+            low, firsts = cut, further
+    yield low, right, firsts
 
 
 def _exchange(
-    first_at: Callable[[float], str | None], label: str | None, low: float, high: float
+    firsts_at: Callable[[float], Firsts], firsts: Firsts, low: float, high: float
 ) -> float:
-    """Where it is no longer that label that comes first, by bisection."""
+    """Where these no longer come first, by bisection."""
     for _ in range(HALVINGS):
         middle = 0.5 * (low + high)
-        low, high = (middle, high) if first_at(middle) == label else (low, middle)
+        low, high = (middle, high) if firsts_at(middle) == firsts else (low, middle)
     return high
 
 
@@ -236,13 +302,34 @@ def ghostly(curve: Curve) -> Array:
     return np.where(alone, ghost[:-1] & ghost[1:], unknown[:-1] & unknown[1:])
 
 
-def _first_at(group: Sequence[Curve], second: str, along: str, value: float) -> str | None:
-    best, label = -np.inf, None
-    for curve in group:
+def _firsts_at(
+    group: Sequence[Curve], second: str, along: str, value: float, checks: Sequence[Check]
+) -> Firsts:
+    """The curves that come first at a value of the second parameter, one of each orbit."""
+    orbits = _orbits_near(value, checks)
+    best: dict[int | None, tuple[float, int]] = {}
+    for place, curve in enumerate(group):
         for height in real_heights(curve, second, along, value):
-            if height > best:
-                best, label = height, curve.label
-    return label
+            orbit = _orbit_of(curve.id, height, orbits)
+            if orbit not in best or height > best[orbit][0]:
+                best[orbit] = height, place
+    return tuple(sorted({place for _, place in best.values()}))
+
+
+def _orbits_near(value: float, checks: Sequence[Check]) -> Sequence[CheckedOrbit]:
+    """What the nearest run says of orbits."""
+    known = [check for check in checks if check.orbits]
+    return min(known, key=lambda check: abs(check.value - value)).orbits if known else ()
+
+
+def _orbit_of(curve: str, height: float, orbits: Sequence[CheckedOrbit]) -> int | None:
+    """The orbit of which a curve passes a place: the nearest place at which a run has met it."""
+    places = [
+        (abs(place - height), number)
+        for number, orbit in enumerate(orbits)
+        for place in orbit.curves.get(curve, ())
+    ]
+    return min(places)[1] if places else None
 
 
 def real_heights(curve: Curve, second: str, along: str, value: float) -> list[float]:

@@ -39,6 +39,8 @@ class Curve(Shown):
         Values of a family's parameters.
     evaluations : int
         Flights evaluated to follow it; not written to files.
+    branch : str
+        The branch of the entry it was started from; empty in files of earlier versions.
     """
 
     id: str
@@ -55,6 +57,7 @@ class Curve(Shown):
     missed: Sequence[str] = ()
     fixed: Mapping[str, float] = field(default_factory=dict)
     evaluations: int = field(default=0, compare=False)
+    branch: str = ""
 
     def __getitem__(self, column: str) -> Array:
         return self.columns[column]
@@ -132,6 +135,23 @@ class Codim2:
 
 
 @dataclass(frozen=True)
+class CheckedOrbit:
+    """What a one-parameter run says of one of the orbits of a word: of one branch.
+
+    Attributes
+    ----------
+    first, curve : str
+        Label of its first real bifurcation, and the curve that passes there; empty without one.
+    curves : mapping of str to sequence of float
+        The curves on which its real bifurcations lie, and the values of the parameter that falls.
+    """
+
+    first: str
+    curve: str
+    curves: Mapping[str, Sequence[float]]
+
+
+@dataclass(frozen=True)
 class Check:
     """What a one-parameter run says comes first.
 
@@ -146,6 +166,8 @@ class Check:
         Of the second parameter.
     first : str or None
         Label of the first real bifurcation, as the parameter that `regions` go by falls.
+    orbits : sequence of CheckedOrbit
+        The same of each branch; none in files of earlier versions.
     """
 
     fixed: Mapping[str, float]
@@ -155,6 +177,7 @@ class Check:
     second: str
     value: float
     first: str | None
+    orbits: Sequence[CheckedOrbit] = ()
 
 
 @dataclass(frozen=True)

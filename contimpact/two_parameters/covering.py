@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from typing import Protocol
 
 from ..models.model import Model
@@ -51,8 +51,10 @@ class CurveMap(Protocol):
     def of_member(self, fixed: Mapping[str, float]) -> list[Curve]:
         """Return the curves of a member of the family."""
 
-    def start_from(self, run: Run, model: Model, fixed: Mapping[str, float]) -> Sequence[Entry]:
-        """Follow curves from entries of a run that lie on none; return all entries."""
+    def start_from(
+        self, run: Run, model: Model, fixed: Mapping[str, float]
+    ) -> list[tuple[Entry, str | None]]:
+        """Follow curves from entries of a run that lie on none; return all, and their curves."""
 
     def wanted(self, entry: Entry) -> bool:
         """Whether a curve starts at an entry."""

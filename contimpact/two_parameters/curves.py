@@ -126,7 +126,8 @@ def follow_curve(
         spans = [high - low for low, high in ranges]
         backward, forward = (filled(w, problem, spans, settings, within) for w in found)
         found = backward, forward
-    return tabulated(name, problem, found, special, label, entry.notation, entry.id)
+    curve = tabulated(name, problem, found, special, label, entry.notation, entry.id)
+    return dataclasses.replace(curve, branch=entry.branch)
 
 
 def followed(

@@ -25,7 +25,7 @@ from ..orbits.search import solve_near
 from ..progress import Progress, counted, silent
 from ..records.branch import Branch
 from ..records.competition import Region, falling, regions
-from ..records.curve import Check, Coverage, Curve
+from ..records.curve import Check, CheckedOrbit, Coverage, Curve
 from ..records.diagram import Diagram
 from ..records.entry import Entry
 from ..records.limits import Limits
@@ -211,13 +211,15 @@ class _CurveExplorer:
 
     # The curves.
 
-    def follow(self, entry: Entry, model: Model, fixed: Mapping[str, float]) -> bool:
-        """Follow the curve through an entry, unless a curve of this member passes it already."""
+    def follow(self, entry: Entry, model: Model, fixed: Mapping[str, float]) -> str | None:
+        """Return the curve through an entry, followed unless one of this member passes it already;
+        None if there is none."""
         options, scene = self.options, self.scene
         value = entry.parameters[options.parameter]
         own = self.of_member(fixed)
-        if any(passes(curve, entry, model, self.kernels) for curve in own):
-            return False
+        known = next((c.id for c in own if passes(c, entry, model, self.kernels)), None)
+        if known is not None:
+            return known
         name = f"c{len(self.curves) + 1}"
         shown = f"curve {name}: {entry.label} in ({scene.parameter}, {options.parameter})"
         self.progress(shown)
@@ -238,13 +240,14 @@ class _CurveExplorer:
             )
         except InputError as error:
             self.notes.append(f"no curve of {entry.id} {entry.label}: {error.found}")
-            return False
+            return None
         curve = with_fixed(curve, fixed)
-        if any(same_curve(curve, other) for other in own):
-            return False
+        same = next((other.id for other in own if same_curve(curve, other)), None)
+        if same is not None:
+            return same
         self.curves.append(curve)
         self.end_of(curve)
-        return True
+        return curve.id
 
     def end_of(self, curve: Curve) -> None:
         """Record a curve that the limit of points ended; let an interruption go on."""
@@ -326,30 +329,46 @@ class _CurveExplorer:
         self.progress(f"{_said(fixed)}{word}: run at {second} = {value:.6g}")
         there = model.replace(**{second: value})
         runs = run_at(scene, there, word, self.kernels)
-        entries = [entry for run in runs for entry in self.start_from(run, there, fixed)]
+        met = [self.start_from(run, there, fixed) for run in runs]
         self.evaluations += runs[0].problem.kernel_evaluations if runs else 0
-        first = first_of(entries, self.options.kinds, self.along(fixed))
+        along = self.along(fixed)
+        first = first_of([entry for one in met for entry, _ in one], self.options.kinds, along)
+        orbits = [self.checked(one, along) for one in met]
         notation = word.notation(scene.model.letters)
-        check = Check(dict(fixed), word.walls, word.period, notation, second, value, first)
-        self.checks.append(check)
+        about = dict(fixed), word.walls, word.period, notation, second, value
+        self.checks.append(
+            Check(*about, first.label if first else None, [o for o in orbits if o.curves])
+        )
 
-    def start_from(self, run: Run, model: Model, fixed: Mapping[str, float]) -> Sequence[Entry]:
+    def checked(self, met: Sequence[tuple[Entry, str | None]], along: str) -> CheckedOrbit:
+        """What a run says of its orbit: the curves on which its real bifurcations lie."""
+        curves: dict[str, list[float]] = {}
+        for entry, curve in met:
+            if curve is not None and not entry.ghost:
+                curves.setdefault(curve, []).append(entry.parameters[along])
+        first = first_of([entry for entry, _ in met], self.options.kinds, along)
+        on = next((curve for entry, curve in met if entry is first and curve), "")
+        return CheckedOrbit(first.label if first else "", on, curves)
+
+    def start_from(
+        self, run: Run, model: Model, fixed: Mapping[str, float]
+    ) -> list[tuple[Entry, str | None]]:
         """Follow curves from entries of a run that lie on none, and keep its branch if there are.
 
-        Returns all its entries.
+        Returns all its entries, and the curve on which each lies.
         """
-        offset = sum(len(branch.events) for branch in self.branches)
+        offset, before = sum(len(branch.events) for branch in self.branches), len(self.curves)
         branch = run.branch(f"b{len(self.branches) + 1}", None, offset + 1, self.scene.events)
-        started = sum(self.follow(e, model, fixed) for e in branch.events if self.wanted(e))
-        if started:
+        met = [(e, self.follow(e, model, fixed) if self.wanted(e) else None) for e in branch.events]
+        if len(self.curves) > before:
             self.branches.append(branch)
-        return branch.events
+        return met
 
     def unchecked(self, word: Word, fixed: Mapping[str, float]) -> set[float]:
         """The middle of every range in which no run has seen what the curves say, if anything."""
         own = self.regions_of(word, fixed)
         low, high = self.options.range
-        edges = [low, *(edge for region in own for edge in (region.low, region.high)), high]
+        edges = sorted([low, high, *(e for region in own for e in (region.low, region.high))])
         checks = [check.value for check in self.checks if _about(check, word, fixed)]
         return {
             0.5 * (left + right)

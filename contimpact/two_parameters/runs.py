@@ -186,11 +186,11 @@ def orbit_at_start(branch: Branch, scene: Scene) -> Array | None:
     return np.asarray(impacts[row] + part * (impacts[row + 1] - impacts[row]))
 
 
-def first_of(entries: Sequence[Entry], kinds: Sequence[str], along: str) -> str | None:
-    """Return the label of the real bifurcation with the largest value of a column."""
+def first_of(entries: Sequence[Entry], kinds: Sequence[str], along: str) -> Entry | None:
+    """Return the real bifurcation with the largest value of a column."""
     others = [kind for kind in kinds if kind not in BIRTHS] or kinds
     real = [e for e in entries if e.kind in others and not e.ghost]
-    return max(real, key=lambda e: e.parameters[along]).label if real else None
+    return max(real, key=lambda e: e.parameters[along], default=None)
 
 
 def passes(curve: Curve, entry: Entry, model: Model, kernels: Kernels) -> bool:

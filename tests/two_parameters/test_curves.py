@@ -15,6 +15,7 @@ from contimpact.orbit_continuation.orbit_branch import continue_orbit
 from contimpact.orbits.search import find_orbits
 from contimpact.records.catalogue import load_diagram, load_entries, write_diagram
 from contimpact.records.competition import real_heights, regions
+from contimpact.records.curve import CheckedOrbit
 from contimpact.scenes.scene import read_scene
 from contimpact.studies.explore import follow
 from contimpact.systems.impact_pair import ImpactPair
@@ -441,8 +442,27 @@ def test_a_region_ends_where_the_curve_becomes_a_ghost(fig6d):
 def test_regions_without_a_run_say_so(fig6d):
     found = regions(fig6d.curves, "d")
     assert {region.said for region in found} == {"not checked by a run"}
-    wrong = [dataclasses.replace(check, first="FB") for check in fig6d.checks]
-    assert all("otherwise" in region.said for region in regions(fig6d.curves, "d", wrong))
+    for changed in ({"orbits": ()}, {"orbits": [CheckedOrbit("FB", "", {"c0": [0.1]})]}):
+        wrong = [dataclasses.replace(check, first="FB", **changed) for check in fig6d.checks]
+        assert all("otherwise" in region.said for region in regions(fig6d.curves, "d", wrong))
+
+
+def test_orbits_of_one_word_are_told_apart(fig6d):
+    """At r = 0.5 a second 2:1 orbit grazes at d = 0.1327, above the doubling of the main one at
+    0.1290, which a simulation meets; files without what runs say of orbits have one row."""
+    found = regions(fig6d.curves, "d", fig6d.checks)
+    here = {r.first: r for r in found if r.low < 0.5 < r.high}
+    assert here.keys() == {"PD", "G[2:1->3:1]"}
+    assert here["PD"].branch == "b1" != here["G[2:1->3:1]"].branch
+    for label, d in (("PD", 0.1290), ("G[2:1->3:1]", 0.1327)):
+        (curve,) = (c for c in fig6d.curves if c.id in here[label].curves)
+        heights = real_heights(curve, "r", "d", 0.5)
+        assert min(abs(height - d) for height in heights) < 5e-5
+        assert 0.5 in here[label].checked
+    earlier = [dataclasses.replace(check, orbits=()) for check in fig6d.checks]
+    assert [r.first for r in regions(fig6d.curves, "d", earlier) if r.low < 0.5 < r.high] == [
+        "G[2:1->3:1]"
+    ]
 
 
 def test_checks_are_saved_and_read_back(fig6d, tmp_path):

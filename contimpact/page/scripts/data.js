@@ -42,7 +42,8 @@
  */
 /**
  * @typedef {{fixed: Record<string, number>, along: string, across: string, curves: number[], areas: Area[],
- *   regions: {low: number, high: number, first: string, notation: string, said: string}[]}} Panel
+ *   regions: {low: number, high: number, first: string, notation: string, branch: string, said: string,
+ *     lane: number}[]}} Panel
  */
 /**
  * @typedef {{name: string, version: string, parameter: string, varying: string[], fixed: Record<string, number>,

@@ -161,14 +161,13 @@ function drawPoints(layer, panel) {
 
 /** What comes first, as bands along the lower edge, where no areas tell more. @param {Selected} layer @param {Panel} panel */
 function drawRegions(layer, panel) {
-  const { x, box } = planeDrawn,
-    orbits = [...new Set(panel.regions.map((region) => region.notation))];
+  const { x, box } = planeDrawn;
   const bands = (panel.areas.length ? [] : panel.regions).map((region) => {
     const curve = page.curves.find((one) => one.label === region.first && one.notation === region.notation);
     return {
       region,
       look: curve ? lookOf(keyOf(curve)) : { colour: null, name: "further" },
-      lane: orbits.indexOf(region.notation),
+      lane: region.lane,
     };
   });
   const rects = layer
@@ -187,7 +186,7 @@ function drawRegions(layer, panel) {
     .join("title")
     .text(
       ({ region }) =>
-        `${region.notation}: ${region.first} first from ${shown(region.low, 6)} to ${shown(region.high, 6)}${region.said ? ` (${region.said})` : ""}`,
+        `${region.notation}${region.branch ? ` (${region.branch})` : ""}: ${region.first} first from ${shown(region.low, 6)} to ${shown(region.high, 6)}${region.said ? ` (${region.said})` : ""}`,
     );
 }
 
