@@ -9,7 +9,10 @@ G-PD   G, V         determinant of C(-1) of the orbit that grazes
 G-FB   G, V         determinant of C(1) of the orbit that grazes (the old branch folds), and
                     parameter rate of the branch with one impact more (its fold is born)
 DG     G, V         acceleration at the touch
-R1, R2 FB, PD       product of the critical multiplier and another minus one: two at 1, or at -1
+R1, R2 FB, PD       product of the critical multiplier and another minus one: two at 1, or at -1,
+                    with one eigenvector
+FB-BP, FB, PD       the same with an eigenvector of its own for each
+PD-PD
 ====== ============ ======================================================================
 
 Those of one kind alone stand with it: CP in `fold`, GPD in `doubling`. They are located by
@@ -26,7 +29,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..continuation.bordered import scaled_determinant
-from ..continuation.branch import Details, Point
+from ..continuation.branch import Details, Event, Point
 from ..continuation.problem import Evaluation
 from ..continuation.test_function import TestFunction
 from ..orbits.linearisation import Linearisation
@@ -135,8 +138,14 @@ class AlsoStops(OnCurve):
         return "V", {"impact": index}
 
 
+ONE_EIGENVECTOR = 1e-6
+"""Second smallest singular value of C(mu), beside the largest, above which a double multiplier mu
+has one eigenvector."""
+
+
 class Resonance(OnCurve):
-    """A second multiplier joins the critical one, 1 or -1."""
+    """A second multiplier joins the critical one, 1 or -1, and has no eigenvector of its own: only
+    then do the two leave the real axis as a pair, and a curve of NS begins."""
 
     noise = 1e-9  # without damping and losses the product is one everywhere, within rounding
 
@@ -150,6 +159,16 @@ class Resonance(OnCurve):
         critical = int(np.argmin(np.abs(values - self.multiplier)))
         return neimark_sacker(values[critical] * np.delete(values, critical))
 
+    def accept(self, event: Event[CurvePoint]) -> bool:
+        """Whether there is one eigenvector."""
+        return self.alone(event.point.evaluation.orbit)
+
+    def alone(self, orbit: Linearisation) -> bool:
+        """Whether the double multiplier has one eigenvector."""
+        matrix = orbit.cyclic(self.multiplier)[:, : orbit.problem.n]
+        sizes = np.linalg.svd(matrix, compute_uv=False)
+        return bool(sizes[-2] > ONE_EIGENVECTOR * sizes[0])
+
     def born(self, here: CurvePoint, index: int) -> list[CurveStart]:
         """The curve of NS; with q the eigenvector, C(mu) q + C'(mu) mu q = 0 gives the next one."""
         orbit, n = here.orbit, here.orbit.problem.n
@@ -161,6 +180,25 @@ class Resonance(OnCurve):
             return np.zeros(len(orbit.unknowns)), np.concatenate([0.0 * q, further, [1.0]])
 
         return [CurveStart("NS", orbit, {}, leaves)]
+
+
+class SecondEigenvector(Resonance):
+    """A second multiplier passes the critical one and has its own eigenvector: both stay real."""
+
+    def __init__(self, kind: str, multiplier: float) -> None:
+        super().__init__(kind, multiplier)
+        self.changes = (
+            f"a second multiplier passes {multiplier:.0f} with an eigenvector of its own, as where "
+            "a curve of BP passes that of FB: no curve of NS begins"
+        )
+
+    def accept(self, event: Event[CurvePoint]) -> bool:
+        """Whether there are two eigenvectors."""
+        return not super().accept(event)
+
+    def born(self, here: CurvePoint, index: int) -> list[CurveStart]:
+        """Of other kinds none."""
+        return []
 
 
 # On curves of orbits that touch a wall, seen from the shorter or from the longer word.

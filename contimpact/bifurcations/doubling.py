@@ -25,7 +25,14 @@ from ..models.word import Word
 from ..orbits.linearisation import Linearisation
 from ..orbits.problem import Array, OrbitProblem
 from ..orbits.quiet import QuietProblem, problem_of
-from .codimension_two import AlsoGrazes, AlsoStops, CurvePoint, OnCurve, Resonance
+from .codimension_two import (
+    AlsoGrazes,
+    AlsoStops,
+    CurvePoint,
+    OnCurve,
+    Resonance,
+    SecondEigenvector,
+)
 from .curve_start import CurveStart, twice
 from .extended_system import ExtendedSystem, located
 from .kind import SUB, SUPER, Change, Details, Kind, Look, ManyDigits, System, Values
@@ -150,8 +157,8 @@ class PD(Kind):
         return (SUPER if unstable[0] > unstable[1] else SUB), None
 
     def codimension_two(self, word: Word) -> list[TestFunction[CurvePoint]]:
-        resonance = Resonance("R2", -1.0)
-        return [DoublingGrazes(self.name), AlsoStops(self.name), DoublingTurns(), resonance]
+        double = Resonance("R2", -1.0), SecondEigenvector("PD-PD", -1.0)
+        return [DoublingGrazes(self.name), AlsoStops(self.name), DoublingTurns(), *double]
 
 
 def _bent(here: Linearisation, q: Array) -> Array:

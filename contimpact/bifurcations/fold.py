@@ -9,7 +9,14 @@ from ..continuation.test_function import Located, TestFunction
 from ..models.word import Word
 from ..orbits.linearisation import Linearisation
 from ..orbits.problem import Array, OrbitProblem
-from .codimension_two import AlsoGrazes, AlsoStops, CurvePoint, OnCurve, Resonance
+from .codimension_two import (
+    AlsoGrazes,
+    AlsoStops,
+    CurvePoint,
+    OnCurve,
+    Resonance,
+    SecondEigenvector,
+)
 from .extended_system import ExtendedSystem, located
 from .kind import Change, Details, Kind, Look, ManyDigits, System, Values
 from .orbit_test import OrbitEvent, OrbitPoint, Orbits, OrbitTest
@@ -69,4 +76,5 @@ class FB(Kind):
         return orbit.singular(unknowns, 1.0)
 
     def codimension_two(self, word: Word) -> list[TestFunction[CurvePoint]]:
-        return [AlsoGrazes(self.name), AlsoStops(self.name), Cusp(), Resonance("R1", 1.0)]
+        double = Resonance("R1", 1.0), SecondEigenvector("FB-BP", 1.0)
+        return [AlsoGrazes(self.name), AlsoStops(self.name), Cusp(), *double]

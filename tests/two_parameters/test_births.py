@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
 
 import numpy as np
@@ -11,6 +12,7 @@ from contimpact.bifurcations.curve_start import twice
 from contimpact.orbit_continuation.orbit_branch import continue_orbit
 from contimpact.orbits.search import find_orbits
 from contimpact.records.recovery import orbit_of
+from contimpact.scenes.options import CURVE_SETTINGS
 from contimpact.segments.kernels import Kernels
 from contimpact.systems.impact_damper import ImpactDamper
 from contimpact.systems.impact_pair import ImpactPair
@@ -122,6 +124,26 @@ def test_an_orbit_run_twice(turning):
 def test_kinds_that_are_not_wanted_are_left_out(grazing):
     entry, point = grazing
     assert not list(entries_born(entry, point, MODEL, ("FB", "NS"), PAIRS, RANGES))
+
+
+@pytest.mark.slow
+def test_no_ns_begins_where_branch_points_pass_the_fold():
+    """The impact damper: at d = 27.20067 two multipliers are 1, and a branch of asymmetric orbits
+    is born on both sides; the eigenvectors are one that is its own image and one that is not."""
+    machine = ImpactDamper(d=26.9, r=0.8, mu=0.1, zeta=0.01, Omega=1.0)
+    orbits = find_orbits(machine, "RL", parameter="Omega", starts=16, rounds=1)
+    events = continue_orbit(orbits[0], range=(0.9615, 1.02), events=("FB",)).events
+    entry = next(e for e in events if e.kind == "FB")
+    settings = dataclasses.replace(CURVE_SETTINGS, max_step=0.02)
+    curve = follow_curve(entry, machine, "d", (0.93, 1.02), (26.5, 28.0), settings=settings)
+    found = {p.kind: p for p in curve.points}
+    assert found.keys() == {"R1", "FB-BP"}
+    assert found["R1"].parameters["d"] == pytest.approx(26.704401, abs=1e-6)
+    assert found["FB-BP"].parameters["d"] == pytest.approx(27.200670, abs=1e-6)
+    assert "no curve of NS begins" in found["FB-BP"].changes
+    pairs = Kernels(machine, "Omega", "d")
+    ranges = ((0.93, 1.02), (26.5, 28.0))
+    assert not list(entries_born(entry, found["FB-BP"], machine, ("NS",), pairs, ranges))
 
 
 @pytest.mark.slow

@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import dataclasses
 import math
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from zoo import scene
 
 from contimpact.bifurcations.codimension_two import Resonance
+from contimpact.bifurcations.registry import kind_of
 from contimpact.bifurcations.torus import NS
 from contimpact.models.word import Word
 from contimpact.orbit_continuation.orbit_branch import continue_orbit
@@ -78,6 +80,38 @@ def test_jacobian_against_differences():
     for i, step in enumerate(h * np.eye(len(z))):
         rate = (problem.evaluate(z + step).residual - problem.evaluate(z - step).residual) / (2 * h)
         assert rate == pytest.approx(exact[:, i], abs=1e-7 * (1 + np.max(np.abs(exact[:, i]))))
+
+
+class _Double:
+    """An orbit with a matrix of one round."""
+
+    def __init__(self, matrix):
+        self.matrix, self.problem = np.array(matrix), self
+        self.n = len(self.matrix)
+
+    def cyclic(self, mu):
+        return self.matrix - mu * np.eye(self.n)
+
+
+@pytest.mark.parametrize(("mu", "kind"), [(1.0, "FB"), (-1.0, "PD")])
+@pytest.mark.parametrize(("beside", "alone"), [(1e-3, True), (1.0, True), (0.0, False)])
+def test_a_pair_leaves_the_axis_where_a_double_multiplier_has_one_eigenvector(
+    mu, kind, beside, alone
+):
+    """A Jordan block, and two multipliers that have nothing to do with each other."""
+    generator = np.random.default_rng(7)
+    block = np.diag([mu, mu, 0.3, -0.4])
+    block[0, 1] = beside
+    basis = generator.normal(size=(4, 4))
+    matrix = basis @ block @ np.linalg.inv(basis)
+    (test, other) = (t for t in _double_tests(kind) if isinstance(t, Resonance))
+    event = SimpleNamespace(point=SimpleNamespace(evaluation=_At(_Double(matrix))))
+    assert (test.accept(event), other.accept(event)) == (alone, not alone)
+    assert ("no curve of NS" in test.changes, "no curve of NS" in other.changes) == (False, True)
+
+
+def _double_tests(kind):
+    return kind_of(kind).codimension_two(Word("S", 1))
 
 
 def test_it_begins_at_the_resonance():
