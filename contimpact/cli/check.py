@@ -11,7 +11,7 @@ from ..scenes.scene import CurveOptions, Scene, load_scene
 from ..scenes.system_files import systems_of
 from ..segments.checked import checked
 from ..segments.kernels import Kernels
-from ..studies.starting_orbits import SURVEYED, not_found, orbits_at, placed, refusal
+from ..studies.starting_orbits import SURVEYED, not_found, placed, refusal, search_at
 from ..telling import telling
 from .terminal import say
 
@@ -65,10 +65,13 @@ def _orbits(scene: Scene, kernels: Kernels, tell: Progress) -> list[str]:
     lines, missing = [], []
     for word in scene.orbits:
         tell(f"looking for {word} at {scene.parameter} = {scene.start:.6g}")
-        found = orbits_at(scene, kernels, word, scene.start)
+        done = search_at(scene, kernels, word, scene.start)
+        found = done.orbits
         unphysical = sum(not orbit.physical for orbit in found)
         shown = f"{len(found)} at the start"
         shown += f", {unphysical} of them unphysical" if unphysical else ""
+        if found and not done.settled:
+            shown += f"; numerics.rounds = {scene.rounds} ended the search, there may be more"
         if not found:
             missing.append(not_found(scene, kernels, word, tell))
             shown += missing[-1].but
