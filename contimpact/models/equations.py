@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, Any
 import sympy
 
 from ..errors import InputError, shown
+from .doubles import Double, exact
 from .expressions import FUNCTIONS
 from .guards import Guard, orders_of
 from .harmonics import INDICES, HarmonicSum
@@ -80,7 +81,7 @@ class Equations:
 
     def pivot(self, wall: str) -> tuple[int, tuple[Any, ...]]:
         """Return the coordinate that a guard's surface gives, and the row of its gap coordinate."""
-        row = tuple(map(sympy.nsimplify, self.guards[wall].row((len(self.start) + 1) // 2)))
+        row = tuple(map(exact, self.guards[wall].row((len(self.start) + 1) // 2)))
         return pivot(row), row
 
     def returns(self, a: str, b: str) -> bool:
@@ -278,7 +279,9 @@ def _check(e: Any, where: str, found: Equations, inside: Sequence[Any] = ()) -> 
     for part in sympy.preorder_traversal(e):
         if isinstance(part, HarmonicSum | sympy.Tuple):
             continue
-        if part in known or part.is_Rational or part.is_Float or part in (sympy.pi, sympy.E):
+        if part in known or part in (sympy.pi, sympy.E):
+            continue
+        if part.is_Rational or part.is_Float or isinstance(part, Double):
             continue
         if part.is_Add or part.is_Mul or part.is_Pow or part is sympy.nan:
             continue

@@ -13,6 +13,7 @@ import math
 import operator
 import re
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
 from typing import Any
 
 from ..errors import InputError, shortened
@@ -124,7 +125,7 @@ def values_of(text: str, where: str, variables: Mapping[str, Any]) -> Any:
 
 
 def sympy_expression(text: str, where: str, symbols: Mapping[str, Any]) -> Any:
-    """Build the SymPy expression a text stands for.
+    """Build the SymPy expression a text stands for; numbers in it are doubles, exactly.
 
     Parameters
     ----------
@@ -142,8 +143,56 @@ def sympy_expression(text: str, where: str, symbols: Mapping[str, Any]) -> Any:
     """
     import sympy
 
+    from .doubles import exact
+
     names = {name: getattr(sympy, name) for name in (*FUNCTIONS, *CONSTANTS)} | dict(symbols)
-    return _Walker(text, where, names, lambda value: sympy.sympify(value)).value()
+    return _Walker(text, where, names, exact).value()
+
+
+@dataclass(frozen=True)
+class Combination:
+    """A linear combination of names, by its factors; it has the operations that leave it one."""
+
+    factors: tuple[float, ...]
+
+    def __add__(self, other: Combination) -> Combination:
+        if not isinstance(other, Combination):
+            return NotImplemented
+        return Combination(tuple(map(operator.add, self.factors, other.factors)))
+
+    def __mul__(self, other: float) -> Combination:
+        if not isinstance(other, float):
+            return NotImplemented
+        return Combination(tuple(c * other for c in self.factors))
+
+    def __truediv__(self, other: float) -> Combination:
+        if not isinstance(other, float):
+            return NotImplemented
+        return Combination(tuple(c / other for c in self.factors))
+
+    def __sub__(self, other: Combination) -> Combination:
+        return self + -other
+
+    def __neg__(self) -> Combination:
+        return self * -1.0
+
+    def __pos__(self) -> Combination:
+        return self
+
+    __rmul__ = __mul__
+
+
+def combination_of(text: str, where: str, names: Mapping[str, Combination]) -> Combination | None:
+    """Return the linear combination that a checked expression is; None if it is none.
+
+    Factors are evaluated in floats.
+    """
+    functions = {name: getattr(math, name) for name in (*FUNCTIONS, *CONSTANTS)}
+    try:
+        found = _Walker(text, where, functions | dict(names), float).value()
+    except (TypeError, ArithmeticError):
+        return None
+    return found if isinstance(found, Combination) else None
 
 
 def names_in(text: str) -> list[str]:

@@ -14,6 +14,7 @@ from sympy import Expr, Integer, pi
 from sympy.simplify.fu import TR8
 
 from ..errors import InputError, shown
+from .doubles import whole
 
 Matrix = Sequence[Sequence[Expr]]
 
@@ -262,11 +263,11 @@ def _wave(wave: Expr, t: Expr, period: Expr, where: str) -> tuple[int, tuple[Exp
     angle = sympy.expand(wave.args[0]) if isinstance(wave, sympy.sin | sympy.cos) else None
     if angle is None or not angle.is_polynomial(t) or sympy.degree(angle, t) != 1:
         raise InputError(where, f"found {shown(str(wave))}", accepted)
-    order = sympy.simplify(angle.coeff(t, 1) * period / (2 * pi))
-    if not order.is_Integer:
+    order = whole(angle.coeff(t, 1) * period / (2 * pi))
+    if not order:
         raise InputError(where, f"{shown(str(wave))} does not have the period {period}", accepted)
     phase, sign = angle.coeff(t, 0), 1 if order > 0 else -1
     cosine, sine = sympy.cos(phase), sympy.sin(phase)
     if isinstance(wave, sympy.cos):
-        return abs(int(order)), (cosine, -sign * sine)
-    return abs(int(order)), (sine, sign * cosine)
+        return abs(order), (cosine, -sign * sine)
+    return abs(order), (sine, sign * cosine)

@@ -7,12 +7,21 @@ known in records.
 from __future__ import annotations
 
 import json
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from typing import Any
 
 from ..errors import InputError, shown
-from .expressions import CONSTANTS, FUNCTIONS, check_expression, names_in, number
+from .expressions import (
+    CONSTANTS,
+    FUNCTIONS,
+    Combination,
+    check_expression,
+    combination_of,
+    names_in,
+    number,
+)
 
 MOST_COORDINATES = 20
 MATRICES = ("mass", "damping", "stiffness")
@@ -228,23 +237,15 @@ def sides_of(text: Any, where: str, coordinates: Sequence[str]) -> tuple[str, in
 def row_of(text: str, where: str, coordinates: Sequence[str]) -> tuple[float, ...]:
     """The factors of a linear combination of coordinates."""
     check_expression(text, where, coordinates)
-
-    def at(*values: float) -> float:
-        return number(text, where, dict(zip(coordinates, values, strict=True)))
-
     size = len(coordinates)
-    row = [at(*(float(i == j) for j in range(size))) for i in range(size)]
-    trial = [0.3 + 0.7 * i for i in range(size)]
-    sums = sum(c * x for c, x in zip(row, trial, strict=True)), 0.0
-    found = at(*trial), at(*([0.0] * size))
-    if not any(row) or any(
-        abs(a - b) > 1e-12 * max(1.0, abs(a)) for a, b in zip(found, sums, strict=True)
-    ):
+    units = (Combination(tuple(float(i == j) for j in range(size))) for i in range(size))
+    found = combination_of(text, where, dict(zip(coordinates, units, strict=True)))
+    if found is None or not any(found.factors) or not all(map(math.isfinite, found.factors)):
         accepted = (
             f"give a linear combination of {', '.join(coordinates)}, such as {coordinates[0]}"
         )
-        raise InputError(where, f"found {text.strip()!r}", accepted)
-    return tuple(row)
+        raise InputError(where, f"found {shown(text.strip())}", accepted)
+    return tuple(c + 0.0 for c in found.factors)
 
 
 def _check(machine: Machine) -> None:

@@ -19,8 +19,8 @@ from typing import Any
 PACKAGE = __package__.partition(".")[0]
 HERE = Path(__file__).parent.parent
 GENERATOR = tuple(
-    """models/equations models/expressions models/extent models/guards models/harmonics
-    models/linear models/model models/motion models/nonlinear models/own_parameters
+    """models/doubles models/equations models/expressions models/extent models/guards
+    models/harmonics models/linear models/model models/motion models/nonlinear models/own_parameters
     models/restitution models/section models/symbolic models/symbols
     segments/codegen segments/float_flow segments/layout segments/linear_flow
     segments/printing segments/stumpff segments/tape segments/taylor segments/transients""".split()

@@ -15,6 +15,7 @@ import sympy
 from sympy import Expr, I, Integer, pi
 
 from ..errors import InputError, shown
+from .doubles import whole
 from .expressions import check_expression, sympy_expression, values_of
 from .harmonics import over_harmonics as over_harmonics
 
@@ -212,14 +213,14 @@ def _exact_coefficients(
         if not exponent.is_polynomial(t) or sympy.degree(exponent, t) > 1:
             return None
         rate, still = exponent.coeff(t, 1), exponent.coeff(t, 0)
-        k = sympy.nsimplify(rate * period / (2 * pi * I))
-        if not k.is_integer:
+        k = whole(rate * period / (2 * pi * I))
+        if k is None:
             accepted = (
                 f"use harmonics such as cos({sympy.sstr(2 * pi / period)}*t), "
                 f"cos({sympy.sstr(4 * pi / period)}*t)"
             )
             raise InputError(where, f"{text!r} does not have the period {period}", accepted)
-        amplitudes[int(k)] = amplitudes.get(int(k), 0) + factor * sympy.exp(still)
+        amplitudes[k] = amplitudes.get(k, 0) + factor * sympy.exp(still)
     _require_real(amplitudes, text, where)
     orders = sorted({abs(k) for k in amplitudes})
     result = []

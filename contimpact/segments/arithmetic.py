@@ -80,13 +80,23 @@ def kernel_of(name: str, text: str, file: str) -> Kernel:
     return kernel
 
 
-_CONSTANT = re.compile(r"\bpi\b|\bratio(\(-?\d+), (\d+\))")
+_CONSTANT = re.compile(r"\bpi\b|\bratio\((-?\d+), (\d+)\)")
+MANY_DIGITS = 2**31
+"""From where on a quotient is written as the double nearest to it."""
 
 
 def _as_number(constant: re.Match[str]) -> str:
     """A number instead of a name, so that compilers can fold constants."""
     above, below = constant.groups()
-    return f"{above}/{below}" if above else repr(math.pi)
+    if above is None:
+        return repr(math.pi)
+    above, below = int(above), int(below)
+    if max(abs(above), below) < MANY_DIGITS:
+        return f"({above}/{below})"
+    try:
+        return repr(above / below)
+    except OverflowError:
+        return "1e999"
 
 
 @functools.cache

@@ -12,6 +12,7 @@ import sympy
 from sympy.printing.pycode import PythonCodePrinter
 
 from ..errors import InputError
+from ..models.doubles import LARGEST_WHOLE
 from ..models.harmonics import HarmonicSum
 from ..models.linear import EndFlow, MeanFlow
 from ..models.nonlinear import Flown
@@ -28,6 +29,9 @@ class Printer(PythonCodePrinter):
 
     Parameters are called p_<name>, so that they can have any name.
     """
+
+    printmethod = ""
+    """No SymPy object knows how a kernel writes it."""
 
     def __init__(self) -> None:
         super().__init__({"fully_qualified_modules": False})
@@ -65,7 +69,14 @@ class Printer(PythonCodePrinter):
         return repr(float(expr))
 
     def _print_Rational(self, expr: Any) -> str:
-        return f"ratio({expr.p}, {expr.q})" if expr.q != 1 else f"{expr.p}"
+        return f"ratio({expr.p}, {expr.q})" if expr.q != 1 else self._print_Integer(expr)
+
+    def _print_Integer(self, expr: Any) -> str:
+        return f"{expr.p}" if abs(expr.p) <= LARGEST_WHOLE else f"ratio({expr.p}, 1)"
+
+    def _print_Double(self, expr: Any) -> str:
+        above, below = expr.value.as_integer_ratio()
+        return f"ratio({above}, {below})"
 
 
 def as_float(printed: str) -> str:

@@ -305,10 +305,18 @@ def _renamed(hy: Any, system: Sequence[Any], names: dict[str, str]) -> list[Any]
 
 def _evaluated(text: str, hy: Any, names: dict[str, Any], bits: int) -> Any:
     """An acceleration as heyoka's expression."""
-    functions = {name: getattr(hy, name) for name in FUNCTIONS if hasattr(hy, name)}
+
+    def number(value: float) -> Any:
+        return hy.expression(hy.real(value, bits) if bits else float(value))
+
+    def of_any(function: Any) -> Any:
+        return lambda x: function(x if isinstance(x, hy.expression) else number(x))
 
     def ratio(above: int, below: int) -> Any:
-        return hy.expression(hy.real(float(above), bits) / hy.real(float(below), bits))
+        quotient = hy.real(above, bits) / hy.real(below, bits) if bits else above / below
+        return hy.expression(quotient)
+
+    functions = {name: of_any(getattr(hy, name)) for name in FUNCTIONS}
 
     known = {"pi": hy.pi, "ratio": ratio, "square": lambda x: x * x, "cube": lambda x: x * x * x}
     found = types.FunctionType(_code(text), {"__builtins__": {}, **functions, **known, **names})()

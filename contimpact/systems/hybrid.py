@@ -72,12 +72,9 @@ class _Reader:
         self.period = self.read(given.period, "period", {})
 
     def read(self, text: str, where: str, names: Mapping[str, Any]) -> Any:
-        import sympy
-
         from ..models.expressions import sympy_expression
 
-        found = sympy_expression(text, where, {**self.symbols, **names})
-        return sympy.nsimplify(found, rational=True)
+        return sympy_expression(text, where, {**self.symbols, **names})
 
     def motion(self, mode: StatedMode) -> Any:
         from ..models.motion import Motion

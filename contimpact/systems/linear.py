@@ -54,15 +54,14 @@ class LinearMachine(StatedSystem):
         """Linear flights, and impulses along the guards."""
         import sympy
 
+        from ..models.doubles import exact
         from ..models.expressions import sympy_expression
         from ..models.linear import Linear
 
         stated = self.machine
 
         def read(text: str, where: str, more: Mapping[str, Any] | None = None) -> Any:
-            return sympy.nsimplify(
-                sympy_expression(text, where, {**symbols, **(more or {})}), rational=True
-            )
+            return sympy_expression(text, where, {**symbols, **(more or {})})
 
         def matrix(name: str) -> list[list[Any]]:
             rows = enumerate(getattr(stated, name))
@@ -78,7 +77,7 @@ class LinearMachine(StatedSystem):
 
         def reset(wall: str, x: Sequence[Any], v: Sequence[Any]) -> list[Any]:
             guard = guards[wall]
-            row = sympy.Matrix([sympy.nsimplify(c, rational=True) for c in guard.row])
+            row = sympy.Matrix([exact(c) for c in guard.row])
             pushed = motion.inverse * row
             speed = row.dot(sympy.Matrix(list(v)))
             restitution = read(guard.restitution, f"guards.{wall}.restitution")

@@ -19,6 +19,7 @@ from contimpact import certify, continue_orbit, find_orbits, load_entries, load_
 from contimpact.models.word import Word
 from contimpact.records.catalogue import write_diagram
 from contimpact.scenes.options import CertifyOptions
+from contimpact.scenes.scene import read_scene
 from contimpact.studies.explore import follow
 from contimpact.systems.oscillator import Oscillator
 
@@ -388,3 +389,32 @@ def test_without_the_extra_python_says_what_to_install():
     code = "import sys; sys.modules['flint'] = None; import contimpact; contimpact.certify('out')"
     told = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
     assert "pip install contimpact[certify]" in told.stderr
+
+
+def test_a_number_beside_another_is_another_system():
+    """What a law, a set, a guard or a matrix says is proven to the last digit that stands there."""
+    given = {
+        "system": "hybrid",
+        "period": "2*pi/w",
+        "parameters": {"w": 2.33, "d": 0.05, "r": 0.8},
+        "modes": {"f": {"x": "v", "v": "cos(w*t) - 0.1*v - 0.66666667*x"}},
+        "guards": {"S": {"within": "0.7*x <= d", "set": {"v": "-r*v"}}},
+    }
+    asked = {"parameter": "d", "range": [-0.3, 0.4], "orbits": ["S"]}
+    scene = read_scene(
+        {"name": "n", "model": given, "follow": asked, "detect": {"events": ["PD", "V"]}}
+    )
+    pd, v = (next(e for e in follow(scene).events if e.kind == kind) for kind in ("PD", "V"))
+    assert certified(pd).certified
+    assert certified(v).certified
+    for entry, old, new in [
+        (pd, '"-r*v"', '"-r*v*1.00000000001"'),
+        (pd, "0.66666667*x", "2*x/3"),
+        (v, "0.66666667*x", "0.66666667001*x"),
+        (v, "0.1*v", "0.10000000001*v"),
+        (v, "[0.7]", "[0.70000000001]"),
+    ]:
+        machine = entry.options["machine"]
+        assert old in machine
+        other = dataclasses.replace(entry, options={"machine": machine.replace(old, new)})
+        assert certified(other).clause in ("value", "existence"), (old, new)
