@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 LONGEST_MESSAGE = 560
@@ -76,6 +76,14 @@ def shortened(text: str, longest: int = 60) -> str:
         return text
     ahead = (longest - 3) * 2 // 3
     return f"{text[:ahead]}...{text[len(text) - (longest - 3 - ahead) :]}"
+
+
+def did_you_mean(name: str, known: Iterable[str]) -> str:
+    """Return a hint at the known name that is spelled most like another; empty if there is none."""
+    import difflib
+
+    near = difflib.get_close_matches(name[:100], [k[:100] for k in known], 1)
+    return f" (did you mean {near[0]!r}?)" if near else ""
 
 
 def printable(text: str) -> str:

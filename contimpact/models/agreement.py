@@ -36,8 +36,7 @@ def check_motion(model: Model, wall: str, agreement: Callable[..., Sequence[floa
     """
     random = Random(0)
     mode = next((guard.next_mode for guard in model.WALLS if guard.name == wall), "")
-    inside = f" in the mode {mode!r}" if model.MODES else ""
-    where = f"{type(model).__name__}.formulas: flight from {wall!r}{inside}"
+    where = model.place("flight from", wall) + (f" in the mode {mode!r}" if model.MODES else "")
     compared = [_trial(model, agreement, random, where) for _ in range(TRIALS)]
     if not any(compared):
         logger(__name__).warning("%s has no value at random states: it is not checked", where)

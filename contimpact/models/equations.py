@@ -100,22 +100,22 @@ class Equations:
     @cached_property
     def digest(self) -> str:
         """A digest of all formulas, in their order."""
-        texts = (f"{place}: {sympy.srepr(e)}" for place, e in self)
+        texts = (f"{what} {name}: {sympy.srepr(e)}" for what, name, e in self)
         return hashlib.sha256("\n".join(texts).encode()).hexdigest()
 
-    def __iter__(self) -> Iterator[tuple[str, Any]]:
-        """Every formula, and what it is called in an error."""
-        yield "period", self.period
-        yield from ((f"walls[{name!r}]", e) for name, e in self.walls.items())
-        yield from ((f"derived[{name!r}]", e) for name, e in self.derived.items())
+    def __iter__(self) -> Iterator[tuple[str, str, Any]]:
+        """Every formula, and what it is called in an error, with the name it is of."""
+        yield "period", "", self.period
+        yield from (("walls", name, e) for name, e in self.walls.items())
+        yield from (("derived", name, e) for name, e in self.derived.items())
         for wall, left in self.departures.items():
-            yield from ((f"jump at {wall!r}", e) for e in left.position)
-            yield from ((f"reset at {wall!r}", e) for e in left.velocity)
-            yield from ((f"flight from {wall!r}", e) for e in (*left.mean, *left.end))
-            yield from ((f"acceleration after {wall!r}", e) for e in left.acceleration)
-        yield from (("flight", e) for e in (*self.quiet.mean, *self.quiet.end))
-        yield from (("harmonics", e) for e in self.harmonics)
-        yield from (("mass", e) for row in self.mass or () for e in row)
+            yield from (("jump at", wall, e) for e in left.position)
+            yield from (("reset at", wall, e) for e in left.velocity)
+            yield from (("flight from", wall, e) for e in (*left.mean, *left.end))
+            yield from (("acceleration after", wall, e) for e in left.acceleration)
+        yield from (("flight", "", e) for e in (*self.quiet.mean, *self.quiet.end))
+        yield from (("harmonics", "", e) for e in self.harmonics)
+        yield from (("mass", "", e) for row in self.mass or () for e in row)
 
 
 def equations_of(model: Model) -> Equations:
@@ -128,8 +128,8 @@ def equations_of(model: Model) -> Equations:
     """
     if "equations" not in model.shared:
         found = _evaluated(model)
-        for place, e in found:
-            _check(e, f"{_where(model)}: {place}", found)
+        for what, name, e in found:
+            _check(e, _Reading(model, found, what, name))
         model.shared["equations"] = found
     return model.shared["equations"]
 
@@ -273,8 +273,49 @@ def _mass(formulas: Formulas, size: int, where: str) -> tuple[tuple[Any, ...], .
     return rows
 
 
-def _check(e: Any, where: str, found: Equations, inside: Sequence[Any] = ()) -> None:
+@dataclass(frozen=True)
+class _Reading:
+    """A formula that is checked: what it is called, and how its symbols are in messages."""
+
+    model: Model
+    found: Equations
+    what: str
+    name: str
+
+    def refuse(self, part: Any) -> InputError:
+        """The error for a part that kernels cannot evaluate."""
+        where = self.model.place(self.what, self.name)
+        said = shown(str(part.xreplace(self._names())))
+        if self.model.STATED:
+            found = f"{said} arises in what is stated" + (f" at {self.name}" if self.name else "")
+            accepted = (
+                "use expressions that are real and smooth there, and a parameter for a position "
+                "at which they are not"
+            )
+            return InputError(where, found, accepted)
+        accepted = f"use the symbols given, numbers, pi, + - * / ** and {', '.join(FUNCTIONS)}"
+        return InputError(where, f"found {said}", accepted)
+
+    def _names(self) -> dict[Any, Any]:
+        """The names that states have where the system is stated, by symbol."""
+        model, found = self.model, self.found
+        guard = found.guards.get(self.name)
+        if guard is None:
+            pairs = model.state_names(model.first_mode)
+            by_symbol = dict(zip(found.state, (n for pair in pairs for n in pair), strict=False))
+        else:
+            pairs = model.state_names(guard.modes[0])
+            place, _ = found.pivot(guard.name)
+            others = [pair for i, pair in enumerate(pairs) if i != place]
+            names = [pairs[place][1], *(n for pair in others for n in pair)]
+            by_symbol = dict(zip(found.start, names, strict=False))
+        by_symbol |= {PHASE: "t", DT: "dt"}
+        return {symbol: sympy.Symbol(name) for symbol, name in by_symbol.items()}
+
+
+def _check(e: Any, reading: _Reading, inside: Sequence[Any] = ()) -> None:
     """Refuse symbols, functions and numbers that kernels know nothing of."""
+    found = reading.found
     known = {*found.parameters.values(), *found.start, *found.state, PHASE, DT, *INDICES, *inside}
     for part in sympy.preorder_traversal(e):
         if isinstance(part, HarmonicSum | sympy.Tuple):
@@ -287,12 +328,11 @@ def _check(e: Any, where: str, found: Equations, inside: Sequence[Any] = ()) -> 
             continue
         if isinstance(part, Field):
             for acceleration in part.accelerations:
-                _check(acceleration, where, found, part.state)
+                _check(acceleration, reading, part.state)
             continue
         if isinstance(part, Law):
             for number in part.numbers:
-                _check(number, where, found)
+                _check(number, reading)
             continue
         if type(part).__name__ not in ELEMENTARY:
-            accepted = f"use the symbols given, numbers, pi, + - * / ** and {', '.join(FUNCTIONS)}"
-            raise InputError(where, f"found {shown(str(part))}", accepted)
+            raise reading.refuse(part)

@@ -16,7 +16,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from ..errors import InputError, shortened
+from ..errors import InputError, did_you_mean, shortened, shown
 from .extent import LARGEST_EXPONENT, Beyond, Extent
 
 FUNCTIONS = tuple("""sin cos tan asin acos atan sinh cosh tanh exp log sqrt""".split())
@@ -30,6 +30,7 @@ _BINARY: dict[type, Callable[[Any, Any], Any]] = {
     ast.Div: operator.truediv,
 }
 _KEYWORDS = re.compile(rf"\b({'|'.join(keyword.kwlist)})\b")
+_DECIMAL_COMMA = re.compile(r"\d,\d")
 _MARK = "\u02bc"
 """Follows Python's keywords while an expression is read: parameters may be called so."""
 _UNARY: dict[type, Callable[[Any], Any]] = {ast.UAdd: operator.pos, ast.USub: operator.neg}
@@ -66,7 +67,9 @@ def number(text: str, where: str, values: Mapping[str, float] | None = None) -> 
     return value
 
 
-def check_expression(text: str, where: str, variables: Sequence[str]) -> float:
+def check_expression(
+    text: str, where: str, variables: Sequence[str], growing: bool = False
+) -> float:
     """Check what can be checked of an expression without SymPy: syntax, names, finite constants.
 
     Parameters
@@ -76,6 +79,9 @@ def check_expression(text: str, where: str, variables: Sequence[str]) -> float:
     where : str
         The place named in an error.
     variables : sequence of str
+    growing : bool
+        Whether exp(), sinh() and cosh() may be of anything; else they have to stay finite whatever
+        the variables.
 
     Returns
     -------
@@ -88,7 +94,7 @@ def check_expression(text: str, where: str, variables: Sequence[str]) -> float:
         If anything else stands in it, if a part without variables has no finite real value, or if
         exponents, functions of functions or arguments of exp() have no bound.
     """
-    functions = {name: _of_any(name) for name in FUNCTIONS}
+    functions = {name: _of_any(name, growing) for name in FUNCTIONS}
     constants = {name: getattr(math, name) for name in CONSTANTS}
     names = functions | constants | dict.fromkeys(variables, Extent())
     try:
@@ -96,10 +102,7 @@ def check_expression(text: str, where: str, variables: Sequence[str]) -> float:
     except InputError:
         raise
     except Beyond as error:
-        accepted = (
-            f"use a simpler expression: sines and cosines of {' and '.join(variables)} are bounded "
-            "and periodic"
-        )
+        accepted = "use a simpler expression: sin() and cos() lie between -1 and 1"
         raise InputError(where, f"{error} in {shortened(text)!r}", accepted) from None
     except (ArithmeticError, ValueError, TypeError) as error:
         found = f"{shortened(text)!r} has no finite real value ({error})"
@@ -204,6 +207,16 @@ def names_in(text: str) -> list[str]:
     return [_name(node) for node in ast.walk(tree) if isinstance(node, ast.Name)]
 
 
+def arguments_in(text: str, functions: Sequence[str]) -> list[str]:
+    """Return what some functions in an expression that can be read are of."""
+    calls = (node for node in ast.walk(_tree(text)) if isinstance(node, ast.Call))
+    return [
+        ast.unparse(call.args[0]).replace(_MARK, "")
+        for call in calls
+        if isinstance(call.func, ast.Name) and call.func.id in functions
+    ]
+
+
 def _tree(text: str) -> ast.expr:
     """Parse an expression, in which Python's keywords are names like others."""
     return ast.parse(_KEYWORDS.sub(rf"\1{_MARK}", text.strip()), mode="eval").body
@@ -222,12 +235,24 @@ class _Walker:
     ) -> None:
         self.text, self.where, self.names, self.constant = text, where, names, constant
 
+    @property
+    def known(self) -> list[str]:
+        """The names that are no functions."""
+        return [*sorted(set(self.names) - set(FUNCTIONS) - set(CONSTANTS)), *CONSTANTS]
+
     def refuse(self, found: str) -> InputError:
-        variables = sorted(set(self.names) - set(FUNCTIONS) - set(CONSTANTS))
-        accepted = f"numbers, + - * / **, {', '.join((*variables, *CONSTANTS))} and " + ", ".join(
+        accepted = f"numbers, + - * / **, {', '.join(self.known)} and " + ", ".join(
             name + "()" for name in FUNCTIONS
         )
+        if _DECIMAL_COMMA.search(self.text):
+            accepted += "; decimals have a point"
         return InputError(self.where, found, f"accepted are {accepted}")
+
+    def unknown(self, name: str) -> InputError:
+        hint = did_you_mean(name, self.known)
+        found = f"unknown name {shown(name)} in {shortened(self.text)!r}{hint}"
+        accepted = f"names here are {', '.join(self.known)}, and functions such as sin()"
+        return InputError(self.where, found, accepted)
 
     def value(self) -> Any:
         if len(self.text) > LONGEST_TEXT:
@@ -251,7 +276,7 @@ class _Walker:
             case ast.Name() if (name := _name(node)) not in FUNCTIONS:
                 if name in self.names:
                     return self.names[name]
-                raise self.refuse(f"unknown name {name!r} in {shortened(self.text)!r}")
+                raise self.unknown(name)
             case ast.UnaryOp(op=op, operand=operand) if type(op) in _UNARY:
                 return _UNARY[type(op)](self.walk(operand))
             case ast.BinOp(left=left, op=ast.Pow(), right=right):
@@ -291,6 +316,6 @@ class _OnArrays(_Walker):
         return base**exponent
 
 
-def _of_any(name: str) -> Callable[[Any], Any]:
+def _of_any(name: str, growing: bool) -> Callable[[Any], Any]:
     function = getattr(math, name)
-    return lambda value: value.of(name) if isinstance(value, Extent) else function(value)
+    return lambda value: value.of(name, growing) if isinstance(value, Extent) else function(value)

@@ -7,6 +7,7 @@ that walking over an expression's syntax tree with an `Extent` for each variable
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 
 LARGEST_EXPONENT = 64
@@ -121,12 +122,19 @@ class Extent:
 
     __radd__, __rmul__ = __add__, __mul__
 
-    def of(self, function: str) -> Extent:
-        """Return the extent of an elementary function of it."""
+    def of(self, function: str, growing: bool = False) -> Extent:
+        """Return the extent of an elementary function of it.
+
+        Parameters
+        ----------
+        function : str
+        growing : bool
+            Whether it may grow beyond all doubles.
+        """
         if self.depth >= DEEPEST:
             raise Beyond(f"functions of functions more than {DEEPEST} deep")
         most = self.high if function == "exp" else self.size
-        if function in ("exp", "sinh", "cosh") and most > LARGEST_ARGUMENT:
+        if function in ("exp", "sinh", "cosh") and most > LARGEST_ARGUMENT and not growing:
             raise Beyond(f"{function}() of what can be beyond {LARGEST_ARGUMENT:g}")
         low, high = _RANGES.get(function, lambda extent: (-math.inf, math.inf))(self)
         wave = function in ("sin", "cos") and self.depth == 0
@@ -142,9 +150,9 @@ _RANGES = {
     "asin": lambda x: (-math.pi / 2, math.pi / 2),
     "acos": lambda x: (0.0, math.pi),
     "sqrt": lambda x: (0.0, math.sqrt(max(x.high, 0.0))),
-    "exp": lambda x: (0.0, math.exp(x.high)),
-    "sinh": lambda x: (math.sinh(x.low), math.sinh(x.high)),
-    "cosh": lambda x: (1.0, math.cosh(x.size)),
+    "exp": lambda x: (0.0, _grown(math.exp, x.high)),
+    "sinh": lambda x: (_grown(math.sinh, x.low), _grown(math.sinh, x.high)),
+    "cosh": lambda x: (1.0, _grown(math.cosh, x.size)),
     "log": lambda x: tuple(math.log(end) if end > 0 else -math.inf for end in (x.low, x.high)),
 }
 """Values of the functions that are bounded, or are where their argument is."""
@@ -152,6 +160,14 @@ _RANGES = {
 
 def _extent(value: Extent | float) -> Extent:
     return value if isinstance(value, Extent) else Extent(float(value), float(value), work=0.0)
+
+
+def _grown(function: Callable[[float], float], argument: float) -> float:
+    """The value of exp, sinh or cosh, infinite where it is no double."""
+    try:
+        return function(argument)
+    except OverflowError:
+        return math.copysign(math.inf, argument)
 
 
 def _power(base: float, exponent: float) -> float:

@@ -262,12 +262,17 @@ def _wave(wave: Expr, t: Expr, period: Expr, where: str) -> tuple[int, tuple[Exp
     accepted = f"give a sum of products of sines and cosines of the period {period}"
     angle = sympy.expand(wave.args[0]) if isinstance(wave, sympy.sin | sympy.cos) else None
     if angle is None or not angle.is_polynomial(t) or sympy.degree(angle, t) != 1:
-        raise InputError(where, f"found {shown(str(wave))}", accepted)
+        raise InputError(where, f"found {_said(wave, t)}", accepted)
     order = whole(angle.coeff(t, 1) * period / (2 * pi))
     if not order:
-        raise InputError(where, f"{shown(str(wave))} does not have the period {period}", accepted)
+        raise InputError(where, f"{_said(wave, t)} does not have the period {period}", accepted)
     phase, sign = angle.coeff(t, 0), 1 if order > 0 else -1
     cosine, sine = sympy.cos(phase), sympy.sin(phase)
     if isinstance(wave, sympy.cos):
         return abs(order), (cosine, -sign * sine)
     return abs(order), (sine, sign * cosine)
+
+
+def _said(wave: Expr, t: Expr) -> str:
+    """A function of t as its author wrote it."""
+    return shown(str(wave.xreplace({t: sympy.Symbol("t")})))

@@ -17,11 +17,13 @@ from .expressions import (
     CONSTANTS,
     FUNCTIONS,
     Combination,
+    arguments_in,
     check_expression,
     combination_of,
     names_in,
     number,
 )
+from .repetition import Timed, at_times
 
 MOST_COORDINATES = 20
 MATRICES = ("mass", "damping", "stiffness")
@@ -87,6 +89,23 @@ class Machine:
         rows = (*self.mass, *self.damping, *self.stiffness, self.force, (self.period,))
         at_guards = (text for guard in self.guards for text in (guard.position, guard.restitution))
         return [*(text for row in rows for text in row), *at_guards]
+
+    def in_time(self, values: Mapping[str, float]) -> dict[str, Timed]:
+        """Return the forces in which the time stands, by their keys."""
+        forces = ((f"force[{i}]", text) for i, text in enumerate(self.force))
+        return {key: at_times(text, values, TIME) for key, text in forces if TIME in names_in(text)}
+
+    def angles(self, values: Mapping[str, float]) -> list[Timed]:
+        """Return what the sines and cosines of the time are of."""
+        return angles_of(self.force, values)
+
+
+def angles_of(texts: Sequence[str], values: Mapping[str, float]) -> list[Timed]:
+    """Return what sines and cosines are of in some expressions, where that is the time alone."""
+    known = {TIME, *values, *CONSTANTS}
+    angles = (angle for text in texts for angle in arguments_in(text, ("sin", "cos")))
+    named = ((angle, set(names_in(angle))) for angle in angles)
+    return [at_times(angle, values, TIME) for angle, names in named if TIME in names <= known]
 
 
 def machine_of(text: str) -> Machine:
@@ -257,16 +276,18 @@ def _check(machine: Machine) -> None:
     for name in MATRICES:
         for i, row in enumerate(getattr(machine, name)):
             for j, text in enumerate(row):
-                check_expression(text, f"{name}[{i}][{j}]", machine.parameters)
+                check_expression(text, f"{name}[{i}][{j}]", machine.parameters, growing=True)
     for i, text in enumerate(machine.force):
-        check_expression(text, f"force[{i}]", (TIME, *machine.parameters))
-    check_expression(machine.period, "period", machine.parameters)
+        check_expression(text, f"force[{i}]", (TIME, *machine.parameters), growing=True)
+    check_expression(machine.period, "period", machine.parameters, growing=True)
     if not machine.guards:
         raise InputError("guards", "none", "give at least one")
     for guard in machine.guards:
         where = f"guards.{guard.name}"
-        check_expression(guard.position, f"{where}.within", machine.parameters)
-        check_expression(guard.restitution, f"{where}.restitution", machine.parameters)
+        check_expression(guard.position, f"{where}.within", machine.parameters, growing=True)
+        check_expression(
+            guard.restitution, f"{where}.restitution", machine.parameters, growing=True
+        )
 
 
 def check_values(machine: Machine, values: Mapping[str, float]) -> None:
@@ -290,16 +311,6 @@ def check_values(machine: Machine, values: Mapping[str, float]) -> None:
         restitution = number(guard.restitution, where, values)
         if not 0.0 <= restitution <= 1.0:
             raise InputError(where, f"it is {restitution:.6g}", "it must be from 0 to 1")
-
-
-def check_period(text: str, values: Mapping[str, float]) -> None:
-    """Refuse a period of the forcing that is none, where a system is stated.
-
-    Branches may lead to where there is none, and end on the way.
-    """
-    period = number(text, "period", values)
-    if not period > 0.0:
-        raise InputError("period", f"it is {period:.6g}", "give the period of the forcing, above 0")
 
 
 def _check_mass(mass: list[list[float]]) -> None:

@@ -10,11 +10,11 @@ import copy
 import math
 import numbers
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, ClassVar, Self, TypeAlias
 
-from ..errors import InputError, shown
+from ..errors import InputError, did_you_mean, shown
 from .contract import check_class, check_complete
 from .expressions import check_expression
 from .guards import Guard as Guard
@@ -247,6 +247,14 @@ class Model(ABC):
         """
         return None
 
+    def place(self, what: str, name: str = "") -> str:
+        """Return where a formula is stated, for messages: ``reset at`` a guard, or ``period``."""
+        return f"{type(self).__name__}.formulas: {what}" + (f" {name!r}" if name else "")
+
+    def state_names(self, mode: str) -> list[tuple[str, str]]:
+        """Return how positions and velocities in a mode are called, for messages."""
+        return [(f"x[{i}]", f"v[{i}]") for i in range(self.DEGREES_OF_FREEDOM)]
+
     @property
     def unknowns_per_impact(self) -> int:
         """Unknowns of one impact: its time and its section coordinates before impact."""
@@ -321,7 +329,7 @@ class Model(ABC):
     def require(self, name: str, where: str) -> Parameter:
         """Return the declaration of a parameter, or raise `InputError`."""
         if name not in self._declared:
-            found = f"{self.SYSTEM} has no parameter {name!r}{_hint(name, self._declared)}"
+            found = f"{self.SYSTEM} has no parameter {name!r}{did_you_mean(name, self._declared)}"
             raise InputError(where, found, f"it has {', '.join(self._declared)}")
         return self._declared[name]
 
@@ -360,20 +368,13 @@ class Model(ABC):
         return f"{type(self).__name__}({inside})"
 
 
-def _hint(name: str, known: Iterable[str]) -> str:
-    import difflib
-
-    near = difflib.get_close_matches(name, list(known), 1)
-    return f" (did you mean {near[0]!r}?)" if near else ""
-
-
 def _resolved(parameters: Sequence[Parameter], given: Mapping[str, Any]) -> list[Parameter]:
     """The parameters in force once the split ones are decided; refuses what does not fit."""
     known = {name for p in parameters for name in (p.name, *p.split)}
     for name in given:
         if name not in known:
             accepted = f"accepted are {', '.join(sorted(known))}"
-            raise InputError(name, f"no such parameter{_hint(name, known)}", accepted)
+            raise InputError(name, f"no such parameter{did_you_mean(name, known)}", accepted)
     resolved = []
     for p in parameters:
         finer = [name for name in p.split if name in given]

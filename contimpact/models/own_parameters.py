@@ -50,7 +50,7 @@ def check_with_own(
         unknown = error.found.startswith("unknown name")
         if not unknown or any(repr(name) in error.found for name in declared):
             raise
-        accepted = f"{error.accepted}, or give it a value among the parameters"
+        accepted = f"give it a value among the parameters; {error.accepted}"
         raise InputError(error.where, error.found, accepted) from None
 
 

@@ -9,11 +9,13 @@ from __future__ import annotations
 import json
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
+from random import Random
 from typing import Any, TypeAlias
 
-from ..errors import InputError, shown
-from .expressions import CONSTANTS, FUNCTIONS, check_expression, names_in
-from .machine import MOST_COORDINATES, TIME, row_of, sides_of, text_of
+from ..errors import InputError, did_you_mean, shown
+from .expressions import CONSTANTS, FUNCTIONS, check_expression, names_in, number
+from .machine import MOST_COORDINATES, TIME, angles_of, row_of, sides_of, text_of
+from .repetition import Timed
 
 Texts: TypeAlias = tuple[tuple[str, str], ...]
 """Names, and an expression for each."""
@@ -135,6 +137,25 @@ class StatedModes:
         """Whether the time stands nowhere in it."""
         return not any(TIME in names_in(text) for text in self.laws)
 
+    def in_time(self, values: Mapping[str, float]) -> dict[str, Timed]:
+        """Return the laws in which the time stands, by their keys, at a random state."""
+        random = Random(4)
+        found = {}
+        timed = [name for name, _ in self.definitions if _timed(dict(self.definitions), name)]
+        for mode in self.modes:
+            state = {name: random.uniform(0.1, 0.9) for name in mode.variables}
+            usable = usable_definitions(self, mode)
+            defined = tuple(pair for pair in self.definitions if pair[0] in usable)
+            for name, law in mode.laws:
+                if {TIME, *timed}.intersection(names_in(law)):
+                    at = {**values, **state}
+                    found[f"modes.{mode.name}.{name}"] = _with_definitions(law, defined, at)
+        return found
+
+    def angles(self, values: Mapping[str, float]) -> list[Timed]:
+        """Return what the sines and cosines of the time are of."""
+        return angles_of(self.laws, values)
+
     @property
     def coordinates(self) -> tuple[str, ...]:
         """The coordinates of the mode that has most."""
@@ -148,6 +169,18 @@ class StatedModes:
     def mode(self, name: str) -> StatedMode:
         """Return a mode by its name."""
         return next(mode for mode in self.modes if mode.name == name)
+
+
+def _with_definitions(
+    law: str, defined: Sequence[tuple[str, str]], at: Mapping[str, float]
+) -> Timed:
+    def value(t: float) -> float:
+        known = {**at, TIME: t}
+        for name, text in defined:
+            known[name] = number(text, "define", known)
+        return number(law, "modes", known)
+
+    return value
 
 
 def modes_of(text: str) -> StatedModes:
@@ -270,11 +303,15 @@ def _guard_table(
     first = modes[0].name if len(modes) == 1 else None
     ended = given.get("mode", first)
     names = tuple(ended) if isinstance(ended, list) else (ended,)
-    for mode in (*names, given.get("to", names[0])):
-        if mode not in known:
+    accepted = f"the modes are {', '.join(known)}"
+    if not names:
+        raise InputError(f"{where}.mode", "empty", accepted)
+    for key, mode in (*(("mode", name) for name in names), ("to", given.get("to", names[0]))):
+        if not isinstance(mode, str) or mode not in known:
             found = "missing" if mode is None else f"found {shown(mode)}"
-            key = "mode" if mode in names else "to"
-            raise InputError(f"{where}.{key}", found, f"the modes are {', '.join(known)}")
+            raise InputError(f"{where}.{key}", found, accepted)
+    if not isinstance(given.get("past", ""), str):
+        raise InputError(f"{where}.past", f"found {shown(given['past'])}", "give a guard's letter")
     return names, known[names[0]], given
 
 
@@ -289,7 +326,7 @@ def _guard(
     coordinates = mode.coordinates(sections)
     left, side, position = sides_of(given["within"], f"{where}.within", coordinates)
     row = row_of(left, f"{where}.within", coordinates)
-    after, past = _texts(given.get("set", {}), f"{where}.set"), str(given.get("past", ""))
+    after, past = _texts(given.get("set", {}), f"{where}.set"), given.get("past", "")
     return StatedGuard(name, names, given.get("to", names[0]), row, side, position, after, past)
 
 
@@ -299,21 +336,53 @@ def _check(given: StatedModes) -> None:
     for name, text in given.definitions:
         variables = [v for mode in given.modes for v in mode.variables]
         before = [n for n, _ in given.definitions[: [*dict(given.definitions)].index(name)]]
-        check_expression(text, f"define.{name}", (TIME, *known, *before, *variables))
-    check_expression(given.period, "period", known)
+        usable = (TIME, *known, *before, *variables)
+        _check_known(text, f"define.{name}", usable)
+        check_expression(text, f"define.{name}", usable, growing=True)
+    check_expression(given.period, "period", known, growing=True)
     if not given.guards:
         raise InputError("guards", "none", "give at least one")
     for mode in given.modes:
         usable = (TIME, *known, *mode.variables, *usable_definitions(given, mode))
         for name, text in mode.laws:
-            check_expression(text, f"modes.{mode.name}.{name}", usable)
+            _check_laws_are_there(given, mode, name, usable)
+            check_expression(text, f"modes.{mode.name}.{name}", usable, growing=True)
     for guard in given.guards:
         _check_guard(guard, given)
 
 
+def _check_known(text: str, where: str, usable: Sequence[str]) -> None:
+    """Refuse a name in a definition that is none of a mode's variables, nor anything else."""
+    for name in names_in(text):
+        if name not in (*usable, *FUNCTIONS, *CONSTANTS):
+            found = f"unknown name {shown(name)}{did_you_mean(name, usable)}"
+            accepted = "give it a law in a mode, or a value among the parameters"
+            raise InputError(where, found, accepted)
+
+
+def _check_laws_are_there(
+    given: StatedModes, mode: StatedMode, variable: str, usable: Sequence[str]
+) -> None:
+    """Refuse a law that needs a variable of which its mode has none."""
+    law = dict(mode.laws)[variable]
+    known, definitions = {*usable, *FUNCTIONS, *CONSTANTS}, dict(given.definitions)
+    for name in (n for n in names_in(law) if n not in known):
+        lacking, needs = name, f"the law of {variable!r}"
+        while lacking in definitions:
+            needs = f"{lacking!r} in {needs}"
+            lacking = next(n for n in names_in(definitions[lacking]) if n not in known)
+        elsewhere = any(lacking in other.variables for other in given.modes)
+        if elsewhere or name in definitions or law.strip() == name:
+            found = f"no law for {lacking!r}, which {needs} has"
+            raise InputError(f"modes.{mode.name}", found, f"give the rate of change of {lacking}")
+
+
 def _check_guard(guard: StatedGuard, given: StatedModes) -> None:
     where = f"guards.{guard.name}"
-    check_expression(guard.position, f"{where}.within", given.parameters)
+    check_expression(guard.position, f"{where}.within", given.parameters, growing=True)
+    if guard.past and guard.past not in (other.name for other in given.guards):
+        accepted = f"the guards are {', '.join(other.name for other in given.guards)}"
+        raise InputError(f"{where}.past", f"found {shown(guard.past)}", accepted)
     before, after = given.mode(guard.modes[0]), given.mode(guard.to)
     for name in guard.modes[1:]:
         if given.mode(name).variables != before.variables:
@@ -327,7 +396,10 @@ def _check_guard(guard: StatedGuard, given: StatedModes) -> None:
             d for d in usable_definitions(given, before) if not _timed(dict(given.definitions), d)
         ]
         check_expression(
-            text, f"{where}.set.{name}", (*given.parameters, *before.variables, *usable)
+            text,
+            f"{where}.set.{name}",
+            (*given.parameters, *before.variables, *usable),
+            growing=True,
         )
     for name in after.variables:
         if name not in (*before.variables, *dict(guard.after)):

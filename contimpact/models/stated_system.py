@@ -6,8 +6,8 @@ from abc import abstractmethod
 from collections.abc import Mapping
 from typing import Any, ClassVar, Self
 
-from .machine import check_period
 from .model import Model
+from .repetition import check_period
 
 
 class StatedSystem(Model):
@@ -31,7 +31,7 @@ class StatedSystem(Model):
 
     def __init__(self, /, **given: Any) -> None:
         super().__init__(**given)
-        check_period(type(self).machine.period, self.values)  # type: ignore[attr-defined]
+        check_period(type(self).machine, self.values)  # type: ignore[attr-defined]
 
     def __copy__(self) -> Self:
         other = object.__new__(type(self))
@@ -40,6 +40,15 @@ class StatedSystem(Model):
 
     def __reduce__(self) -> tuple[Any, ...]:
         return _made, (type(self).__base__, self.options["machine"], dict(self.values))
+
+    def place(self, what: str, name: str = "") -> str:
+        """Return the key of a scene."""
+        if not name:
+            return "model.period" if what == "period" else "model"
+        guard = next(g for g in type(self).machine.guards if g.name == name)  # type: ignore[attr-defined]
+        set_there = ".set" if getattr(guard, "after", ()) else ""
+        key = {"walls": ".within", "reset": set_there, "jump": set_there}.get(what.split()[0], "")
+        return f"model.guards.{name}{key}"
 
     @classmethod
     @abstractmethod

@@ -33,6 +33,7 @@ from .tables import (
     read_reach,
     read_simulation,
 )
+from .toml_mistakes import explained
 
 if TYPE_CHECKING:
     from ..systems.membrane import Membrane
@@ -258,13 +259,12 @@ def read_toml(path: str | Path) -> dict[str, Any]:
         raise InputError(str(path), f"cannot be read ({reason(error)})", "check it") from None
     except ValueError as error:  # too long, or not a path at all
         raise InputError(str(path), str(error), "give a scene.toml") from None
-    toml = "give lines such as range = [0.1, 1.0] in tables such as [follow]"
     try:
         return tomllib.loads(text)
     except ValueError as error:  # TOMLDecodeError, and numbers of thousands of digits
-        raise InputError(str(path), f"not TOML: {error}", toml) from None
+        raise InputError(str(path), *explained(text, str(error))) from None
     except RecursionError:
-        raise InputError(str(path), "nested too deeply", toml) from None
+        raise InputError(str(path), "nested too deeply", "give tables such as [follow]") from None
 
 
 def _text(path: Path) -> str:

@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from ..errors import InputError, shown
+from ..errors import InputError, did_you_mean, shown
 from ..models.expressions import number
 
 LARGEST_NUMBER = 1e100
@@ -160,10 +160,10 @@ class Table:
         asked = list(dict.fromkeys(self.asked))
         for key in self.data:
             if key not in asked:
-                near = _nearest(key, asked)
-                hint = f" (did you mean {near!r}?)" if near else ""
                 accepted = f"accepted are {', '.join(asked)}"
-                raise InputError(self.place(key), f"unknown key{hint}", accepted)
+                raise InputError(
+                    self.place(key), f"unknown key{did_you_mean(key, asked)}", accepted
+                )
 
 
 def _nearest(key: str, known: Sequence[str]) -> str | None:

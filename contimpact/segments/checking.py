@@ -14,7 +14,7 @@ from typing import TypeAlias
 from ..errors import InputError
 from ..models.agreement import TOLERANCE, check_motion
 from ..models.equations import equations_of
-from ..models.guards import Guard
+from ..models.guards import Guard, orders_of
 from ..models.model import Model, Symmetry
 from .arithmetic import kernel_of
 from .codegen import KernelWriter
@@ -83,30 +83,46 @@ def _period(model: Model, kernels: Agreements) -> list[str]:
     except (ArithmeticError, ValueError):
         return []  # of which `check_motion` says that it is not checked
     if not period > 0.0:
-        where = f"{type(model).__name__}.formulas: period"
-        raise InputError(where, f"it is {period:.6g}", "give a positive one")
+        raise InputError(model.place("period"), f"it is {period:.6g}", "give a positive one")
     return ["period"]
 
 
 def _resets(model: Model, kernels: Agreements) -> list[str]:
-    """What hits a rigid wall leaves it, or stays at it; of one degree of freedom."""
-    if model.DEGREES_OF_FREEDOM > 1:
-        return []
-    random, values = Random(1), list(model.values.values())
-    rigid = [guard for guard in model.WALLS if guard.rigid]
+    """What hits a rigid wall leaves it, or stays at it.
+
+    Of several degrees of freedom an impact may depend on what does not hit, and is refused only if
+    it goes on into the wall whatever that is.
+    """
+    size = model.DEGREES_OF_FREEDOM
+    rigid = [guard for guard in model.WALLS if guard.rigid and _hits(model, guard)]
     for wall in rigid:
+        random, seen = Random(1), list[tuple[float, float]]()
         for _ in range(TRIALS):
             before = wall.side * random.uniform(0.1, 1.0)
+            start = [before, *(random.uniform(-1.0, 1.0) for _ in range(2 * size - 2))]
             try:
-                after = kernels[wall.name, 0](0.0, before, 0.0, *values)[1]
+                left = [
+                    kernels[wall.name, i](0.0, *start, 0.0, *model.values.values())[1]
+                    for i in range(size)
+                ]
             except (ArithmeticError, ValueError):
                 continue
-            if after * wall.side > TOLERANCE * abs(before):
-                where = f"{type(model).__name__}.formulas: reset at {wall.name!r}"
-                found = f"it sends the body on into the wall: {before:.6g} becomes {after:.6g}"
-                accepted = f"return -r*v[0], or mend the wall's side, which is {wall.side:+d}"
-                raise InputError(where, found, accepted)
+            seen.append((before, sum(c * v for c, v in zip(wall.row(size), left, strict=True))))
+        onwards = [(b, after) for b, after in seen if after * wall.side > TOLERANCE * abs(b)]
+        if onwards and (size == 1 or len(onwards) == len(seen)):
+            before, after = onwards[0]
+            found = f"it sends the body on into the wall: {before:.6g} becomes {after:.6g}"
+            accepted = f"turn its velocity back, as -r*v does, or mend the side, {wall.side:+d}"
+            raise InputError(model.place("reset at", wall.name), found, accepted)
     return [f"reset at {wall.name}" for wall in rigid]
+
+
+def _hits(model: Model, wall: Guard) -> bool:
+    """Whether velocities alone change at a wall, those of its gap coordinate among them."""
+    orders = orders_of(model.MODES, wall.next_mode, model.DEGREES_OF_FREEDOM)
+    row = wall.row(model.DEGREES_OF_FREEDOM)
+    second = all(order == 2 for c, order in zip(row, orders, strict=True) if c)
+    return second and equations_of(model).returns(wall.name, wall.name)
 
 
 def _passages(model: Model, kernels: Agreements) -> list[str]:
@@ -130,14 +146,14 @@ def _check_passage(
     model: Model, guard: Guard, other: Guard, within: float, kernel: Callable[..., Sequence[float]]
 ) -> None:
     """`within` is how far inside a guard of the next mode the body is where that begins."""
-    where, mode = f"{type(model).__name__}.formulas", guard.next_mode
+    mode = guard.next_mode
     if within < -TOLERANCE:
         found = f"{guard.name!r} leads into the mode {mode!r} {-within:.6g} beyond {other.name!r}"
         accepted = (
             f"mend their positions, the jump at {guard.name!r}, or the side of {other.name!r}, "
             f"which is {other.side:+d}"
         )
-        raise InputError(f"{where}: walls", found, accepted)
+        raise InputError(model.place("walls"), found, accepted)
     if within > TOLERANCE:
         return
     random = Random(3)
@@ -150,7 +166,7 @@ def _check_passage(
         if speed > TOLERANCE * abs(before):
             found = f"the body leaves the mode {mode!r} at once by {other.name!r}, where it begins"
             accepted = f"mend reset or jump at {guard.name!r}, or a side"
-            raise InputError(f"{where}: jump at {guard.name!r}", found, accepted)
+            raise InputError(model.place("jump at", guard.name), found, accepted)
 
 
 def _symmetries(model: Model, writer: KernelWriter, kernels: Agreements) -> list[str]:

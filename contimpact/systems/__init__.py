@@ -6,7 +6,7 @@ import importlib
 from collections.abc import Mapping
 from typing import Any
 
-from ..errors import InputError
+from ..errors import InputError, did_you_mean, shown
 from ..models.model import Model
 
 SYSTEMS = {
@@ -50,9 +50,9 @@ def system(
     """
     kind = (own or {}).get(name) or installed(name)
     if kind is None:
-        names = ", ".join(dict.fromkeys((*SYSTEMS, *_plugins(), *(own or {}))))
-        accepted = f"accepted are {names}, and a system of your own by --system FILE.py"
-        raise InputError(where, f"no system {name!r}", accepted)
+        names = list(dict.fromkeys((*SYSTEMS, *_plugins(), *(own or {}))))
+        accepted = f"accepted are {', '.join(names)}, and a system of your own by --system FILE.py"
+        raise InputError(where, f"no system {shown(name)}{did_you_mean(name, names)}", accepted)
     return kind
 
 

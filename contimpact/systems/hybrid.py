@@ -49,6 +49,12 @@ class HybridSystem(StatedSystem):
         """The names of the coordinates, of the mode that has most."""
         return self.machine.coordinates
 
+    def state_names(self, mode: str) -> list[tuple[str, str]]:
+        """Return the names in the mode's laws."""
+        stated, sections = self.machine.mode(mode), self.machine.sections
+        speeds = stated.velocities(sections)
+        return [(n, speeds.get(n, f"rate of {n}")) for n in stated.coordinates(sections)]
+
     def formulas(self, symbols: Mapping[str, Any]) -> Formulas:
         """Motion in each mode, in closed form where it is linear, and what guards change."""
         given = self.machine

@@ -50,6 +50,10 @@ class LinearMachine(StatedSystem):
         """The names of the coordinates."""
         return self.machine.coordinates
 
+    def state_names(self, mode: str) -> list[tuple[str, str]]:
+        """Return the coordinates' names."""
+        return [(name, f"rate of {name}") for name in self.machine.coordinates]
+
     def formulas(self, symbols: Mapping[str, Any]) -> Formulas:
         """Linear flights, and impulses along the guards."""
         import sympy
@@ -68,11 +72,16 @@ class LinearMachine(StatedSystem):
             return [[read(e, f"{name}[{i}][{j}]") for j, e in enumerate(row)] for i, row in rows]
 
         matrices = {name: matrix(name) for name in ("mass", "damping", "stiffness")}
-        motion = Linear(
-            **matrices,
-            force=lambda t: [read(e, f"force[{i}]", {TIME: t}) for i, e in enumerate(stated.force)],
-            period=read(stated.period, "period"),
-        )
+        try:
+            motion = Linear(
+                **matrices,
+                force=lambda t: [
+                    read(e, f"force[{i}]", {TIME: t}) for i, e in enumerate(stated.force)
+                ],
+                period=read(stated.period, "period"),
+            )
+        except InputError as error:
+            raise error.within("model") from None
         guards = {guard.name: guard for guard in stated.guards}
 
         def reset(wall: str, x: Sequence[Any], v: Sequence[Any]) -> list[Any]:

@@ -99,8 +99,8 @@ def test_a_scene_with_one(tmp_path):
 @pytest.mark.parametrize(
     ("forcing", "values", "says"),
     [
-        (FORCING, {}, r"^forcing: unknown name 'h'.*or give it a value among the parameters"),
-        ("cos(pi*t) + beta", {}, r"^forcing: unknown name 'beta'.*sqrt\(\)$"),
+        (FORCING, {}, r"^forcing: unknown name 'h'.*; give it a value among the parameters;"),
+        ("cos(pi*t) + beta", {}, r"^forcing: unknown name 'beta'.*such as sin\(\)$"),
         ("cos(pi*t)", {"h": 1.0}, "^h: no such parameter"),
         ("cos(pi*t) + t1", {"t1": 1.0}, "'t1'; give another name: tables have a column"),
         ("cos(pi*t) + d", {"d": 1.0}, "the name 'd' twice"),

@@ -716,6 +716,34 @@ def test_not_utf8(tmp_path, content):
 
 
 @pytest.mark.parametrize(
+    ("text", "found"),
+    [
+        (
+            "[model.parameters]\nc = 1\nc = 2\n[follow]\n",
+            "'model.parameters.c' is there twice; line 3",
+        ),
+        ("[model]\n[follow]\n[model]\n", "'model' is there twice; line 3"),
+        ("g = { a = 1, a = 2 }", "'g' is there twice; line 1"),
+        ("[model.parameters]\nc = 0,34", "line 2: 'c = 0,34'; write decimals with a point"),
+        ("[model]\nperiod = 2*pi/w", 'quotes: model.period = "..."'),
+        ("[model.modes.f]\nx = v", 'quotes: model.modes.f.x = "..."'),
+        ("[model]\nperiod = [1", "not TOML at model.period"),
+    ],
+)
+def test_mistakes_of_a_toml_file_are_named_by_their_key(tmp_path, text, found):
+    path = tmp_path / "scene.toml"
+    path.write_text(text, encoding="utf-8")
+    assert found in str(not_loaded(path))
+
+
+def test_a_decimal_comma_and_an_underscore_are_seen():
+    assert refused(changed({"model/parameters/r": "0,3"})).accepted.endswith(
+        "decimals have a point"
+    )
+    assert "did you mean 'impact-pair'?" in refused(changed({"model/system": "impact_pair"})).found
+
+
+@pytest.mark.parametrize(
     "text",
     [
         "name",

@@ -19,6 +19,7 @@ import contimpact as ci
 from contimpact.errors import InputError
 from contimpact.models.stated_modes import StatedMode
 from contimpact.scenes.scene import read_scene
+from contimpact.segments.checking import check_model
 
 BRANCHES = Path(__file__).parents[2] / "branches"
 EXACT = {"rtol": 1e-13, "atol": 1e-13, "method": "DOP853"}
@@ -95,6 +96,137 @@ def test_models_are_copied_and_pickled_and_stand_in_entries():
 def test_mistakes_are_refused_with_their_place(change, message):
     with pytest.raises(InputError, match=message):
         model_of(OSCILLATOR | change)
+
+
+TWO_BODIES = OSCILLATOR | {
+    "define": {"push": "a*cos(omega*t) - c*(v1 - v2) - x1"},
+    "modes": {"free": {"x1": "v1", "v1": "push", "x2": "v2", "v2": "x1 - x2"}},
+    "guards": {"S": {"within": "x2 <= sigma", "set": {"v2": "-r*v2"}}},
+}
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (guard(to=["free"]), r"^model\.guards\.S\.to: found \['free'\]; the modes are free$"),
+        (guard(to={"free": 1}), r"^model\.guards\.S\.to: found {'free': 1}"),
+        (guard(mode=[["free"]]), r"^model\.guards\.S\.mode: found \['free'\]"),
+        (guard(mode={"a": 1}), r"^model\.guards\.S\.mode: found {'a': 1}"),
+        (guard(mode=[]), r"^model\.guards\.S\.mode: empty"),
+        (guard(past=["S"]), r"^model\.guards\.S\.past: found \['S'\]"),
+        (guard(past="Q"), r"^model\.guards\.S\.past: found 'Q'; the guards are S"),
+        (laws(x="v"), r"^model\.modes\.free: no law for 'v', which the law of 'x' has"),
+        (laws(x="v", v="-x + cos(omgea*t)"), r"modes\.free\.v: unknown name 'omgea' in .*'omega'"),
+        ({"define": {"drive": "a*cos(omega*t) + u"}}, r"^model\.define\.drive: unknown name 'u'"),
+    ],
+)
+def test_mistakes_are_refused_by_their_cause(change, message):
+    with pytest.raises(InputError, match=message):
+        model_of(OSCILLATOR | change)
+
+
+def test_a_mode_without_a_law_is_named_with_what_needs_it():
+    modes = TWO_BODIES["modes"] | {"held": {"x1": "v1", "v1": "push"}}
+    with pytest.raises(
+        InputError, match=r"modes\.held: no law for 'v2', which 'push' in the law of"
+    ):
+        model_of(TWO_BODIES | {"modes": modes} | guard(mode="free", within="x2 <= sigma"))
+
+
+@pytest.mark.parametrize(
+    ("period", "laws_", "message"),
+    [
+        ("pi/omega", {}, r"^model\.period: it is 2\.41\d+ \(pi/omega\), after which "
+         r"modes\.free\.v does not repeat; they repeat after 4\.83\d+, 2 times as long$"),
+        ("pi/omega", {"v": "drive - x**3"}, "they repeat after 4.83"),
+        ("4*pi/(3*omega)", {}, "they repeat after 4.83.*, 3/2 times as long$"),
+        ("2*pi", {}, r"they repeat after 4\.83\d+$"),
+        ("2*pi/1.3", {}, "repeats at these values of the parameters alone"),
+        ("2*pi/omega", {"v": "drive - x + t"}, "give one after which all laws repeat$"),
+        ("2*pi/omega", {"v": "exp(t) - x*a*c"}, "give one after which all laws repeat$"),
+    ],
+)  # fmt: skip
+def test_a_period_that_is_none_is_refused_with_one_that_is(period, laws_, message):
+    modes = {"free": OSCILLATOR["modes"]["free"] | laws_}
+    define = {"drive": "a*cos(omega*t) - c*v"}
+    with pytest.raises(InputError, match=message):
+        model_of(OSCILLATOR | {"period": period, "modes": modes, "define": define})
+
+
+@pytest.mark.parametrize("period", ["2*pi/omega", "4*pi/omega", "-(-2)*pi/omega"])
+def test_periods_and_their_multiples_are_admitted(period):
+    model_of(OSCILLATOR | {"period": period})
+
+
+@pytest.mark.parametrize("power", [1, 3])
+def test_squares_of_waves_have_half_the_period(power):
+    model_of(
+        OSCILLATOR | {"period": "pi/omega", "define": {"drive": f"a*cos(omega*t)**{2 * power}"}}
+    )
+
+
+@pytest.mark.parametrize(
+    ("table", "message"),
+    [
+        (
+            OSCILLATOR | guard(set={"v": "r*v"}),
+            r"^model\.guards\.S\.set: it sends the body on into",
+        ),
+        (
+            TWO_BODIES | {"guards": {"S": {"within": "x2 <= sigma", "set": {"v2": "r*v2"}}}},
+            r"^model\.guards\.S\.set: it sends the body on into the wall: 0\.\d+ becomes 0\.\d+",
+        ),
+    ],
+)
+def test_a_reset_that_does_not_turn_the_body_back_is_refused(table, message):
+    with pytest.raises(InputError, match=message):
+        check_model(model_of(table))
+
+
+def test_what_is_not_smooth_at_a_guard_is_named_as_the_scene_names_it():
+    given = tomllib.loads((BRANCHES / "coco_piecewise" / "scene.toml").read_text(encoding="utf-8"))
+    for letter, side in (("L", ">="), ("R", "<=")):
+        given["model"]["guards"][letter]["within"] = f"x {side} 0"
+    del given["model"]["parameters"]["border"]
+    with pytest.raises(InputError, match=r"^model\.guards\.L: 'Abs\(y\)' arises"):
+        check_model(model_of(given["model"]))
+
+
+NONLINEAR = OSCILLATOR | {"guards": guard(within="x <= sigma", set={"v": "-r*v"})["guards"]}
+
+
+def test_functions_of_numbers_are_numbers_in_laws_that_are_integrated():
+    pytest.importorskip("heyoka")
+    given = "sqrt(2) + cos(pi/7) + sin(1) - exp(1)/2 + atan(3) + cosh(1) + log(2) + tanh(1)"
+    number = (
+        math.sqrt(2) + math.cos(math.pi / 7) + math.sin(1) - math.e / 2 + math.atan(3)
+        + math.cosh(1) + math.log(2) + math.tanh(1)
+    )  # fmt: skip
+    one, other = (
+        ci.find_orbits(model_of(NONLINEAR | laws(x="v", v=law)), "S", parameter="omega", starts=8)
+        for law in (f"drive - c*v - x - ({given})*x**3", f"drive - c*v - x - {number!r}*x**3")
+    )
+    assert len(one) == len(other) > 0
+    for a, b in zip(one, other, strict=True):
+        np.testing.assert_allclose(a.times, b.times, rtol=0, atol=1e-12)
+        np.testing.assert_allclose(a.multipliers, b.multipliers, rtol=1e-9)
+
+
+def test_friction_that_falls_with_the_velocity_is_integrated():
+    """An orbit under Stribeck's law, against DOP853."""
+    pytest.importorskip("heyoka")
+    law = "drive - c*tanh(v/r)*(1 + exp(-v**2)) - x"
+    model = model_of(NONLINEAR | laws(x="v", v=law))
+    orbit = ci.find_orbits(model, "S", parameter="omega", starts=8)[0]
+    a, w, c, sigma, r = (model.values[n] for n in ("a", "omega", "c", "sigma", "r"))
+
+    def rates(t, z):
+        friction = c * math.tanh(z[1] / r) * (1 + math.exp(-(z[1] ** 2)))
+        return [z[1], a * math.cos(w * t) - friction - z[0]]
+
+    start, speed = orbit.times[0], orbit.velocities[0]
+    flown = solve_ivp(rates, (start, start + 2 * math.pi / w), [sigma, -r * speed], **EXACT)
+    np.testing.assert_allclose(flown.y[:, -1], [sigma, speed], rtol=0, atol=1e-10)
 
 
 def test_what_a_variable_is_in_the_next_mode_has_to_be_said():
