@@ -170,6 +170,7 @@ def test_rooms_make_no_circle():
 def test_a_system_stands_on_the_model_alone(module):
     models = (
         "model",
+        "doubles",
         "symbolic",
         "linear",
         "nonlinear",
@@ -208,6 +209,7 @@ def test_pyplot_is_imported_nowhere(module):
 def test_sympy_is_imported_where_it_is_used(module):
     found = places(module, lambda i: inside(i.module, "sympy") and i.at_import)
     of_models = (
+        "doubles",
         "equations",
         "filippov",
         "harmonics",

@@ -100,9 +100,26 @@ def _lost(kernels: Kernels, model: Model, walls: Array, section: Array) -> Array
     rows = zip(walls.tolist(), section.tolist(), strict=True)
     found = [float(kernels.loss(names[wall])(*row, *values)[0]) for wall, row in rows]
     if any(math.isnan(lost) for lost in found):
-        accepted = "state its masses, Formulas.mass"
-        raise InputError("losses", f"the kinetic energy of {model.SYSTEM} is not known", accepted)
+        raise _unknown("losses", model)
     return np.array(found)
+
+
+def require_masses(model: Model, kernels: Kernels, where: str) -> None:
+    """Refuse a system of whose impacts the losses are not known.
+
+    Raises
+    ------
+    InputError
+        With the place of what asks for them.
+    """
+    if any("nan" in kernels.loss(letter).__code__.co_names for letter in model.letters):
+        raise _unknown(where, model)
+
+
+def _unknown(where: str, model: Model) -> InputError:
+    found = f"the kinetic energy of {model.SYSTEM} is not known"
+    stated = model.place("mass") if model.STATED else "Formulas.mass"
+    return InputError(where, found, f"state its masses, {stated}")
 
 
 def _means(lost: Array, span: float) -> Losses:

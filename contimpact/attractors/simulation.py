@@ -23,6 +23,7 @@ from ..scenes.simulate_tables import SimulateOptions
 from ..segments.kernels import Kernels
 from ..storage.files import Content, write_all
 from .attractor import Attractor, Kind
+from .losses import require_masses
 from .output import (
     Checkpoint,
     coverage_text,
@@ -132,13 +133,14 @@ class _Director:
         assert scene.simulate is not None
         self.scene, self.progress = scene, progress
         self.options: SimulateOptions = scene.simulate
+        kernels = Kernels(scene.model, scene.parameter)
+        if self.options.losses:
+            require_masses(scene.model, kernels, "simulate.losses")
         digest = fingerprint(scene.resolved())
         self.kept = Checkpoint(folder / ROWS, digest, resume, scene.model)
         self.values = np.linspace(*self.options.range, self.options.values).tolist()
         self.kept.check(self.options.sweeps(), set(self.values if self.options.starts else ()))
-        self.simulators = Simulators(
-            scene.model, scene.parameter, Kernels(scene.model, scene.parameter)
-        )
+        self.simulators = Simulators(scene.model, scene.parameter, kernels)
         sweep = Sweep(scene.model, scene.parameter, [])
         self.result = Simulation(scene, sweep, resumed=len(self.kept.rows))
 

@@ -54,6 +54,10 @@ def _computed(scene: Scene, tell: Progress) -> tuple[Sequence[float], list[str]]
     kernels = Kernels(scene.model, scene.parameter)
     try:
         derived = kernels.setup(*scene.model.values.values()).derived
+        if scene.simulate is not None and scene.simulate.losses:
+            from ..attractors.losses import require_masses
+
+            require_masses(scene.model, kernels, "simulate.losses")
     except InputError as error:
         raise placed(error, scene) from None
     return derived, _orbits(scene, kernels, tell)

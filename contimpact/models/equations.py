@@ -22,7 +22,7 @@ from .guards import Guard, orders_of
 from .harmonics import INDICES, HarmonicSum
 from .linear import Law
 from .nonlinear import Field
-from .restitution import Departure, after_impact, along, departure, on_symbols
+from .restitution import Departure, after_impact, along, departure, of_mode, on_symbols
 from .section import pivot, state_before
 from .symbols import DT, PHASE, own
 
@@ -57,8 +57,8 @@ class Equations:
         The flight from the section, in the first mode.
     harmonics : tuple of sympy.Expr
         The mean and then k, a_k, b_k, where the acceleration depends on time alone; else NaN.
-    mass : tuple of tuple of sympy.Expr, optional
-        The matrix of the kinetic energy, where it is known.
+    mass : mapping of str to tuple of tuple of sympy.Expr, optional
+        The matrix of the kinetic energy by mode, where it is known.
     """
 
     parameters: Mapping[str, Any]
@@ -73,7 +73,7 @@ class Equations:
     back: tuple[Any, ...]
     quiet: Departure
     harmonics: tuple[Any, ...]
-    mass: tuple[tuple[Any, ...], ...] | None = None
+    mass: Mapping[str, tuple[tuple[Any, ...], ...]] | None = None
 
     def before(self, wall: str, section: Sequence[Any]) -> tuple[list[Any], list[Any]]:
         """Return positions and velocities before an impact, from its section coordinates."""
@@ -115,7 +115,8 @@ class Equations:
             yield from (("acceleration after", wall, e) for e in left.acceleration)
         yield from (("flight", "", e) for e in (*self.quiet.mean, *self.quiet.end))
         yield from (("harmonics", "", e) for e in self.harmonics)
-        yield from (("mass", "", e) for row in self.mass or () for e in row)
+        matrices = (self.mass or {}).values()
+        yield from (("mass", "", e) for matrix in matrices for row in matrix for e in row)
 
 
 def equations_of(model: Model) -> Equations:
@@ -200,7 +201,7 @@ def _evaluated(model: Model) -> Equations:
         tuple(own(f"{n}{i}_1") for i in range(size) for n in "xv"),
         _quiet(formulas, model, state, where),
         _harmonics(formulas, f"{where}: harmonics"),
-        _mass(formulas, size, f"{where}: mass"),
+        _masses(formulas, model, f"{where}: mass"),
     )
     departures = {
         name: after_impact(formulas, guard, *found.before(name, found.start), model.MODES, where)
@@ -256,11 +257,21 @@ def _harmonics(formulas: Formulas, where: str) -> tuple[Any, ...]:
     return (sympy.sympify(constant), *(sympy.sympify(n) for term in series for n in term))
 
 
-def _mass(formulas: Formulas, size: int, where: str) -> tuple[tuple[Any, ...], ...] | None:
-    """The matrix of the kinetic energy; of one degree of freedom 1 where nothing is said."""
-    given = formulas.mass
-    if given is None:
-        return ((sympy.S.One,),) if size == 1 else None
+def _masses(formulas: Formulas, model: Model, where: str) -> dict[str, Any] | None:
+    """The matrix of the kinetic energy by mode; 1 for one coordinate where nothing is said."""
+    size, given = model.DEGREES_OF_FREEDOM, formulas.mass
+    if given is None and size > 1:
+        return None
+    modes = dict.fromkeys(m for g in model.WALLS for m in (*g.modes, g.next_mode))
+    if isinstance(given, Mapping) and not set(modes) <= set(given):
+        accepted = f"give one for each mode: {', '.join(map(repr, modes))}"
+        raise InputError(where, f"found {', '.join(map(repr, given)) or 'none'}", accepted)
+    found = [((sympy.S.One,),) if given is None else of_mode(given, mode) for mode in modes]
+    return {mode: _mass(rows, size, where) for mode, rows in zip(modes, found, strict=True)}
+
+
+def _mass(given: Any, size: int, where: str) -> tuple[tuple[Any, ...], ...]:
+    """A symmetric matrix, from its rows."""
     rows = tuple(tuple(sympy.sympify(e) for e in row) for row in given)
     if [len(row) for row in rows] != [size] * size:
         accepted = f"give {size} rows of {size} entries"

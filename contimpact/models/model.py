@@ -107,8 +107,9 @@ class Formulas:
     jump : callable ``(guard, x, v) -> (x_plus, v_plus)``, optional
         Instead of `reset`, where positions change too.
     mass : sequence of sequences of sympy.Expr, optional
-        The symmetric matrix M of the kinetic energy v.Mv/2, of which impacts take a part; for one
-        degree of freedom 1 unless it is given: energies are then those of a unit of mass.
+        The symmetric matrix M of the kinetic energy v.Mv/2, of which impacts take a part, or one
+        for each mode; for one degree of freedom 1 unless it is given: energies are then those of a
+        unit of mass.
     flight : callable ``(t0, x0, v0, dt) -> (u, v1)``
         Free flight from the state (x0, v0) at time t0: mean velocities u = (x1 - x0)/dt and
         velocities v1 after the time dt, in forms that do not cancel as dt goes to zero.
@@ -127,7 +128,7 @@ class Formulas:
     derived: Mapping[str, Any] = field(default_factory=dict)
     harmonics: Harmonics | None = None
     jump: Jump | None = None
-    mass: Sequence[Sequence[Any]] | None = None
+    mass: Sequence[Sequence[Any]] | Mapping[str, Sequence[Sequence[Any]]] | None = None
 
 
 @dataclass(frozen=True)

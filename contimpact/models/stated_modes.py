@@ -106,6 +106,8 @@ class StatedModes:
     modes : tuple of StatedMode
     guards : tuple of StatedGuard
     period : str
+    mass : tuple of (str, str)
+        Of coordinates; empty where nothing is said of the kinetic energy.
     """
 
     parameters: tuple[str, ...]
@@ -114,11 +116,15 @@ class StatedModes:
     modes: tuple[StatedMode, ...]
     guards: tuple[StatedGuard, ...]
     period: str
+    mass: Texts = ()
 
     @property
     def text(self) -> str:
         """The system as a text, from which `modes_of` makes it again."""
-        return json.dumps(asdict(self), separators=(",", ":"))
+        given = asdict(self)
+        if not self.mass:
+            del given["mass"]
+        return json.dumps(given, separators=(",", ":"))
 
     @property
     def laws(self) -> list[str]:
@@ -130,7 +136,8 @@ class StatedModes:
     def expressions(self) -> list[str]:
         """All that parameters may stand in."""
         changes = [text for guard in self.guards for _, text in guard.after]
-        return [*self.laws, *(guard.position for guard in self.guards), *changes, self.period]
+        masses = (text for _, text in self.mass)
+        return [*self.laws, *(g.position for g in self.guards), *changes, *masses, self.period]
 
     @property
     def autonomous(self) -> bool:
@@ -207,8 +214,9 @@ def modes_of(text: str) -> StatedModes:
         )
         names = (tuple(given[name]) for name in ("parameters", "sections"))
         parameters, sections = names
-        definitions = _pairs(given["definitions"])
-        found = StatedModes(parameters, definitions, sections, modes, guards, given["period"])
+        definitions, mass = _pairs(given["definitions"]), _pairs(given.get("mass", ()))
+        period = given["period"]
+        found = StatedModes(parameters, definitions, sections, modes, guards, period, mass)
     except (ValueError, TypeError, KeyError) as error:
         accepted = "state the system in a scene, with modes and guards"
         raise InputError("machine", f"found {shown(text)}", accepted) from error
@@ -226,7 +234,7 @@ def stated(given: Mapping[str, Any], parameters: Sequence[str]) -> StatedModes:
     Parameters
     ----------
     given : mapping
-        ``modes``, ``guards``, ``define`` and ``period``, as tables, numbers and texts.
+        ``modes``, ``guards``, ``define``, ``mass`` and ``period``, as tables, numbers and texts.
     parameters : sequence of str
         The names that have a value.
 
@@ -256,7 +264,15 @@ def stated(given: Mapping[str, Any], parameters: Sequence[str]) -> StatedModes:
         for name, (names, mode, table) in tables.items()
     )
     period = text_of(given["period"], "period")
-    found = StatedModes(tuple(parameters), definitions, tuple(sections), modes, guards, period)
+    found = StatedModes(
+        tuple(parameters),
+        definitions,
+        tuple(sections),
+        modes,
+        guards,
+        period,
+        _texts(given["mass"], "mass"),
+    )
     _check(found)
     return found
 
@@ -349,6 +365,30 @@ def _check(given: StatedModes) -> None:
             check_expression(text, f"modes.{mode.name}.{name}", usable, growing=True)
     for guard in given.guards:
         _check_guard(guard, given)
+    if given.mass:
+        _check_mass(given)
+
+
+def _check_mass(given: StatedModes) -> None:
+    """Refuse masses of what is no coordinate, and a coordinate with a velocity but without one."""
+    known = list(dict.fromkeys(n for m in given.modes for n in m.coordinates(given.sections)))
+    moving = {n for m in given.modes for n, law in m.laws if law.strip() in m.variables}
+    for name, text in given.mass:
+        if name not in known:
+            found = f"{name!r} is no coordinate"
+            raise InputError(f"mass.{name}", found, f"the coordinates are {', '.join(known)}")
+        check_expression(text, f"mass.{name}", given.parameters, growing=True)
+    for name in known:
+        if name in moving and name not in dict(given.mass):
+            raise InputError(f"mass.{name}", "missing", "give each coordinate its mass, or 0")
+
+
+def check_masses(given: StatedModes, values: Mapping[str, float]) -> None:
+    """Refuse negative masses."""
+    for name, text in given.mass:
+        mass = number(text, f"mass.{name}", values)
+        if mass < 0.0:
+            raise InputError(f"mass.{name}", f"it is {mass:.6g}", "it must be 0 or more")
 
 
 def _check_known(text: str, where: str, usable: Sequence[str]) -> None:

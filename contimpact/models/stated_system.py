@@ -44,7 +44,7 @@ class StatedSystem(Model):
     def place(self, what: str, name: str = "") -> str:
         """Return the key of a scene."""
         if not name:
-            return "model.period" if what == "period" else "model"
+            return f"model.{what}" if what in ("period", "mass") else "model"
         guard = next(g for g in type(self).machine.guards if g.name == name)  # type: ignore[attr-defined]
         set_there = ".set" if getattr(guard, "after", ()) else ""
         key = {"walls": ".within", "reset": set_there, "jump": set_there}.get(what.split()[0], "")

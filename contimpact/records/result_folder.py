@@ -45,7 +45,7 @@ WRITTEN = {
         r"(diagram|curves|codim2)\.(svg|png|pdf)|diagram\.html",
     ),
     "simulate": (
-        r"(sweep|energy)\.csv|(transitions|coverage)\.json",
+        r"(sweep|energy|losses)\.csv|(transitions|coverage)\.json",
         r"(attractors|exponents|energy|portrait\d+|basins\d+)\.(svg|png|pdf)",
     ),
 }

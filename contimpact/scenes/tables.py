@@ -65,7 +65,7 @@ def read_modes(table: Table, kind: type[Model]) -> Model:
     from ..models.stated_modes import stated
 
     given = {name: table.table(name).data for name in ("modes", "guards")}
-    given["define"] = table.table("define", optional=True).data
+    given |= {name: table.table(name, optional=True).data for name in ("define", "mass")}
     given["period"] = table.take("period", REQUIRED, "the forcing period")
     return _stated(table, kind, lambda names: stated(given, names))
 

@@ -262,11 +262,18 @@ class KernelWriter:
         before, after = self.equations.before(a, self.start)[1], self.leave(a).velocity
         lost = sympy.nan
         if self.equations.mass is not None:
-            # v.Mv - u.Mu = (v - u).M(v + u), which does not cancel
-            ends = list(zip(before, after, strict=True))
-            change, total = [v - u for v, u in ends], [v + u for v, u in ends]
-            pairs = zip(change, self.equations.mass, strict=True)
-            lost = sum(d * along(row, total) for d, row in pairs) / 2
+            guard = self.equations.guards[a]
+            one, other = (self.equations.mass[mode] for mode in (guard.modes[0], guard.next_mode))
+            if one == other:  # v.Mv - u.Mu = (v - u).M(v + u), which does not cancel
+                ends = list(zip(before, after, strict=True))
+                change, total = [v - u for v, u in ends], [v + u for v, u in ends]
+                lost = sum(d * along(row, total) for d, row in zip(change, one, strict=True)) / 2
+            else:
+                energies = (
+                    sum(v * along(row, ends) for v, row in zip(ends, matrix, strict=True)) / 2
+                    for ends, matrix in ((before, one), (after, other))
+                )
+                lost = sympy.Add(next(energies), -next(energies))
         about = f"""The kinetic energy that an impact on wall {a} takes."""
         return self._shared(name, [*self.start], about, (lost,))
 

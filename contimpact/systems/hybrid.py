@@ -17,6 +17,7 @@ from ..models.stated_modes import (
     StatedGuard,
     StatedMode,
     StatedModes,
+    check_masses,
     modes_of,
     usable_definitions,
 )
@@ -49,6 +50,10 @@ class HybridSystem(StatedSystem):
         """The names of the coordinates, of the mode that has most."""
         return self.machine.coordinates
 
+    def validate(self) -> None:
+        """Refuse masses below zero."""
+        check_masses(self.machine, self.values)
+
     def state_names(self, mode: str) -> list[tuple[str, str]]:
         """Return the names in the mode's laws."""
         stated, sections = self.machine.mode(mode), self.machine.sections
@@ -67,6 +72,7 @@ class HybridSystem(StatedSystem):
             jump=lambda name, x, v: reader.jump(guards[name], x, v),
             flight={name: motion.flight for name, motion in motions.items()},
             acceleration={name: motion.acceleration for name, motion in motions.items()},
+            mass={mode.name: reader.mass(mode) for mode in given.modes} if given.mass else None,
         )
 
 
@@ -98,6 +104,16 @@ class _Reader:
 
         orders = [2 if name in speeds else 1 for name in coordinates]
         return Motion(laws, orders, self.period)
+
+    def mass(self, mode: StatedMode) -> list[list[Any]]:
+        """The matrix of the kinetic energy in a mode, as large as that of the largest one."""
+        texts = dict(self.given.mass)
+        masses = [
+            self.read(texts.get(name, "0"), f"mass.{name}", {})
+            for name in mode.coordinates(self.given.sections)
+        ]
+        size = range(self.given.degrees_of_freedom)
+        return [[masses[i] if i == j < len(masses) else 0 for j in size] for i in size]
 
     def _parts(self, mode: StatedMode) -> tuple[dict[str, str], tuple[str, ...]]:
         sections = self.given.sections

@@ -2,15 +2,22 @@
 
 from __future__ import annotations
 
+import json
 import math
 
 import pytest
+from mutations import written
 from scipy.integrate import quad
 from zoo import ProportionalMasses
 
 from contimpact import InputError, losses
+from contimpact.attractors.simulation import simulate
 from contimpact.attractors.verdict import settle
+from contimpact.cli import main
 from contimpact.orbits.search import find_orbits
+from contimpact.records.result_folder import held, renewed
+from contimpact.scenes.scene import read_scene
+from contimpact.segments.kernels import Kernels
 from contimpact.simulation.simulator import Simulator
 from contimpact.systems.coupled_by_impact import CoupledByImpact
 from contimpact.systems.impact_damper import ImpactDamper
@@ -78,3 +85,82 @@ def test_masses_that_are_not_stated_are_asked_for():
         losses(orbit)
     with pytest.raises(InputError, match="an attractor and its model"):
         losses(3.0)
+
+
+BODIES = {
+    "system": "hybrid",
+    "period": "2*pi/w",
+    "parameters": {"m": 0.5, "k": 1.3, "w": 1.7, "r": 0.7, "d": 0.4},
+    "mass": {"x": 1, "y": "m"},
+    "define": {"pull": "k*(x - y)", "both": "(1 + r)*(v + m*u)/(1 + m)"},
+    "modes": {"f": {"x": "v", "y": "u", "v": "cos(w*t) - x - pull - v/5", "u": "(pull - u/5)/m"}},
+    "guards": {"S": {"within": "y - x <= d", "set": {"v": "both - r*v", "u": "both - r*u"}}},
+}
+SIMULATE = {"range": [0.35, 0.45], "values": 2, "periods": 60, "losses": True}
+
+
+def stated(word="S", **changes):
+    table = {k: v for k, v in (BODIES | changes).items() if v is not None}
+    follow = {"parameter": "d", "range": [0.1, 1.0], "orbits": [word]}
+    return read_scene({"name": "n", "model": table, "follow": follow, "simulate": SIMULATE})
+
+
+def test_masses_of_a_hybrid_system_are_stated_in_its_scene():
+    """Carnot's theorem with the reduced mass; the impulse acts between the bodies."""
+    orbit = find_orbits(stated().model, "S", parameter="d")[0]
+    reduced = 0.5 / 1.5
+    carnot = 0.5 * (1 - 0.7**2) * reduced * orbit.velocities**2
+    assert losses(orbit).impacts == pytest.approx(carnot, rel=1e-12)
+
+
+def test_a_body_that_comes_to_stick_loses_what_it_had_beside_the_next_modes_rate():
+    modes = {"f": {"x": "v", "v": "cos(w*t) - x - v/5"}, "s": {"x": "0", "e": "1"}}
+    guards = {
+        "S": {"mode": "f", "within": "x <= d", "to": "s", "set": {"e": 0}},
+        "R": {"mode": "s", "within": "e <= 1", "to": "f", "set": {"v": "-k*r/m"}},
+    }
+    changes = {"modes": modes, "guards": guards, "define": None, "mass": {"x": "m"}}
+    model = stated("SR", **changes).model
+    kernels, values = Kernels(model, "d"), model.values.values()
+    (stopped,) = kernels.loss("S")(1.5, 0.0, 0.0, *values)
+    (started,) = kernels.loss("R")(1.0, 0.4, 0.0, *values)
+    assert stopped == pytest.approx(0.25 * 1.5**2, rel=1e-14)
+    assert started == pytest.approx(-0.25 * (1.3 * 0.7 / 0.5) ** 2, rel=1e-14)
+
+
+@pytest.mark.parametrize(
+    ("mass", "message"),
+    [
+        ({"x": 1}, r"^model\.mass\.y: missing; give each coordinate its mass"),
+        ({"x": 1, "y": 1, "z": 1}, r"^model\.mass\.z: 'z' is no coordinate; .* x, y$"),
+        ({"x": 1, "v": 1, "y": 1}, r"^model\.mass\.v: 'v' is no coordinate"),
+        ({"x": 1, "y": "-m"}, r"^model\.mass\.y: it is -0\.5; it must be 0 or more"),
+        ({"x": 1, "y": "q"}, r"^model\.mass\.y: unknown name 'q'"),
+        ({"x": 1, "y": "0/0"}, r"^model\.mass\.y"),
+        ([1, 1], r"^model\.mass: found \[1, 1\]"),
+    ],
+)
+def test_masses_are_those_of_coordinates(mass, message):
+    with pytest.raises(InputError, match=message):
+        stated(mass=mass)
+
+
+def test_losses_of_unknown_masses_are_refused_before_anything_is_computed(tmp_path, capsys):
+    scene = stated(mass=None)
+    with pytest.raises(InputError, match=r"^simulate\.losses: .*state its masses, model\.mass$"):
+        simulate(scene, tmp_path)
+    assert list(tmp_path.iterdir()) == []
+    path = written(scene.given, tmp_path / "scene.toml")
+    assert main(["check", path]) == 2
+    assert "simulate.losses: the kinetic energy of hybrid is not known" in capsys.readouterr().err
+
+
+def test_losses_of_an_earlier_run_do_not_survive(tmp_path):
+    scene = stated()
+    with held(tmp_path) as folder:
+        (folder / "losses.csv").write_text('# {"schema": "contimpact.losses/1"}\nfrom\n')
+        (folder / "manifest.json").write_text(
+            json.dumps({"schema": "contimpact.manifest/1", "scene": scene.resolved()})
+        )
+        with renewed(folder, ["simulate"], scene.resolved()):
+            assert not (folder / "losses.csv").exists()
