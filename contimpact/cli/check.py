@@ -58,9 +58,9 @@ def _computed(scene: Scene, tell: Progress) -> tuple[Sequence[float], list[str]]
             from ..attractors.losses import require_masses
 
             require_masses(scene.model, kernels, "simulate.losses")
+        return derived, _orbits(scene, kernels, tell)
     except InputError as error:
         raise placed(error, scene) from None
-    return derived, _orbits(scene, kernels, tell)
 
 
 def _orbits(scene: Scene, kernels: Kernels, tell: Progress) -> list[str]:

@@ -50,6 +50,8 @@ def _trial(model: Model, agreement: Callable[..., Any], random: Random, where: s
         period = agreement(0.0, *start, 0.0, *values)[0]
         phase, dt = period * random.random(), period * random.uniform(0.2, 1.2)
         step = STEP * dt
+        if not step > 0.0:
+            return False
         begun, behind, flown, ahead = (
             agreement(phase, *start, after, *values) for after in (0.0, dt - step, dt, dt + step)
         )

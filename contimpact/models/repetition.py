@@ -16,7 +16,7 @@ from .expressions import number
 
 Timed: TypeAlias = Callable[[float], float]
 """A law as a function of the time alone."""
-TIMES = 7
+TIMES, FAR = 7, 1e3
 MOST = 12
 """How many times a period, or what part of it, is tried in its place."""
 TOLERANCE = 1e-6
@@ -91,12 +91,16 @@ def _not_repeating(laws: Mapping[str, Timed], period: float) -> str | None:
 
 def _repeats(law: Timed, period: float) -> bool:
     random = Random(5)
-    times = [period * random.uniform(-1.0, 1.0) for _ in range(TIMES)]
+    parts = [random.uniform(-1.0, 1.0) for _ in range(TIMES)]
+    times = [period * part for part in parts]
     try:
         now, later = [law(t) for t in times], [law(t + period) for t in times]
+        varied, size = max(now) - min(now), max(map(abs, (*now, *later)))
+        if varied <= ROUNDING * size:  # nothing happens in so short a time
+            elsewhere = [law(FAR * part) for part in parts]
+            return max(elsewhere) - min(elsewhere) <= ROUNDING * size
     except InputError:  # without a value there
         return True
-    varied, size = max(now) - min(now), max(map(abs, (*now, *later)))
     apart = max(abs(a - b) for a, b in zip(now, later, strict=True))
     return apart <= TOLERANCE * varied + ROUNDING * size
 

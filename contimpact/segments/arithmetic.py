@@ -119,6 +119,11 @@ def cube(x: Number) -> Number:
     return x * x * x
 
 
+def power(x: Number, y: Number) -> Number:
+    """Return x to the power of y."""
+    return x**y
+
+
 def waves(rows: Any, phase: Any, dt: Any) -> Any:
     """Return the rows (k, a_k, b_k) of a sum over harmonics, in each of which stands its term."""
     return rows
@@ -135,6 +140,7 @@ FLOWS = frozenset(("flow", "flown"))
 PLAIN: dict[str, Any] = {
     "square": square,
     "cube": cube,
+    "power": power,
     "waves": waves,
     "total": total,
     **layout.NAMES,
@@ -144,6 +150,7 @@ PLAIN: dict[str, Any] = {
 FLOATS = Arithmetic(
     {name: getattr(math, name) for name in FUNCTIONS}
     | {"nan": math.nan, **linear_flow.SCALAR, **integration.SCALAR, **PLAIN}
+    | {"power": math.pow}  # without complex numbers
     | stumpff.SCALAR
     | transients.SCALAR
 )

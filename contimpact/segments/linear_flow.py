@@ -92,7 +92,8 @@ def rounded_beside(
 
 
 def flow_of_arrays(d: int, h: int, directions: int, dt: Any, *numbers: Any) -> Array:
-    """Return the same for arrays of durations, or of all arguments; results are along axis 0."""
+    """Return the same for arrays of durations, or of all arguments; results are along axis 0, NaN
+    beyond the range of floats."""
     shape = Shape(d, h, directions)
     given = np.broadcast_arrays(*(np.asarray(x, dtype=float) for x in (dt, *numbers)))
     if any(np.ndim(x) for x in numbers):
@@ -101,7 +102,11 @@ def flow_of_arrays(d: int, h: int, directions: int, dt: Any, *numbers: Any) -> A
         matrices = [np.array(matrix) for matrix in zip(*many, strict=True)]
     else:
         matrices = generators(shape, numbers)
-    found = _tables(shape, [matrices], given[0].reshape(-1, 1, 1), series_of_floats)
+    times = given[0].reshape(-1, 1, 1)
+    try:
+        found = _tables(shape, [matrices], times, series_of_floats)
+    except OverflowError:  # there are no units for all of them
+        found = np.full((len(times), 4 + 2 * directions, d, shape.size), math.nan)
     return found.reshape(given[0].size, -1).T.reshape(-1, *given[0].shape)
 
 
@@ -265,9 +270,24 @@ def _times(dt: Any, matrix: Array) -> Array:
     return product
 
 
+LONGEST = 2.0**60
+"""Of many flights, in radians or as an exponent."""
+
+
 def mean_rates(generator: Array, dt: Any, summed: Summed) -> tuple[Array, Array]:
-    """Return Q and H of matrices G, shape (..., n, n), for a time as in `_times`."""
-    size = _norm(_times(dt, generator))
+    """Return Q and H of matrices G, shape (..., n, n), for a time as in `_times`.
+
+    Of many times they are NaN for those beyond the range of floats, or so long that no digit is
+    left of a phase: the others share their doublings.
+    """
+    many = np.ndim(dt) == 3
+    with np.errstate(over="ignore", invalid="ignore"):
+        turned = _times(dt, generator)
+    beyond = ~(np.abs(turned).sum(axis=-2).max(axis=-1) < LONGEST) if many else False
+    if np.any(beyond):
+        dt, turned = np.array(dt), np.array(turned)
+        dt[beyond], turned[beyond] = 0.0, 0.0
+    size = _norm(turned)
     if not size < math.inf:
         raise OverflowError(BEYOND)
     doublings = max(0, math.ceil(math.log2(size / NORM))) if size > 0.0 else 0
@@ -284,7 +304,8 @@ def mean_rates(generator: Array, dt: Any, summed: Summed) -> tuple[Array, Array]
             found = found + 0.5 * gained
             found[h] = last
             t = 2.0 * t
-    if generator.ndim == 2 and found.dtype != object and not np.all(np.isfinite(found)):
+    found[beyond] = math.nan
+    if not many and found.dtype != object and not np.all(np.isfinite(found)):
         raise OverflowError("a linear flight grows beyond the range of floats")
     return found[q], found[h]
 

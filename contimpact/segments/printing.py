@@ -50,6 +50,8 @@ class Printer(PythonCodePrinter):
     def _print_Pow(self, expr: Any, rational: bool = False) -> str:
         """Small whole powers as products: a power of floats takes longer, and compilers differ."""
         base, exponent = expr.args
+        if not exponent.is_Integer and abs(exponent) != sympy.S.Half:
+            return f"power({self._print(base)}, {self._print(exponent)})"
         if not (exponent.is_Integer and 2 <= abs(exponent) <= 4):
             return str(super()._print_Pow(expr, rational=rational))
         factor = self._print(base)

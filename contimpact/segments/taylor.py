@@ -33,6 +33,8 @@ SCALE = 2.0**100
 """Of the state: heyoka bounds errors beside the largest of it, or beside 1 where that is larger."""
 MOST_STEPS = 200_000
 """Of a flight; c = 1e4 asks for some 1e4 over one period."""
+SOME_STEPS = 10_000
+"""Of a flight among many, whatever the others ask for."""
 
 
 class Statement(NamedTuple):
@@ -189,7 +191,9 @@ class Integrator:
 
     # Integration.
 
-    def __call__(self, numbers: Sequence[Any], longest: float = math.inf) -> list[Any]:
+    def __call__(
+        self, numbers: Sequence[Any], longest: float = math.inf, most: int = MOST_STEPS
+    ) -> list[Any]:
         """Return mean and end velocities, and then the same of their derivatives by each direction.
 
         Parameters
@@ -198,6 +202,8 @@ class Integrator:
             One for each of `Statement.names`.
         longest : float
             Part of the flight that a step may take.
+        most : int
+            How many steps it may ask for.
 
         Raises
         ------
@@ -207,18 +213,23 @@ class Integrator:
         self._given[:] = numbers[: self._used]
         d = self.stated.freedom
         self._begin(numbers[2 + d : 2 + 2 * d])
-        self._propagate(longest)
+        self._propagate(longest, most)
         found = self._state[self._rows[:, 0]]
         return [x / self._scale for x in found] if self.bits else (found / SCALE).tolist()
 
     def each(self, rows: Array) -> Array:
-        """Return the same for each row of numbers; NaN where a call raises an error."""
+        """Return the same for each row of numbers; NaN where a call raises an error.
+
+        Many flights that ask for too many steps share those of one among them.
+        """
         found = np.full((len(rows), len(self._rows)), np.nan)
+        left = MOST_STEPS
         for i, row in enumerate(rows.tolist()):
+            self.steps = 0
             try:
-                found[i] = self(row)
+                found[i] = self(row, most=max(left // 4, SOME_STEPS))
             except ArithmeticError:
-                continue
+                left -= self.steps
         return found
 
     def of_series(self, rows: Sequence[Sequence[Any]]) -> list[list[Any]]:
@@ -274,17 +285,17 @@ class Integrator:
             if place is not None:
                 state[place] = self._scale
 
-    def _propagate(self, longest: float = math.inf) -> None:
+    def _propagate(self, longest: float = math.inf, most: int = MOST_STEPS) -> None:
         more = {"max_delta_t": longest} if longest < math.inf else {}
         said, _, _, self.steps, _, _ = self._adaptive.propagate_until(
-            self._number(1.0), max_steps=MOST_STEPS, **more
+            self._number(1.0), max_steps=most, **more
         )
-        self._check(said, self._arrived, self.steps)
+        self._check(said, self._arrived, self.steps, most)
 
-    def _check(self, said: Any, fine: Any, steps: int) -> None:
+    def _check(self, said: Any, fine: Any, steps: int, most: int = MOST_STEPS) -> None:
         """Raise an error where integration has not come to its end."""
-        if steps >= MOST_STEPS:
-            raise OverflowError(f"a flight asks for more than {MOST_STEPS} steps of integration")
+        if steps >= most:
+            raise OverflowError(f"a flight asks for more than {most} steps of integration")
         if said not in fine:
             raise OverflowError("a flight does not stay finite")
 
@@ -318,7 +329,8 @@ def _evaluated(text: str, hy: Any, names: dict[str, Any], bits: int) -> Any:
 
     functions = {name: of_any(getattr(hy, name)) for name in FUNCTIONS}
 
-    known = {"pi": hy.pi, "ratio": ratio, "square": lambda x: x * x, "cube": lambda x: x * x * x}
+    known = {"pi": hy.pi, "ratio": ratio, "power": lambda x, y: x**y}
+    known |= {"square": lambda x: x * x, "cube": lambda x: x * x * x}
     found = types.FunctionType(_code(text), {"__builtins__": {}, **functions, **known, **names})()
     return found if isinstance(found, hy.expression) else hy.expression(float(found))
 

@@ -131,8 +131,11 @@ class NotFound:
 
 
 def placed(error: InputError, scene: Scene) -> InputError:
-    """Return an error of a scene's kernels; an option's text is read when they are made."""
-    return error.within("model") if error.where in scene.model.options else error
+    """Return an error of a scene's kernels at a key of the scene."""
+    if error.where == "parameter":
+        return error.within("follow")
+    of_model = error.where == "period" or error.where in scene.model.options
+    return error.within("model") if of_model else error
 
 
 def search_at(scene: Scene, kernels: Kernels, word: Word, value: float) -> Search:

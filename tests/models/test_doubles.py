@@ -215,3 +215,12 @@ def test_factors_of_a_guard_are_those_written(text, row):
             row_of(text, "guards.S.within", ("x", "y"))
     else:
         assert row_of(text, "guards.S.within", ("x", "y")) == row
+
+
+def test_powers_of_negative_numbers_have_no_value():
+    """Python's own are complex numbers."""
+    x = sympy.Symbol("x'", real=True)
+    text = f"def f(x):\n    return {Printer().doprint(x ** exact(0.3))}\n"
+    assert kernel_of("f", text, "<f>")(2.0) == 2.0**0.3
+    with pytest.raises(ValueError, match="math domain error"):
+        kernel_of("f", text, "<f>")(-2.0)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import mpmath
 import numpy as np
 import pytest
@@ -251,3 +253,21 @@ def test_other_matrices_are_refused(changes, said):
     given = {"mass": [[1, 0], [0, 1]], "damping": NONE, "stiffness": K, "force": lambda t: [0, 0]}
     with pytest.raises(InputError, match=said):
         Linear(**given | changes, period=1)
+
+
+@pytest.mark.parametrize("numbers", [(1.0, 0.0, 0.0), (1e200, 0.0, 0.0)])
+def test_of_many_flights_those_beyond_the_range_of_floats_have_no_value(numbers):
+    """Motion grows as exp(sqrt(k) t): the others keep theirs."""
+    times = np.array([0.1, 2000.0, 1e300]) / numbers[0] ** 0.5
+    with np.errstate(all="ignore"):
+        found = flow_of_arrays(1, 0, 0, times, *numbers)
+    alone = np.array(flow(1, 0, 0, float(times[0]), *numbers))
+    np.testing.assert_allclose(found[:, 0], alone, rtol=1e-12)
+    assert not np.isfinite(found[:, 1]).any(axis=0)
+    assert np.isnan(found[:, 2]).all()
+
+
+def test_of_many_flights_without_units_none_has_a_value():
+    found = flow_of_arrays(1, 0, 0, np.array([0.1, 0.2]), math.inf, 0.0, 0.0)
+    assert found.shape == (12, 2)
+    assert np.isnan(found).all()

@@ -141,6 +141,8 @@ def test_a_mode_without_a_law_is_named_with_what_needs_it():
         ("pi/omega", {"v": "drive - x**3"}, "they repeat after 4.83"),
         ("4*pi/(3*omega)", {}, "they repeat after 4.83.*, 3/2 times as long$"),
         ("2*pi", {}, r"they repeat after 4\.83\d+$"),
+        ("1e-14", {}, "after which modes.free.v does not repeat; they repeat after 4.83"),
+        ("5e-324", {}, "after which modes.free.v does not repeat; they repeat after 4.83"),
         ("2*pi/1.3", {}, "repeats at these values of the parameters alone"),
         ("2*pi/omega", {"v": "drive - x + t"}, "give one after which all laws repeat$"),
         ("2*pi/omega", {"v": "exp(t) - x*a*c"}, "give one after which all laws repeat$"),
