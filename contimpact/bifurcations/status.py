@@ -2,8 +2,9 @@
 
 An orbit turns unphysical at a G, V or T, and the number of its multipliers outside the unit circle
 changes at an FB, BP, PD or NS, or where impacts merge (T): each kind says so itself. Where it does
-so between two points and no such event was found, the arc is searched again, ever closer to the
-change; what is still not explained is recorded as missed.
+so between two points, an event of a kind that was asked for may have caused it, and none was found,
+the arc is searched again, ever closer to the change; what is still not explained is recorded as
+missed. A change that only other kinds cause costs nothing.
 """
 
 from __future__ import annotations
@@ -20,7 +21,7 @@ from ..continuation.settings import Settings
 from ..continuation.sign_changes import Sample, Stretch
 from ..continuation.test_function import TestFunction
 from ..orbits.linearisation import Linearisation
-from ..orbits.multipliers import count_unstable
+from ..orbits.multipliers import UNIT_CIRCLE_ROUNDING, count_unstable
 from ..orbits.physicality import PHYSICAL
 from ..orbits.problem import Array, OrbitProblem
 from .declarations import KINDS
@@ -69,7 +70,7 @@ def explained(
         left, right = walk.points[i], walk.points[j]
         if (switched and i == 0) or _explains(events, left, right, change):
             continue
-        if change is Change.PHYSICALITY and _needed(left, right, change) not in asked:
+        if asked.isdisjoint(_causes(left, right, change)):
             continue
         found, lost = _searched(problem, left, right, tests, settings, change)
         events += [event for event in found if not _known(event, events)]
@@ -154,10 +155,9 @@ def _searched(
             break
         before, after = arc.halves(middle)
         arc = after if state(middle) == here else before
-    kind = _needed(arc.left, arc.right, change)
-    if kind not in {test.kind for test in tests}:
-        return [], []
-    return [], [_unexplained(kind, arc, change)]
+    asked = {test.kind for test in tests}
+    lacking = [kind for kind in _causes(arc.left, arc.right, change) if kind in asked]
+    return [], [_unexplained(kind, arc, change) for kind in lacking[:1]]
 
 
 def _state_of(change: Change) -> Callable[[OrbitPoint], int]:
@@ -174,26 +174,25 @@ def _find(tests: Sequence[TestFunction[Linearisation]], arc: Arc) -> list[OrbitE
     return find_events(tests, arc, Stretch(*ends))[0]
 
 
-def _needed(left: OrbitPoint, right: OrbitPoint, change: Change) -> str:
-    """The kind of event that would explain a change of status between two points."""
+def _causes(left: OrbitPoint, right: OrbitPoint, change: Change) -> list[str]:
+    """The kinds of events of which one at least lies where a status changes between two points."""
     kinds = [kind_of(name) for name in KINDS]
     if change is Change.PHYSICALITY:
         finding = int(_worse(left, right).evaluation.numbers[-6])
-        return next(kind.name for kind in kinds if kind.finding == finding)
-    passing = _passing(left.evaluation, right.evaluation)
-    return next(kind.name for kind in kinds if kind.passed(passing))
+        return [kind.name for kind in kinds if kind.finding == finding]
+    above, below, pairs = np.subtract(_outside(left), _outside(right))
+    several = pairs or abs(above + below) > 1
+    passed = [value for value, moved in ((1.0, above), (-1.0, below), (None, several)) if moved]
+    return [kind.name for kind in kinds if any(kind.passed(value) for value in passed)]
 
 
-def _passing(one: Linearisation, other: Linearisation) -> float | None:
-    """The multiplier that passes 1 or -1 between two orbits; None where only pairs pass.
-
-    An odd number of multipliers leaves the unit circle only through 1 or -1.
-    """
-    stable, unstable = sorted((one, other), key=lambda end: end.n_unstable)
-    outside = [m.real for m in unstable.multipliers if abs(m) > 1.0 and m.imag == 0.0]
-    if (unstable.n_unstable - stable.n_unstable) % 2 == 0:
-        return None
-    return min(outside, key=abs, default=None)
+def _outside(point: OrbitPoint) -> tuple[int, int, int]:
+    """How many multipliers lie beyond 1, beyond -1, and off the real axis outside the circle."""
+    values = point.evaluation.multipliers
+    real, outside = values.imag == 0.0, np.abs(values) > 1.0 + UNIT_CIRCLE_ROUNDING
+    sides = real & (values.real > 0.0), real & (values.real < 0.0), ~real
+    above, below, pairs = (int(np.count_nonzero(outside & side)) for side in sides)
+    return above, below, pairs
 
 
 def _worse(left: OrbitPoint, right: OrbitPoint) -> OrbitPoint:
