@@ -78,8 +78,12 @@ class _Search:
         """Where more crossings are not excluded, and not within rounding."""
         found, places = stretch.suspects()
         b, c = stretch.left.flat, stretch.right.flat
+        if not np.any(found):
+            return found, places
         floor = [max(test.noise, test.rounding) for test in self.tests]
         found[(found == DIPS) & (np.fmax(np.abs(b), np.abs(c)) <= np.repeat(floor, self.sizes))] = 0
+        if not any(test.guides for test in self.tests):
+            return found, places
         passed = crosses(b, c)
         last = 0
         for test, left, right in zip(

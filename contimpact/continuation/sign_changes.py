@@ -11,6 +11,8 @@ parabolas through a, b, c and b, c, d, and from how far these two disagree::
 
 from __future__ import annotations
 
+import functools
+import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
@@ -43,7 +45,7 @@ class Sample:
     arclength: float
     values: list[Array]
 
-    @property
+    @functools.cached_property
     def flat(self) -> Array:
         """All values in a row."""
         return np.concatenate(self.values) if self.values else np.zeros(0)
@@ -117,24 +119,24 @@ def suspects(
         rate = (c - b) / ahead
         before = (rate - (b - a) / behind) / (ahead + behind)
         after = ((d - c) / beyond - rate) / (beyond + ahead)
+        here, there = ~np.isnan(b), ~np.isnan(c)
         passed = crosses(b, c)
         side = np.where(b >= 0.0, 1.0, -1.0)
         # side * value >= |b| + climb x - bend x (1 - x) for x from 0 to 1
-        bend = ahead**2 * np.where(
-            passed,
-            _largest_bend(np.abs(before), np.abs(after), np.abs(after - before)),
-            _largest_bend(side * before, side * after, np.abs(after - before)),
-        )
+        one = np.where(passed, np.abs(before), side * before)
+        other = np.where(passed, np.abs(after), side * after)
+        bend = ahead**2 * _largest_bend(one, other, np.abs(after - before))
         climb = side * (c - b)
         place = 0.5 - climb / (2.0 * bend)
         lowest = np.abs(b) + climb * place - bend * place * (1.0 - place)
         turns = (bend > np.abs(climb)) | np.isnan(bend)
         dips = turns & (passed | ~(lowest >= 0.0))
-        vanishes = np.isnan(c) & _may_pass(b, a, ahead / behind)
-        appears = np.isnan(b) & _may_pass(c, d, ahead / beyond)
-    here, there = ~np.isnan(b), ~np.isnan(c)
     found = np.where(here & there & dips, np.where(passed, THRICE, DIPS), 0)
-    found[(here & vanishes) | (there & appears)] = ENDS
+    if np.any(here != there):
+        with np.errstate(all="ignore"):
+            vanishes = here & ~there & _may_pass(b, a, ahead / behind)
+            appears = there & ~here & _may_pass(c, d, ahead / beyond)
+        found[vanishes | appears] = ENDS
     aimed = (found == DIPS) & ~np.isnan(place)
     places = np.where(aimed, np.clip(place, OFF_THE_ENDS, 1.0 - OFF_THE_ENDS), MIDDLE)
     return found, places
@@ -198,7 +200,8 @@ class Samples:
 
     def split(self, values: Array) -> list[Array]:
         """Return a row of values by test function."""
-        return np.split(values, np.cumsum(self.sizes)[:-1]) if self.sizes else []
+        ends = itertools.accumulate(self.sizes)
+        return [values[end - size : end] for size, end in zip(self.sizes, ends, strict=True)]
 
     def at(self, i: int) -> Sample | None:
         """Return those at one point, None where there is none."""
@@ -227,22 +230,26 @@ def noteworthy(values: Array, arclengths: Array) -> list[int]:
         Test functions.
     arclengths : ndarray of shape (P + 2,)
     """
-    if len(values) == 3:
-        a, b, c = values
-        behind, ahead = np.diff(arclengths)
-        found, _ = suspects(a, b, c, np.full(len(c), np.nan), behind, ahead, np.nan)
-        return [0] if np.any(crosses(b, c) | (found > 0)) else []
-    a, b, c = values[:-2], values[1:-1], values[2:]
-    d = np.vstack([values[3:], np.full((1, values.shape[1]), np.nan)])
-    steps = np.diff(arclengths)
-    behind, ahead, beyond = steps[:-1, None], steps[1:, None], np.append(steps[2:], 1.0)[:, None]
+    if not values.shape[1]:
+        return []
+    lengths = np.diff(arclengths)
     with np.errstate(all="ignore"):
-        far = 0.5 * np.minimum(np.abs(b), np.abs(c))
-        quiet = (np.abs(c - b) < far) & (np.abs(b - a) * (ahead / behind) < far)
-        quiet &= np.abs(d - c) * (ahead / beyond) < far
-        quiet |= np.isnan(b) & np.isnan(c)
-    rows, columns = np.nonzero(~quiet)
-    a, b, c, d = (v[rows, columns] for v in (a, b, c, d))
-    behind, ahead, beyond = (step[rows, 0] for step in (behind, ahead, beyond))
-    found, _ = suspects(a, b, c, d, behind, ahead, beyond)
+        rates = np.abs(np.diff(values, axis=0)) / lengths[:, None]
+        sizes = np.abs(values[1:])
+        far = 0.5 * np.minimum(sizes[:-1], sizes[1:]) / lengths[1:, None]
+        # that a parabola needs one of the points before and after is seen from their rates
+        quiet = (rates[1:] < far) & ~(rates[:-1] >= far)
+        known = rates[:-1] >= 0.0
+        quiet[:-1] &= ~(rates[2:] >= far[:-1])
+        known[:-1] |= rates[2:] >= 0.0
+        quiet &= known
+    nothing = np.isnan(values[1:-1]) & np.isnan(values[2:])
+    rows, columns = np.nonzero(~(quiet | nothing))
+    if not len(rows):
+        return []
+    a, b, c = (values[rows + i, columns] for i in range(3))
+    after = np.vstack([values, np.full((1, values.shape[1]), np.nan)])
+    beyond = np.append(lengths, 1.0)
+    given = a, b, c, after[rows + 3, columns], lengths[rows], lengths[rows + 1], beyond[rows + 2]
+    found, _ = suspects(*given)
     return sorted(set(rows[crosses(b, c) | (found > 0)].tolist()))

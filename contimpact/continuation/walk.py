@@ -166,7 +166,8 @@ class _Walker:
         while (left := self.settings.max_points - len(self.points)) > 0:
             if len(self.points) > 1 and self.grow():
                 most = self.fewest
-            careful = len(self.points) == 1 or self.near(self.points[-1]) is not None
+            leaves = self.branching and len(self.points) == 1
+            careful = leaves or self.near(self.points[-1]) is not None
             batch = self.advance(step, 1 if careful else min(most, left))
             step, end = self.follow(batch)
             if end is not None:

@@ -22,7 +22,7 @@ import numpy as np
 from ..arrays import Array, Number, Vector
 from . import integration, linear_flow
 from .arithmetic import FLOATS, PLAIN, Arithmetic, Kernel, evaluate_in
-from .layout import flat, refilled
+from .layout import Setup
 from .segment import Numbers, Segment
 
 UNIT = 0.5 * float(np.finfo(float).eps)
@@ -49,25 +49,25 @@ class Bounded:
         return cls(value, 0.0 if value.is_integer() else 2.0 * UNIT * abs(value))
 
     def __add__(self, other: Number) -> Bounded:
-        other = self.of(other)
+        other = other if type(other) is Bounded else self.of(other)
         value = self.value + other.value
         return Bounded(value, self.error + other.error + UNIT * abs(value))
 
     def __mul__(self, other: Number) -> Bounded:
-        other = self.of(other)
+        other = other if type(other) is Bounded else self.of(other)
         value = self.value * other.value
         spread = abs(self.value) * other.error + abs(other.value) * self.error
         return Bounded(value, spread + self.error * other.error + UNIT * abs(value))
 
     def __truediv__(self, other: Number) -> Bounded:
-        other = self.of(other)
+        other = other if type(other) is Bounded else self.of(other)
         value = self.value / other.value
         least = abs(other.value) - other.error
         spread = (self.error + abs(value) * other.error) / least if least > 0.0 else math.inf
         return Bounded(value, spread + UNIT * abs(value))
 
     def __mod__(self, other: Number) -> Bounded:
-        other = self.of(other)
+        other = other if type(other) is Bounded else self.of(other)
         value = self.value % other.value
         turns = abs(round((self.value - value) / other.value))
         return Bounded(value, self.error + turns * other.error + UNIT * abs(value))
@@ -119,13 +119,16 @@ ROUGHER = {"transients1": 3.0, "transients2": 5.0, "transients4": 80.0}
 
 
 def _bounded(
-    function: Callable[..., Any], rougher: float = 1.0, sizes: Callable[[Array], Array] = np.abs
+    function: Callable[..., Any],
+    rougher: float = 1.0,
+    sizes: Callable[[Array], Array] | None = None,
 ) -> Callable[..., Any]:
     """A function of floats as one of numbers with bounds.
 
     A function's own result is good to two units of its last place and to the rounding of its
     arguments, by which its inner steps are no better than the argument they reduce; if it is
-    rougher, to a multiple of these. `sizes` are what its results are rounded beside.
+    rougher, to a multiple of these. `sizes` are what its results are rounded beside, if not
+    themselves.
     """
 
     def on_bounded(*arguments: Number) -> Number | Vector:
@@ -133,30 +136,39 @@ def _bounded(
         values = [a.value for a in given]
         found = function(*values)
         several = isinstance(found, tuple | list)
-        results = np.array(found if several else (found,), dtype=float)
-        errors = rougher * 4.0 * UNIT * sizes(results)
+        results = [float(number) for number in found] if several else [float(found)]
+        beside = map(abs, results) if sizes is None else sizes(np.array(results)).tolist()
+        errors = [rougher * 4.0 * UNIT * size for size in beside]
         for i, argument in enumerate(given):
             off = argument.error + rougher * 2.0 * UNIT * abs(argument.value)
             if off > 0.0:
-                errors = errors + _slopes(function, values, i, results) * off
-        pairs = [Bounded(*pair) for pair in zip(results.tolist(), errors.tolist(), strict=True)]
-        return tuple(pairs) if several else pairs[0]
+                slopes = _slopes(function, values, i, results)
+                errors = [e + slope * off for e, slope in zip(errors, slopes, strict=True)]
+        bounds = tuple(map(Bounded, results, errors))
+        return bounds if several else bounds[0]
 
     return on_bounded
 
 
-def _slopes(function: Callable[..., Any], values: list[float], i: int, here: Array) -> Array:
+def _slopes(
+    function: Callable[..., Any], values: list[float], i: int, here: list[float]
+) -> list[float]:
     """The size of a function's derivatives by one argument, from both sides, the larger one."""
     step = NEARBY * (abs(values[i]) or 1.0)
-    sizes = [np.zeros(len(here))]
+    largest = [0.0] * len(here)
     for side in (-step, step):
         moved = [*values[:i], values[i] + side, *values[i + 1 :]]
         try:
-            there = np.atleast_1d(np.array(function(*moved), dtype=float))
+            there = function(*moved)
         except (ValueError, ArithmeticError):  # beyond the end of its domain
             continue
-        sizes.append(np.abs(there - here) / step)
-    return np.max(sizes, axis=0)
+        numbers = there if isinstance(there, tuple | list) else (there,)
+        slopes = [abs(n - h) / step for n, h in zip(numbers, here, strict=True)]
+        largest = [
+            size if size != size or slope <= size else slope
+            for slope, size in zip(slopes, largest, strict=True)
+        ]  # not a number where one is none
+    return largest
 
 
 def _floor(x: Number) -> Bounded:
@@ -218,6 +230,8 @@ def _exact(number: Number) -> Bounded:
 
 def _apart(result: Any) -> tuple[Any, Any]:
     """Values and errors of a result, each laid out as it is."""
-    found = [Bounded.of(number) for number in flat(result)]
-    values, errors = (number.value for number in found), (number.error for number in found)
-    return refilled(result, values), refilled(result, errors)
+    if not isinstance(result, tuple):
+        bound = Bounded.of(result)
+        return bound.value, bound.error
+    values, errors = zip(*map(_apart, result), strict=True) if result else ((), ())
+    return (Setup(*values), Setup(*errors)) if isinstance(result, Setup) else (values, errors)

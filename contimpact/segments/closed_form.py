@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Callable
 from typing import TYPE_CHECKING
 
@@ -64,7 +65,7 @@ class ClosedForm:
         motion = evaluate_in(self._motion, ARRAYS)
         return np.broadcast_to(motion(*start, times, *values)[1], times.shape)
 
-    @property
+    @functools.cached_property
     def _motion(self) -> Kernel:
         """The motion of the gap coordinate of the guard left, or of the first guard."""
         if self._walls[0] == SECTION:
