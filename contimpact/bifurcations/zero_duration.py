@@ -44,7 +44,10 @@ class ZeroDuration(ScalarTest):
     def lengths(self, orbits: Orbits) -> Array:
         """Return the durations of all flights."""
         times = orbits.unknowns[:, self.times]
-        return np.diff(times, axis=1, append=times[:, :1] + orbits.spans[:, None])
+        lengths = np.empty(times.shape)
+        lengths[:, :-1] = times[:, 1:] - times[:, :-1]
+        lengths[:, -1] = times[:, 0] + orbits.spans - times[:, -1]
+        return lengths
 
     def gradient(self, problem: OrbitProblem, z: Array, index: int) -> Array:
         m, n = problem.m, problem.n

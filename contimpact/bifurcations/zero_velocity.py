@@ -52,6 +52,8 @@ class ZeroVelocity(ScalarTest):
 
     def of(self, orbits: Orbits) -> Array:
         speeds = self.sides * orbits.unknowns[:, self.velocities]
+        if not (self.excursions or self.alone):
+            return speeds
         lengths = self.durations.lengths(orbits)
         alone = [one.rates(orbits, lengths) for one in self.alone]
         return np.column_stack([speeds, lengths[:, self.excursions], *alone])

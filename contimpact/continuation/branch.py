@@ -163,7 +163,8 @@ class Block:
         """Return one of the points."""
         here = self.make(self.unknowns[i], self.described[i])
         tangent, orientation = self.sign * self.tangents[i], self.sign * float(self.orientations[i])
-        return Point(here, tangent, orientation, float(self.places[i]), int(self.iterations[i]))
+        place = self.origin + self.sign * float(self.arclengths[i])
+        return Point(here, tangent, orientation, place, int(self.iterations[i]))
 
     @property
     def places(self) -> Array:

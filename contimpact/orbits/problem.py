@@ -22,6 +22,7 @@ is regular where one vanishes.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from itertools import pairwise
 
@@ -351,6 +352,9 @@ class OrbitProblem:
     def _mean_order(self, unknowns: Array) -> float:
         """The root of the mean square of the harmonics' orders; 1 where they are not known."""
         waves = self.kernels.harmonics(*self.values(unknowns))[1:]
+        if len(waves) == 3:  # as the sums over one
+            weight = waves[1] * waves[1] + waves[2] * waves[2]
+            return math.sqrt(waves[0] * waves[0] * weight / weight) if weight > 0.0 else 1.0
         orders, cosines, sines = np.reshape(waves, (-1, 3)).T
         weights = cosines**2 + sines**2
         total = float(np.sum(weights))
@@ -365,11 +369,13 @@ class OrbitProblem:
         if self.m > 2:  # together: a call takes longer than an instant
             speeds = [s.speeds(row, (later[0] - row[0]) / 8.0, 7, p) for s, (row, later) in flown]
             return float(np.max(np.abs(speeds)))
-        return max(
-            abs(segment.track(row, part * (later[0] - row[0]) / 8.0, p)[1])
-            for segment, (row, later) in flown
-            for part in range(1, 8)
-        )
+        fastest = 0.0
+        for segment, (row, later) in flown:
+            track, length = segment.track, later[0] - row[0]
+            for part in range(1, 8):
+                speed = abs(track(row, part * length / 8.0, p)[1])
+                fastest = max(fastest, speed)
+        return fastest
 
     def difference(self, one: Array, other: Array) -> Array:
         """Return one - other as orbits: zero up to whole periods and rotations of the word."""

@@ -86,6 +86,8 @@ class Kernels:
         self._functions: dict[str, Kernel] = {}
         self._derivatives: dict[str, Callable[..., Any]] = {}
         self._segments: dict[tuple[str, str], ClosedForm] = {}
+        self._linear: dict[str, bool] = {}
+        self._integrated: dict[str, bool] = {}
         self._writer: Any = None
 
     def __reduce__(self) -> tuple[Any, ...]:
@@ -200,6 +202,11 @@ class Kernels:
 
     def linear(self, a: str) -> bool:
         """Whether the flight after a wall is a linear one, which `law` describes."""
+        if a not in self._linear:
+            self._linear[a] = self._is_linear(a)
+        return self._linear[a]
+
+    def _is_linear(self, a: str) -> bool:
         model = self.model
         after = model.guard(a).next_mode
         size = model.DEGREES_OF_FREEDOM
@@ -208,7 +215,9 @@ class Kernels:
 
     def integrated(self, a: str) -> bool:
         """Whether the flight after a wall, or from the section, is integrated, from its `field`."""
-        return "flown" in self._moving(a).__code__.co_names
+        if a not in self._integrated:
+            self._integrated[a] = "flown" in self._moving(a).__code__.co_names
+        return self._integrated[a]
 
     def _moving(self, a: str) -> Kernel:
         """A kernel of how a gap coordinate moves in the mode after a wall, or in the first one."""
