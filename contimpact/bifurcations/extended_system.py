@@ -88,8 +88,10 @@ class ExtendedSystem(ABC):
 
 @dataclass(frozen=True)
 class Solution:
-    """A solved square system: where, its largest residual, and a bound of the parameter's error."""
+    """A solved square system: the orbit, the system's own unknowns, its largest residual, and a
+    bound of the parameter's error."""
 
+    here: Linearisation
     unknowns: Array
     own: Array
     residual: float
@@ -127,7 +129,7 @@ def solve(system: ExtendedSystem, here: Linearisation) -> Solution | None:
         off = FIRST_ORDER * np.abs(at.residual) + system.rounding(here, x[orbit:])
     except (ArithmeticError, ValueError, np.linalg.LinAlgError):
         return None
-    return Solution(x[:orbit], x[orbit:], size, float(np.abs(row) @ off))
+    return Solution(here, x[:orbit], x[orbit:], size, float(np.abs(row) @ off))
 
 
 def _surroundings(here: Linearisation) -> Callable[[Array], bool]:
@@ -152,7 +154,7 @@ def located(
     if solution is None:
         return None
     told = details(solution) if details else {}
-    return Located(solution.unknowns, solution.residual, solution.error, told)
+    return Located(solution.unknowns, solution.residual, solution.error, told, solution.here)
 
 
 def rounding_of_product(matrix: Array, bounds: Array, vector: Array) -> Array:

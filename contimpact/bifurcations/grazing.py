@@ -118,7 +118,10 @@ class Grazing(OrbitTest):
 
     def nearest(self, problem: OrbitProblem, found: Located, index: int) -> bool:
         """Whether a flight does not pass the wall where it touches it at one of several extrema."""
-        touch = self.touch(problem.evaluate(found.unknowns), index)
+        here = found.evaluation
+        if not isinstance(here, Linearisation):
+            here = problem.evaluate(found.unknowns)
+        touch = self.touch(here, index)
         return touch is None or touch.gap > -PASSING
 
     def enters(self, point: OrbitPoint, index: int) -> bool:

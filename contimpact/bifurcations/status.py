@@ -85,11 +85,12 @@ def with_status(walk: Walk[Linearisation], settings: Settings) -> Array:
     Next to a branch point, where the equations vanish with the square of the distance from two
     branches, a point within the tolerance may be off both.
     """
-    places = Points(walk.points).arclengths
     crossings = [event.point.arclength for event in walk.events if kind_of(event.kind).crossing]
+    if not crossings:
+        return np.arange(len(walk.points))
+    places = Points(walk.points).arclengths
     near = BLURRED * np.sqrt(settings.tolerance)
-    apart = [np.abs(places - place) > near for place in crossings]
-    return np.nonzero(np.all(apart, axis=0) if apart else np.ones(len(places), dtype=bool))[0]
+    return np.nonzero(np.all([np.abs(places - place) > near for place in crossings], axis=0))[0]
 
 
 def _changes(
@@ -97,13 +98,15 @@ def _changes(
 ) -> list[tuple[int, int, Change]]:
     """Points between which a status changes; where both do, stability comes first."""
     numbers = Points(walk.points).numbers[told]
-    unphysical = numbers[:, -6] != PHYSICAL
-    unstable = count_unstable(np.ascontiguousarray(numbers[..., 1:-6]).view(complex))
-    status = {Change.STABILITY: unstable, Change.PHYSICALITY: unphysical}
+    status: dict[Change, Array] = {}
+    if Change.STABILITY in sought:
+        multipliers = np.ascontiguousarray(numbers[..., 1:-6]).view(complex)
+        status[Change.STABILITY] = count_unstable(multipliers)
+    if Change.PHYSICALITY in sought:
+        status[Change.PHYSICALITY] = numbers[:, -6] != PHYSICAL
     changes = [
         (int(told[i]), int(told[i + 1]), change)
         for change, values in status.items()
-        if change in sought
         for i in np.nonzero(values[1:] != values[:-1])[0]
     ]
     return sorted(changes, key=lambda found: found[0])

@@ -17,7 +17,7 @@ import math
 import os
 import platform
 import sys
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -70,16 +70,10 @@ class CompiledProgram:
 
     def __call__(self, *arrays: Any) -> int:
         """Run on arrays: int64 or float64, contiguous, one for each argument."""
-        return self.at(places_of(arrays))
-
-    def at(self, places: Sequence[int], *arrays: Any) -> int:
-        """Run on arrays the first of which lie at places already told; see `places_of`."""
-        return int(self.function(*places, *places_of(arrays)))
-
-
-def places_of(arrays: Iterable[Any]) -> list[int]:
-    """Return where arrays lie, each address with the shape behind it."""
-    return [number for array in arrays for number in (array.ctypes.data, *array.shape)]
+        numbers: list[int] = []
+        for array in arrays:
+            numbers += [array.ctypes.data, *array.shape]
+        return int(self.function(*numbers))
 
 
 def load(

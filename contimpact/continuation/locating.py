@@ -96,7 +96,8 @@ def _by_newton(test: TestFunction, arc: Arc, guess: Point, index: int) -> Event 
         return None
     if not located.error <= ACCEPTED_ERROR * arc.scale[-1]:
         return None
-    point = arc.event_point(arc.problem.evaluate(located.unknowns), guess.iterations)
+    here = located.evaluation or arc.problem.evaluate(located.unknowns)
+    point = arc.event_point(here, guess.iterations)
     details = {"index": index, **located.details}
     return Event(test.kind, point, located.residual, located.error, "newton", details)
 

@@ -19,12 +19,13 @@ At = TypeVar("At", bound=Evaluation, contravariant=True)
 
 @dataclass(frozen=True, eq=False)
 class Located:
-    """A solution of a test function's equations: where, and how well."""
+    """A solution of a test function's equations: where, how well, and what was evaluated there."""
 
     unknowns: Array
     residual: float
     error: float
     details: Details = field(default_factory=dict)
+    evaluation: Evaluation | None = None
 
 
 class TestFunction(ABC, Generic[At]):

@@ -7,7 +7,7 @@ from abc import ABC, abstractmethod
 from typing import TYPE_CHECKING, ClassVar, Generic, TypeAlias, TypeVar
 
 from ..arrays import ARRAYS, LISTS, Array, Containers, Vector
-from ..compiling.library import CompiledProgram, load, mode, places_of, plainly, spend
+from ..compiling.library import CompiledProgram, load, mode, plainly, spend
 from ..continuation.batch import Batch, Position, batch_of
 from ..continuation.branch import Block
 from ..continuation.corrector import Evaluate, Solve
@@ -141,18 +141,13 @@ class OrbitBackend(ABC, Generic[V]):
         """Take them by compiled code, or plainly."""
         vectors = position.vectors(self.recorded, most, ARRAYS if fast else LISTS)
         if fast:
-            made = fast.at(self.places, *vectors)
+            made = fast(*self.arrays, *vectors)
         else:
             made = take_steps(*self.functions, self.lists, tuple(vectors))
         flights = int(vectors.state[EVALUATIONS]) * self.count
         self.problem.kernel_evaluations += flights
         spend(0 if fast else flights * self.cost)
         return batch_of(position, self.problem, vectors, made, self.block)
-
-    @functools.cached_property
-    def places(self) -> list[int]:
-        """Where the branch's arrays lie."""
-        return places_of(self.arrays)
 
     @property
     def recorded(self) -> int:
