@@ -291,10 +291,9 @@ def test_gaps_are_evaluated_once_for_each_row(measured):
     assert found["counts"]["interior_touches"] <= found["points"]["points"]
 
 
-def test_an_event_that_is_not_named_costs_no_evaluation(measured):
-    """Where none is found, naming one costs the cut of the first step of each of two walks."""
+def test_a_kind_of_which_there_is_no_event_costs_no_evaluation(measured):
     plain, named = measured((), ()), measured(("V", "T"), ())
-    assert named["counts"]["evaluate"] - plain["counts"]["evaluate"] <= 2 * 3
+    assert named["counts"]["evaluate"] == plain["counts"]["evaluate"]
 
 
 def test_switching_loads_the_longer_words_kernels_alone(measured):
