@@ -35,9 +35,9 @@ FLIGHTS, LOCATED = 2, {"PD": 12, "G": 12}
 """Flights of the orbit; evaluations of flights that the location of an event in fixed steps takes:
 four of the orbit with two flights each, and as many of second derivatives or of the touch."""
 
-needs_numba = pytest.mark.skipif(
-    importlib.util.find_spec("numba") is None, reason="the extra 'fast' is not installed"
-)
+without_numba = importlib.util.find_spec("numba") is None
+needs_numba = pytest.mark.skipif(without_numba, reason="the extra 'fast' is not installed")
+COMPILED = needs_numba, pytest.mark.full
 
 
 KNOWN = {}
@@ -89,7 +89,7 @@ def effort(monkeypatch, kernel_cache):
     return measured
 
 
-MODES = pytest.mark.parametrize("mode", ["never", pytest.param("always", marks=needs_numba)])
+MODES = pytest.mark.parametrize("mode", ["never", pytest.param("always", marks=COMPILED)])
 
 
 @MODES
@@ -139,7 +139,7 @@ are, for other versions of Python and NumPy."""
 
 @pytest.mark.parametrize(
     ("mode", "kinds", "steps"),
-    [pytest.param(*key, marks=needs_numba if key[0] == "always" else ()) for key in CALLS],
+    [pytest.param(*key, marks=COMPILED if key[0] == "always" else ()) for key in CALLS],
 )
 def test_calls_of_a_walk(effort, mode, kinds, steps):
     """What all numbers have in common that no evaluation shows: bookkeeping."""
