@@ -97,13 +97,15 @@ def _changes(
     walk: Walk[Linearisation], sought: Collection[Change | None], told: Array
 ) -> list[tuple[int, int, Change]]:
     """Points between which a status changes; where both do, stability comes first."""
-    numbers = Points(walk.points).numbers[told]
-    status: dict[Change, Array] = {}
+    points, status = Points(walk.points), dict[Change, Array]()
     if Change.STABILITY in sought:
-        multipliers = np.ascontiguousarray(numbers[..., 1:-6]).view(complex)
-        status[Change.STABILITY] = count_unstable(multipliers)
+        multipliers = points.stacked(
+            lambda point: point.evaluation.multipliers,
+            lambda block: np.ascontiguousarray(block.described[:, 1:-6]).view(complex),
+        )
+        status[Change.STABILITY] = count_unstable(multipliers[told])
     if Change.PHYSICALITY in sought:
-        status[Change.PHYSICALITY] = numbers[:, -6] != PHYSICAL
+        status[Change.PHYSICALITY] = points.numbers[told, -6] != PHYSICAL
     changes = [
         (int(told[i]), int(told[i + 1]), change)
         for change, values in status.items()

@@ -283,25 +283,26 @@ class Points(Sequence[Point]):
     @property
     def unknowns(self) -> Array:
         """The unknowns of every point, a row each."""
-        return self._stacked(lambda point: point.unknowns, lambda block: block.unknowns)
+        return self.stacked(lambda point: point.unknowns, lambda block: block.unknowns)
 
     @property
     def numbers(self) -> Array:
         """What the evaluations tell of every point in a row of numbers."""
-        return self._stacked(lambda point: point.evaluation.numbers, lambda block: block.described)
+        return self.stacked(lambda point: point.evaluation.numbers, lambda block: block.described)
 
     @property
     def iterations(self) -> Array:
         """Corrector iterations of every point."""
-        found = self._stacked(lambda point: point.iterations, lambda block: block.iterations)
+        found = self.stacked(lambda point: point.iterations, lambda block: block.iterations)
         return found.astype(np.int64)
 
     @property
     def arclengths(self) -> Array:
         """Arclength of every point."""
-        return self._stacked(lambda point: point.arclength, lambda block: block.places)
+        return self.stacked(lambda point: point.arclength, lambda block: block.places)
 
-    def _stacked(self, one: Callable[[Point], object], many: Callable[[Block], Array]) -> Array:
+    def stacked(self, one: Callable[[Point], object], many: Callable[[Block], Array]) -> Array:
+        """Return what functions of points, and of blocks, say of every point, a row each."""
         found = [np.array([one(p)]) if isinstance(p, Point) else many(p) for p in self.pieces]
         return np.concatenate(found) if found else np.zeros(0)
 

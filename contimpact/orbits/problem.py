@@ -347,7 +347,10 @@ class OrbitProblem:
         sizes[0] = max(sizes[0], self._largest_speed(unknowns))
         wave = period / self._mean_order(unknowns)
         one = np.concatenate([[wave], np.where(sizes > 0, sizes, 1.0)])
-        return np.append(np.tile(one, len(self.word)) * np.sqrt(len(self.word)), span)
+        found = np.empty(self.n + self.free)
+        found[: self.n].reshape(-1, self.m)[:] = one * math.sqrt(len(self.word))
+        found[self.n :] = span
+        return found
 
     def _mean_order(self, unknowns: Array) -> float:
         """The root of the mean square of the harmonics' orders; 1 where they are not known."""
