@@ -14,6 +14,7 @@ from contimpact.bifurcations.kind import Change
 from contimpact.bifurcations.registry import kind_of
 from contimpact.bifurcations.status import with_status
 from contimpact.continuation.branch import Points
+from contimpact.continuation.ends import EndKind
 from contimpact.orbit_continuation import orbit_branch, orbit_walks
 from contimpact.orbits.linearisation import Summary
 from contimpact.orbits.multipliers import count_unstable
@@ -162,10 +163,12 @@ def explained_by(points, walk, i, fits, j=None):
     left, right = points[int(i)], points[int(i + 1 if j is None else j)]
     slack = 1e-9 * (right.arclength - left.arclength)
     low, high = sorted((left.parameter, right.parameter))
+    turn = points[-1].arclength if walk.end.kind is EndKind.CLOSED else 0.0
     return any(
         fits(kind_of(event.kind))
-        and left.arclength - slack <= event.point.arclength <= right.arclength + slack
+        and left.arclength - slack <= event.point.arclength + way <= right.arclength + slack
         for event in walk.events
+        for way in {0.0, turn, -turn}
     ) or any(
         min(missed.parameters) <= high and low <= max(missed.parameters) for missed in walk.missed
     )

@@ -16,6 +16,7 @@ import numpy as np
 
 from ..continuation.arc import Arc
 from ..continuation.branch import Missed, Points, Walk
+from ..continuation.ends import EndKind
 from ..continuation.events import find_events
 from ..continuation.settings import Settings
 from ..continuation.sign_changes import Sample, Stretch
@@ -66,9 +67,10 @@ def explained(
     if len(walk.points) < 2 or not sought:
         return walk
     events, missed = list(walk.events), list(walk.missed)
+    turn = walk.points[-1].arclength if walk.end.kind is EndKind.CLOSED else np.inf
     for i, j, change in _changes(walk, sought, with_status(walk, settings)):
         left, right = walk.points[i], walk.points[j]
-        if (switched and i == 0) or _explains(events, left, right, change):
+        if (switched and i == 0) or _explains(events, left, right, change, turn):
             continue
         if asked.isdisjoint(_causes(left, right, change)):
             continue
@@ -115,14 +117,22 @@ def _changes(
 
 
 def _explains(
-    events: Sequence[OrbitEvent], left: OrbitPoint, right: OrbitPoint, change: Change
+    events: Sequence[OrbitEvent],
+    left: OrbitPoint,
+    right: OrbitPoint,
+    change: Change,
+    turn: float,
 ) -> bool:
-    """Whether an event that explains a change lies between two points, or on one of them."""
+    """Whether an event that explains a change lies between two points, or on one of them.
+
+    `turn` is the length of a closed branch: an event at its start is at its end, too.
+    """
     slack = 1e-9 * (right.arclength - left.arclength)
     return any(
         kind_of(event.kind).explains(change)
-        and left.arclength - slack <= event.point.arclength <= right.arclength + slack
+        and left.arclength - slack <= event.point.arclength + way <= right.arclength + slack
         for event in events
+        for way in (0.0, turn, -turn)
     )
 
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from .bordered import point_after
-from .branch import Point
+from .branch import Event, Point
 from .corrector import correct
 from .metric import angle, inner, length
 from .predictor import hermite
@@ -68,6 +68,12 @@ class Arc:
                 return point
         span = self.right.arclength - self.left.arclength
         return Point(evaluation, between, 0.0, self.left.arclength + fraction * span, iterations)
+
+    def holding(self, event: Event) -> Event:
+        """Return an event located on this arc, not before or beyond it by rounding."""
+        place = event.point.arclength
+        within = min(max(place, self.left.arclength), self.right.arclength)
+        return event if place == within else event.moved_to(within)
 
     def fraction(self, unknowns: Array) -> float:
         """Return how far along the chord a point lies: 0 at the left end, 1 at the right end."""

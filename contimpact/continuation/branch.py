@@ -87,6 +87,10 @@ class Event(Generic[E]):
         """Value of the free parameter."""
         return self.point.parameter
 
+    def moved_to(self, arclength: float) -> Event[E]:
+        """Return the event at another place along the branch."""
+        return replace(self, point=replace(self.point, arclength=arclength))
+
 
 @dataclass(frozen=True)
 class Missed:
@@ -249,6 +253,19 @@ class Points(Sequence[Point]):
 
     def __repr__(self) -> str:
         return f"<{len(self)} points>"
+
+    def with_more(self, points: Iterable[Point]) -> Points:
+        """Return these points and some more, given in order of arclength, at their places."""
+        found, done, lengths = Points(), 0, self.arclengths
+        for point in points:
+            place = int(np.searchsorted(lengths, point.arclength))
+            for piece in self[done:place].pieces:
+                found._put(piece)
+            found._put(point)
+            done = place
+        for piece in self[done:].pieces if done else self.pieces:
+            found._put(piece)
+        return found
 
     def end_with(self, point: Point) -> None:
         """Put a point in the place of the last one."""

@@ -7,13 +7,21 @@ its own way; if it comes from the other side, it has turned back on its way, and
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
+import numpy as np
+
+from ..arrays import Array
 from .arc import Arc
 from .bordered import point_after
-from .branch import Point
+from .branch import Point, Points
 from .corrector import correct
 from .metric import inner, length
 from .predictor import hermite
-from .problem import Array, Problem
+from .problem import Problem
+
+RETURNED = 1e-6
+"""How near the values of test functions are that stand for the same one."""
 
 PART = 1e-6
 """The part of a tangent that is followed to an image."""
@@ -44,6 +52,47 @@ def closing(arc: Arc, first: Point, same: float) -> Point | None:
             if length(apart, scale) <= same:
                 return point_after(here, found.evaluation, found.iterations, scale)
     return None
+
+
+def before(problem: Problem, points: Points, again: Array, scale: Array) -> Points:
+    """Return the points of a walk before it passed its start, and the start at their end.
+
+    Parameters
+    ----------
+    problem : Problem
+    points : Points
+        The start is a branch point: no point is solved for there.
+    again : ndarray of shape (n + 1,)
+        The second point of the walk, come to again.
+    scale : ndarray of shape (n + 1,)
+    """
+    first = points[0]
+    start = again - problem.difference(again, first.unknowns)
+    leaving = image_of_tangent(problem, start, first)
+    last = len(points) - 1
+    while last > 1 and inner(points[last].unknowns - start, leaving, scale) >= 0.0:
+        last -= 1
+    here, tangent = points[last], leaving / length(leaving, scale)
+    place = here.arclength + length(start - here.unknowns, scale)
+    point = Point(problem.evaluate(start), tangent, here.orientation, place, 0)
+    return Points([*points[: last + 1].pieces, point])
+
+
+def as_at_start(values: Sequence[Array], start: Sequence[Array]) -> Array:
+    """Return the test functions where a walk has come round, as they were at its start.
+
+    Rounding must not decide whether an event at the start is found as the walk leaves or as it
+    returns. At an image of the start the values of a function stand in another order: each becomes
+    the nearest one.
+    """
+    found = []
+    for here, first in zip(values, start, strict=True):
+        same = np.abs(here - first) <= RETURNED
+        apart = np.abs(here[:, None] - np.where(np.isnan(first), np.inf, first))
+        nearest = first[np.argmin(apart, axis=1)] if len(here) else first
+        aligned = np.where(np.abs(here - nearest) <= RETURNED, nearest, here)
+        found.append(np.where(same, first, aligned))
+    return np.concatenate([*found, np.zeros(0)])
 
 
 def image_of_tangent(problem: Problem, start: Array, first: Point) -> Array:

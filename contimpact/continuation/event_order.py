@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from dataclasses import replace
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
@@ -29,16 +28,26 @@ def in_order(events: Iterable[Event]) -> list[Event]:
     return [e for place in places for e in (_ranked(place) if len(place) > 1 else place)]
 
 
+def at_one_place(apart: float, difference: float, error: float) -> bool:
+    """Whether two points of a branch are one place.
+
+    Parameters
+    ----------
+    apart, difference : float
+        Of their arclengths, and of their parameters.
+    error : float
+        Of the latter.
+    """
+    return abs(apart) <= TOGETHER and abs(difference) <= error
+
+
 def _together(a: Event, b: Event) -> bool:
-    apart = abs(a.point.arclength - b.point.arclength)
-    return apart <= TOGETHER and abs(a.parameter - b.parameter) <= a.error + b.error
+    apart = a.point.arclength - b.point.arclength
+    return at_one_place(apart, a.parameter - b.parameter, a.error + b.error)
 
 
 def _ranked(place: Sequence[Event]) -> list[Event]:
     """The events of one place in order; their arclengths rise as they did before."""
     ranked = sorted(place, key=lambda e: (e.kind, int(e.details.get("index", 0))))
     lengths = [event.point.arclength for event in place]
-    return [
-        replace(event, point=replace(event.point, arclength=length))
-        for event, length in zip(ranked, lengths, strict=True)
-    ]
+    return [event.moved_to(length) for event, length in zip(ranked, lengths, strict=True)]

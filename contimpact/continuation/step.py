@@ -135,7 +135,7 @@ def take_steps(
         Points made. If fewer than there are rows, a step is proposed where there are notices in
         the state, else refused.
     """
-    options, state, scale, z, _, _, work, rows = vectors
+    options, state, scale, z, tangent, _, work, rows = vectors
     n, made = len(z), 0
     new, along = work[1], work[2]
     while made < len(rows):
@@ -151,7 +151,10 @@ def take_steps(
         orientation, arclength = row[2 * n], row[2 * n + 1]
         for i in range(n):
             row[i], row[n + i] = new[i], along[i]
-        found = notices(z[n - 1], new[n - 1], orientation, arclength, scale[n - 1], options, state)
+        turning = tangent[n - 1] * along[n - 1]
+        found = notices(
+            z[n - 1], new[n - 1], turning, orientation, arclength, scale[n - 1], options, state
+        )
         if found & BEYOND == 0:
             observe(data, new, along, orientation, row, 2 * n + HEAD)
         if found != 0:
@@ -253,6 +256,7 @@ def leaves(
 def notices(
     before: float,
     now: float,
+    turning: float,
     orientation: float,
     arclength: float,
     size: float,
@@ -261,7 +265,8 @@ def notices(
 ) -> int:
     """Return why a step that converged is for the walker to judge, as a sum; 0 for a routine one.
 
-    `before` and `now` are the parameter's values, `size` is its natural size.
+    `before` and `now` are the parameter's values, `turning` is negative where it turns back between
+    them, and `size` is its natural size.
     """
     found, known = 0, state[ORIENTATION]
     if not options[LOW] <= now <= options[HIGH]:
@@ -272,6 +277,8 @@ def notices(
     elif options[MEETINGS] != 0.0 and dips(state, arclength - state[ARCLENGTH]):
         found += DIPS
     reach = 1.5 * abs(now - before) + options[SAME] * size
+    if turning < 0.0:  # a start beside the turn may lie beyond both values
+        reach = 1.5 * (arclength - state[ARCLENGTH]) * size
     if state[POINTS] >= 4.0 and abs(now - options[FIRST]) <= reach:
         found += NEAR_START
     return found

@@ -155,6 +155,7 @@ class _Walker:
     scale: Array = field(default_factory=lambda: np.ones(1))
     seen: Samples = field(default_factory=lambda: Samples.of(0.0, []))
     passes: Passes = field(default_factory=Passes)
+    left_with: list[Array] = field(default_factory=list)
 
     def run(self, start: Array, direction: int, tangent: Array | None) -> Walk:
         self.scale = self.sizes(start)
@@ -247,7 +248,7 @@ class _Walker:
         here = self.sharpened()
         numerics = self.numerics(here)
         before = self.points[-2] if self.seen.follows else None
-        place = here, before, self.points[0].parameter, len(self.points), step, self.scale
+        place = here, before, self.mark.parameter, len(self.points), step, self.scale
         judged = numerics is self.settings, self.passes.find is not None
         position = Position(*place, self.limits, SAME_SOLUTION, numerics, *judged)
         batch = self.backend.advance(position, most)
@@ -297,9 +298,28 @@ class _Walker:
             return other, None
         return step, self.refusal(here, refused)
 
+    @property
+    def mark(self) -> Point:
+        """What is passed again where the branch is closed: the start, or, where that is a branch
+        point and no point is solved for there, the point after it."""
+        return self.points[1 if self.branching and len(self.points) > 1 else 0]
+
     def closing(self, step: Arc) -> Point | None:
-        """The start again, if this step passed it in the direction it was left in."""
-        return closed_branch.closing(step, self.points[0], SAME_SOLUTION)
+        """The start again, if this step passed it in the direction it was left in.
+
+        Points beyond it are discarded.
+        """
+        again = closed_branch.closing(step, self.mark, SAME_SOLUTION)
+        if again is None or not self.branching:
+            return again
+        points = closed_branch.before(self.problem, self.points, again.unknowns, self.scale)
+        start = points[-1]
+        if len(points) <= len(self.points):
+            self.points = points[:-1]
+            here = self.points[-1]
+            self.events = [e for e in self.events if e.point.arclength <= here.arclength]
+            self.seen = Samples.of(here.arclength, [test.at(here) for test in self.tests])
+        return start
 
     def arc(self, left: Point, right: Point) -> Arc:
         return Arc(self.problem, left, right, self.scale, self.settings)
@@ -317,7 +337,7 @@ class _Walker:
             self.points.extend(piece, done, i)
             point = new[i]
             asked = self.callback is not None and self.callback(point)
-            found = self.events_before(point, seen.stretch(i)) if i in marked else []
+            found = self.events_before(point, seen.stretch(i), ending) if i in marked else []
             self.points.extend(piece, i, i + 1)
             done = i + 1
             if self.stop is not None and (stopped := self.stop(point, found)):
@@ -341,16 +361,21 @@ class _Walker:
             first[:] = leaving(first, second)
         elif len(self.points) == 1 and self.points[0].parameter in self.limits:
             first[:] = apart(first, second)
+        if len(self.points) == 1:
+            self.left_with = seen.split(first.copy())
         if ending is EndKind.RANGE:
             second[:] = apart(second, first)
+        elif ending is EndKind.CLOSED:
+            second[:] = closed_branch.as_at_start(seen.split(second), self.left_with)
         return seen
 
-    def events_before(self, point: Point, stretch: Stretch) -> list[Event]:
+    def events_before(self, point: Point, stretch: Stretch, ending: EndKind | None) -> list[Event]:
         """Locate the events on the step to a point, within the range."""
         began = time.perf_counter()
         arc = self.arc(self.points[-1], point)
         found, missed = find_events(self.tests, arc, stretch)
-        found = [e for e in found if self.in_range(e) and not self.at_start(e)]
+        again = point.arclength if ending is EndKind.CLOSED else np.inf
+        found = [arc.holding(e) for e in found if self.in_range(e) and not self.at_start(e, again)]
         self.events += found
         self.missed += missed
         self.seconds_in_events += time.perf_counter() - began
@@ -362,9 +387,13 @@ class _Walker:
         slack = event.error + 4.0 * EPSILON * abs(event.parameter)
         return low - slack <= event.parameter <= high + slack
 
-    def at_start(self, event: Event) -> bool:
-        """Whether an event is at the branch point the walk left: rounding finds that again."""
-        return self.branching and event.point.arclength < AT_START
+    def at_start(self, event: Event, again: float) -> bool:
+        """Whether an event is at the branch point the walk left: rounding finds that again.
+
+        `again` is the arclength at which the walk comes round.
+        """
+        place = event.point.arclength
+        return self.branching and (place < AT_START or place > again - SAME_SOLUTION)
 
     def stopped(self, end: End, last: Point) -> End:
         """Let the walk end at a point before the last one."""
