@@ -12,6 +12,7 @@ from ..errors import InputError, shown
 from ..models.model import Model
 from ..records.catalogue import load_diagram
 from ..records.diagram import Diagram
+from ..records.diagram_reading import sentence_of
 from ..records.recovery import model_at
 from ..records.result_folder import MANIFEST, kept_still, read_json
 from ..scenes.scene import FORMATS, PlotOptions, Scene, read_scene
@@ -55,6 +56,8 @@ def _draw(folder: Path, target: Path, kind: str, options: argparse.Namespace) ->
     y = options.y or plot.y
     ax = plot_diagram(diagram, y=y, unit=unit, membrane=membrane, labels=plot.labels, **chosen)
     write_figure(ax.figure, target, kind, diagram.name)
+    for unknown in diagram.reading.unknown:
+        say(sentence_of(unknown))
 
 
 def draw_page(folder: Path, target: Path, options: argparse.Namespace | None = None) -> None:

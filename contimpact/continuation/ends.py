@@ -68,6 +68,10 @@ class EndKind(enum.Enum):
     INTERRUPTED = "interrupted at {parameter} = {value:.12g}: what lies beyond was not followed"
 
 
+AT_BRANCH_POINTS = frozenset({EndKind.SHORTER, EndKind.SYMMETRIC, EndKind.KNOWN})
+"""Ends on orbits that have the status of neither side."""
+
+
 @dataclass(frozen=True)
 class End:
     """How a branch ends: the kind, the parameter value there, and a sentence."""

@@ -145,7 +145,7 @@ def run_born(
             backward = Walk(first, (), backward.end)
     else:
         backward = Walk(first, (), born)
-    return Run.of(problem, backward, forward)
+    return Run.of(problem, backward, forward, born=True)
 
 
 def first_step(start: Start, limits: tuple[float, float], settings: Settings) -> Walk:

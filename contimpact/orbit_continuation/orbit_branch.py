@@ -13,8 +13,10 @@ import numpy as np
 from ..arrays import Array
 from ..bifurcations.declarations import EVENTS, KINDS, with_values
 from ..bifurcations.registry import test_functions
+from ..continuation.adjacent_events import on_points, with_points_between
 from ..continuation.branch import Event, Point, Points, Walk, joined
 from ..continuation.corrector import correct
+from ..continuation.ends import AT_BRANCH_POINTS, EndKind
 from ..continuation.interruption import interrupted, kept, other_way, undisturbed
 from ..continuation.problem import Evaluation
 from ..continuation.settings import Settings
@@ -187,17 +189,33 @@ def _user(given: UserEvent) -> TestFunction:
 
 @dataclass(frozen=True, eq=False)
 class Run:
-    """A branch just walked: its points and events in order, not yet tabulated."""
+    """A branch just walked: its points and events in order, not yet tabulated.
+
+    `borrowed` are the arclengths of points that are no event of the branch and have no status of
+    their own: where it is born, and where it ends at a branch point.
+    """
 
     problem: OrbitProblem
     walks: tuple[Walk, Walk]
     points: Points
     events: Sequence[Event]
+    borrowed: Sequence[float] = ()
 
     @classmethod
-    def of(cls, problem: OrbitProblem, backward: Walk, forward: Walk) -> Run:
-        """Join two walks that left one point."""
-        return cls(problem, (backward, forward), *joined(backward, forward))
+    def of(cls, problem: OrbitProblem, backward: Walk, forward: Walk, born: bool = False) -> Run:
+        """Join two walks that left one point; `born` says whether that is an event's."""
+        points, events = joined(backward, forward)
+        events = on_points(points, events)
+        places = {event.point.arclength for event in events}
+        ends = {0: backward.end, len(points) - 1: forward.end}
+        rows = {row for row, end in ends.items() if end.kind in AT_BRANCH_POINTS}
+        rows |= {len(backward.points) - 1} if born else set()
+        if forward.end.kind is EndKind.CLOSED:  # both ends are one orbit
+            at_event = born or any(points[row].arclength in places for row in ends)
+            rows |= set(ends) if at_event else set()
+        others = [point for row in sorted(rows) if (point := points[row]).arclength not in places]
+        points = with_points_between(problem, points, events, others)
+        return cls(problem, (backward, forward), points, events, [p.arclength for p in others])
 
     @property
     def interrupted(self) -> bool:
@@ -232,7 +250,7 @@ class Run:
             system=problem.model.SYSTEM,
             options=problem.model.options,
             parameter=problem.parameter,
-            columns=tabulate(self.points, marks),
+            columns=tabulate(self.points, marks, self.borrowed),
             ends=(backward.end, forward.end),
             events=entries,
             missed=missed,
@@ -241,11 +259,13 @@ class Run:
         )
 
     def around(self, event: Event) -> tuple[Point, Point]:
-        """The points before and after an event."""
-        lengths = self.points.arclengths
+        """The points before and after an event; a closed branch goes on at its other end."""
+        lengths, last = self.points.arclengths, len(self.points) - 1
         after = int(np.searchsorted(lengths, event.point.arclength, side="right"))
         before = int(np.searchsorted(lengths, event.point.arclength)) - 1
-        return self.points[max(before, 0)], self.points[min(after, len(self.points) - 1)]
+        if self.walks[1].end.kind is EndKind.CLOSED and last > 1:
+            return self.points[before % last], self.points[after if after <= last else 1]
+        return self.points[max(before, 0)], self.points[min(after, last)]
 
     @functools.cached_property
     def rows(self) -> Array:

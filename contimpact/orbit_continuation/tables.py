@@ -17,7 +17,9 @@ from ..records.entry import Entry
 from ..records.tables import columns_of
 
 
-def tabulate(points: Points, entries: Sequence[tuple[Point, Entry]]) -> dict[str, Array]:
+def tabulate(
+    points: Points, entries: Sequence[tuple[Point, Entry]], borrowed: Sequence[float] = ()
+) -> dict[str, Array]:
     """Return the columns of a branch: a row per point, and one for each event between points.
 
     Parameters
@@ -26,6 +28,9 @@ def tabulate(points: Points, entries: Sequence[tuple[Point, Entry]]) -> dict[str
     entries : sequence of (Point, Entry)
         The events' points, in order of arclength. Their rows, or those of the points they stand on,
         have the verdicts of the first entry there, which leave the event itself out.
+    borrowed : sequence of float
+        Arclengths of points at which rounding would decide: their rows have the verdicts of the
+        next one, the last of the one before.
     """
     places = points.arclengths
     between: list[Point] = []
@@ -49,6 +54,11 @@ def tabulate(points: Points, entries: Sequence[tuple[Point, Entry]]) -> dict[str
     order = np.argsort(columns["arclength"], kind="stable")
     for name in columns:  # one after the other: a long branch is not held twice
         columns[name] = columns[name][order]
+    rounding = np.isin(columns["arclength"], borrowed) & (columns["event"] == "")
+    for place in np.nonzero(rounding)[0].tolist():
+        beside = place + 1 if place + 1 < len(order) else place - 1
+        for name in ("n_unstable", "physical", "reason"):
+            columns[name][place] = columns[name][beside]
     return columns
 
 

@@ -17,7 +17,7 @@ from ..records.branch import Branch
 from ..records.competition import Region, falling, lanes, panels, parameters_of, regions
 from ..records.curve import Curve
 from ..records.diagram import Diagram
-from ..records.diagram_reading import read, sentence
+from ..records.diagram_reading import Reading, read, sentence, sentence_of
 from ..records.entry import Entry
 from ..records.tables import coordinates
 from .members import fixed, members
@@ -83,11 +83,13 @@ def page_data(
     ]
     tracks = Tracks(model) if model and lines else None
     every = stride(lines, tracks.size if tracks else 1)
+    found = read(diagram)
+    remarks = [*shown.remarks, *map(sentence_of, found.unknown)]
     return {
         "schema": SCHEMA,
         "version": __version__,
         "name": diagram.name,
-        "shown": dataclasses.asdict(shown),
+        "shown": dataclasses.asdict(shown) | {"remarks": remarks},
         "parameter": branches[0].parameter if branches else shown.x,
         "varying": _varying(branches, shown.x),
         "fixed": fixed(branches, derived),
@@ -102,7 +104,7 @@ def page_data(
         ],
         "entries": [_entry(entry, branch) for branch in branches for entry in branch.events],
         "looks": {kind: _look(kind) for kind in _kinds(diagram)},
-        "reading": _reading(diagram),
+        "reading": _reading(diagram, found),
         "curves": [_curve(curve) for curve in diagram.curves],
         "panels": _panels(diagram),
         "swept": [_swept(found, tracks, every) for found in swept],
@@ -183,6 +185,7 @@ def _branch(branch: Branch, tracks: Tracks | None, every: int) -> dict[str, Any]
         ),
         "unstable": packed(np.clip(branch["n_unstable"], 0, 255), "u1"),
         "physical": packed(branch.physical, "u1"),
+        "status": packed(_pieces(branch), "u1"),
         "reasons": known.tolist(),
         "reason": packed(reasons.ravel(), "u4"),
         "tracks": None,
@@ -190,6 +193,12 @@ def _branch(branch: Branch, tracks: Tracks | None, every: int) -> dict[str, Any]
     if tracks is not None:
         record["tracks"] = tracks.record(_orbits(branch), _kept(len(branch), every, marked))
     return record
+
+
+def _pieces(branch: Branch) -> Array:
+    """The status of the piece that begins at each row, at the last one of that before."""
+    status = branch.status
+    return np.append(status, status[-1:] if len(status) else [0])
 
 
 def _orbits(branch: Branch) -> Orbits:
@@ -233,9 +242,8 @@ def _look(kind: str) -> dict[str, Any]:
     return {"marker": look.marker, "colour": look.colour, "touching": touching}
 
 
-def _reading(diagram: Diagram) -> dict[str, Any]:
+def _reading(diagram: Diagram, found: Reading) -> dict[str, Any]:
     """What was read, stable runs with their rows, transitions with their sentences."""
-    found = read(diagram)
     branches = {branch.id: branch for branch in diagram.branches}
     record = found.as_record() | {"incomplete": found.incomplete}
     for run in record["stable"]:

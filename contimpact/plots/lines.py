@@ -8,14 +8,20 @@ from typing import Any
 import numpy as np
 
 from ..arrays import Array
-from ..records.branch import Branch
+from ..records.branch import STATUS, Branch
 from ..records.diagram import Diagram
 from ..records.quantities import Quantity, Series, series_of
 from ..records.tables import first_unknown
 from ..systems.membrane import Membrane
 
-STYLES: dict[str, Any] = {"stable": "-", "unstable": (0, (5, 2)), "unphysical": (0, (1, 1.6))}
-WIDTHS = {"stable": 1.6, "unstable": 1.1, "unphysical": 0.9}
+STYLES: dict[str, Any] = {
+    "stable": "-",
+    "unstable": (0, (5, 2)),
+    "unphysical": (0, (1, 1.6)),
+    "unknown": (0, (8, 2, 1, 2)),
+}
+WIDTHS = {"stable": 1.6, "unstable": 1.1, "unphysical": 0.9, "unknown": 0.7}
+"""Of lines, by the status of their orbits."""
 
 FLAT = 3e-4
 """How far a drawn chord may be from a smooth curve, by the size of the picture."""
@@ -61,20 +67,11 @@ def runs(branch: Branch) -> list[tuple[int, int, str]]:
     """Return runs of equal status, each joined to the next at their common row.
 
     Of each the first row, the last one, and which of `STYLES` it has.
-
-    The status changes at events and is not told at a birth, so a run that starts at one takes it
-    from its other end.
     """
-    status = np.where(branch.physical, np.where(branch.stable, 0, 1), 2)
-    for row in np.nonzero(branch.between[:-1])[0][::-1]:
-        status[row] = status[row + 1]
+    status = branch.status
     edges = (np.nonzero(np.diff(status))[0] + 1).tolist()
-    names = list(STYLES)
-    last = len(status) - 1
-    return [
-        (first, min(beyond, last), names[status[first]])
-        for first, beyond in zip([0, *edges], [*edges, len(status)], strict=True)
-    ]
+    ends = zip([0, *edges], [*edges, len(status)], strict=True)
+    return [(first, last, STATUS[status[first]]) for first, last in ends if first < last]
 
 
 def _broken(places: Array, values: Array) -> tuple[Array, Array]:

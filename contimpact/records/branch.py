@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ..continuation.ends import End, EndKind
+from ..continuation.event_order import at_one_place
 from ..display import Shown, Summary, frame, in_lines
 from ..errors import shown
 from .entry import Entry
@@ -19,6 +20,10 @@ if TYPE_CHECKING:
     from ..orbits.orbit import Orbit
 
 from ..arrays import Array
+
+STATUS = ("stable", "unstable", "unphysical", "unknown")
+"""What the orbits of a piece of a branch are; the last where two events have no row between."""
+UNKNOWN = STATUS.index("unknown")
 
 
 @dataclass(frozen=True, eq=False)
@@ -124,6 +129,32 @@ class Branch(Shown):
         found = np.asarray(self["event"] != "")
         found[0] |= self.ends[0].kind is EndKind.BORN
         return found
+
+    @property
+    def status(self) -> Array:
+        """What the orbits from each row to the next one are: places in `STATUS`, one row less.
+
+        They are what the first of both rows is, or the other where the first has the status of
+        neither side. Tables hold an orbit between any two events; those of earlier versions may
+        not, and there the status is unknown.
+        """
+        rows = np.where(self.physical, np.where(self.stable, 0, 1), 2)
+        found, neither = rows[:-1].copy(), self.between
+        for i in np.nonzero(neither[:-1])[0][::-1]:
+            if not neither[i + 1]:
+                found[i] = rows[i + 1]
+            elif not self._at_one_place(i):
+                found[i] = UNKNOWN
+            else:
+                found[i] = found[i + 1] if i + 1 < len(found) else rows[i + 1]
+        return found
+
+    def _at_one_place(self, row: int) -> bool:
+        """Whether a row and the next one are events that their errors do not tell apart."""
+        errors, rows = {entry.id: entry.error for entry in self.events}, slice(row, row + 2)
+        apart, difference = (np.ptp(self[name][rows]) for name in ("arclength", self.parameter))
+        error = sum(errors.get(name, 0.0) for name in self["event"][rows])
+        return at_one_place(float(apart), float(difference), error)
 
     @property
     def parameters(self) -> list[str]:

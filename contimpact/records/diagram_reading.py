@@ -25,7 +25,7 @@ from ..bifurcations.doubling import PD
 from ..bifurcations.fold import FB
 from ..bifurcations.grazing import G
 from ..continuation.ends import EndKind
-from .branch import Branch
+from .branch import UNKNOWN, Branch
 from .entry import Entry
 
 if TYPE_CHECKING:
@@ -113,12 +113,16 @@ class Reading:
     stable, bistable, transitions : sequence
     survey : {"none", "cut short", "done", "unknown"}
         Whether orbits were looked for across the range; if not, `stable` may be incomplete.
+    unknown : sequence of Interval
+        Stretches between two events of which no recorded orbit gives the status, as in files of
+        earlier versions.
     """
 
     stable: Sequence[Interval]
     bistable: Sequence[Bistability]
     transitions: Sequence[GrazingTransition]
     survey: str = "none"
+    unknown: Sequence[Interval] = ()
 
     @property
     def incomplete(self) -> str:
@@ -130,7 +134,8 @@ class Reading:
         return asdict(self)
 
     def __str__(self) -> str:
-        lines = [
+        lines = [sentence_of(i) for i in self.unknown]
+        lines += [
             f"stable   {i.branch:4} {i.notation:10} {i.low:.9g} to {i.high:.9g}"
             + f"  ({' to '.join(str(b or 'status changes') for b in i.bounds)})"
             for i in self.stable
@@ -165,7 +170,8 @@ def read(diagram: Diagram) -> Reading:
         for entry in grazings
         if entry.period <= 1 and entry.opens and entry.opens[0] in known
     ]
-    return Reading(stable, _bistable(stable, member), transitions, diagram.survey)
+    unknown = [interval for branch in diagram.branches for interval in unknown_intervals(branch)]
+    return Reading(stable, _bistable(stable, member), transitions, diagram.survey, unknown)
 
 
 def stable_intervals(branch: Branch) -> list[Interval]:
@@ -191,6 +197,18 @@ def stable_intervals(branch: Branch) -> list[Interval]:
         (low, low_name), (high, high_name) = sorted(places, key=lambda place: place[0])
         found.append(Interval(branch.id, branch.notation, low, high, (low_name, high_name)))
     return _merged(found)
+
+
+def unknown_intervals(branch: Branch) -> list[Interval]:
+    """Return the stretches between two events that no row of the branch tells the status of."""
+    values, names = branch[branch.parameter], branch["event"]
+    found = []
+    for row in np.nonzero(branch.status == UNKNOWN)[0].tolist():
+        rows = sorted((row, row + 1), key=lambda k: float(values[k]))
+        low, high = (float(values[k]) for k in rows)
+        bounds = tuple(str(names[k]) or branch.ends[0].kind.name.lower() for k in rows)
+        found.append(Interval(branch.id, branch.notation, low, high, (bounds[0], bounds[1])))
+    return found
 
 
 def _bound(branch: Branch, row: int, direction: int) -> tuple[int, str | None]:
@@ -320,6 +338,16 @@ def _doubling_before(source: Branch, grazing: Entry) -> Entry | None:
     """The real period doubling nearest to a grazing along its branch."""
     doublings = [e for e in source.events if e.kind == PD.name and not e.ghost]
     return min(doublings, key=lambda e: abs(e.arclength - grazing.arclength), default=None)
+
+
+def sentence_of(unknown: Interval) -> str:
+    """Return in words where it is not known whether orbits are stable and physical."""
+    first, last = unknown.bounds
+    return (
+        f"unknown  {unknown.branch:4} {unknown.notation:10} {unknown.low:.9g} to {unknown.high:.9g}"
+        f"  ({first} to {last}): no orbit between these events is recorded; run the scene again, "
+        "or follow the branch with a smaller max_step"
+    )
 
 
 def sentence(t: GrazingTransition) -> str:

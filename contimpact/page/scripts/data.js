@@ -13,8 +13,8 @@
 /**
  * @typedef {{id: string, word: string, period: number, notation: string, parameter: string, from: string | null,
  *   rows: number, ends: string[], missed: string[], notes: string[], columns: Record<string, Packed>,
- *   times: Packed, velocities: Packed, multipliers: Packed, unstable: Packed, physical: Packed, reasons: string[],
- *   reason: Packed, tracks: Tracks | null}} Branch
+ *   times: Packed, velocities: Packed, multipliers: Packed, unstable: Packed, physical: Packed, status: Packed,
+ *   reasons: string[], reason: Packed, tracks: Tracks | null}} Branch
  */
 /**
  * @typedef {{direction: string, kind: string, notation: string, word: string, period: number | null, rows: number,
@@ -94,7 +94,7 @@ function unpacked(packed, length) {
 /**
  * Orbits of one word along a parameter: a branch, or attractors of one kind; motions that are not periodic have no
  * word. Impact j of row i stands at `starts[i] + j`; `status` is of the piece from a row to the next: 0 stable,
- * 1 unstable, 2 unphysical.
+ * 1 unstable, 2 unphysical, 3 unknown.
  * @typedef {{id: string, layer: "branch" | "swept", notation: string, word: string, period: number, rows: number,
  *   columns: Record<string, Numbers>, starts: Numbers, times: Numbers, velocities: Numbers, walls: Numbers,
  *   multipliers: Numbers, unstable: Numbers | null, physical: Numbers | null, status: Uint8Array,
@@ -102,7 +102,7 @@ function unpacked(packed, length) {
  *   parameter: string, made: Map<string, Numbers>}} Family
  */
 
-const STATUS = ["stable", "unstable", "unphysical"];
+const STATUS = ["stable", "unstable", "unphysical", "unknown"];
 
 /**
  * @param {Record<string, Packed>} columns
@@ -122,11 +122,6 @@ function familyOfBranch(branch) {
   const unstable = unpacked(branch.unstable, rows),
     physical = unpacked(branch.physical, rows);
   const reason = unpacked(branch.reason, rows);
-  const status = Uint8Array.from(physical, (whole, row) => (whole ? (unstable[row] ? 1 : 0) : 2));
-  for (const entry of page.entries) {
-    // at an event the status is that of neither side
-    if (entry.branch === branch.id && entry.row < rows - 1) status[entry.row] = status[entry.row + 1];
-  }
   return {
     id: branch.id,
     layer: "branch",
@@ -143,7 +138,7 @@ function familyOfBranch(branch) {
     multipliers: unpacked(branch.multipliers, 4 * rows),
     unstable,
     physical,
-    status,
+    status: Uint8Array.from(unpacked(branch.status, rows)),
     reason: (row) => branch.reasons[reason[row]],
     tracks: branch.tracks,
     branch,

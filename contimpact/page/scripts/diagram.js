@@ -26,7 +26,8 @@ function shownFamilies(layer) {
 /** Whether rows of a status are drawn. @param {Family} family @param {number} status */
 function statusShown(family, status) {
   if (hidden(STATUS[status])) return false;
-  return status < 2 || state.unphysical === "all" || (state.unphysical === "period-1" && family.period === 1);
+  if (STATUS[status] !== "unphysical") return true;
+  return state.unphysical === "all" || (state.unphysical === "period-1" && family.period === 1);
 }
 
 /** Whether a line's wall is drawn. @param {number} wall */
