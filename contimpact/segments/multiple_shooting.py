@@ -149,30 +149,34 @@ class Pieces:
         found = [table[:, 2 : 2 + size] for table in self.tables]
         return [*found[:-1], self.arrival @ found[-1]]
 
-    def jacobian(self) -> Array:
-        """Return the derivatives of all equations by the states between the ends."""
-        size, factors = 2 * self.flight.freedom, self.factors
-        count = len(factors)
-        matrix = np.zeros((count * size, (count - 1) * size))
-        for j in range(count - 1):
-            here, below = (
-                slice(size * j, size * j + size),
-                slice(size * j + size, size * j + 2 * size),
-            )
-            matrix[here, here] = -np.eye(size)
-            matrix[below, here] = factors[j + 1]
-        return matrix
-
     def least(self, right: Sequence[Array]) -> Array:
         """Return the states between the ends by which equations with these values are met best."""
-        turned, triangle = self._triangular
-        found = np.linalg.solve(triangle, turned.T @ np.concatenate(right))
-        return found.reshape(-1, len(self.arrival))
+        carried, tops = right[0], []
+        for (turned, _, _), below in zip(self._triangular, right[1:], strict=True):
+            both = turned.T @ np.concatenate([carried, below])
+            tops.append(both[: len(carried)])
+            carried = both[len(carried) :]
+        state, states = np.zeros(len(carried)), []
+        for (_, triangle, beside), top in zip(self._triangular[::-1], tops[::-1], strict=True):
+            state = np.linalg.solve(triangle, top - beside @ state)
+            states.append(state)
+        return np.array(states[::-1])
 
     @functools.cached_property
-    def _triangular(self) -> tuple[Array, Array]:
-        turned, triangle = np.linalg.qr(self.jacobian())
-        return turned, triangle
+    def _triangular(self) -> list[tuple[Array, Array, Array]]:
+        """QR factors of the derivatives of all equations by the states between the ends.
+
+        Of each state's column, of which the piece before it has left a part: the orthogonal factor
+        of that part and the piece behind, the triangle, and what is right of it.
+        """
+        size, factors = len(self.arrival), self.factors
+        carried, found = -np.eye(size), []
+        for factor in factors[1:]:
+            turned, triangle = np.linalg.qr(np.concatenate([carried, factor]), mode="complete")
+            beside = -turned[size:].T
+            found.append((turned, triangle[:size], beside[:size]))
+            carried = beside[size:]
+        return found
 
     def combinations(self) -> list[Array]:
         """Return the factors of each piece's equations in rows without the states between.
@@ -287,8 +291,8 @@ class Shooting:
                 parts.append(middle)
                 states.append(self.flight.fly(first, middle, state)[0])
             parts.append(last)
-        if len(states) > MOST_PIECES or min(np.diff(parts)) < SHORTEST:
-            raise NotSplit(f"a long flight asks for more than {MOST_PIECES} pieces")
+        if min(np.diff(parts)) < SHORTEST:
+            raise NotSplit(f"a long flight asks for pieces below {SHORTEST} of it")
         return np.array(parts), np.array(states)
 
     def _newton(self, parts: Array, states: Array) -> Pieces:
@@ -311,6 +315,8 @@ class Shooting:
 
     def _at(self, parts: Array, states: Array) -> Pieces:
         """The pieces that begin with these states."""
+        if len(states) > MOST_PIECES:
+            raise NotSplit(f"a long flight asks for more than {MOST_PIECES} pieces")
         each = zip(parts[:-1].tolist(), parts[1:].tolist(), states, strict=True)
         flown = [self.flight.fly(*one) for one in each]
         ends = np.array([end for end, _ in flown])

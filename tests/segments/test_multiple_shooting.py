@@ -16,7 +16,13 @@ from contimpact.orbits.search import orbit_at
 from contimpact.segments import integrated_form
 from contimpact.segments.kernels import Kernels
 from contimpact.segments.layout import Together
-from contimpact.segments.multiple_shooting import SIZE
+from contimpact.segments.multiple_shooting import (
+    MOST_PIECES,
+    SIZE,
+    IntegratedFlight,
+    NotSplit,
+    Shooting,
+)
 from contimpact.systems.duffing import Duffing
 from contimpact.systems.pendulum import Pendulum
 
@@ -125,6 +131,34 @@ def test_orbits_that_no_integration_from_their_start_returns(omega):
     path = orbit.motion(9)
     assert path.x[[0, -1], 0] == pytest.approx(orbit.unknowns[0], abs=1e-12)
     assert np.max(np.abs(path.x - math.pi)) < 0.4
+
+
+def test_states_between_are_those_of_least_squares(monkeypatch, kernels):
+    """Against the whole matrix: -1 on the diagonal, the derivatives of the next piece below it."""
+    _, split = both(monkeypatch, kernels, lambda s, p: s.pieces(*joined(kernels), p))
+    pieces = split.pieces
+    count = len(pieces.states)
+    assert count > 3
+    matrix = -np.eye(2 * count)[:, :-2]
+    for j, factor in enumerate(pieces.factors[1:]):
+        matrix[2 * j + 2 : 2 * j + 4, 2 * j : 2 * j + 2] = factor
+    right = np.random.default_rng(0).normal(size=(count, 2))
+    expected = np.linalg.lstsq(matrix, right.ravel(), rcond=None)[0]
+    assert pieces.least(list(right)).ravel() == pytest.approx(expected, rel=1e-11)
+
+
+def test_no_more_pieces_are_solved_for_than_there_may_be(monkeypatch, kernels):
+    """Nothing is computed of a guess of too many: elimination would take minutes."""
+    _, split = both(monkeypatch, kernels, lambda s, p: s.pieces(*joined(kernels), p))
+    pieces, asked = split.pieces, []
+    many = np.linspace(0.0, 1.0, MOST_PIECES + 2)
+    states = np.tile(pieces.states[0], (MOST_PIECES + 1, 1))
+    shooting = Shooting(pieces.flight, states[0], pieces.arrival, np.zeros(2))
+    monkeypatch.setattr(Shooting, "_guess", lambda self: (many, states, True))
+    monkeypatch.setattr(IntegratedFlight, "fly", lambda *place: asked.append(place))
+    with pytest.raises(NotSplit, match=f"more than {MOST_PIECES} pieces"):
+        shooting.solve()
+    assert not asked
 
 
 @pytest.mark.slow
