@@ -166,7 +166,7 @@ class NS(Kind):
         return multiplier is None
 
     def critical(self, multipliers: Array) -> list[int]:
-        return np.argsort(np.abs(np.abs(multipliers) - 1.0))[:2].tolist()
+        return np.argsort(np.abs(np.abs(multipliers) - 1.0), kind="stable")[:2].tolist()
 
     def curve_limits(self) -> Mapping[EndKind, TestFunction]:
         return {EndKind.RESONANCE: RealPair()}

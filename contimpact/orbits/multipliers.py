@@ -27,6 +27,13 @@ from .block_cyclic import Reduced
 UNIT_CIRCLE_ROUNDING = 1e-10
 """A multiplier this little outside the unit circle is on it, within rounding."""
 
+INFINITE = 1e3 * float(np.finfo(float).eps)
+"""A multiplier of a pencil whose denominator is below this part of Q is infinite: QZ knows the
+denominator no better."""
+
+ALIKE = 1e-9
+"""Part by which absolute values of multipliers differ that are in the order of their angles."""
+
 
 @dataclass(frozen=True, eq=False)
 class Stability:
@@ -201,16 +208,34 @@ def _of_any_size(start: Array, end: Array) -> Stability:
 
 
 def of_pencil(p: Array, q: Array) -> Array:
-    """Return the values of mu at which P + mu Q is singular, largest first."""
+    """Return the values of mu at which P + mu Q is singular, in their order."""
     from scipy.linalg.lapack import dggev
 
     real, imaginary, below, _, _, _, failed = dggev(p, -q, 0, 0)  # eigvals takes five times longer
     if failed:
         raise np.linalg.LinAlgError("eigenvalues of a pencil did not converge")
     above = real + 1j * imaginary
+    infinite = np.abs(below) <= INFINITE * np.linalg.norm(q)
     with np.errstate(divide="ignore", invalid="ignore"):
-        values = np.where(below == 0.0, np.inf + 0.0j, above / below)
-        return np.asarray(values[np.argsort(-np.abs(values))], dtype=complex)
+        values = np.where(infinite, np.inf + 0.0j, above / below)
+    upper = np.flatnonzero(imaginary > 0.0)
+    values[upper + 1] = values[upper].conj()  # but for rounding, they are
+    return in_order(values)
+
+
+def in_order(values: Array) -> Array:
+    """Return multipliers by their absolute values, the largest first.
+
+    Those of one absolute value, as far as rounding tells, follow each other as they do along the
+    upper half of a circle from the positive real axis on, each before its complex conjugate.
+    """
+    with np.errstate(invalid="ignore"):
+        values = values[np.argsort(-np.abs(values), kind="stable")]
+        sizes = np.abs(values)
+        smaller = sizes[1:] < (1.0 - ALIKE) * sizes[:-1]
+    group = np.cumsum(np.concatenate([[False], smaller]))
+    order = np.lexsort((values.imag < 0.0, np.abs(np.angle(values)), group))
+    return np.asarray(values[order], dtype=complex)
 
 
 def products_of(values: Array) -> Array:

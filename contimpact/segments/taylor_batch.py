@@ -47,7 +47,7 @@ class BatchIntegrator(Integrator):
         """
         found = np.full((len(rows), len(self._rows)), np.nan)
         usable = np.flatnonzero(np.all(np.isfinite(rows), axis=1))
-        alike = usable[np.argsort(np.abs(rows[usable, 0]))]
+        alike = usable[np.argsort(np.abs(rows[usable, 0]), kind="stable")]
         for first in range(0, len(alike), self.lanes):
             lanes = alike[first : first + self.lanes]
             together = self._side_by_side(rows[lanes])

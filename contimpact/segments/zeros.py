@@ -196,7 +196,7 @@ def _vanishes(function: Callable[[Array], Array], length: float, rounding: Round
     """Whether no value is larger than its rounding; the largest one tells most often."""
     times = chebyshev_nodes(_DEGREES[0] + 1, length)
     sizes = np.abs(np.broadcast_to(function(times), times.shape))
-    order = np.argsort(-sizes)
+    order = np.argsort(-sizes, kind="stable")
     bounds = map(rounding, times[order].tolist())
     pairs = zip(sizes[order].tolist(), bounds, strict=True)
     return all(size <= bound + _SMALLEST < math.inf for size, bound in pairs)

@@ -116,7 +116,7 @@ def _torus(points: Points) -> Array:
     """How far complex pairs are from the unit circle; others tell nothing."""
     values = _multipliers(points)
     pairs = np.where(values.imag > 0.0, np.abs(values) - 1.0, np.nan)
-    order = np.argsort(np.abs(pairs), axis=1)[:, :1]  # not-a-number goes last
+    order = np.argsort(np.abs(pairs), axis=1, kind="stable")[:, :1]  # not-a-number goes last
     return np.take_along_axis(pairs, order, axis=1)
 
 

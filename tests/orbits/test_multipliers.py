@@ -271,3 +271,27 @@ def test_neimark_sacker_is_finite_at_a_singular_block():
     start, end = gentle_blocks(np.random.default_rng(800), 3, 2)
     end[1, :, 0] = 0.0
     assert math.isfinite(torus(start, end))
+
+
+ORDERED = np.array([3.0, 2.0j, -2.0j, -2.0, 0.8 + 0.6j, 0.8 - 0.6j, -0.6 + 0.8j, -0.6 - 0.8j, 0.5])
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_rounding_has_no_part_in_the_order(seed):
+    """By absolute value; of one absolute value by the angle, each before its conjugate."""
+    rng = np.random.default_rng(seed)
+    noise = 1.0 + 1e-14 * rng.normal(size=len(ORDERED))
+    noise[[2, 5, 7]] = noise[[1, 4, 6]]
+    found = stability.in_order(rng.permutation(ORDERED * noise))
+    assert found == pytest.approx(ORDERED, rel=1e-13)
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_a_denominator_that_is_rounding_gives_infinity(seed):
+    """Q lacks one rank but for rounding, of which the smallest denominator consists."""
+    rng = np.random.default_rng(seed)
+    p, (left, right) = rng.normal(size=(4, 4)), np.linalg.qr(rng.normal(size=(2, 4, 4)))[0]
+    for rounded in (0.0, 1e-17, 1e-16, -1e-15):
+        values = stability.of_pencil(p, left @ np.diag([1.0, 0.7, 0.2, rounded]) @ right)
+        assert np.isinf(values[0])
+        assert np.all(np.isfinite(values[1:]))
