@@ -13,6 +13,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from ..continuation.bordered import oriented
 from ..continuation.ends import EndKind
 from ..continuation.problem import Problem
 from ..continuation.test_function import Located, TestFunction
@@ -83,7 +84,7 @@ class BP(Kind):
         if directions is None:
             return None
         along = event.point.tangent
-        other = min(directions, key=lambda one: abs(one @ along))
+        other = oriented(min(directions, key=lambda one: abs(one @ along)))
         return Start(problem, here.unknowns, other, branching=True, both_ways=True)
 
     def curve_end(self, own: Array) -> EndKind | None:

@@ -19,6 +19,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from ..continuation.bordered import oriented
 from ..continuation.problem import Problem
 from ..continuation.test_function import Located, TestFunction
 from ..models.word import Word
@@ -131,8 +132,7 @@ class PD(Kind):
     def born(self, event: OrbitEvent) -> Start | None:
         here: Linearisation = event.point.evaluation
         problem, word = here.problem, here.problem.word
-        null = np.linalg.svd(here.cyclic(-1.0)[:, :-1])[2][-1]
-        null *= np.sign(null[np.argmax(np.abs(null))])  # of two equal branches, always the same
+        null = oriented(np.linalg.svd(here.cyclic(-1.0)[:, :-1])[2][-1])  # of two equal branches
         if not word.walls:
             doubled = problem_of(problem.model, Word("", word.period * 2), problem.kernels)
             assert isinstance(doubled, QuietProblem)

@@ -11,6 +11,9 @@ from .branch import Point
 from .metric import length
 from .problem import Array, Evaluation, Problem
 
+LARGEST = 0.999
+"""Part of the largest component from which on others are as large."""
+
 
 def bordered(jacobian: Array, row: Array) -> Array:
     """Return the Jacobian with one more row."""
@@ -20,12 +23,23 @@ def bordered(jacobian: Array, row: Array) -> Array:
     return matrix
 
 
+def oriented(vector: Array) -> Array:
+    """Return a vector or its negative, always the same one of both.
+
+    That in which the first of its largest components is positive: of a null vector, rounding
+    decides on the sign, and where components are equal by symmetry also on which is the largest.
+    """
+    sizes = np.abs(vector)
+    leading = vector[np.argmax(sizes >= LARGEST * np.max(sizes))]
+    return -vector if leading < 0.0 else vector
+
+
 def first_tangent(jacobian: Array, scale: Array) -> Array | None:
-    """Return a unit null vector of the Jacobian, or None where there are two."""
+    """Return a unit null vector of the Jacobian, `oriented`, or None where there are two."""
     _, sizes, vectors = np.linalg.svd(jacobian * scale)
     if sizes[-1] <= 1e-10 * sizes[0]:
         return None
-    return scale * vectors[-1]
+    return scale * oriented(vectors[-1])
 
 
 def next_tangent(jacobian: Array, row: Array, scale: Array) -> Array | None:

@@ -20,6 +20,10 @@ NO_CROSSING = 1e-9
 """A test function below this at a branch point a walk starts from vanishes because of it."""
 
 
+STILL = 1e-12
+"""A parameter's rate below this part of the tangent is rounding: at a fold neither way is up."""
+
+
 @dataclass(frozen=True, eq=False)
 class Start:
     """The first point, if there is one, and why no walk leaves it, or nothing."""
@@ -51,7 +55,8 @@ def first_point(
         if tangent is None:
             unknown = Point(here, fixed, 0.0, 0.0, iterations)
             return Start(unknown, iterations, "two directions leave the first point")
-        direction = direction if tangent[-1] >= 0.0 else -direction
+        still = abs(tangent[-1]) < STILL * scale[-1]
+        direction = direction if still or tangent[-1] >= 0.0 else -direction
     else:
         tangent = tangent / length(tangent, scale)
     first: Point | None = Point(here, direction * tangent, np.nan, 0.0, iterations)
