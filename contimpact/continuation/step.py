@@ -15,7 +15,7 @@ from ..arrays import Table, Vector
 from .corrector import CONVERGED, D, Evaluate, Solve, newton
 from .metric import angle, distance
 from .predictor import cubic, predict
-from .step_control import defect, shorter, step_after
+from .step_control import defect, rounded, shorter, step_after
 
 (
     TOLERANCE,
@@ -209,9 +209,10 @@ def attempt(
     reached[mark] = orientation
     reached[mark + 1] = state[ARCLENGTH] + travelled
     reached[mark + 2] = iterations
-    state[NEXT_STEP] = step_after(
+    follows = step_after(
         state[STEP], turned, first, off, options[MAX_ANGLE], options[MAX_DEFECT], options[MAX_STEP]
     )
+    state[NEXT_STEP] = rounded(follows, options[MAX_STEP])
     return CONVERGED
 
 

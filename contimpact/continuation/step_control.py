@@ -12,6 +12,9 @@ from ..arrays import Vector
 LARGEST_DEFECT = 0.1
 """Largest defect of a step (see `defect`), as part of the largest angle."""
 
+DIGITS = 2.0**47 + 1.0
+"""By which a length is rounded to six binary digits, see `rounded`."""
+
 
 def defect(
     z: Vector, new: Vector, tangent: Vector, along: Vector, size: float, scale: Vector
@@ -53,6 +56,16 @@ def step_after(
     by_defect = math.sqrt(off / (0.5 * max_defect))
     factor = 1.0 / max(by_angle, by_distance, by_defect, 0.5)
     return min(step * max(factor, 0.5), max_step)
+
+
+def rounded(step: float, max_step: float) -> float:
+    """Return the length with a few leading digits (Veltkamp's splitting).
+
+    How a walk rounds its points, which differs between processors, then has no part in where the
+    next ones lie: it would grow from step to step.
+    """
+    large = DIGITS * step
+    return min(large - (large - step), max_step)
 
 
 def shorter(step: float, min_step: float) -> float:

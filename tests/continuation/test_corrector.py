@@ -11,7 +11,7 @@ from algebraic import Algebraic
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from contimpact.continuation import bordered, metric
+from contimpact.continuation import bordered, metric, step_control
 from contimpact.continuation.branch import Point
 from contimpact.continuation.corrector import correct
 from contimpact.continuation.settings import Settings
@@ -369,3 +369,21 @@ def test_the_step_follows_angle_correction_and_defect(turned, correction, defect
 def test_the_step_changes_by_two_at_most_and_respects_its_ceiling(step, turned, correction):
     new = step_after(step, turned, correction, 0.0, 0.2, 0.02, 0.1)
     assert 0.5 * step <= new <= min(2.0 * step, 0.1)
+
+
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+@pytest.mark.parametrize("last", [-1e-16, 0.0, 1e-16])
+def test_a_null_vector_has_one_sign_however_it_is_rounded(sign, last):
+    """Of components that are equal by symmetry the first decides."""
+    vector = np.array([0.3, -0.5, 0.5 + last, -0.5 - last, last])
+    assert bordered.oriented(sign * vector) == pytest.approx(-vector)
+
+
+@settings(deadline=None, derandomize=True)
+@given(st.floats(1e-7, 0.1), st.floats(-1e-13, 1e-13))
+def test_the_length_of_a_step_forgets_how_it_was_rounded(step, noise):
+    kept = step_control.rounded(step, 1.0)
+    assert kept == pytest.approx(step, rel=2.0**-6)
+    assert (64.0 * math.frexp(kept)[0]).is_integer()
+    assert step_control.rounded(kept * (1.0 + noise), 1.0) == kept
+    assert step_control.rounded(step, 0.5 * step) == 0.5 * step
