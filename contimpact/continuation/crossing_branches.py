@@ -37,6 +37,10 @@ step as a part of the turn's radius; where it crosses: the residual by the error
 TURN = 0.25
 """A step along a turn beside a near miss is at most this part of the distance."""
 
+HIDDEN = 0.25
+"""How near to a crossing no point is taken, as part of the distance that the error of nu makes: a
+bound, which is seldom reached."""
+
 BESIDE, BLURRED = 4.0, 30.0
 """Where another branch passes: how near steps are made one by one, in lengths of the step that led
 to it, and sharply, in distances, or in what a point's residual makes of them."""
@@ -74,6 +78,16 @@ class Meeting:
         return self.apart(max(settings.tolerance, abs(self.nu)))
 
     @property
+    def hidden(self) -> float:
+        """How near to a crossing rounding decides which branch a point is on, and steps from it
+        lead anywhere; zero where branches do not cross."""
+        return HIDDEN * self.apart(self.nu_error) if self.crosses else 0.0
+
+    def hides(self, here: Point, scale: Array) -> bool:
+        """Whether a point is as near as that."""
+        return length(here.unknowns - self.unknowns, scale) < self.hidden
+
+    @property
     def radius(self) -> float:
         """Of the branches' sharpest turns, in the metric."""
         return 0.5 * self.distance * self.sizes[0] / self.sizes[1]
@@ -97,7 +111,7 @@ Find = Callable[[Problem, Point, Array], Meeting | None]
 
 
 def on(arc: Arc, find: Find, most: int = NARROWING) -> Meeting | None:
-    """Return the meeting on an arc, None if none is found.
+    """Return the meeting on an arc, or that hides its right end; None if none is found.
 
     From ever closer points, by bisection on the orientation, where it flips.
     """
@@ -107,7 +121,7 @@ def on(arc: Arc, find: Find, most: int = NARROWING) -> Meeting | None:
         guess = arc.at(middle)
         near = guess or arc.near(middle)
         found = find(arc.problem, near, arc.scale) if near else None
-        if found is not None and arc.holds(found.unknowns):
+        if found is not None and reaches(arc, found):
             return found
         if guess is None:
             return None
@@ -116,6 +130,11 @@ def on(arc: Arc, find: Find, most: int = NARROWING) -> Meeting | None:
         else:
             b = middle
     return None
+
+
+def reaches(arc: Arc, meeting: Meeting) -> bool:
+    """Whether a meeting is on an arc, or hides its right end."""
+    return arc.holds(meeting.unknowns) or meeting.hides(arc.right, arc.scale)
 
 
 @dataclass(eq=False)
@@ -141,18 +160,18 @@ class Passes:
         return self.dipped(arc) if Notice.DIPS in notices else None
 
     def met(self, arc: Arc) -> Meeting | None:
-        """The known meeting on an arc, if there is one."""
-        return next((m for m, _ in self.known if arc.holds(m.unknowns)), None)
+        """The known meeting on an arc, or that hides its right end, if there is one."""
+        return next((m for m, _ in self.known if reaches(arc, m)), None)
 
     def flipped(self, arc: Arc) -> Refused | None:
         """The same where the orientation flips; bisection decides where no meeting is found."""
         found = self.met(arc) or (on(arc, self.find) if self.find else None)
         if found is None:
             return None if arc.connected() else Refused(Refusal.JUMPS)
-        if found.crosses:
+        if found.crosses and not found.hides(arc.right, arc.scale):
             return None
         self.keep(arc, found)
-        return Refused(Refusal.PASSES)
+        return Refused(Refusal.JUMPS if found.crosses else Refusal.PASSES)
 
     def dipped(self, arc: Arc) -> Refused | None:
         """The same where it does not: the step is short, or no meeting lies on it."""
@@ -190,6 +209,14 @@ class Passes:
             return 0.0
         self.known.append((found, BESIDE * max(away, found.distance)))
         return 0.5 * away
+
+    def leap(self, here: Point, reached: Point, scale: Array) -> float:
+        """How long a step is that passes the crossing which hides the point a step has reached;
+        zero where none does."""
+        for meeting, _ in self.known:
+            if meeting.hides(reached, scale):
+                return length(here.unknowns - meeting.unknowns, scale) + 2.0 * meeting.hidden
+        return 0.0
 
     def near(self, here: Point, scale: Array) -> Meeting | None:
         """The near miss next to a point, if there is one."""

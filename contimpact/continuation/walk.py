@@ -156,6 +156,7 @@ class _Walker:
     seen: Samples = field(default_factory=lambda: Samples.of(0.0, []))
     passes: Passes = field(default_factory=Passes)
     left_with: list[Array] = field(default_factory=list)
+    leapt: int = 0
 
     def run(self, start: Array, direction: int, tangent: Array | None) -> Walk:
         self.scale = self.sizes(start)
@@ -170,6 +171,12 @@ class _Walker:
             leaves = self.branching and len(self.points) == 1
             careful = leaves or self.near(self.points[-1]) is not None
             batch = self.advance(step, 1 if careful else min(most, left))
+            if careful and batch.piece is not None:
+                other = self.instead(step, Points([batch.piece])[-1])
+                if other:
+                    self.rejected += 1
+                    step = other
+                    continue
             step, end = self.follow(batch)
             if end is not None:
                 return self.finished(end)
@@ -287,8 +294,20 @@ class _Walker:
                 return step, self.record(start, EndKind.CLOSED)
             return proposal.next_step, self.record(proposal.piece)
         self.rejected += 1
+        if other := self.instead(step, proposal.point):
+            return other, None
         floor = self.numerics(here).min_step
         return (shorter(step, floor), None) if step > floor else self.look_about(step, refused)
+
+    def instead(self, step: float, reached: Point) -> float:
+        """The step to try instead of one that has reached a point hidden by a crossing: first one
+        that passes the crossing, then shorter ones; zero where the point may be taken."""
+        here = self.points[-1]
+        leap, floor = self.passes.leap(here, reached, self.scale), self.numerics(here).min_step
+        if leap and self.leapt != len(self.points):
+            self.leapt = len(self.points)
+            return max(leap, floor)
+        return shorter(step, floor) if leap and step > floor else 0.0
 
     def look_about(self, step: float, refused: Refused | None) -> tuple[float, End | None]:
         """Go on towards a meeting of branches next to a point from which no step leads, or end."""
