@@ -31,11 +31,15 @@ class Arc:
     scale: Array
     settings: Settings
 
+    @property
+    def span(self) -> float:
+        """Its length along the branch."""
+        return self.right.arclength - self.left.arclength
+
     def at(self, fraction: float) -> Point | None:
         """Return the point of the branch at a fraction of the way, or None if it is not reached."""
         chord = self.right.unknowns - self.left.unknowns
-        span = self.right.arclength - self.left.arclength
-        guess = hermite(self.left, self.right, span, fraction)
+        guess = hermite(self.left, self.right, self.span, fraction)
         result = correct(self.problem, guess, chord / self.scale**2, self.scale, self.settings)
         if result.evaluation is None:
             return None
@@ -43,17 +47,15 @@ class Arc:
 
     def near(self, fraction: float) -> Point | None:
         """Return a guess of that point, not corrected; None where the equations have no value."""
-        span = self.right.arclength - self.left.arclength
         try:
-            here = self.problem.evaluate(hermite(self.left, self.right, span, fraction))
+            here = self.problem.evaluate(hermite(self.left, self.right, self.span, fraction))
         except (ArithmeticError, ValueError):
             return None
-        return Point(here, self.left.tangent, np.nan, self.left.arclength + fraction * span, 0)
+        return Point(here, self.left.tangent, np.nan, self.left.arclength + fraction * self.span, 0)
 
     def point(self, evaluation: Evaluation, iterations: int) -> Point | None:
         """Return an evaluation as a point of this arc, None where it has no tangent."""
-        span = self.right.arclength - self.left.arclength
-        travelled = self.fraction(evaluation.unknowns) * span
+        travelled = self.fraction(evaluation.unknowns) * self.span
         return point_after(self.left, evaluation, iterations, self.scale, travelled)
 
     def event_point(self, evaluation: Evaluation, iterations: int) -> Point:
@@ -66,8 +68,8 @@ class Arc:
             known = not abs(point.orientation) < NO_TANGENT * usual
             if known and angle(point.tangent, between, self.scale) <= 2.0 * self.settings.max_angle:
                 return point
-        span = self.right.arclength - self.left.arclength
-        return Point(evaluation, between, 0.0, self.left.arclength + fraction * span, iterations)
+        place = self.left.arclength + fraction * self.span
+        return Point(evaluation, between, 0.0, place, iterations)
 
     def holding(self, event: Event) -> Event:
         """Return an event located on this arc, not before or beyond it by rounding."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -20,6 +20,10 @@ GUIDED = 4
 
 DEEPEST = np.array([0, 6, 20, 48, 6])
 """How often an arc is cut, by what is suspected there."""
+
+UNSURE = 1e-4
+"""An arc is not cut where the orientation is below this part of that at its ends: so near to a
+branch point, what changes along the tangent has the sign of its rounding."""
 
 MOST_CUTS = 200
 """How often an arc is cut in all."""
@@ -45,17 +49,34 @@ def find_events(
     """
     if not stretch.left.flat.size or not stretch.left.arclength < stretch.right.arclength:
         return [], []
-    search = _Search(list(tests), [len(values) for values in stretch.left.values])
+    least = UNSURE * float(np.fmax(abs(arc.left.orientation), abs(arc.right.orientation)))
+    search = _Search(list(tests), [len(values) for values in stretch.left.values], least)
     search.on(arc, stretch, 0)
-    return in_order(search.events), search.missed
+    return in_order(_placed(event, arc) for event in search.events), search.missed
+
+
+def _placed(event: Event, arc: Arc) -> Event:
+    """An event where it is along an arc, wherever the arc was cut to find it."""
+    place = arc.left.arclength + arc.fraction(event.point.unknowns) * arc.span
+    return replace(event, point=replace(event.point, arclength=place))
 
 
 @dataclass(eq=False)
 class _Search:
-    """The search of an arc for events; `sizes` says how many values each test function has."""
+    """The search of an arc for events.
+
+    Attributes
+    ----------
+    tests : list of TestFunction
+    sizes : list of int
+        How many values each test function has.
+    least : float
+        The orientation below which a point says nothing: rounding decides on its tangent.
+    """
 
     tests: list[TestFunction]
     sizes: list[int]
+    least: float
     events: list[Event] = field(default_factory=list)
     missed: list[Missed] = field(default_factory=list)
     cuts: int = 0
@@ -67,7 +88,8 @@ class _Search:
         if np.any(worth) and self.cuts < MOST_CUTS:
             middle = arc.at(float(places[np.argmax(worth)]))
             ends = stretch.left.arclength, stretch.right.arclength
-            if middle is not None and ends[0] < middle.arclength < ends[1]:
+            inside = middle is not None and ends[0] < middle.arclength < ends[1]
+            if middle is not None and inside and not abs(middle.orientation) < self.least:
                 self.cut(arc, stretch, middle, depth + 1)
                 return
         self.locate_on(arc, stretch)
