@@ -11,7 +11,9 @@ branch. The slope of the new impact's velocity decides, with that of the old orb
           \dot g \propto -\sigma\,\partial R_x \cdot \dot z\,|_{old},
 
 both exact, from the tangents: at a touch the gap does not depend on its time, and R_x is the
-position residual of the flight to the touch.
+position residual of the flight to the touch. Where rounding decides on the sign of the parameter's
+rate, as where a flight forgets what was before it, the parameter goes with the square of the new
+velocity: its second derivative along the new branch decides, and the slope is infinite.
 
 A soft stop without a jump in force is felt with the third power of the velocity of contact only:
 the parameter goes with its square, by which the flight passes the stop. The old orbit becomes the
@@ -46,7 +48,7 @@ from .extended_system import ExtendedSystem, located
 from .kind import SUB, SUPER, Change, Details, Kind, Look, ManyDigits, System, Values
 from .orbit_test import OrbitEvent, OrbitPoint, Orbits, OrbitTest
 from .sliding import ADDING, at_touch, is_brief
-from .start import Start, regular
+from .start import Start, rate_error, regular
 from .touching import Touching
 
 TOUCHING = 1e-9
@@ -238,7 +240,9 @@ class G(Kind):
         speed, rate = _new_speed(event, start), float(start.tangent[-1])
         if added_impacts(event) > 1 and abs(rate) < FLAT * np.max(np.abs(start.tangent)):
             return _of_sliding(event, start) or SUPER, None
-        slope = speed / rate if rate != 0.0 else None
+        if abs(rate) <= rate_error(start):
+            return _by_bend(event, start), None
+        slope = speed / rate
         old, new = _gap_slope(event), speed * rate
         if old == 0.0 or new == 0.0:
             return None, slope
@@ -349,8 +353,12 @@ def _of_sliding(event: OrbitEvent, start: Start) -> str | None:
     """The criticality where the excursion ends on another surface; None where it does not."""
     problem, details = start.problem, event.details
     letters = _excursion(event.point.evaluation.problem, details["flight"], details["wall"]) or ""
-    if problem.kernels.arrival(*letters[:2]) != ELSEWHERE:
-        return None
+    return None if problem.kernels.arrival(*letters[:2]) != ELSEWHERE else _by_bend(event, start)
+
+
+def _by_bend(event: OrbitEvent, start: Start) -> str:
+    """The criticality where the parameter rests along the new branch."""
+    problem = start.problem
     jacobian = problem.evaluate(start.unknowns).jacobian
     left = np.linalg.svd(jacobian[:, : problem.n])[0][:, -1]
     bent = problem.second_along(start.unknowns, start.tangent) @ start.tangent

@@ -6,10 +6,12 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ..continuation.bordered import first_tangent
+from ..continuation.bordered import bordered, first_tangent
 from ..models.word import repetitions
 from ..orbits.problem import Array, OrbitProblem
 from ..orbits.recognition import first_lap, shortest
+from ..orbits.rounding import rounding
+from .extended_system import FIRST_ORDER, rounding_of_product
 
 ALONG, REPEATS = 1e-3, 1e-7
 """How far along a branch it is seen whether its orbits repeat shorter ones, and how nearly."""
@@ -50,6 +52,26 @@ def regular(problem: OrbitProblem, unknowns: Array) -> Start | None:
     jacobian = problem.evaluate(unknowns).jacobian
     tangent = first_tangent(jacobian, np.ones(len(unknowns)))
     return None if tangent is None else Start(problem, unknowns, tangent, False, True)
+
+
+def rate_error(start: Start) -> float:
+    """Bound the error of the parameter's rate along the tangent of a regular start.
+
+    The tangent is what the Jacobian maps to zero, up to the rounding of both and to where the start
+    is: what these move the parameter's component by, at most, is its row of the inverse of the
+    Jacobian, bordered by the tangent, against them.
+    """
+    problem, along = start.problem, start.tangent
+    here = problem.evaluate(start.unknowns)
+    bounds = rounding(here)
+    off = np.abs(here.residual) + bounds.residual
+    try:
+        inverse = np.abs(np.linalg.inv(bordered(here.jacobian, along)))[:, :-1]
+    except np.linalg.LinAlgError:
+        return float("inf")
+    bent = np.abs(problem.second_along(start.unknowns, along)) @ (inverse @ off)
+    product = rounding_of_product(here.jacobian, bounds.jacobian, along)
+    return FIRST_ORDER * float(inverse[-1] @ (product + bent))
 
 
 def once(start: Start) -> Start:
