@@ -188,7 +188,7 @@ class V(Kind):
             here, forgiven = _at_zero(here, details["impact"]), stopped(here.problem, details)
         else:
             forgiven = vanished(here, details["impact"])
-        return here.judge(forgive_impacts=forgiven)
+        return here.judge(forgive_impacts={*forgiven, *here.resting})
 
     def sliding(self, event: OrbitEvent) -> str | None:
         here = event.point.evaluation
