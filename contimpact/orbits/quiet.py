@@ -17,6 +17,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -28,7 +29,7 @@ from ..models.model import Model
 from ..models.section import state_before
 from ..models.word import Word
 from ..segments.arithmetic import ARRAYS, evaluate_in
-from ..segments.flight import Excursion, FlightGaps, Moved, excursions, touch_of
+from ..segments.flight import Excursion, FlightGaps, Moved, Touch, excursions, touch_of
 from ..segments.integrated_track import IntegratedTrack, integrated_track, joined
 from ..segments.kernels import Kernels
 from ..segments.layout import SECTION
@@ -41,6 +42,9 @@ BEYOND = 0.125
 """Part of a period for which an orbit is looked at beyond its end: no extremum is at an end of both
 the orbit and what is looked at."""
 
+AGAIN = 1e-6
+"""Part of the orbit behind its end from which on an extremum is one that was seen at its beginning;
+nearer, it may lie before the beginning next to it."""
 
 TURNING_SAMPLES = 512
 """Instants at which it is seen when a coordinate turns."""
@@ -126,7 +130,7 @@ class QuietProblem(OrbitProblem):
         look = self._on_track if self.kernels.integrated(SECTION) else self._by_kernels
         found = look(watched, unknowns)
         touches = tuple(
-            touch_of(0, 0.0, guard, position, found[guard.row(self.m // 2)])
+            self._first(touch_of(0, 0.0, guard, position, found[guard.row(self.m // 2)]), unknowns)
             if mode in guard.modes and not guard.past
             else None
             for guard, position in zip(self.model.WALLS, positions, strict=True)
@@ -134,6 +138,13 @@ class QuietProblem(OrbitProblem):
         turns = (each[4] for each in found.values() if not math.isnan(each[4]))
         slowest = min(turns, key=abs, default=math.nan)
         return [FlightGaps(self.times_around(unknowns, 0)[1], touches, slowest)]
+
+    def _first(self, touch: Touch | None, unknowns: Array) -> Touch | None:
+        """The same touch within the first period: rounding decides which of both is the nearer."""
+        span = self.span(unknowns)
+        if touch is None or touch.time < (1.0 + AGAIN) * span:
+            return touch
+        return replace(touch, time=touch.time - span)
 
     def _rows(self) -> dict[Row, str]:
         """The gap coordinates of the guards of the first mode, each with the letter of one."""
