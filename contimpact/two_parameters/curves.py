@@ -16,10 +16,12 @@ from numpy.typing import ArrayLike
 from ..bifurcations.declarations import REQUESTED
 from ..bifurcations.kind import Kind
 from ..continuation.branch import Event, Point, Walk, joined
+from ..continuation.corrector import correct
 from ..continuation.ends import End, EndKind
 from ..continuation.interruption import kept, other_way
+from ..continuation.problem import Problem
 from ..continuation.settings import Settings
-from ..continuation.test_function import TestFunction
+from ..continuation.test_function import Located, TestFunction
 from ..continuation.walk import walk
 from ..errors import InputError
 from ..models.model import Model
@@ -241,6 +243,16 @@ class SecondValue(TestFunction):
 
     def values(self, point: Point) -> Array:
         return point.parameter - self.wanted
+
+    def locate(self, problem: Problem, guess: Point, index: int) -> Located | None:
+        """The point of the curve where the parameter has this value, to the last digit."""
+        wanted, fixed = guess.unknowns.copy(), np.zeros(len(guess.unknowns))
+        wanted[-1], fixed[-1] = self.wanted[index], 1.0
+        here = correct(problem, wanted, fixed, np.ones(len(wanted)), CURVE_SETTINGS).evaluation
+        if here is None:
+            return None
+        unknowns = np.append(here.unknowns[:-1], wanted[-1])
+        return Located(unknowns, float(np.max(np.abs(here.residual))), 0.0)
 
 
 # Tabulating.
