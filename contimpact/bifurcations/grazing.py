@@ -49,10 +49,7 @@ from .kind import SUB, SUPER, Change, Details, Kind, Look, ManyDigits, System, V
 from .orbit_test import OrbitEvent, OrbitPoint, Orbits, OrbitTest
 from .sliding import ADDING, at_touch, is_brief
 from .start import Start, rate_error, regular
-from .touching import Touching
-
-TOUCHING = 1e-9
-"""A gap below this at a grazing is a second touch at the same parameter value."""
+from .touching import Touching, forgiven, touching
 
 PASSING = 1e-9
 """A gap of a located touch below minus this is that of another place, where the flight passes."""
@@ -249,10 +246,8 @@ class G(Kind):
         return (SUB if (old > 0.0) == (new > 0.0) else SUPER), slope
 
     def verdict(self, here: Linearisation, details: Details) -> Verdict:
-        begun = (t for flight in here.gaps for t in flight.beyond if abs(t.gap) < TOUCHING)
-        touching = {(t.flight, t.wall) for t in (*_touching(here), *begun)}
-        touching.add((details["flight"], details["wall"]))
-        return here.judge(forgive_touches=touching, forgive_impacts=here.resting)
+        touches = forgiven(here) | {(details["flight"], details["wall"])}
+        return here.judge(forgive_touches=touches, forgive_impacts=here.resting)
 
     def symbol(self, period: int) -> str:
         """On orbits of the period 2T, 4T, ... it is PD_G."""
@@ -268,17 +263,11 @@ class G(Kind):
 # Touches.
 
 
-def _touching(here: Linearisation) -> list[Touch]:
-    """The touches at which an orbit is not told from one that grazes."""
-    touches = (t for flight in here.gaps for t in flight.touches)
-    return [t for t in touches if t is not None and abs(t.gap) < TOUCHING]
-
-
 def touches_at(event: OrbitEvent) -> list[tuple[int, str, float]]:
     """Return (flight, wall, time) of every touch at a grazing, the event's own first."""
     own = (event.details["flight"], event.details["wall"], event.details["touch_time"])
-    touching = _touching(event.point.evaluation)
-    return [own, *((t.flight, t.wall, t.time) for t in touching if (t.flight, t.wall) != own[:2])]
+    found = touching(event.point.evaluation)
+    return [own, *((t.flight, t.wall, t.time) for t in found if (t.flight, t.wall) != own[:2])]
 
 
 def _last_first(touches: list[tuple[int, str, float]]) -> list[tuple[int, str, float]]:

@@ -12,9 +12,13 @@ from ..orbits.linearisation import Linearisation
 from ..orbits.problem import Array, OrbitProblem
 from ..orbits.rounding import rounding
 from ..segments.bounded import bounds_of
+from ..segments.flight import Touch
 from ..segments.layout import SECTION
 from ..segments.segment import Segment
 from .extended_system import Assembled, ExtendedSystem
+
+TOUCHING = 1e-9
+"""A gap below this at an event is a touch at the same parameter value."""
 
 
 class Arrival(ExtendedSystem):
@@ -131,3 +135,16 @@ def arrived(segment: Segment, left: Sequence[float], values: Sequence[float]) ->
     """Return the unknowns of an impact at once after another, from those of that one."""
     rows = segment.blocks(left, [left[0], *[0.0] * (len(left) - 1)], values)[0]
     return [left[0], *(float(row) for row in rows[1:])]
+
+
+def touching(here: Linearisation) -> list[Touch]:
+    """Return the touches at which an orbit is not told from one that grazes."""
+    touches = (t for flight in here.gaps for t in flight.touches)
+    return [t for t in touches if t is not None and abs(t.gap) < TOUCHING]
+
+
+def forgiven(here: Linearisation) -> set[tuple[int, str]]:
+    """Return the touches that are not held against the orbit of an event: rounding decides on
+    which side of the guard they are."""
+    begun = (t for flight in here.gaps for t in flight.beyond if abs(t.gap) < TOUCHING)
+    return {(t.flight, t.wall) for t in (*touching(here), *begun)}

@@ -28,6 +28,7 @@ from .orbit_test import OrbitEvent, OrbitPoint, Orbits
 from .reached import Reached, ScalarTest
 from .sliding import INSTANT, at_zero_velocity, guard_at
 from .start import Start, regular
+from .touching import forgiven
 from .vanishing import vanished, vanishing, without
 from .zero_duration import ZeroDuration
 
@@ -185,10 +186,11 @@ class V(Kind):
 
     def verdict(self, here: Linearisation, details: Details) -> Verdict:
         if "flight" in details:
-            here, forgiven = _at_zero(here, details["impact"]), stopped(here.problem, details)
+            here, impacts = _at_zero(here, details["impact"]), stopped(here.problem, details)
         else:
-            forgiven = vanished(here, details["impact"])
-        return here.judge(forgive_impacts={*forgiven, *here.resting})
+            impacts = vanished(here, details["impact"])
+        resting = {*impacts, *here.resting}
+        return here.judge(forgive_touches=forgiven(here), forgive_impacts=resting)
 
     def sliding(self, event: OrbitEvent) -> str | None:
         here = event.point.evaluation
