@@ -1,7 +1,7 @@
 """Whether the shipped scenes still give the same results, to the last bit.
 
     python tests/same_results.py record FOLDER [SCENE ...] [--quick]
-    python tests/same_results.py compare FOLDER [SCENE ...] [--quick] [--reordered]
+    python tests/same_results.py compare FOLDER [SCENE ...] [--quick] [--reordered] [--as CPU]
 
 ``record`` runs the scenes of ``branches/``, plain and compiled, simulates those with a table
 ``[simulate]``, reports on them, and keeps in a folder what was written. ``compare`` does the same
@@ -9,7 +9,9 @@ with the code of this checkout and names what differs from the recording; its ex
 anything does. Both compare compiled results with plain ones. ``compare branches`` compares with
 what is committed there, ``compare OLD --with NEW`` one recording with another.
 
-With ``--reordered`` numbers may differ as far as reordered arithmetic explains it, see
+With ``--as avx2`` or ``--as sse`` scenes run with the arithmetic of a processor without AVX-512, or
+without AVX, so that ``compare branches --as avx2 --reordered`` says whether catalogues are the same
+there to their stated errors. With ``--reordered`` numbers may differ as far as reordered arithmetic explains it, see
 `reordered.py`. Only the command line and the files it writes are used, so that modules may be
 moved and renamed freely.
 """
@@ -43,6 +45,14 @@ REPORTED = ["fig7", "stop"]
 UNREPORTED = ["soft_stop"]
 """It starts from an orbit without impacts, of which there are no reports."""
 
+_NEWEST = "X86_V4 AVX512_ICL AVX512_SPR"
+PROCESSORS = {
+    "native": {},
+    "avx2": {"OPENBLAS_CORETYPE": "Haswell", "NPY_DISABLE_CPU_FEATURES": _NEWEST},
+    "sse": {"OPENBLAS_CORETYPE": "Nehalem", "NPY_DISABLE_CPU_FEATURES": f"X86_V3 {_NEWEST}"},
+}
+"""What OpenBLAS and NumPy are asked for to compute as an older processor does."""
+
 MODES = {"plain": "never", "compiled": "always"}
 SHOWN = 3
 """Differences shown of each file."""
@@ -65,6 +75,8 @@ def parsed(arguments: list[str] | None) -> argparse.Namespace:
     shared.add_argument("--quick", action="store_true", help=text)
     text = "the checkout whose package runs (default: this one)"
     shared.add_argument("--checkout", type=Path, default=ROOT, metavar="DIR", help=text)
+    text = "the processor whose arithmetic is used"
+    shared.add_argument("--as", choices=PROCESSORS, default="native", dest="processor", help=text)
     text = "show all differences, not the first of each file"
     shared.add_argument("--all", action="store_true", help=text)
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
@@ -105,13 +117,15 @@ class Job:
     def plain(self) -> Job:
         return dataclasses.replace(self, mode="plain")
 
-    def run(self, folder: Path, checkout: Path) -> None:
+    def run(self, folder: Path, options: argparse.Namespace) -> None:
         """Write the results into the job's folder below `folder`."""
+        checkout = options.checkout
         began = time.perf_counter()
         command = [sys.executable, "-m", "contimpact", self.command]
         command += [str(BRANCHES / self.scene / "scene.toml"), "-o", str(folder / self.folder)]
         command += ["--quiet", "--no-plot", *(["-n", "1"] if self.command == "report" else [])]
         own = {"PYTHONPATH": str(checkout.resolve()), "CONTIMPACT_COMPILED": MODES[self.mode]}
+        own |= PROCESSORS[options.processor]
         status = subprocess.run(command, env=os.environ | own, cwd=checkout).returncode
         if status:
             raise SystemExit(f"{self}: exit status {status}")
@@ -133,7 +147,7 @@ def record(options: argparse.Namespace) -> int:
     for scene in options.scenes:
         todo = jobs(scene, options.quick)
         for job in todo:
-            job.run(made.folder, options.checkout)
+            job.run(made.folder, options)
         refused += compare_scene(todo, None, made, options)
     notes = {"commit": commit(options.checkout)}
     (made.folder / "recording.json").write_text(json.dumps(notes) + "\n", encoding="utf-8")
@@ -188,7 +202,7 @@ def compare(options: argparse.Namespace) -> int:
             if not todo:
                 raise SystemExit(f"{options.folder} has no results of {scene}")
             for job in () if options.made else todo:
-                job.run(made.folder, options.checkout)
+                job.run(made.folder, options)
             refused += compare_scene(todo, reference, made, options)
     return 1 if refused else 0
 
