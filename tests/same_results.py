@@ -11,9 +11,9 @@ what is committed there, ``compare OLD --with NEW`` one recording with another.
 
 With ``--as avx2`` or ``--as sse`` scenes run with the arithmetic of a processor without AVX-512, or
 without AVX, so that ``compare branches --as avx2 --reordered`` says whether catalogues are the same
-there to their stated errors. With ``--reordered`` numbers may differ as far as reordered arithmetic explains it, see
-`reordered.py`. Only the command line and the files it writes are used, so that modules may be
-moved and renamed freely.
+there to their stated errors. With ``--reordered`` numbers may differ as far as reordered arithmetic
+explains it, see `reordered.py`. Only the command line and the files it writes are used, so that
+modules may be moved and renamed freely.
 """
 
 from __future__ import annotations
