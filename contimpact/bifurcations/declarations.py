@@ -9,14 +9,16 @@ from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
 from ..errors import InputError
+from ..models.model import Model
 
 
 class Declared(NamedTuple):
     """What can be said of a kind before anything is computed.
 
     `file` is the module that defines it, in a class of its name. It is looked for unless a scene
-    says otherwise if it is `usual`; other branches are `born` there; it has `curves` in two
-    parameters; its equations need `second` derivatives.
+    says otherwise if it is `usual`, one that is about `tori` only where a model can have them.
+    Other branches are `born` there, or the motion itself `continues` on another word; it has
+    `curves` in two parameters; its equations need `second` derivatives.
     """
 
     name: str
@@ -25,16 +27,18 @@ class Declared(NamedTuple):
     born: bool = False
     curves: bool = False
     second: bool = False
+    tori: bool = False
+    continues: bool = False
 
 
 DECLARED = (
     Declared("FB", "fold", curves=True, second=True),
     Declared("BP", "branch_point", born=True, curves=True, second=True),
     Declared("PD", "doubling", born=True, curves=True, second=True),
-    Declared("NS", "torus", usual=False, curves=True, second=True),
+    Declared("NS", "torus", curves=True, second=True, tori=True),
     Declared("G", "grazing", born=True, curves=True),
     Declared("V", "zero_velocity", born=True, curves=True),
-    Declared("T", "zero_duration", born=True),
+    Declared("T", "zero_duration", born=True, continues=True),
     Declared("UZ", "requested", usual=False, curves=True),
 )
 
@@ -42,11 +46,14 @@ FILES = {kind.name: kind.file for kind in DECLARED}
 KINDS = tuple(FILES)
 """Every kind that is looked for along branches."""
 
-EVENTS = tuple(kind.name for kind in DECLARED if kind.usual)
-"""Those looked for where nothing else is said."""
+EVENTS = tuple(kind.name for kind in DECLARED if kind.usual and not kind.tori)
+"""Those looked for in any system where nothing else is said."""
 
 SWITCHES = tuple(kind.name for kind in DECLARED if kind.born)
 """Those at which other branches are born."""
+
+CONTINUED = tuple(kind.name for kind in DECLARED if kind.continues)
+"""Those of them beyond which the motion itself continues on another word."""
 
 CURVES = tuple(kind.name for kind in DECLARED if kind.curves)
 """Those that have curves in two parameters."""
@@ -59,6 +66,11 @@ REQUESTED = "UZ"
 
 CROSSINGS = ("PD-G", "G-PD")
 """Where curves of PD and of G cross, by the curve on which the point is found."""
+
+
+def usual_events(model: Model) -> tuple[str, ...]:
+    """Return the kinds that are looked for in a model where nothing else is said."""
+    return tuple(k.name for k in DECLARED if k.usual and (model.tori or not k.tori))
 
 
 def with_values(

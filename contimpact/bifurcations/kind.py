@@ -155,6 +155,15 @@ class Kind(ABC):
         """Return the word of the branch beyond, if it is another one."""
         return None
 
+    def deeper(self, event: OrbitEvent) -> int | None:
+        """Return how many switches deeper the branch is that starts there: 0 where the motion
+        itself continues on another word; None where nothing can start."""
+        return 1
+
+    def nothing(self, event: OrbitEvent) -> str:
+        """Return why nothing starts there."""
+        return "nothing starts there"
+
     def criticality(
         self, event: OrbitEvent, before: OrbitPoint, after: OrbitPoint
     ) -> tuple[str | None, float | None]:

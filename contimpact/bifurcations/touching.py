@@ -131,10 +131,14 @@ class Beginning(Arrival):
         return left, [left[0], *own.tolist()]
 
 
-def arrived(segment: Segment, left: Sequence[float], values: Sequence[float]) -> list[float]:
-    """Return the unknowns of an impact at once after another, from those of that one."""
-    rows = segment.blocks(left, [left[0], *[0.0] * (len(left) - 1)], values)[0]
-    return [left[0], *(float(row) for row in rows[1:])]
+def arrived(
+    segment: Segment, left: Sequence[float], values: Sequence[float], time: float | None = None
+) -> list[float]:
+    """Return the unknowns of an impact at some time after another, at once unless it is given,
+    from those of that one."""
+    time = left[0] if time is None else time
+    rows = segment.blocks(left, [time, *[0.0] * (len(left) - 1)], values)[0]
+    return [time, *(float(row) for row in rows[1:])]
 
 
 def touching(here: Linearisation) -> list[Touch]:

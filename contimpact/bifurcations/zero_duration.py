@@ -1,9 +1,15 @@
-"""T: a flight's duration vanishes; beyond, impacts are out of order."""
+"""T: a flight's duration vanishes; beyond, impacts are out of order.
+
+Impacts on different coordinates exchange their order there: the motion continues on another word.
+"""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
+from ..continuation.bordered import first_tangent
 from ..continuation.problem import Problem
 from ..continuation.test_function import Located, TestFunction
 from ..models.word import Word
@@ -13,6 +19,7 @@ from ..orbits.physicality import OUT_OF_ORDER
 from ..orbits.problem import Array, OrbitProblem
 from ..orbits.rounding import rounding_of_setup
 from .adding import where_added
+from .exchange import exchanged, exchanged_word
 from .extended_system import EPSILON, ExtendedSystem
 from .kind import Change, Details, Kind, Look, ManyDigits, System, Values
 from .orbit_test import OrbitEvent, OrbitPoint, Orbits
@@ -93,13 +100,37 @@ class T(Kind):
         return orbit.vanishing(lambda x: orbit.duration(x, details["flight"]))
 
     def born(self, event: OrbitEvent) -> Start | None:
-        """Without the flight, where sliding vanishes or begins: other impacts only merge there."""
-        there = without_flight(event.point.evaluation, event.details["flight"])
+        """Without the flight, where sliding vanishes or begins; with its impacts exchanged, where
+        they are on different coordinates: others only merge there."""
+        here = event.point.evaluation
+        there = without_flight(here, event.details["flight"])
+        if there is None and (word := _exchanged(event)) is not None:
+            there = exchanged(here, word)
         return None if there is None else regular(*there)
 
     def next_word(self, event: OrbitEvent) -> Word | None:
         there = without_flight(event.point.evaluation, event.details["flight"])
-        return None if there is None else there[0].word
+        return _exchanged(event) if there is None else there[0].word
+
+    def deeper(self, event: OrbitEvent) -> int | None:
+        if without_flight(event.point.evaluation, event.details["flight"]) is not None:
+            return 1
+        return None if _exchanged(event) is None else 0
+
+    def nothing(self, event: OrbitEvent) -> str:
+        word = _exchanged(event)
+        if word is None:
+            return super().nothing(event)
+        return (
+            f"the motion does not continue as {word}: the order of the impacts that happen at once "
+            "decides what follows"
+        )
+
+    def label(self, ghost: bool, word: Word, beyond: Word | None, walls: Sequence[str]) -> str:
+        """Return the label, which shows the order of impacts where they exchange it."""
+        if beyond is None or len(beyond) != len(word):
+            return super().label(ghost, word, beyond, walls)
+        return f"{'~' * ghost}{self.name}[{word}->{beyond}]"
 
     def multipliers(self, here: Linearisation, details: Details) -> tuple[Array, int]:
         there = without_flight(here, details["flight"])
@@ -115,3 +146,17 @@ class T(Kind):
     def explains(self, change: Change) -> bool:
         """Where impacts merge, multipliers change too."""
         return True
+
+
+def _exchanged(event: OrbitEvent) -> Word | None:
+    """The word beyond, if impacts exchange their order."""
+    here, flight = event.point.evaluation, event.details["flight"]
+    problem, unknowns = here.problem, here.unknowns
+    if problem.model.DEGREES_OF_FREEDOM == 1:
+        return None
+    tangent = first_tangent(here.jacobian, np.ones(len(unknowns)))
+    if tangent is None:
+        return None
+    gradient = ZeroDuration(problem).gradient
+    rates = [gradient(problem, unknowns, k) @ tangent for k in range(len(problem.word))]
+    return exchanged_word(here, flight, np.array(rates))

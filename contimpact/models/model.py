@@ -219,6 +219,15 @@ class Model(ABC):
         """Whether there is no forcing, and the periods of orbits are unknowns."""
         return self.AUTONOMOUS or self.options.get("period") == FREE
 
+    @property
+    def tori(self) -> bool:
+        """Whether two multipliers can leave the unit circle as a pair, so that a torus is born.
+
+        With one coordinate and losses they cannot: their product is below one. Laws that a scene
+        states may give more than they take.
+        """
+        return self.DEGREES_OF_FREEDOM > 1
+
     def _own_parameters(self, given: Mapping[str, Any]) -> tuple[str, ...]:
         """The parameters that expressions have besides those declared, once these are checked."""
         declared = [name for p in self.PARAMETERS for name in (p.name, *p.split)]

@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Callable, Mapping, Sequence
 
-from ..bifurcations.declarations import EVENTS, SWITCHES
+from ..bifurcations.declarations import SWITCHES
 from ..bifurcations.registry import switch
 from ..bifurcations.start import Start, once
 from ..continuation.branch import Point, Walk
@@ -31,7 +31,7 @@ def continue_born(
     model: Model | None = None,
     range: tuple[float, float] | None = None,
     *,
-    events: Sequence[str | UserEvent] = EVENTS,
+    events: Sequence[str | UserEvent] | None = None,
     values: Mapping[str, Sequence[float]] | None = None,
     settings: Settings | None = None,
     callback: Callback | None = None,
@@ -43,7 +43,7 @@ def continue_born(
     Parameters
     ----------
     entry : Entry
-        A G, V, PD or BP, or a T at which sliding vanishes.
+        A G, V, PD or BP, or a T at which sliding vanishes or impacts exchange their order.
     model : Model, optional
         The system, where its name does not tell; parameter values are taken from the entry. It may
         also stand before the entry.

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..arrays import Array
-from ..bifurcations.declarations import EVENTS, KINDS, with_values
+from ..bifurcations.declarations import KINDS, usual_events, with_values
 from ..bifurcations.registry import test_functions
 from ..continuation.adjacent_events import on_points, with_points_between
 from ..continuation.branch import Event, Point, Points, Walk, joined
@@ -52,7 +52,7 @@ def continue_orbit(
     parameter: str | None = None,
     range: tuple[float, float] | None = None,
     *,
-    events: Sequence[str | UserEvent] = EVENTS,
+    events: Sequence[str | UserEvent] | None = None,
     values: Mapping[str, Sequence[float]] | None = None,
     settings: Settings | None = None,
     callback: Callback | None = None,
@@ -71,9 +71,10 @@ def continue_orbit(
         The parameter to follow; by default the one the orbit was found with.
     range : (low, high)
         Its range, which holds the orbit's value.
-    events : sequence
+    events : sequence, optional
         Kinds of events (FB, BP, PD, NS, G, V, T, UZ, or one's own), and pairs of a name and a
-        function of the `Orbit` whose zeros are to be located.
+        function of the `Orbit` whose zeros are to be located; by default FB, BP, PD, G, V and T,
+        and NS where tori can be born.
     values : mapping of str to sequence of float, optional
         Values of the parameter, or of a derived one, to hit exactly (as UZ).
     settings : Settings, optional
@@ -142,9 +143,10 @@ def _beside(
 
 def tests_of_events(
     problem: OrbitProblem,
-    events: Sequence[str | UserEvent],
+    events: Sequence[str | UserEvent] | None,
     values: Mapping[str, Sequence[float]] | None,
 ) -> list[TestFunction]:
+    events = usual_events(problem.model) if events is None else events
     if isinstance(events, str) or not isinstance(events, Sequence):
         raise InputError("events", f"found {events!r}", "give a list, such as ['PD', 'G']")
     texts = [kind for kind in events if isinstance(kind, str)]

@@ -330,15 +330,10 @@ def read_scene(given: Mapping[str, Any], systems: Mapping[str, type[Model]] | No
     )
     if not orbits:
         raise InputError("follow.orbits", "empty", "name at least one orbit, such as '1:1'")
-    reach = read_reach(follow)
-    follow.finish()
     detect = top.table("detect", optional=True)
     events, values = read_detect(detect, model, parameter, (low, high))
-    for i, kind in enumerate(reach["switch"]):
-        if kind not in events:
-            found = f"{kind} is not among the events looked for"
-            accepted = f"add it to detect.events, which has {', '.join(events) or 'none'}"
-            raise InputError(f"follow.switch[{i}]", found, accepted)
+    reach = read_reach(follow, events)
+    follow.finish()
     settings, search = read_numerics(top.table("numerics", optional=True))
     plot = read_plot(top.table("plot", optional=True), model, parameter)
     curves = None

@@ -9,7 +9,14 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, fields, replace
 from typing import TYPE_CHECKING, Any
 
-from ..bifurcations.declarations import CURVES, EVENTS, KINDS, SWITCHES, with_values
+from ..bifurcations.declarations import (
+    CONTINUED,
+    CURVES,
+    KINDS,
+    SWITCHES,
+    usual_events,
+    with_values,
+)
 from ..continuation.settings import Settings
 from ..errors import InputError, shown
 from ..models.model import Model
@@ -117,13 +124,21 @@ def read_model(table: Table, systems: Mapping[str, type[Model]] | None = None) -
         raise error.within(inside) from None
 
 
-def read_reach(follow: Table) -> dict[str, Any]:
-    """Return how far to follow what is born on the branches, from [follow]."""
-    switch = follow.texts("switch", [])
+def read_reach(follow: Table, events: Sequence[str]) -> dict[str, Any]:
+    """Return how far to follow what is born on the branches, from [follow].
+
+    Unless it says otherwise, the motion is followed where it continues on another word at one of
+    the events looked for.
+    """
+    switch = follow.texts("switch", [kind for kind in CONTINUED if kind in events])
     for i, kind in enumerate(switch):
         if kind not in SWITCHES:
             accepted = f"accepted are {', '.join(SWITCHES)}"
             raise InputError(f"follow.switch[{i}]", f"cannot switch at {shown(kind)}", accepted)
+        if kind not in events:
+            found = f"{kind} is not among the events looked for"
+            accepted = f"add it to detect.events, which has {', '.join(events) or 'none'}"
+            raise InputError(f"follow.switch[{i}]", found, accepted)
     return {
         "switch": tuple(dict.fromkeys(switch)),
         "depth": follow.whole("depth", 1, least=0, most=MOST_TRIES),
@@ -137,7 +152,7 @@ def read_detect(
     table: Table, model: Model, parameter: str, limits: tuple[float, float]
 ) -> tuple[tuple[str, ...], dict[str, list[float]]]:
     """Return the kinds of events of [detect], and the values to hit."""
-    events = table.texts("events", list(EVENTS))
+    events = table.texts("events", list(usual_events(model)))
     for i, kind in enumerate(events):
         if kind not in KINDS:
             accepted = f"accepted are {', '.join(KINDS)}"

@@ -15,9 +15,9 @@ from typing import Any
 
 import numpy as np
 
-from ..bifurcations.registry import switch, test_functions
+from ..bifurcations.registry import kind_of, switch, test_functions
 from ..bifurcations.start import Start, once
-from ..continuation.branch import Point
+from ..continuation.branch import Event, Point
 from ..continuation.ends import End, EndKind
 from ..continuation.settings import Settings
 from ..continuation.test_function import TestFunction
@@ -99,6 +99,7 @@ class _Explorer:
     runs: list[Run] = field(default_factory=list)
     branches: list[Branch] = field(default_factory=list)
     waiting: list[Birth] = field(default_factory=list)
+    left: list[Birth] = field(default_factory=list)
     opens: dict[str, list[str]] = field(default_factory=dict)
     meetings: dict[str, list[str]] = field(default_factory=dict)
     notes: list[str] = field(default_factory=list)
@@ -133,6 +134,7 @@ class _Explorer:
                 self.follow_births()
             elif not elsewhere:
                 self.look_elsewhere()
+            self.note_left()
         except KeyboardInterrupt:
             self.failure = INTERRUPTED
         except (ArithmeticError, np.linalg.LinAlgError) as error:
@@ -237,7 +239,7 @@ class _Explorer:
         entry, began = birth.entry, time.perf_counter()
         start = switch(birth.event)
         if start is None:
-            self.note(entry, "nothing starts there")
+            self.note(entry, kind_of(entry.kind).nothing(birth.event))
             return
         start = once(start)
         if start.note:
@@ -358,18 +360,10 @@ class _Explorer:
         self.branches.append(branch)
         if entry is not None:
             self.opens.setdefault(entry.id, []).append(name)
-        events = (e for e in run.events if e.kind in self.scene.events)
-        births = [
-            Birth(event, e, depth + 1)
-            for event, e in zip(events, branch.events, strict=True)
-            if event.kind in self.scene.switch and e.id != origin
-        ]
-        if depth < self.scene.depth:
-            self.waiting += births
-        else:
-            for birth in births:
-                about = "follow.depth", self.scene.depth, NOT_SWITCHED
-                self.limits.reached(*about, _named(birth.entry))
+        events = [e for e in run.events if e.kind in self.scene.events]
+        for event, made in zip(events, branch.events, strict=True):
+            if made.id != origin:
+                self.queue(event, made, depth)
         if ended := [walk for walk in run.walks if walk.end.kind is EndKind.POINTS]:
             key, value = "numerics.max_points", self.scene.settings.max_points
             if all(len(walk.points) < value for walk in ended):
@@ -378,6 +372,28 @@ class _Explorer:
         self.seconds["tables"] += time.perf_counter() - walked
         if interrupted:
             raise KeyboardInterrupt
+
+    def queue(self, event: Event[Linearisation], entry: Entry, depth: int) -> None:
+        """Queue what starts at an event: a branch born there, one switch deeper; where the motion
+        itself continues on another word, that is no switch, and only physical motions are."""
+        asked = event.kind in self.scene.switch
+        deeper = kind_of(event.kind).deeper(event) if asked or entry.physical else None
+        if deeper == 0 and entry.physical:
+            (self.waiting if asked else self.left).append(Birth(event, entry, depth))
+        elif deeper and asked and depth < self.scene.depth:
+            self.waiting.append(Birth(event, entry, depth + deeper))
+        elif deeper and asked:
+            self.limits.reached("follow.depth", self.scene.depth, NOT_SWITCHED, _named(entry))
+
+    def note_left(self) -> None:
+        """Note where motions continue on branches that were not followed."""
+        for birth in self.left:
+            entry, start = birth.entry, switch(birth.event)
+            if start is None:
+                self.note(entry, kind_of(entry.kind).nothing(birth.event))
+            elif self.first_step_known(start) is None:
+                text = f"the motion continues as {entry.becomes}, which was not followed"
+                self.note(entry, f"{text}: add {entry.kind} to follow.switch")
 
     def not_found(self) -> list[NotFound]:
         """The words of which no orbit at the start was found, nor a branch that passes it."""

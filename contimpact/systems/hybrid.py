@@ -60,6 +60,10 @@ class HybridSystem(StatedSystem):
         speeds = stated.velocities(sections)
         return [(n, speeds.get(n, f"rate of {n}")) for n in stated.coordinates(sections)]
 
+    @property
+    def tori(self) -> bool:
+        return self.DEGREES_OF_FREEDOM > 1 or not self.autonomous
+
     def formulas(self, symbols: Mapping[str, Any]) -> Formulas:
         """Motion in each mode, in closed form where it is linear, and what guards change."""
         given = self.machine
