@@ -96,13 +96,15 @@ def _repeats(law: Timed, period: float) -> bool:
     try:
         now, later = [law(t) for t in times], [law(t + period) for t in times]
         varied, size = max(now) - min(now), max(map(abs, (*now, *later)))
-        if varied <= ROUNDING * size:  # nothing happens in so short a time
-            elsewhere = [law(FAR * part) for part in parts]
-            return max(elsewhere) - min(elsewhere) <= ROUNDING * size
+        apart = max(abs(a - b) for a, b in zip(now, later, strict=True))
+        if apart > TOLERANCE * varied + ROUNDING * size:
+            return False
+        if varied > ROUNDING * size:
+            return True
+        elsewhere = [law(FAR * part) for part in parts]  # nothing happens in so short a time
     except InputError:  # without a value there
         return True
-    apart = max(abs(a - b) for a, b in zip(now, later, strict=True))
-    return apart <= TOLERANCE * varied + ROUNDING * size
+    return max(elsewhere) - min(elsewhere) <= ROUNDING * size
 
 
 def at_times(text: str, values: Mapping[str, float], time: str) -> Timed:
