@@ -20,6 +20,6 @@ def add_page(scene: Scene, diagram: Diagram, files: Files) -> None:
     from ..page.document import save_page
 
     plot = scene.plot
-    remarks = remarks_in(diagram.statistics)
+    remarks = remarks_in(diagram.statistics, diagram.coverage)
     shown = Shown(plot.x, plot.xlim, plot.ylim, plot.unphysical, scene.source, remarks)
     files.add(lambda: save_page(diagram, scene.model, files.folder, shown))

@@ -82,7 +82,7 @@ def draw_page(folder: Path, target: Path, options: argparse.Namespace | None = N
     shown = Shown(plot.x, plot.xlim, plot.ylim, plot.unphysical)
     if given:
         manifest = read_json(folder / "manifest.json", MANIFEST, "a folder made by contimpact run")
-        source, remarks = _scene_of(folder, systems).source, remarks_in(manifest)
+        source, remarks = _scene_of(folder, systems).source, remarks_in(manifest, diagram.coverage)
         shown = dataclasses.replace(shown, source=source, remarks=remarks)
     shown = dataclasses.replace(shown, **chosen)
     write_page(diagram, model, folder, shown, target)

@@ -256,8 +256,7 @@ def _summary(scene: Scene, diagram: Diagram, folder: Path, total: float) -> None
                 + (f"  ({region.said})" if region.said else "")
             )
     for covered in diagram.coverage:
-        fixed = "".join(f"{n} = {v:.6g}  " for n, v in covered.fixed.items())
-        say(f"covered: {fixed}{covered}")
+        say(f"covered: {covered.place}{covered}")
     for area in diagram.areas:
         say(f"area: {area}")
     for note in diagram.statistics["notes"]:

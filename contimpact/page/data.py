@@ -15,7 +15,7 @@ from ..models.model import Model
 from ..records.area import Area
 from ..records.branch import Branch
 from ..records.competition import Region, falling, lanes, panels, parameters_of, regions
-from ..records.curve import Curve
+from ..records.curve import Coverage, Curve
 from ..records.diagram import Diagram
 from ..records.diagram_reading import Reading, read, sentence, sentence_of
 from ..records.entry import Entry
@@ -53,11 +53,12 @@ class Shown:
     remarks: Sequence[str] = ()
 
 
-def remarks_in(statistics: Mapping[str, Any]) -> list[str]:
-    """Return what the statistics of a run, or its manifest, remark on it."""
+def remarks_in(statistics: Mapping[str, Any], coverage: Sequence[Coverage] = ()) -> list[str]:
+    """Return what the statistics of a run, or its manifest, and its coverage remark on it."""
     notes = statistics.get("notes")
     found = [statistics.get("failure"), *(notes if isinstance(notes, list) else [])]
-    return [text for text in found if text and isinstance(text, str)]
+    covered = [f"covered: {told.place}{told}" for told in coverage]
+    return [*(text for text in found if text and isinstance(text, str)), *covered]
 
 
 @np.errstate(all="ignore")  # numbers of damaged folders

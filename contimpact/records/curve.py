@@ -199,11 +199,15 @@ class Coverage:
     uncovered : sequence of mappings
         Entries that lie on no curve: `kind`, the two parameters, and `reason`.
     complete : bool
-        Whether the last lines met nothing that was not on a curve.
+        Whether the last lines met nothing that was not on a curve, and lines followed these orbits.
     born : int
         Curves that were started at points of codimension two on others.
     switched : bool
         Whether these orbits were reached by switching from those of a word of the scene.
+    branches : int, optional
+        How many branches of these orbits the lines followed; absent in earlier files.
+    left_out : sequence of str
+        What a limit of the scene left out on lines, with the limit and the line.
     """
 
     fixed: Mapping[str, float]
@@ -217,13 +221,25 @@ class Coverage:
     complete: bool
     born: int = 0
     switched: bool = False
+    branches: int | None = None
+    left_out: Sequence[str] = field(default_factory=list)
+
+    @property
+    def place(self) -> str:
+        """The member of the family, in words."""
+        return "".join(f"{name} = {value:.6g}  " for name, value in self.fixed.items())
 
     def __str__(self) -> str:
         lines = " and ".join(f"{len(v)} lines at values of {n}" for n, v in self.lines.items())
         told = f"{self.notation}: {self.entries} entries on {lines}, {self.started} curves started"
         told += f", {self.born} more at points of codimension two" if self.born else ""
         told += "; reached by switching alone" if self.switched else ""
-        if not self.complete:
+        if self.switched and self.branches == 0:
+            told += (
+                "; no line followed these orbits, so further curves of theirs may be missing: "
+                "name the word in follow.orbits, or raise follow.depth"
+            )
+        elif not self.complete:
             told += "; the last lines still met new curves: give curves.cover a larger number"
         if self.uncovered:
             places = ", ".join(
@@ -232,6 +248,9 @@ class Coverage:
             )
             more = f" and {len(self.uncovered) - SHOWN} more" if len(self.uncovered) > SHOWN else ""
             told += f"; on no curve: {places}{more}"
+        if self.left_out:
+            more = f" and {len(self.left_out) - SHOWN} more" if len(self.left_out) > SHOWN else ""
+            told += f"; left out: {', '.join(self.left_out[:SHOWN])}{more}"
         return told
 
 

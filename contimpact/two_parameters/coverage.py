@@ -12,13 +12,14 @@ from __future__ import annotations
 
 import dataclasses
 import itertools
+from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
 
 from ..models.model import Model
-from ..models.word import Word
+from ..models.word import Word, is_rotation
 from ..orbit_continuation.orbit_branch import Run
 from ..orbits.problem import Array
 from ..orbits.quiet import problem_of
@@ -110,7 +111,9 @@ class Lines:
         self.looked = 0
         ranges = {held: way[2] for held, way in self.ways.items()}
         self.descents = Descents(ranges, self.cross)
-        self.met = {(word.walls, word.period): Met(word)}
+        self.met = [Met(word)]
+        self.followed: Counter[tuple[str, int]] = Counter()
+        self.left_out: list[str] = []
         self.evaluations = 0
         self.generator = np.random.default_rng(scene.seed)
 
@@ -126,7 +129,7 @@ class Lines:
             quiet = 0 if self.run(held, part) else quiet + 1
             if quiet >= wanted and (self.look_between() or self.descend()):
                 quiet = 0
-        return [self.said(met, dict(fixed), quiet >= wanted) for met in self.met.values()]
+        return [self.said(met, dict(fixed), quiet >= wanted) for met in self.met]
 
     def lines(self) -> Iterator[tuple[str, float]]:
         """Which parameter to hold, and how far across: the sides, then each way in turn."""
@@ -162,7 +165,11 @@ class Lines:
         problem = problem_of(self.model.replace(**{held: value}), self.word, kernels)
         known = self.known(held, value)
         runs = crossing_runs(self.scene, problem, limits, known, self.generator)
-        born = switched_runs(self.scene, runs, limits)
+        born, unswitched = switched_runs(self.scene, runs, limits)
+        if unswitched:
+            limit = f"follow.max_branches = {self.scene.max_branches}"
+            at = f"events at {held} = {value:.6g}"
+            self.left_out.append(f"the branches of {unswitched} {at} ({limit})")
         real = sum(bool(np.any(physical(run.points))) for run in runs)
         self.laid.append(Line(held, part, value, runs, real, born))
         self.evaluations += problem.kernel_evaluations
@@ -171,6 +178,7 @@ class Lines:
 
     def meet_on(self, runs: Sequence[Run]) -> bool:
         """Whether an entry of some runs is on no curve."""
+        self.followed.update((run.problem.word.walls, run.problem.word.period) for run in runs)
         found = [e for run in runs for e in run.branch("b0", kinds=self.options.kinds).events]
         met = [self.meet(entry) for entry in found if self.wanted(entry)]
         return any(met)
@@ -238,7 +246,11 @@ class Lines:
 
     def of(self, entry: Entry) -> Met:
         """What was met of an entry's word."""
-        return self.met.setdefault((entry.word, entry.period), Met(Word(entry.word, entry.period)))
+        word = Word(entry.word, entry.period)
+        known = next((met for met in self.met if _same_word(met.word, word)), None)
+        if known is None:
+            self.met.append(known := Met(word))
+        return known
 
     def said(self, met: Met, fixed: dict[str, float], complete: bool) -> Coverage:
         """The statement on one word; entries that later curves pass are off none."""
@@ -251,5 +263,14 @@ class Lines:
         ]
         lines = {held: [x.value for x in self.laid if x.held == held] for held in self.ways}
         about = fixed, word.walls, word.period, word.notation(walls), lines
+        own = (Word(*key) for key in self.followed.elements())
+        branches = sum(_same_word(word, other) for other in own)
+        switched = not _same_word(word, self.word)
+        complete = complete and (branches > 0 or not switched)
         counts = met.entries, met.started, off, complete
-        return Coverage(*about, *counts, born=met.born, switched=word != self.word)
+        left_out = [] if switched else self.left_out
+        return Coverage(*about, *counts, met.born, switched, branches, left_out)
+
+
+def _same_word(one: Word, other: Word) -> bool:
+    return one.period == other.period and is_rotation(one.walls, other.walls)

@@ -97,6 +97,8 @@ class _CurveExplorer:
                     self.check_member(model, fixed)
                 if options.cover:
                     self.cover_member(model, fixed)
+            if not options.cover:
+                self.notes.append(self.uncovered())
             if options.third:
                 self.follow_points(*options.third)
         except KeyboardInterrupt:
@@ -255,6 +257,16 @@ class _CurveExplorer:
             most = self.options.settings.max_points
             self.limits.reached("curves.max_points", most, "curves ended by it", curve.id)
         _go_on(curve.ends)
+
+    def uncovered(self) -> str:
+        """What a map without lines leaves out."""
+        second = self.options.parameter
+        values = sorted({self.scene.model.values[second], *self.options.start})
+        at = ", ".join(f"{value:.6g}" for value in values)
+        return (
+            f"the map has the curves that pass {second} = {at} on the branches found there; "
+            "others were not looked for: set curves.cover"
+        )
 
     # Lines in both directions, until they meet nothing new.
 

@@ -106,23 +106,25 @@ def _uninterrupted(run: Run) -> None:
         raise KeyboardInterrupt
 
 
-def switched_runs(scene: Scene, runs: Sequence[Run], limits: Range) -> list[Run]:
+def switched_runs(scene: Scene, runs: Sequence[Run], limits: Range) -> tuple[list[Run], int]:
     """Follow the branches born at events of runs, as often in turn as the scene switches.
 
-    Those of unphysical orbits are left out.
+    Those of unphysical orbits are left out. Returns also at how many events the limit on branches
+    kept it from switching.
     """
     found: list[Run] = []
-    last = list(runs)
+    last, unswitched = list(runs), 0
     for _ in range(scene.depth if scene.switch else 0):
         new: list[Run] = []
         for event in _births(scene, last):
             if len(runs) + len(found) + len(new) >= scene.max_branches:
-                break
+                unswitched += 1
+                continue
             run = _switched(scene, event, [*runs, *found, *new], limits)
             new += [] if run is None else [run]
         found += new
         last = new
-    return found
+    return found, unswitched
 
 
 def _births(scene: Scene, runs: Sequence[Run]) -> Iterator[Event]:

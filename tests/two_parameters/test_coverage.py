@@ -10,6 +10,7 @@ import pytest
 from zoo import scene
 
 from contimpact.errors import InputError
+from contimpact.page.data import remarks_in
 from contimpact.records.catalogue import load_diagram, write_diagram
 from contimpact.segments.kernels import Kernels
 from contimpact.studies.explore import follow
@@ -111,6 +112,37 @@ def test_branches_that_lines_switch_to():
     assert doubled
     assert doubled[0].entries > 0
     assert doubled[0].switched
+
+
+def test_words_that_no_line_follows_are_not_said_to_be_complete(covered):
+    """Without `switch` no line has a branch of the doubled orbit, whose curves start at a PD-G."""
+    _, diagram = covered
+    (told,) = (c for c in diagram.coverage if c.notation == "1:1/2T")
+    assert (told.entries, told.branches) == (0, 0)
+    assert not told.complete
+    assert "no line followed these orbits" in str(told)
+    assert diagram.coverage[0].branches > 0
+    assert diagram.coverage[0].complete
+
+
+def test_branches_that_lines_leave_out_are_reported():
+    given = dataclasses.replace(map_of(math.pi / 3, cover=1), switch=("PD",), depth=1)
+    told = follow(dataclasses.replace(given, max_branches=1)).coverage[0]
+    assert told.left_out
+    assert "follow.max_branches = 1" in str(told)
+
+
+def test_a_map_without_lines_says_what_it_did_not_look_for():
+    diagram = follow(map_of(math.pi / 3, cover=0))
+    (note,) = diagram.statistics["notes"]
+    assert "r = 0.5" in note
+    assert "curves.cover" in note
+
+
+def test_the_page_remarks_on_coverage(covered):
+    _, diagram = covered
+    remarks = remarks_in(diagram.statistics, diagram.coverage)
+    assert [f"covered: {told}" for told in diagram.coverage] == remarks
 
 
 def test_each_curve_once(covered):
