@@ -110,6 +110,7 @@ def catalogue_text(diagram: Diagram) -> str:
         "branches": [_branch_record(branch) for branch in diagram.branches],
         "entries": [_entry_record(entry) for entry in diagram.entries],
         "reading": read(diagram).as_record(),
+        "survey": diagram.survey,
     }
     if diagram.curves:
         from .competition import regions
@@ -286,8 +287,8 @@ def load_diagram(folder: str | Path) -> Diagram:
 
 def _survey(catalogue: Mapping[str, Any]) -> str:
     """How far the diagram of a catalogue was surveyed; earlier versions do not say."""
-    found = fitted(catalogue.get("reading", {}), Mapping[str, Any], "reading").get("survey")
-    return found if found in SURVEYS else "unknown"
+    found = catalogue.get("survey")
+    return found if isinstance(found, str) and found in SURVEYS else "unknown"
 
 
 def _checks(catalogue: Mapping[str, Any]) -> tuple[Sequence[Check], Sequence[Coverage]]:

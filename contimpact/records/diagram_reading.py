@@ -131,7 +131,9 @@ class Reading:
 
     def as_record(self) -> dict[str, Any]:
         """Return plain data."""
-        return asdict(self)
+        lists = asdict(self)
+        del lists["survey"]  # the catalogue's own key
+        return lists
 
     def __str__(self) -> str:
         lines = [sentence_of(i) for i in self.unknown]
