@@ -79,7 +79,7 @@ _PLACES = {
     "Symmetry": "models.model",
     "check_model": "segments.checking",
     "Orbit": "orbits.orbit",
-    "find_orbits": "orbits.search",
+    "find_orbits": "studies.orbit_search",
     "Settings": "continuation.settings",
     "continue_orbit": "orbit_continuation.orbit_branch",
     "continue_born": "orbit_continuation.born",

@@ -112,11 +112,12 @@ RARE = (
 
 
 def scene(events, switch=(), **follow):
+    """1:1 is stable at the start; where no orbit that is asked for attracts, some are simulated."""
     return {
         "name": "frugal",
         "model": {
             "system": "impact-pair",
-            "parameters": {"beta": "pi/6", "r": 0.3, "A": 5.0, "s": 0.34},
+            "parameters": {"beta": "pi/6", "r": 0.3, "A": 5.0, "s": 0.39},
         },
         "follow": {
             "parameter": "s",

@@ -11,7 +11,14 @@ from ..scenes.scene import CurveOptions, Scene, load_scene
 from ..scenes.system_files import systems_of
 from ..segments.checked import checked
 from ..segments.kernels import Kernels
-from ..studies.starting_orbits import SURVEYED, not_found, placed, refusal, search_at
+from ..studies.starting_orbits import (
+    SURVEYED,
+    not_found,
+    placed,
+    refusal,
+    search_at,
+    with_settled,
+)
 from ..telling import telling
 from .terminal import say
 
@@ -67,10 +74,14 @@ def _orbits(scene: Scene, kernels: Kernels, tell: Progress) -> list[str]:
     """How many orbits each word has at the start; refused where a run would be."""
     letters = scene.model.letters
     lines, missing = [], []
+    searched = {}
     for word in scene.orbits:
         tell(f"looking for {word} at {scene.parameter} = {scene.start:.6g}")
-        done = search_at(scene, kernels, word, scene.start)
-        found = done.orbits
+        searched[word] = search_at(scene, kernels, word, scene.start)
+    orbits = {word: done.orbits for word, done in searched.items()}
+    orbits, settled = with_settled(scene, kernels, orbits, tell)
+    for word, found in orbits.items():
+        done = searched[word]
         unphysical = sum(not orbit.physical for orbit in found)
         shown = f"{len(found)} at the start"
         shown += f", {unphysical} of them unphysical" if unphysical else ""
@@ -83,7 +94,7 @@ def _orbits(scene: Scene, kernels: Kernels, tell: Progress) -> list[str]:
         lines.append(f"{word.notation(letters)} (word {word}): {shown}")
     surveyed = scene.survey and any(each.elsewhere for each in missing)
     if len(missing) == len(scene.orbits) and not surveyed:
-        raise refusal(missing)
+        raise refusal(missing, settled)
     return lines
 
 

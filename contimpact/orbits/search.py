@@ -6,6 +6,7 @@ Rounds of starts (`contimpact.orbits.starts`) are repeated until several in a ro
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -148,7 +149,22 @@ def search_for(
     if not found.orbits and any(problem.kernels.flown(*kind) for kind in problem.kinds):
         tell("states at random, too")
         found = _from_rounds(problem, generator, starts, rounds, tell, fitted=False)
-    return replace(found, orbits=sorted(found.orbits, key=lambda o: -float(o.velocities[0])))
+    return replace(found, orbits=_sorted(found.orbits))
+
+
+def with_more(
+    found: Sequence[Orbit], problem: OrbitProblem, guesses: Sequence[Array]
+) -> list[Orbit]:
+    """Return the orbits found, and those near guesses of the unknowns, each once, in order."""
+    orbits = list(found)
+    if len(guesses):
+        _keep(orbits, [], problem, np.array(guesses))
+    return _sorted(orbits)
+
+
+def _sorted(orbits: Sequence[Orbit]) -> list[Orbit]:
+    """The first impact's velocity decides, the largest first."""
+    return sorted(orbits, key=lambda orbit: -float(orbit.velocities[0]))
 
 
 def _from_rounds(

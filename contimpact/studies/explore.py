@@ -41,7 +41,15 @@ from ..scenes.scene import Scene
 from ..segments.kernels import Kernels
 from .counts import counts_of, evaluations_of
 from .openings import Birth, with_openings
-from .starting_orbits import NotFound, placed, refusal, search_at, search_elsewhere, surveyed
+from .starting_orbits import (
+    NotFound,
+    placed,
+    refusal,
+    search_at,
+    search_elsewhere,
+    surveyed,
+    with_settled,
+)
 
 STAGES = ("kernels", "search", "walk", "events", "switching", "tables")
 NOT_SWITCHED = "events not switched at"
@@ -86,7 +94,7 @@ def follow(scene: Scene, progress: Asked = None) -> Diagram:
             diagram = with_map(scene, diagram, tell)
         if not diagram.branches and not diagram.statistics["failure"]:
             explorer.look_elsewhere()
-            raise refusal(list(explorer.lacking.values()))
+            raise refusal(list(explorer.lacking.values()), explorer.settled)
     return diagram
 
 
@@ -105,6 +113,7 @@ class _Explorer:
     notes: list[str] = field(default_factory=list)
     limits: Limits = field(default_factory=Limits)
     surveyed: str = "none"
+    settled: list[Orbit] = field(default_factory=list)
     lacking: dict[Word, NotFound] = field(default_factory=dict)
     probes: int = 0
     tested: list[TestFunction] = field(default_factory=list)
@@ -135,12 +144,13 @@ class _Explorer:
             elif not elsewhere:
                 self.look_elsewhere()
             self.note_left()
+            self.note_settled()
         except KeyboardInterrupt:
             self.failure = INTERRUPTED
         except (ArithmeticError, np.linalg.LinAlgError) as error:
             self.failure = f"the computation failed ({type(error).__name__}: {error})"
         if not self.runs and not self.failure and not elsewhere:
-            raise refusal(list(self.lacking.values()))
+            raise refusal(list(self.lacking.values()), self.settled)
         return Diagram(
             scene.name,
             with_openings(self.branches, self.opens, self.meetings),
@@ -152,16 +162,31 @@ class _Explorer:
     def problem(self, word: Word) -> OrbitProblem:
         return problem_of(self.scene.model, word, self.kernels)
 
-    # Orbits found by search.
+    # Orbits found by simulation and by search.
+
+    def note_settled(self) -> None:
+        """Note on which orbits simulations settle that lie on no branch."""
+        if self.settled:
+            from .settled import named
+        for orbit in self.settled:
+            if self.known(orbit.problem, orbit.unknowns) is None:
+                place = f"{self.scene.parameter} = {self.scene.start:.9g}"
+                self.notes.append(
+                    f"simulation settles on {named(orbit)} at {place}, which is on no followed "
+                    "branch: add it to follow.orbits"
+                )
 
     def orbits_at_start(self) -> list[Orbit]:
         """The orbits of all words at the start; words without any are kept in mind."""
-        found = []
-        for word in self.scene.orbits:
-            orbits = self.search(word, self.scene.start)
-            found += orbits
-            if not orbits:
-                self.lacking[word] = NotFound.of(self.scene, self.kernels, word)
+        searched = {word: self.search(word, self.scene.start) for word in self.scene.orbits}
+        began = time.perf_counter()
+        orbits, self.settled = with_settled(self.scene, self.kernels, searched, self.progress)
+        self.seconds["search"] += time.perf_counter() - began
+        for word in (word for word, each in orbits.items() if not each):
+            self.lacking[word] = NotFound.of(self.scene, self.kernels, word)
+        found = [orbit for each in orbits.values() for orbit in each]
+        if len(found) > self.scene.max_branches:  # what attracts comes first
+            found.sort(key=lambda orbit: not (orbit.stable and orbit.physical))
         return found
 
     def search(

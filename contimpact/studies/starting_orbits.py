@@ -6,7 +6,7 @@ and with how many starts.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
@@ -15,7 +15,8 @@ import numpy as np
 from ..errors import InputError
 from ..models.word import Word, repetitions
 from ..orbits.orbit import Orbit
-from ..orbits.search import Search, search
+from ..orbits.quiet import problem_of
+from ..orbits.search import Search, search, with_more
 from ..progress import Progress, silent
 from ..scenes.scene import Scene
 from ..segments.kernels import Kernels
@@ -150,6 +151,35 @@ def orbits_at(scene: Scene, kernels: Kernels, word: Word, value: float) -> list[
     return search_at(scene, kernels, word, value).orbits
 
 
+def with_settled(
+    scene: Scene,
+    kernels: Kernels,
+    found: Mapping[Word, Sequence[Orbit]],
+    progress: Progress = silent,
+) -> tuple[dict[Word, list[Orbit]], list[Orbit]]:
+    """Return the orbits of each word at a scene's start, and those on which simulations settle.
+
+    Nothing is simulated where the search has found an orbit of each word that attracts. Otherwise
+    what is simulated on orbits of these words is added to those that were found.
+    """
+    if all(attracts(orbits) for word, orbits in found.items() if word.walls):
+        return {word: list(orbits) for word, orbits in found.items()}, []
+    from .settled import of_word, settled_orbits
+
+    progress(f"simulating at {scene.parameter} = {scene.start:.9g}")
+    settled = settled_orbits(scene.model, kernels, scene.seed)
+    problems = {word: problem_of(scene.model, word, kernels) for word in found}
+    return {
+        word: with_more(orbits, problems[word], of_word(settled, word)) if word.walls else [*orbits]
+        for word, orbits in found.items()
+    }, settled
+
+
+def attracts(orbits: Iterable[Orbit]) -> bool:
+    """Whether one of the orbits is stable and physical."""
+    return any(orbit.stable and orbit.physical for orbit in orbits)
+
+
 def search_elsewhere(scene: Scene, kernels: Kernels, word: Word, value: float) -> Search:
     """Search at a value besides the start: with few starts, if only to say where orbits are."""
     if not scene.survey:
@@ -179,16 +209,22 @@ def not_found(scene: Scene, kernels: Kernels, word: Word, progress: Progress = s
     return found
 
 
-def refusal(missing: Sequence[NotFound]) -> InputError:
-    """Return the error of a scene of whose words none has an orbit at its start."""
+def refusal(missing: Sequence[NotFound], settled: Sequence[Orbit] = ()) -> InputError:
+    """Return the error of a scene of whose words none has an orbit at its start, where simulations
+    have settled on others."""
     first = next((each for each in missing if each.elsewhere), missing[0])
     others = [str(each.word) for each in missing if each is not first]
     found = str(first) + (f", nor of {', '.join(others)}" if others else "")
-    return InputError("follow.orbits", found, _remedy(first))
+    return InputError("follow.orbits", found, _remedy(first, settled))
 
 
-def _remedy(lacking: NotFound) -> str:
+def _remedy(lacking: NotFound, settled: Sequence[Orbit]) -> str:
     """What to do about a word without an orbit at the start."""
+    if settled:
+        from .settled import named
+
+        words = " or ".join(str(named(orbit)) for orbit in settled)
+        return f"ask for {words}, on which simulation settles there; {_remedy(lacking, ())}"
     shorter = f"ask for {' or '.join(lacking.repeated)}, or " if lacking.repeated else ""
     if lacking.elsewhere:
         start = f"start where one exists, by model.parameters.{lacking.parameter}"

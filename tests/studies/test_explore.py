@@ -157,7 +157,9 @@ def test_words_without_an_orbit_are_listed_and_the_others_followed():
     assert {b.word for b in diagram.branches} == {"BT"}
     listed = diagram.statistics["not_found"]
     assert [(each["notation"], each["value"]) for each in listed] == [("5:1", 0.34), ("3:1", 0.34)]
-    for each, note in zip(listed, diagram.statistics["notes"], strict=True):
+    settled, *notes = diagram.statistics["notes"]
+    assert settled.startswith("simulation settles on BBT at s = 0.34, which is on no followed")
+    for each, note in zip(listed, notes, strict=True):
         assert each["tried"] == 9
         assert (each["starts"], each["rounds"]) == (256, 2)
         assert {value < 0.34 for value, _ in each["elsewhere"]} == {True}
