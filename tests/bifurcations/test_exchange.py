@@ -105,6 +105,7 @@ def test_beyond_both_bodies_keep_to_their_own_motion(diagram):
     assert math.sin(second - phase(1.804, K1, E1)) == pytest.approx(0.0, abs=1e-12)
 
 
+@pytest.mark.full
 def test_a_scene_that_does_not_switch_at_it_is_told_what_is_left(diagram):
     walls = [("A", 1, "<=", E1), ("B", 2, "<=", E2)]
     left = follow(pair(walls, orbits=["AB"], switch=[]))
@@ -115,12 +116,14 @@ def test_a_scene_that_does_not_switch_at_it_is_told_what_is_left(diagram):
     )
 
 
+@pytest.mark.full
 def test_it_is_no_switch_and_counts_for_no_depth():
     walls = [("A", 1, "<=", E1), ("B", 2, "<=", E2)]
     found = follow(pair(walls, orbits=["AB"], depth=0))
     assert [b.word for b in found.branches if b.origin] == ["BA"]
 
 
+@pytest.mark.full
 def test_the_order_decides_what_follows_where_resets_do_not_commute():
     resets = {"A": {"v2": "v2 - 0.3*v1"}, "B": {"v1": "v1 - 0.2*v2"}}
     walls = [("A", 1, "<=", E1), ("B", 2, "<=", E2)]
@@ -135,6 +138,7 @@ def test_the_order_decides_what_follows_where_resets_do_not_commute():
     assert all(ci.continue_born(e, range=(1.2, 2.4)) is None for e in met)
 
 
+@pytest.mark.full
 def test_letters_are_those_of_the_mode_beyond():
     """A stop of the second body is K while the first is in contact with its spring, and S else."""
     free = {"x1": "v1", "v1": "cos(omega*t) - 0.5*x1", "x2": "v2", "v2": "cos(omega*t) - 0.8*x2"}
@@ -160,6 +164,7 @@ def test_letters_are_those_of_the_mode_beyond():
     assert left.value == pytest.approx(right.value, rel=1e-12)
 
 
+@pytest.mark.full
 def test_pairs_of_impacts_exchange_at_one_time_where_a_motion_is_symmetric():
     walls = [
         ("L", 1, "<=", "e1"),

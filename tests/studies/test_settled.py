@@ -89,6 +89,7 @@ def test_a_scene_without_orbits_is_told_on_what_simulation_settles():
         follow(pair(0.45, ["2:1"]))
 
 
+@pytest.mark.full
 def test_it_is_the_same_every_time():
     model = SoftStop(**SOFT)
     kernels = Kernels(model, "omega")
@@ -103,6 +104,7 @@ def random_pairs(count):
         yield ImpactPair(beta=beta, r=r, A=5.0, s=s)
 
 
+@pytest.mark.full
 def test_no_attractor_of_random_pairs_is_lost():
     found = [missed(model, "s", 4) for model in random_pairs(12)]
     assert [lost for lost, _ in found if lost] == []
