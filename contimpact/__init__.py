@@ -29,7 +29,6 @@ if TYPE_CHECKING:
     from .orbit_continuation.born import continue_born as continue_born
     from .orbit_continuation.orbit_branch import continue_orbit as continue_orbit
     from .orbits.orbit import Orbit as Orbit
-    from .orbits.search import find_orbits as find_orbits
     from .parameter_studies.run import run_study as run_study
     from .parameter_studies.store import Store as Store
     from .parameter_studies.study import Study as Study
@@ -58,6 +57,7 @@ if TYPE_CHECKING:
     from .segments.checking import check_model as check_model
     from .simulation.simulator import Simulator as Simulator
     from .studies.explore import follow as follow
+    from .studies.orbit_search import find_orbits as find_orbits
     from .systems.impact_pair import ImpactPair as ImpactPair
     from .systems.membrane import Membrane as Membrane
     from .systems.oscillator import Oscillator as Oscillator
