@@ -37,7 +37,7 @@ def pair(walls, resets=(), orbits=("0",), values=(), at=1.796, limits=(1.795, 1.
     }
     model |= {"modes": {"flight": laws}, "guards": guards}
     table = {"parameter": "omega", "range": list(limits), "orbits": list(orbits), **follow}
-    asked = {"detect": {"events": ["T"]}, "numerics": {"starts": 24, "rounds": 2}}
+    asked = {"detect": {"events": ["T"]}, "numerics": {"starts": 24, "rounds": 8}}
     return read_scene(
         {"name": "two", "model": model, "follow": table, "plot": {"formats": []}, **asked}
     )
