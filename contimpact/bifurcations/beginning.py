@@ -1,4 +1,8 @@
-"""Where sliding begins on one of its limits, as a crossing and a switching of sliding do."""
+"""Where the motion after an impact begins on a limit of its mode.
+
+Sliding begins on one of its limits, as where a crossing or a switching of sliding is; or a flight
+that begins on the surface of a guard has no rate there: beyond, it leaves its mode at once.
+"""
 
 from __future__ import annotations
 
@@ -10,33 +14,32 @@ from ..continuation.test_function import Located
 from ..models.word import Word
 from ..orbits.problem import Array, OrbitProblem
 from ..orbits.quiet import problem_of
-from ..segments.limits import limits_of, margin
+from ..segments.limits import limits_of, margin, on_surface
 from .branch_point import directions_at
-from .extended_system import located
+from .extended_system import ExtendedSystem, located
 from .kind import SUB, SUPER
 from .orbit_test import OrbitEvent, OrbitPoint
 from .sliding import lengthened, longer, respelled
 from .start import Start, regular
-from .touching import Beginning
+from .touching import Beginning, Tangent
 
 
 @dataclass(frozen=True)
 class Begun:
-    """An impact that leads to sliding or through the surface, as sliding would begin within a limit
-    or beyond.
+    """An impact after which the motion begins within a limit, or beyond.
 
     Attributes
     ----------
     problem : OrbitProblem
     impact : int
-    sliding, limit : str
+    begun, limit : str
     sign : float
         See `contimpact.segments.limits.limits_of`.
     """
 
     problem: OrbitProblem
     impact: int
-    sliding: str
+    begun: str
     limit: str
     sign: float
 
@@ -45,11 +48,18 @@ class Begun:
         kernels, values = self.problem.kernels, self.problem.values(unknowns)
         leave = self.problem.impacts(unknowns)[self.impact].tolist()
         given = leave, values, kernels.setup(*values).walls
-        return self.sign * margin(kernels, self.sliding, self.limit, *given)
+        return self.sign * margin(kernels, self.begun, self.limit, *given)
 
-    def equations(self) -> Beginning:
+    @property
+    def on_surface(self) -> bool:
+        """Whether the flight begins on the surface of the limit, and its rate vanishes."""
+        return on_surface(self.problem.kernels, self.begun, self.limit)
+
+    def equations(self) -> ExtendedSystem:
         """Return the equations of an orbit on the limit."""
-        return Beginning(self.problem, self.impact, self.sliding, self.limit)
+        if self.on_surface:
+            return Tangent(self.problem, self.impact, self.limit)
+        return Beginning(self.problem, self.impact, self.begun, self.limit)
 
     def locate(self, guess: OrbitPoint) -> Located | None:
         """Solve these from a point near it."""

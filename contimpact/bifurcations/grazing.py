@@ -133,11 +133,14 @@ class Grazing(OrbitTest):
 
     def accept(self, event: OrbitEvent) -> bool:
         """Where the flight that begins takes no time, it is that which vanishes: a T; and so it is
-        where sliding touches the limit at which it ends then."""
+        where sliding touches the limit at which it ends then. Where the impact before it is at
+        rest, that vanishes: a V."""
         details, here = event.details, event.point.evaluation
         problem, flight = here.problem, event.details["flight"]
         if "impact" in details:
-            return not is_brief(problem, here.unknowns, flight)
+            begun = beginning_of(problem, details)
+            at_rest = begun is not None and begun.on_surface and details["impact"] in here.resting
+            return not (at_rest or is_brief(problem, here.unknowns, flight))
         ends = problem.times_around(here.unknowns, flight)
         apart = min(abs(details["touch_time"] - end) for end in ends)
         return at_touch(problem, details) != ADDING or apart > AT_END * here.span

@@ -25,6 +25,7 @@ from ..models.model import Model
 from ..models.word import Word
 from ..orbits.problem import Array, OrbitProblem
 from ..orbits.quiet import problem_of
+from ..segments.limits import on_surface
 from ..segments.passages import ELSEWHERE
 from .touching import arrived
 
@@ -46,6 +47,9 @@ def at_touch(problem: OrbitProblem, details: Details) -> str | None:
     """Return which sliding bifurcation a G is; None if it is none."""
     model = problem.model
     if "impact" in details:
+        letter = problem.word.walls[details["impact"]]
+        if on_surface(problem.kernels, letter, details["wall"]):
+            return None
         return CROSSING if guard_at(problem, details["impact"]).past else SWITCHING
     touched = model.guard(details["wall"])
     if slides(model, touched.modes[0]):

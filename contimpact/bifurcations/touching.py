@@ -1,4 +1,4 @@
-"""The equations of an orbit that touches a guard inside a flight, or where one begins."""
+"""The equations of an orbit that touches a guard inside a flight, or where a flight begins."""
 
 from __future__ import annotations
 
@@ -129,6 +129,39 @@ class Beginning(Arrival):
     def ends(self, here: Linearisation, own: Array) -> tuple[list[float], list[float]]:
         left = here.unknowns[self.left].tolist()
         return left, [left[0], *own.tolist()]
+
+
+class Tangent(ExtendedSystem):
+    """A flight begins on the surface of a guard of its mode, without a rate."""
+
+    def __init__(self, problem: OrbitProblem, impact: int, wall: str) -> None:
+        super().__init__(problem)
+        self.segment = problem.kernels.segment(problem.word.walls[impact], wall)
+        self.left = slice(problem.m * impact, problem.m * impact + problem.m)
+
+    def start(self, here: Linearisation) -> Array:
+        return np.zeros(0)
+
+    def assemble(self, here: Linearisation, own: Array) -> Assembled:
+        m, n = self.problem.m, self.problem.n
+        values = self.problem.values(here.unknowns)
+        rows, leaving, arriving, free = self.segment.blocks(*self._ends(here), values)
+        self.problem.kernel_evaluations += 1
+        gradient = np.zeros(len(here.unknowns))
+        gradient[self.left] = np.reshape(leaving, (m, m))[1]
+        gradient[self.left.start] += np.reshape(arriving, (m, m))[1, 0]  # both times are one
+        gradient[n:] = np.reshape(free, (m, -1))[1]
+        return Assembled(np.append(here.residual, rows[1]), np.vstack([here.jacobian, gradient]))
+
+    def rounding(self, here: Linearisation, own: Array) -> Array:
+        values = self.problem.values(here.unknowns)
+        bounds = bounds_of(self.segment, *self._ends(here), values)[1][0]
+        return np.append(rounding(here).residual, bounds[1])
+
+    def _ends(self, here: Linearisation) -> tuple[list[float], list[float]]:
+        """The unknowns at both ends of a flight of no duration, whose second row is the rate."""
+        left = here.unknowns[self.left].tolist()
+        return left, [left[0], *[0.0] * (self.problem.m - 1)]
 
 
 def arrived(

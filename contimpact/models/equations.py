@@ -97,6 +97,25 @@ class Equations:
         followed = self.guards[a].next_mode in self.guards[b].modes
         return followed and sympy.expand(left - self.walls[b]) == 0
 
+    def begins(self, a: str, b: str) -> int:
+        """Whether a flight begins on the surface of a guard of its mode, on a side that the impact's
+        velocity does not tell: 1 where its rate does, 2 where that vanishes always, else 0.
+
+        The velocity tells where the rate is that times a function of the parameters, as after
+        `-r*v`.
+        """
+        _, row = self.pivot(b)
+        left = self.departures[a]
+        followed = self.guards[a].next_mode in self.guards[b].modes and not self.guards[a].past
+        if not followed or sympy.expand(along(row, left.position) - self.walls[b]) != 0:
+            return 0
+        rate, speed = sympy.expand(along(row, left.velocity)), self.start[0]
+        if rate == 0 or rate.equals(0):
+            return 2
+        factor = sympy.expand(rate.coeff(speed))
+        told = sympy.expand(rate - factor * speed) == 0
+        return int(not (told and factor.free_symbols <= set(self.parameters.values())))
+
     @cached_property
     def digest(self) -> str:
         """A digest of all formulas, in their order."""

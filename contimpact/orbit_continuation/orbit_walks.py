@@ -61,7 +61,7 @@ def backend_of(
 
     None where there is none: for several coordinates that do not move linearly or are more than
     four, for two free parameters, for orbits without impacts, for free periods, and where jumps
-    move the gap coordinate.
+    move the gap coordinate or turn the motion on a surface.
     """
     if problem.free != 1 or not problem.word.walls:
         return None
@@ -70,6 +70,9 @@ def backend_of(
         return None
     if problem.lost or not problem.kernels.passages.anchored:
         plainly("modes of different dimension, and jumps that move the gap coordinate")
+        return None
+    if problem.kernels.may_leave_at_once(problem.word.walls):
+        plainly("flights that may leave their mode where they begin")
         return None
     needs = {need for test in tests if isinstance(test, OrbitTest) for need in test.needs}
     wanted = gaps or "gaps" in needs, "doubling" in needs

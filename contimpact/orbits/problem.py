@@ -33,6 +33,7 @@ from ..arrays import Array, Number
 from ..errors import InputError
 from ..models.guards import state_size
 from ..models.model import Model
+from ..models.section import pivot
 from ..models.word import Word
 from ..segments.flight import FlightGaps
 from ..segments.kernels import Kernels
@@ -40,6 +41,11 @@ from ..segments.layout import Together
 from ..segments.passages import MEETING
 from ..segments.touches import interior_touches
 from .linearisation import CyclicBlocks, Linearisation, Summary
+from .path import motion_of
+
+VANISHING = 1e-9
+"""A section coordinate that is below this part of its largest along the flights at all impacts
+vanishes there: it is rounding."""
 
 
 class OrbitProblem:
@@ -338,13 +344,17 @@ class OrbitProblem:
         """Return natural sizes of the unknowns, by which arclength is measured.
 
         Times are measured in waves of the forcing, velocities in the largest along the flights,
-        other section coordinates in the largest of the orbit, all averaged over the impacts; the
-        free parameters in `span`.
+        other section coordinates in the largest at the impacts, or, where they vanish at all of
+        them, in the largest along the flights; all averaged over the impacts. The free parameters
+        are measured in `span`.
         """
         impacts = self.impacts(unknowns)
         period = self.period(unknowns)
         sizes = np.max(np.abs(impacts[:, 1:]), axis=0)
         sizes[0] = max(sizes[0], self._largest_speed(unknowns))
+        if self.m > 2:
+            along = self._largest_along(unknowns)
+            sizes[1:] = np.where(sizes[1:] > VANISHING * along, sizes[1:], along)
         wave = period / self._mean_order(unknowns)
         one = np.concatenate([[wave], np.where(sizes > 0, sizes, 1.0)])
         found = np.empty(self.n + self.free)
@@ -379,6 +389,14 @@ class OrbitProblem:
                 speed = abs(track(row, part * length / 8.0, p)[1])
                 fastest = max(fastest, speed)
         return fastest
+
+    def _largest_along(self, unknowns: Array) -> Array:
+        """The largest of each section coordinate but the first, at eight instants of each flight."""
+        motion = motion_of(Linearisation(self, unknowns), 9)
+        size = self.model.DEGREES_OF_FREEDOM
+        largest = np.max(np.abs([motion.x, motion.v]), axis=1).T
+        pivots = {pivot(self.model.guard(letter).row(size)) for letter in self.word.walls}
+        return np.max([np.delete(largest, place, axis=0).ravel() for place in pivots], axis=0)
 
     def difference(self, one: Array, other: Array) -> Array:
         """Return one - other as orbits: zero up to whole periods and rotations of the word."""

@@ -110,11 +110,21 @@ class Kernels:
         guards = self.model.WALLS
         if not self.model.MODES:
             return passages_of(guards, lambda a, b: a == b)
-        back = self.kernel("surfaces")(*self.model.values.values())
-        found = passages_of(guards, lambda a, b: back[len(guards) * a + b] == 1.0)
         size = range(len(guards))
-        onto = tuple(tuple(back[len(guards) * a + b] == 2.0 for b in size) for a in size)
-        return found._replace(onto=onto)
+        numbers = [int(number) for number in self.kernel("surfaces")(*self.model.values.values())]
+        table = [numbers[len(guards) * a : len(guards) * (a + 1)] for a in size]
+        found = passages_of(guards, lambda a, b: table[a][b] % 4 == 1)
+        onto, begins, at_rest = (
+            tuple(tuple(bool(number & bit) for number in row) for row in table)
+            for bit in (2, 4, 8)
+        )
+        return found._replace(onto=onto, begins=begins, at_rest=at_rest)
+
+    def may_leave_at_once(self, walls: str) -> bool:
+        """Whether a flight of a word begins on the surface of a guard of its mode, and the impact's
+        velocity does not tell on which side."""
+        places = map(self.model.letters.index, dict.fromkeys(walls))
+        return any(self.passages.beginning(k) or self.passages.resting(k) for k in places)
 
     def segment(self, start: str, end: str) -> ClosedForm:
         """The segment from one wall to another, by their letters.

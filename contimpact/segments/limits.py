@@ -1,7 +1,8 @@
-"""Where sliding would begin after a guard, and whether that is within its limits.
+"""Whether the motion after a guard begins within the guards of its mode.
 
 A guard at which the motion comes to a switching surface leads to sliding, or, if sliding would
-begin beyond the limit it names (`Guard.past`), through the surface.
+begin beyond the limit it names (`Guard.past`), through the surface. Where a flight begins on the
+surface of a guard of its mode, the rate there says whether it leaves the mode at once.
 """
 
 from __future__ import annotations
@@ -18,8 +19,8 @@ def limits_of(kernels: Kernels, letter: str) -> list[tuple[str, str, float]]:
 
     Returns
     -------
-    list of (sliding, limit, sign)
-        The guard at which sliding would begin, its limit, and the side of it where it has to
+    list of (begun, limit, sign)
+        The guard at which the motion would begin, its limit, and the side of it where it has to
         begin: +1 within, -1 beyond.
     """
     guards, passages = kernels.model.WALLS, kernels.passages
@@ -29,27 +30,37 @@ def limits_of(kernels: Kernels, letter: str) -> list[tuple[str, str, float]]:
         sliding = slides_at(guards, guard)
         assert sliding is not None, "checked when the class is defined"
         return [(sliding.name, guard.past, -1.0)]
+    tangent = [(letter, guards[k].name, 1.0) for k in passages.beginning(place)]
     if passages.arrivals[place][place] != ELSEWHERE:
-        return []
+        return tangent
     limits = [
         other.name
         for k, other in enumerate(guards)
         if passages.watched[place][k]
         and other.coordinate == guard.coordinate
         and not passages.meets_at_rest(place, k)
+        and k not in passages.beginning(place)
     ]
-    return [(letter, limit, 1.0) for limit in limits]
+    return [*tangent, *((letter, limit, 1.0) for limit in limits)]
+
+
+def on_surface(kernels: Kernels, begun: str, limit: str) -> bool:
+    """Whether the motion after a guard begins on the surface of its limit, so that its rate tells
+    on which side it goes on."""
+    letters = kernels.model.letters
+    return letters.index(limit) in kernels.passages.beginning(letters.index(begun))
 
 
 def margin(
     kernels: Kernels,
-    sliding: str,
+    begun: str,
     limit: str,
     leave: Sequence[float],
     values: Sequence[float],
     positions: Sequence[float],
 ) -> float:
-    """Return how far within a limit sliding would begin; negative beyond it.
+    """Return how far within a limit the motion would begin, or on its surface how fast it goes
+    there; negative beyond it.
 
     Parameters
     ----------
@@ -59,8 +70,9 @@ def margin(
         Of the parameters, and of the guards.
     """
     position = positions[kernels.model.letters.index(limit)]
-    begin = kernels.gap(sliding, limit)(*leave, 0.0, *values)[0]
-    return kernels.model.guard(limit).side * (position - float(begin))
+    begin, rate, _ = kernels.gap(begun, limit)(*leave, 0.0, *values)
+    gap = -rate if on_surface(kernels, begun, limit) else position - begin
+    return kernels.model.guard(limit).side * float(gap)
 
 
 def not_past(

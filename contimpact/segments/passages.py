@@ -28,12 +28,18 @@ class Passages(NamedTuple):
     onto : tuple of tuple of bool
         Of each guard that is left: whether the jump after a touch leads onto the surface of each
         guard, so that the flight there vanishes with the velocity of the touch. Empty for none.
+    begins, at_rest : tuple of tuple of bool
+        Of each guard that is left: whether the flight begins on the surface of each guard of its
+        mode with a rate of either sign, so that it may leave the mode at once; or always without
+        any. Empty for none.
     """
 
     watched: tuple[tuple[bool, ...], ...]
     leaving: tuple[float, ...]
     arrivals: tuple[tuple[int, ...], ...]
     onto: tuple[tuple[bool, ...], ...] = ()
+    begins: tuple[tuple[bool, ...], ...] = ()
+    at_rest: tuple[tuple[bool, ...], ...] = ()
 
     def meets_at_rest(self, left: int, reached: int) -> bool:
         """Whether a flight that a touch starts can vanish."""
@@ -46,6 +52,14 @@ class Passages(NamedTuple):
         """Whether flights start on the surfaces of the guards that they leave: no jump moves the
         gap coordinate."""
         return all(row[a] != ELSEWHERE for a, row in enumerate(self.arrivals))
+
+    def beginning(self, left: int) -> list[int]:
+        """Return the guards on whose surface the flight begins with a rate of either sign."""
+        return [k for k, begins in enumerate(self.begins[left]) if begins] if self.begins else []
+
+    def resting(self, left: int) -> list[int]:
+        """Return the guards on whose surface the flight begins without any."""
+        return [k for k, rests in enumerate(self.at_rest[left]) if rests] if self.at_rest else []
 
     def vanishes(self, left: int, reached: int) -> bool:
         """Whether a flight can vanish together with the velocities at its ends."""

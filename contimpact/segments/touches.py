@@ -9,7 +9,10 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Sequence
-from typing import Any, TypeAlias
+from dataclasses import replace
+from typing import Any, NamedTuple, TypeAlias
+
+import numpy as np
 
 from ..arrays import Array
 from ..models.guards import Guard, Row
@@ -24,7 +27,14 @@ from .track import track_of
 from .zeros import chebyshev_zeros, rounding_along
 
 ROUNDING = 1e-12
-"""Of the position at which a flight begins, as part of its terms."""
+"""Of the position at which a flight begins, as part of its terms; of its rate and its acceleration
+there, as parts of the largest at the ends of flights."""
+
+BRIEF = 1e-9
+"""A flight shorter than this part of the orbit's period may begin either way: it vanishes."""
+
+SMALLEST = 1e-300
+"""A depth of which is only known that there is one."""
 
 
 def interior_touches(
@@ -40,13 +50,14 @@ def interior_touches(
     """
     one = len(coordinates(kernels.model)) == 1
     by_matrices = any(kernels.linear(wall) for wall in dict.fromkeys(walls))
-    if one and kernels.passages.anchored and (not by_matrices or kernels.oscillates):
+    by_one = one and kernels.passages.anchored and (not by_matrices or kernels.oscillates)
+    if by_one and not kernels.may_leave_at_once(walls):
         return flight_gaps(kernels, walls, values, impacts, span)
     rows = impacts.tolist()
     rows.append([rows[0][0] + span, *rows[0][1:]])
     positions = kernels.setup(*values).walls
     places = {guard.name: i for i, guard in enumerate(kernels.model.WALLS)}
-    found = []
+    found, flown = [], list[Flown]()
     for k, (wall, leave, arrive) in enumerate(zip(walls, rows[:-1], rows[1:], strict=True)):
         length = arrive[0] - leave[0]
         if length > 0.0:
@@ -55,8 +66,8 @@ def interior_touches(
                 letters = wall, walls[(k + 1) % len(walls)]
                 motions = integrated_flight(kernels, letters, leave, arrive, length, values)
             else:
-                flown = linear_flight if kernels.linear(wall) else other_flight
-                motions = flown(kernels, wall, leave, length, values)
+                other = linear_flight if kernels.linear(wall) else other_flight
+                motions = other(kernels, wall, leave, length, values)
             touches, slowest = _touches(kernels, ends, motions, positions, length, arrive[1])
             moved = (None if t is None else Touch(k, t[0], leave[0] + t[1], t[2]) for t in touches)
             guard = kernels.model.WALLS[ends[0]]
@@ -66,8 +77,12 @@ def interior_touches(
             )
             past = (Touch(k, name, leave[0], gap) for name, gap in begun)
             found.append(FlightGaps(length, tuple(moved), slowest, tuple(past)))
+            flown.append(Flown(k, ends, leave[0], length, arrive[1], motions))
         else:
             found.append(FlightGaps(length, (None,) * len(positions)))
+    for touch in _leaving_at_once(kernels, flown, positions, span):
+        own = found[touch.flight]
+        found[touch.flight] = replace(own, beyond=(*own.beyond, touch))
     return found
 
 
@@ -82,6 +97,18 @@ def coordinates(model: Model) -> dict[Row, list[int]]:
 Seen: TypeAlias = tuple[Motion, list[float]]
 """A gap coordinate on a flight: position, velocity and acceleration, and the times between which
 the acceleration has one sign."""
+
+
+class Flown(NamedTuple):
+    """A flight: its number, the numbers of the guards at its ends, when it leaves, how long it
+    lasts, the velocity with which it arrives, and each of the `coordinates` on it."""
+
+    number: int
+    ends: tuple[int, int]
+    start: float
+    length: float
+    arriving: float
+    motions: Sequence[Seen]
 
 
 def linear_flight(
@@ -170,6 +197,54 @@ def beyond(
             least = -ROUNDING * (abs(begin) + abs(positions[i])) if i == reached else 0.0
             if gap < least and kernels.passages.watched[left][i]:
                 yield guards[i].name, gap
+
+
+def _leaving_at_once(
+    kernels: Kernels, flights: Sequence[Flown], positions: Sequence[float], span: float
+) -> Iterator[Touch]:
+    """Yield the guards through which flights leave their modes where they begin, and how far.
+
+    A flight that begins on a surface goes to the side to which its rate points, or, where that is
+    rounding, its acceleration.
+    """
+    passages = kernels.passages
+    for g, numbers in enumerate(coordinates(kernels.model).values()):
+        began = [flight.motions[g][0]((), 0.0, ()) for flight in flights]
+        ended = [flight.motions[g][0]((), flight.length, ()) for flight in flights]
+        _, fastest, strongest = np.max(np.abs([*began, *ended]), axis=0, initial=0.0)
+        for flight, (_, rate, curvature) in zip(flights, began, strict=True):
+            left = flight.ends[0]
+            if flight.length < BRIEF * span:
+                continue
+            for i in {*passages.beginning(left), *passages.resting(left)} & {*numbers}:
+                rates = abs(rate) > ROUNDING * fastest
+                pushed = abs(curvature) > ROUNDING * strongest
+                towards = rate if rates else curvature if pushed else 0.0
+                if towards * kernels.model.WALLS[i].side > 0.0:
+                    least = rate**2 / (2.0 * strongest) if rates and strongest else SMALLEST
+                    yield _deepest(kernels, flight, flight.motions[g], i, positions[i], least)
+
+
+def _deepest(
+    kernels: Kernels, flight: Flown, seen: Seen, wall: int, position: float, least: float
+) -> Touch:
+    """The touch at the greatest depth beyond a guard through which a flight leaves, at `least` so
+    deep."""
+    (motion, breaks), guards = seen, kernels.model.WALLS
+    guard, reached = guards[wall], guards[flight.ends[1]]
+    size = kernels.model.DEGREES_OF_FREEDOM
+    here = reached.row(size) == guard.row(size)
+    last, speed, _ = motion((), flight.length, ())
+    arriving = (flight.arriving, float(reached.side)) if here else (speed, 0.0)
+    found = excursions(
+        motion, (), (), flight.length, arriving[0], 0.0, arriving[1], breaks, 0.0, math.inf
+    )
+    deep = [(-least, 0.0), (guard.side * (position - last), flight.length)]
+    turned = _touch(guard, position, found)
+    if turned is not None:
+        deep.append((turned[2], turned[1]))
+    gap, dt = min(deep)
+    return Touch(flight.number, guard.name, flight.start + dt, gap)
 
 
 def _touch(guard: Guard, position: float, found: Any) -> tuple[str, float, float] | None:
