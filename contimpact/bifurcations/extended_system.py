@@ -9,6 +9,7 @@ NS      F = 0, C(e^{i theta}) q = 0, |q| = 1, phase of q     Re q, Im q, theta
 BP      F + nu psi = 0, J' psi = 0, psi.psi - 1 = 0          nu (zero at a branch point), psi
 G       F = 0, flight from its impact to the touch = 0       the touch: its time, and the section
                                                              coordinates other than its velocity
+        F = 0, rate where a flight begins on a surface = 0
 V       F = 0, v_k = 0
 T       F = 0, t_{k+1} - t_k = 0
 UZ      F = 0, parameter - value = 0

@@ -1,4 +1,4 @@
-"""Where sliding would begin at an impact, in balls; see `contimpact.segments.limits`."""
+"""Where the motion begins after an impact, in balls; see `contimpact.segments.limits`."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from typing import Any
 from flint import arb
 
 from ..orbits.problem import OrbitProblem
-from ..segments.limits import limits_of
+from ..segments.limits import limits_of, on_surface
 from .equations import BallProblem, Balls
 
 
@@ -20,7 +20,7 @@ class Limit:
     ----------
     impact : int
     sliding, wall : str
-        The guard at which sliding would begin, and the one that limits it.
+        The guard at which the motion would begin, and the one that limits it.
     sign : float
         +1 where it has to begin within the limit, -1 where beyond.
     """
@@ -31,12 +31,15 @@ class Limit:
     sign: float
 
     def margin(self, space: BallProblem, z: Balls) -> Any:
-        """Return how far on the right side of the limit sliding would begin."""
+        """Return how far on the right side of the limit the motion begins, or on its surface how
+        fast it goes there."""
         guards, values = space.problem.model.WALLS, space.values(z)
         place = next(i for i, guard in enumerate(guards) if guard.name == self.wall)
         motion = space.motion(self.sliding, self.wall)
-        begin = motion(space.impacts(z)[self.impact], arb(0), values)[0]
-        return self.sign * guards[place].side * (space.setup(values).walls[place] - begin)
+        begin, rate, _ = motion(space.impacts(z)[self.impact], arb(0), values)
+        on_it = on_surface(space.problem.kernels, self.sliding, self.wall)
+        gap = -rate if on_it else space.setup(values).walls[place] - begin
+        return self.sign * guards[place].side * gap
 
 
 def limits(problem: OrbitProblem) -> list[Limit]:

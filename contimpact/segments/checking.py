@@ -156,17 +156,18 @@ def _check_passage(
         raise InputError(model.place("walls"), found, accepted)
     if within > TOLERANCE:
         return
-    random = Random(3)
+    random, onwards = Random(3), []
     for _ in range(TRIALS):
         before = guard.side * random.uniform(0.1, 1.0)
         try:
             speed = other.side * kernel(0.0, before, 0.0, *model.values.values())[1]
         except (ArithmeticError, ValueError):
             continue
-        if speed > TOLERANCE * abs(before):
-            found = f"the body leaves the mode {mode!r} at once by {other.name!r}, where it begins"
-            accepted = f"mend reset or jump at {guard.name!r}, or a side"
-            raise InputError(model.place("jump at", guard.name), found, accepted)
+        onwards.append(speed > TOLERANCE * abs(before))
+    if onwards and all(onwards):
+        found = f"the body leaves the mode {mode!r} at once by {other.name!r}, where it begins"
+        accepted = f"mend reset or jump at {guard.name!r}, or a side"
+        raise InputError(model.place("jump at", guard.name), found, accepted)
 
 
 def _symmetries(model: Model, writer: KernelWriter, kernels: Agreements) -> list[str]:

@@ -115,8 +115,7 @@ class Kernels:
         table = [numbers[len(guards) * a : len(guards) * (a + 1)] for a in size]
         found = passages_of(guards, lambda a, b: table[a][b] % 4 == 1)
         onto, begins, at_rest = (
-            tuple(tuple(bool(number & bit) for number in row) for row in table)
-            for bit in (2, 4, 8)
+            tuple(tuple(bool(number & bit) for number in row) for row in table) for bit in (2, 4, 8)
         )
         return found._replace(onto=onto, begins=begins, at_rest=at_rest)
 

@@ -1,0 +1,123 @@
+"""Flights that begin on the surface of a guard of their mode, and leave it at once."""
+
+from __future__ import annotations
+
+import mpmath as mp
+import numpy as np
+import pytest
+
+from contimpact import continue_orbit, find_orbits
+from contimpact.scenes.scene import read_scene
+
+LAW = "a*cos(w*t) - x - 2*z*v"
+FRICTION = {
+    "name": "friction",
+    "model": {
+        "system": "hybrid",
+        "period": "2*pi/w",
+        "parameters": {"a": 1.0, "F": 0.3, "w": 0.5, "z": 0.02},
+        "modes": {
+            "up": {"x": "v", "v": f"{LAW} - F"},
+            "down": {"x": "v", "v": f"{LAW} + F"},
+        },
+        "guards": {
+            "A": {"mode": "up", "within": "v >= 0", "to": "down"},
+            "B": {"mode": "down", "within": "v <= 0", "to": "up"},
+        },
+    },
+    "follow": {"parameter": "w", "range": [0.4, 0.6], "orbits": ["AB"]},
+}
+"""A body with dry friction that never sticks, and whose guards all lie on v = 0."""
+
+
+def friction(**values):
+    table = FRICTION["model"]
+    changed = {**FRICTION, "model": {**table, "parameters": {**table["parameters"], **values}}}
+    return read_scene(changed).model
+
+
+def slipping(model):
+    """The orbit on which both impacts run towards their guards."""
+    found = find_orbits(model, "AB", parameter="w")
+    return next(o for o in found if o.velocities[0] < 0.0 < o.velocities[1])
+
+
+def where_it_sticks(z, a=1, friction=0.3):
+    """When the body turns at A, where, and at what frequency its rate vanishes after it, by the
+    closed form of the half period in which it moves back."""
+
+    def residual(w, turns, x0):
+        root, half = mp.sqrt(1 - z**2), mp.pi / w
+        response = a / mp.mpc(1 - w**2, 2 * z * w)
+
+        def steady(t):
+            moved = response * mp.expj(w * t)
+            return mp.re(moved) + friction, mp.re(1j * w * moved)
+
+        (x, v), e = steady(turns), mp.exp(-z * half)
+        x, v = x0 - x, -v
+        cos, sin = mp.cos(root * half), mp.sin(root * half) / root
+        p, q = steady(turns + half)
+        later = p + e * (x * cos + (v + z * x) * sin)
+        speed = q + e * (v * cos - (x + z * v) * sin)
+        return [later + x0, speed, a * mp.cos(w * turns) - x0 + friction]
+
+    with mp.workdps(30):
+        return mp.findroot(residual, (0.4921, 0.0066, 1.3))
+
+
+@pytest.mark.parametrize(("w", "physical"), [(0.45, False), (0.49, False), (0.495, True)])
+def test_an_orbit_that_leaves_its_mode_at_once_is_unphysical(w, physical):
+    orbit = slipping(friction(w=w))
+    assert orbit.physical is physical
+    if not physical:
+        assert orbit.reason.startswith("flight 0 (A to B) passes wall B by ")
+
+
+def test_where_it_does_is_a_grazing_with_an_error():
+    limit = where_it_sticks(mp.mpf(0.02), friction=mp.mpf(0.3))
+    branch = continue_orbit(slipping(friction()), "w", (0.48, 0.52), events=["G", "V"])
+    grazings = [event for event in branch.events if event.kind == "G"]
+    assert {(e.impact, e.wall) for e in grazings} == {(0, "B"), (1, "A")}
+    for event in grazings:
+        assert abs(event.value - float(limit[0])) <= event.error < 1e-12
+    inside = branch["w"] > float(limit[0])
+    assert np.array_equal(branch.physical[~branch.between], inside[~branch.between])
+    assert not branch.missed
+
+
+def test_a_coordinate_that_vanishes_at_all_impacts_is_measured_along_the_flights():
+    """The rate of x is v, which is zero on both surfaces."""
+    orbit = slipping(friction())
+    sizes = orbit.problem.scale(orbit.unknowns, 1.0)[:4] / np.sqrt(2.0)
+    assert np.max(np.abs(orbit.problem.impacts(orbit.unknowns)[:, 3])) < 1e-12
+    assert 0.1 < sizes[3] / np.ptp(orbit.problem.impacts(orbit.unknowns)[:, 2]) < 5.0
+
+
+DAMPED_FILM = {
+    "name": "film",
+    "model": {
+        "system": "hybrid",
+        "period": "2*pi/w",
+        "parameters": {"a": 1.0, "w": 0.8, "z": 0.1, "e": 0.2, "H": 0.2},
+        "modes": {"left": {"x": "v", "v": LAW}, "right": {"x": "v", "v": LAW}},
+        "guards": {
+            "A": {"mode": "left", "within": "x <= e", "to": "right", "set": {"v": "v - H"}},
+            "B": {"mode": "right", "within": "x >= e", "to": "left"},
+        },
+    },
+    "follow": {"parameter": "H", "range": [0.1, 3.0], "orbits": ["AB"]},
+}
+
+
+def test_a_jump_that_takes_all_of_the_velocity_ends_what_is_physical():
+    """A film takes H of the velocity: the body goes through where it comes with more."""
+    model = read_scene(DAMPED_FILM).model
+    orbit = next(o for o in find_orbits(model, "AB", parameter="H") if o.physical)
+    branch = continue_orbit(orbit, "H", (0.1, 3.0), events=["G", "V"])
+    (event,) = [e for e in branch.events if e.kind == "G" and e.impact == 0]
+    assert abs(event.impacts[0]["velocity"] - event.value) < 1e-11
+    told = ~branch.between
+    turned = (branch["v1"] < branch["H"]) & told
+    assert turned.any()
+    assert not branch.physical[turned].any()
