@@ -98,8 +98,9 @@ class Equations:
         return followed and sympy.expand(left - self.walls[b]) == 0
 
     def begins(self, a: str, b: str) -> int:
-        """Whether a flight begins on the surface of a guard of its mode, on a side that the impact's
-        velocity does not tell: 1 where its rate does, 2 where that vanishes always, else 0.
+        """Whether a flight begins on the surface of a guard of its mode, on a side that the
+        impact's velocity does not tell: 1 where its rate does, 2 where that vanishes always,
+        else 0.
 
         The velocity tells where the rate is that times a function of the parameters, as after
         `-r*v`.

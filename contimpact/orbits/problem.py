@@ -391,7 +391,7 @@ class OrbitProblem:
         return fastest
 
     def _largest_along(self, unknowns: Array) -> Array:
-        """The largest of each section coordinate but the first, at eight instants of each flight."""
+        """The largest of each section coordinate but the first, at instants of each flight."""
         motion = motion_of(Linearisation(self, unknowns), 9)
         size = self.model.DEGREES_OF_FREEDOM
         largest = np.max(np.abs([motion.x, motion.v]), axis=1).T
