@@ -47,10 +47,12 @@ def at_touch(problem: OrbitProblem, details: Details) -> str | None:
     """Return which sliding bifurcation a G is; None if it is none."""
     model = problem.model
     if "impact" in details:
-        letter = problem.word.walls[details["impact"]]
-        if on_surface(problem.kernels, letter, details["wall"]):
-            return None
-        return CROSSING if guard_at(problem, details["impact"]).past else SWITCHING
+        guard = guard_at(problem, details["impact"])
+        if guard.past:
+            return CROSSING
+        begun = guard.name, details["wall"]
+        slid = slides(model, guard.next_mode) and not on_surface(problem.kernels, *begun)
+        return SWITCHING if slid else None
     touched = model.guard(details["wall"])
     if slides(model, touched.modes[0]):
         return ADDING

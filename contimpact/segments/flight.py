@@ -38,7 +38,7 @@ class FlightGaps:
     """The nearest touches of one flight, by wall, and whether the flight runs forward in time.
 
     `slowest` is the velocity nearest to zero where the acceleration vanishes; see `excursions`.
-    `beyond` are the walls behind which a jump lets the flight begin, as touches at its start.
+    `beyond` are the walls behind which the flight begins or ends, as touches there.
     """
 
     duration: float

@@ -24,7 +24,7 @@ from ..storage.files import reason
 from .arithmetic import Kernel, kernel_of
 from .closed_form import ClosedForm
 from .layout import SECTION
-from .passages import Passages, passages_of
+from .passages import ELSEWHERE, Passages, passages_of
 
 F = TypeVar("F")
 
@@ -120,10 +120,47 @@ class Kernels:
         return found._replace(onto=onto, begins=begins, at_rest=at_rest)
 
     def may_leave_at_once(self, walls: str) -> bool:
-        """Whether a flight of a word begins on the surface of a guard of its mode, and the impact's
-        velocity does not tell on which side."""
-        places = map(self.model.letters.index, dict.fromkeys(walls))
-        return any(self.passages.beginning(k) or self.passages.resting(k) for k in places)
+        """Whether a flight of a word may begin or end beyond a guard of its mode, or begin on its
+        surface so that the impact's velocity does not tell on which side."""
+        passages, places = self.passages, map(self.model.letters.index, dict.fromkeys(walls))
+        return any(
+            passages.beginning(k)
+            or passages.resting(k)
+            or self.guards_ahead(k)
+            or self.guards_behind(k)
+            for k in places
+        )
+
+    def guards_ahead(self, left: int) -> list[int]:
+        """Return the guards of the mode after one that the mode before does not have, of several
+        coordinates: those on whose surface the flight does not begin, so that it may begin beyond.
+        """
+        guards, passages = self.model.WALLS, self.passages
+        if self.model.DEGREES_OF_FREEDOM == 1:
+            return []
+        beside = {*passages.beginning(left), *passages.resting(left)}
+        return [
+            k
+            for k, guard in enumerate(guards)
+            if passages.watched[left][k]
+            and not {*guard.modes} & {*guards[left].modes}
+            and passages.arrivals[left][k] == ELSEWHERE
+            and k not in beside
+        ]
+
+    def guards_behind(self, reached: int) -> list[int]:
+        """Return the guards of the modes that one ends which the mode after it does not have, of
+        several coordinates: a flight may end beyond them."""
+        guards = self.model.WALLS
+        if self.model.DEGREES_OF_FREEDOM == 1:
+            return []
+        ended, after = {*guards[reached].modes}, guards[reached].next_mode
+        return [
+            k
+            for k, guard in enumerate(guards)
+            if {*guard.modes} & ended and after not in guard.modes and not guard.past
+            if guard.coordinate != guards[reached].coordinate
+        ]
 
     def segment(self, start: str, end: str) -> ClosedForm:
         """The segment from one wall to another, by their letters.

@@ -7,11 +7,15 @@ surface of a guard of its mode, the rate there says whether it leaves the mode a
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Sequence
 
 from ..models.guards import Guard, slides_at
 from .kernels import Kernels
 from .passages import ELSEWHERE
+
+AT_REST = 1e-10
+"""A rate below this part of what the acceleration makes in a period is rounding."""
 
 
 def limits_of(kernels: Kernels, letter: str) -> list[tuple[str, str, float]]:
@@ -32,7 +36,7 @@ def limits_of(kernels: Kernels, letter: str) -> list[tuple[str, str, float]]:
         return [(sliding.name, guard.past, -1.0)]
     tangent = [(letter, guards[k].name, 1.0) for k in passages.beginning(place)]
     if passages.arrivals[place][place] != ELSEWHERE:
-        return tangent
+        return [*tangent, *((letter, guards[k].name, 1.0) for k in kernels.guards_ahead(place))]
     limits = [
         other.name
         for k, other in enumerate(guards)
@@ -60,7 +64,8 @@ def margin(
     positions: Sequence[float],
 ) -> float:
     """Return how far within a limit the motion would begin, or on its surface how fast it goes
-    there; negative beyond it.
+    there; negative beyond it. Not a number where that is rounding, as it is along all of a branch
+    where sliding ends.
 
     Parameters
     ----------
@@ -70,8 +75,11 @@ def margin(
         Of the parameters, and of the guards.
     """
     position = positions[kernels.model.letters.index(limit)]
-    begin, rate, _ = kernels.gap(begun, limit)(*leave, 0.0, *values)
-    gap = -rate if on_surface(kernels, begun, limit) else position - begin
+    begin, rate, curvature = kernels.gap(begun, limit)(*leave, 0.0, *values)
+    gap = position - begin
+    if on_surface(kernels, begun, limit):
+        least = AT_REST * abs(curvature) * kernels.setup(*values).period
+        gap = -rate if abs(rate) > least else math.nan
     return kernels.model.guard(limit).side * float(gap)
 
 

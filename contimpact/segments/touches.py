@@ -75,7 +75,9 @@ def interior_touches(
                 *not_past(kernels, guard, leave, values, positions),
                 *beyond(kernels, ends, motions, positions),
             )
-            past = (Touch(k, name, leave[0], gap) for name, gap in begun)
+            past = [Touch(k, name, leave[0], gap) for name, gap in begun]
+            ended = ends_beyond(kernels, ends, motions, positions, length)
+            past += [Touch(k, name, arrive[0], gap) for name, gap in ended]
             found.append(FlightGaps(length, tuple(moved), slowest, tuple(past)))
             flown.append(Flown(k, ends, leave[0], length, arrive[1], motions))
         else:
@@ -184,17 +186,42 @@ def beyond(
 ) -> Iterator[tuple[str, float]]:
     """Yield guards that a flight begins beyond, and by what (negative) gap.
 
-    Only a jump of the gap coordinate leads there. To the guard reached the flight may have no
-    duration, and then no gap but rounding.
+    A jump of the gap coordinate leads there, or a mode that has guards which the one before does
+    not have. To the guard reached the flight may have no duration, and then no gap but rounding.
     """
     guards, (left, reached) = kernels.model.WALLS, ends
-    if kernels.passages.arrivals[left][left] != ELSEWHERE:
+    jumps = kernels.passages.arrivals[left][left] == ELSEWHERE
+    ahead = [] if jumps else kernels.guards_ahead(left)
+    if not (jumps or ahead):
         return
     for (motion, _), numbers in zip(motions, coordinates(kernels.model).values(), strict=True):
         begin = motion((), 0.0, ())[0]
         for i in numbers:
             gap = guards[i].side * (positions[i] - begin)
-            least = -ROUNDING * (abs(begin) + abs(positions[i])) if i == reached else 0.0
+            exact = jumps and i != reached
+            least = 0.0 if exact else -ROUNDING * (abs(begin) + abs(positions[i]))
+            if gap < least and (kernels.passages.watched[left][i] if jumps else i in ahead):
+                yield guards[i].name, gap
+
+
+def ends_beyond(
+    kernels: Kernels,
+    ends: tuple[int, int],
+    motions: Sequence[Seen],
+    positions: Sequence[float],
+    length: float,
+) -> Iterator[tuple[str, float]]:
+    """Yield guards beyond which a flight ends that the next mode does not have, and by what gap: it
+    need not turn there."""
+    guards, (left, reached) = kernels.model.WALLS, ends
+    behind = kernels.guards_behind(reached)
+    if not behind:
+        return
+    for (motion, _), numbers in zip(motions, coordinates(kernels.model).values(), strict=True):
+        for i in {*behind} & {*numbers}:
+            end = motion((), length, ())[0]
+            gap = guards[i].side * (positions[i] - end)
+            least = -ROUNDING * (abs(end) + abs(positions[i]))
             if gap < least and kernels.passages.watched[left][i]:
                 yield guards[i].name, gap
 
