@@ -125,7 +125,11 @@ class Compared:
         if event.kind not in ("G", "V"):
             return
         self.counts["touches of events"] += 1
-        if not walker.faults(flights)[1]:
+        begins = event.impact is not None and event.kind == "G"
+        if begins:  # on the surface that it would begin beyond
+            _, _, start, begun, _, _ = flights[event.impact]
+            begins = abs(walker.guards[event.wall].gap(start, *begun)) < CLOSES
+        if not (begins or walker.faults(flights)[1]):
             self.wrong.append(f"{here}: nothing is at its limit")
         at = int(np.argmin(np.abs(branch["arclength"] - event.arclength)))
         if not (event.physical and 0 < at < len(branch) - 1):
