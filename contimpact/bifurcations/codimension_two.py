@@ -176,7 +176,8 @@ class Resonance(OnCurve):
         def leaves(_: ExtendedSystem, own: Array) -> tuple[Array, Array]:
             mu, q = float(np.sign(np.cos(own[-1]))), own[:n]
             last = orbit.cyclic(1.0)[:, :n] - orbit.cyclic(0.0)[:, :n]
-            further = np.linalg.lstsq(orbit.cyclic(mu)[:, :n], -mu * last @ q, rcond=None)[0]
+            singular = orbit.cyclic(mu)[:, :n]
+            further = np.linalg.lstsq(singular, -mu * last @ q, rcond=ONE_EIGENVECTOR)[0]
             return np.zeros(len(orbit.unknowns)), np.concatenate([0.0 * q, further, [1.0]])
 
         return [CurveStart("NS", orbit, {}, leaves)]

@@ -60,6 +60,10 @@ AT_END = 1e-6
 FLAT = 1e-8
 """A parameter's rate below this part of the tangent is zero."""
 
+SMALL = 1e-4
+"""Part of the tangent below which the error of a parameter's rate is looked at; it takes second
+derivatives."""
+
 ROUNDING = 1e-14
 """Rounding of gaps as part of the distance between walls."""
 
@@ -240,7 +244,8 @@ class G(Kind):
         speed, rate = _new_speed(event, start), float(start.tangent[-1])
         if added_impacts(event) > 1 and abs(rate) < FLAT * np.max(np.abs(start.tangent)):
             return _of_sliding(event, start) or SUPER, None
-        if abs(rate) <= rate_error(start):
+        small = abs(rate) < SMALL * np.max(np.abs(start.tangent))
+        if small and abs(rate) <= rate_error(start):
             return _by_bend(event, start), None
         slope = speed / rate
         old, new = _gap_slope(event), speed * rate

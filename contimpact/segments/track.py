@@ -26,6 +26,10 @@ from .linear_flow import (
 DEGREE = 18
 """1/19! is 8e-18."""
 
+MOST_PIECES = 200_000
+"""Pieces of one flight at most: motions that turn more often are not resolved in any sensible
+time."""
+
 
 class Pieces:
     """How linear flights of one law and duration are cut; see the head of the module.
@@ -45,6 +49,8 @@ class Pieces:
         size = norm_in_units(shape, self.generator) * length
         if not size < math.inf:
             raise OverflowError("a linear flight with numbers beyond the range of floats")
+        if size > MOST_PIECES:
+            raise OverflowError(f"a linear flight that turns by {size:.3g} radians")
         self.count = max(1, math.ceil(size))
         self.piece = length / self.count
         self.mean, _ = mean_rates(self.generator, self.piece, series_of_floats)

@@ -253,7 +253,7 @@ def test_twice_gives_the_same_catalogue():
 def test_budget_is_kept_and_reported():
     diagram = follow(scene(follow={"max_branches": 3}))
     assert len(diagram.branches) == 3
-    assert any("budget" in note for note in diagram.statistics["notes"])
+    assert any("follow.max_branches = 3" in note for note in diagram.statistics["notes"])
 
 
 def test_survey_finds_branches_the_start_does_not_reach():

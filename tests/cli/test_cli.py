@@ -326,7 +326,7 @@ def test_bad_scene_files(run, tmp_path, command):
     [
         ("cos(t)", "period"),
         ("cos(pi*t) + cos(3*t)", "period"),
-        ("exp(t)", "period"),
+        ("exp(t)", "beyond 700"),
         ("cos(pi*t", "cannot be read"),
         ("", "cannot be read"),
         ("__import__('os').getcwd()", "__import__"),

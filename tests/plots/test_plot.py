@@ -186,8 +186,10 @@ def test_every_point_is_drawn_once_with_its_style(fig7):
 
 
 def test_styles_differ_without_colour():
-    """Solid, dashed, dotted; nothing else tells the states apart in print."""
-    assert list(STYLES) == ["stable", "unstable", "unphysical"]
+    """Solid, dashed, dotted, and dashes with dots where the status is unknown; nothing else tells
+    the states apart in print."""
+    assert list(STYLES) == ["stable", "unstable", "unphysical", "unknown"]
+    assert len(STYLES["unknown"][1]) == 4
     assert STYLES["stable"] in ("-", "solid")
     dashed, dotted = STYLES["unstable"][1], STYLES["unphysical"][1]
     assert dashed[0] > 2 * dashed[1]
@@ -195,7 +197,7 @@ def test_styles_differ_without_colour():
 
 
 def test_all_three_styles_are_in_fig7(fig7):
-    assert {style_of(line) for line in curves(plot_diagram(fig7))} == set(STYLES)
+    assert {style_of(line) for line in curves(plot_diagram(fig7))} == set(STYLES) - {"unknown"}
 
 
 def test_status_changes_at_the_event(fig7):
