@@ -36,7 +36,13 @@ def limits_of(kernels: Kernels, letter: str) -> list[tuple[str, str, float]]:
         return [(sliding.name, guard.past, -1.0)]
     tangent = [(letter, guards[k].name, 1.0) for k in passages.beginning(place)]
     if passages.arrivals[place][place] != ELSEWHERE:
-        return [*tangent, *((letter, guards[k].name, 1.0) for k in kernels.guards_ahead(place))]
+        ahead = [
+            (letter, guards[k].name, 1.0)
+            for k in kernels.guards_ahead(place)
+            # where a flight between the two vanishes, both are passed at once: a V
+            if not (passages.meets_at_rest(place, k) or passages.meets_at_rest(k, place))
+        ]
+        return [*tangent, *ahead]
     limits = [
         other.name
         for k, other in enumerate(guards)
