@@ -54,6 +54,9 @@ class Bounded:
         return Bounded(value, self.error + other.error + UNIT * abs(value))
 
     def __mul__(self, other: Number) -> Bounded:
+        if type(other) is int:  # without an error of its own
+            value = self.value * other
+            return Bounded(value, abs(other) * self.error + UNIT * abs(value))
         other = other if type(other) is Bounded else self.of(other)
         value = self.value * other.value
         spread = abs(self.value) * other.error + abs(other.value) * self.error
@@ -82,7 +85,9 @@ class Bounded:
         return Bounded(abs(self.value), self.error)
 
     def __sub__(self, other: Number) -> Bounded:
-        return self + -self.of(other)
+        other = other if type(other) is Bounded else self.of(other)
+        value = self.value - other.value
+        return Bounded(value, self.error + other.error + UNIT * abs(value))
 
     def __rsub__(self, other: Number) -> Bounded:
         return self.of(other) - self
