@@ -376,6 +376,12 @@ class _Walker:
         values = np.hstack([np.zeros((len(new), 0)), *(test.on(piece) for test in self.tests)])
         seen = self.seen.then(new.arclengths, values)
         first, second = seen.values[1], seen.values[2]
+        if len(self.points) == 1:
+            for test, one, other in zip(
+                self.tests, seen.split(first), seen.split(second), strict=True
+            ):
+                if test.vanishing:  # no value, since it is below what has one: a zero at the start
+                    one[np.isnan(one) & ~np.isnan(other)] = 0.0
         if len(self.points) == 1 and self.branching:
             first[:] = leaving(first, second)
         elif len(self.points) == 1 and self.points[0].parameter in self.limits:

@@ -78,8 +78,12 @@ def diagram():
 
 def test_the_motion_continues_with_its_impacts_exchanged(diagram):
     there = meeting(1.79, 1.804)
-    (event,) = [e for branch in diagram.branches for e in branch.events if e.physical]
+    event, back = [e for branch in diagram.branches for e in branch.events if e.physical]
     assert event.label == "T[AB->BA]"
+    assert back.label == "T[BA->AB]"  # the same orbit, seen from the branch born there
+    assert back.branch in event.opens
+    assert back.opens == (event.branch,)
+    assert back.value == pytest.approx(there, rel=1e-13)
     assert event.becomes == "BA"
     assert event.value == pytest.approx(there, rel=1e-13)
     (born,) = event.opens
