@@ -29,8 +29,8 @@ DEAR_MOTIONS, DEAR_QUIET = 4, 2
 """The same of several coordinates or integrated flights, where an impact takes far longer."""
 
 IMPACTS = (64, 96, 192)
-"""Impacts that a motion has to settle in before each look at it; of integrated flights the first
-look is the last."""
+"""Impacts that a motion has to settle in before each look at it; the last look is the first for
+integrated flights, and the second for several coordinates."""
 
 LONGEST = 32
 """Impacts of an orbit at most."""
@@ -62,7 +62,7 @@ def settled_orbits(
     integrated = any(kernels.integrated(guard.name) for guard in model.WALLS)
     dear = simulator.several or integrated
     motions, patience = (DEAR_MOTIONS, DEAR_QUIET) if dear else (MOTIONS, QUIET)
-    looks = IMPACTS[:1] if integrated else IMPACTS
+    looks = IMPACTS[: 1 if integrated else 2 if simulator.several else 3]
     found: list[Orbit] = []
     quiet = 0
     for _ in range(motions):
