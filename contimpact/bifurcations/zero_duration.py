@@ -15,7 +15,7 @@ from ..continuation.test_function import Located, TestFunction
 from ..models.word import Word
 from ..orbits.linearisation import Linearisation
 from ..orbits.multipliers import count_unstable
-from ..orbits.physicality import OUT_OF_ORDER
+from ..orbits.physicality import OUT_OF_ORDER, Verdict
 from ..orbits.problem import Array, OrbitProblem
 from ..orbits.rounding import rounding_of_setup
 from .adding import where_added
@@ -26,6 +26,7 @@ from .orbit_test import OrbitEvent, OrbitPoint, Orbits
 from .reached import Reached, ScalarTest
 from .sliding import at_once
 from .start import Start, regular
+from .touching import forgiven
 from .vanishing import without_flight
 
 
@@ -139,6 +140,9 @@ class T(Kind):
         orbit = there[0].evaluate(there[1])
         found = orbit.by_blocks.multipliers
         return found, int(count_unstable(found))
+
+    def verdict(self, here: Linearisation, details: Details) -> Verdict:
+        return here.judge(forgive_touches=forgiven(here), forgive_impacts=here.resting)
 
     def sliding(self, event: OrbitEvent) -> str | None:
         return at_once(event.point.evaluation.problem, event.details["flight"])
