@@ -50,42 +50,7 @@ def find_orbits(
     rounds: int = 8,
     progress: Asked = False,
 ) -> list[Orbit]:
-    """Find the orbits of a word: stable, unstable and unphysical ones.
-
-    Parameters
-    ----------
-    model : Model
-        The system at the parameter values of interest.
-    word : str or Word
-        ``"2:1"``, ``"1:1/2T"``, ``"BTBT/2T"``, ...
-    parameter : str, optional
-        The parameter that will be followed; the first of the model by default, or the last where
-        the period is free: the first ones may bring a forcing.
-    kernels : Kernels, optional
-        Kernels to use, if some are at hand; they name the parameter.
-    rng : None, int or numpy.random.Generator, default 0
-        Where starts come from; see `numpy.random.default_rng`.
-    starts : int
-        Starts in one round; fewer for words of more than a dozen impacts.
-    rounds : int
-        Rounds at most; the search ends after two rounds in a row that find nothing new.
-    progress : bool or callable
-        Whether to tell on standard error how far the search is, or a function to call with lines
-        of text.
-
-    Returns
-    -------
-    list of Orbit
-        Sorted by the first impact's velocity, largest first; impacts in order of time, the first
-        in [0, T). Where several rotations of the word read the same, the first impact is the
-        fastest of those it can be. Repetitions of an orbit of shorter period are left out. The list
-        can be incomplete: the search is a random one.
-
-    Raises
-    ------
-    InputError
-        If the word cannot be read or the parameter is unknown.
-    """
+    """Find the orbits of a word from random starts alone; `studies.orbit_search` documents it."""
     with asked(progress, f"find_orbits {word}") as tell:
         return search(model, word, parameter, kernels, rng, starts, rounds, tell).orbits
 
