@@ -4,7 +4,8 @@
 #
 #     sh branches/regenerate.sh fig7 fig8
 #
-# CONTIMPACT is the command to use, for example CONTIMPACT="nice python -m contimpact".
+# CONTIMPACT is the command to use, for example CONTIMPACT="nice python -m contimpact". Tables are
+# compressed and pictures reduced at the end; pictures that no page shows are removed.
 set -eu
 cd "$(dirname "$0")"
 [ $# -gt 0 ] || set -- */scene.toml
@@ -20,3 +21,4 @@ for folder; do
         ${CONTIMPACT:-contimpact} simulate "$name/scene.toml" -o "$name/simulation"
     fi
 done
+python3 ../tools/pack.py "$@"

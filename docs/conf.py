@@ -50,7 +50,8 @@ def write_live_page(site):
     with tempfile.TemporaryDirectory() as folder:
         run = ["run", str(FIG7 / "scene.toml"), "-o", folder, "--no-plot", "-q"]
         failed = main(run)
-        shutil.copy(FIG7 / "simulation/sweep.csv", folder)
+        for sweep in FIG7.glob("simulation/sweep.csv*"):
+            shutil.copy(sweep, folder)
         if failed or main(["plot", folder, "-o", str(target)]):
             raise RuntimeError("the live page of Fig. 7 could not be made")
 

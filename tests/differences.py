@@ -12,6 +12,7 @@ import csv
 import dataclasses
 import itertools
 import json
+import lzma
 import struct
 from collections.abc import Iterator, Mapping
 from pathlib import Path
@@ -31,9 +32,10 @@ PICTURES = {".png", ".svg", ".pdf"}
 
 
 def results(folder: Path) -> dict[str, Path]:
-    """Return the files of results in a folder by their names; pictures are left out."""
+    """Return the files of results in a folder by their names, as which compressed ones are also
+    found; pictures are left out."""
     return {
-        str(path.relative_to(folder)): path
+        str(path.relative_to(folder)).removesuffix(".xz"): path
         for pattern in ("*", "branches/*", "curves/*")
         for path in sorted(folder.glob(pattern))
         if path.is_file() and path.suffix not in PICTURES and path.name not in VOLATILE_FILES
@@ -42,12 +44,19 @@ def results(folder: Path) -> dict[str, Path]:
 
 def table(path: Path) -> Table:
     """Read a JSON file, or a CSV file with or without a first line of JSON."""
-    text = path.read_text(encoding="utf-8")
-    if path.suffix == ".json":
+    text = text_of(path)
+    if ".json" in path.suffixes:
         return dict(flat(json.loads(text), ""))
     lines = text.split("\n")
     head = json.loads(lines.pop(0)[2:]) if text.startswith("# ") else {}
     return dict(itertools.chain(flat(head, "head"), _rows(csv.DictReader(lines, restval=""))))
+
+
+def text_of(path: Path) -> str:
+    """The text of a file, or of its compressed form."""
+    packed = path if path.suffix == ".xz" else path.with_name(f"{path.name}.xz")
+    content = lzma.decompress(packed.read_bytes()) if packed.exists() else path.read_bytes()
+    return content.decode()
 
 
 def flat(data: object, place: str) -> Iterator[tuple[str, Value]]:

@@ -14,9 +14,10 @@ from ..records.catalogue import load_diagram
 from ..records.diagram import Diagram
 from ..records.diagram_reading import sentence_of
 from ..records.recovery import model_at
-from ..records.result_folder import MANIFEST, kept_still, read_json
-from ..scenes.scene import FORMATS, PlotOptions, Scene, read_scene
+from ..records.result_folder import MANIFEST, WANTED, kept_still, read_json
+from ..scenes.scene import FORMATS, PlotOptions, Scene, load_scene, read_scene
 from ..scenes.system_files import systems_of
+from ..storage.files import is_there
 from .terminal import say
 
 if TYPE_CHECKING:
@@ -72,8 +73,8 @@ def draw_page(folder: Path, target: Path, options: argparse.Namespace | None = N
     from ..page.document import write_page
 
     systems = systems_of(options.system) if options else {}
-    given = (folder / "manifest.json").exists()
-    if given and not (folder / "catalogue.json").exists():  # a simulation without branches
+    given = _names_its_scene(folder)
+    if given and not is_there(folder / "catalogue.json"):  # a simulation without branches
         diagram = Diagram(_scene_of(folder, systems).name, [])
     else:
         diagram = load_diagram(folder)
@@ -81,8 +82,10 @@ def draw_page(folder: Path, target: Path, options: argparse.Namespace | None = N
     chosen = _chosen(plot, diagram, options) if options else {}
     shown = Shown(plot.x, plot.xlim, plot.ylim, plot.unphysical)
     if given:
-        manifest = read_json(folder / "manifest.json", MANIFEST, "a folder made by contimpact run")
-        source, remarks = _scene_of(folder, systems).source, remarks_in(manifest, diagram.coverage)
+        source, remarks = _scene_of(folder, systems).source, []
+        if (folder / "manifest.json").exists():
+            manifest = read_json(folder / "manifest.json", MANIFEST, WANTED)
+            remarks = remarks_in(manifest, diagram.coverage)
         shown = dataclasses.replace(shown, source=source, remarks=remarks)
     shown = dataclasses.replace(shown, **chosen)
     write_page(diagram, model, folder, shown, target)
@@ -110,7 +113,7 @@ def _shown_as(
     They are those of the scene, or, in a folder that was written from Python, those that the
     branches name; None for a system of one's own.
     """
-    if (folder / "manifest.json").exists() or not diagram.branches:
+    if _names_its_scene(folder) or not diagram.branches:
         scene = _scene_of(folder, systems)
         _require_walls(diagram, scene)
         return scene.plot, scene.model, scene.energy
@@ -130,9 +133,16 @@ def _require_walls(diagram: Diagram, scene: Scene) -> None:
             raise InputError(f"branch {branch.id}", f"the word {shown(branch.word)}", accepted)
 
 
+def _names_its_scene(folder: Path) -> bool:
+    """Whether a folder has a manifest, or the scene file that its results are committed with."""
+    return (folder / "manifest.json").exists() or (folder / "scene.toml").exists()
+
+
 def _scene_of(folder: Path, systems: Mapping[str, type[Model]]) -> Scene:
-    """The scene in a folder's manifest."""
-    path, wanted = folder / "manifest.json", "a folder made by contimpact run"
+    """The scene in a folder's manifest; without one, that of its scene file."""
+    path, wanted = folder / "manifest.json", WANTED
+    if not path.exists() and (folder / "scene.toml").exists():
+        return load_scene(folder / "scene.toml", systems)
     manifest = read_json(path, MANIFEST, wanted)
     try:
         return read_scene(manifest["scene"]["resolved"], systems)

@@ -17,7 +17,7 @@ from ..errors import printable
 from ..models.model import Model
 from ..records.diagram import Diagram
 from ..records.result_folder import reading
-from ..storage.files import write, write_all
+from ..storage.files import is_there, write, write_all
 from .data import Shown, page_data
 from .packing import script_json
 from .swept import Swept, read_sweep
@@ -76,7 +76,7 @@ def write_page(
 def attractors_in(folder: Path, model: Model | None) -> list[Swept]:
     """Return the attractors that a simulation has left in a folder, if one has."""
     path = folder / "sweep.csv"
-    return read_sweep(path, model) if model is not None and path.exists() else []
+    return read_sweep(path, model) if model is not None and is_there(path) else []
 
 
 def _asset(name: str) -> str:

@@ -20,6 +20,8 @@ from typing import Any
 from ..errors import InputError, NotWrittenError, shown
 from ..storage.files import (
     FOR_ALL,
+    PACKED,
+    is_there,
     put,
     read_bounded,
     read_plain,
@@ -285,8 +287,8 @@ def ours(folder: Path, commands: Iterable[str]) -> list[str]:
     for command in commands:
         files, pictures = WRITTEN[command]
         for name in sorted(_names(folder)):
-            if re.fullmatch(files, name):
-                found += [name] if _begins_as_ours(folder / name) else []
+            if re.fullmatch(files, plain := name.removesuffix(PACKED)):
+                found += [name] if _begins_as_ours(folder / plain) else []
             elif known and re.fullmatch(pictures, name):
                 found.append(name)
     if "run" in commands:
@@ -308,7 +310,9 @@ def _names(folder: Path) -> list[str]:
 def _tables(folder: Path, place: str) -> list[str]:
     """The tables in a folder inside that carry the name their first line asks for."""
     names = [f"{place}/{name}" for name in sorted(_names(folder / place))]
-    return [name for name in names if _asked_name(folder / name) == name]
+    return [
+        n for n in names if _asked_name(folder / n.removesuffix(PACKED)) == n.removesuffix(PACKED)
+    ]
 
 
 def _asked_name(path: Path) -> str | None:
@@ -365,7 +369,7 @@ def _state(folder: Path) -> tuple[str | None, ...]:
         found = "a run is writing this folder, or ended before all was written"
         accepted = "run it again, or remove this file to use what is there"
         raise InputError(str(folder / MARK), found, accepted)
-    if not manifest.exists():
+    if not is_there(manifest):
         return None, sha256(catalogue)
     sealed = read_json(manifest, MANIFEST, WANTED).get("sha256")
     told = sealed if isinstance(sealed, dict) else {}

@@ -8,13 +8,14 @@ from __future__ import annotations
 
 import contextlib
 import errno
+import lzma
 import os
 import re
 import stat
 import time
 from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
-from typing import BinaryIO
+from typing import BinaryIO, cast
 
 from ..errors import InputError, NotWrittenError
 from .processes import digest_of, host, running, this_process
@@ -26,6 +27,8 @@ FOR_ALL = 0o666
 """Permissions of results, before the user's umask."""
 
 LEFT = re.compile(r"\..*\.([0-9a-f]{8})-(\d+)-(\w+)-\d+\.tmp", re.DOTALL)
+PACKED = ".xz"
+"""Ending of a file that is stored compressed: it is read in place of one without."""
 LARGEST_RECORD = 2**28
 """Bytes of a JSON file, or of the record in a table's first line."""
 DAY = 86400.0
@@ -200,9 +203,22 @@ def read_plain(path: Path, most: int = -1) -> tuple[bytes, os.stat_result]:
         return file.read(most), os.fstat(file.fileno())
 
 
+def is_there(path: Path) -> bool:
+    """Return whether a file can be read, as it is or from its compressed form."""
+    return path.exists() or path.with_name(path.name + PACKED).exists()
+
+
 @contextlib.contextmanager
 def open_plain(path: Path) -> Iterator[BinaryIO]:
-    """Open a plain file for reading; see `read_plain`."""
+    """Open a plain file, or where there is none its compressed form, for reading."""
+    packed = path.with_name(path.name + PACKED)
+    if not os.path.lexists(path) and packed.exists():
+        with open_plain(packed) as file, lzma.open(file) as content:
+            try:
+                yield cast(BinaryIO, content)
+            except (lzma.LZMAError, EOFError) as error:
+                raise OSError(f"damaged: {error}") from None
+        return
     descriptor = os.open(path, os.O_RDONLY | _SAFE & ~_NO_LINK)
     if not stat.S_ISREG(mode := os.fstat(descriptor).st_mode):
         os.close(descriptor)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import json
+import lzma
 import os
 import shutil
 import subprocess
@@ -162,6 +163,29 @@ def test_only_tables_with_the_name_they_ask_for_are_removed(out):
     found = ours(out, ["run"])
     assert {"branches/b1-BT.csv", "catalogue.json", "diagram.png"} <= set(found)
     assert not {"branches/b1-old.csv", "branches/b9-BBT.csv", "events.csv"} & set(found)
+
+
+def test_a_folder_with_compressed_tables_is_read_and_renewed_as_any_other(out, scene):
+    """Its digests are of what is read, and a new run leaves no compressed table behind."""
+    before = load_diagram(out)
+    for path in [*out.glob("branches/*.csv"), out / "catalogue.json", out / "events.csv"]:
+        path.with_name(f"{path.name}.xz").write_bytes(lzma.compress(path.read_bytes()))
+        path.unlink()
+    assert repr(load_diagram(out)) == repr(before)
+    assert run("plot", out) == 0
+    assert run("run", scene(), "-o", out, "-q", "--no-plot") == 0
+    assert not list(out.glob("**/*.xz"))
+
+
+def test_a_folder_without_a_manifest_is_drawn_by_its_scene_file(scene, tmp_path):
+    """As the folders of ``branches/`` are committed."""
+    folder = tmp_path / "out"
+    assert run("run", scene(), "-o", folder, "-q") == 0
+    with_manifest = (folder / "diagram.png").read_bytes()
+    shutil.copy(scene(), folder / "scene.toml")
+    (folder / "manifest.json").unlink()
+    assert run("plot", folder) == 0
+    assert (folder / "diagram.png").read_bytes() == with_manifest
 
 
 def test_pictures_of_a_folder_that_is_not_ours_stay(scene, tmp_path):

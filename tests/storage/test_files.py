@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import lzma
 import os
 import stat
 import subprocess
@@ -13,7 +14,9 @@ import pytest
 from contimpact.errors import InputError, NotWrittenError
 from contimpact.storage.files import (
     append,
+    is_there,
     put,
+    read_bounded,
     read_plain,
     remove_leftovers,
     write,
@@ -118,3 +121,24 @@ def test_processes():
         assert not running(child.pid, start) or start == ENDED
     child.wait()
     assert not running(child.pid, start)
+
+
+def test_a_compressed_file_is_read_in_place_of_a_plain_one(tmp_path):
+    path, packed = tmp_path / "a.csv", tmp_path / "a.csv.xz"
+    packed.write_bytes(lzma.compress(b"old"))
+    assert (is_there(path), read_plain(path)[0]) == (True, b"old")
+    path.write_bytes(b"new")
+    assert read_plain(path)[0] == b"new"
+
+
+def test_no_more_of_a_compressed_file_is_unpacked_than_admitted(tmp_path):
+    (tmp_path / "a.csv.xz").write_bytes(lzma.compress(bytes(10**7)))
+    with pytest.raises(ValueError, match="longer than 1000 bytes"):
+        read_bounded(tmp_path / "a.csv", 1000)
+
+
+@pytest.mark.parametrize("content", [b"no archive", lzma.compress(b"abc" * 99)[:-20]])
+def test_a_damaged_compressed_file_is_no_silence(tmp_path, content):
+    (tmp_path / "a.csv.xz").write_bytes(content)
+    with pytest.raises(OSError, match="damaged"):
+        read_plain(tmp_path / "a.csv")
