@@ -26,7 +26,7 @@ from ..records.loading import BRANCH, CURVE, checking, entry_of, read_branch, re
 from ..records.recovery import named_model, orbit_with
 from ..simulation.run import Outcome, Run, State
 from ..storage.decoding import fitted, made
-from ..storage.files import read_bounded, write_text
+from ..storage.files import is_there, read_bounded, write_text
 from ..storage.texts import json_line
 from .attractor import Attractor
 from .sweep import Row, Sweep
@@ -93,6 +93,10 @@ def load(path: str | Path, model: Model | None = None) -> Any:
             first = read_bounded(path, LARGEST).split(b"\n", 1)[0].decode()
             schema = json.loads(first.removeprefix("# "))["schema"]
         return read_curve(path) if schema == CURVE else read_branch(path)
+    if not is_there(path):
+        raise InputError(
+            str(path), "no such file or folder", "give what `save` or a run has written"
+        )
     with checking(path, KEPT):
         record = json.loads(read_bounded(path, LARGEST))
         if record["schema"] != KEPT:

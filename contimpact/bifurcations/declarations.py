@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
-from ..errors import InputError
+from ..errors import InputError, shown
 from ..models.model import Model
 
 
@@ -45,6 +45,24 @@ DECLARED = (
 FILES = {kind.name: kind.file for kind in DECLARED}
 KINDS = tuple(FILES)
 """Every kind that is looked for along branches."""
+
+SYNONYMS = {
+    **dict.fromkeys(("LP", "LPC", "SN", "F", "CF"), "folds are FB here"),
+    **dict.fromkeys(("TR", "HB", "H"), "tori are born at NS here"),
+    **dict.fromkeys(("PF", "SB", "BPC"), "crossings of branches and pitchforks are BP here"),
+    **dict.fromkeys(("GR", "GRAZE", "GZ"), "grazings are G here"),
+    **dict.fromkeys(("FLIP", "P2"), "period doublings are PD here"),
+}
+"""Names of kinds elsewhere, and what they are here."""
+
+
+def unknown_kind(name: object, where: str) -> InputError:
+    """Return the refusal of a name that no kind of event has."""
+    hint = f"; {SYNONYMS[name]}" if isinstance(name, str) and name in SYNONYMS else ""
+    return InputError(
+        where, f"no event kind {shown(name)}", f"accepted are {', '.join(KINDS)}{hint}"
+    )
+
 
 EVENTS = tuple(kind.name for kind in DECLARED if kind.usual and not kind.tori)
 """Those looked for in any system where nothing else is said."""

@@ -7,10 +7,9 @@ import importlib
 from collections.abc import Iterator, Sequence
 
 from ..continuation.test_function import TestFunction
-from ..errors import InputError
 from ..orbits.linearisation import Linearisation
 from ..orbits.problem import OrbitProblem
-from .declarations import FILES, KINDS
+from .declarations import FILES, unknown_kind
 from .kind import Kind, Values
 from .orbit_test import OrbitEvent
 from .start import Start
@@ -25,9 +24,7 @@ class Unknown(Kind):
         self.name = name
 
     def test(self, problem: OrbitProblem, values: Values) -> TestFunction[Linearisation]:
-        raise InputError(
-            "events", f"no event kind {self.name!r}", f"accepted are {', '.join(KINDS)}"
-        )
+        raise unknown_kind(self.name, "events")
 
 
 def kind_of(name: str) -> Kind:

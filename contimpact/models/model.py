@@ -16,7 +16,7 @@ from typing import Any, ClassVar, Self, TypeAlias
 
 from ..errors import InputError, did_you_mean, shown
 from .contract import check_class, check_complete
-from .expressions import check_expression
+from .expressions import check_expression, number
 from .guards import Guard as Guard
 from .guards import Mode as Mode
 from .guards import Wall as Wall
@@ -55,7 +55,15 @@ class Parameter:
         return f"a number from {self.lower:.6g} to {self.upper:.6g}"
 
     def check(self, value: Any, where: str) -> float:
-        """Return the value as a float, or raise `InputError` naming `where`."""
+        """Return the value, or that of an expression such as ``"pi/6"``, as a float.
+
+        Raises
+        ------
+        InputError
+            That names `where`, if it is not admitted.
+        """
+        if isinstance(value, str):
+            value = number(value, where)
         if isinstance(value, bool) or not isinstance(value, numbers.Real):
             raise InputError(where, f"found {shown(value)}", f"give {self.accepted}")
         try:
@@ -67,9 +75,9 @@ class Parameter:
         )
         if not (math.isfinite(value) and inside):
             unit = f" ({self.unit})" if self.unit else ""
-            raise InputError(
-                where, f"{self.meaning} is {value!r}", f"it must be {self.accepted}{unit}"
-            )
+            degrees = f"; {value:g} degrees are math.radians({value:g})" if unit == " (rad)" else ""
+            accepted = f"it must be {self.accepted}{unit}{degrees}"
+            raise InputError(where, f"{self.meaning} is {value!r}", accepted)
         return value
 
 
@@ -352,6 +360,26 @@ class Model(ABC):
         """
         names = tuple(self.values), self.WALLS, self.DERIVED
         return repr((self.SYSTEM, *names, tuple(self.options.items()), identity(self)))
+
+    def __getitem__(self, name: str) -> float:
+        """Return the value of a parameter, or of a derived parameter."""
+        if name not in self.values and name in self.DERIVED:
+            from .equations import equations_of
+
+            found = equations_of(self)
+            return float(
+                found.derived[name].subs({found.parameters[n]: v for n, v in self.values.items()})
+            )
+        self.require(name, name)
+        return self.values[name]
+
+    @property
+    def parameters(self) -> dict[str, float]:
+        """Values of all parameters, derived ones included."""
+        return {name: self[name] for name in (*self.values, *self.DERIVED)}
+
+    def _ipython_key_completions_(self) -> list[str]:
+        return [*self.values, *self.DERIVED]
 
     def __eq__(self, other: object) -> bool:
         """Whether it is the same system with the same options and parameter values."""

@@ -22,7 +22,7 @@ from ..continuation.problem import Evaluation
 from ..continuation.settings import Settings
 from ..continuation.test_function import TestFunction, UserFunction
 from ..continuation.walk import SAME_SOLUTION, Stop
-from ..errors import InputError
+from ..errors import InputError, shown
 from ..models.model import Model
 from ..models.word import Word
 from ..orbits.orbit import Orbit
@@ -161,7 +161,8 @@ def checked_range(
     """Return the range as floats, or raise `InputError` if it does not fit."""
     declared = problem.model.require(problem.parameter, "parameter")
     if not isinstance(limits, Sequence | np.ndarray) or len(limits) != 2:
-        raise InputError("range", f"found {limits!r}", "give (low, high)")
+        found = "missing" if limits is None else f"found {shown(limits)}"
+        raise InputError("range", found, f"give (low, high), values of {problem.parameter}")
     low, high = (declared.check(limit, "range") for limit in limits)
     if not low < high or not low <= start <= high:
         at = f"{problem.parameter} = {start:.12g}"

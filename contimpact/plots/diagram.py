@@ -66,8 +66,8 @@ def plot_diagram(
     Parameters
     ----------
     diagram : Diagram, Branch or sequence of Branch
-    ax : matplotlib.axes.Axes, optional
-        Where to draw; a new figure otherwise.
+    ax : matplotlib.axes.Axes or str, optional
+        Where to draw; a new figure otherwise. A text is `x`.
     x : str, optional
         The column on the x axis; the followed parameter by default.
     y : str or callable
@@ -98,6 +98,8 @@ def plot_diagram(
         are not finite and increasing, or another value of `unphysical` or `labels`.
     """
     diagram = as_diagram(diagram)
+    if isinstance(ax, str):
+        ax, x = None, ax
     labelled = labels if isinstance(labels, str) else "all" if labels else "none"
     column = _checked(diagram, x, {"xlim": xlim, "ylim": ylim}, unphysical, labelled)
     if ax is None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, overload
 
 import numpy as np
 
@@ -12,7 +12,7 @@ from ..continuation.ends import End, EndKind
 from ..continuation.event_order import at_one_place
 from ..display import Shown, Summary, frame, in_lines
 from ..errors import shown
-from .entry import Entry
+from .entry import Entry, named_by_id
 from .tables import first_unknown, same_data
 
 if TYPE_CHECKING:
@@ -75,12 +75,30 @@ class Branch(Shown):
     meetings: Sequence[str] = ()
     notes: Sequence[str] = ()
 
-    def __getitem__(self, column: str) -> Array:
+    @overload
+    def __getitem__(self, column: str) -> Array: ...
+    @overload
+    def __getitem__(self, column: slice) -> dict[str, Array]: ...
+
+    def __getitem__(self, column: str | slice) -> Array | dict[str, Array]:
+        """Return a column; with a slice, these rows of all columns."""
+        if isinstance(column, slice):
+            return {name: values[column] for name, values in self.columns.items()}
         if column in self.columns:
             return self.columns[column]
         found = f"branch {self.id} has no column {shown(column)}; "
+        if named_by_id(self.events, column) is not None:
+            found += f"the orbit of an event is branch.orbit({column!r}); "
         row = f"the orbit of a row is branch.orbit({column}); " if isinstance(column, int) else ""
         raise KeyError(found + row + f"it has {', '.join(self.columns)}")
+
+    def _ipython_key_completions_(self) -> list[str]:
+        return list(self.columns)
+
+    @property
+    def name(self) -> str:
+        """The same as `id`."""
+        return self.id
 
     def __len__(self) -> int:
         return len(self.columns["arclength"])
@@ -200,7 +218,10 @@ class Branch(Shown):
     def summary(self) -> Summary:
         """Return the branch's events and ends in short."""
         columns = ("", "event", self.parameter, "error", "why a ghost", "opens")
-        rows = [(e.id, e.label, e.value, e.error, e.why, " ".join(e.opens)) for e in self.events]
+        rows = [
+            (e.id, e.label, e.value, f"{e.error:.1g}", e.why, " ".join(e.opens))
+            for e in self.events
+        ]
         start, end = (end.message for end in self.ends)
         return Summary(self._head(), columns, rows, [f"start: {start}; end: {end}", *self._said()])
 

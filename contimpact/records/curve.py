@@ -11,6 +11,7 @@ import numpy as np
 from ..arrays import Array
 from ..continuation.ends import End
 from ..display import Shown, Summary, frame, in_lines
+from ..errors import shown
 from .tables import same_data
 
 
@@ -60,7 +61,18 @@ class Curve(Shown):
     branch: str = ""
 
     def __getitem__(self, column: str) -> Array:
-        return self.columns[column]
+        if column in self.columns:
+            return self.columns[column]
+        found = f"curve {self.id} has no column {shown(column)}; "
+        raise KeyError(f"{found}it has {', '.join(self.columns)}")
+
+    def _ipython_key_completions_(self) -> list[str]:
+        return list(self.columns)
+
+    @property
+    def name(self) -> str:
+        """The same as `id`."""
+        return self.id
 
     def __len__(self) -> int:
         return len(self.columns["arclength"])
@@ -83,7 +95,7 @@ class Curve(Shown):
         """Return the curve's points of codimension two and its ends in short."""
         names = self.parameters
         rows = [
-            (p.id, p.kind, *(p.parameters[n] for n in names), p.error, p.changes)
+            (p.id, p.kind, *(p.parameters[n] for n in names), f"{p.error:.1g}", p.changes)
             for p in self.points
         ]
         notes = [f"end: {end.message}" for end in self.ends]

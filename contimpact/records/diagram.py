@@ -11,7 +11,7 @@ import numpy as np
 from ..display import Shown, Summary, frame, in_lines
 from ..errors import InputError, shown
 from .branch import Branch
-from .entry import Entry
+from .entry import Entry, kinds_of, named_by_kind
 
 if TYPE_CHECKING:
     from ..models.model import Model
@@ -71,8 +71,15 @@ class Diagram(Shown):
         return self.entries
 
     def __getitem__(self, name: str) -> Branch | Curve | Entry:
-        """Return a branch, a curve or an entry by its name: ``b1``, ``c1``, ``e1``."""
+        """Return a branch, a curve or an entry by its name: ``b1``, ``c1``, ``e1``.
+
+        Entries also have their kind's name where there is one of the kind, ``PD``, and its
+        number among those of the kind otherwise, ``PD2``.
+        """
         found = [one for one in self._named if one.id == name]
+        if not found:
+            of_kind = named_by_kind(self.entries, name)
+            found = [of_kind] if of_kind is not None else []
         if len(found) == 1:
             return found[0]
         if found:
@@ -82,8 +89,11 @@ class Diagram(Shown):
             raise InputError(where, f"{len(found)} are called {shown(name)}", accepted)
         groups = (self.branches, self.curves, self.codim2_curves, self.entries)
         known = [_span([one.id for one in group]) for group in groups if group]
-        accepted = f"there are {', '.join(known) or 'no branches'}"
+        accepted = f"there are {', '.join(known) or 'no branches'}{kinds_of(self.entries, name)}"
         raise InputError(f"diagram {self.name}", f"nothing is called {shown(name)}", accepted)
+
+    def _ipython_key_completions_(self) -> list[str]:
+        return [one.id for one in self._named]
 
     def entry(self, name: str) -> Entry:
         """Return an entry by its name."""

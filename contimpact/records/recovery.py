@@ -22,6 +22,7 @@ from ..orbits.quiet import problem_of
 from ..orbits.search import find_orbits
 from ..segments.kernels import Kernels
 from ..systems import installed
+from .entry import kinds_of, named_by_id, named_by_kind
 from .tables import columns_of, coordinates
 
 if TYPE_CHECKING:
@@ -100,9 +101,10 @@ def _without_impacts(entry: Entry, at: Model, kernels: Kernels) -> Orbit:
 
 def event_of_branch(branch: Branch, name: str) -> Entry:
     """The event of a name on a branch."""
-    found = next((entry for entry in branch.events if entry.id == name), None)
+    found = named_by_id(branch.events, name) or named_by_kind(branch.events, name)
     if found is None:
         known = ", ".join(entry.id for entry in branch.events) or "none"
+        known += kinds_of(branch.events, name)
         raise InputError(f"branch {branch.id}", f"no event {name!r}", f"its events are {known}")
     return found
 

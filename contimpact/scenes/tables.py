@@ -14,6 +14,7 @@ from ..bifurcations.declarations import (
     CURVES,
     KINDS,
     SWITCHES,
+    unknown_kind,
     usual_events,
     with_values,
 )
@@ -155,8 +156,7 @@ def read_detect(
     events = table.texts("events", list(usual_events(model)))
     for i, kind in enumerate(events):
         if kind not in KINDS:
-            accepted = f"accepted are {', '.join(KINDS)}"
-            raise InputError(f"detect.events[{i}]", f"no event kind {shown(kind)}", accepted)
+            raise unknown_kind(kind, f"detect.events[{i}]")
     requested = table.table("values", optional=True)
     values = {}
     varying = (*model.varying(parameter), *["period"] * model.autonomous)

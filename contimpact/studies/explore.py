@@ -9,8 +9,9 @@ symmetry) is not followed twice; the second way to it is recorded as a meeting.
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -37,7 +38,7 @@ from ..records.branch import Branch
 from ..records.diagram import Diagram
 from ..records.entry import Entry
 from ..records.limits import Limits
-from ..scenes.scene import Scene
+from ..scenes.scene import Scene, load_scene, read_scene
 from ..segments.kernels import Kernels
 from .counts import counts_of, evaluations_of
 from .openings import Birth, with_openings
@@ -57,13 +58,13 @@ INTERRUPTED = "interrupted"
 """What ended a computation early, where the keyboard did."""
 
 
-def follow(scene: Scene, progress: Asked = None) -> Diagram:
+def follow(scene: Scene | str | Path | Mapping[str, Any], progress: Asked = None) -> Diagram:
     """Compute the diagram of a scene.
 
     Parameters
     ----------
-    scene : Scene
-        From `load_scene`.
+    scene : Scene, str, Path or mapping
+        From `load_scene`; or the path of a scene file, or its content.
     progress : bool or callable
         Whether to tell on standard error what is being done, or a function to call with a line of
         text now and then.
@@ -75,8 +76,8 @@ def follow(scene: Scene, progress: Asked = None) -> Diagram:
     Raises
     ------
     InputError
-        If none of the words the scene names has an orbit at its start, nor, with a survey, at
-        other values.
+        If the scene cannot be read, or none of the words it names has an orbit at its start, nor,
+        with a survey, at other values.
 
     Notes
     -----
@@ -85,6 +86,10 @@ def follow(scene: Scene, progress: Asked = None) -> Diagram:
     are listed in ``statistics["not_found"]``. Limits of the scene that cut something off are listed
     in ``limits``, with what they left out.
     """
+    if isinstance(scene, str | Path):
+        scene = load_scene(scene)
+    elif isinstance(scene, Mapping):
+        scene = read_scene(scene)
     with asked(progress, scene.name) as tell:
         explorer = _Explorer(scene, tell)
         diagram = explorer.run()

@@ -18,8 +18,8 @@ from .starting_orbits import attracts
 def find_orbits(
     model: Model,
     word: str | Word,
-    *,
     parameter: str | None = None,
+    *,
     kernels: Kernels | None = None,
     rng: np.random.Generator | int = 0,
     starts: int = 256,
