@@ -12,8 +12,8 @@ from ..continuation.ends import End, EndKind
 from ..continuation.event_order import at_one_place
 from ..display import Shown, Summary, frame, in_lines
 from ..errors import shown
-from .entry import Entry, named_by_id
-from .tables import first_unknown, same_data
+from .entry import Entry
+from .tables import first_unknown, named_by_id, same_data
 
 if TYPE_CHECKING:
     from ..models.model import Model

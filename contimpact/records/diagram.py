@@ -11,7 +11,8 @@ import numpy as np
 from ..display import Shown, Summary, frame, in_lines
 from ..errors import InputError, shown
 from .branch import Branch
-from .entry import Entry, kinds_of, named_by_kind
+from .entry import Entry
+from .tables import kinds_of, named_by_kind
 
 if TYPE_CHECKING:
     from ..models.model import Model

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
@@ -10,7 +9,6 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ..arrays import Array
-from ..bifurcations.declarations import SYNONYMS
 from ..display import Shown, Summary, frame
 from ..errors import printable
 
@@ -210,28 +208,3 @@ class Entry(Shown):
 
     def __repr__(self) -> str:
         return printable(f"<{self.label} on {self.branch} at {self.parameter} = {self.value:.12g}>")
-
-
-def named_by_id(entries: Sequence[Entry], name: object) -> Entry | None:
-    """Return the entry of a name, such as ``e1``; None if there is none."""
-    return next((entry for entry in entries if entry.id == name), None)
-
-
-def named_by_kind(entries: Sequence[Entry], name: object) -> Entry | None:
-    """Return the entry that a kind's name leads to: ``PD`` where there is one, else ``PD1``, ..."""
-    parts = re.fullmatch(r"([A-Z]+)(\d*)", name) if isinstance(name, str) else None
-    if parts is None:
-        return None
-    found = [entry for entry in entries if entry.kind == parts[1]]
-    if not parts[2]:
-        return found[0] if len(found) == 1 else None
-    return found[int(parts[2]) - 1] if 0 < int(parts[2]) <= len(found) else None
-
-
-def kinds_of(entries: Sequence[Entry], name: object) -> str:
-    """Return the names that the entries of a kind have, in words; empty if there are none."""
-    kind = name.rstrip("0123456789") if isinstance(name, str) else ""
-    count = sum(entry.kind == kind for entry in entries)
-    if count:
-        return f", and {kind}1 to {kind}{count}" if count > 1 else f", and {kind}"
-    return f"; {SYNONYMS[kind]}" if kind in SYNONYMS else ""

@@ -22,8 +22,7 @@ from ..orbits.quiet import problem_of
 from ..orbits.search import find_orbits
 from ..segments.kernels import Kernels
 from ..systems import installed
-from .entry import kinds_of, named_by_id, named_by_kind
-from .tables import columns_of, coordinates
+from .tables import columns_of, coordinates, kinds_of, named_by_id, named_by_kind
 
 if TYPE_CHECKING:
     from .branch import Branch

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import dataclasses
+import re
 from collections.abc import Mapping, Sequence
-from typing import Any
+from typing import Any, Protocol, TypeVar
 
 import numpy as np
 
+from ..bifurcations.declarations import SYNONYMS
 from ..orbits.linearisation import Linearisation
 
 
@@ -49,3 +51,40 @@ def first_unknown(names: Sequence[str]) -> int:
 def coordinates(m: int) -> list[str]:
     """Return the names of an impact's time and section coordinates."""
     return ["t", "v", *(f"{n}{i}_" for i in range(1, m // 2) for n in ("x", "v"))]
+
+
+class Recorded(Protocol):
+    """An event with its name and its kind."""
+
+    @property
+    def id(self) -> str: ...
+    @property
+    def kind(self) -> str: ...
+
+
+Event = TypeVar("Event", bound=Recorded)
+
+
+def named_by_id(events: Sequence[Event], name: object) -> Event | None:
+    """Return the event of a name, such as ``e1``; None if there is none."""
+    return next((event for event in events if event.id == name), None)
+
+
+def named_by_kind(events: Sequence[Event], name: object) -> Event | None:
+    """Return the event that a kind's name leads to: ``PD`` where there is one, else ``PD1``, ..."""
+    parts = re.fullmatch(r"([A-Z]+)(\d*)", name) if isinstance(name, str) else None
+    if parts is None:
+        return None
+    found = [event for event in events if event.kind == parts[1]]
+    if not parts[2]:
+        return found[0] if len(found) == 1 else None
+    return found[int(parts[2]) - 1] if 0 < int(parts[2]) <= len(found) else None
+
+
+def kinds_of(events: Sequence[Recorded], name: object) -> str:
+    """Return the names that the events of a kind have, in words; empty if there are none."""
+    kind = name.rstrip("0123456789") if isinstance(name, str) else ""
+    count = sum(event.kind == kind for event in events)
+    if count:
+        return f", and {kind}1 to {kind}{count}" if count > 1 else f", and {kind}"
+    return f"; {SYNONYMS[kind]}" if kind in SYNONYMS else ""

@@ -136,7 +136,7 @@ def test_oscillator_not_finite(name, value):
 @pytest.mark.parametrize("name", ["A", "r"])
 def test_not_a_number(name, value):
     message = refused(name, ImpactPair, **PAIR | {name: value})
-    assert f"found {value!r}" in message or isinstance(value, str) and repr(value) in message
+    assert f"found {value!r}" in message or (isinstance(value, str) and repr(value) in message)
 
 
 def test_split_values_are_checked():
