@@ -20,7 +20,9 @@ from contimpact.systems.belt import Belt
 VALUES = {"a": 0.6, "omega": 0.5, "c": 0.1, "V": 0.1, "mu_0": 0.5}
 EVENTS = ["FB", "PD", "G", "V", "T"]
 STEPS = Settings(step=7.3e-4)
-TIGHT = {"method": "DOP853", "rtol": 3e-14, "atol": 1e-15}
+TIGHT = {"method": "DOP853", "rtol": 3e-14, "atol": 1e-15, "max_step": 0.01}
+"""A stick that begins and ends within one step is not seen; 1.3e-4 beyond the grazing-sliding, at
+the row compared there, one takes 0.027."""
 
 WAY = [
     ("PS", 0.54, "PSAB", "adding-sliding"),
@@ -53,9 +55,7 @@ def letters_by_integration(letter, time, speed, values, span):
             limits[0].direction, limits[1].direction = 1.0, -1.0
             for one in limits:
                 one.terminal = True
-            part = solve_ivp(
-                lambda t, y: [V, 0.0], (time, end), [x, V], events=limits, max_step=0.02, **TIGHT
-            )
+            part = solve_ivp(lambda t, y: [V, 0.0], (time, end), [x, V], events=limits, **TIGHT)
             sign = -1 if len(part.t_events[0]) else 1
             letter = "P" if sign < 0 else "A"
         else:
