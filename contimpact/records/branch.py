@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 from ..arrays import Array
 
 STATUS = ("stable", "unstable", "unphysical", "unknown")
-"""What the orbits of a piece of a branch are; the last where two events have no row between."""
+"""What the orbits of a piece of a branch are; the last where rows do not tell."""
 UNKNOWN = STATUS.index("unknown")
 
 
@@ -152,12 +152,15 @@ class Branch(Shown):
     def status(self) -> Array:
         """What the orbits from each row to the next one are: places in `STATUS`, one row less.
 
-        They are what the first of both rows is, or the other where the first has the status of
-        neither side. Tables hold an orbit between any two events; those of earlier versions may
-        not, and there the status is unknown.
+        They are what both rows are, or one of them where the other has the status of neither side.
+        Where it changes between two rows at no event, its place is not known, nor is the status
+        between them. Tables hold an orbit between any two events; those of earlier versions may
+        not, and there, too, the status is unknown.
         """
         rows = np.where(self.physical, np.where(self.stable, 0, 1), 2)
-        found, neither = rows[:-1].copy(), self.between
+        neither = self.between
+        changes = (rows[:-1] != rows[1:]) & ~neither[:-1] & ~neither[1:]
+        found = np.where(changes, UNKNOWN, rows[:-1])
         for i in np.nonzero(neither[:-1])[0][::-1]:
             if not neither[i + 1]:
                 found[i] = rows[i + 1]

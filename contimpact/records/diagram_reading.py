@@ -203,9 +203,9 @@ def stable_intervals(branch: Branch) -> list[Interval]:
 
 def unknown_intervals(branch: Branch) -> list[Interval]:
     """Return the stretches between two events that no row of the branch tells the status of."""
-    values, names = branch[branch.parameter], branch["event"]
+    values, names, neither = branch[branch.parameter], branch["event"], branch.between
     found = []
-    for row in np.nonzero(branch.status == UNKNOWN)[0].tolist():
+    for row in np.nonzero((branch.status == UNKNOWN) & neither[:-1])[0].tolist():
         rows = sorted((row, row + 1), key=lambda k: float(values[k]))
         low, high = (float(values[k]) for k in rows)
         bounds = tuple(str(names[k]) or branch.ends[0].kind.name.lower() for k in rows)

@@ -51,21 +51,20 @@ def orbit_between(branch, row, model=None):
 
 
 def told(branch):
-    """The pieces that events bound, and one in the middle of every run; those between ordinary
-    rows of different status hold a change that no event explains."""
+    """The pieces that events bound, and one in the middle of every run; those in which the status
+    changes at no event say that it is unknown."""
     neither, length = branch.between, np.diff(branch["arclength"])
     rows = set(np.nonzero(neither[:-1] | neither[1:])[0].tolist())
     rows |= {(first + last) // 2 for first, last, _ in runs(branch)}
-    alike = branch.status[:-1] == branch.status[1:]
-    explained = neither[:-1] | neither[1:] | np.append(alike, True)
-    return [k for k in sorted(rows) if k < len(length) and length[k] > 1e-8 and explained[k]]
+    known = branch.status != UNKNOWN
+    return [k for k in sorted(rows) if k < len(length) and length[k] > 1e-8 and known[k]]
 
 
 def check_pieces(diagram, model=None):
     """Every drawn stretch has the status of an orbit solved in its middle."""
     checked = 0
     for branch in diagram.branches:
-        assert UNKNOWN not in branch.status
+        assert not unknown_intervals(branch)
         for row in told(branch):
             here = orbit_between(branch, row, model)
             if here is None:
@@ -167,10 +166,27 @@ def test_every_drawn_stretch_has_the_status_of_an_orbit_in_its_middle(name):
     assert check_pieces(follow(scene), scene.model) > 0
 
 
-def test_fig3a_is_unstable_between_its_ghost_grazing_and_its_doubling():
+@pytest.fixture(scope="module")
+def fig3a():
+    return follow(load_scene(ROOT / "branches" / "fig3a" / "scene.toml"))
+
+
+def test_a_status_that_changes_at_no_event_is_unknown_between_its_rows(fig3a):
+    """V is not among the events of fig3a: only the rows tell where orbits turn unphysical there."""
+    model, found = load_scene(ROOT / "branches" / "fig3a" / "scene.toml").model, 0
+    for branch in fig3a.branches:
+        for row in np.nonzero(branch.status == UNKNOWN)[0].tolist():
+            sides = [branch.orbit(k, model) for k in (row, row + 1)]
+            assert not branch.between[row : row + 2].any()
+            assert len({(o.stable, o.physical) for o in sides}) == 2
+            found += 1
+    assert found
+    assert fig3a.reading.unknown == []
+
+
+def test_fig3a_is_unstable_between_its_ghost_grazing_and_its_doubling(fig3a):
     """The region which that figure is about: d from 0.20516 to 0.20644."""
-    diagram = follow(load_scene(ROOT / "branches" / "fig3a" / "scene.toml"))
-    branch = diagram.branches[0]
+    branch = fig3a.branches[0]
     for row in np.nonzero((branch["d"][:-1] > 0.2051) & (branch["d"][1:] < 0.2065))[0]:
         middle = 0.5 * (branch["d"][row] + branch["d"][row + 1])
         if 0.20517 < middle < 0.20643:
