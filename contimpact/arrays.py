@@ -45,7 +45,7 @@ def _list_table(rows: int, columns: int) -> Table:
 
 def _array(numbers: Iterable[float]) -> Vector:
     found = np.array(numbers)
-    whole = len(found) and np.issubdtype(found.dtype, np.integer)
+    whole = len(found) and found.dtype.kind in "iu"
     return found.astype(np.int64 if whole else float, copy=False)
 
 

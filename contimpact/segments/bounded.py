@@ -235,6 +235,8 @@ def _exact(number: Number) -> Bounded:
 
 def _apart(result: Any) -> tuple[Any, Any]:
     """Values and errors of a result, each laid out as it is."""
+    if type(result) is Bounded:
+        return result.value, result.error
     if not isinstance(result, tuple):
         bound = Bounded.of(result)
         return bound.value, bound.error
