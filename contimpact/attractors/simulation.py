@@ -13,8 +13,6 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-import numpy as np
-
 from ..progress import Progress, silent
 from ..records.catalogue import diagram_files
 from ..records.result_folder import ROWS
@@ -138,7 +136,7 @@ class _Director:
             require_masses(scene.model, kernels, "simulate.losses")
         digest = fingerprint(scene.resolved())
         self.kept = Checkpoint(folder / ROWS, digest, resume, scene.model)
-        self.values = np.linspace(*self.options.range, self.options.values).tolist()
+        self.values = self.options.rising()
         self.kept.check(self.options.sweeps(), set(self.values if self.options.starts else ()))
         self.simulators = Simulators(scene.model, scene.parameter, kernels)
         sweep = Sweep(scene.model, scene.parameter, [])

@@ -1,10 +1,11 @@
 """Pictures of simulated motion: attractors over branches, exponents, energy, basins.
 
 In the manner of Figs. 7, 8, 11 and 12 of the paper on vibro-impact pairs. Attractors are open
-circles beneath the branches; where sweeps in both directions are drawn, crosses show where the
-second one met other attractors. Colours and line styles are those of `contimpact.plots.diagram`,
-and the same in print without colours: what differs in colour differs in marker, style or panel as
-well.
+circles beneath the branches, in the colours of the walls. Where sweeps in both directions are
+drawn, circles are those of the one along which the drawn axis falls, and crosses show where the
+other one met other attractors. Attractors are named at the lower edge. Colours and line styles are
+those of `contimpact.plots.diagram`, and the same in print without colours: what differs in colour
+differs in marker, style or panel as well.
 """
 
 from __future__ import annotations
@@ -23,31 +24,31 @@ from ..attractors.energy import of_attractor
 from ..attractors.sweep import Row, Simulators, Sweep, same
 from ..records.diagram import Diagram
 from ..records.energies import along
+from ..records.vocabulary import way
 from ..storage.files import Content, write_all
 from ..systems.membrane import Membrane
 from . import diagram as style
 from .lines import STYLES, WIDTHS, runs
 from .portraits import SHOWN, others_at, portrait_figure
-from .texts import axis_label, plain, units_of, values_text
+from .texts import axis_label, plain, symbol, units_of, values_text, walls_of
 
 if TYPE_CHECKING:
     from ..attractors.simulation import Simulation
     from ..scenes.scene import PlotOptions
 
 
-def _mark(marker: str, size: float, edge: float, colour: str, zorder: float) -> dict[str, Any]:
-    look: dict[str, Any] = {"marker": marker, "markersize": size, "markeredgewidth": edge}
-    hollow = {} if marker == "x" else {"markerfacecolor": "none"}
-    return look | hollow | {"color": colour, "zorder": zorder}
-
-
-MARKS = {
-    "first": _mark("o", 3.2, 0.6, "0.4", 1.5),
-    "second": _mark("x", 3.6, 0.8, "#D55E00", 4),
-    "random": _mark("D", 3.4, 0.7, "0.15", 4),
+MARKS: dict[str, dict[str, Any]] = {
+    "first": {"marker": "o", "markersize": 3.2, "markeredgewidth": 0.6, "zorder": 1.5},
+    "second": {"marker": "x", "markersize": 3.8, "markeredgewidth": 0.9, "zorder": 4},
+    "random": {"marker": "D", "markersize": 3.4, "markeredgewidth": 0.7, "zorder": 4},
 }
-"""Of the sweep done first, beneath the branches; of the other one; of random starts."""
-SPOTS = ("#0072B2", "#E69F00", "#009E73", "#CC79A7", "#56B4E9", "#F0E442", "0.45")
+"""Of the sweep along which the drawn axis falls, beneath the branches; of the other one; of random
+starts."""
+HOLLOW: dict[str, Any] = {"markerfacecolor": "none", "linestyle": "none"}
+INK = "0.25"
+ROOM = 0.09
+"""Part of a picture at its lower edge in which attractors are named."""
+SPOTS = (*style.COLOURS, "#56B4E9", "#D0B000", "0.45")
 
 
 def plot_sweep(
@@ -63,7 +64,8 @@ def plot_sweep(
 ) -> Any:
     """Draw attractors as open circles, with branches over them if there are any.
 
-    Of a sweep in the second direction what the first one met at the same value is left out.
+    Circles are the sweep along which the drawn axis falls; of the other one what the first met at
+    the same value is left out.
 
     Parameters
     ----------
@@ -83,51 +85,120 @@ def plot_sweep(
     -------
     matplotlib.axes.Axes
     """
+    own = ax is None
     ax = ax or style.fixed_axes()
     x = x or sweep.parameter
     xlim = xlim or _limits(sweep, x)
     if diagram is not None:
         style.plot_diagram(diagram, ax, x=x, xlim=xlim, ylim=ylim, unit=unit, **options)
     entries = list(getattr(ax.get_legend(), "legend_handles", []) or [])
+    walls = sweep.model.letters
+    colours = style.colours_of(walls)
+    if diagram is None:
+        entries = [style.legend_mark(color=c, label=f"wall {w}") for w, c in colours.items()]
     speeds = [0.0]
-    for direction, mark in _marks(sweep).items():
-        places, values = _points(_news(sweep, direction), x)
-        ax.plot(places, values, linestyle="none", **mark)
-        speeds += values
-        entries.append(style.legend_mark(linestyle="none", label=_told(sweep, direction), **mark))
+    ways = _ways(sweep, x)
+    for number, (direction, mark) in enumerate(_marks(ways).items()):
+        rows = sweep.of(direction) if number == 0 else _news(sweep, direction, ways[0])
+        for wall, colour in enumerate(colours.values()):
+            places, values = _points(rows, x, wall)
+            ax.plot(places, values, color=colour, **mark, **HOLLOW)
+            speeds += values
+        places = [r.attractor.parameters[x] for r in rows if r.attractor.kind is Kind.NO_IMPACT]
+        ax.plot(places, [0.0] * len(places), color=style.NO_WALL, **mark, **HOLLOW)
+        if number and not rows:
+            continue
+        text = f"simulated, {_way(sweep, direction, x)}" + (": others" if number else "")
+        entries.append(style.legend_mark(label=text, color=INK, **mark, **HOLLOW))
     ax.set_xlim(*xlim)
-    if ylim is None and diagram is None:
+    if diagram is None:
         margin = 0.06 * (max(speeds) - min(speeds) or 1.0)
-        ax.set_ylim(min(speeds) - margin, max(speeds) + margin)
-    if diagram is None:
+        ax.set_ylim(*(ylim or (min(speeds) - margin, max(speeds) + margin)))
         ax.axhline(0.0, color="0.75", linewidth=0.6, zorder=0)
-    ax.set_xlabel(axis_label(x, unit))
-    if diagram is None:
+        ax.set_xlabel(axis_label(x, unit))
         ax.set_ylabel("impact velocity (before impact)")
+    if ways:
+        _name_attractors(ax, sweep, ways[0], x, widen=ylim is None)
     style.draw_legend(ax, entries)
+    if own:
+        style.fit(ax)
     return ax
 
 
-def _news(sweep: Sweep, direction: str) -> list[Row]:
+def _ways(sweep: Sweep, x: str) -> list[str]:
+    """The directions of a sweep: that first along which the drawn axis falls, as in the paper."""
+    return sorted(sweep.directions, key=lambda way: (way == "random", _rises(sweep, way, x)))
+
+
+def _rises(sweep: Sweep, direction: str, x: str) -> bool:
+    """Whether the drawn axis rises along a sweep."""
+    ends = [row.attractor.parameters[x] for row in sweep.of(direction)][
+        :: max(1, len(sweep.of(direction)) - 1)
+    ]
+    return ends[-1] > ends[0]
+
+
+def _way(sweep: Sweep, direction: str, x: str) -> str:
+    """What a sweep changes, with an arrow along the drawn axis."""
+    if direction == "random":
+        return "random starts"
+    arrow = r"\rightarrow" if _rises(sweep, direction, x) else r"\leftarrow"
+    return f"{way(symbol(sweep.parameter), direction == 'up')} (${arrow}$)"
+
+
+def _name_attractors(ax: Any, sweep: Sweep, direction: str, x: str, widen: bool) -> None:
+    """Name the attractors of one direction at the lower edge, each over the values at which it is
+    met, as far as there is room; an arrow beside the axis shows the direction."""
+    (low, high), (bottom, top) = ax.get_xlim(), ax.get_ylim()
+    if widen:
+        ax.set_ylim(bottom - ROOM * (top - bottom), top)
+    transform = ax.get_xaxis_transform()
+    scale = ax.get_window_extent().width / ax.figure.dpi * 72.0 / (high - low)
+    rows = [r for r in sweep.of(direction) if low <= r.attractor.parameters[x] <= high]
+    edges = [k for k in range(1, len(rows)) if _name(rows[k]) != _name(rows[k - 1])]
+    for first, beyond in itertools.pairwise([0, *edges, len(rows)]):
+        if first == beyond:
+            continue
+        here = [row.attractor.parameters[x] for row in rows[max(first - 1, 0) : beyond + 1]]
+        ends = [0.5 * sum(here[:2]) if first else here[0], here[-1]]
+        ends[1] = 0.5 * sum(here[-2:]) if beyond < len(rows) else here[-1]
+        text = plain(_name(rows[first]))
+        if abs(ends[1] - ends[0]) * scale < 0.9 * style.text_width(text) + 3.0:
+            continue
+        ax.plot(
+            ends,
+            [0.012] * 2,
+            transform=transform,
+            color=INK,
+            linewidth=0.8,
+            marker="|",
+            markersize=4,
+        )
+        where: dict[str, Any] = {"ha": "center", "va": "bottom", "fontsize": 7, "gid": "attractor"}
+        ax.text(0.5 * sum(ends), 0.022, text, transform=transform, color=INK, **where)
+    if direction != "random":
+        look: dict[str, Any] = {"xycoords": "axes fraction", "textcoords": "offset points"}
+        text = _way(sweep, direction, x)
+        where = {"ha": "right", "va": "top", "fontsize": 8, "color": INK}
+        ax.annotate(text, (1.0, 0.0), (0, -21), **look, **where)
+
+
+def _name(row: Row) -> str:
+    """What an attractor is called beside the axis: motions that stick alike."""
+    return "sticking" if row.attractor.kind is Kind.STICKING else row.attractor.notation
+
+
+def _news(sweep: Sweep, direction: str, first: str) -> list[Row]:
     """The rows of a direction, without what the first one met at the same values."""
-    rows, first = sweep.of(direction), sweep.directions[0]
-    if direction == first:
-        return rows
     met = {row.value: row.attractor for row in sweep.of(first)}
+    rows = sweep.of(direction)
     return [r for r in rows if r.value not in met or not same(met[r.value], r.attractor)]
 
 
-def _told(sweep: Sweep, direction: str) -> str:
-    if direction == "random":
-        return "random starts"
-    return f"simulated, {direction}" + ("" if direction == sweep.directions[0] else ": other ones")
-
-
-def _marks(sweep: Sweep) -> dict[str, dict[str, Any]]:
+def _marks(ways: Sequence[str]) -> dict[str, dict[str, Any]]:
     """A marker for each direction of a sweep."""
-    ways = [way for way in sweep.directions if way != "random"]
-    marks = {way: MARKS["first" if k == 0 else "second"] for k, way in enumerate(ways)}
-    return marks | ({"random": MARKS["random"]} if "random" in sweep.directions else {})
+    names = ("first", "second")
+    return {w: MARKS["random" if w == "random" else names[k > 0]] for k, w in enumerate(ways)}
 
 
 def _limits(sweep: Sweep, x: str) -> tuple[float, float]:
@@ -136,13 +207,15 @@ def _limits(sweep: Sweep, x: str) -> tuple[float, float]:
     return min(values) - margin, max(values) + margin
 
 
-def _points(rows: Sequence[Row], x: str) -> tuple[list[float], list[float]]:
+def _points(rows: Sequence[Row], x: str, wall: int) -> tuple[list[float], list[float]]:
+    """Impacts on a wall; of motions that are not periodic the last ones."""
     places: list[float] = []
     values: list[float] = []
     for row in rows:
         a = row.attractor
-        speeds = a.velocities[~a.released]
-        speeds = speeds if a.period is not None else speeds[-SHOWN:]
+        hit = np.nonzero(~a.released)[0]
+        hit = hit if a.period is not None else hit[-SHOWN:]
+        speeds = a.velocities[hit[a.walls[hit] == wall]]
         places += [a.parameters[x]] * len(speeds)
         values += speeds.tolist()
     return places, values
@@ -216,8 +289,8 @@ def plot_energy(
     """Draw the output voltages of attractors, and of the branches of period T.
 
     Open circles are U_k of each impact, squares the mean per impact, triangles the mean per unit of
-    dimensionless time; lines are U_k along the branches, by wall. Only the first direction of a
-    sweep is drawn.
+    dimensionless time; lines are U_k along the branches, by wall, of physical orbits. Only the
+    direction of a sweep along which the drawn axis falls is shown.
 
     Parameters
     ----------
@@ -242,7 +315,7 @@ def plot_energy(
     membrane = membrane or Membrane()
     ax = ax or style.new_figure().add_subplot()
     x = x or sweep.parameter
-    first = [r for r in sweep.rows if r.direction == sweep.directions[0]] if sweep.rows else []
+    first = sweep.of(_ways(sweep, x)[0]) if sweep.rows else []
     handles = []
     if diagram is not None:
         handles += _branch_voltages(ax, membrane, diagram, x)
@@ -260,7 +333,12 @@ def plot_energy(
     triangle = {"marker": "^", "markersize": 3.2, "color": "#CC79A7", "zorder": 4}
     per_impact = r"$\bar{U}_I$, per impact" + accumulates
     looks: list[tuple[str, list[float], list[float], dict[str, Any]]] = [
-        ("$U_k$", [p for p, _ in voltages], [u for _, u in voltages], MARKS["first"]),
+        (
+            "$U_k$",
+            [p for p, _ in voltages],
+            [u for _, u in voltages],
+            {"color": "0.4", "markerfacecolor": "none"} | MARKS["first"],
+        ),
         (per_impact, places, [m[0] for m in means], square),
         (r"$\bar{U}_T$, per time", places, [m[1] for m in means], triangle),
     ]
@@ -273,19 +351,25 @@ def plot_energy(
     ax.set_xlim(low, high)
     ax.set_ylim(0.0, 1.1e-3 * max(tops, default=1.0) or 1.0)
     _label(ax, x, unit, "output voltage (kV)")
+    if first:
+        at: dict[str, Any] = {"transform": ax.transAxes, "ha": "right", "va": "top", "fontsize": 8}
+        ax.text(0.985, 0.975, _way(sweep, first[0].direction, x), **at)
     _legend(ax, handles)
     return ax
 
 
 def _branch_voltages(ax: Any, membrane: Membrane, diagram: Diagram, x: str) -> list[Any]:
     walls = list(dict.fromkeys(wall for b in diagram.branches for wall in sorted(b.word)))
-    colours = dict(zip(walls, itertools.cycle(style.COLOURS), strict=False))
+    system = diagram.branches[0].system if diagram.branches else ""
+    colours = style.colours_of(walls_of(system, walls))
     used: set[str] = set()
     for branch in diagram.branches:
         if branch.period > 1:
             continue
         columns = along(membrane, branch)
         for first, last, state in runs(branch):
+            if state == "unphysical":
+                continue
             rows = slice(first, last + 1)
             used.add(state)
             for k, wall in enumerate(branch.word):

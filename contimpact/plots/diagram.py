@@ -1,8 +1,9 @@
 """Bifurcation diagrams in the manner of the paper's Figs. 7(a), 8(a) and 9.
 
 Velocities before impact, or another quantity, against a parameter: stable solid, unstable dashed,
-unphysical dotted; a colour for each wall, and its name at the right end of its curves; events by
-marker and label, ghosts hollow. Global settings of matplotlib are not touched.
+unphysical dotted; a colour for each wall, and its name at the right end of its curves; orbits by
+their notation on stable stretches; events by marker and label, ghosts hollow. Global settings of
+matplotlib are not touched.
 """
 
 from __future__ import annotations
@@ -18,6 +19,8 @@ from typing import Any
 import matplotlib
 import numpy as np
 from matplotlib.lines import Line2D
+from matplotlib.text import Text
+from matplotlib.transforms import ScaledTranslation
 
 from ..bifurcations.registry import kind_of
 from ..errors import InputError, shown
@@ -26,23 +29,19 @@ from ..records.diagram import Diagram
 from ..records.entry import Entry
 from ..records.given import as_diagram
 from ..records.quantities import Quantity, numbers_of
+from ..records.vocabulary import NO_IMPACT, NO_WALL
+from ..records.vocabulary import WALLS as COLOURS
 from ..storage.files import Content, write, write_all
 from ..systems.membrane import Membrane
 from .figures import Figure
 from .labels import CHOICES, chosen, draw_labels, text_width
-from .lines import STYLES, WIDTHS, Piece, pieces_of, series_by_branch
+from .lines import STYLES, UNPHYSICAL, WIDTHS, drawn_whole, pieces_of, series_by_branch
+from .names import name_orbits, name_walls
 from .ordinate import draw_guides, limits_of, marks_of, ordinate_label
-from .texts import axis_label, fixed_values, plain, units_of, values_text
-
-COLOURS = ("#0072B2", "#E69F00", "#009E73", "#CC79A7")
-"""One for each wall; from the Okabe-Ito cycle, told apart by most colour-blind readers, the first
-two by lightness alone."""
+from .texts import axis_label, fixed_values, plain, units_of, values_text, walls_of
 
 NEUTRAL = "h"
 """The marker of no kind of event, for what the legend says of all kinds."""
-SHOWN = {"all": 10**9, "period-1": 1, "none": 0}
-"""Up to which period unphysical orbits are drawn."""
-
 SIZE = (7.2, 5.6)
 AXES = (1.0, 1.2, 5.9, 3.1)
 """A diagram's figure, and in it the axes (left, bottom, width, height), in inches."""
@@ -76,8 +75,8 @@ def plot_diagram(
         numeric column, or a function of a branch that returns an array with a row for each point.
     xlim, ylim : (low, high), optional
     unphysical : {"period-1", "all", "none"}
-        On which branches unphysical orbits and their events are drawn: those of period T, all,
-        or none.
+        On which branches unphysical orbits and their events are drawn: those of period T that
+        are physical somewhere, all, or none.
     labels : {"all", "period-1", "real", "none"} or bool
         Which events are labelled above the frame: all, those on orbits of period T, those that are
         no ghosts, or none; True is all of them. Labels that find no room are left out, those of
@@ -102,14 +101,17 @@ def plot_diagram(
         ax, x = None, ax
     labelled = labels if isinstance(labels, str) else "all" if labels else "none"
     column = _checked(diagram, x, {"xlim": xlim, "ylim": ylim}, unphysical, labelled)
+    own = ax is None
     if ax is None:
         ax = fixed_axes()
         write_heading(ax.figure, heading(diagram))
     series = series_by_branch(diagram, y, membrane)
-    names = list(dict.fromkeys(n for own in series for n in sorted(one.name for one in own)))
-    colours = dict(zip(names, itertools.cycle(COLOURS), strict=False))
-    pieces = pieces_of(diagram, series, column, xlim, SHOWN[unphysical])
-    for wall, style, places, speeds in pieces:
+    names = list(dict.fromkeys(n for one in series for n in sorted(each.name for each in one)))
+    system = diagram.branches[0].system if diagram.branches else ""
+    colours = {n: c for n, c in colours_of(walls_of(system, names)).items() if n in names}
+    whole = drawn_whole(diagram, unphysical)
+    pieces = pieces_of(diagram, series, column, xlim, whole)
+    for wall, style, places, speeds, _ in pieces:
         ax.plot(
             places, speeds, linestyle=STYLES[style], color=colours[wall], linewidth=WIDTHS[style]
         )
@@ -120,18 +122,22 @@ def plot_diagram(
         ax.autoscale(axis="x")
     ax.set_ylim(*(ylim or limits_of(pieces, ax.get_xlim(), y)))
     low, high = ax.get_xlim()
-    entries = [e for e in diagram.entries if e.physical or e.period <= SHOWN[unphysical]]
+    entries = [e for e in diagram.entries if e.physical or e.branch in whole]
     drawn = [e for e in entries if low <= e.parameters.get(column, np.nan) <= high]
     for entry in sorted(drawn, key=lambda e: not e.ghost):  # real ones on top
         _draw_event(ax, entry, column, colours, marks_of(diagram, series, entry, y))
-    _name_curves(ax, pieces, colours)
+    name_walls(ax, pieces, colours)
     left_out = draw_labels(ax, chosen(drawn, labelled), column)
+    if labelled != "none":
+        left_out += name_orbits(ax, pieces)
     ax.set_xlabel(axis_label(column, unit))
     ax.set_ylabel(ordinate_label(diagram, y, names))
     ax.ticklabel_format(axis="y", scilimits=(-2, 4), useMathText=True)  # narrow: the room is fixed
     ax.yaxis.get_offset_text().set_horizontalalignment("right")
     styles = [style for _, style, *_ in pieces]
     draw_legend(ax, legend_handles(colours, styles, drawn, left_out))
+    if own:
+        fit(ax)
     return ax
 
 
@@ -139,7 +145,7 @@ def _checked(
     diagram: Diagram, x: str | None, limits: dict[str, Any], unphysical: str, labels: str
 ) -> str:
     """The column on the x axis; raises `InputError` if a request cannot be drawn."""
-    for name, value, known in (("unphysical", unphysical, SHOWN), ("labels", labels, CHOICES)):
+    for name, value, known in (("unphysical", unphysical, UNPHYSICAL), ("labels", labels, CHOICES)):
         if value not in known:
             raise InputError(name, f"found {shown(value)}", f"accepted are {', '.join(known)}")
     for name, pair in limits.items():
@@ -179,6 +185,27 @@ def fixed_axes() -> Any:
     return figure.add_axes((left / wide, bottom / high, width / wide, height / high))
 
 
+def colours_of(names: Sequence[str]) -> dict[str, str]:
+    """Return a colour for each series, such as those of walls."""
+    walls = [name for name in names if name != NO_IMPACT]
+    found = dict(zip(walls, itertools.cycle(COLOURS), strict=False))
+    return {name: found.get(name, NO_WALL) for name in names}
+
+
+def fit(ax: Any) -> None:
+    """Make the figure of `fixed_axes` as high as labels and legend need."""
+    figure, dots = ax.figure, ax.figure.dpi
+    figure.draw_without_rendering()
+    frame = ax.get_window_extent()
+    texts = [t for t in ax.texts if t.get_gid() == "event"]
+    above = max([0.0, *(Text.get_window_extent(t).y1 - frame.y1 for t in texts)]) / dots + 0.3
+    below = (frame.y0 - ax.get_legend().get_window_extent().y0) / dots + 0.06
+    left, _, width, height = AXES
+    wide, high = SIZE[0], below + height + above
+    figure.set_size_inches(wide, high)
+    ax.set_position((left / wide, below / high, width / wide, height / high))
+
+
 def heading(diagram: Diagram) -> str:
     """Return what a diagram is of: its name and the parameters that are fixed."""
     if not diagram.branches:
@@ -189,13 +216,14 @@ def heading(diagram: Diagram) -> str:
 
 def write_heading(figure: Any, text: str) -> None:
     """Write a line at the upper edge of a figure, as large as there is room for."""
-    wide, high = figure.get_size_inches()
+    wide = figure.get_figwidth()
     room = 72.0 * (wide - 0.2) / max(text_width(text), 1.0)
     look: dict[str, Any] = {"fontsize": min(8.0, 8.0 * room), "gid": "heading"}
     if figure.get_layout_engine() is not None:
         figure.suptitle(text, **look)
     else:
-        figure.text(0.5, 1.0 - 0.06 / high, text, ha="center", va="top", **look)
+        top = figure.transFigure + ScaledTranslation(0.0, -0.06, figure.dpi_scale_trans)
+        figure.text(0.5, 1.0, text, ha="center", va="top", transform=top, **look)
 
 
 def save_figure(
@@ -241,42 +269,6 @@ def picture(figure: Any, kind: str, salt: str) -> bytes:
 def legend_mark(**style: Any) -> Any:
     """Return a line or marker for a legend."""
     return Line2D([], [], **style)
-
-
-def _name_curves(ax: Any, pieces: Sequence[Piece], colours: dict[str, str]) -> None:
-    """Write each wall's name to the right of the curves that belong to it; longer names stand in
-    the legend alone."""
-    apart = 0.06 * float(np.ptp(ax.get_ylim()))
-    taken: list[float] = []
-    for wall, colour in colours.items():
-        if len(wall) > 1:
-            continue
-        own = [p for p in pieces if p[0] == wall]
-        physical = [p for p in own if p[1] != "unphysical"]
-        spots = _rightmost(ax, physical) or _rightmost(ax, own)
-        if not spots:
-            continue
-        place, speed = spots[0]
-        while any(abs(speed - other) < apart for other in taken):
-            speed += apart
-        taken.append(speed)
-        look = {"fontsize": 9, "fontweight": "bold", "color": colour, "gid": "wall"}
-        offset: dict[str, Any] = {"textcoords": "offset points", "annotation_clip": False}
-        ax.annotate(wall, (place, speed), (4, 0), ha="left", va="center", **offset, **look)
-
-
-def _rightmost(ax: Any, pieces: Sequence[Piece]) -> list[tuple[float, float]]:
-    """The point in sight that is farthest to the right; of several, the one of largest speed."""
-    (low, high), (bottom, top) = ax.get_xlim(), ax.get_ylim()
-    found: list[tuple[float, float]] = []
-    for _, _, places, speeds in pieces:
-        edge = np.nonzero((places[:-1] - high) * (places[1:] - high) < 0.0)[0]
-        part = (high - places[edge]) / (places[edge + 1] - places[edge])
-        crossing = speeds[edge] + part * (speeds[edge + 1] - speeds[edge])
-        found += zip(places.tolist(), speeds.tolist(), strict=True)
-        found += ((high, v) for v in crossing.tolist())
-    seen = [(x, v) for x, v in found if low <= x <= high and bottom <= v <= top]
-    return sorted(seen, key=lambda spot: (spot[0], abs(spot[1])))[-1:]
 
 
 def _draw_event(

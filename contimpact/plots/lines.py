@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from typing import Any
+from collections.abc import Collection, Sequence
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -23,15 +23,26 @@ STYLES: dict[str, Any] = {
 WIDTHS = {"stable": 1.6, "unstable": 1.1, "unphysical": 0.9, "unknown": 0.7}
 """Of lines, by the status of their orbits."""
 
+UNPHYSICAL = ("all", "period-1", "none")
+"""On which branches unphysical orbits are drawn: all; those of period T, without branches of which
+no orbit is physical while others have some; none."""
+
 FLAT = 3e-4
 """How far a drawn chord may be from a smooth curve, by the size of the picture."""
 
 FAR = 3.0
 """Multipliers of opposite signs that are larger have infinity between them, not zero."""
 
-Piece = tuple[str, str, Array, Array]
-"""A run of equal status of one series: its name, style, values on the x axis, values on the y axis;
-of velocities a series is an impact, and its name a wall's."""
+
+class Piece(NamedTuple):
+    """A run of equal status of one series: its name, style, values on the x axis, values on the y
+    axis, and the orbit's notation; of velocities a series is an impact, and its name a wall's."""
+
+    series: str
+    style: str
+    places: Array
+    values: Array
+    orbit: str = ""
 
 
 def series_by_branch(
@@ -46,21 +57,30 @@ def pieces_of(
     series: Sequence[Sequence[Series]],
     x: str,
     xlim: tuple[float, float] | None,
-    longest: int,
+    whole: Collection[str],
 ) -> list[Piece]:
-    """Return all that is drawn of branches; of unphysical orbits those up to the longest period."""
-    pieces = []
+    """Return all that is drawn of branches; unphysical orbits of those alone that are `whole`."""
+    pieces: list[Piece] = []
     for branch, own in zip(diagram.branches, series, strict=True):
         low, high = xlim or (np.nanmin(branch[x]), np.nanmax(branch[x]))
         span = float(high - low) or 1.0
-        parts = [r for r in runs(branch) if r[2] != "unphysical" or branch.period <= longest]
+        parts = [r for r in runs(branch) if r[2] != "unphysical" or branch.id in whole]
         for one in own:
             places, values, rows = _smooth(branch, x, one, span)
             for first, last, style in parts:
                 piece = slice(rows[first], rows[last] + 1)
                 drawn = places[piece], values[piece]
-                pieces.append((one.name, style, *(_broken(*drawn) if one.poles else drawn)))
+                drawn = _broken(*drawn) if one.poles else drawn
+                pieces.append(Piece(one.name, style, *drawn, branch.notation))
     return pieces
+
+
+def drawn_whole(diagram: Diagram, unphysical: str) -> set[str]:
+    """Return the branches whose unphysical orbits are drawn, by one of `UNPHYSICAL`."""
+    physical = {b.id for b in diagram.branches if b.physical.any()}
+    known = {b.id for b in diagram.branches}
+    short = {b.id for b in diagram.branches if b.period <= 1}
+    return {"all": known, "period-1": short & (physical or known), "none": set()}[unphysical]
 
 
 def runs(branch: Branch) -> list[tuple[int, int, str]]:

@@ -46,7 +46,9 @@ def limits_of(
 ) -> tuple[float, float]:
     """Return limits that hold the guides and every value drawn in the x range, with a margin."""
     low, high = seen
-    inside = [v[(low <= places) & (places <= high) & np.isfinite(v)] for _, _, places, v in pieces]
+    inside = [
+        v[(low <= places) & (places <= high) & np.isfinite(v)] for _, _, places, v, _ in pieces
+    ]
     guides = GUIDES.get(y, ()) if isinstance(y, str) else ()
     values = np.concatenate([guides, *inside])
     if isinstance(y, str) and y in SEEN:
@@ -71,7 +73,8 @@ def ordinate_label(diagram: Diagram, y: Quantity, names: Sequence[str]) -> str:
 def _signs(diagram: Diagram, walls: Sequence[str]) -> list[str]:
     signs = []
     for wall in walls:
-        speeds = [
+        speeds = [np.zeros(0)]
+        speeds += [
             b[f"v{k + 1}"][b.physical]
             for b in diagram.branches
             for k, name in enumerate(b.word)

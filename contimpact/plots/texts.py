@@ -11,14 +11,18 @@ from ..bifurcations.registry import kind_of
 from ..errors import printable, shortened
 from ..records.branch import Branch
 from ..records.entry import Entry
+from ..records.vocabulary import GREEK, PI_BELOW, parts_of
 
 if TYPE_CHECKING:
     from ..models.model import Model
 
-GREEK = "alpha beta gamma delta mu omega phi sigma tau theta zeta".split()
-SYMBOLS = {name: rf"\{name}" for name in GREEK} | {"phi": r"\varphi"}
-DENOMINATORS = (1, 2, 3, 4, 6, 9, 12, 18)
-"""Of the multiples of pi that are written as such."""
+CAPITALS = "Gamma Delta Theta Lambda Xi Pi Sigma Upsilon Phi Psi Omega".split()
+COMMANDS = {
+    letter: rf"\{name}"
+    for name, letter in reversed(GREEK.items())  # so that whole names come last
+    if name.islower() or name in CAPITALS
+} | {GREEK["phi"]: r"\varphi", GREEK["omicron"]: "o"}
+"""Of Greek letters in mathematical text; without one the letter itself is set."""
 ORBIT = r"(?:[^\W_]|[:/()])*"
 """How orbits are called in labels; nothing in it has a meaning in mathematical text."""
 
@@ -60,11 +64,12 @@ def set_label(kind: str, label: str, orbit: str = "") -> str:
 def symbol(name: str) -> str:
     """Return a name as it is set in labels: letters, Greek ones too, as symbols, ``r_B`` with an
     index, ``gbar`` with a bar, words as they are."""
-    match = re.fullmatch(r"([A-Za-z]+?)(bar)?(?:_([A-Za-z0-9]+)|([0-9]+))?", name)
-    if match is None or (len(match[1]) > 1 and match[1] not in SYMBOLS):
+    found = parts_of(name)
+    if found is None:
         return plain(name)
-    letter, index = SYMBOLS.get(match[1], match[1]), match[3] or match[4]
-    letter = rf"\bar{{{letter}}}" if match[2] else letter
+    letter, bar, index = found
+    letter = COMMANDS.get(letter, letter)
+    letter = rf"\bar{{{letter}}}" if bar else letter
     return f"${letter}_{{{index}}}$" if index else f"${letter}$"
 
 
@@ -74,8 +79,8 @@ def axis_label(name: str, unit: str = "") -> str:
 
 
 def value_text(value: float) -> str:
-    """Return a number as it is set in headings, a simple multiple of pi as such."""
-    for below in DENOMINATORS if math.isfinite(value) else ():
+    """Return a number as it is set in headings, a multiple of pi as such."""
+    for below in range(1, PI_BELOW + 1) if math.isfinite(value) else ():
         above = value / math.pi * below
         if abs(above - round(above)) < 1e-12 * max(1.0, abs(above)) and round(above):
             top = {1: "", -1: "-"}.get(round(above), str(round(above)))
@@ -101,6 +106,12 @@ def units_of(system: str) -> dict[str, str]:
     for parameter in found.PARAMETERS:
         units |= dict.fromkeys((parameter.name, *parameter.split), parameter.unit)
     return units
+
+
+def walls_of(system: str, names: Sequence[str]) -> list[str]:
+    """Return the walls of a system in its order, as far as it is known, then further names."""
+    found = _class(system)
+    return list(dict.fromkeys([*(wall.name for wall in (found.WALLS if found else ())), *names]))
 
 
 def fixed_values(branches: Sequence[Branch]) -> dict[str, float]:

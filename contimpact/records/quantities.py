@@ -19,6 +19,7 @@ from ..systems.membrane import Membrane
 from .branch import Branch
 from .energies import along
 from .recovery import model_at
+from .vocabulary import NO_IMPACT
 
 QUANTITIES = ("velocity", "multipliers", "moduli", "energy", "U_I", "U_T", "gap", "period")
 """Names of quantities beside those of columns."""
@@ -50,11 +51,11 @@ def series_of(
     ----------
     branch : Branch
     quantity : str or callable
-        One of `QUANTITIES`: ``velocity`` before each impact, real parts of the ``multipliers`` or
-        their ``moduli``, ``energy`` for the output voltage of each impact, ``U_I`` and ``U_T`` for
-        its means per impact and per time, the smallest ``gap``, the ``period``; a numeric column;
-        or a function of the branch that returns an array with a row for each point, or several of
-        them by name.
+        One of `QUANTITIES`: ``velocity`` before each impact, zero on branches without any; real
+        parts of the ``multipliers`` or their ``moduli``; ``energy`` for the output voltage of each
+        impact, ``U_I`` and ``U_T`` for its means per impact and per time; the smallest ``gap``; the
+        ``period``; a numeric column; or a function of the branch that returns an array with a row
+        for each point, or several of them by name.
     membrane : Membrane, optional
         Of the voltages.
 
@@ -66,7 +67,8 @@ def series_of(
     if callable(quantity):
         return list(_of_function(branch, quantity))
     if quantity == "velocity":
-        return [Series(w, branch[f"v{k}"], True) for k, w in enumerate(branch.word, start=1)]
+        speeds = [Series(w, branch[f"v{k}"], True) for k, w in enumerate(branch.word, start=1)]
+        return speeds or [Series(NO_IMPACT, np.zeros(len(branch)))]
     if quantity in ("multipliers", "moduli"):
         rows = branch.multipliers.real if quantity == "multipliers" else abs(branch.multipliers)
         return [Series(f"multiplier {k}", m, poles=True) for k, m in enumerate(rows.T, start=1)]

@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     from ..systems.membrane import Membrane
 
 DIRECTIONS = ("down", "up", "both")
+SPACINGS = ("even", "reciprocal")
 MOST_VALUES = 100_000
 LARGEST_GRID = 1000
 SETTLING_BOUNDS = {
@@ -65,7 +66,7 @@ class SimulateOptions:
     range : (low, high)
         Of the followed parameter.
     values : int
-        Values swept, evenly spaced, both ends among them.
+        Values swept, both ends among them.
     direction : str
         ``down`` for falling values of the parameter, ``up`` for rising ones, or ``both``.
     settling : Settling
@@ -86,6 +87,9 @@ class SimulateOptions:
         Starts along each side of a basin's picture.
     losses : bool
         Whether the kinetic energy that impacts take is told, too.
+    spacing : str
+        ``even``, or ``reciprocal`` for values whose reciprocals are evenly spaced, as where the
+        drawn quantity is inversely proportional to the parameter.
     """
 
     range: tuple[float, float]
@@ -101,12 +105,21 @@ class SimulateOptions:
     basins: tuple[float, ...] = ()
     grid: int = 40
     losses: bool = False
+    spacing: str = "even"
+
+    def rising(self) -> list[float]:
+        """Return the values swept, lowest first."""
+        import numpy as np
+
+        low, high = self.range
+        if self.spacing == "even":
+            return np.linspace(low, high, self.values).tolist()  # type: ignore[no-any-return]
+        inner = 1.0 / np.linspace(1.0 / low, 1.0 / high, self.values)[1:-1]
+        return [low, *inner.tolist(), high]
 
     def sweeps(self) -> list[tuple[str, list[float]]]:
         """Return each sweep's direction and its values in order."""
-        import numpy as np
-
-        rising = np.linspace(*self.range, self.values).tolist()
+        rising = self.rising()
         ways = {"down": rising[::-1], "up": rising}
         names = ("down", "up") if self.direction == "both" else (self.direction,)
         return [(name, ways[name]) for name in names]
@@ -147,6 +160,10 @@ def read_simulate(
         raise InputError(
             "simulate.direction", f"found {direction!r}", f"accepted are {', '.join(DIRECTIONS)}"
         )
+    spacing = table.text("spacing", "even")
+    if spacing not in SPACINGS or (spacing != "even" and not low * high > 0.0):
+        accepted = f"accepted are {', '.join(SPACINGS)}; reciprocals need a range without zero"
+        raise InputError("simulate.spacing", f"found {spacing!r}", accepted)
     points = {
         key: tuple(
             declared.check(v, f"simulate.{key}[{i}]")
@@ -168,6 +185,7 @@ def read_simulate(
         points["basins"],
         table.whole("grid", 40, least=2, most=LARGEST_GRID),
         table.truth("losses", False),
+        spacing,
     )
     table.finish()
     return options

@@ -26,6 +26,7 @@ from contimpact.plots import ordinate
 from contimpact.plots.diagram import COLOURS, STYLES, save_diagram
 from contimpact.plots.texts import label_text
 from contimpact.records.diagram import Diagram
+from contimpact.records.vocabulary import NO_WALL
 
 BRANCHES = ROOT / "branches"
 MARKERS = {name: kind_of(name).look.marker for name in KINDS}
@@ -76,8 +77,8 @@ def style_of(line):
 
 
 def labels(ax):
-    """The labels of events; walls are named beside their curves."""
-    return [text for text in ax.texts if text.get_gid() != "wall"]
+    """The labels of events; walls and orbits are named beside their curves."""
+    return [text for text in ax.texts if text.get_gid() == "event"]
 
 
 def labels_of(ax):
@@ -490,6 +491,49 @@ def test_walls_are_named_beside_their_curves(fig7):
     assert to_hex(names["T"].get_color()) == COLOURS[1].lower()
 
 
+def test_orbits_are_named_on_their_stable_stretches(fig7):
+    """Each stretch once, next to a curve of its own, over no line, no marker and no other name."""
+    ax = plot_diagram(fig7, x="d", xlim=(0.13, 0.25))
+    ax.figure.draw_without_rendering()
+    names = [text for text in ax.texts if text.get_gid() == "orbit"]
+    assert sorted(text.get_text() for text in names) == ["1:1", "2:1"]
+    stable = {b.notation: b["d"][b.stable & b.physical] for b in fig7.branches}
+    boxes = [Text.get_window_extent(text) for text in names]
+    assert not boxes[0].overlaps(boxes[1])
+    for text, box in zip(names, boxes, strict=True):
+        (left, _), (right, _) = ax.transData.inverted().transform(box.get_points())
+        assert np.min(stable[text.get_text()]) < 0.5 * (left + right) < 0.25
+        for line in curves(ax):
+            path = line.get_path().interpolated(20)
+            x, y = ax.transData.transform(path.vertices).T
+            assert not np.any((box.x0 < x) & (x < box.x1) & (box.y0 < y) & (y < box.y1))
+
+
+def test_a_branch_without_impacts_is_drawn(stop):
+    """At velocity zero, in the colour of no wall, as far as it is stable."""
+    free = next((b for b in stop.branches if not b.word), None)
+    lacking = dataclasses.replace(stop.branches[0], id="b9", word="", notation="0", events=[])
+    ax = plot_diagram(Diagram("x", [free or lacking]))
+    assert "no impact" in [t.get_text() for t in ax.get_legend().get_texts()]
+    drawn = [line for line in ax.lines if to_hex(line.get_color()) == NO_WALL.lower()]
+    assert drawn
+    assert all(not np.any(line.get_ydata()) for line in drawn)
+
+
+def test_branches_that_are_unphysical_throughout_are_left_out(fig7):
+    """As long as others have physical orbits; all shows them."""
+    first = fig7.branches[0]
+    ghostly = dataclasses.replace(
+        first, id="b9", columns=first.columns | {"physical": np.zeros(len(first), bool)}, events=[]
+    )
+    some = len(curves(plot_diagram(fig7)))
+    assert len(curves(plot_diagram(Diagram("x", [*fig7.branches, ghostly])))) == some
+    assert (
+        len(curves(plot_diagram(Diagram("x", [*fig7.branches, ghostly]), unphysical="all"))) > some
+    )
+    assert curves(plot_diagram(Diagram("x", [ghostly])))
+
+
 def test_the_sign_of_velocities_is_told(fig7, stop):
     assert plot_diagram(fig7).get_ylabel().endswith("positive at B, negative at T")
     assert plot_diagram(stop).get_ylabel().endswith("positive at S")
@@ -501,9 +545,13 @@ def test_signs_at_many_walls_are_told_in_lines_that_fit(stop, monkeypatch):
     assert label.splitlines()[1:] == ["at A, at B, at C, at D", "at E, at F"]
 
 
-def test_figures_have_one_size(fig7, stop):
-    boxes = [plot_diagram(d).get_position().bounds for d in (fig7, stop, Diagram("x", []))]
-    assert boxes[0] == boxes[1] == boxes[2]
+def test_axes_have_one_size(fig7, stop):
+    axes = [plot_diagram(d) for d in (fig7, stop, Diagram("x", []))]
+    sizes = [ax.get_position().size * ax.figure.get_size_inches() for ax in axes]
+    assert sizes[1] == pytest.approx(sizes[0])
+    assert sizes[2] == pytest.approx(sizes[0])
+    heights = [ax.figure.get_figheight() for ax in axes]
+    assert heights[0] > heights[2]  # there is no room for labels where there are none
 
 
 def test_the_legend_lists_what_is_drawn(fig7):

@@ -7,6 +7,7 @@ import tomllib
 
 import numpy as np
 import pytest
+from matplotlib.colors import to_hex
 from zoo import ROOT
 
 from contimpact.attractors.energy import Membrane
@@ -46,20 +47,49 @@ def marked(ax, marker):
 def test_the_second_direction_shows_other_attractors_alone(simulation):
     """At 0.3562 the sweep up still has 2:1 where that down is complex; elsewhere they agree."""
     ax = pictures.plot_sweep(simulation.sweep, diagram=simulation.diagram)
-    (crosses,) = marked(ax, "x")
-    assert set(crosses.get_xdata()) == {0.3562}
-    assert len(crosses.get_xdata()) == 3
+    crosses = [line for line in marked(ax, "x") if len(line.get_xdata())]
+    assert {float(x) for line in crosses for x in line.get_xdata()} == {0.3562}
+    counts = {to_hex(line.get_color()): len(line.get_xdata()) for line in crosses}
+    assert counts == {pictures.style.COLOURS[0].lower(): 2, pictures.style.COLOURS[1].lower(): 1}
     texts = [t.get_text() for t in ax.get_legend().get_texts()]
-    assert texts[-2:] == ["simulated, down", "simulated, up: other ones"]
+    assert texts[-2:] == [
+        r"simulated, $s$ falling ($\leftarrow$)",
+        r"simulated, $s$ rising ($\rightarrow$): others",
+    ]
+
+
+def test_circles_are_the_sweep_along_which_the_drawn_axis_falls(simulation):
+    """Over -s the sweep with s rising comes first, as that with A rising does over d."""
+    turned = [
+        dataclasses.replace(
+            row,
+            attractor=dataclasses.replace(
+                row.attractor, parameters={**row.attractor.parameters, "d": -row.value}
+            ),
+        )
+        for row in simulation.sweep.rows
+    ]
+    ax = pictures.plot_sweep(Sweep(simulation.scene.model, "s", turned), x="d")
+    texts = [t.get_text() for t in ax.get_legend().get_texts()]
+    assert texts[-2:] == [
+        r"simulated, $s$ rising ($\leftarrow$)",
+        r"simulated, $s$ falling ($\rightarrow$): others",
+    ]
+    named = [t.get_text() for t in ax.texts if t.get_gid() == "attractor"]
+    assert "2:1" in named
 
 
 def test_attractors_do_not_hide_branches(simulation):
     ax = pictures.plot_sweep(simulation.sweep, diagram=simulation.diagram)
-    circles = [line for line in marked(ax, "o") if line.get_markerfacecolor() == "none"]
+    circles = [
+        line
+        for line in marked(ax, "o")
+        if line.get_markerfacecolor() == "none" and len(line.get_xdata())
+    ]
     branches = [line for line in ax.lines if line.get_linewidth() == WIDTHS["stable"]]
-    assert len(circles) == 1
+    assert len(circles) == 2  # one for each wall
     assert branches
-    assert circles[0].get_zorder() < min(line.get_zorder() for line in branches)
+    assert max(c.get_zorder() for c in circles) < min(line.get_zorder() for line in branches)
 
 
 @pytest.mark.parametrize("with_branches", [True, False])
@@ -75,12 +105,13 @@ def test_the_legend_is_inside_the_figure(simulation, with_branches):
     assert box.y1 <= height
 
 
-def test_energy_has_the_three_styles_of_diagrams(simulation):
+def test_energy_has_the_styles_of_physical_orbits(simulation):
     ax = pictures.plot_energy(Membrane(), simulation.sweep, diagram=simulation.diagram)
     texts = [t.get_text() for t in ax.get_legend().get_texts()]
-    assert {"stable", "unstable", "unphysical"} <= set(texts)
+    assert {"stable", "unstable"} <= set(texts)
+    assert "unphysical" not in texts
     drawn = {line._unscaled_dash_pattern for line in ax.lines if line.get_marker() == "None"}
-    assert len(drawn) == len(set(STYLES) - {"unknown"})
+    assert len(drawn) == 2
     assert not any("accumulate" in text for text in texts)
 
 
