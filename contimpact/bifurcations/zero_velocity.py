@@ -148,7 +148,7 @@ class V(Kind):
     changes = Change.PHYSICALITY
     finding = WRONG_WAY
     needed = ("impact",)
-    look = Look("v", "#E69F00")
+    look = Look("v", "#B8860B")
 
     def test(self, problem: OrbitProblem, values: Values) -> TestFunction[Linearisation]:
         return ZeroVelocity(problem)

@@ -20,6 +20,7 @@ from ..records.diagram import Diagram
 from ..records.diagram_reading import Reading, read, sentence, sentence_of
 from ..records.entry import Entry
 from ..records.tables import coordinates
+from ..records.vocabulary import GREEK, PI_BELOW
 from .members import fixed, members
 from .packing import packed
 from .swept import Swept
@@ -96,6 +97,8 @@ def page_data(
         "fixed": fixed(branches, derived),
         "units": _units(branches, model),
         "walls": _walls(branches, model),
+        "greek": GREEK,
+        "pi_below": PI_BELOW,
         "every": every,
         "members": (groups := members(branches, derived)),
         "own": _own(groups, model),

@@ -10,13 +10,14 @@ import base64
 import hashlib
 import html
 import re
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from ..errors import printable
 from ..models.model import Model
 from ..records.diagram import Diagram
 from ..records.result_folder import reading
+from ..records.vocabulary import NO_WALL, WALLS, WALLS_ON_DARK
 from ..storage.files import is_there, write, write_all
 from .data import Shown, page_data
 from .packing import script_json
@@ -30,13 +31,21 @@ SCRIPTS = (
     *("motion", "orbit", "moving", "catalogue", "plane", "areas", "files", "main"),
 )
 """Our own scripts, in the order in which they stand on each other."""
+PALETTE = {
+    name: " ".join(f"--wall{k}: {colour.lower()};" for k, colour in enumerate(colours)) + further
+    for name, colours, further in (
+        ("walls", WALLS, f" --none: {NO_WALL};"),
+        ("walls_on_dark", WALLS_ON_DARK, ""),
+    )
+}
+"""The colours of walls as the style sheet declares them, those of pictures."""
 
 
 def page_text(
     diagram: Diagram, model: Model | None, shown: Shown, swept: Sequence[Swept] = ()
 ) -> str:
     """Return the page; takes the arguments of `data.page_data`."""
-    style = _asset("page.css")
+    style = _filled(_asset("page.css"), PALETTE)
     library = _asset(LIBRARY)
     script = "\n".join(
         ["(() => {", '"use strict";', *(_asset(f"scripts/{name}.js") for name in SCRIPTS), "})();"]
@@ -49,7 +58,11 @@ def page_text(
         "data": script_json(page_data(diagram, model, shown, swept)),
         "script": script,
     }
-    return re.sub(r"\{\{(\w+)\}\}", lambda found: parts[found[1]], _asset("page.html"))
+    return _filled(_asset("page.html"), parts)
+
+
+def _filled(template: str, parts: Mapping[str, str]) -> str:
+    return re.sub(r"\{\{(\w+)\}\}", lambda found: parts[found[1]], template)
 
 
 def save_page(diagram: Diagram, model: Model | None, folder: Path, shown: Shown) -> list[str]:

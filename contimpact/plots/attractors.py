@@ -352,8 +352,13 @@ def plot_energy(
     ax.set_ylim(0.0, 1.1e-3 * max(tops, default=1.0) or 1.0)
     _label(ax, x, unit, "output voltage (kV)")
     if first:
-        at: dict[str, Any] = {"transform": ax.transAxes, "ha": "right", "va": "top", "fontsize": 8}
-        ax.text(0.985, 0.975, _way(sweep, first[0].direction, x), **at)
+        corner: dict[str, Any] = {
+            "transform": ax.transAxes,
+            "ha": "right",
+            "va": "top",
+            "fontsize": 8,
+        }
+        ax.text(0.985, 0.975, _way(sweep, first[0].direction, x), **corner)
     _legend(ax, handles)
     return ax
 

@@ -17,7 +17,7 @@ from .curves import fixed_values
 from .diagram import save_figure, write_heading
 from .texts import axis_label, plain, values_text
 
-COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "0.3")
+COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#B87400", "#56B4E9", "0.3")
 DASHES: tuple[Any, ...] = ("-", (0, (5, 1.5)), (0, (4, 1.5, 1, 1.5)), (0, (1, 1.2)))
 
 

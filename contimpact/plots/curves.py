@@ -1,13 +1,15 @@
 """Curves of bifurcations in two parameters, in the manner of the paper's Fig. 6.
 
 A panel for each member of the family and each pair of parameters; PD blue, G green, FB orange, BP
-and V in further colours; ghosts dotted; points of codimension two marked. Areas are tinted by the
-bifurcation that ends the stable orbits in them as the quantity on the y axis falls; without areas a
-band under each panel tells which bifurcation comes first.
+and V in further colours, a second bifurcation of a kind in a colour of its own; ghosts dotted;
+points of codimension two marked. Areas are tinted by the bifurcation that ends the stable orbits in
+them as the quantity on the y axis falls; without areas a band under each panel tells which
+bifurcation comes first. Curves of a single panel are named where they leave it to the right.
 """
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
@@ -30,6 +32,8 @@ from .figures import Figure
 from .texts import axis_label, set_label, symbol, values_text
 
 POINT: dict[str, Any] = {"color": "k", "linestyle": "none", "markersize": 4.5}
+FURTHER = ("k", "#7B3294", "#8C510A", "#1B4F9C", "#C51B7D", "#5F6B00", "0.5")
+"""Colours of further bifurcations of a kind."""
 BAND: dict[str, Any] = {"alpha": 0.6, "edgecolor": "white", "linewidth": 0}
 
 
@@ -97,7 +101,7 @@ def plot_curves(
     axes = list(np.ravel(_axes(panels) if axes is None else axes))
     if len(axes) < len(panels):
         raise InputError("axes", f"found {len(axes)}", f"give {len(panels)}, one for each panel")
-    keys = list(dict.fromkeys(map(_key, curves)))
+    keys = _ordered(curves)
     bands, tinted = [], []
     for ax, panel in zip(axes, panels, strict=False):
         _draw_panel(ax, panel, keys, units or {})
@@ -106,6 +110,8 @@ def plot_curves(
             tinted += own
         else:
             bands += _draw_regions(ax, panel, keys, checks)
+    if len(panels) == 1:
+        _name_ends(axes[0], panels[0], keys)
     _draw_legend(
         axes[0],
         panels,
@@ -250,9 +256,48 @@ def _end_colour(keys: Sequence[Key], orbit: StableOrbit) -> str:
 
 
 def _colour(key: Key, keys: Sequence[Key]) -> str:
-    """The kind's colour; a second bifurcation of a kind is black, further ones are grey."""
-    same = [other for other in keys if other.kind == key.kind]
-    return (kind_of(key.kind).look.colour, "k", "0.45")[min(same.index(key), 2)]
+    """The kind's colour for the first bifurcation of a kind; a colour of its own for each other."""
+    firsts = {other.kind: other for other in reversed(keys)}
+    if firsts[key.kind] == key:
+        return kind_of(key.kind).look.colour
+    others = [other for other in keys if firsts[other.kind] != other]
+    return FURTHER[others.index(key) % len(FURTHER)]
+
+
+def _ordered(curves: Sequence[Curve]) -> list[Key]:
+    """The bifurcations: of grazings of an orbit those first after which it hits the first wall more
+    often, so that G is green to 3:1 and black to 2:2, as in the paper's Fig. 6."""
+    kinds = list(dict.fromkeys(curve.kind for curve in curves))
+    words = list(dict.fromkeys(curve.notation for curve in curves))
+
+    def rank(key: Key) -> tuple[int, int, list[int]]:
+        onto = key.label.partition("->")[2]
+        counts = [-int(number) for number in re.findall(r"\d+", onto)]
+        return words.index(key.notation), kinds.index(key.kind), counts
+
+    return sorted(dict.fromkeys(map(_key, curves)), key=rank)
+
+
+def _name_ends(ax: Any, panel: Panel, keys: Sequence[Key]) -> None:
+    """Name curves where they leave the picture to the right."""
+    apart, high = 0.045 * float(np.ptp(ax.get_ylim())), ax.get_xlim()[1]
+    bottom, top = ax.get_ylim()
+    spots = []
+    for curve in panel.curves:
+        x, y = curve[panel.across], curve[panel.along]
+        over = np.nonzero((x[:-1] - high) * (x[1:] - high) <= 0.0)[0]
+        ends = [float(y[k]) for k in over] or [float(y[np.argmax(x)])] * bool(
+            x.max() > high - 0.06 * np.ptp(ax.get_xlim())
+        )
+        spots += [(value, _key(curve)) for value in ends if bottom <= value <= top]
+    before = -np.inf
+    for value, key in sorted(set(spots)):
+        place = max(value, before + apart)
+        before = place
+        look: dict[str, Any] = {"fontsize": 7.5, "va": "center", "annotation_clip": False}
+        where: dict[str, Any] = {"xycoords": ax.get_yaxis_transform(), "gid": "end"}
+        where |= {"textcoords": "offset points", "color": _colour(key, keys)}
+        ax.annotate(_text(key, keys), (1.0, place), (4, 0), **where, **look)
 
 
 def _draw_legend(

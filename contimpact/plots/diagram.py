@@ -132,7 +132,8 @@ def plot_diagram(
         left_out += name_orbits(ax, pieces)
     ax.set_xlabel(axis_label(column, unit))
     ax.set_ylabel(ordinate_label(diagram, y, names))
-    ax.ticklabel_format(axis="y", scilimits=(-2, 4), useMathText=True)  # narrow: the room is fixed
+    if ax.get_yscale() == "linear":  # narrow numbers: the room is fixed
+        ax.ticklabel_format(axis="y", scilimits=(-2, 4), useMathText=True)
     ax.yaxis.get_offset_text().set_horizontalalignment("right")
     styles = [style for _, style, *_ in pieces]
     draw_legend(ax, legend_handles(colours, styles, drawn, left_out))
@@ -217,10 +218,14 @@ def heading(diagram: Diagram) -> str:
 def write_heading(figure: Any, text: str) -> None:
     """Write a line at the upper edge of a figure, as large as there is room for."""
     wide = figure.get_figwidth()
-    room = 72.0 * (wide - 0.2) / max(text_width(text), 1.0)
+    if figure.legends:
+        figure.draw_without_rendering()
+    beside = [legend.get_window_extent().width / figure.dpi for legend in figure.legends]
+    free = wide - max(beside, default=0.0) - 0.2  # a legend at the right reaches up to here
+    room = 72.0 * free / max(text_width(text), 1.0)
     look: dict[str, Any] = {"fontsize": min(8.0, 8.0 * room), "gid": "heading"}
     if figure.get_layout_engine() is not None:
-        figure.suptitle(text, **look)
+        figure.suptitle(text, x=(0.1 + 0.5 * free) / wide, **look)
     else:
         top = figure.transFigure + ScaledTranslation(0.0, -0.06, figure.dpi_scale_trans)
         figure.text(0.5, 1.0, text, ha="center", va="top", transform=top, **look)
@@ -325,8 +330,13 @@ def style_marks(styles: Sequence[str]) -> list[Any]:
 
 
 def draw_legend(ax: Any, handles: Sequence[Any]) -> None:
-    """Draw a legend below the frame."""
-    columns = max(2, int(ax.get_window_extent().width / ax.figure.dpi * 72.0 / 72.0))
+    """Draw a legend below the frame, in as many columns as fit into the figure."""
     below: dict[str, Any] = {"loc": "upper center", "bbox_to_anchor": (0.5, 0.0)}
     sizes = {"borderaxespad": 4.6, "fontsize": 8, "handlelength": 2.2, "columnspacing": 1.4}
-    ax.legend(handles=list(handles), ncols=columns, frameon=False, **below, **sizes)
+    frame, room = ax.get_window_extent(), ax.figure.get_window_extent()
+    room = 2.0 * min(frame.x0 + 0.5 * frame.width, room.width - frame.x0 - 0.5 * frame.width)
+    for columns in range(max(2, int(frame.width / ax.figure.dpi)), 0, -1):
+        legend = ax.legend(handles=list(handles), ncols=columns, frameon=False, **below, **sizes)
+        ax.figure.draw_without_rendering()
+        if legend.get_window_extent().width <= room:
+            break

@@ -30,13 +30,17 @@ HALO = [withStroke(linewidth=1.6, foreground="white")]
 
 def name_orbits(ax: Any, pieces: Sequence[Piece]) -> int:
     """Name the orbits on their stable stretches; returns how many found no place."""
-    size = ax.get_window_extent().size / ax.figure.dpi * 72.0
-    (left, right), (bottom, top) = ax.get_xlim(), ax.get_ylim()
-    scale, origin = size / (right - left, top - bottom), np.array([left, bottom])
-    lines = [(_in_points(p, scale, origin), p) for p in pieces]
+    frame, dots = ax.get_window_extent(), ax.figure.dpi / 72.0
+    size = frame.size / dots
+
+    def in_points(x: Any, y: Any) -> Array:
+        there = ax.transData.transform(np.column_stack([x, y]).astype(float))
+        return np.asarray((there - frame.p0) / dots)
+
+    lines = [(_dense(in_points(p.places, p.values)), p) for p in pieces]
     seen = [(_inside(points, size), piece) for points, piece in lines]
     marks = [line for line in ax.lines if line.get_linestyle() == "None"]
-    spots = [(np.column_stack(m.get_data()).astype(float) - origin) * scale for m in marks]
+    spots = [in_points(*m.get_data()) for m in marks]
     filled = np.vstack([np.zeros((0, 2)), *(points for points, _ in seen), *spots])
     taken: list[tuple[float, float, float, float]] = []
     left_out = 0
@@ -52,15 +56,14 @@ def name_orbits(ax: Any, pieces: Sequence[Piece]) -> int:
             left_out += 1
             continue
         taken.append(box)
-        at = (np.array(box[:2]) + 1.0) / scale + origin
+        at = ax.transData.inverted().transform((np.array(box[:2]) + 1.0) * dots + frame.p0)
         look: dict[str, Any] = {"fontsize": SIZE, "gid": "orbit", "path_effects": HALO}
         ax.text(*at, name, ha="left", va="bottom", color="0.1", zorder=6, **look)
     return left_out
 
 
-def _in_points(piece: Piece, scale: Array, origin: Array) -> Array:
-    """A piece as points on the paper, close to one another."""
-    corners = (np.column_stack([piece.places, piece.values]) - origin) * scale
+def _dense(corners: Array) -> Array:
+    """A line as points close to one another."""
     corners = corners[np.all(np.isfinite(corners), axis=1)]
     if len(corners) < 2:
         return corners

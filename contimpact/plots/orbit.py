@@ -21,7 +21,7 @@ from ..records.entry import Entry
 from ..records.given import as_orbit, named
 from .diagram import COLOURS, legend_mark, new_figure
 from .lines import STYLES
-from .portraits import INK, OTHERS
+from .portraits import INK, OTHERS, named_places
 from .texts import plain
 
 PERIODS = 2
@@ -161,18 +161,17 @@ def _draw_series(ax: Any, orbit: Orbit, look: dict[str, Any], periods: int) -> N
 def _finish(ax: Any, orbits: Sequence[Orbit], line: Any, x: str, y: str) -> None:
     """The walls of all orbits, each named once, and the labels of the axes."""
     across = line == ax.axhline
-    named: set[str] = set()
+    walls: dict[str, float] = {}
     for orbit in orbits:
         for k, (wall, place) in enumerate(positions(orbit.linearisation).items()):
-            colour = COLOURS[k % len(COLOURS)]
-            line(place, color=colour, linewidth=1.4, zorder=1)
-            if wall not in named:
-                at, offset = ((1.0, place), (4, 0)) if across else ((place, 1.0), (0, 3))
-                frame = ax.get_yaxis_transform() if across else ax.get_xaxis_transform()
-                look: dict[str, Any] = {"xycoords": frame, "textcoords": "offset points"}
-                look |= {"va": "center"} if across else {"ha": "center"}
-                ax.annotate(wall, at, offset, color=colour, fontsize=8, **look)
-                named.add(wall)
+            line(place, color=COLOURS[k % len(COLOURS)], linewidth=1.4, zorder=1)
+            walls.setdefault(wall, place)
+    for name, place, colour in named_places(list(walls), list(walls.values())):
+        at, offset = ((1.0, place), (4, 0)) if across else ((place, 1.0), (0, 3))
+        frame = ax.get_yaxis_transform() if across else ax.get_xaxis_transform()
+        look: dict[str, Any] = {"xycoords": frame, "textcoords": "offset points"}
+        look |= {"va": "center"} if across else {"ha": "center"}
+        ax.annotate(name, at, offset, color=colour, fontsize=8, **look)
     ax.set_xlabel(x)
     ax.set_ylabel(y)
 

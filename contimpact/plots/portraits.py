@@ -120,9 +120,10 @@ def plot_portrait(
         ax.plot(z, v, **look)
         handles.append(style.legend_mark(label=label, **look))
     _walls(ax.axvline, simulator)
-    for wall, position in enumerate(simulator.positions):
-        look = {"ha": "center", "xycoords": ax.get_xaxis_transform()}
-        _name_wall(ax, simulator, wall, (position, 1.0), (0, 3), look)
+    for name, place, colour in named_places(simulator.letters, simulator.positions):
+        where: dict[str, Any] = {"ha": "center", "xycoords": ax.get_xaxis_transform()}
+        where |= {"textcoords": "offset points", "color": colour, "fontsize": 8}
+        ax.annotate(name, (place, 1.0), (0, 3), **where)
     for _, wall, speed in touches:
         ax.plot(simulator.positions[wall], speed, **TOUCH)
     ax.axhline(0.0, color="0.85", linewidth=0.6, zorder=0)
@@ -155,9 +156,10 @@ def plot_series(simulator: Simulator, attractor: Attractor, ax: Any = None) -> A
     for column, ink in _inks(simulator, INK):
         ax.plot(t / simulator.period - begin, z[:, column], color=ink, linewidth=1.1)
     _walls(ax.axhline, simulator)
-    for wall, position in enumerate(simulator.positions):
-        look = {"va": "center", "xycoords": ax.get_yaxis_transform()}
-        _name_wall(ax, simulator, wall, (1.0, position), (4, 0), look)
+    for name, place, colour in named_places(simulator.letters, simulator.positions):
+        where: dict[str, Any] = {"va": "center", "xycoords": ax.get_yaxis_transform()}
+        where |= {"textcoords": "offset points", "color": colour, "fontsize": 8}
+        ax.annotate(name, (1.0, place), (4, 0), **where)
     for time, wall, _ in touches:
         ax.plot(time / simulator.period - begin, simulator.positions[wall], **TOUCH)
     ax.margins(x=0.01)
@@ -175,11 +177,15 @@ def _name(simulator: Simulator, moving: bool = False) -> str:
     return r"$\dot{Z}$" if moving else "$Z$"
 
 
-def _name_wall(
-    ax: Any, simulator: Simulator, wall: int, place: Any, offset: Any, look: Mapping[str, Any]
-) -> None:
-    colour, name = style.COLOURS[wall % len(style.COLOURS)], simulator.letters[wall]
-    ax.annotate(name, place, offset, textcoords="offset points", color=colour, fontsize=8, **look)
+def named_places(letters: Sequence[str], places: Sequence[float]) -> list[tuple[str, float, str]]:
+    """Return the names of walls, one text for those that share a place, with place and colour."""
+    found: dict[float, list[int]] = {}
+    for number, place in enumerate(places):
+        found.setdefault(round(float(place), 9), []).append(number)
+    return [
+        (", ".join(letters[k] for k in walls), place, style.COLOURS[walls[0] % len(style.COLOURS)])
+        for place, walls in found.items()
+    ]
 
 
 def _walls(line: Any, simulator: Simulator) -> None:

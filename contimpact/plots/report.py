@@ -15,7 +15,7 @@ from matplotlib.ticker import LogLocator, NullFormatter
 
 from .diagram import save_figure
 
-COLOURS = ("#0072B2", "#56B4E9", "#D55E00", "#E69F00", "#009E73", "#CC79A7")
+COLOURS = ("#0072B2", "#56B4E9", "#D55E00", "#B87400", "#009E73", "#CC79A7")
 MARKERS = "osDv^X"
 STYLES: tuple[Any, ...] = ("-", (0, (5, 2)), "-", (0, (5, 2)), (0, (1, 1.2)), "-.")
 

@@ -109,9 +109,10 @@ def units_of(system: str) -> dict[str, str]:
 
 
 def walls_of(system: str, names: Sequence[str]) -> list[str]:
-    """Return the walls of a system in its order, as far as it is known, then further names."""
+    """Return names of walls in the order of their system, if it is known; other names as given."""
     found = _class(system)
-    return list(dict.fromkeys([*(wall.name for wall in (found.WALLS if found else ())), *names]))
+    walls = [wall.name for wall in (found.WALLS if found else ())]
+    return list(dict.fromkeys([*(walls if {*walls} & {*names} else ()), *names]))
 
 
 def fixed_values(branches: Sequence[Branch]) -> dict[str, float]:

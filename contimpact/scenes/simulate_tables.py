@@ -113,7 +113,7 @@ class SimulateOptions:
 
         low, high = self.range
         if self.spacing == "even":
-            return np.linspace(low, high, self.values).tolist()  # type: ignore[no-any-return]
+            return np.linspace(low, high, self.values).tolist()
         inner = 1.0 / np.linspace(1.0 / low, 1.0 / high, self.values)[1:-1]
         return [low, *inner.tolist(), high]
 

@@ -7,6 +7,7 @@ Fig. 12 one, Fig. 10 a quarter of an hour; its sweeps are kept in fig10.sqlite, 
 this is started.
 """
 
+import gzip
 import math
 import sys
 from pathlib import Path
@@ -16,6 +17,7 @@ from matplotlib.figure import Figure
 
 import contimpact as ci
 from contimpact.parameter_studies.executors import processes
+from contimpact.records.vocabulary import WALLS
 
 HERE = Path(__file__).parent
 SCENES = HERE.parents[1] / "branches"
@@ -94,22 +96,24 @@ def fig6():
 
 
 def fig9():
-    """Eigenvalues along the 2:1 branches of Figs. 7 and 8."""
+    """Eigenvalues along the 2:1 branches of Figs. 7 and 8, of the unstable orbits as well."""
     figure = Figure(figsize=(12.0, 5.2))
     axes = figure.subplots(1, 2)
-    figure.subplots_adjust(left=0.06, right=0.97, top=0.82, bottom=0.26)
-    for name, ax in zip(("fig7", "fig8"), axes, strict=True):
+    figure.subplots_adjust(left=0.06, right=0.97, top=0.85, bottom=0.24)
+    for letter, name, ax in zip("ab", ("fig7", "fig8"), axes, strict=True):
         scene = ci.load_scene(SCENES / name / "scene.toml")
         pair, followed = scene.model, scene.parameter
         orbit = next(
             o for o in ci.find_orbits(pair, "2:1", parameter=followed) if o.stable and o.physical
         )
-        branch = ci.continue_orbit(orbit, followed, scene.range, events=EVENTS)
+        branch = ci.continue_orbit(orbit, followed, scene.range, events=EVENTS, max_step=0.01)
         fold = max(e.parameters["d"] for e in branch.events if e.kind == "FB")
         lowest = min(e.parameters["d"] for e in branch.events if e.kind in ("PD", "G"))
         limits = (lowest - 0.01, fold + 0.005)
-        diagram = ci.Diagram(name, [branch])
-        ci.plot_diagram(diagram, ax, x="d", y="multipliers", xlim=limits, unphysical="all")
+        ax.set_yscale("symlog", linthresh=1.0, linscale=1.5)
+        reach = {"xlim": limits, "ylim": (-1e3, 1e3), "unphysical": "all"}
+        ci.plot_diagram(ci.Diagram(name, [branch]), ax, x="d", y="multipliers", **reach)
+        ax.set_title(f"({letter}) {name.replace('fig', 'Fig. ')}", loc="left", pad=34, fontsize=10)
     written(figure, "fig9")
 
 
@@ -121,6 +125,7 @@ def fig10():
             ci.run_study(study, store, processes())
         with ci.Study(STORE, study.name) as asked:
             sweeps = asked.sweeps()
+        save_sweeps(sweeps, SCENES / "fig10" / f"{panel}.csv.gz")
         figure = Figure(figsize=(8.4, 5.8), layout="constrained")
         diagram = ci.follow(with_curves(study))
         ax = figure.add_subplot()
@@ -131,6 +136,24 @@ def fig10():
         ax.set_ylim(*LIMITS[panel])
         ax.set_title(TITLES[panel], fontsize=10)
         written(figure, f"fig10{panel}")
+
+
+def save_sweeps(sweeps, path):
+    """Write what each sweep settles on, a row for each value and direction."""
+    names = ("r", "A", "s", "d")
+    rows = ["direction,r,A,s,d,kind,notation,period"]
+    for sweep in sweeps:
+        for row in sweep.rows:
+            a = row.attractor
+            values = (f"{a.parameters[name]:.10g}" for name in names)
+            period = "" if a.period is None else str(a.period)
+            rows.append(",".join([row.direction, *values, a.kind.value, a.notation, period]))
+    packed(path, rows)
+
+
+def packed(path, rows):
+    """Write lines to a compressed file, the same bytes every time."""
+    path.write_bytes(gzip.compress("\n".join([*rows, ""]).encode(), 9, mtime=0))
 
 
 def with_curves(study):
@@ -160,8 +183,9 @@ def fig12():
     figure = Figure(figsize=(12.0, 4.4), layout="constrained")
     axes = figure.subplots(1, 2)
     lengths, forces = np.linspace(0.45, 0.16, 59), np.linspace(5.56, 15.56, 61)
-    draw_means(axes[0], ci.ImpactPair(beta=math.pi / 6, r=0.3, A=5.0, s=0.45), "s", lengths)
-    draw_means(axes[1], ci.ImpactPair(beta=math.pi / 6, r=0.3, A=5.56, s=0.5), "A", forces)
+    rows = draw_means(axes[0], ci.ImpactPair(beta=math.pi / 6, r=0.3, A=5.0, s=0.45), "s", lengths)
+    rows += draw_means(axes[1], ci.ImpactPair(beta=math.pi / 6, r=0.3, A=5.56, s=0.5), "A", forces)
+    packed(HERE / "fig12.csv.gz", ["swept,r,d,notation,U_T (V),U_I (V)", *rows])
     axes[0].set_title("(a) A = 5 N, s decreasing", loc="left", fontsize=10)
     axes[1].set_title("(b) s = 0.5 m, A increasing", loc="left", fontsize=10)
     axes[0].legend(fontsize=8)
@@ -169,18 +193,27 @@ def fig12():
 
 
 def draw_means(ax, pair, parameter, values):
-    """Mean voltages of what a sweep settles on, for r = 0.3 and 0.6."""
-    for r, colour in ((0.3, "#0072B2"), (0.6, "#E69F00")):
+    """Mean voltages of what a sweep settles on, for r = 0.3 and 0.6; returns them as rows."""
+    rows = []
+    for r, colour in zip((0.3, 0.6), WALLS, strict=False):
         found = ci.sweep(pair.replace(r=r), parameter, values)
-        d = [row.attractor.parameters["d"] for row in found.rows]
-        means = [ci.energy(row.attractor) for row in found.rows]
+        attractors = [row.attractor for row in found.rows]
+        d = [a.parameters["d"] for a in attractors]
+        means = [ci.energy(a) for a in attractors]
         per_time = [e.per_time / 1e3 for e in means]
         per_impact = [e.per_impact / 1e3 for e in means]
         ax.plot(d, per_time, "^", color=colour, markersize=4, label=rf"$\bar{{U}}_T$, r = {r}")
         hollow = {"markerfacecolor": "white", "color": colour, "markersize": 4}
-        ax.plot(d, per_impact, "s", label=rf"$\bar{{U}}_I$, r = {r}", **hollow)
+        counted = [(x, u) for x, u in zip(d, per_impact, strict=True) if u]
+        ax.plot(*zip(*counted, strict=True), "s", label=rf"$\bar{{U}}_I$, r = {r}", **hollow)
+        rows += [
+            f"{parameter},{r},{x:.10g},{a.notation},{e.per_time:.10g},{e.per_impact:.10g}"
+            for x, a, e in zip(d, attractors, means, strict=True)
+        ]
     ax.set_xlabel("$d$ (dimensionless)")
     ax.set_ylabel("mean output voltage (kV)")
+    ax.set_ylim(bottom=0.0)
+    return rows
 
 
 if __name__ == "__main__":

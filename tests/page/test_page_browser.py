@@ -559,7 +559,7 @@ def test_attractors_are_a_layer(reader, small, small_scene, tmp_path):
     table.write_text(sweep_text(found), encoding="utf-8")
     page = reader(small, small_scene, "at=a1:0", read_sweep(table, small_scene.model))
     assert page.all("#diagram path.swept")
-    assert page.text("#orbit-name") == "attractor 1:1, simulated, down"
+    assert page.text("#orbit-name") == "attractor 1:1, simulated, s falling"
     assert page.all("#series .path")
     page.run("document.querySelector('[data-hides^=simulated]').click()")
     assert not page.all("#diagram path.swept")

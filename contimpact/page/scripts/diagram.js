@@ -158,7 +158,7 @@ function drawDiagram() {
 
 /** @param {number} wall */
 function wallClass(wall) {
-  return wall < 0 ? "nowall" : `wall${wall % 4}`;
+  return wall < 0 ? "nowall" : `wall${wall % 6}`;
 }
 
 /** One path for each wall and status. @param {Selected} layer */

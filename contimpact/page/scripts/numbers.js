@@ -14,7 +14,7 @@ function shown(value, digits = 10) {
 
 /** @param {number} value */
 function ofPi(value) {
-  for (const below of [1, 2, 3, 4, 6, 9, 12, 18]) {
+  for (let below = 1; below <= page.pi_below; below++) {
     const above = (value / Math.PI) * below,
       whole = Math.round(above);
     if (whole && Math.abs(above - whole) < 1e-12 * Math.max(1, Math.abs(above))) {
@@ -25,25 +25,11 @@ function ofPi(value) {
   return shown(value, 6);
 }
 
-/** @type {Record<string, string>} */
-const SYMBOLS = {
-  alpha: "\u03b1",
-  beta: "\u03b2",
-  gamma: "\u03b3",
-  delta: "\u03b4",
-  mu: "\u03bc",
-  omega: "\u03c9",
-  phi: "\u03c6",
-  sigma: "\u03c3",
-  tau: "\u03c4",
-  theta: "\u03b8",
-  zeta: "\u03b6",
-  gbar: "g\u0305",
-};
-
-/** @param {string} name */
+/** A name with a Greek letter for its own, as `beta`, `gbar` or `eta1`. @param {string} name */
 function symbol(name) {
-  return SYMBOLS[name] ?? name;
+  const [, letter, bar, index] = /^([A-Za-z]+?)(bar)?(_[A-Za-z0-9]+|[0-9]+)?$/.exec(name) ?? [];
+  if (!letter || (letter.length > 1 && !page.greek[letter])) return name;
+  return (page.greek[letter] ?? letter) + (bar ? "\u0305" : "") + (index ?? "");
 }
 
 /** The label of an axis: a parameter and its unit. @param {string} name */
@@ -87,9 +73,10 @@ function titleOf(family, entry = null) {
   return `${event}${family.id}, ${family.notation} (${family.word})`;
 }
 
-/** How attractors were found. @param {Swept} swept */
+/** How attractors were found: by what changes along the sweep. @param {Swept} swept */
 function wayOf(swept) {
-  return swept.direction === "random" ? "from random starts" : `simulated, ${swept.direction}`;
+  if (swept.direction === "random") return "from random starts";
+  return `simulated, ${symbol(page.parameter)} ${swept.direction === "up" ? "rising" : "falling"}`;
 }
 
 /** Whether an orbit can be observed, and why not. @param {Family} family @param {number} row @param {Entry | null} [entry] */
