@@ -108,7 +108,8 @@ def plot_diagram(
     series = series_by_branch(diagram, y, membrane)
     names = list(dict.fromkeys(n for one in series for n in sorted(each.name for each in one)))
     system = diagram.branches[0].system if diagram.branches else ""
-    colours = {n: c for n, c in colours_of(walls_of(system, names)).items() if n in names}
+    known = colours_of(walls_of(system, names))
+    colours = {name: colour for name, colour in known.items() if name in names}
     whole = drawn_whole(diagram, unphysical)
     pieces = pieces_of(diagram, series, column, xlim, whole)
     for wall, style, places, speeds, _ in pieces:
@@ -125,7 +126,7 @@ def plot_diagram(
     entries = [e for e in diagram.entries if e.physical or e.branch in whole]
     drawn = [e for e in entries if low <= e.parameters.get(column, np.nan) <= high]
     for entry in sorted(drawn, key=lambda e: not e.ghost):  # real ones on top
-        _draw_event(ax, entry, column, colours, marks_of(diagram, series, entry, y))
+        _draw_event(ax, entry, column, known, marks_of(diagram, series, entry, y))
     name_walls(ax, pieces, colours)
     left_out = draw_labels(ax, chosen(drawn, labelled), column)
     if labelled != "none":

@@ -111,7 +111,7 @@ def units_of(system: str) -> dict[str, str]:
 def walls_of(system: str, names: Sequence[str]) -> list[str]:
     """Return names of walls in the order of their system, if it is known; other names as given."""
     found = _class(system)
-    walls = [wall.name for wall in (found.WALLS if found else ())]
+    walls = [wall.name for wall in getattr(found, "WALLS", ())]  # classes of scenes have none
     return list(dict.fromkeys([*(walls if {*walls} & {*names} else ()), *names]))
 
 

@@ -22,6 +22,8 @@ from contimpact.records.vocabulary import WALLS
 HERE = Path(__file__).parent
 SCENES = HERE.parents[1] / "branches"
 EVENTS = ["FB", "PD", "G"]
+FINE = ci.Settings(step=0.002, max_step=0.004)
+"""Of branches near a grazing, where a multiplier goes to infinity within a short way."""
 PUBLISHED = (
     (1 / 18, 0.394006503),
     (1 / 9, 0.295513665),
@@ -106,7 +108,7 @@ def fig9():
         orbit = next(
             o for o in ci.find_orbits(pair, "2:1", parameter=followed) if o.stable and o.physical
         )
-        branch = ci.continue_orbit(orbit, followed, scene.range, events=EVENTS, max_step=0.01)
+        branch = ci.continue_orbit(orbit, followed, scene.range, events=EVENTS, settings=FINE)
         fold = max(e.parameters["d"] for e in branch.events if e.kind == "FB")
         lowest = min(e.parameters["d"] for e in branch.events if e.kind in ("PD", "G"))
         limits = (lowest - 0.01, fold + 0.005)
