@@ -111,6 +111,7 @@ def plot_sweep(
         text = f"simulated, {_way(sweep, direction, x)}" + (": others" if number else "")
         entries.append(style.legend_mark(label=text, color=INK, **mark, **HOLLOW))
     ax.set_xlim(*xlim)
+    ax.ticklabel_format(axis="x", useOffset=False)  # its place is taken by the direction
     if diagram is None:
         margin = 0.06 * (max(speeds) - min(speeds) or 1.0)
         ax.set_ylim(*(ylim or (min(speeds) - margin, max(speeds) + margin)))
