@@ -140,6 +140,11 @@ if not TYPE_CHECKING:  # where types are read, a name that is not above is a mis
             return _lacking(name, error)
 
 
+def load_painters() -> None:
+    """Load what draws results in notebooks; it registers itself in `display.PAINTERS`."""
+    importlib.import_module(f"{__name__}.plots.notebook")
+
+
 def _lacking(name: str, error: ModuleNotFoundError) -> Any:
     """What stands for a function whose package is not installed: it says so when it is called."""
 

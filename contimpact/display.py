@@ -1,14 +1,14 @@
 """How results show themselves: short texts, tables and pictures in notebooks, data frames.
 
-A result says what it is as a `Summary`; everything else follows. Pictures are drawn by
-`contimpact.plots.notebook`, which is found by its name when a notebook asks for one, as
-`contimpact` finds its public names: what holds results knows of no pictures.
+A result says what it is as a `Summary`; everything else follows. Pictures are drawn by what
+registers itself in `PAINTERS`, loaded when a notebook asks for one: what holds results knows of no
+pictures.
 """
 
 from __future__ import annotations
 
 import html
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -18,6 +18,8 @@ LINES = 10
 """Of a text that shows a result."""
 ROWS = 20
 """Of a table in a notebook."""
+PAINTERS: list[Callable[[Any], bytes]] = []
+"""Functions that draw a result as PNG; the last one is asked."""
 
 
 @dataclass(frozen=True)
@@ -80,10 +82,12 @@ def _cell(value: Any) -> str:
 def picture_of(result: Any) -> str:
     """Return a result's picture as an HTML image, or why there is none."""
     import base64
-    import importlib
 
+    from . import load_painters
+
+    load_painters()
     try:
-        picture = importlib.import_module(".plots.notebook", __package__).picture(result)
+        picture = PAINTERS[-1](result)
     except InputError as error:
         return f"<p>no picture: {_cell(error)}</p>"
     data = base64.b64encode(picture).decode()

@@ -6,6 +6,7 @@ import functools
 from typing import Any
 
 from ..attractors.sweep import Sweep
+from ..display import PAINTERS
 from ..errors import InputError
 from ..orbits.orbit import Orbit
 from ..parameter_studies.study import Study
@@ -30,6 +31,9 @@ def picture(result: Any) -> bytes:
         If it cannot be drawn.
     """
     return png_of(drawn(result))
+
+
+PAINTERS.append(picture)
 
 
 @functools.singledispatch
