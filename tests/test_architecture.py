@@ -383,5 +383,5 @@ def test_kernels_are_known_by_all_files_that_write_them():
         found = {i.module for module in waiting for i in imports(module) if i.when != "typing"}
         waiting = found & set(FILES) - writing
     named = {f"contimpact.{name.replace('/', '.')}" for name in GENERATOR}
-    others = ("arrays", "errors", "models.automaton", "models.contract", "models.sources")
+    others = ("arrays", "errors", "models.automaton", "models.contract")
     assert writing - {f"contimpact.{name}" for name in others} == named

@@ -12,6 +12,7 @@ import flint
 from .. import __version__
 from ..errors import InputError, NotInstalledError
 from ..models.model import Model
+from ..models.sources import identity_of
 from ..orbits.problem import OrbitProblem
 from ..progress import Progress, silent
 from ..records.branch import Branch
@@ -56,7 +57,7 @@ class Problems:
         return self._shared(model_at(branch, 0, self.model), branch.parameter)
 
     def _shared(self, model: Model, parameter: str) -> Kernels:
-        key = (model.identity, parameter)
+        key = (identity_of(model), parameter)
         if key not in self._kernels:
             self._kernels[key] = with_enclosures(Kernels(model, parameter))
         return self._kernels[key]

@@ -11,7 +11,7 @@ import hashlib
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import sympy
 
@@ -25,10 +25,6 @@ from .nonlinear import Field
 from .restitution import Departure, after_impact, along, departure, of_mode, on_symbols
 from .section import pivot, state_before
 from .symbols import DT, PHASE, own
-
-if TYPE_CHECKING:
-    from .model import Formulas, Model
-
 
 ELEMENTARY = frozenset(
     (*FUNCTIONS, "Stumpff", "Transient", "MeanTransient", "MeanFlow", "EndFlow", "Flown")
@@ -139,7 +135,7 @@ class Equations:
         yield from (("mass", "", e) for matrix in matrices for row in matrix for e in row)
 
 
-def equations_of(model: Model) -> Equations:
+def equations_of(model: Any) -> Equations:
     """Return the model's formulas on symbols; all `replace` makes of a model share them.
 
     Raises
@@ -155,7 +151,7 @@ def equations_of(model: Model) -> Equations:
     return model.shared["equations"]
 
 
-def _where(model: Model) -> str:
+def _where(model: Any) -> str:
     return f"{type(model).__name__}.formulas"
 
 
@@ -192,7 +188,7 @@ class _Symbols(dict[str, Any]):
         raise InputError(self.where, f"no parameter {shown(name)}", accepted)
 
 
-def _evaluated(model: Model) -> Equations:
+def _evaluated(model: Any) -> Equations:
     where = _where(model)
     view = copy.copy(model)
     view.values = _Unread(list(model.values), where)
@@ -235,7 +231,7 @@ def _evaluated(model: Model) -> Equations:
     return found
 
 
-def _quiet(formulas: Formulas, model: Model, state: Sequence[Any], where: str) -> Departure:
+def _quiet(formulas: Any, model: Any, state: Sequence[Any], where: str) -> Departure:
     """The flight from the section t = 0, in the first mode; velocities of first order follow."""
     mode = model.first_mode
     orders = orders_of(model.MODES, mode, model.DEGREES_OF_FREEDOM)
@@ -244,7 +240,7 @@ def _quiet(formulas: Formulas, model: Model, state: Sequence[Any], where: str) -
     return departure(formulas, mode, orders, places, speeds, where)
 
 
-def _check_modes(formulas: Formulas, modes: Sequence[str], where: str) -> None:
+def _check_modes(formulas: Any, modes: Sequence[str], where: str) -> None:
     """Refuse motions that are not stated, or not for each mode."""
     accepted = f"give one for each mode: {', '.join(map(repr, modes))}"
     for name in ("flight", "acceleration"):
@@ -267,7 +263,7 @@ def _named(given: Mapping[str, Any], names: Sequence[str], said: str, where: str
     return {name: sympy.sympify(given[name]) for name in names}
 
 
-def _harmonics(formulas: Formulas, where: str) -> tuple[Any, ...]:
+def _harmonics(formulas: Any, where: str) -> tuple[Any, ...]:
     if formulas.harmonics is None:
         return (sympy.nan,)
     constant, series = formulas.harmonics
@@ -277,7 +273,7 @@ def _harmonics(formulas: Formulas, where: str) -> tuple[Any, ...]:
     return (sympy.sympify(constant), *(sympy.sympify(n) for term in series for n in term))
 
 
-def _masses(formulas: Formulas, model: Model, where: str) -> dict[str, Any] | None:
+def _masses(formulas: Any, model: Any, where: str) -> dict[str, Any] | None:
     """The matrix of the kinetic energy by mode; 1 for one coordinate where nothing is said."""
     size, given = model.DEGREES_OF_FREEDOM, formulas.mass
     if given is None and size > 1:
@@ -308,7 +304,7 @@ def _mass(given: Any, size: int, where: str) -> tuple[tuple[Any, ...], ...]:
 class _Reading:
     """A formula that is checked: what it is called, and how its symbols are in messages."""
 
-    model: Model
+    model: Any
     found: Equations
     what: str
     name: str

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import Any, TypeVar
 
 import sympy
 from sympy import Expr
@@ -16,9 +16,6 @@ from sympy import Expr
 from ..errors import InputError, shown
 from .guards import Guard, Mode, Row, orders_of
 from .symbols import DT, PHASE, T0, own
-
-if TYPE_CHECKING:
-    from .model import Formulas
 
 T = TypeVar("T")
 
@@ -58,7 +55,7 @@ def along(row: Row, state: Sequence[Expr]) -> Expr:
 
 
 def after_impact(
-    formulas: Formulas,
+    formulas: Any,
     guard: Guard,
     position: Sequence[Expr],
     velocity: Sequence[Expr],
@@ -104,7 +101,7 @@ def on_symbols(where: str, stated: Callable[..., T], *given: Any) -> T:
 
 
 def departure(
-    formulas: Formulas,
+    formulas: Any,
     mode: str,
     orders: Sequence[int],
     position: Sequence[Expr],
@@ -182,7 +179,7 @@ def of_mode(given: Any, mode: str) -> Any:
 
 
 def state_after(
-    formulas: Formulas,
+    formulas: Any,
     name: str,
     position: Sequence[Expr],
     velocity: Sequence[Expr],

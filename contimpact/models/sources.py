@@ -21,10 +21,9 @@ HERE = Path(__file__).parent.parent
 GENERATOR = tuple(
     """models/automaton models/contract models/doubles models/equations models/expressions
     models/extent models/guards models/harmonics models/linear models/model models/motion
-    models/nonlinear models/own_parameters models/restitution models/section models/sources
-    models/symbolic models/symbols segments/codegen segments/float_flow segments/layout
-    segments/linear_flow segments/printing segments/stumpff segments/tape segments/taylor
-    segments/transients""".split()
+    models/nonlinear models/own_parameters models/restitution models/section models/symbolic
+    models/symbols segments/codegen segments/float_flow segments/layout segments/linear_flow
+    segments/printing segments/stumpff segments/tape segments/taylor segments/transients""".split()
 )
 HARMLESS = set("__future__ collections dataclasses functools math numpy sympy typing".split())
 """What a system may import besides the package without its formulas depending on more."""
@@ -77,7 +76,17 @@ def _digest(file: Path) -> str:
     return hashlib.sha256(file.read_bytes()).hexdigest()
 
 
-def identity(model: Any) -> tuple[str, ...]:
+def identity_of(model: Any) -> str:
+    """Return what the kernels of a model depend on: formulas, names and options, not values.
+
+    The formulas of a class outside the package are derived for it, once for a model and all
+    that `replace` makes of it; of the package's own classes the files' texts are taken.
+    """
+    names = tuple(model.values), model.WALLS, model.DERIVED
+    return repr((model.SYSTEM, *names, tuple(model.options.items()), _formulas_known_by(model)))
+
+
+def _formulas_known_by(model: Any) -> tuple[str, ...]:
     """Return what a model's formulas are known by: files, or the formulas themselves."""
     if of_the_package(type(model)):
         return (type(model).__qualname__, *systems())

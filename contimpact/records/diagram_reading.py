@@ -17,7 +17,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any, Protocol
 
 import numpy as np
 
@@ -27,9 +27,6 @@ from ..bifurcations.grazing import G
 from ..continuation.ends import EndKind
 from .branch import UNKNOWN, Branch
 from .entry import Entry
-
-if TYPE_CHECKING:
-    from .diagram import Diagram
 
 
 @dataclass(frozen=True)
@@ -152,7 +149,23 @@ class Reading:
         return "\n".join(lines)
 
 
-def read(diagram: Diagram) -> Reading:
+class Surveyed(Protocol):
+    """What is read of a diagram: its branches, its entries, and how far it was surveyed."""
+
+    @property
+    def branches(self) -> Sequence[Branch]:
+        """All branches, parents before their children."""
+
+    @property
+    def entries(self) -> Sequence[Entry]:
+        """All events on them."""
+
+    @property
+    def survey(self) -> str:
+        """Whether orbits were looked for across the range."""
+
+
+def read(diagram: Surveyed) -> Reading:
     """Read a diagram.
 
     Parameters
@@ -266,7 +279,7 @@ def _bistable(
     return found
 
 
-def _transition(diagram: Diagram, stable: Sequence[Interval], grazing: Entry) -> GrazingTransition:
+def _transition(diagram: Surveyed, stable: Sequence[Interval], grazing: Entry) -> GrazingTransition:
     branches = {branch.id: branch for branch in diagram.branches}
     source, target = branches[grazing.branch], branches[grazing.opens[0]]
     at_once, fold = _beyond(target, grazing)
@@ -325,7 +338,7 @@ def _row_of(target: Branch, grazing: Entry) -> int:
     return int(np.argmin(apart + np.abs(values - grazing.value) / span))
 
 
-def _doubled_from(diagram: Diagram, doubling: Entry | None) -> list[Branch]:
+def _doubled_from(diagram: Surveyed, doubling: Entry | None) -> list[Branch]:
     """The branches born at a period doubling, and at theirs in turn."""
     names = list(doubling.opens) if doubling else []
     entries = {e.id: e for e in diagram.entries}

@@ -15,8 +15,7 @@ from typing import Any, TypeAlias
 
 from flint import arb, arb_mat, ctx
 
-from ..arrays import Number
-from .ball_series import around_zero
+from .ball_series import Number, around_zero
 
 Matrix: TypeAlias = Any
 """An ``arb_mat``, or None for one that is zero."""

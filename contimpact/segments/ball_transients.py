@@ -17,8 +17,8 @@ from collections.abc import Callable
 
 from flint import arb, arb_poly, arb_series, ctx
 
-from ..arrays import Number, Vector
-from .ball_series import around_zero, composed, power
+from ..arrays import Vector
+from .ball_series import Number, around_zero, composed, power
 from .transients import MOTIONS, TABLES
 
 

@@ -8,7 +8,7 @@ import re
 from pathlib import Path
 
 from ..models.model import Model
-from ..models.sources import digests
+from ..models.sources import digests, identity_of
 from ..storage.cache import cache_folder, keep, kept, logger
 from ..storage.files import reason
 
@@ -47,5 +47,5 @@ def _key(model: Model) -> str:
     """What was compared, and by what files."""
     files = (HERE / "checking.py", HERE.parent / "models" / "agreement.py")
     comparing = (hashlib.sha256(file.read_bytes()).hexdigest() for file in files)
-    parts = (model.identity, repr(model.values), *comparing, *digests())
+    parts = (identity_of(model), repr(model.values), *comparing, *digests())
     return hashlib.sha256("\0".join(parts).encode()).hexdigest()

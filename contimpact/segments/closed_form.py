@@ -4,18 +4,14 @@ from __future__ import annotations
 
 import functools
 from collections.abc import Callable
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from ..arrays import Array, Number
 from .arithmetic import ARRAYS, Arithmetic, Kernel, evaluate_in
 from .layout import SECTION, Blocks, Row
-from .segment import Numbers
+from .segment import KernelSource, Numbers
 from .track import velocities
-
-if TYPE_CHECKING:
-    from .kernels import Kernels
 
 
 class ClosedForm:
@@ -23,12 +19,12 @@ class ClosedForm:
 
     Parameters
     ----------
-    kernels : Kernels
+    kernels : KernelSource
     start, end : str
         The walls left and reached.
     """
 
-    def __init__(self, kernels: Kernels, start: str, end: str) -> None:
+    def __init__(self, kernels: KernelSource, start: str, end: str) -> None:
         self.name = start + end
         self._kernels, self._walls = kernels, (start, end)
         self._flight = kernels.flight(start, end)

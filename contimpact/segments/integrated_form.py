@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import functools
 from collections.abc import Callable, Sequence
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -20,12 +20,9 @@ from .integrated_track import IntegratedTrack
 from .layout import SECTION, Blocks, Row, Together
 from .multiple_shooting import IntegratedFlight, Pieces, Shooting
 from .passages import ELSEWHERE
-from .segment import Numbers
+from .segment import KernelSource, Numbers
 from .series import Series, series
 from .taylor import integrator, statement
-
-if TYPE_CHECKING:
-    from .kernels import Kernels
 
 LONG = 1e3
 """Growth of a flight from which on it is computed in pieces."""
@@ -47,7 +44,7 @@ class Seen(NamedTuple):
 class IntegratedForm(ClosedForm):
     """The flight from one wall to another, integrated; see `segment.Segment`."""
 
-    def __init__(self, kernels: Kernels, start: str, end: str) -> None:
+    def __init__(self, kernels: KernelSource, start: str, end: str) -> None:
         super().__init__(kernels, start, end)
         self._kept: Split | None = None
         self._m = kernels.model.unknowns_per_impact

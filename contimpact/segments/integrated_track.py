@@ -9,7 +9,7 @@ from __future__ import annotations
 import functools
 from bisect import bisect_right
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any, Self
+from typing import Any, Protocol, Self
 
 import numpy as np
 
@@ -17,8 +17,17 @@ from ..arrays import Array, Vector
 from .bernstein import coefficients_of, sign_changes
 from .taylor import integrator, statement
 
-if TYPE_CHECKING:
-    from .kernels import Kernels
+
+class Fields(Protocol):
+    """What tracks ask of the kernels of a model; see `kernels.Kernels`."""
+
+    def field(self, a: str) -> Any:
+        """Return the kernel of the field that flights from wall a are integrated in."""
+        ...
+
+    def segment(self, start: str, end: str) -> Any:
+        """Return the segment from one wall to another."""
+        ...
 
 
 class IntegratedTrack:
@@ -61,7 +70,7 @@ class IntegratedTrack:
 
 
 def integrated_track(
-    kernels: Kernels, wall: str, leave: Sequence[float], values: Sequence[float], length: float
+    kernels: Fields, wall: str, leave: Sequence[float], values: Sequence[float], length: float
 ) -> IntegratedTrack:
     """Return the track of a flight that is integrated, from the unknowns where it leaves."""
     field, numbers = kernels.field(wall)(*leave, *values)
@@ -83,7 +92,7 @@ def joined(
 
 
 def track_between(
-    kernels: Kernels,
+    kernels: Fields,
     ends: tuple[str, str],
     leave: Sequence[float],
     arrive: Sequence[float],

@@ -18,7 +18,7 @@ from ..arrays import Vector
 from ..errors import InputError
 from ..models.guards import following, orders_of
 from ..models.model import Model
-from ..models.sources import digests
+from ..models.sources import digests, identity_of
 from ..storage.cache import cache_folder, keep, kept, logger
 from ..storage.files import reason
 from .arithmetic import Kernel, kernel_of
@@ -388,7 +388,7 @@ class Kernels:
         return kernel_of(name, source, str(path or f"<kernel {name}>"))
 
     def _key(self, name: str) -> str:
-        parts = (name, *self.parameters, self.model.identity, *digests())
+        parts = (name, *self.parameters, identity_of(self.model), *digests())
         return hashlib.sha256("\0".join(parts).encode()).hexdigest()
 
     def _generate(self, name: str, key: str) -> str:

@@ -12,14 +12,55 @@ its order; derivatives are taken with respect to the `Source.parameters` among t
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from typing import Protocol, TypeAlias
+from typing import Any, Protocol, TypeAlias
 
 from ..arrays import Array, Number
-from .arithmetic import Arithmetic
+from ..models.model import Model
+from .arithmetic import Arithmetic, Kernel
 from .layout import Blocks, Row, Setup
+from .passages import Passages
 
 Numbers: TypeAlias = Sequence[Number] | Array
 """Numbers of one arithmetic."""
+
+
+class KernelSource(Protocol):
+    """What segments ask of the kernels of a model; see `kernels.Kernels`."""
+
+    model: Model
+    parameters: tuple[str, ...]
+
+    @property
+    def passages(self) -> Passages:
+        """What meets the flights, by the numbers of the guards."""
+
+    def flight(self, a: str, b: str) -> Kernel:
+        """Return the kernel of a flight from wall a to wall b."""
+        ...
+
+    def second(self, a: str, b: str) -> Callable[..., Any]:
+        """Return how the blocks of a flight change along a direction."""
+        ...
+
+    def third(self, a: str, b: str) -> Callable[..., Any]:
+        """Return the third derivatives of the residual of a flight along a direction."""
+        ...
+
+    def motion(self, a: str) -> Kernel:
+        """Return the motion of the gap coordinate of wall a after an impact there."""
+        ...
+
+    def since(self, a: str) -> Kernel:
+        """Return the motion of the gap coordinate of wall a since a section."""
+        ...
+
+    def law(self, a: str) -> Kernel:
+        """Return the law of the linear flights that leave wall a."""
+        ...
+
+    def linear(self, a: str) -> bool:
+        """Return whether the flights that leave wall a are linear."""
+        ...
 
 
 class Segment(Protocol):
