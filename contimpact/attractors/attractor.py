@@ -16,7 +16,7 @@ from ..models.model import Model
 from ..orbits.orbit import Orbit
 from ..records.tables import same_data
 from ..simulation.run import State
-from ..storage.decoding import made
+from ..storage.texts import made
 
 
 class Kind(enum.Enum):

@@ -25,9 +25,8 @@ from ..records.entry import Entry
 from ..records.loading import BRANCH, CURVE, checking, entry_of, read_branch, read_curve
 from ..records.recovery import named_model, orbit_with
 from ..simulation.run import Outcome, Run, State
-from ..storage.decoding import fitted, made
 from ..storage.files import is_there, read_bounded, write_text
-from ..storage.texts import json_line
+from ..storage.texts import fitted, json_line, made
 from .attractor import Attractor
 from .sweep import Row, Sweep
 

@@ -15,7 +15,7 @@ from dataclasses import asdict, dataclass, replace
 from typing import Any
 
 from ..models.word import is_rotation
-from ..storage.decoding import made
+from ..storage.texts import made
 from .attractor import Attractor, Kind
 from .sweep import Row
 

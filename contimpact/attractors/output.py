@@ -18,9 +18,8 @@ from .. import __version__
 from ..errors import InputError
 from ..records.branch import Branch
 from ..records.diagram import Diagram
-from ..storage.decoding import DAMAGE, fitted
 from ..storage.files import append, read_bounded, reason, write_text
-from ..storage.texts import Json, csv_text, json_text
+from ..storage.texts import DAMAGE, Json, csv_text, fitted, json_text
 from .flat import WRITTEN, table_of
 from .sweep import Row, Sweep
 

@@ -22,7 +22,7 @@ from ..scenes.simulate_tables import SETTLING, Settling
 from ..segments.kernels import Kernels
 from ..simulation.run import State
 from ..simulation.simulator import Simulator
-from ..storage.decoding import made
+from ..storage.texts import made
 from .attractor import Attractor, Kind
 from .verdict import settle
 

@@ -11,9 +11,8 @@ from typing import Any, TypeVar
 
 from ..errors import InputError, printable
 from ..records.result_folder import CATALOGUE, MANIFEST, WANTED, digests_of, read_json
-from ..storage.decoding import DAMAGE, made
 from ..storage.files import append, write_text
-from ..storage.texts import Json, json_line, json_text
+from ..storage.texts import DAMAGE, Json, json_line, json_text, made
 from .branch import BranchCertificate
 from .event import EventCertificate
 

@@ -21,10 +21,10 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from ..arrays import ENTRY, TABLE
 from ..errors import InputError
 from ..storage.cache import cache_folder, keep, kept, logger
 from ..storage.files import reason
-from .arguments import ENTRY, TABLE
 
 if TYPE_CHECKING:
     from .program import Program

@@ -8,8 +8,8 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
+from ..arrays import ENTRY, INTEGERS, TABLE, VECTOR
 from ..storage.files import temporary_beside
-from .arguments import ENTRY, INTEGERS, TABLE, VECTOR
 from .program import Program
 
 

@@ -17,7 +17,7 @@ from pathlib import Path
 from typing import Any
 
 from ..errors import InputError, NotWrittenError, shortened
-from ..storage.locks import locked
+from ..storage.files import locked
 from .outcome import Outcome
 from .schema import APPLICATION, OF_SCENES, STEPS
 from .study_file import StudyFile

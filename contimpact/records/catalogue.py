@@ -17,9 +17,8 @@ from typing import TYPE_CHECKING, Any
 
 from ..arrays import Array
 from ..errors import InputError
-from ..storage.decoding import fitted, made
 from ..storage.files import Content, write_all
-from ..storage.texts import Json, csv_text, json_line, json_text
+from ..storage.texts import Json, csv_text, fitted, json_line, json_text, made
 from .branch import Branch
 from .diagram import Diagram
 from .diagram_reading import SURVEYS, read

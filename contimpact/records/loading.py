@@ -22,9 +22,8 @@ from ..arrays import Array
 from ..continuation.ends import End, EndKind
 from ..errors import InputError
 from ..models.word import LONGEST_WORD
-from ..storage.decoding import DAMAGE, fitted, made
 from ..storage.files import LARGEST_RECORD, bounded, open_plain, reason
-from ..storage.texts import original
+from ..storage.texts import DAMAGE, fitted, made, original
 from .branch import Branch
 from .entry import Entry
 

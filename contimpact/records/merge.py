@@ -7,9 +7,8 @@ from pathlib import Path
 from typing import Any
 
 from ..errors import InputError
-from ..storage.decoding import fitted
 from ..storage.files import Content, write_all
-from ..storage.texts import csv_text, json_text, markdown_cell
+from ..storage.texts import csv_text, fitted, json_text, markdown_cell
 from .loading import checking, entry_of
 from .result_folder import CATALOGUE, MANIFEST, WANTED, read_json, reading, sha256
 

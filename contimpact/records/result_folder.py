@@ -20,8 +20,10 @@ from typing import Any
 from ..errors import InputError, NotWrittenError, shown
 from ..storage.files import (
     FOR_ALL,
+    LOCK,
     PACKED,
     is_there,
+    locked,
     put,
     read_bounded,
     read_plain,
@@ -29,7 +31,6 @@ from ..storage.files import (
     remove_leftovers,
     write_all,
 )
-from ..storage.locks import LOCK, locked
 
 CATALOGUE = "contimpact.catalogue/1"
 MANIFEST = "contimpact.manifest/1"

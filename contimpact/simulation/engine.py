@@ -7,8 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..arrays import Array
-from ..compiling.arguments import INTEGERS, VECTOR
+from ..arrays import INTEGERS, VECTOR, Array
 from ..compiling.library import CompiledProgram, load, mode, spend
 from ..segments.arithmetic import Kernel
 from .body import Body

@@ -14,8 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from ..arrays import Array
-from ..compiling.arguments import INTEGERS, VECTOR
+from ..arrays import INTEGERS, VECTOR, Array
 from ..errors import InputError
 from ..models.model import Model
 from ..segments.arithmetic import ARRAYS, evaluate_in

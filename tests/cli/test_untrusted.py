@@ -17,8 +17,7 @@ from contimpact.errors import InputError
 from contimpact.records.catalogue import load_diagram, write_diagram
 from contimpact.records.entry import Entry
 from contimpact.records.loading import entry_of, read_branch
-from contimpact.storage.decoding import made
-from contimpact.storage.texts import csv_text, json_line, json_text, markdown_cell, original
+from contimpact.storage.texts import csv_text, json_line, json_text, made, markdown_cell, original
 
 ESCAPE = "\x1b]0;title\x07\x1b[31m\x9b\u202e\0"
 

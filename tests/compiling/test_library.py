@@ -14,9 +14,9 @@ import numpy as np
 import pytest
 
 from contimpact import ImpactPair, continue_orbit, find_orbits
+from contimpact.arrays import VECTOR
 from contimpact.bifurcations.registry import test_functions as functions_of
 from contimpact.compiling import library as module
-from contimpact.compiling.arguments import VECTOR
 from contimpact.compiling.machine_code import _self_contained
 from contimpact.compiling.program import Program
 from contimpact.continuation.ends import EndKind

@@ -21,9 +21,7 @@ from contimpact.records.catalogue import load_entries
 from contimpact.records.diagram import Diagram
 from contimpact.records.formats import write_auto, write_mat
 from contimpact.records.result_folder import MARK, ROWS, held, ours, renewed, sha256
-from contimpact.storage.files import temporary_beside
-from contimpact.storage.locks import LOCK, locked
-from contimpact.storage.processes import this_process
+from contimpact.storage.files import LOCK, locked, temporary_beside, this_process
 
 BRANCHES = ROOT / "branches"
 SCENE = f"""{SMALL}[plot]
@@ -338,7 +336,7 @@ def test_simulated_twice_with_branches(scene, tmp_path):
 def holder(folder):
     """A process that holds the lock of a folder and is killed in the end."""
     code = (
-        "import sys, time\nfrom pathlib import Path\nfrom contimpact.storage.locks import locked\n"
+        "import sys, time\nfrom pathlib import Path\nfrom contimpact.storage.files import locked\n"
         "with locked(Path(sys.argv[1])):\n    print('held', flush=True)\n    time.sleep(600)\n"
     )
     with subprocess.Popen([sys.executable, "-c", code, folder], stdout=subprocess.PIPE) as process:
@@ -392,7 +390,7 @@ def test_a_lock_is_given_back(tmp_path):
 @pytest.fixture
 def without_locks(monkeypatch):
     """As on a file system, or a platform, that has no locks on files."""
-    from contimpact.storage import locks
+    from contimpact.storage import files as locks
 
     monkeypatch.setattr(locks, "fcntl", None)
 

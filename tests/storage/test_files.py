@@ -13,17 +13,21 @@ import pytest
 
 from contimpact.errors import InputError, NotWrittenError
 from contimpact.storage.files import (
+    ENDED,
+    Process,
     append,
     is_there,
     put,
     read_bounded,
     read_plain,
     remove_leftovers,
+    running,
+    start_of,
+    this_process,
     write,
     write_all,
     write_text,
 )
-from contimpact.storage.processes import ENDED, Process, running, start_of, this_process
 
 links = pytest.mark.skipif(os.name != "posix", reason="links")
 

@@ -21,7 +21,7 @@ from contimpact import load_diagram
 from contimpact.cli import main
 from contimpact.errors import InputError
 from contimpact.records.result_folder import MARK, ROWS
-from contimpact.storage.locks import LOCK
+from contimpact.storage.files import LOCK
 
 pytestmark = pytest.mark.skipif(os.name != "posix", reason="POSIX signals")
 
