@@ -9,7 +9,7 @@ import pytest
 from event_driven import Walker, random_scene
 
 from contimpact.errors import InputError
-from contimpact.models.section import pivot, state_before
+from contimpact.models.guards import pivot, state_before
 from contimpact.scenes.scene import read_scene
 from contimpact.studies.explore import follow
 

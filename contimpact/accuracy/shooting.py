@@ -57,7 +57,7 @@ class Shooting:
         import sympy
         from scipy.integrate import solve_ivp
 
-        from ..models.restitution import of_mode, state_after
+        from ..models.equations import of_mode, state_after
 
         self.problem, self._integrate = problem, solve_ivp
         self.tolerance = max(tolerance, 2.3e-14)  # the least that solve_ivp takes

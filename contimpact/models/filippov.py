@@ -22,10 +22,9 @@ from typing import Any
 import sympy
 
 from ..errors import InputError
+from .guards import pivot
 from .model import Formulas
-from .motion import Motion
-from .nonlinear import state_symbols
-from .section import pivot
+from .nonlinear import Motion, state_symbols
 from .switching import ABOVE, BELOW, SLIDING
 
 Rates = Callable[[Any, Sequence[Any]], Sequence[Any]]

@@ -14,7 +14,7 @@ from sympy import Expr, Integer, pi
 from sympy.simplify.fu import TR8
 
 from ..errors import InputError, shown
-from .doubles import whole
+from .symbols import whole
 
 Matrix = Sequence[Sequence[Expr]]
 

@@ -1,4 +1,4 @@
-"""The definition of an impacting system: parameters, walls, reset and a closed-form flight.
+"""What the author of a system writes: a class of its parameters, guards and formulas.
 
 A system is a subclass of `Model` in a file of its own under `contimpact/systems`. Its numbers are
 plain Python; its formulas are SymPy and are asked for only when a kernel has to be generated.
@@ -9,19 +9,313 @@ from __future__ import annotations
 import copy
 import math
 import numbers
+import re
+import unicodedata
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, ClassVar, Self, TypeAlias
 
 from ..errors import InputError, did_you_mean, shown
-from .contract import check_class, check_complete
-from .expressions import check_expression, number
+from .expressions import CONSTANTS, FUNCTIONS, check_expression, names_in, number, values_of
 from .guards import Guard as Guard
 from .guards import Mode as Mode
 from .guards import Wall as Wall
-from .guards import guard_of
-from .own_parameters import check_with_own, own_names
+from .guards import guard_of, orders_of, slides_at
+
+# Whether the modes and guards of a system's class fit together, checked when it is defined.
+
+
+def check_modes(kind: Any, where: str) -> None:
+    """Check `DEGREES_OF_FREEDOM`, `MODES` and `WALLS` of a system's class.
+
+    Raises
+    ------
+    InputError
+        Naming the attribute.
+    """
+    size = kind.DEGREES_OF_FREEDOM
+    if not _is_count(size):
+        found = f"found {shown(size)}"
+        raise InputError(f"{where}.DEGREES_OF_FREEDOM", found, "give a whole number >= 1")
+    modes = _modes(kind.MODES, size, f"{where}.MODES")
+    if not hasattr(kind, "WALLS"):
+        return
+    place = f"{where}.WALLS"
+    require_all(kind.WALLS, ("name", "side", "modes", "coordinate"), place, "Wall or Guard")
+    for guard in kind.WALLS:
+        _check_letter(guard, place)
+        _check_graph(guard, modes, place)
+        _check_coordinate(guard, size, place)
+        _check_sizes(guard, kind.MODES, size, place)
+        _check_crossing(guard, kind.WALLS, place)
+    names = [guard.name for guard in kind.WALLS]
+    if not names or len(set(names)) < len(names):
+        accepted = "give at least one wall, each name once"
+        raise InputError(place, f"found {shown(names)}", accepted)
+    for mode in modes:
+        _check_passage(mode, mode == modes[0], kind.WALLS, place)
+
+
+def _modes(modes: Any, size: int, where: str) -> list[str]:
+    """The names of the modes; one without a name where none are declared."""
+    require_all(modes, ("name", "degrees_of_freedom"), where, "Mode")
+    names = [mode.name for mode in modes]
+    if not all(isinstance(name, str) and name for name in names) or len({*names}) < len(names):
+        raise InputError(where, f"found {shown(names)}", "give each mode a name of its own")
+    for mode in modes:
+        own = size if mode.degrees_of_freedom is None else mode.degrees_of_freedom
+        if not _is_count(own):
+            raise InputError(
+                where, f"mode {mode.name!r} has {shown(own)}", "give a whole number >= 1"
+            )
+        if own > size:
+            found = f"mode {mode.name!r} has {own} degrees of freedom, the system {size}"
+            raise InputError(where, found, "declare DEGREES_OF_FREEDOM those of the largest mode")
+        first = getattr(mode, "first_order", ())
+        if not isinstance(first, tuple) or not set(first) <= set(range(own)):
+            found = f"mode {mode.name!r} has the coordinates of first order {shown(first)}"
+            raise InputError(where, found, f"give a tuple of numbers from 0 to {own - 1}")
+    return names or [""]
+
+
+def _check_letter(guard: Guard, where: str) -> None:
+    if not (isinstance(guard.name, str) and len(guard.name) == 1 and guard.name.isalpha()):
+        accepted = "give a single letter: words are written in them"
+        raise InputError(where, f"a wall is called {shown(guard.name)}", accepted)
+    if guard.side not in (1, -1):
+        accepted = "give +1 where the body stays below the wall, -1 where it stays above"
+        raise InputError(where, f"wall {guard.name!r} has side {shown(guard.side)}", accepted)
+
+
+def _check_graph(guard: Guard, modes: list[str], where: str) -> None:
+    """The modes that a guard ends and the one it leads to."""
+    known = "declare modes in MODES" if modes == [""] else f"the modes are {', '.join(modes)}"
+    for name in (*guard.modes, guard.next_mode):
+        if name not in modes:
+            raise InputError(where, f"{guard.name!r} has the mode {shown(name)}", known)
+    if isinstance(guard, Wall) and not guard.rigid:
+        found = f"wall {guard.name!r} leads from {shown(guard.mode)} to {guard.next_mode!r}"
+        accepted = "give a Guard, or a wall for each mode: a Wall leads back to the mode it ends"
+        raise InputError(where, found, accepted)
+    if guard.to is None and len(guard.modes) != 1:
+        found = f"{guard.name!r} ends {len(guard.modes)} modes"
+        raise InputError(where, found, "say which mode it leads to")
+
+
+def _check_coordinate(guard: Guard, size: int, where: str) -> None:
+    given: Any = guard.coordinate
+    found = f"{guard.name!r} has the coordinate {shown(given)}"
+    if isinstance(given, int) and not isinstance(given, bool):
+        if not 0 <= given < size:
+            raise InputError(where, found, f"give a number from 0 to {size - 1}")
+        return
+    numeric = isinstance(given, tuple) and all(
+        isinstance(c, numbers.Real) and math.isfinite(c) for c in given
+    )
+    if not numeric or len(given) != size or not any(given):
+        accepted = f"give the number of a position, or {size} coefficients, not all zero"
+        raise InputError(where, found, accepted)
+
+
+def _check_sizes(guard: Guard, modes: Any, size: int, where: str) -> None:
+    """The modes that a guard ends have the same state, and its gap coordinate in it."""
+    ended = {orders_of(modes, name, size) for name in guard.modes}
+    if len(ended) > 1:
+        found = f"{guard.name!r} ends modes of different coordinates"
+        raise InputError(where, found, "give a guard for each of them")
+    (orders,) = ended
+    row = guard.row(size)
+    if any(factor and not order for factor, order in zip(row, orders, strict=True)):
+        found = (
+            f"{guard.name!r} lies on a coordinate that the mode {guard.modes[0]!r} does not have"
+        )
+        raise InputError(where, found, "give one of its own")
+
+
+def _check_crossing(guard: Guard, guards: Iterable[Guard], where: str) -> None:
+    """Where it leads through a surface, another guard leads to sliding."""
+    past = getattr(guard, "past", "")
+    if past and slides_at(tuple(guards), guard) is None:
+        found = f"{guard.name!r} leads on past {shown(past)}"
+        accepted = "give a guard on the same surface, and name one that ends the mode it leads to"
+        raise InputError(where, found, accepted)
+
+
+def _check_passage(mode: str, first: bool, guards: Iterable[Guard], where: str) -> None:
+    """Every mode is reached and left; in the first one the system may begin."""
+    if not any(mode in guard.modes for guard in guards):
+        raise InputError(where, f"mode {mode!r} is ended by no guard", "give it a guard")
+    if not first and not any(mode == guard.next_mode for guard in guards):
+        raise InputError(where, f"mode {mode!r} is reached by no guard", "lead a guard to it")
+
+
+def _is_count(number: Any) -> bool:
+    return isinstance(number, int) and not isinstance(number, bool) and number >= 1
+
+
+def require_all(given: Any, attributes: Iterable[str], where: str, kind: str) -> None:
+    try:
+        fits = all(hasattr(item, name) for item in given for name in attributes)
+    except TypeError:
+        fits = False
+    if not fits:
+        raise InputError(where, f"found {shown(given)}", f"give a tuple of {kind}")
+
+
+# The contract of a system's class, checked when the class is defined.
+
+REQUIRED = ("SYSTEM", "PARAMETERS", "WALLS")
+
+COLUMNS = frozenset(
+    """arclength becomes branch closing criticality direction distance error event exponent1
+    exponent2 exponent_error exponent_per_period exponent_sum flight from ghost id impact impacts
+    iterations kind label mean_ln_r2 method n_unstable notation opens order parameter period
+    periods physical rate reason requested residual slope smallest_gap stable touch_time wall why
+    word""".split()
+)
+"""Columns that the package's tables have, whatever the system."""
+NUMBERED = re.compile(
+    r"(t|v|wall|time|velocity)[1-9]\d*|[xv]\d+_\d+|(position|velocity)\d+_\d+"
+    r"|multiplier\d+_(re|im)|exponent[1-9]\d*"
+)
+"""Columns with the number of an impact, a motion, a multiplier or an exponent."""
+
+
+def check_class(kind: Any) -> None:
+    """Check the class attributes of a `Model`; those that are not there yet are left out.
+
+    Raises
+    ------
+    InputError
+        Naming the attribute.
+    """
+    where = kind.__name__
+    check_modes(kind, where)
+    parameters = getattr(kind, "PARAMETERS", ())
+    require_all(parameters, ("name", "split", "accepted"), f"{where}.PARAMETERS", "Parameter")
+    names = [name for p in parameters for name in (p.name, *p.split)]
+    check_names(names, f"{where}.PARAMETERS", taken=())
+    check_names(kind.DERIVED, f"{where}.DERIVED", taken=names)
+    check_names(kind.OPTIONS, f"{where}.OPTIONS", taken=("system", "parameters", *names))
+    for attribute, known in (
+        ("DERIVED_UNITS", kind.DERIVED),
+        ("DERIVED_FROM", kind.DERIVED),
+        ("EXPRESSIONS", kind.OPTIONS),
+        ("PARAMETRIC", kind.EXPRESSIONS),
+    ):
+        _check_known(getattr(kind, attribute), known, f"{where}.{attribute}")
+    for derived, depends in kind.DERIVED_FROM.items():
+        _check_known(depends, names, f"{where}.DERIVED_FROM[{derived!r}]")
+
+
+def check_complete(kind: Any) -> None:
+    """Raise `InputError` if a class attribute that every system needs is missing."""
+    for name in REQUIRED:
+        if not hasattr(kind, name):
+            raise InputError(f"{kind.__name__}.{name}", "missing", f"set {', '.join(REQUIRED)}")
+
+
+def check_names(names: Any, where: str, taken: Iterable[str]) -> None:
+    """Refuse names that are no identifiers, that are columns of tables, or that stand twice."""
+    used = set(taken)
+    for name in names:
+        if not _is_name(name):
+            accepted = "give a name of letters, digits and underscores that starts with a letter"
+            raise InputError(where, f"the name {shown(name)}", accepted)
+        if name in COLUMNS or NUMBERED.fullmatch(name):
+            accepted = "give another name: tables have a column of that name"
+            raise InputError(where, f"the name {name!r}", accepted)
+        if name in used:
+            raise InputError(where, f"the name {name!r} twice", "give each its own name")
+        used.add(name)
+
+
+def _is_name(name: Any) -> bool:
+    """Whether Python reads a name as it stands; it equates some letters."""
+    return (
+        isinstance(name, str)
+        and name.isidentifier()
+        and unicodedata.normalize("NFKC", name) == name
+    )
+
+
+def _check_known(names: Any, known: Iterable[str], where: str) -> None:
+    unknown = [name for name in names if name not in known]
+    if unknown:
+        accepted = f"give some of {', '.join(known) or 'none'}"
+        raise InputError(where, f"unknown name {unknown[0]!r}", accepted)
+
+
+# Parameters of one's own: names in an expression that are given values among the parameters.
+
+SAMPLES = 256
+"""Of a period: more than twice the harmonics that a forcing may have."""
+AT_RANDOM = (0.37, -1.91, 0.083)
+"""Values of a parameter at which means are compared."""
+
+
+def own_names(
+    texts: Sequence[str], known: Collection[str], taken: Collection[str], given: Collection[str]
+) -> list[str]:
+    """Return the names in expressions that are given values, in the order of their appearance.
+
+    Parameters
+    ----------
+    texts : sequence of str
+        The expressions.
+    known : collection of str
+        Names that stand for something else: variables, and the parameters that a system declares.
+    taken : collection of str
+        Names that they must not have.
+    given : collection of str
+        Names that are given values.
+    """
+    known = {*known, *FUNCTIONS, *CONSTANTS}
+    names = dict.fromkeys(name for text in texts for name in names_in(text))
+    own = [name for name in names if name in given and name not in known]
+    check_names(own, "parameters", taken)
+    return own
+
+
+def check_with_own(
+    text: str, where: str, variables: Sequence[str], own: Sequence[str], declared: Collection[str]
+) -> None:
+    """Check an expression in which parameters of one's own may stand; see `check_expression`.
+
+    The parameters that a system declares may not.
+    """
+    try:
+        check_expression(text, where, (*variables, *own))
+    except InputError as error:
+        unknown = error.found.startswith("unknown name")
+        if not unknown or any(repr(name) in error.found for name in declared):
+            raise
+        accepted = f"give it a value among the parameters; {error.accepted}"
+        raise InputError(error.where, error.found, accepted) from None
+
+
+def mean_depends(text: str, own: Mapping[str, float], parameter: str, period: float) -> bool:
+    """Return whether the mean of a sum of harmonics in ``t`` depends on a parameter in it.
+
+    Parameters
+    ----------
+    text : str
+    own : mapping of str to float
+        Values of the parameters in it.
+    parameter : str
+        One of them.
+    period : float
+    """
+    import numpy as np
+
+    t = period * np.arange(SAMPLES) / SAMPLES
+    means = [
+        np.mean(values_of(text, "expression", {"t": t, **own, parameter: value}))
+        for value in AT_RANDOM
+    ]
+    return bool(np.ptp(means) > 1e-12)
+
 
 FREE = "free"
 """The option `period` of a system that has no forcing at its values."""

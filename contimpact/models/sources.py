@@ -19,11 +19,10 @@ from typing import Any
 PACKAGE = __package__.partition(".")[0]
 HERE = Path(__file__).parent.parent
 GENERATOR = tuple(
-    """models/automaton models/contract models/doubles models/equations models/expressions
-    models/extent models/guards models/harmonics models/linear models/model models/motion
-    models/nonlinear models/own_parameters models/restitution models/section models/symbolic
-    models/symbols segments/codegen segments/float_flow segments/layout segments/linear_flow
-    segments/printing segments/stumpff segments/tape segments/taylor segments/transients""".split()
+    """models/equations models/expressions models/guards models/linear models/model
+    models/nonlinear models/symbolic models/symbols segments/codegen segments/float_flow
+    segments/layout segments/linear_flow segments/printing segments/stumpff segments/tape
+    segments/taylor segments/transients""".split()
 )
 HARMLESS = set("__future__ collections dataclasses functools math numpy sympy typing".split())
 """What a system may import besides the package without its formulas depending on more."""

@@ -14,8 +14,7 @@ from typing import Any, TypeAlias
 
 from ..errors import InputError, did_you_mean, shown
 from .expressions import CONSTANTS, FUNCTIONS, check_expression, names_in, number
-from .machine import MOST_COORDINATES, TIME, angles_of, row_of, sides_of, text_of
-from .repetition import Timed
+from .machine import MOST_COORDINATES, TIME, Timed, angles_of, row_of, sides_of, text_of
 
 Texts: TypeAlias = tuple[tuple[str, str], ...]
 """Names, and an expression for each."""

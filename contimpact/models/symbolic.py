@@ -15,9 +15,9 @@ import sympy
 from sympy import Expr, I, Integer, pi
 
 from ..errors import InputError, shown
-from .doubles import whole
 from .expressions import check_expression, sympy_expression, values_of
-from .harmonics import over_harmonics as over_harmonics
+from .symbols import over_harmonics as over_harmonics
+from .symbols import whole
 
 MOST_HARMONICS = 64
 MOST_TERMS = 300

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from ..arrays import Array
-from ..models.section import state_before
+from ..models.guards import state_before
 from ..segments.arithmetic import ARRAYS, evaluate_in
 from ..segments.layout import SECTION
 from ..segments.track import track_of

@@ -31,9 +31,8 @@ from numpy.typing import ArrayLike
 
 from ..arrays import Array, Number
 from ..errors import InputError
-from ..models.guards import state_size
+from ..models.guards import pivot, state_size
 from ..models.model import Model
-from ..models.section import pivot
 from ..models.word import Word
 from ..segments.flight import FlightGaps
 from ..segments.kernels import Kernels

@@ -24,9 +24,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..arrays import Vector
-from ..models.guards import Row, state_size
+from ..models.guards import Row, state_before, state_size
 from ..models.model import Model
-from ..models.section import state_before
 from ..models.word import Word
 from ..segments.arithmetic import ARRAYS, evaluate_in
 from ..segments.flight import Excursion, FlightGaps, Moved, Touch, excursions, touch_of

@@ -13,8 +13,8 @@ import numpy as np
 from ..bifurcations.registry import kind_of
 from ..continuation.branch import Event, Point
 from ..errors import InputError
+from ..models.guards import state_before
 from ..models.model import Model
-from ..models.section import state_before
 from ..orbits.linearisation import Linearisation
 from ..orbits.physicality import Verdict
 from ..orbits.problem import Array, OrbitProblem

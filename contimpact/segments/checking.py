@@ -1,6 +1,6 @@
 """Whether what a system states fits together: the one door to all such comparisons.
 
-What a class declares is checked when it is defined (`contimpact.models.contract`), names and
+What a class declares is checked when it is defined (`contimpact.models.model`), names and
 symbols when its formulas are looked at (`contimpact.models.equations`). Here formulas are evaluated
 at random states and compared. Importing this module imports SymPy.
 """

@@ -15,13 +15,11 @@ from typing import Any
 
 import sympy
 
-from ..models.equations import equations_of
-from ..models.harmonics import over_harmonics
+from ..models.equations import Departure, along, equations_of, state_symbols
 from ..models.linear import MeanFlow, law_of, rows_of
 from ..models.model import Model
 from ..models.nonlinear import Flown
-from ..models.restitution import Departure, along, state_symbols
-from ..models.symbols import DT, PHASE, T0, T1, TURN
+from ..models.symbols import DT, PHASE, T0, T1, TURN, over_harmonics
 from .layout import SECTION, Setup, flat, refilled, result_text
 from .printing import Printer, as_float, common, looped, printed_steps
 from .tape import Tape

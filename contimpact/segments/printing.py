@@ -12,12 +12,10 @@ import sympy
 from sympy.printing.pycode import PythonCodePrinter
 
 from ..errors import InputError
-from ..models.doubles import LARGEST_WHOLE
-from ..models.harmonics import HarmonicSum
 from ..models.linear import EndFlow, MeanFlow
 from ..models.nonlinear import Flown
 from ..models.symbolic import MeanTransient, Stumpff, Transient
-from ..models.symbols import own
+from ..models.symbols import LARGEST_WHOLE, HarmonicSum, own
 from . import stumpff, transients
 from .layout import flat, refilled
 from .linear_flow import Shape

@@ -14,7 +14,7 @@ from typing import Any
 import sympy
 from sympy import Add, Mul, Pow, S
 
-from ..models.harmonics import HarmonicSum
+from ..models.symbols import HarmonicSum
 
 
 class Tape:

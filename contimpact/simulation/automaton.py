@@ -20,8 +20,8 @@ from typing import Any
 import numpy as np
 
 from ..arrays import Array
+from ..models.guards import state_before
 from ..models.model import Model
-from ..models.section import state_before
 from ..segments.arrival import first_hit
 from ..segments.kernels import Kernels
 from ..segments.linear_flow import Shape

@@ -22,8 +22,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ..arrays import Array
-from ..models.guards import orders_of
-from ..models.section import state_before
+from ..models.guards import orders_of, state_before
 from ..segments.arithmetic import FLOATS, evaluate_in
 from ..segments.bounded import UNIT, bounds_of
 from ..segments.series import Series, series

@@ -16,8 +16,7 @@ from typing import Any, Protocol, TypeAlias
 import numpy as np
 
 from ..arrays import Array
-from ..models.guards import Guard
-from ..models.section import pivot
+from ..models.guards import Guard, pivot
 from ..segments.arithmetic import ARRAYS, evaluate_in
 from ..segments.flight import Motion
 from ..segments.kernels import Kernels

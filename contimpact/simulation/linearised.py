@@ -23,7 +23,7 @@ from typing import Any
 import numpy as np
 
 from ..arrays import Array
-from ..models.section import pivot, state_before
+from ..models.guards import pivot, state_before
 from ..segments.arithmetic import FLOATS, evaluate_in
 from ..segments.kernels import Kernels
 from ..segments.linear_flow import generator_of

@@ -11,7 +11,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any, ClassVar, Self
 
 from ..errors import InputError
-from ..models.machine import TIME
+from ..models.machine import TIME, StatedSystem
 from ..models.model import Formulas, Guard, Mode, Parameter, Wall
 from ..models.stated_modes import (
     StatedGuard,
@@ -21,7 +21,6 @@ from ..models.stated_modes import (
     modes_of,
     usable_definitions,
 )
-from ..models.stated_system import StatedSystem
 
 
 class HybridSystem(StatedSystem):
@@ -93,7 +92,7 @@ class _Reader:
         return sympy_expression(text, where, {**self.symbols, **names})
 
     def motion(self, mode: StatedMode) -> Any:
-        from ..models.motion import Motion
+        from ..models.nonlinear import Motion
 
         speeds, coordinates = self._parts(mode)
 

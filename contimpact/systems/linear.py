@@ -15,9 +15,8 @@ from collections.abc import Mapping, Sequence
 from typing import Any, ClassVar, Self
 
 from ..errors import InputError
-from ..models.machine import TIME, Machine, StatedGuard, check_values, machine_of
+from ..models.machine import TIME, Machine, StatedGuard, StatedSystem, check_values, machine_of
 from ..models.model import Formulas, Parameter, Wall
-from ..models.stated_system import StatedSystem
 
 
 class LinearMachine(StatedSystem):
@@ -58,9 +57,9 @@ class LinearMachine(StatedSystem):
         """Linear flights, and impulses along the guards."""
         import sympy
 
-        from ..models.doubles import exact
         from ..models.expressions import sympy_expression
         from ..models.linear import Linear
+        from ..models.symbols import exact
 
         stated = self.machine
 

@@ -13,10 +13,10 @@ import pytest
 import sympy
 
 from contimpact.errors import InputError
-from contimpact.models.doubles import exact, whole
 from contimpact.models.expressions import sympy_expression
 from contimpact.models.machine import row_of
 from contimpact.models.symbolic import fourier_series
+from contimpact.models.symbols import exact, whole
 from contimpact.orbits.search import find_orbits
 from contimpact.scenes.scene import read_scene
 from contimpact.segments.arithmetic import kernel_of

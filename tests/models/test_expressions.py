@@ -18,12 +18,13 @@ from contimpact.models.expressions import (
     FUNCTIONS,
     LARGEST_EXPONENT,
     LONGEST_TEXT,
+    Beyond,
+    Extent,
     check_expression,
     number,
     sympy_expression,
     values_of,
 )
-from contimpact.models.extent import Beyond, Extent
 
 t = sympy.Symbol("t", real=True)
 

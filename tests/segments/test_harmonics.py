@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from contimpact import ImpactPair, continue_orbit, find_orbits
-from contimpact.models import harmonics
+from contimpact.models import symbols
 from contimpact.segments import arithmetic, codegen
 from contimpact.segments.arithmetic import ARRAYS, evaluate_in
 from contimpact.segments.bounded import bounds_of_kernel
@@ -30,7 +30,7 @@ def written_out(tmp_path_factory):
     def kernels(*parameters):
         with pytest.MonkeyPatch.context() as m:
             m.setenv("CONTIMPACT_CACHE", str(tmp_path_factory.mktemp("cache")))
-            m.setattr(harmonics, "WRITTEN_OUT", 100)
+            m.setattr(symbols, "WRITTEN_OUT", 100)
             found = Kernels(rich(), *parameters)
             for kind in KINDS:
                 assert "waves(" not in found.flight(*kind).text

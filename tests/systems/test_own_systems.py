@@ -13,8 +13,7 @@ import sympy
 
 from contimpact.attractors.flat import columns_of
 from contimpact.errors import InputError
-from contimpact.models.contract import COLUMNS
-from contimpact.models.model import Formulas, Model, Parameter, Wall
+from contimpact.models.model import COLUMNS, Formulas, Model, Parameter, Wall
 from contimpact.models.symbolic import harmonic_means
 from contimpact.orbit_continuation.orbit_branch import continue_orbit
 from contimpact.orbits.search import find_orbits
