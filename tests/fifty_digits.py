@@ -23,10 +23,9 @@ from flint import arb
 from mpmath.libmp import MPZ
 
 from contimpact.segments.arithmetic import Arithmetic
+from contimpact.segments.bounded import many_digits
 from contimpact.segments.linear_flow import Shape, generators
-from contimpact.segments.many_digits import many_digits
-from contimpact.segments.stumpff import HIGHEST, TOGETHER
-from contimpact.segments.transients import MOTIONS, TABLES
+from contimpact.segments.transients import HIGHEST, MOTIONS, TABLES, TOGETHER
 
 try:
     import mpfr

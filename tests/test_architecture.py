@@ -13,7 +13,7 @@ from zoo import ROOT
 
 import contimpact
 from contimpact.bifurcations.declarations import CROSSINGS, KINDS
-from contimpact.models.sources import GENERATOR
+from contimpact.segments.kernels import GENERATOR
 
 PACKAGE = Path(contimpact.__file__).parent
 FILES = {
@@ -36,8 +36,8 @@ FOR_ALL = {"contimpact", *(f"contimpact.{n}" for n in ("arrays", "display", "err
 TRUSTED = {
     "contimpact.segments.arithmetic": {"exec"},
     "contimpact.segments.kernels": {"exec"},
-    "contimpact.compiling.library": {"ctypes"},
-    "contimpact.compiling.machine_code": {"exec", "subprocess"},
+    "contimpact.segments.compiling": {"ctypes"},
+    "contimpact.segments.machine_code": {"exec", "subprocess"},
 }
 """Where the package runs what it has written itself: kernels, and compiled code."""
 
@@ -238,7 +238,7 @@ def test_the_symbolic_modules_are_imported_where_they_are_used(module):
         for name in (
             "segments.checking",
             "segments.codegen",
-            "segments.printing",
+            "segments.codegen",
             "models.symbolic",
             "mechanics.symbolic",
         )

@@ -21,8 +21,8 @@ from ..bifurcations.registry import kind_of
 from ..bifurcations.requested import PERIOD
 from ..orbits.problem import Array, OrbitProblem
 from ..segments.arithmetic import evaluate_in
+from ..segments.bounded import many_digits
 from ..segments.layout import SECTION
-from ..segments.many_digits import many_digits
 
 ITERATIONS = 60
 GUARD_DIGITS = 18

@@ -14,7 +14,7 @@ from ..continuation.test_function import Located
 from ..models.word import Word
 from ..orbits.problem import Array, OrbitProblem
 from ..orbits.quiet import problem_of
-from ..segments.limits import limits_of, margin, on_surface
+from ..segments.touches import limits_of, margin, on_surface
 from .branch_point import directions_at
 from .extended_system import ExtendedSystem, located
 from .kind import SUB, SUPER
@@ -34,7 +34,7 @@ class Begun:
     impact : int
     begun, limit : str
     sign : float
-        See `contimpact.segments.limits.limits_of`.
+        See `contimpact.segments.touches.limits_of`.
     """
 
     problem: OrbitProblem

@@ -41,7 +41,7 @@ from ..orbits.physicality import PASSES, Verdict
 from ..orbits.problem import Array, OrbitProblem
 from ..orbits.quiet import problem_of
 from ..segments.flight import Touch
-from ..segments.passages import ELSEWHERE
+from ..segments.segment import ELSEWHERE
 from .beginning import added, beginning_of, beginnings
 from .codimension_two import CurvePoint, touch_points
 from .extended_system import ExtendedSystem, located

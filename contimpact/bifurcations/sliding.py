@@ -25,8 +25,8 @@ from ..models.model import Model
 from ..models.word import Word
 from ..orbits.problem import Array, OrbitProblem
 from ..orbits.quiet import problem_of
-from ..segments.limits import on_surface
-from ..segments.passages import ELSEWHERE
+from ..segments.segment import ELSEWHERE
+from ..segments.touches import on_surface
 from .touching import arrived
 
 GRAZING, ADDING = "grazing-sliding", "adding-sliding"

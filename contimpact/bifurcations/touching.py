@@ -107,7 +107,7 @@ class Beginning(Arrival):
     problem : OrbitProblem
     impact : int
     sliding, limit : str
-        See `contimpact.segments.limits`.
+        See `contimpact.segments.touches`.
     """
 
     def __init__(self, problem: OrbitProblem, impact: int, sliding: str, limit: str) -> None:

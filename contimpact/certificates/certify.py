@@ -12,7 +12,6 @@ import flint
 from .. import __version__
 from ..errors import InputError, NotInstalledError
 from ..models.model import Model
-from ..models.sources import identity_of
 from ..orbits.problem import OrbitProblem
 from ..progress import Progress, silent
 from ..records.branch import Branch
@@ -23,7 +22,7 @@ from ..records.recovery import model_at, model_of, orbit_of
 from ..records.result_folder import CATALOGUE, WANTED, read_json, reading
 from ..scenes.options import CertifyOptions
 from ..segments.balls import INTEGRATED, without_enclosures
-from ..segments.kernels import Kernels
+from ..segments.kernels import Kernels, identity_of
 from .branch import BranchCertificate, certified_branch, verified_branch, without_certificate
 from .event import EventCertificate, NoEnclosuresError, certified, verified
 from .records import ROWS, Certificates, Kept, digest, read_certificates

@@ -17,7 +17,7 @@ from flint import arb, arb_mat, arb_series
 from ..bifurcations.kind import Details, System
 from ..orbits.problem import Array, OrbitProblem
 from ..segments.arithmetic import evaluate_in
-from ..segments.ball_series import Number, number
+from ..segments.ball_flow import Number, number
 from ..segments.balls import Time, balls
 from ..segments.layout import SECTION
 

@@ -13,7 +13,7 @@ from typing import Any
 
 from ..models.guards import Guard, same_surface
 from ..orbits.problem import OrbitProblem
-from ..segments.passages import ELSEWHERE
+from ..segments.segment import ELSEWHERE
 from ..segments.touches import coordinates
 from .equations import BallProblem
 

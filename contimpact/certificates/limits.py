@@ -1,4 +1,4 @@
-"""Where the motion begins after an impact, in balls; see `contimpact.segments.limits`."""
+"""Where the motion begins after an impact, in balls; see `contimpact.segments.touches`."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from typing import Any
 from flint import arb
 
 from ..orbits.problem import OrbitProblem
-from ..segments.limits import limits_of, on_surface
+from ..segments.touches import limits_of, on_surface
 from .equations import BallProblem, Balls
 
 

@@ -28,7 +28,7 @@ from ..bifurcations.sliding import (
 from ..bifurcations.vanishing import vanished
 from ..models.word import Word
 from ..orbits.problem import OrbitProblem
-from ..segments.passages import ELSEWHERE
+from ..segments.segment import ELSEWHERE
 from .equations import BallProblem, Balls
 
 

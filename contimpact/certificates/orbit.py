@@ -16,7 +16,7 @@ from flint import acb_mat, arb, arb_mat
 
 from ..bifurcations.kind import Kind
 from ..orbits.problem import OrbitProblem
-from ..segments.ball_series import number
+from ..segments.ball_flow import number
 from ..segments.balls import turns
 from ..segments.layout import SECTION
 from . import winding

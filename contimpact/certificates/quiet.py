@@ -10,7 +10,7 @@ from ..bifurcations.kind import Details, System
 from ..models.guards import Guard
 from ..orbits.problem import Array, OrbitProblem
 from ..segments.arithmetic import evaluate_in
-from ..segments.ball_series import number
+from ..segments.ball_flow import number
 from ..segments.layout import SECTION
 from .clearance import Gap
 from .equations import BallProblem, Balls, Flight

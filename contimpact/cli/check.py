@@ -9,8 +9,7 @@ from ..errors import InputError, printable
 from ..progress import Progress
 from ..scenes.scene import CurveOptions, Scene, load_scene
 from ..scenes.system_files import systems_of
-from ..segments.checked import checked
-from ..segments.kernels import Kernels
+from ..segments.kernels import Kernels, checked
 from ..studies.starting_orbits import (
     SURVEYED,
     not_found,

@@ -10,7 +10,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from ..compiling.library import mode
 from ..errors import InputError, NotWrittenError
 from ..progress import Progress
 from ..records.catalogue import diagram_files
@@ -20,6 +19,7 @@ from ..records.result_folder import Files, held, renewed
 from ..scenes.naming import folder_of, require_own_folders
 from ..scenes.scene import Scene, load_scene
 from ..scenes.system_files import systems_of
+from ..segments.compiling import mode
 from ..storage.files import write_all
 from ..studies import explore
 from ..studies.explore import INTERRUPTED

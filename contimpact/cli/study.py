@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import argparse
 
-from ..compiling.library import mode
 from ..errors import InputError
 from ..parameter_studies.executors import Workshop, dask, mpi, processes
 from ..parameter_studies.run import Tally, WorkersLostError, duration, run_study
 from ..parameter_studies.store import Store
 from ..parameter_studies.study_file import load_study
+from ..segments.compiling import mode
 from ..telling import telling
 from .terminal import complain, say
 

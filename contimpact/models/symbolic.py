@@ -27,7 +27,7 @@ _SAMPLES = 1024
 
 
 class Stumpff(sympy.Function):
-    """The Stumpff function c_k(q); see `contimpact.segments.stumpff`."""
+    """The Stumpff function c_k(q); see `contimpact.segments.transients`."""
 
     nargs = 2
 

@@ -34,7 +34,7 @@ from .chain_functions import (
 from .orbit_backend import Functions, OrbitBackend
 
 if TYPE_CHECKING:
-    from ..compiling.program import Program
+    from ..segments.machine_code import Program
 
 MOST_COORDINATES = 4
 """Up to which steps in plain Python, or in machine code without a library, pay."""

@@ -15,9 +15,8 @@ from ..orbits.cyclic_chain import assemble, doubling, eliminate, row_norms, solv
 from ..orbits.cyclic_multipliers import scaled
 from ..orbits.physicality import verdict
 from ..segments.layout import Blocks, Setup
-from ..segments.oscillation import MOST
+from ..segments.oscillation import MOST, excursions
 from ..segments.oscillations import Followed, along_one, follow_all
-from ..segments.turning_points import excursions
 from .orbit_functions import UNRESOLVED
 
 WALLS, PERIODS, FREE, DERIVED, GAPS, DOUBLING, UNKNOWNS, COORDINATES = range(8)

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from ..compiling.program import Program
 from ..continuation.step import take_steps
 from ..orbits.block_cyclic import store, store_compiled
 from ..segments.compiled_flow import flow_compiled
-from ..segments.float_flow import flow
 from ..segments.kernels import Kernels
+from ..segments.linear_flow import flow
+from ..segments.machine_code import Program
 from ..segments.oscillation import row_of, row_of_compiled
 from ..segments.oscillations import Followed
 from .chain_functions import (

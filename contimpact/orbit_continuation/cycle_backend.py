@@ -14,10 +14,9 @@ from ..continuation.batch import columns
 from ..continuation.branch import Block
 from ..orbits.block_cyclic import BLOCK, KEPT
 from ..orbits.problem import OrbitProblem
-from ..segments.flight import excursion_of
+from ..segments.flight import excursion_of, time_zeros
 from ..segments.layout import Setup
 from ..segments.oscillation import MOST, ROW
-from ..segments.zeros import time_zeros
 from .orbit_backend import TOO_STIFF, Functions, OrbitBackend
 from .orbit_functions import (
     DESCRIBED,
@@ -33,7 +32,7 @@ from .orbit_functions import (
 )
 
 if TYPE_CHECKING:
-    from ..compiling.program import Program
+    from ..segments.machine_code import Program
 
 
 class CycleBackend(OrbitBackend[OrbitVectors]):

@@ -4,15 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from ..compiling.program import Program
 from ..continuation.step import take_steps
 from ..orbits.block_cyclic import store, store_compiled
 from ..segments.compiled_flow import flow_compiled
-from ..segments.float_flow import flow
+from ..segments.flight import single_zeros
 from ..segments.kernels import Kernels
-from ..segments.oscillation import excursion_by_law, row_of, row_of_compiled
-from ..segments.turning_points import excursions
-from ..segments.zeros import single_zeros
+from ..segments.linear_flow import flow
+from ..segments.machine_code import Program
+from ..segments.oscillation import excursion_by_law, excursions, row_of, row_of_compiled
 from .linear_flights import with_space
 from .orbit_functions import (
     OrbitVectors,

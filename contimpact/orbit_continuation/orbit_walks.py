@@ -9,13 +9,13 @@ from ..arrays import Array
 from ..bifurcations.orbit_test import OrbitTest
 from ..bifurcations.status import explained
 from ..bifurcations.unfolding import meeting
-from ..compiling.library import plainly
 from ..continuation.branch import Walk
 from ..continuation.settings import Settings
 from ..continuation.test_function import TestFunction
 from ..continuation.walk import Options, walk
 from ..orbits.linearisation import Linearisation
 from ..orbits.problem import OrbitProblem
+from ..segments.compiling import plainly
 from .cycle_backend import CycleBackend
 from .longest_period import bounded, told
 

@@ -27,7 +27,7 @@ from typing import TypeAlias
 
 from ..arrays import Table, Vector
 from ..segments.layout import Blocks, Setup
-from ..segments.passages import ELSEWHERE, MEETING
+from ..segments.segment import ELSEWHERE, MEETING
 
 BLOCK = 12
 """Numbers of a flight: 2 residuals, the blocks A and B row by row, 2 derivatives by lambda."""
@@ -132,7 +132,7 @@ def eliminate(
     blocks : table
         The flights.
     arrivals : vector of int
-        Where each of them ends; see `contimpact.segments.passages`.
+        Where each of them ends; see `contimpact.segments.segment`.
     kept : table
         Filled with a row for each eliminated impact, from row 1.
     right : float

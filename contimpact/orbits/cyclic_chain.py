@@ -17,7 +17,7 @@ from collections.abc import Callable
 
 from ..arrays import Table, Vector
 from ..segments.layout import Blocks, Setup
-from ..segments.passages import ELSEWHERE, MEETING
+from ..segments.segment import ELSEWHERE, MEETING
 from .block_cyclic import BRIEF, store
 
 

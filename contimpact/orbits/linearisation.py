@@ -12,7 +12,7 @@ import numpy as np
 from ..arrays import Array, Number
 from ..models.guards import Guard
 from ..segments.flight import FlightGaps
-from ..segments.passages import ELSEWHERE, MEETING
+from ..segments.segment import ELSEWHERE, MEETING
 from .block_cyclic import BRIEF
 from .multipliers import (
     Stability,

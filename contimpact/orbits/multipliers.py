@@ -93,7 +93,7 @@ def stability_of_orbit(
     ----------
     start, end : ndarray of shape (N, 2, 2)
     arrivals : sequence of int
-        Where each flight ends; see `contimpact.segments.passages`.
+        Where each flight ends; see `contimpact.segments.segment`.
     unknowns, span
         Of the orbit; the derivatives of arrivals by their times are read from them, see
         `contimpact.orbits.block_cyclic.eliminate`.

@@ -37,7 +37,7 @@ from ..models.word import Word
 from ..segments.flight import FlightGaps
 from ..segments.kernels import Kernels
 from ..segments.layout import Together
-from ..segments.passages import MEETING
+from ..segments.segment import MEETING
 from ..segments.touches import interior_touches
 from .linearisation import CyclicBlocks, Linearisation, Summary
 from .path import motion_of
@@ -67,7 +67,7 @@ class OrbitProblem:
     free : int
         Number of free parameters.
     arrivals : tuple of int
-        Where each flight ends; see `contimpact.segments.passages`.
+        Where each flight ends; see `contimpact.segments.segment`.
     lost : int
         Multipliers that vanish: directions of the state that some mode on the way does not have.
     excursions : tuple of int

@@ -28,11 +28,19 @@ from ..models.guards import Row, state_before, state_size
 from ..models.model import Model
 from ..models.word import Word
 from ..segments.arithmetic import ARRAYS, evaluate_in
-from ..segments.flight import Excursion, FlightGaps, Moved, Touch, excursions, touch_of
-from ..segments.integrated_track import IntegratedTrack, integrated_track, joined
+from ..segments.flight import (
+    Excursion,
+    FlightGaps,
+    Moved,
+    Touch,
+    chebyshev_zeros,
+    excursions,
+    rounding_along,
+    touch_of,
+)
+from ..segments.integration import IntegratedTrack, integrated_track, joined
 from ..segments.kernels import Kernels
 from ..segments.layout import SECTION
-from ..segments.zeros import chebyshev_zeros, rounding_along
 from .free_period import FreePeriodProblem, WithoutForcing
 from .linearisation import CyclicBlocks, Linearisation
 from .problem import Array, OrbitProblem

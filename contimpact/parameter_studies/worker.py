@@ -18,9 +18,9 @@ from pathlib import Path
 from typing import Any
 
 from .. import __version__
-from ..compiling.library import spend
 from ..errors import InputError
 from ..scenes.scene import Scene, read_scene
+from ..segments.compiling import spend
 from ..studies.explore import follow
 from .budget import BudgetError, limited
 from .outcome import Outcome, Rows, diagram_rows, failure, simulation_rows

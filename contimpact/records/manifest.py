@@ -8,7 +8,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from .. import __version__
-from ..compiling.library import mode, ran_plainly, used
+from ..segments.compiling import mode, ran_plainly, used
 from ..storage.texts import json_text
 from .result_folder import MANIFEST
 

@@ -21,8 +21,10 @@ from typing import Any, Protocol
 import numpy as np
 
 from ..arrays import Number
-from . import array_transients, integration, layout, linear_flow, stumpff, transients
-from .taylor import require
+from . import integration, layout, linear_flow, transients
+from . import transients as array_transients
+from . import transients as stumpff
+from .integration import require
 
 
 class Kernel(Protocol):
@@ -151,7 +153,7 @@ FLOATS = Arithmetic(
     {name: getattr(math, name) for name in FUNCTIONS}
     | {"nan": math.nan, **linear_flow.SCALAR, **integration.SCALAR, **PLAIN}
     | {"power": math.pow}  # without complex numbers
-    | stumpff.SCALAR
+    | stumpff.STUMPFF_SCALAR
     | transients.SCALAR
 )
 
@@ -174,6 +176,6 @@ ARRAYS = Arithmetic(
     {name: getattr(np, _NUMPY_SPELLING.get(name, name)) for name in FUNCTIONS}
     | {"nan": math.nan, **linear_flow.ARRAY, **integration.ARRAY, **PLAIN}
     | {"waves": _array_waves, "total": lambda x: np.sum(x, axis=0)}
-    | stumpff.ARRAY
+    | stumpff.STUMPFF_ARRAY
     | array_transients.ARRAY
 )

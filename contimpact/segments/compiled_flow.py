@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 
 from ..arrays import Vector
-from .float_flow import MEANS, SLOPES, balance, halved
+from .linear_flow import MEANS, SLOPES, balance, halved
 
 
 def space_of(d: int, h: int, directions: int) -> int:

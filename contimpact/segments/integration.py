@@ -1,15 +1,626 @@
-"""What kernels call for flights that are integrated, in every arithmetic; see `taylor`."""
+"""Integrated flights: Taylor steps, batches of them, and tracks made of their polynomials."""
 
 from __future__ import annotations
 
+import functools
+import importlib.util
 import math
+import types
+from bisect import bisect_right
 from collections.abc import Callable, Sequence
-from typing import Any
+from typing import Any, NamedTuple, Protocol, Self
 
 import numpy as np
 
-from ..arrays import Array
-from .taylor import integrator, statement
+from ..arrays import Array, Vector
+from ..errors import NotInstalledError
+from ..models.expressions import FUNCTIONS
+from .track import coefficients_of, sign_changes
+
+# Flights that are integrated: :math:`\ddot x = f(t, x, \dot x)` by Taylor's method.
+#
+# A flight of duration D from (t_0, x_0, v_0) is written in the time s = (t - t_0)/D from 0 to 1,
+# with
+# the mean velocity u so far in the place of the position:
+#
+# .. math:: u' = v, \qquad v' = D\,f(t_0 + sD,\; x_0 + Du,\; v), \qquad u(0) = 0,\; v(0) = v_0 .
+#
+# u(1) is the mean velocity of the flight, which does not cancel however short it is, nor do its
+# derivatives; there is nothing special about D = 0 or D < 0, and everything a flight depends on is
+# a
+# parameter of the equations or an initial velocity. Derivatives come from the variational
+# equations,
+# truncated series from those with respect to the series' small quantity.
+#
+# The integrator is heyoka (Biscani and Izzo, 2021), with its order and its steps chosen for errors
+# at rounding. Compiled integrators are kept for the life of the process.
+
+SCALE = 2.0**100
+"""Of the state: heyoka bounds errors beside the largest of it, or beside 1 where that is larger."""
+MOST_STEPS = 200_000
+"""Of a flight; c = 1e4 asks for some 1e4 over one period."""
+SOME_STEPS = 10_000
+"""Of a flight among many, whatever the others ask for."""
+
+
+class Statement(NamedTuple):
+    """A field, as its text states it.
+
+    Attributes
+    ----------
+    parameters : tuple of str
+    accelerations : tuple of str
+    """
+
+    parameters: tuple[str, ...]
+    accelerations: tuple[str, ...]
+
+    @property
+    def freedom(self) -> int:
+        """Degrees of freedom."""
+        return len(self.accelerations)
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """What a flight depends on, in order."""
+        places = range(self.freedom)
+        state = *(f"x{i}" for i in places), *(f"v{i}" for i in places)
+        return "dt", "t", *state, *self.parameters
+
+
+def text_of(parameters: Sequence[str], accelerations: Sequence[str]) -> str:
+    """Return the text of a field, in which kernels hold it."""
+    return f"{' '.join(parameters)}: {'; '.join(accelerations)}"
+
+
+@functools.cache
+def statement(field: str) -> Statement:
+    """Return what a text states."""
+    parameters, _, accelerations = field.partition(":")
+    return Statement(tuple(parameters.split()), tuple(accelerations.strip().split("; ")))
+
+
+def require() -> None:
+    """Raise `NotInstalledError` if the package that integrates is not there."""
+    if importlib.util.find_spec("heyoka") is None:
+        found = "its flights are integrated by the package heyoka, which is not installed"
+        raise NotInstalledError("system", found, "pip install contimpact[ode]")
+
+
+class Integrator:
+    """The flow of a field, compiled.
+
+    Parameters
+    ----------
+    field : str
+    directions : tuple of str
+        Of `Statement.names`: what derivatives are taken by.
+    degree : int
+        Of the truncated series that it integrates; 0 for numbers.
+    bits : int
+        Of the numbers; 0 for doubles.
+    """
+
+    def __init__(self, field: str, directions: tuple[str, ...], degree: int, bits: int) -> None:
+        require()
+        import heyoka as hy
+
+        self.hy = hy
+        self.stated, self.directions, self.degree = statement(field), directions, degree
+        self.bits = bits
+        system, keys = self._equations()
+        if degree:
+            system, keys = self._series(system, keys)
+        self._adaptive = self._compiled(system)
+        self._places = {key: i for i, key in enumerate(keys)}
+        self._scale = self._number(SCALE)
+        self._blank = [self._number(0.0)] * len(keys)
+        self._state, self._given = self._adaptive.state, self._adaptive.pars
+        self._used = len(self._given)
+        d = self.stated.freedom
+        self.wanted = [
+            [
+                [self._places[f"{letter}{i}", table, order] for order in range(degree + 1)]
+                for letter in "uw"
+                for i in range(d)
+            ]
+            for table in ("", *directions)
+        ]
+        self._rows = np.array(self.wanted).reshape(-1, degree + 1)
+        self.steps = 0
+        self._orders = np.arange(self._adaptive.order + 1.0)
+        outcome = hy.taylor_outcome
+        self._arrived, self._stepped = {outcome.time_limit}, {outcome.time_limit, outcome.success}
+
+    def _compiled(self, system: list[Any]) -> Any:
+        kind: dict[str, Any] = {}
+        if self.bits:
+            kind = {"fp_type": self.hy.real, "prec": self.bits, "compact_mode": True}
+        rare = self.degree > 0 or self.bits > 0
+        return self.hy.taylor_adaptive(system, opt_level=0 if rare else 1, **kind)
+
+    # The equations.
+
+    def _equations(self) -> tuple[list[Any], list[tuple[str, str, int]]]:
+        """The equations and the variational ones, and what each of them is of."""
+        hy, stated = self.hy, self.stated
+        given = {name: hy.par[i] for i, name in enumerate(stated.names)}
+        places = range(stated.freedom)
+        means = hy.make_vars(*(f"u{i}" for i in places), *(f"w{i}" for i in places))
+        names, dt = [str(e) for e in means], given["dt"]
+        means, speeds = means[: stated.freedom], means[stated.freedom :]
+        now = {**given, "t": given["t"] + dt * hy.time}
+        for i in places:
+            now[f"x{i}"] = given[f"x{i}"] + dt * (means[i] / SCALE)
+            now[f"v{i}"] = speeds[i] / SCALE
+        forces = (_evaluated(e, hy, now, self.bits) for e in stated.accelerations)
+        pushes = [(w, SCALE * (dt * f)) for w, f in zip(speeds, forces, strict=True)]
+        system = [*zip(means, speeds, strict=True), *pushes]
+        keys = [(name, "", 0) for name in names]
+        if self.directions:
+            by = [given[name] for name in self.directions]
+            whole = hy.var_ode_sys(system, args=by, order=1).sys
+            known = {
+                f"∂[({k}, 1)]{name}": (name, direction, 0)
+                for k, direction in enumerate(self.directions)
+                for name in names
+            }
+            keys += [known[str(e)] for e, _ in whole[len(names) :]]
+            system = _renamed(
+                hy, whole, {str(whole[i][0]): _name(keys[i]) for i in range(len(keys))}
+            )
+        return system, keys
+
+    def _series(
+        self, system: list[Any], keys: list[tuple[str, str, int]]
+    ) -> tuple[list[Any], list[tuple[str, str, int]]]:
+        """The same for parameters that are polynomials in a small quantity."""
+        hy, size, names = self.hy, self.degree + 1, self.stated.names
+        small = hy.par[size * len(names)]
+        moved = {}
+        for i in range(len(names)):
+            value = hy.par[size * i + self.degree]
+            for k in range(self.degree - 1, -1, -1):
+                value = hy.par[size * i + k] + small * value
+            moved[hy.par[i]] = value
+        system = [(e, hy.subs(rate, moved)) for e, rate in system]
+        whole = hy.var_ode_sys(system, args=[small], order=self.degree).sys
+        known = {
+            f"∂[(0, {order})]{e}": (key[0], key[1], order)
+            for (e, _), key in zip(system, keys, strict=True)
+            for order in range(1, size)
+        }
+        keys = keys + [known[str(e)] for e, _ in whole[len(keys) :]]
+        return _renamed(
+            hy, whole, {str(e): _name(k) for (e, _), k in zip(whole, keys, strict=True)}
+        ), keys
+
+    # Integration.
+
+    def __call__(
+        self, numbers: Sequence[Any], longest: float = math.inf, most: int = MOST_STEPS
+    ) -> list[Any]:
+        """Return mean and end velocities, and then the same of their derivatives by each direction.
+
+        Parameters
+        ----------
+        numbers : sequence
+            One for each of `Statement.names`.
+        longest : float
+            Part of the flight that a step may take.
+        most : int
+            How many steps it may ask for.
+
+        Raises
+        ------
+        ArithmeticError
+            If the flow ceases to be finite on the way, or asks for too many steps.
+        """
+        self._given[:] = numbers[: self._used]
+        d = self.stated.freedom
+        self._begin(numbers[2 + d : 2 + 2 * d])
+        self._propagate(longest, most)
+        found = self._state[self._rows[:, 0]]
+        return [x / self._scale for x in found] if self.bits else (found / SCALE).tolist()
+
+    def each(self, rows: Array) -> Array:
+        """Return the same for each row of numbers; NaN where a call raises an error.
+
+        Many flights that ask for too many steps share those of one among them.
+        """
+        found = np.full((len(rows), len(self._rows)), np.nan)
+        left = MOST_STEPS
+        for i, row in enumerate(rows.tolist()):
+            self.steps = 0
+            try:
+                found[i] = self(row, most=max(left // 4, SOME_STEPS))
+            except ArithmeticError:
+                left -= self.steps
+        return found
+
+    def of_series(self, rows: Sequence[Sequence[Any]]) -> list[list[Any]]:
+        """Return the same as coefficients, from coefficients; the first are those of order 0."""
+        size, d = self.degree + 1, self.stated.freedom
+        given = [self._number(c) for row in rows for c in row] + [self._number(0.0)]
+        self._given[:] = given[: self._used]
+        speeds = rows[2 + d : 2 + 2 * d]
+        self._begin([row[0] for row in speeds])
+        factors = [math.factorial(k) for k in range(size)]
+        for i, row in enumerate(speeds):
+            for k in range(1, size):
+                place = self._places[f"w{i}", "", k]
+                self._state[place] = self._scale * factors[k] * row[k]
+        self._propagate()
+        state = self._state if self.bits else self._state.tolist()
+        return [
+            [state[p] / (self._scale * n) for p, n in zip(row, factors, strict=True)]
+            for row in self._rows.tolist()
+        ]
+
+    def dense(self, numbers: Sequence[float]) -> tuple[Array, Array, Array]:
+        """Return the flow as polynomials, one for each step.
+
+        Returns
+        -------
+        times : ndarray of shape (steps + 1,)
+            Parts of the flight.
+        means, speeds : ndarray of shape (steps, freedom, order + 1)
+            Coefficients of the mean velocities times the part of the flight, and of the velocities,
+            by powers of the time since the step's start as a part of the step.
+        """
+        d = self.stated.freedom
+        self._given[:] = numbers[: self._used]
+        self._begin(numbers[2 + d : 2 + 2 * d])
+        times, found = [0.0], list[Array]()
+        step, adaptive, terms = self._adaptive.step, self._adaptive, self._adaptive.tc
+        while times[-1] < 1.0:  # continuous output would be compiled anew each time
+            said, length = step(max_delta_t=1.0 - times[-1], write_tc=True)
+            self._check(said, self._stepped, len(found))
+            found.append(terms * (length**self._orders))
+            times.append(adaptive.time)
+        terms = np.array(found) / SCALE
+        return np.array(times), terms[:, self._rows[:d, 0]], terms[:, self._rows[d : 2 * d, 0]]
+
+    def _begin(self, speeds: Sequence[Any]) -> None:
+        self._adaptive.time = self._number(0.0)
+        state = self._state
+        state[:] = self._blank
+        for i, speed in enumerate(speeds):
+            state[self._places[f"w{i}", "", 0]] = speed * self._scale
+            place = self._places.get((f"w{i}", f"v{i}", 0))
+            if place is not None:
+                state[place] = self._scale
+
+    def _propagate(self, longest: float = math.inf, most: int = MOST_STEPS) -> None:
+        more = {"max_delta_t": longest} if longest < math.inf else {}
+        said, _, _, self.steps, _, _ = self._adaptive.propagate_until(
+            self._number(1.0), max_steps=most, **more
+        )
+        self._check(said, self._arrived, self.steps, most)
+
+    def _check(self, said: Any, fine: Any, steps: int, most: int = MOST_STEPS) -> None:
+        """Raise an error where integration has not come to its end."""
+        if steps >= most:
+            raise OverflowError(f"a flight asks for more than {most} steps of integration")
+        if said not in fine:
+            raise OverflowError("a flight does not stay finite")
+
+    def _number(self, value: Any) -> Any:
+        return self.hy.real(value, self.bits) if self.bits else float(value)
+
+
+def _name(key: tuple[str, str, int]) -> str:
+    return "_".join(map(str, key))
+
+
+def _renamed(hy: Any, system: Sequence[Any], names: dict[str, str]) -> list[Any]:
+    """A system whose variables have other names: those of variational ones are reserved."""
+    flat = [e for pair in system for e in pair]
+    renamed = hy.rename_variables(flat, names)
+    return list(zip(renamed[::2], renamed[1::2], strict=True))
+
+
+def _evaluated(text: str, hy: Any, names: dict[str, Any], bits: int) -> Any:
+    """An acceleration as heyoka's expression."""
+
+    def number(value: float) -> Any:
+        return hy.expression(hy.real(value, bits) if bits else float(value))
+
+    def of_any(function: Any) -> Any:
+        return lambda x: function(x if isinstance(x, hy.expression) else number(x))
+
+    def ratio(above: int, below: int) -> Any:
+        quotient = hy.real(above, bits) / hy.real(below, bits) if bits else above / below
+        return hy.expression(quotient)
+
+    functions = {name: of_any(getattr(hy, name)) for name in FUNCTIONS}
+
+    known = {"pi": hy.pi, "ratio": ratio, "power": lambda x, y: x**y}
+    known |= {"square": lambda x: x * x, "cube": lambda x: x * x * x}
+    found = types.FunctionType(_code(text), {"__builtins__": {}, **functions, **known, **names})()
+    return found if isinstance(found, hy.expression) else hy.expression(float(found))
+
+
+def _code(text: str) -> types.CodeType:
+    """The code of a function that returns what an expression says."""
+    module = compile(f"def force():\n return {text}", "<field>", "exec")
+    return next(c for c in module.co_consts if isinstance(c, types.CodeType))
+
+
+@functools.cache
+def integrator(
+    field: str, directions: tuple[str, ...] = (), degree: int = 0, bits: int = 0
+) -> Integrator:
+    """Return the integrator of a field; it is compiled when it is first asked for."""
+    return Integrator(field, directions, degree, bits)
+
+
+# Many flights integrated side by side, as searches ask for them; see `taylor`.
+
+
+class BatchIntegrator(Integrator):
+    """The flow of a field, compiled for as many flights as the processor computes at once.
+
+    Parameters
+    ----------
+    field : str
+    directions : tuple of str
+        As of `Integrator`.
+    """
+
+    def __init__(self, field: str, directions: tuple[str, ...]) -> None:
+        super().__init__(field, directions, 0, 0)
+        self.field = field
+
+    def _compiled(self, system: list[Any]) -> Any:
+        self.lanes = self.hy.recommended_simd_size()
+        blank = np.zeros((len(system), self.lanes))
+        return self.hy.taylor_adaptive_batch(system, blank, opt_level=1)
+
+    def each(self, rows: Array) -> Array:
+        """Return what an `Integrator` does for each row of numbers.
+
+        Flights of like duration are integrated together. One that ceases to be finite stops those
+        beside it; then they are integrated one by one.
+
+        Parameters
+        ----------
+        rows : ndarray of shape (flights, names)
+            A number for each of `Statement.names`.
+
+        Returns
+        -------
+        ndarray of shape (flights, values)
+        """
+        found = np.full((len(rows), len(self._rows)), np.nan)
+        usable = np.flatnonzero(np.all(np.isfinite(rows), axis=1))
+        alike = usable[np.argsort(np.abs(rows[usable, 0]), kind="stable")]
+        for first in range(0, len(alike), self.lanes):
+            lanes = alike[first : first + self.lanes]
+            together = self._side_by_side(rows[lanes])
+            if together is None:
+                together = integrator(self.field, self.directions).each(rows[lanes])
+            found[lanes] = together
+        return found
+
+    def _side_by_side(self, rows: Array) -> Array | None:
+        """The same of as many flights as there are lanes, or fewer; None where one does not end."""
+        given = rows[np.arange(self.lanes) % len(rows)]
+        given[len(rows) :, 0] = 0.0
+        d = self.stated.freedom
+        self._given[:] = given[:, : self._used].T
+        self._adaptive.set_time(0.0)
+        self._state[:] = 0.0
+        for i, speeds in enumerate(given[:, 2 + d : 2 + 2 * d].T):
+            self._state[self._places[f"w{i}", "", 0]] = speeds * SCALE
+            place = self._places.get((f"w{i}", f"v{i}", 0))
+            if place is not None:
+                self._state[place] = SCALE
+        self._adaptive.propagate_until(1.0, max_steps=MOST_STEPS)
+        if not all(said[0] in self._arrived for said in self._adaptive.propagate_res):
+            return None
+        return np.asarray(self._state[self._rows[:, 0]].T[: len(rows)] / SCALE)
+
+
+@functools.cache
+def batch_integrator(field: str, directions: tuple[str, ...] = ()) -> BatchIntegrator:
+    """Return the integrator of many flights; it is compiled when it is first asked for."""
+    return BatchIntegrator(field, directions)
+
+
+# An integrated flight from its start to its end, as the Taylor polynomials of its steps.
+#
+# Each is right to rounding on its step, so that extrema and arrivals found on them with certainty,
+# as
+# on those of `track`, are the flight's.
+
+
+class Fields(Protocol):
+    """What tracks ask of the kernels of a model; see `kernels.Kernels`."""
+
+    def field(self, a: str) -> Any:
+        """Return the kernel of the field that flights from wall a are integrated in."""
+        ...
+
+    def segment(self, start: str, end: str) -> Any:
+        """Return the segment from one wall to another."""
+        ...
+
+
+class IntegratedTrack:
+    """The states of a flight.
+
+    Parameters
+    ----------
+    field : str
+        As of `taylor.text_of`.
+    numbers : sequence of float
+        As of `integration.flown`, without the duration.
+    length : float
+        Its duration, positive.
+    """
+
+    def __init__(self, field: str, numbers: Sequence[float], length: float) -> None:
+        freedom = statement(field).freedom
+        times, means, speeds = integrator(field).dense([length, *numbers])
+        self.start = list(numbers[1 : 1 + freedom])
+        self.times, self.speeds = length * times, speeds
+        self.moved = length * means
+
+    @classmethod
+    def of(cls, start: list[float], times: Array, moved: Array, speeds: Array) -> Self:
+        """Return the states of a flight from its polynomials."""
+        track = cls.__new__(cls)
+        track.start, track.times, track.moved, track.speeds = start, times, moved, speeds
+        return track
+
+    def along(self, row: Sequence[float], from_start: bool = False) -> IntegratedCurve:
+        """Return a linear combination of the positions, or how far it is from where it starts.
+
+        Coordinates that the mode does not have are at zero.
+        """
+        weights = np.array([float(c) for c in row[: len(self.start)]])
+        position, velocity = (np.einsum("i,kij->kj", weights, e) for e in (self.moved, self.speeds))
+        if not from_start:
+            position[:, 0] += weights @ self.start
+        return IntegratedCurve(self.times, position, velocity)
+
+
+def integrated_track(
+    kernels: Fields, wall: str, leave: Sequence[float], values: Sequence[float], length: float
+) -> IntegratedTrack:
+    """Return the track of a flight that is integrated, from the unknowns where it leaves."""
+    field, numbers = kernels.field(wall)(*leave, *values)
+    return IntegratedTrack(field, numbers, length)
+
+
+def joined(
+    tracks: Sequence[IntegratedTrack], begins: Sequence[float] | Array, positions: Array
+) -> IntegratedTrack:
+    """Return one flight of several, which begin at these times and positions."""
+    times, moved = [tracks[0].times[:1]], []
+    for track, begin, position in zip(tracks, begins, positions, strict=True):
+        times.append(begin + track.times[1:])
+        way = track.moved.copy()
+        way[:, :, 0] += position - positions[0]
+        moved.append(way)
+    speeds = np.concatenate([track.speeds for track in tracks])
+    return IntegratedTrack.of(tracks[0].start, np.concatenate(times), np.concatenate(moved), speeds)
+
+
+def track_between(
+    kernels: Fields,
+    ends: tuple[str, str],
+    leave: Sequence[float],
+    arrive: Sequence[float],
+    values: Sequence[float],
+    length: float,
+) -> IntegratedTrack:
+    """Return the track of a flight that is integrated, from one guard to another.
+
+    A long one is held by both of its ends: from where it leaves alone, it would go astray.
+    """
+    segment: Any = kernels.segment(*ends)
+    found: IntegratedTrack | None = segment.long_track(leave, arrive, values)
+    return found or integrated_track(kernels, ends[0], leave, values, length)
+
+
+class IntegratedCurve:
+    """A coordinate along a flight: position, velocity and acceleration.
+
+    Parameters
+    ----------
+    times : ndarray of shape (pieces + 1,)
+        Where pieces begin and end.
+    position, velocity : ndarray of shape (pieces, degree + 1)
+        Coefficients of powers of the time since the piece's start, as a part of its duration.
+    """
+
+    def __init__(self, times: Array, position: Array, velocity: Array) -> None:
+        self.times, self.last = times.tolist(), len(position) - 1
+        self._steps = np.diff(times)
+        self._position, self._velocity = position, velocity
+
+    @functools.cached_property
+    def _acceleration(self) -> Array:
+        found = np.zeros_like(self._velocity)
+        orders = np.arange(1.0, found.shape[1])
+        found[:, :-1] = self._velocity[:, 1:] * orders / self._steps[:, None]
+        return found
+
+    @functools.cached_property
+    def _parts(self) -> list[list[tuple[float, float, float]]]:
+        """Coefficients of each piece, the highest first."""
+        three = np.stack([self._position, self._velocity, self._acceleration], axis=2)
+        return [[(x, v, a) for x, v, a in piece] for piece in three[:, ::-1].tolist()]
+
+    def __call__(self, head: Vector, dt: float, values: Vector) -> tuple[float, float, float]:
+        """Return position, velocity and acceleration; see `flight.Motion`."""
+        k = min(max(bisect_right(self.times, dt) - 1, 0), self.last)
+        s = (dt - self.times[k]) / (self.times[k + 1] - self.times[k])
+        x = v = a = 0.0
+        for b, c, d in self._parts[k]:
+            x, v, a = x * s + b, v * s + c, a * s + d
+        return x, v, a
+
+    def bounds(self) -> tuple[float, float]:
+        """Return bounds of the position on the whole flight."""
+        coefficients = coefficients_of(self._position)
+        return float(coefficients.min()), float(coefficients.max())
+
+    def at_end(self) -> tuple[float, float]:
+        """Return position and velocity where the flight ends."""
+        return float(self._position[-1].sum()), float(self._velocity[-1].sum())
+
+    def breaks(self) -> list[float]:
+        """Return the times at which the acceleration changes sign, in order."""
+        found = []
+        for place in sign_changes(self._acceleration[:, :-1]):
+            k = min(int(place), self.last)
+            found.append(self.times[k] + (place - k) * self._steps[k])
+        return found
+
+
+def velocities_at(field: str, numbers: Sequence[float], times: Array) -> Array:
+    """Return mean velocities and end velocities of flights that leave together, a row for each.
+
+    Parameters
+    ----------
+    field, numbers
+        As of `IntegratedTrack`.
+    times : ndarray of shape (n,)
+        Their durations, none negative.
+
+    Returns
+    -------
+    ndarray of shape (2 * freedom, n)
+        NaN where the flow does not stay finite.
+    """
+    freedom = statement(field).freedom
+    longest = float(np.max(times, initial=0.0))
+    begun = [float(v) for v in numbers[1 + freedom : 1 + 2 * freedom]]
+    if longest == 0.0:
+        return np.repeat(np.array(begun * 2)[:, None], len(times), axis=1)
+    try:
+        track = IntegratedTrack(field, [float(x) for x in numbers], longest)
+    except ArithmeticError:
+        return np.full((2 * freedom, len(times)), np.nan)
+    steps = np.diff(track.times)
+    places = np.clip(np.searchsorted(track.times, times, side="right") - 1, 0, len(steps) - 1)
+    part = (times - track.times[places]) / steps[places]
+    moved, speeds = (_values(e[places], part) for e in (track.moved, track.speeds))
+    short = times == 0.0
+    means = np.where(short, np.array(begun)[:, None], moved / np.where(short, 1.0, times))
+    return np.concatenate([means, speeds])
+
+
+def _values(terms: Array, part: Array) -> Array:
+    """Polynomials of shape (n, freedom, degree + 1) at parts of their steps, shape (freedom, n)."""
+    total = np.zeros(terms.shape[:2])
+    for k in range(terms.shape[2] - 1, -1, -1):
+        total = total * part[:, None] + terms[:, :, k]
+    return total.T
+
 
 TRIALS_APART = 0.7
 """Part of the mean step to which another integration is held, to see how far results differ."""
@@ -64,13 +675,9 @@ def flown_of_arrays(field: str, directions: str, *numbers: Any) -> Array:
     given = np.broadcast_arrays(*(np.asarray(x, dtype=float) for x in numbers))
     shape = given[0].shape
     if not directions and not any(np.ndim(x) for x in numbers[1:]) and np.min(numbers[0]) >= 0.0:
-        from .integrated_track import velocities_at
-
         return velocities_at(field, numbers[1:], given[0].ravel()).reshape(-1, *shape)
     rows, by = np.column_stack([x.ravel() for x in given]), tuple(directions.split())
     if len(rows) >= MANY:
-        from .taylor_batch import batch_integrator
-
         found = batch_integrator(field, by).each(rows)
     else:
         found = integrator(field, by).each(rows)

@@ -20,12 +20,12 @@ from .oscillation import (
     ROW,
     START,
     WIDTH,
+    Moved,
     in_step,
     row_of,
     zero_in,
     zeros_at_most,
 )
-from .turning_points import Moved
 
 LAST = ROW - 1
 

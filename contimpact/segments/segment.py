@@ -1,4 +1,4 @@
-"""What an answerer of segments must provide.
+"""What a segment must provide, what meets it, and segments in closed form.
 
 A segment is one smooth piece of an orbit, from the impact it leaves to the one it reaches. An orbit
 problem closes segments into an orbit and asks them for everything; it knows nothing of how they are
@@ -11,14 +11,126 @@ its order; derivatives are taken with respect to the `Source.parameters` among t
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Callable, Sequence
-from typing import Any, Protocol, TypeAlias
+from typing import Any, NamedTuple, Protocol, TypeAlias
+
+import numpy as np
 
 from ..arrays import Array, Number
+from ..errors import InputError
+from ..models.guards import Guard
 from ..models.model import Model
-from .arithmetic import Arithmetic, Kernel
-from .layout import Blocks, Row, Setup
-from .passages import Passages
+from .arithmetic import ARRAYS, Arithmetic, Kernel, evaluate_in
+from .layout import SECTION, Blocks, Row, Setup
+from .track import velocities
+
+# What meets a flight: the guards that can end it, and how it leaves and reaches their surfaces.
+
+ELSEWHERE, BACK, MEETING = range(3)
+"""Where a flight ends: on another surface than it left; on the same; on the same, where both guards
+let the motion pass, so that the flight can vanish with the velocities at its ends."""
+
+
+class Passages(NamedTuple):
+    """What meets the flights of a system, by the numbers of its guards.
+
+    Attributes
+    ----------
+    watched : tuple of tuple of bool
+        Of each guard that is left: whether the flight can meet each guard.
+    leaving : tuple of float
+        The side, on the flight, of the surface that it leaves: its guard's after a rigid wall, that
+        of the guard that the new mode has there after another, or zero if it has none.
+    arrivals : tuple of tuple of int
+        Of each guard that is left: where a flight to each guard ends.
+    onto : tuple of tuple of bool
+        Of each guard that is left: whether the jump after a touch leads onto the surface of each
+        guard, so that the flight there vanishes with the velocity of the touch. Empty for none.
+    begins, at_rest : tuple of tuple of bool
+        Of each guard that is left: whether the flight begins on the surface of each guard of its
+        mode with a rate of either sign, so that it may leave the mode at once; or always without
+        any. Empty for none.
+    """
+
+    watched: tuple[tuple[bool, ...], ...]
+    leaving: tuple[float, ...]
+    arrivals: tuple[tuple[int, ...], ...]
+    onto: tuple[tuple[bool, ...], ...] = ()
+    begins: tuple[tuple[bool, ...], ...] = ()
+    at_rest: tuple[tuple[bool, ...], ...] = ()
+
+    def meets_at_rest(self, left: int, reached: int) -> bool:
+        """Whether a flight that a touch starts can vanish."""
+        return self.arrivals[left][reached] != ELSEWHERE or (
+            bool(self.onto) and self.onto[left][reached]
+        )
+
+    @property
+    def anchored(self) -> bool:
+        """Whether flights start on the surfaces of the guards that they leave: no jump moves the
+        gap coordinate."""
+        return all(row[a] != ELSEWHERE for a, row in enumerate(self.arrivals))
+
+    def beginning(self, left: int) -> list[int]:
+        """Return the guards on whose surface the flight begins with a rate of either sign."""
+        return [k for k, begins in enumerate(self.begins[left]) if begins] if self.begins else []
+
+    def resting(self, left: int) -> list[int]:
+        """Return the guards on whose surface the flight begins without any."""
+        return [k for k, rests in enumerate(self.at_rest[left]) if rests] if self.at_rest else []
+
+    def vanishes(self, left: int, reached: int) -> bool:
+        """Whether a flight can vanish together with the velocities at its ends."""
+        return self.arrivals[left][reached] == MEETING
+
+
+def beside(guards: Sequence[Guard], passages: Passages, wall: int) -> tuple[int, int]:
+    """Return the guards below and above that a flight from a guard can meet; -1 for none.
+
+    Raises
+    ------
+    InputError
+        If there is no telling on which side of its surface the flight goes on, or there are two
+        guards on one side.
+    """
+    if passages.leaving[wall] == 0.0:
+        found = f"behind {guards[wall].name} its next mode has no guard on the same surface"
+        raise InputError("model", found, "give the mode one there to simulate it")
+    met = {-1: -1, 1: -1}
+    for k, guard in enumerate(guards):
+        if passages.watched[wall][k] and met[guard.side] >= 0:
+            raise InputError("model", "two walls on one side", "give at most one on each side")
+        if passages.watched[wall][k]:
+            met[guard.side] = k
+    return met[-1], met[1]
+
+
+def passages_of(guards: Sequence[Guard], back: Callable[[int, int], bool]) -> Passages:
+    """Return what meets flights.
+
+    Parameters
+    ----------
+    guards : sequence of Guard
+    back : callable ``back(left, reached) -> bool``
+        Whether a flight between two guards ends on the surface that it leaves.
+    """
+    places = range(len(guards))
+    watched = tuple(tuple(a.next_mode in b.modes for b in guards) for a in guards)
+
+    def arrival(a: int, b: int) -> int:
+        if not back(a, b):
+            return ELSEWHERE
+        through = guards[a].side != guards[b].side and not guards[a].past
+        return MEETING if through else BACK
+
+    def leaving(a: int) -> float:
+        met = (guards[b].side for b in places if watched[a][b] and back(a, b))
+        return float(next(met, 0))
+
+    arrivals = tuple(tuple(arrival(a, b) for b in places) for a in places)
+    return Passages(watched, tuple(leaving(a) for a in places), arrivals)
+
 
 Numbers: TypeAlias = Sequence[Number] | Array
 """Numbers of one arithmetic."""
@@ -149,3 +261,61 @@ class Source(Protocol):
     def setup(self, *values: Number) -> Setup:
         """Return what depends on the parameters alone."""
         ...
+
+
+# Segments with a closed form, answered by generated kernels.
+
+
+class ClosedForm:
+    """The flight from one wall to another; see `segment.Segment`.
+
+    Parameters
+    ----------
+    kernels : KernelSource
+    start, end : str
+        The walls left and reached.
+    """
+
+    def __init__(self, kernels: KernelSource, start: str, end: str) -> None:
+        self.name = start + end
+        self._kernels, self._walls = kernels, (start, end)
+        self._flight = kernels.flight(start, end)
+
+    def blocks(self, start: Numbers, end: Numbers, values: Numbers) -> Blocks:
+        """Return residual and first derivatives."""
+        return self._flight(*start, *end, *values)
+
+    def over(self, arithmetic: Arithmetic) -> Callable[[Numbers, Numbers, Numbers], Blocks]:
+        """Return `blocks` for the numbers of another arithmetic."""
+        flight = evaluate_in(self._flight, arithmetic)
+        return lambda start, end, values: flight(*start, *end, *values)
+
+    def second(self, start: Numbers, end: Numbers, along: Numbers, values: Numbers) -> Blocks:
+        """Return the derivatives of `blocks` along a direction."""
+        return self._kernels.second(*self._walls)(*start, *end, *along, *values)
+
+    def third(self, start: Numbers, end: Numbers, along: Numbers, values: Numbers) -> Row:
+        """Return the third derivatives of the residual along a direction."""
+        return self._kernels.third(*self._walls)(*start, *end, *along, *values)
+
+    def track(self, start: Numbers, dt: Number, values: Numbers) -> tuple[Number, Number, Number]:
+        """Return displacement, velocity and acceleration of the gap coordinate."""
+        return self._motion(*start, dt, *values)
+
+    def speeds(self, start: Numbers, step: float, count: int, values: Numbers) -> Array:
+        """Return the velocity of the gap coordinate at so many equal steps after leaving."""
+        kernels, left = self._kernels, self._walls[0]
+        if left != SECTION and kernels.linear(left):
+            guard = kernels.model.guard(left)
+            found = velocities(kernels.law(left)(*start, *values), step, count)
+            return found @ np.array(guard.row(kernels.model.DEGREES_OF_FREEDOM), dtype=float)
+        times = step * np.arange(1.0, count + 1.0)
+        motion = evaluate_in(self._motion, ARRAYS)
+        return np.broadcast_to(motion(*start, times, *values)[1], times.shape)
+
+    @functools.cached_property
+    def _motion(self) -> Kernel:
+        """The motion of the gap coordinate of the guard left, or of the first guard."""
+        if self._walls[0] == SECTION:
+            return self._kernels.since(self._kernels.model.WALLS[0].name)
+        return self._kernels.motion(self._walls[0])

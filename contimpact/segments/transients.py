@@ -1,4 +1,4 @@
-r"""Free motions of a damped linear oscillator, without cancellation for any damping.
+r"""Stumpff functions and transients of linear flights, in floats, arrays and exact arithmetic.
 
 With y = ct/2 and kappa = kt^2 let :math:`D = s^2 + 2ys + \kappa`, and let :math:`G_{n,b}` be the
 inverse Laplace transform of :math:`s^n/D^b` at time one, without impulses at time zero:
@@ -21,7 +21,201 @@ differentiated in its own: as a product, the rate of :math:`g_{n,b}` would be a 
 from __future__ import annotations
 
 import math
+from collections.abc import Callable, Iterable, Sequence
 from typing import Any, TypeAlias
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from ..arrays import Array, Number, Vector
+
+# Stumpff functions: cosines, sines and what is left of them, without cancellation.
+#
+# .. math:: c_k(q) = \sum_{j \ge 0} \frac{(-q)^j}{(2j + k)!}
+#
+# so that :math:`c_0(x^2) = \cos x`, :math:`c_1(x^2) = \sin x / x`,
+# :math:`c_3(x^2) = (x - \sin x)/x^3`, and for negative arguments the hyperbolic functions. They are
+# entire, which makes one formula serve a linear flight below, at and above critical damping, and
+# short flights as well as long ones.
+# Identities used: :math:`c_k = 1/k! - q\,c_{k+2}`, :math:`c_2(q) = c_1(q/4)^2/2` and
+# :math:`c_k' = (k\,c_{k+2} - c_{k+1})/2` (Stiefel and Scheifele, Linear and Regular Celestial
+# Mechanics, 1971, sec. 11).
+
+HIGHEST = 11
+_SERIES_BELOW = 4.0
+_LONGER_SERIES_BELOW = 20.0
+"""For orders above 9, which the recurrence reaches in more steps."""
+_TERMS = 12
+_SERIES = tuple(
+    tuple(1.0 / math.factorial(2 * j + k) for j in reversed(range(_TERMS)))
+    for k in range(HIGHEST + 1)
+)
+_INVERSE_FACTORIAL = tuple(1.0 / math.factorial(k) for k in range(HIGHEST + 1))
+
+
+def stumpff0(q: float) -> float:
+    return math.cos(math.sqrt(q)) if q >= 0 else math.cosh(math.sqrt(-q))
+
+
+def stumpff1(q: float) -> float:
+    if q == 0:
+        return 1.0
+    x = math.sqrt(abs(q))
+    return math.sin(x) / x if q > 0 else math.sinh(x) / x
+
+
+def stumpff2(q: float) -> float:
+    half = stumpff1(0.25 * q)
+    return 0.5 * half * half
+
+
+def _near_zero(k: int) -> float:
+    """The size of arguments up to which the series of c_k is summed."""
+    return _SERIES_BELOW if k <= 9 else _LONGER_SERIES_BELOW
+
+
+def _higher(k: int, lower: Callable[[float], float]) -> Callable[[float], float]:
+    """c_k for k > 2: its series near zero, the recurrence from c_{k-2} away from it.
+
+    The series is one expression: a loop over its coefficients takes several times as long.
+    """
+    c11, c10, c9, c8, c7, c6, c5, c4, c3, c2, c1, c0 = _SERIES[k]
+    start, near = _INVERSE_FACTORIAL[k - 2], _near_zero(k)
+
+    def function(q: float) -> float:
+        if -near < q < near:
+            half = c6 - q * (c7 - q * (c8 - q * (c9 - q * (c10 - q * c11))))
+            return c0 - q * (c1 - q * (c2 - q * (c3 - q * (c4 - q * (c5 - q * half)))))
+        return (start - lower(q)) / q
+
+    function.__name__ = function.__qualname__ = f"stumpff{k}"
+    return function
+
+
+stumpff3 = _higher(3, stumpff1)
+stumpff4 = _higher(4, stumpff2)
+stumpff5 = _higher(5, stumpff3)
+stumpff6 = _higher(6, stumpff4)
+stumpff7 = _higher(7, stumpff5)
+stumpff8 = _higher(8, stumpff6)
+stumpff9 = _higher(9, stumpff7)
+stumpff10 = _higher(10, stumpff8)
+stumpff11 = _higher(11, stumpff9)
+
+
+TOGETHER = (3, 5)
+"""Up to which order there is a function for all from the first on."""
+
+
+def stumpffs3(q: float) -> tuple[float, float, float]:
+    """c_1, c_2, c_3."""
+    c1, c2 = _first_two(q)
+    return c1, c2, stumpff3(q) if -_SERIES_BELOW < q < _SERIES_BELOW else (1.0 - c1) / q
+
+
+def stumpffs5(q: float) -> tuple[float, float, float, float, float]:
+    """c_1, ..., c_5."""
+    c1, c2 = _first_two(q)
+    if -_SERIES_BELOW < q < _SERIES_BELOW:
+        c5 = stumpff5(q)
+        return c1, c2, _SIXTH - q * c5, stumpff4(q), c5
+    c3 = (1.0 - c1) / q
+    return c1, c2, c3, (0.5 - c2) / q, (_SIXTH - c3) / q
+
+
+_SIXTH = 1.0 / 6.0
+
+
+def _first_two(q: float) -> tuple[float, float]:
+    if q == 0:
+        return 1.0, 0.5
+    x = math.sqrt(abs(q))
+    h = 0.5 * x
+    half = math.sin(h) / h if q > 0 else math.sinh(h) / h
+    return math.sin(x) / x if q > 0 else math.sinh(x) / x, 0.5 * half * half
+
+
+STUMPFF_SCALAR = {f"stumpff{k}": globals()[f"stumpff{k}"] for k in range(HIGHEST + 1)}
+STUMPFF_SCALAR |= {"stumpffs3": stumpffs3, "stumpffs5": stumpffs5}
+
+
+def _array_stumpff(k: int) -> Callable[[Array], Array]:
+    """The same function for arrays of any shape."""
+
+    def function(q: Array) -> Array:
+        q = np.asarray(q, dtype=float)
+        x = np.sqrt(np.abs(q))
+        if k == 0:
+            return np.where(q >= 0, np.cos(x), np.cosh(np.where(q < 0, x, 0.0)))
+        if k == 1:
+            divisor = np.where(x == 0, 1.0, x)
+            hyperbolic = np.sinh(np.where(q < 0, x, 0.0))
+            return np.where(x == 0, 1.0, np.where(q >= 0, np.sin(x), hyperbolic) / divisor)
+        if k == 2:
+            return 0.5 * STUMPFF_ARRAY["stumpff1"](0.25 * q) ** 2
+        below = _near_zero(k)
+        near = np.where(np.abs(q) < below, q, 0.0)
+        total = np.zeros_like(near)
+        for coefficient in _SERIES[k]:
+            total = coefficient - near * total
+        far = np.where(np.abs(q) < below, 1.0, q)
+        recurrence = (_INVERSE_FACTORIAL[k - 2] - STUMPFF_ARRAY[f"stumpff{k - 2}"](q)) / far
+        return np.where(np.abs(q) < below, total, recurrence)
+
+    return function
+
+
+STUMPFF_ARRAY: dict[str, Callable[..., Any]] = {
+    f"stumpff{k}": _array_stumpff(k) for k in range(HIGHEST + 1)
+}
+
+
+def _array_stumpffs(n: int) -> Callable[[Array], tuple[Array, ...]]:
+    """The first n functions for arrays, n one of `TOGETHER`, by the steps of the scalar ones."""
+
+    def function(q: Array) -> tuple[Array, ...]:
+        q = np.asarray(q, dtype=float)
+        x = np.sqrt(np.abs(q))
+        c1, half = _over(x, q), _over(0.5 * x, q)
+        c2 = 0.5 * half * half
+        near = np.abs(q) < _SERIES_BELOW
+        by = np.where(near, 1.0, q)
+        c3 = (1.0 - c1) / by
+        if n == 3:
+            return c1, c2, _near(c3, near, _series(3, q[near]))
+        c4, c5, close = (0.5 - c2) / by, (_SIXTH - c3) / by, q[near]
+        last = _series(5, close)
+        c3 = _near(c3, near, _SIXTH - close * last)
+        return c1, c2, c3, _near(c4, near, _series(4, close)), _near(c5, near, last)
+
+    return function
+
+
+def _over(x: Array, q: Array) -> Array:
+    """sin x / x, or sinh x / x where q is negative."""
+    divisor = np.where(x == 0, 1.0, x)
+    found = np.sin(x)
+    if np.any(q < 0):
+        found = np.where(q < 0, np.sinh(np.where(q < 0, x, 0.0)), found)
+    return np.where(x == 0, 1.0, found / divisor)
+
+
+def _near(far: Array, near: Array, values: Array) -> Array:
+    """An array with other values near zero."""
+    found = np.array(far)
+    found[near] = values
+    return found
+
+
+def _series(k: int, q: Array) -> Array:
+    total = np.zeros_like(q)
+    for coefficient in _SERIES[k]:
+        total = coefficient - q * total
+    return total
+
+
+STUMPFF_ARRAY |= {f"stumpffs{n}": _array_stumpffs(n) for n in TOGETHER}
+
 
 Values: TypeAlias = tuple[Any, ...]
 
@@ -342,3 +536,179 @@ def _part(n: int, j: int, root: Any) -> Any:
 
 
 SCALAR = {"transients1": transients1, "transients2": transients2, "transients4": transients4}
+
+
+# Free motions of an oscillator at many times at once, by the formulas of `transients`.
+
+
+def _apart_each(order: int) -> Callable[..., Array]:
+    """The functions where the roots are apart, element by element."""
+    apart = globals()[f"_apart{order}"]
+
+    def function(y: Array, kappa: Array, t: Array) -> Array:
+        each = zip(y.tolist(), kappa.tolist(), t.tolist(), strict=True)
+        return np.array([apart(*one) for one in each]).T
+
+    return function
+
+
+def _apart_together(y: Array, kappa: Array, t: Array) -> Array:
+    """Those of `TABLES[1]`, which searches for zeros evaluate most, all at once."""
+    x = np.sqrt(y * y - kappa)
+    far = np.where(y > 0, -(x + y), x - y)
+    near = kappa / far
+    high, low = np.maximum(near, far), np.minimum(near, far)
+    by = 1.0 / (high - low)
+    eh, el = np.exp(high), np.exp(low)
+    g0, g1 = by * (eh - el), by * (high * eh - low * el)
+    fall = by * (_lags(high, eh) - _lags(low, el))
+    fast = np.abs(near) >= SLOW
+    fall[fast] = ((1.0 - g1 - 2.0 * y * g0)[fast]) / kappa[fast]
+    return np.array([fall, g0, g1])
+
+
+def _lags(root: Array, grown: Array) -> Array:
+    """What `_lag` gives for j = 1, with the exponentials of the roots."""
+    found, small = np.empty_like(root), np.abs(root) < 1.0
+    total = np.zeros(np.count_nonzero(small))
+    for i in range(FEW + 1, 0, -1):
+        total = INVERSE_FACTORIAL[i] - root[small] * total
+    found[small] = grown[small] * total
+    found[~small] = (grown[~small] - 1.0) / root[~small]
+    return found
+
+
+def _array(order: int) -> Callable[..., Values]:
+    """The same functions for arrays."""
+    near, series, swing, timed = (
+        globals()[f"_{name}{order}"] for name in ("near", "series", "swing", "timed")
+    )
+    apart = _apart_together if order == 1 else _apart_each(order)
+    count = len(TABLES[order])
+
+    def basis(y: Array, q: Array) -> Values:
+        if q[0] < SERIES_BELOW:
+            return series(y, q, TERMS)
+        x = np.sqrt(q)
+        return swing(q, np.sin(x) / x, np.cos(x))
+
+    def function(c: ArrayLike, k: ArrayLike, t: ArrayLike) -> Values:
+        given = np.broadcast_arrays(*(np.asarray(x, dtype=float) for x in (c, k, t)))
+        c, k, t = (x.ravel() for x in given)
+        found = np.empty((count, t.size))
+        y, kappa = 0.5 * c * t, k * t * t
+        q = kappa - y * y
+        short, low, far = kappa < SERIES_BELOW, q < SERIES_BELOW, q <= -APART
+        if np.any(far):
+            found[:, far] = apart(y[far], kappa[far], t[far])
+        for part in (low & short & ~far, low & ~short & ~far, ~low):
+            if np.any(part):
+                ch, kh, th, yh, qh = (x[part] for x in (c, k, t, y, q))
+                brief = bool(short[part][0])
+                found[:, part] = near(ch, kh, th, np.exp(-yh), brief, *basis(yh, qh))
+        return timed(given[2], *found.reshape(count, *given[0].shape))
+
+    return function
+
+
+ARRAY = {f"transients{order}": _array(order) for order in TABLES}
+
+
+# Free motions of an oscillator in many digits, by plain formulas: digits are cheap.
+
+
+def transients(ctx: Any, order: int) -> Callable[[Number, Number, Number], Vector]:
+    """What `transients` of that order returns, in many digits."""
+
+    def function(c: Number, k: Number, t: Number) -> Vector:
+        means = together(ctx, TABLES[order], c, k, t)
+        timed = (means[n, b] * ctx.mpf(t) ** (2 * b - 1 - n) for n, b in MOTIONS[order])
+        return (*means.values(), *timed)
+
+    return function
+
+
+EXACT_FEW = 40
+"""Size of the roots up to which free motions are summed from their power series, where roots are
+near zero or each other."""
+
+NEAR = 1e-3
+"""Distance of roots, from zero or from each other, below which that is so."""
+
+
+def transient(ctx: Any, n: int, b: int, c: Number, k: Number, t: Number) -> Number:
+    """The inverse Laplace transform of s^n/(s^2 + cs + k)^b, by t^(2b-1-n) where n < 2b."""
+    return together(ctx, [(n, b)], c, k, t)[n, b]
+
+
+def together(
+    ctx: Any, table: Iterable[tuple[int, int]], c: Number, k: Number, t: Number
+) -> dict[tuple[int, int], Any]:
+    """The same of several n and b, which share their exponentials."""
+    c, k, t = map(ctx.mpf, (c, k, t))
+    size = abs(c * t) + ctx.sqrt(abs(k)) * abs(t)
+    series = size < EXACT_FEW and _exact_near(ctx, c, k, t)
+    with ctx.extradps(EXACT_FEW if series else 4 * ctx.dps):
+        if series:
+            found = {(n, b): _power_series(ctx, n, b, c, k, t, size) for n, b in table}
+        else:
+            roots = _exact_roots(ctx, c, k, t)
+            found = {
+                (n, b): _partial_fractions(ctx, n, b, roots, t) * t ** -max(2 * b - 1 - n, 0)
+                for n, b in table
+            }
+    return {of: +value for of, value in found.items()}
+
+
+def _exact_near(ctx: Any, c: Number, k: Number, t: Number) -> bool:
+    """Whether a root is near zero or the other one, so that sums over both lose many digits."""
+    apart = ctx.sqrt(ctx.mpc(c * c - 4 * k))
+    return bool(min(abs(apart), abs(apart - c) / 2, abs(apart + c) / 2) * abs(t) < NEAR)
+
+
+def _power_series(
+    ctx: Any, n: int, b: int, c: Number, k: Number, t: Number, size: Number
+) -> Number:
+    """By the coefficients of 1/(1 + cz + kz^2)^b; powers below zero are impulses."""
+    degree = 2 * b - 1 - n
+    here, before, total = ctx.one, ctx.zero, ctx.zero
+    m, largest = 0, ctx.one
+    while largest > ctx.eps or m < EXACT_FEW // 2:
+        if m + degree >= 0:
+            total += here * t ** min(m, m + degree) / ctx.factorial(m + degree)
+        here, before = -(c * (m + b) * here + k * (m + 2 * b - 1) * before) / (m + 1), here
+        m += 1
+        largest *= size / m
+    return total
+
+
+def _exact_roots(ctx: Any, c: Number, k: Number, t: Number) -> list[tuple[Number, Number, Number]]:
+    """Both roots: the distance to the other one, the root, and its exponential.
+
+    They cannot coincide, as they are far from zero and may be moved apart.
+    """
+    apart = ctx.sqrt(ctx.mpc(c * c - 4 * k)) or ctx.mpf(10) ** (-ctx.dps // 8) / t
+    roots = [(distance, (distance - c) / 2) for distance in (apart, -apart)]
+    return [(distance, root, ctx.exp(root * t)) for distance, root in roots]
+
+
+def _partial_fractions(ctx: Any, n: int, b: int, roots: Sequence[Number], t: Number) -> Number:
+    total = ctx.zero
+    for distance, root, grown in roots:
+        for j in range(1, b + 1):
+            factor = ctx.binomial(-b, b - j) * distance ** (j - 2 * b)
+            total += factor * _of_root(ctx, n, j, root, grown, t)
+    return ctx.re(total)
+
+
+def _of_root(ctx: Any, n: int, j: int, root: Number, grown: Number, t: Number) -> Number:
+    """The inverse Laplace transform of s^n/(s - root)^j; `grown` is exp(root t)."""
+    if n >= 0:
+        return grown * sum(
+            ctx.binomial(n, i) * root ** (n - i) * t ** (j - 1 - i) / ctx.factorial(j - 1 - i)
+            for i in range(min(n, j - 1) + 1)
+        )
+    found = (grown - 1) / root
+    for i in range(1, j):
+        found = (grown * t**i / ctx.factorial(i) - found) / root
+    return found

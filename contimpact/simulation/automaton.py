@@ -22,10 +22,10 @@ import numpy as np
 from ..arrays import Array
 from ..models.guards import state_before
 from ..models.model import Model
-from ..segments.arrival import first_hit
+from ..segments.flight import first_hit
 from ..segments.kernels import Kernels
 from ..segments.linear_flow import Shape
-from ..segments.passages import ELSEWHERE
+from ..segments.segment import ELSEWHERE
 from .body import wrapped
 from .chatter import EARLY, LOW, SHORT
 from .flight_from_state import (

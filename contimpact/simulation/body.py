@@ -24,7 +24,7 @@ class Body(NamedTuple):
     zeros : vector
         Zeros of the acceleration in [0, T), in order, if it depends on time alone.
     sides, leaving : vector of int, shape (w,)
-        Of the walls, and of the same on the flights that leave them; see `segments.passages`.
+        Of the walls, and of the same on the flights that leave them; see `segments.segment`.
     below, above : vector of int, shape (w,)
         The walls that flights from each wall can meet below and above; -1 for none.
     low, high : vector of shape (w,)

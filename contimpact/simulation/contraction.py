@@ -25,7 +25,7 @@ from ..arrays import Array
 from ..models.guards import orders_of, state_before
 from ..segments.arithmetic import FLOATS, evaluate_in
 from ..segments.bounded import UNIT, bounds_of
-from ..segments.series import Series, series
+from ..segments.derivatives import Series, series
 from .run import State
 from .simulator import Simulator
 

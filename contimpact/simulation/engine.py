@@ -8,14 +8,14 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ..arrays import INTEGERS, VECTOR, Array
-from ..compiling.library import CompiledProgram, load, mode, spend
 from ..segments.arithmetic import Kernel
+from ..segments.compiling import CompiledProgram, load, mode, spend
 from .body import Body
 from .flights import fly_in_time
 from .impacts import make_impacts
 
 if TYPE_CHECKING:
-    from ..compiling.program import Program
+    from ..segments.machine_code import Program
 
 WORTH = 2000
 """Impacts, in one run or made so far by plain Python, from which compiled code is worth loading."""
@@ -107,7 +107,7 @@ def formulas(motions: Sequence[Kernel]) -> tuple[str, ...]:
 
 def program_of(motions: Sequence[Kernel]) -> Program:
     """Return the program that simulates from impact to impact."""
-    from ..compiling.program import Program
+    from ..segments.machine_code import Program
 
     program = Program({})
     names = {f"motion_{wall}": motion for wall, motion in enumerate(motions)}

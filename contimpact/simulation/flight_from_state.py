@@ -1,7 +1,7 @@
 """Flights with any number of coordinates: how each gap coordinate moves, and the state they reach.
 
 A flight is looked at in windows, one after the other. In each every gap coordinate is known as a
-displacement, with the times between which its acceleration has one sign; `segments.arrival` then
+displacement, with the times between which its acceleration has one sign; `segments.flight` then
 finds its first arrival with certainty. Linear flights are polynomials in pieces and start anywhere;
 others are answered by the model's kernels and start at a guard.
 """
@@ -18,10 +18,9 @@ import numpy as np
 from ..arrays import Array
 from ..models.guards import Guard, pivot
 from ..segments.arithmetic import ARRAYS, evaluate_in
-from ..segments.flight import Motion
+from ..segments.flight import Motion, chebyshev_zeros, rounding_along
 from ..segments.kernels import Kernels
 from ..segments.track import Track
-from ..segments.zeros import chebyshev_zeros, rounding_along
 from .linear_motion import Contact, LinearMotion
 from .run import State
 

@@ -11,8 +11,14 @@ import numpy as np
 
 from ..arrays import Array
 from ..segments.arithmetic import ARRAYS, Kernel, evaluate_in
-from ..segments.arrival import first_arrival, first_hit
-from ..segments.zeros import chebyshev_coefficients, chebyshev_nodes, rounding_along, zeros_in_turn
+from ..segments.flight import (
+    chebyshev_coefficients,
+    chebyshev_nodes,
+    first_arrival,
+    first_hit,
+    rounding_along,
+    zeros_in_turn,
+)
 from .body import Body
 from .integrated_flight import fly_integrated
 

@@ -2,7 +2,7 @@
 
 The flight is integrated in windows, so that little of it lies beyond the wall that ends it: there
 the flow may cease to be finite. On each window the coordinate is a polynomial in pieces, the
-acceleration's zeros on it are isolated, and `segments.arrival` misses nothing between them. Where
+acceleration's zeros on it are isolated, and `segments.flight` misses nothing between them. Where
 the polynomials' bounds keep clear of the walls there is nothing to isolate.
 """
 
@@ -12,8 +12,8 @@ from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 from ..segments.arithmetic import Arithmetic, Kernel, evaluate_in
-from ..segments.arrival import first_hit
-from ..segments.integrated_track import IntegratedCurve, IntegratedTrack
+from ..segments.flight import first_hit
+from ..segments.integration import IntegratedCurve, IntegratedTrack
 from .body import Body
 
 FIRST, LEAST = 2.0**-5, 2.0**-30

@@ -25,9 +25,9 @@ import numpy as np
 from ..arrays import Array
 from ..models.guards import pivot, state_before
 from ..segments.arithmetic import FLOATS, evaluate_in
+from ..segments.derivatives import Series, series
 from ..segments.kernels import Kernels
 from ..segments.linear_flow import generator_of
-from ..segments.series import Series, series
 from .automaton import Automaton
 from .linear_motion import LinearMotion
 from .run import State

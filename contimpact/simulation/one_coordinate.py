@@ -18,10 +18,9 @@ from ..arrays import INTEGERS, VECTOR, Array
 from ..errors import InputError
 from ..models.model import Model
 from ..segments.arithmetic import ARRAYS, evaluate_in
-from ..segments.arrival import first_arrival
+from ..segments.flight import chebyshev_zeros, first_arrival, rounding_along, time_zeros
 from ..segments.kernels import Kernels
-from ..segments.passages import beside
-from ..segments.zeros import chebyshev_zeros, rounding_along, time_zeros
+from ..segments.segment import beside
 from .body import Body, wall_on, wrapped
 from .chatter import coefficient, slow_velocity
 from .engine import BODY, DTYPES, ROW, Engine, array, engine_of

@@ -7,7 +7,7 @@ from dataclasses import replace
 
 from ..models.guards import slides_at
 from ..segments.kernels import Kernels
-from ..segments.limits import margin
+from ..segments.touches import margin
 from .run import State
 
 

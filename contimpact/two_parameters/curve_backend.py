@@ -11,12 +11,12 @@ from typing import TYPE_CHECKING
 from ..arrays import ARRAYS, LISTS, Array, Containers, Vector
 from ..bifurcations.grazing import Touching
 from ..bifurcations.singular_cycle import SingularCycle
-from ..compiling.library import PAYS_AFTER, CompiledProgram, load, mode, spend
 from ..continuation.batch import Batch, Position, batch_of, columns
 from ..continuation.branch import Block
 from ..continuation.step import EVALUATIONS, take_steps
 from ..orbit_continuation.long_flights import UntilLong
 from ..orbits.linearisation import CyclicBlocks, Linearisation
+from ..segments.compiling import PAYS_AFTER, CompiledProgram, load, mode, spend
 from ..segments.layout import Setup
 from .curve_functions import (
     BLOCK,
@@ -30,7 +30,7 @@ from .curve_functions import (
 from .problem import CurvePoint, CurveProblem
 
 if TYPE_CHECKING:
-    from ..compiling.program import Program
+    from ..segments.machine_code import Program
 
 LONGEST = 8
 """Impacts of a word up to which elimination without regard to the matrix's structure pays."""

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from ..compiling.program import Program
 from ..continuation.step import take_steps
 from ..orbit_continuation.orbit_program import choice
 from ..segments.kernels import Kernels
+from ..segments.machine_code import Program
 from .curve_functions import (
     CurveVectors,
     evaluate_singular,

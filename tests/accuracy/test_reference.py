@@ -17,8 +17,8 @@ from contimpact.orbit_continuation.orbit_branch import both_ways
 from contimpact.orbits import multipliers as stability
 from contimpact.orbits.problem import OrbitProblem
 from contimpact.orbits.search import find_orbits
+from contimpact.segments.bounded import many_digits
 from contimpact.segments.kernels import Kernels
-from contimpact.segments.many_digits import many_digits
 
 POINT = (0.37, 0.61, 1.52, -0.43)
 

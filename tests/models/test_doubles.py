@@ -20,8 +20,7 @@ from contimpact.models.symbols import exact, whole
 from contimpact.orbits.search import find_orbits
 from contimpact.scenes.scene import read_scene
 from contimpact.segments.arithmetic import kernel_of
-from contimpact.segments.codegen import KernelWriter
-from contimpact.segments.printing import Printer
+from contimpact.segments.codegen import KernelWriter, Printer
 
 TEMPTING = ["0.66666667", "0.333333333333", "1.00000000001", "2.7182818", "0.70710678", "0.1"]
 

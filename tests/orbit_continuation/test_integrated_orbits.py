@@ -8,7 +8,7 @@ from integrated import MASSES, Integrated, IntegratedMasses
 
 import contimpact as ci
 from contimpact.accuracy.reference import Reference
-from contimpact.segments.taylor import Integrator
+from contimpact.segments.integration import Integrator
 from contimpact.systems.oscillator import Oscillator
 from contimpact.systems.pendulum import Pendulum
 from contimpact.systems.two_masses import TwoMasses

@@ -18,7 +18,7 @@ from contimpact.orbits.cyclic_multipliers import (
     row_norms,
     scaled,
 )
-from contimpact.segments.passages import ELSEWHERE
+from contimpact.segments.segment import ELSEWHERE
 
 
 def random_cycle(count, rng, growth=1.0):

@@ -18,8 +18,8 @@ from contimpact.orbits.quiet import QuietProblem
 from contimpact.orbits.search import find_orbits
 from contimpact.records.catalogue import load_diagram, write_diagram
 from contimpact.scenes.scene import read_scene
+from contimpact.segments.flight import chebyshev_zeros
 from contimpact.segments.kernels import Kernels
-from contimpact.segments.zeros import chebyshev_zeros
 from contimpact.studies.explore import follow
 from contimpact.systems.impact_pair import ImpactPair
 from contimpact.systems.oscillator import Oscillator

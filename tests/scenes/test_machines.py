@@ -11,10 +11,10 @@ import pytest
 from zoo import ROOT, TWO_MASSES
 
 from contimpact.errors import InputError
-from contimpact.models.sources import identity_of
 from contimpact.orbits.search import find_orbits
 from contimpact.scenes.scene import load_scene, read_scene
 from contimpact.segments.checking import check_model
+from contimpact.segments.kernels import identity_of
 from contimpact.studies.explore import follow
 from contimpact.systems.impact_damper import ImpactDamper
 

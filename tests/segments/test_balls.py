@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from contimpact.segments import linear_flow
-from contimpact.segments import stumpff as plain
+from contimpact.segments import transients as plain
 from contimpact.segments.arithmetic import evaluate_in
 from contimpact.segments.kernels import Kernels
 from contimpact.segments.layout import flat
@@ -18,8 +18,8 @@ balls = pytest.importorskip("contimpact.segments.balls", reason="needs contimpac
 from fifty_digits import MP, PLAIN, holds  # noqa: E402
 from flint import arb, arb_mat, arb_series, ctx  # noqa: E402
 
-from contimpact.segments import ball_blocks  # noqa: E402
-from contimpact.segments.ball_series import number  # noqa: E402
+from contimpact.segments import ball_flow  # noqa: E402
+from contimpact.segments.ball_flow import number  # noqa: E402
 
 PAIR = ImpactPair(beta=0.5, r=0.3, A=5.0, s=0.34)
 
@@ -68,7 +68,7 @@ def test_exponentials_of_blocks_are_those_of_the_whole_matrix(orders, directions
         [linear_flow.triangular(list(p), [1.0] * directions) for p in parts]
     )
     exact = arb_mat(whole.tolist()).exp()
-    found = ball_blocks.exponential([[arb_mat(a.tolist()) for a in row] for row in parts])
+    found = ball_flow.exponential([[arb_mat(a.tolist()) for a in row] for row in parts])
     for place, block in enumerate(block for row in found for block in row):
         for i, j in np.ndindex(n, n):
             assert block[i, j].overlaps(exact[i, n * place + j])

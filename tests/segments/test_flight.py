@@ -14,11 +14,17 @@ from zoo import unknowns_of
 from contimpact.models.model import Wall
 from contimpact.orbits.physicality import findings, verdict_of
 from contimpact.orbits.search import find_orbits
-from contimpact.segments import zeros as module
+from contimpact.segments import flight as module
 from contimpact.segments.arithmetic import ARRAYS, evaluate_in
-from contimpact.segments.arrival import first_hit
-from contimpact.segments.flight import FlightGaps, Touch, excursions, flight_gaps
-from contimpact.segments.zeros import chebyshev_zeros, time_zeros
+from contimpact.segments.flight import (
+    FlightGaps,
+    Touch,
+    chebyshev_zeros,
+    excursions,
+    first_hit,
+    flight_gaps,
+    time_zeros,
+)
 
 WALLS = (Wall("B", side=+1), Wall("T", side=-1))
 MESH = 4001

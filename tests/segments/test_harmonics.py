@@ -12,10 +12,9 @@ from contimpact import ImpactPair, continue_orbit, find_orbits
 from contimpact.models import symbols
 from contimpact.segments import arithmetic, codegen
 from contimpact.segments.arithmetic import ARRAYS, evaluate_in
-from contimpact.segments.bounded import bounds_of_kernel
+from contimpact.segments.bounded import bounds_of_kernel, many_digits
 from contimpact.segments.kernels import Kernels
 from contimpact.segments.layout import flat
-from contimpact.segments.many_digits import many_digits
 
 MANY = "+".join(f"cos({k}*pi*t+{k})*{0.6**k}" for k in range(1, 10))
 KINDS = ["BB", "BT"]

@@ -14,14 +14,17 @@ from contimpact.models.nonlinear import Nonlinear
 from contimpact.orbits.search import find_orbits
 from contimpact.segments import integration
 from contimpact.segments.arithmetic import ARRAYS, evaluate_in
-from contimpact.segments.bounded import BOUNDED, Bounded
+from contimpact.segments.bounded import BOUNDED, Bounded, many_digits
 from contimpact.segments.checking import check_model
-from contimpact.segments.integrated_track import integrated_track
-from contimpact.segments.integration import flown, flown_of_series
+from contimpact.segments.integration import (
+    flown,
+    flown_of_series,
+    integrated_track,
+    integrator,
+    text_of,
+)
 from contimpact.segments.kernels import Kernels
 from contimpact.segments.layout import flat
-from contimpact.segments.many_digits import many_digits
-from contimpact.segments.taylor import integrator, text_of
 from contimpact.segments.track import track_of
 from contimpact.systems.oscillator import Oscillator
 from contimpact.systems.pendulum import Pendulum

@@ -14,11 +14,10 @@ from contimpact.errors import InputError
 from contimpact.models.linear import Linear, harmonics_of
 from contimpact.models.model import Formulas
 from contimpact.segments.arithmetic import evaluate_in
-from contimpact.segments.bounded import BOUNDED, Bounded
+from contimpact.segments.bounded import BOUNDED, Bounded, many_digits
 from contimpact.segments.kernels import Kernels
 from contimpact.segments.layout import flat
 from contimpact.segments.linear_flow import Shape, flow, flow_of_arrays, flow_of_series
-from contimpact.segments.many_digits import many_digits
 
 CTX = mpmath.mp.clone()
 CTX.dps = 40

@@ -14,15 +14,15 @@ from contimpact.models.word import Word
 from contimpact.orbits.quiet import problem_of
 from contimpact.orbits.search import orbit_at
 from contimpact.segments import integrated_form
-from contimpact.segments.kernels import Kernels
-from contimpact.segments.layout import Together
-from contimpact.segments.multiple_shooting import (
+from contimpact.segments.integrated_form import (
     MOST_PIECES,
     SIZE,
     IntegratedFlight,
     NotSplit,
     Shooting,
 )
+from contimpact.segments.kernels import Kernels
+from contimpact.segments.layout import Together
 from contimpact.systems.duffing import Duffing
 from contimpact.systems.pendulum import Pendulum
 

@@ -11,9 +11,9 @@ from contimpact.accuracy.reference import Reference
 from contimpact.models.word import Word
 from contimpact.orbits.problem import OrbitProblem
 from contimpact.orbits.search import find_orbits
+from contimpact.segments.bounded import many_digits
 from contimpact.segments.kernels import Kernels
 from contimpact.segments.layout import flat, refilled
-from contimpact.segments.many_digits import many_digits
 
 
 class InManyDigits:

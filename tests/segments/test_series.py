@@ -11,15 +11,18 @@ from zoo import two_masses
 
 from contimpact.errors import InputError
 from contimpact.segments.arithmetic import FLOATS, FUNCTIONS, evaluate_in
-from contimpact.segments.derivatives import second_derivatives, third_derivatives
-from contimpact.segments.exact_transients import transient
+from contimpact.segments.bounded import many_digits
+from contimpact.segments.derivatives import (
+    RECORDED,
+    Series,
+    Tape,
+    second_derivatives,
+    series,
+    third_derivatives,
+)
 from contimpact.segments.kernels import Kernels
 from contimpact.segments.layout import flat
-from contimpact.segments.many_digits import many_digits
-from contimpact.segments.recording import RECORDED, Tape
-from contimpact.segments.series import Series, series
-from contimpact.segments.stumpff import HIGHEST
-from contimpact.segments.transients import MOTIONS, TABLES
+from contimpact.segments.transients import HIGHEST, MOTIONS, TABLES, transient
 from contimpact.systems.impact_pair import ImpactPair
 from contimpact.systems.oscillator import Oscillator
 

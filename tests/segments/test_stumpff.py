@@ -14,7 +14,7 @@ import pytest
 import sympy
 
 from contimpact.models.symbolic import Stumpff
-from contimpact.segments.stumpff import ARRAY, HIGHEST, SCALAR
+from contimpact.segments.transients import HIGHEST, STUMPFF_ARRAY, STUMPFF_SCALAR
 
 ORDERS = range(HIGHEST + 1)
 
@@ -68,7 +68,7 @@ FAR = both_signs(np.concatenate([np.linspace(4.001, 100, 60), np.logspace(2, 5.5
 
 def worst(k, arguments):
     """Largest errors of the scalar and of the array function, as parts of `size`."""
-    scalar, array = SCALAR[f"stumpff{k}"], ARRAY[f"stumpff{k}"](arguments)
+    scalar, array = STUMPFF_SCALAR[f"stumpff{k}"], STUMPFF_ARRAY[f"stumpff{k}"](arguments)
     errors = [0.0, 0.0]
     with mp.workdps(40):
         for q, from_array in zip(arguments.tolist(), array.tolist(), strict=True):
@@ -97,7 +97,7 @@ def test_large_arguments(k):
 def test_relative_error_where_there_are_no_zeros(k):
     """For k > 2 the functions are positive: below |q| = 100 the bound holds relative to them."""
     arguments = np.concatenate([NEAR, THRESHOLD, FAR[np.abs(FAR) < 100]])
-    scalar = SCALAR[f"stumpff{k}"]
+    scalar = STUMPFF_SCALAR[f"stumpff{k}"]
     with mp.workdps(40):
         error = max(float(abs(scalar(q) / reference(k, q) - 1)) for q in arguments.tolist())
     assert error < max(2e-15, BEYOND[k])  # measured: 9e-16 for k = 3 to 6.9e-13 for k = 9
@@ -106,27 +106,27 @@ def test_relative_error_where_there_are_no_zeros(k):
 @pytest.mark.parametrize("k", ORDERS)
 @pytest.mark.parametrize("q", [0.0, -0.0, 5e-324, -5e-324, 1e-300])
 def test_at_zero(k, q):
-    assert SCALAR[f"stumpff{k}"](q) == 1 / math.factorial(k)
-    assert ARRAY[f"stumpff{k}"](q) == 1 / math.factorial(k)
+    assert STUMPFF_SCALAR[f"stumpff{k}"](q) == 1 / math.factorial(k)
+    assert STUMPFF_ARRAY[f"stumpff{k}"](q) == 1 / math.factorial(k)
 
 
 @pytest.mark.parametrize("k", ORDERS)
 def test_no_jump_where_the_series_ends(k):
     for threshold in (4.0, -4.0):
         beside = np.nextafter(threshold, 0.0)
-        here, there = (SCALAR[f"stumpff{k}"](float(q)) for q in (threshold, beside))
+        here, there = (STUMPFF_SCALAR[f"stumpff{k}"](float(q)) for q in (threshold, beside))
         assert here == pytest.approx(there, rel=BEYOND[k])
 
 
 @pytest.mark.parametrize("k", ORDERS)
 def test_arrays_of_any_shape(k):
     q = np.array([[-30.0, -4.0, -1.0], [0.0, 2.0, 50.0]])
-    function = ARRAY[f"stumpff{k}"]
+    function = STUMPFF_ARRAY[f"stumpff{k}"]
     values = function(q)
     assert values.shape == q.shape
     assert function(q.tolist()).shape == q.shape
     assert function(2.0).shape == ()
-    flat = [SCALAR[f"stumpff{k}"](x) for x in q.ravel().tolist()]
+    flat = [STUMPFF_SCALAR[f"stumpff{k}"](x) for x in q.ravel().tolist()]
     # The same formula; NumPy's sine and sinh differ from the C library's in the last place.
     np.testing.assert_allclose(values.ravel(), flat, rtol=max(1e-15, BEYOND[k]))
 

@@ -11,14 +11,11 @@ import sympy
 
 from contimpact.errors import InputError
 from contimpact.models.symbolic import MeanTransient, Transient
-from contimpact.segments import printing
-from contimpact.segments.array_transients import ARRAY
-from contimpact.segments.bounded import BOUNDED, Bounded
-from contimpact.segments.exact_transients import _power_series, transient
+from contimpact.segments import codegen
+from contimpact.segments.bounded import BOUNDED, Bounded, many_digits
 from contimpact.segments.kernels import Kernels
 from contimpact.segments.layout import flat
-from contimpact.segments.many_digits import many_digits
-from contimpact.segments.transients import MOTIONS, SCALAR, TABLES
+from contimpact.segments.transients import ARRAY, MOTIONS, SCALAR, TABLES, _power_series, transient
 from contimpact.systems.oscillator import Oscillator
 
 CTX = mp.mp.clone()
@@ -243,4 +240,4 @@ def test_a_free_motion_outside_the_tables_is_refused_by_its_orders():
     """A system's author, not a solver, can do something about it."""
     call = Transient(9, 4, *sympy.symbols("c k t", positive=True))
     with pytest.raises(InputError, match=r"\(n, b\) = \[\(9, 4\)\].*lower n and b"):
-        list(printing._transients([call]))
+        list(codegen._transients([call]))

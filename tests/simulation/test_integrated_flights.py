@@ -7,7 +7,7 @@ from scipy.integrate import solve_ivp
 
 import contimpact as ci
 from contimpact.segments.arithmetic import ARRAYS, evaluate_in
-from contimpact.segments.integrated_track import IntegratedCurve
+from contimpact.segments.integration import IntegratedCurve
 from contimpact.simulation.run import Outcome
 from contimpact.simulation.simulator import Simulator
 from contimpact.systems.duffing import Duffing

@@ -16,13 +16,11 @@ import mpmath as mp
 import numpy as np
 import pytest
 
-from contimpact.compiling import library
 from contimpact.errors import InputError
 from contimpact.orbits.search import find_orbits
-from contimpact.segments import arrival
-from contimpact.segments.flight import velocity_zero
+from contimpact.segments import compiling, flight
+from contimpact.segments.flight import time_zeros, velocity_zero
 from contimpact.segments.kernels import Kernels
-from contimpact.segments.zeros import time_zeros
 from contimpact.simulation import engine
 from contimpact.simulation import simulator as simulate
 from contimpact.simulation.lyapunov import exponents, exponents_of
@@ -509,18 +507,18 @@ def test_a_turn_told_by_tangents_changes_nothing(pair, simulator_of, monkeypatch
     """Where tangents tell that the body turns before a wall, the turning point is left out."""
     flights = list(random_flights(pair, simulator_of, 5, 600))
     fast = [s.fly(s.letters.index(wall), *at) for s, wall, *at in flights]
-    told = Counter(arrival.turns_before(*given) for given in turns_of_flights(flights, monkeypatch))
+    told = Counter(flight.turns_before(*given) for given in turns_of_flights(flights, monkeypatch))
     assert told[True] > 200
     assert told[False] > 50
-    monkeypatch.setattr(arrival, "turns_before", lambda *given: False)
+    monkeypatch.setattr(flight, "turns_before", lambda *given: False)
     assert [s.fly(s.letters.index(wall), *at) for s, wall, *at in flights] == fast
 
 
 def turns_of_flights(flights, monkeypatch):
     """What `turns_before` is asked on some flights."""
-    asked, tell = [], arrival.turns_before
+    asked, tell = [], flight.turns_before
     with monkeypatch.context() as patch:
-        patch.setattr(arrival, "turns_before", lambda *given: asked.append(given) or tell(*given))
+        patch.setattr(flight, "turns_before", lambda *given: asked.append(given) or tell(*given))
         for simulator, wall, phase, velocity in flights:
             simulator.fly(simulator.letters.index(wall), phase, velocity)
     return asked
@@ -666,7 +664,7 @@ def looked_for(monkeypatch):
     """How often compiled code is looked for; there is none."""
     calls = []
     monkeypatch.setattr(engine, "_ENGINES", {})
-    monkeypatch.setattr(library, "_SPENT", [0])
+    monkeypatch.setattr(compiling, "_SPENT", [0])
     monkeypatch.setattr(engine, "load", lambda *given: calls.append(given) and None)
     return calls
 
@@ -688,7 +686,7 @@ def test_compiled_code_is_looked_for_where_it_is_worth_it(
     model = pair()
     run = Simulator(model, kernels_of(model, "s")).run(State(0, 0.14, 0.686), **kind)
     assert len(looked_for) == times
-    assert library._SPENT[0] == engine.PRICE * len(run)
+    assert compiling._SPENT[0] == engine.PRICE * len(run)
 
 
 def test_many_short_runs_are_worth_it_too(pair, kernels_of, looked_for, monkeypatch):

@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from contimpact.segments import zeros
+from contimpact.segments import flight
 from contimpact.segments.arithmetic import ARRAYS, evaluate_in
 from contimpact.simulation import flights
 from contimpact.simulation.run import State
@@ -17,13 +17,13 @@ from contimpact.simulation.simulator import Simulator
 @pytest.fixture
 def pieces(monkeypatch):
     """How many pieces of flights have been looked at."""
-    counted, interpolated = [], zeros._interpolated_zeros
+    counted, interpolated = [], flight._interpolated_zeros
 
     def spy(function, length):
         counted.append(length)
         return interpolated(function, length)
 
-    monkeypatch.setattr(zeros, "_interpolated_zeros", spy)
+    monkeypatch.setattr(flight, "_interpolated_zeros", spy)
     return counted
 
 
@@ -92,7 +92,7 @@ def test_an_arrival_is_the_one_of_the_whole_window(oscillator, kernels_of, monke
 
 
 def test_what_is_not_resolved_does_not_keep_clear():
-    nodes = zeros.chebyshev_nodes(flights.NODES, 1.0)
+    nodes = flight.chebyshev_nodes(flights.NODES, 1.0)
     for rate in (300.0, 1e3, 1e4, 12345.6, 1e6):
         for size in (0.3, 1e-3):
             x = -1.0 + size * np.sin(rate * nodes)
@@ -105,18 +105,18 @@ def test_zeros_one_after_the_other_are_all_zeros():
     def function(t):
         return np.cos(400.0 * t) + 0.3 * t
 
-    whole = zeros.chebyshev_zeros(function, 3.0)
-    turn = list(zeros.zeros_in_turn(function, 3.0))
+    whole = flight.chebyshev_zeros(function, 3.0)
+    turn = list(flight.zeros_in_turn(function, 3.0))
     assert [zero for piece in turn for zero in piece] == whole
     assert len(turn) > 4
 
 
 def test_oscillations_however_fast_are_not_rounding():
     rate = 3e9
-    first = next(zeros.zeros_in_turn(lambda t: np.cos(rate * t), 6.0))
+    first = next(flight.zeros_in_turn(lambda t: np.cos(rate * t), 6.0))
     assert first[0] == pytest.approx(0.5 * math.pi / rate, rel=1e-12)
     noise = np.random.default_rng(0)
-    pieces = zeros.zeros_in_turn(lambda t: noise.normal(size=np.shape(t)), 6.0, cuts=2)
+    pieces = flight.zeros_in_turn(lambda t: noise.normal(size=np.shape(t)), 6.0, cuts=2)
     assert len(list(pieces)) == 4
 
 

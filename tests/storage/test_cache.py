@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pytest
 
-from contimpact.compiling import library
+from contimpact.segments import compiling
 from contimpact.segments.kernels import Kernels
 from contimpact.storage import cache
 
@@ -105,21 +105,21 @@ def test_what_belongs_to_somebody_else_is_not_used(folder, pair, caplog):
 def test_machine_code_that_others_can_write_is_not_loaded(folder, caplog, forged):
     folder.mkdir(mode=0o700)
     for kind in (".so", ".o"):
-        library.put_with_digest(folder / f"compiled-x{kind}", b"code")
+        compiling.put_with_digest(folder / f"compiled-x{kind}", b"code")
     path = folder / f"compiled-x{forged}"
-    assert library._whole(folder / "compiled-x.so")
+    assert compiling._whole(folder / "compiled-x.so")
     path.chmod(0o622)
-    assert not library._whole(folder / f"compiled-x{forged.removesuffix('.sha256')}")
+    assert not compiling._whole(folder / f"compiled-x{forged.removesuffix('.sha256')}")
     assert "may be written by others" in caplog.text
 
 
 def test_a_digest_is_of_one_name(folder):
     """Machine code that was given another program's name is not loaded as that."""
     folder.mkdir()
-    library.put_with_digest(folder / "compiled-one.so", b"code")
+    compiling.put_with_digest(folder / "compiled-one.so", b"code")
     for end in (".so", ".so.sha256"):
         (folder / f"compiled-one{end}").rename(folder / f"compiled-two{end}")
-    assert not library._whole(folder / "compiled-two.so")
+    assert not compiling._whole(folder / "compiled-two.so")
 
 
 @pytest.mark.parametrize("named", [".", "cache", "-cache", "a/../b"])

@@ -10,7 +10,7 @@ from test_own_systems import ball, changed, made
 from contimpact import ImpactPair, InputError, Oscillator, check_model, find_orbits
 from contimpact.models.model import Symmetry
 from contimpact.segments import kernels
-from contimpact.segments.checked import checked
+from contimpact.segments.kernels import checked
 
 
 @pytest.mark.parametrize(

@@ -12,12 +12,12 @@ from contimpact.arrays import LISTS
 from contimpact.bifurcations.registry import kind_of
 from contimpact.bifurcations.singular_cycle import SingularCycle
 from contimpact.bifurcations.torus import SingularPair
-from contimpact.compiling import library
 from contimpact.continuation.dense import DenseBackend
 from contimpact.models.word import Word
 from contimpact.orbit_continuation.orbit_branch import continue_orbit
 from contimpact.orbits.problem import OrbitProblem
 from contimpact.orbits.search import find_orbits
+from contimpact.segments import compiling
 from contimpact.segments.kernels import Kernels
 from contimpact.systems.impact_pair import ImpactPair
 from contimpact.two_parameters import curve_backend, curves
@@ -104,8 +104,8 @@ def test_what_is_left_to_dense_linear_algebra():
 
 def test_a_process_that_has_computed_much_else_compiles_no_short_curve(entries, monkeypatch):
     monkeypatch.setenv("CONTIMPACT_COMPILED", "auto")
-    monkeypatch.setattr(library, "_SPENT", [1e9])
-    monkeypatch.setattr(library, "_make", lambda *given: pytest.fail("it compiles"))
+    monkeypatch.setattr(compiling, "_SPENT", [1e9])
+    monkeypatch.setattr(compiling, "_make", lambda *given: pytest.fail("it compiles"))
     follow_curve(entries["G"], MODEL, "r", *RANGES, kernels=PAIRS)
 
 

@@ -1,8 +1,7 @@
 """The library of compiled programs: loaded from the cache, or compiled where that pays.
 
-Numba (the optional extra ``fast``) translates a `contimpact.compiling.program.Program` once, see
-`contimpact.compiling.machine_code`. The machine code is kept in the cache; later processes load it
-without importing Numba.
+Numba (the optional extra ``fast``) translates a `machine_code.Program` once. The machine code is
+kept in the cache; later processes load it without importing Numba.
 
 ``CONTIMPACT_COMPILED`` decides: ``auto`` (the default: compile where the work pays for it),
 ``always`` (compile at once; Numba must be installed) or ``never``.
@@ -27,7 +26,7 @@ from ..storage.cache import cache_folder, keep, kept, logger
 from ..storage.files import reason
 
 if TYPE_CHECKING:
-    from .program import Program
+    from .machine_code import Program
 
 MODES = ("auto", "always", "never")
 PAYS_AFTER = 1_000_000

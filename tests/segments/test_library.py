@@ -16,9 +16,6 @@ import pytest
 from contimpact import ImpactPair, continue_orbit, find_orbits
 from contimpact.arrays import VECTOR
 from contimpact.bifurcations.registry import test_functions as functions_of
-from contimpact.compiling import library as module
-from contimpact.compiling.machine_code import _self_contained
-from contimpact.compiling.program import Program
 from contimpact.continuation.ends import EndKind
 from contimpact.continuation.settings import Settings
 from contimpact.errors import InputError
@@ -26,7 +23,9 @@ from contimpact.models.word import parse_word
 from contimpact.orbit_continuation.orbit_program import program_of
 from contimpact.orbit_continuation.orbit_walks import backend_of, walk_orbits
 from contimpact.orbits.problem import OrbitProblem
+from contimpact.segments import compiling as module
 from contimpact.segments.kernels import Kernels
+from contimpact.segments.machine_code import Program, _self_contained
 from contimpact.systems.soft_stop import SoftStop
 
 EVENTS = ("FB", "BP", "PD", "NS", "G", "V", "T")
@@ -377,7 +376,7 @@ def test_a_broken_linker_does_no_harm(copied, plain_and_compiled, tmp_path, monk
 def test_a_cache_that_cannot_be_written(copied, plain_and_compiled, monkeypatch, caplog):
     """The code is kept for the process, in a place of its own."""
     codes = [path.read_bytes() for path in sorted(copied.glob("compiled-*.o"))]
-    monkeypatch.setattr("contimpact.compiling.machine_code.object_code", lambda *given: codes[0])
+    monkeypatch.setattr("contimpact.segments.machine_code.object_code", lambda *given: codes[0])
     for path in copied.glob("compiled-*"):
         path.unlink()
     intact = module.keep
@@ -399,7 +398,7 @@ def test_what_cannot_be_compiled_runs_plainly_on(empty_cache, monkeypatch, caplo
     def fail(*given):
         raise RuntimeError("this Numba does not know how")
 
-    monkeypatch.setattr("contimpact.compiling.machine_code.object_code", fail)
+    monkeypatch.setattr("contimpact.segments.machine_code.object_code", fail)
     monkeypatch.setenv("CONTIMPACT_COMPILED", "auto")
     module.spend(module.PAYS_AFTER)
     with caplog.at_level(logging.WARNING):
@@ -466,7 +465,7 @@ def test_what_the_linker_would_not_find_is_refused():
 @needs_numba
 @pytest.mark.parametrize("said", ["auto", "always"])
 def test_a_helper_that_is_not_known_ends_compiling_alone(said, monkeypatch, tmp_path, caplog):
-    monkeypatch.setattr("contimpact.compiling.machine_code.REPORTING", frozenset())
+    monkeypatch.setattr("contimpact.segments.machine_code.REPORTING", frozenset())
     monkeypatch.setenv("CONTIMPACT_COMPILED", said)
     monkeypatch.setattr(module, "_SPENT", [1e9])
     program = Program({})

@@ -1,16 +1,146 @@
-"""Machine code of programs, by Numba: independent of Numba and of Python once it is made."""
+"""Programs of plain functions as one text, and their machine code."""
 
 from __future__ import annotations
 
+import ast
 import contextlib
+import inspect
 import re
-from collections.abc import Iterator
+import textwrap
+import types
+from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
 from ..arrays import ENTRY, INTEGERS, TABLE, VECTOR
 from ..storage.files import temporary_beside
-from .program import Program
+
+# Programs: functions in the plain subset of Python with all they call, as one text.
+#
+# The subset: floats, whole numbers, tuples of them, vectors that are indexed, `math`, loops and
+# branches; no lists made, nothing raised. It runs as it stands and under a compiler.
+
+
+class Program:
+    """The text of an entry function and of all it calls.
+
+    Parameters
+    ----------
+    instead : mapping of function to function
+        Functions that others stand for.
+    """
+
+    def __init__(self, instead: Mapping[Callable[..., Any], Callable[..., Any]]) -> None:
+        self.instead = instead
+        self.names: dict[int, str] = {}
+        self.parts: dict[str, str] = {}
+
+    def add(self, function: Callable[..., Any], name: str | None = None) -> str:
+        """Add a function with everything it calls; returns the name it has in the text."""
+        function = self.instead.get(function, function)
+        if id(function) in self.names:
+            return self.names[id(function)]
+        name = self._free_name(name or function.__name__)
+        self.names[id(function)] = name
+        tree = _tree_of(function)
+        tree.name = name
+        known = _Names(self, _surroundings(function), _locals_of(tree))
+        self._put(name, known.visit(tree))
+        return name
+
+    def glue(self, text: str, **functions: Callable[..., Any]) -> None:
+        """Add functions given as text; `functions` are those they call, by the name used there."""
+        names = {name: self.add(function) for name, function in functions.items()}
+        for tree in ast.parse(textwrap.dedent(text)).body:
+            assert isinstance(tree, ast.FunctionDef)
+            assert tree.name not in self.parts, tree.name
+            self._put(tree.name, _Renamed(names).visit(tree))
+
+    def constant(self, name: str, value: Any) -> str:
+        """Add a number, a tuple of numbers or a named tuple's class; returns its name."""
+        if isinstance(value, type):
+            text = f"{name} = collections.namedtuple({name!r}, {value._fields!r})"  # type: ignore[attr-defined]
+        else:
+            text = f"{name} = {value!r}"
+        if self.parts.get(name, text) != text:
+            name = self._free_name(name)
+            text = f"{name} ={text.partition('=')[2]}"
+        self.parts[name] = text
+        return name
+
+    @property
+    def text(self) -> str:
+        """The whole module."""
+        head = "import collections\nimport math\nfrom math import inf, nan\n\n"
+        return head + "\n\n".join(self.parts.values()) + "\n"
+
+    def _put(self, name: str, tree: ast.AST) -> None:
+        self.parts[name] = f"@compile\n{ast.unparse(ast.fix_missing_locations(tree))}"
+
+    def _free_name(self, name: str) -> str:
+        taken, number = {*self.parts, *self.names.values()}, 2
+        free = name
+        while free in taken:
+            free, number = f"{name}_{number}", number + 1
+        return free
+
+
+def _tree_of(function: Callable[..., Any]) -> ast.FunctionDef:
+    """The definition of a function, without what only people read."""
+    text = getattr(function, "source", None) or textwrap.dedent(inspect.getsource(function))
+    tree = next(
+        node
+        for node in ast.walk(ast.parse(text))
+        if isinstance(node, ast.FunctionDef)
+        and (node.name == function.__code__.co_name or node.name == function.__name__)
+    )
+    tree.decorator_list, tree.returns = [], None
+    for argument in tree.args.args:
+        argument.annotation = None
+    if ast.get_docstring(tree) is not None:
+        tree.body = tree.body[1:]
+    return tree
+
+
+def _surroundings(function: Any) -> dict[str, Any]:
+    """Global names and closure variables of a function, by the name it uses."""
+    cells = [cell.cell_contents for cell in function.__closure__ or ()]
+    return function.__globals__ | dict(zip(function.__code__.co_freevars, cells, strict=True))
+
+
+def _locals_of(tree: ast.FunctionDef) -> set[str]:
+    names = (node for node in ast.walk(tree) if isinstance(node, ast.Name))
+    stored = {name.id for name in names if isinstance(name.ctx, ast.Store)}
+    return stored | {argument.arg for argument in tree.args.args}
+
+
+class _Renamed(ast.NodeTransformer):
+    """Replaces names by others."""
+
+    def __init__(self, names: Mapping[str, str]) -> None:
+        self.names_for = names
+
+    def visit_Name(self, node: ast.Name) -> ast.AST:
+        return ast.Name(self.names_for.get(node.id, node.id), node.ctx)
+
+
+class _Names(ast.NodeTransformer):
+    """Adds what a function's names stand for to a program."""
+
+    def __init__(self, program: Program, around: Mapping[str, Any], own: set[str]) -> None:
+        self.program, self.around, self.own = program, around, own
+
+    def visit_Name(self, node: ast.Name) -> ast.AST:
+        if node.id in self.own or node.id not in self.around:
+            return node
+        value = self.around[node.id]
+        if isinstance(value, types.FunctionType):
+            return ast.Name(self.program.add(value), node.ctx)
+        if isinstance(value, types.BuiltinFunctionType):  # of math
+            return ast.Attribute(ast.Name("math", ast.Load()), value.__name__, ast.Load())
+        if isinstance(value, int | float | tuple) or hasattr(value, "_fields"):
+            return ast.Name(self.program.constant(node.id, value), node.ctx)
+        return node
 
 
 def object_code(program: Program, arguments: str) -> bytes:

@@ -14,8 +14,7 @@ from contimpact import continue_orbit, find_orbits
 from contimpact.continuation.settings import Settings
 from contimpact.scenes.scene import load_scene
 from contimpact.segments.compiled_flow import flow_compiled, space_of
-from contimpact.segments.float_flow import flow
-from contimpact.segments.linear_flow import Shape
+from contimpact.segments.linear_flow import Shape, flow
 from contimpact.systems.coupled_by_impact import CoupledByImpact
 from contimpact.systems.impact_damper import ImpactDamper
 from contimpact.systems.two_masses import TwoMasses

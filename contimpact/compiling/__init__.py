@@ -1,1 +1,0 @@
-"""Plain functions compiled to machine code, kept in the cache."""
