@@ -16,10 +16,9 @@ from contimpact.bifurcations.status import with_status
 from contimpact.continuation.branch import Points
 from contimpact.continuation.ends import EndKind
 from contimpact.orbit_continuation import orbit_branch, orbit_walks
-from contimpact.orbits.linearisation import Summary
 from contimpact.orbits.multipliers import count_unstable
 from contimpact.orbits.physicality import PHYSICAL
-from contimpact.orbits.rounding import rounding
+from contimpact.orbits.problem import Summary, rounding
 from contimpact.segments.bounded import UNIT
 
 EVENT_RESIDUAL = 1e-10

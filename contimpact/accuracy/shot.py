@@ -11,8 +11,7 @@ from typing import Any
 import numpy as np
 
 from ..continuation.branch import Point, Walk
-from ..orbits.linearisation import Linearisation
-from ..orbits.problem import Array, OrbitProblem
+from ..orbits.problem import Array, Linearisation, OrbitProblem
 from .shooting import EXPLICIT, IMPLICIT, Shooting
 from .timing import timed
 

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from ..arrays import Array
-from ..orbits.cyclic_multipliers import roots
+from ..orbits.multipliers import roots
 from ..simulation.run import Run, State
 from ..simulation.simulator import Simulator
 from .cycle import NEAR, Cycle, Map, shortest_closed

@@ -18,8 +18,7 @@ from ..continuation.ends import EndKind
 from ..continuation.problem import Problem
 from ..continuation.test_function import Located, TestFunction
 from ..models.word import Word
-from ..orbits.linearisation import Linearisation
-from ..orbits.problem import Array, OrbitProblem
+from ..orbits.problem import Array, Linearisation, OrbitProblem
 from .codimension_two import AlsoGrazes, AlsoStops, CurvePoint
 from .extended_system import ExtendedSystem, located
 from .kind import Change, Details, Kind, Look, ManyDigits, System, Values

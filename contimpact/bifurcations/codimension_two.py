@@ -32,9 +32,8 @@ from ..continuation.bordered import scaled_determinant
 from ..continuation.branch import Details, Event, Point
 from ..continuation.problem import Evaluation
 from ..continuation.test_function import TestFunction
-from ..orbits.linearisation import Linearisation
 from ..orbits.multipliers import neimark_sacker
-from ..orbits.problem import Array
+from ..orbits.problem import Array, Linearisation
 from ..segments.flight import Touch
 from .curve_start import CurveStart
 from .declarations import CROSSINGS

@@ -10,8 +10,7 @@ import numpy as np
 
 from ..continuation.branch import Details
 from ..models.word import Word
-from ..orbits.linearisation import Linearisation
-from ..orbits.problem import Array
+from ..orbits.problem import Array, Linearisation
 from ..orbits.quiet import problem_of
 
 if TYPE_CHECKING:

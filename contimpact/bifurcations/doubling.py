@@ -23,8 +23,7 @@ from ..continuation.bordered import oriented
 from ..continuation.problem import Problem
 from ..continuation.test_function import Located, TestFunction
 from ..models.word import Word
-from ..orbits.linearisation import Linearisation
-from ..orbits.problem import Array, OrbitProblem
+from ..orbits.problem import Array, Linearisation, OrbitProblem
 from ..orbits.quiet import QuietProblem, problem_of
 from .codimension_two import (
     AlsoGrazes,

@@ -15,8 +15,7 @@ import numpy as np
 
 from ..models.guards import Guard
 from ..models.word import Word
-from ..orbits.linearisation import Linearisation
-from ..orbits.problem import Array, OrbitProblem
+from ..orbits.problem import Array, Linearisation, OrbitProblem
 from ..orbits.quiet import problem_of
 from .sliding import guard_at, is_brief
 from .touching import arrived

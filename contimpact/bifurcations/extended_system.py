@@ -30,8 +30,7 @@ import numpy as np
 
 from ..continuation.branch import Details
 from ..continuation.test_function import Located
-from ..orbits.linearisation import Linearisation
-from ..orbits.problem import Array, OrbitProblem
+from ..orbits.problem import Array, Linearisation, OrbitProblem
 from .orbit_test import OrbitPoint
 
 EPSILON = float(np.finfo(float).eps)

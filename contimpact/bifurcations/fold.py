@@ -7,8 +7,7 @@ import numpy as np
 from ..continuation.problem import Problem
 from ..continuation.test_function import Located, TestFunction
 from ..models.word import Word
-from ..orbits.linearisation import Linearisation
-from ..orbits.problem import Array, OrbitProblem
+from ..orbits.problem import Array, Linearisation, OrbitProblem
 from .codimension_two import (
     AlsoGrazes,
     AlsoStops,

@@ -36,9 +36,8 @@ from ..continuation.problem import Problem
 from ..continuation.test_function import Located, TestFunction
 from ..models.guards import way_back
 from ..models.word import Word
-from ..orbits.linearisation import Linearisation
 from ..orbits.physicality import PASSES, Verdict
-from ..orbits.problem import Array, OrbitProblem
+from ..orbits.problem import Array, Linearisation, OrbitProblem
 from ..orbits.quiet import problem_of
 from ..segments.flight import Touch
 from ..segments.segment import ELSEWHERE

@@ -21,10 +21,9 @@ from ..continuation.branch import Details
 from ..continuation.ends import EndKind
 from ..continuation.test_function import TestFunction
 from ..models.word import Word
-from ..orbits.linearisation import Linearisation
 from ..orbits.multipliers import count_unstable
 from ..orbits.physicality import Verdict
-from ..orbits.problem import Array, OrbitProblem
+from ..orbits.problem import Array, Linearisation, OrbitProblem
 from .codimension_two import CurvePoint
 from .extended_system import ExtendedSystem
 from .orbit_test import OrbitEvent, OrbitPoint

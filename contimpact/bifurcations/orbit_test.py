@@ -10,8 +10,7 @@ import numpy as np
 
 from ..continuation.branch import Block, Event, Point
 from ..continuation.test_function import TestFunction
-from ..orbits.linearisation import Linearisation
-from ..orbits.problem import Array
+from ..orbits.problem import Array, Linearisation
 
 OrbitPoint: TypeAlias = Point[Linearisation]
 OrbitEvent: TypeAlias = Event[Linearisation]

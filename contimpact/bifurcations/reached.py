@@ -9,9 +9,7 @@ import numpy as np
 from ..continuation.branch import Details
 from ..continuation.problem import Problem
 from ..continuation.test_function import Located
-from ..orbits.linearisation import Linearisation
-from ..orbits.problem import Array, OrbitProblem
-from ..orbits.rounding import rounding
+from ..orbits.problem import Array, Linearisation, OrbitProblem, rounding
 from .extended_system import Assembled, ExtendedSystem, located
 from .orbit_test import OneOrbit, OrbitPoint, OrbitTest
 

@@ -7,8 +7,7 @@ import importlib
 from collections.abc import Iterator, Sequence
 
 from ..continuation.test_function import TestFunction
-from ..orbits.linearisation import Linearisation
-from ..orbits.problem import OrbitProblem
+from ..orbits.problem import Linearisation, OrbitProblem
 from .declarations import FILES, unknown_kind
 from .kind import Kind, Values
 from .orbit_test import OrbitEvent

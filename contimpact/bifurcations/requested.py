@@ -7,9 +7,7 @@ import numpy as np
 from ..continuation.test_function import TestFunction
 from ..errors import InputError
 from ..models.word import Word
-from ..orbits.linearisation import Linearisation
-from ..orbits.problem import Array, OrbitProblem
-from ..orbits.rounding import rounding_of_setup
+from ..orbits.problem import Array, Linearisation, OrbitProblem, rounding_of_setup
 from .codimension_two import AlsoGrazes, AlsoStops
 from .declarations import REQUESTED
 from .extended_system import EPSILON, ExtendedSystem

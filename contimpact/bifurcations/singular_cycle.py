@@ -4,9 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..orbits.linearisation import Linearisation
-from ..orbits.problem import Array, OrbitProblem
-from ..orbits.rounding import rounding
+from ..orbits.problem import Array, Linearisation, OrbitProblem, rounding
 from .extended_system import Assembled, ExtendedSystem, rounding_of_length, rounding_of_product
 from .orbit_test import OrbitEvent
 

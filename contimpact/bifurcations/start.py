@@ -8,9 +8,8 @@ import numpy as np
 
 from ..continuation.bordered import bordered, first_tangent
 from ..models.word import repetitions
-from ..orbits.problem import Array, OrbitProblem
-from ..orbits.recognition import first_lap, shortest
-from ..orbits.rounding import rounding
+from ..orbits.problem import Array, OrbitProblem, rounding
+from ..orbits.search import first_lap, shortest
 from .extended_system import FIRST_ORDER, rounding_of_product
 
 ALONG, REPEATS = 1e-3, 1e-7

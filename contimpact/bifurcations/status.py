@@ -21,10 +21,9 @@ from ..continuation.events import find_events
 from ..continuation.settings import Settings
 from ..continuation.sign_changes import Sample, Stretch
 from ..continuation.test_function import TestFunction
-from ..orbits.linearisation import Linearisation
 from ..orbits.multipliers import UNIT_CIRCLE_ROUNDING, count_unstable
 from ..orbits.physicality import PHYSICAL
-from ..orbits.problem import Array, OrbitProblem
+from ..orbits.problem import Array, Linearisation, OrbitProblem
 from .declarations import KINDS
 from .kind import Change
 from .orbit_test import OrbitEvent, OrbitPoint

@@ -14,10 +14,8 @@ from ..continuation.branch import Point
 from ..continuation.ends import EndKind
 from ..continuation.test_function import TestFunction
 from ..models.word import Word
-from ..orbits.linearisation import Linearisation
 from ..orbits.multipliers import neimark_sacker
-from ..orbits.problem import Array, OrbitProblem
-from ..orbits.rounding import rounding
+from ..orbits.problem import Array, Linearisation, OrbitProblem, rounding
 from .codimension_two import AlsoGrazes, AlsoStops, CurvePoint, OnCurve
 from .extended_system import Assembled, ExtendedSystem, rounding_of_length, rounding_of_product
 from .kind import Change, Details, Kind, Look, ManyDigits, System, Values

@@ -8,9 +8,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from ..continuation.branch import Details
-from ..orbits.linearisation import Linearisation
-from ..orbits.problem import Array, OrbitProblem
-from ..orbits.rounding import rounding
+from ..orbits.problem import Array, Linearisation, OrbitProblem, rounding
 from ..segments.bounded import bounds_of
 from ..segments.flight import Touch
 from ..segments.layout import SECTION

@@ -10,9 +10,7 @@ import numpy as np
 from ..continuation.branch import Details
 from ..continuation.crossing_branches import Meeting
 from ..continuation.problem import Problem
-from ..orbits.linearisation import Linearisation
-from ..orbits.problem import Array, OrbitProblem
-from ..orbits.rounding import rounding
+from ..orbits.problem import Array, Linearisation, OrbitProblem, rounding
 from .extended_system import (
     EPSILON,
     FIRST_ORDER,

@@ -6,8 +6,7 @@ import numpy as np
 
 from ..models.guards import is_path
 from ..models.word import Word
-from ..orbits.linearisation import Linearisation
-from ..orbits.problem import Array, OrbitProblem
+from ..orbits.problem import Array, Linearisation, OrbitProblem
 from ..orbits.quiet import QuietProblem, problem_of
 from ..orbits.search import solve_near
 from .sliding import CROSSING, SWITCHING, at_once, at_zero_velocity, is_brief, merged

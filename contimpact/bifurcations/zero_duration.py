@@ -13,11 +13,9 @@ from ..continuation.bordered import first_tangent
 from ..continuation.problem import Problem
 from ..continuation.test_function import Located, TestFunction
 from ..models.word import Word
-from ..orbits.linearisation import Linearisation
 from ..orbits.multipliers import count_unstable
 from ..orbits.physicality import OUT_OF_ORDER, Verdict
-from ..orbits.problem import Array, OrbitProblem
-from ..orbits.rounding import rounding_of_setup
+from ..orbits.problem import Array, Linearisation, OrbitProblem, rounding_of_setup
 from .adding import where_added
 from .exchange import exchanged, exchanged_word
 from .extended_system import EPSILON, ExtendedSystem

@@ -16,10 +16,9 @@ import numpy as np
 from ..continuation.problem import Problem
 from ..continuation.test_function import Located, TestFunction
 from ..models.word import Word
-from ..orbits.linearisation import Linearisation
 from ..orbits.multipliers import count_unstable
 from ..orbits.physicality import WRONG_WAY, Verdict
-from ..orbits.problem import Array, OrbitProblem
+from ..orbits.problem import Array, Linearisation, OrbitProblem
 from .adding import where_added
 from .codimension_two import CurvePoint, touch_points
 from .extended_system import ExtendedSystem

@@ -14,9 +14,8 @@ from ..continuation.batch import columns
 from ..continuation.branch import Block
 from ..models.guards import Row
 from ..orbits.cyclic_chain import block_size, kept_size
-from ..orbits.linearisation import Linearisation
 from ..orbits.multipliers import of_pencil, products_of
-from ..orbits.problem import OrbitProblem
+from ..orbits.problem import Linearisation, OrbitProblem
 from ..segments.arithmetic import Kernel
 from ..segments.layout import Blocks, Setup
 from ..segments.oscillation import MOST, ROW

@@ -12,7 +12,7 @@ from typing import NamedTuple
 from ..arrays import Table, Vector
 from ..orbits.block_cyclic import POSITIONS
 from ..orbits.cyclic_chain import assemble, doubling, eliminate, row_norms, solve
-from ..orbits.cyclic_multipliers import scaled
+from ..orbits.multipliers import scaled
 from ..orbits.physicality import verdict
 from ..segments.layout import Blocks, Setup
 from ..segments.oscillation import MOST, excursions

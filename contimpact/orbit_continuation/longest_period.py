@@ -12,8 +12,7 @@ from dataclasses import replace
 from ..arrays import Array
 from ..continuation.branch import Walk
 from ..continuation.ends import End, EndKind
-from ..orbits.linearisation import Linearisation
-from ..orbits.problem import OrbitProblem
+from ..orbits.problem import Linearisation, OrbitProblem
 
 LONGEST = 1e3
 """How many times the period at its start a branch is followed to, where that has no bound."""

@@ -12,9 +12,9 @@ from typing import NamedTuple
 
 from ..arrays import Table, Vector
 from ..orbits.block_cyclic import POSITIONS, assemble, eliminate, solve, store
-from ..orbits.cyclic_multipliers import (
-    doubling,
-    multipliers,
+from ..orbits.multipliers import (
+    doubling_by_elimination,
+    multipliers_by_elimination,
     product_of_multipliers,
     row_norms,
     scaled,
@@ -205,13 +205,17 @@ def observe_cycle(
     product = product_of_multipliers(orbit.blocks, orbit.arrivals, z, span)
     row[at + SPAN], row[at + PRODUCT] = span, product
     wanted = orbit.counts[DOUBLING] != 0
-    row[at + DETERMINANT] = doubling(reduced, orbit.blocks, count) if wanted else math.nan
+    row[at + DETERMINANT] = (
+        doubling_by_elimination(reduced, orbit.blocks, count) if wanted else math.nan
+    )
     worst = 0.0
     for k in range(count):
         block = orbit.blocks[k]
         worst = max(worst, abs(block[0]), abs(block[1]))
     row[at] = worst
-    row[at + 1], row[at + 2], row[at + 3], row[at + 4] = multipliers(reduced, product)
+    row[at + 1], row[at + 2], row[at + 3], row[at + 4] = multipliers_by_elimination(
+        reduced, product
+    )
     what, place, wall, amount, when = 0, 0, 0, 0.0, 0.0
     if sure:
         smallest = smallest if smallest < math.inf else math.nan

@@ -13,8 +13,7 @@ from ..continuation.branch import Walk
 from ..continuation.settings import Settings
 from ..continuation.test_function import TestFunction
 from ..continuation.walk import Options, walk
-from ..orbits.linearisation import Linearisation
-from ..orbits.problem import OrbitProblem
+from ..orbits.problem import Linearisation, OrbitProblem
 from ..segments.compiling import plainly
 from .cycle_backend import CycleBackend
 from .longest_period import bounded, told

@@ -18,7 +18,7 @@ from ..continuation.test_function import TestFunction
 from ..continuation.walk import Stop
 from ..models.model import Symmetry
 from ..orbits.problem import Array, OrbitProblem
-from ..orbits.recognition import mirrored, repeats, rotated_to, shortest
+from ..orbits.search import mirrored, repeats, rotated_to, shortest
 
 Known = Callable[[OrbitProblem, Array], "str | None"]
 

@@ -8,10 +8,9 @@ import numpy as np
 
 from ..bifurcations.requested import PERIOD
 from ..continuation.branch import Point, Points
-from ..orbits.linearisation import Summary
 from ..orbits.multipliers import count_unstable
 from ..orbits.physicality import PHYSICAL, reason_of
-from ..orbits.problem import OrbitProblem
+from ..orbits.problem import OrbitProblem, Summary
 from ..records.branch import Array
 from ..records.entry import Entry
 from ..records.tables import columns_of

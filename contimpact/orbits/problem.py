@@ -1,4 +1,4 @@
-r"""The orbit problem: a word's flights, closed after p periods, and their linearisation.
+r"""The orbit problem of one word: its equations, their linearisation, and the motion.
 
 Unknowns z = (t_1, y_1, ..., t_N, y_N, lambda): each impact's time and section coordinates before
 impact, and the free parameter last (two of them on curves). Flight k leaves impact k and arrives at
@@ -22,25 +22,450 @@ is regular where one vanishes.
 
 from __future__ import annotations
 
+import functools
 import math
-from collections.abc import Sequence
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import replace
 from itertools import pairwise
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from ..arrays import Array, Number
 from ..errors import InputError
-from ..models.guards import pivot, state_size
+from ..models.guards import Guard, pivot, state_before, state_size
 from ..models.model import Model
 from ..models.word import Word
+from ..segments.arithmetic import ARRAYS, evaluate_in
+from ..segments.bounded import UNIT, Bounded, bounds_of, bounds_of_kernel
 from ..segments.flight import FlightGaps
 from ..segments.kernels import Kernels
-from ..segments.layout import Together
-from ..segments.segment import MEETING
+from ..segments.layout import SECTION, Setup, Together
+from ..segments.segment import ELSEWHERE, MEETING
 from ..segments.touches import interior_touches
-from .linearisation import CyclicBlocks, Linearisation, Summary
-from .path import motion_of
+from ..segments.track import track_of
+from .block_cyclic import BRIEF
+from .multipliers import Stability, count_unstable, determinant, stability_of, stability_of_orbit
+from .physicality import AT_REST, Verdict, findings, verdict_of
+
+# The motion along an orbit, for pictures and time series.
+
+
+class Path(NamedTuple):
+    """The motion along an orbit's period.
+
+    Attributes
+    ----------
+    t, x, v : ndarray of shape (N * points,)
+        Times, gap coordinate and its velocity, flight by flight: velocities jump at impacts.
+    """
+
+    t: Array
+    x: Array
+    v: Array
+
+
+def path_of(here: Linearisation, points: int = 200) -> Path:
+    """Return the motion from an orbit's first impact until that impact returns."""
+    problem = here.problem
+    values = problem.values(here.unknowns)
+    rows = problem.impacts(here.unknowns).tolist()
+    ends = [row[0] for row in rows[1:]] + [rows[0][0] + here.span]
+    walls, begin = positions(here), rows[0][0] if rows and problem.autonomous else 0.0
+    parts: list[tuple[Any, ...]] = []
+    for wall, row, end in zip(problem.word.walls, rows, ends, strict=True):
+        dt = np.linspace(0.0, end - row[0], points)
+        if (states := _long(here, len(parts), dt)) is not None:
+            guard = next(g for g in problem.model.WALLS if g.name == wall)
+            factors = np.array(guard.row(problem.model.DEGREES_OF_FREEDOM), dtype=float)
+            x, v = (part @ factors for part in states)
+        else:
+            motion = evaluate_in(problem.kernels.motion(wall), ARRAYS)
+            x, v = motion(*(value + 0.0 * dt for value in row), dt, *values)[:2]
+            x = walls[wall] + x
+        parts.append((row[0] - begin + dt, x, v))
+    return Path(*(np.concatenate(column) for column in zip(*parts, strict=True)))
+
+
+def positions(here: Linearisation) -> dict[str, float]:
+    """Return the positions of the walls at an orbit's parameter values, by name."""
+    problem = here.problem
+    setup = problem.kernels.setup(*problem.values(here.unknowns))
+    places = zip(problem.model.letters, setup.walls, strict=True)
+    return {name: float(x) for name, x in places}
+
+
+def motion_of(here: Linearisation, points: int = 200) -> Path:
+    """Return the motion of all coordinates along an orbit's period; `x` and `v` have a column for
+    each. Without impacts it begins at t = 0."""
+    problem = here.problem
+    rows = problem.impacts(here.unknowns).tolist()
+    if not rows:
+        dt = np.linspace(0.0, here.span, points)
+        state, wall = here.unknowns[: problem.m].tolist(), problem.model.WALLS[0].name
+        if (states := _long(here, 0, dt)) is not None:
+            return Path(dt, *states)
+        return Path(dt, *_by_segment(here, SECTION, wall, state, 0.0, dt))
+    walls = problem.word.walls
+    parts = []
+    for k, (wall, row) in enumerate(zip(walls, rows, strict=True)):
+        dt = np.linspace(0.0, np.subtract(*problem.times_around(here.unknowns, k)[::-1]), points)
+        if (states := _long(here, k, dt)) is not None:
+            x, v = states
+        elif problem.kernels.linear(wall):
+            x, v = _on_track(here, wall, row, dt)
+        else:
+            x, v = _by_segment(here, wall, walls[(k + 1) % len(walls)], row, row[0], dt)
+        parts.append((row[0] + dt, x, v))
+    return Path(*(np.concatenate(column) for column in zip(*parts, strict=True)))
+
+
+def _long(here: Linearisation, flight: int, dt: Array) -> tuple[Array, Array] | None:
+    """Positions and velocities of all coordinates along a flight that is computed in pieces."""
+    problem, z = here.problem, here.unknowns
+    left, leave = problem.leaving(z, flight)
+    if not problem.kernels.integrated(left):
+        return None
+    rows = [*problem.impacts(z).tolist(), z[: problem.m].tolist()]
+    arrive = rows[flight + 1] if len(rows) > 1 else rows[0]
+    if flight + 2 == len(rows):
+        arrive[0] += here.span
+    segment: Any = problem.segments[flight]
+    track = segment.long_track(leave, arrive, problem.values(here.unknowns))
+    if track is None:
+        return None
+    size = problem.model.DEGREES_OF_FREEDOM
+    curves = [track.along(row) for row in np.eye(size).tolist()]
+    found = np.array([[curve((), t, ())[:2] for curve in curves] for t in dt.tolist()])
+    return found[:, :, 0], found[:, :, 1]
+
+
+def _on_track(here: Linearisation, wall: str, row: list[float], dt: Array) -> tuple[Array, Array]:
+    """Positions and velocities of all coordinates along a linear flight."""
+    problem, size = here.problem, here.problem.model.DEGREES_OF_FREEDOM
+    law = problem.kernels.law(wall)(*row, *problem.values(here.unknowns))
+    if not dt[-1] > 0.0:
+        states = np.tile(np.array(law[3], dtype=float), (len(dt), 1))
+    else:
+        track = track_of(law, float(dt[-1]))
+        states = np.array([track.at(t) for t in dt.tolist()])
+    return states[:, :size], states[:, size : 2 * size]
+
+
+def _by_segment(
+    here: Linearisation, left: str, wall: str, row: list[float], begin: float, dt: Array
+) -> tuple[Array, Array]:
+    """The same by the kernels of a flight to a wall: its gap coordinate, and what arrives there."""
+    problem = here.problem
+    values, kernels = problem.values(here.unknowns), problem.kernels
+    guard = problem.model.guard(wall)
+    gap = kernels.since(wall) if left == SECTION else kernels.gap(left, wall)
+    segment, none = kernels.segment(left, wall), [0.0] * (problem.m - 1)
+    found = []
+    for t in dt.tolist():
+        place, speed = gap(*row, t, *values)[:2]
+        others = segment.blocks(row, [begin + t, *none], values)[0][2:] if problem.m > 2 else ()
+        factors = guard.row(problem.model.DEGREES_OF_FREEDOM)
+        found.append(state_before(factors, place, [speed, *others]))
+    x, v = np.array(found, dtype=float).transpose(1, 0, 2)
+    return x, v
+
+
+# An orbit problem at one point: residual, blocks, and what follows from them.
+
+
+class CyclicBlocks(NamedTuple):
+    """Residual and blocks of all segments of an orbit.
+
+    Attributes
+    ----------
+    residual : ndarray of shape (n,)
+    start, end : ndarray of shape (N, m, m)
+        The blocks A_k and B_k.
+    by_parameter : ndarray of shape (n, free)
+    together : bool
+        Whether rows of a flight are combinations of its equations; see `layout.Together`.
+    """
+
+    residual: Array
+    start: Array
+    end: Array
+    by_parameter: Array
+    together: bool = False
+
+
+class Summary(NamedTuple):
+    """What a branch keeps of a point, as a row of 2 m + 7 numbers; or of many, as rows.
+
+    Attributes
+    ----------
+    largest_residual : float
+    multipliers : ndarray of complex, shape (m,)
+        Largest first.
+    findings : ndarray of shape (6,)
+        What `physicality.verdict` returns; the first is NaN where that was not asked for.
+    """
+
+    largest_residual: Number
+    multipliers: Array
+    findings: Array
+
+    @classmethod
+    def of(cls, rows: Array) -> Summary:
+        """Return the summary in a row, or those in rows."""
+        multipliers = np.ascontiguousarray(rows[..., 1:-6]).view(complex)
+        return cls(rows[..., 0], multipliers, rows[..., -6:])
+
+    @property
+    def row(self) -> Array:
+        """The summary of one point as a row."""
+        parts = self.multipliers.astype(complex).view(float)
+        return np.concatenate([[self.largest_residual], parts, self.findings])
+
+
+class Linearisation:
+    """An orbit problem at one point; what follows from it is computed when asked for.
+
+    Parameters
+    ----------
+    problem : OrbitProblem
+    unknowns : ndarray of shape (n + free,)
+    blocks : CyclicBlocks, optional
+        Evaluated when asked for if not given.
+    summary : Summary, optional
+        What is known of the point already.
+    """
+
+    def __init__(
+        self,
+        problem: OrbitProblem,
+        unknowns: Array,
+        blocks: CyclicBlocks | None = None,
+        summary: Summary | None = None,
+    ) -> None:
+        self.problem, self.unknowns, self._known = problem, unknowns, summary
+        if blocks is not None:
+            self.blocks = blocks
+
+    @functools.cached_property
+    def blocks(self) -> CyclicBlocks:
+        """Residual and blocks."""
+        return self.problem.evaluate(self.unknowns).blocks
+
+    @property
+    def residual(self) -> Array:
+        """The residual, shape (n,)."""
+        return self.blocks.residual
+
+    @property
+    def start(self) -> Array:
+        """The blocks A_k, shape (N, m, m)."""
+        return self.blocks.start
+
+    @property
+    def end(self) -> Array:
+        """The blocks B_k, shape (N, m, m)."""
+        return self.blocks.end
+
+    @property
+    def by_parameter(self) -> Array:
+        """Derivatives of the residual with respect to the free parameters, shape (n, free)."""
+        return self.blocks.by_parameter
+
+    @functools.cached_property
+    def jacobian(self) -> Array:
+        """The (n, n + free) Jacobian."""
+        matrix = self.cyclic(1.0)
+        matrix[:, self.problem.n :] = self.by_parameter
+        return matrix
+
+    def cyclic(self, mu: float) -> Array:
+        """The (n, n + free) cyclic matrix, its last coupling multiplied by mu; the columns of the
+        parameters are zero."""
+        end = self.end.ravel()
+        if mu != 1.0:
+            end = end.copy()
+            end[-(self.problem.m**2) :] *= mu
+        return self.problem.cyclic(self.start.ravel(), end)
+
+    @functools.cached_property
+    def stability(self) -> Stability:
+        """Multipliers, their products, and the determinant of a period doubling.
+
+        The derivative of an arrival by its time is the arrival's velocity (over the duration,
+        back on the surface left). The orbit's own is put in its place: the multipliers next to
+        a grazing go with its inverse, and the kernel's carries the rounding of larger terms.
+        """
+        problem, start = self.problem, self.held
+        if problem.arrivals and self.blocks.together:
+            return self.told(self._in_pieces(start))
+        if not problem.arrivals:  # without impacts
+            return self.told(stability_of(start, self.end))
+        if problem.m == 2:
+            found = stability_of_orbit(
+                start, self.end, problem.arrivals, self.unknowns.tolist(), self.span
+            )
+            return self.told(found)
+        end = self.end.copy()
+        rows = problem.impacts(self.unknowns)
+        durations = np.diff(np.append(rows[:, 0], rows[0, 0] + self.span))
+        arrivals = np.array(problem.arrivals)
+        brief = (arrivals == MEETING) & (np.abs(durations) < BRIEF * self.span)
+        same = (arrivals != ELSEWHERE) & (durations != 0.0) & ~brief
+        different = arrivals == ELSEWHERE
+        arriving = np.roll(rows[:, 1], -1)
+        end[same, 0, 0] = arriving[same] / durations[same]
+        end[different, 0, 0] = arriving[different]
+        return self.told(stability_of(start, end))
+
+    def _in_pieces(self, start: Array) -> Stability:
+        """The same where flights are computed in pieces.
+
+        Without forcing, the derivatives by both times are opposite: those of the end where the row
+        is smaller are the exact ones. Of one degree of freedom the other multiplier of all
+        directions is then 1, so that their product is the one asked for, whatever its size.
+        """
+        found = stability_of(start, self.end)
+        if not (self.problem.autonomous and self.problem.m == 2):
+            return found
+        start, end = self.start.copy(), self.end.copy()
+        by_start = np.abs(start[:, :, 1]) < np.abs(end[:, :, 1])
+        later = np.where(by_start, -start[:, :, 0], end[:, :, 0])
+        start[:, :, 0], end[:, :, 0] = -later, later
+        values = np.array([determinant(start, end), 0.0], dtype=complex)
+        return replace(found, multipliers=values)
+
+    @property
+    def held(self) -> Array:
+        """The blocks A_k of the multipliers; see `OrbitProblem.held`."""
+        return self.problem.held(self.start)
+
+    @property
+    def by_blocks(self) -> Stability:
+        """Stability by the blocks as they are, where an impact is at rest or a flight vanishes."""
+        return self.told(stability_of(self.held, self.end))
+
+    def told(self, found: Stability) -> Stability:
+        """Return what blocks tell of stability, less what is known without them."""
+        return found.without(self.problem.lost, int(self.problem.autonomous))
+
+    @property
+    def multipliers(self) -> Array:
+        """Multipliers, largest first; infinite where an impact velocity vanishes."""
+        return self._known.multipliers if self._known else self.stability.multipliers
+
+    @property
+    def span(self) -> float:
+        """The orbit's period."""
+        return self.problem.span(self.unknowns)
+
+    @property
+    def largest_residual(self) -> float:
+        """The largest absolute residual."""
+        known = self._known
+        return float(known.largest_residual if known else np.max(np.abs(self.residual)))
+
+    @functools.cached_property
+    def n_unstable(self) -> int:
+        """Number of multipliers outside the unit circle."""
+        return int(count_unstable(self.multipliers))
+
+    @functools.cached_property
+    def gaps(self) -> list[FlightGaps]:
+        """The interior touches of every flight."""
+        return self.problem.gaps(self.unknowns)
+
+    @functools.cached_property
+    def verdict(self) -> Verdict:
+        """Whether the orbit is physical, and if not why and where."""
+        problem = self.problem
+        return verdict_of(self.findings, problem.word.walls, problem.model.WALLS)
+
+    def judge(
+        self,
+        forgive_touches: Collection[tuple[int, str]] = (),
+        forgive_impacts: Collection[int] = (),
+    ) -> Verdict:
+        """As `verdict`, with touches or impacts forgiven; see `physicality.findings`."""
+        found = findings(*self._flights(), forgive_touches, forgive_impacts)
+        return verdict_of(found, self.problem.word.walls, self.problem.model.WALLS)
+
+    @property
+    def resting(self) -> list[int]:
+        """The impacts whose velocity is rounding beside the speeds along the flights."""
+        problem = self.problem
+        speed = float(problem.scale(self.unknowns, 1.0)[1])
+        velocities = problem.impacts(self.unknowns)[: len(problem.word), 1]
+        return np.nonzero(np.abs(velocities) < AT_REST * speed)[0].tolist()
+
+    @functools.cached_property
+    def findings(self) -> Sequence[float]:
+        """What `physicality.verdict` says of the orbit."""
+        if self._known and not np.isnan(self._known.findings[0]):
+            return self._known.findings.tolist()
+        return findings(*self._flights())
+
+    def _flights(self) -> tuple[str, Sequence[Guard], Array, Sequence[FlightGaps]]:
+        problem = self.problem
+        impacts = problem.impacts(self.unknowns)
+        return problem.word.walls, problem.model.WALLS, impacts, self.gaps
+
+    @functools.cached_property
+    def numbers(self) -> Array:
+        """The row of the point's `Summary`."""
+        return Summary(self.largest_residual, self.multipliers, np.array(self.findings)).row
+
+    @functools.cached_property
+    def derived(self) -> Mapping[str, float]:
+        """Derived parameters at this point."""
+        problem = self.problem
+        found = problem.derived_at(problem.values(self.unknowns))
+        return dict(zip(problem.model.DERIVED, found, strict=True))
+
+
+# Bounds of the rounding errors of an orbit problem's residual and blocks.
+
+
+def rounding(here: Linearisation) -> Linearisation:
+    """Return bounds of the rounding errors of residual and blocks, in their places."""
+    problem = here.problem
+    m, n = problem.m, problem.n
+    quiet = not problem.word.walls  # its flight leads to the state itself, not a time of its own
+    z, p = here.unknowns.tolist(), problem.values(here.unknowns)
+    setup, off = bounds_of_kernel(problem.kernels.setup, p)
+    closing = problem.closing(Bounded(z[0]), Bounded(setup.period, off.period))
+    parts: list[list[float]] = [[], [], [], []]
+    for k, segment in enumerate(problem.segments):
+        j = m * k + m
+        arrival = z[j : j + m] if j < n else [closing, *z[1:m]]
+        arrival = z[:m] if quiet else arrival
+        _, errors = bounds_of(segment, problem.leaving(here.unknowns, k)[1], arrival, p)
+        for part, block in zip(parts, errors, strict=True):
+            part += block
+    residual, start, end, by_parameter = map(np.array, parts)
+    start = problem.leaves(start)
+    blocks = start.reshape(-1, m, m), end.reshape(-1, m, m), by_parameter.reshape(n, -1)
+    bounds = Linearisation(problem, here.unknowns, CyclicBlocks(residual, *blocks))
+    if not quiet:
+        _add_drift(bounds, here, np.array(setup.slopes), np.array(off.slopes))
+    return bounds
+
+
+def _add_drift(bounds: Linearisation, here: Linearisation, slopes: Array, off: Array) -> None:
+    """The last arrival moves with the forcing period, and so with the parameters."""
+    problem = here.problem
+    last = slice(problem.n - problem.m, problem.n)
+    moved = np.outer(bounds.end[-1, :, 0], np.abs(slopes)) + np.outer(
+        np.abs(here.end[-1, :, 0]), off + 2.0 * UNIT * np.abs(slopes)
+    )
+    bounds.by_parameter[last] += problem.word.period * moved
+
+
+def rounding_of_setup(problem: OrbitProblem, unknowns: Array) -> Setup:
+    """Return bounds of the rounding errors of what the kernel ``setup`` says at a point."""
+    return bounds_of_kernel(problem.kernels.setup, problem.values(unknowns))[1]
+
 
 VANISHING = 1e-9
 """A section coordinate that is below this part of its largest along the flights at all impacts
@@ -225,7 +650,6 @@ class OrbitProblem:
 
     def rounding(self, here: Linearisation) -> Array:
         """Return bounds of the rounding errors of the residuals at a point, shape (n,)."""
-        from .rounding import rounding
 
         return rounding(here).residual
 

@@ -16,7 +16,7 @@ from ..bifurcations.registry import kind_of
 from ..errors import InputError
 from ..models.model import Model
 from ..orbits.orbit import Orbit
-from ..orbits.path import positions
+from ..orbits.problem import positions
 from ..records.entry import Entry
 from ..records.given import as_orbit, named
 from .diagram import COLOURS, legend_mark, new_figure

@@ -15,9 +15,8 @@ from ..continuation.branch import Event, Point
 from ..errors import InputError
 from ..models.guards import state_before
 from ..models.model import Model
-from ..orbits.linearisation import Linearisation
 from ..orbits.physicality import Verdict
-from ..orbits.problem import Array, OrbitProblem
+from ..orbits.problem import Array, Linearisation, OrbitProblem
 from ..segments.kernels import Kernels
 from .entry import Entry
 from .recovery import orbit_of

@@ -7,8 +7,8 @@ from typing import Any
 from ..continuation.branch import Event, Point
 from ..errors import InputError, shown
 from ..models.model import Model
-from ..orbits.linearisation import Linearisation
 from ..orbits.orbit import Orbit
+from ..orbits.problem import Linearisation
 from .branch import Branch
 from .diagram import Diagram
 from .entry import Entry

@@ -10,7 +10,7 @@ from typing import Any, Protocol, TypeVar
 import numpy as np
 
 from ..bifurcations.declarations import SYNONYMS
-from ..orbits.linearisation import Linearisation
+from ..orbits.problem import Linearisation
 
 
 def same_data(one: Any, other: Any) -> bool:

@@ -27,12 +27,10 @@ from ..models.word import Word
 from ..orbit_continuation.born import first_step, run_born
 from ..orbit_continuation.orbit_branch import Run, both_ways
 from ..orbit_continuation.symmetry import at_image, watched
-from ..orbits.linearisation import Linearisation
 from ..orbits.orbit import Orbit
-from ..orbits.problem import Array, OrbitProblem
+from ..orbits.problem import Array, Linearisation, OrbitProblem
 from ..orbits.quiet import problem_of
-from ..orbits.recognition import mirrored, rotated_to, shortest
-from ..orbits.search import SAME_ORBIT, Search
+from ..orbits.search import SAME_ORBIT, Search, mirrored, rotated_to, shortest
 from ..progress import Asked, Progress, asked, counted
 from ..records.branch import Branch
 from ..records.diagram import Diagram

@@ -16,8 +16,7 @@ from ..models.model import Model
 from ..models.word import Word
 from ..orbits.orbit import Orbit
 from ..orbits.quiet import problem_of
-from ..orbits.recognition import rotated_to, shortest
-from ..orbits.search import SAME_ORBIT, solve_near
+from ..orbits.search import SAME_ORBIT, rotated_to, shortest, solve_near
 from ..segments.kernels import Kernels
 from ..simulation.run import Outcome, Run, State
 from ..simulation.simulator import Simulator

@@ -21,7 +21,7 @@ from ..continuation.metric import length
 from ..models.model import Model
 from ..orbits.problem import Array
 from ..orbits.quiet import problem_of
-from ..orbits.recognition import repeats
+from ..orbits.search import repeats
 from ..records.curve import Codim2
 from ..records.entry import Entry
 from ..records.entry_conversion import details_of, entry_of

@@ -14,8 +14,7 @@ from ..continuation.test_function import TestFunction
 from ..errors import InputError
 from ..models.model import Model
 from ..models.word import Word
-from ..orbits.linearisation import Linearisation
-from ..orbits.problem import Array
+from ..orbits.problem import Array, Linearisation
 from ..orbits.quiet import problem_of
 from ..records.curve import Codim2, Curve
 from ..records.entry import Entry

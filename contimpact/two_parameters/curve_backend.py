@@ -15,7 +15,7 @@ from ..continuation.batch import Batch, Position, batch_of, columns
 from ..continuation.branch import Block
 from ..continuation.step import EVALUATIONS, take_steps
 from ..orbit_continuation.long_flights import UntilLong
-from ..orbits.linearisation import CyclicBlocks, Linearisation
+from ..orbits.problem import CyclicBlocks, Linearisation
 from ..segments.compiling import PAYS_AFTER, CompiledProgram, load, mode, spend
 from ..segments.layout import Setup
 from .curve_functions import (

@@ -16,11 +16,9 @@ from ..continuation.test_function import TestFunction, UserFunction
 from ..errors import InputError, shown
 from ..models.model import Model
 from ..models.word import Word
-from ..orbits.linearisation import Linearisation
 from ..orbits.orbit import Orbit
-from ..orbits.problem import Array, OrbitProblem
+from ..orbits.problem import Array, Linearisation, OrbitProblem, rounding
 from ..orbits.quiet import problem_of
-from ..orbits.rounding import rounding
 from ..records.curve import Curve
 from ..records.entry import Entry
 from ..records.given import as_orbit

@@ -13,12 +13,10 @@ from ..continuation.ends import End, EndKind
 from ..orbit_continuation.born import first_step, run_born
 from ..orbit_continuation.orbit_branch import Run, both_ways
 from ..orbit_continuation.symmetry import at_image, watched
-from ..orbits.linearisation import Summary
 from ..orbits.physicality import PHYSICAL
-from ..orbits.problem import Array, OrbitProblem
+from ..orbits.problem import Array, OrbitProblem, Summary
 from ..orbits.quiet import problem_of
-from ..orbits.recognition import rotated_to, shortest
-from ..orbits.search import search_for, solve_near
+from ..orbits.search import rotated_to, search_for, shortest, solve_near
 from ..scenes.scene import Scene
 from .runs import tests_of
 

@@ -17,7 +17,7 @@ from ..arrays import Array
 from ..continuation.branch import Points
 from ..models.word import Word
 from ..orbit_continuation.orbit_branch import Run
-from ..orbits.linearisation import Summary
+from ..orbits.problem import Summary
 
 MOST_STEPS = 8
 """How often a descent turns at most."""

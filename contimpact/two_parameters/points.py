@@ -23,9 +23,8 @@ from ..continuation.branch import Point
 from ..continuation.ends import EndKind
 from ..continuation.test_function import TestFunction
 from ..errors import InputError, shown
-from ..orbits.linearisation import Linearisation
 from ..orbits.physicality import Verdict
-from ..orbits.problem import Array, OrbitProblem
+from ..orbits.problem import Array, Linearisation, OrbitProblem
 
 MUTUAL = ("G-PD", "G-FB")
 """Points on curves of grazing orbits that are seen from the curves of PD and FB as well."""

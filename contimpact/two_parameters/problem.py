@@ -15,8 +15,7 @@ from ..bifurcations.registry import kind_of
 from ..continuation.branch import Details
 from ..errors import InputError, shown
 from ..models.model import Model
-from ..orbits.linearisation import Linearisation
-from ..orbits.problem import Array, OrbitProblem
+from ..orbits.problem import Array, Linearisation, OrbitProblem
 from ..records.entry import Entry
 from ..records.entry_conversion import details_of
 from ..records.recovery import orbit_of

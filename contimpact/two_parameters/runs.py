@@ -24,8 +24,7 @@ from ..orbit_continuation.symmetry import at_image, watched
 from ..orbits.orbit import Orbit
 from ..orbits.problem import Array, OrbitProblem
 from ..orbits.quiet import problem_of
-from ..orbits.recognition import rotated_to
-from ..orbits.search import find_orbits
+from ..orbits.search import find_orbits, rotated_to
 from ..records.branch import Branch
 from ..records.competition import BIRTHS
 from ..records.curve import Curve

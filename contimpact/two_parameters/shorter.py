@@ -16,10 +16,9 @@ from ..continuation.crossing_branches import Meeting
 from ..continuation.ends import End, EndKind
 from ..continuation.problem import Problem
 from ..continuation.test_function import Located, TestFunction
-from ..orbits.linearisation import Linearisation
-from ..orbits.problem import Array, OrbitProblem
+from ..orbits.problem import Array, Linearisation, OrbitProblem
 from ..orbits.quiet import problem_of
-from ..orbits.recognition import repeats, shortest
+from ..orbits.search import repeats, shortest
 from .points import double_of
 from .problem import CurvePoint
 

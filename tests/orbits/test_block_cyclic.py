@@ -11,8 +11,8 @@ import pytest
 from contimpact.continuation.bordered import bordered, scaled_determinant
 from contimpact.orbits import multipliers as stability
 from contimpact.orbits.block_cyclic import KEPT, eliminate, solve
-from contimpact.orbits.cyclic_multipliers import (
-    multipliers,
+from contimpact.orbits.multipliers import (
+    multipliers_by_elimination,
     product_of_multipliers,
     roots,
     row_norms,
@@ -89,7 +89,7 @@ def test_multipliers_are_those_of_the_periodic_pencil(count):
         blocks, z = random_cycle(count, rng)
         found, _, tables = reduce(blocks, z, exact=True)
         product = product_of_multipliers(tables, [ELSEWHERE] * count, z.tolist(), 2.0)
-        real = np.array(multipliers(found, product)).reshape(2, 2)
+        real = np.array(multipliers_by_elimination(found, product)).reshape(2, 2)
         start, end = blocks[:, 2:6].reshape(-1, 2, 2), blocks[:, 6:10].reshape(-1, 2, 2)
         expected = stability.multipliers(start, end)
         assert product == pytest.approx(float(np.prod(expected).real), rel=1e-9)

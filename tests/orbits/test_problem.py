@@ -11,8 +11,7 @@ from zoo import unknowns_of
 
 from contimpact.models.word import Word
 from contimpact.orbits.problem import OrbitProblem
-from contimpact.orbits.recognition import mirrored, repeats, rotated_to
-from contimpact.orbits.search import find_orbits
+from contimpact.orbits.search import find_orbits, mirrored, repeats, rotated_to
 
 PAIR_WORDS = ["B", "T/2T", "BT", "BBT", "BTBT/2T", "BBTBTT/3T"]
 OSCILLATOR_WORDS = ["S", "S/2T", "SS/3T"]

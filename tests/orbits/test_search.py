@@ -373,7 +373,7 @@ def test_rounds_are_the_same_one_by_one_and_together(pair, orbits, monkeypatch, 
     for starts in (4, 64):
         together = orbits(model, word, starts=starts, rounds=rounds)
         with monkeypatch.context() as patch:
-            patch.setattr("contimpact.orbits.starts.ROUNDS_AT_ONCE", 1)
+            patch.setattr("contimpact.orbits.search.ROUNDS_AT_ONCE", 1)
             assert same(together, orbits(model, word, starts=starts, rounds=rounds))
 
 

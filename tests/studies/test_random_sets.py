@@ -20,8 +20,7 @@ from contimpact.continuation.settings import Settings
 from contimpact.errors import InputError
 from contimpact.models.word import parse_word
 from contimpact.orbit_continuation.orbit_branch import both_ways
-from contimpact.orbits.recognition import repeats
-from contimpact.orbits.search import solve_near
+from contimpact.orbits.search import repeats, solve_near
 from contimpact.scenes.scene import read_scene
 from contimpact.studies.explore import follow
 
