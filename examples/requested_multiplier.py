@@ -12,8 +12,8 @@ import contimpact as ci
 from contimpact.bifurcations.extended_system import located
 from contimpact.bifurcations.kind import Kind, Look
 from contimpact.bifurcations.singular_cycle import ROUNDING, SingularCycle, has_multiplier
-from contimpact.continuation.bordered import scaled_determinant
-from contimpact.continuation.test_function import TestFunction
+from contimpact.continuation.branch import TestFunction
+from contimpact.continuation.corrector import scaled_determinant
 
 
 class MultiplierValue(TestFunction):

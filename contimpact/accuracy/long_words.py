@@ -8,8 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from ..continuation import linear
-from ..continuation.bordered import bordered
+from ..continuation import problem as linear
+from ..continuation.corrector import bordered
 from ..models.word import Word
 from ..orbits.multipliers import multipliers
 from ..orbits.orbit import Orbit

@@ -8,8 +8,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..continuation.branch import Details
-from ..continuation.test_function import Located
+from ..continuation.branch import Details, Located
 from ..models.guards import is_path
 from ..orbits.problem import Array, OrbitProblem
 from ..orbits.quiet import problem_of

@@ -9,8 +9,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from ..continuation.branch import Details
-from ..continuation.test_function import Located
+from ..continuation.branch import Details, Located
 from ..models.word import Word
 from ..orbits.problem import Array, OrbitProblem
 from ..orbits.quiet import problem_of

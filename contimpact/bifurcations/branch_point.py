@@ -13,10 +13,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..continuation.bordered import oriented
+from ..continuation.branch import Located, TestFunction
+from ..continuation.corrector import oriented
 from ..continuation.ends import EndKind
 from ..continuation.problem import Problem
-from ..continuation.test_function import Located, TestFunction
 from ..models.word import Word
 from ..orbits.problem import Array, Linearisation, OrbitProblem
 from .codimension_two import AlsoGrazes, AlsoStops, CurvePoint

@@ -28,10 +28,9 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..continuation.bordered import scaled_determinant
-from ..continuation.branch import Details, Event, Point
+from ..continuation.branch import Details, Event, Point, TestFunction
+from ..continuation.corrector import scaled_determinant
 from ..continuation.problem import Evaluation
-from ..continuation.test_function import TestFunction
 from ..orbits.multipliers import neimark_sacker
 from ..orbits.problem import Array, Linearisation
 from ..segments.flight import Touch

@@ -19,9 +19,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..continuation.bordered import oriented
+from ..continuation.branch import Located, TestFunction
+from ..continuation.corrector import oriented
 from ..continuation.problem import Problem
-from ..continuation.test_function import Located, TestFunction
 from ..models.word import Word
 from ..orbits.problem import Array, Linearisation, OrbitProblem
 from ..orbits.quiet import QuietProblem, problem_of

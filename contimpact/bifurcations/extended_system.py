@@ -28,8 +28,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..continuation.branch import Details
-from ..continuation.test_function import Located
+from ..continuation.branch import Details, Located
 from ..orbits.problem import Array, Linearisation, OrbitProblem
 from .orbit_test import OrbitPoint
 

@@ -30,10 +30,9 @@ from itertools import pairwise
 
 import numpy as np
 
-from ..continuation.branch import Point
+from ..continuation.branch import Located, Point, TestFunction
 from ..continuation.ends import EndKind
 from ..continuation.problem import Problem
-from ..continuation.test_function import Located, TestFunction
 from ..models.guards import way_back
 from ..models.word import Word
 from ..orbits.physicality import PASSES, Verdict

@@ -17,9 +17,8 @@ from typing import Protocol
 import numpy as np
 
 from ..arrays import Number
-from ..continuation.branch import Details
+from ..continuation.branch import Details, TestFunction
 from ..continuation.ends import EndKind
-from ..continuation.test_function import TestFunction
 from ..models.word import Word
 from ..orbits.multipliers import count_unstable
 from ..orbits.physicality import Verdict

@@ -8,8 +8,7 @@ from typing import Protocol, TypeAlias
 
 import numpy as np
 
-from ..continuation.branch import Block, Event, Point
-from ..continuation.test_function import TestFunction
+from ..continuation.branch import Block, Event, Point, TestFunction
 from ..orbits.problem import Array, Linearisation
 
 OrbitPoint: TypeAlias = Point[Linearisation]

@@ -6,9 +6,8 @@ from abc import abstractmethod
 
 import numpy as np
 
-from ..continuation.branch import Details
+from ..continuation.branch import Details, Located
 from ..continuation.problem import Problem
-from ..continuation.test_function import Located
 from ..orbits.problem import Array, Linearisation, OrbitProblem, rounding
 from .extended_system import Assembled, ExtendedSystem, located
 from .orbit_test import OneOrbit, OrbitPoint, OrbitTest

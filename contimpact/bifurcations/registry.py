@@ -6,7 +6,7 @@ import functools
 import importlib
 from collections.abc import Iterator, Sequence
 
-from ..continuation.test_function import TestFunction
+from ..continuation.branch import TestFunction
 from ..orbits.problem import Linearisation, OrbitProblem
 from .declarations import FILES, unknown_kind
 from .kind import Kind, Values

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..continuation.test_function import TestFunction
+from ..continuation.branch import TestFunction
 from ..errors import InputError
 from ..models.word import Word
 from ..orbits.problem import Array, Linearisation, OrbitProblem, rounding_of_setup

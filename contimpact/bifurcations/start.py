@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ..continuation.bordered import bordered, first_tangent
+from ..continuation.corrector import bordered, first_tangent
 from ..models.word import repetitions
 from ..orbits.problem import Array, OrbitProblem, rounding
 from ..orbits.search import first_lap, shortest

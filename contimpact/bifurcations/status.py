@@ -14,13 +14,12 @@ from dataclasses import replace
 
 import numpy as np
 
-from ..continuation.arc import Arc
-from ..continuation.branch import Missed, Points, Walk
+from ..continuation.branch import Missed, Points, TestFunction, Walk
+from ..continuation.corrector import Arc
 from ..continuation.ends import EndKind
 from ..continuation.events import find_events
 from ..continuation.settings import Settings
 from ..continuation.sign_changes import Sample, Stretch
-from ..continuation.test_function import TestFunction
 from ..orbits.multipliers import UNIT_CIRCLE_ROUNDING, count_unstable
 from ..orbits.physicality import PHYSICAL
 from ..orbits.problem import Array, Linearisation, OrbitProblem

@@ -10,9 +10,8 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from ..continuation.branch import Point
+from ..continuation.branch import Point, TestFunction
 from ..continuation.ends import EndKind
-from ..continuation.test_function import TestFunction
 from ..models.word import Word
 from ..orbits.multipliers import neimark_sacker
 from ..orbits.problem import Array, Linearisation, OrbitProblem, rounding

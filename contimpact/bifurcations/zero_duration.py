@@ -9,9 +9,9 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from ..continuation.bordered import first_tangent
+from ..continuation.branch import Located, TestFunction
+from ..continuation.corrector import first_tangent
 from ..continuation.problem import Problem
-from ..continuation.test_function import Located, TestFunction
 from ..models.word import Word
 from ..orbits.multipliers import count_unstable
 from ..orbits.physicality import OUT_OF_ORDER, Verdict

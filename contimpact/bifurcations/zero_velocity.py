@@ -13,8 +13,8 @@ from __future__ import annotations
 
 import numpy as np
 
+from ..continuation.branch import Located, TestFunction
 from ..continuation.problem import Problem
-from ..continuation.test_function import Located, TestFunction
 from ..models.word import Word
 from ..orbits.multipliers import count_unstable
 from ..orbits.physicality import WRONG_WAY, Verdict

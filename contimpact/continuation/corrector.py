@@ -1,4 +1,4 @@
-r"""The corrector: Newton's method on the bordered system.
+r"""Predictor and corrector: bordered equations, Newton's method, and arcs between points.
 
 It solves F(z) = 0 together with one more equation, :math:`c \cdot (z - z_p) = 0`, by Newton's
 method on the bordered matrix
@@ -13,17 +13,190 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TypeAlias, TypeVar
 
 import numpy as np
 
 from ..arrays import Array, Vector
-from .bordered import DenseSystem
-from .metric import EPSILON, norm
-from .problem import Evaluation, Problem
-from .refusal import Refusal, Refused
+from . import problem as linear
+from .branch import Event, Point
+from .ends import Refusal, Refused
+from .problem import EPSILON, Evaluation, Problem, angle, inner, length, norm
 from .settings import Settings
+
+# Dense linear algebra of the Jacobian bordered by a row: tangents, determinants, Newton steps.
+
+LARGEST = 0.999
+"""Part of the largest component from which on others are as large."""
+
+
+def bordered(jacobian: Array, row: Array) -> Array:
+    """Return the Jacobian with one more row."""
+    matrix = np.empty((len(row), len(row)))
+    matrix[:-1] = jacobian
+    matrix[-1] = row
+    return matrix
+
+
+def oriented(vector: Array) -> Array:
+    """Return a vector or its negative, always the same one of both.
+
+    That in which the first of its largest components is positive: of a null vector, rounding
+    decides on the sign, and where components are equal by symmetry also on which is the largest.
+    """
+    sizes = np.abs(vector)
+    leading = vector[np.argmax(sizes >= LARGEST * np.max(sizes))]
+    return -vector if leading < 0.0 else vector
+
+
+def first_tangent(jacobian: Array, scale: Array) -> Array | None:
+    """Return a unit null vector of the Jacobian, `oriented`, or None where there are two."""
+    _, sizes, vectors = np.linalg.svd(jacobian * scale)
+    if sizes[-1] <= 1e-10 * sizes[0]:
+        return None
+    return scale * oriented(vectors[-1])
+
+
+def next_tangent(jacobian: Array, row: Array, scale: Array) -> Array | None:
+    """Return the unit null vector that has a positive product with a row."""
+    right = np.zeros(len(row))
+    right[-1] = 1.0
+    try:
+        tangent = linear.solve(bordered(jacobian, row), right)
+    except np.linalg.LinAlgError:
+        return None
+    size = length(tangent, scale)
+    return tangent / size if np.isfinite(size) and size > 0.0 else None
+
+
+def scaled_determinant(matrix: Array) -> float:
+    """Return the determinant with every row divided by its norm: between -1 and 1, no pole."""
+    norms = np.linalg.norm(matrix, axis=1)
+    if not np.all(norms > 0.0):
+        return 0.0
+    sign, logarithm = linear.log_determinant(matrix / norms[:, None])
+    return float(sign * np.exp(max(logarithm, -700.0)))
+
+
+def orientation(jacobian: Array, tangent: Array, scale: Array) -> float:
+    """Return the scaled determinant of the Jacobian bordered by the tangent."""
+    return scaled_determinant(bordered(jacobian * scale, tangent / scale))
+
+
+def point_after(
+    previous: Point,
+    evaluation: Evaluation,
+    iterations: int,
+    scale: Array,
+    travelled: float | None = None,
+) -> Point | None:
+    """Return an evaluation as the point that follows another, or None where it has no tangent."""
+    jacobian = evaluation.jacobian
+    tangent = next_tangent(jacobian, previous.tangent / scale**2, scale)
+    if tangent is None:
+        return None
+    if travelled is None:
+        travelled = length(evaluation.unknowns - previous.unknowns, scale)
+    sign = orientation(jacobian, tangent, scale)
+    return Point(evaluation, tangent, sign, previous.arclength + travelled, iterations)
+
+
+class DenseSystem:
+    """Any problem in the form in which `newton` and `take_steps` ask for it."""
+
+    def __init__(self, problem: Problem) -> None:
+        self.problem = problem
+        self.here: Evaluation | None = None
+
+    def evaluate(self, z: list[float]) -> float:
+        """Evaluate; returns the largest residual, NaN where F has no value."""
+        try:
+            self.here = self.problem.evaluate(np.array(z))
+        except (ArithmeticError, ValueError):
+            return math.nan
+        return float(np.max(np.abs(self.here.residual)))
+
+    def solve(self, row: list[float], g: float, out: list[float]) -> bool:
+        """Fill `out` with the solution of the bordered system; whether there is one."""
+        assert self.here is not None
+        matrix = bordered(self.here.jacobian, np.array(row))
+        try:
+            out[:] = linear.solve(matrix, np.append(-self.here.residual, g)).tolist()
+        except np.linalg.LinAlgError:
+            return False
+        return True
+
+    def tangent_at(
+        self, z: list[float], row: list[float], scale: list[float], out: list[float]
+    ) -> float:
+        """Fill `out` with the unit tangent along `row`; returns the orientation, NaN without."""
+        assert self.here is not None
+        sizes = np.array(scale)
+        tangent = next_tangent(self.here.jacobian, np.array(row), sizes)
+        if tangent is None:
+            return math.nan
+        out[:] = tangent.tolist()
+        return orientation(self.here.jacobian, tangent, sizes)
+
+    def observe(
+        self, z: list[float], tangent: list[float], sign: float, rows: list[float], at: int
+    ) -> None:
+        """Put nothing into a row: test functions are asked of the evaluation."""
+
+
+# The predictor: where the next point is guessed, along the tangent or the chord behind.
+
+Value = TypeVar("Value", float, Array)
+"""A number, or many at once."""
+
+
+def predict(
+    z: Vector,
+    tangent: Vector,
+    chord: Vector,
+    secant: bool,
+    step: float,
+    scale: Vector,
+    guess: Vector,
+) -> None:
+    """Fill `guess` with the point one step ahead of z.
+
+    Written in the plain subset of Python that `contimpact.compiling` compiles.
+
+    Parameters
+    ----------
+    z, tangent, chord : vector
+        The point, its unit tangent, and the way from the point before.
+    secant : bool
+        Whether to go on along the chord.
+    step : float
+    scale : vector
+    guess : vector
+    """
+    if not secant:
+        for i in range(len(z)):
+            guess[i] = z[i] + step * tangent[i]
+        return
+    size = norm(chord, scale)
+    for i in range(len(z)):
+        guess[i] = z[i] + step * (chord[i] / size)
+
+
+def cubic(left: Value, right: Value, rate: Value, next_rate: Value, span: float, s: float) -> Value:
+    """Return a value of the cubic through two values with their rates, at a fraction s."""
+    t = 1.0 - s
+    return (
+        left * t * t * (1.0 + 2.0 * s)
+        + right * s * s * (1.0 + 2.0 * t)
+        + span * s * t * (t * rate - s * next_rate)
+    )
+
+
+def hermite(left: Point, right: Point, span: float, fraction: float) -> Array:
+    """Return a value of the cubic through two points with their tangents."""
+    return cubic(left.unknowns, right.unknowns, left.tangent, right.tangent, span, fraction)
+
 
 D = TypeVar("D")
 """The problem, in the form in which functions of the plain subset take it."""
@@ -155,3 +328,177 @@ def why_no_value(problem: Problem, z: Array) -> str:
     except (ArithmeticError, ValueError) as error:
         return f"the equations have no value: {error}"
     return "the residual is not finite"
+
+
+# The first point of a walk, and its test functions.
+
+ON_ZERO = 1e-12
+"""Test functions below this at a start that was solved for vanish there."""
+
+NO_CROSSING = 1e-9
+"""A test function below this at a branch point a walk starts from vanishes because of it."""
+
+
+STILL = 1e-12
+"""A parameter's rate below this part of the tangent is rounding: at a fold neither way is up."""
+
+
+@dataclass(frozen=True, eq=False)
+class Start:
+    """The first point, if there is one, and why no walk leaves it, or nothing."""
+
+    point: Point | None
+    iterations: int
+    reason: str = ""
+
+
+def first_point(
+    problem: Problem,
+    guess: Array,
+    direction: int,
+    tangent: Array | None,
+    branching: bool,
+    scale: Array,
+    settings: Settings,
+) -> Start:
+    """Solve for the first point of a walk; parameters as of `contimpact.continuation.walk.walk`."""
+    fixed = np.zeros(len(guess))
+    fixed[-1] = 1.0
+    row = fixed if tangent is None else tangent / scale**2
+    result = correct(problem, guess, row, scale, settings)
+    here, iterations = result.evaluation, result.iterations
+    if here is None:
+        return Start(None, iterations, result.reason)
+    if tangent is None:
+        tangent = first_tangent(here.jacobian, scale)
+        if tangent is None:
+            unknown = Point(here, fixed, 0.0, 0.0, iterations)
+            return Start(unknown, iterations, "two directions leave the first point")
+        still = abs(tangent[-1]) < STILL * scale[-1]
+        direction = direction if still or tangent[-1] >= 0.0 else -direction
+    else:
+        tangent = tangent / length(tangent, scale)
+    first: Point | None = Point(here, direction * tangent, np.nan, 0.0, iterations)
+    if first is not None and not branching:
+        first = point_after(first, here, iterations, scale)
+    return Start(first, iterations, "" if first else "the tangent is not defined")
+
+
+def settled(values: list[Array], branching: bool, switched: bool) -> list[Array]:
+    """Return the test functions at a start, those that vanish there as zero."""
+    small = NO_CROSSING if branching else ON_ZERO
+    if not (branching or switched):
+        return values
+    return [np.where(np.abs(v) < small, 0.0, v) for v in values]
+
+
+def leaving(start: Array, other: Array) -> Array:
+    """Give what vanishes or has no value at a branch point the sign it leaves with."""
+    tiny = np.finfo(float).tiny
+    return np.where((start == 0.0) | np.isnan(start), np.sign(other) * tiny, start)
+
+
+# The stretch of a branch between two neighbouring points of a walk.
+
+CLOSEST_BRANCHES = 1e-4
+"""Branches closer to each other than this part of a step are taken to cross."""
+
+NO_TANGENT = 1e-8
+"""Where the orientation falls below this part of its size, rounding decides on the tangent."""
+
+
+@dataclass(frozen=True, eq=False)
+class Arc:
+    """Two neighbouring points of a walk, and what is needed to go between them."""
+
+    problem: Problem
+    left: Point
+    right: Point
+    scale: Array
+    settings: Settings
+
+    @property
+    def span(self) -> float:
+        """Its length along the branch."""
+        return self.right.arclength - self.left.arclength
+
+    def at(self, fraction: float) -> Point | None:
+        """Return the point of the branch at a fraction of the way, or None if it is not reached."""
+        chord = self.right.unknowns - self.left.unknowns
+        guess = hermite(self.left, self.right, self.span, fraction)
+        result = correct(self.problem, guess, chord / self.scale**2, self.scale, self.settings)
+        if result.evaluation is None:
+            return None
+        return self.point(result.evaluation, result.iterations)
+
+    def near(self, fraction: float) -> Point | None:
+        """Return a guess of that point, not corrected; None where the equations have no value."""
+        try:
+            here = self.problem.evaluate(hermite(self.left, self.right, self.span, fraction))
+        except (ArithmeticError, ValueError):
+            return None
+        return Point(here, self.left.tangent, np.nan, self.left.arclength + fraction * self.span, 0)
+
+    def point(self, evaluation: Evaluation, iterations: int) -> Point | None:
+        """Return an evaluation as a point of this arc, None where it has no tangent."""
+        travelled = self.fraction(evaluation.unknowns) * self.span
+        return point_after(self.left, evaluation, iterations, self.scale, travelled)
+
+    def event_point(self, evaluation: Evaluation, iterations: int) -> Point:
+        """As `point`; at a branch point, where there is none, with a tangent between the ends'."""
+        point, fraction = self.point(evaluation, iterations), self.fraction(evaluation.unknowns)
+        between = (1.0 - fraction) * self.left.tangent + fraction * self.right.tangent
+        between /= length(between, self.scale)
+        if point is not None:
+            usual = np.fmax(abs(self.left.orientation), abs(self.right.orientation))
+            known = not abs(point.orientation) < NO_TANGENT * usual
+            if known and angle(point.tangent, between, self.scale) <= 2.0 * self.settings.max_angle:
+                return point
+        place = self.left.arclength + fraction * self.span
+        return Point(evaluation, between, 0.0, place, iterations)
+
+    def holding(self, event: Event) -> Event:
+        """Return an event located on this arc, not before or beyond it by rounding."""
+        place = event.point.arclength
+        within = min(max(place, self.left.arclength), self.right.arclength)
+        return event if place == within else event.moved_to(within)
+
+    def fraction(self, unknowns: Array) -> float:
+        """Return how far along the chord a point lies: 0 at the left end, 1 at the right end."""
+        chord = self.right.unknowns - self.left.unknowns
+        return inner(unknowns - self.left.unknowns, chord, self.scale) / inner(
+            chord, chord, self.scale
+        )
+
+    def halves(self, middle: Point) -> tuple[Arc, Arc]:
+        """Return the arcs on both sides of a point between."""
+        return replace(self, right=middle), replace(self, left=middle)
+
+    def connected(self) -> bool:
+        """Whether both ends lie on one branch, where their orientations differ.
+
+        Bisection on the orientation closes on a branch point if there is one; if the right end lies
+        on another branch, the two sides stay apart or no point is reached between them.
+        """
+        left, right, a, b = self.left, self.right, 0.0, 1.0
+        chord = length(right.unknowns - left.unknowns, self.scale)
+        while b - a > CLOSEST_BRANCHES:
+            middle = self.at(0.5 * (a + b))
+            if middle is None:
+                return False
+            if (middle.orientation >= 0.0) == (self.left.orientation >= 0.0):
+                left, a = middle, 0.5 * (a + b)
+            else:
+                right, b = middle, 0.5 * (a + b)
+            if length(right.unknowns - left.unknowns, self.scale) > 4.0 * (b - a) * chord:
+                return False
+        return True
+
+    def holds(self, unknowns: Array) -> bool:
+        """Whether a point lies on the branch between both ends, within a step of the chord."""
+        chord = self.right.unknowns - self.left.unknowns
+        fraction = self.fraction(unknowns)
+        off = unknowns - self.left.unknowns - fraction * chord
+        slack = 1e-9
+        near = length(off, self.scale) <= 0.5 * length(chord, self.scale) + slack
+        return near and -slack <= fraction <= 1.0 + slack

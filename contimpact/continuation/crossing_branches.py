@@ -18,13 +18,12 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from .arc import Arc
-from .batch import Notice
 from .branch import Point
-from .metric import length
-from .problem import Array, Problem
-from .refusal import Refusal, Refused
+from .corrector import Arc
+from .ends import Refusal, Refused
+from .problem import Array, Problem, length
 from .settings import Settings
+from .step import Notice
 
 NARROWING, GLANCES = 12, 2
 """How often a step is halved towards the place where its orientation flips, and where it does

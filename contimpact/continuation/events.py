@@ -1,19 +1,280 @@
-"""The search for the zeros of test functions between two points of a branch."""
+"""Events along a branch: located, with their uncertainty, and told apart from their neighbours."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import math
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field, replace
+from itertools import pairwise
 
 import numpy as np
 
-from .arc import Arc
-from .branch import Event, Missed, Point
-from .event_order import in_order
-from .locating import locate, missed
-from .problem import Array
+from ..arrays import Array
+from .branch import Event, Missed, Point, Points, TestFunction, at_one_place, in_order
+from .corrector import Arc, orientation
+from .problem import EPSILON, Evaluation, Problem
+from .settings import Settings
 from .sign_changes import DIPS, OFF_THE_ENDS, Sample, Stretch, crosses, crossings
-from .test_function import TestFunction
+
+# How well an event found by bracketing is known: a bound of its parameter's error.
+
+NEARBY = 1e-7
+"""Relative distance at which the gradient of a test function is read from differences."""
+
+LEVEL, SPACING = 3, 1e-9
+"""Order of the differences that tell a function's noise, and relative distance of its values."""
+
+FIRST_ORDER = 2.0
+"""For what the linear estimate leaves out."""
+
+MARGIN = 8.0
+"""A value is off by less than so many standard deviations of its noise."""
+
+
+def error_of_zero(
+    problem: Problem, here: Evaluation, function: Callable[[Evaluation], float], scale: Array
+) -> float:
+    """Bound the error of the parameter where a function of the points vanishes.
+
+    The point solves F = 0 and f = 0 up to its residual and the rounding of both; what these move
+    the parameter by, at most, is the last row of the inverse of [F'; f'] against them. The gradient
+    of f comes from differences, its rounding from the scatter of values beside the zero. The
+    bracket itself, in which f changes its sign, is not part of it.
+
+    Parameters
+    ----------
+    problem : Problem
+    here : Evaluation
+    function : callable ``function(evaluation) -> float``
+    scale : ndarray of shape (n + 1,)
+
+    Returns
+    -------
+    float
+        Not a number where the function has no value around the point.
+    """
+
+    def value(unknowns: Array) -> float:
+        try:
+            return function(problem.evaluate(unknowns))
+        except (ArithmeticError, ValueError):
+            return math.nan
+
+    at = function(here)
+    steps = NEARBY * scale
+    with np.errstate(all="ignore"):
+        gradient = np.array([value(here.unknowns + row) - at for row in np.diag(steps)]) / steps
+        own = EPSILON * float(np.abs(gradient) @ np.abs(here.unknowns))
+        own += MARGIN * noise(value, here.unknowns + steps, SPACING * scale)
+        off = np.append(np.abs(here.residual) + rounding_of(problem, here), own)
+        matrix = np.vstack([here.jacobian, gradient])
+        try:
+            row = np.linalg.solve(matrix.T, np.eye(len(matrix))[-1])
+        except np.linalg.LinAlgError:
+            return math.nan
+        return FIRST_ORDER * float(np.abs(row) @ off)
+
+
+def rounding_of(problem: Problem, here: Evaluation) -> Array:
+    """Bound the rounding of the residuals: as the problem does, or by that of the unknowns."""
+    own: Callable[[Evaluation], Array] | None = getattr(problem, "rounding", None)
+    if own is not None:
+        return own(here)
+    return np.asarray(EPSILON * (np.abs(here.jacobian) @ np.abs(here.unknowns)))
+
+
+def noise(value: Callable[[Array], float], unknowns: Array, step: Array) -> float:
+    """Return the standard deviation of a function's rounding, from differences of high order.
+
+    Neighbouring values differ by a smooth function, of which the differences vanish, and by their
+    rounding, of which they do not (Hamming; More and Wild, SIAM J. Sci. Comput. 33, 2011).
+    """
+    places = range(-LEVEL, LEVEL + 1)
+    differences = np.diff([value(unknowns + place * step) for place in places], LEVEL)
+    growth = math.comb(2 * LEVEL, LEVEL)
+    return math.hypot(*differences) / math.sqrt(len(differences) * growth)
+
+
+# Points between adjacent events, so that every stretch of a branch has one that tells its status.
+#
+# At an event a solution has the status of neither side. Where two events lie between neighbouring
+# points of a walk, no point tells what lies between them, and one more is solved there.
+
+FRACTIONS = (0.5, 0.3, 0.7)
+"""Where between two events a point is tried."""
+
+
+def on_points(points: Points, events: Iterable[Event]) -> list[Event]:
+    """Return events, each on the point of the branch from which its error does not tell it apart,
+    if there is one."""
+    lengths, values = points.arclengths, points.unknowns[:, -1]
+    found = []
+    for event in events:
+        place = event.point.arclength
+        after = int(np.searchsorted(lengths, place))
+        for i in range(max(after - 1, 0), min(after + 1, len(lengths))):
+            if at_one_place(lengths[i] - place, values[i] - event.parameter, event.error):
+                event = event.moved_to(float(lengths[i]))
+        found.append(event)
+    return found
+
+
+def with_points_between(
+    problem: Problem, points: Points, events: Iterable[Event], others: Iterable[Point] = ()
+) -> Points:
+    """Return the points of a branch, and one more between any two events that had none between.
+
+    Parameters
+    ----------
+    problem : Problem
+    points : Points
+    events : iterable of Event
+        From `on_points`.
+    others : iterable of Point
+        Further points without a status of their own: a birth, an end at an event.
+    """
+    marks = [*((event.point, event.error) for event in events), *((p, 0.0) for p in others)]
+    marks.sort(key=lambda mark: mark[0].arclength)
+    lengths, span = points.arclengths, float(np.ptp(points.unknowns[:, -1])) or 1.0
+    free = lengths[~np.isin(lengths, [mark.arclength for mark, _ in marks])]
+    found = []
+    for (left, error), (right, other) in pairwise(marks):
+        first, beyond = np.searchsorted(free, (left.arclength, right.arclength))
+        apart = right.arclength - left.arclength, right.parameter - left.parameter
+        if first == beyond and not at_one_place(*apart, error + other):
+            scale = problem.scale(left.unknowns, span)
+            point = _between(Arc(problem, left, right, scale, Settings()))
+            found += [] if point is None else [point]
+    return points.with_more(found)
+
+
+def _between(arc: Arc) -> Point | None:
+    """A point of the branch between the ends of an arc; None where none is reached."""
+    for fraction in FRACTIONS:
+        point = arc.at(fraction)
+        if point is None or not arc.holds(point.unknowns):
+            continue
+        if arc.left.arclength < point.arclength < arc.right.arclength:
+            return point
+    return None
+
+
+# One zero of a test function between two points, located: by Newton's method or by bracketing.
+
+SHRUNK = 1e-2
+"""A function that has not fallen below this part of its values at the ends jumps; a fifth root
+falls to a thousandth before its argument is rounding."""
+
+CLOSED_IN = 1e-6
+"""A function that has no value in a bracket this narrow jumps there."""
+
+BESIDE = 0.999
+"""Where no point is reached or a function has no value, this part of the way is tried instead."""
+
+ACCEPTED_ERROR = 1e-7
+"""Newton on an extended system counts if its error is below this part of the parameter's scale."""
+
+NO_VALUE = "the test function has no value inside the bracket"
+
+
+def locate(
+    test: TestFunction, arc: Arc, index: int, left: float, right: float
+) -> Event | Missed | None:
+    """Locate one crossing: Newton on the extended system, from ever closer points.
+
+    The first guess is linear interpolation along the cubic between both points. If Newton fails or
+    leaves the arc, the bracket is narrowed along the branch and Newton tried again; a bracket
+    narrowed to rounding is itself the answer. None where it is no crossing.
+    """
+    a, b, fa, fb = 0.0, 1.0, left, right
+    guess = arc.near(_next_fraction(a, b, fa, fb, 0))
+    event = _by_newton(test, arc, guess, index) if guess is not None else None
+    if event is not None:
+        return event
+    for attempt in range(60):
+        fraction = _next_fraction(a, b, fa, fb, attempt)
+        guess = arc.at(fraction) or arc.at(a + BESIDE * (fraction - a))
+        if guess is None:  # beside a branch point as well as on it
+            return missed(test.kind, arc, "no point of the branch was reached inside the bracket")
+        if attempt % 8 == 0:
+            event = _by_newton(test, arc, guess, index)
+            if event is not None:
+                return event
+        value = float(test.at(guess)[index])
+        beside = arc.at(a + BESIDE * (fraction - a)) if np.isnan(value) else None
+        if beside is not None:
+            guess, fraction, value = (
+                beside,
+                a + BESIDE * (fraction - a),
+                float(test.at(beside)[index]),
+            )
+        if np.isnan(value):
+            if not test.vanishing:
+                if b - a < CLOSED_IN:
+                    break
+                return missed(test.kind, arc, NO_VALUE)
+            width = min(1.0, test.vanishing / abs(fb - fa)) * (b - a)
+            return _by_bracket(test, arc, guess, index, width)
+        if (value >= 0.0) == (fa >= 0.0):
+            a, fa = fraction, value
+        else:
+            b, fb = fraction, value
+        if b - a <= 8.0 * EPSILON or value == 0.0:
+            break
+    assert guess is not None
+    shrunk = min(abs(fa), abs(fb)) <= SHRUNK * max(abs(left), abs(right))
+    if not shrunk:
+        sides = arc.left if a == 0.0 else arc.at(a), arc.right if b == 1.0 else arc.at(b)
+        if any(side is not None and test.enters(side, index) for side in sides):
+            return None
+        return missed(test.kind, arc, "the test function jumps without passing through zero")
+    return _by_bracket(test, arc, guess, index, 0.0 if value == 0.0 else b - a)
+
+
+def _next_fraction(a: float, b: float, fa: float, fb: float, attempt: int) -> float:
+    """Secant point kept off the ends of the bracket; a bisection every third time."""
+    if attempt % 3 == 2 or fa == fb:
+        return 0.5 * (a + b)
+    margin = 0.01 * (b - a)
+    return min(max(a + (b - a) * fa / (fa - fb), a + margin), b - margin)
+
+
+def _by_newton(test: TestFunction, arc: Arc, guess: Point, index: int) -> Event | None:
+    located = test.locate(arc.problem, guess, index)
+    if located is None or not arc.holds(located.unknowns):
+        return None
+    if not located.error <= ACCEPTED_ERROR * arc.scale[-1]:
+        return None
+    here = located.evaluation or arc.problem.evaluate(located.unknowns)
+    point = arc.event_point(here, guess.iterations)
+    details = {"index": index, **located.details}
+    return Event(test.kind, point, located.residual, located.error, "newton", details)
+
+
+def _by_bracket(test: TestFunction, arc: Arc, point: Point, index: int, width: float) -> Event:
+    """The event at a point a bracket of relative width `width` has closed on.
+
+    At a branch point, where the error has no bound, it is no better than the bracket's own points.
+    """
+    here = point.evaluation
+
+    def value(there: Evaluation) -> float:
+        sign = orientation(there.jacobian, point.tangent, arc.scale)
+        moved = Point(there, point.tangent, sign, point.arclength, 0)
+        return float(test.values(moved)[index])
+
+    error = error_of_zero(arc.problem, here, value, arc.scale)
+    if not np.isfinite(error):
+        error = float(np.sqrt(EPSILON) * arc.scale[-1])
+    error += width * abs(arc.right.parameter - arc.left.parameter)
+    residual = float(np.max(np.abs(here.residual)))
+    return Event(test.kind, point, residual, error, "bracket", test.details(point, index))
+
+
+def missed(kind: str, arc: Arc, reason: str) -> Missed:
+    """Return what could not be located on an arc."""
+    return Missed(kind, (arc.left.parameter, arc.right.parameter), reason)
+
 
 GUIDED = 4
 """Beside what `suspects` finds: a guide tells that a value may begin and end between two points."""

@@ -1,4 +1,4 @@
-"""The step: predict, correct, turn the tangent, judge, and choose the length of the next one.
+"""A step of pseudo-arclength continuation, its control, and batches of steps.
 
 Every step of a walk is taken here, for any problem, one or many at a time. Written in the plain
 subset of Python that `contimpact.compiling` compiles: vectors are lists where it runs plainly,
@@ -8,14 +8,88 @@ that may close a loop, is proposed to the walker, which decides.
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from typing import NamedTuple, TypeAlias
+import enum
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import NamedTuple, Protocol, TypeAlias
 
-from ..arrays import Table, Vector
-from .corrector import CONVERGED, D, Evaluate, Solve, newton
-from .metric import angle, distance
-from .predictor import cubic, predict
-from .step_control import defect, rounded, shorter, step_after
+import numpy as np
+
+from ..arrays import LISTS, Array, Containers, Table, Vector
+from .branch import Block, Point
+from .corrector import CONVERGED, D, DenseSystem, Evaluate, Solve, cubic, failure, newton, predict
+from .ends import Refusal, Refused
+from .problem import Problem, angle, distance
+from .settings import Settings
+
+# Step control: how well a step resolves the branch, and how long the next one is.
+#
+# Written in the plain subset of Python that `contimpact.compiling` compiles.
+
+LARGEST_DEFECT = 0.1
+"""Largest defect of a step (see `defect`), as part of the largest angle."""
+
+DIGITS = 2.0**47 + 1.0
+"""By which a length is rounded to six binary digits, see `rounded`."""
+
+
+def defect(
+    z: Vector, new: Vector, tangent: Vector, along: Vector, size: float, scale: Vector
+) -> float:
+    """Return by how much a step differs from what the tangents at its ends make of it.
+
+    The distance between the chord and the mean of both unit tangents times the chord's length, as
+    part of that length: the error of the trapezoidal rule. It falls with the square of the step
+    where the branch is resolved, and does not where a step spans a wiggle, however well the
+    tangents agree. `size` is the distance of both points.
+    """
+    if size == 0.0:
+        return 0.0
+    off = 0.0
+    for i in range(len(z)):
+        part = (new[i] - z[i] - 0.5 * size * (tangent[i] + along[i])) / scale[i]
+        off += part * part
+    return math.sqrt(off) / size
+
+
+def step_after(
+    step: float,
+    turned: float,
+    first_correction: float,
+    off: float,
+    max_angle: float,
+    max_defect: float,
+    max_step: float,
+) -> float:
+    """Return the length of the step after an accepted one.
+
+    The angle between tangents grows with the step, the first correction with its square, as part
+    of the step, and so does the defect `off`; the largest of them against their targets decides,
+    by at most a factor of two. The targets of angle and defect are half the largest ones, that of
+    the correction a twentieth of the step.
+    """
+    by_angle = turned / (0.5 * max_angle)
+    by_distance = math.sqrt(first_correction / (0.05 * step))
+    by_defect = math.sqrt(off / (0.5 * max_defect))
+    factor = 1.0 / max(by_angle, by_distance, by_defect, 0.5)
+    return min(step * max(factor, 0.5), max_step)
+
+
+def rounded(step: float, max_step: float) -> float:
+    """Return the length with a few leading digits (Veltkamp's splitting).
+
+    How a walk rounds its points, which differs between processors, then has no part in where the
+    next ones lie: it would grow from step to step.
+    """
+    large = DIGITS * step
+    return min(large - (large - step), max_step)
+
+
+def shorter(step: float, min_step: float) -> float:
+    """Return the length to try after a step was refused."""
+    return max(0.5 * step, min_step)
+
 
 (
     TOLERANCE,
@@ -292,3 +366,234 @@ def dips(state: Vector, ahead: float) -> bool:
         return False
     there = known + (known - earlier) * (ahead / behind)
     return (there if known > 0.0 else -there) < LITTLE * abs(known)
+
+
+# Where a walk is, the steps from there, and what they make: the seam to the backends.
+
+
+class Notice(enum.IntFlag):
+    """Why a step is for the walker to judge; see `contimpact.continuation.step.BEYOND`."""
+
+    BEYOND = BEYOND
+    FLIPS = FLIPS
+    DIPS = DIPS
+    NEAR_START = NEAR_START
+
+
+@dataclass(frozen=True, eq=False)
+class Position:
+    """Where a walk is, and the numerics of the steps from there.
+
+    Attributes
+    ----------
+    here, behind : Point
+        The point reached, and the one before; None where that does not count.
+    first : float
+        The parameter at the start of the walk.
+    points : int
+        How many there are.
+    step : float
+        Length of the step to try.
+    scale : ndarray of shape (n + 1,)
+    limits : (low, high)
+    same : float
+        What counts as the same solution.
+    settings : Settings
+    by_defect : bool
+        Whether to look at the steps' defects.
+    meetings : bool
+        Whether to look out for branches that meet this one.
+    """
+
+    here: Point
+    behind: Point | None
+    first: float
+    points: int
+    step: float
+    scale: Array
+    limits: tuple[float, float]
+    same: float
+    settings: Settings
+    by_defect: bool
+    meetings: bool
+
+    def options(self) -> list[float]:
+        """Return the vector `options` of `take_steps`."""
+        given = self.settings
+        largest = LARGEST_DEFECT * given.max_angle if self.by_defect else math.inf
+        steps = given.min_step, given.max_step, given.max_angle, largest
+        asked = float(given.predictor == "secant"), float(self.meetings)
+        newton = given.tolerance, given.max_iterations
+        return [*newton, *steps, *self.limits, self.first, self.same, *asked]
+
+    def state(self) -> list[float]:
+        """Return the vector `state` of `take_steps`."""
+        before = (math.nan, math.nan)
+        if self.behind is not None:
+            before = self.behind.arclength, self.behind.orientation
+        state = [0.0] * PLACES
+        state[STEP], state[POINTS] = self.step, float(self.points)
+        state[ARCLENGTH], state[ORIENTATION] = self.here.arclength, self.here.orientation
+        state[BEHIND], state[EARLIER] = before
+        return state
+
+    def chord(self) -> Array:
+        """Return the way from the point before."""
+        if self.behind is None:
+            return np.zeros(len(self.scale))
+        return self.here.unknowns - self.behind.unknowns
+
+    def vectors(self, recorded: int, most: int, made_by: Containers = LISTS) -> StepVectors:
+        """Return the vectors with which `take_steps` makes at most so many points.
+
+        `recorded` is how many numbers ``observe`` records of each.
+        """
+        vector, table = made_by
+        n = len(self.scale)
+        return StepVectors(
+            vector(self.options()),
+            vector(self.state()),
+            vector(self.scale),
+            vector(self.here.unknowns),
+            vector(self.here.tangent),
+            vector(self.chord()),
+            work=table(4, n),
+            rows=table(most, 2 * n + HEAD + recorded),
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class Proposal:
+    """A step for the walker to judge.
+
+    Attributes
+    ----------
+    piece : Point or Block
+        The point reached; a block has no other.
+    notices : Notice
+    next_step : float
+        The length to go on with if it is accepted.
+    """
+
+    piece: Point | Block
+    notices: Notice
+    next_step: float
+
+    @property
+    def point(self) -> Point:
+        """The point reached."""
+        return self.piece if isinstance(self.piece, Point) else self.piece.point(0)
+
+
+@dataclass(frozen=True, eq=False)
+class Batch:
+    """What steps have made.
+
+    Attributes
+    ----------
+    piece : Point or Block or None
+        The points accepted, if there are any.
+    step : float
+        Length of the step to try next; of the one proposed or refused, where there is one.
+    iterations, rejected : int
+    proposal : Proposal or None
+        The step after them, if it is for the walker to judge.
+    refused : Refused or None
+        Why the step after them was refused, however short.
+    """
+
+    piece: Point | Block | None
+    step: float
+    iterations: int
+    rejected: int
+    proposal: Proposal | None = None
+    refused: Refused | None = None
+
+    @property
+    def routine(self) -> bool:
+        """Whether the step after them is yet to be tried."""
+        return self.proposal is None and self.refused is None
+
+
+class Backend(Protocol):
+    """A problem in the form in which steps are taken: on which linear algebra, how many at once."""
+
+    def advance(self, position: Position, most: int) -> Batch:
+        """Take steps until one is proposed or refused, but `most` of them, or fewer."""
+
+
+def batch_of(
+    position: Position,
+    problem: Problem,
+    vectors: StepVectors,
+    made: int,
+    piece: Callable[[Array], Point | Block],
+) -> Batch:
+    """Return what `take_steps` has made: so many points, and perhaps a proposal.
+
+    `piece` makes the points of some rows.
+    """
+    state, notices = vectors.state, Notice(int(vectors.state[NOTICE]))
+    rows = np.asarray(vectors.rows[: made + 1 if notices else made])
+    accepted, proposal = piece(rows[:made]) if made else None, None
+    if notices:
+        proposal = Proposal(piece(rows[made:]), notices, float(state[NEXT_STEP]))
+    counts = int(state[ITERATIONS]), int(state[REJECTED])
+    refused = refusal(position, state, problem, vectors.work[1])
+    return Batch(accepted, float(state[STEP]), *counts, proposal, refused)
+
+
+def columns(rows: Array, n: int) -> tuple[Array, Array, Array, Array, Array, Array]:
+    """Return the columns of `take_steps`' rows in arrays of their own.
+
+    Unknowns, tangents, orientations, arclengths, iterations, and what ``observe`` recorded.
+    """
+    mark = 2 * n
+    sign, place, tries = (column.copy() for column in rows[:, mark : mark + HEAD].T)
+    points, recorded = (rows[:, :n].copy(), rows[:, n:mark].copy()), rows[:, mark + HEAD :].copy()
+    return *points, sign, place, tries, recorded
+
+
+def refusal(
+    position: Position, state: Sequence[float], problem: Problem, z: Sequence[float]
+) -> Refused | None:
+    """Return why `take_steps` accepted no further point, having last tried z.
+
+    None where it did, or proposes one.
+    """
+    status = int(state[STATUS])
+    if status == CONVERGED:
+        return None
+    if status < NO_TANGENT:
+        return failure(status, problem, list(z), position.settings.max_iterations)
+    cause, detail = {
+        NO_TANGENT: (Refusal.NO_TANGENT, None),
+        TURNS: (Refusal.TURNS, state[TURNED]),
+        BENDS: (Refusal.BENDS, state[DEFECT]),
+        LEAVES: (Refusal.LEAVES, None),
+    }[status]
+    return Refused(cause, detail)
+
+
+# The backend for any problem: dense linear algebra, one step at a time.
+
+
+class DenseBackend:
+    """A problem as steps ask for it, with test functions asked of its points."""
+
+    def __init__(self, problem: Problem) -> None:
+        self.system = DenseSystem(problem)
+
+    def advance(self, position: Position, most: int) -> Batch:
+        """Take one step."""
+        functions = DenseSystem.evaluate, DenseSystem.solve
+        asked_besides = DenseSystem.tangent_at, DenseSystem.observe
+        vectors = position.vectors(0, 1)
+        made = take_steps(*functions, *asked_besides, self.system, tuple(vectors))
+        return batch_of(position, self.system.problem, vectors, made, self.point)
+
+    def point(self, rows: Array) -> Point:
+        """The point last evaluated, which is that of the only row."""
+        _, tangents, *head, _ = columns(rows, (rows.shape[1] - HEAD) // 2)
+        orientation, arclength, iterations = (float(column[0]) for column in head)
+        return Point(self.system.here, tangents[0], orientation, arclength, int(iterations))

@@ -1,34 +1,251 @@
-"""The loop: take steps, judge those that are not routine, locate events, until the branch ends."""
+"""The walk along a branch, both ways, to where it ends, closes or is interrupted."""
 
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Required, TypedDict
+from typing import Required, TypedDict, TypeVar
 
 import numpy as np
 
-from . import closed_branch
-from .arc import Arc
-from .batch import Backend, Batch, Notice, Position, Proposal
-from .bordered import point_after
-from .branch import Block, Event, Missed, Point, Points, Walk
-from .corrector import correct
+from ..arrays import Array
+from ..errors import InputError
+from .branch import Block, Event, Missed, Point, Points, TestFunction, Walk
+from .corrector import Arc, correct, first_point, hermite, leaving, point_after, settled
 from .crossing_branches import Find, Meeting, Passes
-from .dense import DenseBackend
-from .ends import End, EndKind
+from .ends import End, EndKind, Refusal, Refused
 from .events import find_events
-from .interruption import Interrupted
-from .limits import apart, check, on_limit
-from .metric import EPSILON, length
-from .problem import Array, Problem
-from .refusal import Refusal, Refused
+from .problem import EPSILON, Problem, angle, inner, length
 from .settings import Settings
 from .sign_changes import Samples, Stretch
-from .start import first_point, leaving, settled
-from .step_control import shorter
-from .test_function import TestFunction
+from .step import Backend, Batch, DenseBackend, Notice, Position, Proposal, shorter
+
+# Interruptions from the keyboard: what was walked until then is kept.
+#
+# A walk that is interrupted raises `Interrupted`, a `KeyboardInterrupt` with what was walked.
+# Whoever
+# does not know it leaves as at any interruption; whoever makes a branch of walks catches it with
+# `kept`.
+
+T = TypeVar("T")
+
+
+class Interrupted(KeyboardInterrupt):
+    """An interruption from the keyboard during a walk.
+
+    Attributes
+    ----------
+    walk : Walk
+        What was walked until then.
+    """
+
+    def __init__(self, walk: Walk) -> None:
+        super().__init__()
+        self.walk = walk
+
+
+def kept(walk: Callable[[], Walk]) -> Walk:
+    """Return a walk; one that is interrupted, as far as it has come."""
+    try:
+        return walk()
+    except Interrupted as interruption:
+        return interruption.walk
+
+
+def other_way(first: Walk, parameter: str, walk: Callable[[], Walk]) -> Walk:
+    """Return the walk in the other direction; none on a loop, and none after an interruption."""
+    start = first.points[:1]
+    if first.end.kind is EndKind.CLOSED:
+        return Walk(start, (), first.end)
+    if first.end.kind is EndKind.INTERRUPTED:
+        return Walk(start, (), End.of(EndKind.INTERRUPTED, parameter, start[0].parameter))
+    return kept(walk)
+
+
+def interrupted(ends: Iterable[End]) -> bool:
+    """Whether one of the ends of a branch is an interruption."""
+    return any(end.kind is EndKind.INTERRUPTED for end in ends)
+
+
+def undisturbed(make: Callable[[], T]) -> T:
+    """Return what is made, begun again if it is interrupted.
+
+    For what takes a moment and without which long work would be lost; a second interruption leaves.
+    """
+    try:
+        return make()
+    except KeyboardInterrupt:
+        return make()
+
+
+# The range of the free parameter, and the points on its limits.
+
+NARROWEST = 1e-12
+"""A range narrower than this part of its limits cannot be walked in doubles."""
+
+NEAR_LIMIT = 1e-9
+"""A test function smaller than this part of its value one step before may vanish on a limit."""
+
+
+def check(start: Array, direction: int, limits: tuple[float, float]) -> None:
+    """Raise `InputError` for a range that is none or does not hold the start."""
+    low, high = limits
+    if direction not in (1, -1):
+        raise InputError("direction", f"found {direction!r}", "give +1 or -1")
+    if not (np.isfinite(low) and np.isfinite(high) and low < high):
+        raise InputError("limits", f"found ({low}, {high})", "give two finite numbers, low < high")
+    if high - low < max(NARROWEST * max(abs(low), abs(high)), 1e-100):
+        found = f"({low}, {high}) is as narrow as rounding"
+        raise InputError("limits", found, "give a wider range")
+    if not low <= start[-1] <= high:
+        found = f"they do not hold the start, {start[-1]:.12g}"
+        raise InputError("limits", found, "start within the limits")
+
+
+def on_limit(step: Arc, limits: tuple[float, float]) -> tuple[Point | None, int]:
+    """Return the point of the branch on the limit that a step passed, and the iterations it took.
+
+    None where the corrector finds none on the way.
+    """
+    here, beyond, scale = step.left, step.right, step.scale
+    low, high = limits
+    limit = low if beyond.parameter < low else high
+    fraction = (limit - here.parameter) / (beyond.parameter - here.parameter)
+    guess = here.unknowns + fraction * (beyond.unknowns - here.unknowns)
+    guess[-1] = limit
+    fixed = np.zeros(len(guess))
+    fixed[-1] = 1.0
+    found = correct(step.problem, guess, fixed, scale, step.settings)
+    if found.evaluation is None:
+        return None, found.iterations
+    new = point_after(here, found.evaluation, found.iterations, scale)
+    if new is None or new.arclength > beyond.arclength:
+        return None, found.iterations
+    turned = angle(here.tangent, new.tangent, scale)
+    return (new if turned <= step.settings.max_angle else None), found.iterations
+
+
+def apart(zeros: Array, others: Array) -> Array:
+    """Give what may vanish on a limit the sign the other values do not have."""
+    tiny = np.finfo(float).tiny
+    near = (np.abs(zeros) <= NEAR_LIMIT * np.abs(others)) & (others != 0.0)
+    return np.where(near, np.where(others >= 0.0, -tiny, tiny), zeros)
+
+
+# When a branch is closed: a walk passes its start again, in the direction it was left in.
+#
+# A problem may have images of its solutions that stand for the same one (an orbit's shifts by whole
+# periods). A walk that comes to an image of its start has come round if it goes on along the image
+# of
+# its own way; if it comes from the other side, it has turned back on its way, and has not.
+
+RETURNED = 1e-6
+"""How near the values of test functions are that stand for the same one."""
+
+PART = 1e-6
+"""The part of a tangent that is followed to an image."""
+
+
+def closing(arc: Arc, first: Point, same: float) -> Point | None:
+    """Return the start of a walk, solved for anew from a step that passes it; None otherwise.
+
+    Parameters
+    ----------
+    arc : Arc
+        The step.
+    first : Point
+        The start.
+    same : float
+        How near two points are that stand for the same solution.
+    """
+    here, new, problem, scale = arc.left, arc.right, arc.problem, arc.scale
+    for near in (here, new):
+        start = near.unknowns - problem.difference(near.unknowns, first.unknowns)
+        leaving = image_of_tangent(problem, start, first)
+        if not passes(arc, start, leaving):
+            continue
+        guess = where_passing(arc, start, leaving)
+        found = correct(problem, guess, leaving / scale**2, scale, arc.settings)
+        if found.evaluation is not None:
+            apart = problem.difference(found.evaluation.unknowns, first.unknowns)
+            if length(apart, scale) <= same:
+                return point_after(here, found.evaluation, found.iterations, scale)
+    return None
+
+
+def before(problem: Problem, points: Points, again: Array, scale: Array) -> Points:
+    """Return the points of a walk before it passed its start, and the start at their end.
+
+    Parameters
+    ----------
+    problem : Problem
+    points : Points
+        The start is a branch point: no point is solved for there.
+    again : ndarray of shape (n + 1,)
+        The second point of the walk, come to again.
+    scale : ndarray of shape (n + 1,)
+    """
+    first = points[0]
+    start = again - problem.difference(again, first.unknowns)
+    leaving = image_of_tangent(problem, start, first)
+    last = len(points) - 1
+    while last > 1 and inner(points[last].unknowns - start, leaving, scale) >= 0.0:
+        last -= 1
+    here, tangent = points[last], leaving / length(leaving, scale)
+    place = here.arclength + length(start - here.unknowns, scale)
+    point = Point(problem.evaluate(start), tangent, here.orientation, place, 0)
+    return Points([*points[: last + 1].pieces, point])
+
+
+def as_at_start(values: Sequence[Array], start: Sequence[Array]) -> Array:
+    """Return the test functions where a walk has come round, as they were at its start.
+
+    Rounding must not decide whether an event at the start is found as the walk leaves or as it
+    returns. At an image of the start the values of a function stand in another order: each becomes
+    the nearest one.
+    """
+    found = []
+    for here, first in zip(values, start, strict=True):
+        same = np.abs(here - first) <= RETURNED
+        apart = np.abs(here[:, None] - np.where(np.isnan(first), np.inf, first))
+        nearest = first[np.argmin(apart, axis=1)] if len(here) else first
+        aligned = np.where(np.abs(here - nearest) <= RETURNED, nearest, here)
+        found.append(np.where(same, first, aligned))
+    return np.concatenate([*found, np.zeros(0)])
+
+
+def image_of_tangent(problem: Problem, start: Array, first: Point) -> Array:
+    """Return the tangent of the first point as it is at an image of it."""
+    moved = problem.difference(start, first.unknowns + PART * first.tangent)
+    return -moved / PART
+
+
+def where_passing(arc: Arc, start: Array, leaving: Array) -> Array:
+    """Return where the cubic between both ends of a step passes beside a point.
+
+    From there Newton leads back to the walk's own branch, and to the point only if it is on it.
+    """
+    here, new, scale = arc.left, arc.right, arc.scale
+    behind, beyond = (inner(end.unknowns - start, leaving, scale) for end in (here, new))
+    span = new.arclength - here.arclength
+    beside = hermite(here, new, span, behind / (behind - beyond))
+    along = inner(beside - start, leaving, scale) / inner(leaving, leaving, scale)
+    return beside - along * leaving
+
+
+def passes(arc: Arc, start: Array, leaving: Array) -> bool:
+    """Whether a step passes a point in a direction."""
+    here, new, scale = arc.left, arc.right, arc.scale
+    after = new.unknowns - start
+    stepped = length(new.unknowns - here.unknowns, scale)
+    return (
+        inner(here.unknowns - start, leaving, scale) < 0.0
+        and inner(after, leaving, scale) >= 0.0
+        and inner(new.tangent, leaving, scale) > 0.0
+        and length(after, scale) <= 1.5 * stepped
+    )
+
 
 SAME_SOLUTION = 1e-7
 WIDEST_SPAN = 1e3
@@ -328,10 +545,10 @@ class _Walker:
 
         Points beyond it are discarded.
         """
-        again = closed_branch.closing(step, self.mark, SAME_SOLUTION)
+        again = closing(step, self.mark, SAME_SOLUTION)
         if again is None or not self.branching:
             return again
-        points = closed_branch.before(self.problem, self.points, again.unknowns, self.scale)
+        points = before(self.problem, self.points, again.unknowns, self.scale)
         start = points[-1]
         if len(points) <= len(self.points):
             self.points = points[:-1]
@@ -391,7 +608,7 @@ class _Walker:
         if ending is EndKind.RANGE:
             second[:] = apart(second, first)
         elif ending is EndKind.CLOSED:
-            second[:] = closed_branch.as_at_start(seen.split(second), self.left_with)
+            second[:] = as_at_start(seen.split(second), self.left_with)
         return seen
 
     def events_before(self, point: Point, stretch: Stretch, ending: EndKind | None) -> list[Event]:

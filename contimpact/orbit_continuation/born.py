@@ -8,12 +8,10 @@ from collections.abc import Callable, Mapping, Sequence
 from ..bifurcations.declarations import SWITCHES
 from ..bifurcations.registry import switch
 from ..bifurcations.start import Start, once
-from ..continuation.branch import Point, Walk
+from ..continuation.branch import Point, TestFunction, Walk
 from ..continuation.ends import End, EndKind
-from ..continuation.interruption import kept, other_way, undisturbed
 from ..continuation.settings import Settings
-from ..continuation.test_function import TestFunction
-from ..continuation.walk import Stop
+from ..continuation.walk import Stop, kept, other_way, undisturbed
 from ..errors import InputError, shown
 from ..models.model import Model
 from ..progress import Asked

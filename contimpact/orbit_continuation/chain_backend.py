@@ -10,8 +10,8 @@ import numpy as np
 
 from ..arrays import ARRAYS, Array, Containers, Vector
 from ..bifurcations.orbit_test import ManyOrbits, OneOrbit
-from ..continuation.batch import columns
 from ..continuation.branch import Block
+from ..continuation.step import columns
 from ..models.guards import Row
 from ..orbits.cyclic_chain import block_size, kept_size
 from ..orbits.multipliers import of_pencil, products_of

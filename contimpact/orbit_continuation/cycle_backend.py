@@ -10,8 +10,8 @@ import numpy as np
 
 from ..arrays import ARRAYS, Array, Containers, Vector
 from ..bifurcations.orbit_test import ManyOrbits
-from ..continuation.batch import columns
 from ..continuation.branch import Block
+from ..continuation.step import columns
 from ..orbits.block_cyclic import BLOCK, KEPT
 from ..orbits.problem import OrbitProblem
 from ..segments.flight import excursion_of, time_zeros

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from ..continuation.batch import Backend, Batch, Position
-from ..continuation.dense import DenseBackend
 from ..continuation.problem import Problem
+from ..continuation.step import Backend, Batch, DenseBackend, Position
 from ..segments.kernels import Kernels
 
 

@@ -7,10 +7,17 @@ from abc import ABC, abstractmethod
 from typing import TYPE_CHECKING, ClassVar, Generic, TypeAlias, TypeVar
 
 from ..arrays import ARRAYS, LISTS, Array, Containers, Vector
-from ..continuation.batch import Batch, Position, batch_of
 from ..continuation.branch import Block
 from ..continuation.corrector import Evaluate, Solve
-from ..continuation.step import EVALUATIONS, Observe, TangentAt, take_steps
+from ..continuation.step import (
+    EVALUATIONS,
+    Batch,
+    Observe,
+    Position,
+    TangentAt,
+    batch_of,
+    take_steps,
+)
 from ..orbits.block_cyclic import POSITIONS
 from ..orbits.problem import OrbitProblem
 from ..segments.compiling import CompiledProgram, load, mode, plainly, spend

@@ -13,15 +13,13 @@ import numpy as np
 from ..arrays import Array
 from ..bifurcations.declarations import KINDS, usual_events, with_values
 from ..bifurcations.registry import test_functions
-from ..continuation.adjacent_events import on_points, with_points_between
-from ..continuation.branch import Event, Point, Points, Walk, joined
+from ..continuation.branch import Event, Point, Points, TestFunction, UserFunction, Walk, joined
 from ..continuation.corrector import correct
 from ..continuation.ends import AT_BRANCH_POINTS, EndKind
-from ..continuation.interruption import interrupted, kept, other_way, undisturbed
+from ..continuation.events import on_points, with_points_between
 from ..continuation.problem import Evaluation
 from ..continuation.settings import Settings
-from ..continuation.test_function import TestFunction, UserFunction
-from ..continuation.walk import SAME_SOLUTION, Stop
+from ..continuation.walk import SAME_SOLUTION, Stop, interrupted, kept, other_way, undisturbed
 from ..errors import InputError, shown
 from ..models.model import Model
 from ..models.word import Word

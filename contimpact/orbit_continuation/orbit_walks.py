@@ -9,9 +9,8 @@ from ..arrays import Array
 from ..bifurcations.orbit_test import OrbitTest
 from ..bifurcations.status import explained
 from ..bifurcations.unfolding import meeting
-from ..continuation.branch import Walk
+from ..continuation.branch import TestFunction, Walk
 from ..continuation.settings import Settings
-from ..continuation.test_function import TestFunction
 from ..continuation.walk import Options, walk
 from ..orbits.problem import Linearisation, OrbitProblem
 from ..segments.compiling import plainly

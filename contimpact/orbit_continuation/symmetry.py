@@ -12,9 +12,8 @@ from collections.abc import Callable, Sequence
 import numpy as np
 
 from ..bifurcations.branch_point import BranchPoint
-from ..continuation.branch import Event, Point
+from ..continuation.branch import Event, Point, TestFunction
 from ..continuation.ends import End, EndKind
-from ..continuation.test_function import TestFunction
 from ..continuation.walk import Stop
 from ..models.model import Symmetry
 from ..orbits.problem import Array, OrbitProblem

@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Any, overload
 
 import numpy as np
 
+from ..continuation.branch import at_one_place
 from ..continuation.ends import End, EndKind
-from ..continuation.event_order import at_one_place
 from ..display import Shown, Summary, frame, in_lines
 from ..errors import shown
 from .entry import Entry

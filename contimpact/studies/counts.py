@@ -5,7 +5,7 @@ from __future__ import annotations
 import collections
 from collections.abc import Iterable, Sequence
 
-from ..continuation.test_function import TestFunction
+from ..continuation.branch import TestFunction
 from ..orbit_continuation.orbit_branch import Run
 
 

@@ -18,10 +18,9 @@ import numpy as np
 
 from ..bifurcations.registry import kind_of, switch, test_functions
 from ..bifurcations.start import Start, once
-from ..continuation.branch import Event, Point
+from ..continuation.branch import Event, Point, TestFunction
 from ..continuation.ends import End, EndKind
 from ..continuation.settings import Settings
-from ..continuation.test_function import TestFunction
 from ..errors import InputError
 from ..models.word import Word
 from ..orbit_continuation.born import first_step, run_born

@@ -14,10 +14,9 @@ import numpy as np
 
 from ..bifurcations.curve_start import CurveStart
 from ..bifurcations.registry import kind_of
-from ..continuation.bordered import first_tangent
 from ..continuation.branch import Event, Point
-from ..continuation.corrector import correct
-from ..continuation.metric import length
+from ..continuation.corrector import correct, first_tangent
+from ..continuation.problem import length
 from ..models.model import Model
 from ..orbits.problem import Array
 from ..orbits.quiet import problem_of

@@ -7,10 +7,9 @@ from collections.abc import Callable, Sequence
 import numpy as np
 
 from ..bifurcations.registry import kind_of
-from ..continuation.branch import Point
+from ..continuation.branch import Point, TestFunction
 from ..continuation.ends import End, EndKind
 from ..continuation.settings import Settings
-from ..continuation.test_function import TestFunction
 from ..errors import InputError
 from ..models.model import Model
 from ..models.word import Word

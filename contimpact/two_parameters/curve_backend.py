@@ -11,9 +11,8 @@ from typing import TYPE_CHECKING
 from ..arrays import ARRAYS, LISTS, Array, Containers, Vector
 from ..bifurcations.grazing import Touching
 from ..bifurcations.singular_cycle import SingularCycle
-from ..continuation.batch import Batch, Position, batch_of, columns
 from ..continuation.branch import Block
-from ..continuation.step import EVALUATIONS, take_steps
+from ..continuation.step import EVALUATIONS, Batch, Position, batch_of, columns, take_steps
 from ..orbit_continuation.long_flights import UntilLong
 from ..orbits.problem import CyclicBlocks, Linearisation
 from ..segments.compiling import PAYS_AFTER, CompiledProgram, load, mode, spend

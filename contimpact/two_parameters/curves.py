@@ -15,14 +15,12 @@ from numpy.typing import ArrayLike
 
 from ..bifurcations.declarations import REQUESTED
 from ..bifurcations.kind import Kind
-from ..continuation.branch import Event, Point, Walk, joined
+from ..continuation.branch import Event, Located, Point, TestFunction, Walk, joined
 from ..continuation.corrector import correct
 from ..continuation.ends import End, EndKind
-from ..continuation.interruption import kept, other_way
 from ..continuation.problem import Problem
 from ..continuation.settings import Settings
-from ..continuation.test_function import Located, TestFunction
-from ..continuation.walk import walk
+from ..continuation.walk import kept, other_way, walk
 from ..errors import InputError
 from ..models.model import Model
 from ..orbits.problem import Array

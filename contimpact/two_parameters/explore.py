@@ -12,8 +12,7 @@ import numpy as np
 from ..bifurcations.registry import test_functions
 from ..bifurcations.requested import Requested
 from ..continuation.ends import End, EndKind
-from ..continuation.interruption import interrupted
-from ..continuation.walk import Options
+from ..continuation.walk import Options, interrupted
 from ..errors import InputError
 from ..models.model import Model
 from ..models.word import Word

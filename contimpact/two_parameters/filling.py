@@ -9,9 +9,9 @@ from dataclasses import replace
 import numpy as np
 
 from ..arrays import Array
-from ..continuation.arc import Arc
 from ..continuation.branch import Point, Points, Walk
-from ..continuation.metric import length
+from ..continuation.corrector import Arc
+from ..continuation.problem import length
 from ..continuation.settings import Settings
 from .problem import CurvePoint, CurveProblem
 

@@ -9,10 +9,9 @@ import numpy as np
 from ..bifurcations.codimension_two import AlsoGrazes, AlsoStops
 from ..bifurcations.extended_system import EPSILON, Assembled, ExtendedSystem
 from ..bifurcations.kind import Kind, Values
-from ..continuation.branch import Point
+from ..continuation.branch import Point, TestFunction, UserFunction
 from ..continuation.ends import End
 from ..continuation.settings import Settings
-from ..continuation.test_function import TestFunction, UserFunction
 from ..errors import InputError, shown
 from ..models.model import Model
 from ..models.word import Word

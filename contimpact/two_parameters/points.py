@@ -19,9 +19,8 @@ from ..bifurcations.curve_start import CurveStart
 from ..bifurcations.extended_system import EPSILON, Assembled, ExtendedSystem
 from ..bifurcations.kind import Details, Kind, Values
 from ..bifurcations.registry import kind_of
-from ..continuation.branch import Point
+from ..continuation.branch import Point, TestFunction
 from ..continuation.ends import EndKind
-from ..continuation.test_function import TestFunction
 from ..errors import InputError, shown
 from ..orbits.physicality import Verdict
 from ..orbits.problem import Array, Linearisation, OrbitProblem

@@ -13,9 +13,8 @@ import numpy as np
 
 from ..bifurcations.extended_system import solve
 from ..bifurcations.registry import test_functions
-from ..continuation.bordered import first_tangent
-from ..continuation.branch import Event
-from ..continuation.test_function import TestFunction
+from ..continuation.branch import Event, TestFunction
+from ..continuation.corrector import first_tangent
 from ..models.model import Model
 from ..models.word import Word, is_rotation
 from ..orbit_continuation.orbit_branch import Run, both_ways

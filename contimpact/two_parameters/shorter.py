@@ -11,11 +11,10 @@ import numpy as np
 from ..bifurcations.curve_start import twice
 from ..bifurcations.extended_system import solve
 from ..bifurcations.registry import kind_of
-from ..continuation.branch import Event, Point
+from ..continuation.branch import Event, Located, Point, TestFunction
 from ..continuation.crossing_branches import Meeting
 from ..continuation.ends import End, EndKind
 from ..continuation.problem import Problem
-from ..continuation.test_function import Located, TestFunction
 from ..orbits.problem import Array, Linearisation, OrbitProblem
 from ..orbits.quiet import problem_of
 from ..orbits.search import repeats, shortest

@@ -10,7 +10,7 @@ import pytest
 
 from contimpact.accuracy.reference import Reference
 from contimpact.bifurcations.registry import test_functions as make_tests
-from contimpact.continuation import linear
+from contimpact.continuation import problem as linear
 from contimpact.continuation.settings import Settings
 from contimpact.models.word import Word
 from contimpact.orbit_continuation.orbit_branch import both_ways

@@ -12,9 +12,8 @@ from scipy.optimize import brentq
 from contimpact.bifurcations.declarations import EVENTS
 from contimpact.bifurcations.registry import test_functions as make_tests
 from contimpact.bifurcations.status import with_status
-from contimpact.continuation.branch import Points
+from contimpact.continuation.branch import Points, TestFunction
 from contimpact.continuation.settings import Settings
-from contimpact.continuation.test_function import TestFunction
 from contimpact.orbit_continuation.orbit_branch import both_ways
 from contimpact.orbits.multipliers import count_unstable
 from contimpact.orbits.search import find_orbits

@@ -10,7 +10,7 @@ from algebraic import follow
 from test_closed_branches import Hit
 from test_walk import circle
 
-from contimpact.continuation.adjacent_events import on_points, with_points_between
+from contimpact.continuation.events import on_points, with_points_between
 
 
 def between(values):

@@ -9,10 +9,9 @@ import pytest
 from algebraic import Algebraic, follow
 from test_walk import Turning, circle, kinds, lemniscate
 
-from contimpact.continuation.branch import Walk
-from contimpact.continuation.closed_branch import as_at_start
+from contimpact.continuation.branch import TestFunction, Walk
 from contimpact.continuation.ends import EndKind
-from contimpact.continuation.test_function import TestFunction
+from contimpact.continuation.walk import as_at_start
 
 
 class Hit(TestFunction):

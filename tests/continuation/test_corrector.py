@@ -11,11 +11,13 @@ from algebraic import Algebraic
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from contimpact.continuation import bordered, metric, step_control
+from contimpact.continuation import corrector
+from contimpact.continuation import problem as metric
+from contimpact.continuation import step as step_control
 from contimpact.continuation.branch import Point
 from contimpact.continuation.corrector import correct
 from contimpact.continuation.settings import Settings
-from contimpact.continuation.step_control import step_after
+from contimpact.continuation.step import step_after
 from contimpact.errors import InputError
 
 ROUNDING = 4.0 * np.finfo(float).eps
@@ -99,7 +101,7 @@ def test_lengths_are_measured_by_the_sizes_of_the_unknowns():
 
 
 def test_bordering_puts_the_row_last():
-    matrix = bordered.bordered(np.array([[1.0, 2.0, 3.0], [4.0, 5.0, 6.0]]), np.arange(3.0))
+    matrix = corrector.bordered(np.array([[1.0, 2.0, 3.0], [4.0, 5.0, 6.0]]), np.arange(3.0))
     assert matrix.tolist() == [[1.0, 2.0, 3.0], [4.0, 5.0, 6.0], [0.0, 1.0, 2.0]]
 
 
@@ -233,7 +235,7 @@ def test_equations_without_a_value(function, reason):
 def test_first_tangent_is_the_unit_null_vector_of_the_metric(turn):
     scale = np.array([3.0, 0.2])
     jacobian = np.array([[np.cos(turn), np.sin(turn)]])
-    tangent = bordered.first_tangent(jacobian, scale)
+    tangent = corrector.first_tangent(jacobian, scale)
     assert abs(jacobian @ tangent) < ROUNDING
     assert metric.length(tangent, scale) == pytest.approx(1.0, rel=ROUNDING)
 
@@ -242,7 +244,7 @@ def test_first_tangent_is_the_unit_null_vector_of_the_metric(turn):
     "jacobian", [np.zeros((1, 2)), np.array([[1.0, 2.0, 3.0], [2.0, 4.0, 6.0]])]
 )
 def test_two_directions_have_no_first_tangent(jacobian):
-    assert bordered.first_tangent(jacobian, np.ones(jacobian.shape[1])) is None
+    assert corrector.first_tangent(jacobian, np.ones(jacobian.shape[1])) is None
 
 
 @pytest.mark.parametrize("sign", [1.0, -1.0])
@@ -250,14 +252,14 @@ def test_next_tangent_keeps_the_direction(sign):
     scale = np.array([2.0, 0.5])
     jacobian = np.array([[2.0 * 0.6, 2.0 * 0.8]])
     previous = sign * np.array([-0.7, 0.7])
-    tangent = bordered.next_tangent(jacobian, previous / scale**2, scale)
+    tangent = corrector.next_tangent(jacobian, previous / scale**2, scale)
     expected = sign * np.array([-0.8, 0.6])
     expected /= np.linalg.norm(expected / scale)
     assert tangent == pytest.approx(expected, rel=ROUNDING)
 
 
 def test_next_tangent_is_undefined_where_the_bordered_matrix_is_singular():
-    assert bordered.next_tangent(np.array([[1.0, 0.0]]), np.array([1.0, 0.0]), UNIT) is None
+    assert corrector.next_tangent(np.array([[1.0, 0.0]]), np.array([1.0, 0.0]), UNIT) is None
 
 
 def test_point_after_measures_the_chord_and_the_orientation():
@@ -266,7 +268,7 @@ def test_point_after_measures_the_chord_and_the_orientation():
     point = Point(start, np.array([0.0, 1.0]), -1.0, 2.0, 0)
     for turn in np.arange(0.1, 6.4, 0.1):
         evaluation = circle().evaluate(np.array([np.cos(turn), np.sin(turn)]))
-        new = bordered.point_after(point, evaluation, 3, UNIT)
+        new = corrector.point_after(point, evaluation, 3, UNIT)
         assert new.arclength - point.arclength == pytest.approx(2.0 * math.sin(0.05), rel=1e-13)
         assert new.tangent == pytest.approx([-np.sin(turn), np.cos(turn)], abs=ROUNDING)
         assert new.orientation == pytest.approx(1.0, rel=ROUNDING)
@@ -277,9 +279,9 @@ def test_point_after_measures_the_chord_and_the_orientation():
 def test_point_after_takes_a_given_length_and_may_fail():
     start = Point(line().evaluate(np.zeros(2)), np.array([2.0, 1.0]) / 5**0.5, 1.0, 1.0, 0)
     end = line().evaluate(np.array([2.0, 1.0]))
-    assert bordered.point_after(start, end, 1, UNIT, travelled=0.25).arclength == 1.25
+    assert corrector.point_after(start, end, 1, UNIT, travelled=0.25).arclength == 1.25
     across = dataclasses.replace(start, tangent=np.array([1.0, -2.0]))
-    assert bordered.point_after(across, end, 1, UNIT) is None
+    assert corrector.point_after(across, end, 1, UNIT) is None
 
 
 # Scaled determinant
@@ -297,28 +299,28 @@ def square_matrices():
 @settings(deadline=None, derandomize=True)
 @given(square_matrices())
 def test_scaled_determinant_is_bounded(matrix):
-    assert abs(bordered.scaled_determinant(matrix)) <= 1.0 + 1e-12  # Hadamard's inequality
+    assert abs(corrector.scaled_determinant(matrix)) <= 1.0 + 1e-12  # Hadamard's inequality
 
 
 def test_scaled_determinant_does_not_depend_on_the_size_of_the_rows():
     matrix = np.array([[3.0, 4.0], [-4.0, 3.0]])
     for sizes in ([1.0, 1.0], [1e-150, 1e140], [1e120, 1e150]):
-        scaled = bordered.scaled_determinant(matrix * np.array(sizes)[:, None])
+        scaled = corrector.scaled_determinant(matrix * np.array(sizes)[:, None])
         assert scaled == pytest.approx(1.0, rel=ROUNDING)
-    assert bordered.scaled_determinant(matrix[::-1]) == pytest.approx(-1.0, rel=ROUNDING)
+    assert corrector.scaled_determinant(matrix[::-1]) == pytest.approx(-1.0, rel=ROUNDING)
 
 
 def test_scaled_determinant_of_singular_matrices():
-    assert bordered.scaled_determinant(np.array([[1.0, 2.0], [0.0, 0.0]])) == 0.0
-    assert abs(bordered.scaled_determinant(np.array([[1.0, 2.0], [2.0, 4.0]]))) < ROUNDING
+    assert corrector.scaled_determinant(np.array([[1.0, 2.0], [0.0, 0.0]])) == 0.0
+    assert abs(corrector.scaled_determinant(np.array([[1.0, 2.0], [2.0, 4.0]]))) < ROUNDING
 
 
 def test_scaled_determinant_of_a_nearly_singular_matrix_keeps_its_sign():
     for size in (1e-3, 1e-100, 1e-250):
         matrix = np.array([[1.0, 0.0], [1.0, size]])
         expected = size / math.hypot(1.0, size)
-        assert bordered.scaled_determinant(matrix) == pytest.approx(expected, rel=1e-12)
-        assert bordered.scaled_determinant(matrix * [[1.0], [-1.0]]) < 0.0
+        assert corrector.scaled_determinant(matrix) == pytest.approx(expected, rel=1e-12)
+        assert corrector.scaled_determinant(matrix * [[1.0], [-1.0]]) < 0.0
 
 
 # Angles and steps
@@ -376,7 +378,7 @@ def test_the_step_changes_by_two_at_most_and_respects_its_ceiling(step, turned, 
 def test_a_null_vector_has_one_sign_however_it_is_rounded(sign, last):
     """Of components that are equal by symmetry the first decides."""
     vector = np.array([0.3, -0.5, 0.5 + last, -0.5 - last, last])
-    assert bordered.oriented(sign * vector) == pytest.approx(-vector)
+    assert corrector.oriented(sign * vector) == pytest.approx(-vector)
 
 
 @settings(deadline=None, derandomize=True)

@@ -12,13 +12,11 @@ from algebraic import EPSILON, Values
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from contimpact.continuation.arc import Arc
-from contimpact.continuation.bordered import point_after
-from contimpact.continuation.branch import Event, Missed, Point
+from contimpact.continuation.branch import Event, Located, Missed, Point, TestFunction, UserFunction
+from contimpact.continuation.corrector import Arc, point_after
 from contimpact.continuation.events import find_events
 from contimpact.continuation.settings import Settings
 from contimpact.continuation.sign_changes import DIPS, Sample, Stretch, crossings, suspects
-from contimpact.continuation.test_function import Located, TestFunction, UserFunction
 from contimpact.continuation.walk import walk
 
 

@@ -9,11 +9,9 @@ import numpy as np
 import pytest
 from algebraic import Algebraic, follow
 
-from contimpact.continuation.branch import Event, joined
-from contimpact.continuation.ends import End, EndKind
-from contimpact.continuation.refusal import Refusal, Refused
+from contimpact.continuation.branch import Event, TestFunction, UserFunction, joined
+from contimpact.continuation.ends import End, EndKind, Refusal, Refused
 from contimpact.continuation.settings import Settings
-from contimpact.continuation.test_function import TestFunction, UserFunction
 from contimpact.continuation.walk import walk
 
 EPSILON = float(np.finfo(float).eps)

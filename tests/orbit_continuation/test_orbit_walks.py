@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from contimpact.bifurcations.registry import test_functions as functions_of
-from contimpact.continuation.batch import Position
+from contimpact.continuation.branch import UserFunction
 from contimpact.continuation.settings import Settings
-from contimpact.continuation.test_function import UserFunction
+from contimpact.continuation.step import Position
 from contimpact.continuation.walk import walk
 from contimpact.orbit_continuation.orbit_walks import backend_of, walk_orbits
 from contimpact.orbits.search import find_orbits

@@ -8,7 +8,7 @@ import mpmath as mp
 import numpy as np
 import pytest
 
-from contimpact.continuation.bordered import bordered, scaled_determinant
+from contimpact.continuation.corrector import bordered, scaled_determinant
 from contimpact.orbits import multipliers as stability
 from contimpact.orbits.block_cyclic import KEPT, eliminate, solve
 from contimpact.orbits.multipliers import (

@@ -8,7 +8,7 @@ import mpmath as mp
 import numpy as np
 import pytest
 
-from contimpact.continuation.bordered import scaled_determinant
+from contimpact.continuation.corrector import scaled_determinant
 from contimpact.orbits import multipliers as stability
 from contimpact.orbits.search import find_orbits
 

@@ -12,8 +12,8 @@ from zoo import ROOT
 
 from contimpact.accuracy.reference import Reference
 from contimpact.bifurcations.registry import test_functions as make_tests
+from contimpact.continuation.branch import UserFunction
 from contimpact.continuation.settings import Settings
-from contimpact.continuation.test_function import UserFunction
 from contimpact.models.word import Word
 from contimpact.orbit_continuation.orbit_branch import both_ways
 from contimpact.orbits.problem import OrbitProblem

@@ -12,7 +12,7 @@ from contimpact.arrays import LISTS
 from contimpact.bifurcations.registry import kind_of
 from contimpact.bifurcations.singular_cycle import SingularCycle
 from contimpact.bifurcations.torus import SingularPair
-from contimpact.continuation.dense import DenseBackend
+from contimpact.continuation.step import DenseBackend
 from contimpact.models.word import Word
 from contimpact.orbit_continuation.orbit_branch import continue_orbit
 from contimpact.orbits.problem import OrbitProblem
