@@ -9,9 +9,8 @@ The page "Architecture" of the documentation shows how kinds are written. A clas
 import numpy as np
 
 import contimpact as ci
-from contimpact.bifurcations.extended_system import located
+from contimpact.bifurcations.extended_system import ROUNDING, SingularCycle, has_multiplier, located
 from contimpact.bifurcations.kind import Kind, Look
-from contimpact.bifurcations.singular_cycle import ROUNDING, SingularCycle, has_multiplier
 from contimpact.continuation.branch import TestFunction
 from contimpact.continuation.corrector import scaled_determinant
 

@@ -20,12 +20,21 @@ from ..continuation.problem import Problem
 from ..models.word import Word
 from ..orbits.problem import Array, Linearisation, OrbitProblem
 from .codimension_two import AlsoGrazes, AlsoStops, CurvePoint
-from .extended_system import ExtendedSystem, located
-from .kind import Change, Details, Kind, Look, ManyDigits, System, Values
-from .orbit_test import OrbitEvent, OrbitPoint, Orbits, OrbitTest
-from .singular_cycle import ROUNDING, has_multiplier
-from .start import Start
-from .unfolding import Crossing, crossed, meeting, unfolding
+from .extended_system import (
+    ROUNDING,
+    Crossing,
+    ExtendedSystem,
+    OrbitEvent,
+    OrbitPoint,
+    Orbits,
+    OrbitTest,
+    crossed,
+    has_multiplier,
+    located,
+    meeting,
+    unfolding,
+)
+from .kind import Change, Details, Kind, Look, ManyDigits, Start, System, Values
 
 UNFOLDED = 1e-8
 """Size of nu beyond which a curve of branch points has none any more."""

@@ -29,16 +29,25 @@ from .codimension_two import (
     AlsoGrazes,
     AlsoStops,
     CurvePoint,
+    CurveStart,
     OnCurve,
     Resonance,
     SecondEigenvector,
+    twice,
 )
-from .curve_start import CurveStart, twice
-from .extended_system import ExtendedSystem, located
-from .kind import SUB, SUPER, Change, Details, Kind, Look, ManyDigits, System, Values
-from .orbit_test import OrbitEvent, OrbitPoint, Orbits, OrbitTest
-from .singular_cycle import ROUNDING, SingularCycle, has_multiplier, null_vectors
-from .start import Start
+from .extended_system import (
+    ROUNDING,
+    ExtendedSystem,
+    OrbitEvent,
+    OrbitPoint,
+    Orbits,
+    OrbitTest,
+    SingularCycle,
+    has_multiplier,
+    located,
+    null_vectors,
+)
+from .kind import SUB, SUPER, Change, Details, Kind, Look, ManyDigits, Start, System, Values
 
 
 class PeriodDoubling(OrbitTest):

@@ -1,4 +1,4 @@
-r"""Exact equations of events: those of the orbit, and what makes it one of the kind.
+"""Test functions of orbits, and the extended systems whose zeros are events.
 
 ======  ===================================================  ====================================
 kind    equations                                            unknowns besides orbit and parameters
@@ -25,12 +25,138 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Protocol, TypeAlias
 
 import numpy as np
 
-from ..continuation.branch import Details, Located
-from ..orbits.problem import Array, Linearisation, OrbitProblem
-from .orbit_test import OrbitPoint
+from ..arrays import Array
+from ..continuation.branch import Block, Details, Event, Located, Point, TestFunction
+from ..continuation.crossing_branches import Meeting
+from ..continuation.problem import Problem
+from ..orbits.problem import Linearisation, OrbitProblem, rounding
+
+# Test functions of orbits: written once, for a single orbit and for all those of a batch.
+
+OrbitPoint: TypeAlias = Point[Linearisation]
+OrbitEvent: TypeAlias = Event[Linearisation]
+"""On branches of periodic orbits."""
+
+
+class Orbits(Protocol):
+    """P orbits on a branch, a row each; what is costly is computed when it is asked for.
+
+    Attributes
+    ----------
+    unknowns, tangents : ndarray of shape (P, n + 1)
+    orientations : ndarray of shape (P,)
+    spans : ndarray of shape (P,)
+        The orbits' periods.
+    doubling : ndarray of shape (P,)
+    products : ndarray of shape (P, pairs)
+        See `contimpact.orbits.multipliers.Stability`.
+    gaps : ndarray of shape (P, N, W)
+        The smallest interior gap of each flight to each wall, NaN if there is none.
+    slowest : ndarray of shape (P, N)
+        See `contimpact.segments.flight.excursions`.
+    derived : ndarray of shape (P, D)
+        Derived parameters.
+    """
+
+    @property
+    def unknowns(self) -> Array: ...
+    @property
+    def tangents(self) -> Array: ...
+    @property
+    def orientations(self) -> Array: ...
+    @property
+    def spans(self) -> Array: ...
+    @property
+    def doubling(self) -> Array: ...
+    @property
+    def products(self) -> Array: ...
+    @property
+    def gaps(self) -> Array: ...
+    @property
+    def slowest(self) -> Array: ...
+    @property
+    def derived(self) -> Array: ...
+
+
+@dataclass(frozen=True, eq=False)
+class ManyOrbits:
+    """The orbits of a batch; see `Orbits`."""
+
+    unknowns: Array
+    tangents: Array
+    orientations: Array
+    spans: Array
+    doubling: Array
+    products: Array
+    gaps: Array
+    slowest: Array
+    derived: Array
+
+
+class OneOrbit:
+    """A single orbit; see `Orbits`. Without a point it has no tangent."""
+
+    def __init__(self, here: Linearisation, point: OrbitPoint | None = None) -> None:
+        self.here, self.unknowns = here, here.unknowns[None]
+        none = np.full(len(here.unknowns), np.nan)
+        self.tangents = (none if point is None else point.tangent)[None]
+        self.orientations = np.array([np.nan if point is None else point.orientation])
+
+    @property
+    def spans(self) -> Array:
+        return np.array([self.here.span])
+
+    @property
+    def doubling(self) -> Array:
+        return np.array([self.here.stability.doubling])
+
+    @property
+    def products(self) -> Array:
+        return self.here.stability.products[None]
+
+    @property
+    def gaps(self) -> Array:
+        gaps = [[np.nan if t is None else t.gap for t in f.touches] for f in self.here.gaps]
+        return np.array([gaps])
+
+    @property
+    def slowest(self) -> Array:
+        return np.array([[flight.slowest for flight in self.here.gaps]])
+
+    @property
+    def derived(self) -> Array:
+        return np.array([list(self.here.derived.values())])
+
+
+class OrbitTest(TestFunction[Linearisation]):
+    """A test function of orbits.
+
+    Implementers give `kind`, `of`, and, where they can, `locate`. `needs` names what of `Orbits`
+    a batch has only where it is asked for: ``"doubling"`` and ``"gaps"``, with ``"slowest"``.
+    """
+
+    needs: tuple[str, ...] = ()
+
+    @abstractmethod
+    def of(self, orbits: Orbits) -> Array:
+        """Return the values, shape (P, q)."""
+
+    def values(self, point: OrbitPoint) -> Array:
+        return self._existing(self.of(OneOrbit(point.evaluation, point)))[0]
+
+    def batch(self, block: Block) -> Array:
+        assert isinstance(block.measured, ManyOrbits)
+        return self._existing(self.of(block.measured))
+
+    def _existing(self, values: Array) -> Array:
+        if not self.vanishing:
+            return values
+        return np.where(np.abs(values) < self.vanishing, np.nan, values)
+
 
 EPSILON = float(np.finfo(float).eps)
 NEWTON_ITERATIONS = 12
@@ -165,3 +291,232 @@ def rounding_of_product(matrix: Array, bounds: Array, vector: Array) -> Array:
 def rounding_of_length(vector: Array) -> float:
     """Bound the rounding of half the difference of a vector's squared length from one."""
     return EPSILON * len(vector) * float(vector @ vector)
+
+
+# Orbits with a given multiplier: the cyclic matrix is singular. FB and PD share its equations.
+
+UNIT_CIRCLE = 1e-2
+"""How near to its critical value a located event's multiplier is at least."""
+
+ROUNDING = 1e-14
+"""Rounding of the scaled determinants."""
+
+
+def has_multiplier(event: OrbitEvent, target: float) -> bool:
+    """Whether a multiplier is where the event needs one.
+
+    Determinants also vanish where flights do: at r = 0 impacts merge, and no multiplier is near.
+    """
+    multipliers = event.point.evaluation.multipliers
+    return bool(np.min(np.abs(multipliers - target)) < UNIT_CIRCLE)
+
+
+def null_vectors(matrix: Array) -> tuple[Array, Array]:
+    """Return the left and the right null vector of a matrix that lacks one rank.
+
+    They are oriented together: their product is a positive multiple of the adjugate, which does not
+    vanish along a curve of such matrices.
+    """
+    left, _, right = np.linalg.svd(matrix)
+    sign = np.sign(np.linalg.det(left) * np.linalg.det(right))
+    return sign * left[:, -1], right[-1]
+
+
+class SingularCycle(ExtendedSystem):
+    """C(mu) is singular: mu is a multiplier. FB for mu = 1, PD for mu = -1."""
+
+    def __init__(self, problem: OrbitProblem, mu: float) -> None:
+        super().__init__(problem)
+        self.mu = mu
+
+    def start(self, here: Linearisation) -> Array:
+        n = self.problem.n
+        return np.linalg.svd(here.cyclic(self.mu)[:, :n])[2][-1]
+
+    def assemble(self, here: Linearisation, own: Array) -> Assembled:
+        problem, n = self.problem, self.problem.n
+        orbit = len(here.unknowns)
+        cycle = here.cyclic(self.mu)[:, :n]
+        along = np.concatenate([own, np.zeros(orbit - n)])
+        jacobian = np.zeros((2 * n + 1, orbit + n))
+        jacobian[:n, :orbit] = here.jacobian
+        jacobian[n : 2 * n, :orbit] = problem.second_along(here.unknowns, along, self.mu)
+        jacobian[n : 2 * n, orbit:] = cycle
+        jacobian[2 * n, orbit:] = own
+        return Assembled(
+            np.concatenate([here.residual, cycle @ own, [0.5 * (own @ own - 1.0)]]), jacobian
+        )
+
+    def rounding(self, here: Linearisation, own: Array) -> Array:
+        bounds, n = rounding(here), self.problem.n
+        product = rounding_of_product(here.cyclic(self.mu)[:, :n], bounds.cyclic(1.0)[:, :n], own)
+        return np.concatenate([bounds.residual, product, [rounding_of_length(own)]])
+
+
+# Whether branches of orbits cross, or pass each other: what unfolds the crossing, and its error.
+#
+# The equations stand in `contimpact.continuation.crossing_branches`.
+
+UPRIGHT = 1e-6
+"""A branch whose direction at a branch point changes the parameter by less is not told from one
+that stands upright there: their folds lie within the square of this."""
+
+BESIDE = 1e-3
+"""How near to such a branch point a fold is not told from it."""
+
+
+class Crossing(ExtendedSystem):
+    """Two branches cross, with respect to the first free parameter; nu measures how far from it."""
+
+    def start(self, here: Linearisation) -> Array:
+        n = self.problem.n
+        return np.concatenate([[0.0], np.linalg.svd(here.jacobian[:, : n + 1])[0][:, -1]])
+
+    def assemble(self, here: Linearisation, own: Array) -> Assembled:
+        problem, n = self.problem, self.problem.n
+        orbit = len(here.unknowns)
+        nu, psi = own[0], own[1:]
+        square = here.jacobian[:, : n + 1]
+        hessian = np.vstack(
+            [psi @ problem.second_along(here.unknowns, e) for e in np.eye(orbit)[: n + 1]]
+        )
+        jacobian = np.zeros((2 * n + 2, orbit + n + 1))
+        jacobian[:n, :orbit] = here.jacobian
+        jacobian[:n, orbit] = psi
+        jacobian[:n, orbit + 1 :] = nu * np.eye(n)
+        jacobian[n : 2 * n + 1, :orbit] = hessian
+        jacobian[n : 2 * n + 1, orbit + 1 :] = square.T
+        jacobian[2 * n + 1, orbit + 1 :] = 2.0 * psi
+        return Assembled(
+            np.concatenate([here.residual + nu * psi, square.T @ psi, [psi @ psi - 1.0]]), jacobian
+        )
+
+    def rounding(self, here: Linearisation, own: Array) -> Array:
+        bounds, n, psi = rounding(here), self.problem.n, own[1:]
+        shifted = bounds.residual + EPSILON * (np.abs(here.residual) + np.abs(own[0] * psi))
+        product = rounding_of_product(
+            here.jacobian[:, : n + 1].T, bounds.jacobian[:, : n + 1].T, psi
+        )
+        return np.concatenate([shifted, product, [2.0 * rounding_of_length(psi)]])
+
+    def nu_error(self, solution: Solution) -> float:
+        """Bound the error of nu by its row of the inverse Jacobian, as that of the parameter."""
+        orbit = len(solution.unknowns)
+        here = self.problem.evaluate(solution.unknowns)
+        at = self.assemble(here, solution.own)
+        try:
+            row = np.linalg.solve(at.jacobian.T, np.eye(len(at.residual))[orbit])
+        except np.linalg.LinAlgError:
+            return float("inf")
+        off = FIRST_ORDER * np.abs(at.residual) + self.rounding(here, solution.own)
+        return float(np.abs(row) @ off)
+
+
+def unfolding(system: Crossing, solution: Solution) -> dict[str, float]:
+    """Return what unfolds a crossing of branches, with its error."""
+    return {"nu": float(solution.own[0]), "nu_error": system.nu_error(solution)}
+
+
+def crossed(details: Details) -> bool:
+    """Whether branches cross, as far as can be told."""
+    return abs(details["nu"]) <= details["nu_error"]
+
+
+def meeting(problem: Problem[Linearisation], guess: OrbitPoint, scale: Array) -> Meeting | None:
+    """Return where two branches cross, or pass each other, next to a point; None if nowhere.
+
+    Parameters
+    ----------
+    problem : Problem
+        Of orbits.
+    guess : Point
+    scale : ndarray of shape (n + 1,)
+        Sizes of the unknowns, by which the distance is measured.
+    """
+    orbits = guess.evaluation.problem
+    system = Crossing(orbits)
+    solution = solve(system, guess.evaluation)
+    if solution is None:
+        return None
+    told = unfolding(system, solution)
+    sizes, _ = np.linalg.eigh(form_at(orbits, solution, scale)[0])
+    if not sizes[0] < 0.0 < sizes[1]:
+        return None
+    own, other = abs(sizes[::-1] if told["nu"] > 0.0 else sizes).tolist()
+    return Meeting(solution.unknowns, told["nu"], told["nu_error"], (own, other))
+
+
+def form_at(problem: OrbitProblem, solution: Solution, scale: Array) -> tuple[Array, Array]:
+    """Return the form psi . F_zz on the null space of a crossing, and the null vectors in rows."""
+    psi, here = solution.own[1:], problem.evaluate(solution.unknowns)
+    null = np.linalg.svd(here.jacobian * scale)[2][-2:] * scale
+    along = [psi @ problem.second_along(solution.unknowns, vector) for vector in null]
+    form = np.array([[float(row @ vector) for vector in null] for row in along])
+    return 0.5 * (form + form.T), null
+
+
+def stands_upright(point: OrbitPoint) -> bool:
+    """Whether two branches cross at a point, one of them with the parameter at rest."""
+    problem = point.evaluation.problem
+    system = Crossing(problem)
+    solution = solve(system, point.evaluation)
+    if solution is None or not crossed(unfolding(system, solution)):
+        return False
+    if np.max(np.abs(solution.unknowns - point.unknowns)) > BESIDE:
+        return False
+    form, null = form_at(problem, solution, np.ones(len(point.unknowns)))
+    upright = null @ np.eye(len(point.unknowns))[-1]  # a direction at right angles to this is
+    size = float(np.linalg.norm(upright))
+    if size == 0.0:
+        return True
+    sideways = np.array([-upright[1], upright[0]]) / size
+    return abs(float(sideways @ form @ sideways)) <= UPRIGHT * float(np.max(np.abs(form)))
+
+
+# A function of the unknowns with a known gradient reaches zero: V, T and UZ share this.
+
+
+class ScalarTest(OrbitTest):
+    """A function of the unknowns with a known gradient: F = 0 and this function = 0."""
+
+    @abstractmethod
+    def gradient(self, problem: OrbitProblem, z: Array, index: int) -> Array:
+        """Return the gradient of one of the values, shape (n + 1,)."""
+
+    def locate(
+        self, problem: Problem[Linearisation], guess: OrbitPoint, index: int
+    ) -> Located | None:
+        system = Reached(guess.evaluation.problem, self, index)
+        return located(system, guess, lambda solution: self.described(system.problem, index))
+
+    def details(self, point: OrbitPoint, index: int) -> Details:
+        problem = point.evaluation.problem
+        return {"index": index, **self.described(problem, index)}
+
+    def described(self, problem: OrbitProblem, index: int) -> Details:
+        """What to record of a zero."""
+        return {}
+
+    def noise_of(self, problem: OrbitProblem, z: Array, index: int) -> float:
+        """Return a bound of the function's rounding error; zero where it is an unknown itself."""
+        return 0.0
+
+
+class Reached(ExtendedSystem):
+    """One of a test's functions vanishes."""
+
+    def __init__(self, problem: OrbitProblem, test: ScalarTest, index: int) -> None:
+        super().__init__(problem)
+        self.test, self.index = test, index
+
+    def start(self, here: Linearisation) -> Array:
+        return np.zeros(0)
+
+    def assemble(self, here: Linearisation, own: Array) -> Assembled:
+        value = self.test.of(OneOrbit(here))[0, self.index]
+        gradient = self.test.gradient(self.problem, here.unknowns, self.index)
+        return Assembled(np.append(here.residual, value), np.vstack([here.jacobian, gradient]))
+
+    def rounding(self, here: Linearisation, own: Array) -> Array:
+        noise = self.test.noise_of(self.problem, here.unknowns, self.index)
+        return np.append(rounding(here).residual, noise)

@@ -16,11 +16,19 @@ from .codimension_two import (
     Resonance,
     SecondEigenvector,
 )
-from .extended_system import ExtendedSystem, located
+from .extended_system import (
+    ExtendedSystem,
+    OrbitEvent,
+    OrbitPoint,
+    Orbits,
+    OrbitTest,
+    SingularCycle,
+    has_multiplier,
+    located,
+    null_vectors,
+    stands_upright,
+)
 from .kind import Change, Details, Kind, Look, ManyDigits, System, Values
-from .orbit_test import OrbitEvent, OrbitPoint, Orbits, OrbitTest
-from .singular_cycle import SingularCycle, has_multiplier, null_vectors
-from .unfolding import stands_upright
 
 
 class Fold(OrbitTest):

@@ -40,14 +40,33 @@ from ..orbits.problem import Array, Linearisation, OrbitProblem
 from ..orbits.quiet import problem_of
 from ..segments.flight import Touch
 from ..segments.segment import ELSEWHERE
-from .beginning import added, beginning_of, beginnings
 from .codimension_two import CurvePoint, touch_points
-from .extended_system import ExtendedSystem, located
-from .kind import SUB, SUPER, Change, Details, Kind, Look, ManyDigits, System, Values
-from .orbit_test import OrbitEvent, OrbitPoint, Orbits, OrbitTest
-from .sliding import ADDING, at_touch, is_brief
-from .start import Start, rate_error, regular
-from .touching import Touching, forgiven, touching
+from .extended_system import ExtendedSystem, OrbitEvent, OrbitPoint, Orbits, OrbitTest, located
+from .kind import (
+    SUB,
+    SUPER,
+    Change,
+    Details,
+    Kind,
+    Look,
+    ManyDigits,
+    Start,
+    System,
+    Values,
+    rate_error,
+    regular,
+)
+from .sliding import (
+    ADDING,
+    Touching,
+    added,
+    at_touch,
+    beginning_of,
+    beginnings,
+    forgiven,
+    is_brief,
+    touching,
+)
 
 PASSING = 1e-9
 """A gap of a located touch below minus this is that of another place, where the flight passes."""

@@ -1,4 +1,4 @@
-"""The contract of a kind of event, which each kind fulfils in a file of its own.
+"""What a kind of event must provide, and the start of a branch that is born at one.
 
 A kind has no state; what belongs to one branch is kept by its test function. To be given: `name`,
 and `test`. Everything else has a default, that of an event which is only recorded: it is located
@@ -11,22 +11,109 @@ from __future__ import annotations
 import enum
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Protocol
 
 import numpy as np
 
-from ..arrays import Number
+from ..arrays import Array, Number
 from ..continuation.branch import Details, TestFunction
+from ..continuation.corrector import bordered, first_tangent
 from ..continuation.ends import EndKind
-from ..models.word import Word
+from ..models.word import Word, repetitions
 from ..orbits.multipliers import count_unstable
 from ..orbits.physicality import Verdict
-from ..orbits.problem import Array, Linearisation, OrbitProblem
+from ..orbits.problem import Linearisation, OrbitProblem, rounding
+from ..orbits.search import first_lap, shortest
 from .codimension_two import CurvePoint
-from .extended_system import ExtendedSystem
-from .orbit_test import OrbitEvent, OrbitPoint
-from .start import Start
+from .extended_system import (
+    FIRST_ORDER,
+    ExtendedSystem,
+    OrbitEvent,
+    OrbitPoint,
+    rounding_of_product,
+)
+
+# Where a branch begins that is born at an event of another one.
+
+ALONG, REPEATS = 1e-3, 1e-7
+"""How far along a branch it is seen whether its orbits repeat shorter ones, and how nearly."""
+
+
+@dataclass(frozen=True)
+class Start:
+    """Where a branch begins, and which way it leaves.
+
+    Attributes
+    ----------
+    problem : OrbitProblem
+        Of the new word.
+    unknowns, tangent : ndarray of shape (n + 1,)
+        The tangent is not normalised. At a G it points to where the touch is a physical impact.
+    branching : bool
+        Whether the start is a branch point of the new problem.
+    both_ways : bool
+        Whether both directions lead to different orbits.
+    note : str
+        What a reader should know of the branch; empty if there is nothing.
+    """
+
+    problem: OrbitProblem
+    unknowns: Array
+    tangent: Array
+    branching: bool
+    both_ways: bool
+    note: str = ""
+
+    def reversed(self) -> Start:
+        """Return the start the other way."""
+        return replace(self, tangent=-self.tangent)
+
+
+def regular(problem: OrbitProblem, unknowns: Array) -> Start | None:
+    """Return the start along the null vector of the Jacobian; None where it is not regular."""
+    jacobian = problem.evaluate(unknowns).jacobian
+    tangent = first_tangent(jacobian, np.ones(len(unknowns)))
+    return None if tangent is None else Start(problem, unknowns, tangent, False, True)
+
+
+def rate_error(start: Start) -> float:
+    """Bound the error of the parameter's rate along the tangent of a regular start.
+
+    The tangent is what the Jacobian maps to zero, up to the rounding of both and to where the start
+    is: what these move the parameter's component by, at most, is its row of the inverse of the
+    Jacobian, bordered by the tangent, against them.
+    """
+    problem, along = start.problem, start.tangent
+    here = problem.evaluate(start.unknowns)
+    bounds = rounding(here)
+    off = np.abs(here.residual) + bounds.residual
+    try:
+        inverse = np.abs(np.linalg.inv(bordered(here.jacobian, along)))[:, :-1]
+    except np.linalg.LinAlgError:
+        return float("inf")
+    bent = np.abs(problem.second_along(start.unknowns, along)) @ (inverse @ off)
+    product = rounding_of_product(here.jacobian, bounds.jacobian, along)
+    return FIRST_ORDER * float(inverse[-1] @ (product + bent))
+
+
+def once(start: Start) -> Start:
+    """Return a start whose branch is one of shorter orbits run several times as one of these.
+
+    So it is where an orbit of several periods touches in each of them, and where one becomes an
+    orbit of a shorter period.
+    """
+    problem, unknowns, tangent = start.problem, start.unknowns, start.tangent
+    ahead = unknowns + ALONG * tangent / np.max(np.abs(tangent))
+    shorter, _ = shortest(problem, ahead, REPEATS)
+    if shorter is problem:
+        return start
+    longer, repeated = (p.word.notation(p.model.letters) for p in (problem, shorter))
+    note = f"the {longer} orbits born there are {repetitions([repeated])}, and followed as such"
+    impacts = len(shorter.word)
+    unknowns, tangent = (first_lap(problem, z, impacts) for z in (unknowns, tangent))
+    return Start(shorter, unknowns, tangent, False, True, note)
+
 
 """Where on its orbit an event happens: ``flight``, ``wall``, ``touch_time``, ``impact``,
 ``requested``, as far as they apply."""

@@ -9,9 +9,8 @@ from collections.abc import Iterator, Sequence
 from ..continuation.branch import TestFunction
 from ..orbits.problem import Linearisation, OrbitProblem
 from .declarations import FILES, unknown_kind
-from .kind import Kind, Values
-from .orbit_test import OrbitEvent
-from .start import Start
+from .extended_system import OrbitEvent
+from .kind import Kind, Start, Values
 
 
 class Unknown(Kind):

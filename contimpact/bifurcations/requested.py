@@ -10,10 +10,8 @@ from ..models.word import Word
 from ..orbits.problem import Array, Linearisation, OrbitProblem, rounding_of_setup
 from .codimension_two import AlsoGrazes, AlsoStops
 from .declarations import REQUESTED
-from .extended_system import EPSILON, ExtendedSystem
+from .extended_system import EPSILON, ExtendedSystem, Orbits, Reached, ScalarTest
 from .kind import Details, Kind, Look, ManyDigits, System, Values
-from .orbit_test import Orbits
-from .reached import Reached, ScalarTest
 
 PERIOD = "period"
 """What the orbit's period is called where it is free."""

@@ -1,4 +1,4 @@
-"""Sliding bifurcations: which of them an event is, and the word beyond those of a crossing.
+"""Sliding: where it begins, what touches its surface, and how words change there.
 
 Sliding is motion in a mode whose state is smaller than the system's. There are four kinds (di
 Bernardo, Budd, Champneys and Kowalczyk, Piecewise-smooth Dynamical Systems, 2008, chapter 8). With
@@ -17,17 +17,201 @@ crossing-sliding   G where a flight begins: C leads from A   T of SA
 
 from __future__ import annotations
 
+import math
+from abc import abstractmethod
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
 import numpy as np
 
-from ..continuation.branch import Details
-from ..models.guards import Guard, crosses_at, slides_at, state_size
+from ..arrays import Array
+from ..continuation.branch import Details, Located
+from ..models.guards import Guard, crosses_at, is_path, slides_at, state_size
 from ..models.model import Model
 from ..models.word import Word
-from ..orbits.problem import Array, OrbitProblem
-from ..orbits.quiet import problem_of
-from ..segments.segment import ELSEWHERE
-from ..segments.touches import on_surface
-from .touching import arrived
+from ..orbits.problem import Linearisation, OrbitProblem, rounding
+from ..orbits.quiet import QuietProblem, problem_of
+from ..orbits.search import solve_near
+from ..segments.bounded import bounds_of
+from ..segments.flight import Touch
+from ..segments.layout import SECTION
+from ..segments.segment import ELSEWHERE, Segment
+from ..segments.touches import limits_of, margin, on_surface
+from .branch_point import directions_at
+from .extended_system import Assembled, ExtendedSystem, OrbitEvent, OrbitPoint, located, solve
+from .kind import SUB, SUPER, Start, regular
+
+# The equations of an orbit that touches a guard inside a flight, or where a flight begins.
+
+TOUCHING = 1e-9
+"""A gap below this at an event is a touch at the same parameter value."""
+
+
+class Arrival(ExtendedSystem):
+    """A flight leaves with one of the orbit's and arrives at a guard; of the unknowns there those
+    numbered in `free` are the system's own."""
+
+    def __init__(
+        self, problem: OrbitProblem, flight: int, segment: Segment, free: Sequence[int]
+    ) -> None:
+        super().__init__(problem)
+        self.flight, self.segment, self.free = flight, segment, list(free)
+        self.left = slice(problem.m * flight, problem.m * flight + problem.m)
+
+    @abstractmethod
+    def ends(self, here: Linearisation, own: Array) -> tuple[list[float], list[float]]:
+        """Return the unknowns at both ends of the flight."""
+
+    def assemble(self, here: Linearisation, own: Array) -> Assembled:
+        n, m = self.problem.n, self.problem.m
+        orbit = len(here.unknowns)
+        arrival, start, end, by_parameter = self.arrival(here, own)
+        self.problem.kernel_evaluations += 1
+        jacobian = np.zeros((n + m, orbit + m - 1))
+        jacobian[:n, :orbit] = here.jacobian
+        jacobian[n:, self.left] = start
+        jacobian[n:, n:orbit] = by_parameter
+        jacobian[n:, orbit:] = end[:, self.free]
+        return Assembled(np.concatenate([here.residual, arrival]), jacobian)
+
+    def rounding(self, here: Linearisation, own: Array) -> Array:
+        values = self.problem.values(here.unknowns)
+        arrival, _, _, _ = bounds_of(self.segment, *self.ends(here, own), values)[1]
+        return np.concatenate([rounding(here).residual, arrival])
+
+    def arrival(self, here: Linearisation, own: Array) -> tuple[Array, Array, Array, Array]:
+        """Return residual and derivatives of the flight."""
+        m, values = self.problem.m, self.problem.values(here.unknowns)
+        rows, leaving, *ends = self.segment.blocks(*self.ends(here, own), values)
+        start, end, free = map(np.array, (self.problem.leaves(leaving), *ends))
+        return np.array(rows), start.reshape(m, m), end.reshape(m, m), free.reshape(m, -1)
+
+
+class Touching(Arrival):
+    """A flight reaches a wall with zero velocity."""
+
+    def __init__(self, problem: OrbitProblem, flight: int, wall: str, time: float) -> None:
+        left = problem.word.walls[flight : flight + 1] or SECTION
+        segment = problem.kernels.segment(left, wall)
+        super().__init__(problem, flight, segment, [0, *range(2, problem.m)])
+        self.wall, self.time = wall, time
+
+    def touch(self, own: Array) -> Array:
+        """Return the touch as an impact: its time and section coordinates."""
+        touch = np.zeros(self.problem.m)
+        touch[self.free] = own
+        return touch
+
+    def start(self, here: Linearisation) -> Array:
+        own = np.zeros(len(self.free))
+        own[0] = self.time
+        if len(own) > 1:  # the other coordinates, from the (near) linear flight equations
+            out, _, end, _ = self.arrival(here, own)
+            own[1:] -= np.linalg.lstsq(end[:, self.free[1:]], out, rcond=None)[0]
+        return own
+
+    def scale(self, own: Array, sizes: Array) -> Array:
+        others = super().scale(own, sizes)
+        others[0] = sizes[0]
+        return others
+
+    def details(self, own: Array) -> Details:
+        return {"touch_time": float(own[0])}
+
+    def ends(self, here: Linearisation, own: Array) -> tuple[list[float], list[float]]:
+        _, left = self.problem.leaving(here.unknowns, self.flight)
+        return left, self.touch(own).tolist()
+
+
+class Beginning(Arrival):
+    """Sliding begins on one of its limits: a flight to it takes no time.
+
+    Its own unknowns are the section coordinates there.
+
+    Parameters
+    ----------
+    problem : OrbitProblem
+    impact : int
+    sliding, limit : str
+        See `contimpact.segments.touches`.
+    """
+
+    def __init__(self, problem: OrbitProblem, impact: int, sliding: str, limit: str) -> None:
+        segment = problem.kernels.segment(sliding, limit)
+        super().__init__(problem, impact, segment, range(1, problem.m))
+
+    def start(self, here: Linearisation) -> Array:
+        left = here.unknowns[self.left].tolist()
+        return np.array(arrived(self.segment, left, self.problem.values(here.unknowns))[1:])
+
+    def arrival(self, here: Linearisation, own: Array) -> tuple[Array, Array, Array, Array]:
+        rows, start, end, free = super().arrival(here, own)
+        start[:, 0] += end[:, 0]  # both times are one
+        return rows, start, end, free
+
+    def scale(self, own: Array, sizes: Array) -> Array:
+        return np.asarray(sizes[1 : self.problem.m])
+
+    def ends(self, here: Linearisation, own: Array) -> tuple[list[float], list[float]]:
+        left = here.unknowns[self.left].tolist()
+        return left, [left[0], *own.tolist()]
+
+
+class Tangent(ExtendedSystem):
+    """A flight begins on the surface of a guard of its mode, without a rate."""
+
+    def __init__(self, problem: OrbitProblem, impact: int, wall: str) -> None:
+        super().__init__(problem)
+        self.segment = problem.kernels.segment(problem.word.walls[impact], wall)
+        self.left = slice(problem.m * impact, problem.m * impact + problem.m)
+
+    def start(self, here: Linearisation) -> Array:
+        return np.zeros(0)
+
+    def assemble(self, here: Linearisation, own: Array) -> Assembled:
+        m, n = self.problem.m, self.problem.n
+        values = self.problem.values(here.unknowns)
+        rows, leaving, arriving, free = self.segment.blocks(*self._ends(here), values)
+        self.problem.kernel_evaluations += 1
+        gradient = np.zeros(len(here.unknowns))
+        gradient[self.left] = np.reshape(leaving, (m, m))[1]
+        gradient[self.left.start] += np.reshape(arriving, (m, m))[1, 0]  # both times are one
+        gradient[n:] = np.reshape(free, (m, -1))[1]
+        return Assembled(np.append(here.residual, rows[1]), np.vstack([here.jacobian, gradient]))
+
+    def rounding(self, here: Linearisation, own: Array) -> Array:
+        values = self.problem.values(here.unknowns)
+        bounds = bounds_of(self.segment, *self._ends(here), values)[1][0]
+        return np.append(rounding(here).residual, bounds[1])
+
+    def _ends(self, here: Linearisation) -> tuple[list[float], list[float]]:
+        """The unknowns at both ends of a flight of no duration, whose second row is the rate."""
+        left = here.unknowns[self.left].tolist()
+        return left, [left[0], *[0.0] * (self.problem.m - 1)]
+
+
+def arrived(
+    segment: Segment, left: Sequence[float], values: Sequence[float], time: float | None = None
+) -> list[float]:
+    """Return the unknowns of an impact at some time after another, at once unless it is given,
+    from those of that one."""
+    time = left[0] if time is None else time
+    rows = segment.blocks(left, [time, *[0.0] * (len(left) - 1)], values)[0]
+    return [time, *(float(row) for row in rows[1:])]
+
+
+def touching(here: Linearisation) -> list[Touch]:
+    """Return the touches at which an orbit is not told from one that grazes."""
+    touches = (t for flight in here.gaps for t in flight.touches)
+    return [t for t in touches if t is not None and abs(t.gap) < TOUCHING]
+
+
+def forgiven(here: Linearisation) -> set[tuple[int, str]]:
+    """Return the touches that are not held against the orbit of an event: rounding decides on
+    which side of the guard they are."""
+    begun = (t for flight in here.gaps for t in flight.beyond if abs(t.gap) < TOUCHING)
+    return {(t.flight, t.wall) for t in (*touching(here), *begun)}
+
 
 GRAZING, ADDING = "grazing-sliding", "adding-sliding"
 SWITCHING, CROSSING = "switching-sliding", "crossing-sliding"
@@ -148,3 +332,373 @@ def merged(
     there = problem_of(problem.model, word, problem.kernels)
     rows = np.delete(problem.impacts(unknowns), other, axis=0)
     return there, there.with_impacts(rows, problem.span(unknowns), unknowns)
+
+
+# Where an interruption of sliding vanishes: adding-sliding, seen from the orbit that has it.
+#
+# What leaves sliding does so at rest, so that the equations of that orbit are singular there. Those
+# of the orbit without the interruption are not: it touches a limit of sliding.
+
+BESIDE = 0.1
+"""How near to its guess it is, in the sizes of the unknowns."""
+
+
+def where_added(guess: OrbitPoint, flight: int, details: Details) -> Located | None:
+    """Return where a flight between two pieces of sliding vanishes; None if nowhere near.
+
+    Parameters
+    ----------
+    guess : Point
+    flight : int
+        That leaves sliding and comes back to it.
+    details : dict
+        What to record of it.
+    """
+    problem, unknowns = guess.evaluation.problem, guess.unknowns
+    ends = flight, (flight + 1) % len(problem.word)
+    word = problem.word.drop(*ends)
+    possible = at_once(problem, flight) == ADDING and word.walls
+    if not possible or not is_path(problem.model.WALLS, word.walls):
+        return None
+    without = problem_of(problem.model, word, problem.kernels)
+    system = _touching(problem, without, unknowns, ends)
+    rest = np.delete(problem.impacts(unknowns), ends, axis=0)
+    begin = without.with_impacts(rest, guess.evaluation.span, unknowns)
+    solution = solve(system, without.evaluate(begin))
+    if solution is None:
+        return None
+    found = _with(problem, without, solution.unknowns, system.touch(solution.own), ends)
+    sizes = problem.scale(unknowns, np.full(problem.free, np.inf))
+    if not np.linalg.norm((found - unknowns) / sizes) < BESIDE:
+        return None
+    return Located(found, solution.residual, solution.error, details)
+
+
+def _touching(
+    problem: OrbitProblem, without: OrbitProblem, unknowns: Array, ends: tuple[int, int]
+) -> Touching:
+    """The equations of the orbit without the impacts at both ends, which touches there."""
+    before = (ends[0] - 1) % len(problem.word)
+    left = before - sum(end < before for end in ends)
+    turn = problem.span(unknowns) if ends[0] == 0 else 0.0
+    time = float(problem.impacts(unknowns)[ends[0], 0]) + turn
+    return Touching(without, left, problem.word.walls[ends[0]], time)
+
+
+def _with(
+    problem: OrbitProblem,
+    without: OrbitProblem,
+    unknowns: Array,
+    touch: Array,
+    ends: tuple[int, int],
+) -> Array:
+    """The unknowns of that orbit with both impacts at the touch."""
+    count, span = len(problem.word), without.span(unknowns)
+    back = problem.kernels.segment(*(problem.word.walls[end] for end in ends))
+    again = arrived(back, touch.tolist(), without.values(unknowns))
+    rows = np.empty((count, problem.m))
+    rows[list(ends)] = touch, again
+    rows[[k for k in range(count) if k not in ends]] = without.impacts(unknowns)
+    rows[ends[0], 0] -= span * (ends[0] == 0)
+    rows[ends[1], 0] -= span * (ends[0] in (0, count - 1))
+    return np.append(rows.ravel(), unknowns[-problem.free :])
+
+
+# Where the motion after an impact begins on a limit of its mode.
+#
+# Sliding begins on one of its limits, as where a crossing or a switching of sliding is; or a flight
+# that begins on the surface of a guard has no rate there: beyond, it leaves its mode at once.
+
+
+@dataclass(frozen=True)
+class Begun:
+    """An impact after which the motion begins within a limit, or beyond.
+
+    Attributes
+    ----------
+    problem : OrbitProblem
+    impact : int
+    begun, limit : str
+    sign : float
+        See `contimpact.segments.touches.limits_of`.
+    """
+
+    problem: OrbitProblem
+    impact: int
+    begun: str
+    limit: str
+    sign: float
+
+    def margin(self, unknowns: Array) -> float:
+        """Return how far it is from the limit, negative where another impact takes its place."""
+        kernels, values = self.problem.kernels, self.problem.values(unknowns)
+        leave = self.problem.impacts(unknowns)[self.impact].tolist()
+        given = leave, values, kernels.setup(*values).walls
+        return self.sign * margin(kernels, self.begun, self.limit, *given)
+
+    @property
+    def on_surface(self) -> bool:
+        """Whether the flight begins on the surface of the limit, and its rate vanishes."""
+        return on_surface(self.problem.kernels, self.begun, self.limit)
+
+    def equations(self) -> ExtendedSystem:
+        """Return the equations of an orbit on the limit."""
+        if self.on_surface:
+            return Tangent(self.problem, self.impact, self.limit)
+        return Beginning(self.problem, self.impact, self.begun, self.limit)
+
+    def locate(self, guess: OrbitPoint) -> Located | None:
+        """Solve these from a point near it."""
+        return located(self.equations(), guess, lambda solution: self.details(solution.unknowns))
+
+    def details(self, unknowns: Array) -> Details:
+        """Return where on the orbit it is."""
+        time = float(self.problem.impacts(unknowns)[self.impact, 0])
+        place = {"flight": self.impact, "impact": self.impact}
+        return {**place, "wall": self.limit, "touch_time": time}
+
+    def next_word(self) -> Word | None:
+        """Return the word beyond."""
+        letters = longer(self.problem, self.impact, self.limit)
+        return None if letters is None else respelled(self.problem.word, self.impact, letters)
+
+    def born(self, unknowns: Array) -> Start | None:
+        """Return the start of the branch beyond, on which a flight more takes some time."""
+        letters, word = longer(self.problem, self.impact, self.limit), self.next_word()
+        if letters is None or word is None:
+            return None
+        there = problem_of(self.problem.model, word, self.problem.kernels)
+        rows = lengthened(self.problem, unknowns, self.impact, letters)
+        start = regular(there, there.with_impacts(rows, self.problem.span(unknowns), unknowns))
+        return start if start is None or self._longer(start) >= 0.0 else start.reversed()
+
+    def criticality(self, event: OrbitEvent, start: Start) -> str | None:
+        """Return whether both orbits exist together or one takes over from the other."""
+        along = event.point.tangent
+        system, here = self.equations(), event.point.evaluation
+        rates = system.assemble(here, system.start(here)).jacobian[self.problem.n]
+        inwards = -self._side * self.sign * float(rates[: len(along)] @ along) * float(along[-1])
+        longer = self._longer(start) * float(start.tangent[-1])
+        if inwards == 0.0 or longer == 0.0:
+            return None
+        return SUB if (inwards > 0.0) == (longer > 0.0) else SUPER
+
+    def _longer(self, start: Start) -> float:
+        """The rate at which the new flight's duration grows along the new branch."""
+        times = start.tangent[: start.problem.n : start.problem.m]
+        return float(times[self.impact + 1] - times[self.impact])
+
+    @property
+    def _side(self) -> float:
+        return self.problem.model.guard(self.limit).side
+
+
+def added(problem: OrbitProblem, unknowns: Array, flight: int) -> Start | None:
+    """Return the start of the branch on which sliding is interrupted, from where it takes no time.
+
+    What leaves sliding does so at rest: two branches cross there, of which one is of interruptions
+    that never take any time.
+    """
+    directions = directions_at(problem.evaluate(unknowns))
+    if directions is None:
+        return None
+    n, m = problem.n, problem.m
+
+    def lasts(along: Array) -> float:
+        return float(along[:n:m][(flight + 1) % (n // m)] - along[m * flight])
+
+    along = max(directions, key=lambda one: abs(lasts(one)))
+    start = Start(problem, unknowns, along, branching=True, both_ways=False)
+    return start if lasts(along) > 0.0 else start.reversed()
+
+
+def beginnings(problem: OrbitProblem) -> Sequence[Begun]:
+    """Return all of a word."""
+    return [
+        Begun(problem, k, *limit)
+        for k, letter in enumerate(problem.word.walls)
+        for limit in limits_of(problem.kernels, letter)
+    ]
+
+
+def beginning_of(problem: OrbitProblem, details: Details) -> Begun | None:
+    """Return the one at which an event is; None where a flight touches inside."""
+    if "impact" not in details:
+        return None
+    place = details["impact"], details["wall"]
+    return next((one for one in beginnings(problem) if (one.impact, one.limit) == place), None)
+
+
+# The orbit without what vanishes on it: an impact of zero velocity, or a flight of no duration.
+
+TOUCHING_WHILE_VANISHING = 1e-6
+"""A gap below this is a touch, where the orbit without impacts is that of a V."""
+
+
+def vanishing(problem: OrbitProblem, impact: int) -> tuple[int, ...]:
+    """Return the impacts that vanish with one: itself, and the next at the end of an excursion."""
+    if impact in problem.excursions:
+        return impact, (impact + 1) % len(problem.word)
+    return (impact,)
+
+
+def without(here: Linearisation, impact: int) -> tuple[OrbitProblem, Array] | None:
+    """The problem of the word without an impact of zero velocity, and the same orbit in it.
+
+    None if no impact is left, and the motion without any has no orbit that touches there, or if the
+    modes on both sides of the impact are not the same.
+    """
+    problem, dropped = here.problem, vanished(here, impact)
+    before = (impact - 1) % len(problem.word)
+    if at_zero_velocity(problem, here.unknowns, impact) == SWITCHING:
+        return merged(problem, here.unknowns, before)
+    if len(problem.word) == len(dropped):
+        return _quiet(here, impact)
+    word = problem.word.drop(*dropped)
+    if not is_path(problem.model.WALLS, word.walls):
+        return None
+    shorter = problem_of(problem.model, word, problem.kernels)
+    kept = np.delete(problem.impacts(here.unknowns), dropped, axis=0)
+    return shorter, shorter.with_impacts(kept, here.span, here.unknowns)
+
+
+def vanished(here: Linearisation, impact: int) -> tuple[int, ...]:
+    """Return the same, with the impact at the other end of a flight that takes no time."""
+    dropped = vanishing(here.problem, impact)
+    problem, unknowns, count = here.problem, here.unknowns, len(here.problem.word)
+    if len(dropped) == 1 < count and is_brief(problem, unknowns, impact):
+        return impact, (impact + 1) % count
+    before = (impact - 1) % count
+    if at_once(problem, before) is not None and is_brief(problem, unknowns, before):
+        return before, impact
+    return dropped
+
+
+def _quiet(here: Linearisation, impact: int) -> tuple[OrbitProblem, Array] | None:
+    """The word `0` and its orbit, if that touches where the only impact vanishes."""
+    problem, wall = here.problem, here.problem.word.walls[impact]
+    quiet = problem_of(problem.model, Word("", problem.word.period), problem.kernels)
+    assert isinstance(quiet, QuietProblem)
+    guess = quiet.from_touch(problem, here.unknowns, impact)
+    found = solve_near(quiet, np.append(guess, here.unknowns[-problem.free :]))
+    touches = () if found is None else found.gaps[0].touches
+    if any(
+        t is not None and t.wall == wall and abs(t.gap) < TOUCHING_WHILE_VANISHING for t in touches
+    ):
+        return quiet, found.unknowns  # type: ignore[union-attr]
+    return None
+
+
+def without_flight(here: Linearisation, flight: int) -> tuple[OrbitProblem, Array] | None:
+    """The same for a flight that takes no time, where sliding vanishes or begins with it."""
+    found = at_once(here.problem, flight)
+    if found in (CROSSING, SWITCHING):
+        return merged(here.problem, here.unknowns, flight)
+    return None if found is None else without(here, flight)
+
+
+# Where impacts on different coordinates exchange their order: the same orbit on the word beyond.
+#
+# At a T two impacts, or more of them, happen at once. Beyond it they come in another order, and
+# each
+# may end another mode and have another letter there: the one of the same surface. If their resets
+# commute, the orbit of the exchanged word passes through the same point of state space, and its
+# equations are regular there. If they do not, it does not pass, and nothing continues the motion.
+
+SAME_STATE = 1e-7
+"""An orbit passes through a state if its equations hold there within this part of their size."""
+
+SAME_RATE = 6
+"""Digits to which the rates agree of impacts that keep happening at once."""
+
+
+def exchanged_word(here: Linearisation, flight: int, rates: Array) -> Word | None:
+    """Return the word beyond a flight that takes no time, its impacts in the order they have there.
+
+    None if impacts only merge: those at both ends are on one surface, or no letters say so.
+
+    Parameters
+    ----------
+    here : Linearisation
+    flight : int
+    rates : ndarray of shape (N,)
+        How fast each flight's duration changes along the branch, up to a common factor.
+    """
+    problem, letters = here.problem, list(here.problem.word.walls)
+    runs = list(_at_once(problem, here.unknowns))
+    if not rates[flight] or not any(flight in impacts[:-1] for impacts in runs):
+        return None
+    for impacts in runs:
+        times = np.append(0.0, np.cumsum([rates[k] for k in impacts[:-1]]))
+        later = np.round(times / rates[flight], SAME_RATE)  # beyond, the last comes first
+        order = [impacts[i] for i in np.argsort(-later, kind="stable")]
+        if order != impacts:
+            spelled = _spelled(problem, here.unknowns, impacts, order)
+            if spelled is None:
+                return None
+            for k, letter in zip(impacts, spelled, strict=True):
+                letters[k] = letter
+    word = Word("".join(letters), problem.word.period)
+    return None if word == problem.word else word
+
+
+def exchanged(here: Linearisation, word: Word) -> tuple[OrbitProblem, Array] | None:
+    """Return the problem of the word beyond, and the same orbit in it; None if it is none of it."""
+    problem, span = here.problem, here.span
+    there = problem_of(problem.model, word, problem.kernels)
+    values, rows = problem.values(here.unknowns), problem.impacts(here.unknowns)
+    moved = rows.copy()
+    for impacts in _at_once(problem, here.unknowns):
+        before = (impacts[0] - 1) % len(word)
+        letter, left = problem.word.walls[before], rows[before].tolist()
+        left[0] -= span * (impacts[0] == 0)
+        time = float(rows[impacts[0], 0])
+        for k in impacts:
+            segment = problem.kernels.segment(letter, word.walls[k])
+            left = arrived(segment, left, values, time)
+            moved[k, 1:] = left[1:]
+            letter = word.walls[k]
+    unknowns = there.with_impacts(moved, span, here.unknowns)
+    size = float(np.max(np.abs(rows[:, 1:])))
+    missed = there.evaluate(unknowns).largest_residual
+    return (there, unknowns) if missed < SAME_STATE * size else None
+
+
+def _at_once(problem: OrbitProblem, unknowns: Array) -> Iterator[list[int]]:
+    """The impacts that happen at once, in order, those of each instant."""
+    count = len(problem.word)
+    brief = [is_brief(problem, unknowns, k) for k in range(count)]
+    for first in (k for k in range(count) if brief[k] and not brief[k - 1]):
+        impacts = [first]
+        while brief[impacts[-1]]:
+            impacts.append((impacts[-1] + 1) % count)
+        yield impacts
+
+
+def _spelled(
+    problem: OrbitProblem, unknowns: Array, impacts: Sequence[int], order: Sequence[int]
+) -> str | None:
+    """The letters of impacts in another order: a way through the modes along the same surfaces."""
+    model = problem.model
+    size = model.DEGREES_OF_FREEDOM
+    setup = problem.kernels.setup(*problem.values(unknowns))
+    places = dict(zip(model.letters, setup.walls, strict=True))
+
+    def same(one: Guard, other: Guard) -> bool:
+        near = math.isclose(places[one.name], places[other.name], rel_tol=1e-12, abs_tol=1e-300)
+        return near and (one.side, one.row(size)) == (other.side, other.row(size))
+
+    met = [guard_at(problem, k) for k in order]
+    if len({guard.row(size) for guard in met}) < len(met):
+        return None
+    ways = [("", guard_at(problem, impacts[0] - 1).next_mode)]
+    for guard in met:
+        own_first = sorted(model.WALLS, key=lambda g: g.name != guard.name)
+        ways = [
+            (way + g.name, g.next_mode)
+            for way, mode in ways
+            for g in own_first
+            if mode in g.modes and same(g, guard)
+        ]
+    target = guard_at(problem, impacts[-1]).next_mode
+    return next((way for way, mode in ways if mode == target), None)

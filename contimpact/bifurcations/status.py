@@ -24,8 +24,8 @@ from ..orbits.multipliers import UNIT_CIRCLE_ROUNDING, count_unstable
 from ..orbits.physicality import PHYSICAL
 from ..orbits.problem import Array, Linearisation, OrbitProblem
 from .declarations import KINDS
+from .extended_system import OrbitEvent, OrbitPoint
 from .kind import Change
-from .orbit_test import OrbitEvent, OrbitPoint
 from .registry import kind_of
 
 SEARCHED = (0, 4, 10, 20, 34)

@@ -16,9 +16,16 @@ from ..models.word import Word
 from ..orbits.multipliers import neimark_sacker
 from ..orbits.problem import Array, Linearisation, OrbitProblem, rounding
 from .codimension_two import AlsoGrazes, AlsoStops, CurvePoint, OnCurve
-from .extended_system import Assembled, ExtendedSystem, rounding_of_length, rounding_of_product
+from .extended_system import (
+    Assembled,
+    ExtendedSystem,
+    OrbitEvent,
+    Orbits,
+    OrbitTest,
+    rounding_of_length,
+    rounding_of_product,
+)
 from .kind import Change, Details, Kind, Look, ManyDigits, System, Values
-from .orbit_test import OrbitEvent, Orbits, OrbitTest
 
 RESONANT = 1e-5
 """How far from the unit circle a double multiplier is seen, known to the root of rounding."""

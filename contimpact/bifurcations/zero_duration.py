@@ -16,16 +16,17 @@ from ..models.word import Word
 from ..orbits.multipliers import count_unstable
 from ..orbits.physicality import OUT_OF_ORDER, Verdict
 from ..orbits.problem import Array, Linearisation, OrbitProblem, rounding_of_setup
-from .adding import where_added
-from .exchange import exchanged, exchanged_word
-from .extended_system import EPSILON, ExtendedSystem
-from .kind import Change, Details, Kind, Look, ManyDigits, System, Values
-from .orbit_test import OrbitEvent, OrbitPoint, Orbits
-from .reached import Reached, ScalarTest
-from .sliding import at_once
-from .start import Start, regular
-from .touching import forgiven
-from .vanishing import without_flight
+from .extended_system import (
+    EPSILON,
+    ExtendedSystem,
+    OrbitEvent,
+    OrbitPoint,
+    Orbits,
+    Reached,
+    ScalarTest,
+)
+from .kind import Change, Details, Kind, Look, ManyDigits, Start, System, Values, regular
+from .sliding import at_once, exchanged, exchanged_word, forgiven, where_added, without_flight
 
 
 class ZeroDuration(ScalarTest):

@@ -19,16 +19,19 @@ from ..models.word import Word
 from ..orbits.multipliers import count_unstable
 from ..orbits.physicality import WRONG_WAY, Verdict
 from ..orbits.problem import Array, Linearisation, OrbitProblem
-from .adding import where_added
 from .codimension_two import CurvePoint, touch_points
-from .extended_system import ExtendedSystem
-from .kind import Change, Details, Kind, Look, ManyDigits, System, Values
-from .orbit_test import OrbitEvent, OrbitPoint, Orbits
-from .reached import Reached, ScalarTest
-from .sliding import INSTANT, at_zero_velocity, guard_at
-from .start import Start, regular
-from .touching import forgiven
-from .vanishing import vanished, vanishing, without
+from .extended_system import ExtendedSystem, OrbitEvent, OrbitPoint, Orbits, Reached, ScalarTest
+from .kind import Change, Details, Kind, Look, ManyDigits, Start, System, Values, regular
+from .sliding import (
+    INSTANT,
+    at_zero_velocity,
+    forgiven,
+    guard_at,
+    vanished,
+    vanishing,
+    where_added,
+    without,
+)
 from .zero_duration import ZeroDuration
 
 

@@ -1,7 +1,7 @@
 """What is left of an orbit at an event where an impact comes to rest, or a flight takes no time.
 
 Multipliers at such an event are those of the word without what vanishes, as
-`contimpact.bifurcations.vanishing` says. Which flights take no time is seen in doubles, and proven
+`contimpact.bifurcations.sliding` says. Which flights take no time is seen in doubles, and proven
 here: by the equations of the event, or as follows. Let a flight begin on the surface that it
 reaches. If it begins, or ends, at rest there, and the acceleration has one sign all along, it takes
 no time. If the jump of an impact at rest leads onto that surface, it is the velocity that has to
@@ -24,8 +24,8 @@ from ..bifurcations.sliding import (
     at_zero_velocity,
     respelled,
     shorter,
+    vanished,
 )
-from ..bifurcations.vanishing import vanished
 from ..models.word import Word
 from ..orbits.problem import OrbitProblem
 from ..segments.segment import ELSEWHERE

@@ -6,8 +6,8 @@ import dataclasses
 from collections.abc import Callable, Mapping, Sequence
 
 from ..bifurcations.declarations import SWITCHES
+from ..bifurcations.kind import Start, once
 from ..bifurcations.registry import switch
-from ..bifurcations.start import Start, once
 from ..continuation.branch import Point, TestFunction, Walk
 from ..continuation.ends import End, EndKind
 from ..continuation.settings import Settings

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ..arrays import ARRAYS, Array, Containers, Vector
-from ..bifurcations.orbit_test import ManyOrbits, OneOrbit
+from ..bifurcations.extended_system import ManyOrbits, OneOrbit
 from ..continuation.branch import Block
 from ..continuation.step import columns
 from ..models.guards import Row

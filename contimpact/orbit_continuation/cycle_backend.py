@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ..arrays import ARRAYS, Array, Containers, Vector
-from ..bifurcations.orbit_test import ManyOrbits
+from ..bifurcations.extended_system import ManyOrbits
 from ..continuation.branch import Block
 from ..continuation.step import columns
 from ..orbits.block_cyclic import BLOCK, KEPT

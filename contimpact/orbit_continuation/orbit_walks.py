@@ -6,9 +6,8 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING, Unpack
 
 from ..arrays import Array
-from ..bifurcations.orbit_test import OrbitTest
+from ..bifurcations.extended_system import OrbitTest, meeting
 from ..bifurcations.status import explained
-from ..bifurcations.unfolding import meeting
 from ..continuation.branch import TestFunction, Walk
 from ..continuation.settings import Settings
 from ..continuation.walk import Options, walk

@@ -16,8 +16,8 @@ from typing import Any
 
 import numpy as np
 
+from ..bifurcations.kind import Start, once
 from ..bifurcations.registry import kind_of, switch, test_functions
-from ..bifurcations.start import Start, once
 from ..continuation.branch import Event, Point, TestFunction
 from ..continuation.ends import End, EndKind
 from ..continuation.settings import Settings

@@ -12,7 +12,7 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from ..bifurcations.curve_start import CurveStart
+from ..bifurcations.codimension_two import CurveStart
 from ..bifurcations.registry import kind_of
 from ..continuation.branch import Event, Point
 from ..continuation.corrector import correct, first_tangent

@@ -9,8 +9,8 @@ from collections.abc import Callable
 from typing import TYPE_CHECKING
 
 from ..arrays import ARRAYS, LISTS, Array, Containers, Vector
+from ..bifurcations.extended_system import SingularCycle
 from ..bifurcations.grazing import Touching
-from ..bifurcations.singular_cycle import SingularCycle
 from ..continuation.branch import Block
 from ..continuation.step import EVALUATIONS, Batch, Position, batch_of, columns, take_steps
 from ..orbit_continuation.long_flights import UntilLong

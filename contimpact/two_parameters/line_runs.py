@@ -6,8 +6,8 @@ from collections.abc import Iterable, Iterator, Sequence
 
 import numpy as np
 
+from ..bifurcations.kind import once
 from ..bifurcations.registry import kind_of, switch
-from ..bifurcations.start import once
 from ..continuation.branch import Event, Points
 from ..continuation.ends import End, EndKind
 from ..orbit_continuation.born import first_step, run_born

@@ -14,8 +14,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..bifurcations.codimension_two import CurvePoint, OnCurve
-from ..bifurcations.curve_start import CurveStart
+from ..bifurcations.codimension_two import CurvePoint, CurveStart, OnCurve
 from ..bifurcations.extended_system import EPSILON, Assembled, ExtendedSystem
 from ..bifurcations.kind import Details, Kind, Values
 from ..bifurcations.registry import kind_of

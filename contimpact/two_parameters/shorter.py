@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..bifurcations.curve_start import twice
+from ..bifurcations.codimension_two import twice
 from ..bifurcations.extended_system import solve
 from ..bifurcations.registry import kind_of
 from ..continuation.branch import Event, Located, Point, TestFunction

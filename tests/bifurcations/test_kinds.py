@@ -14,11 +14,10 @@ from zoo import example
 from contimpact import InputError, continue_orbit, find_orbits, plot_diagram, write_auto
 from contimpact.accuracy.reference import Reference
 from contimpact.bifurcations.declarations import CURVES, DECLARED, SECOND, SWITCHES
+from contimpact.bifurcations.extended_system import Crossing, SingularCycle
 from contimpact.bifurcations.kind import Kind
 from contimpact.bifurcations.registry import kind_of
-from contimpact.bifurcations.singular_cycle import SingularCycle
 from contimpact.bifurcations.torus import SingularPair
-from contimpact.bifurcations.unfolding import Crossing
 from contimpact.records.diagram import Diagram
 from contimpact.records.entry_conversion import event_of
 

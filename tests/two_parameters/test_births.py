@@ -8,7 +8,7 @@ import math
 import numpy as np
 import pytest
 
-from contimpact.bifurcations.curve_start import twice
+from contimpact.bifurcations.codimension_two import twice
 from contimpact.orbit_continuation.orbit_branch import continue_orbit
 from contimpact.orbits.search import find_orbits
 from contimpact.records.recovery import orbit_of

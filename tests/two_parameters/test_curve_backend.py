@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from contimpact.arrays import LISTS
+from contimpact.bifurcations.extended_system import SingularCycle
 from contimpact.bifurcations.registry import kind_of
-from contimpact.bifurcations.singular_cycle import SingularCycle
 from contimpact.bifurcations.torus import SingularPair
 from contimpact.continuation.step import DenseBackend
 from contimpact.models.word import Word
