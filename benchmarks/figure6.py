@@ -12,7 +12,7 @@ from pathlib import Path
 from contestant import HERE, MODES, Contestant, Sample, Workspace, seconds_of
 
 from contimpact import follow, load_scene
-from contimpact.scenes.scene import Scene
+from contimpact.results.scene import Scene
 
 SCENES = ("fig6a", "fig6b", "fig6c", "fig6d")
 ROUNDS = 3

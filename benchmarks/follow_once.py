@@ -11,7 +11,7 @@ from case import ALL, RANGE, STEPS, problem, start
 
 from contimpact import continue_orbit
 from contimpact.orbits.search import orbit_at
-from contimpact.records.formats import write_auto
+from contimpact.results.formats import write_auto
 
 
 def main() -> None:

@@ -19,7 +19,7 @@ import sys
 import numpy as np
 
 from contimpact.orbits.problem import OrbitProblem
-from contimpact.scenes.scene import read_scene
+from contimpact.results.scene import read_scene
 from contimpact.segments.kernels import Kernels
 from contimpact.studies.explore import follow
 from contimpact.two_parameters.runs import passes, run_along

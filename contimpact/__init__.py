@@ -10,6 +10,19 @@ import importlib
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from ..results.branch import Branch as Branch
+    from ..results.branch import Entry as Entry
+    from ..results.catalogue import load_diagram as load_diagram
+    from ..results.catalogue import load_entries as load_entries
+    from ..results.catalogue import write_diagram as write_diagram
+    from ..results.curve import Curve as Curve
+    from ..results.diagram import Diagram as Diagram
+    from ..results.diagram_reading import read as read
+    from ..results.diagram_reading import stable_intervals as stable_intervals
+    from ..results.formats import write_auto as write_auto
+    from ..results.formats import write_mat as write_mat
+    from ..results.scene import load_scene as load_scene
+    from ..results.scene import read_scene as read_scene
     from .attractors.coverage import cover as cover
     from .attractors.energy import energy as energy
     from .attractors.keeping import load as load
@@ -41,19 +54,6 @@ if TYPE_CHECKING:
     from .plots.diagram import plot_diagram as plot_diagram
     from .plots.orbit import plot_orbit as plot_orbit
     from .plots.transitions import plot_transitions as plot_transitions
-    from .records.branch import Branch as Branch
-    from .records.catalogue import load_diagram as load_diagram
-    from .records.catalogue import load_entries as load_entries
-    from .records.catalogue import write_diagram as write_diagram
-    from .records.curve import Curve as Curve
-    from .records.diagram import Diagram as Diagram
-    from .records.diagram_reading import read as read
-    from .records.diagram_reading import stable_intervals as stable_intervals
-    from .records.entry import Entry as Entry
-    from .records.formats import write_auto as write_auto
-    from .records.formats import write_mat as write_mat
-    from .scenes.scene import load_scene as load_scene
-    from .scenes.scene import read_scene as read_scene
     from .segments.checking import check_model as check_model
     from .simulation.simulator import Simulator as Simulator
     from .studies.explore import follow as follow
@@ -87,22 +87,22 @@ _PLACES = {
     "follow_codim2": "two_parameters.codim2_curves",
     "follow_curve": "two_parameters.curves",
     "follow_isoline": "two_parameters.isolines",
-    "Curve": "records.curve",
-    "read": "records.diagram_reading",
-    "stable_intervals": "records.diagram_reading",
-    "load_entries": "records.catalogue",
+    "Curve": "results.curve",
+    "read": "results.diagram_reading",
+    "stable_intervals": "results.diagram_reading",
+    "load_entries": "results.catalogue",
     "plot_codim2": "plots.codim2",
     "plot_curves": "plots.curves",
     "save": "attractors.keeping",
     "load": "attractors.keeping",
     "sensitivity": "two_parameters.sensitivity",
-    "write_auto": "records.formats",
-    "write_mat": "records.formats",
-    "load_scene": "scenes.scene",
-    "read_scene": "scenes.scene",
-    "Branch": "records.branch",
-    "Diagram": "records.diagram",
-    "Entry": "records.entry",
+    "write_auto": "results.formats",
+    "write_mat": "results.formats",
+    "load_scene": "results.scene",
+    "read_scene": "results.scene",
+    "Branch": "results.branch",
+    "Diagram": "results.diagram",
+    "Entry": "results.branch",
     "certify": "certificates.certify",
     "Simulator": "simulation.simulator",
     "Membrane": "systems.membrane",
@@ -117,8 +117,8 @@ _PLACES = {
     "run_study": "parameter_studies.run",
     "Store": "parameter_studies.store",
     "Study": "parameter_studies.study",
-    "load_diagram": "records.catalogue",
-    "write_diagram": "records.catalogue",
+    "load_diagram": "results.catalogue",
+    "write_diagram": "results.catalogue",
     "plot_diagram": "plots.diagram",
     "plot_orbit": "plots.orbit",
     "plot_sweep": "plots.attractors",

@@ -15,7 +15,7 @@ from scipy.integrate import solve_ivp
 import contimpact as ci
 from contimpact.attractors.sweep import Row, Sweep
 from contimpact.display import LINES, Summary, in_lines, picture_of, table_of
-from contimpact.scenes.simulate_tables import Settling
+from contimpact.results.simulate_tables import Settling
 
 SCRIPT = "<script>alert(1)"
 QUICK = Settling(transient=20, periods=200, impacts=400)

@@ -10,7 +10,7 @@ from event_driven import Walker, random_scene
 
 from contimpact.errors import InputError
 from contimpact.models.guards import pivot, state_before
-from contimpact.scenes.scene import read_scene
+from contimpact.results.scene import read_scene
 from contimpact.studies.explore import follow
 
 QUICK = (0, 1, 2, 3)

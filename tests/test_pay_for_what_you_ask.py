@@ -24,7 +24,7 @@ counted(problem.OrbitProblem, "evaluate")
 counted(problem.OrbitProblem, "second_along")
 counted(problem, "interior_touches")
 given = json.loads(sys.argv[1])
-from contimpact.scenes.scene import read_scene
+from contimpact.results.scene import read_scene
 scene = read_scene(given)
 from contimpact.studies.explore import follow
 diagram = follow(scene)
@@ -75,9 +75,9 @@ OWN_HEAVY = (
     "segments.checking",
     "models.equations",
     "models.symbolic",
-    "records.formats",
-    "records.merge",
-    "scenes.simulate_tables",
+    "results.formats",
+    "results.formats",
+    "results.simulate_tables",
     "segments.ball_flow",
     "segments.ball_flow",
     "segments.balls",
@@ -90,8 +90,22 @@ OWN_HEAVY = (
 )
 """Parts of the package that following an orbit of the impact pair has no use for."""
 
-OF_RESULTS = ("records.catalogue", "cli", "records.diagram_reading")
+OF_RESULTS = ("results.catalogue", "cli", "results.diagram_reading")
 """Parts that only the command needs."""
+
+RECORDS = (
+    "results.branch",
+    "results.entry_conversion",
+    "results.tables",
+    "results.diagram",
+    "results.diagram_reading",
+    "results.curve",
+    "results.catalogue",
+    "results.result_folder",
+    "results.quantities",
+    "results.formats",
+)
+"""What holds results; reading a scene needs none of it."""
 
 RARE = (
     "asyncio",
@@ -208,10 +222,10 @@ curves = { parameter = "r", range = [0.2, 0.5], kinds = ["PD", "G"] }
 @pytest.mark.parametrize("tables", ["", SIMULATED, CURVES])
 def test_reading_a_scene_loads_no_numerics(tables, tmp_path):
     (tmp_path / "scene.toml").write_text(TOML + tables, encoding="utf-8")
-    code = "import sys\nfrom contimpact.scenes.scene import load_scene\nload_scene(sys.argv[1])"
+    code = "import sys\nfrom contimpact.results.scene import load_scene\nload_scene(sys.argv[1])"
     modules = imported(code, str(tmp_path / "scene.toml"))
     assert among(modules, (*HEAVY, "numpy")) == []
-    assert among(modules, own("arrays", "attractors", "orbits", "records", "segments")) == []
+    assert among(modules, own("arrays", "attractors", "orbits", "segments", *RECORDS)) == []
 
 
 COMMANDS = {
@@ -225,7 +239,7 @@ COMMANDS = {
     ("tables", "allowed"),
     [
         ("", ()),
-        (SIMULATED, ("scenes.simulate_tables", "systems.membrane")),
+        (SIMULATED, ("results.simulate_tables", "systems.membrane")),
     ],
 )
 @pytest.mark.parametrize("name", COMMANDS)
@@ -247,7 +261,7 @@ def test_a_command_imports_what_it_needs(name, tables, allowed, tmp_path, of_num
     if name == "help":
         assert among(modules, ("numpy",)) == []
     if name == "check":
-        assert among(modules, own("records.catalogue", "records.diagram_reading")) == []
+        assert among(modules, own("results.catalogue", "results.diagram_reading")) == []
 
 
 SCENES = {

@@ -43,9 +43,9 @@ ci.find_orbit(pair, "1:1")
 """
 SAID = [
     'note: Revealed type is "list[contimpact.orbits.orbit.Orbit]"',
-    'note: Revealed type is "contimpact.records.branch.Branch"',
+    'note: Revealed type is "contimpact.results.branch.Branch"',
     'note: Revealed type is "float"',
-    'Sequence[contimpact.records.diagram_reading.Interval]"',
+    'Sequence[contimpact.results.diagram_reading.Interval]"',
     'note: Revealed type is "contimpact.certificates.records.Certificates"',
     'error: Argument 2 to "find_orbits" has incompatible type "int"; expected "str | Word"',
     'error: Module has no attribute "find_orbit"',

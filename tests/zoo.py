@@ -9,7 +9,7 @@ import mpmath as mp
 import numpy as np
 
 from contimpact.models.model import Formulas, Guard, Mode, Model, Parameter, Wall
-from contimpact.scenes.scene import read_scene
+from contimpact.results.scene import read_scene
 from contimpact.systems.impact_pair import ImpactPair
 from contimpact.systems.oscillator import Oscillator
 

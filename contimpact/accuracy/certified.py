@@ -7,7 +7,7 @@ from collections.abc import Callable
 from typing import Any
 
 from ..errors import InputError
-from ..scenes.scene import Scene
+from ..results.scene import Scene
 from ..studies.explore import follow
 from .timing import spread
 

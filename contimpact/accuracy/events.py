@@ -11,11 +11,10 @@ import numpy as np
 
 from ..bifurcations.declarations import KINDS
 from ..orbits.problem import Array
-from ..records.diagram import Diagram
-from ..records.entry import Entry
-from ..records.entry_conversion import details_of
-from ..records.recovery import orbit_of
-from ..scenes.scene import Scene
+from ..results.branch import Entry, orbit_of
+from ..results.diagram import Diagram
+from ..results.entry_conversion import details_of
+from ..results.scene import Scene
 from ..segments.kernels import Kernels
 from ..studies.explore import follow
 from .reference import Exact, Reference

@@ -25,8 +25,8 @@ from ..errors import InputError
 from ..orbit_continuation.orbit_walks import walk_orbits
 from ..orbits.orbit import Orbit
 from ..orbits.problem import Array
-from ..records.diagram import Diagram
-from ..scenes.scene import Scene
+from ..results.diagram import Diagram
+from ..results.scene import Scene
 from ..segments.kernels import Kernels
 from ..studies.explore import follow
 from ..studies.starting_orbits import orbits_at_start

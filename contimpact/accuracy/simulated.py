@@ -25,7 +25,7 @@ from .timing import timed, within_budget
 
 if TYPE_CHECKING:
     from ..attractors.energy import Membrane
-    from ..scenes.scene import Scene
+    from ..results.scene import Scene
 
 IMPACTS = 200
 """Impacts of the simulation that is timed."""

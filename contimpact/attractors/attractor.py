@@ -14,7 +14,7 @@ from ..arrays import Array
 from ..errors import InputError
 from ..models.model import Model
 from ..orbits.orbit import Orbit
-from ..records.tables import same_data
+from ..results.tables import same_data
 from ..simulation.run import State
 from ..storage.texts import made
 
@@ -152,7 +152,7 @@ class Attractor:
         InputError
             If the motion is no orbit of impacts, or the system another one.
         """
-        from ..records.recovery import orbit_with
+        from ..results.branch import orbit_with
 
         if self.kind is not Kind.PERIODIC or self.word is None or self.period is None:
             accepted = "give one that is periodic; plot_sweep and portraits show any motion"

@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ..arrays import Array
-from ..scenes.simulate_tables import SETTLING, Settling
+from ..results.simulate_tables import SETTLING, Settling
 from ..simulation.run import Outcome, Run, State
 from ..simulation.simulator import Simulator
 from .attractor import Attractor, Kind

@@ -19,9 +19,9 @@ from ..models.word import Word, is_rotation
 from ..orbits.orbit import Orbit
 from ..orbits.quiet import problem_of
 from ..orbits.search import solve_near
-from ..records.branch import Branch
-from ..records.diagram import Diagram
-from ..records.tables import columns_of
+from ..results.branch import Branch
+from ..results.diagram import Diagram
+from ..results.tables import columns_of
 from ..segments.kernels import Kernels
 from .attractor import Attractor, Kind
 from .sweep import Row, Sweep

@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 from dataclasses import replace
 
-from ..scenes.simulate_tables import SETTLING, Settling
+from ..results.simulate_tables import SETTLING, Settling
 from .attractor import Attractor, Kind
 from .sweep import Row, Simulators
 from .verdict import settle_again

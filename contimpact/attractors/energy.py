@@ -7,9 +7,8 @@ import numpy as np
 from ..arrays import Array
 from ..errors import InputError, shown
 from ..orbits.orbit import Orbit
-from ..records.branch import Branch
-from ..records.energies import Energy, along, of_impacts
-from ..records.entry import Entry
+from ..results.branch import Branch, Entry
+from ..results.quantities import Energy, along, of_impacts
 from ..systems.membrane import Membrane
 from .attractor import Attractor, Kind
 

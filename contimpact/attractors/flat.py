@@ -6,7 +6,7 @@ import math
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
-from ..records.tables import coordinates
+from ..results.tables import coordinates
 
 if TYPE_CHECKING:
     from .attractor import Attractor

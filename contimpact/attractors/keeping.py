@@ -17,13 +17,21 @@ import numpy as np
 from ..errors import InputError, shown
 from ..models.model import Model
 from ..orbits.orbit import Orbit
-from ..records.branch import Branch
-from ..records.catalogue import branch_text, curve_text, load_diagram, write_diagram
-from ..records.curve import Curve
-from ..records.diagram import Diagram
-from ..records.entry import Entry
-from ..records.loading import BRANCH, CURVE, checking, entry_of, read_branch, read_curve
-from ..records.recovery import named_model, orbit_with
+from ..results.branch import Branch, Entry, named_model, orbit_with
+from ..results.catalogue import (
+    BRANCH,
+    CURVE,
+    branch_text,
+    checking,
+    curve_text,
+    entry_of,
+    load_diagram,
+    read_branch,
+    read_curve,
+    write_diagram,
+)
+from ..results.curve import Curve
+from ..results.diagram import Diagram
 from ..simulation.run import Outcome, Run, State
 from ..storage.files import is_there, read_bounded, write_text
 from ..storage.texts import fitted, json_line, made

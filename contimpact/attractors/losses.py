@@ -23,7 +23,7 @@ from ..arrays import Array
 from ..errors import InputError, shown
 from ..models.model import Model
 from ..orbits.orbit import Orbit
-from ..records.entry import Entry
+from ..results.branch import Entry
 from ..segments.kernels import Kernels
 from .attractor import Attractor, Kind
 

@@ -16,8 +16,8 @@ from typing import TYPE_CHECKING, Any
 
 from .. import __version__
 from ..errors import InputError
-from ..records.branch import Branch
-from ..records.diagram import Diagram
+from ..results.branch import Branch
+from ..results.diagram import Diagram
 from ..storage.files import append, read_bounded, reason, write_text
 from ..storage.texts import DAMAGE, Json, csv_text, fitted, json_text
 from .flat import WRITTEN, table_of

@@ -14,10 +14,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from ..progress import Progress, silent
-from ..records.catalogue import diagram_files
-from ..records.result_folder import ROWS
-from ..scenes.scene import Scene
-from ..scenes.simulate_tables import SimulateOptions
+from ..results.catalogue import diagram_files
+from ..results.result_folder import ROWS
+from ..results.scene import Scene
+from ..results.simulate_tables import SimulateOptions
 from ..segments.kernels import Kernels
 from ..storage.files import Content, write_all
 from .attractor import Attractor, Kind
@@ -35,7 +35,7 @@ from .sweep import Row, Simulators, Sweep, find_attractors, same, sweep_rows
 from .transitions import Transition, all_changes, between, explained
 
 if TYPE_CHECKING:
-    from ..records.diagram import Diagram
+    from ..results.diagram import Diagram
     from ..simulation.simulator import Simulator
     from .basins import Basins
     from .coverage import Coverage

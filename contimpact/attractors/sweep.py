@@ -17,8 +17,8 @@ from ..display import Shown, Summary, frame, in_lines
 from ..errors import InputError
 from ..models.model import Model
 from ..progress import Asked, asked
-from ..records.tables import same_data
-from ..scenes.simulate_tables import SETTLING, Settling
+from ..results.simulate_tables import SETTLING, Settling
+from ..results.tables import same_data
 from ..segments.kernels import Kernels
 from ..simulation.run import State
 from ..simulation.simulator import Simulator

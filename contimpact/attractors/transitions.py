@@ -11,9 +11,9 @@ from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
 from ..models.word import is_rotation
-from ..records.diagram import Diagram
-from ..records.entry import Entry
-from ..scenes.simulate_tables import SETTLING, Settling
+from ..results.branch import Entry
+from ..results.diagram import Diagram
+from ..results.simulate_tables import SETTLING, Settling
 from .edges import EVALUATIONS, locate
 from .naming import Explanation, Transition, name
 from .sweep import Row, Simulators, Sweep

@@ -12,7 +12,7 @@ from __future__ import annotations
 import numpy as np
 
 from ..errors import InputError
-from ..scenes.simulate_tables import SETTLING, Settling
+from ..results.simulate_tables import SETTLING, Settling
 from ..simulation.free_motion import free_motion, later
 from ..simulation.lyapunov import exponents_of
 from ..simulation.run import Outcome, Run, State

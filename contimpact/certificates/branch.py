@@ -22,9 +22,7 @@ from ..models.model import Model
 from ..models.word import Word
 from ..orbits.problem import Array, OrbitProblem
 from ..progress import Progress, silent
-from ..records.branch import Branch
-from ..records.entry import Entry
-from ..records.recovery import model_at
+from ..results.branch import Branch, Entry, model_at
 from ..segments.kernels import Kernels
 from .birth import proven_birth
 from .budget import Budget

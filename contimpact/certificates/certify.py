@@ -14,13 +14,11 @@ from ..errors import InputError, NotInstalledError
 from ..models.model import Model
 from ..orbits.problem import OrbitProblem
 from ..progress import Progress, silent
-from ..records.branch import Branch
-from ..records.catalogue import load_diagram, load_entries
-from ..records.diagram import Diagram
-from ..records.entry import Entry
-from ..records.recovery import model_at, model_of, orbit_of
-from ..records.result_folder import CATALOGUE, WANTED, read_json, reading
-from ..scenes.options import CertifyOptions
+from ..results.branch import Branch, Entry, model_at, model_of, orbit_of
+from ..results.catalogue import load_diagram, load_entries
+from ..results.diagram import Diagram
+from ..results.options import CertifyOptions
+from ..results.result_folder import CATALOGUE, WANTED, read_json, reading
 from ..segments.balls import INTEGRATED, without_enclosures
 from ..segments.kernels import Kernels, identity_of
 from .branch import BranchCertificate, certified_branch, verified_branch, without_certificate

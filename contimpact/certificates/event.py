@@ -14,10 +14,9 @@ from ..bifurcations.registry import kind_of
 from ..bifurcations.zero_velocity import stopped as stopped_at
 from ..errors import InputError
 from ..orbits.problem import OrbitProblem
-from ..records.entry import Entry
-from ..records.entry_conversion import details_of
-from ..records.recovery import orbit_of
-from ..records.tables import coordinates
+from ..results.branch import Entry, orbit_of
+from ..results.entry_conversion import details_of
+from ..results.tables import coordinates
 from .crossing import crosses
 from .equations import BallProblem, Balls
 from .krawczyk import krawczyk, proven

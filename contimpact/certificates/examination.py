@@ -12,7 +12,7 @@ from flint import arb
 
 from ..bifurcations.registry import kind_of
 from ..orbits.problem import OrbitProblem
-from ..records.entry import Entry
+from ..results.branch import Entry
 from .birth import Birth
 from .budget import Budget
 from .equations import BallProblem, Balls

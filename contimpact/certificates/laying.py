@@ -8,8 +8,8 @@ import numpy as np
 
 from ..orbits.problem import Array, OrbitProblem
 from ..progress import Progress
-from ..records.branch import Branch
-from ..records.tables import coordinates
+from ..results.branch import Branch
+from ..results.tables import coordinates
 from .budget import Budget
 from .equations import BallProblem
 from .nodes import halved, node_at

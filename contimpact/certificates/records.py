@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 from ..errors import InputError, printable
-from ..records.result_folder import CATALOGUE, MANIFEST, WANTED, digests_of, read_json
+from ..results.result_folder import CATALOGUE, MANIFEST, WANTED, digests_of, read_json
 from ..storage.files import append, write_text
 from ..storage.texts import DAMAGE, Json, json_line, json_text, made
 from .branch import BranchCertificate

@@ -7,9 +7,9 @@ import importlib.util
 from pathlib import Path
 
 from ..errors import InputError
-from ..records.result_folder import MANIFEST, WANTED, held, read_json
-from ..scenes.options import CertifyOptions
-from ..scenes.scene import load_scene, read_scene
+from ..results.options import CertifyOptions
+from ..results.result_folder import MANIFEST, WANTED, held, read_json
+from ..results.scene import load_scene, read_scene
 from ..segments.kernels import Kernels
 from ..telling import telling
 from .terminal import complain, say

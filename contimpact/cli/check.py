@@ -7,8 +7,8 @@ from collections.abc import Sequence
 
 from ..errors import InputError, printable
 from ..progress import Progress
-from ..scenes.scene import CurveOptions, Scene, load_scene
-from ..scenes.system_files import systems_of
+from ..results.options import CurveOptions
+from ..results.scene import Scene, load_scene, systems_of
 from ..segments.kernels import Kernels, checked
 from ..studies.starting_orbits import (
     SURVEYED,

@@ -12,7 +12,7 @@ from typing import Any
 
 from ..errors import InputError
 from ..progress import Progress
-from ..records.result_folder import Files
+from ..results.result_folder import Files
 from .termination import ENDING
 
 

@@ -5,9 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from ..records.manifest import manifest_text
-from ..records.result_folder import Files, digests_of
-from ..scenes.scene import Scene
+from ..results.result_folder import Files, digests_of, manifest_text
+from ..results.scene import Scene
 
 
 def write_manifest(

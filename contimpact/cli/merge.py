@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import argparse
 
-from ..records.merge import FILES, merge, write_merged
-from ..records.result_folder import held
+from ..results.formats import FILES, merge, write_merged
+from ..results.result_folder import held
 from .console import require_output
 from .terminal import say
 

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import argparse
 
-from ..records.diagram import Diagram
-from ..records.result_folder import Files
-from ..scenes.scene import Scene
+from ..results.diagram import Diagram
+from ..results.result_folder import Files
+from ..results.scene import Scene
 
 
 def page_wanted(scene: Scene, options: argparse.Namespace) -> bool:

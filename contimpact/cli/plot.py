@@ -10,13 +10,13 @@ from typing import TYPE_CHECKING, Any
 
 from ..errors import InputError, shown
 from ..models.model import Model
-from ..records.catalogue import load_diagram
-from ..records.diagram import Diagram
-from ..records.diagram_reading import sentence_of
-from ..records.recovery import model_at
-from ..records.result_folder import MANIFEST, WANTED, kept_still, read_json
-from ..scenes.scene import FORMATS, PlotOptions, Scene, load_scene, read_scene
-from ..scenes.system_files import systems_of
+from ..results.branch import model_at
+from ..results.catalogue import load_diagram
+from ..results.diagram import Diagram
+from ..results.diagram_reading import sentence_of
+from ..results.options import FORMATS, PlotOptions
+from ..results.result_folder import MANIFEST, WANTED, kept_still, read_json
+from ..results.scene import Scene, load_scene, read_scene, systems_of
 from ..storage.files import is_there
 from .terminal import say
 

@@ -6,9 +6,8 @@ import argparse
 
 from ..accuracy.output import write_report
 from ..accuracy.report import report
-from ..records.result_folder import held
-from ..scenes.scene import load_scene
-from ..scenes.system_files import systems_of
+from ..results.result_folder import held
+from ..results.scene import load_scene, systems_of
 from ..telling import telling
 from .terminal import say
 

@@ -12,13 +12,11 @@ from typing import Any
 
 from ..errors import InputError, NotWrittenError
 from ..progress import Progress
-from ..records.catalogue import diagram_files
-from ..records.diagram import Diagram
-from ..records.diagram_reading import read
-from ..records.result_folder import Files, held, renewed
-from ..scenes.naming import folder_of, require_own_folders
-from ..scenes.scene import Scene, load_scene
-from ..scenes.system_files import systems_of
+from ..results.catalogue import diagram_files
+from ..results.diagram import Diagram
+from ..results.diagram_reading import read
+from ..results.result_folder import Files, held, renewed
+from ..results.scene import Scene, folder_of, load_scene, require_own_folders, systems_of
 from ..segments.compiling import mode
 from ..storage.files import write_all
 from ..studies import explore
@@ -244,7 +242,7 @@ def _summary(scene: Scene, diagram: Diagram, folder: Path, total: float) -> None
     for curve in (*diagram.curves, *diagram.codim2_curves):
         say("".join(f"{n} = {v:.6g}  " for n, v in curve.fixed.items()) + repr(curve))
     if diagram.curves and not diagram.areas:
-        from ..records.competition import regions
+        from ..results.curve import regions
 
         for region in regions(diagram.curves, checks=diagram.checks):
             fixed = "".join(f"{n} = {v:.6g}  " for n, v in region.fixed.items())

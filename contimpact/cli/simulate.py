@@ -9,10 +9,9 @@ from pathlib import Path
 from ..attractors.simulation import Simulation, simulate, write_simulation
 from ..errors import InputError
 from ..progress import Progress
-from ..records.diagram import Diagram
-from ..records.result_folder import ROWS, TABLES, Files, held, renewed
-from ..scenes.scene import load_scene
-from ..scenes.system_files import systems_of
+from ..results.diagram import Diagram
+from ..results.result_folder import ROWS, TABLES, Files, held, renewed
+from ..results.scene import load_scene, systems_of
 from ..segments.compiling import mode
 from ..telling import telling
 from .console import Interruption, deferred, drawn

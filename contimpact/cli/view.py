@@ -6,7 +6,7 @@ import argparse
 import webbrowser
 from pathlib import Path
 
-from ..records.result_folder import kept_still
+from ..results.result_folder import kept_still
 from .plot import draw_page
 from .terminal import complain, say
 

@@ -15,10 +15,8 @@ from ..continuation.walk import Stop, kept, other_way, undisturbed
 from ..errors import InputError, shown
 from ..models.model import Model
 from ..progress import Asked
-from ..records.branch import Branch
-from ..records.entry import Entry
-from ..records.entry_conversion import event_of
-from ..records.given import entry_first
+from ..results.branch import Branch, Entry
+from ..results.entry_conversion import entry_first, event_of
 from .orbit_branch import Callback, Run, UserEvent, checked_range, tests_of_events, told_of
 from .orbit_walks import walk_orbits
 from .symmetry import again, at_image, mirrors_back, symmetry_of, watched

@@ -28,11 +28,9 @@ from ..orbits.problem import OrbitProblem
 from ..orbits.quiet import problem_of
 from ..orbits.search import solve_near
 from ..progress import Asked, asked, both, counted
-from ..records.branch import Branch
-from ..records.diagram import Diagram
-from ..records.entry import Entry
-from ..records.entry_conversion import entry_of
-from ..records.given import as_orbit, named
+from ..results.branch import Branch, Entry
+from ..results.diagram import Diagram
+from ..results.entry_conversion import as_orbit, entry_of, named
 from ..segments.kernels import Kernels
 from .orbit_walks import walk_orbits
 from .symmetry import at_image, watched

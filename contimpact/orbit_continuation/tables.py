@@ -6,14 +6,14 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
+from ..arrays import Array
 from ..bifurcations.requested import PERIOD
 from ..continuation.branch import Point, Points
 from ..orbits.multipliers import count_unstable
 from ..orbits.physicality import PHYSICAL, reason_of
 from ..orbits.problem import OrbitProblem, Summary
-from ..records.branch import Array
-from ..records.entry import Entry
-from ..records.tables import columns_of
+from ..results.branch import Entry
+from ..results.tables import columns_of
 
 
 def tabulate(

@@ -12,15 +12,22 @@ from .. import __version__
 from ..arrays import Array
 from ..bifurcations.registry import kind_of
 from ..models.model import Model
-from ..records.area import Area
-from ..records.branch import Branch
-from ..records.competition import Region, falling, lanes, panels, parameters_of, regions
-from ..records.curve import Coverage, Curve
-from ..records.diagram import Diagram
-from ..records.diagram_reading import Reading, read, sentence, sentence_of
-from ..records.entry import Entry
-from ..records.tables import coordinates
-from ..records.vocabulary import GREEK, PI_BELOW
+from ..results.branch import Branch, Entry
+from ..results.curve import (
+    Area,
+    Coverage,
+    Curve,
+    Region,
+    falling,
+    lanes,
+    panels,
+    parameters_of,
+    regions,
+)
+from ..results.diagram import Diagram
+from ..results.diagram_reading import Reading, read, sentence, sentence_of
+from ..results.quantities import GREEK, PI_BELOW
+from ..results.tables import coordinates
 from .members import fixed, members
 from .packing import packed
 from .swept import Swept

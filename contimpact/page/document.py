@@ -15,9 +15,9 @@ from pathlib import Path
 
 from ..errors import printable
 from ..models.model import Model
-from ..records.diagram import Diagram
-from ..records.result_folder import reading
-from ..records.vocabulary import NO_WALL, WALLS, WALLS_ON_DARK
+from ..results.diagram import Diagram
+from ..results.quantities import NO_WALL, WALLS, WALLS_ON_DARK
+from ..results.result_folder import reading
 from ..storage.files import is_there, write, write_all
 from .data import Shown, page_data
 from .packing import script_json

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
-from ..records.branch import Branch
+from ..results.branch import Branch
 
 
 def constants(branches: Sequence[Branch], derived: Sequence[str]) -> list[str]:

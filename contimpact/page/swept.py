@@ -16,8 +16,8 @@ import numpy as np
 from ..arrays import Array
 from ..errors import InputError
 from ..models.model import Model
-from ..records.loading import checking
-from ..records.tables import coordinates
+from ..results.catalogue import checking
+from ..results.tables import coordinates
 from ..storage.files import read_bounded
 from ..storage.texts import original
 

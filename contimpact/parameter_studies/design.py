@@ -17,8 +17,7 @@ import numpy as np
 from ..arrays import Array
 from ..errors import InputError
 from ..models.expressions import values_of
-from ..scenes.options import LARGEST_SEED
-from ..scenes.table import Table
+from ..results.options import LARGEST_SEED, Table
 
 MOST_SCENES = 10**7
 METHODS = ("random", "sobol")

@@ -7,11 +7,9 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
-from ..records.branch import Branch
-from ..records.diagram import Diagram
-from ..records.diagram_reading import Interval, Reading, read
-from ..records.entry import Entry
-from ..records.limits import Limit
+from ..results.branch import Branch, Entry
+from ..results.diagram import Diagram, Limit
+from ..results.diagram_reading import Interval, Reading, read
 
 if TYPE_CHECKING:
     from ..attractors.simulation import Simulation
@@ -62,7 +60,7 @@ def diagram_rows(diagram: Diagram, keep: Sequence[str], derived: str | None) -> 
         rows["curves"] = _curves(diagram)
         rows["codimension_two"] = _codimension_two(diagram, derived)
     if "catalogue" in keep:
-        from ..records.catalogue import catalogue_text
+        from ..results.catalogue import catalogue_text
 
         rows["catalogues"] = [{"content": packed(catalogue_text(diagram))}]
     return rows
@@ -79,7 +77,7 @@ def unpacked(content: bytes) -> str:
 
 
 def _branch(branch: Branch, whole: bool) -> dict[str, Any]:
-    from ..records.catalogue import branch_text
+    from ..results.catalogue import branch_text
 
     values = branch[branch.parameter]
     first, last = (end.kind.name.lower() for end in branch.ends)
@@ -172,7 +170,7 @@ def _interval(interval: Interval, branch: Branch, derived: str | None) -> dict[s
 
 
 def _curves(diagram: Diagram) -> list[dict[str, Any]]:
-    from ..records.catalogue import curve_text
+    from ..results.catalogue import curve_text
 
     return [
         {

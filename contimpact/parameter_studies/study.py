@@ -24,7 +24,7 @@ from .store import Store, opened, refusal, taken
 
 if TYPE_CHECKING:
     from ..attractors.sweep import Sweep
-    from ..records.entry import Entry
+    from ..results.branch import Entry
     from .maps import Map
 
 ROWS = ("scenes", *(name for name in OF_SCENES if name not in ("coordinates", "catalogues")))
@@ -197,7 +197,7 @@ class Study(Shown):
         InputError
             If the study does not keep catalogues, or has no such scene.
         """
-        from ..records.loading import entry_of
+        from ..results.catalogue import entry_of
 
         content = self._content("catalogues", scene)
         return [entry_of(record) for record in json.loads(content)["entries"]]

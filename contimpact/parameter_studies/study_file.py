@@ -17,8 +17,8 @@ from typing import Any
 
 from ..arrays import Array
 from ..errors import InputError, shown
-from ..scenes.scene import Scene, read_scene, read_toml
-from ..scenes.table import Table
+from ..results.options import Table
+from ..results.scene import Scene, read_scene, read_toml
 from .design import Design, read_design
 
 KEPT = ("catalogue", "readings", "attractors", "energies", "curves", "tables")

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 from ..attractors.attractor import Attractor, Kind
 from ..attractors.sweep import Row, Simulators, Sweep
 from ..errors import InputError
-from ..scenes.scene import read_scene
+from ..results.scene import read_scene
 from .study_file import StudyFile, read_study
 
 if TYPE_CHECKING:

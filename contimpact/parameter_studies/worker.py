@@ -19,7 +19,7 @@ from typing import Any
 
 from .. import __version__
 from ..errors import InputError
-from ..scenes.scene import Scene, read_scene
+from ..results.scene import Scene, read_scene
 from ..segments.compiling import spend
 from ..studies.explore import follow
 from .budget import BudgetError, limited

@@ -17,7 +17,7 @@ from matplotlib.path import Path
 
 from ..arrays import Array
 from ..bifurcations.registry import kind_of
-from ..records.area import Area, StableOrbit
+from ..results.curve import Area, StableOrbit
 from .texts import plain, set_label
 from .thinning import thinned
 

@@ -22,9 +22,8 @@ from ..attractors.attractor import Kind
 from ..attractors.basins import Basins
 from ..attractors.energy import of_attractor
 from ..attractors.sweep import Row, Simulators, Sweep, same
-from ..records.diagram import Diagram
-from ..records.energies import along
-from ..records.vocabulary import way
+from ..results.diagram import Diagram
+from ..results.quantities import along, way
 from ..storage.files import Content, write_all
 from ..systems.membrane import Membrane
 from . import diagram as style
@@ -34,7 +33,7 @@ from .texts import axis_label, plain, symbol, units_of, values_text, walls_of
 
 if TYPE_CHECKING:
     from ..attractors.simulation import Simulation
-    from ..scenes.scene import PlotOptions
+    from ..results.options import PlotOptions
 
 
 MARKS: dict[str, dict[str, Any]] = {

@@ -11,8 +11,7 @@ import numpy as np
 from matplotlib.lines import Line2D
 
 from ..errors import InputError
-from ..records.competition import falling
-from ..records.curve import Curve
+from ..results.curve import Curve, falling
 from .curves import fixed_values
 from .diagram import save_figure, write_heading
 from .texts import axis_label, plain, values_text

@@ -23,9 +23,18 @@ from ..bifurcations.codimension_two import MARKERS
 from ..bifurcations.declarations import CROSSINGS
 from ..bifurcations.registry import kind_of
 from ..errors import InputError, shown
-from ..records.area import Area, StableOrbit
-from ..records.competition import Region, falling, lanes, panels, parameters_of, regions
-from ..records.curve import Check, Curve
+from ..results.curve import (
+    Area,
+    Check,
+    Curve,
+    Region,
+    StableOrbit,
+    falling,
+    lanes,
+    panels,
+    parameters_of,
+    regions,
+)
 from .areas import area_legend, draw_areas, of_panel
 from .diagram import save_figure, write_heading
 from .figures import Figure

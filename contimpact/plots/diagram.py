@@ -24,13 +24,11 @@ from matplotlib.transforms import ScaledTranslation
 
 from ..bifurcations.registry import kind_of
 from ..errors import InputError, shown
-from ..records.branch import Branch
-from ..records.diagram import Diagram
-from ..records.entry import Entry
-from ..records.given import as_diagram
-from ..records.quantities import Quantity, numbers_of
-from ..records.vocabulary import NO_IMPACT, NO_WALL
-from ..records.vocabulary import WALLS as COLOURS
+from ..results.branch import Branch, Entry
+from ..results.diagram import Diagram
+from ..results.entry_conversion import as_diagram
+from ..results.quantities import NO_IMPACT, NO_WALL, Quantity, numbers_of
+from ..results.quantities import WALLS as COLOURS
 from ..storage.files import Content, write, write_all
 from ..systems.membrane import Membrane
 from .figures import Figure

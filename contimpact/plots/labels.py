@@ -18,7 +18,7 @@ from matplotlib.lines import Line2D
 from matplotlib.textpath import TextPath
 from matplotlib.transforms import ScaledTranslation
 
-from ..records.entry import Entry
+from ..results.branch import Entry
 from .texts import label_text
 
 CHOICES = ("all", "period-1", "real", "none")

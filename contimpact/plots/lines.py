@@ -8,10 +8,10 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ..arrays import Array
-from ..records.branch import STATUS, Branch
-from ..records.diagram import Diagram
-from ..records.quantities import Quantity, Series, series_of
-from ..records.tables import first_unknown
+from ..results.branch import STATUS, Branch
+from ..results.diagram import Diagram
+from ..results.quantities import Quantity, Series, series_of
+from ..results.tables import first_unknown
 from ..systems.membrane import Membrane
 
 STYLES: dict[str, Any] = {

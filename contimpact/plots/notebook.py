@@ -10,10 +10,9 @@ from ..display import PAINTERS
 from ..errors import InputError
 from ..orbits.orbit import Orbit
 from ..parameter_studies.study import Study
-from ..records.branch import Branch
-from ..records.curve import Curve
-from ..records.diagram import Diagram
-from ..records.entry import Entry
+from ..results.branch import Branch, Entry
+from ..results.curve import Curve
+from ..results.diagram import Diagram
 from .attractors import plot_sweep
 from .curves import plot_curves
 from .diagram import plot_diagram

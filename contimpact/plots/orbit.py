@@ -17,8 +17,8 @@ from ..errors import InputError
 from ..models.model import Model
 from ..orbits.orbit import Orbit
 from ..orbits.problem import positions
-from ..records.entry import Entry
-from ..records.given import as_orbit, named
+from ..results.branch import Entry
+from ..results.entry_conversion import as_orbit, named
 from .diagram import COLOURS, legend_mark, new_figure
 from .lines import STYLES
 from .portraits import INK, OTHERS, named_places

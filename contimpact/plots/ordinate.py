@@ -9,9 +9,9 @@ import numpy as np
 
 from ..arrays import Array
 from ..bifurcations.registry import kind_of
-from ..records.diagram import Diagram
-from ..records.entry import Entry
-from ..records.quantities import Quantity, Series
+from ..results.branch import Entry
+from ..results.diagram import Diagram
+from ..results.quantities import Quantity, Series
 from .lines import Piece
 from .texts import axis_label, plain
 

@@ -15,7 +15,7 @@ import numpy as np
 from ..attractors.attractor import Attractor, Kind
 from ..attractors.sweep import Row
 from ..orbits.orbit import Orbit
-from ..records.branch import Branch
+from ..results.branch import Branch
 from ..simulation.simulator import Simulator
 from . import diagram as style
 from .lines import STYLES

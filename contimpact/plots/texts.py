@@ -9,9 +9,8 @@ from typing import TYPE_CHECKING
 
 from ..bifurcations.registry import kind_of
 from ..errors import printable, shortened
-from ..records.branch import Branch
-from ..records.entry import Entry
-from ..records.vocabulary import GREEK, PI_BELOW, parts_of
+from ..results.branch import Branch, Entry
+from ..results.quantities import GREEK, PI_BELOW, parts_of
 
 if TYPE_CHECKING:
     from ..models.model import Model
@@ -131,6 +130,6 @@ def fixed_values(branches: Sequence[Branch]) -> dict[str, float]:
 
 def _class(name: str) -> type[Model] | None:
     """The class of a system that is installed or imported."""
-    from ..records.recovery import imported_system
+    from ..results.branch import imported_system
 
     return imported_system(name) if name else None

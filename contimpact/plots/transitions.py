@@ -17,9 +17,7 @@ from typing import Any
 from ..attractors.attractor import Attractor, Kind
 from ..attractors.sweep import Row, Sweep
 from ..errors import InputError
-from ..records.area import Area
-from ..records.competition import falling
-from ..records.curve import Check, Curve
+from ..results.curve import Area, Check, Curve, falling
 from .curves import plot_curves
 from .diagram import legend_mark
 from .texts import plain, symbol

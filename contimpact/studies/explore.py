@@ -31,11 +31,9 @@ from ..orbits.problem import Array, Linearisation, OrbitProblem
 from ..orbits.quiet import problem_of
 from ..orbits.search import SAME_ORBIT, Search, mirrored, rotated_to, shortest
 from ..progress import Asked, Progress, asked, counted
-from ..records.branch import Branch
-from ..records.diagram import Diagram
-from ..records.entry import Entry
-from ..records.limits import Limits
-from ..scenes.scene import Scene, load_scene, read_scene
+from ..results.branch import Branch, Entry
+from ..results.diagram import Diagram, Limits
+from ..results.scene import Scene, load_scene, read_scene
 from ..segments.kernels import Kernels
 from .counts import counts_of, evaluations_of
 from .openings import Birth, with_openings

@@ -7,8 +7,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 from ..continuation.branch import Event
-from ..records.branch import Branch
-from ..records.entry import Entry
+from ..results.branch import Branch, Entry
 
 
 @dataclass(frozen=True)

@@ -18,7 +18,7 @@ from ..orbits.orbit import Orbit
 from ..orbits.quiet import problem_of
 from ..orbits.search import Search, search, with_more
 from ..progress import Progress, silent
-from ..scenes.scene import Scene
+from ..results.scene import Scene
 from ..segments.kernels import Kernels
 
 if TYPE_CHECKING:

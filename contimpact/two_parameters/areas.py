@@ -17,9 +17,8 @@ import numpy as np
 
 from ..models.model import Model
 from ..progress import Progress
-from ..records.area import Area, Doubt, Ring, StableOrbit
-from ..records.curve import Curve
-from ..scenes.scene import Scene
+from ..results.curve import Area, Curve, Doubt, Ring, StableOrbit
+from ..results.scene import Scene
 from ..segments.kernels import Kernels
 from .arrangement import SAME, Slab, slabs
 from .frame import Frame, bounding

@@ -21,10 +21,10 @@ from ..models.model import Model
 from ..orbits.problem import Array
 from ..orbits.quiet import problem_of
 from ..orbits.search import repeats
-from ..records.curve import Codim2
-from ..records.entry import Entry
-from ..records.entry_conversion import details_of, entry_of
-from ..scenes.options import CURVE_SETTINGS
+from ..results.branch import Entry
+from ..results.curve import Codim2
+from ..results.entry_conversion import details_of, entry_of
+from ..results.options import CURVE_SETTINGS
 from ..segments.kernels import Kernels
 from .codim2_curves import orbit_at, there
 from .points import starts_at

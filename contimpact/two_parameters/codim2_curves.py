@@ -15,12 +15,11 @@ from ..models.model import Model
 from ..models.word import Word
 from ..orbits.problem import Array, Linearisation
 from ..orbits.quiet import problem_of
-from ..records.curve import Codim2, Curve
-from ..records.entry import Entry
-from ..records.entry_conversion import details_of
-from ..records.recovery import model_of
-from ..records.tables import coordinates
-from ..scenes.options import CURVE_SETTINGS
+from ..results.branch import Entry, model_of
+from ..results.curve import Codim2, Curve
+from ..results.entry_conversion import details_of
+from ..results.options import CURVE_SETTINGS
+from ..results.tables import coordinates
 from ..segments.kernels import Kernels
 from .curves import Range, admitted, checked_range, followed, tabulated
 from .points import double_of

@@ -25,9 +25,9 @@ from ..orbits.problem import Array
 from ..orbits.quiet import problem_of
 from ..orbits.search import solve_near
 from ..progress import Progress
-from ..records.curve import Coverage
-from ..records.entry import Entry
-from ..scenes.scene import Scene
+from ..results.branch import Entry
+from ..results.curve import Coverage
+from ..results.scene import Scene
 from ..segments.kernels import Kernels
 from .line_runs import across, at_value, crossing_runs, physical, run_on_line, switched_runs
 from .near_misses import Descents, NearMiss, near_misses

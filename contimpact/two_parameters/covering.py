@@ -9,11 +9,11 @@ from ..models.model import Model
 from ..models.word import Word
 from ..orbit_continuation.orbit_branch import Run
 from ..progress import Progress
-from ..records.branch import Branch
-from ..records.curve import Codim2, Coverage, Curve
-from ..records.entry import Entry
-from ..records.limits import Limits
-from ..scenes.scene import CurveOptions, Scene
+from ..results.branch import Branch, Entry
+from ..results.curve import Codim2, Coverage, Curve
+from ..results.diagram import Limits
+from ..results.options import CurveOptions
+from ..results.scene import Scene
 from ..segments.kernels import Kernels
 from .births import entries_born
 from .coverage import Lines

@@ -25,13 +25,11 @@ from ..errors import InputError
 from ..models.model import Model
 from ..orbits.problem import Array
 from ..progress import Asked, asked, both, counted
-from ..records.curve import Codim2, Curve
-from ..records.entry import Entry
-from ..records.entry_conversion import impacts_of
-from ..records.given import entry_first
-from ..records.recovery import model_of
-from ..records.tables import all_parameters, columns_of
-from ..scenes.options import CURVE_SETTINGS
+from ..results.branch import Entry, model_of
+from ..results.curve import Codim2, Curve
+from ..results.entry_conversion import entry_first, impacts_of
+from ..results.options import CURVE_SETTINGS
+from ..results.tables import all_parameters, columns_of
 from ..segments.kernels import Kernels
 from .curve_backend import backend_of
 from .filling import filled

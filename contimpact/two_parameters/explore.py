@@ -22,13 +22,11 @@ from ..orbits.problem import Array, OrbitProblem
 from ..orbits.quiet import problem_of
 from ..orbits.search import solve_near
 from ..progress import Progress, counted, silent
-from ..records.branch import Branch
-from ..records.competition import Region, falling, regions
-from ..records.curve import Check, CheckedOrbit, Coverage, Curve
-from ..records.diagram import Diagram
-from ..records.entry import Entry
-from ..records.limits import Limits
-from ..scenes.scene import CurveOptions, Scene
+from ..results.branch import Branch, Entry
+from ..results.curve import Check, CheckedOrbit, Coverage, Curve, Region, falling, regions
+from ..results.diagram import Diagram, Limits
+from ..results.options import CurveOptions
+from ..results.scene import Scene
 from ..segments.kernels import Kernels
 from .codim2_curves import follow_codim2, on_curve
 from .covering import Covering

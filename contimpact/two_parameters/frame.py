@@ -9,9 +9,8 @@ import numpy as np
 
 from ..bifurcations.declarations import REQUESTED
 from ..models.word import is_rotation
-from ..records.competition import falling, ghostly
-from ..records.curve import Curve
-from ..scenes.scene import Scene
+from ..results.curve import Curve, falling, ghostly
+from ..results.scene import Scene
 from .arrangement import Path
 
 

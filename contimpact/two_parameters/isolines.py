@@ -18,10 +18,10 @@ from ..models.word import Word
 from ..orbits.orbit import Orbit
 from ..orbits.problem import Array, Linearisation, OrbitProblem, rounding
 from ..orbits.quiet import problem_of
-from ..records.curve import Curve
-from ..records.entry import Entry
-from ..records.given import as_orbit
-from ..scenes.options import CURVE_SETTINGS
+from ..results.branch import Entry
+from ..results.curve import Curve
+from ..results.entry_conversion import as_orbit
+from ..results.options import CURVE_SETTINGS
 from ..segments.kernels import Kernels
 from .curves import Range, checked_range, followed, tabulated
 from .points import differenced, sizes_of

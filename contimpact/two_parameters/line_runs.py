@@ -17,7 +17,7 @@ from ..orbits.physicality import PHYSICAL
 from ..orbits.problem import Array, OrbitProblem, Summary
 from ..orbits.quiet import problem_of
 from ..orbits.search import rotated_to, search_for, shortest, solve_near
-from ..scenes.scene import Scene
+from ..results.scene import Scene
 from .runs import tests_of
 
 AT_ONE_VALUE = 32

@@ -9,9 +9,9 @@ import time
 import numpy as np
 
 from ..progress import Progress, silent
-from ..records.area import Area
-from ..records.diagram import Diagram
-from ..scenes.scene import Scene
+from ..results.curve import Area
+from ..results.diagram import Diagram
+from ..results.scene import Scene
 from ..segments.kernels import Kernels
 from .areas import divide
 from .explore import with_curves

@@ -11,11 +11,10 @@ from ..bifurcations.doubling import PD
 from ..bifurcations.grazing import G
 from ..models.model import Model
 from ..orbit_continuation.born import continue_born
-from ..records.branch import Branch
-from ..records.diagram import Diagram
-from ..records.diagram_reading import read
-from ..records.entry import Entry
-from ..scenes.scene import Scene
+from ..results.branch import Branch, Entry
+from ..results.diagram import Diagram
+from ..results.diagram_reading import read
+from ..results.scene import Scene
 
 DEPTH = 2
 """How many period doublings one after another are followed."""
@@ -37,7 +36,7 @@ def mechanisms(branch: Branch, end: Entry, scene: Scene, model: Model) -> list[i
     Returns
     -------
     list of int
-        Of 1 to 4, as in `records.diagram_reading`; empty where nothing is decided.
+        Of 1 to 4, as in `results.diagram_reading`; empty where nothing is decided.
     """
     grazings = _grazings(branch, end)
     if not grazings:

@@ -16,9 +16,8 @@ from ..continuation.branch import Details
 from ..errors import InputError, shown
 from ..models.model import Model
 from ..orbits.problem import Array, Linearisation, OrbitProblem
-from ..records.entry import Entry
-from ..records.entry_conversion import details_of
-from ..records.recovery import orbit_of
+from ..results.branch import Entry, orbit_of
+from ..results.entry_conversion import details_of
 from ..segments.kernels import Kernels
 
 

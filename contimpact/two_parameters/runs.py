@@ -24,14 +24,11 @@ from ..orbits.orbit import Orbit
 from ..orbits.problem import Array, OrbitProblem
 from ..orbits.quiet import problem_of
 from ..orbits.search import find_orbits, rotated_to
-from ..records.branch import Branch
-from ..records.competition import BIRTHS
-from ..records.curve import Curve
-from ..records.entry import Entry
-from ..records.entry_conversion import details_of
-from ..records.recovery import orbit_of
-from ..records.tables import columns_of
-from ..scenes.scene import Scene
+from ..results.branch import Branch, Entry, orbit_of
+from ..results.curve import BIRTHS, Curve
+from ..results.entry_conversion import details_of
+from ..results.scene import Scene
+from ..results.tables import columns_of
 from ..segments.kernels import Kernels
 from .problem import system_of
 

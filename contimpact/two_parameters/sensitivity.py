@@ -7,8 +7,7 @@ import numpy as np
 from ..errors import InputError
 from ..models.model import Model
 from ..orbits.orbit import Orbit
-from ..records.entry import Entry
-from ..records.recovery import model_of
+from ..results.branch import Entry, model_of
 from ..segments.kernels import Kernels
 from .problem import curve_problem, require_curve
 

@@ -13,11 +13,10 @@ from ..models.model import Model
 from ..models.word import Word
 from ..orbits.orbit import Orbit
 from ..orbits.quiet import problem_of
-from ..records.area import StableOrbit
-from ..records.branch import Branch
-from ..records.diagram_reading import stable_intervals
-from ..records.entry import Entry
-from ..scenes.scene import Scene
+from ..results.branch import Branch, Entry
+from ..results.curve import StableOrbit
+from ..results.diagram_reading import stable_intervals
+from ..results.scene import Scene
 from ..segments.kernels import Kernels
 from .frame import Frame
 from .runs import run_along

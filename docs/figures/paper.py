@@ -17,7 +17,7 @@ from matplotlib.figure import Figure
 
 import contimpact as ci
 from contimpact.parameter_studies.executors import processes
-from contimpact.records.vocabulary import WALLS
+from contimpact.results.quantities import WALLS
 
 HERE = Path(__file__).parent
 SCENES = HERE.parents[1] / "branches"

@@ -24,7 +24,7 @@ from contimpact.errors import InputError
 from contimpact.orbit_continuation.orbit_walks import walk_orbits
 from contimpact.orbits.search import find_orbits
 from contimpact.plots.report import plot_report
-from contimpact.scenes.scene import load_scene, read_scene
+from contimpact.results.scene import load_scene, read_scene
 from contimpact.segments.kernels import Kernels
 from contimpact.studies.explore import follow
 from contimpact.systems.oscillator import Oscillator

@@ -12,7 +12,7 @@ from zoo import ROOT
 
 import contimpact as ci
 from contimpact.attractors.attractor import Kind
-from contimpact.scenes.simulate_tables import Settling
+from contimpact.results.simulate_tables import Settling
 
 QUICK = Settling(transient=20, periods=200, impacts=400)
 

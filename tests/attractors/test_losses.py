@@ -15,8 +15,8 @@ from contimpact.attractors.simulation import simulate
 from contimpact.attractors.verdict import settle
 from contimpact.cli import main
 from contimpact.orbits.search import find_orbits
-from contimpact.records.result_folder import held, renewed
-from contimpact.scenes.scene import read_scene
+from contimpact.results.result_folder import held, renewed
+from contimpact.results.scene import read_scene
 from contimpact.segments.kernels import Kernels
 from contimpact.simulation.simulator import Simulator
 from contimpact.systems.coupled_by_impact import CoupledByImpact

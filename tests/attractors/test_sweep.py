@@ -15,7 +15,7 @@ from contimpact.attractors.cycles_of_one import AROUND_ONE
 from contimpact.attractors.sweep import Row, Simulators, find_attractors, same, sweep, sweep_rows
 from contimpact.attractors.verdict import settle
 from contimpact.orbits.search import find_orbits
-from contimpact.scenes.simulate_tables import SETTLING, Settling
+from contimpact.results.simulate_tables import SETTLING, Settling
 from contimpact.simulation.run import State
 from contimpact.simulation.simulator import Simulator
 

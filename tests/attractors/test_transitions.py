@@ -21,8 +21,8 @@ from contimpact.attractors.transitions import (
     name,
 )
 from contimpact.orbits.search import find_orbits
-from contimpact.scenes.scene import read_scene
-from contimpact.scenes.simulate_tables import Settling
+from contimpact.results.scene import read_scene
+from contimpact.results.simulate_tables import Settling
 from contimpact.simulation.run import State
 from contimpact.studies.explore import follow
 from contimpact.systems.impact_pair import ImpactPair

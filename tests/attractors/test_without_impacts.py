@@ -19,7 +19,7 @@ from contimpact.attractors.transitions import find_transitions
 from contimpact.attractors.verdict import settle_again
 from contimpact.models.linear import Linear
 from contimpact.models.model import Guard, Mode
-from contimpact.records.diagram import Diagram
+from contimpact.results.diagram import Diagram
 from contimpact.systems.soft_stop import SoftStop
 
 VALUES = {"a": 1.0, "w": 2.0, "c": 0.3, "k": 1.0, "e": 0.5, "P": 4.0, "kb": 5.0}

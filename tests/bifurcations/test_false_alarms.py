@@ -7,7 +7,7 @@ from contimpact.models.word import Word
 from contimpact.orbit_continuation.orbit_branch import continue_orbit
 from contimpact.orbits.quiet import problem_of
 from contimpact.orbits.search import find_orbits, orbit_at
-from contimpact.scenes.scene import read_scene
+from contimpact.results.scene import read_scene
 from contimpact.segments.kernels import Kernels
 from contimpact.systems.oscillator import Oscillator
 from contimpact.systems.two_masses import TwoMasses

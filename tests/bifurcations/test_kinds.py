@@ -18,8 +18,8 @@ from contimpact.bifurcations.extended_system import Crossing, SingularCycle
 from contimpact.bifurcations.kind import Kind
 from contimpact.bifurcations.registry import kind_of
 from contimpact.bifurcations.torus import SingularPair
-from contimpact.records.diagram import Diagram
-from contimpact.records.entry_conversion import event_of
+from contimpact.results.diagram import Diagram
+from contimpact.results.entry_conversion import event_of
 
 
 @pytest.mark.parametrize("declared", DECLARED, ids=lambda declared: declared.name)

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from contimpact import continue_orbit, find_orbits
-from contimpact.scenes.scene import read_scene
+from contimpact.results.scene import read_scene
 
 LAW = "a*cos(w*t) - x - 2*z*v"
 FRICTION = {

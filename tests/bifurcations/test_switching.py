@@ -16,7 +16,7 @@ from contimpact.errors import InputError
 from contimpact.orbit_continuation.born import continue_born
 from contimpact.orbit_continuation.orbit_branch import both_ways, continue_orbit
 from contimpact.orbits.search import find_orbits
-from contimpact.records.branch import Branch
+from contimpact.results.branch import Branch
 from contimpact.studies.explore import follow
 from contimpact.systems.impact_pair import ImpactPair
 
@@ -245,7 +245,7 @@ def test_continue_born_follows_from_an_entry(fig7):
 
 @pytest.mark.full
 def test_twice_gives_the_same_catalogue():
-    from contimpact.records.catalogue import catalogue_text
+    from contimpact.results.catalogue import catalogue_text
 
     assert catalogue_text(follow(scene())) == catalogue_text(follow(scene()))
 

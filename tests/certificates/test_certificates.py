@@ -12,8 +12,8 @@ from zoo import ROOT, harmonic_pair, scene
 import contimpact
 from contimpact import InputError, certify, continue_orbit, find_orbits, load_scene
 from contimpact.cli import main
-from contimpact.records.catalogue import write_diagram
-from contimpact.scenes.options import CertifyOptions
+from contimpact.results.catalogue import write_diagram
+from contimpact.results.options import CertifyOptions
 from contimpact.studies.explore import follow
 
 flint = pytest.importorskip("flint", reason="needs contimpact[certify]")
@@ -76,8 +76,8 @@ def test_the_branch_is_complete(proven):
 def test_certified_values_are_those_of_thirty_digits(diagram, proven):
     """Another arithmetic, and another method."""
     from contimpact.accuracy.reference import Reference
-    from contimpact.records.entry_conversion import details_of
-    from contimpact.records.recovery import orbit_of
+    from contimpact.results.branch import orbit_of
+    from contimpact.results.entry_conversion import details_of
 
     for entry, c in zip(diagram.entries, proven.entries, strict=True):
         orbit = orbit_of(entry)

@@ -15,7 +15,7 @@ from contimpact.models.word import Word
 from contimpact.orbits.orbit import Orbit
 from contimpact.orbits.problem import OrbitProblem
 from contimpact.orbits.search import solve_near
-from contimpact.records.catalogue import load_entries
+from contimpact.results.catalogue import load_entries
 from contimpact.segments.kernels import Kernels
 from contimpact.systems.belt import Belt
 

@@ -17,9 +17,9 @@ from zoo import ROOT
 import contimpact
 from contimpact import certify, continue_orbit, find_orbits, load_entries, load_scene
 from contimpact.models.word import Word
-from contimpact.records.catalogue import write_diagram
-from contimpact.scenes.options import CertifyOptions
-from contimpact.scenes.scene import read_scene
+from contimpact.results.catalogue import write_diagram
+from contimpact.results.options import CertifyOptions
+from contimpact.results.scene import read_scene
 from contimpact.studies.explore import follow
 from contimpact.systems.oscillator import Oscillator
 

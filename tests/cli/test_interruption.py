@@ -11,7 +11,7 @@ from contimpact import continue_born, continue_orbit, find_orbits, follow, follo
 from contimpact.continuation.ends import EndKind
 from contimpact.continuation.settings import Settings
 from contimpact.orbit_continuation.orbit_branch import Run
-from contimpact.records.diagram_reading import read
+from contimpact.results.diagram_reading import read
 
 RANGE = (0.3, 0.4)
 FINE = Settings(step=1e-3, max_step=1e-3)

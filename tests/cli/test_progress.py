@@ -17,7 +17,7 @@ import pytest
 from contimpact import load_diagram
 from contimpact import telling as progress
 from contimpact.cli import main
-from contimpact.records.result_folder import MARK
+from contimpact.results.result_folder import MARK
 from contimpact.telling import Teller, telling
 
 SCENE = """
@@ -341,7 +341,7 @@ def test_an_interruption_while_drawing_leaves_at_once(run, scene, tmp_path, monk
 def test_an_impatient_user_still_gets_the_manifest(run, scene, tmp_path, monkeypatch):
     """Interruptions after the first, at any moment of the writing, spoil nothing."""
     from contimpact.plots import diagram
-    from contimpact.records import result_folder
+    from contimpact.results import result_folder
 
     put = result_folder.write_all
 

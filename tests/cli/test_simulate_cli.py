@@ -15,7 +15,7 @@ from zoo import SMALL
 from contimpact import cli
 from contimpact.attractors import simulation
 from contimpact.errors import InputError
-from contimpact.scenes.scene import read_scene
+from contimpact.results.scene import read_scene
 
 SCENE = SMALL.replace('["PD", "G"]', '["FB", "PD", "G"]')
 SCENE += """[plot]

@@ -14,9 +14,8 @@ from mutations import SCENE, SIMULATE, sealed, written
 
 from contimpact.cli import main, say
 from contimpact.errors import InputError
-from contimpact.records.catalogue import load_diagram, write_diagram
-from contimpact.records.entry import Entry
-from contimpact.records.loading import entry_of, read_branch
+from contimpact.results.branch import Entry
+from contimpact.results.catalogue import entry_of, load_diagram, read_branch, write_diagram
 from contimpact.storage.texts import csv_text, json_line, json_text, made, markdown_cell, original
 
 ESCAPE = "\x1b]0;title\x07\x1b[31m\x9b\u202e\0"

@@ -10,9 +10,8 @@ import pytest
 from mutations import SCENE, written
 
 from contimpact.cli import main
-from contimpact.records.catalogue import branch_text, load_diagram
-from contimpact.records.diagram import Diagram
-from contimpact.records.loading import BLOCK, read_branch
+from contimpact.results.catalogue import BLOCK, branch_text, load_diagram, read_branch
+from contimpact.results.diagram import Diagram
 
 ROWS = 20 * BLOCK + 7
 

@@ -18,7 +18,7 @@ from contimpact.models.machine import row_of
 from contimpact.models.symbolic import fourier_series
 from contimpact.models.symbols import exact, whole
 from contimpact.orbits.search import find_orbits
-from contimpact.scenes.scene import read_scene
+from contimpact.results.scene import read_scene
 from contimpact.segments.arithmetic import kernel_of
 from contimpact.segments.codegen import KernelWriter, Printer
 

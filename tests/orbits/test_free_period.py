@@ -19,7 +19,7 @@ from contimpact.models.model import Formulas
 from contimpact.models.word import Word, parse_word
 from contimpact.orbits.quiet import problem_of
 from contimpact.orbits.search import orbit_at
-from contimpact.records.entry_conversion import details_of
+from contimpact.results.entry_conversion import details_of
 from contimpact.segments.kernels import Kernels
 from contimpact.systems.belt import Belt
 from contimpact.systems.duffing import Duffing

@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 
 from contimpact.continuation.ends import EndKind
 from contimpact.errors import InputError
-from contimpact.scenes.scene import read_scene
+from contimpact.results.scene import read_scene
 from contimpact.studies.explore import follow
 
 MODEST = settings(

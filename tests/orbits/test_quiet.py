@@ -16,8 +16,8 @@ from contimpact.orbit_continuation.orbit_branch import continue_orbit
 from contimpact.orbits import quiet as module
 from contimpact.orbits.quiet import QuietProblem
 from contimpact.orbits.search import find_orbits
-from contimpact.records.catalogue import load_diagram, write_diagram
-from contimpact.scenes.scene import read_scene
+from contimpact.results.catalogue import load_diagram, write_diagram
+from contimpact.results.scene import read_scene
 from contimpact.segments.flight import chebyshev_zeros
 from contimpact.segments.kernels import Kernels
 from contimpact.studies.explore import follow

@@ -6,8 +6,8 @@ import dataclasses
 
 import pytest
 
-from contimpact.records.area import Area, Doubt, StableOrbit
-from contimpact.scenes.scene import read_scene
+from contimpact.results.curve import Area, Doubt, StableOrbit
+from contimpact.results.scene import read_scene
 from contimpact.studies.explore import follow
 from contimpact.two_parameters.curves import follow_curve
 

@@ -27,7 +27,7 @@ from contimpact.attractors.sweep import sweep
 from contimpact.page.data import Shown
 from contimpact.page.document import FOLDER, LIBRARY, page_text
 from contimpact.page.swept import read_sweep
-from contimpact.scenes.scene import read_scene
+from contimpact.results.scene import read_scene
 from contimpact.studies.explore import follow
 
 webdriver = pytest.importorskip("selenium.webdriver", reason="pip install contimpact[browser]")

@@ -17,9 +17,9 @@ from contimpact.page import tracks
 from contimpact.page.data import Shown, page_data
 from contimpact.page.packing import packed, script_json
 from contimpact.page.swept import read_sweep
-from contimpact.records.branch import Branch
-from contimpact.records.diagram import Diagram
-from contimpact.scenes.scene import read_scene
+from contimpact.results.branch import Branch
+from contimpact.results.diagram import Diagram
+from contimpact.results.scene import read_scene
 
 TYPES = {"f8": "<f8", "f4": "<f4", "u4": "<u4", "u1": "u1"}
 

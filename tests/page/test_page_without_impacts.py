@@ -2,7 +2,7 @@
 
 from contimpact import Oscillator, continue_orbit, find_orbits
 from contimpact.page.data import Shown, page_data
-from contimpact.records.diagram import Diagram
+from contimpact.results.diagram import Diagram
 
 
 def test_orbits_without_impacts_have_no_flights():

@@ -30,7 +30,7 @@ from contimpact.parameter_studies.store import Store
 from contimpact.parameter_studies.study import Study
 from contimpact.parameter_studies.study_file import read_study
 from contimpact.parameter_studies.worker import Task, compute
-from contimpact.records.catalogue import branch_text, catalogue_text, curve_text
+from contimpact.results.catalogue import branch_text, catalogue_text, curve_text
 
 
 @pytest.fixture

@@ -25,8 +25,8 @@ from contimpact.bifurcations.registry import kind_of
 from contimpact.plots import ordinate
 from contimpact.plots.diagram import COLOURS, STYLES, save_diagram
 from contimpact.plots.texts import label_text
-from contimpact.records.diagram import Diagram
-from contimpact.records.vocabulary import NO_WALL
+from contimpact.results.diagram import Diagram
+from contimpact.results.quantities import NO_WALL
 
 BRANCHES = ROOT / "branches"
 MARKERS = {name: kind_of(name).look.marker for name in KINDS}

@@ -17,8 +17,8 @@ from contimpact.attractors.verdict import settle
 from contimpact.plots import attractors as pictures
 from contimpact.plots.diagram import STYLES, WIDTHS
 from contimpact.plots.portraits import others_at, plot_portrait, portrait_figure
-from contimpact.scenes.scene import read_scene
-from contimpact.scenes.simulate_tables import Settling
+from contimpact.results.scene import read_scene
+from contimpact.results.simulate_tables import Settling
 from contimpact.simulation.run import State
 from contimpact.studies.explore import follow
 

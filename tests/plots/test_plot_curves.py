@@ -16,11 +16,9 @@ from contimpact.bifurcations.registry import kind_of
 from contimpact.continuation.ends import End, EndKind
 from contimpact.errors import InputError
 from contimpact.plots.curves import save_curves
-from contimpact.records.area import Area, StableOrbit
-from contimpact.records.catalogue import catalogue_text
-from contimpact.records.competition import regions
-from contimpact.records.curve import Curve
-from contimpact.records.diagram import Diagram
+from contimpact.results.catalogue import catalogue_text
+from contimpact.results.curve import Area, Curve, StableOrbit, regions
+from contimpact.results.diagram import Diagram
 
 UNITS = {"s": "m", "A": "N", "d": "dimensionless", "a": "kg"}
 END = End(EndKind.RANGE, 1.0, "")

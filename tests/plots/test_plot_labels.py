@@ -17,8 +17,8 @@ from zoo import ROOT
 from contimpact import InputError, follow, plot_diagram, read_scene
 from contimpact.plots import labels as placing
 from contimpact.plots.texts import fixed_values, symbol, units_of, value_text, values_text
-from contimpact.records.diagram import Diagram
-from contimpact.scenes.options import LABELS
+from contimpact.results.diagram import Diagram
+from contimpact.results.options import LABELS
 
 SCENE = ROOT / "branches" / "fig7" / "scene.toml"
 

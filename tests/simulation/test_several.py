@@ -19,8 +19,8 @@ from contimpact.attractors.sweep import same, sweep
 from contimpact.attractors.verdict import settle
 from contimpact.errors import InputError
 from contimpact.orbits.search import find_orbits
-from contimpact.scenes.scene import read_scene
-from contimpact.scenes.simulate_tables import Settling
+from contimpact.results.scene import read_scene
+from contimpact.results.simulate_tables import Settling
 from contimpact.simulation.linearised import _of_linear_law, _of_segment
 from contimpact.simulation.lyapunov import exponents
 from contimpact.simulation.run import State

@@ -20,7 +20,7 @@ import pytest
 from contimpact import load_diagram
 from contimpact.cli import main
 from contimpact.errors import InputError
-from contimpact.records.result_folder import MARK, ROWS
+from contimpact.results.result_folder import MARK, ROWS
 from contimpact.storage.files import LOCK
 
 pytestmark = pytest.mark.skipif(os.name != "posix", reason="POSIX signals")

@@ -19,8 +19,8 @@ from contimpact import (
     write_diagram,
 )
 from contimpact.orbits.search import Search
-from contimpact.records.diagram import Diagram
-from contimpact.records.diagram_reading import read
+from contimpact.results.diagram import Diagram
+from contimpact.results.diagram_reading import read
 from contimpact.studies import starting_orbits
 
 FIG7 = ROOT / "branches" / "fig7" / "scene.toml"

@@ -8,8 +8,8 @@ import pytest
 from zoo import ROOT
 
 from contimpact.accuracy.reference import Reference
-from contimpact.records.entry_conversion import event_of
-from contimpact.scenes.scene import load_scene
+from contimpact.results.entry_conversion import event_of
+from contimpact.results.scene import load_scene
 from contimpact.segments.kernels import Kernels
 from contimpact.studies.explore import follow
 

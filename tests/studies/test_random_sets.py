@@ -21,7 +21,7 @@ from contimpact.errors import InputError
 from contimpact.models.word import parse_word
 from contimpact.orbit_continuation.orbit_branch import both_ways
 from contimpact.orbits.search import repeats, solve_near
-from contimpact.scenes.scene import read_scene
+from contimpact.results.scene import read_scene
 from contimpact.studies.explore import follow
 
 ONCE = ("B", "T", "BB", "BT", "TT", "BBB", "BBT", "BTT", "TTT")

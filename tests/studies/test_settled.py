@@ -9,8 +9,8 @@ from contimpact.attractors.sweep import find_attractors
 from contimpact.models.word import Word
 from contimpact.orbits import search
 from contimpact.orbits.quiet import problem_of
-from contimpact.scenes.scene import read_scene
-from contimpact.scenes.simulate_tables import Settling
+from contimpact.results.scene import read_scene
+from contimpact.results.simulate_tables import Settling
 from contimpact.segments.kernels import Kernels
 from contimpact.simulation.simulator import Simulator
 from contimpact.studies.explore import follow

@@ -17,7 +17,7 @@ from contimpact.models.model import COLUMNS, Formulas, Model, Parameter, Wall
 from contimpact.models.symbolic import harmonic_means
 from contimpact.orbit_continuation.orbit_branch import continue_orbit
 from contimpact.orbits.search import find_orbits
-from contimpact.records.entry import FLAT as EVENT_COLUMNS
+from contimpact.results.branch import FLAT as EVENT_COLUMNS
 from contimpact.segments.kernels import Kernels
 
 R, OMEGA, G = 0.5, 50.0, 9.8

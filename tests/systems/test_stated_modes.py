@@ -18,7 +18,7 @@ from scipy.optimize import brentq, fsolve
 import contimpact as ci
 from contimpact.errors import InputError
 from contimpact.models.stated_modes import StatedMode
-from contimpact.scenes.scene import read_scene
+from contimpact.results.scene import read_scene
 from contimpact.segments.checking import check_model
 
 BRANCHES = Path(__file__).parents[2] / "branches"

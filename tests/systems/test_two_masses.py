@@ -16,7 +16,7 @@ from contimpact.continuation.ends import EndKind
 from contimpact.continuation.settings import Settings
 from contimpact.orbit_continuation.orbit_branch import both_ways, continue_orbit
 from contimpact.orbits.search import find_orbits
-from contimpact.records.entry_conversion import impacts_of
+from contimpact.results.entry_conversion import impacts_of
 from contimpact.segments.arithmetic import evaluate_in
 from contimpact.segments.bounded import many_digits
 from contimpact.segments.layout import flat

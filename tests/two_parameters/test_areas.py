@@ -12,8 +12,8 @@ import pytest
 from zoo import scene
 
 import contimpact as ci
-from contimpact.records.area import StableOrbit
-from contimpact.records.catalogue import catalogue_text, load_diagram, write_diagram
+from contimpact.results.catalogue import catalogue_text, load_diagram, write_diagram
+from contimpact.results.curve import StableOrbit
 from contimpact.segments.kernels import Kernels
 from contimpact.studies.explore import follow
 from contimpact.two_parameters.areas import agree

@@ -7,7 +7,7 @@ import itertools
 import numpy as np
 import pytest
 
-from contimpact.records.area import Area
+from contimpact.results.curve import Area
 from contimpact.two_parameters.arrangement import Path, slabs
 from contimpact.two_parameters.outlines import CHORD, outlines
 

@@ -11,8 +11,8 @@ import pytest
 from contimpact.bifurcations.codimension_two import twice
 from contimpact.orbit_continuation.orbit_branch import continue_orbit
 from contimpact.orbits.search import find_orbits
-from contimpact.records.recovery import orbit_of
-from contimpact.scenes.options import CURVE_SETTINGS
+from contimpact.results.branch import orbit_of
+from contimpact.results.options import CURVE_SETTINGS
 from contimpact.segments.kernels import Kernels
 from contimpact.systems.impact_damper import ImpactDamper
 from contimpact.systems.impact_pair import ImpactPair

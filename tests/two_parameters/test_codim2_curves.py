@@ -16,7 +16,7 @@ from contimpact.models.word import Word
 from contimpact.orbit_continuation.orbit_branch import continue_orbit
 from contimpact.orbits.problem import OrbitProblem
 from contimpact.orbits.search import find_orbits
-from contimpact.records.catalogue import load_diagram, write_diagram
+from contimpact.results.catalogue import load_diagram, write_diagram
 from contimpact.segments.kernels import Kernels
 from contimpact.studies.explore import follow
 from contimpact.systems.impact_pair import ImpactPair

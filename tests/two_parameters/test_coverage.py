@@ -11,7 +11,7 @@ from zoo import scene
 
 from contimpact.errors import InputError
 from contimpact.page.data import remarks_in
-from contimpact.records.catalogue import load_diagram, write_diagram
+from contimpact.results.catalogue import load_diagram, write_diagram
 from contimpact.segments.kernels import Kernels
 from contimpact.studies.explore import follow
 from contimpact.two_parameters.runs import passes, run_along

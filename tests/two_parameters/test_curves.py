@@ -13,10 +13,9 @@ from zoo import ROOT
 from contimpact.errors import InputError
 from contimpact.orbit_continuation.orbit_branch import continue_orbit
 from contimpact.orbits.search import find_orbits
-from contimpact.records.catalogue import load_diagram, load_entries, write_diagram
-from contimpact.records.competition import real_heights, regions
-from contimpact.records.curve import CheckedOrbit
-from contimpact.scenes.scene import read_scene
+from contimpact.results.catalogue import load_diagram, load_entries, write_diagram
+from contimpact.results.curve import CheckedOrbit, real_heights, regions
+from contimpact.results.scene import read_scene
 from contimpact.studies.explore import follow
 from contimpact.systems.impact_pair import ImpactPair
 from contimpact.systems.oscillator import Oscillator

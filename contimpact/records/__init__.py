@@ -1,1 +1,0 @@
-"""Results as data: tables, entries, catalogues, and the folders that hold them."""

@@ -1,0 +1,1 @@
+"""What is asked and what is found, as data and as files: scenes, branches, diagrams, catalogues."""

@@ -1,0 +1,661 @@
+"""Entries of events and branches of orbits as data, and orbits recovered from them."""
+
+from __future__ import annotations
+
+import operator
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any, overload
+
+import numpy as np
+
+from ..arrays import Array
+from ..bifurcations.requested import PERIOD
+from ..continuation.branch import at_one_place
+from ..continuation.ends import End, EndKind
+from ..display import Shown, Summary, frame, in_lines
+from ..errors import InputError, printable, shown
+from ..models.model import Model
+from ..models.word import Word
+from ..orbits.orbit import Orbit
+from ..orbits.problem import OrbitProblem
+from ..orbits.quiet import problem_of
+from ..orbits.search import find_orbits
+from ..segments.kernels import Kernels
+from ..systems import installed
+from .tables import (
+    columns_of,
+    coordinates,
+    first_unknown,
+    kinds_of,
+    named_by_id,
+    named_by_kind,
+    same_data,
+)
+
+# From recorded numbers back to orbits: rows of tables, entries of catalogues, their files.
+#
+# A record holds the system's name, its options and all parameters, the word and its impacts. With
+# the
+# system's formulas that is an orbit again; that it solves them is checked.
+
+SOLVED = 1e-6
+"""A larger residual belongs to another model."""
+
+
+def orbit_of(entry: Entry, model: Model | None = None, kernels: Kernels | None = None) -> Orbit:
+    """Return the orbit a catalogue entry records.
+
+    Parameters
+    ----------
+    entry : Entry
+    model : Model, optional
+        The system; parameter values are taken from the entry. By default the one it names.
+    kernels : Kernels, optional
+        Of the model, with the entry's parameter free, and perhaps a second one.
+
+    Raises
+    ------
+    InputError
+        If the entry is damaged, or of another model.
+    """
+    at = model_of(entry, model)
+    kernels = kernels or Kernels(at, entry.parameter)
+    if not entry.word:
+        return _without_impacts(entry, at, kernels)
+    problem = problem_of(at, Word(entry.word, entry.period), kernels)
+    names = ["time", "velocity", *coordinates(problem.m)[2:]]
+    whole = [impact for impact in entry.impacts if set(names) <= set(impact)]
+    if len(whole) != len(entry.word):
+        found = f"{len(whole)} impacts of the word {entry.word!r}"
+        raise InputError("entry", found, "give an entry as a catalogue records it")
+    rows = np.array([[impact[name] for name in names] for impact in whole])
+    return _solved(problem, _closing(problem, rows, entry.orbit_period, "entry"), "entry")
+
+
+def orbit_at(branch: Branch, place: int | str, model: Model | None = None) -> Orbit:
+    """Return the orbit of a row of a branch; see `Branch.orbit`."""
+    where = f"branch {branch.id}"
+    if isinstance(place, str):
+        return orbit_of(event_of_branch(branch, place), model)
+    row = _row(branch, place, where)
+    at = model_at(branch, row, model)
+    problem = problem_of(at, Word(branch.word, branch.period), Kernels(at, branch.parameter))
+    unknowns = [branch[name][row] for name in columns_of(branch.word, problem.m)]
+    rows = np.reshape(unknowns, (-1, problem.m))
+    period = branch[PERIOD][row] if PERIOD in branch.columns else None
+    return _solved(problem, _closing(problem, rows, period, where), where)
+
+
+def _closing(problem: OrbitProblem, rows: Array, period: float | None, where: str) -> Array:
+    """The impacts of a record in the clock of the unknowns."""
+    if not problem.autonomous:
+        return rows
+    if period is None:
+        raise InputError(where, "it has no period", "give what a catalogue records")
+    if not problem.word.walls:  # it stands in the place of a velocity that is zero
+        rows[0, 1] = period
+        return rows
+    return problem.placed(rows, period)
+
+
+def _without_impacts(entry: Entry, at: Model, kernels: Kernels) -> Orbit:
+    """The orbit of the word `0` that has an entry's multipliers: there are no impacts to go by."""
+    found = find_orbits(at, Word("", entry.period), kernels=kernels)
+    if not found:
+        accepted = "give the model it was computed with"
+        raise InputError("entry", "no orbit without impacts was found", accepted)
+    told = np.array([np.inf if pair is None else complex(*pair) for pair in entry.multipliers])
+    return min(found, key=lambda orbit: float(np.max(np.abs(orbit.multipliers - told))))
+
+
+def event_of_branch(branch: Branch, name: str) -> Entry:
+    """The event of a name on a branch."""
+    found = named_by_id(branch.events, name) or named_by_kind(branch.events, name)
+    if found is None:
+        known = ", ".join(entry.id for entry in branch.events) or "none"
+        known += kinds_of(branch.events, name)
+        raise InputError(f"branch {branch.id}", f"no event {name!r}", f"its events are {known}")
+    return found
+
+
+def _row(branch: Branch, place: int, where: str) -> int:
+    """The number of a row, counted from the end if it is negative."""
+    accepted = f"give a row from 0 to {len(branch) - 1}, or the name of an event"
+    try:
+        row = operator.index(place)
+    except TypeError:
+        raise InputError(where, f"found {shown(place)}", accepted) from None
+    if not -len(branch) <= row < len(branch):
+        raise InputError(where, f"no row {row}", accepted)
+    return row
+
+
+def _solved(problem: OrbitProblem, rows: Array, where: str) -> Orbit:
+    """The orbit of these impacts at the model's parameters, if it solves the equations."""
+    free = [problem.model.values[name] for name in problem.kernels.parameters]
+    here = problem.evaluate(np.append(rows.ravel(), free))
+    if not here.largest_residual < SOLVED:
+        found = f"it is no orbit of this model (residual {here.largest_residual:.2g})"
+        raise InputError(where, found, "give the model it was computed with")
+    return Orbit(problem, here)
+
+
+def orbit_with(model: Model, word: tuple[str, int], parameter: str, unknowns: Array) -> Orbit:
+    """Return the orbit of a word, its walls and its period, that has these unknowns."""
+    problem = problem_of(model, Word(*word), Kernels(model, parameter))
+    if len(unknowns) != problem.n + 1:
+        found = f"{len(unknowns)} unknowns of the word {problem.word}"
+        raise InputError("orbit", found, f"give {problem.n + 1}")
+    return _solved(problem, unknowns[:-1].reshape(-1, problem.m), "orbit")
+
+
+# The system of a record.
+
+
+def named_model(record: Mapping[str, Any], given: Model | None = None) -> Model:
+    """Return the given model, or the one a record names, at the record's parameter values."""
+    options, parameters = dict(record["options"]), dict(record["parameters"])
+    return _model(str(record["system"]), options, parameters, given, "the file")
+
+
+def model_of(entry: Entry, given: Model | None = None) -> Model:
+    """Return the given model, or the one an entry names, at the entry's parameter values.
+
+    Raises
+    ------
+    InputError
+        If its system is not known, or another one than the given.
+    """
+    return _model(entry.system, entry.options, entry.parameters, given, "entry")
+
+
+def model_at(branch: Branch, row: int, given: Model | None = None) -> Model:
+    """Return the given model, or the one a branch names, at a row's parameter values.
+
+    Raises
+    ------
+    InputError
+        If its system is not known, or another one than the given.
+    """
+    parameters = {name: float(branch[name][row]) for name in branch.parameters}
+    return _model(branch.system, branch.options, parameters, given, f"branch {branch.id}")
+
+
+def _model(
+    name: str | None,
+    options: Mapping[str, str],
+    parameters: Mapping[str, float],
+    given: Model | None,
+    where: str,
+) -> Model:
+    """The given model, or the one of a system by name, at recorded parameter values."""
+    if given is None:
+        kind = _system(name, where)
+        return kind(**options, **{k: v for k, v in parameters.items() if k not in kind.DERIVED})
+    if not isinstance(given, Model):
+        raise InputError("model", f"found {shown(given)}", "give a model, such as ImpactPair(...)")
+    if missing := [own for own in given.values if own not in parameters]:
+        accepted = f"give a model with {', '.join(parameters)}"
+        raise InputError(where, f"it has no parameter {missing[0]!r}", accepted)
+    return given.replace(**{own: parameters[own] for own in given.values})
+
+
+def _system(name: str | None, where: str) -> type[Model]:
+    """The class of a system: one of the package's, or one of the user's that is imported."""
+    accepted = "give the model it was computed with, as model="
+    if name is None:
+        raise InputError(where, "it does not say of what system it is", accepted)
+    known = _classes(name)
+    if len(known) != 1:
+        found = f"{len(known)} imported classes are the system {name!r}"
+        raise InputError(where, found, accepted)
+    return known[0]
+
+
+def imported_system(name: str) -> type[Model] | None:
+    """Return the class of a system by its name; None if it is not imported, or ambiguous."""
+    known = _classes(name)
+    return known[0] if len(known) == 1 else None
+
+
+def _classes(name: str) -> list[type[Model]]:
+    if (kind := installed(name)) is not None:
+        return [kind]
+    # a class that is defined again, as in a notebook, replaces the earlier one
+    own = {
+        (k.__module__, k.__qualname__): k
+        for k in _below(Model)
+        if getattr(k, "SYSTEM", None) == name
+    }
+    return list(own.values())
+
+
+def _below(kind: Any) -> Iterator[type[Model]]:
+    """All subclasses, in the order of their definition."""
+    for one in kind.__subclasses__():
+        yield one
+        yield from _below(one)
+
+
+# An event on a branch, as the catalogue records it.
+
+FLAT = tuple(
+    """id kind ghost label why branch word period notation becomes order criticality slope wall
+    flight impact touch_time requested parameter n_unstable stable physical reason residual error
+    method arclength opens""".split()
+)
+"""What stands in an entry's row as it is."""
+
+
+STATES = {"positions": "position", "velocities": "velocity"}
+"""Of an impact's record: what a column of one coordinate is called."""
+
+
+@dataclass(frozen=True)
+class Entry(Shown):
+    """An event on a branch, as the catalogue records it; the attributes are its keys.
+
+    Attributes
+    ----------
+    id, branch : str
+        Its own name and its branch's.
+    kind : str
+        FB, BP, PD, NS, G, V, T, UZ, or a user's name.
+    label : str
+        As in Table 1 of the paper: ``PD``, ``~PD``, ``G[1:1->2:1]``.
+    ghost : bool
+        Whether the orbit that carries it is unstable or unphysical for another reason than the
+        event; `n_unstable`, `stable`, `physical` and `reason` likewise leave the event out.
+    word, period, notation
+        The orbit.
+    why : str or None
+        Why it is a ghost.
+    becomes : str or None
+        The word beyond a grazing or a zero velocity, with its period.
+    order : int or None
+        For G, how many impacts are added.
+    criticality : str or None
+        ``supercritical`` or ``subcritical``, for G and PD, where it can be told.
+    slope : float or None
+        For G, the derivative of the new impact's velocity towards its wall with respect to the
+        parameter.
+    flight, impact, wall, touch_time
+        Where it happens, as far as that applies.
+    requested : mapping or None
+        For UZ, the requested name and value.
+    parameters : mapping of str to float
+        All parameters and derived parameters.
+    impacts : sequence of mappings
+        Wall, time, velocity of each impact (with several degrees of freedom also the other section
+        coordinates, and all positions and velocities before it); the first time is in [0, T).
+    multipliers : sequence of (real, imaginary)
+        None stands for an infinite multiplier.
+    multipliers_before, multipliers_after
+        The same at the neighbouring points of the branch.
+    residual, error : float
+        Of the equations it was located with; a bound of the error of the followed parameter.
+    method : str
+        ``newton`` on the extended system, or ``bracket``.
+    arclength : float
+        Where it lies on its branch.
+    tangent : sequence of float or None
+        For BP, the branch's direction: by the time and section coordinates of each impact in turn,
+        and by the parameter.
+    opens : sequence of str
+        Branches that start here.
+    system, options
+        The model, and the texts that shape its formulas; None and empty where a catalogue of an
+        earlier version does not say.
+    sliding : str or None
+        Which sliding bifurcation it is: ``grazing-sliding``, ``adding-sliding``,
+        ``switching-sliding`` or ``crossing-sliding``.
+    certified_radius : float or None
+        Radius of the proven enclosure of the followed parameter, where the entry is certified.
+    nu, nu_error : float or None
+        For BP, what would unfold the crossing of branches, zero within its estimated error.
+    orbit_period : float or None
+        The orbit's period, where it is free; the first impact is then at t = 0.
+    """
+
+    id: str
+    kind: str
+    ghost: bool
+    label: str
+    why: str | None
+    branch: str
+    word: str
+    period: int
+    notation: str
+    becomes: str | None
+    order: int | None
+    criticality: str | None
+    slope: float | None
+    wall: str | None
+    flight: int | None
+    impact: int | None
+    touch_time: float | None
+    requested: Mapping[str, float] | None
+    parameter: str
+    parameters: Mapping[str, float]
+    impacts: Sequence[Mapping[str, Any]]
+    multipliers: Sequence[tuple[float, float] | None]
+    multipliers_before: Sequence[tuple[float, float] | None]
+    multipliers_after: Sequence[tuple[float, float] | None]
+    n_unstable: int
+    stable: bool
+    physical: bool
+    reason: str | None
+    residual: float
+    error: float
+    method: str
+    arclength: float
+    tangent: Sequence[float] | None = None
+    opens: Sequence[str] = ()
+    system: str | None = None
+    options: Mapping[str, str] = field(default_factory=dict)
+    nu: float | None = None
+    nu_error: float | None = None
+    certified_radius: float | None = None
+    orbit_period: float | None = None
+    sliding: str | None = None
+
+    @property
+    def times(self) -> Array:
+        """Impact times, shape (N,)."""
+        return np.array([impact["time"] for impact in self.impacts], dtype=float)
+
+    @property
+    def velocities(self) -> Array:
+        """Velocities before impact, shape (N,)."""
+        return np.array([impact["velocity"] for impact in self.impacts], dtype=float)
+
+    @property
+    def value(self) -> float:
+        """Value of the followed parameter."""
+        return self.parameters[self.parameter]
+
+    def orbit(self, model: Model | None = None) -> Orbit:
+        """Return the orbit at the event, to continue it or to look at it.
+
+        Parameters
+        ----------
+        model : Model, optional
+            The system, where its name does not tell: an own one that is not imported. Parameter
+            values are taken from the entry.
+
+        Raises
+        ------
+        InputError
+            If the system is not known, or the entry is none of it.
+        """
+
+        return orbit_of(self, model)
+
+    def as_row(self) -> dict[str, Any]:
+        """Return the entry as a row of a table; impacts and multipliers are spread over columns."""
+        row: dict[str, Any] = {name: getattr(self, name) for name in FLAT}
+        row["opens"] = " ".join(self.opens)
+        if self.requested is not None:
+            row["requested"] = " ".join(f"{n}={v!r}" for n, v in self.requested.items())
+        row |= self.parameters
+        if self.orbit_period is not None:
+            row["orbit_period"] = self.orbit_period
+        for k, impact in enumerate(self.impacts, start=1):
+            for name, value in impact.items():
+                if isinstance(value, list):  # of every coordinate
+                    row |= {f"{STATES[name]}{i}_{k}": x for i, x in enumerate(value, start=1)}
+                else:
+                    row[f"{name}{k}"] = value
+        for k, mu in enumerate(self.multipliers, start=1):
+            real, imaginary = mu or (None, None)
+            row |= {f"multiplier{k}_re": real, f"multiplier{k}_im": imaginary}
+        return row
+
+    def to_dataframe(self) -> Any:
+        """Return the entry as a pandas DataFrame of one row; pandas must be installed."""
+        return frame([self.as_row()])
+
+    def summary(self) -> Summary:
+        """Return the entry's orbit in short."""
+        columns = ("wall", "time", "velocity before impact")
+        rows = [(impact["wall"], impact["time"], impact["velocity"]) for impact in self.impacts]
+        error = f"error {self.error:.1g}, {self.method}"
+        notes = [
+            error,
+            *([self.sliding] if self.sliding else []),
+            *([f"a ghost: {self.why}"] if self.why else []),
+        ]
+        return Summary(repr(self)[1:-1], columns, rows, notes)
+
+    def __repr__(self) -> str:
+        return printable(f"<{self.label} on {self.branch} at {self.parameter} = {self.value:.12g}>")
+
+
+STATUS = ("stable", "unstable", "unphysical", "unknown")
+"""What the orbits of a piece of a branch are; the last where rows do not tell."""
+UNKNOWN = STATUS.index("unknown")
+
+
+@dataclass(frozen=True, eq=False)
+class Branch(Shown):
+    """A branch of periodic orbits, as a table.
+
+    Attributes
+    ----------
+    id : str
+    word, period, notation
+        The orbits on it.
+    system, options
+        The model, and the texts that shape its formulas.
+    parameter : str
+        The followed parameter.
+    columns : mapping of str to ndarray
+        One value per point: ``arclength`` (in the branch's metric), every parameter and derived
+        parameter, ``t1``, ``v1``, ... (impact times and velocities before impact, in the model's
+        clock), ``multiplier1_re``, ``multiplier1_im``, ..., ``n_unstable``, ``physical``,
+        ``reason``, ``smallest_gap``, ``residual``, ``iterations``, and ``event``: the name of the
+        entry a row belongs to, empty for other points of the walk. Where the period is free, it
+        is the column ``period``, and the first impact is at t = 0. ``branch["s"]`` is a shorthand.
+    ends : (End, End)
+        How it ends, at its first and at its last point.
+    events : sequence of Entry
+        In order of arclength.
+    missed : sequence of str
+        Sign changes of test functions that could not be located.
+    origin : str or None
+        The entry it starts from.
+    meetings : sequence of str
+        Further entries from which switching led to this branch.
+    notes : sequence of str
+        Further remarks: where another branch passes it closely without meeting it.
+    """
+
+    id: str
+    word: str
+    period: int
+    notation: str
+    system: str
+    options: Mapping[str, str]
+    parameter: str
+    columns: Mapping[str, Array]
+    ends: tuple[End, End]
+    events: Sequence[Entry] = ()
+    missed: Sequence[str] = ()
+    origin: str | None = None
+    meetings: Sequence[str] = ()
+    notes: Sequence[str] = ()
+
+    @overload
+    def __getitem__(self, column: str) -> Array: ...
+    @overload
+    def __getitem__(self, column: slice) -> dict[str, Array]: ...
+
+    def __getitem__(self, column: str | slice) -> Array | dict[str, Array]:
+        """Return a column; with a slice, these rows of all columns."""
+        if isinstance(column, slice):
+            return {name: values[column] for name, values in self.columns.items()}
+        if column in self.columns:
+            return self.columns[column]
+        found = f"branch {self.id} has no column {shown(column)}; "
+        if named_by_id(self.events, column) is not None:
+            found += f"the orbit of an event is branch.orbit({column!r}); "
+        row = f"the orbit of a row is branch.orbit({column}); " if isinstance(column, int) else ""
+        raise KeyError(found + row + f"it has {', '.join(self.columns)}")
+
+    def _ipython_key_completions_(self) -> list[str]:
+        return list(self.columns)
+
+    @property
+    def name(self) -> str:
+        """The same as `id`."""
+        return self.id
+
+    def __len__(self) -> int:
+        return len(self.columns["arclength"])
+
+    def __eq__(self, other: object) -> bool:
+        return same_data(self, other) if isinstance(other, Branch) else NotImplemented
+
+    __hash__ = None  # type: ignore[assignment]
+
+    def orbit(self, place: int | str, model: Model | None = None) -> Orbit:
+        """Return the orbit of a row, to continue it or to look at it.
+
+        Parameters
+        ----------
+        place : int or str
+            The number of a row, or the name of one of `events`.
+        model : Model, optional
+            The system, where its name does not tell: an own one that is not imported. Parameter
+            values are taken from the branch.
+
+        Raises
+        ------
+        InputError
+            If there is no such row or event, or the system is not known.
+        """
+
+        return orbit_at(self, place, model)
+
+    @property
+    def stable(self) -> Array:
+        """Whether no multiplier lies outside the unit circle, point by point."""
+        return np.asarray(self["n_unstable"] == 0)
+
+    @property
+    def physical(self) -> Array:
+        """Whether the orbit is physical, point by point."""
+        return np.asarray(self["physical"] == 1)
+
+    @property
+    def between(self) -> Array:
+        """Whether a row has the status of neither side.
+
+        So it is at an event, and where the branch is born, whose orbit is another branch's.
+        """
+        found = np.asarray(self["event"] != "")
+        found[0] |= self.ends[0].kind is EndKind.BORN
+        return found
+
+    @property
+    def status(self) -> Array:
+        """What the orbits from each row to the next one are: places in `STATUS`, one row less.
+
+        They are what both rows are, or one of them where the other has the status of neither side.
+        Where it changes between two rows at no event, its place is not known, nor is the status
+        between them. Tables hold an orbit between any two events; those of earlier versions may
+        not, and there, too, the status is unknown.
+        """
+        rows = np.where(self.physical, np.where(self.stable, 0, 1), 2)
+        neither = self.between
+        changes = (rows[:-1] != rows[1:]) & ~neither[:-1] & ~neither[1:]
+        found = np.where(changes, UNKNOWN, rows[:-1])
+        for i in np.nonzero(neither[:-1])[0][::-1]:
+            if not neither[i + 1]:
+                found[i] = rows[i + 1]
+            elif not self._at_one_place(i):
+                found[i] = UNKNOWN
+            else:
+                found[i] = found[i + 1] if i + 1 < len(found) else rows[i + 1]
+        return found
+
+    def _at_one_place(self, row: int) -> bool:
+        """Whether a row and the next one are events that their errors do not tell apart."""
+        errors, rows = {entry.id: entry.error for entry in self.events}, slice(row, row + 2)
+        apart, difference = (np.ptp(self[name][rows]) for name in ("arclength", self.parameter))
+        error = sum(errors.get(name, 0.0) for name in self["event"][rows])
+        return at_one_place(float(apart), float(difference), error)
+
+    @property
+    def parameters(self) -> list[str]:
+        """Names of the parameters, derived ones included."""
+        names = list(self.columns)
+        return names[names.index("arclength") + 1 : first_unknown(names)]
+
+    @property
+    def constant(self) -> list[str]:
+        """Names of the parameters, derived ones included, that do not vary along the branch."""
+        return [n for n in self.parameters if n != self.parameter and np.ptp(self[n]) == 0.0]
+
+    @property
+    def velocities(self) -> Array:
+        """Velocities before impact, shape (points, N)."""
+        return self._impacts("v")
+
+    @property
+    def times(self) -> Array:
+        """Impact times, shape (points, N)."""
+        return self._impacts("t")
+
+    def _impacts(self, name: str) -> Array:
+        """The columns of a coordinate of all impacts."""
+        columns = [self[f"{name}{k + 1}"] for k in range(len(self.word))]
+        return np.column_stack(columns) if columns else np.zeros((len(self), 0))
+
+    @property
+    def multipliers(self) -> Array:
+        """Multipliers, shape (points, m), complex."""
+        count = sum(name.endswith("_re") for name in self.columns)
+        return np.column_stack(
+            [
+                self[f"multiplier{k}_re"] + 1j * self[f"multiplier{k}_im"]
+                for k in range(1, count + 1)
+            ]
+        )
+
+    def to_dataframe(self) -> Any:
+        """Return the columns as a pandas DataFrame; pandas must be installed."""
+        return frame(self.columns)
+
+    def summary(self) -> Summary:
+        """Return the branch's events and ends in short."""
+        columns = ("", "event", self.parameter, "error", "why a ghost", "opens")
+        rows = [
+            (e.id, e.label, e.value, f"{e.error:.1g}", e.why, " ".join(e.opens))
+            for e in self.events
+        ]
+        start, end = (end.message for end in self.ends)
+        return Summary(self._head(), columns, rows, [f"start: {start}; end: {end}", *self._said()])
+
+    def _head(self) -> str:
+        values = self[self.parameter]
+        return (
+            f"Branch {self.id}: {self.notation} ({self.word or 0}), {len(self)} points, "
+            f"{self.parameter} from {values.min():.9g} to {values.max():.9g}"
+        )
+
+    def _said(self) -> list[str]:
+        """What could not be located, and further remarks."""
+        missed = [f"not located: {text}" for text in self.missed]
+        return missed + [f"note: {text}" for text in self.notes]
+
+    def __repr__(self) -> str:
+        events = [
+            f"  {e.label:16} {e.parameter} = {e.value:.15g} +- {e.error:.1g}" for e in self.events
+        ]
+        said = [f"  {text}" for text in self._said()]
+        if len(said) > 3:
+            said[2:] = [f"  ... and {len(said) - 2} more remarks"]
+        start, end = f"  start: {self.ends[0].message}", f"  end:   {self.ends[1].message}"
+        return in_lines(self._head(), events, [end, *said], ahead=[start])

@@ -1,0 +1,493 @@
+"""Catalogues: written, and loaded with every mistake named.
+
+The files are contracts with a schema name and number in each: ``catalogue.json``, the same flat in
+``events.csv``, ``branches/<id>-<word>.csv``, and ``manifest.json``. Floating-point numbers are
+written so that they read back to the same bits. What is not a finite number is null in JSON files;
+the first lines of tables write it as the text ``inf``, ``-inf`` or ``nan``, which is read back.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import csv
+import dataclasses
+import functools
+import io
+import itertools
+import json
+import re
+from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from ..arrays import Array
+from ..continuation.ends import End, EndKind
+from ..errors import InputError
+from ..models.word import LONGEST_WORD
+from ..storage.files import LARGEST_RECORD, Content, bounded, open_plain, reason, write_all
+from ..storage.texts import DAMAGE, Json, csv_text, fitted, json_line, json_text, made, original
+from .branch import FLAT, Branch, Entry
+from .diagram import Diagram, Limit
+from .diagram_reading import SURVEYS, read
+from .result_folder import (
+    CATALOGUE,
+    TABLES,
+    WANTED,
+    branch_file,
+    curve_file,
+    held,
+    read_json,
+    reading,
+    renewed,
+)
+
+if TYPE_CHECKING:
+    from .curve import Area, Check, Coverage, Curve
+
+
+# What a result folder holds, read back: entries, branches and curves.
+#
+# Files may be damaged, or made by somebody else. Records have to fit what they become, tables have
+# to
+# have the columns and the number of rows that their records name; anything else is refused.
+
+BRANCH = "contimpact.branch/1"
+CURVE = "contimpact.curve/1"
+
+NEEDED = ("id", "kind", "label", "branch", "word", "period", "parameter", "parameters", "impacts")
+"""Keys that no entry goes without."""
+TEXTS = ("reason", "event")
+WHOLE = ("n_unstable", "physical", "iterations")
+"""Columns of a table that hold no floating-point numbers."""
+BLOCK = 1024
+"""Rows of a table converted at a time."""
+
+
+# Files.
+
+
+@contextlib.contextmanager
+def checking(path: Path, schema: str) -> Iterator[None]:
+    """Turn what goes wrong with a file of a schema into `InputError`."""
+    try:
+        yield
+    except InputError:
+        raise
+    except OSError as error:
+        raise InputError(
+            str(path), f"cannot be read ({reason(error)})", f"give a file of {schema!r}"
+        ) from None
+    except (*DAMAGE, csv.Error) as error:
+        raise InputError(
+            str(path), f"damaged ({type(error).__name__}: {error})", f"give a file of {schema!r}"
+        ) from None
+
+
+# Entries.
+
+
+def entry_of(record: Any) -> Entry:
+    """Return an entry made of its record; keys of later versions are passed over.
+
+    Raises
+    ------
+    ValueError
+        If it lacks what no entry goes without, or a value is of another type.
+    """
+    entry = made(Entry, record, NEEDED)
+    entry.value  # noqa: B018  the parameter is among the parameters
+    for impact in entry.impacts:
+        fitted(impact.get("wall"), str, "impacts.wall")
+        fitted(impact.get("velocity"), float, "impacts.velocity")
+    names = ("multipliers", "multipliers_before", "multipliers_after")
+    lists: dict[str, Any] = {name: getattr(entry, name) or [] for name in names}
+    opens, options = tuple(entry.opens or ()), entry.options or {}
+    return dataclasses.replace(entry, opens=opens, options=options, **lists)
+
+
+# Tables.
+
+
+def read_branch(path: str | Path) -> Branch:
+    """Read a branch's CSV back into the same `Branch`.
+
+    Raises
+    ------
+    InputError
+        If the file is missing, not of this schema, or damaged.
+    """
+    with checking(Path(path), BRANCH):
+        head, columns = _table(Path(path), BRANCH)
+        parameter = head["parameter"]
+        _require(columns, head["word"], [parameter], TEXTS)
+        earlier = {"system": head["system"], "options": head["options"]}
+        record = {"meetings": [], **head, "columns": columns, "origin": head["from"]}
+        record["ends"] = _ends(head["ends"], parameter)
+        record["events"] = [entry_of(earlier | record) for record in head["events"]]
+        return made(Branch, record)
+
+
+def read_curve(path: str | Path) -> Curve:
+    """Read a curve's CSV back into the same `Curve`.
+
+    Raises
+    ------
+    InputError
+        If the file is missing, not of this schema, or damaged.
+    """
+    from .curve import Codim2, Curve
+
+    with checking(Path(path), CURVE):
+        head, columns = _table(Path(path), CURVE)
+        _require(columns, head["word"], head["parameters"], ())
+        record = head | {"columns": columns, "origin": head["from"]}
+        record["ends"] = _ends(head["ends"], head["parameters"][-1])
+        record["points"] = [made(Codim2, record) for record in head["codimension2"]]
+        return made(Curve, record)
+
+
+def _table(path: Path, schema: str) -> tuple[dict[str, Any], dict[str, Array]]:
+    """The record in a table's first line, and its columns; they must have its number of rows."""
+    with open_plain(path) as file:
+        first = bounded(file.readline(LARGEST_RECORD + 1), LARGEST_RECORD)
+        head = json.loads(first.decode().removeprefix("# "))
+        if head["schema"] != schema:
+            raise InputError(str(path), f"its schema is {head['schema']!r}", f"give {schema!r}")
+        with io.TextIOWrapper(file, "utf-8", newline="") as lines:
+            columns = _columns(lines)
+    rows = len(next(iter(columns.values())))
+    if rows != head.get("points", rows):
+        raise InputError(
+            str(path), f"damaged: {rows} of {head['points']} rows", f"give a file of {schema!r}"
+        )
+    return head, columns
+
+
+def _columns(lines: Iterator[str]) -> dict[str, Array]:
+    """The columns of a table, read in one pass, a block of rows at a time."""
+    reader = csv.reader(lines)
+    names = [original(name) for name in next(reader, [])]
+    blocks = []
+    while rows := list(itertools.islice(reader, BLOCK)):
+        cells = zip(*rows, strict=True)
+        blocks.append([_column(n, c) for n, c in zip(names, cells, strict=True)])
+    if not blocks:
+        raise ValueError("no rows")
+    return {
+        name: np.concatenate(parts)
+        for name, parts in zip(names, zip(*blocks, strict=True), strict=True)
+    }
+
+
+def _column(name: str, cells: Sequence[str]) -> Array:
+    if name in TEXTS:
+        return np.array([original(cell) for cell in cells], dtype=object)
+    if name in WHOLE:
+        return np.array(list(map(int, cells)), dtype=np.int64)
+    return np.array(list(map(float, cells)))
+
+
+def _require(
+    columns: Mapping[str, Array], word: Any, parameters: Any, texts: Sequence[str]
+) -> None:
+    """Raise `ValueError` if a table lacks columns, or numbers, that its record speaks of."""
+    impacts = range(1, min(len(fitted(word, str, "word")), LONGEST_WORD) + 1)
+    finite = ["arclength", *parameters, *(f"{name}{k}" for k in impacts for name in "tv")]
+    for name in [*finite, "n_unstable", "physical", *texts]:
+        if name not in columns:
+            raise ValueError(f"no column {name}")
+    for name in finite:
+        if not np.isfinite(columns[name]).all():
+            raise ValueError(f"{name} is not finite everywhere")
+
+
+def _ends(records: Any, parameter: str) -> tuple[End, End]:
+    """Both ends; earlier versions write the value under the parameter's name."""
+    first, last = (
+        End(
+            EndKind[e["kind"].upper()],
+            fitted(e["parameter" if "parameter" in e else parameter], float, "parameter"),
+            fitted(e["message"], str, "message"),
+        )
+        for e in records
+    )
+    return first, last
+
+
+# Folders and files.
+
+
+def write_diagram(diagram: Diagram, folder: str | Path) -> list[str]:
+    """Write catalogue, events and branches of a diagram.
+
+    Parameters
+    ----------
+    diagram : Diagram
+    folder : str or Path
+        Made if it is not there. Files of an earlier diagram are replaced.
+
+    Returns
+    -------
+    list of str
+        The files written, relative to the folder.
+
+    Raises
+    ------
+    InputError
+        If the folder cannot be written, or another process writes to it.
+    NotWrittenError
+        If some of the files could not be written; the others are there.
+    """
+    names = [branch.id for branch in diagram.branches]
+    if odd := next((name for name in names if not re.fullmatch(r"[\w-]+", name)), None):
+        accepted = "give names of letters, digits, - and _"
+        raise InputError("branches", f"a branch is called {odd!r}", accepted)
+    if twice := next((name for name in names if names.count(name) > 1), None):
+        raise InputError(
+            "branches",
+            f"two branches are called {twice!r}",
+            "give each its own name when following",
+        )
+    with held(folder, FILES, TABLES) as place, renewed(place, ["run"]):
+        return sorted(write_all(place, diagram_files(diagram)))
+
+
+FILES = ("catalogue.json", "events.csv")
+
+
+def diagram_files(diagram: Diagram) -> dict[str, Content]:
+    """Return what makes the files of `write_diagram`, by name, the catalogue first."""
+    contents: dict[str, Content] = {
+        "catalogue.json": lambda: catalogue_text(diagram),
+        "events.csv": lambda: events_text(diagram),
+    }
+    for branch in diagram.branches:
+        contents[branch_file(branch.id, branch.word)] = functools.partial(branch_text, branch)
+    for curve in (*diagram.curves, *diagram.codim2_curves):
+        contents[curve_file(curve.id, curve.kind, curve.word)] = functools.partial(
+            curve_text, curve
+        )
+    return contents
+
+
+# The catalogue.
+
+
+def catalogue_text(diagram: Diagram) -> str:
+    """Return ``catalogue.json``."""
+    content: dict[str, Json] = {
+        "schema": CATALOGUE,
+        "scene": diagram.name,
+        "branches": [_branch_record(branch) for branch in diagram.branches],
+        "entries": [_entry_record(entry) for entry in diagram.entries],
+        "reading": read(diagram).as_record(),
+        "survey": diagram.survey,
+    }
+    if diagram.curves:
+        from .curve import regions
+
+        content["curves"] = [_curve_record(curve) for curve in diagram.curves]
+        content["competition"] = [
+            dataclasses.asdict(r) for r in regions(diagram.curves, checks=diagram.checks)
+        ]
+        content["checks"] = [dataclasses.asdict(check) for check in diagram.checks]
+    if diagram.limits:
+        content["limits"] = [dataclasses.asdict(limit) for limit in diagram.limits]
+    if diagram.coverage:
+        content["coverage"] = [dataclasses.asdict(c) for c in diagram.coverage]
+    if diagram.areas:
+        content["areas"] = [dataclasses.asdict(area) for area in diagram.areas]
+    if diagram.codim2_curves:
+        content["codimension2_curves"] = [_curve_record(c) for c in diagram.codim2_curves]
+    return json_text(content)
+
+
+def _entry_record(entry: Entry) -> dict[str, Json]:
+    """An entry as plain data; certified radius, free period and sliding only where there are."""
+    record = dataclasses.asdict(entry)
+    for name in ("certified_radius", "orbit_period", "sliding"):
+        if record[name] is None:
+            del record[name]
+    return record
+
+
+def _branch_record(branch: Branch) -> dict[str, Json]:
+    return {
+        "id": branch.id,
+        "word": branch.word,
+        "period": branch.period,
+        "notation": branch.notation,
+        "parameter": branch.parameter,
+        "from": branch.origin,
+        "meetings": list(branch.meetings),
+        "points": len(branch),
+        "ends": [
+            {"kind": end.kind.name.lower(), "parameter": end.value, "message": end.message}
+            for end in branch.ends
+        ],
+        "missed": list(branch.missed),
+        "notes": list(branch.notes),
+    }
+
+
+def _curve_record(curve: Curve) -> dict[str, Json]:
+    return {
+        "id": curve.id,
+        "kind": curve.kind,
+        "label": curve.label,
+        "word": curve.word,
+        "period": curve.period,
+        "notation": curve.notation,
+        "parameters": list(curve.parameters),
+        "fixed": dict(curve.fixed),
+        "from": curve.origin,
+        "branch": curve.branch,
+        "points": len(curve),
+        "ends": [
+            {
+                "kind": end.kind.name.lower(),
+                "parameter": end.value,
+                **{name: float(curve[name][row]) for name in curve.parameters},
+                "message": end.message,
+            }
+            for end, row in zip(curve.ends, (0, -1), strict=True)
+        ],
+        "missed": list(curve.missed),
+        "codimension2": [dataclasses.asdict(point) for point in curve.points],
+    }
+
+
+def curve_text(curve: Curve) -> str:
+    """Return a curve's CSV: a comment line with its record, then the table."""
+    return _table_text({"schema": CURVE, **_curve_record(curve)}, curve.columns)
+
+
+def events_text(diagram: Diagram) -> str:
+    """Return ``events.csv``: a row per entry; impacts and multipliers are spread over columns."""
+    rows = [entry.as_row() for entry in diagram.entries]
+    columns = list(FLAT)
+    for row in rows:
+        columns += [name for name in row if name not in columns]
+    return csv_text(columns, ([row.get(name) for name in columns] for row in rows))
+
+
+# Branches.
+
+
+def branch_text(branch: Branch) -> str:
+    """Return a branch's CSV: a comment line with all that is not a column, then the table."""
+    names = ("id", "word", "period", "notation", "system")
+    head = {"schema": BRANCH, **{name: getattr(branch, name) for name in names}}
+    head |= {"options": dict(branch.options), **_branch_record(branch)}
+    head["events"] = [_entry_record(entry) for entry in branch.events]
+    return _table_text(head, branch.columns)
+
+
+def _table_text(head: Mapping[str, Any], columns: Mapping[str, Array]) -> str:
+    """A table as CSV, its record in a comment line before it."""
+    rows = zip(*(values.tolist() for values in columns.values()), strict=True)
+    return f"# {json_line(head)}\n" + csv_text(list(columns), rows, exact=True)
+
+
+def load_entries(folder: str | Path) -> list[Entry]:
+    """Read the entries of a saved catalogue, to start branches and curves from.
+
+    Parameters
+    ----------
+    folder : str or Path
+
+    Returns
+    -------
+    list of Entry
+
+    Raises
+    ------
+    InputError
+        If there is no catalogue of this schema, or its run was ended while it wrote the folder.
+    """
+    path = Path(folder) / "catalogue.json"
+    with reading(path.parent), checking(path, CATALOGUE):
+        content = read_json(path, CATALOGUE, WANTED)
+        return [entry_of(record) for record in content["entries"]]
+
+
+def load_diagram(folder: str | Path) -> Diagram:
+    """Read a folder written by `write_diagram`.
+
+    Parameters
+    ----------
+    folder : str or Path
+
+    Returns
+    -------
+    Diagram
+
+    Raises
+    ------
+    InputError
+        If there is no catalogue, its schema is another one, a file is missing or damaged, or the
+        folder's run was ended while it wrote the folder.
+    """
+    folder = Path(folder)
+    path = folder / "catalogue.json"
+    with reading(folder), checking(path, CATALOGUE):
+        catalogue = read_json(path, CATALOGUE, WANTED)
+        branches = [_branch_of(folder, record) for record in catalogue["branches"]]
+        curves, points = (
+            [
+                read_curve(folder / curve_file(c["id"], c["kind"], c["word"]))
+                for c in catalogue.get(key, [])
+            ]
+            or ()
+            for key in ("curves", "codimension2_curves")
+        )
+        checks, coverage = _checks(catalogue)
+        name = fitted(catalogue["scene"], str, "scene")
+        return Diagram(
+            name,
+            branches,
+            curves,
+            checks,
+            codim2_curves=points,
+            coverage=coverage,
+            areas=_areas(catalogue),
+            survey=_survey(catalogue),
+            limits=[made(Limit, record) for record in catalogue.get("limits", [])] or (),
+        )
+
+
+def _survey(catalogue: Mapping[str, Any]) -> str:
+    """How far the diagram of a catalogue was surveyed; earlier versions do not say."""
+    found = catalogue.get("survey")
+    return found if isinstance(found, str) and found in SURVEYS else "unknown"
+
+
+def _checks(catalogue: Mapping[str, Any]) -> tuple[Sequence[Check], Sequence[Coverage]]:
+    """The one-parameter runs a catalogue records, and what they cover, if there are any."""
+    checks, coverage = catalogue.get("checks", []), catalogue.get("coverage", [])
+    if not (checks or coverage):
+        return (), ()
+    from .curve import Check, Coverage
+
+    return [made(Check, r) for r in checks] or (), [made(Coverage, r) for r in coverage] or ()
+
+
+def _areas(catalogue: Mapping[str, Any]) -> Sequence[Area]:
+    """The areas that a catalogue records, if there are any."""
+    if not (records := catalogue.get("areas")):
+        return ()
+    from .curve import Area
+
+    return [made(Area, record) for record in records]
+
+
+def _branch_of(folder: Path, record: Mapping[str, Any]) -> Branch:
+    """The branch of a record of the catalogue, if its table belongs to it."""
+    path = folder / branch_file(record["id"], record["word"])
+    branch = read_branch(path)
+    if len(branch) != record["points"]:
+        accepted = "give a folder whose files are of one run"
+        raise InputError(str(path), f"damaged: {len(branch)} of {record['points']} rows", accepted)
+    return branch

@@ -1,0 +1,378 @@
+"""What a diagram says: where orbits are stable, where two of them are, and how one follows another.
+
+Everything is derived from the branches and entries that were computed: what was not followed is not
+read. Mechanisms are those of section 4.1 of the paper, for transitions from n:m to one impact more
+per period:
+
+1. a stable orbit grazes, and the new one is stable at once;
+2. a stable orbit grazes onto an unstable one, which turns at a fold into a stable one;
+3. the orbit has doubled its period before it would graze; the doubled orbits graze (PD_G) or their
+   transients do (TG), bounded by the ghost grazing, while the new orbit is already stable or is
+   stable from its grazing on;
+4. as 3, but nothing followed of the old family is stable where the new orbit is born at a fold: the
+   fold quenches the complex motion in between.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass
+from typing import Any, Protocol
+
+import numpy as np
+
+from ..bifurcations.doubling import PD
+from ..bifurcations.fold import FB
+from ..bifurcations.grazing import G
+from ..continuation.ends import EndKind
+from .branch import UNKNOWN, Branch, Entry
+
+
+@dataclass(frozen=True)
+class Interval:
+    """A run of stable physical orbits on a branch.
+
+    `low` and `high` are values of the followed parameter; `bounds` name what ends the run there: an
+    entry, the end of the branch, or None where the status changes between points at no event that
+    was looked for.
+    """
+
+    branch: str
+    notation: str
+    low: float
+    high: float
+    bounds: tuple[str | None, str | None]
+
+
+@dataclass(frozen=True)
+class Bistability:
+    """Two stable physical orbits at the same parameter values."""
+
+    branches: tuple[str, str]
+    notations: tuple[str, str]
+    low: float
+    high: float
+
+
+@dataclass(frozen=True)
+class GrazingTransition:
+    """A way from an orbit to one with one impact more.
+
+    Attributes
+    ----------
+    source, target : str
+        Notations.
+    mechanism : int or None
+        1 to 4; None if the branches that were followed do not decide.
+    entry : str
+        The grazing.
+    grazing : float
+        Its parameter value.
+    doubling, doubling_value
+        The period doubling at which the source loses stability before, if it does.
+    fold, fold_value
+        The fold on the new branch between the grazing and its stable orbits, if any.
+    doubled_grazings : sequence of (entry, value)
+        Grazings of the source's period-doubled branches, the analytic counterpart of PD_G.
+    """
+
+    source: str
+    target: str
+    mechanism: int | None
+    entry: str
+    grazing: float
+    doubling: str | None
+    doubling_value: float | None
+    fold: str | None
+    fold_value: float | None
+    doubled_grazings: Sequence[tuple[str, float]]
+
+
+SURVEYS = {
+    "done": "",
+    "none": "not surveyed: orbits on no followed branch may exist; follow.survey = true in a scene "
+    "looks for them",
+    "cut short": "surveyed in part: orbits on no followed branch may exist; the limit that ended "
+    "the survey is reported",
+    "unknown": "orbits on no followed branch may exist: it is not recorded whether a survey looked "
+    "for them",
+}
+"""What stands beside a list of stable ranges, by how far the diagram was surveyed."""
+
+
+@dataclass(frozen=True)
+class Reading:
+    """Everything that was read from a diagram.
+
+    Attributes
+    ----------
+    stable, bistable, transitions : sequence
+    survey : {"none", "cut short", "done", "unknown"}
+        Whether orbits were looked for across the range; if not, `stable` may be incomplete.
+    unknown : sequence of Interval
+        Stretches between two events of which no recorded orbit gives the status, as in files of
+        earlier versions.
+    """
+
+    stable: Sequence[Interval]
+    bistable: Sequence[Bistability]
+    transitions: Sequence[GrazingTransition]
+    survey: str = "none"
+    unknown: Sequence[Interval] = ()
+
+    @property
+    def incomplete(self) -> str:
+        """Why the list of stable ranges may be incomplete, in words; empty after a survey."""
+        return SURVEYS[self.survey]
+
+    def as_record(self) -> dict[str, Any]:
+        """Return plain data."""
+        lists = asdict(self)
+        del lists["survey"]  # the catalogue's own key
+        return lists
+
+    def __str__(self) -> str:
+        lines = [sentence_of(i) for i in self.unknown]
+        lines += [
+            f"stable   {i.branch:4} {i.notation:10} {i.low:.9g} to {i.high:.9g}"
+            + f"  ({' to '.join(str(b or 'status changes') for b in i.bounds)})"
+            for i in self.stable
+        ]
+        lines += [
+            f"bistable {' and '.join(b.branches):9} {' and '.join(b.notations)}: "
+            f"{b.low:.9g} to {b.high:.9g}"
+            for b in self.bistable
+        ]
+        lines += [self.incomplete] if self.incomplete else []
+        lines += [sentence(t) for t in self.transitions]
+        return "\n".join(lines)
+
+
+class Surveyed(Protocol):
+    """What is read of a diagram: its branches, its entries, and how far it was surveyed."""
+
+    @property
+    def branches(self) -> Sequence[Branch]:
+        """All branches, parents before their children."""
+
+    @property
+    def entries(self) -> Sequence[Entry]:
+        """All events on them."""
+
+    @property
+    def survey(self) -> str:
+        """Whether orbits were looked for across the range."""
+
+
+def read(diagram: Surveyed) -> Reading:
+    """Read a diagram.
+
+    Parameters
+    ----------
+    diagram : Diagram
+
+    Returns
+    -------
+    Reading
+    """
+    stable = [interval for branch in diagram.branches for interval in stable_intervals(branch)]
+    member = {b.id: tuple(float(b[name][0]) for name in b.constant) for b in diagram.branches}
+    grazings = [e for e in diagram.entries if e.kind == G.name and e.physical and e.order == 1]
+    known = {branch.id for branch in diagram.branches}
+    transitions = [
+        _transition(diagram, stable, entry)
+        for entry in grazings
+        if entry.period <= 1 and entry.opens and entry.opens[0] in known
+    ]
+    unknown = [interval for branch in diagram.branches for interval in unknown_intervals(branch)]
+    return Reading(stable, _bistable(stable, member), transitions, diagram.survey, unknown)
+
+
+def stable_intervals(branch: Branch) -> list[Interval]:
+    """Return the runs of stable physical orbits of a branch.
+
+    Parameters
+    ----------
+    branch : Branch
+
+    Returns
+    -------
+    list of Interval
+        In order of arclength.
+    """
+    good = branch.stable & branch.physical
+    good[branch.between] = False
+    edges = np.nonzero(np.diff(np.concatenate([[False], good, [False]]).astype(int)))[0]
+    values = branch[branch.parameter]
+    found = []
+    for first, beyond in edges.reshape(-1, 2).tolist():
+        ends = (_bound(branch, first, -1), _bound(branch, beyond - 1, +1))
+        places = [(float(values[row]), name) for row, name in ends]
+        (low, low_name), (high, high_name) = sorted(places, key=lambda place: place[0])
+        found.append(Interval(branch.id, branch.notation, low, high, (low_name, high_name)))
+    return _merged(found)
+
+
+def unknown_intervals(branch: Branch) -> list[Interval]:
+    """Return the stretches between two events that no row of the branch tells the status of."""
+    values, names, neither = branch[branch.parameter], branch["event"], branch.between
+    found = []
+    for row in np.nonzero((branch.status == UNKNOWN) & neither[:-1])[0].tolist():
+        rows = sorted((row, row + 1), key=lambda k: float(values[k]))
+        low, high = (float(values[k]) for k in rows)
+        bounds = tuple(str(names[k]) or branch.ends[0].kind.name.lower() for k in rows)
+        found.append(Interval(branch.id, branch.notation, low, high, (bounds[0], bounds[1])))
+    return found
+
+
+def _bound(branch: Branch, row: int, direction: int) -> tuple[int, str | None]:
+    """The row at which a run really ends: the event next to it, or the branch's end.
+
+    A point within an event's error of it has a status of rounding.
+    """
+    beside = row + direction
+    born = beside == 0 and branch.ends[0].kind is EndKind.BORN
+    if born and branch["event"][0] == "":
+        return 0, EndKind.BORN.name.lower()
+    if not 0 <= beside < len(branch):
+        return row, branch.ends[0 if direction < 0 else 1].kind.name.lower()
+    errors = {entry.id: entry.error for entry in branch.events}
+    values = branch[branch.parameter]
+    for place in (beside, beside + direction):
+        name = str(branch["event"][place]) if 0 <= place < len(branch) else ""
+        if name and (place == beside or abs(values[place] - values[beside]) <= errors[name]):
+            return place, name
+    return row, None
+
+
+def _merged(intervals: list[Interval]) -> list[Interval]:
+    """Join runs that an event interrupts without ending them (a requested value, a neutral one)."""
+    joined: list[Interval] = []
+    for interval in intervals:
+        last = joined[-1] if joined else None
+        if last is not None and interval.low == last.high:
+            bounds = (last.bounds[0], interval.bounds[1])
+            joined[-1] = Interval(last.branch, last.notation, last.low, interval.high, bounds)
+        elif last is not None and interval.high == last.low:
+            bounds = (interval.bounds[0], last.bounds[1])
+            joined[-1] = Interval(last.branch, last.notation, interval.low, last.high, bounds)
+        else:
+            joined.append(interval)
+    return joined
+
+
+def _bistable(
+    stable: Sequence[Interval], member: Mapping[str, tuple[float, ...]]
+) -> list[Bistability]:
+    found = []
+    for i, one in enumerate(stable):
+        for other in stable[i + 1 :]:
+            low, high = max(one.low, other.low), min(one.high, other.high)
+            wide = high - low > 1e-9 * max(abs(low), abs(high))
+            if wide and member[one.branch] == member[other.branch]:
+                found.append(
+                    Bistability(
+                        (one.branch, other.branch), (one.notation, other.notation), low, high
+                    )
+                )
+    return found
+
+
+def _transition(diagram: Surveyed, stable: Sequence[Interval], grazing: Entry) -> GrazingTransition:
+    branches = {branch.id: branch for branch in diagram.branches}
+    source, target = branches[grazing.branch], branches[grazing.opens[0]]
+    at_once, fold = _beyond(target, grazing)
+    doubling = _doubling_before(source, grazing) if not grazing.stable else None
+    doubled = _doubled_from(diagram, doubling)
+    family = {source.id, *(b.id for b in doubled)}
+    mechanism = None
+    if grazing.stable:
+        mechanism = 1 if at_once else (2 if fold else None)
+    elif doubling is not None and fold is not None:
+        still = any(i.branch in family and i.low < fold.value < i.high for i in stable)
+        mechanism = 3 if still else 4
+    elif doubling is not None and at_once:
+        mechanism = 3
+    return GrazingTransition(
+        source.notation,
+        target.notation,
+        mechanism,
+        grazing.id,
+        grazing.value,
+        doubling.id if doubling else None,
+        doubling.value if doubling else None,
+        fold.id if fold else None,
+        fold.value if fold else None,
+        [(e.id, e.value) for b in doubled for e in b.events if e.kind == G.name and e.physical],
+    )
+
+
+def _beyond(target: Branch, grazing: Entry) -> tuple[bool, Entry | None]:
+    """Whether the new branch begins stable where it is physical; else its fold to stability."""
+    entries = {e.id: e for e in target.events}
+    start = _row_of(target, grazing)
+    for direction in (+1, -1):
+        rows = range(start + direction, len(target) if direction > 0 else -1, direction)
+        for count, row in enumerate(rows):
+            entry = entries.get(str(target["event"][row]))
+            if entry is not None and entry.kind == FB.name:
+                after = row + direction
+                gained = 0 <= after < len(target) and bool(target.stable[after])
+                return False, entry if gained else None
+            if entry is None and not target.physical[row]:
+                break
+            if entry is None and target.stable[row]:
+                return count == 0, None
+    return False, None
+
+
+def _row_of(target: Branch, grazing: Entry) -> int:
+    """The row of the new branch next to the orbit that grazes."""
+    speeds = np.sort([*(impact["velocity"] for impact in grazing.impacts), 0.0])
+    if target.velocities.shape[1] != len(speeds):
+        return 0
+    apart = np.abs(np.sort(target.velocities, axis=1) - speeds).max(axis=1)
+    values = target[target.parameter]
+    span = float(np.ptp(values)) or 1.0
+    return int(np.argmin(apart + np.abs(values - grazing.value) / span))
+
+
+def _doubled_from(diagram: Surveyed, doubling: Entry | None) -> list[Branch]:
+    """The branches born at a period doubling, and at theirs in turn."""
+    names = list(doubling.opens) if doubling else []
+    entries = {e.id: e for e in diagram.entries}
+    for branch in diagram.branches:  # parents come before their children
+        born = entries.get(branch.origin or "")
+        if born is not None and born.kind == PD.name and born.branch in names:
+            names.append(branch.id)
+    return [branch for branch in diagram.branches if branch.id in names]
+
+
+def _doubling_before(source: Branch, grazing: Entry) -> Entry | None:
+    """The real period doubling nearest to a grazing along its branch."""
+    doublings = [e for e in source.events if e.kind == PD.name and not e.ghost]
+    return min(doublings, key=lambda e: abs(e.arclength - grazing.arclength), default=None)
+
+
+def sentence_of(unknown: Interval) -> str:
+    """Return in words where it is not known whether orbits are stable and physical."""
+    first, last = unknown.bounds
+    return (
+        f"unknown  {unknown.branch:4} {unknown.notation:10} {unknown.low:.9g} to {unknown.high:.9g}"
+        f"  ({first} to {last}): no orbit between these events is recorded; run the scene again, "
+        "or follow the branch with a smaller max_step"
+    )
+
+
+def sentence(t: GrazingTransition) -> str:
+    """Return a transition in words."""
+    parts = [f"transition {t.source} -> {t.target}: mechanism {t.mechanism or 'not decided'}"]
+    if t.doubling:
+        parts.append(f"PD {t.doubling} at {t.doubling_value:.9g}")
+    parts.append(f"grazing {t.entry} at {t.grazing:.9g}")
+    if t.fold:
+        parts.append(f"FB {t.fold} at {t.fold_value:.9g}")
+    if t.doubled_grazings:
+        values = ", ".join(f"{name} at {value:.9g}" for name, value in t.doubled_grazings)
+        parts.append(f"grazing of the doubled orbits (PD_G): {values}")
+    return "; ".join(parts)

@@ -1,0 +1,240 @@
+"""From points and events of a walk to entries and given orbits.
+
+An event is a ghost when the orbit that carries it is unstable, or unphysical, for a reason other
+than the event itself: of its multipliers the critical one is left out, of its gaps the touch.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from ..arrays import Array
+from ..bifurcations.registry import kind_of
+from ..continuation.branch import Event, Point
+from ..errors import InputError, shown
+from ..models.guards import state_before
+from ..models.model import Model
+from ..orbits.orbit import Orbit
+from ..orbits.physicality import Verdict
+from ..orbits.problem import Linearisation, OrbitProblem
+from ..segments.kernels import Kernels
+from .branch import Branch, Entry, event_of_branch, orbit_of
+from .diagram import Diagram
+from .tables import all_parameters, coordinates
+
+DETAILS = ("flight", "wall", "impact", "touch_time", "requested")
+"""What an entry keeps of an event's details."""
+
+
+def entry_of(event: Event, identity: str, branch: str, before: Point, after: Point) -> Entry:
+    """Return the catalogue entry of an event, given the branch's points around it."""
+    here: Linearisation = event.point.evaluation
+    kind, problem = kind_of(event.kind), here.problem
+    word, details = problem.word, event.details
+    letters = problem.model.letters
+    becomes = kind.next_word(event)
+    added = 0 if becomes is None else len(becomes) - len(word)
+    multipliers, n_unstable = kind.multipliers(here, details)
+    verdict = kind.verdict(here, details)
+    ghost = n_unstable > 0 or not verdict.physical
+    side, slope = kind.criticality(event, before, after)
+    return Entry(
+        id=identity,
+        kind=event.kind,
+        ghost=ghost,
+        label=kind.label(ghost, word, becomes, letters),
+        why=_why(n_unstable, verdict),
+        branch=branch,
+        word=word.walls,
+        period=word.period,
+        notation=word.notation(letters),
+        becomes=None if becomes is None else str(becomes),
+        order=added if added > 0 else None,
+        criticality=side,
+        slope=slope,
+        wall=details.get("wall"),
+        flight=details.get("flight"),
+        impact=details.get("impact"),
+        touch_time=_shifted(problem, here.unknowns, details.get("touch_time")),
+        requested=details.get("requested"),
+        parameter=problem.parameter,
+        parameters=all_parameters(here),
+        impacts=impacts_of(problem, here.unknowns),
+        multipliers=_pairs(multipliers),
+        multipliers_before=_pairs(before.evaluation.multipliers),
+        multipliers_after=_pairs(after.evaluation.multipliers),
+        n_unstable=n_unstable,
+        stable=n_unstable == 0,
+        physical=verdict.physical,
+        reason=verdict.reason,
+        residual=event.residual,
+        error=event.error,
+        method=event.method,
+        arclength=event.point.arclength,
+        tangent=event.point.tangent.tolist() if kind.crossing else None,
+        system=problem.model.SYSTEM,
+        options=problem.model.options,
+        nu=details.get("nu"),
+        nu_error=details.get("nu_error"),
+        orbit_period=here.span if problem.autonomous else None,
+        sliding=kind.sliding(event),
+    )
+
+
+def event_of(entry: Entry, model: Model | None = None, kernels: Kernels | None = None) -> Event:
+    """Return the event a catalogue entry records, to switch at it; see `recovery.orbit_of`.
+
+    Raises
+    ------
+    InputError
+        If the entry is damaged, or of another model.
+    """
+    orbit = orbit_of(entry, model, kernels)
+    problem = orbit.problem
+    details = details_of(entry)
+    tangent = np.array(entry.tangent) if entry.tangent is not None else np.zeros(problem.n + 1)
+    point = Point(orbit.linearisation, tangent, 0.0, entry.arclength, 0)
+    return Event(entry.kind, point, entry.residual, entry.error, entry.method, details)
+
+
+def details_of(entry: Entry) -> dict[str, Any]:
+    """Return where on its orbit an entry's event happens, in the clock of its unknowns.
+
+    Raises
+    ------
+    InputError
+        If the entry does not say.
+    """
+    kept = {name: getattr(entry, name) for name in DETAILS}
+    details = {name: value for name, value in kept.items() if value is not None}
+    if lacking := [name for name in kind_of(entry.kind).needed if name not in details]:
+        found = f"it has no {lacking[0]}"
+        raise InputError("entry", found, "give an entry as a catalogue records it")
+    if entry.word and entry.orbit_period is not None and "touch_time" in details:
+        details["touch_time"] -= entry.orbit_period
+    return details
+
+
+def _pairs(multipliers: Array) -> list[tuple[float, float] | None]:
+    return [(m.real, m.imag) if np.isfinite(m) else None for m in multipliers.tolist()]
+
+
+def _why(n_unstable: int, verdict: Verdict) -> str | None:
+    """Why an event is a ghost, or None."""
+    reasons = []
+    if n_unstable:
+        reasons.append(f"unstable: {n_unstable} multiplier{'s' * (n_unstable > 1)} outside")
+    if verdict.reason:
+        reasons.append(f"unphysical: {verdict.reason}")
+    return "; ".join(reasons) or None
+
+
+def impacts_of(problem: OrbitProblem, unknowns: Array) -> list[dict[str, Any]]:
+    """Return the impacts as records, the first one's time in [0, T)."""
+    names = ["time", "velocity", *coordinates(problem.m)[2:]]
+    rows = problem.impacts(unknowns).tolist()
+    for row in rows:
+        row[0] = _shifted(problem, unknowns, row[0])
+    return [
+        {"wall": wall} | dict(zip(names, row, strict=True)) | states
+        for wall, row, states in zip(
+            problem.word.walls, rows, _states(problem, unknowns), strict=True
+        )
+    ]
+
+
+def _states(problem: OrbitProblem, unknowns: Array) -> list[dict[str, list[float]]]:
+    """All positions and velocities before each impact, where there are several."""
+    size = problem.model.DEGREES_OF_FREEDOM
+    if size == 1:
+        return [{}] * len(problem.word)
+    setup = problem.kernels.setup(*problem.values(unknowns))
+    guards = {
+        g.name: (g.row(size), x) for g, x in zip(problem.model.WALLS, setup.walls, strict=True)
+    }
+    rows = problem.impacts(unknowns)[:, 1:].tolist()
+    return [
+        dict(zip(("positions", "velocities"), state_before(*guards[wall], row), strict=True))
+        for wall, row in zip(problem.word.walls, rows, strict=True)
+    ]
+
+
+def _shifted(problem: OrbitProblem, unknowns: Array, time: Any) -> Any:
+    """A time in the clock in which the first impact comes in [0, T)."""
+    if time is None:
+        return None
+    period = problem.period(unknowns)
+    first, _ = problem.times_around(unknowns, 0)
+    return time - float(np.floor(first / period)) * period
+
+
+# What a user gave to be followed, as an orbit.
+
+FOLLOWED = (
+    "give an orbit of find_orbits, an entry, branch.orbit(row), or diagram.orbit('e5') by its name"
+)
+
+
+def as_diagram(given: object) -> Diagram:
+    """Return the diagram meant by a diagram, a branch, or several branches.
+
+    Raises
+    ------
+    InputError
+        For anything else.
+    """
+    if isinstance(given, Diagram):
+        return given
+    branches = [given] if isinstance(given, Branch) else given
+    if isinstance(branches, list | tuple) and all(isinstance(one, Branch) for one in branches):
+        return Diagram(", ".join(dict.fromkeys(one.notation for one in branches)), branches)
+    raise InputError("diagram", _found(given), "give a diagram, a branch, or a list of branches")
+
+
+def named(given: object) -> object:
+    """Return the entry that a pair (branch or diagram, name) means, and anything else as it is."""
+    if not (isinstance(given, tuple) and len(given) == 2 and isinstance(given[1], str)):
+        return given
+    holder, name = given
+    if isinstance(holder, Branch):
+        return event_of_branch(holder, name)
+    return holder.entry(name) if isinstance(holder, Diagram) else given
+
+
+def as_orbit(given: object, model: Model | None = None) -> Orbit:
+    """Return the orbit meant by an orbit, an entry, an event, a point, or a pair (branch, row).
+
+    Raises
+    ------
+    InputError
+        For anything else, or where the record and the model do not fit.
+    """
+    if isinstance(given, Orbit):
+        return given
+    if isinstance(given, Entry):
+        return given.orbit(model)
+    if isinstance(given, tuple) and len(given) == 2 and isinstance(given[0], Branch):
+        return given[0].orbit(given[1], model)
+    point = given.point if isinstance(given, Event) else given
+    here = point.evaluation if isinstance(point, Point) else None
+    if isinstance(here, Linearisation):
+        return Orbit(here.problem, here)
+    raise InputError("orbit", _found(given), FOLLOWED)
+
+
+def _found(given: object) -> str:
+    """What was given in the place of an orbit, in words."""
+    if isinstance(given, Branch):
+        return f"found the branch {given.id}, which has {len(given)} orbits"
+    if isinstance(given, Diagram):
+        return f"found the diagram {given.name}"
+    if isinstance(given, list | tuple) and any(isinstance(item, Orbit) for item in given):
+        return f"found a list of {len(given)}, not one of its orbits"
+    return f"found {shown(given)}"
+
+
+def entry_first(entry: Any, model: Any) -> tuple[Any, Any]:
+    """Return an entry and its model, which may have been given the other way round."""
+    return (model, entry) if isinstance(entry, Model) else (entry, model)

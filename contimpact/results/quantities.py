@@ -1,0 +1,229 @@
+"""Quantities along branches, energies of impacts among them.
+
+A quantity is one series for each impact, each multiplier or each orbit. Series of one name belong
+together: those of impacts are called as their walls.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass
+from typing import Any, TypeAlias
+
+import numpy as np
+
+from ..arrays import Array
+from ..errors import InputError, shown
+from ..segments.kernels import Kernels
+from ..systems.membrane import Membrane, velocity_scale
+from .branch import Branch, model_at
+
+# The vocabulary that pictures and the page share: how names are written, which colour a wall has.
+#
+# Colours are dark enough for print on white; the first two differ in lightness.
+
+WALLS = ("#00558B", "#B87400", "#00795A", "#A8527F", "#5E4FA2", "#8B3A1E")
+"""Of walls, in their order; what is more begins again."""
+WALLS_ON_DARK = ("#56B4E9", "#F0B340", "#35C596", "#E39FC8", "#B3A6F0", "#E8987A")
+NO_WALL = "#555555"
+NO_IMPACT = "no impact"
+"""What the series of a motion without impacts is called."""
+PI_BELOW = 36
+"""Largest denominator of the multiples of pi that are written as such."""
+
+_SMALL = (
+    "alpha beta gamma delta epsilon zeta eta theta iota kappa lambda mu nu xi omicron pi rho "
+    "sigma tau upsilon phi chi psi omega"
+).split()
+_SHORT = {"al": "alpha", "be": "beta", "ga": "gamma", "eps": "epsilon", "la": "lambda"}
+_SHORT |= {"om": "omega"}
+GREEK = dict(zip(_SMALL, (chr(c) for c in range(0x3B1, 0x3CA) if c != 0x3C2), strict=True))
+"""Letters by their names and the usual abbreviations of these, capitals among them."""
+GREEK |= {short: GREEK[name] for short, name in _SHORT.items()}
+GREEK |= {name.capitalize(): letter.upper() for name, letter in GREEK.items()}
+
+
+def parts_of(name: str) -> tuple[str, bool, str] | None:
+    """Return the letter of a name as ``beta``, ``gbar`` or ``r_B``, whether it has a bar, and its
+    index; None for a word."""
+    match = re.fullmatch(r"([A-Za-z]+?)(bar)?(?:_([A-Za-z0-9]+)|([0-9]+))?", name)
+    if match is None or (len(match[1]) > 1 and match[1] not in GREEK):
+        return None
+    return GREEK.get(match[1], match[1]), bool(match[2]), match[3] or match[4] or ""
+
+
+def way(parameter: str, rising: bool) -> str:
+    """Return how the direction of a sweep is called: by what changes."""
+    return f"{parameter} {'rising' if rising else 'falling'}"
+
+
+# Output voltages of the energy harvester on orbits: of each impact, and their means.
+#
+# The voltage of one impact is `contimpact.systems.membrane`'s affair. Means are equations (9) of
+# the
+# paper on vibro-impact pairs.
+
+
+@dataclass(frozen=True, eq=False)
+class Energy:
+    """Output voltages of a motion.
+
+    Attributes
+    ----------
+    impacts : ndarray of shape (N,)
+        U_k, V.
+    per_impact, per_time : float
+        The means of equations (9), V, the second per unit of dimensionless time. Where impacts
+        accumulate there are infinitely many of them, and the mean per impact is zero.
+    """
+
+    impacts: Array
+    per_impact: float
+    per_time: float
+
+
+def of_impacts(
+    membrane: Membrane, parameters: Mapping[str, float], velocities: Any, span: float
+) -> Energy:
+    """Return the voltages of the impacts made in a time `span`.
+
+    Parameters
+    ----------
+    membrane : Membrane
+    parameters : mapping of str to float
+        Of a system with membranes.
+    velocities : array_like of shape (N,)
+        Dimensionless, before impact.
+    span : float
+        Dimensionless time in which they happen.
+    """
+    voltages = membrane.voltage(velocity_scale(parameters) * np.asarray(velocities))
+    total = float(np.sum(voltages))
+    mean = total / len(voltages) if len(voltages) else 0.0
+    return Energy(voltages, mean, total / span)
+
+
+def along(membrane: Membrane, branch: Branch, forcing_period: float = 2.0) -> dict[str, Array]:
+    """Return the voltages along a branch, unphysical orbits included.
+
+    Returns
+    -------
+    dict of str to ndarray
+        ``U1``, ``U2``, ... of each impact, ``U_I`` per impact, ``U_T`` per time; one value for
+        each point.
+    """
+    scale = np.asarray(velocity_scale(branch.columns))
+    voltages = membrane.voltage(scale[:, None] * branch.velocities)
+    columns = {f"U{k + 1}": voltages[:, k] for k in range(voltages.shape[1])}
+    total = voltages.sum(axis=1)
+    columns["U_I"] = total / voltages.shape[1]
+    columns["U_T"] = total / branch.columns.get("period", branch.period * forcing_period)
+    return columns
+
+
+QUANTITIES = ("velocity", "multipliers", "moduli", "energy", "U_I", "U_T", "gap", "period")
+"""Names of quantities beside those of columns."""
+
+Quantity: TypeAlias = str | Callable[[Branch], Any]
+"""A name, or a function of a branch that returns values with a row for each point."""
+
+
+@dataclass(frozen=True)
+class Series:
+    """Values along a branch, and what they are of: a wall, a multiplier, an orbit.
+
+    Between points the values are a smooth function of arclength if `smooth` says so; with `poles`
+    they may pass through infinity.
+    """
+
+    name: str
+    values: Array
+    smooth: bool = False
+    poles: bool = False
+
+
+def series_of(
+    branch: Branch, quantity: Quantity = "velocity", membrane: Membrane | None = None
+) -> list[Series]:
+    """Return the series of a quantity along a branch.
+
+    Parameters
+    ----------
+    branch : Branch
+    quantity : str or callable
+        One of `QUANTITIES`: ``velocity`` before each impact, zero on branches without any; real
+        parts of the ``multipliers`` or their ``moduli``; ``energy`` for the output voltage of each
+        impact, ``U_I`` and ``U_T`` for its means per impact and per time; the smallest ``gap``; the
+        ``period``; a numeric column; or a function of the branch that returns an array with a row
+        for each point, or several of them by name.
+    membrane : Membrane, optional
+        Of the voltages.
+
+    Raises
+    ------
+    InputError
+        For a name that is none of these, or values that do not fit the branch.
+    """
+    if callable(quantity):
+        return list(_of_function(branch, quantity))
+    if quantity == "velocity":
+        speeds = [Series(w, branch[f"v{k}"], True) for k, w in enumerate(branch.word, start=1)]
+        return speeds or [Series(NO_IMPACT, np.zeros(len(branch)))]
+    if quantity in ("multipliers", "moduli"):
+        rows = branch.multipliers.real if quantity == "multipliers" else abs(branch.multipliers)
+        return [Series(f"multiplier {k}", m, poles=True) for k, m in enumerate(rows.T, start=1)]
+    if quantity in ("energy", "U_I", "U_T"):
+        return _voltages(branch, quantity, membrane or Membrane())
+    if quantity == "period":
+        return [Series("period", _periods(branch))]
+    name = {"gap": "smallest_gap"}.get(quantity, quantity)
+    if name not in numbers_of(branch):
+        accepted = f"accepted are {', '.join([*QUANTITIES, *numbers_of(branch)])}"
+        raise InputError("y", f"branch {branch.id} has no {shown(quantity)}", accepted)
+    return [Series(quantity, branch[name], smooth=name[:1] in "tv" and name[1:].isdigit())]
+
+
+def numbers_of(branch: Branch) -> list[str]:
+    """Return the names of a branch's numeric columns."""
+    return [name for name, values in branch.columns.items() if values.dtype.kind in "fi"]
+
+
+def _voltages(branch: Branch, quantity: str, membrane: Membrane) -> list[Series]:
+    columns = along(membrane, branch)
+    if quantity != "energy":
+        return [Series(quantity, columns[quantity], True)]
+    return [Series(w, columns[f"U{k}"], True) for k, w in enumerate(branch.word, start=1)]
+
+
+def _periods(branch: Branch) -> Array:
+    """The orbits' periods, in the model's clock."""
+    if "period" in branch.columns:
+        return branch["period"]
+    kernels = Kernels(model_at(branch, 0), branch.parameter)
+    names = list(kernels.model.values)
+    rows = np.column_stack([branch[name] for name in names]).tolist()
+    return branch.period * np.array([kernels.setup(*row).period for row in rows])
+
+
+def _of_function(branch: Branch, function: Callable[[Branch], Any]) -> Iterator[Series]:
+    found = function(branch)
+    if isinstance(found, Mapping):
+        for name, values in found.items():
+            yield Series(str(name), _checked(branch, values)[:, 0])
+        return
+    name = getattr(function, "__name__", "y")
+    for column in _checked(branch, found).T:
+        yield Series("y" if name == "<lambda>" else name, column)
+
+
+def _checked(branch: Branch, values: Any) -> Array:
+    """Values as columns with a row for each point of the branch."""
+    try:
+        rows = np.asarray(values, dtype=float)
+    except (TypeError, ValueError):
+        rows = np.zeros(0)
+    if rows.ndim not in (1, 2) or len(rows) != len(branch):
+        found = f"its function returned {shown(values)} on branch {branch.id}"
+        raise InputError("y", found, f"return {len(branch)} numbers, one for each point")
+    return rows.reshape(len(branch), -1)

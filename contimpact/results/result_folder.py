@@ -1,0 +1,461 @@
+"""The folder of a result: what it holds, who holds it, and its manifest.
+
+A run locks its folder. What an earlier run left there stays as it is while the run computes. Then
+the run marks the folder as unfinished, removes the earlier manifest and the earlier files, writes
+its own, the manifest last, and removes the mark. So whatever moment a run is ended at, the folder
+holds the files of one run, or is marked.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import hashlib
+import json
+import os
+import platform
+import re
+import sys
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from .. import __version__
+from ..errors import InputError, NotWrittenError, shown
+from ..segments.compiling import mode, ran_plainly, used
+from ..storage.files import (
+    FOR_ALL,
+    LOCK,
+    PACKED,
+    is_there,
+    locked,
+    put,
+    read_bounded,
+    read_plain,
+    reason,
+    remove_leftovers,
+    write_all,
+)
+from ..storage.texts import json_text
+
+CATALOGUE = "contimpact.catalogue/1"
+MANIFEST = "contimpact.manifest/1"
+MARK = "contimpact.unfinished"
+ROWS = "rows.jsonl"
+"""What a simulation keeps as it finds it. It says itself of which scene it is, and stays."""
+TABLES = ("branches", "curves")
+"""Folders of tables in a folder of results."""
+SEALED = re.compile(rf"catalogue\.json|sweep\.csv|({'|'.join(TABLES)})/[^/]+\.csv")
+"""The files that are read back: the manifest holds their digests."""
+
+WRITTEN = {
+    "run": (
+        r"(catalogue|certificates)\.json|events\.csv",
+        r"(diagram|curves|codim2)\.(svg|png|pdf)|diagram\.html",
+    ),
+    "simulate": (
+        r"(sweep|energy|losses)\.csv|(transitions|coverage)\.json",
+        r"(attractors|exponents|energy|portrait\d+|basins\d+)\.(svg|png|pdf)",
+    ),
+}
+"""Names of the files, and of the pictures, that each command writes besides tables. Certificates go
+with the catalogue they belong to."""
+
+WANTED = "a folder made by contimpact run"
+DEEPEST = 64
+"""How deep a JSON file may be nested."""
+LONGEST = 1 << 24
+"""Bytes that the first line of a table may have."""
+
+
+# Writing.
+
+
+def prepare_folder(
+    folder: str | Path, files: Sequence[str] = (), folders: Sequence[str] = ()
+) -> Path:
+    """Make a folder for output and make sure that it can be written.
+
+    Parameters
+    ----------
+    folder : str or Path
+    files, folders : sequence of str
+        What is going to be written in it; nothing else may be in the way.
+
+    Raises
+    ------
+    InputError
+        If it cannot.
+    """
+    import tempfile
+
+    if not str(folder):
+        raise InputError("output folder", "empty", "give the path of a folder")
+    folder = Path(folder)
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        with tempfile.TemporaryFile(dir=folder):
+            pass
+    except (OSError, ValueError) as error:
+        raise InputError(
+            str(folder), f"cannot be written ({reason(error)})", "give another folder"
+        ) from None
+    for name in files:
+        if (folder / name).is_dir():
+            raise InputError(str(folder / name), "a folder", "move it: a file is to be written")
+    for name in folders:
+        if (folder / name).is_symlink():
+            raise InputError(str(folder / name), "a link", "move it: a folder is to be made")
+        if os.path.lexists(folder / name) and not (folder / name).is_dir():
+            raise InputError(str(folder / name), "not a folder", "move it: a folder is to be made")
+    return folder
+
+
+@contextlib.contextmanager
+def held(
+    target: str | Path, files: Sequence[str] = (), folders: Sequence[str] = ()
+) -> Iterator[Path]:
+    """A folder for output that no other process writes to meanwhile.
+
+    What had to be made for it is removed where the work inside fails and leaves it empty. Takes
+    the arguments of `prepare_folder`.
+
+    Raises
+    ------
+    InputError
+        If the folder cannot be written, or another process writes to it.
+    """
+    above = (Path(target), *Path(target).parents)
+    made = [folder for folder in above if not os.path.lexists(folder)]
+    try:
+        folder = prepare_folder(target, files, folders)
+        with locked(folder):
+            for place in (folder, *(folder / name for name in folders)):
+                remove_leftovers(place)
+            yield folder
+    except BaseException:
+        for empty in made:
+            with contextlib.suppress(OSError):
+                empty.rmdir()
+        raise
+
+
+def kept_still(folder: Path) -> contextlib.AbstractContextManager[None]:
+    """Let nobody write to a folder meanwhile, if it is one of results or becomes one.
+
+    Raises
+    ------
+    InputError
+        If another process writes to it.
+    """
+    results = (LOCK, MARK, "manifest.json", "catalogue.json")
+    ours = any((folder / name).exists() for name in results)
+    return locked(folder) if ours else contextlib.nullcontext()
+
+
+@contextlib.contextmanager
+def renewed(
+    folder: Path, commands: Sequence[str], scene: Mapping[str, Any] | None = None
+) -> Iterator[list[str]]:
+    """Replace what an earlier run left in a folder; it is marked as unfinished meanwhile.
+
+    Parameters
+    ----------
+    folder : Path
+        One that is `held`.
+    commands : sequence of str
+        Of those in `WRITTEN`, the ones whose files are to be written.
+    scene : mapping, optional
+        The scene as resolved. What the other commands have written stays only if it is of the
+        same scene.
+
+    Yields
+    ------
+    list of str
+        Names of files of the other commands that stay.
+
+    Raises
+    ------
+    NotWrittenError
+        If nothing can be written.
+    """
+    same = scene is not None and _scene_in(folder) == json.loads(json.dumps(scene))
+    gone = ours(folder, commands if same else WRITTEN)
+    kept = ours(folder, WRITTEN.keys() - set(commands)) if same else []
+    if same and "simulate" not in commands and _begins_as_ours(folder / ROWS):
+        kept.append(ROWS)
+    try:
+        put(folder / MARK, b"", FOR_ALL)
+        for name in ("manifest.json", *gone):
+            (folder / name).unlink(missing_ok=True)
+    except OSError as error:
+        raise NotWrittenError(str(folder), [], {"any file": reason(error)}) from None
+    yield kept
+    (folder / MARK).unlink(missing_ok=True)
+
+
+def _scene_in(folder: Path) -> Any:
+    """The scene that a folder's manifest holds; None without one."""
+    try:
+        return read_json(folder / "manifest.json", MANIFEST, WANTED)["scene"]["resolved"]
+    except (InputError, KeyError, TypeError):
+        return None
+
+
+class Files:
+    """The files of a folder written so far, and those that could not be written.
+
+    Parameters
+    ----------
+    folder : Path
+    kept : sequence of str
+        Names of files that are there.
+
+    Attributes
+    ----------
+    written : list of str
+    failed : dict of str to str
+        Why, by name.
+    """
+
+    def __init__(self, folder: Path, kept: Sequence[str] = ()) -> None:
+        self.folder = folder
+        self.written = list(kept)
+        self.failed: dict[str, str] = {}
+
+    def add(self, write: Callable[[], Iterable[str]]) -> None:
+        """Write files and record their names; go on if some cannot be written."""
+        try:
+            self.written += write()
+        except NotWrittenError as error:
+            self.written += error.written
+            self.failed |= error.failed
+        except InputError as error:  # a picture that cannot be drawn
+            self.failed[error.where] = error.found
+
+    def note(self, name: str, failure: str | None) -> None:
+        """Record a file that was written elsewhere, or why it could not be."""
+        if failure is None:
+            self.written.append(name)
+        else:
+            self.failed[name] = failure
+
+    def close(self, manifest: Callable[[], str]) -> None:
+        """Write the manifest.
+
+        Raises
+        ------
+        NotWrittenError
+            If anything could not be written.
+        """
+        self.add(lambda: write_all(self.folder, {"manifest.json": manifest}))
+        if self.failed:
+            raise NotWrittenError(str(self.folder), self.written, self.failed)
+
+    def not_written(self) -> list[str]:
+        """What could not be written, each with the reason."""
+        return [f"{name}: {why}" for name, why in self.failed.items()]
+
+
+# Which files are ours.
+
+
+def branch_file(identity: str, word: str) -> str:
+    """Return the name of a branch's table."""
+    return f"branches/{_plain(identity)}-{_of_word(word)}.csv"
+
+
+def curve_file(identity: str, kind: str, word: str) -> str:
+    """Return the name of a curve's table."""
+    return f"curves/{_plain(identity)}-{_plain(kind)}-{_of_word(word)}.csv"
+
+
+def _of_word(word: str) -> str:
+    """The part that names a word."""
+    return _plain(word or "0")[:40]
+
+
+def _plain(name: str) -> str:
+    """A part of a file's name, if it leads to no other folder."""
+    if not re.fullmatch(r"[\w-]+", name):
+        raise ValueError(f"{shown(name)} in the name of a file")
+    return name
+
+
+def ours(folder: Path, commands: Iterable[str]) -> list[str]:
+    """Return the names of files in a folder that these commands have written.
+
+    What a manifest or a catalogue says is not relied on: anybody may have written it. A file is
+    one of ours if it has the name that we give it and begins as we begin it; a picture, if it has
+    such a name and stands beside such a file.
+    """
+    found: list[str] = []
+    known = (folder / MARK).exists() or _begins_as_ours(folder / "manifest.json")
+    for command in commands:
+        files, pictures = WRITTEN[command]
+        for name in sorted(_names(folder)):
+            if re.fullmatch(files, plain := name.removesuffix(PACKED)):
+                found += [name] if _begins_as_ours(folder / plain) else []
+            elif known and re.fullmatch(pictures, name):
+                found.append(name)
+    if "run" in commands:
+        found += [name for place in TABLES for name in _tables(folder, place)]
+    return found
+
+
+def _names(folder: Path) -> list[str]:
+    """The names of all but folders in a folder; none if it is a link."""
+    if folder.is_symlink() and folder.name in TABLES:
+        return []
+    try:
+        with os.scandir(folder) as entries:
+            return [e.name for e in entries if not e.is_dir(follow_symlinks=False)]
+    except OSError:
+        return []
+
+
+def _tables(folder: Path, place: str) -> list[str]:
+    """The tables in a folder inside that carry the name their first line asks for."""
+    names = [f"{place}/{name}" for name in sorted(_names(folder / place))]
+    return [
+        n for n in names if _asked_name(folder / n.removesuffix(PACKED)) == n.removesuffix(PACKED)
+    ]
+
+
+def _asked_name(path: Path) -> str | None:
+    """The name that a table's first line asks for; None of what is no table of ours."""
+    try:
+        first = read_plain(path, LONGEST)[0].partition(b"\n")[0]
+        head = json.loads(first.removeprefix(b"# "))
+        if not head["schema"].startswith("contimpact."):
+            return None
+        named = [head[key] for key in ("id", "kind", "word") if key in head]
+        return curve_file(*named) if "kind" in head else branch_file(*named)
+    except (OSError, ValueError, KeyError, TypeError, AttributeError, RecursionError):
+        return None
+
+
+def _begins_as_ours(path: Path) -> bool:
+    """Whether a file begins with one of our schemas, or as our list of events."""
+    try:
+        start = read_plain(path, 80)[0]
+    except OSError:
+        return False
+    return b'"schema": "contimpact.' in start or start.startswith(b"id,kind,ghost,label,")
+
+
+# Reading.
+
+
+@contextlib.contextmanager
+def reading(folder: Path) -> Iterator[None]:
+    """Make sure that the results in a folder are of one run, and stay so while they are read.
+
+    Raises
+    ------
+    InputError
+        If a run was ended while it wrote the folder, its manifest belongs to another catalogue or
+        to another table, or it is rewritten meanwhile.
+    """
+    before = _state(folder)
+    yield
+    if _state(folder) != before:
+        raise InputError(str(folder), "written anew while it was read", "read it again")
+
+
+def digests_of(folder: Path, files: Iterable[str]) -> dict[str, str]:
+    """Return the digests of those of a folder's files that are read back, by name."""
+    names = sorted({name for name in files if SEALED.fullmatch(name)})
+    return {name: found for name in names if (found := sha256(folder / name))}
+
+
+def _state(folder: Path) -> tuple[str | None, ...]:
+    """Digests of a folder's manifest and of the files that it seals, if they belong to it."""
+    catalogue, manifest = folder / "catalogue.json", folder / "manifest.json"
+    if os.path.lexists(folder / MARK):
+        found = "a run is writing this folder, or ended before all was written"
+        accepted = "run it again, or remove this file to use what is there"
+        raise InputError(str(folder / MARK), found, accepted)
+    if not is_there(manifest):
+        return None, sha256(catalogue)
+    sealed = read_json(manifest, MANIFEST, WANTED).get("sha256")
+    told = sealed if isinstance(sealed, dict) else {}
+    there = digests_of(folder, ["catalogue.json", *told])
+    for name, digest in there.items():
+        if told.get(name, digest) != digest:
+            accepted = "run it again, or remove manifest.json to use what is there as it is"
+            where = str(folder / name)
+            raise InputError(where, "not the one that manifest.json belongs to", accepted)
+    return sha256(manifest), *there.values()
+
+
+def sha256(path: Path) -> str | None:
+    """Return a file's digest; None if it cannot be read."""
+    try:
+        return hashlib.sha256(read_plain(path)[0]).hexdigest()
+    except OSError:
+        return None
+
+
+def read_json(path: Path, schema: str, wanted: str) -> dict[str, Any]:
+    """Read a JSON file of a schema, or raise `InputError`."""
+    try:
+        content = json.loads(read_bounded(path).decode())
+        _check_depth(content)
+    except OSError as error:
+        raise InputError(str(path), f"cannot be read ({reason(error)})", f"give {wanted}") from None
+    except (ValueError, RecursionError) as error:
+        raise InputError(str(path), f"not JSON ({error})", f"give {wanted}") from None
+    found = content.get("schema") if isinstance(content, dict) else None
+    if found != schema:
+        raise InputError(str(path), f"its schema is {found!r}", f"this version reads {schema!r}")
+    return content
+
+
+def _check_depth(content: Any, left: int = DEEPEST) -> None:
+    """Raise `ValueError` if plain data are nested deeper than any of ours."""
+    if not left:
+        raise ValueError("nested too deeply")
+    if isinstance(content, dict | list):
+        for part in content.values() if isinstance(content, dict) else content:
+            _check_depth(part, left - 1)
+
+
+# The manifest of a folder of results: what was asked, what ran, its cost, what was left out.
+
+
+def manifest_text(
+    scene: Mapping[str, Any],
+    given: Mapping[str, Any],
+    left_out: Sequence[str],
+    statistics: Mapping[str, Any],
+    files: Sequence[str],
+    digests: Mapping[str, str],
+) -> str:
+    """Return ``manifest.json``: what was asked, what ran, what it cost, what was left out.
+
+    `digests` are those of the catalogue and the tables beside it.
+    """
+    versions = {"contimpact": __version__, "python": platform.python_version()}
+    for name in ("numpy", "scipy", "sympy", "matplotlib"):
+        if name in sys.modules:
+            versions[name] = sys.modules[name].__version__
+    return json_text(
+        {
+            "schema": MANIFEST,
+            "versions": versions,
+            "scene": {"given": given, "resolved": scene},
+            **statistics,
+            "compiled": {"mode": mode(), "programs": used(), "plainly": ran_plainly()},
+            "modules": _modules(),
+            "left_out": list(left_out),
+            "files": sorted(set(files)),
+            "sha256": dict(digests),
+        }
+    )
+
+
+def _modules() -> list[str]:
+    """The package's modules that were imported, and the libraries among its dependencies."""
+    own = [name for name in sys.modules if name.split(".")[0] == "contimpact"]
+    libraries = ("numpy", "scipy", "sympy", "mpmath", "matplotlib", "numba")
+    return sorted(own) + [name for name in libraries if name in sys.modules]

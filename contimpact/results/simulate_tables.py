@@ -1,0 +1,231 @@
+"""The tables [simulate] and [energy] of a scene; imported only where a scene has one of them.
+
+They are read without what simulates: ``contimpact run`` validates them and leaves them out.
+"""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass, fields
+from typing import TYPE_CHECKING, Any
+
+from ..errors import InputError
+from ..models.model import Model
+from .options import LARGEST_SEED, MOST_STARTS, Table
+
+if TYPE_CHECKING:
+    from ..systems.membrane import Membrane
+
+DIRECTIONS = ("down", "up", "both")
+SPACINGS = ("even", "reciprocal")
+MOST_VALUES = 100_000
+LARGEST_GRID = 1000
+SETTLING_BOUNDS = {
+    "transient": (0, 10**8),
+    "periods": (1, 10**8),
+    "longest": (1, 100_000),
+    "impacts": (20, 10**7),
+}
+"""Least and most of the whole numbers of `Settling`."""
+
+
+@dataclass(frozen=True)
+class Settling:
+    """How long to wait for an attractor, and when one is taken for granted.
+
+    Attributes
+    ----------
+    transient : int
+        Forcing periods dropped at first.
+    periods : int
+        Further periods within which a periodic motion has to show itself.
+    longest : int
+        Impacts that a period may have.
+    impacts : int
+        Impacts from which exponents of other motions are computed.
+    tolerance : float
+        Distance from a periodic orbit at which a motion has reached it.
+    """
+
+    transient: int = 100
+    periods: int = 2000
+    longest: int = 128
+    impacts: int = 4000
+    tolerance: float = 1e-9
+
+
+SETTLING = Settling()
+
+
+@dataclass(frozen=True)
+class SimulateOptions:
+    """What to simulate.
+
+    Attributes
+    ----------
+    range : (low, high)
+        Of the followed parameter.
+    values : int
+        Values swept, both ends among them.
+    direction : str
+        ``down`` for falling values of the parameter, ``up`` for rising ones, or ``both``.
+    settling : Settling
+    starts : int
+        Random starts at each value, besides the sweep's own.
+    seed : int
+    transitions : bool
+        Whether to bisect in the parameter where the attractor changes.
+    width : float
+        To which width, in the parameter's unit.
+    branches : bool
+        Whether the scene's branches are followed too, to compare with.
+    portraits : sequence of float
+        Values at which phase portraits and time series are drawn.
+    basins : sequence of float
+        Values at which basins of attraction are drawn.
+    grid : int
+        Starts along each side of a basin's picture.
+    losses : bool
+        Whether the kinetic energy that impacts take is told, too.
+    spacing : str
+        ``even``, or ``reciprocal`` for values whose reciprocals are evenly spaced, as where the
+        drawn quantity is inversely proportional to the parameter.
+    """
+
+    range: tuple[float, float]
+    values: int = 101
+    direction: str = "down"
+    settling: Settling = SETTLING
+    starts: int = 0
+    seed: int = 0
+    transitions: bool = True
+    width: float = 1e-6
+    branches: bool = False
+    portraits: tuple[float, ...] = ()
+    basins: tuple[float, ...] = ()
+    grid: int = 40
+    losses: bool = False
+    spacing: str = "even"
+
+    def rising(self) -> list[float]:
+        """Return the values swept, lowest first."""
+        import numpy as np
+
+        low, high = self.range
+        if self.spacing == "even":
+            return np.linspace(low, high, self.values).tolist()
+        inner = 1.0 / np.linspace(1.0 / low, 1.0 / high, self.values)[1:-1]
+        return [low, *inner.tolist(), high]
+
+    def sweeps(self) -> list[tuple[str, list[float]]]:
+        """Return each sweep's direction and its values in order."""
+        rising = self.rising()
+        ways = {"down": rising[::-1], "up": rising}
+        names = ("down", "up") if self.direction == "both" else (self.direction,)
+        return [(name, ways[name]) for name in names]
+
+    def resolved(self) -> dict[str, Any]:
+        """Return the options as a scene would write them."""
+        flat = asdict(self) | asdict(self.settling)
+        del flat["settling"]
+        return {k: list(v) if isinstance(v, tuple) else v for k, v in flat.items()}
+
+
+def read_simulate(
+    table: Table, model: Model, parameter: str, limits: tuple[float, float]
+) -> SimulateOptions:
+    """Validate the table [simulate].
+
+    Parameters
+    ----------
+    table : Table
+        Of the scene.
+    model : Model
+    parameter : str
+        The followed parameter.
+    limits : (low, high)
+        Of the branches; the default range.
+
+    Raises
+    ------
+    InputError
+        If a key is unknown, of a wrong type or inadmissible.
+    """
+    declared = model.require(parameter, "follow.parameter")
+    low, high = limits
+    if given := table.optional_pair("range"):
+        low, high = (declared.check(v, "simulate.range") for v in given)
+    direction = table.text("direction", "down")
+    if direction not in DIRECTIONS:
+        raise InputError(
+            "simulate.direction", f"found {direction!r}", f"accepted are {', '.join(DIRECTIONS)}"
+        )
+    spacing = table.text("spacing", "even")
+    if spacing not in SPACINGS or (spacing != "even" and not low * high > 0.0):
+        accepted = f"accepted are {', '.join(SPACINGS)}; reciprocals need a range without zero"
+        raise InputError("simulate.spacing", f"found {spacing!r}", accepted)
+    points = {
+        key: tuple(
+            declared.check(v, f"simulate.{key}[{i}]")
+            for i, v in enumerate(table.optional_numbers(key))
+        )
+        for key in ("portraits", "basins")
+    }
+    options = SimulateOptions(
+        (low, high),
+        table.whole("values", 101, least=2, most=MOST_VALUES),
+        direction,
+        _settling(table),
+        table.whole("starts", 0, least=0, most=MOST_STARTS),
+        table.whole("seed", 0, least=0, most=LARGEST_SEED),
+        table.truth("transitions", True),
+        _positive(table, "width", 1e-6 * (high - low)),
+        table.truth("branches", False),
+        points["portraits"],
+        points["basins"],
+        table.whole("grid", 40, least=2, most=LARGEST_GRID),
+        table.truth("losses", False),
+        spacing,
+    )
+    table.finish()
+    return options
+
+
+def _positive(table: Table, key: str, default: float) -> float:
+    value = table.number(key, default)
+    if not value > 0.0:
+        raise InputError(table.place(key), f"found {value!r}", "give a number > 0")
+    return value
+
+
+def _settling(table: Table) -> Settling:
+    defaults = asdict(SETTLING)
+    chosen: dict[str, Any] = {
+        key: table.whole(key, defaults[key], least=least, most=most)
+        for key, (least, most) in SETTLING_BOUNDS.items()
+    }
+    return Settling(**chosen, tolerance=_positive(table, "tolerance", defaults["tolerance"]))
+
+
+def read_energy(table: Table, model: Model) -> Membrane:
+    """Validate the table [energy].
+
+    Raises
+    ------
+    InputError
+        If a key is unknown, of a wrong type or inadmissible, or the system has no membranes.
+    """
+    if not model.MEMBRANES:
+        raise InputError(
+            "energy", f"the system {model.SYSTEM} has no membranes", "leave [energy] out"
+        )
+    from ..systems.membrane import Membrane
+
+    defaults = Membrane()
+    chosen = {
+        key.name: table.number(key.name, getattr(defaults, key.name)) for key in fields(Membrane)
+    }
+    table.finish()
+    try:
+        return Membrane(**chosen)
+    except InputError as error:
+        raise error.within("energy") from None

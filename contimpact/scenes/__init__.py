@@ -1,1 +1,0 @@
-"""Scenes: what to follow, read from TOML and validated."""
