@@ -23,14 +23,14 @@ if TYPE_CHECKING:
     from ..results.formats import write_mat as write_mat
     from ..results.scene import load_scene as load_scene
     from ..results.scene import read_scene as read_scene
-    from .attractors.coverage import cover as cover
-    from .attractors.energy import energy as energy
-    from .attractors.keeping import load as load
-    from .attractors.keeping import save as save
-    from .attractors.losses import losses as losses
-    from .attractors.sweep import sweep as sweep
-    from .attractors.transitions import find_transitions as find_transitions
-    from .attractors.verdict import settle as settle
+    from ..simulation.basins import cover as cover
+    from ..simulation.energy import energy as energy
+    from ..simulation.energy import losses as losses
+    from ..simulation.files import load as load
+    from ..simulation.files import save as save
+    from ..simulation.settle import settle as settle
+    from ..simulation.sweep import sweep as sweep
+    from ..simulation.transitions import find_transitions as find_transitions
     from .certificates.certify import certify as certify
     from .continuation.settings import Settings as Settings
     from .errors import InputError as InputError
@@ -93,8 +93,8 @@ _PLACES = {
     "load_entries": "results.catalogue",
     "plot_codim2": "plots.codim2",
     "plot_curves": "plots.curves",
-    "save": "attractors.keeping",
-    "load": "attractors.keeping",
+    "save": "simulation.files",
+    "load": "simulation.files",
     "sensitivity": "two_parameters.sensitivity",
     "write_auto": "results.formats",
     "write_mat": "results.formats",
@@ -106,12 +106,12 @@ _PLACES = {
     "certify": "certificates.certify",
     "Simulator": "simulation.simulator",
     "Membrane": "systems.membrane",
-    "energy": "attractors.energy",
-    "losses": "attractors.losses",
-    "settle": "attractors.verdict",
-    "sweep": "attractors.sweep",
-    "find_transitions": "attractors.transitions",
-    "cover": "attractors.coverage",
+    "energy": "simulation.energy",
+    "losses": "simulation.energy",
+    "settle": "simulation.settle",
+    "sweep": "simulation.sweep",
+    "find_transitions": "simulation.transitions",
+    "cover": "simulation.basins",
     "load_study": "parameter_studies.study_file",
     "read_study": "parameter_studies.study_file",
     "run_study": "parameter_studies.run",

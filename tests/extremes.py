@@ -19,8 +19,6 @@ from zoo import unknowns_of
 from contimpact import ImpactPair, InputError, Oscillator, Settings, find_orbits
 from contimpact.accuracy.reference import Reference
 from contimpact.accuracy.simulated import ExactFlights, flights_of, plain_voltage, voltages
-from contimpact.attractors.energy import Membrane, of_attractor
-from contimpact.attractors.verdict import settle
 from contimpact.bifurcations.grazing import touches_at
 from contimpact.bifurcations.registry import switch, test_functions
 from contimpact.continuation.corrector import correct
@@ -29,7 +27,10 @@ from contimpact.orbit_continuation.orbit_branch import both_ways
 from contimpact.orbits.problem import OrbitProblem
 from contimpact.orbits.search import solve_near
 from contimpact.segments.kernels import Kernels
+from contimpact.simulation.energy import of_attractor
+from contimpact.simulation.settle import settle
 from contimpact.simulation.simulator import Simulator
+from contimpact.systems.membrane import Membrane
 
 EVENTS = ("FB", "PD", "G", "V", "T")
 CASES: dict[str, Callable[[], Row]] = {}

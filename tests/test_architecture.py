@@ -355,7 +355,7 @@ def test_no_kind_of_event_is_told_by_its_name(module):
         and "kind" in ast.unparse(node)
         and {n.value for n in ast.walk(node) if isinstance(n, ast.Constant)} & {*KINDS, *CROSSINGS}
     ]
-    assert found == [] or module == "contimpact.attractors.naming"
+    assert found == [] or module == "contimpact.simulation.transitions"
 
 
 def test_errors_know_nothing():

@@ -13,9 +13,9 @@ import pytest
 from scipy.integrate import solve_ivp
 
 import contimpact as ci
-from contimpact.attractors.sweep import Row, Sweep
 from contimpact.display import LINES, Summary, in_lines, picture_of, table_of
 from contimpact.results.simulate_tables import Settling
+from contimpact.simulation.sweep import Row, Sweep
 
 SCRIPT = "<script>alert(1)"
 QUICK = Settling(transient=20, periods=200, impacts=400)

@@ -24,8 +24,8 @@ from .shot import EVALUATIONS
 from .timing import timed, within_budget
 
 if TYPE_CHECKING:
-    from ..attractors.energy import Membrane
     from ..results.scene import Scene
+    from ..systems.membrane import Membrane
 
 IMPACTS = 200
 """Impacts of the simulation that is timed."""

@@ -19,10 +19,9 @@ from ..results.result_folder import ROWS
 from ..results.scene import Scene
 from ..results.simulate_tables import SimulateOptions
 from ..segments.kernels import Kernels
-from ..storage.files import Content, write_all
-from .attractor import Attractor, Kind
-from .losses import require_masses
-from .output import (
+from ..simulation.attractor import Attractor, Kind
+from ..simulation.energy import require_masses
+from ..simulation.files import (
     Checkpoint,
     coverage_text,
     energy_text,
@@ -31,14 +30,14 @@ from .output import (
     sweep_text,
     transitions_text,
 )
-from .sweep import Row, Simulators, Sweep, find_attractors, same, sweep_rows
-from .transitions import Transition, all_changes, between, explained
+from ..simulation.sweep import Row, Simulators, Sweep, find_attractors, same, sweep_rows
+from ..simulation.transitions import Transition, all_changes, between, explained
+from ..storage.files import Content, write_all
 
 if TYPE_CHECKING:
     from ..results.diagram import Diagram
+    from ..simulation.basins import Basins, Coverage
     from ..simulation.simulator import Simulator
-    from .basins import Basins
-    from .coverage import Coverage
 
 STAGES = ("branches", "sweep", "random", "transitions", "coverage", "portraits", "basins")
 
@@ -236,7 +235,7 @@ class _Director:
 
     def coverage(self) -> None:
         if self.result.diagram is not None:
-            from .coverage import cover
+            from ..simulation.basins import cover
 
             self.progress("matching attractors with branches")
             kernels = self.simulators.kernels
@@ -260,7 +259,7 @@ class _Director:
         )
 
     def basins(self) -> None:
-        from .basins import basins
+        from ..simulation.basins import basins
 
         for value in self.options.basins:
             shown = f"basins at {self.scene.parameter} = {value:.6g}"

@@ -61,7 +61,7 @@ def _computed(scene: Scene, tell: Progress) -> tuple[Sequence[float], list[str]]
     try:
         derived = kernels.setup(*scene.model.values.values()).derived
         if scene.simulate is not None and scene.simulate.losses:
-            from ..attractors.losses import require_masses
+            from ..simulation.energy import require_masses
 
             require_masses(scene.model, kernels, "simulate.losses")
         return derived, _orbits(scene, kernels, tell)

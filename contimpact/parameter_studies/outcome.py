@@ -227,7 +227,7 @@ def simulation_rows(simulation: Simulation, keep: Sequence[str], membrane: Membr
             }
         )
         if "energies" in keep and membrane is not None:
-            from ..attractors.energy import of_attractor
+            from ..simulation.energy import of_attractor
 
             energy = of_attractor(membrane, a)
             means = {"per_impact": energy.per_impact, "per_time": energy.per_time}

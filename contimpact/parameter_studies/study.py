@@ -23,8 +23,8 @@ from .schema import OF_SCENES, STEPS
 from .store import Store, opened, refusal, taken
 
 if TYPE_CHECKING:
-    from ..attractors.sweep import Sweep
     from ..results.branch import Entry
+    from ..simulation.sweep import Sweep
     from .maps import Map
 
 ROWS = ("scenes", *(name for name in OF_SCENES if name not in ("coordinates", "catalogues")))

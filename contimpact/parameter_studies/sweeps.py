@@ -5,10 +5,10 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
-from ..attractors.attractor import Attractor, Kind
-from ..attractors.sweep import Row, Simulators, Sweep
 from ..errors import InputError
 from ..results.scene import read_scene
+from ..simulation.attractor import Attractor, Kind
+from ..simulation.sweep import Row, Simulators, Sweep
 from .study_file import StudyFile, read_study
 
 if TYPE_CHECKING:

@@ -18,12 +18,12 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ..attractors.attractor import Kind
-from ..attractors.basins import Basins
-from ..attractors.energy import of_attractor
-from ..attractors.sweep import Row, Simulators, Sweep, same
 from ..results.diagram import Diagram
 from ..results.quantities import along, way
+from ..simulation.attractor import Kind
+from ..simulation.basins import Basins
+from ..simulation.energy import of_attractor
+from ..simulation.sweep import Row, Simulators, Sweep, same
 from ..storage.files import Content, write_all
 from ..systems.membrane import Membrane
 from . import diagram as style

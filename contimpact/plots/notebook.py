@@ -5,7 +5,6 @@ from __future__ import annotations
 import functools
 from typing import Any
 
-from ..attractors.sweep import Sweep
 from ..display import PAINTERS
 from ..errors import InputError
 from ..orbits.orbit import Orbit
@@ -13,6 +12,7 @@ from ..parameter_studies.study import Study
 from ..results.branch import Branch, Entry
 from ..results.curve import Curve
 from ..results.diagram import Diagram
+from ..simulation.sweep import Sweep
 from .attractors import plot_sweep
 from .curves import plot_curves
 from .diagram import plot_diagram

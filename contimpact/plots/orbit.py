@@ -11,7 +11,6 @@ from typing import Any
 
 import numpy as np
 
-from ..attractors.attractor import Attractor
 from ..bifurcations.registry import kind_of
 from ..errors import InputError
 from ..models.model import Model
@@ -19,6 +18,7 @@ from ..orbits.orbit import Orbit
 from ..orbits.problem import positions
 from ..results.branch import Entry
 from ..results.entry_conversion import as_orbit, named
+from ..simulation.attractor import Attractor
 from .diagram import COLOURS, legend_mark, new_figure
 from .lines import STYLES
 from .portraits import INK, OTHERS, named_places

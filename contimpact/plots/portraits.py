@@ -12,11 +12,11 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ..attractors.attractor import Attractor, Kind
-from ..attractors.sweep import Row
 from ..orbits.orbit import Orbit
 from ..results.branch import Branch
+from ..simulation.attractor import Attractor, Kind
 from ..simulation.simulator import Simulator
+from ..simulation.sweep import Row
 from . import diagram as style
 from .lines import STYLES
 from .texts import plain
@@ -214,7 +214,7 @@ def others_at(result: Simulation, row: Row, simulator: Simulator) -> dict[str, A
     """
     if result.diagram is None:
         return {}
-    from ..attractors.coverage import orbits_on
+    from ..simulation.basins import orbits_on
 
     found: dict[str, Attractor] = {}
     for branch in result.diagram.branches:

@@ -14,10 +14,10 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
-from ..attractors.attractor import Attractor, Kind
-from ..attractors.sweep import Row, Sweep
 from ..errors import InputError
 from ..results.curve import Area, Check, Curve, falling
+from ..simulation.attractor import Attractor, Kind
+from ..simulation.sweep import Row, Sweep
 from .curves import plot_curves
 from .diagram import legend_mark
 from .texts import plain, symbol

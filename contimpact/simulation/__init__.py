@@ -1,1 +1,1 @@
-"""From impact to impact in time: the engine, chatter and sticking, Lyapunov exponents."""
+"""Motion in time, and what it settles on."""

@@ -1,8 +1,8 @@
-"""From impact to impact with any number of coordinates, guards and modes.
+"""Simulation of systems of several coordinates, its linearisation, and impacts at random.
 
 Each flight starts with the state that an impact, or a release, leaves. Of all guards that its mode
 has, the one that is reached first ends it. At rigid walls impacts accumulate by the law of
-`contimpact.simulation.chatter`; then the wall is held, and the motion goes on in the constrained
+`contimpact.simulation.impacts`; then the wall is held, and the motion goes on in the constrained
 mode (`linear_motion`), in which other walls may be hit and held. It ends where a contact ceases to
 push, or where another impact moves the system off the wall.
 
@@ -13,36 +13,173 @@ from __future__ import annotations
 
 import functools
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
 from ..arrays import Array
-from ..models.guards import state_before
+from ..errors import InputError
+from ..models.guards import pivot, state_before
 from ..models.model import Model
+from ..segments.arithmetic import ARRAYS, FLOATS, evaluate_in
+from ..segments.derivatives import Series, series
 from ..segments.flight import first_hit
 from ..segments.kernels import Kernels
-from ..segments.linear_flow import Shape
+from ..segments.linear_flow import Shape, generator_of
 from ..segments.segment import ELSEWHERE
-from .body import wrapped
-from .chatter import EARLY, LOW, SHORT
-from .flight_from_state import (
+from ..segments.track import Pieces, Track
+from .flights import (
+    NUDGE,
     SHORTEST,
+    Contact,
     KernelWindow,
+    LinearMotion,
     Window,
     linear_windows,
     until_repeated,
     windows,
 )
-from .flights import NUDGE
-from .linear_motion import Contact, LinearMotion
-from .passing import Passing
-from .paths import path_of
-from .random_states import random_impact
-from .run import Outcome, State, columns_of
-from .starting import check_start
+from .impacts import EARLY, LOW, SHORT, wrapped
+from .run import Outcome, Passing, State, columns_of
+
+# Starts anywhere within the guards of a mode; what lies elsewhere is refused.
+
+
+def check_start(automaton: Automaton, position: Sequence[float], mode: str) -> int:
+    """Return a guard that leads into the mode of a start.
+
+    Raises
+    ------
+    InputError
+        If there is no such mode, if its flights are not known from anywhere, or if the start lies
+        beyond one of its guards.
+    """
+    modes = [guard.next_mode for guard in automaton.guards]
+    if mode not in modes:
+        raise InputError("mode", f"no mode {mode!r}", f"the modes are {', '.join(modes)}")
+    wall = modes.index(mode)
+    if not automaton.linear[wall]:
+        found = f"the flights of {automaton.kernels.model.SYSTEM} are known from guards on"
+        raise InputError("position", found, "start at a guard")
+    for k, row in enumerate(automaton.rows):
+        guard = automaton.guards[k]
+        if automaton.passages.watched[wall][k]:
+            gap = guard.side * (automaton.positions[k] - float(row @ np.array(position)))
+            if not gap >= 0.0:
+                raise _outside(automaton, list(position), guard.name, mode)
+    return wall
+
+
+def _outside(automaton: Automaton, position: list[float], guard: str, mode: str) -> InputError:
+    """A start beyond a guard of its mode."""
+    if not mode:
+        return InputError("position", f"{position} is beyond {guard}", "start within the guards")
+    found = f"{position} is beyond {guard}, at which the mode {mode!r} ends"
+    others = dict.fromkeys(g.next_mode for g in automaton.guards if g.next_mode != mode)
+    named = " or ".join(f"mode={other!r}" for other in others)
+    return InputError("position", found, f"start within the guards, or give {named}")
+
+
+# Impacts at random, for systems of several coordinates.
+
+TRIES = 10_000
+GROWTH = 1.01
+"""By which the range of positions grows with each trial that lies beyond a guard."""
+
+
+def random_impact(automaton: Automaton, generator: np.random.Generator) -> State:
+    """Return an impact at random: guard, phase, and a state within the guards of its mode.
+
+    Velocities are up to `Automaton.fastest`, positions first up to what that gives in a period.
+    """
+    wall = int(generator.integers(len(automaton.guards)))
+    phase = float(generator.uniform(0.0, automaton.period))
+    speed, side = automaton.fastest, automaton.guards[wall].side
+    reach = 0.1 * speed * automaton.period
+    section: tuple[float, ...] = ()
+    for _ in range(TRIES):
+        others = generator.uniform(-1.0, 1.0, 2 * automaton.size - 2)
+        others[::2] *= reach
+        others[1::2] *= speed
+        velocity = side * float(generator.uniform(0.0, speed))
+        section = (velocity, *others.tolist())
+        if _within(automaton, wall, section):
+            break
+        reach *= GROWTH
+    return State(wall, phase, section[0], others=section[1:])
+
+
+def _within(automaton: Automaton, wall: int, section: tuple[float, ...]) -> bool:
+    """Whether a state before an impact is within the other guards of its mode."""
+    x, _ = automaton.before(wall, section)
+    own = set(automaton.guards[wall].modes)
+    return all(
+        guard.side * (place - row @ np.array(x)) >= 0.0
+        for k, (guard, row, place) in enumerate(
+            zip(automaton.guards, automaton.rows, automaton.positions, strict=True)
+        )
+        if k != wall and own & set(guard.modes)
+    )
+
+
+# The motion between impacts, for pictures.
+
+Piece = tuple[Array, Array, Array]
+"""Times, gap coordinates and their velocities."""
+
+
+def path_of(automaton: Automaton, states: Sequence[State], times: Array, points: int) -> Piece:
+    """Return the gap coordinate of every guard from state to state, and their velocities.
+
+    Parameters
+    ----------
+    automaton : Automaton
+    states : sequence of State
+    times : ndarray of shape (N,)
+        Their times.
+    points : int
+        Times on each flight.
+
+    Returns
+    -------
+    t : ndarray of shape ((N - 1) points,)
+    x, v : ndarray of shape ((N - 1) points, guards)
+    """
+
+    def piece(k: int) -> Piece:
+        state, held = states[k], states[k + 1].held
+        length = float(times[k + 1] - times[k])
+        dt = np.linspace(0.0, length, points)
+        linear = automaton.linear[state.wall]
+        x, v = (_linear if linear else _by_kernels)(automaton, state, held, dt)
+        return times[k] + dt, x, v
+
+    parts = [piece(k) for k in range(len(states) - 1)]
+    t, x, v = (np.concatenate(column) for column in zip(*parts, strict=True))
+    return t, x, v
+
+
+def _linear(automaton: Automaton, state: State, held: int, dt: Array) -> tuple[Array, Array]:
+    d, motion = automaton.size, automaton.flying(state.wall, held)
+    begin, _ = automaton.leave(state)
+    if dt[-1] > 0.0:
+        track = Track(Pieces(motion.shape, motion.numbers, float(dt[-1])), begin)
+        found = np.array([track.at(t) for t in dt.tolist()])
+    else:
+        found = np.tile(begin, (len(dt), 1))
+    rows = np.array(automaton.rows).T
+    return found[:, :d] @ rows, found[:, d : 2 * d] @ rows
+
+
+def _by_kernels(automaton: Automaton, state: State, _: int, dt: Array) -> tuple[Array, Array]:
+    left = automaton.guards[state.wall].name
+    kernels = (automaton.kernels.gap(left, guard.name) for guard in automaton.guards)
+    head = (state.phase + 0.0 * dt, *(y + 0.0 * dt for y in state.section))
+    moved = [evaluate_in(kernel, ARRAYS)(*head, dt, *automaton.values) for kernel in kernels]
+    return np.array([x for x, _, _ in moved]).T, np.array([v for _, v, _ in moved]).T
+
 
 TOGETHER = 1e-14
 """Arrivals within this part of a period are at one time; the fastest of them comes first."""
@@ -383,3 +520,147 @@ class Automaton:
                 at, passed = wrapped(phase + window.begin + first[0], self.period)
                 return self._through(replace(first[1], phase=at, turns=turns + passed))
         return None
+
+
+# The derivative of the map from one impact, or release, to the next.
+#
+# It acts on disturbances of (time, section coordinates). Between two impacts it is :math:`-B^{-1}A`
+# with the blocks of the segment. Where walls are held, or released, it is put together from the law
+# of the constrained mode: the disturbance that the jump leaves, at a fixed time, what the flow
+# makes
+# of it, and the time by which the event's function h comes earlier or later,
+#
+# .. math:: \delta X^+ = \frac{\partial X^+}{\partial y}\,\delta y - f^+\,\delta t, \qquad
+#           \delta t_1 = -\frac{\nabla h \cdot \delta X}{\nabla h \cdot f}, \qquad
+#           \delta X_1 = \delta X + f\,\delta t_1 ,
+#
+# which is the saltation matrix of the event (R. I. Leine and H. Nijmeijer, Dynamics and
+# Bifurcations
+# of Non-Smooth Mechanical Systems, 2004, ch. 7). A wall that comes to be held projects the
+# disturbance onto its surface.
+
+
+def derivative_between(automaton: Automaton, before: State, after: State) -> Array:
+    """Return the derivative of the map from one row of a run to the next, shape (2 d, 2 d).
+
+    It is infinite where the velocity of the second vanishes.
+    """
+    simple = not (before.released or after.released or after.held)
+    found = (_of_segment if simple else _of_linear_law)(automaton, before, after)
+    return found if np.all(np.isfinite(found)) else np.full(found.shape, np.inf)
+
+
+def derivative_of_pair(
+    kernels: Kernels, values: Sequence[float], period: float
+) -> Callable[[State, State], tuple[float, float, float, float]]:
+    """Return what gives the derivative of the map between two impacts, of one degree of freedom.
+
+    Its four entries tt, tv, vt, vv stand row by row, for (time, velocity before impact): -B^-1 A
+    with the blocks of the flight kernel. A velocity of zero at the end makes it infinite.
+    """
+    letters = kernels.model.letters
+    watched = kernels.passages.watched
+    places = range(len(letters))
+    flights = {
+        (a, b): kernels.flight(letters[a], letters[b])
+        for a in places
+        for b in places
+        if watched[a][b]
+    }
+
+    def derivative(start: State, end: State) -> tuple[float, float, float, float]:
+        t1 = end.phase + (end.turns - start.turns) * period
+        kernel = flights[start.wall, end.wall]
+        _, leaving, arriving, _ = kernel(start.phase, start.velocity, t1, end.velocity, *values)
+        a11, a12, a21, a22 = leaving
+        b11, b12, b21, b22 = arriving
+        det = b11 * b22 - b12 * b21
+        if det == 0.0:
+            return (math.inf,) * 4
+        return (
+            (b12 * a21 - b22 * a11) / det,
+            (b12 * a22 - b22 * a12) / det,
+            (b21 * a11 - b11 * a21) / det,
+            (b21 * a12 - b11 * a22) / det,
+        )
+
+    return derivative
+
+
+def _duration(automaton: Automaton, before: State, after: State) -> float:
+    return (after.turns - before.turns) * automaton.period + after.phase - before.phase
+
+
+def _of_segment(automaton: Automaton, before: State, after: State) -> Array:
+    names = [automaton.guards[state.wall].name for state in (before, after)]
+    start = (before.phase, *before.section)
+    end = (before.phase + _duration(automaton, before, after), *after.section)
+    segment = automaton.kernels.segment(names[0], names[1])
+    _, leaving, arriving, _ = segment.blocks(start, end, automaton.values)
+    m = len(start)
+    try:
+        blocks = np.array(arriving).reshape(m, m), np.array(leaving).reshape(m, m)
+        return -np.linalg.solve(*blocks)
+    except np.linalg.LinAlgError:
+        return np.full((m, m), np.inf)
+
+
+def _of_linear_law(automaton: Automaton, before: State, after: State) -> Array:
+    d = automaton.size
+    motion = automaton.flying(before.wall, after.held)
+    begin, _ = automaton.leave(before)
+    left = _left(automaton, motion, before)
+    left = np.column_stack([-motion.rate(begin), left])
+    disturbed = motion.flowed(_duration(automaton, before, after)) @ left
+    row = automaton.rows[after.wall]
+    end = motion.embedded(*automaton.before(after.wall, after.section), after.phase)
+    late = _late(motion, after, row, end) @ disturbed
+    moved = disturbed + np.outer(motion.rate(end), late)
+    others = _section_rows(row, d)
+    return np.vstack([late, others @ moved])
+
+
+def _left(automaton: Automaton, motion: LinearMotion, before: State) -> Array:
+    """How the state after an impact or a release depends on the section coordinates before it."""
+    d, row = automaton.size, automaton.rows[before.wall]
+    m = 2 * d - 1
+    if before.released:
+        units = (state_before(row.tolist(), 0.0, unit) for unit in np.eye(m).tolist())
+        found = np.array([np.concatenate(unit) for unit in units]).T
+    else:
+        name = automaton.guards[before.wall].name
+        law = evaluate_in(automaton.kernels.law(name), series(FLOATS))
+        found = np.array([_along(law, before, j, automaton.values)[: 2 * d] for j in range(m)]).T
+    if motion.contacts:
+        pushed = motion.directions @ np.linalg.pinv(motion.rows @ motion.directions) @ motion.rows
+        found[:d] -= pushed @ found[:d]
+        found[d:] -= pushed @ found[d:]
+    return found
+
+
+def _along(law: Callable[..., Any], state: State, j: int, values: Any) -> list[float]:
+    """The derivative of the state after an impact by one of the section coordinates before it."""
+    section = [Series([y, float(i == j)]) for i, y in enumerate(state.section)]
+    after = law(Series([state.phase, 0.0]), *section, *values)[3]
+    return [float(e.coefficients[1]) if isinstance(e, Series) else 0.0 for e in after]
+
+
+def _late(motion: LinearMotion, after: State, row: Array, end: Array) -> Array:
+    """How much later the event comes, for each disturbance of the state."""
+    d = len(row)
+    rates = generator_of(motion.shape, motion.numbers) @ end
+    event = np.concatenate([row, np.zeros(len(end) - d)])
+    if after.released:
+        places = [contact.number for contact in motion.contacts]
+        event = motion.reactions[places.index(after.wall)]
+    with np.errstate(divide="ignore", invalid="ignore"):
+        found: Array = -event[: 2 * d] / (event @ rates)
+    return found
+
+
+def _section_rows(row: Array, d: int) -> Array:
+    """The section coordinates as combinations of positions and velocities."""
+    others = [i for i in range(d) if i != pivot(row.tolist())]
+    unit = np.eye(2 * d)
+    speed = np.concatenate([np.zeros(d), row])
+    return np.array([speed, *(unit[j] for i in others for j in (i, d + i))])

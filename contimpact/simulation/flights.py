@@ -1,26 +1,256 @@
-"""Flights from one impact to the next, for accelerations that depend on time or on the state."""
+"""Flights from a state to the first guard they reach: closed form, linear and integrated."""
 
 from __future__ import annotations
 
+import math
 import types
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple, Protocol, TypeAlias
 
 import numpy as np
 
 from ..arrays import Array
-from ..segments.arithmetic import ARRAYS, Kernel, evaluate_in
+from ..models.guards import Guard, pivot
+from ..segments.arithmetic import ARRAYS, Arithmetic, Kernel, evaluate_in
 from ..segments.flight import (
     chebyshev_coefficients,
     chebyshev_nodes,
+    chebyshev_zeros,
     first_arrival,
     first_hit,
     rounding_along,
     zeros_in_turn,
 )
-from .body import Body
-from .integrated_flight import fly_integrated
+from ..segments.integration import IntegratedCurve, IntegratedTrack
+from ..segments.kernels import Kernels
+from ..segments.linear_flow import Shape, flow
+from ..segments.oscillation import Motion
+from ..segments.track import Pieces, Track
+from .impacts import Body
+from .run import State
+
+# Linear motion of a mode, with guards against which the machine rests.
+#
+# A guard that is held keeps its gap coordinate :math:`n \cdot x` where it is. Its reaction acts
+# along
+# the direction in which an impact there changes the velocities,
+#
+# .. math:: w = \frac{v - v^+}{n \cdot (v - v^+)}, \qquad n \cdot w = 1,
+#
+# so that no more than the impact's law has to be known of it. With the held rows n as the rows of N
+# and the directions w as the columns of W, the accelerations a of free motion become
+#
+# .. math:: a - W\lambda, \qquad \lambda = (NW)^{-1} N a .
+#
+# The constrained mode is thus a linear law again. A contact pushes as long as its :math:`\lambda`
+# has
+# the sign of the guard's side, and is released where that changes (B. Brogliato, Nonsmooth
+# Mechanics,
+# 2016, ch. 5).
+
+AT_ONCE = 1e-12
+"""A contact that pulls by this part of the sizes of its terms pulls by rounding."""
+
+
+@dataclass(frozen=True, eq=False)
+class Contact:
+    """A guard against which a machine can rest.
+
+    Attributes
+    ----------
+    number : int
+        Of the guard.
+    side : int
+    position : float
+    row : ndarray of shape (d,)
+        Of the gap coordinate, n.
+    direction : ndarray of shape (d,)
+        In which an impact changes the velocities, w.
+    """
+
+    number: int
+    side: int
+    position: float
+    row: Array
+    direction: Array
+
+
+class LinearMotion:
+    """The motion of a mode by a linear law, some guards held.
+
+    Parameters
+    ----------
+    shape : Shape
+    numbers : sequence of float
+        The law of free motion, as of `segments.linear_flow.flow`.
+    contacts : sequence of Contact
+        Those that are held.
+    """
+
+    def __init__(
+        self, shape: Shape, numbers: Sequence[float], contacts: Sequence[Contact] = ()
+    ) -> None:
+        self.shape, self.contacts = shape, tuple(contacts)
+        d, size = shape.freedom, shape.freedom * shape.size
+        free = np.array(numbers[:size], dtype=float).reshape(d, -1)
+        self.frequencies = tuple(numbers[size : size + shape.waves])
+        self.rows = np.array([c.row for c in contacts]).reshape(-1, d)
+        self.directions = np.array([c.direction for c in contacts]).reshape(-1, d).T
+        self.reactions = np.linalg.pinv(self.rows @ self.directions) @ self.rows @ free
+        self.accelerations = free - self.directions @ self.reactions
+        self.numbers = [*self.accelerations.ravel().tolist(), *self.frequencies]
+        self._pieces: dict[float, Pieces] = {}
+
+    def track(self, state: Array, length: float) -> Track:
+        """Return the track of a flight from a state X."""
+        if length not in self._pieces:
+            self._pieces[length] = Pieces(self.shape, self.numbers, length)
+        return Track(self._pieces[length], state)
+
+    def embedded(
+        self, x: Sequence[float] | Array, v: Sequence[float] | Array, phase: float
+    ) -> Array:
+        """Return X from positions and velocities at a phase."""
+        angles = np.array(self.frequencies) * phase
+        waves = np.stack([np.cos(angles), np.sin(angles)], axis=-1).ravel()
+        return np.concatenate([x, v, waves, [1.0]])
+
+    def resting(self, state: Array) -> Array:
+        """Return X with the held coordinates where their guards are, and at rest."""
+        d = self.shape.freedom
+        found = state.copy()
+        if self.contacts:
+            inverse = np.linalg.pinv(self.rows @ self.directions)
+            places = np.array([c.position for c in self.contacts])
+            found[:d] -= self.directions @ (inverse @ (self.rows @ found[:d] - places))
+            found[d : 2 * d] -= self.directions @ (inverse @ (self.rows @ found[d : 2 * d]))
+        return found
+
+    def rate(self, state: Array) -> Array:
+        """Return how positions and velocities change, shape (2 d,)."""
+        d = self.shape.freedom
+        return np.concatenate([state[d : 2 * d], self.accelerations @ state])
+
+    def flowed(self, duration: float) -> Array:
+        """Return the derivative of the state after a duration by the state, shape (2 d, 2 d)."""
+        d, h, _ = self.shape
+        tables = np.array(flow(d, h, 0, duration, *self.numbers)).reshape(4, d, -1)
+        mean, end = duration * tables[0, :, : 2 * d], tables[1, :, : 2 * d]
+        return np.concatenate([np.eye(d, 2 * d) + mean, end])
+
+    def pushes(self, state: Array) -> bool:
+        """Whether all contacts push, or pull by no more than rounding."""
+        sides = np.array([c.side for c in self.contacts])
+        least = -AT_ONCE * (np.abs(self.reactions) @ np.abs(state))
+        return bool(np.all(sides * (self.reactions @ state) >= least))
+
+    def release(self, track: Track, state: Array) -> tuple[float, Contact] | None:
+        """Return when, on a track that starts at a state, a contact ceases to push, and which.
+
+        None if all of them push to the end of the track.
+        """
+        found = [
+            (when, contact)
+            for contact, weights in zip(self.contacts, self.reactions, strict=True)
+            if (when := _ceases(track, contact.side * weights, state)) is not None
+        ]
+        return min(found, key=lambda pair: pair[0], default=None)
+
+
+def _ceases(track: Track, weights: Array, state: Array) -> float | None:
+    """When a linear combination of X becomes negative; 0 if it is so from the start."""
+    if weights @ state < -AT_ONCE * (np.abs(weights) @ np.abs(state)):
+        return 0.0
+    times = track.changes(weights)
+    ends = [*times, track.pieces.length][1:]
+    after = (weights @ track.at(0.5 * (t + end)) < 0.0 for t, end in zip(times, ends, strict=True))
+    return next((t for t, negative in zip(times, after, strict=True) if negative), None)
+
+
+# Flights that are integrated, from one impact to the next: first arrivals on Taylor polynomials.
+#
+# The flight is integrated in windows, so that little of it lies beyond the wall that ends it: there
+# the flow may cease to be finite. On each window the coordinate is a polynomial in pieces, the
+# acceleration's zeros on it are isolated, and `segments.flight` misses nothing between them. Where
+# the polynomials' bounds keep clear of the walls there is nothing to isolate.
+
+FIRST, LEAST = 2.0**-5, 2.0**-30
+"""Duration of the first window, and the shortest, in periods. Others are up to twice as long as the
+one before, a period at most; where the flow does not stay finite they are halved."""
+
+
+class Begun(NamedTuple):
+    """What a flight leaves with."""
+
+    field: str
+    time: float
+    position: float
+    velocity: float
+    parameters: list[float]
+
+
+def begun(motion: Kernel, arguments: Sequence[float]) -> Begun:
+    """Return what a kernel ``motion`` integrates, for ``(t0, v0, dt, *p)``."""
+    found: list[Begun] = []
+
+    def flown(field: str, directions: str, dt: float, *numbers: float) -> list[float]:
+        t, x, v, *parameters = numbers
+        found.append(Begun(field, t, x, v, parameters))
+        return [v, v]
+
+    names = {**motion.__globals__, "flown": flown}
+    evaluate_in(motion, Arithmetic(names))(*arguments)
+    return found[0]
+
+
+def fly_integrated(
+    motion: Kernel, body: Body, wall: int, phase: float, velocity: float, least: float
+) -> tuple[int, float, float]:
+    """Return side, time and velocity of the impact that ends a flight; see `flights.fly_in_time`.
+
+    The side is 0 also where the flow ceases to be finite before any impact.
+
+    Parameters
+    ----------
+    motion : Kernel
+        After the wall.
+    body, wall, phase, velocity
+        As of `flights.fly_in_time`.
+    least : float
+        Time before which a zero of the acceleration belongs to the release itself.
+    """
+    period, rising, speed = body.clock[0], body.leaving[wall] < 0, velocity
+    left = begun(motion, (phase, velocity, 0.0, *body.values))
+    passed, moved, length = 0.0, 0.0, FIRST * period
+    while passed < body.longest[0] * period and length > LEAST * period:
+        numbers = [left.time + passed, left.position + moved, left.velocity, *left.parameters]
+        try:
+            curve = IntegratedTrack(left.field, numbers, length).along((1,), from_start=True)
+        except ArithmeticError:
+            length *= 0.5
+            continue
+        walls = body.low[wall] - moved, body.high[wall] - moved
+        x, speed = curve.at_end()
+        if _clear(curve, *walls):
+            rising = speed > 0.0
+        else:
+            breaks = [t for t in curve.breaks() if least < passed + t < passed + length]
+            window: Any = ((), (), [*breaks, length], 0.0, rising, *walls)
+            side, dt, before, rising = first_hit(curve, *window)
+            if side:
+                return side, passed + dt, before
+        left = left._replace(velocity=speed)
+        passed, moved = passed + length, moved + x
+        length = min(2.0 * length, period)
+    return 0, passed, speed
+
+
+def _clear(curve: IntegratedCurve, low: float, high: float) -> bool:
+    """Whether a coordinate surely keeps clear of both walls."""
+    least, most = curve.bounds()
+    return low < least and most < high
+
 
 NUDGE = 1e-9
 """Zeros of a state-dependent acceleration this near a release belong to the release itself."""
@@ -133,3 +363,189 @@ def keeps_clear(x: Array, low: float, high: float) -> bool:
     """
     rest = SPREAD * float(np.sum(np.abs(chebyshev_coefficients(x)[len(x) // 4 :])))
     return bool(low + rest < np.min(x) and np.max(x) < high - rest)
+
+
+# Flights with any number of coordinates: how each gap coordinate moves, and the state they reach.
+#
+# A flight is looked at in windows, one after the other. In each every gap coordinate is known as a
+# displacement, with the times between which its acceleration has one sign; `segments.flight` then
+# finds its first arrival with certainty. Linear flights are polynomials in pieces and start
+# anywhere;
+# others are answered by the model's kernels and start at a guard.
+
+Coordinate: TypeAlias = tuple[Motion, list[float], float]
+"""A gap coordinate in a window: its displacement, velocity and acceleration, the times between
+which the acceleration has one sign, and where displacements are measured from."""
+
+REPEATED = 4e-16
+"""States that differ by less, by their size, are one to rounding."""
+
+SHORTEST = 0.125
+"""The first window of flights that may be short, in periods."""
+
+
+class Window(Protocol):
+    """A part of a flight.
+
+    Attributes
+    ----------
+    begin, length : float
+        Its first time, since the flight's start, and its duration.
+    """
+
+    @property
+    def begin(self) -> float: ...
+    @property
+    def length(self) -> float: ...
+
+    def coordinate(self, guard: Guard) -> Coordinate:
+        """Return how a guard's gap coordinate moves; times count from the window's beginning."""
+        ...
+
+    def bounds(self, guard: Guard) -> tuple[float, float]:
+        """Return bounds of a guard's gap coordinate in the window, wide ones if need be."""
+        ...
+
+    def section(self, guard: Guard, dt: float, speed: float) -> tuple[float, ...]:
+        """Return the section coordinates at a guard, from the gap coordinate's velocity there."""
+        ...
+
+    def release(self) -> tuple[float, Contact] | None:
+        """Return when a contact is released in it, and which."""
+        ...
+
+
+def windows(period: float, longest: int, short: bool) -> Iterator[tuple[float, float]]:
+    """Yield begin and length of the windows of a flight, a short one first if it may be short."""
+    begin = SHORTEST if short else 0.0
+    if short:
+        yield 0.0, begin * period
+    for turn in range(longest):
+        yield (begin + turn) * period, period
+
+
+@dataclass(frozen=True, eq=False)
+class LinearWindow:
+    """A part of a linear flight.
+
+    Attributes
+    ----------
+    motion : LinearMotion
+    track : Track
+    state : ndarray
+        X at the window's beginning.
+    begin, length : float
+    """
+
+    motion: LinearMotion
+    track: Track
+    state: Array
+    begin: float
+    length: float
+
+    def coordinate(self, guard: Guard) -> Coordinate:
+        size = self.motion.shape.freedom
+        row = guard.row(size)
+        curve = self.track.along(row, from_start=True)
+        return curve, curve.breaks(), float(self.state[:size] @ row)
+
+    def bounds(self, guard: Guard) -> tuple[float, float]:
+        return self.track.bounds(guard.row(self.motion.shape.freedom))
+
+    def section(self, guard: Guard, dt: float, speed: float) -> tuple[float, ...]:
+        return section_of(self.motion, self.motion.resting(self.track.at(dt)), guard, speed)
+
+    def release(self) -> tuple[float, Contact] | None:
+        return self.motion.release(self.track, self.state)
+
+
+def section_of(motion: LinearMotion, state: Array, guard: Guard, speed: float) -> tuple[float, ...]:
+    """Return the section coordinates of a state at a guard."""
+    size = motion.shape.freedom
+    others = [i for i in range(size) if i != pivot(guard.row(size))]
+    return (speed, *(float(state[j]) for i in others for j in (i, size + i)))
+
+
+def linear_windows(
+    motion: LinearMotion, state: Array, phase: float, lengths: Iterable[tuple[float, float]]
+) -> Iterator[LinearWindow]:
+    """Yield the windows of a flight from a state X at a phase, by their begins and lengths."""
+    size = motion.shape.freedom
+    for begin, length in lengths:
+        track = motion.track(state, length)
+        yield LinearWindow(motion, track, state, begin, length)
+        state, now = track.at(length), phase + begin + length
+        state = motion.resting(motion.embedded(state[:size], state[size : 2 * size], now))
+
+
+def until_repeated(found: Iterable[LinearWindow]) -> Iterator[LinearWindow]:
+    """Yield windows of a flight until one is the one before it again, to rounding.
+
+    What meets no guard in it meets none in any that follows.
+    """
+    before = None
+    for window in found:
+        if before is not None and window.length == before.length:
+            apart = np.max(np.abs(window.state - before.state))
+            if apart <= REPEATED * np.max(np.abs(window.state)):
+                return
+        yield window
+        before = window
+
+
+@dataclass(frozen=True, eq=False)
+class KernelWindow:
+    """A part of a flight that the model's kernels know.
+
+    Attributes
+    ----------
+    kernels : Kernels
+    values : sequence of float
+    guard : Guard
+        That is left.
+    position : float
+        Of its surface.
+    start : State
+        Before that.
+    begin, length : float
+    """
+
+    kernels: Kernels
+    values: Sequence[float]
+    guard: Guard
+    position: float
+    start: State
+    begin: float
+    length: float
+
+    def coordinate(self, guard: Guard) -> Coordinate:
+        size = self.kernels.model.DEGREES_OF_FREEDOM
+        own = guard.row(size) == self.guard.row(size)
+        kernels, left = self.kernels, self.guard.name
+        kernel = kernels.motion(left) if own else kernels.gap(left, guard.name)
+        vectorised = evaluate_in(kernel, ARRAYS)
+        head, values, begin = (self.start.phase, *self.start.section), self.values, self.begin
+
+        def motion(_: Any, dt: float, __: Any) -> Any:
+            return kernel(*head, begin + dt, *values)
+
+        breaks = chebyshev_zeros(
+            lambda dt: vectorised(*head, begin + dt, *values)[2],
+            self.length,
+            rounding=rounding_along(kernel, head, values, begin),
+        )
+        return motion, breaks, self.position if own else 0.0
+
+    def bounds(self, guard: Guard) -> tuple[float, float]:
+        """None are known."""
+        return -math.inf, math.inf
+
+    def section(self, guard: Guard, dt: float, speed: float) -> tuple[float, ...]:
+        """By the segment's residual: what arrives, less what is said to."""
+        start = (self.start.phase, *self.start.section)
+        end = (self.start.phase + self.begin + dt, *(0.0 for _ in self.start.section))
+        segment = self.kernels.segment(self.guard.name, guard.name)
+        return (speed, *segment.blocks(start, end, self.values)[0][2:])
+
+    def release(self) -> None:
+        """Nothing is held here."""

@@ -1,4 +1,4 @@
-"""From impact to impact: flights, and where they end in chatter, sticking and release.
+"""Impacts, chatter and sticking of one body, plainly and compiled.
 
 Written in the subset of Python that `contimpact.compiling` compiles: vectors are lists in plain
 Python, arrays in compiled code. `contimpact.simulation.simulator` says what it does.
@@ -7,12 +7,207 @@ Python, arrays in compiled code. `contimpact.simulation.simulator` says what it 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
-from typing import Any
+from collections.abc import Callable, Sequence
+from typing import Any, NamedTuple
 
-from .body import Body, wall_on, wrapped
-from .chatter import rest_after
-from .sticking import release_after
+import numpy as np
+
+from ..arrays import Vector
+
+# A model at fixed parameter values, as vectors: what the loop from impact to impact reads.
+#
+# Written in the subset of Python that `contimpact.compiling` compiles: vectors are lists in plain
+# Python, arrays in compiled code.
+
+
+class Body(NamedTuple):
+    """A model at fixed parameter values, as vectors.
+
+    Attributes
+    ----------
+    values : vector of shape (p,)
+        Parameter values.
+    clock : vector of shape (1,)
+        The forcing period.
+    zeros : vector
+        Zeros of the acceleration in [0, T), in order, if it depends on time alone.
+    sides, leaving : vector of int, shape (w,)
+        Of the walls, and of the same on the flights that leave them; see `segments.segment`.
+    below, above : vector of int, shape (w,)
+        The walls that flights from each wall can meet below and above; -1 for none.
+    low, high : vector of shape (w,)
+        Their displacements from it.
+    restitution, slow : vector of shape (w,)
+        Coefficients at low velocity; velocities below which chatter may be near its end.
+    edges : vector
+        Phases at which the acceleration at a wall changes sign, wall after wall.
+    presses : vector of int
+        Whether it presses in the interval after each.
+    first : vector of int, shape (w + 1,)
+        Where the edges of each wall begin, and where the last ones end.
+    longest : vector of int, shape (1,)
+        Periods after which a flight is given up.
+    """
+
+    values: Vector
+    clock: Vector
+    zeros: Vector
+    sides: Vector
+    leaving: Vector
+    below: Vector
+    above: Vector
+    low: Vector
+    high: Vector
+    restitution: Vector
+    slow: Vector
+    edges: Vector
+    presses: Vector
+    first: Vector
+    longest: Vector
+
+
+def wrapped(time: float, period: float) -> tuple[float, int]:
+    """Return a time as a phase in [0, T) and whole periods."""
+    passed = math.floor(time / period)
+    phase = time - passed * period
+    if phase >= period:  # rounding at the edge
+        return 0.0, passed + 1
+    return max(phase, 0.0), passed
+
+
+def wall_on(body: Body, wall: int, side: int) -> int:
+    """Return the number of the wall that a flight from a wall meets on a side; -1 for none."""
+    if side == 0:
+        return -1
+    met: int = body.above[wall] if side > 0 else body.below[wall]
+    return met
+
+
+# Sticking: when the acceleration presses a body at rest against a wall, and when it is released.
+#
+# Written in the subset of Python that `contimpact.compiling` compiles: vectors are lists in plain
+# Python, arrays in compiled code.
+
+
+class Hold(NamedTuple):
+    """The sign of the acceleration of a body at rest on a wall, over a period.
+
+    Attributes
+    ----------
+    edges : sequence of float
+        Phases at which it changes; (0,) if it never does.
+    presses : sequence of bool
+        Whether the body is pressed against the wall in the interval after each.
+    largest : float
+        A bound of its size.
+    """
+
+    edges: tuple[float, ...]
+    presses: tuple[bool, ...]
+    largest: float
+
+
+def hold_of(
+    acceleration: Callable[[Any], Any], zeros: Sequence[float], side: int, period: float
+) -> Hold:
+    """Return when a body at rest on a wall is pressed against it.
+
+    Parameters
+    ----------
+    acceleration : callable
+        At the wall, of phases.
+    zeros : sequence of float
+        Its zeros in a period.
+    side : int
+        Of the wall.
+    period : float
+    """
+    edges = sorted(zeros) or [0.0]
+    middles = [0.5 * (a + b) for a, b in zip(edges, [*edges[1:], edges[0] + period], strict=True)]
+    pressed = [bool(side * float(acceleration(np.float64(t))) > 0.0) for t in middles]
+    changes = [i for i in range(len(edges)) if pressed[i] != pressed[i - 1]] or [0]
+    size = float(np.max(np.abs(acceleration(np.linspace(0.0, period, 65)))))
+    return Hold(tuple(edges[i] for i in changes), tuple(pressed[i] for i in changes), 1.1 * size)
+
+
+def pressed_at(body: Body, wall: int, phase: float) -> tuple[bool, float]:
+    """Return whether a body at rest on a wall is pressed against it, and for how long.
+
+    The time is infinite if the acceleration never turns away.
+    """
+    start, end = body.first[wall], body.first[wall + 1]
+    if end - start == 1:
+        return body.presses[start] != 0, math.inf
+    i = end - 1
+    if phase >= body.edges[start]:
+        while body.edges[i] > phase:
+            i -= 1
+    left = body.edges[start if i + 1 == end else i + 1] - phase
+    return body.presses[i] != 0, left if left > 0.0 else left + body.clock[0]
+
+
+def release_after(body: Body, wall: int, phase: float) -> tuple[float, int]:
+    """Return the phase of the next release from a wall, and the periods passed until then.
+
+    The periods are negative if there is none.
+    """
+    start, end = body.first[wall], body.first[wall + 1]
+    if end - start == 1:
+        return phase, -1
+    for i in range(start, end):
+        if body.presses[i] == 0 and body.edges[i] > phase:
+            return body.edges[i], 0
+    if body.presses[start] == 0:
+        return body.edges[start], 1
+    return body.edges[start + 1], 1
+
+
+# Chatter: impacts that accumulate where the body is pressed against a wall.
+#
+# With restitution e < 1 and the acceleration a towards the wall nearly constant, an impact of
+# velocity v is followed by flights of 2 e v/a, 2 e^2 v/a, ..., which end after 2 e v/(a (1 - e)).
+# Impacts are computed one by one until that is so short that the formula is exact to rounding. It
+# happens at rigid walls alone: where a guard leads to another mode the coefficient is 1.
+#
+# Written in the subset of Python that `contimpact.compiling` compiles: vectors are lists in plain
+# Python, arrays in compiled code.
+
+SHORT = 1e-9
+"""Chatter left to come, in periods, that is completed analytically."""
+EARLY = 1e-6
+"""... and in units of the time until the acceleration turns away."""
+LOW = 1e-6
+"""A velocity at which the coefficient of chatter is read off."""
+
+
+def rest_after(
+    motion: Callable[..., Any], body: Body, wall: int, phase: float, velocity: float
+) -> float:
+    """Return the time until accumulating impacts end; NaN if they do not (yet)."""
+    e = body.restitution[wall]
+    presses, until = pressed_at(body, wall, phase)
+    if not presses or e >= 1.0:
+        return math.nan
+    if e == 0.0 or velocity == 0.0:
+        return 0.0
+    force = body.sides[wall] * motion((wall, phase, 0.0), 0.0, body.values)[2]
+    if force <= 0.0:
+        return math.nan
+    rest = 2.0 * e * abs(velocity) / (force * (1.0 - e))
+    return rest if rest <= SHORT * body.clock[0] and rest <= EARLY * until else math.nan
+
+
+def slow_velocity(e: float, acceleration: float, period: float) -> float:
+    """Return the velocity below which chatter may be near its end; infinite without restitution."""
+    if e == 0.0:
+        return math.inf
+    return SHORT * period * acceleration * max(1.0 - e, 0.0) / (2.0 * e)
+
+
+def coefficient(motion: Callable[..., Any], wall: int) -> float:
+    """Return the coefficient of restitution at low velocity."""
+    return abs(float(motion((wall, 0.0, LOW), 0.0)[1])) / LOW
+
 
 DONE, RESTING, NO_IMPACT = range(3)
 """Why a run ended: numbers of `contimpact.simulation.run.Outcome`."""

@@ -1,4 +1,4 @@
-"""Systems of one coordinate between two walls: what their loop from impact to impact runs on.
+"""Simulation of systems of one coordinate, plainly and compiled.
 
 Their flights are displacements from a wall alone, so that they are simulated by the fast loop of
 `impacts`, plainly or compiled.
@@ -10,24 +10,142 @@ import functools
 import itertools
 import math
 from collections.abc import Callable, Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from ..arrays import INTEGERS, VECTOR, Array
 from ..errors import InputError
 from ..models.model import Model
-from ..segments.arithmetic import ARRAYS, evaluate_in
+from ..segments.arithmetic import ARRAYS, Kernel, evaluate_in
+from ..segments.compiling import CompiledProgram, load, mode, spend
 from ..segments.flight import chebyshev_zeros, first_arrival, rounding_along, time_zeros
 from ..segments.kernels import Kernels
 from ..segments.segment import beside
-from .body import Body, wall_on, wrapped
-from .chatter import coefficient, slow_velocity
-from .engine import BODY, DTYPES, ROW, Engine, array, engine_of
 from .flights import FlightInState, fly_in_time, motion_at
-from .impacts import make_impacts
+from .impacts import (
+    Body,
+    Hold,
+    coefficient,
+    hold_of,
+    make_impacts,
+    pressed_at,
+    slow_velocity,
+    wall_on,
+    wrapped,
+)
 from .run import Outcome, State
-from .sticking import Hold, hold_of, pressed_at
+
+if TYPE_CHECKING:
+    from ..segments.machine_code import Program
+
+
+# The loop of a simulation as a compiled program, and when that is loaded.
+
+WORTH = 2000
+"""Impacts, in one run or made so far by plain Python, from which compiled code is worth loading."""
+PRICE = 3
+"""Evaluations of a flight that one impact in plain Python counts for."""
+
+BODY = VECTOR * 3 + INTEGERS * 4 + VECTOR * 5 + INTEGERS * 3
+"""Kinds of a body's fields."""
+ROW = INTEGERS * 2 + VECTOR * 2 + INTEGERS
+"""Kinds of the columns that `make_impacts` fills."""
+ARGUMENTS = BODY + INTEGERS + VECTOR + ROW + INTEGERS
+"""Kinds of the entry's arguments, in its order: a body's fields, then those of `make_impacts`."""
+
+ENTRY = """
+def fly(body, wall, phase, velocity):
+    return fly_in_time(any_motion, body, wall, phase, velocity)
+
+def entry(
+    values, clock, zeros, sides, leaving, below, above, low, high, restitution, slow, edges,
+    presses, first, longest, state, when, walls, turns, phases, velocities, released, span,
+):
+    body = Body(
+        values, clock, zeros, sides, leaving, below, above, low, high, restitution, slow, edges,
+        presses, first, longest
+    )
+    return make_impacts(
+        fly, any_motion, body, state, when, walls, turns, phases, velocities, released, span
+    )
+"""
+
+DTYPES = {INTEGERS: np.int64, VECTOR: np.float64}
+
+
+def array(numbers: Sequence[float], kind: str) -> Array:
+    """Return a vector for compiled code."""
+    return np.array(numbers, dtype=DTYPES[kind])
+
+
+class Engine:
+    """Compiled code for all simulators with the same motions.
+
+    Parameters
+    ----------
+    motions : sequence of Kernel
+        After each wall.
+    """
+
+    def __init__(self, motions: Sequence[Kernel]) -> None:
+        self.motions = motions
+        self.found: CompiledProgram | None = None
+        self.plain = 0
+
+    def program(self, asked: int) -> CompiledProgram | None:
+        """Return the compiled program if there is one and the work is worth loading it.
+
+        Parameters
+        ----------
+        asked : int
+            Impacts of the run.
+        """
+        chosen = mode()
+        if chosen == "never":
+            return None
+        if self.found is None and (chosen == "always" or asked + self.plain >= WORTH):
+            self.plain = 0
+            identity = ("simulate", *formulas(self.motions))
+            self.found = load(identity, ARGUMENTS, lambda: program_of(self.motions))
+        return self.found
+
+    def count_plain(self, impacts: int) -> None:
+        """Count impacts that were made by plain Python."""
+        self.plain += impacts
+        spend(PRICE * impacts)
+
+
+_ENGINES: dict[tuple[str, ...], Engine] = {}
+
+
+def engine_of(motions: Sequence[Kernel]) -> Engine:
+    """Return the engine for these motions; simulators of the same formulas share it."""
+    return _ENGINES.setdefault(formulas(motions), Engine(motions))
+
+
+def formulas(motions: Sequence[Kernel]) -> tuple[str, ...]:
+    """Return the kernels' texts without their heads, which name the free parameters."""
+    texts = (motion.source for motion in motions)
+    return tuple(text[text.index("def ") :] for text in texts)
+
+
+def program_of(motions: Sequence[Kernel]) -> Program:
+    """Return the program that simulates from impact to impact."""
+    from ..segments.machine_code import Program
+
+    program = Program({})
+    names = {f"motion_{wall}": motion for wall, motion in enumerate(motions)}
+    given = ", ".join(f"p[{i}]" for i in range(motions[0].__code__.co_argcount - 3))
+    lines = ["def any_motion(head, dt, p):"]
+    for wall, name in enumerate(names):
+        condition = f"if head[0] == {wall}: " if wall + 1 < len(names) else ""
+        lines.append(f"    {condition}return {name}(head[1], head[2], dt, {given})")
+    program.glue("\n".join(lines), **names)
+    program.constant("Body", Body)
+    program.glue(ENTRY, fly_in_time=fly_in_time, make_impacts=make_impacts)
+    return program
+
 
 _OUTCOMES = tuple(Outcome)
 

@@ -140,8 +140,8 @@ def test_a_finished_run_is_resumed_without_work(scene_file, tmp_path, monkeypatc
     def forbidden(*_):
         raise AssertionError("nothing is left to simulate")
 
-    monkeypatch.setattr("contimpact.attractors.sweep.settle", forbidden)
-    monkeypatch.setattr("contimpact.attractors.edges.settle_again", forbidden)
+    monkeypatch.setattr("contimpact.simulation.sweep.settle", forbidden)
+    monkeypatch.setattr("contimpact.simulation.transitions.settle_again", forbidden)
     assert run(path, "-o", out, "--no-plot", "-q", "--resume") == 0
     assert {name: (out / name).read_bytes() for name in TABLES} == before
 
@@ -235,12 +235,12 @@ def test_run_imports_no_simulation_and_no_matplotlib(scene_file, tmp_path):
     absent = places | {"contimpact.simulation.simulator", "matplotlib"}
     assert not absent & set(plain)
     with_table = imported(scene_file(attracting), "run", "--no-plot")
-    assert not {"contimpact.attractors.sweep", "contimpact.attractors.energy", "matplotlib"} & set(
+    assert not {"contimpact.simulation.sweep", "contimpact.simulation.energy", "matplotlib"} & set(
         with_table
     )
     few = SCENE.replace("values = 7", "values = 2\ntransitions = false")
     simulated = imported(scene_file(few), "simulate", "--no-plot")
-    assert "contimpact.attractors.sweep" in simulated
-    assert not {"contimpact.attractors.energy", "contimpact.studies.explore", "matplotlib"} & set(
+    assert "contimpact.simulation.sweep" in simulated
+    assert not {"contimpact.simulation.energy", "contimpact.studies.explore", "matplotlib"} & set(
         simulated
     )

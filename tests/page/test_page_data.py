@@ -10,8 +10,6 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from contimpact.attractors.output import sweep_text
-from contimpact.attractors.sweep import sweep
 from contimpact.errors import InputError
 from contimpact.page import tracks
 from contimpact.page.data import Shown, page_data
@@ -20,6 +18,8 @@ from contimpact.page.swept import read_sweep
 from contimpact.results.branch import Branch
 from contimpact.results.diagram import Diagram
 from contimpact.results.scene import read_scene
+from contimpact.simulation.files import sweep_text
+from contimpact.simulation.sweep import sweep
 
 TYPES = {"f8": "<f8", "f4": "<f4", "u4": "<u4", "u1": "u1"}
 

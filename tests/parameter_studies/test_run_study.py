@@ -18,7 +18,6 @@ import small_studies
 from small_studies import TOML, computed, computed_here, contents, study_given
 
 from contimpact import follow, load_entries, read_scene
-from contimpact.attractors.energy import of_attractor
 from contimpact.attractors.simulation import simulate
 from contimpact.cli import main
 from contimpact.errors import InputError
@@ -31,6 +30,7 @@ from contimpact.parameter_studies.study import Study
 from contimpact.parameter_studies.study_file import read_study
 from contimpact.parameter_studies.worker import Task, compute
 from contimpact.results.catalogue import branch_text, catalogue_text, curve_text
+from contimpact.simulation.energy import of_attractor
 
 
 @pytest.fixture

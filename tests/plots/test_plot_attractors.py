@@ -10,17 +10,17 @@ import pytest
 from matplotlib.colors import to_hex
 from zoo import ROOT
 
-from contimpact.attractors.energy import Membrane
 from contimpact.attractors.simulation import Simulation
-from contimpact.attractors.sweep import Row, Simulators, Sweep, sweep
-from contimpact.attractors.verdict import settle
 from contimpact.plots import attractors as pictures
 from contimpact.plots.diagram import STYLES, WIDTHS
 from contimpact.plots.portraits import others_at, plot_portrait, portrait_figure
 from contimpact.results.scene import read_scene
 from contimpact.results.simulate_tables import Settling
 from contimpact.simulation.run import State
+from contimpact.simulation.settle import settle
+from contimpact.simulation.sweep import Row, Simulators, Sweep, sweep
 from contimpact.studies.explore import follow
+from contimpact.systems.membrane import Membrane
 
 QUICK = Settling(transient=50, periods=800, impacts=1500)
 SCENE = ROOT / "branches" / "fig7" / "scene.toml"
@@ -170,7 +170,7 @@ def test_a_portrait_names_all_parameters(simulation, portrait):
 
 
 def test_basins_name_value_and_starts(simulation, kernels_of):
-    from contimpact.attractors.basins import basins
+    from contimpact.simulation.basins import basins
 
     model = simulation.scene.model
     simulator = Simulators(model, "s", kernels_of(model, "s")).at(0.3562)

@@ -8,9 +8,9 @@ import math
 import pytest
 
 import contimpact as ci
-from contimpact.attractors.attractor import Attractor, Kind
-from contimpact.attractors.sweep import Row, Sweep
 from contimpact.plots.transitions import MARKS, RISING
+from contimpact.simulation.attractor import Attractor, Kind
+from contimpact.simulation.sweep import Row, Sweep
 
 
 @pytest.fixture(scope="module")

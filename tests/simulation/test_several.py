@@ -13,18 +13,18 @@ from scipy.integrate import solve_ivp
 from zoo import TWO_MASSES, ProportionalMasses
 
 from contimpact import losses
-from contimpact.attractors.attractor import Attractor, Kind
-from contimpact.attractors.basins import basins
-from contimpact.attractors.sweep import same, sweep
-from contimpact.attractors.verdict import settle
 from contimpact.errors import InputError
 from contimpact.orbits.search import find_orbits
 from contimpact.results.scene import read_scene
 from contimpact.results.simulate_tables import Settling
-from contimpact.simulation.linearised import _of_linear_law, _of_segment
+from contimpact.simulation.attractor import Attractor, Kind
+from contimpact.simulation.automaton import _of_linear_law, _of_segment
+from contimpact.simulation.basins import basins
 from contimpact.simulation.lyapunov import exponents
 from contimpact.simulation.run import State
+from contimpact.simulation.settle import settle
 from contimpact.simulation.simulator import Simulator
+from contimpact.simulation.sweep import same, sweep
 from contimpact.systems.coupled_by_impact import CoupledByImpact
 from contimpact.systems.impact_damper import ImpactDamper
 from contimpact.systems.two_masses import TwoMasses
@@ -228,7 +228,7 @@ def test_exponents_of_a_stable_orbit_are_those_of_its_multipliers():
 def test_a_sweep_goes_from_orbit_to_orbit_and_has_all_coordinates():
     found = sweep(masses(), "omega", [1.0, 0.95], settling=QUICK)
     assert [row.attractor.word for row in found.rows] == ["AB", "AB"]
-    from contimpact.attractors.flat import table_of
+    from contimpact.simulation.sweep import table_of
 
     columns, rows = table_of(found)
     assert {"exponent4", "multiplier4_im", "x1_2", "v1_2"} <= set(columns)

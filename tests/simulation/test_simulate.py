@@ -21,12 +21,12 @@ from contimpact.orbits.search import find_orbits
 from contimpact.segments import compiling, flight
 from contimpact.segments.flight import time_zeros, velocity_zero
 from contimpact.segments.kernels import Kernels
-from contimpact.simulation import engine
+from contimpact.simulation import one_coordinate
 from contimpact.simulation import simulator as simulate
+from contimpact.simulation.impacts import release_after
 from contimpact.simulation.lyapunov import exponents, exponents_of
 from contimpact.simulation.run import Outcome, State
 from contimpact.simulation.simulator import Simulator
-from contimpact.simulation.sticking import release_after
 
 
 @pytest.fixture(scope="session")
@@ -632,11 +632,13 @@ def test_a_run_may_go_on_compiled(pair, simulator_of, plain_and_compiled, monkey
     monkeypatch.setattr(simulate, "CHUNK", 700)
     engine = simulator.machine._engine
     monkeypatch.setattr(
-        engine, "program", lambda asked, found=engine.found: found if engine.plain >= 1400 else None
+        engine,
+        "program",
+        lambda asked, found=one_coordinate.found: found if one_coordinate.plain >= 1400 else None,
     )
-    engine.plain = 0
+    one_coordinate.plain = 0
     same_runs(simulator.run(start, impacts=5000), plain)
-    assert engine.plain == 1400
+    assert one_coordinate.plain == 1400
 
 
 def test_what_cannot_be_compiled_runs_plainly(oscillator, simulator_of, monkeypatch):
@@ -650,7 +652,7 @@ def test_the_program_holds_all_it_calls(pair, simulator_of):
     """Its text runs on its own, with nothing of the package around it."""
     simulator = simulator_of(pair(d=0.14))
     namespace = {"compile": lambda function: function}
-    exec(engine.program_of(simulator.machine.motions).text, namespace)
+    exec(one_coordinate.program_of(simulator.machine.motions).text, namespace)
     at, when, rows = [0, 0, 0], [0.25, 0.5], [[0] * 200 for _ in COLUMNS]
     assert namespace["entry"](*simulator.machine.body, at, when, *rows, (200, 10**9)) == 200
     run = simulator.run(State(0, 0.25, 0.5), impacts=200)
@@ -663,9 +665,9 @@ def test_the_program_holds_all_it_calls(pair, simulator_of):
 def looked_for(monkeypatch):
     """How often compiled code is looked for; there is none."""
     calls = []
-    monkeypatch.setattr(engine, "_ENGINES", {})
+    monkeypatch.setattr(one_coordinate, "_ENGINES", {})
     monkeypatch.setattr(compiling, "_SPENT", [0])
-    monkeypatch.setattr(engine, "load", lambda *given: calls.append(given) and None)
+    monkeypatch.setattr(one_coordinate, "load", lambda *given: calls.append(given) and None)
     return calls
 
 
@@ -686,7 +688,7 @@ def test_compiled_code_is_looked_for_where_it_is_worth_it(
     model = pair()
     run = Simulator(model, kernels_of(model, "s")).run(State(0, 0.14, 0.686), **kind)
     assert len(looked_for) == times
-    assert compiling._SPENT[0] == engine.PRICE * len(run)
+    assert compiling._SPENT[0] == one_coordinate.PRICE * len(run)
 
 
 def test_many_short_runs_are_worth_it_too(pair, kernels_of, looked_for, monkeypatch):
@@ -697,5 +699,5 @@ def test_many_short_runs_are_worth_it_too(pair, kernels_of, looked_for, monkeypa
         simulator = Simulator(model, Kernels(model, "As"[i % 2]))
         for _ in range(5):
             simulator.run(State(0, 0.14, 0.686), impacts=99)
-    assert len(engine._ENGINES) == 1
+    assert len(one_coordinate._ENGINES) == 1
     assert len(looked_for) == 2

@@ -4,15 +4,15 @@ import numpy as np
 import pytest
 
 import contimpact as ci
-from contimpact.attractors.attractor import Kind
-from contimpact.attractors.sweep import find_attractors
 from contimpact.models.word import Word
 from contimpact.orbits import search
 from contimpact.orbits.quiet import problem_of
 from contimpact.results.scene import read_scene
 from contimpact.results.simulate_tables import Settling
 from contimpact.segments.kernels import Kernels
+from contimpact.simulation.attractor import Kind
 from contimpact.simulation.simulator import Simulator
+from contimpact.simulation.sweep import find_attractors
 from contimpact.studies.explore import follow
 from contimpact.studies.settled import of_word, settled_orbits, turned_to
 from contimpact.systems.impact_pair import ImpactPair

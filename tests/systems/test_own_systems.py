@@ -11,7 +11,6 @@ import textwrap
 import pytest
 import sympy
 
-from contimpact.attractors.flat import columns_of
 from contimpact.errors import InputError
 from contimpact.models.model import COLUMNS, Formulas, Model, Parameter, Wall
 from contimpact.models.symbolic import harmonic_means
@@ -19,6 +18,7 @@ from contimpact.orbit_continuation.orbit_branch import continue_orbit
 from contimpact.orbits.search import find_orbits
 from contimpact.results.branch import FLAT as EVENT_COLUMNS
 from contimpact.segments.kernels import Kernels
+from contimpact.simulation.sweep import columns_of
 
 R, OMEGA, G = 0.5, 50.0, 9.8
 FOLD = math.pi * (1 - R) / (1 + R)

@@ -9,7 +9,6 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from contimpact.accuracy.reference import Reference
-from contimpact.attractors.verdict import settle
 from contimpact.errors import InputError
 from contimpact.models.model import Parameter
 from contimpact.models.word import Word
@@ -19,6 +18,7 @@ from contimpact.orbits.problem import OrbitProblem
 from contimpact.orbits.search import find_orbits
 from contimpact.segments.kernels import Kernels
 from contimpact.simulation.lyapunov import exponents
+from contimpact.simulation.settle import settle
 from contimpact.simulation.simulator import Simulator
 from contimpact.systems.oscillator import Oscillator
 from contimpact.systems.soft_stop import SoftStop

@@ -10,16 +10,15 @@ import pytest
 import sympy
 
 from contimpact import Formulas, InputError, Model, Parameter, Simulator, read_scene, settle, sweep
-from contimpact.attractors.attractor import Attractor, Kind
-from contimpact.attractors.coverage import cover
-from contimpact.attractors.edges import locate
 from contimpact.attractors.simulation import simulate
-from contimpact.attractors.sweep import Row, Simulators, Sweep, same
-from contimpact.attractors.transitions import find_transitions
-from contimpact.attractors.verdict import settle_again
 from contimpact.models.linear import Linear
 from contimpact.models.model import Guard, Mode
 from contimpact.results.diagram import Diagram
+from contimpact.simulation.attractor import Attractor, Kind
+from contimpact.simulation.basins import cover
+from contimpact.simulation.settle import settle_again
+from contimpact.simulation.sweep import Row, Simulators, Sweep, same
+from contimpact.simulation.transitions import find_transitions, locate
 from contimpact.systems.soft_stop import SoftStop
 
 VALUES = {"a": 1.0, "w": 2.0, "c": 0.3, "k": 1.0, "e": 0.5, "P": 4.0, "kb": 5.0}

@@ -12,12 +12,12 @@ from zoo import ProportionalMasses
 
 from contimpact import InputError, losses
 from contimpact.attractors.simulation import simulate
-from contimpact.attractors.verdict import settle
 from contimpact.cli import main
 from contimpact.orbits.search import find_orbits
 from contimpact.results.result_folder import held, renewed
 from contimpact.results.scene import read_scene
 from contimpact.segments.kernels import Kernels
+from contimpact.simulation.settle import settle
 from contimpact.simulation.simulator import Simulator
 from contimpact.systems.coupled_by_impact import CoupledByImpact
 from contimpact.systems.impact_damper import ImpactDamper

@@ -12,13 +12,12 @@ import pytest
 from conftest import exact_flight
 
 import contimpact as ci
-from contimpact.attractors.cycle import Cycle
-from contimpact.attractors.flat import table_of
-from contimpact.attractors.periodic import periodic
-from contimpact.attractors.sweep import Row, Sweep
 from contimpact.plots.attractors import plot_exponents
+from contimpact.simulation.attractor import Cycle
 from contimpact.simulation.lyapunov import _without_rounding, exponents
+from contimpact.simulation.settle import periodic
 from contimpact.simulation.simulator import Simulator
+from contimpact.simulation.sweep import Row, Sweep, table_of
 from contimpact.systems.oscillator import Oscillator
 from contimpact.systems.two_masses import TwoMasses
 

@@ -8,11 +8,12 @@ import mpmath as mp
 import numpy as np
 import pytest
 
-from contimpact.attractors.attractor import Attractor, Kind
-from contimpact.attractors.energy import along, of_attractor, of_impacts
 from contimpact.errors import InputError
 from contimpact.orbit_continuation.orbit_branch import continue_orbit
 from contimpact.orbits.search import find_orbits
+from contimpact.results.quantities import along, of_impacts
+from contimpact.simulation.attractor import Attractor, Kind
+from contimpact.simulation.energy import of_attractor
 from contimpact.systems.membrane import Membrane, velocity_scale
 
 

@@ -11,8 +11,8 @@ import pytest
 from zoo import ROOT
 
 import contimpact as ci
-from contimpact.attractors.attractor import Kind
 from contimpact.results.simulate_tables import Settling
+from contimpact.simulation.attractor import Kind
 
 QUICK = Settling(transient=20, periods=200, impacts=400)
 

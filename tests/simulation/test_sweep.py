@@ -8,16 +8,14 @@ import math
 import numpy as np
 import pytest
 
-from contimpact.attractors.attractor import Attractor, Kind
-from contimpact.attractors.basins import basins
-from contimpact.attractors.cycle import closed
-from contimpact.attractors.cycles_of_one import AROUND_ONE
-from contimpact.attractors.sweep import Row, Simulators, find_attractors, same, sweep, sweep_rows
-from contimpact.attractors.verdict import settle
 from contimpact.orbits.search import find_orbits
 from contimpact.results.simulate_tables import SETTLING, Settling
+from contimpact.simulation.attractor import AROUND_ONE, Attractor, Kind, closed
+from contimpact.simulation.basins import basins
 from contimpact.simulation.run import State
+from contimpact.simulation.settle import settle
 from contimpact.simulation.simulator import Simulator
+from contimpact.simulation.sweep import Row, Simulators, find_attractors, same, sweep, sweep_rows
 
 QUICK = Settling(transient=50, periods=600, impacts=1500)
 

@@ -10,20 +10,20 @@ import tomllib
 import numpy as np
 import pytest
 
-from contimpact.attractors.coverage import cover, scene_fragment
-from contimpact.attractors.edges import locate
-from contimpact.attractors.sweep import Row, Simulators, Sweep, sweep
-from contimpact.attractors.transitions import (
+from contimpact.orbits.search import find_orbits
+from contimpact.results.scene import read_scene
+from contimpact.results.simulate_tables import Settling
+from contimpact.simulation.basins import cover, scene_fragment
+from contimpact.simulation.run import State
+from contimpact.simulation.sweep import Row, Simulators, Sweep, sweep
+from contimpact.simulation.transitions import (
     Transition,
     between,
     explained,
     find_transitions,
+    locate,
     name,
 )
-from contimpact.orbits.search import find_orbits
-from contimpact.results.scene import read_scene
-from contimpact.results.simulate_tables import Settling
-from contimpact.simulation.run import State
 from contimpact.studies.explore import follow
 from contimpact.systems.impact_pair import ImpactPair
 

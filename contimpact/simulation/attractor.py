@@ -1,0 +1,658 @@
+"""Attractors, and the cycles of impacts by which periodic ones are recognised."""
+
+from __future__ import annotations
+
+import enum
+import itertools
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import asdict, dataclass, field, replace
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from ..arrays import Array
+from ..errors import InputError
+from ..models.model import Model
+from ..orbits.multipliers import multipliers, roots
+from ..orbits.orbit import Orbit
+from ..results.tables import same_data
+from ..storage.texts import made
+from .run import Run, State
+from .simulator import Simulator
+
+
+class Kind(enum.Enum):
+    """What a motion is; the value is how files and pictures call it."""
+
+    PERIODIC = "periodic"
+    STICKING = "sticking"
+    COMPLEX = "complex"
+    NOT_SETTLED = "not settled"
+    RESTING = "resting"
+    NO_IMPACT = "no impact"
+
+
+@dataclass(frozen=True, eq=False)
+class Attractor:
+    """What was found at one set of parameter values.
+
+    Attributes
+    ----------
+    kind : Kind
+    parameters : mapping of str to float
+        All parameters and derived parameters.
+    word : str or None
+        Walls of one period, its first rotation in the order of the walls, as ``BBT``; a sojourn on
+        a wall, with the accumulation of impacts that leads to it, is written ``B*``.
+    period : int or None
+        In forcing periods.
+    forcing_period : float
+        T, in the unit of `times`.
+    notation : str
+        ``2:1``, ``1:1/2T``, ``1:1/C`` for complex motion, or the kind.
+    walls, times, velocities, released : ndarray of shape (N,)
+        Impacts of one period from the word's first one on, whose time is in [0, T); for motions
+        that are not periodic, of the last part of the run.
+    others : ndarray of shape (N, n)
+        The other section coordinates, position and velocity of each coordinate but the one that the
+        wall gives; n is zero for one degree of freedom.
+    held : ndarray of int, shape (N,)
+        The walls against which the system rests before each impact, a bit for each; of several
+        degrees of freedom only.
+    multipliers : tuple of complex, or None
+        The largest first.
+    exponents : tuple of float
+        Lyapunov exponents per impact, the largest first, and its standard error; of periodic
+        motion NaN where rounding leaves nothing of the multiplier, which is then zero.
+    error : float
+    exponent_sum : float or None
+        Of periodic motion the sum of all exponents, from determinants, also where they are not
+        known one by one; None where it is that of `exponents`.
+    restitution : float
+        Mean of ln r^2 over the impacts.
+    per_period : float
+        The largest exponent per forcing period.
+    rate : float
+        Impacts per forcing period.
+    smallest_gap : float
+        Nearest to a wall that a flight comes without touching it; periodic motions only.
+    closing : float
+        By how much the period closes.
+    distance : float
+        Of the motion from the periodic orbit when it was told.
+    periods : int
+        Simulated until then.
+    state : State or None
+        From which a neighbour can start.
+    mode : str
+        Of a motion without impacts, the mode in which it goes on; empty in systems of one mode.
+    motion : tuple of float or None
+        Of such a motion, if it settles on one of the forcing's period, position and velocity of
+        each coordinate at t = 0: the unknowns x0, v0, x1, v1, ... of an orbit of the word ``0``.
+    """
+
+    kind: Kind
+    parameters: Mapping[str, float]
+    notation: str
+    forcing_period: float
+    word: str | None = None
+    period: int | None = None
+    walls: Array = field(default_factory=lambda: np.zeros(0, dtype=np.int8))
+    times: Array = field(default_factory=lambda: np.zeros(0))
+    velocities: Array = field(default_factory=lambda: np.zeros(0))
+    released: Array = field(default_factory=lambda: np.zeros(0, dtype=bool))
+    others: Array = field(default_factory=lambda: np.zeros((0, 0)))
+    held: Array = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
+    multipliers: tuple[complex, ...] | None = None
+    exponents: tuple[float, ...] = (math.nan, math.nan)
+    error: float = math.nan
+    restitution: float = math.nan
+    per_period: float = math.nan
+    rate: float = math.nan
+    smallest_gap: float = math.nan
+    closing: float = math.nan
+    distance: float = math.nan
+    periods: int = 0
+    state: State | None = None
+    mode: str = ""
+    motion: tuple[float, ...] | None = None
+    exponent_sum: float | None = None
+
+    @property
+    def label(self) -> str:
+        """What tells one kind of motion from another along a sweep."""
+        if self.kind is Kind.NO_IMPACT:
+            return self.notation
+        return f"{self.word}/{self.period}T" if self.word else self.kind.value
+
+    @property
+    def settled(self) -> bool:
+        """Whether it is known what the motion is."""
+        return self.kind is not Kind.NOT_SETTLED
+
+    def __eq__(self, other: object) -> bool:
+        return same_data(self, other) if isinstance(other, Attractor) else NotImplemented
+
+    __hash__ = None  # type: ignore[assignment]
+
+    def __repr__(self) -> str:
+        word = f" ({self.word})" if self.word else ""
+        return f"<{self.notation}{word}, velocities {np.array2string(self.velocities[:8])}>"
+
+    def orbit(self, model: Model, parameter: str | None = None) -> Orbit:
+        """Return a periodic motion as an orbit, which can be followed.
+
+        Parameters
+        ----------
+        model : Model
+            Its system; parameter values are taken from the attractor.
+        parameter : str, optional
+            That may be followed; the model's first one by default.
+
+        Raises
+        ------
+        InputError
+            If the motion is no orbit of impacts, or the system another one.
+        """
+        from ..results.branch import orbit_with
+
+        if self.kind is not Kind.PERIODIC or self.word is None or self.period is None:
+            accepted = "give one that is periodic; plot_sweep and portraits show any motion"
+            raise InputError("attractor", f"found {self.label}", accepted)
+        if lacking := [name for name in model.values if name not in self.parameters]:
+            found = f"an attractor without {', '.join(lacking)}"
+            raise InputError("model", found, "give the model it was simulated with")
+        at = model.replace(**{name: self.parameters[name] for name in model.values})
+        followed = parameter or next(iter(model.values))
+        columns = [self.times, self.velocities, *self.others.T]
+        unknowns = [*np.stack(columns, axis=1).ravel(), at.values[followed]]
+        return orbit_with(at, (self.word, self.period), followed, np.array(unknowns))
+
+    def as_record(self) -> dict[str, Any]:
+        """Return plain data from which `from_record` makes the same attractor."""
+        record = asdict(self) | {"kind": self.kind.name}
+        for name in ("walls", "times", "velocities", "released", "others", "held"):
+            record[name] = getattr(self, name).tolist()
+        if not self.held.size:
+            del record["others"], record["held"]
+        if self.multipliers is not None:
+            record["multipliers"] = [[mu.real, mu.imag] for mu in map(complex, self.multipliers)]
+        return record
+
+    @staticmethod
+    def from_record(record: Mapping[str, Any]) -> Attractor:
+        """Return the attractor a record was made of."""
+        given = dict(record)
+        kinds: dict[str, Any] = {"walls": np.int8, "times": float, "velocities": float}
+        kinds |= {"released": bool, "others": float, "held": np.int64}
+        for name, kind in kinds.items():
+            if name in given:
+                given[name] = np.array(given[name], dtype=kind)
+        if given["multipliers"] is not None:
+            given["multipliers"] = tuple(complex(*mu) for mu in given["multipliers"])
+        return made(Attractor, given)
+
+    def require(self, model: Model) -> None:
+        """Raise `ValueError` if this cannot be an attractor of a model."""
+        impacts = (self.walls, self.times, self.velocities, self.released)
+        if {column.shape for column in impacts} != {(len(self.walls),)}:
+            raise ValueError("impacts that are no table")
+        if lacking := [n for n in (*model.values, *model.DERIVED) if n not in self.parameters]:
+            raise ValueError(f"an attractor without {', '.join(lacking)}")
+        walls, state = self.walls.tolist(), self.state
+        width = model.unknowns_per_impact - 2
+        if len(self.exponents) not in (2, 2 + width):
+            raise ValueError("another number of exponents")
+        if width and (self.others.shape, self.held.shape) != ((len(walls), width), (len(walls),)):
+            raise ValueError("impacts without all coordinates")
+        if self.motion is not None and len(self.motion) != width + 2:
+            raise ValueError("a motion without all coordinates")
+        numbers = [*self.times, *self.velocities, *self.others.ravel(), self.forcing_period]
+        numbers += self.motion or ()
+        if state is not None:
+            walls.append(state.wall)
+            numbers += [state.phase, *state.section]
+            if len(state.others) != width:
+                raise ValueError("a state without all coordinates")
+            if not 0.0 <= state.phase <= self.forcing_period:
+                raise ValueError(f"a phase of {state.phase:.6g}")
+        if not all(0 <= wall < len(model.WALLS) for wall in walls):
+            raise ValueError("an impact on a wall that is not there")
+        if not np.isfinite(numbers).all():
+            raise ValueError("impacts that are not finite")
+
+
+# Cycles of the simulated map: where a motion repeats itself, and Newton's iteration for it.
+
+CLOSED = 1e-15
+"""A cycle that misses itself by less, in parts of its size, is closed; one that misses it by no
+more than `ROUNDED` is where Newton's iteration gains nothing."""
+ROUNDED = 1e-11
+
+NEAR = 1e-4
+"""A motion this close to an earlier impact may be periodic; in periods and largest velocities."""
+
+
+@dataclass(frozen=True, eq=False)
+class Cycle:
+    """One period of a motion that repeats itself.
+
+    Attributes
+    ----------
+    walls, released : ndarray of shape (N,)
+    times, velocities : ndarray of shape (N,)
+        Times from the start of the first impact's period.
+    period : int
+        In forcing periods.
+    multipliers : tuple of float or complex
+        Of the map over the period, the largest first; of one degree of freedom both are zero if the
+        body sticks.
+    closing : float
+        By how much the last impact misses the first.
+    others : ndarray of shape (N, n)
+        The other section coordinates; n is zero for one degree of freedom.
+    held : ndarray of int, shape (N,)
+        The walls held before each row, of several.
+    """
+
+    walls: Array
+    times: Array
+    velocities: Array
+    released: Array
+    period: int
+    multipliers: tuple[complex, ...]
+    closing: float
+    others: Array = field(default_factory=lambda: np.zeros((0, 0)))
+    held: Array = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
+
+    def state(self, forcing_period: float) -> State:
+        """Return a state on the cycle: its fastest impact."""
+        k = int(np.argmax(np.abs(self.velocities)))
+        state = State(int(self.walls[k]), float(self.times[k]), float(self.velocities[k]))
+        if self.held.size:
+            others = tuple(self.others[k].tolist())
+            state = replace(state, others=others, held=int(self.held[k]))
+        return replace(state.within(forcing_period), turns=0)
+
+
+class Map(NamedTuple):
+    """The simulated map around a cycle, for one section coordinate or several.
+
+    Attributes
+    ----------
+    size : callable ``size(simulator, state, miss)``
+        How large it is by what the end of a run misses its start: time and section coordinates.
+    step : callable ``step(simulator, state, run, miss)``
+        Newton's step, None if there is none.
+    moved : callable ``moved(simulator, state, step)``
+        The start after a step.
+    cycle : callable ``cycle(simulator, state, run, period, closing)``
+        A run that closes, as a cycle.
+    """
+
+    size: Callable[[Simulator, State, Sequence[float]], float]
+    step: Callable[[Simulator, State, Run, Sequence[float]], Sequence[float] | None]
+    moved: Callable[[Simulator, State, Sequence[float]], State]
+    cycle: Callable[[Simulator, State, Run, int, float], Cycle]
+
+
+def closed(
+    simulator: Simulator, around: Map, state: State, impacts: int, period: int
+) -> Cycle | None:
+    """Solve for the cycle near a state by Newton's iteration on the simulated map.
+
+    Parameters
+    ----------
+    simulator : Simulator
+    around : Map
+    state : State
+        An impact near the cycle.
+    impacts, period : int
+        Of the cycle; the period in forcing periods.
+
+    Returns
+    -------
+    Cycle or None
+        None if the iteration leaves the word or does not converge.
+    """
+    best, word = math.inf, None
+    for _ in range(12):
+        run = simulator.run(state, impacts=impacts)
+        walls, end = run.walls.tolist(), run.end
+        rests = (run.held if simulator.several else run.released).any()
+        left = len(run) < impacts or rests or word not in (None, walls)
+        if left or end is None or end.wall != state.wall:
+            return None
+        word = walls
+        late = (end.turns - state.turns - period) * simulator.period + end.phase - state.phase
+        miss = [late, *(b - a for a, b in zip(state.section, end.section, strict=True))]
+        size = around.size(simulator, state, miss)
+        if size < CLOSED or (size >= 0.5 * best and size < ROUNDED):
+            return around.cycle(simulator, state, run, period, size)
+        step = around.step(simulator, state, run, miss)
+        if size > 10.0 * best or step is None:
+            return None
+        best = min(best, size)
+        state = around.moved(simulator, state, step)
+        if state.velocity * simulator.sides[state.wall] <= 0.0:
+            return None
+    return None
+
+
+def shortest_closed(
+    simulator: Simulator,
+    around: Map,
+    run: Run,
+    impacts: int,
+    repetitions: Callable[[Cycle, float], int],
+) -> Cycle | None:
+    """The cycle of so many impacts near the end of a run, or of fewer if that repeats itself.
+
+    `repetitions` says how many times a cycle runs through a shorter one, for a forcing period.
+    """
+    k = len(run) - impacts + int(np.argmax(np.abs(run.velocities[-impacts:])))
+    base = State(int(run.walls[k]), float(run.phases[k]), float(run.velocities[k]))
+    if simulator.several:
+        base = replace(base, others=tuple(run.others[k].tolist()))
+    turned = run.times[-1] - run.times[-1 - impacts]
+    cycle = closed(simulator, around, base, impacts, round(float(turned) / run.period))
+    if cycle is None:
+        return None
+    parts = repetitions(cycle, simulator.period)
+    if parts == 1:
+        return cycle
+    state = cycle.state(simulator.period)
+    return closed(simulator, around, state, impacts // parts, cycle.period // parts)
+
+
+# Cycles of motions with one coordinate.
+
+
+def cycle_of_one(simulator: Simulator, run: Run, longest: int) -> tuple[Cycle, float] | None:
+    """Return the stable cycle near the end of a run, and the distance to it."""
+    if run.released.any():
+        return sticking_cycle_of_one(run)
+    last = len(run) - 1
+    first = max(0, last - longest)
+    scale = float(np.max(np.abs(run.velocities))) or 1.0
+    early = np.arange(first, last)
+    apart = _apart(run.phases[early] - run.phases[last], run.period) / run.period
+    apart = np.maximum(apart, np.abs(run.velocities[early] - run.velocities[last]) / scale)
+    apart[run.walls[early] != run.walls[last]] = np.inf
+    for back in early[apart < NEAR][::-1][:3]:
+        cycle = shortest_closed(simulator, AROUND_ONE, run, int(last - back), _repetitions)
+        if cycle is not None and abs(cycle.multipliers[0]) < 1.0:
+            return cycle, _distance(run, cycle, scale)
+    return None
+
+
+def _apart(difference: Any, period: float) -> Any:
+    """Distance between two phases on the circle."""
+    return np.abs(difference - period * np.round(difference / period))
+
+
+def _distance(run: Run, cycle: Cycle, scale: float) -> float:
+    """Distance from the run's last impact to a cycle."""
+    last = len(run) - 1
+    times = _apart(cycle.times - run.phases[last], run.period) / run.period
+    apart = np.maximum(times, np.abs(cycle.velocities - run.velocities[last]) / scale)
+    return float(np.min(apart[cycle.walls == run.walls[last]], initial=math.inf))
+
+
+def sticking_cycle_of_one(run: Run) -> tuple[Cycle, float] | None:
+    """Return the cycle of a motion that sticks: released twice at one phase, it repeats itself."""
+    releases = np.nonzero(run.released)[0]
+    last = releases[-1]
+    for first in releases[:-1][::-1]:
+        same = run.walls[first] == run.walls[last] and run.phases[first] == run.phases[last]
+        if same:
+            rows = slice(first, last)
+            times = (run.turns[rows] - run.turns[first]) * run.period + run.phases[rows]
+            columns = (run.walls[rows], times, run.velocities[rows], run.released[rows])
+            return Cycle(*columns, int(run.turns[last] - run.turns[first]), (0.0, 0.0), 0.0), 0.0
+    return None
+
+
+def _repetitions(cycle: Cycle, period: float) -> int:
+    """How many times a cycle runs through a shorter one."""
+    n, span = len(cycle.walls), cycle.period * period
+    for parts in range(cycle.period, 1, -1):
+        if n % parts or cycle.period % parts:
+            continue
+        shift = n // parts
+        late = _apart(np.roll(cycle.times, -shift) - cycle.times - span / parts, span)
+        faster = np.abs(np.roll(cycle.velocities, -shift) - cycle.velocities)
+        same_walls = np.array_equal(np.roll(cycle.walls, -shift), cycle.walls)
+        if same_walls and max(np.max(late), np.max(faster)) < 1e-7:
+            return parts
+    return 1
+
+
+def _size(simulator: Simulator, state: State, miss: Sequence[float]) -> float:
+    return max(abs(miss[0]) / simulator.period, abs(miss[1]))
+
+
+def _step(
+    simulator: Simulator, state: State, run: Run, miss: Sequence[float]
+) -> Sequence[float] | None:
+    """Solve (M - I) step = -miss."""
+    m, _ = _product(simulator, state, run)
+    a, b, c, d = m[0] - 1.0, m[1], m[2], m[3] - 1.0
+    late, faster = miss
+    det = a * d - b * c
+    if det == 0.0:
+        return None
+    step = (b * faster - d * late) / det, (c * late - a * faster) / det
+    return step if math.isfinite(step[0] + step[1]) else None
+
+
+def _moved(simulator: Simulator, state: State, step: Sequence[float]) -> State:
+    phase = (state.phase + step[0]) % simulator.period
+    return State(state.wall, phase, state.velocity + step[1])
+
+
+def _cycle(simulator: Simulator, state: State, run: Run, period: int, closing: float) -> Cycle:
+    mus = _eigenvalues(*_product(simulator, state, run))
+    return Cycle(*_impacts(state, run), period, mus, closing)
+
+
+def _product(
+    simulator: Simulator, state: State, run: Run
+) -> tuple[tuple[float, float, float, float], float]:
+    """The derivative of the map over a run, and its determinant."""
+    a, b, c, d = 1.0, 0.0, 0.0, 1.0
+    det, before = 1.0, state
+    columns = (run.walls, run.phases, run.velocities, run.turns)
+    for row in zip(*(column.tolist() for column in columns), strict=True):
+        after = State(*row)
+        tt, tv, vt, vv = simulator.derivative(before, after)
+        a, b, c, d = tt * a + tv * c, tt * b + tv * d, vt * a + vv * c, vt * b + vv * d
+        det *= tt * vv - tv * vt
+        before = after
+    return (a, b, c, d), det
+
+
+def _eigenvalues(m: Sequence[float], det: float) -> tuple[complex, complex]:
+    """The larger one first; the smaller one from the determinant."""
+    a, b, c, d = roots(1.0, -(m[0] + m[3]), det, det)
+    return complex(a, b), complex(c, d)
+
+
+def _impacts(state: State, closed: Run) -> tuple[Array, Array, Array, Array]:
+    """The impacts of a closed run, beginning with its start, as the columns of a cycle."""
+    times = closed.turns * closed.period + closed.phases
+    return (
+        np.concatenate([[state.wall], closed.walls[:-1]]),
+        np.concatenate([[state.phase], times[:-1]]),
+        np.concatenate([[state.velocity], closed.velocities[:-1]]),
+        np.zeros(len(closed), dtype=bool),
+    )
+
+
+AROUND_ONE = Map(_size, _step, _moved, _cycle)
+
+
+# Cycles of motions with several coordinates: Newton's iteration on the simulated map.
+#
+# As `cycles_of_one`, with all section coordinates. Motion that rests on a wall for a part of its
+# period keeps its other coordinates, so that it need not repeat itself at once: it has a cycle when
+# its sojourns agree.
+
+NOTHING = 1e-14
+"""Multipliers below this are zero where a wall is held: what it held is forgotten."""
+
+
+def cycle_of_several(simulator: Simulator, run: Run, longest: int) -> tuple[Cycle, float] | None:
+    """Return the stable cycle near the end of a run, and the distance to it."""
+    if run.held.any():
+        return sticking_cycle_of_several(simulator, run)
+    table, last = _table(run), len(run) - 1
+    early = np.arange(max(0, last - longest), last)
+    apart = _states_apart(table[early] - table[last], _sizes(run))
+    apart[run.walls[early] != run.walls[last]] = np.inf
+    for back in early[apart < NEAR][::-1][:3]:
+        cycle = shortest_closed(
+            simulator, AROUND_SEVERAL, run, int(last - back), _repetitions_of_states
+        )
+        if cycle is not None and abs(cycle.multipliers[0]) < 1.0:
+            return cycle, _distance_of_states(run, cycle)
+    return None
+
+
+def sticking_cycle_of_several(simulator: Simulator, run: Run) -> tuple[Cycle, float] | None:
+    """Return the cycle of a motion that ends sojourns on a wall in the same state, if it does.
+
+    With it comes the distance from it.
+    """
+    sojourns = np.nonzero(run.held)[0]
+    if not len(sojourns):
+        return None
+    table, last = _table(run), int(sojourns[-1])
+    earlier = sojourns[:-1]
+    apart = _states_apart(table[earlier] - table[last], _sizes(run))
+    marks = np.column_stack([run.walls, run.held, run.released])
+    apart[np.any(marks[earlier] != marks[last], axis=1)] = np.inf
+    for first in earlier[apart < NEAR][::-1][:1].tolist():
+        rows = run.states()[first : last + 1]
+        mus = tuple(mu if abs(mu) > NOTHING else 0j for mu in _multipliers(simulator, rows))
+        if abs(mus[0]) < 1.0:
+            miss = float(_states_apart(table[[first]] - table[last], _sizes(run))[0])
+            period = rows[-1].turns - rows[0].turns
+            if abs(rows[-1].phase - rows[0].phase) > 0.5 * run.period:
+                period += 1 if rows[-1].phase > rows[0].phase else -1
+            return _cycle_of_states(simulator, rows[:-1], period, mus, miss), miss / (
+                1.0 - abs(mus[0])
+            )
+    return None
+
+
+def _table(run: Run) -> Array:
+    """Phases and section coordinates."""
+    return np.column_stack([run.phases, run.velocities, run.others])
+
+
+def _sizes(run: Run) -> Array:
+    """Of phases and section coordinates: the period, and the largest there are."""
+    found = np.max(np.abs(np.column_stack([run.velocities, run.others])), axis=0)
+    return np.concatenate([[run.period], np.where(found > 0.0, found, 1.0)])
+
+
+def _states_apart(difference: Array, sizes: Array) -> Array:
+    """Distances of rows of a table, phases on the circle."""
+    found = difference / sizes
+    found[:, 0] -= np.round(found[:, 0])
+    return np.asarray(np.max(np.abs(found), axis=1))
+
+
+def _distance_of_states(run: Run, cycle: Cycle) -> float:
+    """Distance from the run's last impact to a cycle."""
+    table = np.column_stack([cycle.times, cycle.velocities, cycle.others])
+    apart = _states_apart(table - _table(run)[-1], _sizes(run))
+    return float(np.min(apart[cycle.walls == run.walls[-1]], initial=math.inf))
+
+
+def _repetitions_of_states(cycle: Cycle, period: float) -> int:
+    """How many times a cycle runs through a shorter one."""
+    n, table = len(cycle.walls), np.column_stack([cycle.times, cycle.velocities, cycle.others])
+    sizes = np.concatenate([[period], np.maximum(np.max(np.abs(table[:, 1:]), axis=0), 1e-300)])
+    for parts in range(cycle.period, 1, -1):
+        if n % parts or cycle.period % parts:
+            continue
+        shift = n // parts
+        same_walls = np.array_equal(np.roll(cycle.walls, -shift), cycle.walls)
+        if (
+            same_walls
+            and np.max(_states_apart(np.roll(table, -shift, axis=0) - table, sizes)) < 1e-7
+        ):
+            return parts
+    return 1
+
+
+def _size_of_states(simulator: Simulator, state: State, miss: Sequence[float]) -> float:
+    sizes = [simulator.period, *np.maximum(1.0, np.abs(state.section))]
+    return float(np.max(np.abs(miss) / np.array(sizes)))
+
+
+def _step_of_states(
+    simulator: Simulator, state: State, run: Run, miss: Sequence[float]
+) -> Sequence[float] | None:
+    """Solve (M - I) step = -miss, with M the product of all derivatives."""
+    derivatives = _derivatives(simulator, [state, *run.states()])
+    product = unit = np.eye(len(miss))
+    if not np.all(np.isfinite(derivatives)):
+        return None
+    for derivative in derivatives:
+        product = derivative @ product
+    try:
+        step = np.linalg.solve(product - unit, -np.array(miss))
+    except np.linalg.LinAlgError:
+        return None
+    return step.tolist() if np.all(np.isfinite(step)) else None
+
+
+def _moved_states(simulator: Simulator, state: State, step: Sequence[float]) -> State:
+    phase, section = state.phase + step[0], np.add(state.section, step[1:]).tolist()
+    state = replace(state, phase=phase, velocity=section[0], others=tuple(section[1:]))
+    return replace(state.within(simulator.period), turns=0)
+
+
+def _closed(simulator: Simulator, state: State, run: Run, period: int, closing: float) -> Cycle:
+    rows = [state, *run.states()]
+    mus = _multipliers(simulator, rows)
+    return _cycle_of_states(simulator, rows[:-1], period, mus, closing)
+
+
+def _derivatives(simulator: Simulator, rows: Sequence[State]) -> Array:
+    """From each row to the next, shape (N, m, m)."""
+    pairs = itertools.pairwise(rows)
+    return np.array([simulator.derivative_of_several(*pair) for pair in pairs])
+
+
+def _multipliers(simulator: Simulator, rows: Sequence[State]) -> tuple[complex, ...]:
+    """Of the map around, the largest first."""
+    derivatives = _derivatives(simulator, rows)
+    if not np.all(np.isfinite(derivatives)):
+        return (complex(math.inf),) * derivatives.shape[1]
+    back = np.broadcast_to(-np.eye(derivatives.shape[1]), derivatives.shape)
+    return tuple(complex(mu) for mu in multipliers(derivatives, back))
+
+
+def _cycle_of_states(
+    simulator: Simulator, rows: Sequence[State], period: int, mus: tuple[complex, ...], miss: float
+) -> Cycle:
+    begun = rows[0].turns
+    return Cycle(
+        np.array([row.wall for row in rows], dtype=np.int8),
+        np.array([(row.turns - begun) * simulator.period + row.phase for row in rows]),
+        np.array([row.velocity for row in rows]),
+        np.array([row.released for row in rows]),
+        period,
+        mus,
+        miss,
+        np.array([row.others for row in rows]).reshape(len(rows), -1),
+        np.array([row.held for row in rows], dtype=np.int64),
+    )
+
+
+AROUND_SEVERAL = Map(_size_of_states, _step_of_states, _moved_states, _closed)

@@ -1,0 +1,544 @@
+"""Transitions between attractors along a sweep: their edges, and their names.
+
+A change between two values of a sweep is bisected: each value is started from the attractor before
+the change, as the sweep itself would. What it is called stands in `naming`.
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import asdict, dataclass, replace
+from typing import Any
+
+from ..models.word import is_rotation
+from ..results.branch import Entry
+from ..results.diagram import Diagram
+from ..results.simulate_tables import SETTLING, Settling
+from ..storage.texts import made
+from .attractor import Attractor, Kind
+from .settle import settle_again
+from .sweep import Row, Simulators, Sweep
+
+# Where an attractor ends between two values of a sweep.
+#
+# Near a period doubling or a fold motions settle slowly; there they are given more periods before
+# they count as not settled.
+
+EVALUATIONS = 120
+"""Values tried for one change at most."""
+SLOW = 0.95
+"""Motions settle slowly if a multiplier is larger than this."""
+PATIENCE = 16
+"""How many times more periods a slow motion is given."""
+NEARBY = 16
+"""Widths from the end within which it is given them."""
+
+
+def locate(
+    simulators: Simulators, before: Row, after: Row, width: float, settling: Settling = SETTLING
+) -> tuple[Row, Row, Row | None, Row | None]:
+    """Locate the end of an attractor between two rows.
+
+    A periodic attractor, or a motion without impacts, is followed by simulation. The step is halved
+    where it is lost and grows again where it is not, so that near the end the start is always close
+    to the attractor: a long step can kick the motion out of a small basin before its attractor
+    ends. Other motions are not left in this way; for them the interval is bisected.
+
+    Returns
+    -------
+    earlier, left, lost, right : Row
+        Two values with the attractor before, the second one the last; the first beyond the end; and
+        the first from there on at which the motion settles. `right` is None if a periodic attractor
+        does not end within ten times the distance of the two rows. `lost` is None, and `right` the
+        second row, where a motion without impacts cannot be started anew.
+    """
+    earlier, left, lost = before, before, after
+    step, won = 0.5 * (after.value - before.value), 0
+    furthest, longest = before.value + 20.0 * step, abs(step)
+    follows = before.attractor.kind is Kind.PERIODIC or before.attractor.motion is not None
+    for _ in range(EVALUATIONS):
+        patient = _patient(left.attractor, abs(step), width, settling)
+        row = _row(simulators, left, left.value + step, patient)
+        if row is None:
+            return earlier, left, None, after
+        if row.attractor.label == left.attractor.label:
+            earlier, left, won = left, row, won + 1
+            if (furthest - left.value) * step <= 0.0:
+                return earlier, left, lost, None
+            if not follows:
+                step *= 0.5
+            elif won > 1 and abs(step) < longest:
+                step, won = 2.0 * step, 0
+        else:
+            lost, won = row, 0
+            step *= 0.5
+        if _ahead(lost, left, step) and abs(lost.value - left.value) <= width:
+            break
+        if left.value + step == left.value:
+            break
+    if not _ahead(lost, left, step):
+        return earlier, left, lost, None
+    return earlier, left, lost, _settled(simulators, left, lost, furthest, width, settling)
+
+
+def _patient(attractor: Attractor, distance: float, width: float, settling: Settling) -> Settling:
+    """How long to wait, at a distance from an attractor, for it or for what follows it."""
+    slow = attractor.multipliers is not None and abs(attractor.multipliers[0]) > SLOW
+    if slow and distance <= NEARBY * width:
+        return replace(settling, periods=PATIENCE * settling.periods)
+    return settling
+
+
+def _ahead(row: Row, left: Row, step: float) -> bool:
+    """Whether a row lies in front of another, and not just by rounding."""
+    return (row.value - left.value) * math.copysign(1.0, step) > 0.25 * abs(step)
+
+
+def _settled(
+    simulators: Simulators, left: Row, lost: Row, furthest: float, width: float, settling: Settling
+) -> Row:
+    """The first row further on at which the motion settles; the lost one if there is none.
+
+    Steps begin with the requested width, since what follows a doubling may soon end again.
+    """
+    step, ahead = math.copysign(width, furthest - lost.value), lost
+    while not ahead.attractor.settled and abs(furthest - ahead.value) > abs(step) > 0.0:
+        value = ahead.value + step
+        patient = _patient(left.attractor, abs(value - left.value), width, settling)
+        found = _row(simulators, ahead, value, patient)
+        if found is None:
+            return lost
+        ahead = found
+        step *= 2.0
+    return ahead if ahead.attractor.settled else lost
+
+
+def _row(simulators: Simulators, before: Row, value: float, settling: Settling) -> Row | None:
+    """What an attractor leads to at another value; None if that cannot be told."""
+    found = settle_again(simulators.at(value), before.attractor, settling)
+    return None if found is None else Row(before.direction, value, found)
+
+
+# What a change of attractor is called: the names of Table 1 of the paper on vibro-impact pairs.
+#
+# PD, G with one or more impacts added, PD_G from an orbit of period pT, TG from complex motion, and
+# FB. The last attractor before the change decides, since a multiplier is near 1 at a fold and a
+# flight is near a wall at a grazing, together with what follows: a period doubling is one only if
+# the
+# doubled orbit follows. A multiplier of -1 without it, as at a subcritical doubling, has no name;
+# the
+# observation is recorded as evidence.
+
+REACH = 3.0
+"""Steps beyond the bracket within which the line of a quantity has to vanish to tell the kind."""
+CLOSE = 0.1
+"""A multiplier this near to 1 or -1, or a gap this small by the largest velocity, tells it."""
+
+
+@dataclass(frozen=True)
+class Side:
+    """An attractor beside a transition: its value, and what it is."""
+
+    value: float
+    kind: str
+    notation: str
+    word: str | None
+    period: int | None
+    rate: float
+    multiplier: float | None
+    smallest_gap: float | None
+
+
+@dataclass(frozen=True)
+class Explanation:
+    """An entry of the branches beside a transition.
+
+    `role` is ``explains`` where it lies within the bracket, or as near to it as `EXPLAINED` says,
+    and ``bounds`` where it is the nearest of its kind on the side to which the parameter moves, or
+    before.
+    """
+
+    entry: str
+    label: str
+    value: float
+    distance: float
+    role: str
+
+
+@dataclass(frozen=True)
+class Transition:
+    """A change of the observed attractor.
+
+    Attributes
+    ----------
+    direction : str
+        Of the sweep.
+    kind : str or None
+        PD, G, PD_G, TG, FB; None if none of these describes it.
+    label : str
+        As in Table 1, ``G[1:1->2:1]``, or the two notations.
+    order : int or None
+        Impacts per forcing period gained, where both sides are periodic and it is a whole number;
+        above 1 the grazing is one of higher order.
+    before, after : Side
+        The attractors on both sides of the bracket, in the order of the sweep.
+    width : float
+        Of the bracket.
+    explanations : sequence of Explanation
+    evidence : str
+        What the attractors beside the change show.
+    wide : str or None
+        Why the bracket is wider than requested, and what may help; None if it is not.
+    """
+
+    direction: str
+    kind: str | None
+    label: str
+    order: int | None
+    before: Side
+    after: Side
+    width: float
+    explanations: Sequence[Explanation] = ()
+    evidence: str = ""
+    wide: str | None = None
+
+    @property
+    def value(self) -> float:
+        """The middle of the bracket."""
+        return 0.5 * (self.before.value + self.after.value)
+
+    def as_record(self) -> dict[str, Any]:
+        """Return plain data."""
+        return asdict(self) | {"value": self.value}
+
+    @staticmethod
+    def from_record(record: Mapping[str, Any]) -> Transition:
+        """Return the transition a record was made of."""
+        found = made(Transition, record)
+        return replace(found, explanations=tuple(found.explanations))
+
+    def lines(self, parameter: str) -> list[str]:
+        """Return what a summary says: the change, its evidence if it has no name, why its bracket
+        is wide if it is, and the entries that explain it."""
+        low, high = sorted((self.before.value, self.after.value))
+        head = f"  {self.label:24} {self.direction:4} {parameter} from {low:.9g} to {high:.9g}"
+        found = [head, *([f"      no name: {self.evidence}"] if self.kind is None else [])]
+        found += [f"      wide: {self.wide}"] if self.wide else []
+        return found + [
+            f"      {e.role} {e.label} ({e.entry}) at {e.value:.12g}" for e in self.explanations
+        ]
+
+    def __repr__(self) -> str:
+        return f"<{self.label} between {self.before.value:.12g} and {self.after.value:.12g}>"
+
+
+def name(before: Row, after: Row, earlier: Row | None = None) -> Transition:
+    """Name the change between two neighbouring values.
+
+    Parameters
+    ----------
+    before, after : Row
+    earlier : Row, optional
+        The attractor before, further away from the change: shows which quantity goes to its
+        critical value there.
+    """
+    one, other = before.attractor, after.attractor
+    gained = other.rate - one.rate
+    both = one.period is not None and other.period is not None
+    whole = both and math.isfinite(gained) and abs(gained - round(gained)) < 1e-9
+    order = round(gained) if whole else None
+    kind, evidence = _kind(before, after, earlier)
+    arrow = f"{one.notation}->{other.notation}"
+    label = f"{kind}[{arrow}]" if kind else arrow
+    sides, width = (_side(before), _side(after)), abs(after.value - before.value)
+    return Transition(before.direction, kind, label, order, *sides, width, evidence=evidence)
+
+
+def _kind(before: Row, after: Row, earlier: Row | None) -> tuple[str | None, str]:
+    """The name of a change, if it has one, and the evidence for it."""
+    one, other = before.attractor, after.attractor
+    if one.kind is Kind.COMPLEX:
+        slow = f"complex motion with impacts as slow as {min(abs(one.velocities)):.2g}"
+        return ("TG" if other.period is not None and _low_impacts(one) else None), slow
+    if one.kind is not Kind.PERIODIC:
+        return None, f"{one.kind.value}: it has neither multipliers nor a gap that could vanish"
+    critical = _critical(before, after, earlier)
+    seen = critical.told if critical else "no multiplier near 1 or -1, no flight near to a wall"
+    if _doubled(one, other) or _doubled(other, one):
+        return "PD", f"the word is run twice over twice the period; {seen}"
+    if critical is None:
+        return None, seen
+    if critical.kind == "PD":
+        return None, f"{seen}, but no doubled orbit follows"
+    longer = (one.period or 1) > 1 and other.period == 1 and other.rate > one.rate
+    return ("PD_G" if longer else critical.kind), seen
+
+
+@dataclass(frozen=True)
+class Critical:
+    """A quantity of an attractor that vanishes where it ends.
+
+    `value` is the last one seen, `zero` the parameter value at which its line vanishes, None if
+    only one attractor is known.
+    """
+
+    kind: str
+    what: str
+    value: float
+    zero: float | None
+
+    @property
+    def told(self) -> str:
+        """The quantity in words."""
+        end = "" if self.zero is None else f", zero at {self.zero:.9g}"
+        return f"{self.what} = {self.value:.2g}{end}"
+
+
+def _critical(before: Row, after: Row, earlier: Row | None) -> Critical | None:
+    """Which quantity of a periodic attractor is critical where it ends.
+
+    Beside a doubling 1 + mu is linear in the parameter, beside a fold (1 - mu)^2, beside a grazing
+    the gap, or the velocity of the impact that is lost. The quantity whose line vanishes nearest
+    to the bracket tells the kind; without an earlier attractor, the smallest does.
+    """
+    now = _quantities(before.attractor)
+    if earlier is None or earlier.value == before.value:
+        key = min(now, key=lambda key: now[key])
+        return Critical(*key, now[key], None) if now[key] < CLOSE**2 else None
+    step = before.value - earlier.value
+    then = _quantities(earlier.attractor)
+    scores, zeros = {}, {}
+    for key, value in now.items():
+        if abs(value) < then[key]:
+            zeros[key] = before.value + value * step / (then[key] - value)
+            past = (zeros[key] - after.value) / step
+            scores[key] = max(past, (before.value - zeros[key]) / step, 0.0) + value
+    best = min(scores, key=lambda key: scores[key], default=None)
+    if best is None or not scores[best] < REACH:
+        return None
+    return Critical(*best, now[best], zeros[best])
+
+
+def _quantities(attractor: Attractor) -> dict[tuple[str, str], float]:
+    """Quantities that vanish where an attractor ends, by the kind and what they are."""
+    multiplier, size = _multiplier(attractor), _size(attractor)
+    gap = attractor.smallest_gap / size
+    return {
+        ("PD", "1 + mu"): abs(1.0 + multiplier),
+        ("FB", "(1 - mu)^2"): (1.0 - multiplier) ** 2,
+        ("G", "smallest gap"): gap if math.isfinite(gap) else math.inf,
+        ("G", "slowest impact"): float(min(abs(attractor.velocities), default=math.inf)) / size,
+    }
+
+
+def _doubled(one: Attractor, other: Attractor) -> bool:
+    """Whether the second has the first's word twice, over twice the period."""
+    if one.word is None or other.word is None or one.period is None:
+        return False
+    return other.period == 2 * one.period and is_rotation(other.word, one.word * 2)
+
+
+def _multiplier(attractor: Attractor) -> float:
+    """The larger multiplier where it is real, otherwise zero."""
+    if attractor.multipliers is None or complex(attractor.multipliers[0]).imag:
+        return 0.0
+    return complex(attractor.multipliers[0]).real
+
+
+def _size(attractor: Attractor) -> float:
+    return float(max(abs(attractor.velocities), default=1.0))
+
+
+def _low_impacts(attractor: Attractor) -> bool:
+    """Whether complex motion has impacts of low velocity now and then."""
+    return bool(min(abs(attractor.velocities)) < CLOSE * _size(attractor))
+
+
+def _side(row: Row) -> Side:
+    a = row.attractor
+    gap = a.smallest_gap if math.isfinite(a.smallest_gap) else None
+    multiplier = _multiplier(a) if a.multipliers is not None else None
+    return Side(row.value, a.kind.value, a.notation, a.word, a.period, a.rate, multiplier, gap)
+
+
+MOST = 6
+"""Changes located at most between two neighbouring values of a sweep."""
+EXPLAINED = 1e-5
+"""An entry explains a transition if it is this near to it, in parts of the range swept."""
+
+
+def changes(rows: Sequence[Row]) -> Iterator[tuple[Row, Row]]:
+    """Yield the neighbouring rows of one sweep between which the attractor changes."""
+    for before, after in itertools.pairwise(rows):
+        if before.attractor.label != after.attractor.label:
+            yield before, after
+
+
+def find_transitions(
+    sweep: Sweep,
+    width: float,
+    *,
+    settling: Settling = SETTLING,
+    diagram: Diagram | None = None,
+    simulators: Simulators | None = None,
+) -> list[Transition]:
+    """Locate and name every change of attractor along the sweeps down and up.
+
+    Parameters
+    ----------
+    sweep : Sweep
+    width : float
+        To which brackets are halved, in the parameter's unit.
+    settling : Settling
+    diagram : Diagram, optional
+        Branches, for explanations.
+    simulators : Simulators, optional
+
+    Returns
+    -------
+    list of Transition
+    """
+    simulators = simulators or Simulators(sweep.model, sweep.parameter)
+    found = [
+        transition
+        for before, after in all_changes(sweep)
+        for transition in between(simulators, before, after, width, settling)
+    ]
+    return [explained(t, diagram, sweep) if diagram else t for t in found]
+
+
+def all_changes(sweep: Sweep) -> list[tuple[Row, Row]]:
+    """Return the neighbouring rows of all sweeps between which the attractor changes."""
+    ways = [way for way in sweep.directions if way != "random"]
+    return [pair for way in ways for pair in changes(sweep.of(way))]
+
+
+def between(
+    simulators: Simulators, before: Row, after: Row, width: float, settling: Settling = SETTLING
+) -> Iterator[Transition]:
+    """Yield the transitions between two rows of a sweep, one after another.
+
+    What follows an attractor is followed in turn, beyond the second row if need be, until it is
+    that row's. At most `MOST` are located; what is left of the interval then is one transition
+    without a name, and so is a change of the sweep to another basin, where the attractor before
+    goes on.
+    """
+    first, span = before, after.value - before.value
+    for _ in range(MOST):
+        past = (after.value - before.value) * span <= 0.0
+        target = replace(after, value=before.value + span) if past else after
+        earlier, left, lost, right = locate(simulators, before, target, width, settling)
+        if right is None:
+            yield _changed_basin(first, after, left)
+            return
+        if lost is None:
+            yield _not_followed(left, after)
+            return
+        if right.attractor.label != left.attractor.label:
+            yield replace(name(left, right, earlier), wide=_wide(left, lost, right, width))
+        if right.attractor.label == after.attractor.label:
+            return
+        before = right
+    if (after.value - before.value) * span <= 0.0:
+        yield _changed_basin(first, after, before)
+        return
+    evidence = f"{MOST} changes were located before it; this is left"
+    wide = "more changes than are located between two values; more simulate.values separate them"
+    yield replace(_unnamed(before, after), evidence=evidence, wide=wide)
+
+
+def _changed_basin(first: Row, after: Row, last: Row) -> Transition:
+    """A change that is no end of the attractor before: a step of the sweep has left its basin."""
+    evidence = (
+        f"a step of the sweep left the basin of {first.attractor.notation}; followed with "
+        f"small steps, {last.attractor.notation} is met up to {last.value:.9g} at least"
+    )
+    wide = "it is a step of the sweep; more simulate.values keep to the attractor"
+    return replace(_unnamed(first, after), evidence=evidence, wide=wide)
+
+
+def _not_followed(left: Row, after: Row) -> Transition:
+    """A change somewhere behind a motion without impacts that cannot be started anew."""
+    evidence = (
+        f"{left.attractor.notation} cannot be started anew beyond {left.value:.9g}: no motion of "
+        "the forcing's period, within the guards, is known of it; it is not followed to its end"
+    )
+    wide = "it is a step of the sweep; more simulate.values narrow it"
+    return replace(_unnamed(left, after), evidence=evidence, wide=wide)
+
+
+def _unnamed(before: Row, after: Row) -> Transition:
+    arrow = f"{before.attractor.notation}->{after.attractor.notation}"
+    return replace(name(before, after), kind=None, label=arrow)
+
+
+def _wide(left: Row, lost: Row, right: Row, width: float) -> str | None:
+    """Why a bracket is wider than asked, and what may help."""
+    if abs(right.value - left.value) <= width * (1.0 + 1e-9):
+        return None
+    found = f"{abs(right.value - left.value):.2g} instead of {width:.2g}: "
+    if lost is right:
+        return f"{found}{EVALUATIONS} values were tried; a wider simulate.width asks for less"
+    far = f"from {lost.value:.9g} on the motion does not settle"
+    return f"{found}{far} before {right.value:.9g}; more simulate.periods may resolve it"
+
+
+# What the branches say.
+
+_KINDS = {"PD": ("PD",), "G": ("G",), "PD_G": ("G", "FB"), "TG": ("FB", "G"), "FB": ("FB",)}
+
+
+def explained(transition: Transition, diagram: Diagram, sweep: Sweep) -> Transition:
+    """Return the transition with the entries that explain or bound it.
+
+    An entry explains it that lies in the bracket or next to it and belongs to the orbit before, or
+    to the one after. Otherwise the nearest entries of the kinds that go with it, on branches of
+    these orbits and of the orbit whose periods were doubled, bound it: for TG and PD_G those are
+    the fold at which the orbit after is born, and the (ghost) grazing of the orbit before.
+    """
+    values = [row.value for row in sweep.rows]
+    span = (max(values) - min(values)) or 1.0
+    related = [e for e in diagram.entries if _related(e, transition)]
+    low, high = sorted((transition.before.value, transition.after.value))
+    near = []
+    for entry in related:
+        distance = max(low - entry.value, entry.value - high, 0.0)
+        near.append((distance, entry))
+    near.sort(key=lambda pair: pair[0])
+    explains = [pair for pair in near if pair[0] <= EXPLAINED * span]
+    chosen = explains[:2] or _bounds(near, transition)
+    role = "explains" if explains else "bounds"
+    records = [Explanation(e.id, e.label, e.value, d, role) for d, e in chosen]
+    return replace(transition, explanations=tuple(records))
+
+
+def _bounds(
+    near: Sequence[tuple[float, Entry]], transition: Transition
+) -> list[tuple[float, Entry]]:
+    """The nearest entry of each kind that goes with a transition."""
+    kinds = _KINDS.get(transition.kind or "", ("G", "FB", "PD"))
+    firsts = ([pair for pair in near if pair[1].kind == kind][:1] for kind in kinds)
+    return [pair for first in firsts for pair in first]
+
+
+def _related(entry: Entry, transition: Transition) -> bool:
+    """Whether an entry is of the orbits beside a transition, or of one they have multiplied."""
+    kinds = _KINDS.get(transition.kind or "")
+    if kinds is not None and entry.kind not in kinds:
+        return False
+    sides = (transition.before, transition.after)
+    periodic = [s for s in sides if s.word is not None and s.period is not None]
+    if not periodic:
+        return False
+    return any(_repeats(s.word or "", s.period or 1, entry) for s in periodic) or (
+        entry.becomes is not None
+        and any(is_rotation(s.word or "", entry.becomes.split("/")[0]) for s in periodic)
+    )
+
+
+def _repeats(word: str, period: int, entry: Entry) -> bool:
+    """Whether an orbit is the entry's, or the entry's run several times."""
+    times, rest = divmod(period, entry.period)
+    return rest == 0 and is_rotation(word, entry.word * times)
