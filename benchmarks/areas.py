@@ -19,11 +19,10 @@ from pathlib import Path
 import numpy as np
 
 import contimpact as ci
+from contimpact.diagrams.arrangement import Frame, bounding, slabs
 from contimpact.results.catalogue import load_diagram
 from contimpact.results.scene import read_scene
 from contimpact.segments.kernels import Kernels
-from contimpact.two_parameters.arrangement import slabs
-from contimpact.two_parameters.frame import Frame, bounding
 
 
 class Map:

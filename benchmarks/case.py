@@ -14,8 +14,8 @@ import numpy as np
 from contimpact import ImpactPair, Settings
 from contimpact.bifurcations.registry import test_functions
 from contimpact.continuation.branch import Walk
+from contimpact.diagrams.orbit_walks import walk_orbits
 from contimpact.models.word import Word
-from contimpact.orbit_continuation.orbit_walks import walk_orbits
 from contimpact.orbits.problem import Array, OrbitProblem
 from contimpact.segments.kernels import Kernels
 

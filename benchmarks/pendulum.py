@@ -32,9 +32,9 @@ from table import both, each, grid, number, over, whole
 from contimpact import Formulas, Oscillator, Settings, find_orbits
 from contimpact.bifurcations.registry import test_functions
 from contimpact.continuation.branch import Walk
+from contimpact.diagrams.orbit_walks import walk_orbits
 from contimpact.models.nonlinear import Nonlinear
 from contimpact.models.word import Word
-from contimpact.orbit_continuation.orbit_walks import walk_orbits
 from contimpact.orbits.problem import Array, OrbitProblem
 from contimpact.orbits.quiet import problem_of
 from contimpact.orbits.search import solve_near

@@ -18,11 +18,11 @@ import sys
 
 import numpy as np
 
+from contimpact.diagrams.explore import follow
+from contimpact.diagrams.map_lines import passes, run_along
 from contimpact.orbits.problem import OrbitProblem
 from contimpact.results.scene import read_scene
 from contimpact.segments.kernels import Kernels
-from contimpact.studies.explore import follow
-from contimpact.two_parameters.runs import passes, run_along
 
 NAMES = ("beta", "r", "r_B", "A", "s", "M", "omega")
 KINDS = ("FB", "PD", "G")

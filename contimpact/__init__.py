@@ -10,6 +10,14 @@ import importlib
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from ..diagrams.codim2_curves import follow_codim2 as follow_codim2
+    from ..diagrams.curves import follow_curve as follow_curve
+    from ..diagrams.explore import follow as follow
+    from ..diagrams.isolines import follow_isoline as follow_isoline
+    from ..diagrams.isolines import sensitivity as sensitivity
+    from ..diagrams.orbit_branch import continue_born as continue_born
+    from ..diagrams.orbit_branch import continue_orbit as continue_orbit
+    from ..diagrams.starting_orbits import find_orbits as find_orbits
     from ..results.branch import Branch as Branch
     from ..results.branch import Entry as Entry
     from ..results.catalogue import load_diagram as load_diagram
@@ -39,8 +47,6 @@ if TYPE_CHECKING:
     from .models.model import Parameter as Parameter
     from .models.model import Symmetry as Symmetry
     from .models.model import Wall as Wall
-    from .orbit_continuation.born import continue_born as continue_born
-    from .orbit_continuation.orbit_branch import continue_orbit as continue_orbit
     from .orbits.orbit import Orbit as Orbit
     from .parameter_studies.run import run_study as run_study
     from .parameter_studies.store import Store as Store
@@ -56,15 +62,9 @@ if TYPE_CHECKING:
     from .plots.transitions import plot_transitions as plot_transitions
     from .segments.checking import check_model as check_model
     from .simulation.simulator import Simulator as Simulator
-    from .studies.explore import follow as follow
-    from .studies.orbit_search import find_orbits as find_orbits
     from .systems.impact_pair import ImpactPair as ImpactPair
     from .systems.membrane import Membrane as Membrane
     from .systems.oscillator import Oscillator as Oscillator
-    from .two_parameters.codim2_curves import follow_codim2 as follow_codim2
-    from .two_parameters.curves import follow_curve as follow_curve
-    from .two_parameters.isolines import follow_isoline as follow_isoline
-    from .two_parameters.sensitivity import sensitivity as sensitivity
 
 __version__ = "0.2.0"
 
@@ -79,14 +79,14 @@ _PLACES = {
     "Symmetry": "models.model",
     "check_model": "segments.checking",
     "Orbit": "orbits.orbit",
-    "find_orbits": "studies.orbit_search",
+    "find_orbits": "diagrams.starting_orbits",
     "Settings": "continuation.settings",
-    "continue_orbit": "orbit_continuation.orbit_branch",
-    "continue_born": "orbit_continuation.born",
-    "follow": "studies.explore",
-    "follow_codim2": "two_parameters.codim2_curves",
-    "follow_curve": "two_parameters.curves",
-    "follow_isoline": "two_parameters.isolines",
+    "continue_orbit": "diagrams.orbit_branch",
+    "continue_born": "diagrams.orbit_branch",
+    "follow": "diagrams.explore",
+    "follow_codim2": "diagrams.codim2_curves",
+    "follow_curve": "diagrams.curves",
+    "follow_isoline": "diagrams.isolines",
     "Curve": "results.curve",
     "read": "results.diagram_reading",
     "stable_intervals": "results.diagram_reading",
@@ -95,7 +95,7 @@ _PLACES = {
     "plot_curves": "plots.curves",
     "save": "simulation.files",
     "load": "simulation.files",
-    "sensitivity": "two_parameters.sensitivity",
+    "sensitivity": "diagrams.isolines",
     "write_auto": "results.formats",
     "write_mat": "results.formats",
     "load_scene": "results.scene",

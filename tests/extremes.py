@@ -22,8 +22,8 @@ from contimpact.accuracy.simulated import ExactFlights, flights_of, plain_voltag
 from contimpact.bifurcations.grazing import touches_at
 from contimpact.bifurcations.registry import switch, test_functions
 from contimpact.continuation.corrector import correct
+from contimpact.diagrams.orbit_branch import both_ways
 from contimpact.models.word import Word
-from contimpact.orbit_continuation.orbit_branch import both_ways
 from contimpact.orbits.problem import OrbitProblem
 from contimpact.orbits.search import solve_near
 from contimpact.segments.kernels import Kernels

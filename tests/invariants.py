@@ -15,7 +15,7 @@ from contimpact.bifurcations.registry import kind_of
 from contimpact.bifurcations.status import with_status
 from contimpact.continuation.branch import Points
 from contimpact.continuation.ends import EndKind
-from contimpact.orbit_continuation import orbit_branch, orbit_walks
+from contimpact.diagrams import orbit_branch, orbit_walks
 from contimpact.orbits.multipliers import count_unstable
 from contimpact.orbits.physicality import PHYSICAL
 from contimpact.orbits.problem import Summary, rounding

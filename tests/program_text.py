@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from contimpact.orbit_continuation import orbit_backend
+from contimpact.diagrams import orbit_backend
 
 
 class Text:

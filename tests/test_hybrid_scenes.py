@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 from event_driven import Walker, random_scene
 
+from contimpact.diagrams.explore import follow
 from contimpact.errors import InputError
 from contimpact.models.guards import pivot, state_before
 from contimpact.results.scene import read_scene
-from contimpact.studies.explore import follow
 
 QUICK = (0, 1, 2, 3)
 MANY = range(200)

@@ -9,8 +9,8 @@ import pytest
 from zoo import scene
 
 from contimpact.continuation.settings import Settings
-from contimpact.orbit_continuation.orbit_branch import continue_orbit
-from contimpact.orbit_continuation.orbit_walks import walk_orbits
+from contimpact.diagrams.orbit_branch import continue_orbit
+from contimpact.diagrams.orbit_walks import walk_orbits
 from contimpact.orbits.search import find_orbits
 
 LIMITS = (0.3, 0.4)

@@ -26,7 +26,7 @@ counted(problem, "interior_touches")
 given = json.loads(sys.argv[1])
 from contimpact.results.scene import read_scene
 scene = read_scene(given)
-from contimpact.studies.explore import follow
+from contimpact.diagrams.explore import follow
 diagram = follow(scene)
 kernels = diagram.statistics["kernels"]
 print(json.dumps({
@@ -55,20 +55,28 @@ HEAVY = (
 )
 OWN_HEAVY = (
     "accuracy",
-    "attractors",
     "certificates",
     "page",
     "plots",
     "simulation",
-    "two_parameters",
+    "diagrams.curve_problem",
+    "diagrams.curve_backend",
+    "diagrams.curves",
+    "diagrams.codim2_curves",
+    "diagrams.isolines",
+    "diagrams.map_lines",
+    "diagrams.arrangement",
+    "diagrams.areas",
+    "diagrams.map_explorer",
+    "diagrams.scene_simulation",
     "segments.machine_code",
     "segments.machine_code",
-    "orbit_continuation.chain_backend",
-    "orbit_continuation.chain_functions",
-    "orbit_continuation.chain_program",
-    "orbit_continuation.free_period_ends",
-    "orbit_continuation.linear_flights",
-    "orbit_continuation.orbit_program",
+    "diagrams.chain_backend",
+    "diagrams.chain_functions",
+    "diagrams.orbit_program",
+    "diagrams.free_period_ends",
+    "diagrams.orbit_program",
+    "diagrams.orbit_program",
     "orbits.cyclic_chain",
     "segments.compiled_flow",
     "segments.oscillations",
@@ -225,7 +233,7 @@ def test_reading_a_scene_loads_no_numerics(tables, tmp_path):
     code = "import sys\nfrom contimpact.results.scene import load_scene\nload_scene(sys.argv[1])"
     modules = imported(code, str(tmp_path / "scene.toml"))
     assert among(modules, (*HEAVY, "numpy")) == []
-    assert among(modules, own("arrays", "attractors", "orbits", "segments", *RECORDS)) == []
+    assert among(modules, own("arrays", "simulation", "orbits", "segments", *RECORDS)) == []
 
 
 COMMANDS = {

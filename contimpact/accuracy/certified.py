@@ -6,9 +6,9 @@ import importlib.util
 from collections.abc import Callable
 from typing import Any
 
+from ..diagrams.explore import follow
 from ..errors import InputError
 from ..results.scene import Scene
-from ..studies.explore import follow
 from .timing import spread
 
 

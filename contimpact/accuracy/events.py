@@ -10,13 +10,13 @@ import mpmath
 import numpy as np
 
 from ..bifurcations.declarations import KINDS
+from ..diagrams.explore import follow
 from ..orbits.problem import Array
 from ..results.branch import Entry, orbit_of
 from ..results.diagram import Diagram
 from ..results.entry_conversion import details_of
 from ..results.scene import Scene
 from ..segments.kernels import Kernels
-from ..studies.explore import follow
 from .reference import Exact, Reference
 from .timing import within_budget
 

@@ -21,15 +21,15 @@ import numpy as np
 from .. import __version__
 from ..continuation.branch import Point, Walk
 from ..continuation.settings import PREDICTORS, Settings
+from ..diagrams.explore import follow
+from ..diagrams.orbit_walks import walk_orbits
+from ..diagrams.starting_orbits import orbits_at_start
 from ..errors import InputError
-from ..orbit_continuation.orbit_walks import walk_orbits
 from ..orbits.orbit import Orbit
 from ..orbits.problem import Array
 from ..results.diagram import Diagram
 from ..results.scene import Scene
 from ..segments.kernels import Kernels
-from ..studies.explore import follow
-from ..studies.starting_orbits import orbits_at_start
 from .certified import certified
 from .events import DIGITS, honesty, measured_events
 from .long_words import long_words

@@ -5,19 +5,12 @@ from __future__ import annotations
 import argparse
 from collections.abc import Sequence
 
+from ..diagrams.starting_orbits import SURVEYED, not_found, placed, refusal, search_at, with_settled
 from ..errors import InputError, printable
 from ..progress import Progress
 from ..results.options import CurveOptions
 from ..results.scene import Scene, load_scene, systems_of
 from ..segments.kernels import Kernels, checked
-from ..studies.starting_orbits import (
-    SURVEYED,
-    not_found,
-    placed,
-    refusal,
-    search_at,
-    with_settled,
-)
 from ..telling import telling
 from .terminal import say
 

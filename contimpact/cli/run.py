@@ -10,6 +10,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from ..diagrams import explore
+from ..diagrams.explore import INTERRUPTED
 from ..errors import InputError, NotWrittenError
 from ..progress import Progress
 from ..results.catalogue import diagram_files
@@ -19,8 +21,6 @@ from ..results.result_folder import Files, held, renewed
 from ..results.scene import Scene, folder_of, load_scene, require_own_folders, systems_of
 from ..segments.compiling import mode
 from ..storage.files import write_all
-from ..studies import explore
-from ..studies.explore import INTERRUPTED
 from ..telling import telling
 from .console import Interruption, deferred, drawn, require_output
 from .manifest import write_manifest

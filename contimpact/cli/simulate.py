@@ -6,7 +6,7 @@ import argparse
 import time
 from pathlib import Path
 
-from ..attractors.simulation import Simulation, simulate, write_simulation
+from ..diagrams.scene_simulation import Simulation, simulate, write_simulation
 from ..errors import InputError
 from ..progress import Progress
 from ..results.diagram import Diagram

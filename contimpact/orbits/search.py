@@ -322,7 +322,7 @@ def find_orbits(
     rounds: int = 8,
     progress: Asked = False,
 ) -> list[Orbit]:
-    """Find the orbits of a word from random starts alone; `studies.orbit_search` documents it."""
+    """Find the orbits of a word from random starts; `diagrams.starting_orbits` documents it."""
     with asked(progress, f"find_orbits {word}") as tell:
         return search(model, word, parameter, kernels, rng, starts, rounds, tell).orbits
 

@@ -12,7 +12,7 @@ from ..results.diagram import Diagram, Limit
 from ..results.diagram_reading import Interval, Reading, read
 
 if TYPE_CHECKING:
-    from ..attractors.simulation import Simulation
+    from ..diagrams.scene_simulation import Simulation
     from ..systems.membrane import Membrane
 
 Rows = dict[str, list[dict[str, Any]]]

@@ -18,10 +18,10 @@ from pathlib import Path
 from typing import Any
 
 from .. import __version__
+from ..diagrams.explore import follow
 from ..errors import InputError
 from ..results.scene import Scene, read_scene
 from ..segments.compiling import spend
-from ..studies.explore import follow
 from .budget import BudgetError, limited
 from .outcome import Outcome, Rows, diagram_rows, failure, simulation_rows
 
@@ -93,7 +93,7 @@ def _computed(task: Task, tell: Any, ended: Any) -> Outcome:
 
 
 def _simulated(scene: Scene, task: Task, tell: Any) -> Rows:
-    from ..attractors.simulation import simulate
+    from ..diagrams.scene_simulation import simulate
 
     with tempfile.TemporaryDirectory() as folder:
         simulation = simulate(scene, Path(folder), progress=tell)

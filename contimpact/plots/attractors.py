@@ -32,7 +32,7 @@ from .portraits import SHOWN, others_at, portrait_figure
 from .texts import axis_label, plain, symbol, units_of, values_text, walls_of
 
 if TYPE_CHECKING:
-    from ..attractors.simulation import Simulation
+    from ..diagrams.scene_simulation import Simulation
     from ..results.options import PlotOptions
 
 

@@ -22,7 +22,7 @@ from .lines import STYLES
 from .texts import plain
 
 if TYPE_CHECKING:
-    from ..attractors.simulation import Simulation
+    from ..diagrams.scene_simulation import Simulation
 
 INK = "0.1"
 TOUCH: dict[str, Any] = {"marker": "o", "markerfacecolor": "white", "color": INK, "zorder": 5}

@@ -12,8 +12,8 @@ from contimpact.accuracy.reference import Reference
 from contimpact.bifurcations.registry import test_functions as make_tests
 from contimpact.continuation import problem as linear
 from contimpact.continuation.settings import Settings
+from contimpact.diagrams.orbit_branch import both_ways
 from contimpact.models.word import Word
-from contimpact.orbit_continuation.orbit_branch import both_ways
 from contimpact.orbits import multipliers as stability
 from contimpact.orbits.problem import OrbitProblem
 from contimpact.orbits.search import find_orbits

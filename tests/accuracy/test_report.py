@@ -20,13 +20,13 @@ from contimpact.accuracy.shooting import EXPLICIT, IMPLICIT, MOST_EVALUATIONS, S
 from contimpact.accuracy.simulated import simulated
 from contimpact.cli import main
 from contimpact.continuation.settings import Settings
+from contimpact.diagrams.explore import follow
+from contimpact.diagrams.orbit_walks import walk_orbits
 from contimpact.errors import InputError
-from contimpact.orbit_continuation.orbit_walks import walk_orbits
 from contimpact.orbits.search import find_orbits
 from contimpact.plots.report import plot_report
 from contimpact.results.scene import load_scene, read_scene
 from contimpact.segments.kernels import Kernels
-from contimpact.studies.explore import follow
 from contimpact.systems.oscillator import Oscillator
 
 
@@ -218,7 +218,7 @@ def test_predictors_are_named():
 
 
 def test_the_secant_predictor_reaches_the_same_branch(pair):
-    from contimpact.orbit_continuation.orbit_branch import continue_orbit
+    from contimpact.diagrams.orbit_branch import continue_orbit
 
     orbit = find_orbits(pair(s=0.34), "2:1", parameter="s", starts=64, rounds=4)[0]
     values = []

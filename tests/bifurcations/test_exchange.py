@@ -7,8 +7,8 @@ import pytest
 
 import contimpact as ci
 from contimpact.bifurcations.declarations import usual_events
+from contimpact.diagrams.explore import follow
 from contimpact.results.scene import read_scene
-from contimpact.studies.explore import follow
 from contimpact.systems.impact_pair import ImpactPair
 from contimpact.systems.two_masses import TwoMasses
 

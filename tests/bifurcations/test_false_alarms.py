@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
+from contimpact.diagrams.orbit_branch import continue_orbit
 from contimpact.models.word import Word
-from contimpact.orbit_continuation.orbit_branch import continue_orbit
 from contimpact.orbits.quiet import problem_of
 from contimpact.orbits.search import find_orbits, orbit_at
 from contimpact.results.scene import read_scene

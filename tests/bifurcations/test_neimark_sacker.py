@@ -6,7 +6,7 @@ import math
 
 import pytest
 
-from contimpact.orbit_continuation.orbit_branch import continue_orbit
+from contimpact.diagrams.orbit_branch import continue_orbit
 from contimpact.orbits.search import find_orbits
 from contimpact.systems.impact_pair import ImpactPair
 from contimpact.systems.oscillator import Oscillator

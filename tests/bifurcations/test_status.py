@@ -14,7 +14,7 @@ from contimpact.bifurcations.registry import test_functions as make_tests
 from contimpact.bifurcations.status import with_status
 from contimpact.continuation.branch import Points, TestFunction
 from contimpact.continuation.settings import Settings
-from contimpact.orbit_continuation.orbit_branch import both_ways
+from contimpact.diagrams.orbit_branch import both_ways
 from contimpact.orbits.multipliers import count_unstable
 from contimpact.orbits.search import find_orbits
 from contimpact.systems.impact_pair import ImpactPair

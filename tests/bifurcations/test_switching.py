@@ -12,12 +12,11 @@ from contimpact.bifurcations.grazing import touches_at
 from contimpact.bifurcations.registry import switch
 from contimpact.bifurcations.registry import test_functions as functions
 from contimpact.continuation.settings import Settings
+from contimpact.diagrams.explore import follow
+from contimpact.diagrams.orbit_branch import both_ways, continue_born, continue_orbit
 from contimpact.errors import InputError
-from contimpact.orbit_continuation.born import continue_born
-from contimpact.orbit_continuation.orbit_branch import both_ways, continue_orbit
 from contimpact.orbits.search import find_orbits
 from contimpact.results.branch import Branch
-from contimpact.studies.explore import follow
 from contimpact.systems.impact_pair import ImpactPair
 
 

@@ -17,7 +17,7 @@ from contimpact.bifurcations.registry import test_functions as functions
 from contimpact.continuation.branch import Event, Point
 from contimpact.continuation.ends import EndKind
 from contimpact.continuation.settings import Settings
-from contimpact.orbit_continuation.orbit_branch import both_ways, continue_orbit
+from contimpact.diagrams.orbit_branch import both_ways, continue_orbit
 from contimpact.orbits.search import find_orbits, solve_near
 from contimpact.systems.impact_pair import ImpactPair
 

@@ -12,9 +12,9 @@ from zoo import ROOT, harmonic_pair, scene
 import contimpact
 from contimpact import InputError, certify, continue_orbit, find_orbits, load_scene
 from contimpact.cli import main
+from contimpact.diagrams.explore import follow
 from contimpact.results.catalogue import write_diagram
 from contimpact.results.options import CertifyOptions
-from contimpact.studies.explore import follow
 
 flint = pytest.importorskip("flint", reason="needs contimpact[certify]")
 

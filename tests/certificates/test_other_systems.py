@@ -16,11 +16,11 @@ from zoo import ROOT
 
 import contimpact
 from contimpact import certify, continue_orbit, find_orbits, load_entries, load_scene
+from contimpact.diagrams.explore import follow
 from contimpact.models.word import Word
 from contimpact.results.catalogue import write_diagram
 from contimpact.results.options import CertifyOptions
 from contimpact.results.scene import read_scene
-from contimpact.studies.explore import follow
 from contimpact.systems.oscillator import Oscillator
 
 flint = pytest.importorskip("flint", reason="needs contimpact[certify]")

@@ -405,7 +405,7 @@ def test_the_output_is_tried_before_the_computation(run, scene, tmp_path, monkey
     def refuse(*arguments, **options):
         raise AssertionError("computed first")
 
-    monkeypatch.setattr("contimpact.studies.explore.follow", refuse)
+    monkeypatch.setattr("contimpact.diagrams.explore.follow", refuse)
     (tmp_path / "file").write_text("")
     assert run("run", scene(), "-o", tmp_path / "file" / "out")[0] == 2
 
@@ -572,7 +572,7 @@ def test_interrupt_in_process(run, scene, tmp_path, monkeypatch):
     def interrupted(*arguments, **options):
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("contimpact.studies.explore.follow", interrupted)
+    monkeypatch.setattr("contimpact.diagrams.explore.follow", interrupted)
     status, out, err = run("run", scene(), "-o", tmp_path / "out")
     assert (status, out) == (1, "")
     assert err == "contimpact: interrupted\n"
@@ -718,7 +718,7 @@ def test_an_interruption_of_the_search_keeps_the_results_of_an_earlier_run(
     def interrupted(*given, **named):
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("contimpact.studies.starting_orbits.search", interrupted)
+    monkeypatch.setattr("contimpact.diagrams.starting_orbits.search", interrupted)
     before = files_of(copied)
     status, out, err = run("run", scene(), "-o", copied, "-q")
     assert (status, out) == (1, "")
@@ -745,7 +745,7 @@ def test_an_interruption_keeps_the_branch_under_way_and_stops_all_scenes(scene, 
 @pytest.mark.parametrize("name", ["branches", "catalogue.json", "manifest.json", "diagram.png"])
 def test_something_else_in_the_way(run, scene, tmp_path, monkeypatch, name):
     """It is seen before anything is computed."""
-    monkeypatch.setattr("contimpact.studies.explore.follow", None)
+    monkeypatch.setattr("contimpact.diagrams.explore.follow", None)
     place = tmp_path / "out" / name
     place.parent.mkdir()
     place.write_text("") if name == "branches" else place.mkdir()

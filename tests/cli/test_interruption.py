@@ -10,7 +10,7 @@ import pytest
 from contimpact import continue_born, continue_orbit, find_orbits, follow, follow_curve, read_scene
 from contimpact.continuation.ends import EndKind
 from contimpact.continuation.settings import Settings
-from contimpact.orbit_continuation.orbit_branch import Run
+from contimpact.diagrams.orbit_branch import Run
 from contimpact.results.diagram_reading import read
 
 RANGE = (0.3, 0.4)

@@ -252,7 +252,7 @@ def test_one_scene_left_of_two_is_in_its_own_folder(run, scene, tmp_path):
 
 
 def test_a_failed_computation_is_named_and_the_others_run(run, scene, tmp_path, monkeypatch):
-    from contimpact.studies import explore
+    from contimpact.diagrams import explore
 
     walked = explore.both_ways
 
@@ -273,7 +273,7 @@ def test_an_interruption_names_what_was_not_run(run, scene, tmp_path, monkeypatc
     def interrupted(*given):
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("contimpact.studies.explore.follow", interrupted)
+    monkeypatch.setattr("contimpact.diagrams.explore.follow", interrupted)
     one, two, three = (scene(name) for name in ("one", "two", "three"))
     status, _, err = run("run", one, two, three, "-o", tmp_path / "out", "-q")
     assert status == 1
@@ -378,7 +378,7 @@ def test_an_interruption_on_a_full_disk_stops_all_scenes(run, scene, tmp_path, m
 
 
 def test_a_simulation_interrupted_in_its_branches_ends_there(run, scene, tmp_path, monkeypatch):
-    from contimpact.studies import explore
+    from contimpact.diagrams import explore
 
     walked = explore.both_ways
 

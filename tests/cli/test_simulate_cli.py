@@ -13,7 +13,7 @@ import pytest
 from zoo import SMALL
 
 from contimpact import cli
-from contimpact.attractors import simulation
+from contimpact.diagrams import scene_simulation
 from contimpact.errors import InputError
 from contimpact.results.scene import read_scene
 
@@ -108,7 +108,7 @@ def test_interrupted_and_resumed(scene_file, tmp_path, monkeypatch, capsys, afte
     path = scene_file(SCENE + "starts = 2\n")
     whole, parts = tmp_path / "whole", tmp_path / "parts"
     assert run(path, "-o", whole, "--no-plot", "-q") == 0
-    kept = simulation.Checkpoint._append
+    kept = scene_simulation.Checkpoint._append
     made = []
 
     def interrupting(self, record):
@@ -117,7 +117,7 @@ def test_interrupted_and_resumed(scene_file, tmp_path, monkeypatch, capsys, afte
         if len(made) == after:
             raise KeyboardInterrupt
 
-    monkeypatch.setattr(simulation.Checkpoint, "_append", interrupting)
+    monkeypatch.setattr(scene_simulation.Checkpoint, "_append", interrupting)
     assert run(path, "-o", parts, "--no-plot", "-q") == 1
     assert "--resume" in capsys.readouterr().err
     assert len(table(parts / "sweep.csv")[1]) <= after
@@ -230,7 +230,7 @@ def test_run_imports_no_simulation_and_no_matplotlib(scene_file, tmp_path):
 
     attracting = SCENE.replace("s = 0.34", "s = 0.4")  # elsewhere a run looks for what attracts
     plain = imported(scene_file(attracting.split("[simulate]")[0]), "run", "--no-plot")
-    assert "contimpact.studies.explore" in plain
+    assert "contimpact.diagrams.explore" in plain
     places = {f"contimpact.attractors.{name}" for name in ("sweep", "attractor", "energy")}
     absent = places | {"contimpact.simulation.simulator", "matplotlib"}
     assert not absent & set(plain)
@@ -241,6 +241,6 @@ def test_run_imports_no_simulation_and_no_matplotlib(scene_file, tmp_path):
     few = SCENE.replace("values = 7", "values = 2\ntransitions = false")
     simulated = imported(scene_file(few), "simulate", "--no-plot")
     assert "contimpact.simulation.sweep" in simulated
-    assert not {"contimpact.simulation.energy", "contimpact.studies.explore", "matplotlib"} & set(
+    assert not {"contimpact.simulation.energy", "contimpact.diagrams.explore", "matplotlib"} & set(
         simulated
     )

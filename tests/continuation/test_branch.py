@@ -10,7 +10,7 @@ import pytest
 
 from contimpact.continuation.branch import Block, Point, Points, Walk, joined
 from contimpact.continuation.ends import End, EndKind
-from contimpact.orbit_continuation.orbit_branch import continue_orbit
+from contimpact.diagrams.orbit_branch import continue_orbit
 
 
 @dataclass(frozen=True)

@@ -148,7 +148,7 @@ def test_events_are_those_of_the_double():
             "follow": {"parameter": "d", "range": [-0.3, 0.4], "orbits": ["S"]},
         }
     )
-    from contimpact.studies.explore import follow
+    from contimpact.diagrams.explore import follow
 
     k, c, w = float("0.66666667"), 0.1, 2.33
     places = [abs(e.value) for e in follow(scene).events if e.kind == "V"]

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 import contimpact as ci
-from contimpact.orbit_continuation.orbit_branch import both_ways
+from contimpact.diagrams.orbit_branch import both_ways
 
 SCENE = {
     "name": "pair",

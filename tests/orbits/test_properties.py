@@ -7,9 +7,9 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from contimpact.continuation.ends import EndKind
+from contimpact.diagrams.explore import follow
 from contimpact.errors import InputError
 from contimpact.results.scene import read_scene
-from contimpact.studies.explore import follow
 
 MODEST = settings(
     max_examples=12,

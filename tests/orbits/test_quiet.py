@@ -9,10 +9,10 @@ import pytest
 
 from contimpact.accuracy.reference import Reference
 from contimpact.accuracy.report import report
+from contimpact.diagrams.explore import follow
+from contimpact.diagrams.orbit_branch import continue_born, continue_orbit
 from contimpact.errors import InputError
 from contimpact.models.word import Word
-from contimpact.orbit_continuation.born import continue_born
-from contimpact.orbit_continuation.orbit_branch import continue_orbit
 from contimpact.orbits import quiet as module
 from contimpact.orbits.quiet import QuietProblem
 from contimpact.orbits.search import find_orbits
@@ -20,7 +20,6 @@ from contimpact.results.catalogue import load_diagram, write_diagram
 from contimpact.results.scene import read_scene
 from contimpact.segments.flight import chebyshev_zeros
 from contimpact.segments.kernels import Kernels
-from contimpact.studies.explore import follow
 from contimpact.systems.impact_pair import ImpactPair
 from contimpact.systems.oscillator import Oscillator
 from contimpact.systems.soft_stop import SoftStop

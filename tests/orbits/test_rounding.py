@@ -14,8 +14,8 @@ from contimpact.accuracy.reference import Reference
 from contimpact.bifurcations.registry import test_functions as make_tests
 from contimpact.continuation.branch import UserFunction
 from contimpact.continuation.settings import Settings
+from contimpact.diagrams.orbit_branch import both_ways
 from contimpact.models.word import Word
-from contimpact.orbit_continuation.orbit_branch import both_ways
 from contimpact.orbits.problem import OrbitProblem
 from contimpact.orbits.search import find_orbits
 from contimpact.segments.bounded import Bounded, bounds_of_kernel

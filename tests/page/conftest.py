@@ -6,10 +6,10 @@ import dataclasses
 
 import pytest
 
+from contimpact.diagrams.curves import follow_curve
+from contimpact.diagrams.explore import follow
 from contimpact.results.curve import Area, Doubt, StableOrbit
 from contimpact.results.scene import read_scene
-from contimpact.studies.explore import follow
-from contimpact.two_parameters.curves import follow_curve
 
 PAIR = {"beta": "pi/6", "r": 0.3, "A": 5.0, "s": 0.34}
 SMALL = {

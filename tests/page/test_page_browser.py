@@ -22,13 +22,13 @@ import pytest
 from PIL import Image
 from zoo import ROOT
 
+from contimpact.diagrams.explore import follow
 from contimpact.page.data import Shown
 from contimpact.page.document import FOLDER, LIBRARY, page_text
 from contimpact.page.swept import read_sweep
 from contimpact.results.scene import read_scene
 from contimpact.simulation.files import sweep_text
 from contimpact.simulation.sweep import sweep
-from contimpact.studies.explore import follow
 
 webdriver = pytest.importorskip("selenium.webdriver", reason="pip install contimpact[browser]")
 CHROMIUM = next(filter(None, map(shutil.which, ("chromium", "chromium-browser"))), None)

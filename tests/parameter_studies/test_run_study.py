@@ -18,8 +18,8 @@ import small_studies
 from small_studies import TOML, computed, computed_here, contents, study_given
 
 from contimpact import follow, load_entries, read_scene
-from contimpact.attractors.simulation import simulate
 from contimpact.cli import main
+from contimpact.diagrams.scene_simulation import simulate
 from contimpact.errors import InputError
 from contimpact.parameter_studies import budget, executors, run, worker
 from contimpact.parameter_studies.budget import BudgetError

@@ -10,7 +10,8 @@ import pytest
 from matplotlib.colors import to_hex
 from zoo import ROOT
 
-from contimpact.attractors.simulation import Simulation
+from contimpact.diagrams.explore import follow
+from contimpact.diagrams.scene_simulation import Simulation
 from contimpact.plots import attractors as pictures
 from contimpact.plots.diagram import STYLES, WIDTHS
 from contimpact.plots.portraits import others_at, plot_portrait, portrait_figure
@@ -19,7 +20,6 @@ from contimpact.results.simulate_tables import Settling
 from contimpact.simulation.run import State
 from contimpact.simulation.settle import settle
 from contimpact.simulation.sweep import Row, Simulators, Sweep, sweep
-from contimpact.studies.explore import follow
 from contimpact.systems.membrane import Membrane
 
 QUICK = Settling(transient=50, periods=800, impacts=1500)

@@ -10,10 +10,10 @@ import pytest
 from zoo import ROOT
 
 from contimpact.continuation.ends import EndKind
+from contimpact.diagrams.explore import follow
 from contimpact.plots.lines import runs
 from contimpact.results.diagram_reading import read, stable_intervals
 from contimpact.results.scene import load_scene, read_scene
-from contimpact.studies.explore import follow
 
 BRANCHES = ROOT / "branches"
 

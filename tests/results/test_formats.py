@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from scipy.io import loadmat
 
-from contimpact.orbit_continuation.orbit_branch import continue_orbit
+from contimpact.diagrams.orbit_branch import continue_orbit
 from contimpact.orbits.search import find_orbits
 from contimpact.results.formats import write_auto, write_mat
 from contimpact.systems.impact_pair import ImpactPair

@@ -10,12 +10,12 @@ import numpy as np
 import pytest
 from zoo import ROOT, TWO_MASSES
 
+from contimpact.diagrams.explore import follow
 from contimpact.errors import InputError
 from contimpact.orbits.search import find_orbits
 from contimpact.results.scene import load_scene, read_scene
 from contimpact.segments.checking import check_model
 from contimpact.segments.kernels import identity_of
-from contimpact.studies.explore import follow
 from contimpact.systems.impact_damper import ImpactDamper
 
 MASSES = {

@@ -13,13 +13,13 @@ import contimpact as ci
 from contimpact.bifurcations.declarations import EVENTS
 from contimpact.continuation.corrector import correct
 from contimpact.continuation.settings import Settings
+from contimpact.diagrams.explore import follow
 from contimpact.page.data import Shown, page_data
 from contimpact.plots.lines import STYLES, runs
 from contimpact.results.branch import STATUS, UNKNOWN
 from contimpact.results.diagram import Diagram
 from contimpact.results.diagram_reading import read, stable_intervals, unknown_intervals
 from contimpact.results.scene import load_scene
-from contimpact.studies.explore import follow
 from contimpact.systems.impact_pair import ImpactPair
 
 QUICK = ["fig3a", "fig7", "stop", "bouncing_ball"]

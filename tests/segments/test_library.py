@@ -18,10 +18,10 @@ from contimpact.arrays import VECTOR
 from contimpact.bifurcations.registry import test_functions as functions_of
 from contimpact.continuation.ends import EndKind
 from contimpact.continuation.settings import Settings
+from contimpact.diagrams.orbit_program import program_of
+from contimpact.diagrams.orbit_walks import backend_of, walk_orbits
 from contimpact.errors import InputError
 from contimpact.models.word import parse_word
-from contimpact.orbit_continuation.orbit_program import program_of
-from contimpact.orbit_continuation.orbit_walks import backend_of, walk_orbits
 from contimpact.orbits.problem import OrbitProblem
 from contimpact.segments import compiling as module
 from contimpact.segments.kernels import Kernels

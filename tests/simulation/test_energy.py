@@ -8,8 +8,8 @@ import mpmath as mp
 import numpy as np
 import pytest
 
+from contimpact.diagrams.orbit_branch import continue_orbit
 from contimpact.errors import InputError
-from contimpact.orbit_continuation.orbit_branch import continue_orbit
 from contimpact.orbits.search import find_orbits
 from contimpact.results.quantities import along, of_impacts
 from contimpact.simulation.attractor import Attractor, Kind

@@ -11,8 +11,8 @@ from scipy.integrate import quad
 from zoo import ProportionalMasses
 
 from contimpact import InputError, losses
-from contimpact.attractors.simulation import simulate
 from contimpact.cli import main
+from contimpact.diagrams.scene_simulation import simulate
 from contimpact.orbits.search import find_orbits
 from contimpact.results.result_folder import held, renewed
 from contimpact.results.scene import read_scene

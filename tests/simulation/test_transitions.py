@@ -10,6 +10,7 @@ import tomllib
 import numpy as np
 import pytest
 
+from contimpact.diagrams.explore import follow
 from contimpact.orbits.search import find_orbits
 from contimpact.results.scene import read_scene
 from contimpact.results.simulate_tables import Settling
@@ -24,7 +25,6 @@ from contimpact.simulation.transitions import (
     locate,
     name,
 )
-from contimpact.studies.explore import follow
 from contimpact.systems.impact_pair import ImpactPair
 
 QUICK = Settling(transient=50, periods=800, impacts=1500)

@@ -10,7 +10,7 @@ import pytest
 import sympy
 
 from contimpact import Formulas, InputError, Model, Parameter, Simulator, read_scene, settle, sweep
-from contimpact.attractors.simulation import simulate
+from contimpact.diagrams.scene_simulation import simulate
 from contimpact.models.linear import Linear
 from contimpact.models.model import Guard, Mode
 from contimpact.results.diagram import Diagram

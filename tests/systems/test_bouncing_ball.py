@@ -8,7 +8,7 @@ import math
 import numpy as np
 import pytest
 
-from contimpact.orbit_continuation.orbit_branch import continue_orbit
+from contimpact.diagrams.orbit_branch import continue_orbit
 from contimpact.orbits.search import find_orbits
 from contimpact.simulation.simulator import Simulator
 from contimpact.systems.bouncing_ball import BouncingBall

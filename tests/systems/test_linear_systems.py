@@ -9,8 +9,7 @@ import pytest
 
 from contimpact.bifurcations.registry import test_functions as functions
 from contimpact.continuation.settings import Settings
-from contimpact.orbit_continuation.orbit_branch import both_ways
-from contimpact.orbit_continuation.symmetry import symmetric, symmetry_of
+from contimpact.diagrams.orbit_branch import both_ways, symmetric, symmetry_of
 from contimpact.orbits.search import find_orbits
 from contimpact.simulation.simulator import Simulator
 from contimpact.systems.coupled_by_impact import CoupledByImpact

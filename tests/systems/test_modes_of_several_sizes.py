@@ -10,11 +10,11 @@ import sympy
 from scipy.integrate import solve_ivp
 from zoo import example
 
+from contimpact.diagrams.orbit_branch import continue_orbit
 from contimpact.errors import InputError
 from contimpact.models.guards import Guard, Mode
 from contimpact.models.linear import Linear
 from contimpact.models.model import Formulas, Model, Parameter
-from contimpact.orbit_continuation.orbit_branch import continue_orbit
 from contimpact.orbits.search import find_orbits
 from contimpact.segments.checking import check_model
 

@@ -11,10 +11,10 @@ import textwrap
 import pytest
 import sympy
 
+from contimpact.diagrams.orbit_branch import continue_orbit
 from contimpact.errors import InputError
 from contimpact.models.model import COLUMNS, Formulas, Model, Parameter, Wall
 from contimpact.models.symbolic import harmonic_means
-from contimpact.orbit_continuation.orbit_branch import continue_orbit
 from contimpact.orbits.search import find_orbits
 from contimpact.results.branch import FLAT as EVENT_COLUMNS
 from contimpact.segments.kernels import Kernels

@@ -9,11 +9,10 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from contimpact.accuracy.reference import Reference
+from contimpact.diagrams.orbit_branch import continue_born, continue_orbit
 from contimpact.errors import InputError
 from contimpact.models.model import Parameter
 from contimpact.models.word import Word
-from contimpact.orbit_continuation.born import continue_born
-from contimpact.orbit_continuation.orbit_branch import continue_orbit
 from contimpact.orbits.problem import OrbitProblem
 from contimpact.orbits.search import find_orbits
 from contimpact.segments.kernels import Kernels

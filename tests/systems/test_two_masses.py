@@ -14,7 +14,7 @@ from contimpact.bifurcations.registry import switch
 from contimpact.bifurcations.registry import test_functions as functions
 from contimpact.continuation.ends import EndKind
 from contimpact.continuation.settings import Settings
-from contimpact.orbit_continuation.orbit_branch import both_ways, continue_orbit
+from contimpact.diagrams.orbit_branch import both_ways, continue_orbit
 from contimpact.orbits.search import find_orbits
 from contimpact.results.entry_conversion import impacts_of
 from contimpact.segments.arithmetic import evaluate_in

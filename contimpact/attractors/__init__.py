@@ -1,1 +1,0 @@
-"""Attractors by simulation: sweeps, basins, transitions, coverage and the energy they give."""

@@ -1,0 +1,1 @@
+"""Branches of periodic orbits, whole diagrams, and curves and maps in two parameters."""

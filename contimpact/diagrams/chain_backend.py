@@ -1,0 +1,190 @@
+"""The backend for orbits of linear machines with several coordinates, plain or compiled."""
+
+from __future__ import annotations
+
+import functools
+import math
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from ..arrays import ARRAYS, Array, Containers, Vector
+from ..bifurcations.extended_system import ManyOrbits, OneOrbit
+from ..continuation.branch import Block
+from ..continuation.step import columns
+from ..models.guards import Row
+from ..orbits.cyclic_chain import block_size, kept_size
+from ..orbits.multipliers import of_pencil, products_of
+from ..orbits.problem import Linearisation, OrbitProblem
+from ..segments.arithmetic import Kernel
+from ..segments.layout import Blocks, Setup
+from ..segments.oscillation import MOST, ROW
+from ..segments.touches import coordinates
+from .chain_functions import (
+    FINDINGS,
+    ChainVectors,
+    chain_step,
+    evaluate_chain,
+    follow_law,
+    observe_chain,
+    tangent_of_chain,
+)
+from .orbit_backend import Functions, OrbitBackend
+from .orbit_functions import UNRESOLVED
+
+if TYPE_CHECKING:
+    from ..segments.machine_code import Program
+
+MOST_COORDINATES = 4
+"""Up to which steps in plain Python, or in machine code without a library, pay."""
+
+
+class ChainBackend(OrbitBackend[ChainVectors]):
+    """See `OrbitBackend`; for several coordinates. Use `follows` to know whether there is one."""
+
+    ARGUMENTS = "iiiiii" + "fffffff" + "FFFF" + "fffff" + "FF" + "ffffff" + "ff" + "ffff" + "FF"
+
+    @staticmethod
+    def follows(problem: OrbitProblem) -> bool:
+        """Whether all flights of a word are linear, of few coordinates."""
+        few = problem.model.DEGREES_OF_FREEDOM <= MOST_COORDINATES
+        return few and all(problem.kernels.linear(a) for a in dict.fromkeys(problem.word.walls))
+
+    @functools.cached_property
+    def coordinates(self) -> dict[Row, list[int]]:
+        """The numbers of the walls on each gap coordinate."""
+        return coordinates(self.problem.model)
+
+    @functools.cached_property
+    def laws(self) -> dict[str, int]:
+        """Of each wall that is left, how many harmonics its law has."""
+        kernels, start = self.problem.kernels, [0.0] * self.problem.m
+        given = *start, *self.problem.model.values.values()
+        return {a: int(kernels.law(a)(*given)[1]) for a in dict.fromkeys(self.problem.word.walls)}
+
+    @functools.cached_property
+    def described(self) -> int:
+        return 1 + FINDINGS + 2 * self.problem.m**2 + 2
+
+    def vectors(self, made_by: Containers) -> ChainVectors:
+        vector, table = made_by
+        count, m, many = self.count, self.problem.m, len(self.coordinates)
+        d = self.problem.model.DEGREES_OF_FREEDOM
+        size = 2 * d + 2 * max(self.laws.values()) + 1
+        measured = {i: g for g, found in enumerate(self.coordinates.values()) for i in found}
+
+        def zeros(count: int) -> Vector:
+            return vector([0.0] * count)
+
+        return ChainVectors(
+            **self.common(made_by, m, many),
+            measured=vector([measured[i] for i in range(self.walls)]),
+            weights=vector([float(c) for row in self.coordinates for c in row]),
+            ends=zeros(max(2 * m, size)),
+            law=zeros((d + 1) * size),
+            reduced=zeros(2 * m * m + 2 * m + 2),
+            blocks=table(count, block_size(m)),
+            kept=table(count, kept_size(m)),
+            work=table(2 * m, 3 * m + 2),
+            own=table(d, ROW),
+            steps=table(0, ROW),
+            breaks=zeros(2 * MOST * many),
+            found=zeros(many),
+            signs=zeros(many),
+            zeros=zeros(many),
+            moving=zeros(2 * d),
+            forces=zeros(d + many),
+        )
+
+    @functools.cached_property
+    def arrays(self) -> ChainVectors:
+        given = self.vectors(ARRAYS)
+        return given._replace(
+            values=np.append(given.values, np.zeros(self.space)),
+            steps=np.zeros((MOST * len(self.coordinates), ROW)),
+        )
+
+    @functools.cached_property
+    def functions(self) -> Functions[ChainVectors]:
+        kernels, m = self.problem.kernels, self.problem.m
+        named = self.problem.model.letters
+        flights: dict[int, Kernel] = {}
+
+        def flight(kind: int, ends: Vector, values: Vector) -> Blocks:
+            if kind not in flights:
+                flights[kind] = kernels.flight(*(named[i] for i in divmod(kind, len(named))))
+            found: Blocks = flights[kind](*ends[: 2 * m], *values)
+            return found
+
+        def setup(values: Vector) -> Setup:
+            return kernels.setup(*values)
+
+        def law(wall: int, ends: Vector, values: Vector) -> Vector:
+            return kernels.law(named[wall])(*ends[:m], *values)
+
+        def evaluate(orbit: ChainVectors, z: Vector) -> float:
+            try:
+                return evaluate_chain(flight, setup, orbit, z)
+            except (ArithmeticError, ValueError):
+                return math.nan
+
+        def follow(orbit: ChainVectors, wall: int, z: Vector, at: int, length: float) -> int:
+            return follow_law(law, orbit, wall, z, at, length)
+
+        def observe(
+            orbit: ChainVectors, z: Vector, tangent: Vector, sign: float, row: Vector, at: int
+        ) -> None:
+            before = orbit.clock[UNRESOLVED]
+            observe_chain(follow, orbit, z, tangent, sign, row, at)
+            if orbit.clock[UNRESOLVED] != before:
+                self.resolve(z, row, at)
+
+        return evaluate, chain_step, tangent_of_chain, observe
+
+    def resolve(self, z: Vector, row: Vector, at: int) -> None:
+        """Fill in gaps and verdict of flights that are too stiff to be followed in few steps."""
+        here = Linearisation(self.problem, np.array(z))
+        orbit, gaps = OneOrbit(here), at + self.described
+        measured = [*orbit.gaps.ravel().tolist(), *orbit.slowest.ravel().tolist()]
+        row[gaps : gaps + len(measured)] = measured
+        row[at + 1 : at + 1 + FINDINGS] = list(here.findings)
+
+    @functools.cached_property
+    def variant(self) -> str | None:
+        return None if self.obstacle else "chain"
+
+    @functools.cached_property
+    def obstacle(self) -> str:
+        kernels, guards = self.problem.kernels, self.problem.model.WALLS
+        if (
+            all(kernels.linear(guard.name) for guard in guards)
+            and len(set(self.laws.values())) == 1
+        ):
+            return ""
+        return "modes of several coordinates that move by laws of different kinds"
+
+    def written(self) -> Program:
+        from .orbit_program import chain_program_of as program_of
+
+        return program_of(self.problem.kernels)
+
+    def block(self, rows: Array) -> Block:
+        m = self.problem.m
+        unknowns, tangents, signs, places, tries, seen = columns(rows, self.problem.n + 1)
+        pencils = seen[:, 1 + FINDINGS : 1 + FINDINGS + 2 * m * m].reshape(-1, 2, m, m)
+        values = np.array([_multipliers(p, q) for p, q in pencils])
+        findings = seen[:, 1 : 1 + FINDINGS]
+        about, made = np.hstack([seen[:, :1], values.view(float), findings]), self.problem.described
+        span, doubling = seen[:, self.described - 2], seen[:, self.described - 1]
+        gaps = self.described + self.count * self.walls
+        turns = gaps + self.count
+        nearest = seen[:, self.described : gaps].reshape(-1, self.count, self.walls)
+        points, cycle = (unknowns, tangents, signs), (span, doubling, products_of(values))
+        measured = ManyOrbits(*points, *cycle, nearest, seen[:, gaps:turns], seen[:, turns:])
+        return Block(*points, places, tries, about, made, measured=measured)
+
+
+def _multipliers(p: Array, q: Array) -> Array:
+    if not (np.isfinite(p).all() and np.isfinite(q).all()):
+        return np.full(len(p), np.nan + 0.0j)
+    return of_pencil(p, q)

@@ -1,0 +1,491 @@
+"""The equations of a curve in two parameters, and the points of codimension two on it.
+
+A point of codimension two on a curve solves the equations of two events of one orbit, with the
+orbit's own once; where the second condition is no event of that orbit (a cusp, a touch without
+acceleration), the value that vanishes there is the last equation. The residuals are exact; the
+derivatives of such a value alone are differenced, so that Newton's method converges linearly, at
+the rate of the difference's error, to the same solution.
+"""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..arrays import Array
+from ..bifurcations.codimension_two import CurvePoint as AnyCurvePoint
+from ..bifurcations.codimension_two import CurveStart, OnCurve
+from ..bifurcations.declarations import CURVES
+from ..bifurcations.extended_system import EPSILON, Assembled, ExtendedSystem
+from ..bifurcations.kind import Kind, Values
+from ..bifurcations.registry import kind_of
+from ..continuation.branch import Details, Point, TestFunction
+from ..continuation.ends import EndKind
+from ..errors import InputError, shown
+from ..models.model import Model
+from ..orbits.physicality import Verdict
+from ..orbits.problem import Linearisation, OrbitProblem
+from ..results.branch import Entry, orbit_of
+from ..results.entry_conversion import details_of
+from ..segments.kernels import Kernels
+
+# An extended system with further free parameters, as a problem the continuer follows.
+
+
+class CurveProblem:
+    """An extended system with one free parameter more than it has equations for, to be continued.
+
+    Parameters
+    ----------
+    kind : Kind
+        Named in `CURVES`, or several at once.
+    system : ExtendedSystem
+        On an `OrbitProblem` with two free parameters, or as many as make its solutions a curve.
+    details : mapping
+        Where on the orbit it happens (flight, wall, impact).
+    spans : sequence of float
+        Natural sizes of the free parameters but the last, along which the walk is limited.
+    """
+
+    def __init__(
+        self,
+        kind: Kind,
+        system: ExtendedSystem,
+        details: Details,
+        spans: Sequence[float],
+    ) -> None:
+        self.kind, self.system, self.details = kind, system, dict(details)
+        self.orbit = system.problem
+        self.spans = list(spans)
+
+    def packed(self, orbit: Array, own: Array) -> Array:
+        """Return the curve's unknowns: the last parameter goes last."""
+        return np.concatenate([orbit[:-1], own, orbit[-1:]])
+
+    def unpacked(self, unknowns: Array) -> tuple[Array, Array]:
+        """Return the orbit's unknowns with all free parameters, and the system's own."""
+        inner = self.orbit.n + self.orbit.free - 1
+        return np.append(unknowns[:inner], unknowns[-1]), unknowns[inner:-1]
+
+    def evaluate(self, unknowns: Array) -> CurvePoint:
+        """Evaluate the system."""
+        orbit, own = self.unpacked(unknowns)
+        here = self.orbit.evaluate(orbit)
+        at = self.system.assemble(here, own)
+        found = CurvePoint(self, unknowns, at.residual, here, own)
+        found.jacobian = self.in_order(at.jacobian)
+        return found
+
+    def in_order(self, jacobian: Array) -> Array:
+        """Return the system's Jacobian with the last parameter's column last."""
+        last = self.orbit.n + self.orbit.free - 1
+        return jacobian[:, [*range(last), *range(last + 1, jacobian.shape[1]), last]]
+
+    def rounding(self, here: CurvePoint) -> Array:
+        """Return bounds of the rounding errors of the residuals at a point."""
+        return self.system.rounding(here.orbit, here.own)
+
+    def scale(self, unknowns: Array, span: float) -> Array:
+        """Return natural sizes: those of the orbit, one for unit vectors, times for touches."""
+        orbit, own = self.unpacked(unknowns)
+        sizes = self.orbit.scale(orbit, [*self.spans, span])
+        return self.packed(sizes, self.system.scale(own, sizes))
+
+    def difference(self, one: Array, other: Array) -> Array:
+        """Return one - other, orbits compared as orbits."""
+        orbit, own = self.unpacked(one)
+        orbit_other, own_other = self.unpacked(other)
+        return self.packed(self.orbit.difference(orbit, orbit_other), own - own_other)
+
+
+@dataclass(eq=False)
+class CurvePoint:
+    """A curve's system at one point, with the orbit's linearisation."""
+
+    problem: CurveProblem
+    unknowns: Array
+    residual: Array
+    orbit: Linearisation
+    own: Array
+
+    @functools.cached_property
+    def jacobian(self) -> Array:
+        """The system's Jacobian, made when asked for if it is not there."""
+        return self.problem.in_order(self.problem.system.assemble(self.orbit, self.own).jacobian)
+
+    def parameter(self, name: str) -> float:
+        """Return the value of a free parameter."""
+        names = self.problem.orbit.kernels.parameters
+        return float(self.orbit.unknowns[self.problem.orbit.n + names.index(name)])
+
+    @property
+    def details(self) -> Details:
+        """Where on the orbit it happens, the time of a touch included."""
+        return {**self.problem.details, **self.problem.system.details(self.own)}
+
+
+def require_curve(entry: Entry) -> None:
+    """Raise `InputError` if this is no entry, or events of its kind have no curves."""
+    if getattr(entry, "kind", None) not in CURVES:
+        found = f"{shown(entry)} has no curve"
+        raise InputError("entry", found, f"accepted are entries of {', '.join(CURVES)}")
+
+
+def curve_problem(
+    model: Model, entry: Entry, second: str, kernels: Kernels, first_span: float
+) -> tuple[CurveProblem, Array]:
+    """Return the problem of the curve through a catalogue entry, and where it starts."""
+    at = orbit_of(entry, model, kernels)
+    problem, orbit = at.problem, at.unknowns
+    system = system_of(problem, entry)
+    curve = CurveProblem(kind_of(entry.kind), system, details_of(entry), [first_span])
+    return curve, curve.packed(orbit, system.start(problem.evaluate(orbit)))
+
+
+def system_of(problem: OrbitProblem, entry: Entry) -> ExtendedSystem:
+    """Return the exact equations of an entry's event."""
+    system = kind_of(entry.kind).equations(problem, details_of(entry))
+    assert system is not None, "every kind that has curves has equations"
+    return system
+
+
+MUTUAL = ("G-PD", "G-FB")
+"""Points on curves of grazing orbits that are seen from the curves of PD and FB as well."""
+
+SAMPLES = 500
+"""Instants of a flight at which its touch is looked for."""
+
+STEP = float(np.cbrt(EPSILON))
+"""Of central differences, as part of an unknown's natural size."""
+
+
+def differenced(value: Callable[[Array], float], x: Array, sizes: Array) -> Array:
+    """Return a function's gradient by central differences, given natural sizes of its arguments."""
+    row = np.zeros(len(x))
+    for place, step in enumerate(STEP * sizes):
+        moved = np.zeros(len(x))
+        moved[place] = step
+        row[place] = (value(x + moved) - value(x - moved)) / (2.0 * step)
+    return row
+
+
+def sizes_of(here: Linearisation) -> Array:
+    """Return natural sizes of an orbit's unknowns, its free parameters by their own."""
+    problem = here.problem
+    free = np.maximum(np.abs(here.unknowns[problem.n :]), STEP)
+    sizes = problem.scale(here.unknowns, free)
+    sizes[: problem.n] /= np.sqrt(len(problem.word))
+    return sizes
+
+
+class Together(ExtendedSystem):
+    """Two events of one orbit at once; the first one's own unknowns, `size` of them, go first."""
+
+    def __init__(self, one: ExtendedSystem, other: ExtendedSystem, size: int) -> None:
+        super().__init__(one.problem)
+        self.one, self.other, self.size = one, other, size
+
+    def start(self, here: Linearisation) -> Array:
+        return np.concatenate([self.one.start(here), self.other.start(here)])
+
+    def assemble(self, here: Linearisation, own: Array) -> Assembled:
+        n, orbit = self.problem.n, len(here.unknowns)
+        first = self.one.assemble(here, own[: self.size])
+        second = self.other.assemble(here, own[self.size :])
+        rows = len(first.residual)
+        jacobian = np.zeros((rows + len(second.residual) - n, orbit + len(own)))
+        jacobian[:rows, : orbit + self.size] = first.jacobian
+        jacobian[rows:, :orbit] = second.jacobian[n:, :orbit]
+        jacobian[rows:, orbit + self.size :] = second.jacobian[n:, orbit:]
+        return Assembled(np.concatenate([first.residual, second.residual[n:]]), jacobian)
+
+    def rounding(self, here: Linearisation, own: Array) -> Array:
+        first = self.one.rounding(here, own[: self.size])
+        second = self.other.rounding(here, own[self.size :])
+        return np.concatenate([first, second[self.problem.n :]])
+
+    def scale(self, own: Array, sizes: Array) -> Array:
+        first = self.one.scale(own[: self.size], sizes)
+        return np.concatenate([first, self.other.scale(own[self.size :], sizes)])
+
+    def details(self, own: Array) -> Details:
+        return {**self.one.details(own[: self.size]), **self.other.details(own[self.size :])}
+
+
+@dataclass(frozen=True)
+class _Here:
+    """What test functions of curves ask of a point."""
+
+    orbit: Linearisation
+    own: Array
+    details: Details
+
+    @property
+    def unknowns(self) -> Array:
+        return self.orbit.unknowns
+
+    @property
+    def residual(self) -> Array:
+        return self.orbit.residual
+
+    @property
+    def jacobian(self) -> Array:
+        return self.orbit.jacobian
+
+
+class Vanishing(ExtendedSystem):
+    """An event at which a test function of its curve vanishes besides."""
+
+    def __init__(self, one: ExtendedSystem, test: OnCurve, index: int, details: Details) -> None:
+        super().__init__(one.problem)
+        self.one, self.test, self.index, self.told = one, test, index, dict(details)
+
+    def start(self, here: Linearisation) -> Array:
+        return self.one.start(here)
+
+    def assemble(self, here: Linearisation, own: Array) -> Assembled:
+        first = self.one.assemble(here, own)
+        x = np.concatenate([here.unknowns, own])
+        row = differenced(self._value, x, self._sizes(here, own))
+        return Assembled(
+            np.append(first.residual, self._value(x)), np.vstack([first.jacobian, row])
+        )
+
+    def rounding(self, here: Linearisation, own: Array) -> Array:
+        first = self.one.rounding(here, own)
+        value = abs(self._value(np.concatenate([here.unknowns, own])))
+        return np.append(first, max(value, EPSILON * len(first)))
+
+    def scale(self, own: Array, sizes: Array) -> Array:
+        return self.one.scale(own, sizes)
+
+    def details(self, own: Array) -> Details:
+        return self.one.details(own)
+
+    def _sizes(self, here: Linearisation, own: Array) -> Array:
+        orbit = sizes_of(here)
+        return np.concatenate([orbit, self.one.scale(own, orbit)])
+
+    def _value(self, x: Array) -> float:
+        n, problem = self.problem.n + self.problem.free, self.problem
+        own = x[n:]
+        here = _Here(problem.evaluate(x[:n]), own, {**self.told, **self.one.details(own)})
+        return float(np.atleast_1d(self.test.of(here))[self.index])
+
+
+class Both(Kind):
+    """A kind of event at points of its curves where another one happens, or nearly."""
+
+    def __init__(self, name: str, one: Kind, other: Kind | None) -> None:
+        self.name, self.changes = name, one.changes
+        self.kinds = [one] if other is None else [one, other]
+
+    def test(self, problem: OrbitProblem, values: Values) -> TestFunction:
+        return self.kinds[0].test(problem, values)
+
+    def critical(self, multipliers: Array) -> list[int]:
+        return sorted({place for kind in self.kinds for place in kind.critical(multipliers)})
+
+    def verdict(self, here: Linearisation, details: Details) -> Verdict:
+        """Touches and impacts of zero velocity are forgiven."""
+        own = next((kind for kind in self.kinds if kind.finding is not None), self.kinds[0])
+        return own.verdict(here, details)
+
+    def curve_limits(self) -> Mapping[EndKind, TestFunction]:
+        return {end: test for kind in self.kinds for end, test in kind.curve_limits().items()}
+
+    def curve_end(self, own: Array) -> EndKind | None:
+        return self.kinds[0].curve_end(own)
+
+
+class Turn(TestFunction):
+    """The last parameter turns back."""
+
+    kind = "turn"
+
+    def values(self, point: Point) -> Array:
+        return point.tangent[-1:]
+
+    def details(self, point: Point, index: int) -> Details:
+        return {"index": index, "changes": "two points of codimension two meet and vanish"}
+
+
+class Seen(TestFunction):
+    """A test function of one of two kinds' curves, on the curve where both happen.
+
+    Parameters
+    ----------
+    name : str
+        What happens all along the curve.
+    test : OnCurve
+    own : slice
+        That kind's own unknowns.
+    without : int, optional
+        The value that vanishes all along.
+    """
+
+    def __init__(self, name: str, test: OnCurve, own: slice, without: int | None = None) -> None:
+        self.kind, self.test, self.own, self.without = f"{name}, {test.kind}", test, own, without
+
+    def values(self, point: Point) -> Array:
+        here: AnyCurvePoint = point.evaluation
+        values = _values(self.test, _Here(here.orbit, here.own[self.own], here.details))
+        if self.without is not None:
+            values[self.without] = np.nan
+        return values
+
+    def details(self, point: Point, index: int) -> Details:
+        return self.test.details(point, index)
+
+
+def _values(test: OnCurve, here: _Here) -> Array:
+    try:
+        return np.atleast_1d(np.array(test.of(here), dtype=float))
+    except (ArithmeticError, np.linalg.LinAlgError):
+        return np.array([np.nan])
+
+
+@dataclass(frozen=True)
+class Double:
+    """The equations of a point of codimension two, and what to look for on its curve."""
+
+    kind: Both
+    system: ExtendedSystem
+    details: Details
+    tests: Sequence[TestFunction]
+
+
+def double_of(
+    here: Linearisation, name: str, kind: Kind, details: Details, changes: str = ""
+) -> Double:
+    """Return the equations of a point of codimension two on a curve.
+
+    Parameters
+    ----------
+    here : Linearisation
+        The orbit there.
+    name : str
+        What the point is, such as ``PD-G``.
+    kind : Kind
+        Of the curve.
+    details : mapping
+        The curve's.
+    changes : str
+        What changes there, which tells points of one name apart.
+
+    Raises
+    ------
+    InputError
+        If curves of this kind have no such points.
+    """
+    one, at, test, index = _seen(here, name, kind, details, changes)
+    told = at.details
+    second = test.other(at, index)
+    if second is not None:
+        other = kind_of(second[0])
+        smooth_last = kind.finding is not None and other.finding is None
+        pair = (other, kind) if smooth_last else (kind, other)
+        return _pair(here, *pair, {**told, **second[1]})
+    own = slice(0, len(at.own))
+    tests = [Seen(name, t, own) for t in _on_curve(kind, here.problem) if t.kind != name]
+    system = Vanishing(one, test, index, told)
+    return Double(Both(name, kind, None), system, told, [*tests, Turn()])
+
+
+def starts_at(
+    here: Linearisation, name: str, kind: Kind, details: Details, changes: str = ""
+) -> list[CurveStart]:
+    """Return the curves that start at a point of codimension two, or pass it.
+
+    Parameters as of `double_of`.
+    """
+    _, at, test, index = _seen(here, name, kind, details, changes)
+    return test.born(at, index)
+
+
+def _seen(
+    here: Linearisation, name: str, kind: Kind, details: Details, changes: str
+) -> tuple[ExtendedSystem, _Here, OnCurve, int]:
+    """The curve's equations at a point, and which value of which test function vanishes there."""
+    told = _now(here, details)
+    one = _equations(kind, here.problem, told)
+    at = _Here(here, one.start(here), told)
+    return one, at, *_nearest(at, kind, name, changes)
+
+
+def _pair(here: Linearisation, kind: Kind, other: Kind, details: Details) -> Double:
+    """Two events of one orbit at once."""
+    problem, name = here.problem, f"{kind.name}-{other.name}"
+    one, two = (_equations(k, problem, details) for k in (kind, other))
+    size = len(one.start(here))
+    tests: list[TestFunction] = []
+    for test in _on_curve(kind, problem):
+        vanishing = _place(problem, details) if test.kind == name else None
+        tests.append(Seen(name, test, slice(0, size), vanishing))
+    theirs = (t for t in _on_curve(other, problem) if t.kind not in MUTUAL)
+    tests += [Seen(name, test, slice(size, None)) for test in theirs]
+    return Double(Both(name, kind, other), Together(one, two, size), details, [*tests, Turn()])
+
+
+def _place(problem: OrbitProblem, details: Details) -> int:
+    """Which of the values of `AlsoGrazes` or `AlsoStops` belongs to a touch or an impact."""
+    if "impact" in details:
+        return int(details["impact"])
+    walls = problem.model.letters
+    return int(details["flight"]) * len(walls) + walls.index(details["wall"])
+
+
+def _now(here: Linearisation, details: Details) -> Details:
+    """Where on the orbit the curve's event is, the time of its touch as it is here."""
+    told = dict(details)
+    if "touch_time" in told:
+        told["touch_time"] = _time_of_touch(here, told["flight"], told["wall"])
+    return told
+
+
+def _time_of_touch(here: Linearisation, flight: int, wall: str) -> float:
+    """The time at which a flight comes nearest to lying on a wall with no velocity.
+
+    Its smallest gap may be another one, where the flight passes the wall.
+    """
+    problem = here.problem
+    values, rows = problem.values(here.unknowns), problem.impacts(here.unknowns)
+    times = np.append(rows[:, 0], rows[0, 0] + here.span)
+    walls = problem.model.letters
+    places = problem.kernels.setup(*values).walls
+    away = places[walls.index(wall)] - places[walls.index(problem.word.walls[flight])]
+    length, row = times[flight + 1] - times[flight], rows[flight].tolist()
+    inside = np.linspace(0.0, length, SAMPLES + 2)[1:-1]
+    tracks = [problem.segments[flight].track(row, dt, values)[:2] for dt in inside.tolist()]
+    gap, velocity = np.transpose(tracks) - [[away], [0.0]]
+    nearest = np.argmin((gap / np.ptp(gap)) ** 2 + (velocity / np.ptp(velocity)) ** 2)
+    return float(row[0] + inside[nearest])
+
+
+def _equations(kind: Kind, problem: OrbitProblem, details: Details) -> ExtendedSystem:
+    system = kind.equations(problem, details)
+    assert system is not None, "every kind that has curves has equations"
+    return system
+
+
+def _on_curve(kind: Kind, problem: OrbitProblem) -> list[OnCurve]:
+    return [test for test in kind.codimension_two(problem.word) if isinstance(test, OnCurve)]
+
+
+def _nearest(at: _Here, kind: Kind, name: str, changes: str) -> tuple[OnCurve, int]:
+    """The test function that vanishes at a point, and which of its values."""
+    tests = _on_curve(kind, at.orbit.problem)
+    found = [
+        (abs(value), place, test, index)
+        for place, test in enumerate(tests)
+        if test.kind == name and changes in ("", test.changes)
+        for index, value in enumerate(_values(test, at))
+        if np.isfinite(value)
+    ]
+    if not found:
+        known = ", ".join(dict.fromkeys(test.kind for test in tests))
+        raise InputError("point", f"{shown(name)} on a curve of {kind.name}", f"accepted: {known}")
+    return min(found)[2:]

@@ -1,0 +1,531 @@
+"""Curves of bifurcations in two parameters.
+
+A curve is the solution set of an event's equations (`contimpact.bifurcations.extended_system`) with
+two free parameters: the branch's own, lambda, and a second one, mu, along which the walk is
+limited. Its unknowns are the orbit, lambda, what the system adds, and mu last.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import itertools
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from ..arrays import Array
+from ..bifurcations.codimension_two import twice
+from ..bifurcations.declarations import REQUESTED
+from ..bifurcations.extended_system import solve
+from ..bifurcations.kind import Kind
+from ..bifurcations.registry import kind_of
+from ..continuation.branch import Event, Located, Point, Points, TestFunction, Walk, joined
+from ..continuation.corrector import Arc, correct
+from ..continuation.crossing_branches import Meeting
+from ..continuation.ends import End, EndKind
+from ..continuation.problem import Problem, length
+from ..continuation.settings import Settings
+from ..continuation.walk import kept, other_way, walk
+from ..errors import InputError
+from ..models.model import Model
+from ..orbits.problem import Linearisation, OrbitProblem
+from ..orbits.quiet import problem_of
+from ..orbits.search import repeats, shortest
+from ..progress import Asked, asked, both, counted
+from ..results.branch import Entry, model_of
+from ..results.curve import Codim2, Curve
+from ..results.entry_conversion import entry_first, impacts_of
+from ..results.options import CURVE_SETTINGS
+from ..results.tables import all_parameters, columns_of
+from ..segments.kernels import Kernels
+from .curve_backend import backend_of
+from .curve_problem import CurvePoint, CurveProblem, curve_problem, double_of, require_curve
+
+# Points put between those of a curve, until splines through them are as near it as asked.
+
+DEEPEST = 8
+"""How often the way between two points is halved at most."""
+
+UNIT = 1e-9
+"""How far the length of a unit tangent is from one by rounding at most."""
+
+MARGIN = 0.1
+"""How much nearer the cubic with the tangents of two points is to be in the middle between them:
+a spline, which is not told the tangents, departs more, at the ends and where steps change most."""
+
+
+def filled(
+    walk: Walk[CurvePoint],
+    problem: CurveProblem,
+    spans: Sequence[float],
+    settings: Settings,
+    within: float,
+) -> Walk[CurvePoint]:
+    """Return a walk with further points between its own.
+
+    Parameters
+    ----------
+    walk : Walk
+    problem : CurveProblem
+    spans : sequence of float
+        Widths of the ranges of the free parameters.
+    settings : Settings
+    within : float
+        How far, as part of these, the spline through the points may be from the curve.
+    """
+    filling = _Filling(problem, spans, settings, within)
+    return replace(walk, points=Points(list(filling.along(walk.points))))
+
+
+class _Filling:
+    def __init__(
+        self, problem: CurveProblem, spans: Sequence[float], settings: Settings, within: float
+    ) -> None:
+        self.problem, self.settings, self.within = problem, settings, MARGIN * within
+        self.spans = np.array(spans)
+        self.last = spans[-1]
+
+    def along(self, points: Sequence[Point[CurvePoint]]) -> Iterator[Point[CurvePoint]]:
+        """The points with those between them."""
+        scale = self.problem.scale(points[0].unknowns, self.last)
+        yield points[0]
+        for left, right in itertools.pairwise(points):
+            if abs(length(left.tangent, scale) - 1.0) > UNIT:  # the walk's sizes have grown
+                scale = np.maximum(scale, self.problem.scale(left.unknowns, self.last))
+            between = self.between(Arc(self.problem, left, right, scale, self.settings))
+            yield from _spaced([left, *between, right], scale)
+            yield right
+
+    def between(self, arc: Arc, depth: int = 0) -> Iterator[Point[CurvePoint]]:
+        """The points between both ends of an arc: its middle, if the cubic is not near it."""
+        end = arc.left.arclength + _chord(arc.left, arc.right, arc.scale)
+        arc = replace(arc, right=replace(arc.right, arclength=end))
+        guess = arc.near(0.5)
+        middle = arc.at(0.5) if guess is not None and depth < DEEPEST else None
+        if guess is None or middle is None or self.apart(guess, middle) <= self.within:
+            return
+        left, right = arc.halves(middle)
+        yield from self.between(left, depth + 1)
+        yield middle
+        yield from self.between(right, depth + 1)
+
+    def apart(self, one: Point[CurvePoint], other: Point[CurvePoint]) -> float:
+        """How far two points are apart in the plane of the parameters."""
+        return float(np.max(np.abs(self.place(one) - self.place(other)) / self.spans))
+
+    def place(self, point: Point[CurvePoint]) -> Array:
+        orbit = point.evaluation.orbit
+        return np.asarray(orbit.unknowns[-len(self.spans) :])
+
+
+def _chord(one: Point[CurvePoint], other: Point[CurvePoint], scale: Array) -> float:
+    return length(other.unknowns - one.unknowns, scale)
+
+
+def _spaced(points: Sequence[Point[CurvePoint]], scale: Array) -> Iterator[Point[CurvePoint]]:
+    """The inner ones of some points, arclength growing from the first to the last by chords."""
+    chords = [_chord(*pair, scale) for pair in itertools.pairwise(points)]
+    first, last = points[0].arclength, points[-1].arclength
+    parts = np.cumsum(chords) / sum(chords)
+    for point, part in zip(points[1:-1], parts, strict=False):
+        yield replace(point, arclength=first + float(part) * (last - first))
+
+
+# Where the orbits of a curve become shorter ones, run several times: there the curve ends.
+#
+# Beyond, the same orbits come again, whole periods later. So ends the fold of a doubled orbit at a
+# GPD, where the doubling changes its direction, and the grazing of one at a PD-G.
+
+SAME_ORBIT = 1e-6
+"""How near an orbit is to a shorter one where it is one."""
+
+NEAR = 0.1
+"""How far from a point the end of its curve is looked for, in the curve's metric."""
+
+ROUNDING = 1e-14
+
+
+class Repeats(TestFunction[CurvePoint]):
+    """The orbit becomes a shorter one: impacts that are to be the same have the same velocity."""
+
+    kind = "shorter"
+    noise = rounding = 1e-9  # on a curve of shorter orbits it is zero everywhere
+
+    def __init__(self, problem: OrbitProblem) -> None:
+        self.impacts = len(problem.word.repeated()[-1])
+
+    def values(self, point: Point[CurvePoint]) -> Array:
+        orbit = point.evaluation.orbit
+        speeds = orbit.problem.impacts(orbit.unknowns)[:, 1]
+        return np.asarray(speeds - np.roll(speeds, self.impacts))[: self.impacts]
+
+    def locate(
+        self, problem: Problem[CurvePoint], guess: Point[CurvePoint], index: int
+    ) -> Located | None:
+        return doubling_turns(guess.evaluation)
+
+    def accept(self, event: Event[CurvePoint]) -> bool:
+        orbit = event.point.evaluation.orbit
+        return repeats(orbit.problem, orbit.unknowns, SAME_ORBIT)
+
+
+def ended(point: Point[CurvePoint]) -> End:
+    """Return the end of a curve at an orbit that repeats a shorter one."""
+    orbit = point.evaluation.orbit
+    once, _ = shortest(orbit.problem, orbit.unknowns, SAME_ORBIT)
+    letters = orbit.problem.model.letters
+    first, times = orbit.problem.kernels.parameter, len(orbit.problem.word) // len(once.word)
+    told = {"word": once.word.notation(letters), "times": times}
+    return End.of(EndKind.SHORTER, first, point.evaluation.parameter(first), **told)
+
+
+def crossing(problem: Problem[CurvePoint], guess: Point, scale: Array) -> Meeting | None:
+    """Return the GPD near a point on the fold of a doubled orbit, where the curve of PD crosses."""
+    found = doubling_turns(guess.evaluation)
+    if found is None:
+        return None
+    away = (found.unknowns - guess.unknowns) / scale
+    if float(np.linalg.norm(away)) > NEAR:
+        return None
+    return Meeting(found.unknowns, 0.0, ROUNDING, (1.0, 1.0))
+
+
+def doubling_turns(here: CurvePoint) -> Located | None:
+    """Solve for the GPD next to a point on the fold of a doubled orbit; None if there is none."""
+    curve, problem = here.problem, here.orbit.problem
+    halves, crossed = problem.word.repeated(), curve.kind.shorter_at
+    if crossed is None or not halves or 2 * len(halves[-1]) != len(problem.word):
+        return None
+    kind, name = crossed
+    short = problem_of(problem.model, halves[-1], problem.kernels)
+    mean = short.evaluate(_mean_half(here.orbit))
+    solution = solve(double_of(mean, name, kind_of(kind), {}).system, mean)
+    problem.kernel_evaluations += short.kernel_evaluations
+    if solution is None:
+        return None
+    orbit = twice(short.evaluate(solution.unknowns))
+    own = curve.system.start(orbit)
+    own *= np.sign(own @ here.own) or 1.0
+    return Located(curve.packed(orbit.unknowns, own), solution.residual, solution.error)
+
+
+def _mean_half(here: Linearisation) -> Array:
+    """The mean of a doubled orbit's halves, as a shorter orbit."""
+    problem = here.problem
+    rows = problem.impacts(here.unknowns)
+    count = len(rows) // 2
+    later = rows[count:].copy()
+    later[:, 0] -= 0.5 * problem.span(here.unknowns)
+    mean = 0.5 * (rows[:count] + later)
+    return np.append(mean.ravel(), here.unknowns[problem.n :])
+
+
+Range = tuple[float, float]
+
+ON_LIMIT = 1e-12
+"""How far beyond what a parameter admits, and as part of it from a value, rounding may put a point
+of a curve."""
+
+
+def follow_curve(
+    entry: Entry,
+    model: Model | None = None,
+    second: str = "",
+    first_range: tuple[float, float] | None = None,
+    second_range: tuple[float, float] | None = None,
+    *,
+    name: str = "c1",
+    values: Sequence[float] = (),
+    settings: Settings = CURVE_SETTINGS,
+    kernels: Kernels | None = None,
+    detect: bool = True,
+    within: float | None = None,
+    callback: Callable[[Point], bool | None] | None = None,
+    progress: Asked = False,
+) -> Curve:
+    """Follow the curve of a bifurcation through a catalogue entry, in both directions.
+
+    Parameters
+    ----------
+    entry : Entry
+        Of a kind in `CURVES`, real or ghost, from a diagram just computed or loaded.
+    model : Model, optional
+        The system, where its name does not tell; parameter values are taken from the entry. It may
+        also stand before the entry.
+    second : str
+        The second parameter.
+    first_range, second_range : (low, high)
+        Ranges of the entry's own parameter and of the second one.
+    name : str
+        The curve's name.
+    values : sequence of float
+        Values of the second parameter to hit exactly; rows marked UZ in the column ``event``.
+    settings : Settings
+    kernels : Kernels, optional
+        Kernels with both parameters free, if some are at hand.
+    detect : bool
+        Whether to look for points of codimension two.
+    within : float, optional
+        How near, as part of both ranges, cubic splines through the points over the arclength keep
+        to the curve: further points are put between where they would not.
+    callback : callable, optional
+        Called with every accepted point.
+    progress : bool or callable
+        As of `continue_orbit`.
+
+    Returns
+    -------
+    Curve
+        After an interruption from the keyboard on the way, what was followed until then; its ends
+        say so.
+
+    Raises
+    ------
+    InputError
+        For a parameter the model does not have, or ranges that do not hold the entry.
+    """
+    entry, model = entry_first(entry, model)
+    require_curve(entry)
+    model = model_of(entry, model)
+    first = entry.parameter
+    kernels = kernels or Kernels(model, first, second)
+    parameters = entry.parameters
+    first_range = checked_range(model, first, parameters[first], first_range)
+    second_range = checked_range(model, second, parameters[second], second_range)
+    outside = [v for v in values if not second_range[0] <= v <= second_range[1]]
+    if outside:
+        raise InputError("values", f"{outside[0]!r} is outside {second_range}", "widen the range")
+    problem, start = curve_problem(model, entry, second, kernels, first_range[1] - first_range[0])
+    special = problem.kind.codimension_two(problem.orbit.word) if detect else []
+    ranges, label = [first_range, second_range], entry.label.removeprefix("~")
+    with asked(progress, f"following {name}, {entry.label}") as tell:
+        told = both(callback, counted("", second, tell)) if progress else callback
+        found = followed(problem, start, ranges, special, values, settings, told)
+    if isinstance(found, End):
+        accepted = "give another entry of the curve"
+        raise InputError("entry", f"no curve starts there: {found.message}", accepted)
+    if within is not None:
+        spans = [high - low for low, high in ranges]
+        backward, forward = (filled(w, problem, spans, settings, within) for w in found)
+        found = backward, forward
+    curve = tabulated(name, problem, found, special, label, entry.notation, entry.id)
+    return dataclasses.replace(curve, branch=entry.branch)
+
+
+def followed(
+    problem: CurveProblem,
+    start: Array,
+    ranges: Sequence[Range],
+    special: Sequence[TestFunction],
+    values: Sequence[float],
+    settings: Settings,
+    callback: Callable[[Point], bool | None] | None,
+) -> tuple[Walk, Walk] | End:
+    """Return the walks backward and forward from a start, or why there is no first point.
+
+    Parameters
+    ----------
+    ranges : sequence of (low, high)
+        Of the free parameters; the walks are limited by the last.
+    special : sequence of TestFunction
+        Of the points to be marked.
+    values : sequence of float
+        Of the last parameter, to hit exactly.
+    """
+    *others, last = problem.orbit.kernels.parameters
+    inside = [Limit(name, limits) for name, limits in zip(others, ranges, strict=False)]
+    again = [Repeats(problem.orbit)] if problem.orbit.word.repeated() else []
+    watched = [*inside, *problem.kind.curve_limits().values(), *again]
+    stop = leaving(problem.kind, watched)
+
+    def go(direction: int) -> Walk:
+        return walk(
+            problem,
+            start,
+            direction,
+            parameter=last,
+            limits=ranges[-1],
+            tests=[*watched, SecondValue(values), *special],
+            settings=settings,
+            callback=callback,
+            stop=stop,
+            meeting=crossing if again else None,
+            backend=backend_of(problem),
+        )
+
+    forward = kept(lambda: go(+1))
+    if not forward.points:
+        return forward.end
+    return other_way(forward, last, lambda: go(-1)), forward
+
+
+def checked_range(model: Model, parameter: str, value: float, limits: object) -> Range:
+    """The range as floats; it must hold a value."""
+    where = f"range of {parameter}"
+    declared = model.require(parameter, "parameter")
+    if not isinstance(limits, Sequence | np.ndarray) or len(limits) != 2:
+        raise InputError(where, f"found {limits!r}", "give (low, high)")
+    low, high = (declared.check(limit, where) for limit in limits)
+    if not low < high:
+        raise InputError(where, f"found {limits!r}", "give (low, high)")
+    if not low <= value <= high:
+        found = f"({low:.12g}, {high:.12g}) does not hold {value:.12g}"
+        raise InputError(where, found, "widen it")
+    return low, high
+
+
+def leaving(
+    kind: Kind, watched: Sequence[TestFunction]
+) -> Callable[[Point, Sequence[Event]], tuple[End, Point] | None]:
+    """End a walk where a parameter leaves its range, or where the kind says so.
+
+    Parameters
+    ----------
+    kind : Kind
+    watched : sequence of TestFunction
+        `Limit` of each parameter but the last, and those of `Kind.curve_limits`.
+    """
+    ranges = {test.kind: test.parameter for test in watched if isinstance(test, Limit)}
+    ends = {test.kind: end for end, test in kind.curve_limits().items()}
+
+    def stop(point: Point[CurvePoint], events: Sequence[Event]) -> tuple[End, Point] | None:
+        first = point.evaluation.problem.orbit.kernels.parameter
+        found = [(ends[e.kind], first, e.point) for e in events if e.kind in ends]
+        found += [(EndKind.RANGE, ranges[e.kind], e.point) for e in events if e.kind in ranges]
+        if reached := kind.curve_end(point.evaluation.own):
+            found.append((reached, first, point))
+        for end, parameter, at in found:
+            return End.of(end, parameter, at.evaluation.parameter(parameter)), at
+        return next(((ended(e.point), e.point) for e in events if e.kind == Repeats.kind), None)
+
+    return stop
+
+
+class Limit(TestFunction):
+    """A parameter leaves its range."""
+
+    def __init__(self, parameter: str, limits: tuple[float, float]) -> None:
+        self.parameter, self.limits, self.kind = parameter, limits, f"limit of {parameter}"
+
+    def values(self, point: Point) -> Array:
+        value = point.evaluation.parameter(self.parameter)
+        return np.array([value - self.limits[0], self.limits[1] - value])
+
+
+class SecondValue(TestFunction):
+    """The second parameter takes a value that was asked for."""
+
+    kind = REQUESTED
+
+    def __init__(self, wanted: Sequence[float]) -> None:
+        self.wanted = np.array(wanted, dtype=float)
+        self.noise = ON_LIMIT * max((abs(value) for value in wanted), default=0.0)
+
+    def values(self, point: Point) -> Array:
+        return point.parameter - self.wanted
+
+    def locate(self, problem: Problem, guess: Point, index: int) -> Located | None:
+        """The point of the curve where the parameter has this value, to the last digit."""
+        wanted, fixed = guess.unknowns.copy(), np.zeros(len(guess.unknowns))
+        wanted[-1], fixed[-1] = self.wanted[index], 1.0
+        here = correct(problem, wanted, fixed, np.ones(len(wanted)), CURVE_SETTINGS).evaluation
+        if here is None:
+            return None
+        unknowns = np.append(here.unknowns[:-1], wanted[-1])
+        return Located(unknowns, float(np.max(np.abs(here.residual))), 0.0)
+
+
+# Tabulating.
+
+
+def tabulated(
+    name: str,
+    problem: CurveProblem,
+    walks: tuple[Walk, Walk],
+    special: Sequence[TestFunction],
+    label: str,
+    notation: str,
+    origin: str,
+) -> Curve:
+    """Return two walks from one start, backward and forward, as a curve.
+
+    Parameters
+    ----------
+    special : sequence of TestFunction
+        Those of the points that are marked on it.
+    label, notation, origin : str
+        Of what it was started from.
+    """
+    parameters, word = problem.orbit.kernels.parameters, problem.orbit.word
+    last = parameters[-1]
+    points, events = joined(*walks)
+    kinds = {test.kind for test in special}
+    marked = [e for e in events if e.kind in kinds]
+    codim2 = [_codim2(e, f"{name}.{i}", name) for i, e in enumerate(marked, start=1)]
+    marks = [(e.point, e.kind) for e in events if e.kind == REQUESTED]
+    marks += [(e.point, p.id) for e, p in zip(marked, codim2, strict=True)]
+    missed = [
+        f"{m.kind} between {last} = {m.parameters[0]:.12g} and {m.parameters[1]:.12g}: {m.reason}"
+        for walk in walks
+        for m in walk.missed
+    ]
+    ends, columns = (walks[0].end, walks[1].end), _columns(points, marks)
+    model = problem.orbit.model
+    columns |= {name: admitted(model, name, columns[name]) for name in parameters}
+    about = name, problem.kind.name, label, word.walls, word.period, notation, parameters
+    evaluations = problem.orbit.kernel_evaluations
+    return Curve(*about, columns, ends, codim2, origin, missed, evaluations=evaluations)
+
+
+def admitted(model: Model, name: str, values: ArrayLike) -> Array:
+    """Return values of a parameter, those that are beyond a limit by rounding put on it."""
+    declared = model.declared[name]
+    near = np.clip(values, declared.lower, declared.upper)
+    return np.where(np.abs(near - values) <= ON_LIMIT, near, values)[()]
+
+
+def _codim2(event: Event, identity: str, curve: str) -> Codim2:
+    orbit = event.point.evaluation.orbit
+    changes, impacts = event.details.get("changes", ""), impacts_of(orbit.problem, orbit.unknowns)
+    values = all_parameters(orbit)
+    for name in orbit.problem.kernels.parameters:
+        values[name] = float(admitted(orbit.problem.model, name, values[name]))
+    place = str(changes), values, impacts
+    return Codim2(identity, curve, event.kind, *place, event.residual, event.error)
+
+
+def _columns(points: Sequence[Point], marks: Sequence[tuple[Point, str]]) -> dict[str, Array]:
+    named = [*((p, "") for p in points), *marks]
+    named = list({(p.arclength, mark): (p, mark) for p, mark in named}.values())
+    named.sort(key=lambda pair: pair[0].arclength)
+    rows = [_row(point) | {"event": mark} for point, mark in named]
+    columns = {}
+    for name, first in rows[0].items():
+        kind = {str: object, int: np.int64}.get(type(first), float)
+        columns[name] = np.array([row[name] for row in rows], dtype=kind)
+    return columns
+
+
+def _row(point: Point[CurvePoint]) -> dict[str, float | str]:
+    here = point.evaluation
+    orbit, kind, details = here.orbit, here.problem.kind, here.details
+    row: dict[str, float | str] = {"arclength": point.arclength, **all_parameters(orbit)}
+    names = columns_of(orbit.problem.word.walls, orbit.problem.m)
+    row |= dict(zip(names, orbit.unknowns.tolist(), strict=False))
+    multipliers, n_unstable = kind.multipliers(orbit, details)
+    for k, mu in enumerate(multipliers.tolist(), start=1):
+        row |= {f"multiplier{k}_re": mu.real, f"multiplier{k}_im": mu.imag}
+    verdict = kind.verdict(orbit, details)
+    return row | {
+        "n_unstable": n_unstable,
+        "physical": int(verdict.physical),
+        "reason": verdict.reason or "",
+        "residual": float(np.max(np.abs(here.residual))),
+    }
+
+
+def with_fixed(curve: Curve, fixed: Mapping[str, float]) -> Curve:
+    """Return a curve that knows the values of its family's parameters."""
+    return dataclasses.replace(curve, fixed=dict(fixed))

@@ -1,0 +1,509 @@
+"""A scene's diagram: its orbits, their branches, and those that are born on them.
+
+Branches are followed breadth first: the scene's orbits, then what is born at their events, physical
+events before unphysical ones, down to the scene's depth and within its budget. A branch that is
+already known (the word rotated, time shifted by whole periods, or the image under the model's
+symmetry) is not followed twice; the second way to it is recorded as a meeting.
+"""
+
+from __future__ import annotations
+
+import collections
+import dataclasses
+import time
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ..arrays import Array
+from ..bifurcations.kind import Start, once
+from ..bifurcations.registry import kind_of, switch, test_functions
+from ..continuation.branch import Event, Point, TestFunction
+from ..continuation.ends import End, EndKind
+from ..continuation.settings import Settings
+from ..errors import InputError
+from ..models.word import Word
+from ..orbits.orbit import Orbit
+from ..orbits.problem import Linearisation, OrbitProblem
+from ..orbits.quiet import problem_of
+from ..orbits.search import SAME_ORBIT, Search, mirrored, rotated_to, shortest
+from ..progress import Asked, Progress, asked, counted
+from ..results.branch import Branch, Entry
+from ..results.diagram import Diagram, Limits
+from ..results.scene import Scene, load_scene, read_scene
+from ..segments.kernels import Kernels
+from .orbit_branch import Run, at_image, both_ways, first_step, run_born, watched
+from .starting_orbits import (
+    NotFound,
+    placed,
+    refusal,
+    search_at,
+    search_elsewhere,
+    surveyed,
+    with_settled,
+)
+
+# What a diagram has cost: points, iterations, evaluations.
+
+
+def counts_of(runs: Sequence[Run], probes: int) -> dict[str, int]:
+    """Return the counts of a diagram's branches; `probes` are the switches tried."""
+    walks = [walk for run in runs for walk in run.walks]
+    problems = {id(run.problem): run.problem for run in runs}
+    return {
+        "branches": len(runs),
+        "points": sum(len(run.points) for run in runs),
+        "corrector_iterations": sum(w.corrector_iterations for w in walks),
+        "rejected_steps": sum(w.rejected_steps for w in walks),
+        "switches_tried": probes,
+        "kernel_evaluations": sum(p.kernel_evaluations for p in problems.values()),
+    }
+
+
+def evaluations_of(tests: Iterable[TestFunction]) -> dict[str, int]:
+    """Return the evaluations of test functions, by kind."""
+    counts = collections.Counter[str]()
+    for test in tests:
+        counts[test.kind] += test.evaluations
+    return dict(counts)
+
+
+# Branches with what leads away from them: branches born at their events, and others they meet.
+
+
+@dataclass(frozen=True)
+class Birth:
+    """A branch waiting to be followed: where it starts, and the entry it is born at."""
+
+    event: Event
+    entry: Entry
+    depth: int
+
+
+def with_openings(
+    branches: Sequence[Branch],
+    opens: Mapping[str, Sequence[str]],
+    meetings: Mapping[str, Sequence[str]],
+) -> list[Branch]:
+    """Return branches that know what opens at their entries and what they meet.
+
+    Parameters
+    ----------
+    branches : sequence of Branch
+    opens : mapping of str to sequence of str
+        The branches born at an entry, by its name.
+    meetings : mapping of str to sequence of str
+        The branches that a branch meets, by its name.
+    """
+    finished = []
+    for branch in branches:
+        events = [dataclasses.replace(e, opens=tuple(opens.get(e.id, ()))) for e in branch.events]
+        met = list(meetings.get(branch.id, []))
+        finished.append(dataclasses.replace(branch, events=events, meetings=met))
+    return finished
+
+
+STAGES = ("kernels", "search", "walk", "events", "switching", "tables")
+NOT_SWITCHED = "events not switched at"
+INTERRUPTED = "interrupted"
+"""What ended a computation early, where the keyboard did."""
+
+
+def follow(scene: Scene | str | Path | Mapping[str, Any], progress: Asked = None) -> Diagram:
+    """Compute the diagram of a scene.
+
+    Parameters
+    ----------
+    scene : Scene, str, Path or mapping
+        From `load_scene`; or the path of a scene file, or its content.
+    progress : bool or callable
+        Whether to tell on standard error what is being done, or a function to call with a line of
+        text now and then.
+
+    Returns
+    -------
+    Diagram
+
+    Raises
+    ------
+    InputError
+        If the scene cannot be read, or none of the words it names has an orbit at its start, nor,
+        with a survey, at other values.
+
+    Notes
+    -----
+    An interruption or a numerical failure ends the computation early; what was computed is
+    returned, and ``statistics["failure"]`` says what happened. Words without an orbit at the start
+    are listed in ``statistics["not_found"]``. Limits of the scene that cut something off are listed
+    in ``limits``, with what they left out.
+    """
+    if isinstance(scene, str | Path):
+        scene = load_scene(scene)
+    elif isinstance(scene, Mapping):
+        scene = read_scene(scene)
+    with asked(progress, scene.name) as tell:
+        explorer = _Explorer(scene, tell)
+        diagram = explorer.run()
+        if scene.curves is not None and not diagram.statistics["failure"]:
+            from .map_explorer import with_map
+
+            diagram = with_map(scene, diagram, tell)
+        if not diagram.branches and not diagram.statistics["failure"]:
+            explorer.look_elsewhere()
+            raise refusal(list(explorer.lacking.values()), explorer.settled)
+    return diagram
+
+
+@dataclass
+class _Explorer:
+    """The computation of a scene's diagram, as far as it has come."""
+
+    scene: Scene
+    progress: Progress
+    runs: list[Run] = field(default_factory=list)
+    branches: list[Branch] = field(default_factory=list)
+    waiting: list[Birth] = field(default_factory=list)
+    left: list[Birth] = field(default_factory=list)
+    opens: dict[str, list[str]] = field(default_factory=dict)
+    meetings: dict[str, list[str]] = field(default_factory=dict)
+    notes: list[str] = field(default_factory=list)
+    limits: Limits = field(default_factory=Limits)
+    surveyed: str = "none"
+    settled: list[Orbit] = field(default_factory=list)
+    lacking: dict[Word, NotFound] = field(default_factory=dict)
+    probes: int = 0
+    tested: list[TestFunction] = field(default_factory=list)
+    failure: str | None = None
+    seconds: dict[str, float] = field(default_factory=lambda: dict.fromkeys(STAGES, 0.0))
+
+    def run(self) -> Diagram:
+        scene = self.scene
+        began = time.perf_counter()
+        self.kernels = Kernels(scene.model, scene.parameter)
+        try:
+            self.problems = {word: self.problem(word) for word in scene.orbits}
+        except InputError as error:
+            raise placed(error, scene) from None
+        self.symmetry = scene.model.symmetry(
+            scene.parameter, self.kernels.harmonics(*scene.model.values.values())
+        )
+        self.seconds["kernels"] += time.perf_counter() - began
+        started = self.orbits_at_start()
+        elsewhere = scene.curves is not None and scene.curves.cover
+        try:
+            for orbit in started:
+                self.follow_orbit(orbit)
+            self.follow_births()
+            if scene.survey:
+                self.survey()
+                self.follow_births()
+            elif not elsewhere:
+                self.look_elsewhere()
+            self.note_left()
+            self.note_settled()
+        except KeyboardInterrupt:
+            self.failure = INTERRUPTED
+        except (ArithmeticError, np.linalg.LinAlgError) as error:
+            self.failure = f"the computation failed ({type(error).__name__}: {error})"
+        if not self.runs and not self.failure and not elsewhere:
+            raise refusal(list(self.lacking.values()), self.settled)
+        return Diagram(
+            scene.name,
+            with_openings(self.branches, self.opens, self.meetings),
+            statistics=self.statistics(),
+            survey=self.surveyed,
+            limits=self.limits.listed() or (),
+        )
+
+    def problem(self, word: Word) -> OrbitProblem:
+        return problem_of(self.scene.model, word, self.kernels)
+
+    # Orbits found by simulation and by search.
+
+    def note_settled(self) -> None:
+        """Note on which orbits simulations settle that lie on no branch."""
+        if self.settled:
+            from .settled import named
+        for orbit in self.settled:
+            if self.known(orbit.problem, orbit.unknowns) is None:
+                place = f"{self.scene.parameter} = {self.scene.start:.9g}"
+                self.notes.append(
+                    f"simulation settles on {named(orbit)} at {place}, which is on no followed "
+                    "branch: add it to follow.orbits"
+                )
+
+    def orbits_at_start(self) -> list[Orbit]:
+        """The orbits of all words at the start; words without any are kept in mind."""
+        searched = {word: self.search(word, self.scene.start) for word in self.scene.orbits}
+        began = time.perf_counter()
+        orbits, self.settled = with_settled(self.scene, self.kernels, searched, self.progress)
+        self.seconds["search"] += time.perf_counter() - began
+        for word in (word for word, each in orbits.items() if not each):
+            self.lacking[word] = NotFound.of(self.scene, self.kernels, word)
+        found = [orbit for each in orbits.values() for orbit in each]
+        if len(found) > self.scene.max_branches:  # what attracts comes first
+            found.sort(key=lambda orbit: not (orbit.stable and orbit.physical))
+        return found
+
+    def search(
+        self, word: Word, value: float, find: Callable[..., Search] = search_at
+    ) -> list[Orbit]:
+        began = time.perf_counter()
+        self.progress(f"looking for {self.place(word, value)}")
+        found = find(self.scene, self.kernels, word, value)
+        self.seconds["search"] += time.perf_counter() - began
+        if word in self.lacking:
+            self.lacking[word] = self.lacking[word].also_at(value, len(found.orbits))
+        if found.orbits and not found.settled:
+            what = "searches it ended before two rounds in a row found nothing new"
+            self.limits.reached("numerics.rounds", self.scene.rounds, what, self.place(word, value))
+        return found.orbits
+
+    def place(self, word: Word, value: float) -> str:
+        """A word and where orbits of it are looked for."""
+        return f"{word} at {self.scene.parameter} = {value:.9g}"
+
+    def look_elsewhere(self) -> None:
+        """Look at other values for words without an orbit at the start, to report them."""
+        for word in self.lacking:
+            for value in surveyed(self.scene):
+                self.search(word, value, search_elsewhere)
+
+    def follow_orbit(self, orbit: Orbit) -> None:
+        """Follow an orbit both ways, unless it lies on a branch already known."""
+        if self.known(orbit.problem, orbit.unknowns) is not None:
+            return
+        if not self.in_budget():
+            place = self.place(orbit.problem.word, orbit.value)
+            self.limits.reached(*self.budget(), "orbits not followed", place)
+            return
+        name = self.next_name()
+        tests = self.tests(orbit.problem)
+        settings = self.settings()
+        report = self.reporter(orbit.problem, name)
+        scene = self.scene
+        began = time.perf_counter()
+        stop = at_image(orbit.problem, self.known)
+        run = both_ways(orbit.problem, orbit.unknowns, scene.range, tests, settings, report, stop)
+        self.keep(run, name, None, 0, began)
+
+    def survey(self) -> None:
+        """Look for more orbits of every word met so far, at values across the range."""
+        words = dict.fromkeys([*(run.problem.word for run in self.runs), *self.lacking])
+        self.surveyed = "cut short"
+        for value in surveyed(self.scene):
+            for word in words:
+                if not self.in_budget():
+                    what = "the survey ended before"
+                    self.limits.reached(*self.budget(), what, self.place(word, value))
+                    continue
+                for orbit in self.search(word, value):
+                    self.follow_orbit(orbit)
+        if self.in_budget():
+            self.surveyed = "done"
+
+    # Branches born at events.
+
+    def follow_births(self) -> None:
+        while self.waiting and self.in_budget():
+            depth = min(birth.depth for birth in self.waiting)
+            order = [b for b in self.waiting if b.depth == depth]
+            birth = next((b for b in order if b.entry.physical), order[0])
+            self.waiting.remove(birth)
+            self.follow_birth(birth)
+        for birth in self.waiting:
+            self.limits.reached(*self.budget(), NOT_SWITCHED, _named(birth.entry))
+        self.waiting = []
+
+    def follow_birth(self, birth: Birth) -> None:
+        """Follow the branch born at an event; if it is known, record the meeting."""
+        entry, began = birth.entry, time.perf_counter()
+        start = switch(birth.event)
+        if start is None:
+            self.note(entry, kind_of(entry.kind).nothing(birth.event))
+            return
+        start = once(start)
+        if start.note:
+            self.note(entry, start.note)
+        known = self.first_step_known(start)
+        self.seconds["switching"] += time.perf_counter() - began
+        if known is not None:
+            self.record(entry, known)
+            return
+        name, began = self.next_name(), time.perf_counter()
+        run = self.run_from(start, entry, name)
+        if isinstance(run, End):
+            self.note(entry, run.message)
+        elif len(run.points) == 1 and all(w.end.kind is not EndKind.RANGE for w in run.walks):
+            self.note(entry, run.walks[1].end.message)
+        elif known := self.run_known(run):
+            self.record(entry, known)
+        else:
+            self.keep(run, name, entry, birth.depth, began)
+
+    def note(self, entry: Entry, text: str) -> None:
+        self.notes.append(f"{_named(entry)}: {text}")
+
+    def first_step_known(self, start: Start) -> str | None:
+        """The known branch the first step from a start leads to, if any."""
+        self.probes += 1
+        probe = first_step(start, self.scene.range, self.settings())
+        return self.known(start.problem, probe.points[-1].unknowns) if probe.points else None
+
+    def run_from(self, start: Start, entry: Entry, name: str) -> Run | End:
+        """Walk from a start until the branch ends, or runs into its own image."""
+        problem, place = start.problem, {"entry": entry.id, "parent": entry.branch}
+        born = End.of(EndKind.BORN, self.scene.parameter, entry.value, **place)
+        tests, settings = self.tests(problem), self.settings()
+        stop, report = at_image(problem, self.known), self.reporter(problem, name)
+        return run_born(start, born, self.scene.range, tests, settings, name, stop, report)
+
+    def run_known(self, run: Run) -> str | None:
+        """The known branch a walk went along, where its first step was too short to tell."""
+        lengths = run.points.arclengths
+        inside = np.searchsorted(lengths, lengths[-1] * np.array([1 / 3, 2 / 3])).tolist()
+        one, other = (self.known(run.problem, run.points[i].unknowns) for i in inside)
+        return one if one == other else None
+
+    # Recognition.
+
+    def known(self, problem: OrbitProblem, unknowns: Array) -> str | None:
+        """The branch an orbit lies on, itself or its mirror image."""
+        images = [shortest(problem, unknowns, SAME_ORBIT)]
+        if self.symmetry is not None and problem.word.walls:
+            images.append(mirrored(*images[0], self.symmetry))
+        for branch, run in zip(self.branches, self.runs, strict=True):
+            for image, moved in images:
+                aligned = rotated_to(image, moved, run.problem.word)
+                if aligned is not None and run.holds(aligned):
+                    return branch.id
+        return None
+
+    def record(self, entry: Entry, branch: str) -> None:
+        """Record that switching at an entry leads to a branch."""
+        self.opens.setdefault(entry.id, []).append(branch)
+        self.meetings.setdefault(branch, []).append(entry.id)
+
+    # Bookkeeping.
+
+    def next_name(self) -> str:
+        return f"b{len(self.branches) + 1}"
+
+    def points(self) -> int:
+        return sum(len(run.points) for run in self.runs)
+
+    def in_budget(self) -> bool:
+        return len(self.runs) < self.scene.max_branches and self.points() < self.scene.max_points
+
+    def budget(self) -> tuple[str, int]:
+        """The key and the value of the limit that was reached."""
+        if len(self.runs) >= self.scene.max_branches:
+            return "follow.max_branches", self.scene.max_branches
+        return "follow.max_points", self.scene.max_points
+
+    def settings(self) -> Settings:
+        left = max(self.scene.max_points - self.points(), 2)
+        settings = self.scene.settings
+        return replace(settings, max_points=min(settings.max_points, left))
+
+    def tests(self, problem: OrbitProblem) -> list[TestFunction]:
+        """The scene's test functions, and what tells where a branch runs into its own image."""
+        tests = test_functions(problem, self.scene.events, self.scene.values)
+        tests = watched(tests, at_image(problem))
+        self.tested += tests
+        return tests
+
+    def reporter(self, problem: OrbitProblem, name: str) -> Callable[[Point], None]:
+        shown = problem.word.notation(self.scene.model.letters)
+        count = counted(f"following {name}, {shown}", self.scene.parameter, self.progress)
+
+        def report(point: Point[Linearisation]) -> None:
+            point.evaluation.verdict  # noqa: B018  physicality is decided at every point: part of the walk
+            count(point)
+
+        return report
+
+    def keep(self, run: Run, name: str, entry: Entry | None, depth: int, began: float) -> None:
+        """Tabulate a branch and queue what is born on it; an interruption goes on after that."""
+        walked = time.perf_counter()
+        in_events = sum(w.seconds_in_events for w in run.walks)
+        self.seconds["events"] += in_events
+        self.seconds["walk"] += walked - began - in_events
+        first = 1 + sum(len(branch.events) for branch in self.branches)
+        origin = entry.id if entry else None
+        interrupted = run.interrupted
+        try:
+            branch = run.branch(name, origin, first, kinds=self.scene.events)
+        except KeyboardInterrupt:  # the branch is walked, after all
+            branch = run.branch(name, origin, first, kinds=self.scene.events)
+            interrupted = True
+        self.runs.append(run)
+        self.branches.append(branch)
+        if entry is not None:
+            self.opens.setdefault(entry.id, []).append(name)
+        events = [e for e in run.events if e.kind in self.scene.events]
+        for event, made in zip(events, branch.events, strict=True):
+            if made.id != origin:
+                self.queue(event, made, depth)
+        if ended := [walk for walk in run.walks if walk.end.kind is EndKind.POINTS]:
+            key, value = "numerics.max_points", self.scene.settings.max_points
+            if all(len(walk.points) < value for walk in ended):
+                key, value = "follow.max_points", self.scene.max_points
+            self.limits.reached(key, value, "branches ended by it", name)
+        self.seconds["tables"] += time.perf_counter() - walked
+        if interrupted:
+            raise KeyboardInterrupt
+
+    def queue(self, event: Event[Linearisation], entry: Entry, depth: int) -> None:
+        """Queue what starts at an event: a branch born there, one switch deeper; where the motion
+        itself continues on another word, that is no switch, and only physical motions are."""
+        asked = event.kind in self.scene.switch
+        deeper = kind_of(event.kind).deeper(event) if asked or entry.physical else None
+        if deeper == 0 and entry.physical:
+            (self.waiting if asked else self.left).append(Birth(event, entry, depth))
+        elif deeper and asked and depth < self.scene.depth:
+            self.waiting.append(Birth(event, entry, depth + deeper))
+        elif deeper and asked:
+            self.limits.reached("follow.depth", self.scene.depth, NOT_SWITCHED, _named(entry))
+
+    def note_left(self) -> None:
+        """Note where motions continue on branches that were not followed."""
+        for birth in self.left:
+            entry, start = birth.entry, switch(birth.event)
+            if start is None:
+                self.note(entry, kind_of(entry.kind).nothing(birth.event))
+            elif self.first_step_known(start) is None:
+                text = f"the motion continues as {entry.becomes}, which was not followed"
+                self.note(entry, f"{text}: add {entry.kind} to follow.switch")
+
+    def not_found(self) -> list[NotFound]:
+        """The words of which no orbit at the start was found, nor a branch that passes it."""
+        return [
+            lacking
+            for word, lacking in self.lacking.items()
+            if not any(run.passes(word, self.scene.start) for run in self.runs)
+        ]
+
+    def statistics(self) -> dict[str, Any]:
+        lacking = self.not_found()
+        limits = map(str, self.limits.listed())
+        return {
+            "seconds": self.seconds,
+            "counts": counts_of(self.runs, self.probes),
+            "test_functions": evaluations_of(self.tested),
+            "kernels": {"loaded": self.kernels.loaded, "generated": self.kernels.generated},
+            "not_found": [each.as_record() for each in lacking],
+            "notes": [
+                *self.notes,
+                *limits,
+                *(each.told(self.scene.survey) for each in lacking),
+            ],
+            "failure": self.failure,
+        }
+
+
+def _named(entry: Entry) -> str:
+    return f"{entry.id} ({entry.label})"

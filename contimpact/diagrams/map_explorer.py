@@ -1,0 +1,579 @@
+"""A scene's map in two parameters: all its curves, followed until lines find no more."""
+
+from __future__ import annotations
+
+import dataclasses
+import itertools
+import time
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+
+import numpy as np
+
+from ..arrays import Array
+from ..bifurcations.registry import test_functions
+from ..bifurcations.requested import Requested
+from ..continuation.ends import End, EndKind
+from ..continuation.walk import Options, interrupted
+from ..errors import InputError
+from ..models.model import Model
+from ..models.word import Word
+from ..orbits.problem import OrbitProblem
+from ..orbits.quiet import problem_of
+from ..orbits.search import solve_near
+from ..progress import Progress, counted, silent
+from ..results.branch import Branch, Entry
+from ..results.curve import (
+    Area,
+    Check,
+    CheckedOrbit,
+    Codim2,
+    Coverage,
+    Curve,
+    Region,
+    falling,
+    regions,
+)
+from ..results.diagram import Diagram, Limits
+from ..results.options import CurveOptions
+from ..results.scene import Scene
+from ..segments.kernels import Kernels
+from .areas import divide
+from .codim2_curves import entries_born, follow_codim2, on_curve
+from .curves import follow_curve, with_fixed
+from .map_lines import (
+    Lines,
+    first_of,
+    orbit_at_start,
+    passes,
+    run_at,
+    run_through,
+    run_with,
+    same_curve,
+)
+from .orbit_branch import Run, both_ways
+from .orbit_walks import walk_orbits
+
+# What lines across a map ask of its curves: whether they pass an entry, and to start more.
+
+
+class Covering:
+    """The map of one member of the family, as lines cover it."""
+
+    def __init__(self, curves: _CurveExplorer, model: Model, fixed: Mapping[str, float]) -> None:
+        self.map, self.model, self.fixed = curves, model, fixed
+        self.seen: set[str] = set()
+        self.births: dict[tuple[str, int], int] = {}
+
+    def cover(self, word: Word) -> list[Coverage]:
+        """Lay lines for a word of the scene, and say what they met."""
+        own = self.map
+        about = own.scene, self.model, word, own.kernels
+        lines = Lines(*about, self.covered, self.start, self.further, own.progress)
+        found = lines.cover(self.fixed)
+        own.evaluations += lines.evaluations
+        return found
+
+    def covered(self, entry: Entry) -> bool:
+        """Whether a curve passes through an entry."""
+        own = self.map
+        curves = own.of_member(self.fixed)
+        return any(passes(curve, entry, self.model, own.kernels) for curve in curves)
+
+    def start(self, entry: Entry) -> str:
+        """Follow the curves of the branch through an entry; returns why its own is not there."""
+        own = self.map
+        second = own.options.parameter
+        there = self.model.replace(**{second: entry.parameters[second]})
+        for through in (run_through, run_with):
+            run = through(own.scene, there, entry, own.kernels)
+            own.evaluations += run.problem.kernel_evaluations
+            if run.interrupted:
+                raise KeyboardInterrupt
+            own.start_from(run, there, self.fixed)
+            if self.covered(entry):
+                return ""
+        return "no curve through it could be followed"
+
+    def further(self) -> list[Entry]:
+        """Start curves from points of codimension two; returns the entries they started from."""
+        own = self.map
+        ranges = [own.scene.range, own.options.range]
+        entries = {entry.id: entry for branch in own.branches for entry in branch.events}
+        started = []
+        for curve, point in self.points():
+            origin = entries.get(curve.origin)
+            if origin is None:
+                continue
+            about = origin, point, self.model, own.options.kinds, own.pairs, ranges
+            for entry in entries_born(*about):
+                wanted = own.wanted(entry) and self.near_enough(entry, curve)
+                if wanted and not self.covered(entry) and not self.start(entry):
+                    started.append(entry)
+        return started
+
+    def near_enough(self, entry: Entry, curve: Curve) -> bool:
+        """Whether an entry's word is born from one of the scene in as few steps as it reaches."""
+        before = self.births.get((curve.word, curve.period), 0)
+        own = before + ((entry.word, entry.period) != (curve.word, curve.period))
+        reach = self.map.options.reach
+        if own > reach:
+            if not self.covered(entry):
+                name = f"{entry.label} of {entry.notation}"
+                what = "curves not started at points of codimension two"
+                self.map.limits.reached("curves.reach", reach, what, name)
+            return False
+        known = self.births.setdefault((entry.word, entry.period), own)
+        self.births[entry.word, entry.period] = min(known, own)
+        return True
+
+    def points(self) -> list[tuple[Curve, Codim2]]:
+        """The points of codimension two that were not started from yet."""
+        curves = self.map.of_member(self.fixed)
+        new = [(c, p) for c in curves for p in c.points if p.id not in self.seen]
+        self.seen |= {point.id for _, point in new}
+        return new
+
+
+# A scene's curves: started at the entries of its diagram, for every member of its family.
+
+MOST_ROUNDS = 6
+"""How often what the curves say is checked against runs, and curves are started where it fails."""
+
+
+def with_curves(scene: Scene, diagram: Diagram, progress: Progress | None = None) -> Diagram:
+    """Return a scene's diagram with its curves.
+
+    Parameters
+    ----------
+    scene : Scene
+        With ``curves``.
+    diagram : Diagram
+        Of that scene; its branches are those of the scene's own parameter values. For a family,
+        the branches of its members are added.
+    progress : callable, optional
+    """
+    assert scene.curves is not None
+    return _CurveExplorer(scene, scene.curves, diagram, progress or silent).run()
+
+
+ON_EDGE = 1e-9
+"""Points nearer than this part of a range to its limits are not followed out of it."""
+
+CLOSE = 1e-7
+"""How near, as part of both ranges, splines keep to the curves that divide areas."""
+
+NARROWEST = 1e-4
+"""Ranges below this part of the whole are not checked on their own."""
+
+
+@dataclasses.dataclass
+class _CurveExplorer:
+    scene: Scene
+    options: CurveOptions
+    diagram: Diagram
+    progress: Progress
+    branches: list[Branch] = dataclasses.field(default_factory=list)
+    curves: list[Curve] = dataclasses.field(default_factory=list)
+    notes: list[str] = dataclasses.field(default_factory=list)
+    limits: Limits = dataclasses.field(default_factory=Limits)
+    points: list[Curve] = dataclasses.field(default_factory=list)
+    checks: list[Check] = dataclasses.field(default_factory=list)
+    coverage: list[Coverage] = dataclasses.field(default_factory=list)
+    evaluations: int = 0
+
+    def run(self) -> Diagram:
+        began = time.perf_counter()
+        scene, options = self.scene, self.options
+        self.kernels = Kernels(scene.model, scene.parameter)
+        self.pairs = Kernels(scene.model, scene.parameter, options.parameter)
+        self.branches = list(self.diagram.branches)
+        failure = None
+        try:
+            for fixed, model, branches in self.members():
+                for entry in (entry for branch in branches for entry in branch.events):
+                    if self.wanted(entry):
+                        self.follow(entry, model, fixed)
+                if options.start:
+                    self.check_member(model, fixed)
+                if options.cover:
+                    self.cover_member(model, fixed)
+            if not options.cover:
+                self.notes.append(self.uncovered())
+            if options.third:
+                self.follow_points(*options.third)
+        except KeyboardInterrupt:
+            failure = "interrupted"
+        except (ArithmeticError, np.linalg.LinAlgError) as error:
+            failure = f"the computation failed ({type(error).__name__}: {error})"
+        statistics = dict(self.diagram.statistics)
+        seconds = statistics.get("seconds", {})
+        statistics["seconds"] = seconds | {"curves": time.perf_counter() - began}
+        statistics["failure"] = failure
+        counts = dict(statistics.get("counts", {}))
+        counts["curve_points"] = sum(len(curve) for curve in self.curves)
+        counts["curve_kernel_evaluations"] = sum(c.evaluations for c in self.curves)
+        counts["family_kernel_evaluations"] = self.evaluations
+        statistics["counts"] = counts
+        limits = self.limits.listed()
+        statistics["notes"] = [*statistics.get("notes", []), *self.notes, *map(str, limits)]
+        loaded = statistics.get("kernels", {"loaded": [], "generated": []})
+        statistics["kernels"] = {
+            how: [*loaded[how], *(f"{name} (two parameters)" for name in getattr(self.pairs, how))]
+            for how in ("loaded", "generated")
+        }
+        return dataclasses.replace(
+            self.diagram,
+            branches=self.branches,
+            curves=self.curves,
+            checks=self.checks or (),
+            codim2_curves=self.points or (),
+            coverage=self.coverage or (),
+            limits=[*self.diagram.limits, *limits] or (),
+            statistics=statistics,
+        )
+
+    def wanted(self, entry: Entry) -> bool:
+        """Whether a curve starts at an entry."""
+        options = self.options
+        return entry.kind in (options.kinds if entry.physical else options.unphysical)
+
+    # The family: the scene's orbits carried to each value, and their branches there.
+
+    def members(self) -> Iterator[tuple[dict[str, float], Model, list[Branch]]]:
+        """The family's fixed values, the model there, and the branches there."""
+        scene, family = self.scene, self.options.family
+        if family is None:
+            yield {}, scene.model, list(self.diagram.branches)
+            return
+        name, values = family
+        carried = [self.carry(branch, name, values) for branch in self.diagram.branches]
+        own = [b for b in self.diagram.branches if orbit_at_start(b, self.scene) is not None]
+        for value in values:
+            model = scene.model.replace(**{name: value})
+            if value == scene.model.values[name]:
+                yield {name: value}, model, own
+                continue
+            members = []
+            for reached in carried:
+                if value in reached:
+                    self.progress(f"{name} = {value:.6g}: branch of {scene.parameter}")
+                    members.append(self.branch_at(model, *reached[value]))
+                    self.branches.append(members[-1])
+                    _go_on(members[-1].ends)
+            yield {name: value}, model, members
+
+    def carry(
+        self, branch: Branch, name: str, values: tuple[float, ...]
+    ) -> dict[float, tuple[OrbitProblem, Array]]:
+        """A branch's orbit at the scene's start, followed in the family's parameter."""
+        scene = self.scene
+        start = orbit_at_start(branch, scene)
+        if start is None:
+            self.notes.append(f"branch {branch.id} is not physical at the start: not in the family")
+            return {}
+        model = scene.model
+        kernels = Kernels(model, name)
+        word = next(w for w in scene.orbits if w.walls == branch.word and w.period == branch.period)
+        problem = problem_of(model, word, kernels)
+        own = model.values[name]
+        reached = {}
+        for direction in (-1, 1):
+            wanted = [v for v in values if (v - own) * direction > 0]
+            if not wanted:
+                continue
+            limits = (min(own, *wanted), max(own, *wanted))
+            test = Requested(problem, {name: wanted})
+            at, settings = np.append(start, own), dataclasses.replace(scene.settings, max_step=0.1)
+            options: Options = {"limits": limits, "settings": settings}
+            done = walk_orbits(problem, at, direction, tests=[test], gaps=False, **options)
+            points = {round(e.parameter, 14): e.point.unknowns for e in done.events}
+            points[round(done.end.value, 14)] = done.points[-1].unknowns
+            for value in wanted:
+                if round(value, 14) in points:
+                    reached[value] = (problem, points[round(value, 14)])
+                else:
+                    self.notes.append(
+                        f"{name} = {value:.9g} was not reached from {own:.9g}: {done.end.message}"
+                    )
+        self.evaluations += problem.kernel_evaluations
+        return reached
+
+    def branch_at(self, model: Model, problem: OrbitProblem, unknowns: Array) -> Branch:
+        scene = self.scene
+        here = problem_of(model, problem.word, self.kernels)
+        start = np.append(unknowns[:-1], scene.start)
+        settled = solve_near(here, start)
+        tests = test_functions(here, scene.events, scene.values)
+        at = start if settled is None else settled.unknowns
+        run = both_ways(here, at, scene.range, tests, scene.settings)
+        first = 1 + sum(len(branch.events) for branch in self.branches)
+        branch = run.branch(f"b{len(self.branches) + 1}", None, first, scene.events)
+        self.evaluations += here.kernel_evaluations
+        return branch
+
+    # The curves.
+
+    def follow(self, entry: Entry, model: Model, fixed: Mapping[str, float]) -> str | None:
+        """Return the curve through an entry, followed unless one of this member passes it already;
+        None if there is none."""
+        options, scene = self.options, self.scene
+        value = entry.parameters[options.parameter]
+        own = self.of_member(fixed)
+        known = next((c.id for c in own if passes(c, entry, model, self.kernels)), None)
+        if known is not None:
+            return known
+        name = f"c{len(self.curves) + 1}"
+        shown = f"curve {name}: {entry.label} in ({scene.parameter}, {options.parameter})"
+        self.progress(shown)
+        wanted = {*options.values, *options.start, scene.model.values[options.parameter], value}
+        callback = counted(shown, options.parameter, self.progress)
+        plane = options.parameter, scene.range, options.range
+        try:
+            curve = follow_curve(
+                entry,
+                model,
+                *plane,
+                name=name,
+                values=sorted(wanted),
+                settings=options.settings,
+                kernels=self.pairs,
+                within=CLOSE if options.areas else None,
+                callback=callback,
+            )
+        except InputError as error:
+            self.notes.append(f"no curve of {entry.id} {entry.label}: {error.found}")
+            return None
+        curve = with_fixed(curve, fixed)
+        same = next((other.id for other in own if same_curve(curve, other)), None)
+        if same is not None:
+            return same
+        self.curves.append(curve)
+        self.end_of(curve)
+        return curve.id
+
+    def end_of(self, curve: Curve) -> None:
+        """Record a curve that the limit of points ended; let an interruption go on."""
+        if any(end.kind is EndKind.POINTS for end in curve.ends):
+            most = self.options.settings.max_points
+            self.limits.reached("curves.max_points", most, "curves ended by it", curve.id)
+        _go_on(curve.ends)
+
+    def uncovered(self) -> str:
+        """What a map without lines leaves out."""
+        second = self.options.parameter
+        values = sorted({self.scene.model.values[second], *self.options.start})
+        at = ", ".join(f"{value:.6g}" for value in values)
+        return (
+            f"the map has the curves that pass {second} = {at} on the branches found there; "
+            "others were not looked for: set curves.cover"
+        )
+
+    # Lines in both directions, until they meet nothing new.
+
+    def cover_member(self, model: Model, fixed: Mapping[str, float]) -> None:
+        """Make runs along lines of the map of each word, and start curves where none passes."""
+        covering = Covering(self, model, fixed)
+        for word in self.scene.orbits:
+            self.coverage += covering.cover(word)
+
+    # Points of codimension two in a third parameter.
+
+    def follow_points(self, third: str, limits: tuple[float, float]) -> None:
+        """Follow every point of codimension two that lies on no curve of such points yet."""
+        options, scene = self.options, self.scene
+        names = (scene.parameter, options.parameter, third)
+        kernels = Kernels(scene.model, *names)
+        entries = {entry.id: entry for branch in self.branches for entry in branch.events}
+        found = [(entries[c.origin], p) for c in self.curves for p in c.points]
+        values = sorted({p.parameters[third] for _, p in found})
+        for entry, point in found:
+            edges = zip(names, (scene.range, options.range), strict=False)
+            if any(on_edge(point.parameters[n], limits) for n, limits in edges):
+                continue
+            if any(on_curve(entry, point, curve) for curve in self.points):
+                continue
+            name = f"d{len(self.points) + 1}"
+            shown = f"curve {name}: {point.kind} in ({', '.join(names)})"
+            self.progress(shown)
+            curve = follow_codim2(
+                entry,
+                point,
+                scene.model,
+                second=options.parameter,
+                third=third,
+                ranges=[scene.range, options.range, limits],
+                name=name,
+                values=values,
+                settings=options.settings,
+                kernels=kernels,
+                callback=counted(shown, third, self.progress),
+            )
+            if isinstance(curve, End):
+                self.notes.append(f"{point.id} {point.kind} is not followed: {curve.message}")
+                continue
+            self.points.append(curve)
+            self.end_of(curve)
+
+    # One-parameter runs: further curves, and what comes first.
+
+    def check_member(self, model: Model, fixed: Mapping[str, float]) -> None:
+        """Run at the values asked for, then half way between crossings until runs agree."""
+        for word in self.scene.orbits:
+            done: set[float] = set()
+            wanted = {*self.options.start, model.values[self.options.parameter]}
+            for _ in range(MOST_ROUNDS):
+                for value in sorted(wanted - done):
+                    self.check_at(value, word, model, fixed)
+                done |= wanted
+                wanted = self.unchecked(word, fixed) - done
+                if not wanted:
+                    break
+            else:
+                self.notes.append(
+                    f"{_said(fixed)}{word}: after {MOST_ROUNDS} rounds of one-parameter runs some "
+                    "ranges are not checked: give more values in curves.start"
+                )
+            self.note_uncovered(word, fixed)
+
+    def check_at(self, value: float, word: Word, model: Model, fixed: Mapping[str, float]) -> None:
+        """One run: start curves where none passes, and keep what it says comes first."""
+        scene, second = self.scene, self.options.parameter
+        self.progress(f"{_said(fixed)}{word}: run at {second} = {value:.6g}")
+        there = model.replace(**{second: value})
+        runs = run_at(scene, there, word, self.kernels)
+        met = [self.start_from(run, there, fixed) for run in runs]
+        self.evaluations += runs[0].problem.kernel_evaluations if runs else 0
+        along = self.along(fixed)
+        first = first_of([entry for one in met for entry, _ in one], self.options.kinds, along)
+        orbits = [self.checked(one, along) for one in met]
+        notation = word.notation(scene.model.letters)
+        about = dict(fixed), word.walls, word.period, notation, second, value
+        self.checks.append(
+            Check(*about, first.label if first else None, [o for o in orbits if o.curves])
+        )
+
+    def checked(self, met: Sequence[tuple[Entry, str | None]], along: str) -> CheckedOrbit:
+        """What a run says of its orbit: the curves on which its real bifurcations lie."""
+        curves: dict[str, list[float]] = {}
+        for entry, curve in met:
+            if curve is not None and not entry.ghost:
+                curves.setdefault(curve, []).append(entry.parameters[along])
+        first = first_of([entry for entry, _ in met], self.options.kinds, along)
+        on = next((curve for entry, curve in met if entry is first and curve), "")
+        return CheckedOrbit(first.label if first else "", on, curves)
+
+    def start_from(
+        self, run: Run, model: Model, fixed: Mapping[str, float]
+    ) -> list[tuple[Entry, str | None]]:
+        """Follow curves from entries of a run that lie on none, and keep its branch if there are.
+
+        Returns all its entries, and the curve on which each lies.
+        """
+        offset, before = sum(len(branch.events) for branch in self.branches), len(self.curves)
+        branch = run.branch(f"b{len(self.branches) + 1}", None, offset + 1, self.scene.events)
+        met = [(e, self.follow(e, model, fixed) if self.wanted(e) else None) for e in branch.events]
+        if len(self.curves) > before:
+            self.branches.append(branch)
+        return met
+
+    def unchecked(self, word: Word, fixed: Mapping[str, float]) -> set[float]:
+        """The middle of every range in which no run has seen what the curves say, if anything."""
+        own = self.regions_of(word, fixed)
+        low, high = self.options.range
+        edges = sorted([low, high, *(e for region in own for e in (region.low, region.high))])
+        checks = [check.value for check in self.checks if _about(check, word, fixed)]
+        return {
+            0.5 * (left + right)
+            for left, right in itertools.pairwise(edges)
+            if right - left > NARROWEST * (high - low)
+            and not any(left < value < right for value in checks)
+        }
+
+    def note_uncovered(self, word: Word, fixed: Mapping[str, float]) -> None:
+        """Say where a run sees something that no curve does."""
+        own = self.regions_of(word, fixed)
+        for check in self.checks:
+            covered = any(region.low <= check.value <= region.high for region in own)
+            if check.first is not None and not covered and _about(check, word, fixed):
+                self.notes.append(
+                    f"{_said(fixed)}{check.notation}: {check.first} comes first at "
+                    f"{check.second} = {check.value:.6g}, on no curve that was followed"
+                )
+
+    def regions_of(self, word: Word, fixed: Mapping[str, float]) -> list[Region]:
+        """What the curves of a word say comes first, in order."""
+        own = [c for c in self.of_member(fixed) if (c.word, c.period) == (word.walls, word.period)]
+        return sorted(regions(own, self.along(fixed), self.checks), key=lambda region: region.low)
+
+    def of_member(self, fixed: Mapping[str, float]) -> list[Curve]:
+        """The curves of a member of the family."""
+        return [curve for curve in self.curves if dict(curve.fixed) == dict(fixed)]
+
+    def along(self, fixed: Mapping[str, float]) -> str:
+        """The column that falls."""
+        own = self.of_member(fixed)
+        return falling(own) if own else self.scene.parameter
+
+
+def on_edge(value: float, limits: tuple[float, float]) -> bool:
+    """Whether a value lies on a limit of its range."""
+    return min(value - limits[0], limits[1] - value) <= ON_EDGE * (limits[1] - limits[0])
+
+
+def _go_on(ends: Iterable[End]) -> None:
+    """Let an interruption go on that has ended a branch or a curve, now that this is kept."""
+    if interrupted(ends):
+        raise KeyboardInterrupt
+
+
+def _about(check: Check, word: Word, fixed: Mapping[str, float]) -> bool:
+    """Whether a run is one of a word, for a member of the family."""
+    return (check.word, check.period, dict(check.fixed)) == (word.walls, word.period, dict(fixed))
+
+
+def _said(fixed: Mapping[str, float]) -> str:
+    return "".join(f"{name} = {value:.6g}, " for name, value in fixed.items())
+
+
+def with_map(scene: Scene, diagram: Diagram, progress: Progress | None = None) -> Diagram:
+    """Return a scene's diagram with its curves, and with areas if the scene asks for them.
+
+    Parameters
+    ----------
+    scene : Scene
+        With ``curves``.
+    diagram : Diagram
+        Of that scene.
+    progress : callable, optional
+    """
+    assert scene.curves is not None
+    diagram = with_curves(scene, diagram, progress)
+    if not scene.curves.areas or diagram.statistics["failure"]:
+        return diagram
+    return with_areas(scene, diagram, progress)
+
+
+def with_areas(scene: Scene, diagram: Diagram, progress: Progress | None = None) -> Diagram:
+    """Return a diagram of curves with the areas between them, for every member of the family."""
+    assert scene.curves is not None
+    began = time.perf_counter()
+    kernels, names, failure = Kernels(scene.model, scene.parameter), itertools.count(1), None
+    areas: list[Area] = []
+    notes: list[str] = []
+    name, values = scene.curves.family or ("", ())
+    try:
+        for fixed in [{name: value} for value in values] or [{}]:
+            own = [curve for curve in diagram.curves if dict(curve.fixed) == fixed]
+            model = scene.model.replace(**fixed)
+            found, told = divide(scene, model, own, fixed, kernels, progress or silent, names)
+            areas += found
+            notes += told
+    except KeyboardInterrupt:
+        failure = "interrupted"
+    except (ArithmeticError, np.linalg.LinAlgError) as error:
+        failure = f"the computation failed ({type(error).__name__}: {error})"
+    statistics = dict(diagram.statistics)
+    statistics["seconds"] = statistics["seconds"] | {"areas": time.perf_counter() - began}
+    statistics["notes"] = [*statistics["notes"], *notes]
+    statistics["failure"] = failure
+    return dataclasses.replace(diagram, areas=areas or (), statistics=statistics)

@@ -1,0 +1,888 @@
+"""Lines across a map: runs along them, near misses, and how well curves cover it.
+
+Curves say nothing of those they do not pass. A run along a line meets whatever crosses it, so
+lines are laid: the sides of the rectangle first and then ever denser, until as many as asked for in
+a row have met nothing new; then between neighbours on which different numbers of branches have
+physical orbits, for there a word appears or vanishes; then from where something comes near to zero
+on a line and turns back, for beside it may be a closed curve that no line crosses. A curve is
+started from every entry that lies on none.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import itertools
+from collections import Counter
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from ..arrays import Array
+from ..bifurcations.extended_system import solve
+from ..bifurcations.kind import once
+from ..bifurcations.registry import kind_of, switch, test_functions
+from ..continuation.branch import Event, Points, TestFunction
+from ..continuation.corrector import first_tangent
+from ..continuation.ends import End, EndKind
+from ..models.model import Model
+from ..models.word import Word, is_rotation
+from ..orbits.orbit import Orbit
+from ..orbits.physicality import PHYSICAL
+from ..orbits.problem import OrbitProblem, Summary
+from ..orbits.quiet import problem_of
+from ..orbits.search import find_orbits, rotated_to, search_for, shortest, solve_near
+from ..progress import Progress
+from ..results.branch import Branch, Entry, orbit_of
+from ..results.curve import BIRTHS, Coverage, Curve
+from ..results.entry_conversion import details_of
+from ..results.scene import Scene
+from ..results.tables import columns_of
+from ..segments.kernels import Kernels
+from .curve_problem import system_of
+from .orbit_branch import Run, at_image, both_ways, first_step, run_born, watched
+from .orbit_walks import walk_orbits
+
+# One-parameter runs across a map of curves: what the curves are started from and checked against.
+#
+# A run is at one value of the second parameter, for one member of the family: orbits of every word
+# of
+# the scene are looked for at several values of the first parameter, and their branches followed.
+
+SEARCHED = 6
+"""Values of the first parameter at which a run looks for orbits, besides the scene's own."""
+
+SAME_CURVE = 1e-8
+NEAR_CURVE = 1e-3
+
+
+def run_at(scene: Scene, model: Model, word: Word, kernels: Kernels) -> list[Run]:
+    """Follow every orbit of a word that is found at some value of the first parameter.
+
+    Parameters
+    ----------
+    scene : Scene
+    model : Model
+        The member, at the second parameter's value.
+    word : Word
+    kernels : Kernels
+        With the first parameter free.
+    """
+    return run_along(scene, model, word, kernels, scene.range, _searched(scene))
+
+
+def run_along(
+    scene: Scene,
+    model: Model,
+    word: Word,
+    kernels: Kernels,
+    limits: tuple[float, float],
+    searched: Sequence[float],
+    tests: list[TestFunction] | None = None,
+    wanted: Callable[[Orbit], bool] = lambda orbit: True,
+) -> list[Run]:
+    """Follow every wanted orbit of a word that is found at some values of a parameter.
+
+    Parameters
+    ----------
+    scene : Scene
+    model : Model
+        Gives the values of the other parameters.
+    word : Word
+    kernels : Kernels
+        With the parameter free.
+    limits : (low, high)
+        Its range.
+    searched : sequence of float
+        The values.
+    tests : list of TestFunction, optional
+        Those of `tests_of` by default.
+    wanted : callable ``wanted(orbit) -> bool``
+        Of an orbit that was found.
+    """
+    problem = problem_of(model, word, kernels)
+    tests = tests_of(scene, problem) if tests is None else tests
+    runs: list[Run] = []
+    for value in searched:
+        at = model.replace(**{kernels.parameter: value})
+        found = find_orbits(
+            at, word, kernels=kernels, rng=scene.seed, starts=scene.starts, rounds=scene.rounds
+        )
+        for orbit in found:
+            if wanted(orbit) and not any(run.holds(orbit.unknowns) for run in runs):
+                runs.append(both_ways(problem, orbit.unknowns, limits, tests, scene.settings))
+                if runs[-1].interrupted:
+                    raise KeyboardInterrupt
+    return runs
+
+
+def run_through(scene: Scene, model: Model, entry: Entry, kernels: Kernels) -> Run:
+    """Follow the branch of the first parameter through the orbit of an entry.
+
+    From a step beside it: on the entry itself the walk could not tell which way it crosses.
+    """
+    orbit = orbit_of(entry, model, kernels)
+    return _run_from(scene, orbit.problem, _beside(orbit.problem, orbit.unknowns, scene))
+
+
+def run_with(scene: Scene, model: Model, entry: Entry, kernels: Kernels) -> Run:
+    """Follow the branch through the orbit of an entry, with that as its only event.
+
+    For where the test function sees no crossing: all orbits of the branch may be on the curve.
+    """
+    orbit = orbit_of(entry, model, kernels)
+    run = _run_from(scene, orbit.problem, orbit.unknowns)
+    place = int(np.argmin(np.max(np.abs(run.points.unknowns - orbit.unknowns), axis=1)))
+    told = entry.residual, entry.error, entry.method, details_of(entry)
+    return dataclasses.replace(run, events=[Event(entry.kind, run.points[place], *told)])
+
+
+def _run_from(scene: Scene, problem: OrbitProblem, start: Array) -> Run:
+    stop = at_image(problem)
+    tests = watched(tests_of(scene, problem), stop)
+    return both_ways(problem, start, scene.range, tests, scene.settings, stop=stop)
+
+
+def _beside(problem: OrbitProblem, unknowns: Array, scene: Scene) -> Array:
+    """An orbit one step further on the branch through another one, if that step can be made."""
+    jacobian = problem.evaluate(unknowns).jacobian
+    settings = dataclasses.replace(scene.settings, max_points=2)
+    scale = problem.scale(unknowns, scene.range[1] - scene.range[0])
+    tangent = first_tangent(jacobian, scale)
+    if tangent is None:
+        return unknowns
+    for direction in (+1, -1):
+        walk = walk_orbits(
+            problem,
+            unknowns,
+            direction,
+            limits=scene.range,
+            settings=settings,
+            tangent=tangent,
+            gaps=False,
+        )
+        if len(walk.points) > 1 and scene.range[0] < walk.points[-1].parameter < scene.range[1]:
+            return walk.points[-1].unknowns
+    return unknowns
+
+
+def tests_of(scene: Scene, problem: OrbitProblem) -> list[TestFunction]:
+    """Return the test functions of a run: of the kinds with curves, then the scene's others."""
+    assert scene.curves is not None
+    return test_functions(problem, [*scene.curves.kinds, *_before(scene)], {})
+
+
+def _before(scene: Scene) -> list[str]:
+    """Kinds that explain a change of stability and are wanted on branches that are kept."""
+    assert scene.curves is not None
+    return [kind for kind in scene.events if kind not in scene.curves.kinds]
+
+
+def _searched(scene: Scene) -> list[float]:
+    """The start, and values across the range: even in their logarithms where all are positive."""
+    low, high = scene.range
+    spaced = np.geomspace if low > 0.0 else np.linspace
+    return [scene.start, *spaced(low, high, SEARCHED + 2)[1:-1].tolist()]
+
+
+def orbit_at_start(branch: Branch, scene: Scene) -> Array | None:
+    """Impacts of a physical orbit of the branch at the scene's start, nearly; None without one."""
+    away = branch[branch.parameter] - scene.start
+    passes = (away[:-1] * away[1:] <= 0.0) & branch.physical[:-1] & branch.physical[1:]
+    if not np.any(passes):
+        return None
+    row = int(np.argmax(passes))
+    span = away[row + 1] - away[row]
+    part = -away[row] / span if span else 0.0
+    impacts = np.stack([branch.times, branch.velocities], axis=2).reshape(len(branch), -1)
+    return np.asarray(impacts[row] + part * (impacts[row + 1] - impacts[row]))
+
+
+def first_of(entries: Sequence[Entry], kinds: Sequence[str], along: str) -> Entry | None:
+    """Return the real bifurcation with the largest value of a column."""
+    others = [kind for kind in kinds if kind not in BIRTHS] or kinds
+    real = [e for e in entries if e.kind in others and not e.ghost]
+    return max(real, key=lambda e: e.parameters[along], default=None)
+
+
+def passes(curve: Curve, entry: Entry, model: Model, kernels: Kernels) -> bool:
+    """Whether a curve of the same member passes through an entry.
+
+    Wherever the curve passes the entry's value of the second parameter, its orbit there is solved
+    for and compared.
+
+    Parameters
+    ----------
+    curve : Curve
+    entry : Entry
+    model : Model
+    kernels : Kernels
+        With the first parameter free.
+    """
+    if (curve.kind, curve.period) != (entry.kind, entry.period):
+        return False
+    if not is_rotation(curve.word, entry.word):
+        return False
+    here = orbit_of(entry, model, kernels)
+    problem = here.problem
+    first, second = curve.parameters
+    if any(
+        _same(problem, entry, guess, here.unknowns, size)
+        for name in (second, first)
+        for guess, size in _crossings(curve, name, entry.parameters[name], problem)
+    ):
+        return True
+    near = [
+        (np.append(guess[:-1], entry.parameters[second]), size)
+        for guess, size in _crossings(curve, first, entry.parameters[first], problem)
+        if _apart(problem, guess, here.unknowns) < NEAR_CURVE
+    ]
+    return bool(near) and _passes_across(entry, model, second, near)
+
+
+def _passes_across(
+    entry: Entry, model: Model, second: str, near: Sequence[tuple[Array, float]]
+) -> bool:
+    """The same with the second parameter free: where the curve keeps its value, the first one is
+    not told by the equations."""
+    turned = dataclasses.replace(entry, parameter=second)
+    here = orbit_of(turned, model, Kernels(model, second))
+    return any(_same(here.problem, turned, guess, here.unknowns, size) for guess, size in near)
+
+
+def _crossings(
+    curve: Curve, name: str, value: float, problem: OrbitProblem
+) -> list[tuple[Array, float]]:
+    """Orbits where a curve passes a parameter's value, nearly, and the distance of its points
+    around it."""
+    first, word = curve.parameters[0], Word(curve.word, curve.period)
+    own = problem_of(problem.model, word, problem.kernels)
+    away = curve[name] - value
+    names = columns_of(curve.word, problem.m)
+    rows = np.column_stack([curve[name] for name in [*names, first]])
+    found = []
+    for i in np.nonzero((away[:-1] * away[1:] <= 0.0) & (away[:-1] != away[1:]))[0]:
+        part = away[i] / (away[i] - away[i + 1])
+        guess = rotated_to(own, rows[i] + part * (rows[i + 1] - rows[i]), problem.word)
+        assert guess is not None, "the words are rotations of each other"
+        found.append((guess, float(np.max(np.abs(rows[i + 1] - rows[i])))))
+    return found
+
+
+def _same(problem: OrbitProblem, entry: Entry, guess: Array, unknowns: Array, size: float) -> bool:
+    """Whether the bifurcation next to a guess is that of an entry."""
+    away = problem.difference(guess, unknowns)
+    off = _apart(problem, guess, unknowns)
+    if off > size + NEAR_CURVE:
+        return False
+    solution = solve(system_of(problem, entry), problem.evaluate(unknowns + away))
+    if solution is None:
+        return off < NEAR_CURVE
+    return bool(np.max(np.abs(problem.difference(solution.unknowns, unknowns))) < SAME_CURVE)
+
+
+def _apart(problem: OrbitProblem, one: Array, other: Array) -> float:
+    return float(np.max(np.abs(problem.difference(one, other))))
+
+
+def same_curve(one: Curve, other: Curve) -> bool:
+    """Whether two curves have the same ends, in either direction."""
+    about = [(c.kind, c.period, dict(c.fixed)) for c in (one, other)]
+    if about[0] != about[1] or not is_rotation(one.word, other.word):
+        return False
+    a, b = (_ends(curve) for curve in (one, other))
+    return bool(np.allclose(a, b, atol=1e-6) or np.allclose(a, b[::-1], atol=1e-6))
+
+
+def _ends(curve: Curve) -> Array:
+    speeds = [f"v{k + 1}" for k in range(len(curve.word))]
+    return np.array(
+        [
+            [*(curve[n][row] for n in curve.parameters), *sorted(curve[n][row] for n in speeds)]
+            for row in (0, -1)
+        ]
+    )
+
+
+# Near misses: where on a line what vanishes at an event comes nearest to zero, and turns back.
+#
+# A closed curve that no line crosses is seen from the lines beside it: the determinant of the
+# event,
+# or its gap, has an extremum there. From the extremum the orbit is followed across the line, and
+# along again where it comes nearest to zero on the way, until an event is met or nothing is nearer:
+# a descent to the extremum in both parameters, one coordinate at a time.
+
+MOST_STEPS = 8
+"""How often a descent turns at most."""
+
+NEARER = 0.999
+"""A step that brings less than this is the last."""
+
+TURNS = 1e-6
+"""An extremum by less than this part of its size is rounding."""
+
+SAME_PLACE = 0.02
+"""Descents that come as near to each other, as parts of both ranges, go on as one,"""
+SAME_ORBIT = 0.1
+"""if their orbits' velocities differ by less than this part of the largest."""
+
+
+@dataclass(frozen=True)
+class NearMiss:
+    """An extremum on a line.
+
+    Attributes
+    ----------
+    word : Word
+    kind : str
+        Of the event that is missed.
+    index : int
+        Which of several values that vanish at events of this kind.
+    size : float
+        How far from zero it is.
+    unknowns : ndarray
+        The orbit, the line's free parameter last.
+    velocities : ndarray
+        Of its impacts.
+    """
+
+    word: Word
+    kind: str
+    index: int
+    size: float
+    unknowns: Array
+    velocities: Array
+
+    def like(self, other: NearMiss) -> bool:
+        """Whether the same is missed on orbits that are not far from each other."""
+        same = (self.word, self.kind, self.index) == (other.word, other.kind, other.index)
+        if not same:
+            return False
+        apart = np.max(np.abs(self.velocities - other.velocities), initial=0.0)
+        return bool(apart <= SAME_ORBIT * np.max(np.abs(self.velocities), initial=0.0))
+
+
+def near_misses(run: Run, kinds: Sequence[str]) -> list[NearMiss]:
+    """Return the near misses on a run, of the kinds for which one is told."""
+    points, problem = run.points, run.problem
+    rows = points.unknowns
+    return [
+        NearMiss(
+            problem.word,
+            kind,
+            index,
+            float(abs(values[row])),
+            rows[row],
+            problem.impacts(rows[row])[:, 1],
+        )
+        for kind in kinds
+        if kind in VANISHING
+        for index, values in enumerate(VANISHING[kind](points).T)
+        for row in _turning(values)
+    ]
+
+
+def _turning(values: Array) -> list[int]:
+    """Where a value is nearest to zero between two others of its sign."""
+    left, middle, right = values[:-2], values[1:-1], values[2:]
+    one_sign = (np.sign(left) == np.sign(middle)) & (np.sign(middle) == np.sign(right))
+    nearest = np.abs(middle) * (1.0 + TURNS) < np.minimum(np.abs(left), np.abs(right))
+    return (1 + np.nonzero(one_sign & nearest)[0]).tolist()
+
+
+def _multipliers(points: Points) -> Array:
+    values = Summary.of(points.numbers).multipliers
+    return np.where(np.isfinite(values), values, np.nan)
+
+
+def _fold(points: Points) -> Array:
+    values = _multipliers(points)
+    return np.prod((1.0 - values) / (1.0 + np.abs(values)), axis=1).real[:, None]
+
+
+def _doubling(points: Points) -> Array:
+    values = _multipliers(points)
+    return np.prod((1.0 + values) / (1.0 + np.abs(values)), axis=1).real[:, None]
+
+
+def _torus(points: Points) -> Array:
+    """How far complex pairs are from the unit circle; others tell nothing."""
+    values = _multipliers(points)
+    pairs = np.where(values.imag > 0.0, np.abs(values) - 1.0, np.nan)
+    order = np.argsort(np.abs(pairs), axis=1, kind="stable")[:, :1]  # not-a-number goes last
+    return np.take_along_axis(pairs, order, axis=1)
+
+
+def _gaps(points: Points) -> Array:
+    return np.array(
+        [
+            [np.nan if t is None else t.gap for flight in p.evaluation.gaps for t in flight.touches]
+            for p in points
+        ]
+    )
+
+
+def _velocities(points: Points) -> Array:
+    problem = points[0].evaluation.problem
+    return np.array([problem.impacts(unknowns)[:, 1] for unknowns in points.unknowns])
+
+
+VANISHING: dict[str, Callable[[Points], Array]] = {
+    "FB": _fold,
+    "PD": _doubling,
+    "NS": _torus,
+    "G": _gaps,
+    "V": _velocities,
+}
+"""What vanishes at events of a kind, along the points of a run: shape (P, values)."""
+
+
+Place = Mapping[str, float]
+"""Values of both parameters."""
+
+Cross = Callable[[NearMiss, str, Place], "Run | None"]
+"""Follow the orbit of a near miss while a parameter is held at its value at a place."""
+
+
+class Descents:
+    """Descents from near misses to events, or to where nothing is nearer.
+
+    Parameters
+    ----------
+    ranges : mapping of str to (low, high)
+        Of both parameters.
+    cross : callable
+        See `Cross`.
+    """
+
+    def __init__(self, ranges: Mapping[str, tuple[float, float]], cross: Cross) -> None:
+        self.ranges, self.cross = ranges, cross
+        self.seen: list[tuple[Array, NearMiss]] = []
+
+    def runs(self, miss: NearMiss, held: str, value: float) -> Iterator[Run]:
+        """Follow from a near miss on a line that holds a parameter at a value."""
+        for _ in range(MOST_STEPS):
+            free = next(name for name in self.ranges if name != held)
+            place = {held: value, free: float(miss.unknowns[-1])}
+            run = None if self.known(miss, place) else self.cross(miss, free, place)
+            if run is None:
+                return
+            yield run
+            further = [one for one in near_misses(run, [miss.kind]) if one.index == miss.index]
+            held, value = free, place[free]
+            nearest = min(further, key=lambda one: one.size, default=miss)
+            if nearest.size > NEARER * miss.size or any(e.kind == miss.kind for e in run.events):
+                return
+            miss = nearest
+
+    def known(self, miss: NearMiss, place: Place) -> bool:
+        """Whether a descent has been next to a near miss; from now on one has."""
+        limits = self.ranges.items()
+        parts = np.array([(place[name] - low) / (high - low) for name, (low, high) in limits])
+        if any(np.max(np.abs(parts - p)) < SAME_PLACE and miss.like(m) for p, m in self.seen):
+            return True
+        self.seen.append((parts, miss))
+        return False
+
+
+# The branches that cross one line of a map: found on other lines, by search, and by switching.
+
+AT_ONE_VALUE = 32
+"""Starts of a search at one value: many values with few starts each see more of a line than few
+values with many."""
+
+FEWEST_VALUES = 5
+
+SAME_ORBIT_ON_LINES = 1e-7
+
+Range = tuple[float, float]
+
+
+def crossing_runs(
+    scene: Scene,
+    problem: OrbitProblem,
+    limits: Range,
+    known: Iterable[Array],
+    generator: np.random.Generator,
+) -> list[Run]:
+    """Follow every orbit of a word that is found on a line.
+
+    First those that other lines have met where they cross this one, then those that a search finds
+    at values scattered along it, until it finds nothing new.
+
+    Parameters
+    ----------
+    scene : Scene
+    problem : OrbitProblem
+        At the value that is held.
+    limits : (low, high)
+        Of the other parameter.
+    known : iterable of ndarray
+        Orbits nearly, that parameter's value last.
+    generator : numpy.random.Generator
+    """
+    runs: list[Run] = []
+    for unknowns in known:
+        here = solve_near(problem, unknowns)
+        if here is not None:
+            _follow(runs, scene, problem, here.unknowns, limits)
+    count = max(FEWEST_VALUES, scene.starts // AT_ONE_VALUE)
+    for _ in range(scene.rounds):
+        before = len(runs)
+        for part in (np.arange(count) + generator.uniform(size=count)) / count:
+            model = problem.model.replace(**{problem.parameter: across(limits, part)})
+            there = problem_of(model, problem.word, problem.kernels)
+            for orbit in search_for(there, generator, AT_ONE_VALUE, 1).orbits:
+                _follow(runs, scene, problem, orbit.unknowns, limits)
+            problem.kernel_evaluations += there.kernel_evaluations
+        if len(runs) == before:
+            break
+    return runs
+
+
+def _follow(
+    runs: list[Run], scene: Scene, problem: OrbitProblem, unknowns: Array, limits: Range
+) -> None:
+    """Add the run through an orbit, unless it lies on one already."""
+    if not lies_on(runs, problem, unknowns):
+        runs.append(run_on_line(scene, problem, unknowns, limits))
+
+
+def run_on_line(scene: Scene, problem: OrbitProblem, unknowns: Array, limits: Range) -> Run:
+    """Follow an orbit along a line, both ways."""
+    stop = at_image(problem)
+    tests = watched(tests_of(scene, problem), stop)
+    run = both_ways(problem, unknowns, limits, tests, scene.settings, stop=stop)
+    _uninterrupted(run)
+    return run
+
+
+def lies_on(runs: Sequence[Run], problem: OrbitProblem, unknowns: Array) -> bool:
+    """Whether an orbit lies on one of several runs, its word rotated perhaps."""
+    for run in runs:
+        turned = rotated_to(problem, unknowns, run.problem.word)
+        if turned is not None and run.holds(turned):
+            return True
+    return False
+
+
+def _uninterrupted(run: Run) -> None:
+    if run.interrupted:
+        raise KeyboardInterrupt
+
+
+def switched_runs(scene: Scene, runs: Sequence[Run], limits: Range) -> tuple[list[Run], int]:
+    """Follow the branches born at events of runs, as often in turn as the scene switches.
+
+    Those of unphysical orbits are left out. Returns also at how many events the limit on branches
+    kept it from switching.
+    """
+    found: list[Run] = []
+    last, unswitched = list(runs), 0
+    for _ in range(scene.depth if scene.switch else 0):
+        new: list[Run] = []
+        for event in _births(scene, last):
+            if len(runs) + len(found) + len(new) >= scene.max_branches:
+                unswitched += 1
+                continue
+            run = _switched(scene, event, [*runs, *found, *new], limits)
+            new += [] if run is None else [run]
+        found += new
+        last = new
+    return found, unswitched
+
+
+def _births(scene: Scene, runs: Sequence[Run]) -> Iterator[Event]:
+    """The events at which to switch."""
+    for event in (event for run in runs for event in run.events if event.kind in scene.switch):
+        kind, here = kind_of(event.kind), event.point.evaluation
+        if kind.verdict(here, event.details).physical:
+            yield event
+
+
+def _switched(scene: Scene, event: Event, known: Sequence[Run], limits: Range) -> Run | None:
+    """The run along the branch born at an event, unless it is known."""
+    start = switch(event)
+    if start is None:
+        return None
+    start = once(start)
+    probe = first_step(start, limits, scene.settings)
+    if not probe.points:
+        return None
+    problem, unknowns = shortest(start.problem, probe.points[-1].unknowns, SAME_ORBIT_ON_LINES)
+    if lies_on(known, problem, unknowns):
+        return None
+    stop = at_image(start.problem)
+    tests = tests_of(scene, start.problem)
+    born = End.of(EndKind.BORN, start.problem.parameter, event.parameter, entry="", parent="")
+    run = run_born(start, born, limits, tests, scene.settings, stop=stop)
+    if isinstance(run, End):
+        return None
+    _uninterrupted(run)
+    return run
+
+
+def across(limits: Range, part: float) -> float:
+    """Part of the way across a range, in logarithms where it is wide and all is positive."""
+    low, high = limits
+    if low > 0.0 and high > 4.0 * low:
+        return float(min(max(low * (high / low) ** part, low), high))
+    return float(low + (high - low) * part)
+
+
+def at_value(run: Run, value: float) -> Iterator[Array]:
+    """Orbits on a run at a value of its parameter, nearly."""
+    rows = run.rows
+    behind, ahead = rows[:-1, -1], rows[1:, -1]
+    for i in np.nonzero(((behind - value) * (ahead - value) <= 0.0) & (behind != ahead))[0]:
+        part = (value - behind[i]) / (ahead[i] - behind[i])
+        yield rows[i] + part * (rows[i + 1] - rows[i])
+
+
+def physical(points: Points) -> Array:
+    """Whether each of the points is physical."""
+    return np.asarray(Summary.of(points.numbers).findings[:, 0] == PHYSICAL)
+
+
+GOLDEN = 0.5 * (np.sqrt(5.0) - 1.0)
+INSIDE = 1e-6
+"""How far inside a side its line runs, as part of the range."""
+
+MOST_ROUNDS = 8
+"""As many times the lines asked for are the most that are laid in each direction."""
+
+NARROWEST = 0.1
+"""Neighbouring lines nearer than this part of the range are not looked between."""
+
+
+@dataclass
+class Met:
+    """What lines have met of the orbits of one word."""
+
+    word: Word
+    entries: int = 0
+    started: int = 0
+    born: int = 0
+    off: list[tuple[Entry, str]] = field(default_factory=list)
+
+
+@dataclass(frozen=True)
+class Line:
+    """A line: the parameter that is held, how far across its range, its value, and the runs of the
+    scene's word, with how many of them have physical orbits; then those switched to."""
+
+    held: str
+    part: float
+    value: float
+    runs: Sequence[Run]
+    real: int
+    born: Sequence[Run] = ()
+
+
+class Lines:
+    """The lines across the map of one word.
+
+    Parameters
+    ----------
+    scene : Scene
+    model : Model
+        The member of the family.
+    word : Word
+    kernels : Kernels
+        With the first parameter free.
+    covered : callable ``covered(entry) -> bool``
+        Whether a curve passes through an entry.
+    start : callable ``start(entry) -> str``
+        Starts curves on the branch through an entry; returns why none passes it, if none does.
+    further : callable ``further() -> sequence of Entry``
+        Starts curves from points of codimension two on those that are new; returns the entries that
+        it started from.
+    progress : callable
+    """
+
+    def __init__(
+        self,
+        scene: Scene,
+        model: Model,
+        word: Word,
+        kernels: Kernels,
+        covered: Callable[[Entry], bool],
+        start: Callable[[Entry], str],
+        further: Callable[[], Sequence[Entry]],
+        progress: Progress,
+    ) -> None:
+        assert scene.curves is not None
+        self.scene, self.options, self.model, self.word = scene, scene.curves, model, word
+        self.covered, self.start, self.further, self.progress = covered, start, further, progress
+        first, second = scene.parameter, scene.curves.parameter
+        self.ways = {
+            second: (kernels, scene.range, self.options.range),
+            first: (Kernels(model, second), self.options.range, scene.range),
+        }
+        self.laid: list[Line] = []
+        self.looked = 0
+        ranges = {held: way[2] for held, way in self.ways.items()}
+        self.descents = Descents(ranges, self.cross)
+        self.met = [Met(word)]
+        self.followed: Counter[tuple[str, int]] = Counter()
+        self.left_out: list[str] = []
+        self.evaluations = 0
+        self.generator = np.random.default_rng(scene.seed)
+
+    def cover(self, fixed: Mapping[str, float]) -> list[Coverage]:
+        """Lay lines until the last ones meet nothing new, and say what was met of each word."""
+        self.begin_further()
+        wanted = 2 * self.options.cover
+        quiet, regular = 0, self.lines()
+        while quiet < wanted:
+            held, part = next(regular, (None, 0.0))
+            if held is None:
+                break
+            quiet = 0 if self.run(held, part) else quiet + 1
+            if quiet >= wanted and (self.look_between() or self.descend()):
+                quiet = 0
+        return [self.said(met, dict(fixed), quiet >= wanted) for met in self.met]
+
+    def lines(self) -> Iterator[tuple[str, float]]:
+        """Which parameter to hold, and how far across: the sides, then each way in turn."""
+        most = MOST_ROUNDS * self.options.cover
+        for part in [INSIDE, 1.0 - INSIDE, *((GOLDEN * np.arange(1, 1 + most)) % 1.0).tolist()]:
+            for held in self.ways:
+                yield held, part
+
+    def look_between(self) -> bool:
+        """Lay lines between neighbours that differ; whether one met an entry on no curve."""
+        met = [self.run(*place) for place in self.between()]
+        return any(met)
+
+    def between(self) -> Iterator[tuple[str, float]]:
+        """Places half way between neighbours with different numbers of branches, ever nearer."""
+        for held in self.ways:
+            while place := self._differing(held):
+                yield held, place
+
+    def _differing(self, held: str) -> float | None:
+        """Half way between the neighbours farthest apart that differ; None where all are near."""
+        own = sorted((line for line in self.laid if line.held == held), key=lambda x: x.part)
+        pairs = itertools.pairwise(own)
+        apart = [(b.part - a.part, a) for a, b in pairs if a.real != b.real]
+        width, left = max(apart, key=lambda pair: pair[0], default=(0.0, None))
+        return left.part + 0.5 * width if left and width > NARROWEST else None
+
+    def run(self, held: str, part: float) -> bool:
+        """Lay one line; whether it met an entry on no curve."""
+        kernels, limits, other = self.ways[held]
+        value = across(other, part)
+        self.progress(f"{self.word}: line at {held} = {value:.6g}")
+        problem = problem_of(self.model.replace(**{held: value}), self.word, kernels)
+        known = self.known(held, value)
+        runs = crossing_runs(self.scene, problem, limits, known, self.generator)
+        born, unswitched = switched_runs(self.scene, runs, limits)
+        if unswitched:
+            limit = f"follow.max_branches = {self.scene.max_branches}"
+            at = f"events at {held} = {value:.6g}"
+            self.left_out.append(f"the branches of {unswitched} {at} ({limit})")
+        real = sum(bool(np.any(physical(run.points))) for run in runs)
+        self.laid.append(Line(held, part, value, runs, real, born))
+        self.evaluations += problem.kernel_evaluations
+        self.evaluations += sum(run.problem.kernel_evaluations for run in born)
+        return self.meet_on([*runs, *born])
+
+    def meet_on(self, runs: Sequence[Run]) -> bool:
+        """Whether an entry of some runs is on no curve."""
+        self.followed.update((run.problem.word.walls, run.problem.word.period) for run in runs)
+        found = [e for run in runs for e in run.branch("b0", kinds=self.options.kinds).events]
+        met = [self.meet(entry) for entry in found if self.wanted(entry)]
+        return any(met)
+
+    # Near misses on lines, from which closed curves between them are reached.
+
+    def descend(self) -> bool:
+        """Follow orbits from the near misses of lines to events; whether one is on no curve."""
+        lines, self.looked = self.laid[self.looked :], len(self.laid)
+        misses = [
+            (miss, line)
+            for line in lines
+            for run in (*line.runs, *line.born)
+            for miss in near_misses(run, self.options.kinds)
+        ]
+        misses.sort(key=lambda pair: pair[0].size)
+        self.progress(f"{self.word}: {len(misses)} near misses on {len(lines)} lines")
+        runs = (r for m, line in misses for r in self.descents.runs(m, line.held, line.value))
+        met = [self.meet_on([run]) for run in runs]
+        return any(met)
+
+    def cross(self, miss: NearMiss, held: str, place: Mapping[str, float]) -> Run | None:
+        """Follow the orbit of a near miss while a parameter is held."""
+        kernels, limits, _ = self.ways[held]
+        problem = problem_of(self.model.replace(**{held: place[held]}), miss.word, kernels)
+        start = np.append(miss.unknowns[:-1], place[kernels.parameter])
+        here = solve_near(problem, start)
+        run = None if here is None else run_on_line(self.scene, problem, here.unknowns, limits)
+        self.evaluations += problem.kernel_evaluations
+        return run
+
+    def known(self, held: str, value: float) -> Iterator[Array]:
+        """Orbits that lines across this one have met at its value, with their own value last."""
+        for line in self.laid:
+            if line.held != held:
+                for run in line.runs:
+                    for unknowns in at_value(run, value):
+                        yield np.append(unknowns[:-1], line.value)
+
+    @staticmethod
+    def wanted(entry: Entry) -> bool:
+        """Whether an entry is to be on a curve: unphysical orbits are without number."""
+        return entry.physical
+
+    def meet(self, entry: Entry) -> bool:
+        """Whether an entry is on no curve yet; one is started there."""
+        entry = dataclasses.replace(entry, parameter=self.scene.parameter)
+        met = self.of(entry)
+        met.entries += 1
+        if self.covered(entry):
+            return False
+        reason = self.start(entry)
+        if reason:
+            met.off.append((entry, reason))
+        else:
+            met.started += 1
+            self.begin_further()
+        return True
+
+    def begin_further(self) -> None:
+        """Start from points of codimension two until there is no new curve."""
+        while found := self.further():
+            for entry in found:
+                self.of(entry).born += 1
+
+    def of(self, entry: Entry) -> Met:
+        """What was met of an entry's word."""
+        word = Word(entry.word, entry.period)
+        known = next((met for met in self.met if _same_word(met.word, word)), None)
+        if known is None:
+            self.met.append(known := Met(word))
+        return known
+
+    def said(self, met: Met, fixed: dict[str, float], complete: bool) -> Coverage:
+        """The statement on one word; entries that later curves pass are off none."""
+        walls = self.scene.model.letters
+        word, names = met.word, (self.scene.parameter, self.options.parameter)
+        off: list[dict[str, object]] = [
+            {"kind": e.kind, **{n: e.parameters[n] for n in names}, "reason": reason}
+            for e, reason in met.off
+            if not self.covered(e)
+        ]
+        lines = {held: [x.value for x in self.laid if x.held == held] for held in self.ways}
+        about = fixed, word.walls, word.period, word.notation(walls), lines
+        own = (Word(*key) for key in self.followed.elements())
+        branches = sum(_same_word(word, other) for other in own)
+        switched = not _same_word(word, self.word)
+        complete = complete and (branches > 0 or not switched)
+        counts = met.entries, met.started, off, complete
+        left_out = [] if switched else self.left_out
+        return Coverage(*about, *counts, met.born, switched, branches, left_out)
+
+
+def _same_word(one: Word, other: Word) -> bool:
+    return one.period == other.period and is_rotation(one.walls, other.walls)

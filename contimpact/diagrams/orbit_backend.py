@@ -1,0 +1,321 @@
+"""Steps along branches of orbits of one degree of freedom, plainly or compiled."""
+
+from __future__ import annotations
+
+import functools
+import math
+from abc import ABC, abstractmethod
+from typing import TYPE_CHECKING, ClassVar, Generic, TypeAlias, TypeVar
+
+import numpy as np
+
+from ..arrays import ARRAYS, LISTS, Array, Containers, Vector
+from ..bifurcations.extended_system import ManyOrbits
+from ..continuation.branch import Block
+from ..continuation.corrector import Evaluate, Solve
+from ..continuation.step import (
+    EVALUATIONS,
+    Batch,
+    Observe,
+    Position,
+    TangentAt,
+    batch_of,
+    columns,
+    take_steps,
+)
+from ..orbits.block_cyclic import BLOCK, KEPT, POSITIONS
+from ..orbits.problem import OrbitProblem
+from ..segments.compiling import CompiledProgram, load, mode, plainly, spend
+from ..segments.flight import excursion_of, time_zeros
+from ..segments.layout import Setup
+from ..segments.oscillation import MOST, ROW
+from .orbit_functions import (
+    DESCRIBED,
+    DETERMINANT,
+    MEASURED,
+    PRODUCT,
+    SPAN,
+    UNRESOLVED,
+    OrbitVectors,
+    evaluate_cycle,
+    newton_step,
+    observe_cycle,
+    tangent_of_cycle,
+)
+
+if TYPE_CHECKING:
+    from ..segments.machine_code import Program
+    from .chain_functions import ChainVectors
+
+
+V = TypeVar("V", "OrbitVectors", "ChainVectors")
+"""A branch as vectors and tables."""
+
+Functions: TypeAlias = tuple[Evaluate[V], Solve[V], TangentAt[V], Observe[V]]
+"""What `take_steps` needs of a problem: evaluate, solve, tangent_at and observe."""
+
+WORTH = 64
+"""Points asked for at once from which compiled code is looked for."""
+
+TOO_STIFF = "flights whose equations are not linear, or too stiff"
+
+LINEAR = 50
+"""A linear flight takes as long as so many of the impact pair, plainly."""
+
+
+class OrbitBackend(ABC, Generic[V]):
+    """An orbit problem as steps ask for it: block-cyclic elimination, many steps at a time.
+
+    Parameters
+    ----------
+    problem : OrbitProblem
+        With one free parameter.
+    gaps : bool
+        Whether to decide at every point if it is physical.
+    doubling : bool
+        Whether the determinant of a PD is wanted.
+    """
+
+    ARGUMENTS: ClassVar[str]
+    """Kinds of the compiled entry's arguments: those of the vectors, then of `StepVectors`."""
+
+    def __init__(self, problem: OrbitProblem, gaps: bool, doubling: bool) -> None:
+        self.problem, self.gaps, self.doubling = problem, gaps, doubling
+        self.setup = problem.kernels.setup(*problem.model.values.values())
+        self.count, self.walls = len(problem.word), len(problem.model.WALLS)
+        self.derived = len(problem.model.DERIVED)
+
+    @functools.cached_property
+    @abstractmethod
+    def described(self) -> int:
+        """Numbers of a point before its gaps."""
+
+    @functools.cached_property
+    @abstractmethod
+    def functions(self) -> Functions[V]:
+        """What `take_steps` needs of the problem, plainly."""
+
+    @functools.cached_property
+    @abstractmethod
+    def arrays(self) -> V:
+        """The branch as arrays, for compiled code."""
+
+    @functools.cached_property
+    @abstractmethod
+    def variant(self) -> str | None:
+        """How compiled code follows flights; None where it cannot."""
+
+    @functools.cached_property
+    @abstractmethod
+    def obstacle(self) -> str:
+        """Why there is no compiled code."""
+
+    @abstractmethod
+    def vectors(self, made_by: Containers) -> V:
+        """The branch as vectors and tables."""
+
+    @abstractmethod
+    def block(self, rows: Array) -> Block:
+        """The points in the rows of `take_steps`."""
+
+    @abstractmethod
+    def written(self) -> Program:
+        """The program of the variant."""
+
+    def common(self, made_by: Containers, *more: int) -> dict[str, Vector]:
+        """The vectors and tables that all backends have, by name, with `more` in the counts."""
+        vector, table = made_by
+        problem, count, walls = self.problem, self.count, self.walls
+        word = [problem.model.letters.index(letter) for letter in problem.word.walls]
+        place = list(problem.model.values).index(problem.parameter)
+        wanted: list[int] = [int(self.gaps), int(self.doubling), *more]
+        passages = problem.kernels.passages
+        return {
+            "kinds": vector(
+                [a * walls + b for a, b in zip(word, word[1:] + word[:1], strict=True)]
+            ),
+            "word": vector(word),
+            "arrivals": vector(problem.arrivals),
+            "watched": vector([int(meets) for row in passages.watched for meets in row]),
+            "counts": vector([walls, problem.word.period, place, self.derived, *wanted]),
+            "values": vector(list(problem.model.values.values())),
+            "sides": vector([float(wall.side) for wall in problem.model.WALLS]),
+            "leaving": vector(passages.leaving),
+            "fixed": table(1, POSITIONS + len(self.setup.walls) + len(self.setup.derived)),
+            "clock": vector([0.0] * 3),
+            "durations": vector([0.0] * count),
+            "gaps": vector([0.0] * count * walls),
+            "times": vector([0.0] * count * walls),
+            "velocities": vector([0.0] * count),
+        }
+
+    def advance(self, position: Position, most: int) -> Batch:
+        """Take steps until one is proposed or refused, `most` at most."""
+        fast = self.compiled(most)
+        if fast is None:
+            return self.steps(position, most, None)
+        self.arrays.clock[UNRESOLVED] = 0.0
+        made = self.steps(position, most, fast)
+        if self.arrays.clock[UNRESOLVED] == 0.0:
+            return made
+        import logging
+
+        logging.getLogger(__name__).info("flights too stiff for compiled code: going on plainly")
+        self.variant, self.obstacle = None, TOO_STIFF
+        return self.steps(position, most, None)
+
+    def steps(self, position: Position, most: int, fast: CompiledProgram | None) -> Batch:
+        """Take them by compiled code, or plainly."""
+        vectors = position.vectors(self.recorded, most, ARRAYS if fast else LISTS)
+        if fast:
+            made = fast(*self.arrays, *vectors)
+        else:
+            made = take_steps(*self.functions, self.lists, tuple(vectors))
+        flights = int(vectors.state[EVALUATIONS]) * self.count
+        self.problem.kernel_evaluations += flights
+        spend(0 if fast else flights * self.cost)
+        return batch_of(position, self.problem, vectors, made, self.block)
+
+    @property
+    def recorded(self) -> int:
+        """How many numbers ``observe`` records of a point."""
+        return self.described + self.count * (self.walls + 1) + self.derived
+
+    @functools.cached_property
+    def cost(self) -> int:
+        """What a flight counts for, plainly."""
+        flight = self.problem.kernels.flight(*self.problem.kinds[0])
+        return LINEAR if "flow" in flight.__code__.co_names else 1
+
+    @functools.cached_property
+    def space(self) -> int:
+        """Numbers of scratch space behind the parameter values of compiled code."""
+        kernels, walls = self.problem.kernels, self.problem.model.WALLS
+        if not any(kernels.linear(wall.name) for wall in walls):
+            return 0
+        from .orbit_program import space_for
+
+        return space_for(kernels)
+
+    @functools.cached_property
+    def lists(self) -> V:
+        """The branch as lists, for a plain run."""
+        return self.vectors(LISTS)
+
+    def compiled(self, most: int) -> CompiledProgram | None:
+        """Compiled code, if it is in the cache or worth compiling, and the work is worth it."""
+        said = mode()
+        if said == "never" or (said == "auto" and most < WORTH):
+            return None
+        if self.variant is None:
+            plainly(self.obstacle)
+            return None
+        return load((self.problem.kernels.identity, self.variant), self.ARGUMENTS, self.written)
+
+
+# The backend for orbits with one degree of freedom: many steps at a time, plain or compiled.
+
+
+class CycleBackend(OrbitBackend[OrbitVectors]):
+    """See `OrbitBackend`; for problems with one degree of freedom."""
+
+    ARGUMENTS = "iiiii" + "ffff" + "FFFF" + "fF" + "ffff" + "ff" + "ffff" + "FF"
+
+    @functools.cached_property
+    def zeros(self) -> list[float] | None:
+        """Of the acceleration, where they are the same along the branch."""
+        harmonics = self.problem.kernels.harmonics(*self.problem.model.values.values())
+        return time_zeros(harmonics, self.setup.period)
+
+    @functools.cached_property
+    def functions(self) -> Functions[OrbitVectors]:
+        return plain_functions(self.problem, self.zeros)
+
+    @functools.cached_property
+    def described(self) -> int:
+        return MEASURED
+
+    def vectors(self, made_by: Containers) -> OrbitVectors:
+        vector, table = made_by
+        return OrbitVectors(
+            **self.common(made_by),
+            zeros=vector([0.0] * 2 if self.variant == "single" else self.zeros or []),
+            blocks=table(self.count, BLOCK),
+            kept=table(self.count, KEPT),
+            reduced=table(1, KEPT),
+            steps=table(0, ROW),
+        )
+
+    @functools.cached_property
+    def obstacle(self) -> str:
+        """Why there is no compiled code."""
+        if self.zeros is None:
+            return TOO_STIFF
+        return "a forcing whose harmonics change along a branch"
+
+    def block(self, rows: Array) -> Block:
+        unknowns, tangents, signs, places, tries, seen = columns(rows, self.problem.n + 1)
+        gaps = MEASURED + self.count * self.walls
+        turns = gaps + self.count
+        cycle = seen[:, SPAN], seen[:, DETERMINANT], seen[:, PRODUCT, None]
+        nearest = seen[:, MEASURED:gaps].reshape(-1, self.count, self.walls)
+        points, flights = (unknowns, tangents, signs), (nearest, seen[:, gaps:turns])
+        measured = ManyOrbits(*points, *cycle, *flights, seen[:, turns:])
+        described, made = seen[:, :DESCRIBED].copy(), self.problem.described
+        return Block(*points, places, tries, described, made, measured=measured)
+
+    @functools.cached_property
+    def arrays(self) -> OrbitVectors:
+        given = self.vectors(ARRAYS)
+        if self.space:
+            given = given._replace(values=np.append(given.values, np.zeros(self.space)))
+        if self.variant == "law":
+            given = given._replace(steps=np.zeros((MOST, ROW)), zeros=np.zeros(2 * MOST))
+        return given
+
+    @functools.cached_property
+    def variant(self) -> str | None:
+        """How compiled code finds the zeros of the acceleration; None where it cannot."""
+        kernels, values = self.problem.kernels, self.problem.model.values.values()
+        harmonics = kernels.harmonics(*values)
+        if math.isnan(harmonics[0]):
+            return "law" if kernels.oscillates else None
+        if not kernels.depends("harmonics"):
+            return "fixed"
+        return "single" if len(harmonics) == 4 and harmonics[1] == 1 else None
+
+    def written(self) -> Program:
+        from .orbit_program import program_of
+
+        assert self.variant is not None
+        return program_of(self.problem.kernels, self.variant)
+
+
+def plain_functions(problem: OrbitProblem, fixed: list[float] | None) -> Functions[OrbitVectors]:
+    """Return what `take_steps` needs of a problem: evaluate, solve, tangent_at and observe.
+
+    `fixed` are the zeros of the acceleration, where they are the same along the branch.
+    """
+    kernels = problem.kernels
+    in_time = not math.isnan(kernels.harmonics(*problem.model.values.values())[0])
+    flight, excursion = kernels.flights, excursion_of(kernels, in_time)
+    moving = kernels.depends("harmonics")
+
+    def setup(values: Vector) -> Setup:
+        return kernels.setup(*values)
+
+    def evaluate(orbit: OrbitVectors, z: Vector) -> float:
+        try:
+            return evaluate_cycle(flight, setup, orbit, z)
+        except (ArithmeticError, ValueError):
+            return math.nan
+
+    def breaks(values: Vector, period: float, zeros: Vector) -> list[float] | None:
+        return time_zeros(kernels.harmonics(*values), period) if moving else fixed
+
+    def observe(
+        orbit: OrbitVectors, z: Vector, tangent: Vector, sign: float, row: Vector, at: int
+    ) -> None:
+        observe_cycle(breaks, excursion, orbit, z, row, at)
+
+    return evaluate, newton_step, tangent_of_cycle, observe

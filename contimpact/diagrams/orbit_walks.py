@@ -1,0 +1,178 @@
+"""Walks along branches of orbits: the backend, long flights, and the longest period."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import TYPE_CHECKING, Unpack
+
+from ..arrays import Array
+from ..bifurcations.extended_system import OrbitTest, meeting
+from ..bifurcations.status import explained
+from ..continuation.branch import TestFunction, Walk
+from ..continuation.ends import End, EndKind
+from ..continuation.problem import Problem
+from ..continuation.settings import Settings
+from ..continuation.step import Backend, Batch, DenseBackend, Position
+from ..continuation.walk import Options, walk
+from ..orbits.problem import Linearisation, OrbitProblem
+from ..segments.compiling import plainly
+from ..segments.kernels import Kernels
+from .orbit_backend import CycleBackend
+
+if TYPE_CHECKING:
+    from .chain_backend import ChainBackend
+
+
+# Where the forcing's period goes to infinity within a range, as where a frequency goes to zero.
+#
+# Along such a branch there is no end: orbits wind ever more often within a period, and each step is
+# shorter than the one before. It ends where the period is many times what it was at the start.
+
+LONGEST = 1e3
+"""How many times the period at its start a branch is followed to, where that has no bound."""
+
+HALVINGS = 200
+
+
+def bounded(
+    problem: OrbitProblem, start: Array, limits: tuple[float, float]
+) -> tuple[float, float]:
+    """Return the part of a range around a start in which the period is bounded."""
+    low, high = (_nearest(problem, start, limit) for limit in limits)
+    return low, high
+
+
+def _nearest(problem: OrbitProblem, start: Array, limit: float) -> float:
+    """The limit, or where the period is `LONGEST` times that at the start if it has none there."""
+    inside, outside = float(start[-1]), limit
+    has_none = problem.free != 1 or problem.autonomous
+    if has_none or math.isfinite(_times(problem, start, limit)):
+        return limit
+    for _ in range(HALVINGS):
+        middle = 0.5 * (inside + outside)
+        if _times(problem, start, middle) <= LONGEST:
+            inside = middle
+        else:
+            outside = middle
+    return inside if _times(problem, start, inside) > 0.5 * LONGEST else limit
+
+
+def _times(problem: OrbitProblem, start: Array, value: float) -> float:
+    """How many times the period at the start that at a value is; infinite where there is none."""
+    there = start.copy()
+    there[-1] = value
+    try:
+        ratio = float(problem.period(there) / problem.period(start))
+    except (ArithmeticError, ValueError):
+        return math.inf
+    return ratio if ratio > 0.0 else math.inf
+
+
+def told(
+    walk: Walk[Linearisation], problem: OrbitProblem, limits: tuple[float, float]
+) -> Walk[Linearisation]:
+    """Return a walk that says so where it ended for the period's sake."""
+    end = walk.end
+    if end.kind is not EndKind.RANGE or end.value in limits:
+        return walk
+    longer = End.of(EndKind.PERIOD, problem.parameter, end.value, times=f"{LONGEST:g}")
+    return replace(walk, end=longer)
+
+
+# Walks on which flights that are integrated may become too long to be computed as a whole.
+
+
+class UntilLong:
+    """A backend of whole flights until one of them is long, and dense linear algebra from there.
+
+    Parameters
+    ----------
+    whole : Backend
+    problem : Problem
+        Its problem, of which long flights are computed in pieces.
+    kernels : Kernels
+        Which notice that flights are long.
+    """
+
+    def __init__(self, whole: Backend, problem: Problem, kernels: Kernels) -> None:
+        self.whole, self.kernels = whole, kernels
+        self.pieces = DenseBackend(problem)
+        self.long = False
+
+    def advance(self, position: Position, most: int) -> Batch:
+        """Take steps until one is proposed or refused, but `most` of them, or fewer."""
+        if not self.long:
+            self.kernels.long = False
+            made = self.whole.advance(position, most)
+            if not self.kernels.long:
+                return made
+            self.long = True
+        return self.pieces.advance(position, most)
+
+
+def walk_orbits(
+    problem: OrbitProblem,
+    start: Array,
+    direction: int,
+    *,
+    tests: Sequence[TestFunction[Linearisation]] = (),
+    gaps: bool = True,
+    **options: Unpack[Options],
+) -> Walk[Linearisation]:
+    """As `contimpact.continuation.walk.walk`, for orbits: on a backend of their own.
+
+    With `gaps` it is decided at every point if the orbit is physical, and changes of that or of the
+    number of unstable multipliers are explained by events; see `contimpact.bifurcations.status`.
+    """
+    if problem.autonomous:
+        from .free_period_ends import FreePeriodEnds
+
+        options["stop"] = FreePeriodEnds(problem, options.get("stop"))
+    backend = backend_of(problem, tests, gaps)
+    at, name = (problem, start, direction), problem.parameter
+    asked = options["limits"]
+    options["limits"] = bounded(problem, start, asked)
+    found = walk(*at, parameter=name, tests=tests, backend=backend, meeting=meeting, **options)
+    found = told(found, problem, asked)
+    if not gaps:
+        return found
+    settings, switched = options.get("settings") or Settings(), options.get("tangent") is not None
+    return explained(problem, found, tests, settings, switched)
+
+
+def backend_of(
+    problem: OrbitProblem, tests: Sequence[TestFunction[Linearisation]], gaps: bool = True
+) -> CycleBackend | ChainBackend | UntilLong | None:
+    """Return a problem on block-cyclic elimination.
+
+    None where there is none: for several coordinates that do not move linearly or are more than
+    four, for two free parameters, for orbits without impacts, for free periods, and where jumps
+    move the gap coordinate or turn the motion on a surface.
+    """
+    if problem.free != 1 or not problem.word.walls:
+        return None
+    if problem.autonomous:
+        plainly("free periods")
+        return None
+    if problem.lost or not problem.kernels.passages.anchored:
+        plainly("modes of different dimension, and jumps that move the gap coordinate")
+        return None
+    if problem.kernels.may_leave_at_once(problem.word.walls):
+        plainly("flights that may leave their mode where they begin")
+        return None
+    needs = {need for test in tests if isinstance(test, OrbitTest) for need in test.needs}
+    wanted = gaps or "gaps" in needs, "doubling" in needs
+    if problem.m == 2:
+        backend = CycleBackend(problem, *wanted)
+        if not any(problem.kernels.flown(*kind) for kind in problem.kinds):
+            return backend
+
+        return UntilLong(backend, problem, problem.kernels)
+    from .chain_backend import ChainBackend
+
+    if not ChainBackend.follows(problem):
+        plainly("several coordinates that do not move linearly, or more than four of them")
+        return None
+    return ChainBackend(problem, *wanted)

@@ -1,0 +1,344 @@
+"""A scene simulated: sweeps, random starts, transitions, and the comparison with its branches.
+
+Results are kept in a `Checkpoint` as they are found, so that an interrupted run can be resumed. It
+then gives the same result: each value of a sweep depends only on the one before, and random starts
+depend on the seed and the value's number.
+"""
+
+from __future__ import annotations
+
+import time
+from dataclasses import dataclass, field
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from ..progress import Progress, silent
+from ..results.catalogue import diagram_files
+from ..results.result_folder import ROWS
+from ..results.scene import Scene
+from ..results.simulate_tables import SimulateOptions
+from ..segments.kernels import Kernels
+from ..simulation.attractor import Attractor, Kind
+from ..simulation.energy import require_masses
+from ..simulation.files import (
+    Checkpoint,
+    coverage_text,
+    energy_text,
+    fingerprint,
+    losses_text,
+    sweep_text,
+    transitions_text,
+)
+from ..simulation.sweep import Row, Simulators, Sweep, find_attractors, same, sweep_rows
+from ..simulation.transitions import Transition, all_changes, between, explained
+from ..storage.files import Content, write_all
+
+if TYPE_CHECKING:
+    from ..results.diagram import Diagram
+    from ..simulation.basins import Basins, Coverage
+    from ..simulation.simulator import Simulator
+
+STAGES = ("branches", "sweep", "random", "transitions", "coverage", "portraits", "basins")
+
+
+@dataclass
+class Simulation:
+    """What `simulate` found.
+
+    Attributes
+    ----------
+    scene : Scene
+    sweep : Sweep
+    transitions : list of Transition
+    diagram : Diagram or None
+        The scene's branches, where [simulate] asks for them.
+    coverage : Coverage or None
+        Likewise.
+    portraits : list of Row
+        Attractors at the values at which portraits are requested.
+    basins : list of Basins
+    interrupted : str or None
+        The stage at which the run was interrupted.
+    notes : list of str
+        What the branches have to say of themselves.
+    seconds : dict of str to float
+        Per stage.
+    resumed : int
+        Rows that an earlier run had found.
+    lost : str or None
+        Why what was found could not be kept as it was found, if so.
+    """
+
+    scene: Scene
+    sweep: Sweep
+    transitions: list[Transition] = field(default_factory=list)
+    diagram: Diagram | None = None
+    coverage: Coverage | None = None
+    portraits: list[Row] = field(default_factory=list)
+    basins: list[Basins] = field(default_factory=list)
+    interrupted: str | None = None
+    notes: list[str] = field(default_factory=list)
+    seconds: dict[str, float] = field(default_factory=dict)
+    resumed: int = 0
+    lost: str | None = None
+
+    @property
+    def counts(self) -> dict[str, int]:
+        """Numbers of rows, by kind, and of transitions where they were looked for."""
+        kinds = [row.attractor.kind.value for row in self.sweep.rows]
+        counts = {kind.value: kinds.count(kind.value) for kind in Kind}
+        periods = sum(row.attractor.periods for row in self.sweep.rows)
+        found = {"attractors": len(kinds)} | {k: n for k, n in counts.items() if n}
+        found["periods"] = periods
+        if self.scene.simulate is not None and self.scene.simulate.transitions:
+            found["transitions"] = len(self.transitions)
+        return found
+
+
+def simulate(
+    scene: Scene, folder: Path, *, resume: bool = False, progress: Progress | None = None
+) -> Simulation:
+    """Simulate a scene.
+
+    Parameters
+    ----------
+    scene : Scene
+        With a table [simulate].
+    folder : Path
+        Where what is found is kept as it is found.
+    resume : bool
+        Whether to go on from what is kept there.
+    progress : callable, optional
+        Called with a line of text now and then.
+
+    Returns
+    -------
+    Simulation
+        After an interruption from the keyboard, what was done until then.
+
+    Raises
+    ------
+    InputError
+        If what is to be resumed belongs to another scene, or is not of one run.
+    """
+    return _Director(scene, folder, resume, progress or silent).run()
+
+
+class _Director:
+    def __init__(self, scene: Scene, folder: Path, resume: bool, progress: Progress) -> None:
+        assert scene.simulate is not None
+        self.scene, self.progress = scene, progress
+        self.options: SimulateOptions = scene.simulate
+        kernels = Kernels(scene.model, scene.parameter)
+        if self.options.losses:
+            require_masses(scene.model, kernels, "simulate.losses")
+        digest = fingerprint(scene.resolved())
+        self.kept = Checkpoint(folder / ROWS, digest, resume, scene.model)
+        self.values = self.options.rising()
+        self.kept.check(self.options.sweeps(), set(self.values if self.options.starts else ()))
+        self.simulators = Simulators(scene.model, scene.parameter, kernels)
+        sweep = Sweep(scene.model, scene.parameter, [])
+        self.result = Simulation(scene, sweep, resumed=len(self.kept.rows))
+
+    def run(self) -> Simulation:
+        for stage in STAGES:
+            began = time.perf_counter()
+            try:
+                getattr(self, stage)()
+            except KeyboardInterrupt:
+                self.result.interrupted = stage
+            self.result.seconds[stage] = time.perf_counter() - began
+            if self.result.interrupted:
+                break
+        self.progress("")
+        self.result.lost = self.kept.lost
+        return self.result
+
+    def branches(self) -> None:
+        if self.options.branches:
+            from .explore import INTERRUPTED, follow
+
+            diagram = self.result.diagram = follow(self.scene, self.progress)
+            self.result.notes += diagram.statistics["notes"]
+            failure = diagram.statistics["failure"]
+            if failure == INTERRUPTED:
+                raise KeyboardInterrupt
+            if failure:
+                self.result.notes.append(f"branches: {failure}; what was followed is written")
+
+    # Sweeps.
+
+    def sweep(self) -> None:
+        """Each direction, going on after the rows there are."""
+        options, rows = self.options, self.result.sweep.rows
+        clock = _Clock("sweep", len(options.sweeps()) * options.values, self.progress)
+        for direction, values in options.sweeps():
+            known = [row for row in self.kept.rows if row.direction == direction]
+            rows += known
+            clock.skip(len(known))
+            start = known[-1].attractor.state if known else None
+            left = values[len(known) :]
+            named = f"{direction} in {self.scene.parameter}"
+            for row in sweep_rows(
+                self.simulators, left, start, options.settling, options.seed, direction
+            ):
+                self.kept.keep(row)
+                rows.append(row)
+                clock.tick(f"{named} = {row.value:.6g}: {row.attractor.notation}")
+
+    def random(self) -> None:
+        """Attractors that random starts find besides those of the sweeps."""
+        options, rows = self.options, self.result.sweep.rows
+        rows += [row for row in self.kept.rows if row.direction == "random"]
+        if not options.starts:
+            return
+        clock = _Clock("random starts", options.values, self.progress)
+        for number, value in enumerate(self.values):
+            if value in self.kept.tried:
+                clock.skip(1)
+                continue
+            known = [row.attractor for row in rows if row.value == value]
+            simulator, rng = self.simulators.at(value), (options.seed, number)
+            found = find_attractors(
+                simulator, options.starts, rng=rng, settling=options.settling, known=known
+            )
+            for attractor in found:
+                row = Row("random", value, attractor)
+                self.kept.keep(row)
+                rows.append(row)
+            self.kept.keep_tried(value)
+            clock.tick(f"{self.scene.parameter} = {value:.6g}")
+
+    # What follows from them.
+
+    def transitions(self) -> None:
+        if not self.options.transitions:
+            return
+        sweep, diagram = self.result.sweep, self.result.diagram
+        pairs = all_changes(sweep)
+        clock = _Clock("transitions", len(pairs), self.progress)
+        simulators = _Watched(self.simulators, clock)
+        for before, after in pairs:
+            key = (after.direction, after.value)
+            if key not in self.kept.changes:
+                found = between(
+                    simulators, before, after, self.options.width, self.options.settling
+                )
+                self.kept.keep_changes(*key, list(found))
+                clock.tick(f"{self.scene.parameter} = {after.value:.6g}")
+            else:
+                clock.skip(1)
+            self.result.transitions += [
+                explained(t, diagram, sweep) if diagram else t for t in self.kept.changes[key]
+            ]
+
+    def coverage(self) -> None:
+        if self.result.diagram is not None:
+            from ..simulation.basins import cover
+
+            self.progress("matching attractors with branches")
+            kernels = self.simulators.kernels
+            self.result.coverage = cover(self.result.sweep, self.result.diagram, kernels)
+
+    def portraits(self) -> None:
+        """The attractor at each requested value, reached from the first sweep's row before it."""
+        first = self.options.sweeps()[0][0]
+        for value in self.options.portraits:
+            self.progress(f"portrait at {self.scene.parameter} = {value:.6g}")
+            self.result.portraits.append(self.at(value, first))
+
+    def at(self, value: float, direction: str) -> Row:
+        """The attractor at a value, reached from a sweep's row before it."""
+        rows = self.result.sweep.of(direction)
+        sign = 1.0 if rows[-1].value >= rows[0].value else -1.0
+        earlier = [row for row in rows if sign * (value - row.value) >= 0.0] or rows[:1]
+        start, options = earlier[-1].attractor.state, self.options
+        return next(
+            sweep_rows(self.simulators, [value], start, options.settling, options.seed, direction)
+        )
+
+    def basins(self) -> None:
+        from ..simulation.basins import basins
+
+        for value in self.options.basins:
+            shown = f"basins at {self.scene.parameter} = {value:.6g}"
+            known: list[Attractor] = []
+            for direction, _ in self.options.sweeps():
+                attractor = self.at(value, direction).attractor
+                if attractor.settled and not any(same(attractor, other) for other in known):
+                    known.append(attractor)
+            simulator = self.simulators.at(value)
+
+            def report(done: int, total: int, shown: str = shown) -> None:
+                self.progress(f"{shown}: {done} of {total} starts")
+
+            shape, settling = (self.options.grid,) * 2, self.options.settling
+            self.result.basins.append(
+                basins(simulator, shape=shape, settling=settling, known=known, callback=report)
+            )
+
+
+class _Clock:
+    """Progress of a stage, with an estimate of the time left; also before its first piece."""
+
+    def __init__(self, stage: str, total: int, progress: Progress) -> None:
+        self.stage, self.total, self.progress = stage, total, progress
+        self.done, self.timed = 0, 0
+        self.began = time.perf_counter()
+        if total:
+            progress(f"{stage}: 0 of {total}")
+
+    def skip(self, count: int) -> None:
+        self.done += count
+
+    def working(self, text: str) -> None:
+        """Tell what is done for the next piece; how long that takes is not known."""
+        self.progress(f"{self.stage}: {self.done} of {self.total}; {text}")
+
+    def tick(self, text: str) -> None:
+        self.done += 1
+        self.timed += 1
+        each = (time.perf_counter() - self.began) / self.timed
+        left = each * (self.total - self.done)
+        place = f"{self.stage}: {self.done} of {self.total}"
+        self.progress(f"{place}, about {left:.0f} s left; {text}")
+
+
+class _Watched(Simulators):
+    """Simulators that tell which value is tried."""
+
+    def __init__(self, own: Simulators, clock: _Clock) -> None:
+        super().__init__(own.model, own.parameter, own.kernels)
+        self.clock = clock
+
+    def at(self, value: float) -> Simulator:
+        self.clock.working(f"trying {self.parameter} = {value:.9g}")
+        return super().at(value)
+
+
+def write_simulation(result: Simulation, folder: Path) -> list[str]:
+    """Write the tables of a simulation, also of an interrupted one.
+
+    Returns
+    -------
+    list of str
+        The files written, relative to the folder.
+    """
+    scene = result.scene
+    files: dict[str, Content] = {"sweep.csv": lambda: sweep_text(result.sweep)}
+    assert scene.simulate is not None
+    if scene.simulate.transitions:
+        files["transitions.json"] = partial(
+            transitions_text, result.transitions, scene.parameter, scene.simulate.width
+        )
+    if result.coverage is not None:
+        files["coverage.json"] = partial(coverage_text, result.coverage, scene.parameter)
+    if scene.simulate.losses:
+        kernels = Kernels(scene.model, scene.parameter)
+        files["losses.csv"] = partial(losses_text, result.sweep, kernels)
+    if scene.energy is not None:
+        files["energy.csv"] = partial(energy_text, scene.energy, result.sweep, result.diagram)
+    if result.diagram is not None:
+        files |= diagram_files(result.diagram)
+    return sorted(write_all(folder, files))

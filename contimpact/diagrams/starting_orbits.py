@@ -1,0 +1,322 @@
+"""The orbits that a diagram starts from, found by search.
+
+The search is a random one: a word is never said to have no orbit, only that none was found, where,
+and with how many starts.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from ..errors import InputError
+from ..models.guards import graph
+from ..models.model import Model
+from ..models.word import Word, parse_word, repetitions
+from ..orbits import search as orbits_search
+from ..orbits.orbit import Orbit
+from ..orbits.quiet import problem_of
+from ..orbits.search import Search, search, with_more
+from ..progress import Asked, Progress, asked, silent
+from ..results.scene import Scene
+from ..segments.kernels import Kernels
+
+if TYPE_CHECKING:
+    from ..storage.texts import Json
+
+
+SURVEYED = 9
+"""Values of the followed parameter at which words are looked for besides the start."""
+
+GLANCE = 64
+"""Random starts at such a value, unless a survey was asked for; where they find an orbit, it is
+searched as the start is."""
+
+
+@dataclass(frozen=True)
+class NotFound:
+    """A word of which no orbit was found at a scene's start.
+
+    Attributes
+    ----------
+    word : Word
+    notation : str
+    parameter : str
+    value : float
+        Of the followed parameter, at the start.
+    starts : int
+        Random starts in each round of the search.
+    rounds : int
+        Rounds that were made.
+    repeated : sequence of str
+        Orbits at the start that read as the word if they are run several times, by their notation.
+    tried : int
+        Other values at which orbits were looked for.
+    elsewhere : sequence of (float, int)
+        Those at which some were found, and how many.
+    starts_elsewhere : int
+        Random starts at each of them in the first round.
+    """
+
+    word: Word
+    notation: str
+    parameter: str
+    value: float
+    starts: int
+    rounds: int
+    repeated: tuple[str, ...] = ()
+    tried: int = 0
+    elsewhere: tuple[tuple[float, int], ...] = ()
+    starts_elsewhere: int = GLANCE
+
+    @classmethod
+    def of(cls, scene: Scene, kernels: Kernels, word: Word) -> NotFound:
+        """Tell what a search in vain at a scene's start has tried: it ends after two rounds."""
+        letters = scene.model.letters
+        shorter = [w for w in word.repeated() if orbits_at(scene, kernels, w, scene.start)]
+        tried = scene.parameter, scene.start, scene.starts, min(scene.rounds, 2)
+        repeated = tuple(w.notation(letters) for w in shorter)
+        return cls(
+            word, word.notation(letters), *tried, repeated, starts_elsewhere=_first(scene).starts
+        )
+
+    def also_at(self, value: float, count: int) -> NotFound:
+        """Return the same after a search at another value, and how many orbits it found."""
+        found = ((value, count),) if count else ()
+        return replace(self, tried=self.tried + 1, elsewhere=self.elsewhere + found)
+
+    @property
+    def but(self) -> str:
+        """What was found instead, in words; empty if nothing was."""
+        return f" but {repetitions(self.repeated)}" if self.repeated else ""
+
+    @property
+    def nearby(self) -> str:
+        """How many orbits there are elsewhere, in words."""
+        return ", ".join(f"{n} at {self.parameter} = {value:.6g}" for value, n in self.elsewhere)
+
+    def told(self, surveyed: bool) -> str:
+        """Return what a diagram's note says; a survey has followed what was found elsewhere."""
+        if self.elsewhere:
+            done = "followed from there" if surveyed else "follow.survey = true follows them"
+            return f"{self}; {self.nearby} ({done})"
+        return f"{self}" + (f", {self.nowhere}" if self.tried else "")
+
+    @property
+    def nowhere(self) -> str:
+        """Where else nothing was found, in words."""
+        starts = f"{self.starts_elsewhere} random starts at each"
+        return f"nor at {self.tried} other values within the range ({starts})"
+
+    def as_record(self) -> dict[str, Json]:
+        """Return plain data, as the manifest has it."""
+        return {
+            "word": self.word.walls,
+            "period": self.word.period,
+            "notation": self.notation,
+            "parameter": self.parameter,
+            "value": self.value,
+            "starts": self.starts,
+            "rounds": self.rounds,
+            "repeated": list(self.repeated),
+            "tried": self.tried,
+            "elsewhere": [[value, count] for value, count in self.elsewhere],
+            "starts_elsewhere": self.starts_elsewhere,
+        }
+
+    def __str__(self) -> str:
+        rounds = "1 round" if self.rounds == 1 else f"{self.rounds} rounds"
+        return (
+            f"no {self.word} orbit{self.but} was found at {self.parameter} = {self.value:.9g} "
+            f"({rounds} of {self.starts} random starts)"
+        )
+
+
+def placed(error: InputError, scene: Scene) -> InputError:
+    """Return an error of a scene's kernels at a key of the scene."""
+    if error.where == "parameter":
+        return error.within("follow")
+    of_model = error.where == "period" or error.where in scene.model.options
+    return error.within("model") if of_model else error
+
+
+def search_at(scene: Scene, kernels: Kernels, word: Word, value: float) -> Search:
+    """Search for a word at a value of a scene's parameter, with the scene's options."""
+    model = scene.model.replace(**{scene.parameter: value})
+    tried = scene.seed, scene.starts, scene.rounds
+    return search(model, word, scene.parameter, kernels, *tried)
+
+
+def orbits_at(scene: Scene, kernels: Kernels, word: Word, value: float) -> list[Orbit]:
+    """Find orbits of a word at a value of a scene's parameter, with the scene's options."""
+    return search_at(scene, kernels, word, value).orbits
+
+
+def with_settled(
+    scene: Scene,
+    kernels: Kernels,
+    found: Mapping[Word, Sequence[Orbit]],
+    progress: Progress = silent,
+) -> tuple[dict[Word, list[Orbit]], list[Orbit]]:
+    """Return the orbits of each word at a scene's start, and those on which simulations settle.
+
+    Nothing is simulated where the search has found an orbit of each word that attracts. Otherwise
+    what is simulated on orbits of these words is added to those that were found.
+    """
+    if all(attracts(orbits) for word, orbits in found.items() if word.walls):
+        return {word: list(orbits) for word, orbits in found.items()}, []
+    from .settled import of_word, settled_orbits
+
+    progress(f"simulating at {scene.parameter} = {scene.start:.9g}")
+    settled = settled_orbits(scene.model, kernels, scene.seed)
+    problems = {word: problem_of(scene.model, word, kernels) for word in found}
+    return {
+        word: with_more(orbits, problems[word], of_word(settled, word)) if word.walls else [*orbits]
+        for word, orbits in found.items()
+    }, settled
+
+
+def attracts(orbits: Iterable[Orbit]) -> bool:
+    """Whether one of the orbits is stable and physical."""
+    return any(orbit.stable and orbit.physical for orbit in orbits)
+
+
+def search_elsewhere(scene: Scene, kernels: Kernels, word: Word, value: float) -> Search:
+    """Search at a value besides the start: with few starts, if only to say where orbits are."""
+    if not scene.survey:
+        glance = search_at(_first(scene), kernels, word, value)
+        if not glance.orbits:
+            return glance
+    return search_at(scene, kernels, word, value)
+
+
+def _first(scene: Scene) -> Scene:
+    """The scene with the search by which other values are looked at first."""
+    return scene if scene.survey else replace(scene, starts=min(GLANCE, scene.starts), rounds=1)
+
+
+def surveyed(scene: Scene) -> list[float]:
+    """Return the values across a scene's range at which words are looked for."""
+    values: list[float] = np.linspace(*scene.range, SURVEYED + 2)[1:-1].tolist()
+    return values
+
+
+def not_found(scene: Scene, kernels: Kernels, word: Word, progress: Progress = silent) -> NotFound:
+    """Return what is known of a word without an orbit at the start, looked for elsewhere."""
+    found = NotFound.of(scene, kernels, word)
+    for value in surveyed(scene):
+        progress(f"looking for {word} at {scene.parameter} = {value:.6g}")
+        found = found.also_at(value, len(search_elsewhere(scene, kernels, word, value).orbits))
+    return found
+
+
+def refusal(missing: Sequence[NotFound], settled: Sequence[Orbit] = ()) -> InputError:
+    """Return the error of a scene of whose words none has an orbit at its start, where simulations
+    have settled on others."""
+    first = next((each for each in missing if each.elsewhere), missing[0])
+    others = [str(each.word) for each in missing if each is not first]
+    found = str(first) + (f", nor of {', '.join(others)}" if others else "")
+    return InputError("follow.orbits", found, _remedy(first, settled))
+
+
+def _remedy(lacking: NotFound, settled: Sequence[Orbit]) -> str:
+    """What to do about a word without an orbit at the start."""
+    if settled:
+        from .settled import named
+
+        words = " or ".join(str(named(orbit)) for orbit in settled)
+        return f"ask for {words}, on which simulation settles there; {_remedy(lacking, ())}"
+    shorter = f"ask for {' or '.join(lacking.repeated)}, or " if lacking.repeated else ""
+    if lacking.elsewhere:
+        start = f"start where one exists, by model.parameters.{lacking.parameter}"
+        return f"{shorter}{start}: {lacking.nearby}"
+    return f"{lacking.nowhere}; {shorter}try another word or parameters"
+
+
+def orbits_at_start(scene: Scene, kernels: Kernels, word: Word) -> list[Orbit]:
+    """Find the orbits of a word at a scene's start.
+
+    Raises
+    ------
+    InputError
+        If there is none; it says what was tried and what exists nearby.
+    """
+    found = orbits_at(scene, kernels, word, scene.start)
+    if not found:
+        raise refusal([not_found(scene, kernels, word)])
+    return found
+
+
+# The public search for orbits of a word: from random starts, and by simulation.
+
+
+def find_orbits(
+    model: Model,
+    word: str | Word,
+    parameter: str | None = None,
+    *,
+    kernels: Kernels | None = None,
+    rng: np.random.Generator | int = 0,
+    starts: int = 256,
+    rounds: int = 8,
+    progress: Asked = False,
+) -> list[Orbit]:
+    """Find the orbits of a word: stable, unstable and unphysical ones.
+
+    Parameters
+    ----------
+    model : Model
+        The system at the parameter values of interest.
+    word : str or Word
+        ``"2:1"``, ``"1:1/2T"``, ``"BTBT/2T"``, ...
+    parameter : str, optional
+        The parameter that will be followed; the first of the model by default, or the last where
+        the period is free: the first ones may bring a forcing.
+    kernels : Kernels, optional
+        Kernels to use, if some are at hand; they name the parameter.
+    rng : None, int or numpy.random.Generator, default 0
+        Where starts come from; see `numpy.random.default_rng`.
+    starts : int
+        Starts in one round; fewer for words of more than a dozen impacts.
+    rounds : int
+        Rounds at most; the search ends after two rounds in a row that find nothing new.
+    progress : bool or callable
+        Whether to tell on standard error how far the search is, or a function to call with lines
+        of text.
+
+    Returns
+    -------
+    list of Orbit
+        Sorted by the first impact's velocity, largest first; impacts in order of time, the first
+        in [0, T). Where several rotations of the word read the same, the first impact is the
+        fastest of those it can be. Repetitions of an orbit of shorter period are left out. The list
+        can be incomplete: the search is a random one.
+
+    Raises
+    ------
+    InputError
+        If the word cannot be read or the parameter is unknown.
+
+    Notes
+    -----
+    Where random starts lead to no orbit that is stable and physical, a few short simulations from
+    random states are made as well: an attractor on which one of them settles is found.
+    """
+    first = list(model.values)[-1 if model.autonomous else 0]
+    kernels = kernels or Kernels(model, parameter or first)
+    found = orbits_search.find_orbits(
+        model, word, kernels=kernels, rng=rng, starts=starts, rounds=rounds, progress=progress
+    )
+    if not isinstance(word, Word):
+        word = parse_word(word, model.letters, graph=graph(model.WALLS), free=model.autonomous)
+    if not word.walls or attracts(found):
+        return found
+    from .settled import of_word, settled_orbits
+
+    with asked(progress, f"find_orbits {word}") as tell:
+        tell("simulating from random states")
+        settled = of_word(settled_orbits(model, kernels, rng), word)
+    return orbits_search.with_more(found, problem_of(model, word, kernels), settled)

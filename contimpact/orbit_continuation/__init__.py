@@ -1,1 +1,0 @@
-"""Continuation of periodic orbits: from an orbit to its branch."""

@@ -1,1 +1,0 @@
-"""Whole diagrams: the orbits of a scene, their branches, and those born on them."""

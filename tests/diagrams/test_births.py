@@ -1,0 +1,166 @@
+"""Curves that start at points of codimension two on other curves."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+
+import numpy as np
+import pytest
+
+from contimpact.bifurcations.codimension_two import twice
+from contimpact.diagrams.codim2_curves import entries_born
+from contimpact.diagrams.curves import follow_curve
+from contimpact.diagrams.orbit_branch import continue_orbit
+from contimpact.orbits.search import find_orbits
+from contimpact.results.branch import orbit_of
+from contimpact.results.options import CURVE_SETTINGS
+from contimpact.segments.kernels import Kernels
+from contimpact.systems.impact_damper import ImpactDamper
+from contimpact.systems.impact_pair import ImpactPair
+
+RANGES = ((0.8, 40.0), (0.05, 0.9))
+KINDS = ("FB", "PD", "NS", "G")
+MODEL = ImpactPair(beta=math.pi / 3, r=0.7, A=3.0, s=0.5)
+PAIRS = Kernels(MODEL, "A", "r")
+
+
+def events(kind, model=MODEL, word="1:1"):
+    """The events of a kind on all branches of a word, over A."""
+    at = [model.replace(A=value) for value in (3.0, 9.0)]
+    return [
+        e
+        for there in at
+        for o in find_orbits(there, word, parameter="A", starts=32)
+        for e in continue_orbit(o, range=RANGES[0], events=(kind,)).events
+        if e.physical
+    ]
+
+
+def curve_with(kind, point, r):
+    """A point of codimension two on a curve of 1:1 that passes a value of r, and its entry."""
+    for entry in events(kind, MODEL.replace(r=r)):
+        curve = follow_curve(entry, MODEL, "r", *RANGES, kernels=PAIRS)
+        for found in curve.points:
+            if found.kind == point:
+                return entry, found
+    raise AssertionError(f"no {point} on a curve of {kind}")
+
+
+def born(entry, point):
+    return list(entries_born(entry, point, MODEL, KINDS, PAIRS, RANGES))
+
+
+def solves(entry, second="r"):
+    """The entry's own event, found anew on the branch through its orbit."""
+    model = MODEL.replace(**{second: entry.parameters[second]})
+    orbit = orbit_of(entry, model, Kernels(model, "A"))
+    near = (0.9 * entry.value, 1.1 * entry.value)
+    branch = continue_orbit(orbit, range=near, events=(entry.kind,))
+    return min(abs(e.value - entry.value) for e in branch.events)
+
+
+@pytest.fixture(scope="module")
+def turning():
+    return curve_with("PD", "GPD", 0.7)
+
+
+@pytest.fixture(scope="module")
+def grazing():
+    return curve_with("PD", "PD-G", 0.7)
+
+
+def test_the_fold_of_the_doubled_orbit_at_a_gpd(turning):
+    entry, point = turning
+    found = born(entry, point)
+    assert {(e.kind, e.word, e.period) for e in found} == {("FB", "BTBT", 2)}
+    assert all(e.residual < 1e-12 for e in found)
+    assert max(solves(e) for e in found) < 1e-9
+
+
+def test_it_ends_at_the_gpd(turning):
+    entry, point = turning
+    fold = born(entry, point)[0]
+    curve = follow_curve(fold, MODEL, "r", *RANGES, kernels=PAIRS)
+    (row,) = (i for i, end in zip((0, -1), curve.ends, strict=True) if end.kind.name == "SHORTER")
+    for name in ("A", "r"):
+        assert curve[name][row] == pytest.approx(point.parameters[name], abs=1e-9)
+    assert "became 1:1, run 2 times" in curve.ends[row].message
+    for one, other in (("v1", "v3"), ("v2", "v4")):
+        assert curve[one][row] == pytest.approx(curve[other][row], abs=1e-8)
+
+
+@pytest.mark.full
+def test_three_curves_meet_at_a_pd_g(grazing):
+    """The grazing of the orbit, and those of the doubled orbit on either side."""
+    entry, point = grazing
+    found = born(entry, point)
+    assert [(e.kind, e.word) for e in found] == [("G", "BT")] * 2 + [("G", "BTBT")] * 2
+    assert sum(e.physical for e in found if e.word == "BTBT") == 1
+    assert max(solves(e) for e in found if e.physical) < 1e-9
+
+
+@pytest.mark.full
+def test_the_folds_at_a_grazing():
+    """One of the orbit that grazes, one of that with an impact more: each physical on one side."""
+    entry, _ = curve_with("G", "G-PD", 0.55)
+    curve = follow_curve(entry, MODEL, "r", *RANGES, kernels=PAIRS)
+    words = []
+    for point in (p for p in curve.points if p.kind == "G-FB"):
+        pair = born(entry, point)
+        assert sorted(e.physical for e in pair) == [False, True]
+        assert max(solves(e) for e in pair if e.physical) < 1e-9
+        words += [e.word for e in pair if e.kind == "FB"]
+    assert sorted(words) == ["BT", "BT", "BTT", "BTT"]
+
+
+def test_an_orbit_run_twice(turning):
+    entry, _ = turning
+    here = orbit_of(entry, MODEL).linearisation
+    assert twice(here).largest_residual == pytest.approx(here.largest_residual, abs=1e-14)
+    assert twice(here).multipliers[0] == pytest.approx(here.multipliers[0] ** 2, abs=1e-9)
+
+
+def test_kinds_that_are_not_wanted_are_left_out(grazing):
+    entry, point = grazing
+    assert not list(entries_born(entry, point, MODEL, ("FB", "NS"), PAIRS, RANGES))
+
+
+@pytest.mark.slow
+def test_no_ns_begins_where_branch_points_pass_the_fold():
+    """The impact damper: at d = 27.20067 two multipliers are 1, and a branch of asymmetric orbits
+    is born on both sides; the eigenvectors are one that is its own image and one that is not."""
+    machine = ImpactDamper(d=26.9, r=0.8, mu=0.1, zeta=0.01, Omega=1.0)
+    orbits = find_orbits(machine, "RL", parameter="Omega", starts=16, rounds=1)
+    events = continue_orbit(orbits[0], range=(0.9615, 1.02), events=("FB",)).events
+    entry = next(e for e in events if e.kind == "FB")
+    settings = dataclasses.replace(CURVE_SETTINGS, max_step=0.02)
+    curve = follow_curve(entry, machine, "d", (0.93, 1.02), (26.5, 28.0), settings=settings)
+    found = {p.kind: p for p in curve.points}
+    assert found.keys() == {"R1", "FB-BP"}
+    assert found["R1"].parameters["d"] == pytest.approx(26.704401, abs=1e-6)
+    assert found["FB-BP"].parameters["d"] == pytest.approx(27.200670, abs=1e-6)
+    assert "no curve of NS begins" in found["FB-BP"].changes
+    pairs = Kernels(machine, "Omega", "d")
+    ranges = ((0.93, 1.02), (26.5, 28.0))
+    assert not list(entries_born(entry, found["FB-BP"], machine, ("NS",), pairs, ranges))
+
+
+@pytest.mark.slow
+def test_ns_of_a_machine_begins_where_two_multipliers_of_its_fold_are_one():
+    """The impact damper: its curve of NS passes what a run over d at Omega = 1 meets."""
+    machine = ImpactDamper(d=26.9, r=0.8, mu=0.1, zeta=0.01, Omega=1.0)
+    ranges = ((0.93, 1.02), (15.0, 27.0))
+    orbits = find_orbits(machine, "RL", parameter="Omega", starts=16, rounds=1)
+    events = continue_orbit(orbits[0], range=(0.9615, 1.02), events=("FB",)).events
+    entry = next(e for e in events if e.kind == "FB")
+    curve = follow_curve(entry, machine, "d", *ranges)
+    points = [p for p in curve.points if p.kind == "R1"]
+    point = min(points, key=lambda p: abs(p.parameters["d"] - 26.7044))  # at the other one is a BP
+    pairs = Kernels(machine, "Omega", "d")
+    begun = next(iter(entries_born(entry, point, machine, ("NS",), pairs, ranges)))
+    torus = follow_curve(begun, machine, "d", *ranges, values=[26.324193380652915])
+    (end,) = (e for e in torus.ends if e.kind.name == "RESONANCE")
+    assert end.value == pytest.approx(point.parameters["Omega"], abs=1e-6)
+    there = torus["Omega"][torus["event"] == "UZ"]
+    assert np.min(np.abs(there - 1.0)) < 1e-9  # catalogued, from a run over d

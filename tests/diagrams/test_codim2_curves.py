@@ -1,0 +1,209 @@
+"""Points of codimension two followed in a third parameter."""
+
+from __future__ import annotations
+
+import json
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from zoo import ROOT, scene
+
+from contimpact.bifurcations.registry import kind_of
+from contimpact.diagrams.codim2_curves import follow_codim2
+from contimpact.diagrams.curve_problem import CurveProblem, double_of
+from contimpact.diagrams.curves import follow_curve
+from contimpact.diagrams.explore import follow
+from contimpact.diagrams.orbit_branch import continue_orbit
+from contimpact.errors import InputError
+from contimpact.models.word import Word
+from contimpact.orbits.problem import OrbitProblem
+from contimpact.orbits.search import find_orbits
+from contimpact.results.catalogue import load_diagram, write_diagram
+from contimpact.segments.kernels import Kernels
+from contimpact.systems.impact_pair import ImpactPair
+
+PANELS = {
+    "A": ({"A": 5.0, "s": 0.4}, "s", (0.03, 1.2)),
+    "s": ({"A": 7.0, "s": 0.5}, "A", (0.8, 40.0)),
+}
+CROSSINGS = {
+    "A": {
+        1: (0.191990392, 0.394006503),
+        2: (0.205889307, 0.295513665),
+        3: (0.229925231, 0.185725166),
+    },
+    "s": {
+        1: (0.188204593, 0.429318118),
+        2: (0.194621522, 0.372079625),
+        3: (0.204431375, 0.304161346),
+        4.5: (0.240265313, 0.151180589),
+    },
+}
+"""d and r where PD and grazing of 1:1 cross, by beta in units of pi/18: docs/curves.md, from curves
+in two parameters and one-parameter runs."""
+ALL = ((0.01, 0.99), (0.001, math.pi / 2))
+
+
+def curve_at(panel, kind, beta=math.pi / 6, which=0, limits=(0.02, 0.95), r=0.5):
+    """An entry at some beta, its curve in r, and the model."""
+    values, first, span = PANELS[panel]
+    model = ImpactPair(beta=beta, r=r, **values)
+    orbit = next(o for o in find_orbits(model, "1:1", parameter=first) if o.physical)
+    events = continue_orbit(orbit, range=span, events=("FB", "PD", "G")).events
+    entry = [e for e in events if e.kind == kind][which]
+    return entry, follow_curve(entry, model, "r", span, limits), model
+
+
+def point_of(curve, *kinds):
+    return next(p for p in curve.points if p.kind in kinds)
+
+
+def in_beta(panel, entry, point, **given):
+    ranges = [PANELS[panel][2], *ALL]
+    return follow_codim2(entry, point, second="r", third="beta", ranges=ranges, **given)
+
+
+@pytest.mark.parametrize("kind", ["PD", "G"])
+@pytest.mark.parametrize("panel", list(PANELS))
+@pytest.mark.quick(1)
+def test_one_curve_through_all_published_crossings(panel, kind):
+    entry, curve, _ = curve_at(panel, kind)
+    wanted = {n * math.pi / 18: place for n, place in CROSSINGS[panel].items()}
+    found = in_beta(panel, entry, point_of(curve, "PD-G", "G-PD"), values=list(wanted))
+    assert (found.kind, found.parameters[1:]) == ("PD-G", ("r", "beta"))
+    for beta, (d, r) in wanted.items():
+        row = int(np.argmin(np.abs(found["beta"] - beta)))
+        assert abs(found["beta"][row] - beta) < 1e-14
+        assert abs(found["r"][row] - r) < 1e-9
+        assert abs(found["d"][row] - d) < 1e-9
+    assert not found.missed
+
+
+@pytest.mark.parametrize(
+    ("kind", "name", "angles", "which", "tolerance"),
+    [
+        ("PD", "PD-G", (0.5, 0.6), 0, 1e-10),
+        ("G", "G-PD", (0.5, 0.6), 0, 1e-10),
+        ("PD", "GPD", (math.pi / 3, 7 * math.pi / 18), 1, 1e-7),
+    ],
+)
+@pytest.mark.full
+def test_as_on_a_curve_at_another_angle(kind, name, angles, which, tolerance):
+    """GPD is bracketed along the curve in two parameters: to the square root of rounding."""
+    here, there = angles
+    r = 0.85 if name == "GPD" else 0.5
+    entry, curve, _ = curve_at("s", kind, beta=here, r=r, which=which)
+    _, other, _ = curve_at("s", kind, beta=there, r=r, which=which)
+    found = in_beta("s", entry, point_of(curve, name), values=[there])
+    rows = np.nonzero(np.abs(found["beta"] - there) < 1e-13)[0]
+    point = point_of(other, name).parameters
+    away = [max(abs(found[n][i] / point[n] - 1.0) for n in ("A", "r")) for i in rows]
+    assert min(away) < tolerance
+
+
+@pytest.mark.parametrize("name", ["PD-G", "GPD"])
+def test_jacobian_against_differences(name):
+    values = {"PD-G": ("s", "PD", 0.5, 0.5), "GPD": ("s", "PD", math.pi / 3, 0.85)}[name]
+    panel, kind, beta, r = values
+    entry, curve, model = curve_at(panel, kind, beta=beta, r=r)
+    point = point_of(curve, name)
+    first = PANELS[panel][1]
+    at = model.replace(**{n: point.parameters[n] for n in (first, "r")})
+    problem = OrbitProblem(at, Word(entry.word), Kernels(at, first, "r", "beta"))
+    rows = [[impact["time"], impact["velocity"]] for impact in point.impacts]
+    orbit = np.append(np.ravel(rows), [at.values[n] for n in (first, "r", "beta")])
+    here = problem.evaluate(orbit)
+    double = double_of(here, name, kind_of(kind), {})
+    curve = CurveProblem(double.kind, double.system, double.details, [1.0, 1.0])
+    z = curve.packed(orbit, double.system.start(here))
+    assert np.max(np.abs(curve.evaluate(z).residual)) < 1e-9
+    exact, h = curve.evaluate(z).jacobian, 1e-6
+    for i in range(len(z)):
+        step = h * np.eye(len(z))[i]
+        rate = (curve.evaluate(z + step).residual - curve.evaluate(z - step).residual) / (2 * h)
+        scale = 1.0 + np.abs(exact[:, i])
+        assert np.max(np.abs(rate - exact[:, i]) / scale) < 1e-6
+
+
+@pytest.mark.full
+def test_two_points_meet_where_the_angle_turns():
+    """Two G-FB of one curve at beta = pi/18, none at pi/9."""
+    entry, curve, _ = curve_at("A", "G", beta=math.pi / 18)
+    found = in_beta("A", entry, point_of(curve, "G-FB"))
+    turn = point_of(found, "turn")
+    counts = []
+    for beta in (turn.parameters["beta"] - 0.005, turn.parameters["beta"] + 0.005):
+        _, other, _ = curve_at("A", "G", beta=beta)
+        near = [p for p in other.points if p.kind == "G-FB" and p.parameters["r"] < 0.3]
+        counts.append(len(near))
+    assert counts[0] == counts[1] + 2
+
+
+def test_codimension_three_is_the_same_in_either_family():
+    """The pair depends on d, gbar and r alone: s and A are two ways through the same points."""
+    found = []
+    for name in ("fig6_A", "fig6_s"):
+        catalogue = json.loads((ROOT / "branches" / name / "catalogue.json").read_text())
+        points = [p for c in catalogue["codimension2_curves"] for p in c["codimension2"]]
+        places = [p["parameters"] for p in points if p["kind"] == "PD-G, GPD"]
+        found.append([[p[n] for n in ("d", "gbar", "r")] for p in places])
+    assert len(found[0]) == 1
+    assert found[0] == [pytest.approx(place, rel=1e-11) for place in found[1]]
+
+
+@pytest.mark.full
+def test_a_scene_follows_each_point_once(tmp_path):
+    given = scene(
+        model={"system": "impact-pair", "parameters": {"beta": 0.5, "r": 0.3, "A": 5.0, "s": 0.4}},
+        follow={"parameter": "s", "range": [0.03, 1.2], "orbits": ["1:1"], "switch": []},
+        detect={"events": ["PD", "G"]},
+        curves={
+            "parameter": "r",
+            "range": [0.0, 0.95],
+            "third": {"parameter": "beta", "range": [0.1, 1.5]},
+        },
+    )
+    diagram = follow(given)
+    found = [p.kind for c in diagram.curves for p in c.points]
+    assert {"PD-G", "G-PD"} <= {*found}
+    crossing = [c for c in diagram.codim2_curves if (c.kind, c.word) == ("PD-G", "BT")]
+    assert len(crossing) == 1
+    assert crossing[0].parameters == ("s", "r", "beta")
+    write_diagram(diagram, tmp_path)
+    again = load_diagram(tmp_path)
+    assert again == diagram
+    assert min(curve["r"].min() for curve in again.curves) == 0.0
+
+
+def test_what_is_refused():
+    entry, curve, _ = curve_at("A", "PD")
+    point = point_of(curve, "PD-G")
+    with pytest.raises(InputError, match="range of beta"):
+        follow_codim2(
+            entry, point, second="r", third="beta", ranges=[(0.03, 1.2), (0, 1), (0, 0.1)]
+        )
+    with pytest.raises(InputError, match="ranges"):
+        follow_codim2(entry, point, second="r", third="beta", ranges=[(0.03, 1.2)])
+    with pytest.raises(InputError, match="twice"):
+        follow_codim2(entry, point, second="r", third="r", ranges=[(0.03, 1.2), (0, 1), (0, 1)])
+    with pytest.raises(InputError, match="accepted: "):
+        in_beta("A", entry, replace(point, kind="CP"))
+
+
+@pytest.mark.parametrize(
+    ("third", "message"),
+    [
+        ({"parameter": "r", "range": [0, 1]}, "third.parameter"),
+        ({"parameter": "b", "range": [0, 1]}, "no parameter"),
+        ({"parameter": "beta", "range": [1.0, 1.2]}, "third.range"),
+        ({"parameter": "beta", "range": [0, 1], "values": [1]}, "third"),
+    ],
+)
+def test_scenes_that_are_refused(third, message):
+    with pytest.raises(InputError, match=message):
+        scene(
+            detect={"events": ["PD", "G"]},
+            curves={"parameter": "r", "range": [0.0, 0.95], "third": third},
+        )

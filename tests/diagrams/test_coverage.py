@@ -1,0 +1,189 @@
+"""Maps of curves covered by lines in both directions."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+
+import numpy as np
+import pytest
+from zoo import scene
+
+from contimpact.diagrams.explore import follow
+from contimpact.diagrams.map_lines import passes, run_along
+from contimpact.errors import InputError
+from contimpact.page.data import remarks_in
+from contimpact.results.catalogue import load_diagram, write_diagram
+from contimpact.segments.kernels import Kernels
+
+RANGES = {"A": (0.8, 40.0), "r": (0.05, 0.9)}
+
+
+def map_of(beta, r=0.5, word="1:1", cover=2, **curves):
+    """PD and grazing over (A, r) at s = 0.5 m, as in Figs. 6(b) and 6(d), from one value of r."""
+    return scene(
+        model={
+            "system": "impact-pair",
+            "parameters": {"beta": beta, "r": r, "A": 7.0, "s": 0.5},
+        },
+        follow={"parameter": "A", "range": list(RANGES["A"]), "orbits": [word], "switch": []},
+        detect={"events": ["FB", "PD", "G"]},
+        curves={"parameter": "r", "range": list(RANGES["r"]), "cover": cover, **curves},
+        numerics={"starts": 32},
+    )
+
+
+@pytest.fixture(scope="module")
+def covered():
+    given = map_of(math.pi / 3)
+    return given, follow(given)
+
+
+@pytest.mark.full
+def test_both_doublings_of_fig_6b_are_found(covered):
+    """At large r a second region of 1:1 is bounded by PD curves far above the first; none of them
+    passes r = 0.5."""
+    _, diagram = covered
+    upper = [c for c in diagram.curves if c.kind == "PD" and c["d"].max() > 0.5]
+    assert upper
+    assert min(c["r"].min() for c in upper) > 0.5
+    assert any(c.kind == "PD" and c["r"].min() < 0.06 for c in diagram.curves)
+
+
+@pytest.mark.parametrize("held", ["A", "r"])
+@pytest.mark.quick(1)
+def test_nothing_off_the_curves_on_other_lines(covered, held):
+    given, diagram = covered
+    varying = "A" if held == "r" else "r"
+    kernels = Kernels(given.model, varying)
+    own = Kernels(given.model, "A")
+    met = 0
+    for value in np.random.default_rng(5).uniform(*RANGES[held], 3):
+        model = given.model.replace(**{held: value})
+        searched = np.linspace(*RANGES[varying], 6)[1:-1].tolist()
+        runs = run_along(given, model, given.orbits[0], kernels, RANGES[varying], searched)
+        for entry in (e for run in runs for e in run.branch("b", kinds=("PD", "G")).events):
+            if entry.physical:
+                there = dataclasses.replace(entry, parameter="A")
+                assert any(passes(curve, there, given.model, own) for curve in diagram.curves)
+                met += 1
+    assert met >= 3
+
+
+def test_the_statement(covered, tmp_path):
+    _, diagram = covered
+    told, *others = diagram.coverage
+    assert told.complete
+    assert not told.switched
+    assert all(other.switched and other.lines == told.lines for other in others)
+    assert not told.uncovered
+    assert told.started > 0
+    assert {"A", "r"} == {*told.lines}
+    assert all(len(set(values)) == len(values) >= 2 for values in told.lines.values())
+    assert "on no curve" not in str(told)
+    write_diagram(diagram, tmp_path)
+    assert load_diagram(tmp_path) == diagram
+
+
+def test_curves_of_doubled_orbits(covered):
+    """One begins at the PD-G of Fig. 6(b); it belongs to no branch that a line meets by search."""
+    _, diagram = covered
+    (point,) = (p for c in diagram.curves if c.word == "BT" for p in c.points if p.kind == "PD-G")
+    (told,) = (c for c in diagram.coverage if c.notation == "1:1/2T")
+    assert told.born > 0
+    assert "at points of codimension two" in str(told)
+    ends = [
+        (c["A"][row], c["r"][row])
+        for c in diagram.curves
+        if (c.kind, c.word) == ("G", "BTBT")
+        for row, end in zip((0, -1), c.ends, strict=True)
+        if end.kind.name == "SHORTER"
+    ]
+    place = point.parameters["A"], point.parameters["r"]
+    # the end is bracketed where two impacts become one: to the root of the corrector's tolerance
+    assert any(end == pytest.approx(place, rel=1e-8) for end in ends)
+
+
+@pytest.mark.full
+def test_branches_that_lines_switch_to():
+    """With `switch`, entries of the doubled orbit are met on lines as well."""
+    given = map_of(math.pi / 3, cover=1)
+    given = dataclasses.replace(given, switch=("PD",), depth=1)
+    doubled = [c for c in follow(given).coverage if c.notation == "1:1/2T"]
+    assert doubled
+    assert doubled[0].entries > 0
+    assert doubled[0].switched
+
+
+def test_words_that_no_line_follows_are_not_said_to_be_complete(covered):
+    """Without `switch` no line has a branch of the doubled orbit, whose curves start at a PD-G."""
+    _, diagram = covered
+    (told,) = (c for c in diagram.coverage if c.notation == "1:1/2T")
+    assert (told.entries, told.branches) == (0, 0)
+    assert not told.complete
+    assert "no line followed these orbits" in str(told)
+    assert diagram.coverage[0].branches > 0
+    assert diagram.coverage[0].complete
+
+
+def test_branches_that_lines_leave_out_are_reported():
+    given = dataclasses.replace(map_of(math.pi / 3, cover=1), switch=("PD",), depth=1)
+    told = follow(dataclasses.replace(given, max_branches=1)).coverage[0]
+    assert told.left_out
+    assert "follow.max_branches = 1" in str(told)
+
+
+def test_a_map_without_lines_says_what_it_did_not_look_for():
+    diagram = follow(map_of(math.pi / 3, cover=0))
+    (note,) = diagram.statistics["notes"]
+    assert "r = 0.5" in note
+    assert "curves.cover" in note
+
+
+def test_the_page_remarks_on_coverage(covered):
+    _, diagram = covered
+    remarks = remarks_in(diagram.statistics, diagram.coverage)
+    assert [f"covered: {told}" for told in diagram.coverage] == remarks[-len(diagram.coverage) :]
+    assert remarks[: -len(diagram.coverage)] == [str(limit) for limit in diagram.limits]
+
+
+def test_each_curve_once(covered):
+    _, diagram = covered
+    compared = 0
+    for one in diagram.curves:
+        for entry in diagram.entries:
+            if entry.id == one.origin:
+                compared += 1
+                there = [c for c in diagram.curves if c.kind == entry.kind]
+                own = Kernels(covered[0].model, "A")
+                assert sum(passes(c, entry, covered[0].model, own) for c in there) == 1
+    assert compared == len(diagram.curves) > 1
+
+
+@pytest.mark.full
+def test_a_map_without_an_orbit_at_its_own_value():
+    """At s = 0.5 m there is no 2:1 orbit at A = 7 and r = 0.5."""
+    diagram = follow(map_of(math.pi / 6, word="2:1", cover=1))
+    assert {"PD", "G"} <= {c.kind for c in diagram.curves}
+    with pytest.raises(InputError, match="no BBT orbit was found"):
+        follow(map_of(math.pi / 6, word="2:1", cover=0))
+
+
+def test_a_map_without_orbits_says_where_they_were_looked_for():
+    given = map_of(math.pi / 6, word="2:1", cover=1)
+    curves = dataclasses.replace(given.curves, range=(0.49, 0.51))
+    with pytest.raises(InputError, match=r"nor at [1-9]"):
+        follow(dataclasses.replace(given, range=(6.9, 7.1), curves=curves))
+
+
+@pytest.mark.full
+def test_ghosts_of_unphysical_orbits_are_followed_but_not_asked_of_lines():
+    """There is no end to unphysical orbits: curves of theirs start at runs, of the kinds named."""
+    given = map_of(math.pi / 6, word="2:1", cover=1, reach=0, unphysical=["PD"], start=[0.2])
+    diagram = follow(dataclasses.replace(given, starts=16, range=(3.0, 12.0)))
+    ghosts = [c for c in diagram.curves if not c["physical"].any()]
+    assert {c.kind for c in ghosts} == {"PD"}
+    assert {c.word for c in diagram.curves} == {"BBT"}  # the scene's, which reaches for no other
+    (told,) = diagram.coverage
+    assert told.complete
+    assert not told.uncovered

@@ -1,0 +1,131 @@
+"""Curves on the scalar backend: against dense linear algebra, and compiled to the last bit."""
+
+from __future__ import annotations
+
+import importlib.util
+import math
+
+import numpy as np
+import pytest
+
+from contimpact.arrays import LISTS
+from contimpact.bifurcations.extended_system import SingularCycle
+from contimpact.bifurcations.registry import kind_of
+from contimpact.bifurcations.torus import SingularPair
+from contimpact.continuation.step import DenseBackend
+from contimpact.diagrams import curve_backend, curves
+from contimpact.diagrams.curve_backend import LONGEST, backend_of, factor
+from contimpact.diagrams.curve_problem import CurveProblem, curve_problem
+from contimpact.diagrams.curves import follow_curve
+from contimpact.diagrams.orbit_branch import continue_orbit
+from contimpact.models.word import Word
+from contimpact.orbits.problem import OrbitProblem
+from contimpact.orbits.search import find_orbits
+from contimpact.segments import compiling
+from contimpact.segments.kernels import Kernels
+from contimpact.systems.impact_pair import ImpactPair
+
+MODEL = ImpactPair(beta=math.pi / 3, r=0.55, A=9.0, s=0.5)
+RANGES = ((0.8, 40.0), (0.05, 0.9))
+PAIRS = Kernels(MODEL, "A", "r")
+KINDS = ("FB", "PD", "G")
+needs_numba = pytest.mark.skipif(
+    importlib.util.find_spec("numba") is None, reason="the extra 'fast' is not installed"
+)
+
+
+@pytest.fixture(scope="module")
+def entries():
+    """An FB, a PD and a G of 1:1."""
+    return {
+        entry.kind: entry
+        for orbit in find_orbits(MODEL, "1:1", parameter="A", starts=32)
+        for entry in continue_orbit(orbit, range=RANGES[0], events=KINDS).events
+    }
+
+
+def problem_at(entry):
+    return curve_problem(MODEL, entry, "r", PAIRS, RANGES[0][1] - RANGES[0][0])
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_residual_and_jacobian_are_those_of_the_system(entries, kind):
+    problem, start = problem_at(entries[kind])
+    backend = backend_of(problem)
+    vectors = backend.vectors(len(start), LISTS)
+    z = start * (1.0 + 1e-3 * np.random.default_rng(3).uniform(-1, 1, len(start)))
+    expected = problem.evaluate(z)
+    worst = backend.evaluate(vectors, z.tolist())
+    assert worst == pytest.approx(np.max(np.abs(expected.residual)), rel=1e-12)
+    assert vectors.residual == pytest.approx(expected.residual, abs=1e-14)
+    sizes = np.max(np.abs(expected.jacobian), axis=1)
+    for row, other, size in zip(vectors.jacobian, expected.jacobian, sizes, strict=True):
+        assert row == pytest.approx(other, abs=1e-13 * size)
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_steps_are_those_of_dense_linear_algebra(entries, kind, monkeypatch):
+    curve = follow_curve(entries[kind], MODEL, "r", *RANGES, kernels=PAIRS)
+    monkeypatch.setattr(curves, "backend_of", DenseBackend)
+    dense = follow_curve(entries[kind], MODEL, "r", *RANGES, kernels=PAIRS)
+    assert len(curve) == len(dense)
+    assert [end.kind for end in curve.ends] == [end.kind for end in dense.ends]
+    for name in ("s", "r", "arclength"):
+        assert curve[name] == pytest.approx(dense[name], abs=1e-9)
+    assert [p.kind for p in curve.points] == [p.kind for p in dense.points]
+    assert np.max(curve["residual"]) <= 1e-13
+
+
+def test_a_system_is_eliminated_with_pivots():
+    matrix = np.random.default_rng(1).normal(size=(7, 7))
+    matrix[0, 0] = 0.0
+    rows, right = matrix.tolist(), [1.0] * 7
+    sign, logarithm = factor(rows, right)
+    expected = np.linalg.slogdet(matrix)
+    assert sign == expected[0]
+    assert logarithm == pytest.approx(expected[1], abs=1e-12)
+    singular = [[1.0, 2.0], [0.0, 0.0]]
+    assert factor(singular, [1.0, 1.0])[0] == 0.0
+
+
+def test_what_is_left_to_dense_linear_algebra():
+    def made(word, system):
+        orbit = OrbitProblem(MODEL, Word(word, len(word) // 2), PAIRS)
+        return backend_of(CurveProblem(kind_of("PD"), system(orbit), {}, [1.0]))
+
+    def doubling(orbit):
+        return SingularCycle(orbit, -1.0)
+
+    assert made("BT" * (LONGEST // 2), doubling) is not None
+    assert made("BT" * (LONGEST // 2 + 1), doubling) is None
+    assert made("BT", SingularPair) is None
+
+
+def test_a_process_that_has_computed_much_else_compiles_no_short_curve(entries, monkeypatch):
+    monkeypatch.setenv("CONTIMPACT_COMPILED", "auto")
+    monkeypatch.setattr(compiling, "_SPENT", [1e9])
+    monkeypatch.setattr(compiling, "_make", lambda *given: pytest.fail("it compiles"))
+    follow_curve(entries["G"], MODEL, "r", *RANGES, kernels=PAIRS)
+
+
+@needs_numba
+@pytest.mark.parametrize(
+    "kind", ["G", *(pytest.param(kind, marks=pytest.mark.slow) for kind in ("FB", "PD"))]
+)
+@pytest.mark.full
+def test_compiled_curves_are_the_same_to_the_last_bit(
+    entries, kind, monkeypatch, plain_and_compiled
+):
+    compiled = []
+    advance = curve_backend.CurveBackend.advance
+
+    def noted(self, position, most):
+        compiled.append(self.compiled is not None)
+        return advance(self, position, most)
+
+    monkeypatch.setattr(curve_backend.CurveBackend, "advance", noted)
+    plain, fast = plain_and_compiled(
+        lambda: follow_curve(entries[kind], MODEL, "r", *RANGES, kernels=PAIRS)
+    )
+    assert {*compiled} == {False, True}
+    assert fast == plain

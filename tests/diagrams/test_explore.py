@@ -1,0 +1,261 @@
+"""A scene's whole diagram: each orbit once, and nothing missed between its events."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+import pytest
+from zoo import ROOT
+
+from contimpact import (
+    InputError,
+    continue_born,
+    find_orbits,
+    follow,
+    load_diagram,
+    load_scene,
+    read_scene,
+    write_diagram,
+)
+from contimpact.diagrams import starting_orbits
+from contimpact.orbits.search import Search
+from contimpact.results.diagram import Diagram
+from contimpact.results.diagram_reading import read
+
+FIG7 = ROOT / "branches" / "fig7" / "scene.toml"
+SMALL = {
+    "name": "small",
+    "model": {
+        "system": "impact-pair",
+        "parameters": {"beta": "pi/6", "r": 0.3, "A": 5.0, "s": 0.34},
+    },
+    "follow": {"parameter": "s", "range": [0.3, 0.4], "orbits": ["1:1"]},
+    "detect": {"events": ["PD", "G"]},
+}
+
+
+def small(**follow_keys):
+    return read_scene({**SMALL, "follow": SMALL["follow"] | follow_keys})
+
+
+@pytest.mark.full
+def test_every_change_of_physicality_is_an_event():
+    """Where an orbit begins to pass a wall it grazes it, or an impact appears or vanishes."""
+    scene = dataclasses.replace(load_scene(FIG7), events=("FB", "BP", "PD", "G", "V", "T"))
+    passing = 0
+    for branch in follow(scene).branches:
+        reasons, events = branch["reason"], branch["event"]
+        for i in np.nonzero(np.diff(branch["physical"]))[0]:
+            if "passes wall" in reasons[i] + reasons[i + 1]:
+                passing += 1
+                assert events[i] or events[i + 1], (branch.id, branch["s"][i])
+    assert passing == 4
+
+
+def test_rotated_words_are_one():
+    assert len(follow(small(orbits=["BT", "TB"])).branches) == len(follow(small()).branches)
+
+
+def limited(**follow_keys):
+    """The limits that a diagram of 1:1 and 2:1 reports, and the diagram."""
+    found = follow(small(**{"orbits": ["1:1", "2:1"], "range": [0.27, 0.4]} | follow_keys))
+    return {limit.key: limit for limit in found.limits}, found
+
+
+def test_orbits_that_max_branches_leaves_out_are_reported():
+    """All words are looked for; what is found and not followed is named, with the word."""
+    whole, every = limited(orbits=["1:1", "1:1/2T"])
+    cut, found = limited(orbits=["1:1", "1:1/2T"], max_branches=1)
+    assert "follow.max_branches" not in whole
+    assert [b.id for b in found.branches] == ["b1"]
+    assert len(every.branches) > 1
+    limit = cut["follow.max_branches"]
+    words = {f"{b.word}/2T" if b.period > 1 else b.word for b in every}
+    assert limit.value == 1
+    assert {name for name, _ in limit.left_out} <= {f"{word} at s = 0.34" for word in words}
+    assert any("BTBT/2T" in name for name, _ in limit.left_out)
+    assert str(limit) in found.statistics["notes"]
+    assert "follow.max_branches = 1 was reached; orbits not followed: " in found._repr_html_()
+
+
+def test_events_that_limits_leave_unswitched_are_named():
+    """By the budget of branches, and by the depth."""
+    for keys, key in (({"max_branches": 1}, "follow.max_branches"), ({"depth": 0}, "follow.depth")):
+        cut, found = limited(orbits=["1:1"], switch=["PD", "G"], **keys)
+        events = [f"{e.id} ({e.label})" for e in found.entries]
+        assert [name for name, _ in cut[key].left_out] == events
+        assert cut[key].what == "events not switched at"
+
+
+def test_branches_that_a_limit_of_points_ends_are_named():
+    _, found = limited(orbits=["1:1"], max_points=4)
+    ended = [limit for limit in found.limits if limit.what == "branches ended by it"]
+    assert [(limit.key, limit.left_out) for limit in ended] == [("follow.max_points", [("b1", 1)])]
+    scene = small()
+    scene = dataclasses.replace(scene, settings=dataclasses.replace(scene.settings, max_points=3))
+    (limit,) = follow(scene).limits
+    assert (limit.key, limit.value) == ("numerics.max_points", 3)
+    assert ("b1", 1) in limit.left_out
+
+
+def test_a_search_that_rounds_end_says_so():
+    """After one round that found orbits another one might find more."""
+    cut, _ = limited(orbits=["1:1"])
+    assert not cut
+    (limit,) = follow(dataclasses.replace(small(), rounds=1)).limits
+    assert (limit.key, limit.value) == ("numerics.rounds", 1)
+
+
+def test_a_survey_is_told_from_none_and_from_one_cut_short(tmp_path):
+    """In the reading, as text, and read back from a folder."""
+    for keys, survey, text in (
+        ({}, "none", "not surveyed: orbits on no followed branch may exist"),
+        ({"survey": True}, "done", ""),
+        ({"survey": True, "max_branches": 1}, "cut short", "surveyed in part"),
+    ):
+        found = follow(small(**keys))
+        assert found.reading.survey == survey
+        assert found.reading.incomplete.startswith(text)
+        assert bool(found.reading.incomplete) == bool(text)
+        assert found.reading.incomplete in str(found.reading)
+        write_diagram(found, tmp_path)
+        assert load_diagram(tmp_path) == found
+
+
+@pytest.mark.parametrize("max_step", [0.015, 0.03])
+@pytest.mark.quick(1)
+def test_grazing_of_the_3_1_orbit_of_fig7(max_step):
+    scene = load_scene(FIG7)
+    settings = dataclasses.replace(scene.settings, max_step=max_step)
+    labels = [
+        entry.label for entry in follow(dataclasses.replace(scene, settings=settings)).entries
+    ]
+    assert "G[3:1->4:1]" in labels
+
+
+@pytest.mark.parametrize(("rounds", "searched"), [(1, "1 round of"), (8, "2 rounds of")])
+def test_what_was_searched_is_told(rounds, searched):
+    """The search ends after two rounds that find nothing."""
+    given = {**SMALL, "numerics": {"starts": 8, "rounds": rounds}}
+    given["model"] = {
+        "system": "impact-pair",
+        "parameters": {**SMALL["model"]["parameters"], "s": 1.04},
+    }
+    given["follow"] = {**SMALL["follow"], "range": [1.0, 1.05]}
+    with pytest.raises(InputError, match=f"{searched} 8 random starts"):
+        follow(read_scene(given))
+
+
+LACKING = {"orbits": ["5:1", "1:1", "3:1"], "range": [0.25, 0.4]}
+"""At s = 0.34 the search finds neither 3:1 nor 5:1; folds of their stable orbits lie below."""
+
+
+@pytest.mark.full
+def test_words_without_an_orbit_are_listed_and_the_others_followed():
+    diagram = follow(small(**LACKING))
+    assert {b.word for b in diagram.branches} == {"BT"}
+    listed = diagram.statistics["not_found"]
+    assert [(each["notation"], each["value"]) for each in listed] == [("5:1", 0.34), ("3:1", 0.34)]
+    settled, *notes = diagram.statistics["notes"]
+    assert settled.startswith("simulation settles on BBT at s = 0.34, which is on no followed")
+    for each, note in zip(listed, notes, strict=True):
+        assert each["tried"] == 9
+        assert (each["starts"], each["rounds"]) == (256, 2)
+        assert {value < 0.34 for value, _ in each["elsewhere"]} == {True}
+        assert f"no {each['word']} orbit was found at s = 0.34 (2 rounds of 256" in note
+        assert "at s = 0.265" in note
+        assert "follow.survey" in note
+    found = find_orbits(small().model.replace(s=0.265), "3:1", parameter="s")
+    assert dict(listed[1]["elsewhere"])[0.265] == len(found)
+
+
+@pytest.mark.full
+def test_a_survey_follows_words_without_an_orbit_at_the_start():
+    diagram = follow(small(survey=True, orbits=["3:1"], range=[0.25, 0.4]))
+    assert {b.word for b in diagram.branches} == {"BBBT"}
+    stable = [b for b in diagram.branches if b["s"].max() < 0.34]
+    assert stable  # the search at the start could not find it
+    passes = [b for b in diagram.branches if b["s"].min() <= 0.34 <= b["s"].max()]
+    assert bool(passes) != bool(diagram.statistics["not_found"])
+
+
+def test_interrupted_before_words_were_looked_for_elsewhere():
+    """What was not looked for is not said to be missing."""
+
+    def progress(text):
+        if "following b1" in text:
+            raise KeyboardInterrupt
+
+    diagram = follow(small(**LACKING), progress)
+    assert diagram.statistics["failure"] == "interrupted"
+    assert [each["tried"] for each in diagram.statistics["not_found"]] == [0, 0]
+    assert not any("nor at" in note for note in diagram.statistics["notes"])
+
+
+@pytest.mark.parametrize("survey", [False, True])
+def test_a_scene_is_refused_if_none_of_its_words_has_an_orbit(survey):
+    given = {**SMALL, "numerics": {"starts": 8}}
+    parameters = {**SMALL["model"]["parameters"], "s": 1.04}
+    given["model"] = {"system": "impact-pair", "parameters": parameters}
+    wanted = {"range": [1.0, 1.05], "orbits": ["1:1", "2:1"], "survey": survey}
+    given["follow"] = SMALL["follow"] | wanted
+    with pytest.raises(InputError, match=r"no BT orbit was found at s = 1\.04") as refused:
+        follow(read_scene(given))
+    assert "nor of BBT" in str(refused.value)
+    assert "nor at 9 other values" in str(refused.value)
+
+
+def test_reading_a_part_of_a_diagram():
+    """Transitions onto branches that are not there are passed over."""
+    diagram = follow(load_scene(FIG7))
+    assert read(diagram).transitions
+    assert not read(Diagram("part", diagram.branches[:1])).transitions
+
+
+def above_the_doubling(*orbits):
+    """A scene that starts above the doubling of 1:1 at s = 0.38314, where 1:1/2T ends."""
+    given = small(orbits=list(orbits), range=[0.33, 0.45])
+    return dataclasses.replace(given, model=given.model.replace(s=0.42))
+
+
+@pytest.mark.full
+def test_only_repetitions_of_a_shorter_orbit_are_called_so():
+    with pytest.raises(InputError) as refused:
+        follow(above_the_doubling("1:1/2T"))
+    assert "no BTBT/2T orbit but repetitions of 1:1 was found at s = 0.42" in str(refused.value)
+    assert "ask for 1:1, or " in str(refused.value)
+    diagram = follow(above_the_doubling("1:1", "1:1/2T"))
+    (listed,) = diagram.statistics["not_found"]
+    assert listed["repeated"] == ["1:1"]
+    assert "but repetitions of 1:1 was found" in diagram.statistics["notes"][-1]
+
+
+def test_a_branch_of_repetitions_is_followed_once_and_called_so():
+    """(3:2)/2T grazes in one of its periods only, and becomes 2:1 run twice."""
+    orbits = {"orbits": ["BBTBT/2T"], "range": [0.32, 0.345], "switch": ["G"]}
+    diagram = follow(small(**orbits))
+    (grazing,) = (e for e in diagram.entries if e.label == "~G[(3:2)/2T->2:1/2T]")
+    said = "the 2:1/2T orbits born there are repetitions of 2:1, and followed as such"
+    assert f"{grazing.id} ({grazing.label}): {said}" in diagram.statistics["notes"]
+    assert {diagram[name].notation for name in grazing.opens} == {"2:1"}
+    born = continue_born(grazing, range=(0.32, 0.345))
+    assert (born.notation, born.notes) == ("2:1", [said])
+
+
+def test_elsewhere_few_starts_come_first(monkeypatch):
+    """Nine whole searches in vain took as long as everything else together."""
+    asked = []
+
+    def counted(model, word, parameter, kernels, rng, starts, rounds):
+        asked.append((starts, rounds))
+        return Search([], starts)
+
+    monkeypatch.setattr(starting_orbits, "search", counted)
+    with pytest.raises(InputError, match=r"nor at 9 other values .*\(64 random starts at each\)"):
+        follow(small(orbits=["3:1"]))
+    assert asked == [(256, 8)] + 9 * [(64, 1)]
+    asked.clear()
+    with pytest.raises(InputError, match=r"\(256 random starts at each\)"):
+        follow(small(orbits=["3:1"], survey=True))
+    assert asked == 10 * [(256, 8)]

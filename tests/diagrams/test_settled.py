@@ -1,0 +1,124 @@
+"""What attracts is found: starts of searches come from short simulations, too."""
+
+import numpy as np
+import pytest
+
+import contimpact as ci
+from contimpact.diagrams.explore import follow
+from contimpact.diagrams.settled import of_word, settled_orbits, turned_to
+from contimpact.models.word import Word
+from contimpact.orbits import search
+from contimpact.orbits.quiet import problem_of
+from contimpact.results.scene import read_scene
+from contimpact.results.simulate_tables import Settling
+from contimpact.segments.kernels import Kernels
+from contimpact.simulation.attractor import Kind
+from contimpact.simulation.simulator import Simulator
+from contimpact.simulation.sweep import find_attractors
+from contimpact.systems.impact_pair import ImpactPair
+from contimpact.systems.soft_stop import SoftStop
+
+SETTLING = Settling(transient=200, periods=600, longest=32, impacts=20)
+SOFT = {"k": 1.0, "c": 0.05, "a": 1.0, "e": 0.5, "k_b": 25.0, "c_b": 0.1, "omega": 1.8}
+
+
+def missed(model, parameter, motions, kernels=None):
+    """The attractors of a longer simulation that neither a search for their word nor the short
+    simulations find, and their number."""
+    kernels = kernels or Kernels(model, parameter)
+    met = find_attractors(Simulator(model, kernels), motions, rng=1, settling=SETTLING)
+    settled, lost = settled_orbits(model, kernels), []
+    periodic = [a for a in met if a.kind is Kind.PERIODIC]
+    for attractor in periodic:
+        word, orbit = Word(attractor.word, attractor.period), attractor.orbit(model, parameter)
+        found = search.find_orbits(model, word, kernels=kernels, starts=64, rounds=4)
+        found = search.with_more(found, problem_of(model, word, kernels), of_word(settled, word))
+        turned = turned_to(orbit, word)
+        apart = (o.problem.difference(o.unknowns, turned) for o in found)
+        if all(np.max(np.abs(difference)) > 1e-6 for difference in apart):
+            lost.append(attractor)
+    return lost, len(periodic)
+
+
+def test_the_attractor_of_a_soft_stop_is_found_by_a_single_start():
+    model = SoftStop(**SOFT)
+    kernels = Kernels(model, "omega")
+    assert not any(o.physical for o in search.find_orbits(model, "CRCR/3T", starts=1, rounds=1))
+    found = ci.find_orbits(model, "CRCR/3T", kernels=kernels, starts=1, rounds=1)
+    (orbit,) = [o for o in found if o.physical]
+    assert orbit.stable
+    assert orbit.residual < 1e-12
+
+
+def test_a_scene_follows_it():
+    table = {"parameter": "omega", "range": [1.79, 1.81], "orbits": ["CRCR/3T"]}
+    given = {"name": "soft", "model": {"system": "soft-stop", "parameters": SOFT}, "follow": table}
+    few = {"numerics": {"starts": 1, "rounds": 1}, "detect": {"events": ["FB"]}}
+    diagram = follow(read_scene({**given, **few}))
+    assert [b.word for b in diagram.branches if b["physical"].all()] == ["CRCR"]
+    assert diagram.statistics["notes"] == []
+
+
+def pair(s, orbits):
+    low, high = s - 0.005, s + 0.005
+    return read_scene(
+        {
+            "name": "pair",
+            "model": {
+                "system": "impact-pair",
+                "parameters": {"beta": "pi/6", "r": 0.3, "A": 5.0, "s": s},
+            },
+            "follow": {"parameter": "s", "range": [low, high], "orbits": orbits},
+            "detect": {"events": []},
+        }
+    )
+
+
+def test_one_that_was_not_asked_for_is_reported():
+    """1:1 is unstable there, and 2:1 stable: Fig. 7 of the paper."""
+    (note,) = follow(pair(0.34, ["1:1"])).statistics["notes"]
+    assert note == (
+        "simulation settles on BBT at s = 0.34, which is on no followed branch: "
+        "add it to follow.orbits"
+    )
+    assert follow(pair(0.34, ["1:1", "2:1"])).statistics["notes"] == []
+
+
+def test_a_scene_without_orbits_is_told_on_what_simulation_settles():
+    with pytest.raises(ci.InputError, match="ask for BT, on which simulation settles there"):
+        follow(pair(0.45, ["2:1"]))
+
+
+@pytest.mark.full
+def test_it_is_the_same_every_time():
+    model = SoftStop(**SOFT)
+    kernels = Kernels(model, "omega")
+    one, other = (settled_orbits(model, kernels, 3) for _ in range(2))
+    assert [o.unknowns.tolist() for o in one] == [o.unknowns.tolist() for o in other]
+
+
+def random_pairs(count):
+    generator = np.random.default_rng(27)
+    for _ in range(count):
+        beta, r, s = generator.uniform((0.1, 0.2, 0.2), (1.2, 0.8, 0.8)).tolist()
+        yield ImpactPair(beta=beta, r=r, A=5.0, s=s)
+
+
+@pytest.mark.full
+def test_no_attractor_of_random_pairs_is_lost():
+    found = [missed(model, "s", 4) for model in random_pairs(12)]
+    assert [lost for lost, _ in found if lost] == []
+    assert sum(count for _, count in found) > 6
+
+
+@pytest.mark.slow
+def test_no_attractor_of_random_scenes_is_lost():
+    generator = np.random.default_rng(28)
+    kernels = Kernels(SoftStop(**SOFT), "omega")
+    found = [missed(model, "s", 10) for model in random_pairs(150)]
+    for _ in range(50):
+        factors = np.exp(generator.uniform(-0.25, 0.25, len(SOFT))).tolist()
+        model = SoftStop(**{k: v * f for (k, v), f in zip(SOFT.items(), factors, strict=True)})
+        found.append(missed(model, "omega", 6, kernels))
+    assert [lost for lost, _ in found if lost] == []
+    assert sum(count for _, count in found) > 100
