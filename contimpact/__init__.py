@@ -18,6 +18,8 @@ if TYPE_CHECKING:
     from ..diagrams.orbit_branch import continue_born as continue_born
     from ..diagrams.orbit_branch import continue_orbit as continue_orbit
     from ..diagrams.starting_orbits import find_orbits as find_orbits
+    from ..plots.curves import plot_codim2 as plot_codim2
+    from ..plots.curves import plot_transitions as plot_transitions
     from ..results.branch import Branch as Branch
     from ..results.branch import Entry as Entry
     from ..results.catalogue import load_diagram as load_diagram
@@ -55,11 +57,9 @@ if TYPE_CHECKING:
     from .parameter_studies.study_file import read_study as read_study
     from .plots.attractors import plot_energy as plot_energy
     from .plots.attractors import plot_sweep as plot_sweep
-    from .plots.codim2 import plot_codim2 as plot_codim2
     from .plots.curves import plot_curves as plot_curves
     from .plots.diagram import plot_diagram as plot_diagram
     from .plots.orbit import plot_orbit as plot_orbit
-    from .plots.transitions import plot_transitions as plot_transitions
     from .segments.checking import check_model as check_model
     from .simulation.simulator import Simulator as Simulator
     from .systems.impact_pair import ImpactPair as ImpactPair
@@ -91,7 +91,7 @@ _PLACES = {
     "read": "results.diagram_reading",
     "stable_intervals": "results.diagram_reading",
     "load_entries": "results.catalogue",
-    "plot_codim2": "plots.codim2",
+    "plot_codim2": "plots.curves",
     "plot_curves": "plots.curves",
     "save": "simulation.files",
     "load": "simulation.files",
@@ -122,7 +122,7 @@ _PLACES = {
     "plot_diagram": "plots.diagram",
     "plot_orbit": "plots.orbit",
     "plot_sweep": "plots.attractors",
-    "plot_transitions": "plots.transitions",
+    "plot_transitions": "plots.curves",
     "plot_energy": "plots.attractors",
 }
 

@@ -187,7 +187,7 @@ def _save_plots(scene: Scene, diagram: Diagram, files: Files) -> None:
     names = (*scene.model.values, *scene.model.DERIVED)
     units = {name: scene.model.unit(name) for name in names}
     if points := diagram.codim2_curves:
-        from ..plots.codim2 import save_codim2
+        from ..plots.curves import save_codim2
 
         files.add(lambda: save_codim2(points, files.folder, plot.formats, units))
     if diagram.curves:

@@ -20,8 +20,7 @@ from ..results.quantities import NO_WALL, WALLS, WALLS_ON_DARK
 from ..results.result_folder import reading
 from ..storage.files import is_there, write, write_all
 from .data import Shown, page_data
-from .packing import script_json
-from .swept import Swept, read_sweep
+from .sweeps import Swept, read_sweep, script_json
 
 NAME = "diagram.html"
 FOLDER = Path(__file__).parent

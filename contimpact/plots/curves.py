@@ -1,4 +1,4 @@
-"""Curves of bifurcations in two parameters, in the manner of the paper's Fig. 6.
+"""Curves, areas, codimension two and transitions in the plane of two parameters.
 
 A panel for each member of the family and each pair of parameters; PD blue, G green, FB orange, BP
 and V in further colours, a second bifurcation of a kind in a colour of its own; ghosts dotted;
@@ -9,16 +9,23 @@ bifurcation comes first. Curves of a single panel are named where they leave it 
 
 from __future__ import annotations
 
+import itertools
+import math
 import re
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple
 
+import matplotlib.figure
 import numpy as np
+from matplotlib.colors import to_rgb
 from matplotlib.lines import Line2D
+from matplotlib.patches import Patch, PathPatch
+from matplotlib.path import Path as OutlinePath
 
+from ..arrays import Array
 from ..bifurcations.codimension_two import MARKERS
 from ..bifurcations.declarations import CROSSINGS
 from ..bifurcations.registry import kind_of
@@ -35,10 +42,146 @@ from ..results.curve import (
     parameters_of,
     regions,
 )
-from .areas import area_legend, draw_areas, of_panel
-from .diagram import save_figure, write_heading
-from .figures import Figure
-from .texts import axis_label, set_label, symbol, values_text
+from ..simulation.attractor import Attractor, Kind
+from ..simulation.sweep import Row, Sweep
+from .diagram import Figure, legend_mark, save_figure, write_heading
+from .texts import axis_label, plain, set_label, symbol, values_text
+
+# Outlines with as few points as are seen.
+
+SEEN = 3e-4
+"""What departs from a line by less than this part of a picture is not seen to."""
+
+
+def thinned(points: Array, corners: Sequence[int]) -> Array:
+    """Return which points of a closed ring are seen (Ramer, Douglas and Peucker).
+
+    Parameters
+    ----------
+    points : ndarray of shape (P, 2)
+        In parts of the picture; the last one is the first.
+    corners : sequence of int
+        Points that are kept, so that neighbours keep the same ones.
+
+    Returns
+    -------
+    ndarray of int
+        Their numbers, the first and the last among them.
+    """
+    last = len(points) - 1
+    opposite = int(np.argmax(np.hypot(*(points - points[0]).T)))
+    kept = {0, opposite, last, *corners}
+    waiting = list(itertools.pairwise(sorted(kept)))
+    while waiting:
+        first, last = waiting.pop()
+        away = _off_chord(points[first : last + 1])
+        if len(away) and away.max() > SEEN:
+            middle = first + 1 + int(np.argmax(away))
+            kept.add(middle)
+            waiting += [(first, middle), (middle, last)]
+    return np.array(sorted(kept))
+
+
+def _off_chord(points: Array) -> Array:
+    """How far the inner points of an arc are from its chord."""
+    chord = points[-1] - points[0]
+    away = points[1:-1] - points[0]
+    length = math.hypot(*chord) or 1.0
+    return np.asarray(np.abs(chord[0] * away[:, 1] - chord[1] * away[:, 0]) / length)
+
+
+# Areas of a map of two parameters: tinted by what ends the stable orbits in them.
+#
+# The tint is the colour of the curve at which the stable orbit ends. Areas are hatched by kind,
+# those
+# of a second bifurcation of a kind the other way, so that they are told without colours too, and
+# crossed where several orbits are stable. White is where none is.
+
+TINT, DARKEST = 0.28, 0.84
+"""Of a curve's colour in the area of the orbits that end at it, and what none is darker than."""
+THROUGHOUT = "0.93"
+CROSSED = "xxxx"
+HATCHED = "0.55"
+"""Colour of hatches."""
+
+Colours = Callable[[StableOrbit], str]
+
+
+def of_panel(
+    areas: Sequence[Area], fixed: Mapping[str, float], across: str, along: str
+) -> list[Area]:
+    """Return the areas of one member of a family in one plane, without those of nothing stable."""
+    return [
+        area
+        for area in areas
+        if (dict(area.fixed), area.across, area.along) == (dict(fixed), across, along)
+        and area.orbits
+    ]
+
+
+def draw_areas(ax: Any, areas: Sequence[Area], colours: Colours) -> None:
+    """Tint areas below all else.
+
+    Parameters
+    ----------
+    ax : matplotlib.axes.Axes
+    areas : sequence of Area
+    colours : callable ``colours(orbit) -> colour``
+        Of the curve at which an orbit ends.
+    """
+    sizes = np.ptp(np.vstack([area.polygon[0] for area in areas]), axis=0)
+    for area in areas:
+        look, path = _look(area.orbits[0], colours), _path(area, sizes)
+        sharp = {"linewidth": 0.0, "antialiased": False}  # no seams between areas
+        ax.add_patch(PathPatch(path, zorder=0.5, **sharp, **look))
+        if area.bistable:
+            crossed = {"facecolor": "none", "edgecolor": HATCHED, "hatch": CROSSED}
+            ax.add_patch(PathPatch(path, linewidth=0.0, zorder=0.6, **crossed))
+
+
+def area_legend(areas: Sequence[Area], colours: Colours) -> list[Patch]:
+    """Return the keys to the tints of some areas, each once."""
+    several = len({o.notation for area in areas for o in area.orbits}) > 1
+    keys = {_text_of_area(area.orbits[0], several): area.orbits[0] for area in areas}
+    found = [Patch(label=text, **_look(orbit, colours)) for text, orbit in keys.items()]
+    if any(area.bistable for area in areas):
+        look: dict[str, Any] = {"facecolor": "none", "edgecolor": HATCHED, "hatch": CROSSED}
+        found.append(Patch(label="several stable orbits", linewidth=0.0, **look))
+    return found
+
+
+def _look(orbit: StableOrbit, colours: Colours) -> dict[str, Any]:
+    if orbit.kind is None:
+        return {"facecolor": THROUGHOUT, "edgecolor": HATCHED}
+    colour = 1.0 - TINT * (1.0 - np.array(to_rgb(colours(orbit))))
+    colour = np.maximum(colour, DARKEST if colour.max() < DARKEST else 0.0)
+    own = kind_of(orbit.kind).look
+    hatch = own.hatch
+    if hatch and colours(orbit) != own.colour:  # a second bifurcation of a kind
+        hatch = hatch.replace("/", "\\")
+    return {"facecolor": tuple(colour), "edgecolor": HATCHED, "hatch": hatch}
+
+
+def _text_of_area(orbit: StableOrbit, several: bool) -> str:
+    name = orbit.notation if several else ""
+    if orbit.kind is not None and orbit.ends is not None:
+        return f"stable until {set_label(orbit.kind, orbit.ends, name)}"
+    until = f"stable until {plain(orbit.ends)}" if orbit.ends else "stable throughout"
+    return until + (f" ({plain(name)})" if name else "")
+
+
+def _path(area: Area, sizes: Array) -> OutlinePath:
+    """An area's outline as it is seen in a picture of some size; holes run the other way round."""
+    rings, codes = [], []
+    for points, borders in zip(map(np.asarray, area.polygon), area.borders, strict=True):
+        rings.append(points[thinned(points / sizes, [place for place, _ in borders])])
+        codes += [
+            OutlinePath.MOVETO,
+            *[OutlinePath.LINETO] * (len(rings[-1]) - 2),
+            OutlinePath.CLOSEPOLY,
+        ]
+    return OutlinePath(np.vstack(rings), codes)
+
 
 POINT: dict[str, Any] = {"color": "k", "linestyle": "none", "markersize": 4.5}
 FURTHER = ("k", "#7B3294", "#8C510A", "#1B4F9C", "#C51B7D", "#5F6B00", "0.5")
@@ -346,3 +489,264 @@ def _text(key: Key, keys: Sequence[Key]) -> str:
     """A bifurcation as in Table 1; with its orbit where there are several."""
     several = len({k.notation for k in keys}) > 1
     return set_label(key.kind, key.label, key.notation if several else "")
+
+
+# Curves of points of codimension two in three parameters, as projections.
+
+COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#B87400", "#56B4E9", "0.3")
+DASHES: tuple[Any, ...] = ("-", (0, (5, 1.5)), (0, (4, 1.5, 1, 1.5)), (0, (1, 1.2)))
+
+
+def plot_codim2(
+    curves: Sequence[Curve], axes: Any = None, *, units: Mapping[str, str] | None = None
+) -> Any:
+    """Draw curves in three parameters as projections on each pair of them.
+
+    The second and the first one are drawn over the third, then the first over the second.
+
+    Parameters
+    ----------
+    curves : sequence of Curve
+        Of three parameters, the same ones.
+    axes : three of matplotlib.axes.Axes, optional
+        A new figure otherwise; with two the last projection is left out.
+    units : mapping of str to str, optional
+        Of parameters.
+
+    Returns
+    -------
+    list of matplotlib.axes.Axes
+
+    Raises
+    ------
+    InputError
+        For no curves, or curves in different parameters.
+    """
+    triples = {curve.parameters for curve in curves}
+    if len(triples) != 1:
+        found = "empty" if not triples else f"curves in {len(triples)} triples of parameters"
+        raise InputError("curves", found, "give curves in the same three parameters")
+    _, second, third = triples.pop()
+    if axes is None:
+        figure = matplotlib.figure.Figure(figsize=(11.4, 3.4), dpi=150, layout="constrained")
+        axes = figure.subplots(1, 3)
+    axes = list(np.ravel(axes))
+    kinds = list(dict.fromkeys((c.kind, c.notation) for c in curves))
+    first = falling(curves)
+    planes = ((third, second), (third, first), (second, first))
+    for ax, (across, along) in zip(axes, planes, strict=False):
+        for curve in curves:
+            _draw(ax, curve, across, along, kinds.index((curve.kind, curve.notation)))
+        ax.set_xlabel(axis_label(across, (units or {}).get(across, "")))
+        ax.set_ylabel(axis_label(along, (units or {}).get(along, "")))
+    _legend(axes[0], curves, kinds)
+    return axes
+
+
+def _draw(ax: Any, curve: Curve, across: str, along: str, place: int) -> None:
+    look = _look_of_point(place)
+    ax.plot(curve[across], curve[along], **look)
+    for point in curve.points:
+        at = (point.parameters[across], point.parameters[along])
+        ax.plot(*at, marker="o", color=look["color"], markersize=4, markerfacecolor="w")
+
+
+def _look_of_point(place: int) -> dict[str, Any]:
+    return {
+        "color": COLOURS[place % len(COLOURS)],
+        "linestyle": DASHES[place % len(DASHES)],
+        "linewidth": 1.4,
+    }
+
+
+def _legend(ax: Any, curves: Sequence[Curve], kinds: Sequence[tuple[str, str]]) -> None:
+    several = len({notation for _, notation in kinds}) > 1
+    handles = [
+        Line2D(
+            [],
+            [],
+            label=kind + (f" ({plain(notation)})" if several else ""),
+            **_look_of_point(place),
+        )
+        for place, (kind, notation) in enumerate(kinds)
+    ]
+    if any(curve.points for curve in curves):
+        look: dict[str, Any] = {
+            "marker": "o",
+            "color": "k",
+            "markerfacecolor": "w",
+            "markersize": 4,
+            "ls": "none",
+        }
+        handles.append(Line2D([], [], label="turn, or codimension three", **look))
+    ax.figure.legend(handles=handles, loc="outside right upper", fontsize=8, frameon=False)
+
+
+def save_codim2(
+    curves: Sequence[Curve],
+    folder: Path,
+    formats: Sequence[str],
+    units: Mapping[str, str] | None = None,
+) -> list[str]:
+    """Draw curves to files ``codim2.<format>``; returns their names."""
+    axes = plot_codim2(curves, units=units)
+    write_heading(axes[0].figure, values_text(fixed_values(curves), units or {}))
+    return save_figure(axes[0].figure, folder, "codim2", formats, "codim2")
+
+
+# Transitions of simulated motion over curves of bifurcations, as in the paper's Fig. 10.
+#
+# Where a sweep with falling values first meets an orbit, a marker stands between the value at which
+# it does and the one before, with a bar from one to the other. Its filling says from what the orbit
+# is reached: black from complex motion, as by a transient grazing, grey from an orbit of several
+# forcing periods, as by a grazing after period doublings, white from one of a single period. A
+# sweep with rising values leaves the orbit at the smaller marker in another colour: between the two
+# it depends on the direction what is seen. Points of codimension two are left out.
+
+MARKS = ("o", "s", "^", "D", "v", "P")
+RISING = "#CC79A7"
+FROM = {
+    "complex": ("k", "from complex motion (as TG)"),
+    "multiplied": ("0.65", "from period 2T, 3T, ... (as PD$_\\mathrm{G}$)"),
+    "single": ("white", "from period T"),
+}
+"""What an orbit is reached from: the filling of its marker, and the words for it."""
+
+
+@dataclass(frozen=True)
+class Met:
+    """Where a sweep first meets an orbit, or leaves it: values of the parameter that is drawn.
+
+    `source` is one of `FROM`, what was there before; None where a sweep with rising values leaves
+    the orbit.
+    """
+
+    notation: str
+    before: float
+    after: float
+    source: str | None
+
+
+def plot_transitions(
+    curves: Sequence[Curve],
+    sweeps: Sequence[Sweep],
+    *,
+    to: Sequence[str],
+    ax: Any = None,
+    along: str | None = None,
+    units: Mapping[str, str] | None = None,
+    areas: Sequence[Area] = (),
+    checks: Sequence[Check] = (),
+) -> Any:
+    """Draw where simulated motion changes, over curves of bifurcations in two parameters.
+
+    Parameters
+    ----------
+    curves : sequence of Curve
+        Of one pair of parameters.
+    sweeps : sequence of Sweep
+        In the curves' first parameter, each at another value of the second one, with falling
+        values, rising ones or both; of a store by `Study.sweeps`.
+    to : sequence of str
+        Notations of the orbits that are marked, such as ``2:1``: where a sweep with falling values
+        of the parameter on the y axis first meets them, and where one with rising values leaves
+        them.
+    ax : matplotlib.axes.Axes, optional
+    along : str, optional
+        The parameter on the y axis, as of `plot_curves`.
+    units, areas, checks : optional
+        As of `plot_curves`.
+
+    Returns
+    -------
+    matplotlib.axes.Axes
+
+    Raises
+    ------
+    InputError
+        For curves of several pairs of parameters, or sweeps in another parameter.
+    """
+    pairs = {curve.parameters for curve in curves}
+    if len(pairs) != 1:
+        raise InputError("curves", f"{len(pairs)} pairs of parameters", "give curves of one pair")
+    ((first, second),) = pairs
+    if odd := next((sweep for sweep in sweeps if sweep.parameter != first), None):
+        raise InputError("sweeps", f"one is in {odd.parameter}", f"give sweeps in {first}")
+    along = along or falling(curves)
+    given = None if ax is None else [ax]
+    bare = [replace(curve, points=()) for curve in curves]  # their marks are like those drawn here
+    (ax,) = plot_curves(bare, given, along=along, units=units, areas=areas, checks=checks)[:1]
+    limits = ax.get_xlim(), ax.get_ylim()
+    found = [(s.model.values[second], met) for s in sweeps for met in _met(s, to, along)]
+    for place, met in found:
+        _draw_transition(ax, place, met, MARKS[list(to).index(met.notation) % len(MARKS)])
+    ax.set_xlim(*limits[0])
+    values = [value for _, met in found for value in (met.before, met.after)]
+    ax.set_ylim(min([limits[1][0], *values]), max([limits[1][1], *values]))
+    _legend_of_transitions(ax, [met for _, met in found], to, along)
+    return ax
+
+
+def _met(sweep: Sweep, to: Sequence[str], along: str) -> list[Met]:
+    """Where the sweep's orbits are met or left, in all its directions."""
+    ways = (sweep.of(way) for way in sweep.directions if way != "random")
+    return [met for rows in ways for name in to for met in _changes(rows, name, along)]
+
+
+def _changes(rows: Sequence[Row], name: str, along: str) -> list[Met]:
+    """The first appearance of an orbit as values fall; its last one as they rise."""
+    values = [row.attractor.parameters[along] for row in rows]
+    here = [row.attractor.notation == name for row in rows]
+    steps = range(1, len(rows))
+    if values and values[-1] > values[0]:
+        left = [k for k in steps if here[k - 1] and not here[k]][-1:]
+        return [Met(name, values[k - 1], values[k], None) for k in left]
+    met = [k for k in steps if here[k] and not here[k - 1]][:1]
+    return [Met(name, values[k - 1], values[k], _source(rows[k - 1].attractor)) for k in met]
+
+
+def _source(before: Attractor) -> str:
+    if before.kind is not Kind.PERIODIC:
+        return "complex"
+    return "multiplied" if (before.period or 1) > 1 else "single"
+
+
+def _draw_transition(ax: Any, place: float, met: Met, marker: str) -> None:
+    colour = "k" if met.source else RISING
+    ax.plot([place] * 2, [met.before, met.after], color=colour, linewidth=0.8, zorder=6)
+    ax.plot(
+        place,
+        0.5 * (met.before + met.after),
+        marker=marker,
+        zorder=7,
+        **_look_of_transition(met.source),
+    )
+
+
+def _look_of_transition(source: str | None) -> dict[str, Any]:
+    if source is None:
+        size = {"markersize": 3.4, "markeredgewidth": 1.2}
+        return {"color": RISING, "markerfacecolor": "none", "linestyle": "none", **size}
+    return {"color": "k", "markerfacecolor": FROM[source][0], "linestyle": "none", "markersize": 5}
+
+
+def _legend_of_transitions(ax: Any, found: Sequence[Met], to: Sequence[str], along: str) -> None:
+    """What the markers say, in the panel."""
+    handles = [
+        legend_mark(
+            marker=MARKS[k % len(MARKS)],
+            label=f"to {plain(name)} as {symbol(along)} falls",
+            **_look_of_transition("single"),
+        )
+        for k, name in enumerate(to)
+    ]
+    handles += [
+        legend_mark(marker="o", label=FROM[source][1], **_look_of_transition(source))
+        for source in FROM
+        if any(met.source == source for met in found)
+    ]
+    if any(met.source is None for met in found):
+        told = f"left as {symbol(along)} rises"
+        handles.append(legend_mark(marker="o", label=told, **_look_of_transition(None)))
+    inside: dict[str, Any] = {"loc": "upper right", "fontsize": 7.0, "framealpha": 0.85}
+    ax.legend(handles=handles, **inside)

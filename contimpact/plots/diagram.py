@@ -1,4 +1,4 @@
-"""Bifurcation diagrams in the manner of the paper's Figs. 7(a), 8(a) and 9.
+"""Diagrams drawn, and figures as files.
 
 Velocities before impact, or another quantity, against a parameter: stable solid, unstable dashed,
 unphysical dotted; a colour for each wall, and its name at the right end of its curves; orbits by
@@ -17,6 +17,7 @@ from pathlib import Path
 from typing import Any
 
 import matplotlib
+import matplotlib.figure
 import numpy as np
 from matplotlib.lines import Line2D
 from matplotlib.text import Text
@@ -31,12 +32,40 @@ from ..results.quantities import NO_IMPACT, NO_WALL, Quantity, numbers_of
 from ..results.quantities import WALLS as COLOURS
 from ..storage.files import Content, write, write_all
 from ..systems.membrane import Membrane
-from .figures import Figure
-from .labels import CHOICES, chosen, draw_labels, text_width
-from .lines import STYLES, UNPHYSICAL, WIDTHS, drawn_whole, pieces_of, series_by_branch
-from .names import name_orbits, name_walls
-from .ordinate import draw_guides, limits_of, marks_of, ordinate_label
+from .labels import CHOICES, chosen, draw_labels, name_orbits, name_walls, text_width
+from .lines import (
+    STYLES,
+    UNPHYSICAL,
+    WIDTHS,
+    draw_guides,
+    drawn_whole,
+    limits_of,
+    marks_of,
+    ordinate_label,
+    pieces_of,
+    series_by_branch,
+)
 from .texts import axis_label, fixed_values, plain, units_of, values_text, walls_of
+
+# Figures that notebooks show by themselves, without a backend.
+
+DOTS = 100
+"""Per inch, in notebooks."""
+
+
+class Figure(matplotlib.figure.Figure):
+    """A figure that is its own picture in Jupyter."""
+
+    def _repr_png_(self) -> bytes:
+        return png_of(self)
+
+
+def png_of(figure: Any, dots: float = DOTS) -> bytes:
+    """Return a figure as PNG."""
+    content = io.BytesIO()
+    figure.savefig(content, format="png", dpi=dots)
+    return content.getvalue()
+
 
 NEUTRAL = "h"
 """The marker of no kind of event, for what the legend says of all kinds."""

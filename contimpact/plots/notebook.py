@@ -15,8 +15,7 @@ from ..results.diagram import Diagram
 from ..simulation.sweep import Sweep
 from .attractors import plot_sweep
 from .curves import plot_curves
-from .diagram import plot_diagram
-from .figures import png_of
+from .diagram import plot_diagram, png_of
 from .maps import plot_map
 from .orbit import plot_orbit
 

@@ -19,9 +19,9 @@ from ..orbits.problem import positions
 from ..results.branch import Entry
 from ..results.entry_conversion import as_orbit, named
 from ..simulation.attractor import Attractor
+from .attractors import INK_OF_PORTRAITS, OTHERS, named_places
 from .diagram import COLOURS, legend_mark, new_figure
 from .lines import STYLES
-from .portraits import INK, OTHERS, named_places
 from .texts import plain
 
 PERIODS = 2
@@ -104,7 +104,7 @@ def _orbit(given: Any, model: Model | None) -> Orbit:
 
 def _looks(states: Sequence[str]) -> list[dict[str, Any]]:
     """Colour, width and style of each: each is narrower than those beneath it."""
-    colours = [INK, *OTHERS]
+    colours = [INK_OF_PORTRAITS, *OTHERS]
     return [
         {
             "color": colours[k % len(colours)],

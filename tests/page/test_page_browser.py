@@ -25,7 +25,7 @@ from zoo import ROOT
 from contimpact.diagrams.explore import follow
 from contimpact.page.data import Shown
 from contimpact.page.document import FOLDER, LIBRARY, page_text
-from contimpact.page.swept import read_sweep
+from contimpact.page.sweeps import read_sweep
 from contimpact.results.scene import read_scene
 from contimpact.simulation.files import sweep_text
 from contimpact.simulation.sweep import sweep

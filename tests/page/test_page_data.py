@@ -11,10 +11,9 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from contimpact.errors import InputError
-from contimpact.page import tracks
+from contimpact.page import orbits as tracks
 from contimpact.page.data import Shown, page_data
-from contimpact.page.packing import packed, script_json
-from contimpact.page.swept import read_sweep
+from contimpact.page.sweeps import packed, read_sweep, script_json
 from contimpact.results.branch import Branch
 from contimpact.results.diagram import Diagram
 from contimpact.results.scene import read_scene

@@ -22,7 +22,7 @@ from zoo import ROOT
 from contimpact import InputError, follow, plot_diagram, read_scene
 from contimpact.bifurcations.declarations import KINDS
 from contimpact.bifurcations.registry import kind_of
-from contimpact.plots import ordinate
+from contimpact.plots import lines
 from contimpact.plots.diagram import COLOURS, STYLES, save_diagram
 from contimpact.plots.texts import label_text
 from contimpact.results.diagram import Diagram
@@ -540,8 +540,8 @@ def test_the_sign_of_velocities_is_told(fig7, stop):
 
 
 def test_signs_at_many_walls_are_told_in_lines_that_fit(stop, monkeypatch):
-    monkeypatch.setattr(ordinate, "_signs", lambda diagram, names: [f"at {n}" for n in names])
-    label = ordinate.ordinate_label(stop, "velocity", "ABCDEF")
+    monkeypatch.setattr(lines, "_signs", lambda diagram, names: [f"at {n}" for n in names])
+    label = lines.ordinate_label(stop, "velocity", "ABCDEF")
     assert label.splitlines()[1:] == ["at A, at B, at C, at D", "at E, at F"]
 
 

@@ -13,8 +13,8 @@ from zoo import ROOT
 from contimpact.diagrams.explore import follow
 from contimpact.diagrams.scene_simulation import Simulation
 from contimpact.plots import attractors as pictures
+from contimpact.plots.attractors import others_at, plot_portrait, portrait_figure
 from contimpact.plots.diagram import STYLES, WIDTHS
-from contimpact.plots.portraits import others_at, plot_portrait, portrait_figure
 from contimpact.results.scene import read_scene
 from contimpact.results.simulate_tables import Settling
 from contimpact.simulation.run import State

@@ -8,7 +8,7 @@ import math
 import pytest
 
 import contimpact as ci
-from contimpact.plots.transitions import MARKS, RISING
+from contimpact.plots.curves import MARKS, RISING
 from contimpact.simulation.attractor import Attractor, Kind
 from contimpact.simulation.sweep import Row, Sweep
 

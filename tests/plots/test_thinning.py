@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from contimpact.plots.thinning import SEEN, thinned
+from contimpact.plots.curves import SEEN, thinned
 
 
 def circle(number, radius=0.4):

@@ -18,7 +18,7 @@ from ..models.guards import orders_of
 from ..models.model import Model
 from ..segments.arithmetic import ARRAYS, evaluate_in
 from ..segments.kernels import Kernels
-from .packing import packed
+from .sweeps import packed
 
 FLAT = 5e-4
 """Error of a drawn flight, by the size of the picture."""
