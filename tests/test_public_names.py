@@ -46,7 +46,7 @@ SAID = [
     'note: Revealed type is "contimpact.results.branch.Branch"',
     'note: Revealed type is "float"',
     'Sequence[contimpact.results.diagram_reading.Interval]"',
-    'note: Revealed type is "contimpact.certificates.records.Certificates"',
+    'note: Revealed type is "contimpact.certificates.certify.Certificates"',
     'error: Argument 2 to "find_orbits" has incompatible type "int"; expected "str | Word"',
     'error: Module has no attribute "find_orbit"',
 ]

@@ -25,13 +25,21 @@ from ..progress import Progress, silent
 from ..results.branch import Branch, Entry, model_at
 from ..segments.kernels import Kernels
 from .birth import proven_birth
-from .budget import Budget
 from .equations import BallProblem
 from .event import EventCertificate
 from .examination import BITS, DEEPEST, Examination, Findings, Piece, known
-from .laying import laid, nodes_of, points_of, scale_of, split
-from .nodes import halved
-from .tube import Node, Segment, proven_tube
+from .tube import (
+    Budget,
+    Node,
+    Segment,
+    halved,
+    laid,
+    nodes_of,
+    points_of,
+    proven_tube,
+    scale_of,
+    split,
+)
 
 BIRTH = 5
 """How often the first step of a branch born at a period doubling is halved."""

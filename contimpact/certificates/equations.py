@@ -1,4 +1,4 @@
-"""An orbit problem in ball arithmetic, and the equations of its events.
+"""The equations of orbits and events in balls, and zeros proven by Krawczyk's operator.
 
 Residuals and blocks are those of the generated kernels, evaluated on balls. Parameters are the
 model's doubles, taken as exact. The systems of the events are stated by each kind, as for many
@@ -8,14 +8,16 @@ digits; their Jacobians come from power series of two terms.
 from __future__ import annotations
 
 import itertools
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from typing import Any, TypeAlias
 
 import numpy as np
-from flint import arb, arb_mat, arb_series
+from flint import arb, arb_mat, arb_series, ctx
 
-from ..bifurcations.kind import Details, System
-from ..orbits.problem import Array, OrbitProblem
+from ..arrays import Array
+from ..bifurcations.kind import System
+from ..continuation.branch import Details
+from ..orbits.problem import OrbitProblem
 from ..segments.arithmetic import evaluate_in
 from ..segments.ball_flow import Number, number
 from ..segments.balls import Time, balls
@@ -279,3 +281,191 @@ def _determinant(block: Sequence[Any]) -> Any:
         return block[0] * block[3] - block[1] * block[2]
     size = round(len(block) ** 0.5)
     return arb_mat(size, size, list(block)).det()
+
+
+# Krawczyk's test: a zero of a system exists, and is the only one, in a box.
+#
+# For a box X with midpoint x, a matrix Y near the inverse of f'(x), and a matrix J that encloses f'
+# on X, let
+#
+# .. math:: K = x - Y f(x) + (I - Y J)(X - x) .
+#
+# If K lies in the interior of X, there is exactly one zero of f in X, it lies in K, and f' is
+# regular
+# on X (Krawczyk 1969; Moore 1977; Neumaier, Interval Methods for Systems of Equations, 1990, ch.
+# 5).
+
+Function: TypeAlias = Callable[[list[Any]], list[Any]]
+
+STEPS = 12
+"""Newton steps at most; doubles are right to some digits from the beginning."""
+
+ROUNDING = 1e-18
+"""Steps below this that fall no more are those of rounding, where a system is ill-conditioned."""
+
+WIDTHS = (1e-7, 1e-8, 1e-9, 1e-10, 1e-11, 1e-12)
+"""Radii of boxes tried, relative, the widest first: the wider, the more the uniqueness says."""
+
+
+def refined(space: BallProblem, system: Function, guess: Sequence[float]) -> Balls | None:
+    """Return a zero to the digits of the context, by Newton's iteration; nothing is proven by it.
+
+    None where the iteration does not converge.
+    """
+    x, before = [arb(value) for value in guess], arb(1)
+    inverse = preconditioner(space, system, x)
+    for _ in range(STEPS if inverse is not None else 0):
+        step = (inverse * column([f.mid() for f in system(x)])).entries()
+        if not all(s.is_finite() for s in step):
+            return None
+        x = [(value - s).mid() for value, s in zip(x, step, strict=True)]
+        size = max(abs(s).upper() / (1 + abs(v)).lower() for s, v in zip(step, x, strict=True))
+        if size < arb(2) ** (12 - ctx.prec) or (size < ROUNDING and 2 * size > before):
+            return x
+        before = size
+    return None
+
+
+def preconditioner(space: BallProblem, system: Function, x: Balls) -> Any:
+    """Return the inverse of the Jacobian in doubles, as an exact matrix; None without one."""
+    matrix = as_doubles(space.linearised(system, [value.mid() for value in x]))
+    try:
+        inverse = np.linalg.inv(matrix)
+    except np.linalg.LinAlgError:
+        return None
+    return arb_mat(inverse.tolist()) if np.isfinite(inverse).all() else None
+
+
+def as_doubles(matrix: Any) -> Any:
+    """Return the midpoints of an ``arb_mat``."""
+    return np.array([[float(x.mid()) for x in row] for row in matrix.tolist()])
+
+
+def krawczyk(space: BallProblem, system: Function, box: Balls, inverse: Any = None) -> Balls | None:
+    """Return K for a box, if the test proves exactly one zero in it, else None.
+
+    Parameters
+    ----------
+    space : BallProblem
+    system : callable
+    box : list of arb
+    inverse : arb_mat, optional
+        Y, any exact matrix; by default the inverse of the Jacobian at the midpoint, in doubles.
+    """
+    middle = [value.mid() for value in box]
+    inverse = preconditioner(space, system, middle) if inverse is None else inverse
+    if inverse is None:
+        return None
+    offset = column([b - m for b, m in zip(box, middle, strict=True)])
+    defect = _identity(len(box)) - inverse * space.linearised(system, box)
+    change = (defect * offset - inverse * column(system(middle))).entries()
+    image = [m + c for m, c in zip(middle, change, strict=True)]
+    inside = (b.contains_interior(i) for b, i in zip(box, image, strict=True))
+    return image if all(inside) else None
+
+
+def column(values: Sequence[Any]) -> Any:
+    return arb_mat([[value] for value in values])
+
+
+def _identity(size: int) -> Any:
+    return arb_mat([[int(i == j) for j in range(size)] for i in range(size)])
+
+
+def proven(
+    space: BallProblem, system: Function, guess: Sequence[float]
+) -> tuple[Balls, Balls] | None:
+    """Return a box with exactly one zero around a guess, and a small one that holds the zero.
+
+    The box holds the guess. None where the test fails.
+    """
+    found = refined(space, system, guess)
+    if found is None:
+        return None
+    inverse = preconditioner(space, system, found)
+    for width in WIDTHS:
+        box = [_around(x, g, width) for x, g in zip(found, guess, strict=True)]
+        if krawczyk(space, system, box, inverse) is not None:
+            small = _smallest(space, system, found, inverse)
+            return None if small is None else (box, small)
+    return None
+
+
+def _around(x: Any, guess: float, width: float) -> Any:
+    """A ball around a zero that holds the guess."""
+    least = 2 * abs(x - guess).upper()
+    return x + arb(0, 1) * max(float(least), width * max(1.0, abs(guess)))
+
+
+def _smallest(space: BallProblem, system: Function, x: Balls, inverse: Any) -> Balls | None:
+    """The smallest box, nearly, on which the test succeeds: again on what it gives, made wider."""
+    for slack in (16, 24, 32, 44):
+        radius = arb(2) ** (slack - ctx.prec)
+        box = [value + arb(0, 1) * radius * (1 + abs(value)) for value in x]
+        image = krawczyk(space, system, box, inverse)
+        if image is not None:
+            tight = [i.mid() + arb(0, 1) * 8 * i.rad() for i in image]
+            return tight if krawczyk(space, system, tight, inverse) is not None else box
+    return None
+
+
+# Whether branches cross at a branch point: proven by the symmetry that makes them cross.
+#
+# The equations of a branch point, F + nu psi = 0, J^T psi = 0, \|psi\| = 1, have a solution nearby
+# if
+# branches only pass each other. They cross if nu is zero, which a ball never proves. But let S take
+# orbits to orbits of the same word, F(Sz) = S F(z): the mirror image, or the orbit begun some
+# periods
+# later. With (z, nu, psi) also (Sz, -nu, -S psi) is a solution; if that lies in the box in which
+# there is only one, it is the same, and nu = -nu.
+
+
+def crosses(space: BallProblem, box: Balls, inner: Balls) -> bool:
+    """Return whether nu is proven to be zero.
+
+    Parameters
+    ----------
+    space : BallProblem
+    box, inner : list of arb
+        Where the branch point's equations have one solution, and where that lies.
+    """
+    return any(
+        all(b.contains(x) for b, x in zip(box, image, strict=True))
+        for image in _images(space, box, inner)
+    )
+
+
+def _images(space: BallProblem, box: Balls, inner: Balls) -> Iterator[Balls]:
+    """The solutions that symmetries make of one, with nu and psi reversed."""
+    problem, m, n = space.problem, space.problem.m, space.problem.n
+    value, nu, psi = inner[n], inner[n + 1], inner[n + 2 :]
+    word, span = problem.word.walls, space.span(inner[: n + 1])
+    period = space.setup(space.values(inner[: n + 1])).period
+    for walls, shift, sign in _symmetries(problem):
+        letters = "".join(walls[letter] for letter in word)
+        rows = [
+            [t + arb(shift) * period, *(arb(sign) * y for y in ys)] for t, *ys in _rows(inner, m, n)
+        ]
+        for first in range(len(word)):
+            if letters[first:] + letters[:first] != word:
+                continue
+            moved = [*rows[first:], *([t + span, *ys] for t, *ys in rows[:first])]
+            late = round(float((moved[0][0] - box[0]).mid()) / float(period.mid()))
+            flat = [x for t, *ys in moved for x in (t - late * period, *ys)]
+            parts = [[-arb(sign) * w for w in row] for row in _rows(psi, m, n)]
+            back = [w for row in (*parts[first:], *parts[:first]) for w in row]
+            yield [*flat, value, -nu, *back]
+
+
+def _rows(numbers: Sequence[Any], m: int, n: int) -> list[Balls]:
+    return [list(numbers[i : i + m]) for i in range(0, n, m)]
+
+
+def _symmetries(problem: OrbitProblem) -> Iterator[tuple[Mapping[str, str], float, float]]:
+    """Walls exchanged, shift in periods, and sign."""
+    model = problem.model
+    yield {wall.name: wall.name for wall in model.WALLS}, 0.0, 1.0
+    harmonics = problem.kernels.harmonics(*model.values.values())
+    mirror = model.symmetry(problem.parameter, harmonics)
+    if mirror is not None:
+        yield mirror.walls, mirror.shift, mirror.sign

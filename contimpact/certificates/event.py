@@ -1,4 +1,4 @@
-"""The certificate of an entry: that its event exists where it is recorded, and is what it says."""
+"""The proof of an event: that it exists where its entry says, at rest or not."""
 
 from __future__ import annotations
 
@@ -13,17 +13,147 @@ from flint import arb, ctx
 from ..bifurcations.registry import kind_of
 from ..bifurcations.zero_velocity import stopped as stopped_at
 from ..errors import InputError
+from ..models.word import Word
 from ..orbits.problem import OrbitProblem
+from ..orbits.quiet import problem_of
+from ..orbits.search import solve_near
 from ..results.branch import Entry, orbit_of
 from ..results.entry_conversion import details_of
 from ..results.tables import coordinates
-from .crossing import crosses
-from .equations import BallProblem, Balls
-from .krawczyk import krawczyk, proven
-from .merging import stops
-from .orbit import Orbit
-from .quiet import ball_problem
-from .rest import resting
+from .equations import BallProblem, Balls, crosses, krawczyk, proven
+from .orbit import Orbit, QuietBalls, ball_problem, stops
+
+# An impact at rest without which the orbit has none: proven by the grazing of the word `0`.
+#
+# The orbit without impacts that grazes once a period, run over several of them, is at once an orbit
+# of a word with one impact of zero velocity, at one of its touches, which grazes at another one.
+
+
+def rests(space: BallProblem, box: Balls, inner: Balls) -> bool:
+    """Return whether the only impact of a grazing orbit is proven to be at rest.
+
+    Parameters
+    ----------
+    space : BallProblem
+        Of a word with one impact.
+    box, inner : list of arb
+        Where the grazing is the only one, and where it lies.
+    """
+    problem, m = space.problem, space.problem.m
+    word = problem.word
+    guard = problem.model.guard(word.walls[0])
+    if word.period == 1 or not guard.rigid:
+        return False
+    base = problem_of(problem.model, Word("", 1), problem.kernels)
+    touch = [float(x.mid()) for x in inner[:m]]
+    start = solve_near(base, np.append(np.zeros(base.m), float(inner[m].mid())))
+    if start is None:
+        return False
+    state = start.unknowns
+    period = base.span(state)
+    where = {"wall": guard.name, "touch_time": touch[0] % period}
+    quiet = QuietBalls(base, space.bits)
+    system, own = quiet.grazing(state, where)
+    found = proven(quiet, system, [*state.tolist(), own[0], *touch[2:]])
+    return found is not None and _same(quiet, found[1], word.period, box)
+
+
+def _same(base: BallProblem, z: Balls, times: int, box: Sequence[Any]) -> bool:
+    """Whether the grazing, with one touch as an impact and another one as the event, lies in a
+    box."""
+    n = base.problem.n
+    value, touch, others, span = z[n], z[n + 1], z[n + 2 :], base.span(z[: n + 1])
+    copies = range(-1, times + 1)
+    first = round(float((box[0] - touch).mid()) / float(span.mid()))
+    for event in (first + copy for copy in copies if copy):
+        given = [touch + first * span, 0, *others, value, touch + event * span, *others]
+        if all(b.contains(x) for b, x in zip(box, given, strict=True)):
+            return True
+    return False
+
+
+# Impacts at rest that are no event of their own: proven by the symmetry that makes them rest.
+#
+# Where an orbit that is run twice grazes, it is at once an orbit of a longer word, in which one of
+# its touches counts as an impact of zero velocity, and the event of that word in which the other
+# one
+# grazes.
+# A ball never proves a velocity to be zero. But the grazing of the orbit run once can be proven;
+# made
+# into an orbit of the longer word it solves the equations of the event, and if it lies in the box
+# in
+# which these have one solution, it is that solution: the velocity is zero.
+
+
+def resting(space: BallProblem, box: Balls, inner: Balls) -> list[int]:
+    """Return the impacts of a grazing orbit that are proven to be at rest.
+
+    Parameters
+    ----------
+    space : BallProblem
+    box, inner : list of arb
+        Where the grazing is the only one, and where it lies.
+    """
+    m, count = space.problem.m, len(space.problem.word)
+    if not count or len(inner) == space.problem.n + 1:
+        return []
+    slow = [k for k in range(count) if inner[m * k + 1].contains(0)]
+    return [k for k in slow if _rests(space, box, inner, k)]
+
+
+def _rests(space: BallProblem, box: Balls, inner: Balls, impact: int) -> bool:
+    """Whether the orbit without an impact is another one run several times, which grazes there."""
+    problem, m = space.problem, space.problem.m
+    if len(problem.word) == 1:
+        return rests(space, box, inner)
+    once, times = _root(problem.word.drop(impact))
+    if times == 1 or m != 2:
+        return False
+    base = BallProblem(OrbitProblem(problem.model, once, problem.kernels), space.bits)
+    kept = [*inner[: m * impact], *inner[m * impact + m :]]
+    z = np.array([float(x.mid()) for x in [*kept[: base.problem.n], inner[problem.n]]])
+    span = base.problem.span(z)
+    starts = z[: base.problem.n : m]
+    first, time = starts[0], float(inner[m * impact].mid())
+    time -= np.floor((time - first) / span) * span
+    where = {
+        "flight": int(np.searchsorted(starts, time)) - 1,
+        "wall": problem.word.walls[impact],
+        "touch_time": time,
+    }
+    system, own = base.grazing(z, where)
+    found = proven(base, system, [*z.tolist(), *own])
+    return found is not None and _same_at_rest(base, found[1], times, box, impact)
+
+
+def _root(word: Word) -> tuple[Word, int]:
+    """A word as another one that is repeated, and how often."""
+    for times in range(len(word), 1, -1):
+        part, left = divmod(len(word), times)
+        if not left and word.period % times == 0 and word.walls == word.walls[:part] * times:
+            return Word(word.walls[:part], word.period // times), times
+    return word, 1
+
+
+def _same_at_rest(base: BallProblem, z: Balls, times: int, box: Balls, impact: int) -> bool:
+    """Whether a grazing orbit, run several times with one touch as an impact and another one as
+    the event, lies in a box."""
+    n = base.problem.n
+    span, touch = base.span(z[: n + 1]), z[n + 1]
+    rows = [
+        [row[0] + copy * span, *row[1:]]
+        for copy in range(times)
+        for row in base.impacts(z[: n + 1])[:-1]
+    ]
+    for copy in range(-1, times + 1):
+        moved: list[Any] = [*rows[:impact], [touch + copy * span, arb(0)], *rows[impact:]]
+        whole = [x for row in moved for x in row] + [z[n]]
+        for other in range(-1, times + 1):
+            given = [*whole, touch + other * span]
+            if other != copy and all(b.contains(x) for b, x in zip(box, given, strict=True)):
+                return True
+    return False
+
 
 AGREEMENT = 1e-9
 """Largest relative distance of recorded times, velocities and other parameters from proven ones.

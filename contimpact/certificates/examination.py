@@ -13,18 +13,12 @@ from flint import arb
 from ..bifurcations.registry import kind_of
 from ..orbits.problem import OrbitProblem
 from ..results.branch import Entry
-from .birth import Birth
-from .budget import Budget
-from .equations import BallProblem, Balls
+from .birth import Birth, meet
+from .equations import BallProblem, Balls, proven
 from .event import EventCertificate
-from .joints import meet
-from .krawczyk import proven
-from .limits import Limit, limits
-from .nodes import halved
-from .test_functions import OF_TWO, Test, regular, test_at
-from .touches import Flying, Patch, flying
-from .tube import Segment, Tube, proven_tube
-from .zeros import Cell, narrowed, zeros
+from .orbit import Limit, limits
+from .tube import Budget, Segment, Tube, halved, proven_tube
+from .zeros import OF_TWO, Cell, Flying, Patch, Test, flying, narrowed, regular, test_at, zeros
 
 BITS = 80
 """Precision of tubes, whose widths are far above rounding."""

@@ -1,4 +1,4 @@
-"""What is proven of the orbit that carries an event: whether it is physical, and how stable.
+"""What is proven of an orbit at an event: its flights, its multipliers, its physicality.
 
 The event's own touch, impact and multipliers are set aside, as its kind says.
 """
@@ -12,20 +12,323 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from flint import acb_mat, arb, arb_mat
+from flint import acb, acb_mat, acb_poly, arb, arb_mat, arb_series
 
-from ..bifurcations.kind import Kind
+from ..arrays import Array
+from ..bifurcations.kind import Kind, System
+from ..bifurcations.sliding import (
+    CROSSING,
+    SWITCHING,
+    at_once,
+    at_zero_velocity,
+    respelled,
+    shorter,
+    vanished,
+)
+from ..continuation.branch import Details
+from ..models.guards import Guard
+from ..models.word import Word
 from ..orbits.problem import OrbitProblem
+from ..segments.arithmetic import evaluate_in
 from ..segments.ball_flow import number
 from ..segments.balls import turns
 from ..segments.layout import SECTION
-from . import winding
-from .clearance import Clear
-from .equations import BallProblem, Balls, Flight
-from .krawczyk import proven
-from .limits import Limit, limits
-from .merging import Remains, remains_of, takes_no_time
-from .quiet import gap_of, guards_met
+from ..segments.segment import ELSEWHERE
+from ..segments.touches import limits_of, on_surface
+from .clearance import Clear, Gap, Met, walls_met
+from .equations import BallProblem, Balls, Flight, proven
+
+# Where the motion begins after an impact, in balls; see `contimpact.segments.touches`.
+
+
+@dataclass(frozen=True)
+class Limit:
+    """A limit that decides which of the guards on a surface an impact meets.
+
+    Attributes
+    ----------
+    impact : int
+    sliding, wall : str
+        The guard at which the motion would begin, and the one that limits it.
+    sign : float
+        +1 where it has to begin within the limit, -1 where beyond.
+    """
+
+    impact: int
+    sliding: str
+    wall: str
+    sign: float
+
+    def margin(self, space: BallProblem, z: Balls) -> Any:
+        """Return how far on the right side of the limit the motion begins, or on its surface how
+        fast it goes there."""
+        guards, values = space.problem.model.WALLS, space.values(z)
+        place = next(i for i, guard in enumerate(guards) if guard.name == self.wall)
+        motion = space.motion(self.sliding, self.wall)
+        begin, rate, _ = motion(space.impacts(z)[self.impact], arb(0), values)
+        on_it = on_surface(space.problem.kernels, self.sliding, self.wall)
+        gap = -rate if on_it else space.setup(values).walls[place] - begin
+        return self.sign * guards[place].side * gap
+
+
+def limits(problem: OrbitProblem) -> list[Limit]:
+    """Return those of all impacts of a word."""
+    return [
+        Limit(impact, *one)
+        for impact, letter in enumerate(problem.word.walls)
+        for one in limits_of(problem.kernels, letter)
+    ]
+
+
+# How many multipliers lie outside the unit circle, counted along the circle.
+#
+# The multipliers are the roots of :math:`p(\mu) = \det C(\mu)`, the cyclic matrix with its last
+# coupling multiplied by mu: a polynomial whose degree is at most that of a block. If p has no zero
+# on
+# the circle, it winds around zero as many times as there are roots inside (the argument principle).
+# Where an impact comes to rest the highest coefficient vanishes, and may only be known to be small:
+# a multiplier is infinite there, or as good as that, and counts as one outside.
+
+ARCS = 16
+DEEPEST = 12
+"""Into how many arcs the circle is cut first, and how often each of these."""
+
+
+def outside(flights: Sequence[Flight]) -> int | None:
+    """Return how many multipliers lie outside; None if one may lie on the circle."""
+    p = characteristic_polynomial(flights)
+    slope = p.derivative()
+    total, arcs = arb(0), list(itertools.pairwise(arb(2 * k) / ARCS for k in range(ARCS + 1)))
+    cells = [(start, end, 0) for start, end in arcs]
+    while cells:
+        start, end, depth = cells.pop()
+        arc, middle = _at(start.union(end)), _at((start + end) / 2)
+        if (p(middle) + slope(arc) * (arc - middle)).contains(0):
+            if depth == DEEPEST:
+                return None
+            half = (start + end) / 2
+            cells += [(start, half, depth + 1), (half, end, depth + 1)]
+            continue
+        total += (p(_at(end)) / p(_at(start))).arg()
+    inside = (total / (2 * arb.pi())).unique_fmpz()
+    return None if inside is None else len(flights[0][0]) - int(inside)
+
+
+def _at(half_turns: Any) -> Any:
+    """A number of the circle, by its angle over pi."""
+    angle = half_turns * arb.pi()
+    return acb(angle.cos(), angle.sin())
+
+
+def characteristic_polynomial(flights: Sequence[Flight]) -> Any:
+    """Return p from its values at roots of unity."""
+    count = len(flights[0][0]) + 1
+    roots = [_at(arb(2 * k) / count) for k in range(count)]
+    values = [acb_mat(_cyclic(flights, mu)).det() for mu in roots]
+    return acb_poly(
+        [
+            sum((v * roots[-j * k % count] for k, v in enumerate(values)), acb(0)) / count
+            for j in range(count)
+        ]
+    )
+
+
+def _cyclic(flights: Sequence[Flight], mu: Any) -> list[list[Any]]:
+    """C(mu)."""
+    m = len(flights[0][0])
+    n, rows = m * len(flights), []
+    for k, (_, start, end, _) in enumerate(flights):
+        factor = mu if k == len(flights) - 1 else acb(1)
+        for r in range(m):
+            row = [acb(0)] * n
+            for c in range(m):
+                row[m * k + c] += start[m * r + c]
+                row[(m * k + m + c) % n] += factor * end[m * r + c]
+            rows.append(row)
+    return rows
+
+
+# What is left of an orbit at an event where an impact comes to rest, or a flight takes no time.
+#
+# Multipliers at such an event are those of the word without what vanishes, as
+# `contimpact.bifurcations.sliding` says. Which flights take no time is seen in doubles, and proven
+# here: by the equations of the event, or as follows. Let a flight begin on the surface that it
+# reaches. If it begins, or ends, at rest there, and the acceleration has one sign all along, it
+# takes
+# no time. If the jump of an impact at rest leads onto that surface, it is the velocity that has to
+# have one sign. (Guards with `past` change a velocity of zero, too: nothing leaves them at rest.)
+
+
+@dataclass(frozen=True)
+class Remains:
+    """A word, possibly that without impacts, and what is not in it.
+
+    Attributes
+    ----------
+    word : Word
+    dropped : tuple of int
+        Impacts of the longer word.
+    brief : tuple of int
+        Its flights that take no time.
+    """
+
+    word: Word
+    dropped: tuple[int, ...]
+    brief: tuple[int, ...]
+
+
+def remains_of(problem: OrbitProblem, z: Balls, details: Mapping[str, Any]) -> Remains | None:
+    """Return what is left at an event; None where nothing vanishes, as where a contact that lasts
+    begins or ends at rest."""
+    impact, flight = details.get("impact"), details.get("flight")
+    if "touch_time" in details or (impact is None) == (flight is None):
+        return None
+    unknowns = np.array([float(x.mid()) for x in z])
+    if impact is None:
+        return _without_flight(problem, unknowns, details["flight"])
+    if at_zero_velocity(problem, unknowns, impact) == SWITCHING:
+        return _merged(problem, (impact - 1) % len(problem.word))
+    return _without(problem, unknowns, impact)
+
+
+def _without_flight(problem: OrbitProblem, unknowns: Any, flight: int) -> Remains | None:
+    found = at_once(problem, flight)
+    if found in (CROSSING, SWITCHING):
+        return _merged(problem, flight)
+    return None if found is None else _without(problem, unknowns, flight)
+
+
+def _without(problem: OrbitProblem, unknowns: Any, impact: int) -> Remains:
+    dropped = vanished(problem.evaluate(unknowns), impact)
+    return Remains(problem.word.drop(*dropped), dropped, dropped[:-1])
+
+
+def _merged(problem: OrbitProblem, flight: int) -> Remains | None:
+    letter, other = shorter(problem, flight), (flight + 1) % len(problem.word)
+    if letter is None:
+        return None
+    return Remains(respelled(problem.word, flight, letter, 2), (other,), (flight,))
+
+
+def takes_no_time(space: BallProblem, z: Balls, flight: int) -> bool:
+    """Return whether a flight with an impact at rest is proven to take no time."""
+    problem = space.problem
+    word, letters = problem.word.walls, [guard.name for guard in problem.model.WALLS]
+    ends = word[flight], word[(flight + 1) % len(word)]
+    left, reached = map(letters.index, ends)
+    start, end = (space.impacts(z)[flight + i] for i in (0, 1))
+    duration = end[0] - start[0]
+    if not duration.contains(0):
+        return False
+    motion = space.motion(ends[0], None if left == reached else ends[1])
+    _, speed, acceleration = motion(start, duration.union(arb(0)), space.values(z))
+    passages = problem.kernels.passages
+    leaves_at_rest = bool(start[1] == 0) and not problem.model.WALLS[left].past
+    if passages.arrivals[left][reached] != ELSEWHERE:
+        return (leaves_at_rest or bool(end[1] == 0)) and not acceleration.contains(0)
+    return leaves_at_rest and passages.meets_at_rest(left, reached) and not speed.contains(0)
+
+
+def stops(space: BallProblem, z: Balls, flight: int) -> bool:
+    """Return whether a flight that takes no time is proven to begin with an impact at rest.
+
+    The jump of an impact at rest leads onto the surface reached; that of no other velocity does if
+    it moves the gap coordinate with the velocity.
+    """
+    problem = space.problem
+    ends = [problem.word.walls[k % len(problem.word)] for k in (flight, flight + 1)]
+    left, reached = ([g.name for g in problem.model.WALLS].index(end) for end in ends)
+    passages, start = problem.kernels.passages, space.impacts(z)[flight]
+    if not (passages.onto and passages.onto[left][reached]) or not start[1].contains(0):
+        return False
+    faster = [start[0], arb_series([start[1].union(arb(0)), 1], prec=2), *start[2:]]
+    begin = space.motion(*ends)(faster, arb(0), space.values(z))[0]
+    return isinstance(begin, arb_series) and not begin[1].contains(0)
+
+
+# Orbits without impacts in ball arithmetic: their one flight, and the gaps along it.
+
+BEFORE = 0.43
+"""The part of the orbit that is looked at before its touch."""
+
+
+def ball_problem(problem: OrbitProblem, bits: int) -> BallProblem:
+    """Return the equations of a word in balls, `0` among them."""
+    return (BallProblem if problem.word.walls else QuietBalls)(problem, bits)
+
+
+class QuietBalls(BallProblem):
+    """The equations of orbits without impacts; see `contimpact.orbits.quiet`.
+
+    The unknowns are the state at the time zero and the followed parameter.
+    """
+
+    def impacts(self, z: Any) -> list[Balls]:
+        """Return the impacts: none."""
+        return []
+
+    def flights(self, z: Any) -> list[Flight]:
+        """Return residual and blocks of the flight through all periods."""
+        state = list(z[: self.problem.m])
+        rows = self._segments[0](state, state, self.values(z))
+        residual, first, last, free = ([number(x) for x in row] for row in rows)
+        return [(residual, first, last, free)]
+
+    def grazing(self, z: Array, details: Details) -> System:
+        """F = 0, and the orbit touches a guard with zero velocity."""
+        m, n = self.problem.m, self.problem.n
+        reach = self.problem.kernels.segment(SECTION, details["wall"]).over(self.arithmetic)
+
+        def system(x: list[Any]) -> list[Any]:
+            touch = [x[n + 1], arb(0), *x[n + 2 :]]
+            rows = reach(x[:m], touch, self.values(x[: n + 1]))[0]
+            return [*self.residual(x[: n + 1]), *map(number, rows)]
+
+        return system, [float(details["touch_time"]), *[0.0] * (m - 2)]
+
+
+class QuietGap(Gap):
+    """The gap to a guard through all periods of an orbit without impacts; arguments as of `Gap`."""
+
+    def __init__(self, space: BallProblem, z: Balls, wall: str, touch: Any = None) -> None:
+        problem = space.problem
+        place = problem.model.letters.index(wall)
+        self.met = Met(problem.model.WALLS[place], place, False, False)
+        self.side, self.beside = self.met.guard.side, (False, False)
+        self.values, self.state = space.values(z), list(z[: problem.m])
+        self.distance = space.setup(self.values).walls[place]
+        self.along = evaluate_in(problem.kernels.since(wall), space.arithmetic)
+        self.duration = space.span(z)
+        self.begin = arb(0) if touch is None else (touch - BEFORE * self.duration).mid()
+        self.start, self.touch = [self.begin], None if touch is None else touch - self.begin
+
+    def at(self, dt: Any) -> tuple[Any, Any, Any]:
+        """Return gap, rate and curvature at a time, or on a cell of times."""
+        x, speed, acceleration = self.along(*self.state, self.begin + dt, *self.values)
+        return self.side * (self.distance - x), -self.side * speed, -self.side * acceleration
+
+
+def gap_of(
+    space: BallProblem,
+    z: Balls,
+    flight: int,
+    wall: str,
+    touch: Any = None,
+    beside: tuple[bool, bool] = (False, False),
+) -> Gap:
+    """Return the gap to a guard along a flight; parameters are those of `Gap`."""
+    if space.problem.word.walls:
+        return Gap(space, z, flight, wall, touch, beside)
+    return QuietGap(space, z, wall, touch)
+
+
+def guards_met(space: BallProblem, flight: int) -> list[Guard]:
+    """Return the guards that a flight can meet, or an orbit without impacts."""
+    model = space.problem.model
+    if space.problem.word.walls:
+        return walls_met(space, flight)
+    return [g for g in model.WALLS if model.first_mode in g.modes and not g.past]
+
 
 ANYWHERE = (1.0, -1.0, 1j, -1j)
 """Multipliers of which an event that is one of a multiplier's sets one aside, at least."""
@@ -67,14 +370,14 @@ class Orbit:
         except (ValueError, ZeroDivisionError) as error:
             return None, str(error)
         if self._lasts:
-            counted = winding.outside(flights)
+            counted = outside(flights)
             return (None, ON_CIRCLE) if counted is None else (counted - 1, "")
         try:
             found = (_outside_of_two if self.space.problem.m == 2 else _outside)(self, flights)
         except (ValueError, ZeroDivisionError) as error:
             found = None, f"the multipliers are not isolated ({error})"
         if found[0] is None and not self.critical(ANYWHERE):
-            counted = winding.outside(flights)
+            counted = outside(flights)
             found = found if counted is None else (counted, "")
         return found
 

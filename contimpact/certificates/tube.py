@@ -1,4 +1,4 @@
-r"""A tube: between two orbits of a branch there is one smooth curve of orbits, and no other.
+r"""Tubes about branches, laid from node to node within a budget.
 
 Let p be the cubic through two points of a branch with their tangents, on -1 <= u <= 1, and l(u) the
 row that runs from one tangent to the other. A point of the branch is p(u) + w with
@@ -18,7 +18,9 @@ tube, which is Lagrange's remainder.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+import math
+import time
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any, TypeAlias
@@ -26,8 +28,38 @@ from typing import Any, TypeAlias
 import numpy as np
 from flint import arb, arb_mat, arb_poly, arb_series
 
-from ..orbits.problem import Array
+from ..arrays import Array
+from ..orbits.problem import OrbitProblem
+from ..progress import Progress
+from ..results.branch import Branch
+from ..results.tables import coordinates
 from .equations import BallProblem, Balls, Flight
+
+# How long the proof of a branch may take: what is not looked at in that time is said.
+
+
+class Budget:
+    """Seconds of processor time from now on: another load of the machine proves the same.
+
+    Parameters
+    ----------
+    seconds : float
+        Infinitely many unless set.
+    """
+
+    def __init__(self, seconds: float = math.inf) -> None:
+        self.seconds, self._began = seconds, time.process_time()
+
+    @property
+    def spent(self) -> bool:
+        """Whether they are over."""
+        return time.process_time() - self._began > self.seconds
+
+    @property
+    def message(self) -> str:
+        """What is said of what is left."""
+        return f"not proven within {self.seconds:g} s; more are given by seconds in [certify]"
+
 
 ORDER = 8
 """Degree of the polynomials of residuals and test functions, the remainder's."""
@@ -375,3 +407,127 @@ def balls_around_zero(half: Array) -> Balls:
 def shifted(model: Model, u: Any) -> list[Any]:
     """Return the coefficients of a polynomial around another u."""
     return arb_poly(model)(arb_poly([u, 1])).coeffs() or [arb(0)]
+
+
+# Nodes between tubes: orbits of a branch in doubles. Nothing is proven by them.
+
+SHORTEST = 2e-5
+"""Length of segments, in natural sizes of the unknowns, that are not halved: where branches cross,
+no tube is short enough."""
+
+
+def node_at(problem: OrbitProblem, unknowns: Array, scale: Array, along: Array) -> Node:
+    """Return a node at an orbit, its tangent in the direction of another vector."""
+    jacobian = problem.evaluate(unknowns).jacobian * scale
+    tangent = np.linalg.svd(jacobian)[2][-1]
+    if tangent @ (along / scale) < 0.0:
+        tangent = -tangent
+    return Node(unknowns, tangent * scale)
+
+
+def halved(segment: Segment) -> tuple[Segment, Segment] | None:
+    """Return two segments in place of one, through an orbit near its middle; None without one."""
+    if segment.length < SHORTEST:
+        return None
+    problem, z = segment.space.problem, segment.doubles(0.0)
+    row = np.array([float(x.mid()) for x in segment.row[0]])
+    middle = z
+    try:
+        for _ in range(8):
+            here = problem.evaluate(middle)
+            matrix = np.vstack([here.jacobian, row])
+            step = np.linalg.solve(matrix, np.append(here.residual, row @ (middle - z)))
+            middle = middle - step
+            if np.max(np.abs(step) / segment.scale) < 1e-14:
+                break
+    except (ArithmeticError, ValueError, np.linalg.LinAlgError):
+        return None
+    if not np.max(np.abs(middle - z) / segment.scale) < 0.5 * segment.length:
+        return None
+    node = node_at(problem, middle, segment.scale, segment.last.unknowns - segment.first.unknowns)
+    return (
+        Segment(segment.space, segment.first, node, segment.scale),
+        Segment(segment.space, node, segment.last, segment.scale),
+    )
+
+
+# From the table of a branch to tubes, one after the other.
+
+FINEST = 1e-4
+"""Largest half width of a tube, in natural sizes of the unknowns, unless it spans one step."""
+DEEPEST = 12
+"""How often the step of a table is halved."""
+AWAY = 0.05
+"""Tubes do not end nearer to an event than this part of the step."""
+
+
+def points_of(branch: Branch, problem: OrbitProblem) -> Array:
+    """The orbits of a table from which tubes may begin: events are no ends of tubes."""
+    names = [f"{n}{k}" for k in range(1, len(branch.word) + 1) for n in coordinates(problem.m)]
+    rows = np.column_stack([branch[name] for name in (*names, branch.parameter)])
+    events = np.array([name != "" for name in branch["event"]])
+    places = branch["arclength"]
+    spacing = np.gradient(places) if len(places) > 1 else np.ones(1)
+    near = np.zeros(len(rows), dtype=bool)
+    for where in [e.arclength for e in branch.events]:
+        near |= np.abs(places - where) < AWAY * np.abs(spacing)
+    kept = ~(events | near)
+    kept[[0, -1]] = True
+    kept[1:] &= np.any(rows[1:] != rows[:-1], axis=1)
+    return rows[kept]
+
+
+def scale_of(problem: OrbitProblem, points: Array) -> Array:
+    """Natural sizes of the unknowns: the largest of those along the branch, because one that
+    passes through zero has none there."""
+    span = float(np.ptp(points[:, -1])) or 1.0
+    sizes = [problem.scale(z, span) for z in points]
+    return np.asarray(np.max(sizes, axis=0))
+
+
+def nodes_of(problem: OrbitProblem, points: Array, scale: Array) -> list[Node]:
+    count = len(points)
+    return [
+        node_at(problem, z, scale, points[min(i + 1, count - 1)] - points[max(i - 1, 0)])
+        for i, z in enumerate(points)
+    ]
+
+
+def laid(
+    space: BallProblem, nodes: Sequence[Node], scale: Array, progress: Progress, budget: Budget
+) -> Iterator[tuple[Segment, Tube | None]]:
+    """Yield tubes from node to node, each over as many steps as it can, or None; None for every
+    step that is left when the budget is spent."""
+    i, steps = 0, 4
+    while i < len(nodes) - 1:
+        if budget.spent:
+            yield Segment(space, nodes[i], nodes[i + 1], scale), None
+            i += 1
+            continue
+        j = min(i + steps, len(nodes) - 1)
+        segment = Segment(space, nodes[i], nodes[j], scale)
+        tube = proven_tube(segment)
+        wide = tube is not None and bool(np.max(tube.inner / scale) > FINEST)
+        if j - i > 1 and (tube is None or wide):
+            steps = (j - i) // 2
+            continue
+        if tube is None:
+            yield from split(segment, DEEPEST, budget)
+        else:
+            yield segment, tube
+        i, steps = j, 2 * steps
+        progress(f"{i} of {len(nodes) - 1} steps")
+
+
+def split(segment: Segment, depth: int, budget: Budget) -> Iterator[tuple[Segment, Tube | None]]:
+    """Yield tubes along a step in which a single one is not proven."""
+    parts = halved(segment) if depth > 0 and not budget.spent else None
+    if parts is None:
+        yield segment, None
+        return
+    for part in parts:
+        tube = proven_tube(part)
+        if tube is not None:
+            yield part, tube
+        else:
+            yield from split(part, depth - 1, budget)

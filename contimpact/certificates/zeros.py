@@ -1,4 +1,4 @@
-"""Zeros of a test function along a tube: excluded, or isolated, one in each of some cells.
+"""Zeros of test functions and touches along tubes.
 
 The function is a polynomial in u with enclosed coefficients. A cell of u is free of zeros if the
 enclosure on it is; it holds exactly one if the function is strictly monotone on it and has
@@ -7,13 +7,375 @@ different signs at its ends. Other cells are cut.
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, TypeAlias
 
-from flint import arb, arb_series
+import numpy as np
+from flint import arb, arb_mat, arb_series
 
-from .test_functions import Test
-from .tube import Model, Tube, coefficient, shifted
+from .birth import Birth
+from .clearance import Coordinate, coordinates_of
+from .equations import Flight
+from .orbit import characteristic
+from .tube import Model, Segment, Tube, coefficient, shifted
+
+# Test functions along a tube: functions of the flights that vanish at folds and period doublings.
+#
+# With two multipliers they are the polynomial :math:`b\mu^2 - c\mu + a` at 1 and -1. With more, the
+# cyclic matrix C(mu) is singular: its determinant is the test function, in orthogonal coordinates U
+# and V in which it is diagonal in the middle of the tube, its smallest singular value last.
+# Elimination gives it as a product of pivots, and divides by none but the last one; where another
+# one
+# may be zero, it is expanded by minors, without a division.
+
+Test: TypeAlias = Callable[[list[Flight]], Any]
+
+
+def doubling(flights: list[Flight]) -> Any:
+    """The multipliers' polynomial at -1: with the product of impact speeds, so without poles."""
+    b, c, a = characteristic(flights)
+    return b + c + a
+
+
+def turning(flights: list[Flight]) -> Any:
+    """The same at 1: zero where the parameter turns along a branch."""
+    b, c, a = characteristic(flights)
+    return b - c + a
+
+
+OF_TWO: dict[float, Test] = {1.0: turning, -1.0: doubling}
+"""By the multiplier that passes the unit circle."""
+
+
+def test_at(segment: Segment, mu: float) -> Test:
+    """Return the test function of a multiplier, the same function for all of a segment."""
+    return OF_TWO[mu] if segment.space.problem.m == 2 else _Determinant(segment, mu)
+
+
+LARGEST = 8
+"""Rows of matrices that are expanded by minors: it takes n 2^(n - 1) products."""
+
+ELSEWHERE = (0.5, -0.5)
+"""Where the multipliers' polynomial is evaluated besides: it is zero everywhere where flights
+vanish, and that is no event."""
+
+
+def regular(segment: Segment, flights: list[Flight]) -> bool:
+    """Return whether the multipliers' polynomial is proven not to be zero everywhere."""
+    if segment.space.problem.m == 2:
+        b, c, a = characteristic(flights)
+        return any(not (b * mu * mu - c * mu + a).contains(0) for mu in ELSEWHERE)
+    return any(not _Determinant(segment, mu)(flights).contains(0) for mu in ELSEWHERE)
+
+
+class _Determinant:
+    """The determinant of C(mu), in coordinates in which it is diagonal in the middle."""
+
+    def __init__(self, segment: Segment, mu: float) -> None:
+        problem = segment.space.problem
+        self.m, self.n, self.mu = problem.m, problem.n, mu
+        here = problem.evaluate(segment.doubles(0.0))
+        left, _, right = np.linalg.svd(here.cyclic(mu)[:, : self.n])
+        self.left, self.right = arb_mat(left.T.tolist()), arb_mat(right.T.tolist())
+        if any(matrix.det().contains(0) for matrix in (self.left, self.right)):
+            raise ArithmeticError("the cyclic matrix has no singular vectors")
+
+    def __call__(self, flights: list[Flight]) -> Any:
+        rows = self._turned(self._cyclic(flights))
+        found = _eliminated([list(row) for row in rows])
+        if found is None and self.n > LARGEST:
+            raise ArithmeticError("a pivot of the cyclic matrix may be zero")
+        return _by_minors(rows) if found is None else found
+
+    def _cyclic(self, flights: list[Flight]) -> list[list[Any]]:
+        """C(mu)."""
+        m, found = self.m, []
+        for k, (_, start, end, _) in enumerate(flights):
+            factor = self.mu if k == len(flights) - 1 else 1
+            for r in range(m):
+                row: list[Any] = [arb(0)] * self.n
+                for c in range(m):
+                    row[m * k + c] += start[m * r + c]
+                    row[(m * k + m + c) % self.n] += factor * end[m * r + c]
+                found.append(row)
+        return found
+
+    def _turned(self, rows: list[list[Any]]) -> list[list[Any]]:
+        """U^T C V, of numbers or of power series."""
+        length = max((x.prec for row in rows for x in row if isinstance(x, arb_series)), default=1)
+        parts = [
+            (self.left * arb_mat([[coefficient(x, j) for x in row] for row in rows]) * self.right)
+            for j in range(length)
+        ]
+        tables = [part.tolist() for part in parts]
+        if length == 1:
+            return [list(row) for row in tables[0]]
+        size = range(self.n)
+        return [
+            [arb_series([table[i][j] for table in tables], prec=length) for j in size] for i in size
+        ]
+
+
+def _eliminated(rows: list[list[Any]]) -> Any:
+    """A determinant as the product of its pivots; None if one but the last may be zero."""
+    total: Any = arb(1)
+    for i, row in enumerate(rows[:-1]):
+        if coefficient(row[i], 0).contains(0):
+            return None
+        total = total * row[i]
+        for later in rows[i + 1 :]:
+            factor = later[i] / row[i]
+            for j in range(i + 1, len(rows)):
+                later[j] = later[j] - factor * row[j]
+    return total * rows[-1][-1]
+
+
+def _by_minors(rows: list[list[Any]]) -> Any:
+    """A determinant from the minors of its first rows, by the columns that these take."""
+    size, minors = len(rows), {0: arb(1)}
+    for row in rows:
+        found: dict[int, Any] = {}
+        for taken, minor in minors.items():
+            for j in (j for j in range(size) if not taken >> j & 1):
+                sign = (-1) ** (taken >> j).bit_count()
+                more, columns = sign * row[j] * minor, taken | 1 << j
+                found[columns] = found[columns] + more if columns in found else more
+        minors = found
+    return minors[2**size - 1]
+
+
+# Touches along a tube: where a flight reaches a wall with zero velocity, between its impacts.
+#
+# A flight is run through by s from 0 to 1, the branch by u. A cell of both is free of touches if on
+# it the velocity does not vanish, or no gap does. At the ends of a flight the gap to the wall left,
+# or reached, vanishes by itself. There a cell is free of touches of that wall, too, if the
+# curvature
+# of the gap has one sign: a touch would make the gap vanish twice, at the cell's end and at the
+# touch, so that its rate vanishes between them and at the touch, and its curvature between these.
+#
+# Only where the gap bends away from the wall, in a minimum, a touch is a grazing; and only if the
+# flight does not pass the wall elsewhere.
+#
+# A cell holds one touch at most if no matrix of the enclosed derivatives of gap and velocity by s
+# and
+# u is singular on it.
+
+DEEPEST_TOUCH = 44
+"""How often a flight and a tube are cut."""
+SELDOM = 6
+"""After how many cuts a cell is compared with the rest of the flight."""
+SIZES = [2.0**-k for k in range(12)]
+"""Half widths of cells around a touch that is known."""
+
+
+@dataclass(frozen=True)
+class Patch:
+    """A cell of a flight and a tube that may hold a touch of a wall.
+
+    Attributes
+    ----------
+    flight : int
+    wall : str
+    along, at : (float, float)
+        Ranges of u, and of s.
+    single : bool
+        Whether it holds one touch at most.
+    """
+
+    flight: int
+    wall: str
+    along: tuple[float, float]
+    at: tuple[float, float]
+    single: bool
+
+    def holds(self, wall: str, along: tuple[float, float], at: tuple[float, float]) -> bool:
+        """Whether a cell is part of this one."""
+        return (
+            wall == self.wall
+            and self.along[0] <= along[0]
+            and along[1] <= self.along[1]
+            and self.at[0] <= at[0]
+            and at[1] <= self.at[1]
+        )
+
+
+@dataclass(frozen=True)
+class _Local:
+    """What is enclosed on a cell: for each wall the gap, and whether a touch is free; the rates."""
+
+    gap: dict[str, Any]
+    gap_along: dict[str, Any]
+    speed: Any
+    speed_along: Any
+    bend: Any
+    duration: Any
+
+
+def flying(tube: Tube | Birth, flight: int) -> list[Flying]:
+    """Return a flight along a tube, once for each of its gap coordinates."""
+    found = coordinates_of(tube.segment.space, flight)
+    return [Flying(tube, flight, coordinate) for coordinate in found]
+
+
+class Flying:
+    """One gap coordinate of a flight along a tube."""
+
+    def __init__(self, tube: Tube | Birth, flight: int, coordinate: Coordinate) -> None:
+        self.tube, self.flight, self.coordinate = tube, flight, coordinate
+        self.space = tube.segment.space
+        self.met = {one.guard.name: one for one in coordinate.met}
+        self.sides = {name: one.guard.side for name, one in self.met.items()}
+
+    def local(self, s: Any, u: Any) -> _Local:
+        """Return what is enclosed for balls of s and u."""
+        z = self.tube.moving(u)
+        rows, values = self.space.impacts(z), self.space.values(z)
+        start = rows[self.flight]
+        duration = rows[self.flight + 1][0] - start[0]
+        x, speed, bend = self.coordinate.motion(start, s * duration, values)
+        places = self.space.setup(values).walls
+        gaps = {
+            name: one.guard.side * (self.coordinate.distance(one, places) - x)
+            for name, one in self.met.items()
+        }
+        return _Local(
+            {name: coefficient(g, 0) for name, g in gaps.items()},
+            {name: coefficient(g, 1) for name, g in gaps.items()},
+            coefficient(speed, 0),
+            coefficient(speed, 1),
+            coefficient(bend, 0),
+            coefficient(duration, 0),
+        )
+
+    def patches(self, known: Sequence[tuple[str, float, float]]) -> Iterator[Patch]:
+        """Yield the cells that may hold touches.
+
+        Parameters
+        ----------
+        known : sequence of (wall, u, s)
+            Touches that are known. Around each a cell is taken first, as large as it can be and
+            hold no other.
+        """
+        cells = [((-1.0, 1.0), (0.0, 1.0), 0)]
+        taken = [patch for one in known if (patch := self._around(*one)) is not None]
+        yield from taken
+        while cells:
+            along, at, depth = cells.pop()
+            if edged := _cut_at_edges(along, at, taken):
+                cells += [(*part, depth) for part in edged]
+                continue
+            s, u = _ball(at), _ball(along)
+            wide, mid = self.local(s, u), self.local(s.mid(), u.mid())
+            ds, du = s - s.mid(), u - u.mid()
+            speed = mid.speed + wide.bend * wide.duration * ds + wide.speed_along * du
+            if not speed.contains(0) or not wide.speed.contains(0):
+                continue
+            left = [
+                name
+                for name in self.met
+                if not any(patch.holds(name, along, at) for patch in taken)
+                and self._touches(name, wide, mid, at, ds, du)
+            ]
+            if depth % SELDOM == SELDOM - 1:
+                left = [name for name in left if not self.passes(name, along)]
+            if not left:
+                continue
+            alone = all(self._single(name, wide) for name in left)
+            if depth == DEEPEST_TOUCH or (alone and depth > DEEPEST_TOUCH // 2):
+                yield from (Patch(self.flight, name, along, at, alone) for name in left)
+            else:
+                by_s, by_u = wide.bend * wide.duration * ds, mid.speed_along * du
+                cells += self._cut(along, at, depth, by_s, by_u)
+
+    def _around(self, wall: str, u: float, s: float) -> Patch | None:
+        """The largest of some cells around a touch that holds no other."""
+        for size in SIZES:
+            along = max(u - size, -1.0), min(u + size, 1.0)
+            at = max(s - size / 4.0, 0.0), min(s + size / 4.0, 1.0)
+            if self._single(wall, self.local(_ball(at), _ball(along))):
+                return Patch(self.flight, wall, along, at, True)
+        return None
+
+    def _touches(self, wall: str, wide: _Local, mid: _Local, at: Any, ds: Any, du: Any) -> bool:
+        """Whether a cell may hold a grazing of a wall."""
+        side = self.sides[wall]
+        bend = -side * wide.bend
+        if bend < 0:
+            return False
+        met = self.met[wall]
+        first, last = met.left and at[0] == 0.0, met.reached and at[1] == 1.0
+        if (first or last) and bend > 0:
+            return False
+        slope = -side * wide.speed * wide.duration
+        gap = mid.gap[wall] + slope * ds + wide.gap_along[wall] * du
+        return bool(gap.contains(0) and wide.gap[wall].contains(0))
+
+    def _single(self, wall: str, wide: _Local) -> bool:
+        """Whether no matrix of the derivatives of gap and velocity is singular."""
+        side = self.sides[wall]
+        first = -side * wide.speed * wide.duration * wide.speed_along
+        second = wide.gap_along[wall] * wide.bend * wide.duration
+        return not (first - second).contains(0)
+
+    @staticmethod
+    def _cut(along: Any, at: Any, depth: int, by_s: Any, by_u: Any) -> list[Any]:
+        """Two cells in place of one, cut where the velocity varies more."""
+        across_s, across_u = (float(abs(change).upper()) for change in (by_s, by_u))
+        if across_s >= across_u:
+            middle = at[0] + 0.4921875 * (at[1] - at[0])
+            return [(along, (at[0], middle), depth + 1), (along, (middle, at[1]), depth + 1)]
+        middle = along[0] + 0.4921875 * (along[1] - along[0])
+        return [((along[0], middle), at, depth + 1), ((middle, along[1]), at, depth + 1)]
+
+    def passes(self, wall: str, along: tuple[float, float]) -> bool:
+        """Whether the flight is proven to pass a wall in a whole range of u.
+
+        What a flight does beyond a wall before it comes back from an impact that runs the wrong way
+        belongs to that impact; between such ends the gap has to be positive before and behind.
+        """
+        u = _ball(along)
+        z = np.array([float(x.mid()) for x in self.tube.state(u.mid())])
+        here = self.space.problem.evaluate(z).gaps[self.flight]
+        touch = here.touches[self.met[wall].number]
+        if touch is None or not touch.gap < 0.0 or not here.duration > 0.0:
+            return False
+        start = z[self.space.problem.m * self.flight]
+        at = (touch.time - start) / here.duration
+        return 0.0 < at < 1.0 and bool(self._mean(wall, at, u) < 0)
+
+    def _mean(self, wall: str, s: float, u: Any) -> Any:
+        """The gap at s, for a ball of u."""
+        mid, wide = self.local(arb(s), u.mid()), self.local(arb(s), u)
+        return mid.gap[wall] + wide.gap_along[wall] * (u - u.mid())
+
+
+Range: TypeAlias = tuple[float, float]
+
+
+def _cut_at_edges(
+    along: Range, at: Range, taken: Sequence[Patch]
+) -> list[tuple[Range, Range]] | None:
+    """Two cells in place of one that is partly in a patch; None if there is none of these."""
+    for patch in taken:
+        if not (_overlap(along, patch.along) and _overlap(at, patch.at)):
+            continue
+        for edge in patch.along:
+            if along[0] < edge < along[1]:
+                return [((along[0], edge), at), ((edge, along[1]), at)]
+        for edge in patch.at:
+            if at[0] < edge < at[1]:
+                return [(along, (at[0], edge)), (along, (edge, at[1]))]
+    return None
+
+
+def _overlap(one: Range, other: Range) -> bool:
+    return max(one[0], other[0]) < min(one[1], other[1])
+
+
+def _ball(ends: Range) -> Any:
+    return arb(ends[0]).union(arb(ends[1]))
+
 
 DEEPEST = 10
 """How often a tube is cut."""

@@ -51,8 +51,7 @@ def _run(options: argparse.Namespace) -> int:
 
 
 def _certified(folder: Path, options: argparse.Namespace) -> int:
-    from ..certificates.certify import certify_folder, verify_folder
-    from ..certificates.records import FILE, ROWS, write_certificates
+    from ..certificates.certify import FILE, ROWS, certify_folder, verify_folder, write_certificates
 
     asked = asked_of(folder)
     with telling(folder.name, options.quiet) as tell:

@@ -20,11 +20,20 @@ flint = pytest.importorskip("flint", reason="needs contimpact[certify]")
 
 from contimpact.certificates import tube  # noqa: E402
 from contimpact.certificates.branch import problem_of, verified_branch  # noqa: E402
-from contimpact.certificates.certify import certify_folder, verify_folder  # noqa: E402
+from contimpact.certificates.certify import (  # noqa: E402
+    FILE,
+    Kept,
+    certify_folder,
+    verify_folder,
+    write_certificates,
+)
 from contimpact.certificates.equations import BallProblem  # noqa: E402
 from contimpact.certificates.event import certified  # noqa: E402
-from contimpact.certificates.laying import nodes_of, points_of, scale_of  # noqa: E402
-from contimpact.certificates.records import FILE, Kept, write_certificates  # noqa: E402
+from contimpact.certificates.tube import (  # noqa: E402
+    nodes_of,
+    points_of,
+    scale_of,
+)
 
 ENTRIES_ALONE = CertifyOptions(branches=False)
 

@@ -25,12 +25,19 @@ from contimpact.systems.oscillator import Oscillator
 
 flint = pytest.importorskip("flint", reason="needs contimpact[certify]")
 
-from contimpact.certificates import test_functions, touches  # noqa: E402
+from contimpact.certificates import zeros  # noqa: E402
+from contimpact.certificates import zeros as touches  # noqa: E402
 from contimpact.certificates.branch import problem_of, verified_branch  # noqa: E402
-from contimpact.certificates.certify import verify_folder  # noqa: E402
+from contimpact.certificates.certify import (  # noqa: E402
+    FILE,
+    Kept,
+    verify_folder,
+)
 from contimpact.certificates.event import EventCertificate, certified, verified  # noqa: E402
-from contimpact.certificates.laying import points_of, scale_of  # noqa: E402
-from contimpact.certificates.records import FILE, Kept  # noqa: E402
+from contimpact.certificates.tube import (  # noqa: E402
+    points_of,
+    scale_of,
+)
 
 ENTRIES_ALONE = CertifyOptions(branches=False)
 
@@ -258,15 +265,15 @@ def test_a_determinant_is_the_same_by_pivots_and_by_minors():
     rng = np.random.default_rng(1)
     numbers = rng.normal(size=(6, 6, 3))
     rows = [[flint.arb_series(c.tolist(), prec=3) for c in row] for row in numbers]
-    one = test_functions._eliminated([list(row) for row in rows])
-    other = test_functions._by_minors(rows)
+    one = zeros._eliminated([list(row) for row in rows])
+    other = zeros._by_minors(rows)
     assert all(one[j].overlaps(other[j]) for j in range(3))
     assert float(other[0].mid()) == pytest.approx(np.linalg.det(numbers[:, :, 0]))
     rows[0][0] = rows[0][0] - rows[0][0][0]
-    assert test_functions._eliminated([list(row) for row in rows]) is None
+    assert zeros._eliminated([list(row) for row in rows]) is None
     numbers[0, 0, 0] = 0.0
     exact = np.linalg.det(numbers[:, :, 0])
-    assert float(test_functions._by_minors(rows)[0].mid()) == pytest.approx(exact)
+    assert float(zeros._by_minors(rows)[0].mid()) == pytest.approx(exact)
 
 
 # Kinds.

@@ -7,7 +7,7 @@ import pytest
 
 flint = pytest.importorskip("flint", reason="needs contimpact[certify]")
 
-from contimpact.certificates.winding import outside  # noqa: E402
+from contimpact.certificates.orbit import outside  # noqa: E402
 
 
 def flights_of(blocks):
