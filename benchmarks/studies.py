@@ -15,7 +15,7 @@ import time
 from pathlib import Path
 
 from contimpact import Store, follow, load_study, read_scene, read_study, run_study
-from contimpact.parameter_studies.executors import processes
+from contimpact.studies.executors import processes
 
 ATLAS = Path(__file__).parents[1] / "branches" / "atlas" / "A5.toml"
 

@@ -41,6 +41,11 @@ if TYPE_CHECKING:
     from ..simulation.settle import settle as settle
     from ..simulation.sweep import sweep as sweep
     from ..simulation.transitions import find_transitions as find_transitions
+    from ..studies.run import run_study as run_study
+    from ..studies.store import Store as Store
+    from ..studies.study import Study as Study
+    from ..studies.study_file import load_study as load_study
+    from ..studies.study_file import read_study as read_study
     from .certificates.certify import certify as certify
     from .continuation.settings import Settings as Settings
     from .errors import InputError as InputError
@@ -50,11 +55,6 @@ if TYPE_CHECKING:
     from .models.model import Symmetry as Symmetry
     from .models.model import Wall as Wall
     from .orbits.orbit import Orbit as Orbit
-    from .parameter_studies.run import run_study as run_study
-    from .parameter_studies.store import Store as Store
-    from .parameter_studies.study import Study as Study
-    from .parameter_studies.study_file import load_study as load_study
-    from .parameter_studies.study_file import read_study as read_study
     from .plots.attractors import plot_energy as plot_energy
     from .plots.attractors import plot_sweep as plot_sweep
     from .plots.curves import plot_curves as plot_curves
@@ -112,11 +112,11 @@ _PLACES = {
     "sweep": "simulation.sweep",
     "find_transitions": "simulation.transitions",
     "cover": "simulation.basins",
-    "load_study": "parameter_studies.study_file",
-    "read_study": "parameter_studies.study_file",
-    "run_study": "parameter_studies.run",
-    "Store": "parameter_studies.store",
-    "Study": "parameter_studies.study",
+    "load_study": "studies.study_file",
+    "read_study": "studies.study_file",
+    "run_study": "studies.run",
+    "Store": "studies.store",
+    "Study": "studies.study",
     "load_diagram": "results.catalogue",
     "write_diagram": "results.catalogue",
     "plot_diagram": "plots.diagram",

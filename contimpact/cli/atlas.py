@@ -10,11 +10,9 @@ import numpy as np
 
 from ..errors import InputError
 from ..models.expressions import number
-from ..parameter_studies.maps import Map
-from ..parameter_studies.quantities import QUANTITIES
-from ..parameter_studies.study import Study, studies
 from ..storage.files import write_text
 from ..storage.texts import csv_text
+from ..studies.study import QUANTITIES, Map, Study, studies
 from ..telling import telling
 from .console import require_output
 from .terminal import say

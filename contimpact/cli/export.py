@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import argparse
 
-from ..parameter_studies.export import export
+from ..studies.export import export
 from .console import require_output
 from .terminal import say
 

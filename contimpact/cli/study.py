@@ -5,11 +5,11 @@ from __future__ import annotations
 import argparse
 
 from ..errors import InputError
-from ..parameter_studies.executors import Workshop, dask, mpi, processes
-from ..parameter_studies.run import Tally, WorkersLostError, duration, run_study
-from ..parameter_studies.store import Store
-from ..parameter_studies.study_file import load_study
 from ..segments.compiling import mode
+from ..studies.executors import Workshop, dask, mpi, processes
+from ..studies.run import Tally, WorkersLostError, duration, run_study
+from ..studies.store import Store
+from ..studies.study_file import load_study
 from ..telling import telling
 from .terminal import complain, say
 

@@ -14,7 +14,7 @@ from matplotlib.patches import Patch
 
 from ..bifurcations.declarations import KINDS
 from ..bifurcations.registry import kind_of
-from ..parameter_studies.maps import Map
+from ..studies.study import Map
 from .diagram import save_figure, write_heading
 from .texts import axis_label, plain, set_label
 

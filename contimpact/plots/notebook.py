@@ -8,11 +8,11 @@ from typing import Any
 from ..display import PAINTERS
 from ..errors import InputError
 from ..orbits.orbit import Orbit
-from ..parameter_studies.study import Study
 from ..results.branch import Branch, Entry
 from ..results.curve import Curve
 from ..results.diagram import Diagram
 from ..simulation.sweep import Sweep
+from ..studies.study import Study
 from .attractors import plot_sweep
 from .curves import plot_curves
 from .diagram import plot_diagram, png_of

@@ -16,8 +16,8 @@ import numpy as np
 from matplotlib.figure import Figure
 
 import contimpact as ci
-from contimpact.parameter_studies.executors import processes
 from contimpact.results.quantities import WALLS
+from contimpact.studies.executors import processes
 
 HERE = Path(__file__).parent
 SCENES = HERE.parents[1] / "branches"

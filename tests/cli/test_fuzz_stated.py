@@ -28,7 +28,7 @@ import pytest
 
 from contimpact.cli import check
 from contimpact.errors import InputError
-from contimpact.parameter_studies.study_file import load_study
+from contimpact.studies.study_file import load_study
 
 pytestmark = pytest.mark.skipif(
     not hasattr(signal, "SIGPROF"), reason="the time of a case is limited by signals"

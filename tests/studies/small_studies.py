@@ -8,12 +8,11 @@ import signal
 import sqlite3
 from concurrent.futures import ThreadPoolExecutor
 
-from contimpact.parameter_studies import executors
-from contimpact.parameter_studies.run import run_study
-from contimpact.parameter_studies.schema import OF_SCENES
-from contimpact.parameter_studies.store import Store
-from contimpact.parameter_studies.study_file import read_study
-from contimpact.parameter_studies.worker import compute
+from contimpact.studies import executors
+from contimpact.studies.run import run_study
+from contimpact.studies.store import OF_SCENES, Store
+from contimpact.studies.study_file import read_study
+from contimpact.studies.worker import compute
 
 TOML = """
 name = "{name}"

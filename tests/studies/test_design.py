@@ -10,7 +10,7 @@ from scipy.stats import qmc
 from small_studies import study_given
 
 from contimpact.errors import InputError
-from contimpact.parameter_studies.study_file import load_study, read_study
+from contimpact.studies.study_file import load_study, read_study
 
 BETA = {"from": 0.2, "to": 0.4, "count": 3}
 

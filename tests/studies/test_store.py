@@ -13,10 +13,9 @@ from small_studies import TOML, computed_here, contents, study_given
 
 from contimpact.cli import main
 from contimpact.errors import InputError, NotWrittenError
-from contimpact.parameter_studies.outcome import Outcome
-from contimpact.parameter_studies.schema import APPLICATION, STEPS, TABLES
-from contimpact.parameter_studies.store import Store
-from contimpact.parameter_studies.study_file import read_study
+from contimpact.studies.outcome import Outcome
+from contimpact.studies.store import APPLICATION, STEPS, TABLES, Store
+from contimpact.studies.study_file import read_study
 
 EVENT = {
     "event": "e1",

@@ -11,8 +11,8 @@ from test_study import NAME, asked, store  # noqa: F401  fixtures: a store in cl
 
 from contimpact.cli import main
 from contimpact.errors import InputError
-from contimpact.parameter_studies import export as export_module
-from contimpact.parameter_studies.export import export
+from contimpact.studies import export as export_module
+from contimpact.studies.export import export
 
 STEM = "it_s_a__study___DROP_TABLE_events"
 

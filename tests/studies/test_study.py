@@ -16,12 +16,10 @@ from small_studies import study_given
 import contimpact
 from contimpact.cli import main
 from contimpact.errors import InputError
-from contimpact.parameter_studies.outcome import Outcome
-from contimpact.parameter_studies.quantities import QUANTITIES
-from contimpact.parameter_studies.schema import APPLICATION, STEPS
-from contimpact.parameter_studies.store import Store
-from contimpact.parameter_studies.study import Study, studies
-from contimpact.parameter_studies.study_file import read_study
+from contimpact.studies.outcome import Outcome
+from contimpact.studies.store import APPLICATION, STEPS, Store
+from contimpact.studies.study import QUANTITIES, Study, studies
+from contimpact.studies.study_file import read_study
 
 NAME = 'it\'s a "study"; DROP TABLE events'
 GRID = {"beta": [0.1, 0.2, 0.3, 0.4], "r": [0.05, 0.15, 0.25, 0.35, 0.45]}
@@ -306,7 +304,7 @@ def test_a_part_of_a_grid_is_a_grid_and_a_sample_none(tmp_path):
     xs, ys, table = shown.grid()
     assert table.shape == (len(ys), len(xs)) == (5, 3)
     assert np.isnan(table).sum() == 2
-    scattered = contimpact.parameter_studies.maps.Map(
+    scattered = contimpact.studies.study.Map(
         "s", "q", "t", ("beta", "r"), np.arange(9.0), np.arange(9.0), np.ones(9), False
     )
     assert scattered.grid() is None

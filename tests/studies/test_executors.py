@@ -15,10 +15,10 @@ import pytest
 from small_studies import TOML, computed_here, contents, study_given
 
 from contimpact.cli import main
-from contimpact.parameter_studies import executors
-from contimpact.parameter_studies.run import WorkersLostError, run_study
-from contimpact.parameter_studies.store import Store
-from contimpact.parameter_studies.study_file import read_study
+from contimpact.studies import executors
+from contimpact.studies.run import WorkersLostError, run_study
+from contimpact.studies.store import Store
+from contimpact.studies.study_file import read_study
 
 COUNT = 5
 

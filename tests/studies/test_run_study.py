@@ -21,16 +21,16 @@ from contimpact import follow, load_entries, read_scene
 from contimpact.cli import main
 from contimpact.diagrams.scene_simulation import simulate
 from contimpact.errors import InputError
-from contimpact.parameter_studies import budget, executors, run, worker
-from contimpact.parameter_studies.budget import BudgetError
-from contimpact.parameter_studies.outcome import unpacked
-from contimpact.parameter_studies.run import WorkersLostError
-from contimpact.parameter_studies.store import Store
-from contimpact.parameter_studies.study import Study
-from contimpact.parameter_studies.study_file import read_study
-from contimpact.parameter_studies.worker import Task, compute
 from contimpact.results.catalogue import branch_text, catalogue_text, curve_text
 from contimpact.simulation.energy import of_attractor
+from contimpact.studies import executors, run, worker
+from contimpact.studies import worker as budget
+from contimpact.studies.outcome import unpacked
+from contimpact.studies.run import WorkersLostError
+from contimpact.studies.store import Store
+from contimpact.studies.study import Study
+from contimpact.studies.study_file import read_study
+from contimpact.studies.worker import BudgetError, Task, compute
 
 
 @pytest.fixture

@@ -14,10 +14,10 @@ from small_studies import study_given
 from zoo import ROOT
 
 from contimpact import follow, read_scene
-from contimpact.parameter_studies.outcome import diagram_rows
-from contimpact.parameter_studies.store import Store
-from contimpact.parameter_studies.study import Study
-from contimpact.parameter_studies.study_file import read_study
+from contimpact.studies.outcome import diagram_rows
+from contimpact.studies.store import Store
+from contimpact.studies.study import Study
+from contimpact.studies.study_file import read_study
 
 QUERIES = re.search(
     r"```sql\n(.*?)```", (ROOT / "docs" / "studies.md").read_text(encoding="utf-8"), re.DOTALL
@@ -85,9 +85,9 @@ GROWING = """
 import sys, resource
 from concurrent.futures import Executor, Future
 from contimpact import read_study, run_study, Store
-from contimpact.parameter_studies import run
-from contimpact.parameter_studies.executors import given
-from contimpact.parameter_studies.outcome import Outcome, diagram_rows
+from contimpact.studies import run
+from contimpact.studies.executors import given
+from contimpact.studies.outcome import Outcome, diagram_rows
 from contimpact import follow, read_scene
 sys.path.insert(0, sys.argv[1])
 from small_studies import study_given

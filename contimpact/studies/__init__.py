@@ -1,0 +1,1 @@
+"""Studies: many scenes, computed on many processes into one store."""
