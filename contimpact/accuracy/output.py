@@ -10,11 +10,9 @@ from typing import Any
 import numpy as np
 
 from ..storage.files import write_all
-from .events import SECONDS as EVENTS_SECONDS
 from .report import SAMPLES
-from .shooting import MOST_EVALUATIONS
-from .shot import EVALUATIONS, SHOT
-from .timing import SECONDS
+from .report import SECONDS_OF_EVENTS as EVENTS_SECONDS
+from .shooting import EVALUATIONS, MOST_EVALUATIONS, SECONDS, SHOT
 
 
 def write_report(data: Mapping[str, Any], folder: Path, formats: Sequence[str]) -> list[str]:

@@ -1,4 +1,4 @@
-"""Error against run time: a scene's branches and events, measured against thirty digits.
+"""The report of error against run time of a scene.
 
 Methods on the same axes, for one branch: the library with its tolerance varied and with its step
 varied, each with both predictors, and what a user would write without it: SciPy's `solve_ivp` with
@@ -9,35 +9,211 @@ seconds do, so repetitions, their median and their spread are kept.
 from __future__ import annotations
 
 import dataclasses
+import importlib.util
 import os
 import platform
 import sys
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping, Sequence
+from functools import partial
+from statistics import median
 from typing import Any
 
+import mpmath
 import numpy as np
 
 from .. import __version__
+from ..arrays import Array
+from ..bifurcations.declarations import KINDS
+from ..continuation import problem as linear
 from ..continuation.branch import Point, Walk
+from ..continuation.corrector import bordered
 from ..continuation.settings import PREDICTORS, Settings
 from ..diagrams.explore import follow
 from ..diagrams.orbit_walks import walk_orbits
 from ..diagrams.starting_orbits import orbits_at_start
 from ..errors import InputError
+from ..models.word import Word
+from ..orbits.multipliers import multipliers
 from ..orbits.orbit import Orbit
-from ..orbits.problem import Array
+from ..orbits.problem import OrbitProblem
+from ..results.branch import Entry, orbit_of
 from ..results.diagram import Diagram
+from ..results.entry_conversion import details_of
 from ..results.scene import Scene
 from ..segments.kernels import Kernels
-from .certified import certified
-from .events import DIGITS, honesty, measured_events
-from .long_words import long_words
-from .reference import Reference
-from .shooting import EXPLICIT
-from .shot import shot, some
+from .reference import Exact, Reference
+from .shooting import EXPLICIT, SECONDS, shot, some, spread, timed, within_budget
 from .simulated import simulated
-from .timing import SECONDS, spread, within_budget
+
+# What proofs cost: seconds for each entry, and for each tube of a branch.
+
+
+def certified(scene: Scene, progress: Callable[[str], None]) -> dict[str, Any] | None:
+    """Return what it costs to certify a scene; None where it has no [certify].
+
+    Raises
+    ------
+    InputError
+        If what proofs are made with is not installed.
+    """
+    if scene.certify is None:
+        return None
+    if importlib.util.find_spec("flint") is None:
+        lacking = "python-flint, which proofs are made with, is not installed"
+        raise InputError("certify", lacking, "pip install contimpact[certify]")
+    from ..certificates.certify import certify
+
+    found = certify(follow(scene), options=scene.certify, progress=progress)
+    return {
+        "entries": len(found.entries),
+        "certified": len(found.entries) - len(found.rejected),
+        "radius": max((c.certified_radius or 0.0 for c in found.entries), default=0.0),
+        "per_entry": spread([c.seconds for c in found.entries]) if found.entries else None,
+        "branches": [
+            {
+                "id": c.id,
+                "word": c.word,
+                "period": c.period,
+                "complete": c.complete,
+                "share": c.share,
+                "tubes": c.tubes,
+                "per_tube": c.seconds / max(c.tubes, 1),
+            }
+            for c in found.branches
+        ],
+    }
+
+
+# Events of a scene against many digits: their true errors, and how honest the estimates are.
+
+DIGITS = 30
+
+SECONDS_OF_EVENTS = 120.0
+"""After which no further event is compared."""
+
+
+def measured_events(
+    scene: Scene, kernels: Kernels, diagram: Diagram | None = None
+) -> list[dict[str, Any]]:
+    """Return every event of the scene's diagram with its true error and its estimate.
+
+    An event of a family's member is compared at that member's parameter values. Those that there
+    is no time for are not ``compared``.
+    """
+    references: dict[Any, Reference] = {}
+    entries = [e for e in (diagram or follow(scene)).entries if e.kind in KINDS]
+    rows = []
+    for entry in within_budget(entries, SECONDS_OF_EVENTS):
+        here = orbit_of(entry, scene.model, kernels)
+        problem = here.problem
+        fixed = [v for n, v in problem.model.values.items() if n != scene.parameter]
+        key = (entry.word, entry.period, *fixed)
+        exact = references.setdefault(key, Reference(problem, DIGITS))
+        found = exact.event(entry.kind, here.unknowns, details_of(entry))
+        rows.append(_event_row(entry, here.unknowns, found, True))
+    return [*rows, *(_event_row(entry, None, None, False) for entry in entries[len(rows) :])]
+
+
+def _event_row(
+    entry: Entry, unknowns: Array | None, found: Exact | None, compared: bool
+) -> dict[str, Any]:
+    true = abs(found.parameter_error(entry.value)) if found else None
+    return {
+        **{name: getattr(entry, name) for name in ("id", "label", "branch", "value")},
+        "compared": compared,
+        "digits": mpmath.nstr(found.parameter, DIGITS) if found else None,
+        "true_error": true,
+        "estimated_error": entry.error,
+        "ratio": None if true is None else _ratio(true, entry.error),
+        "moved": found.distance(unknowns) if found and unknowns is not None else None,
+        "condition": found.condition if found else None,
+        "method": entry.method,
+    }
+
+
+def _ratio(true: float, estimated: float) -> float:
+    """The true error over its estimate; an event that is exact, and says so, is within it."""
+    if estimated == 0.0:
+        return 0.0 if true == 0.0 else np.inf
+    return true / estimated
+
+
+def honesty(events: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
+    """Return how true errors compare with their estimates."""
+    ratios = [e["ratio"] for e in events if e["ratio"] is not None]
+    return {
+        "events": len(events),
+        "compared": sum(e["compared"] for e in events),
+        "confirmed": sum(e["true_error"] is not None for e in events),
+        "within_estimate": sum(ratio <= 1.0 for ratio in ratios),
+        "median_ratio": median(ratios) if ratios else None,
+        "largest_ratio": max(ratios, default=None),
+        "largest_true_error": max(
+            (e["true_error"] for e in events if e["true_error"] is not None), default=None
+        ),
+    }
+
+
+# What a corrector iteration and the multipliers cost against the number of impacts.
+
+WORD_LENGTHS = (10, 20, 50, 100, 150, 200)
+
+
+def long_words(orbit: Orbit, repetitions: int) -> dict[str, Any]:
+    """Return what a corrector iteration and the multipliers cost against the number of impacts.
+
+    The words are the scene's own, run several times.
+    """
+    rows = []
+    own = len(orbit.word)
+    for length in WORD_LENGTHS:
+        times = max(1, round(length / own))
+        problem, unknowns = _repeated(orbit, times)
+        here = problem.evaluate(unknowns)
+        matrix = bordered(here.jacobian, np.ones(problem.n + 1))
+        right = np.ones(problem.n + 1)
+        loops = max(1, 200 // (own * times))
+        parts: dict[str, Callable[[], Any]] = {
+            "residual and blocks": partial(problem.evaluate, unknowns),
+            "Jacobian": partial(_jacobian, problem, unknowns),
+            "bordered solve": partial(linear.solve, matrix, right),
+            "multipliers": partial(multipliers, here.start, here.end),
+        }
+        row: dict[str, Any] = {"impacts": own * times}
+        for name, part in parts.items():
+            _, row[name] = timed(partial(_often, part, loops), repetitions, loops)
+        rows.append(row)
+    exponents = {name: _exponent(rows, name) for name in parts}
+    return {"rows": rows, "exponents": exponents, "dense_up_to": linear.DENSE_UP_TO}
+
+
+def _jacobian(problem: OrbitProblem, unknowns: Array) -> Array:
+    return problem.evaluate(unknowns).jacobian
+
+
+def _often(part: Callable[[], Any], times: int) -> None:
+    for _ in range(times):
+        part()
+
+
+def _repeated(orbit: Orbit, times: int) -> tuple[OrbitProblem, Array]:
+    problem, word = orbit.problem, orbit.word
+    span = problem.span(orbit.unknowns)
+    rows = np.vstack([problem.impacts(orbit.unknowns)] * times)
+    rows[:, 0] += span * np.repeat(np.arange(times), len(word))
+    longer = Word(word.walls * times, word.period * times)
+    return OrbitProblem(problem.model, longer, problem.kernels), np.append(
+        rows.ravel(), orbit.unknowns[-1]
+    )
+
+
+def _exponent(rows: Sequence[Mapping[str, Any]], name: str) -> float:
+    """The slope of log seconds over log impacts, over the longer half of the words."""
+    longer = rows[len(rows) // 2 - 1 :]
+    logs = np.log([[row["impacts"], row[name]["median"]] for row in longer])
+    return float(np.polyfit(logs[:, 0], logs[:, 1], 1)[0])
+
 
 SCHEMA = "contimpact.report/1"
 TOLERANCES = tuple(10.0**-k for k in range(4, 15))

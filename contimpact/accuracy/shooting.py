@@ -1,4 +1,4 @@
-"""Shooting with SciPy's `solve_ivp`: what a user would write, for comparison in reports alone.
+"""Shooting, the contestant, and how it is timed.
 
 The flight is integrated numerically with an event at the next wall; a periodic orbit is a fixed
 point of (t, v) -> (t - pT, v) before the first impact, found by Newton's method with a Jacobian by
@@ -7,11 +7,56 @@ forward differences. It knows nothing of the closed form of a flight.
 
 from __future__ import annotations
 
-from typing import Any
+import time
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from statistics import median
+from typing import Any, TypeVar
 
 import numpy as np
 
-from ..orbits.problem import Array, OrbitProblem
+from ..arrays import Array
+from ..continuation.branch import Point, Walk
+from ..orbits.problem import Linearisation, OrbitProblem
+
+# Repeated timings within a budget: the median, the least and the most.
+#
+# Seconds are those of the processor, which other programs that run meanwhile do not change.
+
+SECONDS = 20.0
+"""A part of a report that has taken so long is not repeated, nor measured at more places."""
+
+T = TypeVar("T")
+
+
+def timed(
+    task: Callable[[], Any], repetitions: int, per: float = 1.0
+) -> tuple[Any, dict[str, float]]:
+    """Run a task several times; returns its result and median, least and most seconds per unit.
+
+    It is not repeated any more after `SECONDS`.
+    """
+    seconds: list[float] = []
+    result = None
+    for _ in within_budget(range(repetitions)):
+        began = time.process_time()
+        result = task()
+        seconds.append((time.process_time() - began) / per)
+    return result, spread(seconds)
+
+
+def within_budget(items: Iterable[T], seconds: float | None = None) -> Iterator[T]:
+    """Yield items until what is done with them has taken `SECONDS`; one at least."""
+    end = time.process_time() + (SECONDS if seconds is None else seconds)
+    for item in items:
+        yield item
+        if time.process_time() > end:
+            break
+
+
+def spread(seconds: Sequence[float]) -> dict[str, float]:
+    """Return the median, the least and the most of some timings."""
+    return {"median": median(seconds), "low": min(seconds), "high": max(seconds)}
+
 
 ITERATIONS = 12
 
@@ -161,3 +206,100 @@ class Shooting:
         if result.status != 1:
             return None
         return [float(result.t_events[0][0]), float(result.y_events[0][0][1])]
+
+
+# The contestant of reports: orbits by shooting, each row within a budget of evaluations.
+#
+# A row that spends it says how many orbits it has not come to; its cost is then the least it can
+# be.
+
+SHOT = 6
+"""Orbits that are solved for."""
+
+EVALUATIONS = 200_000
+"""Of the equations of motion, for all orbits of a row."""
+
+Row = dict[str, Any]
+
+
+def shot(
+    problem: OrbitProblem,
+    walks: Sequence[Walk],
+    tolerances: Sequence[float],
+    repetitions: int,
+    progress: Callable[[str], None],
+) -> dict[str, list[Row]]:
+    """Return rows by integrator; the one for stiff motion where the other spends its budget.
+
+    They end with the first tolerance at which nothing has ended. There are none without
+    coordinates to shoot in, or orbits that a simulation can follow.
+    """
+    points = [p for w in walks for p in w.points if shootable(p)]
+    if problem.m != 2 or problem.lost or not points:
+        return {}
+    chosen = [point.unknowns for point in some(points, SHOT)]
+    share = sum(len(w.points) for w in walks) / len(chosen)
+    found: dict[str, list[Row]] = {}
+    for method in (EXPLICIT, IMPLICIT):
+        found[method] = []
+        for tolerance in tolerances:
+            progress(f"shooting by {method}, rtol {tolerance:.0e}")
+            contestant = problem, tolerance, method, chosen
+            found[method].append(_row(contestant, share, min(repetitions, 3)))
+            if found[method][-1]["unfinished"] == len(chosen):
+                break  # smaller tolerances cost more
+        if not any(row["unfinished"] for row in found[method]):
+            break
+    return found
+
+
+def _row(
+    contestant: tuple[OrbitProblem, float, str, list[Array]], share: float, repetitions: int
+) -> Row:
+    """Some orbits by shooting; its cost as if all orbits of the branch were."""
+    problem, tolerance, method, chosen = contestant
+    shooting = Shooting(problem, tolerance, method, EVALUATIONS)
+
+    def shoot() -> list[Array | None]:
+        solved: list[Array | None] = []
+        shooting.evaluations = 0
+        for unknowns in chosen:
+            shooting.given_up = False
+            orbit = shooting.orbit(_nearby(unknowns))
+            if not shooting.given_up:
+                solved.append(orbit)
+        return solved
+
+    solved, seconds = timed(shoot, repetitions, 1.0 / share)
+    reached = [unknowns for unknowns in solved if unknowns is not None]
+    return {
+        "setting": tolerance,
+        "reached": reached,
+        "seconds": seconds,
+        "evaluations": share * shooting.evaluations,
+        "orbits": len(chosen),
+        "failed": len(solved) - len(reached),
+        "unfinished": len(chosen) - len(solved),
+    }
+
+
+def some(items: Sequence[Any], most: int) -> list[Any]:
+    """Return at most `most` items of a sequence, evenly spread."""
+    if len(items) <= most:
+        return list(items)
+    return [items[int(i)] for i in np.linspace(0, len(items) - 1, most)]
+
+
+def shootable(point: Point[Linearisation]) -> bool:
+    """Whether a simulation can follow the orbit: physical, not nearly grazing, not at a fold."""
+    here = point.evaluation
+    speeds = here.problem.impacts(here.unknowns)[:, 1]
+    turning = abs(point.tangent[-1]) < 0.05 * np.max(np.abs(point.tangent))
+    return bool(here.verdict.physical and np.min(np.abs(speeds)) > 1e-3 and not turning)
+
+
+def _nearby(unknowns: Array) -> Array:
+    """A guess as good as a predictor's: three digits."""
+    guess = unknowns.copy()
+    guess[:-1] *= 1.0 + 1e-3 * np.cos(np.arange(len(guess) - 1))
+    return guess

@@ -19,9 +19,7 @@ from ..segments.kernels import Kernels
 from ..simulation.run import Run
 from ..simulation.simulator import Simulator
 from .reference import Reference
-from .shooting import EXPLICIT, IMPLICIT, Shooting
-from .shot import EVALUATIONS
-from .timing import timed, within_budget
+from .shooting import EVALUATIONS, EXPLICIT, IMPLICIT, Shooting, timed, within_budget
 
 if TYPE_CHECKING:
     from ..results.scene import Scene

@@ -10,12 +10,14 @@ import numpy as np
 import pytest
 from zoo import ROOT, SMALL
 
-from contimpact.accuracy import events, long_words, timing
+from contimpact.accuracy import report
+from contimpact.accuracy import report as long_words
 from contimpact.accuracy import report as module
-from contimpact.accuracy import shot as contestant
-from contimpact.accuracy.events import honesty, measured_events
+from contimpact.accuracy import shooting as contestant
+from contimpact.accuracy import shooting as timing
 from contimpact.accuracy.output import _event_table, _simulation_table, _unfinished
 from contimpact.accuracy.reference import Reference
+from contimpact.accuracy.report import honesty, measured_events
 from contimpact.accuracy.shooting import EXPLICIT, IMPLICIT, MOST_EVALUATIONS, Shooting
 from contimpact.accuracy.simulated import simulated
 from contimpact.cli import main
@@ -274,7 +276,7 @@ def test_the_first_orbit_with_impacts_is_compared_where_a_scene_names_none():
 
 
 def test_events_that_there_is_no_time_for_are_counted(monkeypatch):
-    monkeypatch.setattr(events, "SECONDS", 0.0)
+    monkeypatch.setattr(report, "SECONDS_OF_EVENTS", 0.0)
     scene = read_scene(tomllib.loads(SMALL))
     rows = measured_events(scene, Kernels(scene.model, scene.parameter))
     fair = honesty(rows)

@@ -394,8 +394,8 @@ def test_a_scene_says_what_is_proven():
 
 
 def test_the_report_says_what_proofs_cost():
-    from contimpact.accuracy.certified import certified as measured
     from contimpact.accuracy.output import _proof_table
+    from contimpact.accuracy.report import certified as measured
 
     assert measured(scene(), lambda text: None) is None
     asked = scene(certify={}, follow={"switch": [], "range": [0.3, 0.5]})
