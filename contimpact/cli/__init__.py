@@ -18,8 +18,7 @@ from typing import Any
 from .. import __version__
 from ..errors import InputError, NotWrittenError
 from .examples import with_examples
-from .terminal import complain, say
-from .termination import as_interruption
+from .terminal import as_interruption, complain, say
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

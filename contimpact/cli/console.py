@@ -1,4 +1,4 @@
-"""What the commands share: messages, interruptions, options."""
+"""What commands share: their folder, progress, manifest and page."""
 
 from __future__ import annotations
 
@@ -6,14 +6,16 @@ import argparse
 import contextlib
 import signal
 import threading
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 from ..errors import InputError
 from ..progress import Progress
-from ..results.result_folder import Files
-from .termination import ENDING
+from ..results.diagram import Diagram
+from ..results.result_folder import Files, digests_of, manifest_text
+from ..results.scene import Scene
+from .terminal import ENDING
 
 
 def require_output(options: argparse.Namespace) -> None:
@@ -79,3 +81,38 @@ def _states(folder: Path) -> dict[str, tuple[int, int]]:
     """The files of a folder, each with what changes when it is rewritten."""
     states = {path.name: path.stat() for path in folder.iterdir() if path.is_file()}
     return {name: (state.st_ino, state.st_mtime_ns) for name, state in states.items()}
+
+
+# The manifest, which ends what a command writes to a folder.
+
+
+def write_manifest(
+    scene: Scene, files: Files, left_out: Sequence[str], statistics: Mapping[str, Any]
+) -> None:
+    """Write the manifest; what could not be written is said."""
+
+    def text() -> str:
+        digests = digests_of(files.folder, files.written)
+        known = {**statistics, "not_written": files.not_written()}
+        return manifest_text(scene.resolved(), scene.given, left_out, known, files.written, digests)
+
+    files.close(text)
+
+
+# The page, as the commands write it; what makes it is imported when it is asked for.
+
+
+def page_wanted(scene: Scene, options: argparse.Namespace) -> bool:
+    """Return whether the scene or the command line asks for the page."""
+    return bool(scene.plot.html or options.html)
+
+
+def add_page(scene: Scene, diagram: Diagram, files: Files) -> None:
+    """Write the page of a run; the attractors of a simulation in the folder are a layer of it."""
+    from ..page.data import Shown, remarks_in
+    from ..page.document import save_page
+
+    plot = scene.plot
+    remarks = remarks_in(diagram.statistics, diagram.coverage)
+    shown = Shown(plot.x, plot.xlim, plot.ylim, plot.unphysical, scene.source, remarks)
+    files.add(lambda: save_page(diagram, scene.model, files.folder, shown))

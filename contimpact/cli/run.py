@@ -22,9 +22,15 @@ from ..results.scene import Scene, folder_of, load_scene, require_own_folders, s
 from ..segments.compiling import mode
 from ..storage.files import write_all
 from ..telling import telling
-from .console import Interruption, deferred, drawn, require_output
-from .manifest import write_manifest
-from .page import add_page, page_wanted
+from .console import (
+    Interruption,
+    add_page,
+    deferred,
+    drawn,
+    page_wanted,
+    require_output,
+    write_manifest,
+)
 from .terminal import complain, say
 
 

@@ -14,9 +14,7 @@ from ..results.result_folder import ROWS, TABLES, Files, held, renewed
 from ..results.scene import load_scene, systems_of
 from ..segments.compiling import mode
 from ..telling import telling
-from .console import Interruption, deferred, drawn
-from .manifest import write_manifest
-from .page import add_page, page_wanted
+from .console import Interruption, add_page, deferred, drawn, page_wanted, write_manifest
 from .terminal import complain, say
 
 
