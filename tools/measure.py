@@ -1,0 +1,123 @@
+"""How large the package is, and how its modules hang together: python tools/measure.py [--items].
+
+Prints lines, statements, modules, packages, functions, import edges and circles of imports (imports
+inside functions and for types counted), the places that ask whether a system has one coordinate or
+several, the places that look for names in the code of kernels, and the functions that test; with
+``--items`` also the items that pytest collects.
+"""
+
+from __future__ import annotations
+
+import ast
+import re
+import subprocess
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+
+ROOT = Path(__file__).resolve().parents[1]
+PACKAGE = ROOT / "contimpact"
+FREEDOM = re.compile(r"\bDEGREES_OF_FREEDOM\b|(^|\W)m$|\bunknowns_per_impact\b")
+"""What a comparison with 1 or 2 asks for the number of coordinates by."""
+
+FILES = {
+    ".".join(path.relative_to(ROOT).with_suffix("").parts).removesuffix(".__init__"): path
+    for path in sorted(PACKAGE.rglob("*.py"))
+}
+TREES = {module: ast.parse(path.read_text("utf-8")) for module, path in FILES.items()}
+
+
+def imported(module: str) -> set[str]:
+    """Return the modules of the package that a module imports, anywhere in it."""
+    found = set()
+    here = module.split(".")
+    package = here if FILES[module].name == "__init__.py" else here[:-1]
+    for node in ast.walk(TREES[module]):
+        if isinstance(node, ast.ImportFrom) and node.level:
+            base = ".".join(
+                [*package[: len(package) + 1 - node.level], *filter(None, [node.module])]
+            )
+            wholes = (f"{base}.{alias.name}" for alias in node.names)
+            found |= {whole if whole in FILES else base for whole in wholes}
+    return found - {module}
+
+
+def circles(graph: dict[str, set[str]]) -> list[list[str]]:
+    """Return the groups of modules that import each other, by Tarjan's algorithm."""
+    index: dict[str, int] = {}
+    low: dict[str, int] = {}
+    stack: list[str] = []
+    found: list[list[str]] = []
+
+    def visit(node: str) -> None:
+        index[node] = low[node] = len(index)
+        stack.append(node)
+        for other in sorted(graph[node]):
+            if other not in index:
+                visit(other)
+            if other in stack:
+                low[node] = min(low[node], low[other])
+        if low[node] == index[node]:
+            place = stack.index(node)
+            found.append(sorted(stack[place:]))
+            del stack[place:]
+
+    for node in graph:
+        if node not in index:
+            visit(node)
+    return [group for group in found if len(group) > 1]
+
+
+def nodes() -> Iterator[ast.AST]:
+    """All nodes of all modules."""
+    for tree in TREES.values():
+        yield from ast.walk(tree)
+
+
+def asks_for_coordinates(node: ast.AST) -> bool:
+    """Whether a node asks if a system has one coordinate or several."""
+    if isinstance(node, ast.Compare):
+        sides = [node.left, *node.comparators]
+        numbers = {side.value for side in sides if isinstance(side, ast.Constant)}
+        return bool(numbers & {1, 2}) and any(FREEDOM.search(ast.unparse(side)) for side in sides)
+    return isinstance(node, ast.Attribute) and node.attr == "several"
+
+
+def main() -> None:
+    """Print the figures."""
+    graph = {module: imported(module) & set(FILES) for module in FILES}
+    found = circles(graph)
+    every = list(nodes())
+    tests = [ast.parse(path.read_text("utf-8")) for path in sorted(ROOT.glob("tests/**/*.py"))]
+    functions = [node for tree in tests for node in ast.walk(tree) if is_test(node)]
+    figures = {
+        "lines": sum(len(path.read_text("utf-8").splitlines()) for path in FILES.values()),
+        "statements": sum(isinstance(node, ast.stmt) for node in every),
+        "functions": sum(isinstance(node, ast.FunctionDef) for node in every),
+        "modules": len(FILES),
+        "packages": sum(path.is_dir() and path.name != "__pycache__" for path in PACKAGE.iterdir()),
+        "import edges": sum(map(len, graph.values())),
+        "modules in circles of imports": sum(map(len, found)),
+        "places that ask for one coordinate or several": sum(map(asks_for_coordinates, every)),
+        "places that look for names in kernels": sum(
+            isinstance(node, ast.Attribute) and node.attr == "co_names" for node in every
+        ),
+        "functions that test": len(functions),
+    }
+    if "--items" in sys.argv:
+        command = [sys.executable, "-m", "pytest", "--collect-only", "-q", "-m", "", "tests"]
+        done = subprocess.run(command, capture_output=True, text=True, cwd=ROOT)
+        figures["items of tests"] = sum("::" in line for line in done.stdout.splitlines())
+    for name, figure in figures.items():
+        print(f"{figure:7}  {name}")
+    for group in found:
+        print("a circle:", *group)
+
+
+def is_test(node: ast.AST) -> bool:
+    """Whether a node is a function that pytest collects."""
+    return isinstance(node, ast.FunctionDef) and node.name.startswith("test_")
+
+
+if __name__ == "__main__":
+    main()
