@@ -10,44 +10,16 @@ import importlib
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from ..diagrams.codim2_curves import follow_codim2 as follow_codim2
-    from ..diagrams.curves import follow_curve as follow_curve
-    from ..diagrams.explore import follow as follow
-    from ..diagrams.isolines import follow_isoline as follow_isoline
-    from ..diagrams.isolines import sensitivity as sensitivity
-    from ..diagrams.orbit_branch import continue_born as continue_born
-    from ..diagrams.orbit_branch import continue_orbit as continue_orbit
-    from ..diagrams.starting_orbits import find_orbits as find_orbits
-    from ..plots.curves import plot_codim2 as plot_codim2
-    from ..plots.curves import plot_transitions as plot_transitions
-    from ..results.branch import Branch as Branch
-    from ..results.branch import Entry as Entry
-    from ..results.catalogue import load_diagram as load_diagram
-    from ..results.catalogue import load_entries as load_entries
-    from ..results.catalogue import write_diagram as write_diagram
-    from ..results.curve import Curve as Curve
-    from ..results.diagram import Diagram as Diagram
-    from ..results.diagram_reading import read as read
-    from ..results.diagram_reading import stable_intervals as stable_intervals
-    from ..results.formats import write_auto as write_auto
-    from ..results.formats import write_mat as write_mat
-    from ..results.scene import load_scene as load_scene
-    from ..results.scene import read_scene as read_scene
-    from ..simulation.basins import cover as cover
-    from ..simulation.energy import energy as energy
-    from ..simulation.energy import losses as losses
-    from ..simulation.files import load as load
-    from ..simulation.files import save as save
-    from ..simulation.settle import settle as settle
-    from ..simulation.sweep import sweep as sweep
-    from ..simulation.transitions import find_transitions as find_transitions
-    from ..studies.run import run_study as run_study
-    from ..studies.store import Store as Store
-    from ..studies.study import Study as Study
-    from ..studies.study_file import load_study as load_study
-    from ..studies.study_file import read_study as read_study
     from .certificates.certify import certify as certify
     from .continuation.settings import Settings as Settings
+    from .diagrams.codim2_curves import follow_codim2 as follow_codim2
+    from .diagrams.curves import follow_curve as follow_curve
+    from .diagrams.explore import follow as follow
+    from .diagrams.isolines import follow_isoline as follow_isoline
+    from .diagrams.isolines import sensitivity as sensitivity
+    from .diagrams.orbit_branch import continue_born as continue_born
+    from .diagrams.orbit_branch import continue_orbit as continue_orbit
+    from .diagrams.starting_orbits import find_orbits as find_orbits
     from .errors import InputError as InputError
     from .models.model import Formulas as Formulas
     from .models.model import Model as Model
@@ -57,11 +29,39 @@ if TYPE_CHECKING:
     from .orbits.orbit import Orbit as Orbit
     from .plots.attractors import plot_energy as plot_energy
     from .plots.attractors import plot_sweep as plot_sweep
+    from .plots.curves import plot_codim2 as plot_codim2
     from .plots.curves import plot_curves as plot_curves
+    from .plots.curves import plot_transitions as plot_transitions
     from .plots.diagram import plot_diagram as plot_diagram
     from .plots.orbit import plot_orbit as plot_orbit
+    from .results.branch import Branch as Branch
+    from .results.branch import Entry as Entry
+    from .results.catalogue import load_diagram as load_diagram
+    from .results.catalogue import load_entries as load_entries
+    from .results.catalogue import write_diagram as write_diagram
+    from .results.curve import Curve as Curve
+    from .results.diagram import Diagram as Diagram
+    from .results.diagram_reading import read as read
+    from .results.diagram_reading import stable_intervals as stable_intervals
+    from .results.formats import write_auto as write_auto
+    from .results.formats import write_mat as write_mat
+    from .results.scene import load_scene as load_scene
+    from .results.scene import read_scene as read_scene
     from .segments.checking import check_model as check_model
+    from .simulation.basins import cover as cover
+    from .simulation.energy import energy as energy
+    from .simulation.energy import losses as losses
+    from .simulation.files import load as load
+    from .simulation.files import save as save
+    from .simulation.settle import settle as settle
     from .simulation.simulator import Simulator as Simulator
+    from .simulation.sweep import sweep as sweep
+    from .simulation.transitions import find_transitions as find_transitions
+    from .studies.run import run_study as run_study
+    from .studies.store import Store as Store
+    from .studies.study import Study as Study
+    from .studies.study_file import load_study as load_study
+    from .studies.study_file import read_study as read_study
     from .systems.impact_pair import ImpactPair as ImpactPair
     from .systems.membrane import Membrane as Membrane
     from .systems.oscillator import Oscillator as Oscillator
