@@ -21,18 +21,12 @@ Table: TypeAlias = Any
 
 
 class Containers(NamedTuple):
-    """Makes what such functions work on: `LISTS` where they run plainly, `ARRAYS` compiled.
-
-    Attributes
-    ----------
-    vector : callable ``vector(numbers)``
-        Of whole numbers if all are.
-    table : callable ``table(rows, columns)``
-        Of zeros.
-    """
+    """Makes what such functions work on: `LISTS` where they run plainly, `ARRAYS` compiled."""
 
     vector: Callable[[Iterable[float]], Vector]
+    """``vector(numbers)``: of whole numbers if all are."""
     table: Callable[[int, int], Table]
+    """``table(rows, columns)``: of zeros."""
 
 
 def _list(numbers: Iterable[float]) -> Vector:

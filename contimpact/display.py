@@ -15,9 +15,9 @@ from typing import Any
 from .errors import InputError, printable
 
 LINES = 10
-"""Of a text that shows a result."""
+"""Largest number of lines in a text that shows a result."""
 ROWS = 20
-"""Of a table in a notebook."""
+"""Largest number of rows in a table of a notebook."""
 PAINTERS: list[Callable[[Any], bytes]] = []
 """Functions that draw a result as PNG; the last one is asked."""
 
@@ -98,10 +98,7 @@ def picture_of(result: Any) -> str:
 def frame(columns: Mapping[str, Any] | Sequence[Mapping[str, Any]]) -> Any:
     """Return columns, or rows as mappings, as a pandas DataFrame.
 
-    Raises
-    ------
-    InputError
-        If pandas is not installed.
+    Raises InputError if pandas is not installed.
     """
     try:
         import pandas

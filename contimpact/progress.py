@@ -11,7 +11,7 @@ from typing import Any
 
 Progress = Callable[[str], None]
 Asked = bool | Progress | None
-"""What a caller asks for: nothing, lines on standard error, or lines to a function."""
+"""Progress that a caller asks for: nothing, lines on standard error, or lines to a function."""
 
 EVERY = 20
 """Points of a walk between two lines."""

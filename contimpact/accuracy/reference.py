@@ -31,26 +31,17 @@ DIFFERENCE = 1e-16
 
 @dataclass(frozen=True)
 class Exact:
-    """A solution in many digits.
-
-    Attributes
-    ----------
-    unknowns : list of mpf
-        Impact times, section coordinates and the free parameter.
-    extra : list of mpf
-        Further unknowns of the system: a touch's time, a null vector.
-    residual, step : float
-        Largest residual, and the last step relative to the unknowns.
-    condition : float
-        Of the system's Jacobian, in the 2-norm.
-    iterations : int
-    """
+    """A solution in many digits."""
 
     unknowns: list[Any]
+    """Impact times, section coordinates and the free parameter."""
     extra: list[Any]
+    """Further unknowns of the system: a touch's time, a null vector."""
     residual: float
     step: float
+    """`residual`, `step`: largest residual, and the last step relative to the unknowns."""
     condition: float
+    """Condition number of the system's Jacobian, in the 2-norm."""
     iterations: int
 
     @property
@@ -94,7 +85,6 @@ class Reference:
 
         Parameters
         ----------
-        unknowns : ndarray of shape (n + 1,)
         held : int
             Which unknown; by default the free parameter.
 
@@ -119,8 +109,6 @@ class Reference:
 
         Parameters
         ----------
-        kind : {"FB", "BP", "PD", "NS", "G", "V", "T", "UZ"}
-        unknowns : ndarray of shape (n + 1,)
         details : mapping, optional
             As `Event.details` has them: for G ``flight``, ``wall`` and ``touch_time``, for V
             ``impact``, for T ``flight``, for UZ ``requested``.

@@ -52,10 +52,7 @@ from .simulated import simulated
 def certified(scene: Scene, progress: Callable[[str], None]) -> dict[str, Any] | None:
     """Return what it costs to certify a scene; None where it has no [certify].
 
-    Raises
-    ------
-    InputError
-        If what proofs are made with is not installed.
+    Raises InputError if what proofs are made with is not installed.
     """
     if scene.certify is None:
         return None
@@ -230,9 +227,11 @@ def report(
 ) -> dict[str, Any]:
     """Measure error against run time for a scene.
 
+    Raises InputError if the scene's first orbit with impacts does not exist at its start, it has
+    none, or `repetitions` is below 1.
+
     Parameters
     ----------
-    scene : Scene
     repetitions : int
         How often each timing is repeated.
     progress : callable, optional
@@ -242,12 +241,6 @@ def report(
     -------
     dict
         Plain data, as written to ``report.json``.
-
-    Raises
-    ------
-    InputError
-        If the scene's first orbit with impacts does not exist at its start, it has none, or
-        `repetitions` is below 1.
     """
     if repetitions < 1:
         raise InputError("repetitions", f"found {repetitions!r}", "give a whole number >= 1")

@@ -61,7 +61,8 @@ def spread(seconds: Sequence[float]) -> dict[str, float]:
 ITERATIONS = 12
 
 MOST_EVALUATIONS = 50_000
-"""In one flight: an explicit integrator takes more where the motion is stiff."""
+"""Largest number of evaluations in one flight: an explicit integrator takes more where the motion
+is stiff."""
 
 EXPLICIT, IMPLICIT = "DOP853", "Radau"
 """Integrators of `solve_ivp`, the second for stiff motion."""
@@ -217,7 +218,7 @@ SHOT = 6
 """Orbits that are solved for."""
 
 EVALUATIONS = 200_000
-"""Of the equations of motion, for all orbits of a row."""
+"""Largest number of evaluations of the equations of motion, for all orbits of a row."""
 
 Row = dict[str, Any]
 

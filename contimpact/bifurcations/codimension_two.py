@@ -51,26 +51,18 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class CurveStart:
-    """An orbit at a point of codimension two, as one of a curve that begins there or passes.
-
-    Attributes
-    ----------
-    kind : str
-        Of the curve.
-    here : Linearisation
-        The orbit, with two free parameters.
-    details : mapping
-        Where on the orbit it happens.
-    leaves : callable ``leaves(system, own) -> (orbit, own)``, optional
-        Where other solutions of the curve's equations cross it: the direction of the curve, in the
-        orbit's unknowns and in those that the equations add, given the equations and the latter.
-        Without it the solutions are one curve.
-    """
+    """An orbit at a point of codimension two, as one of a curve that begins there or passes."""
 
     kind: str
+    """Kind of the curve."""
     here: Linearisation
+    """The orbit, with two free parameters."""
     details: Details = field(default_factory=dict)
+    """Place on the orbit at which it happens."""
     leaves: Leaves | None = None
+    """``leaves(system, own) -> (orbit, own)``: where other solutions of the curve's equations cross
+    it: the direction of the curve, in the orbit's unknowns and in those that the equations add,
+    given the equations and the latter. Without it the solutions are one curve."""
 
 
 def twice(here: Linearisation) -> Linearisation:
@@ -94,7 +86,7 @@ MARKERS = dict.fromkeys(CROSSINGS, "o") | {
     "FB-V": "X",
     "PD-V": "*",
 }
-"""In pictures."""
+"""Markers of the points in pictures."""
 
 
 class CurvePoint(Evaluation, Protocol):

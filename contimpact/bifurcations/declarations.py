@@ -83,7 +83,7 @@ REQUESTED = "UZ"
 """The kind of the values to hit."""
 
 CROSSINGS = ("PD-G", "G-PD")
-"""Where curves of PD and of G cross, by the curve on which the point is found."""
+"""Kind of the point at which curves of PD and of G cross, by the curve on which it is found."""
 
 
 def usual_events(model: Model) -> tuple[str, ...]:

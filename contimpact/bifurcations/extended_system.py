@@ -39,7 +39,7 @@ from ..orbits.problem import Linearisation, OrbitProblem, rounding
 
 OrbitPoint: TypeAlias = Point[Linearisation]
 OrbitEvent: TypeAlias = Event[Linearisation]
-"""On branches of periodic orbits."""
+"""Event on a branch of periodic orbits."""
 
 
 class Orbits(Protocol):
@@ -171,17 +171,12 @@ FIRST_ORDER = 2.0
 
 @dataclass(frozen=True)
 class Assembled:
-    """An extended system at one point.
-
-    Attributes
-    ----------
-    residual : ndarray of shape (q,)
-    jacobian : ndarray
-        Columns by the orbit's unknowns and parameters, then by the system's own unknowns.
-    """
+    """An extended system at one point."""
 
     residual: Array
+    """Shape (q,)."""
     jacobian: Array
+    """Columns by the orbit's unknowns and parameters, then by the system's own unknowns."""
 
 
 class ExtendedSystem(ABC):
@@ -429,7 +424,6 @@ def meeting(problem: Problem[Linearisation], guess: OrbitPoint, scale: Array) ->
     ----------
     problem : Problem
         Of orbits.
-    guess : Point
     scale : ndarray of shape (n + 1,)
         Sizes of the unknowns, by which the distance is measured.
     """

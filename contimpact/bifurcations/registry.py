@@ -56,10 +56,7 @@ def test_functions(
 ) -> list[TestFunction[Linearisation]]:
     """Return the test functions of the kinds asked for; nothing else is evaluated.
 
-    Raises
-    ------
-    InputError
-        For a kind that does not exist, or a requested value of what does not vary.
+    Raises InputError for a kind that does not exist, or a requested value of what does not vary.
     """
     return [kind_of(kind).test(problem, values) for kind in dict.fromkeys(kinds)]
 

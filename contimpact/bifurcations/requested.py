@@ -14,7 +14,7 @@ from .extended_system import EPSILON, ExtendedSystem, Orbits, Reached, ScalarTes
 from .kind import Details, Kind, Look, ManyDigits, System, Values
 
 PERIOD = "period"
-"""What the orbit's period is called where it is free."""
+"""Name of the orbit's period where it is free."""
 
 
 class Requested(ScalarTest):

@@ -348,7 +348,6 @@ def where_added(guess: OrbitPoint, flight: int, details: Details) -> Located | N
 
     Parameters
     ----------
-    guess : Point
     flight : int
         That leaves sliding and comes back to it.
     details : dict
@@ -412,22 +411,14 @@ def _with(
 
 @dataclass(frozen=True)
 class Begun:
-    """An impact after which the motion begins within a limit, or beyond.
-
-    Attributes
-    ----------
-    problem : OrbitProblem
-    impact : int
-    begun, limit : str
-    sign : float
-        See `contimpact.segments.touches.limits_of`.
-    """
+    """An impact after which the motion begins within a limit, or beyond."""
 
     problem: OrbitProblem
     impact: int
     begun: str
     limit: str
     sign: float
+    """See `contimpact.segments.touches.limits_of`."""
 
     def margin(self, unknowns: Array) -> float:
         """Return how far it is from the limit, negative where another impact takes its place."""
@@ -619,8 +610,6 @@ def exchanged_word(here: Linearisation, flight: int, rates: Array) -> Word | Non
 
     Parameters
     ----------
-    here : Linearisation
-    flight : int
     rates : ndarray of shape (N,)
         How fast each flight's duration changes along the branch, up to a common factor.
     """

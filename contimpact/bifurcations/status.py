@@ -29,7 +29,7 @@ from .kind import Change
 from .registry import kind_of
 
 SEARCHED = (0, 4, 10, 20, 34)
-"""After how many bisections an arc is searched for events again."""
+"""Number of bisections after which an arc is searched for events again."""
 
 BISECTIONS = 44
 
@@ -51,8 +51,6 @@ def explained(
 
     Parameters
     ----------
-    problem : OrbitProblem
-    walk : Walk
     tests : sequence of TestFunction
         What was looked for; a change that only other kinds explain is left alone.
     settings : Settings

@@ -102,10 +102,7 @@ def null_pair(here: Linearisation) -> tuple[Array, complex]:
     """Return the null vector of the pair of multipliers nearest to the unit circle, and the one of
     them above the real axis, on the circle.
 
-    Raises
-    ------
-    numpy.linalg.LinAlgError
-        If there is no pair.
+    Raises numpy.linalg.LinAlgError if there is no pair.
     """
     multipliers = here.multipliers[np.isfinite(here.multipliers)]
     pairs = multipliers[multipliers.imag > 0.0]

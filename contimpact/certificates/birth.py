@@ -43,36 +43,25 @@ BEYOND = 1.0 + 1e-6
 
 @dataclass(frozen=True, eq=False)
 class Birth:
-    """A curve of doubled orbits from a period doubling on, u from -1 to 1 being a from 0 to `end`.
-
-    Attributes
-    ----------
-    segment : Segment
-        From the doubling to an orbit on the curve, of the word run twice.
-    once : BallProblem
-        The problem of the word run once.
-    center : ndarray
-        (s, lambda, e) at the doubling.
-    row : ndarray
-        l.
-    end : float
-        The largest a.
-    box, inner, rate : ndarray
-        Half widths of the box in which the curve is the only one, of the part it lies in, and a
-        bound of its derivative by A.
-    turns : bool
-        Whether it is not excluded that the parameter turns back on it.
-    """
+    """A curve of doubled orbits from a period doubling on; u from -1 to 1 is a from 0 to `end`."""
 
     segment: Segment
+    """Segment from the doubling to an orbit on the curve, of the word run twice."""
     once: BallProblem
+    """The problem of the word run once."""
     center: Array
+    """(s, lambda, e) at the doubling."""
     row: Array
+    """L."""
     end: float
+    """The largest a."""
     box: Array
     inner: Array
     rate: Array
+    """`box`, `inner`, `rate`: half widths of the box in which the curve is the only one, of the
+    part it lies in, and a bound of its derivative by A."""
     turns: bool
+    """Whether it is not excluded that the parameter turns back on it."""
 
     @property
     def n(self) -> int:

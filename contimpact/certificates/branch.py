@@ -49,49 +49,32 @@ CAP = 16
 
 @dataclass(frozen=True)
 class BranchCertificate:
-    """What is proven of a branch.
-
-    Attributes
-    ----------
-    id, word : str
-    period : int
-    parameter : str
-    kinds : sequence of str
-        For which its events are proven to be complete.
-    start, end : float
-        The followed parameter at the ends of what is covered.
-    tubes : int
-    share : float
-        Of the branch's length, what nothing is left open on.
-    events : sequence of str
-        Entries proven to lie on the branch.
-    missing : sequence of Piece
-        Events proven to be there that no entry records.
-    strange : sequence of str
-        Entries that are not proven to lie on the branch.
-    unproven : sequence of Piece
-    nodes, tangents, boxes : sequence of sequence of float
-        The tubes: where they begin and end, the branch's directions there, and half widths.
-        An empty box stands for a tube that is not proven.
-    seconds : float
-    """
+    """What is proven of a branch."""
 
     id: str
     word: str
     period: int
     parameter: str
     kinds: Sequence[str]
+    """Kinds whose events are proven to be complete."""
     start: float
     end: float
+    """`start`, `end`: the followed parameter at the ends of what is covered."""
     tubes: int = 0
     share: float = 0.0
+    """Share of the branch's length on which nothing is left open."""
     events: Sequence[str] = ()
+    """Entries proven to lie on the branch."""
     missing: Sequence[Piece] = ()
+    """Events proven to be there that no entry records."""
     strange: Sequence[str] = ()
+    """Entries that are not proven to lie on the branch."""
     unproven: Sequence[Piece] = ()
     nodes: Sequence[Sequence[float]] = ()
     tangents: Sequence[Sequence[float]] = ()
     boxes: Sequence[Sequence[float]] = ()
+    """`nodes`, `tangents`, `boxes`: the tubes: where they begin and end, the branch's directions
+    there, and half widths. An empty box stands for a tube that is not proven."""
     seconds: float = 0.0
 
     @property
@@ -154,7 +137,6 @@ def certified_branch(
 
     Parameters
     ----------
-    branch : Branch
     entries : sequence of Entry
         Its events, and perhaps those of other branches, which may cross it.
     certificates : mapping of str to EventCertificate
@@ -163,8 +145,6 @@ def certified_branch(
         Kinds of events that it was searched for.
     model : Model, optional
         The system, where its name does not tell.
-    kernels : Kernels, optional
-    progress : callable, optional
     seconds : float
         Processor time that it may take; what is left then is unproven.
     """
@@ -231,10 +211,7 @@ def verified_branch(
 
     Parameters are those of `certified_branch`, and the certificate.
 
-    Raises
-    ------
-    ValueError
-        If the record is damaged.
+    Raises ValueError if the record is damaged.
     """
     began = time.perf_counter()
     with _precise():

@@ -36,34 +36,23 @@ T = TypeVar("T")
 SCHEMA = "contimpact.certificates/1"
 FILE = "certificates.json"
 ROWS = "certificates.jsonl"
-"""What is proven as it is proven, to go on from after an interruption."""
+"""File of what has been proven so far, from which an interrupted run continues."""
 
 
 @dataclass(frozen=True)
 class Certificates:
-    """What is proven of a catalogue.
-
-    Attributes
-    ----------
-    scene : str
-    catalogue : str
-        Digest of what the catalogue says, see `digest`.
-    entries : sequence of EventCertificate
-    branches : sequence of BranchCertificate
-    seconds : float
-    versions : mapping
-        Of the libraries the proof rests on.
-    unconfirmed : sequence of str
-        Branches whose stored certificates say more than is proven from them; of a verification.
-    """
+    """What is proven of a catalogue."""
 
     scene: str
     catalogue: str
+    """Digest of what the catalogue says, see `digest`."""
     entries: Sequence[EventCertificate]
     branches: Sequence[BranchCertificate] = ()
     seconds: float = 0.0
     versions: Mapping[str, str] = field(default_factory=dict)
+    """Versions of the libraries on which the proof rests."""
     unconfirmed: Sequence[str] = ()
+    """Branches whose stored certificates say more than is proven from them; of a verification."""
 
     @property
     def rejected(self) -> list[EventCertificate]:
@@ -126,10 +115,7 @@ def digest(catalogue: Mapping[str, Any]) -> str:
 def read_certificates(folder: Path) -> Certificates:
     """Read ``certificates.json``.
 
-    Raises
-    ------
-    InputError
-        If it is missing or damaged.
+    Raises InputError if it is missing or damaged.
     """
     path = folder / FILE
     content = read_json(path, SCHEMA, "a folder that contimpact certify has written to")
@@ -235,7 +221,7 @@ class Kept:
 
 NONE = "there is no certificate"
 ROUNDING = 1e-9
-"""Of shares."""
+"""Rounding error that shares may have."""
 QUIET = "proofs along branches are for orbits with impacts"
 
 
@@ -249,10 +235,7 @@ class Problems:
     def of(self, entry: Entry) -> OrbitProblem:
         """Return the problem of an entry.
 
-        Raises
-        ------
-        InputError
-            If the system is not known, or the entry is none of its orbits.
+        Raises InputError if the system is not known, or the entry is none of its orbits.
         """
         at = model_of(entry, self.model)
         return orbit_of(entry, at, self._shared(at, entry.parameter)).problem
@@ -271,10 +254,7 @@ class Problems:
 def with_enclosures(kernels: Kernels) -> Kernels:
     """Return kernels of whose flights enclosures are known.
 
-    Raises
-    ------
-    NoEnclosuresError
-        Where they are not.
+    Raises NoEnclosuresError where they are not.
     """
     model = kernels.model
     try:
@@ -344,8 +324,6 @@ def certify_folder(
 
     Parameters
     ----------
-    folder : Path
-    options : CertifyOptions
     model, progress
         As in `certify`.
     keep : bool
@@ -471,10 +449,7 @@ def verify_folder(
     The tests are made on boxes and tubes as they are recorded; nothing is searched for. An entry
     without a certificate is rejected, and so is a certificate whose entry is not there.
 
-    Raises
-    ------
-    InputError
-        If a file is missing or damaged.
+    Raises InputError if a file is missing or damaged.
     """
     began = time.perf_counter()
     catalogue, entries, branches = _read(folder)

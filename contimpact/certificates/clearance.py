@@ -36,39 +36,26 @@ from .equations import BallProblem, Balls
 
 @dataclass(frozen=True)
 class Met:
-    """A guard that a flight can meet.
-
-    Attributes
-    ----------
-    guard : Guard
-    number : int
-        Its place among the model's guards.
-    left, reached : bool
-        Whether the gap vanishes by itself when the flight leaves, and when it ends.
-    """
+    """A guard that a flight can meet."""
 
     guard: Guard
     number: int
+    """Its place among the model's guards."""
     left: bool
     reached: bool
+    """`left`, `reached`: whether the gap vanishes by itself when the flight leaves, and when it
+    ends."""
 
 
 @dataclass(frozen=True)
 class Coordinate:
-    """A gap coordinate on a flight.
-
-    Attributes
-    ----------
-    met : sequence of Met
-    since : int or None
-        The guard from which displacements are counted; None for positions.
-    motion : callable ``motion(start, dt, values)``
-        Displacement or position, velocity and acceleration.
-    """
+    """A gap coordinate on a flight."""
 
     met: Sequence[Met]
     since: int | None
+    """The guard from which displacements are counted; None for positions."""
     motion: Any
+    """``motion(start, dt, values)``: displacement or position, velocity and acceleration."""
 
     def distance(self, one: Met, places: Sequence[Any]) -> Any:
         """Return how far a guard is from where displacements are counted."""
@@ -120,7 +107,7 @@ def _met(problem: OrbitProblem, guard: int, left: int, reached: int) -> Met:
 DEEPEST = 40
 """How often a flight is cut."""
 CUT = 0.4921875
-"""Where a cell is cut: not where a touch is likely to lie."""
+"""Fraction at which a cell is cut: no place at which a touch is likely to lie."""
 
 
 class Clear(enum.Enum):

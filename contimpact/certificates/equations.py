@@ -111,10 +111,7 @@ class BallProblem:
         """Return residual and blocks of the flight of all periods from a state at the time zero,
         back to it.
 
-        Raises
-        ------
-        ArithmeticError
-            If it does not lead back.
+        Raises ArithmeticError if it does not lead back.
         """
         segment = self.problem.kernels.segment(SECTION, str(self.problem.word.period))
         rows = segment.over(self.arithmetic)(state, state, values)
@@ -346,9 +343,6 @@ def krawczyk(space: BallProblem, system: Function, box: Balls, inverse: Any = No
 
     Parameters
     ----------
-    space : BallProblem
-    system : callable
-    box : list of arb
     inverse : arb_mat, optional
         Y, any exact matrix; by default the inverse of the Jacobian at the midpoint, in doubles.
     """
@@ -425,7 +419,6 @@ def crosses(space: BallProblem, box: Balls, inner: Balls) -> bool:
 
     Parameters
     ----------
-    space : BallProblem
     box, inner : list of arb
         Where the branch point's equations have one solution, and where that lies.
     """

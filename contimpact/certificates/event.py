@@ -90,7 +90,6 @@ def resting(space: BallProblem, box: Balls, inner: Balls) -> list[int]:
 
     Parameters
     ----------
-    space : BallProblem
     box, inner : list of arb
         Where the grazing is the only one, and where it lies.
     """
@@ -162,54 +161,41 @@ The followed parameter has to be nearer: within its recorded error."""
 DIGITS = 50
 
 LEAST_BITS, MOST_BITS = 53, 8192
-"""Of certificates that are verified."""
+"""Least and largest precision of certificates that are verified."""
 
 SAID = ("touch", "stability", "physicality", "stable", "ghost", "notation", "label")
 """Clauses about the orbit of an event that is proven to be there."""
 
 FAILURES = (ArithmeticError, ValueError)
-"""What ball arithmetic raises where an enclosure holds a pole, or does not decide."""
+"""Exceptions of ball arithmetic where an enclosure holds a pole or does not decide."""
 
 Problem = Callable[[], OrbitProblem]
 
 
 @dataclass(frozen=True)
 class EventCertificate:
-    """What is proven of an entry.
-
-    Attributes
-    ----------
-    id, kind, branch : str
-        The entry's.
-    verdict : str
-        ``certified`` or ``rejected``.
-    clause, found : str or None
-        Of a rejected entry: which clause fails, and what was found.
-    bits : int
-        Precision of the proof.
-    certified_radius : float or None
-        Radius of the enclosure of the followed parameter, rounded up.
-    parameter : str or None
-        The enclosure.
-    box : sequence of str
-        In which the event is the only one: the orbit's unknowns, then those the kind's equations
-        add. Every ball is rounded outwards.
-    inner : sequence of str
-        The part of the box in which it lies.
-    seconds : float
-    """
+    """What is proven of an entry."""
 
     id: str
     kind: str
     branch: str
+    """`id`, `kind`, `branch`: the entry's."""
     verdict: str = "rejected"
+    """``certified`` or ``rejected``."""
     clause: str | None = None
     found: str | None = None
+    """`clause`, `found`: of a rejected entry: which clause fails, and what was found."""
     bits: int = 0
+    """Precision of the proof."""
     certified_radius: float | None = None
+    """Radius of the enclosure of the followed parameter, rounded up."""
     parameter: str | None = None
+    """The enclosure."""
     box: Sequence[str] = ()
+    """Box in which the event is the only one: the orbit's unknowns, then those that the kind's
+    equations add. Every ball is rounded outwards."""
     inner: Sequence[str] = ()
+    """The part of the box in which it lies."""
     seconds: float = 0.0
 
     @property
@@ -246,7 +232,6 @@ def certified(
 
     Parameters
     ----------
-    entry : Entry
     problem : callable, optional
         Returns the entry's problem; by default that of the system the entry names.
     bits : int

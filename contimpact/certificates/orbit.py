@@ -43,21 +43,14 @@ from .equations import BallProblem, Balls, Flight, proven
 
 @dataclass(frozen=True)
 class Limit:
-    """A limit that decides which of the guards on a surface an impact meets.
-
-    Attributes
-    ----------
-    impact : int
-    sliding, wall : str
-        The guard at which the motion would begin, and the one that limits it.
-    sign : float
-        +1 where it has to begin within the limit, -1 where beyond.
-    """
+    """A limit that decides which of the guards on a surface an impact meets."""
 
     impact: int
     sliding: str
     wall: str
+    """`sliding`, `wall`: the guard at which the motion would begin, and the one that limits it."""
     sign: float
+    """+1 where it has to begin within the limit, -1 where beyond."""
 
     def margin(self, space: BallProblem, z: Balls) -> Any:
         """Return how far on the right side of the limit the motion begins, or on its surface how
@@ -161,20 +154,13 @@ def _cyclic(flights: Sequence[Flight], mu: Any) -> list[list[Any]]:
 
 @dataclass(frozen=True)
 class Remains:
-    """A word, possibly that without impacts, and what is not in it.
-
-    Attributes
-    ----------
-    word : Word
-    dropped : tuple of int
-        Impacts of the longer word.
-    brief : tuple of int
-        Its flights that take no time.
-    """
+    """A word, possibly that without impacts, and what is not in it."""
 
     word: Word
     dropped: tuple[int, ...]
+    """Impacts of the longer word."""
     brief: tuple[int, ...]
+    """Its flights that take no time."""
 
 
 def remains_of(problem: OrbitProblem, z: Balls, details: Mapping[str, Any]) -> Remains | None:
@@ -336,7 +322,7 @@ ANYWHERE = (1.0, -1.0, 1j, -1j)
 ON_CIRCLE = "a multiplier may lie on the unit circle"
 
 Claim = tuple[Any, str]
-"""What is proven, or None and what could not be decided."""
+"""Proven statement, or None and the question that could not be decided."""
 
 
 @dataclass(frozen=True)
@@ -617,10 +603,8 @@ def _outside(orbit: Orbit, flights: Sequence[Flight]) -> Claim:
 def multipliers(flights: Sequence[Flight]) -> list[Any]:
     """Return enclosures of all multipliers, ``acb``, each of one.
 
-    Raises
-    ------
-    ValueError, ZeroDivisionError
-        If they are not isolated, or an impact's velocity may be zero.
+    Raises ValueError, ZeroDivisionError if they are not isolated, or an impact's velocity may be
+    zero.
     """
     m = len(flights[0][0])
     total = arb_mat([[int(i == j) for j in range(m)] for i in range(m)])

@@ -65,7 +65,7 @@ ORDER = 8
 """Degree of the polynomials of residuals and test functions, the remainder's."""
 ORDER_OF_BLOCKS = 6
 DEGREE = 5
-"""Of the preconditioner."""
+"""Degree of the preconditioner."""
 FLOOR = 1e-10
 """Least size of the box W, in natural sizes of the unknowns."""
 ROOM = 2.0
@@ -88,20 +88,13 @@ class Node:
 
 @dataclass(frozen=True, eq=False)
 class Segment:
-    """The cubic between two nodes.
-
-    Attributes
-    ----------
-    space : BallProblem
-    first, last : Node
-    scale : ndarray
-        Natural sizes of the unknowns.
-    """
+    """The cubic between two nodes."""
 
     space: BallProblem
     first: Node
     last: Node
     scale: Array
+    """Natural sizes of the unknowns."""
 
     @cached_property
     def length(self) -> float:
@@ -174,10 +167,7 @@ class Segment:
 def preconditioner(segment: Segment) -> list[Any]:
     """Return the coefficients of a polynomial in u, exact matrices, near the inverse of J.
 
-    Raises
-    ------
-    ArithmeticError, ValueError, numpy.linalg.LinAlgError
-        If there is none.
+    Raises ArithmeticError, ValueError, numpy.linalg.LinAlgError if there is none.
     """
     nodes = np.cos(np.pi * (np.arange(DEGREE + 1) + 0.5) / (DEGREE + 1))
     inverses = np.array([np.linalg.inv(segment.jacobian(float(u))) for u in nodes])
@@ -190,26 +180,17 @@ def preconditioner(segment: Segment) -> list[Any]:
 
 @dataclass(frozen=True, eq=False)
 class Tube:
-    """A segment around which the branch is proven to be one smooth curve.
-
-    Attributes
-    ----------
-    segment : Segment
-    box : ndarray
-        W: half widths. In it the curve is the only one.
-    inner : ndarray
-        Half widths of the part in which it lies.
-    ends : (ndarray, ndarray)
-        Bounds of w at both nodes.
-    rate : ndarray
-        Bounds of w'(u).
-    """
+    """A segment around which the branch is proven to be one smooth curve."""
 
     segment: Segment
     box: Array
+    """W: half widths. In it the curve is the only one."""
     inner: Array
+    """Half widths of the part in which it lies."""
     ends: tuple[Array, Array]
+    """Bounds of w at both nodes."""
     rate: Array
+    """Bounds of w'(u)."""
     _models: dict[Any, Model] = field(default_factory=dict)
 
     @cached_property
@@ -272,7 +253,6 @@ def proven_tube(segment: Segment, box: Array | None = None) -> Tube | None:
 
     Parameters
     ----------
-    segment : Segment
     box : ndarray, optional
         W; by default it is chosen.
     """

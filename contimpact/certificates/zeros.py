@@ -45,7 +45,7 @@ def turning(flights: list[Flight]) -> Any:
 
 
 OF_TWO: dict[float, Test] = {1.0: turning, -1.0: doubling}
-"""By the multiplier that passes the unit circle."""
+"""Test function of two impacts, by the multiplier that passes the unit circle."""
 
 
 def test_at(segment: Segment, mu: float) -> Test:
@@ -57,8 +57,8 @@ LARGEST = 8
 """Rows of matrices that are expanded by minors: it takes n 2^(n - 1) products."""
 
 ELSEWHERE = (0.5, -0.5)
-"""Where the multipliers' polynomial is evaluated besides: it is zero everywhere where flights
-vanish, and that is no event."""
+"""Points at which the multipliers' polynomial is also evaluated: it is zero everywhere where
+flights vanish, and that is no event."""
 
 
 def regular(segment: Segment, flights: list[Flight]) -> bool:
@@ -164,30 +164,22 @@ def _by_minors(rows: list[list[Any]]) -> Any:
 DEEPEST_TOUCH = 44
 """How often a flight and a tube are cut."""
 SELDOM = 6
-"""After how many cuts a cell is compared with the rest of the flight."""
+"""Number of cuts after which a cell is compared with the rest of the flight."""
 SIZES = [2.0**-k for k in range(12)]
 """Half widths of cells around a touch that is known."""
 
 
 @dataclass(frozen=True)
 class Patch:
-    """A cell of a flight and a tube that may hold a touch of a wall.
-
-    Attributes
-    ----------
-    flight : int
-    wall : str
-    along, at : (float, float)
-        Ranges of u, and of s.
-    single : bool
-        Whether it holds one touch at most.
-    """
+    """A cell of a flight and a tube that may hold a touch of a wall."""
 
     flight: int
     wall: str
     along: tuple[float, float]
     at: tuple[float, float]
+    """`along`, `at`: ranges of u, and of s."""
     single: bool
+    """Whether it holds one touch at most."""
 
     def holds(self, wall: str, along: tuple[float, float], at: tuple[float, float]) -> bool:
         """Whether a cell is part of this one."""
@@ -382,7 +374,7 @@ DEEPEST = 10
 NARROW = 1e-6
 """Width of the part of a tube in which a zero is looked at."""
 CUT = 0.4921875
-"""Where a cell is cut: not where an event is likely to lie."""
+"""Fraction at which a cell is cut: no place at which an event is likely to lie."""
 
 
 @dataclass(frozen=True)

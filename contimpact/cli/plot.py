@@ -64,10 +64,7 @@ def _draw(folder: Path, target: Path, kind: str, options: argparse.Namespace) ->
 def draw_page(folder: Path, target: Path, options: argparse.Namespace | None = None) -> None:
     """Draw the page of a folder of results to a file.
 
-    Raises
-    ------
-    InputError
-        If the folder holds no results, or the file cannot be written.
+    Raises InputError if the folder holds no results, or the file cannot be written.
     """
     from ..page.data import Shown, remarks_in
     from ..page.document import write_page

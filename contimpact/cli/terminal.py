@@ -16,7 +16,7 @@ from ..storage.texts import terminal_text
 # What was computed is written.
 
 ENDING = (signal.SIGINT, signal.SIGTERM)
-"""What asks a command to end."""
+"""Signals that ask a command to end."""
 
 
 @contextlib.contextmanager

@@ -63,28 +63,19 @@ def _ranked(place: Sequence[Event]) -> list[Event]:
 
 @dataclass(frozen=True, eq=False)
 class Point(Generic[E]):
-    """A solution on a branch.
-
-    Attributes
-    ----------
-    evaluation : Evaluation
-        That the problem made; what else it holds is the problem's affair.
-    tangent : ndarray of shape (n + 1,)
-        Unit tangent in the branch's metric, in the direction of the walk.
-    orientation : float
-        Scaled determinant of the Jacobian bordered by the tangent. It changes sign at a branch
-        point, and where a step lands on another branch.
-    arclength : float
-        From the start of the walk.
-    iterations : int
-        Corrector iterations it took.
-    """
+    """A solution on a branch."""
 
     evaluation: E
+    """Evaluation made by the problem; only the problem knows what else it holds."""
     tangent: Array
+    """Unit tangent in the branch's metric, in the direction of the walk, shape (n + 1,)."""
     orientation: float
+    """Scaled determinant of the Jacobian bordered by the tangent. It changes sign at a branch
+    point, and where a step lands on another branch."""
     arclength: float
+    """Arclength from the start of the walk."""
     iterations: int
+    """Corrector iterations it took."""
 
     @property
     def unknowns(self) -> Array:
@@ -98,35 +89,25 @@ class Point(Generic[E]):
 
 
 Details: TypeAlias = Mapping[str, Any]
-"""What the test functions of a kind say of an event, by name."""
+"""Details of an event from the test function of its kind, by name."""
 
 
 @dataclass(frozen=True, eq=False)
 class Event(Generic[E]):
-    """A located zero of a test function.
-
-    Attributes
-    ----------
-    kind : str
-        FB, BP, PD, NS, G, V, T, UZ or the name of a user's function.
-    point : Point
-        The solution there.
-    residual : float
-        Largest residual of the equations it was located with.
-    error : float
-        Estimated error of the parameter value.
-    method : str
-        ``"newton"`` on the extended system, or ``"bracket"``.
-    details : mapping
-        What the test function adds (which impact, which wall, a null vector).
-    """
+    """A located zero of a test function."""
 
     kind: str
+    """FB, BP, PD, NS, G, V, T, UZ or the name of a user's function."""
     point: Point[E]
+    """The solution there."""
     residual: float
+    """Largest residual of the equations it was located with."""
     error: float
+    """Estimated error of the parameter value."""
     method: str
+    """``"newton"`` on the extended system, or ``"bracket"``."""
     details: Details = field(default_factory=dict)
+    """Details that the test function adds (which impact, which wall, a null vector)."""
 
     @property
     def parameter(self) -> float:
@@ -166,32 +147,25 @@ class Walk(Generic[E]):
 
 @dataclass(frozen=True, eq=False)
 class Block:
-    """Points of a walk as arrays, a row each.
-
-    Attributes
-    ----------
-    unknowns, tangents : ndarray of shape (P, n + 1)
-    orientations, arclengths, iterations : ndarray of shape (P,)
-    described : ndarray of shape (P, D)
-        What else the problem says of each point.
-    make : callable ``make(unknowns, described)``
-        The evaluation at a point.
-    sign, origin : float
-        A point lies at arclength origin + sign s; its tangent and orientation are turned with it.
-    measured : object
-        What else the problem's test functions go by; not kept in parts of a block.
-    """
+    """Points of a walk as arrays, a row each."""
 
     unknowns: Array
     tangents: Array
+    """`unknowns`, `tangents`: shape (P, n + 1)."""
     orientations: Array
     arclengths: Array
     iterations: Array
+    """`orientations`, `arclengths`, `iterations`: shape (P,)."""
     described: Array
+    """Further numbers with which the problem describes each point, shape (P, D)."""
     make: Callable[[Array, Array], Evaluation]
+    """``make(unknowns, described)``: the evaluation at a point."""
     sign: float = 1.0
     origin: float = 0.0
+    """`sign`, `origin`: a point lies at arclength origin + sign s; its tangent and orientation are
+    turned with it."""
     measured: object = None
+    """Further numbers that the problem's test functions use; not kept in parts of a block."""
 
     def __len__(self) -> int:
         return len(self.iterations)
@@ -400,7 +374,7 @@ def joined(backward: Walk, forward: Walk) -> tuple[Points, list[Event]]:
 # Test functions: functions of the points of a branch whose zeros are events.
 
 At = TypeVar("At", bound=Evaluation, contravariant=True)
-"""What a problem makes of the points a test function is for."""
+"""Evaluations for which a test function is made."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -170,9 +170,6 @@ def predict(
         The point, its unit tangent, and the way from the point before.
     secant : bool
         Whether to go on along the chord.
-    step : float
-    scale : vector
-    guess : vector
     """
     if not secant:
         for i in range(len(z)):
@@ -203,7 +200,7 @@ D = TypeVar("D")
 
 Evaluate: TypeAlias = Callable[[D, Vector], float]
 Solve: TypeAlias = Callable[[D, Vector, float, Vector], bool]
-"""What `newton` asks of a problem."""
+"""Linear solver that `newton` asks of a problem."""
 
 CONVERGED, NO_VALUE, NO_SOLUTION, DIVERGES, SLOW = range(5)
 """Status codes of `newton`."""
@@ -241,7 +238,6 @@ def newton(
         Handed on to both.
     z, guess, row, scale, step : vector
         `z` is filled with the point reached, `step` is scratch space.
-    tolerance : float
     most : int
         Iterations at most.
 
@@ -404,7 +400,7 @@ CLOSEST_BRANCHES = 1e-4
 """Branches closer to each other than this part of a step are taken to cross."""
 
 NO_TANGENT = 1e-8
-"""Where the orientation falls below this part of its size, rounding decides on the tangent."""
+"""Part of its size below which rounding decides on the tangent's orientation."""
 
 
 @dataclass(frozen=True, eq=False)

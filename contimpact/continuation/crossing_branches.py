@@ -30,8 +30,8 @@ NARROWING, GLANCES = 12, 2
 not."""
 
 SHARP, SHORT, ROUNDED = 0.1, 0.02, 4.0
-"""Where another branch passes: the residual a point may have as a part of nu, and the shortest
-step as a part of the turn's radius; where it crosses: the residual by the error of nu."""
+"""Where another branch passes: the residual a point may have as a part of nu, and the shortest step
+as a part of the turn's radius; where it crosses: the residual as a part of the error of nu."""
 
 TURN = 0.25
 """A step along a turn beside a near miss is at most this part of the distance."""
@@ -41,27 +41,22 @@ HIDDEN = 0.25
 bound, which is seldom reached."""
 
 BESIDE, BLURRED = 4.0, 30.0
-"""Where another branch passes: how near steps are made one by one, in lengths of the step that led
-to it, and sharply, in distances, or in what a point's residual makes of them."""
+"""Where another branch passes: the distance below which steps are made one by one, in lengths of
+the step that led there; and that below which they are made sharply, in distances, or in what a
+point's residual makes of them."""
 
 
 @dataclass(frozen=True, eq=False)
 class Meeting:
-    """Where two branches cross or come closest.
-
-    Attributes
-    ----------
-    unknowns : ndarray of shape (n + 1,)
-    nu, nu_error : float
-        What unfolds the crossing, and its estimated error.
-    sizes : (h, h')
-        The eigenvalues' absolute values, in the metric.
-    """
+    """Where two branches cross or come closest."""
 
     unknowns: Array
+    """Shape (n + 1,)."""
     nu: float
     nu_error: float
+    """`nu`, `nu_error`: what unfolds the crossing, and its estimated error."""
     sizes: tuple[float, float]
+    """The eigenvalues' absolute values, in the metric."""
 
     @property
     def distance(self) -> float:

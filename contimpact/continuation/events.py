@@ -25,7 +25,7 @@ LEVEL, SPACING = 3, 1e-9
 """Order of the differences that tell a function's noise, and relative distance of its values."""
 
 FIRST_ORDER = 2.0
-"""For what the linear estimate leaves out."""
+"""Factor for what the linear estimate leaves out."""
 
 MARGIN = 8.0
 """A value is off by less than so many standard deviations of its noise."""
@@ -101,7 +101,7 @@ def noise(value: Callable[[Array], float], unknowns: Array, step: Array) -> floa
 # points of a walk, no point tells what lies between them, and one more is solved there.
 
 FRACTIONS = (0.5, 0.3, 0.7)
-"""Where between two events a point is tried."""
+"""Fractions of the way between two events at which a point is tried."""
 
 
 def on_points(points: Points, events: Iterable[Event]) -> list[Event]:
@@ -169,7 +169,7 @@ CLOSED_IN = 1e-6
 """A function that has no value in a bracket this narrow jumps there."""
 
 BESIDE = 0.999
-"""Where no point is reached or a function has no value, this part of the way is tried instead."""
+"""Part of the way that is tried instead where no point is reached or a function has no value."""
 
 ACCEPTED_ERROR = 1e-7
 """Newton on an extended system counts if its error is below this part of the parameter's scale."""

@@ -30,7 +30,7 @@ class Evaluation(Protocol):
 
 
 E = TypeVar("E", bound=Evaluation, covariant=True)
-"""What a problem makes of a point."""
+"""Evaluation that a problem makes at a point."""
 
 
 class Problem(Protocol[E]):

@@ -27,14 +27,15 @@ ALONE = 2.0
 """Factor of the bend where only one parabola tells of it."""
 
 MIDDLE = 0.4871
-"""Where an arc is cut if nothing says better: off the places that coincidences prefer."""
+"""Fraction at which an arc is cut if nothing says better: away from the places that coincidences
+prefer."""
 
 OFF_THE_ENDS = 0.1
 """An arc is not cut nearer to its ends than this part of it."""
 
 
 THRICE, DIPS, ENDS = 1, 2, 3
-"""What `suspects` finds: a value that changes sign and may do so thrice, one that may do so twice,
+"""Findings of `suspects`: a value that changes sign and may do so thrice, one that may do so twice,
 and one that may do so where it begins or ends."""
 
 
@@ -158,20 +159,14 @@ def _may_pass(last: Array, earlier: Array, ratio: Number) -> Array:
 
 @dataclass(frozen=True, eq=False)
 class Samples:
-    """The test functions at points of a walk that follow each other.
-
-    Attributes
-    ----------
-    arclengths : ndarray of shape (P + 2,)
-        First those of the points before; NaN where there is none.
-    values : ndarray of shape (P + 2, q)
-    sizes : sequence of int
-        How many values each test function has.
-    """
+    """The test functions at points of a walk that follow each other."""
 
     arclengths: Array
+    """First those of the points before; NaN where there is none, shape (P + 2,)."""
     values: Array
+    """Shape (P + 2, q)."""
     sizes: Sequence[int]
+    """How many values each test function has."""
 
     @classmethod
     def of(cls, arclength: float, values: Sequence[Array]) -> Samples:
@@ -228,7 +223,6 @@ def noteworthy(values: Array, arclengths: Array) -> list[int]:
     ----------
     values : ndarray of shape (P + 2, q)
         Test functions.
-    arclengths : ndarray of shape (P + 2,)
     """
     if not values.shape[1]:
         return []

@@ -31,7 +31,7 @@ LARGEST_DEFECT = 0.1
 """Largest defect of a step (see `defect`), as part of the largest angle."""
 
 DIGITS = 2.0**47 + 1.0
-"""By which a length is rounded to six binary digits, see `rounded`."""
+"""Digits to which a length is rounded, six binary ones; see `rounded`."""
 
 
 def defect(
@@ -140,7 +140,7 @@ BEYOND, FLIPS, DIPS, NEAR_START = 1, 2, 4, 8
 has not; the start may lie on it."""
 
 LITTLE = 0.25
-"""What is left of the orientation where it is about to vanish."""
+"""Part of the orientation that is left where it is about to vanish."""
 
 HEAD = 3
 """Numbers of a row between unknowns and tangent and what `observe` records: orientation, arclength
@@ -148,34 +148,26 @@ and iterations."""
 
 TangentAt: TypeAlias = Callable[[D, Vector, Vector, Vector, Vector], float]
 Observe: TypeAlias = Callable[[D, Vector, Vector, float, Vector, int], None]
-"""What `take_steps` asks of a problem besides."""
+"""Observation that `take_steps` also asks of a problem."""
 
 
 class StepVectors(NamedTuple):
-    """What steps go by, and what they keep up to date; `take_steps` has it as a plain tuple.
-
-    Attributes
-    ----------
-    options, state : vector
-        See `TOLERANCE` and `STEP`.
-    scale : vector
-        Natural sizes of the unknowns.
-    z, tangent, chord : vector
-        The point the walk is at, its unit tangent, and the way from the point before.
-    work : table
-        Scratch space of four rows of n + 1 numbers.
-    rows : table
-        A row for each point to make: unknowns, tangent, `HEAD`, and what `observe` records.
-    """
+    """What steps go by, and what they keep up to date; `take_steps` has it as a plain tuple."""
 
     options: Vector
     state: Vector
+    """`options`, `state`: see `TOLERANCE` and `STEP`."""
     scale: Vector
+    """Natural sizes of the unknowns."""
     z: Vector
     tangent: Vector
     chord: Vector
+    """`z`, `tangent`, `chord`: the point the walk is at, its unit tangent, and the way from the
+    point before."""
     work: Table
+    """Scratch space of four rows of n + 1 numbers."""
     rows: Table
+    """A row for each point to make: unknowns, tangent, `HEAD`, and what `observe` records."""
 
 
 def take_steps(
@@ -382,40 +374,27 @@ class Notice(enum.IntFlag):
 
 @dataclass(frozen=True, eq=False)
 class Position:
-    """Where a walk is, and the numerics of the steps from there.
-
-    Attributes
-    ----------
-    here, behind : Point
-        The point reached, and the one before; None where that does not count.
-    first : float
-        The parameter at the start of the walk.
-    points : int
-        How many there are.
-    step : float
-        Length of the step to try.
-    scale : ndarray of shape (n + 1,)
-    limits : (low, high)
-    same : float
-        What counts as the same solution.
-    settings : Settings
-    by_defect : bool
-        Whether to look at the steps' defects.
-    meetings : bool
-        Whether to look out for branches that meet this one.
-    """
+    """Where a walk is, and the numerics of the steps from there."""
 
     here: Point
     behind: Point | None
+    """`here`, `behind`: the point reached, and the one before; None where that does not count."""
     first: float
+    """The parameter at the start of the walk."""
     points: int
+    """How many there are."""
     step: float
+    """Length of the step to try."""
     scale: Array
+    """Shape (n + 1,)."""
     limits: tuple[float, float]
     same: float
+    """Predicate that decides whether two solutions are the same."""
     settings: Settings
     by_defect: bool
+    """Whether to look at the steps' defects."""
     meetings: bool
+    """Whether to look out for branches that meet this one."""
 
     def options(self) -> list[float]:
         """Return the vector `options` of `take_steps`."""
@@ -464,20 +443,13 @@ class Position:
 
 @dataclass(frozen=True, eq=False)
 class Proposal:
-    """A step for the walker to judge.
-
-    Attributes
-    ----------
-    piece : Point or Block
-        The point reached; a block has no other.
-    notices : Notice
-    next_step : float
-        The length to go on with if it is accepted.
-    """
+    """A step for the walker to judge."""
 
     piece: Point | Block
+    """The point reached; a block has no other."""
     notices: Notice
     next_step: float
+    """The length to go on with if it is accepted."""
 
     @property
     def point(self) -> Point:
@@ -487,27 +459,18 @@ class Proposal:
 
 @dataclass(frozen=True, eq=False)
 class Batch:
-    """What steps have made.
-
-    Attributes
-    ----------
-    piece : Point or Block or None
-        The points accepted, if there are any.
-    step : float
-        Length of the step to try next; of the one proposed or refused, where there is one.
-    iterations, rejected : int
-    proposal : Proposal or None
-        The step after them, if it is for the walker to judge.
-    refused : Refused or None
-        Why the step after them was refused, however short.
-    """
+    """What steps have made."""
 
     piece: Point | Block | None
+    """The points accepted, if there are any."""
     step: float
+    """Length of the step to try next; of the one proposed or refused, where there is one."""
     iterations: int
     rejected: int
     proposal: Proposal | None = None
+    """The step after them, if it is for the walker to judge."""
     refused: Refused | None = None
+    """Why the step after them was refused, however short."""
 
     @property
     def routine(self) -> bool:

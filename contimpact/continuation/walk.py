@@ -179,12 +179,10 @@ def before(problem: Problem, points: Points, again: Array, scale: Array) -> Poin
 
     Parameters
     ----------
-    problem : Problem
     points : Points
         The start is a branch point: no point is solved for there.
     again : ndarray of shape (n + 1,)
         The second point of the walk, come to again.
-    scale : ndarray of shape (n + 1,)
     """
     first = points[0]
     start = again - problem.difference(again, first.unknowns)
@@ -295,7 +293,6 @@ def walk(
 
     Parameters
     ----------
-    problem : Problem
     start : ndarray of shape (n + 1,)
         A point near the branch; it is corrected at its own parameter value.
     direction : {+1, -1}
@@ -306,7 +303,6 @@ def walk(
         Range of the parameter; the branch ends exactly on a limit it reaches.
     tests : sequence of TestFunction
         Events to locate; what is not named is not evaluated.
-    settings : Settings, optional
     tangent : ndarray of shape (n + 1,), optional
         Direction to leave in.
     branching : bool

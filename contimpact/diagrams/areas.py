@@ -49,7 +49,6 @@ def mechanisms(branch: Branch, end: Entry, scene: Scene, model: Model) -> list[i
 
     Parameters
     ----------
-    branch : Branch
     end : Entry
         On it, where the orbit loses its stability or grazes.
     scene : Scene
@@ -157,21 +156,14 @@ class Edge:
 
 @dataclass(frozen=True)
 class Outline:
-    """A joined area.
-
-    Attributes
-    ----------
-    cells : list of (slab, cell)
-    rings : list of ndarray of shape (P, 2)
-        The outer ring first.
-    borders : list of lists of (int, str)
-        For each ring where on it a part of the border begins, and what it is: curves' names,
-        ``line`` or ``side``.
-    """
+    """A joined area."""
 
     cells: list[Cell]
     rings: list[Array]
+    """The outer ring first, shape (P, 2)."""
     borders: list[list[tuple[int, str]]]
+    """Place on each ring at which a part of the border begins, and what it is: curves' names,
+    ``line`` or ``side``."""
 
     @property
     def part(self) -> float:
@@ -184,7 +176,6 @@ def outlines(slabs: Sequence[Slab], contents: Sequence[Sequence[Hashable]]) -> l
 
     Parameters
     ----------
-    slabs : sequence of Slab
     contents : sequence of sequence
         For each slab what its cells hold, from below.
 
@@ -368,7 +359,7 @@ def _area(ring: Array) -> float:
 # Stable orbits along a vertical line of a map of two parameters, and what ends each of them.
 
 SAME_ORBIT = 1e-7
-"""Of velocities and heights at which two branches end in the same orbit."""
+"""Difference of velocities and heights below which two branches end in the same orbit."""
 
 
 @dataclass(frozen=True)
@@ -390,10 +381,8 @@ def stable_branches(
 
     Parameters
     ----------
-    scene : Scene
     model : Model
         Gives the values of the other parameters.
-    word : Word
     kernels : Kernels
         With the parameter free.
     searched : sequence of float
@@ -413,7 +402,6 @@ def stretches(branch: Branch, frame: Frame) -> list[Stretch]:
 
     Parameters
     ----------
-    branch : Branch
     frame : Frame
         In which heights are counted.
     """
@@ -466,7 +454,7 @@ def _end(entry: Entry | None, name: str | None) -> str | None:
 
 
 FIRST, CHECK = 0.5, 0.2360679
-"""Where in a slab, or in a part of it, its first run and those that check it are made."""
+"""Places in a slab, or in a part of it, at which its first run and those that check it are made."""
 WIDEST = 0.125
 """Parts of the width for each of which there is a run that checks."""
 BESIDES = 6
@@ -508,7 +496,6 @@ def divide(
         The family's parameter.
     kernels : Kernels
         With the first parameter free.
-    progress : callable
     names : iterator of int
         Numbers of areas.
 

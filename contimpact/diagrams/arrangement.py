@@ -42,34 +42,26 @@ TIGHT = 1e-9
 MOST_ROUNDS = 8
 """How often slabs are cut anew where arcs turn out to cross in them."""
 BETWEEN = (0.25, 0.5, 0.75)
-"""Where between two points of a curve it is held against their chord."""
+"""Fraction of the way between two points of a curve at which it is compared with their chord."""
 FINE = 8
 """Parts into which the way from one point of a curve to the next is divided to find crossings."""
 
 
 @dataclass(frozen=True)
 class Path:
-    """A curve in the unit square.
-
-    Attributes
-    ----------
-    name : str
-    points : ndarray of shape (P, 2)
-    arclengths : ndarray of shape (P,)
-    plain : ndarray of bool, of shape (P,)
-        Which points the spline goes through.
-    marked : ndarray of bool, of shape (P,)
-        At which of the others what happens on the curve changes.
-    kept : ndarray of bool, of shape (P - 1,)
-        Which of the ways from one point to the next divide the square.
-    """
+    """A curve in the unit square."""
 
     name: str
     points: Array
+    """Shape (P, 2)."""
     arclengths: Array
+    """Shape (P,)."""
     plain: Array
+    """Points through which the spline goes, shape (P,)."""
     marked: Array
+    """Other points at which what happens on the curve changes, shape (P,)."""
     kept: Array
+    """Whether the way from each point to the next divides the square, shape (P - 1,)."""
 
     @cached_property
     def spline(self) -> CubicSpline:
@@ -253,20 +245,13 @@ def _crossing(one: Arc, other: Arc, left: float, right: float) -> list[float]:
 
 @dataclass(frozen=True)
 class Bound:
-    """A line across a slab: arcs that lie one on another, or a side of the square.
-
-    Attributes
-    ----------
-    names : tuple of str
-        Of the curves; none for a side.
-    arcs : tuple of Arc
-    side : float
-        Its height if it is a side.
-    """
+    """A line across a slab: arcs that lie one on another, or a side of the square."""
 
     names: tuple[str, ...] = ()
+    """Names of the curves; none for a side."""
     arcs: tuple[Arc, ...] = ()
     side: float = 0.0
+    """Its height if it is a side."""
 
     def at(self, x: float) -> float:
         """Return its height."""
@@ -386,17 +371,7 @@ def bounding(scene: Scene, curves: Sequence[Curve]) -> list[Curve]:
 
 @dataclass(frozen=True)
 class Frame:
-    """The rectangle: the second parameter across, and along the first one or its derived one.
-
-    Attributes
-    ----------
-    across, along : str
-    left, right : float
-    lower, upper : float
-        Of the parameter along.
-    power, factor : float
-        That is ``factor * first**power``; power is 1 or -1.
-    """
+    """The rectangle: the second parameter across, and along the first one or its derived one."""
 
     across: str
     along: str
@@ -404,8 +379,10 @@ class Frame:
     right: float
     lower: float
     upper: float
+    """`lower`, `upper`: of the parameter along."""
     power: float
     factor: float
+    """`power`, `factor`: that is ``factor * first**power``; power is 1 or -1."""
 
     @classmethod
     def of(cls, scene: Scene, curves: Sequence[Curve]) -> Frame:

@@ -28,24 +28,7 @@ FINDINGS = 6
 
 
 class ChainVectors(NamedTuple):
-    """The orbits of a branch as vectors and tables; see `orbit_functions.OrbitVectors`.
-
-    Attributes
-    ----------
-    kinds, word, arrivals, watched, counts : vector of int
-    measured : vector of int
-        Of each wall, the number of its gap coordinate.
-    values, sides, leaving : vector
-    weights : vector
-        Of the coordinates in each gap coordinate.
-    ends, law, reduced : vector
-        Scratch space for the ends of a flight, for the numbers of its law, and for what is left of
-        the cycle.
-    blocks, kept, work, fixed : table
-    clock, durations, gaps, times, velocities : vector
-    own, steps, breaks, found, signs, zeros, moving, forces
-        Those of `segments.oscillations.Followed`.
-    """
+    """The orbits of a branch as vectors and tables; see `orbit_functions.OrbitVectors`."""
 
     kinds: Vector
     word: Vector
@@ -53,13 +36,17 @@ class ChainVectors(NamedTuple):
     watched: Vector
     counts: Vector
     measured: Vector
+    """Number of the gap coordinate of each wall."""
     values: Vector
     sides: Vector
     leaving: Vector
     weights: Vector
+    """Weights of the coordinates in each gap coordinate."""
     ends: Vector
     law: Vector
     reduced: Vector
+    """`ends`, `law`, `reduced`: scratch space for the ends of a flight, for the numbers of its law,
+    and for what is left of the cycle."""
     blocks: Table
     kept: Table
     work: Table
@@ -77,6 +64,8 @@ class ChainVectors(NamedTuple):
     zeros: Vector
     moving: Vector
     forces: Vector
+    """`own`, `steps`, `breaks`, `found`, `signs`, `zeros`, `moving`, `forces`: those of
+    `segments.oscillations.Followed`."""
 
 
 def evaluate_chain(

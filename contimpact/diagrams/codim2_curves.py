@@ -131,10 +131,8 @@ def orbit_at(entry: Entry, point: Codim2, model: Model, kernels: Kernels) -> Lin
     ----------
     entry : Entry
         From which the curve was started that has the point.
-    point : Codim2
     model : Model
         At the point's parameter values.
-    kernels : Kernels
     """
     problem = problem_of(model, Word(entry.word, entry.period), kernels)
     names = ["time", "velocity", *coordinates(problem.m)[2:]]
@@ -198,8 +196,6 @@ def entries_born(
     ----------
     entry : Entry
         From which the curve was started that has the point.
-    point : Codim2
-    model : Model
     kinds : sequence of str
         Of the curves that are wanted.
     kernels : Kernels

@@ -41,35 +41,24 @@ SMALLEST = -700.0
 
 
 class CurveVectors(NamedTuple):
-    """A curve's problem as vectors and tables.
-
-    Attributes
-    ----------
-    kinds : vector of int
-        Kinds of the flights.
-    counts : vector of int
-        See `PERIODS`.
-    numbers : vector
-        The multiplier mu of a singular cycle.
-    values : vector
-        Parameter values.
-    residual, right : vector
-        The residuals at the point last evaluated, and scratch space.
-    blocks : table
-        Its flights, a row of `BLOCK` numbers each.
-    jacobian, factors : table
-        The Jacobian there, and scratch space for it and a border.
-    """
+    """A curve's problem as vectors and tables."""
 
     kinds: Vector
+    """Kinds of the flights."""
     counts: Vector
+    """See `PERIODS`."""
     numbers: Vector
+    """The multiplier mu of a singular cycle."""
     values: Vector
+    """Parameter values."""
     residual: Vector
     right: Vector
+    """`residual`, `right`: the residuals at the point last evaluated, and scratch space."""
     blocks: Table
+    """Its flights, a row of `BLOCK` numbers each."""
     jacobian: Table
     factors: Table
+    """`jacobian`, `factors`: the Jacobian there, and scratch space for it and a border."""
 
 
 def evaluate_orbit(
@@ -380,7 +369,7 @@ AT_ONCE = 8
 
 SINGULAR, TOUCHING = "singular", "touching"
 VARIANTS = {SingularCycle: SINGULAR, Touching: TOUCHING}
-"""Which equations are compiled."""
+"""Equations that are compiled."""
 
 PLAIN: Counter[tuple[str, str]] = Counter()
 """Flights evaluated plainly on the curves of each program. Those of two other parameters have

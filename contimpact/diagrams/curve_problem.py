@@ -159,7 +159,7 @@ SAMPLES = 500
 """Instants of a flight at which its touch is looked for."""
 
 STEP = float(np.cbrt(EPSILON))
-"""Of central differences, as part of an unknown's natural size."""
+"""Step of central differences, as a part of an unknown's natural size."""
 
 
 def differenced(value: Callable[[Array], float], x: Array, sizes: Array) -> Array:
@@ -363,6 +363,8 @@ def double_of(
 ) -> Double:
     """Return the equations of a point of codimension two on a curve.
 
+    Raises InputError if curves of this kind have no such points.
+
     Parameters
     ----------
     here : Linearisation
@@ -375,11 +377,6 @@ def double_of(
         The curve's.
     changes : str
         What changes there, which tells points of one name apart.
-
-    Raises
-    ------
-    InputError
-        If curves of this kind have no such points.
     """
     one, at, test, index = _seen(here, name, kind, details, changes)
     told = at.details

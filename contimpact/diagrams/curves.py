@@ -67,11 +67,8 @@ def filled(
 
     Parameters
     ----------
-    walk : Walk
-    problem : CurveProblem
     spans : sequence of float
         Widths of the ranges of the free parameters.
-    settings : Settings
     within : float
         How far, as part of these, the spline through the points may be from the curve.
     """
@@ -383,7 +380,6 @@ def leaving(
 
     Parameters
     ----------
-    kind : Kind
     watched : sequence of TestFunction
         `Limit` of each parameter but the last, and those of `Kind.curve_limits`.
     """

@@ -92,7 +92,6 @@ def with_openings(
 
     Parameters
     ----------
-    branches : sequence of Branch
     opens : mapping of str to sequence of str
         The branches born at an entry, by its name.
     meetings : mapping of str to sequence of str
@@ -109,7 +108,7 @@ def with_openings(
 STAGES = ("kernels", "search", "walk", "events", "switching", "tables")
 NOT_SWITCHED = "events not switched at"
 INTERRUPTED = "interrupted"
-"""What ended a computation early, where the keyboard did."""
+"""Reason of a computation that the keyboard ended early."""
 
 
 def follow(scene: Scene | str | Path | Mapping[str, Any], progress: Asked = None) -> Diagram:

@@ -19,7 +19,7 @@ STILL = 1e-13
 """A change of the parameter within a step, as part of it, with which its value is known."""
 
 LONG = 1.5
-"""By how much a period has grown that grows without bound."""
+"""Factor by which a period has grown that grows without bound."""
 
 
 class FreePeriodEnds:

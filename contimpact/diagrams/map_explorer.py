@@ -150,7 +150,6 @@ def with_curves(scene: Scene, diagram: Diagram, progress: Progress | None = None
     diagram : Diagram
         Of that scene; its branches are those of the scene's own parameter values. For a family,
         the branches of its members are added.
-    progress : callable, optional
     """
     assert scene.curves is not None
     return _CurveExplorer(scene, scene.curves, diagram, progress or silent).run()
@@ -544,7 +543,6 @@ def with_map(scene: Scene, diagram: Diagram, progress: Progress | None = None) -
         With ``curves``.
     diagram : Diagram
         Of that scene.
-    progress : callable, optional
     """
     assert scene.curves is not None
     diagram = with_curves(scene, diagram, progress)

@@ -61,10 +61,8 @@ def run_at(scene: Scene, model: Model, word: Word, kernels: Kernels) -> list[Run
 
     Parameters
     ----------
-    scene : Scene
     model : Model
         The member, at the second parameter's value.
-    word : Word
     kernels : Kernels
         With the first parameter free.
     """
@@ -85,10 +83,8 @@ def run_along(
 
     Parameters
     ----------
-    scene : Scene
     model : Model
         Gives the values of the other parameters.
-    word : Word
     kernels : Kernels
         With the parameter free.
     limits : (low, high)
@@ -213,9 +209,6 @@ def passes(curve: Curve, entry: Entry, model: Model, kernels: Kernels) -> bool:
 
     Parameters
     ----------
-    curve : Curve
-    entry : Entry
-    model : Model
     kernels : Kernels
         With the first parameter free.
     """
@@ -329,29 +322,19 @@ SAME_ORBIT = 0.1
 
 @dataclass(frozen=True)
 class NearMiss:
-    """An extremum on a line.
-
-    Attributes
-    ----------
-    word : Word
-    kind : str
-        Of the event that is missed.
-    index : int
-        Which of several values that vanish at events of this kind.
-    size : float
-        How far from zero it is.
-    unknowns : ndarray
-        The orbit, the line's free parameter last.
-    velocities : ndarray
-        Of its impacts.
-    """
+    """An extremum on a line."""
 
     word: Word
     kind: str
+    """Kind of the event that is missed."""
     index: int
+    """Index of the value among several that vanish at events of this kind."""
     size: float
+    """How far from zero it is."""
     unknowns: Array
+    """The orbit, the line's free parameter last."""
     velocities: Array
+    """Velocities of its impacts."""
 
     def like(self, other: NearMiss) -> bool:
         """Whether the same is missed on orbits that are not far from each other."""
@@ -434,7 +417,7 @@ VANISHING: dict[str, Callable[[Points], Array]] = {
     "G": _gaps,
     "V": _velocities,
 }
-"""What vanishes at events of a kind, along the points of a run: shape (P, values)."""
+"""Values that vanish at events of a kind, along the points of a run: shape (P, values)."""
 
 
 Place = Mapping[str, float]
@@ -512,14 +495,12 @@ def crossing_runs(
 
     Parameters
     ----------
-    scene : Scene
     problem : OrbitProblem
         At the value that is held.
     limits : (low, high)
         Of the other parameter.
     known : iterable of ndarray
         Orbits nearly, that parameter's value last.
-    generator : numpy.random.Generator
     """
     runs: list[Run] = []
     for unknowns in known:
@@ -649,7 +630,7 @@ INSIDE = 1e-6
 """How far inside a side its line runs, as part of the range."""
 
 MOST_ROUNDS = 8
-"""As many times the lines asked for are the most that are laid in each direction."""
+"""Largest number of rounds: so many times the lines asked for may be surveyed in each direction."""
 
 NARROWEST = 0.1
 """Neighbouring lines nearer than this part of the range are not looked between."""

@@ -52,7 +52,7 @@ V = TypeVar("V", "OrbitVectors", "ChainVectors")
 """A branch as vectors and tables."""
 
 Functions: TypeAlias = tuple[Evaluate[V], Solve[V], TangentAt[V], Observe[V]]
-"""What `take_steps` needs of a problem: evaluate, solve, tangent_at and observe."""
+"""Functions of a problem that `take_steps` calls: evaluate, solve, tangent_at and observe."""
 
 WORTH = 64
 """Points asked for at once from which compiled code is looked for."""

@@ -50,7 +50,6 @@ def tabulate(
 
     Parameters
     ----------
-    points : Points
     entries : sequence of (Point, Entry)
         The events' points, in order of arclength. Their rows, or those of the points they stand on,
         have the verdicts of the first entry there, which leave the event itself out.
@@ -197,7 +196,6 @@ def at_image(problem: OrbitProblem, known: Known | None = None) -> Stop | None:
 
     Parameters
     ----------
-    problem : OrbitProblem
     known : callable ``known(problem, unknowns) -> str or None``, optional
         Returns the name of the branch an orbit of shorter period lies on.
 
@@ -260,7 +258,8 @@ class _AtImage:
 
 
 BEYOND = 0.1
-"""By how much of its way an orbit between two points of a branch may lie before or beyond them."""
+"""Part of its way by which an orbit between two points of a branch may lie before or beyond
+them."""
 
 UserEvent = tuple[str, Callable[[Orbit], float]]
 Callback = Callable[[Point], bool | None]
@@ -662,12 +661,8 @@ def run_born(
 
     Parameters
     ----------
-    start : Start
     born : End
         That of the way that is not gone.
-    limits : (low, high)
-    tests : sequence of TestFunction
-    settings : Settings
     name : str
         The branch's, for the end of one that mirrors itself.
     stop, callback : callable, optional

@@ -40,51 +40,41 @@ UNRESOLVED = 2
 
 
 class OrbitVectors(NamedTuple):
-    """The orbits of a branch as vectors and tables.
-
-    Attributes
-    ----------
-    kinds, word, arrivals : vector of int
-        Kinds of the flights, the walls they leave, and where they end.
-    counts : vector of int
-        See `WALLS`.
-    values, sides, leaving : vector
-        Parameter values; sides of the walls; the same on the flights that leave them.
-    watched : vector of int
-        Of each wall that is left, whether the flight can meet each wall.
-    zeros : vector
-        Zeros of the acceleration, where they are the same along the branch.
-    blocks, kept, reduced, fixed : table
-        Scratch space for the flights, for their elimination, for what is left, and for what depends
-        on the parameters alone.
-    clock : vector
-        Filled with the period and its derivative; `UNRESOLVED` grows by the flights on which
-        compiled code has not found the zeros of the acceleration.
-    steps : table
-        Scratch space for `segments.oscillation`.
-    durations, gaps, times, velocities : vector
-        Scratch space for what decides whether an orbit is physical.
-    """
+    """The orbits of a branch as vectors and tables."""
 
     kinds: Vector
     word: Vector
     arrivals: Vector
+    """`kinds`, `word`, `arrivals`: kinds of the flights, the walls they leave, and where they
+    end."""
     watched: Vector
+    """Whether the flight that leaves each wall can meet each wall."""
     counts: Vector
+    """See `WALLS`."""
     values: Vector
     sides: Vector
     leaving: Vector
+    """`values`, `sides`, `leaving`: parameter values; sides of the walls; the same on the flights
+    that leave them."""
     zeros: Vector
+    """Zeros of the acceleration, where they are the same along the branch."""
     blocks: Table
     kept: Table
     reduced: Table
     fixed: Table
+    """`blocks`, `kept`, `reduced`, `fixed`: scratch space for the flights, for their elimination,
+    for what is left, and for what depends on the parameters alone."""
     clock: Vector
+    """Filled with the period and its derivative; `UNRESOLVED` grows by the flights on which
+    compiled code has not found the zeros of the acceleration."""
     steps: Table
+    """Scratch space for `segments.oscillation`."""
     durations: Vector
     gaps: Vector
     times: Vector
     velocities: Vector
+    """`durations`, `gaps`, `times`, `velocities`: scratch space for what decides whether an orbit
+    is physical."""
 
 
 def evaluate_cycle(

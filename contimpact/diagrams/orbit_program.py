@@ -48,10 +48,8 @@ def with_space(kernel: Kernel) -> Kernel:
 
     The numbers of the flow are put at the beginning of the space, instead of being arguments.
 
-    Raises
-    ------
-    NotImplementedError
-        For a kernel with two flows: the second would overwrite what the first has found.
+    Raises NotImplementedError for a kernel with two flows: the second would overwrite what the
+    first has found.
     """
     tree = ast.parse(kernel.text)
     (function,) = (node for node in tree.body if isinstance(node, ast.FunctionDef))

@@ -44,44 +44,28 @@ STAGES = ("branches", "sweep", "random", "transitions", "coverage", "portraits",
 
 @dataclass
 class Simulation:
-    """What `simulate` found.
-
-    Attributes
-    ----------
-    scene : Scene
-    sweep : Sweep
-    transitions : list of Transition
-    diagram : Diagram or None
-        The scene's branches, where [simulate] asks for them.
-    coverage : Coverage or None
-        Likewise.
-    portraits : list of Row
-        Attractors at the values at which portraits are requested.
-    basins : list of Basins
-    interrupted : str or None
-        The stage at which the run was interrupted.
-    notes : list of str
-        What the branches have to say of themselves.
-    seconds : dict of str to float
-        Per stage.
-    resumed : int
-        Rows that an earlier run had found.
-    lost : str or None
-        Why what was found could not be kept as it was found, if so.
-    """
+    """What `simulate` found."""
 
     scene: Scene
     sweep: Sweep
     transitions: list[Transition] = field(default_factory=list)
     diagram: Diagram | None = None
+    """The scene's branches, where [simulate] asks for them."""
     coverage: Coverage | None = None
+    """Likewise."""
     portraits: list[Row] = field(default_factory=list)
+    """Attractors at the values at which portraits are requested."""
     basins: list[Basins] = field(default_factory=list)
     interrupted: str | None = None
+    """The stage at which the run was interrupted."""
     notes: list[str] = field(default_factory=list)
+    """Notes of the branches on what they may lack."""
     seconds: dict[str, float] = field(default_factory=dict)
+    """Per stage."""
     resumed: int = 0
+    """Rows that an earlier run had found."""
     lost: str | None = None
+    """Why what was found could not be kept as it was found, if so."""
 
     @property
     def counts(self) -> dict[str, int]:
@@ -101,6 +85,8 @@ def simulate(
 ) -> Simulation:
     """Simulate a scene.
 
+    Raises InputError if what is to be resumed belongs to another scene, or is not of one run.
+
     Parameters
     ----------
     scene : Scene
@@ -116,11 +102,6 @@ def simulate(
     -------
     Simulation
         After an interruption from the keyboard, what was done until then.
-
-    Raises
-    ------
-    InputError
-        If what is to be resumed belongs to another scene, or is not of one run.
     """
     return _Director(scene, folder, resume, progress or silent).run()
 

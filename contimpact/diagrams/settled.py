@@ -51,10 +51,8 @@ def settled_orbits(
 
     Parameters
     ----------
-    model : Model
     kernels : Kernels
         Of the model; they name the followed parameter.
-    rng : None, int or numpy.random.Generator, default 0
     """
     simulator = Simulator(model, kernels, longest_flight=LONGEST_FLIGHT)
     generator = np.random.default_rng(rng)

@@ -38,39 +38,26 @@ searched as the start is."""
 
 @dataclass(frozen=True)
 class NotFound:
-    """A word of which no orbit was found at a scene's start.
-
-    Attributes
-    ----------
-    word : Word
-    notation : str
-    parameter : str
-    value : float
-        Of the followed parameter, at the start.
-    starts : int
-        Random starts in each round of the search.
-    rounds : int
-        Rounds that were made.
-    repeated : sequence of str
-        Orbits at the start that read as the word if they are run several times, by their notation.
-    tried : int
-        Other values at which orbits were looked for.
-    elsewhere : sequence of (float, int)
-        Those at which some were found, and how many.
-    starts_elsewhere : int
-        Random starts at each of them in the first round.
-    """
+    """A word of which no orbit was found at a scene's start."""
 
     word: Word
     notation: str
     parameter: str
     value: float
+    """Value of the followed parameter at the start."""
     starts: int
+    """Random starts in each round of the search."""
     rounds: int
+    """Rounds that were made."""
     repeated: tuple[str, ...] = ()
+    """Orbits at the start that read as the word if they are run several times, by their
+    notation."""
     tried: int = 0
+    """Other values at which orbits were looked for."""
     elsewhere: tuple[tuple[float, int], ...] = ()
+    """Those at which some were found, and how many."""
     starts_elsewhere: int = GLANCE
+    """Random starts at each of them in the first round."""
 
     @classmethod
     def of(cls, scene: Scene, kernels: Kernels, word: Word) -> NotFound:
@@ -239,10 +226,7 @@ def _remedy(lacking: NotFound, settled: Sequence[Orbit]) -> str:
 def orbits_at_start(scene: Scene, kernels: Kernels, word: Word) -> list[Orbit]:
     """Find the orbits of a word at a scene's start.
 
-    Raises
-    ------
-    InputError
-        If there is none; it says what was tried and what exists nearby.
+    Raises InputError if there is none; it says what was tried and what exists nearby.
     """
     found = orbits_at(scene, kernels, word, scene.start)
     if not found:

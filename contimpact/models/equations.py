@@ -33,26 +33,18 @@ T = TypeVar("T")
 
 @dataclass(frozen=True)
 class Departure:
-    """The flight that leaves a guard at `PHASE` and has lasted for `DT`.
-
-    Attributes
-    ----------
-    position, velocity : tuple
-        After the impact.
-    mean, end : tuple
-        Mean velocities and end velocities.
-    acceleration : tuple
-        Accelerations at the end, by the equations of motion.
-    by_state : tuple
-        The same in the time `T0`, and positions and velocities as `state_symbols` names them.
-    """
+    """The flight that leaves a guard at `PHASE` and has lasted for `DT`."""
 
     position: tuple[Expr, ...]
     velocity: tuple[Expr, ...]
+    """`position`, `velocity`: after the impact."""
     mean: tuple[Expr, ...]
     end: tuple[Expr, ...]
+    """`mean`, `end`: mean velocities and end velocities."""
     acceleration: tuple[Expr, ...]
+    """Accelerations at the end, by the equations of motion."""
     by_state: tuple[Expr, ...]
+    """The same in the time `T0`, and positions and velocities as `state_symbols` names them."""
 
     @property
     def now(self) -> list[Expr]:
@@ -77,10 +69,8 @@ def after_impact(
 
     Formulas are given the coordinates that the mode before has, and state those of the next.
 
-    Raises
-    ------
-    InputError
-        For a reset, a flight or an acceleration of another form than a system has to give.
+    Raises InputError for a reset, a flight or an acceleration of another form than a system has to
+    give.
     """
     size = len(position)
     before, after = (orders_of(modes, m, size) for m in (guard.modes[0], guard.next_mode))
@@ -95,10 +85,7 @@ def after_impact(
 def on_symbols(where: str, stated: Callable[..., T], *given: Any) -> T:
     """Evaluate a formula that the author of a system wrote, on SymPy's symbols.
 
-    Raises
-    ------
-    InputError
-        Where it calls what knows numbers alone.
+    Raises InputError where it calls what knows numbers alone.
     """
     try:
         return stated(*given)
@@ -239,42 +226,29 @@ ELEMENTARY = frozenset(
 
 @dataclass(frozen=True)
 class Equations:
-    """A model's formulas in its parameters, section coordinates, `PHASE` and `DT`.
-
-    Attributes
-    ----------
-    parameters : mapping of str to sympy.Symbol
-    start, end : tuple of sympy.Symbol
-        Section coordinates before the impacts at which a flight starts and ends.
-    period : sympy.Expr
-    walls, derived : mapping of str to sympy.Expr
-        In the model's order.
-    guards : mapping of str to Guard
-    departures : mapping of str to Departure
-        By the guard that is left.
-    state, back : tuple of sympy.Symbol
-        Positions and velocities in turn on the section t = 0, and when the flight is back there.
-    quiet : Departure
-        The flight from the section, in the first mode.
-    harmonics : tuple of sympy.Expr
-        The mean and then k, a_k, b_k, where the acceleration depends on time alone; else NaN.
-    mass : mapping of str to tuple of tuple of sympy.Expr, optional
-        The matrix of the kinetic energy by mode, where it is known.
-    """
+    """A model's formulas in its parameters, section coordinates, `PHASE` and `DT`."""
 
     parameters: Mapping[str, Any]
     start: tuple[Any, ...]
     end: tuple[Any, ...]
+    """`start`, `end`: section coordinates before the impacts at which a flight starts and ends."""
     period: Any
     walls: Mapping[str, Any]
     derived: Mapping[str, Any]
+    """`walls`, `derived`: in the model's order."""
     guards: Mapping[str, Guard]
     departures: Mapping[str, Departure]
+    """Departures, by the guard that is left."""
     state: tuple[Any, ...]
     back: tuple[Any, ...]
+    """`state`, `back`: positions and velocities in turn on the section t = 0, and when the flight
+    is back there."""
     quiet: Departure
+    """The flight from the section, in the first mode."""
     harmonics: tuple[Any, ...]
+    """The mean and then k, a_k, b_k, where the acceleration depends on time alone; else NaN."""
     mass: Mapping[str, tuple[tuple[Any, ...], ...]] | None = None
+    """The matrix of the kinetic energy by mode, where it is known."""
 
     def before(self, wall: str, section: Sequence[Any]) -> tuple[list[Any], list[Any]]:
         """Return positions and velocities before an impact, from its section coordinates."""
@@ -343,10 +317,8 @@ class Equations:
 def equations_of(model: Any) -> Equations:
     """Return the model's formulas on symbols; all `replace` makes of a model share them.
 
-    Raises
-    ------
-    InputError
-        If `Model.formulas` contradicts the class, or says what kernels cannot evaluate.
+    Raises InputError if `Model.formulas` contradicts the class, or says what kernels cannot
+    evaluate.
     """
     if "equations" not in model.shared:
         found = _evaluated(model)

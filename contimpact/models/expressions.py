@@ -24,11 +24,11 @@ from ..errors import InputError, did_you_mean, shortened, shown
 # that walking over an expression's syntax tree with an `Extent` for each variable bounds it.
 
 LARGEST_EXPONENT = 64
-"""Of a power, and of powers of powers together."""
+"""Largest exponent of a power, and of powers of powers together."""
 DEEPEST = 10
 """Functions of functions."""
 LARGEST_ARGUMENT = 700.0
-"""Of functions that grow as exp does: e^700 is about the largest double."""
+"""Largest argument of functions that grow as exp does: e^700 is about the largest double."""
 MOST_WORK = 1e12
 
 
@@ -38,29 +38,20 @@ class Beyond(Exception):
 
 @dataclass(frozen=True)
 class Extent:
-    """Bounds of a part of an expression.
-
-    Attributes
-    ----------
-    low, high : float
-        Its values lie between these.
-    terms : float
-        Terms of the sum that it becomes when it is expanded, sines and cosines as exponentials.
-    work : float
-        Terms of all its parts that are expanded on the way; `MOST_WORK` where functions are in it
-        that do not become sums.
-    exponent : float
-        The product of the exponents of powers of powers in it.
-    depth : int
-        How deep functions of functions go.
-    """
+    """Bounds of a part of an expression."""
 
     low: float = -math.inf
     high: float = math.inf
+    """`low`, `high`: its values lie between these."""
     terms: float = 1.0
+    """Terms of the sum that it becomes when it is expanded, sines and cosines as exponentials."""
     work: float = 1.0
+    """Terms of all its parts that are expanded on the way; `MOST_WORK` where functions are in it
+    that do not become sums."""
     exponent: float = 1.0
+    """The product of the exponents of powers of powers in it."""
     depth: int = 0
+    """How deep functions of functions go."""
 
     @property
     def size(self) -> float:
@@ -140,7 +131,6 @@ class Extent:
 
         Parameters
         ----------
-        function : str
         growing : bool
             Whether it may grow beyond all doubles.
         """
@@ -210,6 +200,8 @@ _UNARY: dict[type, Callable[[Any], Any]] = {ast.UAdd: operator.pos, ast.USub: op
 def number(text: str, where: str, values: Mapping[str, float] | None = None) -> float:
     """Evaluate an arithmetic expression such as ``"pi/6"``.
 
+    Raises InputError if the text is not such an expression or its value is not finite.
+
     Parameters
     ----------
     text : str
@@ -218,11 +210,6 @@ def number(text: str, where: str, values: Mapping[str, float] | None = None) -> 
         The place named in an error.
     values : mapping of str to float, optional
         Further names that may stand in it.
-
-    Raises
-    ------
-    InputError
-        If the text is not such an expression or its value is not finite.
     """
     names = {name: getattr(math, name) for name in (*FUNCTIONS, *CONSTANTS)} | dict(values or {})
     try:
@@ -243,13 +230,15 @@ def check_expression(
 ) -> float:
     """Check what can be checked of an expression without SymPy: syntax, names, finite constants.
 
+    Raises InputError if anything else stands in it, if a part without variables has no finite real
+    value, or if exponents, functions of functions or arguments of exp() have no bound.
+
     Parameters
     ----------
     text : str
         The expression, in the names of `variables`, `FUNCTIONS` and `CONSTANTS`.
     where : str
         The place named in an error.
-    variables : sequence of str
     growing : bool
         Whether exp(), sinh() and cosh() may be of anything; else they have to stay finite whatever
         the variables.
@@ -258,12 +247,6 @@ def check_expression(
     -------
     float
         About how many terms arise when it is expanded; see `contimpact.models.expressions`.
-
-    Raises
-    ------
-    InputError
-        If anything else stands in it, if a part without variables has no finite real value, or if
-        exponents, functions of functions or arguments of exp() have no bound.
     """
     functions = {name: _of_any(name, growing) for name in FUNCTIONS}
     constants = {name: getattr(math, name) for name in CONSTANTS}
@@ -285,10 +268,7 @@ def check_expression(
 def values_of(text: str, where: str, variables: Mapping[str, Any]) -> Any:
     """Evaluate an expression on arrays, given for its variables; SymPy is not needed.
 
-    Raises
-    ------
-    InputError
-        If anything stands in it that `check_expression` refuses.
+    Raises InputError if anything stands in it that `check_expression` refuses.
     """
     import numpy as np
 
@@ -301,6 +281,8 @@ def values_of(text: str, where: str, variables: Mapping[str, Any]) -> Any:
 def sympy_expression(text: str, where: str, symbols: Mapping[str, Any]) -> Any:
     """Build the SymPy expression a text stands for; numbers in it are doubles, exactly.
 
+    Raises InputError if anything else stands in it.
+
     Parameters
     ----------
     text : str
@@ -309,11 +291,6 @@ def sympy_expression(text: str, where: str, symbols: Mapping[str, Any]) -> Any:
         The place named in an error.
     symbols : mapping of str to sympy.Symbol
         The names that may stand in it.
-
-    Raises
-    ------
-    InputError
-        If anything else stands in it.
     """
     import sympy
 

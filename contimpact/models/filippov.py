@@ -33,6 +33,9 @@ Rates = Callable[[Any, Sequence[Any]], Sequence[Any]]
 class Filippov:
     """The formulas of a system of `switching_modes` and `switching_guards`.
 
+    Raises InputError where the fields move h by rates whose difference vanishes or depends on the
+    time.
+
     Parameters
     ----------
     below, above : callable ``(t, x) -> [f_0, f_1, ...]``
@@ -41,11 +44,6 @@ class Filippov:
         The factors of the coordinates in the surface.
     level : sympy.Expr
     period : sympy.Expr
-
-    Raises
-    ------
-    InputError
-        Where the fields move h by rates whose difference vanishes or depends on the time.
     """
 
     def __init__(

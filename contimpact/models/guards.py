@@ -80,32 +80,22 @@ class Mode:
 
 @dataclass(frozen=True)
 class Guard:
-    """A surface at which motion ends in some modes and goes on in another.
-
-    Attributes
-    ----------
-    name : str
-        A single letter.
-    side : int
-        +1 where the gap coordinate stays below the surface, -1 where it stays above.
-    mode : str or tuple of str
-        The modes that it ends. Empty in systems of one mode, which has no name.
-    to : str, optional
-        The mode it leads to; for a rigid wall, the one it ends.
-    coordinate : int or tuple of numbers
-        The gap coordinate: one of the positions, by its number, or a linear combination of all, by
-        its coefficients.
-    past : str, optional
-        Where another guard on the same surface leads to sliding, this one leads through the surface
-        instead: where sliding would begin beyond the guard named here.
-    """
+    """A surface at which motion ends in some modes and goes on in another."""
 
     name: str
+    """A single letter."""
     side: int
+    """+1 where the gap coordinate stays below the surface, -1 where it stays above."""
     mode: str | tuple[str, ...] = ""
+    """The modes that it ends. Empty in systems of one mode, which has no name."""
     to: str | None = None
+    """The mode it leads to; for a rigid wall, the one it ends."""
     coordinate: int | Row = 0
+    """The gap coordinate: one of the positions, by its number, or a linear combination of all, by
+    its coefficients."""
     past: str = ""
+    """Guard beyond which sliding would begin: where another guard on the same surface leads to
+    sliding, this one then leads through the surface instead."""
 
     @property
     def modes(self) -> tuple[str, ...]:
@@ -176,7 +166,6 @@ def way_back(guards: Sequence[Guard], letter: str, mode: str, there: str) -> str
 
     Parameters
     ----------
-    guards : sequence of Guard
     letter : str
         The guard touched.
     mode : str

@@ -241,10 +241,7 @@ def law_of(rows: Rows, orders: Sequence[int], period: Expr) -> Law:
 def harmonics_of(e: Expr, t: Expr, period: Expr, where: str) -> dict[int, tuple[Expr, Expr]]:
     """Return the factors (of the cosine, of the sine) of each harmonic of a function of t.
 
-    Raises
-    ------
-    InputError
-        If it is no sum of harmonics of that period.
+    Raises InputError if it is no sum of harmonics of that period.
     """
     found: dict[int, tuple[Expr, Expr]] = {}
     for term in sympy.Add.make_args(sympy.expand(TR8(sympy.expand(sympy.sympify(e))))):

@@ -38,9 +38,9 @@ TIMES, FAR = 7, 1e3
 MOST = 12
 """How many times a period, or what part of it, is tried in its place."""
 TOLERANCE = 1e-6
-"""Of what a law varies by in time."""
+"""Tolerance as a part of the law's variation in time."""
 ROUNDING = 1e-12
-"""Of a law's size."""
+"""Rounding as a part of a law's size."""
 
 
 class Stated(Protocol):
@@ -133,46 +133,28 @@ def at_times(text: str, values: Mapping[str, float], time: str) -> Timed:
 MOST_COORDINATES = 20
 MATRICES = ("mass", "damping", "stiffness")
 LARGEST = 1e100
-"""Of the numbers in matrices and forces."""
+"""Largest of the numbers in matrices and forces."""
 TIME = "t"
 
 
 @dataclass(frozen=True)
 class StatedGuard:
-    """A rigid stop, or an impact between bodies.
-
-    Attributes
-    ----------
-    name : str
-        Its letter.
-    row : tuple of float
-        The gap coordinate: a factor for each coordinate.
-    side : int
-        +1 where the gap coordinate stays below the position, -1 where it stays above.
-    position, restitution : str
-        Expressions of the parameters.
-    """
+    """A rigid stop, or an impact between bodies."""
 
     name: str
+    """Its letter."""
     row: tuple[float, ...]
+    """The gap coordinate: a factor for each coordinate."""
     side: int
+    """+1 where the gap coordinate stays below the position, -1 where it stays above."""
     position: str
     restitution: str
+    """`position`, `restitution`: expressions of the parameters."""
 
 
 @dataclass(frozen=True)
 class Machine:
-    """Everything a linear machine is made of, in the order of its coordinates.
-
-    Attributes
-    ----------
-    parameters, coordinates : tuple of str
-    mass, damping, stiffness : tuple of tuple of str
-    force : tuple of str
-        Expressions of `TIME` and the parameters.
-    period : str
-    guards : tuple of StatedGuard
-    """
+    """Everything a linear machine is made of, in the order of its coordinates."""
 
     parameters: tuple[str, ...]
     coordinates: tuple[str, ...]
@@ -180,6 +162,7 @@ class Machine:
     damping: tuple[tuple[str, ...], ...]
     stiffness: tuple[tuple[str, ...], ...]
     force: tuple[str, ...]
+    """Expressions of `TIME` and the parameters."""
     period: str
     guards: tuple[StatedGuard, ...]
 
@@ -216,10 +199,7 @@ def angles_of(texts: Sequence[str], values: Mapping[str, float]) -> list[Timed]:
 def machine_of(text: str) -> Machine:
     """Return the machine that a text holds.
 
-    Raises
-    ------
-    InputError
-        If it is no such text.
+    Raises InputError if it is no such text.
     """
     try:
         given = json.loads(text)

@@ -250,7 +250,7 @@ def _check_known(names: Any, known: Iterable[str], where: str) -> None:
 # Parameters of one's own: names in an expression that are given values among the parameters.
 
 SAMPLES = 256
-"""Of a period: more than twice the harmonics that a forcing may have."""
+"""Samples of a period: more than twice the harmonics that a forcing may have."""
 AT_RANDOM = (0.37, -1.91, 0.083)
 """Values of a parameter at which means are compared."""
 

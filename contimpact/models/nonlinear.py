@@ -143,7 +143,8 @@ class Nonlinear:
 # Importing this module imports SymPy.
 
 Laws = Callable[[Any, Sequence[Any], Sequence[Any]], Sequence[Any]]
-"""From the time, all positions and the velocities of second order: rates and accelerations."""
+"""Map from the time, all positions and the velocities of second order to rates and
+accelerations."""
 
 
 class Motion:

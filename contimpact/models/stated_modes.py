@@ -23,17 +23,11 @@ GUARD_KEYS = ("mode", "within", "to", "set", "past")
 
 @dataclass(frozen=True)
 class StatedMode:
-    """A mode by the laws of its state.
-
-    Attributes
-    ----------
-    name : str
-    laws : tuple of (str, str)
-        The rate of change of each state variable, in that order.
-    """
+    """A mode by the laws of its state."""
 
     name: str
     laws: Texts
+    """The rate of change of each state variable, in that order."""
 
     @property
     def variables(self) -> tuple[str, ...]:
@@ -61,61 +55,38 @@ class StatedMode:
 
 @dataclass(frozen=True)
 class StatedGuard:
-    """A surface at which some modes end.
-
-    Attributes
-    ----------
-    name : str
-        Its letter.
-    modes : tuple of str
-    to : str
-        The mode it leads to.
-    row : tuple of float
-        The gap coordinate: a factor for each coordinate of the mode.
-    side : int
-        +1 where the gap coordinate stays below the position, -1 where it stays above.
-    position : str
-    after : tuple of (str, str)
-        State variables that change there, in the state before and the parameters.
-    past : str
-        See `contimpact.models.guards.Guard.past`.
-    """
+    """A surface at which some modes end."""
 
     name: str
+    """Its letter."""
     modes: tuple[str, ...]
     to: str
+    """The mode it leads to."""
     row: tuple[float, ...]
+    """The gap coordinate: a factor for each coordinate of the mode."""
     side: int
+    """+1 where the gap coordinate stays below the position, -1 where it stays above."""
     position: str
     after: Texts
+    """State variables that change there, in the state before and the parameters."""
     past: str
+    """See `contimpact.models.guards.Guard.past`."""
 
 
 @dataclass(frozen=True)
 class StatedModes:
-    """Everything a hybrid system is made of.
-
-    Attributes
-    ----------
-    parameters : tuple of str
-    definitions : tuple of (str, str)
-        Names for expressions that stand in laws and guards.
-    sections : tuple of str
-        State variables that guards lie on.
-    modes : tuple of StatedMode
-    guards : tuple of StatedGuard
-    period : str
-    mass : tuple of (str, str)
-        Of coordinates; empty where nothing is said of the kinetic energy.
-    """
+    """Everything a hybrid system is made of."""
 
     parameters: tuple[str, ...]
     definitions: Texts
+    """Names for expressions that stand in laws and guards."""
     sections: tuple[str, ...]
+    """State variables that guards lie on."""
     modes: tuple[StatedMode, ...]
     guards: tuple[StatedGuard, ...]
     period: str
     mass: Texts = ()
+    """Masses of the coordinates; empty where nothing is said of the kinetic energy."""
 
     @property
     def text(self) -> str:
@@ -192,10 +163,7 @@ def _with_definitions(
 def modes_of(text: str) -> StatedModes:
     """Return the system that a text holds.
 
-    Raises
-    ------
-    InputError
-        If it is no such text.
+    Raises InputError if it is no such text.
     """
     try:
         given = json.loads(text)

@@ -22,7 +22,7 @@ from .symbols import whole
 MOST_HARMONICS = 64
 MOST_TERMS = 300
 MOST_DENOMINATOR = 10**6
-"""Of a rational number that a coefficient may be without looking like one."""
+"""Largest denominator of a rational number that a coefficient may be without looking like one."""
 _SAMPLES = 1024
 
 
@@ -145,6 +145,8 @@ def fourier_series(
     `MOST_TERMS` terms. Any other smooth function is sampled; its series must have died out to
     rounding within `MOST_HARMONICS` terms.
 
+    Raises InputError if the text cannot be read, is not periodic, not finite or not smooth enough.
+
     Parameters
     ----------
     text : str
@@ -160,11 +162,6 @@ def fourier_series(
     -------
     mean, [(k, a_k, b_k), ...]
         f(t) = mean + sum of a_k cos(2 pi k t/period) + b_k sin(2 pi k t/period).
-
-    Raises
-    ------
-    InputError
-        If the text cannot be read, is not periodic, not finite or not smooth enough.
     """
     coefficients = None
     symbols = dict(parameters or {})

@@ -117,7 +117,7 @@ WRITTEN_OUT = 8
 """Harmonics up to which a sum is written out: its parts then share more among each other."""
 
 ORDER, COSINE, SINE = INDICES = tuple(own(name) for name in ("k", "a", "b"))
-"""What stands for the k, a_k and b_k of each harmonic in the term of a sum."""
+"""Symbols for the k, a_k and b_k of each harmonic in the term of a sum."""
 
 
 class HarmonicSum(sympy.Expr):

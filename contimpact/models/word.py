@@ -105,6 +105,8 @@ def parse_word(
 ) -> Word:
     """Read an orbit's name.
 
+    Raises InputError if it is not the name of an orbit between these walls.
+
     Parameters
     ----------
     text : str
@@ -117,11 +119,6 @@ def parse_word(
         The letters that can follow each; every letter unless given.
     free : bool
         Whether the period is free: words then have no period in units of T.
-
-    Raises
-    ------
-    InputError
-        If it is not the name of an orbit between these walls.
     """
     counts = ":".join("nmkl"[: len(letters)])
     example = "".join(letters)

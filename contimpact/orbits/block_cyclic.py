@@ -43,7 +43,7 @@ BRIEF = 0.01
 """Part of an orbit's period below which a flight that can vanish is a brief one."""
 
 Reduced: TypeAlias = tuple[float, ...]
-"""What `eliminate` returns."""
+"""Result of `eliminate`."""
 
 
 def store(table: Table, row: int, numbers: tuple[float, ...]) -> None:

@@ -124,7 +124,6 @@ def eliminate(
         Scratch space of 2m rows of 3m + 2 numbers.
     reduced : vector
         Filled with what is left. The sign is 0 where an impact cannot be eliminated.
-    m : int
     drift : float
         Derivative of the orbit's period by lambda.
     """

@@ -151,22 +151,15 @@ ALIKE = 1e-9
 
 @dataclass(frozen=True, eq=False)
 class Stability:
-    """What the flights of a cycle tell of its stability.
-
-    Attributes
-    ----------
-    multipliers : ndarray of shape (m,)
-        Largest first; infinite where an impact velocity vanishes.
-    products : ndarray of shape (m (m - 1) / 2,)
-        Of every two multipliers; NaN or infinite where one of them is.
-    doubling : float
-        The determinant of the cyclic matrix with its last coupling multiplied by -1, row by row
-        scaled.
-    """
+    """What the flights of a cycle tell of its stability."""
 
     multipliers: Array
+    """Largest first; infinite where an impact velocity vanishes, shape (m,)."""
     products: Array
+    """Of every two multipliers; NaN or infinite where one of them is, shape (m (m - 1)."""
     doubling: float
+    """The determinant of the cyclic matrix with its last coupling multiplied by -1, row by row
+    scaled."""
 
     def without(self, lost: int, held: int = 0) -> Stability:
         """Return the same with so many directions lost: their multipliers are zero. Directions
@@ -205,7 +198,6 @@ def stability_of_orbit(
 
     Parameters
     ----------
-    start, end : ndarray of shape (N, 2, 2)
     arrivals : sequence of int
         Where each flight ends; see `contimpact.segments.segment`.
     unknowns, span

@@ -25,27 +25,19 @@ if TYPE_CHECKING:
 
 
 class Sensitivity(NamedTuple):
-    """Derivatives of an orbit with respect to a parameter, all others held.
-
-    Attributes
-    ----------
-    times : ndarray of shape (N,)
-        Of the impact times.
-    velocities : ndarray of shape (N,)
-        Of the velocities before impact.
-    """
+    """Derivatives of an orbit with respect to a parameter, all others held."""
 
     times: Array
+    """Derivatives of the impact times, shape (N,)."""
     velocities: Array
+    """Derivatives of the velocities before impact, shape (N,)."""
 
 
 def sensitivity_of(orbit: Orbit, parameter: str) -> Sensitivity:
     """Solve J dz = -dF/dp for an orbit's derivative.
 
-    Raises
-    ------
-    InputError
-        For a parameter the model does not have, or an orbit at a fold or a branch point.
+    Raises InputError for a parameter the model does not have, or an orbit at a fold or a branch
+    point.
     """
     model = orbit.model
     model.require(parameter, "parameter")

@@ -33,10 +33,6 @@ def findings(
 
     Parameters
     ----------
-    word : str
-    named : sequence of Guard
-    impacts : ndarray of shape (N, m)
-    gaps : sequence of FlightGaps
     forgive_touches : collection of (flight, wall)
         Touches that are not held against the orbit: the grazing event itself.
     forgive_impacts : collection of int
@@ -72,7 +68,7 @@ def verdict_of(found: Sequence[float], word: str, named: Sequence[Guard]) -> Ver
 
 
 PHYSICAL, OUT_OF_ORDER, PASSES, WRONG_WAY = 0, 1, 2, 3
-"""What `verdict` says."""
+"""Verdicts of `verdict`."""
 
 
 AT_REST = 1e-12

@@ -44,13 +44,13 @@ PROBES = 3
 """States at which it is seen whether a motion depends on the time."""
 
 DURATIONS = tuple(0.25**k for k in range(6))
-"""Of the flights from them, as long as too few have a value."""
+"""Durations of the flights from them, as long as too few have a value."""
 
 NO_TIME = 1e-12
 """Part of a flight's velocity by which it may change with the time, where it should not."""
 
 ASIDE = 0.1
-"""By how much a followed parameter is moved to see whether it brings a forcing."""
+"""Amount by which a followed parameter is moved to see whether it brings a forcing."""
 
 
 def require_no_forcing(model: Model, kernels: Kernels) -> None:
@@ -197,8 +197,8 @@ TURNING_SAMPLES = 512
 """Instants at which it is seen when a coordinate turns."""
 
 STILL, MOST_LAPS = 1e-6, 8
-"""Below which acceleration, and residual of a part of its period, an orbit rests or repeats
-another, as parts of the state; and how many laps are looked for."""
+"""The acceleration, and the residual of a part of its period, below which an orbit rests or repeats
+another, as parts of the state; and the largest number of laps that is looked for."""
 
 
 def problem_of(model: Model, word: Word, kernels: Kernels) -> OrbitProblem:

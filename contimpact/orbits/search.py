@@ -127,7 +127,7 @@ FAR = 30.0
 flights are integrated, which takes the longer the faster they oscillate."""
 
 SIZES = 0.1, 1.0, 10.0
-"""Of section coordinates that are drawn at random."""
+"""Sizes of section coordinates that are drawn at random."""
 
 ROUNDS_AT_ONCE = 3
 """Rounds iterated together; where there is an orbit, no search ends before the third."""
@@ -300,7 +300,7 @@ FEWEST_STARTS, MOST_WORK = 16, 40_000
 """Starts in a round, times the square of the word's length, beyond which fewer starts are made."""
 
 QUIET_STARTS, TURNING_STARTS, TURNING_ITERATIONS = 64, 256, 25
-"""For orbits without impacts, and where their period is free."""
+"""Starts and iterations for orbits without impacts, and where their period is free."""
 
 SHORTER = 0.5 ** np.arange(6)
 """Parts of a Newton step from afar, of which the first is taken that leads nearer."""
@@ -329,20 +329,13 @@ def find_orbits(
 
 @dataclass(frozen=True)
 class Search:
-    """What a search for orbits has found, and how far it went.
-
-    Attributes
-    ----------
-    orbits : list of Orbit
-    starts : int
-        Random starts in each round.
-    settled : bool
-        Whether it ended because rounds found nothing new, not because there were no more.
-    """
+    """What a search for orbits has found, and how far it went."""
 
     orbits: list[Orbit]
     starts: int
+    """Random starts in each round."""
     settled: bool = True
+    """Whether it ended because rounds found nothing new, not because there were no more."""
 
 
 def search(
@@ -614,10 +607,7 @@ def _reduced(problem: OrbitProblem, solutions: Array) -> Array:
 def orbit_at(problem: OrbitProblem, unknowns: Array) -> Orbit:
     """Solve for the orbit next to `unknowns` at their parameter value.
 
-    Raises
-    ------
-    InputError
-        If Newton's iteration does not converge from there.
+    Raises InputError if Newton's iteration does not converge from there.
     """
     here = solve_near(problem, np.asarray(unknowns, dtype=float))
     if here is None:

@@ -78,25 +78,17 @@ UNSAID = ("system", "options", "tangent", "multipliers_before", "multipliers_aft
 
 @dataclasses.dataclass(frozen=True)
 class Shown:
-    """How a page begins: the axis, limits, and which unphysical orbits are drawn.
-
-    Attributes
-    ----------
-    x : str
-    xlim, ylim : (low, high), optional
-    unphysical : {"period-1", "all", "none"}
-    source : str
-        Where the scene says it comes from.
-    remarks : sequence of str
-        What a reader has to know: that the run was ended early, what it could not find.
-    """
+    """How a page begins: the axis, limits, and which unphysical orbits are drawn."""
 
     x: str
     xlim: tuple[float, float] | None = None
     ylim: tuple[float, float] | None = None
     unphysical: str = "period-1"
+    """One of "period-1", "all", "none"."""
     source: str = ""
+    """Source that the scene names."""
     remarks: Sequence[str] = ()
+    """Remarks for the reader: that the run was ended early, what it could not find."""
 
 
 def remarks_in(statistics: Mapping[str, Any], coverage: Sequence[Coverage] = ()) -> list[str]:
@@ -115,10 +107,8 @@ def page_data(
 
     Parameters
     ----------
-    diagram : Diagram
     model : Model, optional
         The system. Without it no orbits are drawn, and units are not known.
-    shown : Shown
     swept : sequence of Swept
         Attractors of a simulation.
     """

@@ -75,10 +75,8 @@ def write_page(
 ) -> None:
     """Write the page of a folder to a file.
 
-    Raises
-    ------
-    InputError
-        If the file cannot be written, or attractors in the folder are not those of its manifest.
+    Raises InputError if the file cannot be written, or attractors in the folder are not those of
+    its manifest.
     """
     with reading(folder):
         swept = attractors_in(folder, model)

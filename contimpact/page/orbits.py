@@ -29,35 +29,27 @@ BUDGET = 400_000
 GUESS = 10
 """States of a flight, for that."""
 SMALL, TINY = 1e-6, float(np.finfo(float).tiny)
-"""Below which part of its distance from the origin a flight need not be resolved; no zero."""
+"""Part of its distance from the origin below which a flight need not be resolved; never zero."""
 
 Moved = Callable[[Array], tuple[Array, Array]]
-"""From fractions of a flight to displacements and velocities, of orbits, coordinates, fractions."""
+"""Map from fractions of a flight to displacements and velocities, of orbits, coordinates,
+fractions."""
 
 
 @dataclass(frozen=True)
 class Orbits:
-    """Orbits of one word at different parameter values.
-
-    Attributes
-    ----------
-    word : str
-        A wall for each impact.
-    period : int
-        In forcing periods.
-    parameters : mapping of str to ndarray of shape (n,)
-        Of the model.
-    impacts : ndarray of shape (n, N, m)
-        Times and section coordinates before impact.
-    periods : ndarray of shape (n,), optional
-        Of the orbits, where they are free, and shown as one forcing period.
-    """
+    """Orbits of one word at different parameter values."""
 
     word: str
+    """A wall for each impact."""
     period: int
+    """Period in forcing periods."""
     parameters: Mapping[str, Array]
+    """Parameters of the model, shape (n,)."""
     impacts: Array
+    """Times and section coordinates before impact, shape (n, N, m)."""
     periods: Array | None = None
+    """Periods of the orbits, where they are free, and shown as one forcing period, shape (n,)."""
 
     def at(self, rows: Array) -> Orbits:
         """Return some of the orbits."""

@@ -66,37 +66,27 @@ LAST = 40
 
 @dataclass(frozen=True, eq=False)
 class Swept:
-    """Attractors of one kind that a sweep found in one direction.
-
-    Attributes
-    ----------
-    direction, kind, notation : str
-    word : str
-        Of periodic motion without sojourns on a wall; else empty.
-    period : int or None
-    parameters : mapping of str to ndarray of shape (n,)
-    starts : ndarray of shape (n + 1,)
-        Where the impacts of each begin among those of all.
-    times, velocities, walls : ndarray
-        Walls by their numbers.
-    sections : ndarray of shape (impacts, m)
-        Times and all section coordinates.
-    multipliers : ndarray of shape (n, 2, 2)
-        Real and imaginary parts of the two largest, not numbers where there are none.
-    """
+    """Attractors of one kind that a sweep found in one direction."""
 
     direction: str
     kind: str
     notation: str
     word: str
+    """Word of periodic motion without sojourns on a wall; else empty."""
     period: int | None
     parameters: Mapping[str, Array]
+    """Shape (n,)."""
     starts: Array
+    """Index at which the impacts of each begin among those of all, shape (n + 1,)."""
     times: Array
     velocities: Array
     walls: Array
+    """`times`, `velocities`, `walls`: walls by their numbers."""
     sections: Array
+    """Times and all section coordinates, shape (impacts, m)."""
     multipliers: Array
+    """Real and imaginary parts of the two largest, not numbers where there are none, shape (n, 2,
+    2)."""
 
     def __len__(self) -> int:
         return len(self.starts) - 1
@@ -122,10 +112,7 @@ class _Row:
 def read_sweep(path: Path, model: Model) -> list[Swept]:
     """Read the attractors of a simulation, those of one word and direction together.
 
-    Raises
-    ------
-    InputError
-        If the file is not of this schema, damaged, or of another system.
+    Raises InputError if the file is not of this schema, damaged, or of another system.
     """
     with checking(path, SWEEP):
         head, _, table = read_bounded(path).decode().partition("\n")

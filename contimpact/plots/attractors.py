@@ -124,9 +124,6 @@ def plot_portrait(
 
     Parameters
     ----------
-    simulator : Simulator
-    attractor : Attractor
-    ax : matplotlib.axes.Axes, optional
     others : mapping of str to Attractor, optional
         Further orbits at the same parameter values, by label. One that ends in ``unstable`` or
         ``unphysical`` is drawn in the style of its state, others solid.
@@ -275,8 +272,7 @@ MARKS: dict[str, dict[str, Any]] = {
     "second": {"marker": "x", "markersize": 3.8, "markeredgewidth": 0.9, "zorder": 4},
     "random": {"marker": "D", "markersize": 3.4, "markeredgewidth": 0.7, "zorder": 4},
 }
-"""Of the sweep along which the drawn axis falls, beneath the branches; of the other one; of random
-starts."""
+"""Markers of the sweep done first, beneath the branches; of the other one; of random starts."""
 HOLLOW: dict[str, Any] = {"markerfacecolor": "none", "linestyle": "none"}
 INK = "0.25"
 ROOM = 0.09

@@ -50,7 +50,7 @@ from .texts import axis_label, plain, set_label, symbol, values_text
 # Outlines with as few points as are seen.
 
 SEEN = 3e-4
-"""What departs from a line by less than this part of a picture is not seen to."""
+"""Part of a picture below which a departure from a line is not seen."""
 
 
 def thinned(points: Array, corners: Sequence[int]) -> Array:
@@ -98,7 +98,8 @@ def _off_chord(points: Array) -> Array:
 # crossed where several orbits are stable. White is where none is.
 
 TINT, DARKEST = 0.28, 0.84
-"""Of a curve's colour in the area of the orbits that end at it, and what none is darker than."""
+"""Share of a curve's colour in the area of the orbits that end at it, and the shade than which none
+is darker."""
 THROUGHOUT = "0.93"
 CROSSED = "xxxx"
 HATCHED = "0.55"
@@ -124,8 +125,6 @@ def draw_areas(ax: Any, areas: Sequence[Area], colours: Colours) -> None:
 
     Parameters
     ----------
-    ax : matplotlib.axes.Axes
-    areas : sequence of Area
     colours : callable ``colours(orbit) -> colour``
         Of the curve at which an orbit ends.
     """
@@ -610,7 +609,7 @@ FROM = {
     "multiplied": ("0.65", "from period 2T, 3T, ... (as PD$_\\mathrm{G}$)"),
     "single": ("white", "from period T"),
 }
-"""What an orbit is reached from: the filling of its marker, and the words for it."""
+"""Origin of an orbit: the filling of its marker, and the words for it."""
 
 
 @dataclass(frozen=True)

@@ -274,10 +274,7 @@ def pictures(figure: Any, stem: str, formats: Sequence[str], salt: str) -> dict[
 def write_figure(figure: Any, path: Path, kind: str, salt: str) -> None:
     """Write a figure to a file, the same bytes every time. Takes the arguments of `picture`.
 
-    Raises
-    ------
-    InputError
-        If the file cannot be written.
+    Raises InputError if the file cannot be written.
     """
     write(path, picture(figure, kind, salt))
 
@@ -287,8 +284,6 @@ def picture(figure: Any, kind: str, salt: str) -> bytes:
 
     Parameters
     ----------
-    figure : matplotlib.figure.Figure
-    kind : {"svg", "png", "pdf"}
     salt : str
         What names inside an SVG are made from.
     """
@@ -325,7 +320,6 @@ def legend_handles(
         By wall, or by the name of another series.
     styles : sequence of str
         Of `STYLES`, those in use.
-    entries : sequence of Entry
     left_out : int
         Labels that found no room.
     """

@@ -25,7 +25,8 @@ from .lines import Piece
 from .texts import label_text, plain
 
 CHOICES = ("all", "period-1", "real", "none")
-"""Which events are labelled: all, those of period T, those that are no ghosts, none."""
+"""Choices of the events that are labelled: all, those of period T, those that are no ghosts,
+none."""
 
 ROWS, ROW, SIZE, GAP = 4, 16.0, 8.0, 4.0
 """Rows of labels; their height, font and distance in points."""

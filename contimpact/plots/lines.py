@@ -23,7 +23,7 @@ STYLES: dict[str, Any] = {
     "unknown": (0, (8, 2, 1, 2)),
 }
 WIDTHS = {"stable": 1.6, "unstable": 1.1, "unphysical": 0.9, "unknown": 0.7}
-"""Of lines, by the status of their orbits."""
+"""Widths of lines, by the status of their orbits."""
 
 UNPHYSICAL = ("all", "period-1", "none")
 """On which branches unphysical orbits are drawn: all; those of period T, without branches of which

@@ -31,7 +31,6 @@ def plot_map(shown: Map, ax: Any = None, units: Mapping[str, str] | None = None)
 
     Parameters
     ----------
-    shown : Map
     ax : matplotlib.axes.Axes, optional
         Where to draw; an axes of a new figure by default.
     units : mapping of str to str, optional

@@ -23,10 +23,7 @@ from .orbit import plot_orbit
 def picture(result: Any) -> bytes:
     """Return the picture of a result as PNG.
 
-    Raises
-    ------
-    InputError
-        If it cannot be drawn.
+    Raises InputError if it cannot be drawn.
     """
     return png_of(drawn(result))
 

@@ -46,18 +46,14 @@ SOLVED = 1e-6
 def orbit_of(entry: Entry, model: Model | None = None, kernels: Kernels | None = None) -> Orbit:
     """Return the orbit a catalogue entry records.
 
+    Raises InputError if the entry is damaged, or of another model.
+
     Parameters
     ----------
-    entry : Entry
     model : Model, optional
         The system; parameter values are taken from the entry. By default the one it names.
     kernels : Kernels, optional
         Of the model, with the entry's parameter free, and perhaps a second one.
-
-    Raises
-    ------
-    InputError
-        If the entry is damaged, or of another model.
     """
     at = model_of(entry, model)
     kernels = kernels or Kernels(at, entry.parameter)
@@ -162,10 +158,7 @@ def named_model(record: Mapping[str, Any], given: Model | None = None) -> Model:
 def model_of(entry: Entry, given: Model | None = None) -> Model:
     """Return the given model, or the one an entry names, at the entry's parameter values.
 
-    Raises
-    ------
-    InputError
-        If its system is not known, or another one than the given.
+    Raises InputError if its system is not known, or another one than the given.
     """
     return _model(entry.system, entry.options, entry.parameters, given, "entry")
 
@@ -173,10 +166,7 @@ def model_of(entry: Entry, given: Model | None = None) -> Model:
 def model_at(branch: Branch, row: int, given: Model | None = None) -> Model:
     """Return the given model, or the one a branch names, at a row's parameter values.
 
-    Raises
-    ------
-    InputError
-        If its system is not known, or another one than the given.
+    Raises InputError if its system is not known, or another one than the given.
     """
     parameters = {name: float(branch[name][row]) for name in branch.parameters}
     return _model(branch.system, branch.options, parameters, given, f"branch {branch.id}")
@@ -245,11 +235,11 @@ FLAT = tuple(
     flight impact touch_time requested parameter n_unstable stable physical reason residual error
     method arclength opens""".split()
 )
-"""What stands in an entry's row as it is."""
+"""Attributes of an entry that its row holds as they are."""
 
 
 STATES = {"positions": "position", "velocities": "velocity"}
-"""Of an impact's record: what a column of one coordinate is called."""
+"""Columns of one coordinate in an impact's record."""
 
 
 @dataclass(frozen=True)
@@ -433,7 +423,7 @@ class Entry(Shown):
 
 
 STATUS = ("stable", "unstable", "unphysical", "unknown")
-"""What the orbits of a piece of a branch are; the last where rows do not tell."""
+"""Status of the orbits of a piece of a branch; the last where two events have no row between."""
 UNKNOWN = STATUS.index("unknown")
 
 

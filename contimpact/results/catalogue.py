@@ -91,10 +91,7 @@ def checking(path: Path, schema: str) -> Iterator[None]:
 def entry_of(record: Any) -> Entry:
     """Return an entry made of its record; keys of later versions are passed over.
 
-    Raises
-    ------
-    ValueError
-        If it lacks what no entry goes without, or a value is of another type.
+    Raises ValueError if it lacks what no entry goes without, or a value is of another type.
     """
     entry = made(Entry, record, NEEDED)
     entry.value  # noqa: B018  the parameter is among the parameters
@@ -113,10 +110,7 @@ def entry_of(record: Any) -> Entry:
 def read_branch(path: str | Path) -> Branch:
     """Read a branch's CSV back into the same `Branch`.
 
-    Raises
-    ------
-    InputError
-        If the file is missing, not of this schema, or damaged.
+    Raises InputError if the file is missing, not of this schema, or damaged.
     """
     with checking(Path(path), BRANCH):
         head, columns = _table(Path(path), BRANCH)
@@ -132,10 +126,7 @@ def read_branch(path: str | Path) -> Branch:
 def read_curve(path: str | Path) -> Curve:
     """Read a curve's CSV back into the same `Curve`.
 
-    Raises
-    ------
-    InputError
-        If the file is missing, not of this schema, or damaged.
+    Raises InputError if the file is missing, not of this schema, or damaged.
     """
     from .curve import Codim2, Curve
 

@@ -23,30 +23,21 @@ Ring = Sequence[tuple[float, float]]
 
 @dataclass(frozen=True)
 class StableOrbit:
-    """A stable physical orbit of an area, and what ends it.
-
-    Attributes
-    ----------
-    word, period, notation
-        The orbit.
-    ends : str or None
-        Label of the bifurcation that it meets first as the parameter along the y axis falls; why
-        its branch ends if it meets none; None where it goes on to the end of the range.
-    kind : str or None
-        Of the bifurcation.
-    criticality : str or None
-    mechanisms : sequence of int
-        How it gives way to an orbit with one impact more, 1 to 4 as in `GrazingTransition`:
-        all that runs inside the area show, none if they do not decide.
-    """
+    """A stable physical orbit of an area, and what ends it."""
 
     word: str
     period: int
     notation: str
+    """`word`, `period`, `notation`: the orbit."""
     ends: str | None
+    """Label of the bifurcation that it meets first as the parameter along the y axis falls; why its
+    branch ends if it meets none; None where it goes on to the end of the range."""
     kind: str | None = None
+    """Kind of the bifurcation."""
     criticality: str | None = None
     mechanisms: Sequence[int] = ()
+    """How it gives way to an orbit with one impact more, 1 to 4 as in `GrazingTransition`: all that
+    runs inside the area show, none if they do not decide."""
 
     def __str__(self) -> str:
         told = f"{self.notation} until {self.ends}" if self.ends else f"{self.notation} throughout"
@@ -67,50 +58,35 @@ class Doubt:
 
 @dataclass(frozen=True)
 class Area:
-    """A part of a rectangle of two parameters, its borders those of curves.
-
-    Attributes
-    ----------
-    id : str
-    fixed : mapping of str to float
-        The family's parameter.
-    across, along : str
-        The parameters: the second one, and the one that falls.
-    orbits : sequence of StableOrbit
-        That are stable in it: several where there is bistability, none where no orbit of the
-        scene's words is stable.
-    polygon : sequence of rings
-        As coordinates of a GeoJSON polygon: points (across, along), the outer ring first,
-        counter-clockwise, then holes; the last point of a ring is its first.
-    borders : sequence of sequence of (int, str)
-        For each ring the number of a point and what the border is from there on: a curve's name
-        (or several, of curves that lie one on another), ``side`` of the rectangle, or ``line``,
-        a vertical line below which the order of the curves changes.
-    part : float
-        Of the rectangle.
-    places : sequence of (float, float)
-        Points (across, along) in it, one for each of its cells, at which runs have looked.
-    checked : int
-        Cells in it of which all runs say the same, two at least.
-    doubtful : sequence of Doubt
-        Where another run says something else.
-    departure : float
-        The largest distance, in the parameter that falls, between an end of a stable orbit in a
-        run and the curve.
-    """
+    """A part of a rectangle of two parameters, its borders those of curves."""
 
     id: str
     fixed: Mapping[str, float]
+    """The family's parameter."""
     across: str
     along: str
+    """`across`, `along`: the parameters: the second one, and the one that falls."""
     orbits: Sequence[StableOrbit]
+    """Orbits that are stable in it: several where there is bistability, none where no orbit of the
+    scene's words is stable."""
     polygon: Sequence[Ring]
+    """Coordinates of a GeoJSON polygon: points (across, along), the outer ring first,
+    counter-clockwise, then holes; the last point of a ring is its first."""
     borders: Sequence[Sequence[tuple[int, str]]]
+    """The number of a point of each ring and what the border is from there on: a curve's name (or
+    several, of curves that lie one on another), ``side`` of the rectangle, or ``line``, a vertical
+    line below which the order of the curves changes."""
     part: float
+    """Part of the rectangle that it covers."""
     places: Sequence[tuple[float, float]]
+    """Points (across, along) in it, one for each of its cells, at which runs have looked."""
     checked: int
+    """Cells in it of which all runs say the same, two at least."""
     doubtful: Sequence[Doubt] = ()
+    """Places where another run says something else."""
     departure: float = 0.0
+    """The largest distance, in the parameter that falls, between an end of a stable orbit in a run
+    and the curve."""
 
     @property
     def bistable(self) -> bool:
@@ -249,119 +225,83 @@ class Curve(Shown):
 
 @dataclass(frozen=True)
 class Codim2:
-    """A point of codimension two on a curve, as the catalogue records it.
-
-    Attributes
-    ----------
-    id, curve, kind : str
-        PD-G, FB-G, BP-G, G-FB, G-PD, CP (cusp), GPD, DG (touch with zero acceleration), R1, R2, ...
-    changes : str
-        What changes there.
-    parameters : mapping of str to float
-    impacts : sequence of mappings
-    residual, error : float
-        Of the curve's equations; a bound of the error of the second parameter.
-    """
+    """A point of codimension two on a curve, as the catalogue records it."""
 
     id: str
     curve: str
     kind: str
+    """`id`, `curve`, `kind`: PD-G, FB-G, BP-G, G-FB, G-PD, CP (cusp), GPD, DG (touch with zero
+    acceleration), R1, R2, ..."""
     changes: str
+    """Change that happens there."""
     parameters: Mapping[str, float]
     impacts: Sequence[Mapping[str, Any]]
     residual: float
     error: float
+    """`residual`, `error`: of the curve's equations; a bound of the error of the second
+    parameter."""
 
 
 @dataclass(frozen=True)
 class CheckedOrbit:
-    """What a one-parameter run says of one of the orbits of a word: of one branch.
-
-    Attributes
-    ----------
-    first, curve : str
-        Label of its first real bifurcation, and the curve that passes there; empty without one.
-    curves : mapping of str to sequence of float
-        The curves on which its real bifurcations lie, and the values of the parameter that falls.
-    """
+    """What a one-parameter run says of one of the orbits of a word: of one branch."""
 
     first: str
     curve: str
+    """`first`, `curve`: label of its first real bifurcation, and the curve that passes there; empty
+    without one."""
     curves: Mapping[str, Sequence[float]]
+    """The curves on which its real bifurcations lie, and the values of the parameter that falls."""
 
 
 @dataclass(frozen=True)
 class Check:
-    """What a one-parameter run says comes first.
-
-    Attributes
-    ----------
-    fixed : mapping of str to float
-        The family's parameter.
-    word, period, notation
-        The orbit.
-    second : str
-    value : float
-        Of the second parameter.
-    first : str or None
-        Label of the first real bifurcation, as the parameter that `regions` go by falls.
-    orbits : sequence of CheckedOrbit
-        The same of each branch; none in files of earlier versions.
-    """
+    """What a one-parameter run says comes first."""
 
     fixed: Mapping[str, float]
+    """The family's parameter."""
     word: str
     period: int
     notation: str
+    """`word`, `period`, `notation`: the orbit."""
     second: str
     value: float
+    """Value of the second parameter."""
     first: str | None
+    """Label of the first real bifurcation, as the parameter that `regions` go by falls."""
     orbits: Sequence[CheckedOrbit] = ()
+    """The same of each branch; none in files of earlier versions."""
 
 
 @dataclass(frozen=True)
 class Coverage:
-    """What lines across a map of curves say of its completeness.
-
-    Attributes
-    ----------
-    fixed : mapping of str to float
-        The family's parameter.
-    word, period, notation
-        The orbit.
-    lines : mapping of str to sequence of float
-        Where runs were made: values of each of the two parameters at which it was held.
-    entries : int
-        Entries that these runs met, all on curves but those below.
-    started : int
-        Curves that were started from them.
-    uncovered : sequence of mappings
-        Entries that lie on no curve: `kind`, the two parameters, and `reason`.
-    complete : bool
-        Whether the last lines met nothing that was not on a curve, and lines followed these orbits.
-    born : int
-        Curves that were started at points of codimension two on others.
-    switched : bool
-        Whether these orbits were reached by switching from those of a word of the scene.
-    branches : int, optional
-        How many branches of these orbits the lines followed; absent in earlier files.
-    left_out : sequence of str
-        What a limit of the scene left out on lines, with the limit and the line.
-    """
+    """What lines across a map of curves say of its completeness."""
 
     fixed: Mapping[str, float]
+    """The family's parameter."""
     word: str
     period: int
     notation: str
+    """`word`, `period`, `notation`: the orbit."""
     lines: Mapping[str, Sequence[float]]
+    """Values of each of the two parameters at which it was held in runs."""
     entries: int
+    """Entries that these runs met, all on curves but those below."""
     started: int
+    """Curves that were started from them."""
     uncovered: Sequence[Mapping[str, Any]]
+    """Entries that lie on no curve: `kind`, the two parameters, and `reason`."""
     complete: bool
+    """Whether the last lines met nothing that was not on a curve, and lines followed these
+    orbits."""
     born: int = 0
+    """Curves that were started at points of codimension two on others."""
     switched: bool = False
+    """Whether these orbits were reached by switching from those of a word of the scene."""
     branches: int | None = None
+    """How many branches of these orbits the lines followed; absent in earlier files."""
     left_out: Sequence[str] = field(default_factory=list)
+    """What a limit of the scene left out on lines, with the limit and the line."""
 
     @property
     def place(self) -> str:
@@ -415,45 +355,30 @@ SAME_EDGE = 1e-9
 
 @dataclass(frozen=True)
 class Region:
-    """A range of the second parameter in which one bifurcation comes first as another one falls.
-
-    Attributes
-    ----------
-    fixed : mapping of str to float
-        The family's parameter.
-    notation : str
-        The orbit.
-    second : str
-    low, high : float
-    first : str
-        Label of the bifurcation that comes first.
-    checked : sequence of float
-        Values at which a one-parameter run says so too. Without any, other curves may come first.
-    doubtful : sequence of float
-        Values at which a one-parameter run says otherwise.
-    period : int
-        Of the orbit.
-    along : str
-        The parameter that falls.
-    branch : str
-        The orbit among those of its word, by a branch: that on which the curve began that comes
-        first; empty where a file of an earlier version does not say.
-    curves : sequence of str
-        The curves that come first, in turn.
-    """
+    """A range of the second parameter in which one bifurcation comes first as another one falls."""
 
     fixed: Mapping[str, float]
+    """The family's parameter."""
     notation: str
+    """The orbit."""
     second: str
     low: float
     high: float
     first: str
+    """Label of the bifurcation that comes first."""
     checked: Sequence[float] = ()
+    """Values at which a one-parameter run says so too. Without any, other curves may come first."""
     doubtful: Sequence[float] = ()
+    """Values at which a one-parameter run says otherwise."""
     period: int = 1
+    """Period of the orbit."""
     along: str = ""
+    """The parameter that falls."""
     branch: str = ""
+    """The orbit among those of its word, by a branch: that on which the curve began that comes
+    first; empty where a file of an earlier version does not say."""
     curves: tuple[str, ...] = ()
+    """The curves that come first, in turn."""
 
     @property
     def said(self) -> str:
@@ -504,7 +429,6 @@ def regions(
 
     Parameters
     ----------
-    curves : sequence of Curve
     along : str, optional
         The column that falls; that of `falling` by default.
     checks : sequence of Check

@@ -29,23 +29,15 @@ LISTED = 12
 
 @dataclass(frozen=True)
 class Limit:
-    """A limit that cut something off.
-
-    Attributes
-    ----------
-    key : str
-        Of the scene, such as ``follow.max_branches``; a larger value goes further.
-    value : int
-    what : str
-        What was left out, in words: orbits not followed, events not switched at, ...
-    left_out : sequence of (str, int)
-        By name, and how many of each.
-    """
+    """A limit that cut something off."""
 
     key: str
+    """Key of the scene, such as ``follow.max_branches``; a larger value goes further."""
     value: int
     what: str
+    """What was left out, in words: orbits not followed, events not switched at, ..."""
     left_out: Sequence[tuple[str, int]]
+    """How many of each were left out, by name."""
 
     def __str__(self) -> str:
         names = [f"{n} ({count})" if count > 1 else n for n, count in self.left_out[:LISTED]]

@@ -56,36 +56,27 @@ class Bistability:
 
 @dataclass(frozen=True)
 class GrazingTransition:
-    """A way from an orbit to one with one impact more.
-
-    Attributes
-    ----------
-    source, target : str
-        Notations.
-    mechanism : int or None
-        1 to 4; None if the branches that were followed do not decide.
-    entry : str
-        The grazing.
-    grazing : float
-        Its parameter value.
-    doubling, doubling_value
-        The period doubling at which the source loses stability before, if it does.
-    fold, fold_value
-        The fold on the new branch between the grazing and its stable orbits, if any.
-    doubled_grazings : sequence of (entry, value)
-        Grazings of the source's period-doubled branches, the analytic counterpart of PD_G.
-    """
+    """A way from an orbit to one with one impact more."""
 
     source: str
     target: str
+    """`source`, `target`: notations."""
     mechanism: int | None
+    """1 to 4; None if the branches that were followed do not decide."""
     entry: str
+    """The grazing."""
     grazing: float
+    """Its parameter value."""
     doubling: str | None
     doubling_value: float | None
+    """`doubling`, `doubling_value`: the period doubling at which the source loses stability before,
+    if it does."""
     fold: str | None
     fold_value: float | None
+    """`fold`, `fold_value`: the fold on the new branch between the grazing and its stable orbits,
+    if any."""
     doubled_grazings: Sequence[tuple[str, float]]
+    """Grazings of the source's period-doubled branches, the analytic counterpart of PD_G."""
 
 
 SURVEYS = {
@@ -97,28 +88,22 @@ SURVEYS = {
     "unknown": "orbits on no followed branch may exist: it is not recorded whether a survey looked "
     "for them",
 }
-"""What stands beside a list of stable ranges, by how far the diagram was surveyed."""
+"""Remark beside a list of stable ranges, by how far the diagram was surveyed."""
 
 
 @dataclass(frozen=True)
 class Reading:
-    """Everything that was read from a diagram.
-
-    Attributes
-    ----------
-    stable, bistable, transitions : sequence
-    survey : {"none", "cut short", "done", "unknown"}
-        Whether orbits were looked for across the range; if not, `stable` may be incomplete.
-    unknown : sequence of Interval
-        Stretches between two events of which no recorded orbit gives the status, as in files of
-        earlier versions.
-    """
+    """Everything that was read from a diagram."""
 
     stable: Sequence[Interval]
     bistable: Sequence[Bistability]
     transitions: Sequence[GrazingTransition]
     survey: str = "none"
+    """Whether orbits were looked for across the range; if not, `stable` may be incomplete; one of
+    "none", "cut short", "done", "unknown"."""
     unknown: Sequence[Interval] = ()
+    """Stretches between two events of which no recorded orbit gives the status, as in files of
+    earlier versions."""
 
     @property
     def incomplete(self) -> str:

@@ -25,7 +25,7 @@ from .diagram import Diagram
 from .tables import all_parameters, coordinates
 
 DETAILS = ("flight", "wall", "impact", "touch_time", "requested")
-"""What an entry keeps of an event's details."""
+"""Details of an event that an entry keeps."""
 
 
 def entry_of(event: Event, identity: str, branch: str, before: Point, after: Point) -> Entry:
@@ -86,10 +86,7 @@ def entry_of(event: Event, identity: str, branch: str, before: Point, after: Poi
 def event_of(entry: Entry, model: Model | None = None, kernels: Kernels | None = None) -> Event:
     """Return the event a catalogue entry records, to switch at it; see `recovery.orbit_of`.
 
-    Raises
-    ------
-    InputError
-        If the entry is damaged, or of another model.
+    Raises InputError if the entry is damaged, or of another model.
     """
     orbit = orbit_of(entry, model, kernels)
     problem = orbit.problem
@@ -102,10 +99,7 @@ def event_of(entry: Entry, model: Model | None = None, kernels: Kernels | None =
 def details_of(entry: Entry) -> dict[str, Any]:
     """Return where on its orbit an entry's event happens, in the clock of its unknowns.
 
-    Raises
-    ------
-    InputError
-        If the entry does not say.
+    Raises InputError if the entry does not say.
     """
     kept = {name: getattr(entry, name) for name in DETAILS}
     details = {name: value for name, value in kept.items() if value is not None}
@@ -180,10 +174,7 @@ FOLLOWED = (
 def as_diagram(given: object) -> Diagram:
     """Return the diagram meant by a diagram, a branch, or several branches.
 
-    Raises
-    ------
-    InputError
-        For anything else.
+    Raises InputError for anything else.
     """
     if isinstance(given, Diagram):
         return given
@@ -206,10 +197,7 @@ def named(given: object) -> object:
 def as_orbit(given: object, model: Model | None = None) -> Orbit:
     """Return the orbit meant by an orbit, an entry, an event, a point, or a pair (branch, row).
 
-    Raises
-    ------
-    InputError
-        For anything else, or where the record and the model do not fit.
+    Raises InputError for anything else, or where the record and the model do not fit.
     """
     if isinstance(given, Orbit):
         return given

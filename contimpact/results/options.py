@@ -193,7 +193,7 @@ LARGEST_SEED = 2**63 - 1
 MOST_POINTS = 10**9
 MOST_STARTS = 100_000
 MOST_TRIES = 1000
-"""Of corrector iterations, rounds of the search, and switches one after another."""
+"""Largest number of corrector iterations, of rounds of the search, and of successive switches."""
 MOST_LINES = 1000
 MOST_BRANCHES = 100_000
 
@@ -217,69 +217,44 @@ class PlotOptions:
 
 @dataclass(frozen=True)
 class CurveOptions:
-    """Which curves to follow in a second parameter.
-
-    Attributes
-    ----------
-    parameter : str
-    range : (low, high)
-    kinds : sequence of str
-        Kinds of the entries at which curves start.
-    unphysical : sequence of str
-        Kinds of which curves start also at entries of unphysical orbits.
-    values : sequence of float
-        Values of the second parameter to hit exactly.
-    family : (name, values) or None
-        A third parameter, and the values of it for which everything is repeated.
-    settings : Settings
-    start : sequence of float
-        Further values of the second parameter at which curves start and are checked.
-    cover : int
-        How many lines in each direction must meet nothing new before a map is taken as complete;
-        0 asks for none.
-    third : (name, (low, high)) or None
-        A parameter in which points of codimension two are followed.
-    areas : bool
-        Whether the rectangle is divided into areas by what ends the stable orbits.
-    reach : int
-        How many words away from the scene's the orbits may be whose curves start at points of
-        codimension two.
-    """
+    """Which curves to follow in a second parameter."""
 
     parameter: str
     range: tuple[float, float]
     kinds: tuple[str, ...]
+    """Kinds of the entries at which curves start."""
     unphysical: tuple[str, ...] = ()
+    """Kinds of which curves start also at entries of unphysical orbits."""
     values: tuple[float, ...] = ()
+    """Values of the second parameter to hit exactly."""
     family: tuple[str, tuple[float, ...]] | None = None
+    """A third parameter, and the values of it for which everything is repeated."""
     settings: Settings = CURVE_SETTINGS
     start: tuple[float, ...] = ()
+    """Further values of the second parameter at which curves start and are checked."""
     third: tuple[str, tuple[float, float]] | None = None
+    """A parameter in which points of codimension two are followed."""
     cover: int = 0
+    """How many lines in each direction must meet nothing new before a map is taken as complete; 0
+    asks for none."""
     areas: bool = False
+    """Whether the rectangle is divided into areas by what ends the stable orbits."""
     reach: int = 1
+    """How many words away from the scene's the orbits may be whose curves start at points of
+    codimension two."""
 
 
 @dataclass(frozen=True)
 class CertifyOptions:
-    """What ``contimpact certify`` proves.
-
-    Attributes
-    ----------
-    bits : int
-        Precision to begin with.
-    max_bits : int
-        Precision up to which it is doubled where a proof fails.
-    branches : bool
-        Whether branches are proven complete, besides their entries.
-    events : sequence of str
-        For which kinds of events; those the scene looks for.
-    seconds : float
-        Processor time that the proof of a branch may take; what is left then is unproven.
-    """
+    """What ``contimpact certify`` proves."""
 
     bits: int = 128
+    """Precision to begin with."""
     max_bits: int = 512
+    """Precision up to which it is doubled where a proof fails."""
     branches: bool = True
+    """Whether branches are proven complete, besides their entries."""
     events: tuple[str, ...] = ("FB", "PD", "G")
+    """Kinds of events that are certified; by default those the scene looks for."""
     seconds: float = 600.0
+    """Processor time that the proof of a branch may take; what is left then is unproven."""

@@ -67,20 +67,15 @@ def way(parameter: str, rising: bool) -> str:
 
 @dataclass(frozen=True, eq=False)
 class Energy:
-    """Output voltages of a motion.
-
-    Attributes
-    ----------
-    impacts : ndarray of shape (N,)
-        U_k, V.
-    per_impact, per_time : float
-        The means of equations (9), V, the second per unit of dimensionless time. Where impacts
-        accumulate there are infinitely many of them, and the mean per impact is zero.
-    """
+    """Output voltages of a motion."""
 
     impacts: Array
+    """U_k, V, shape (N,)."""
     per_impact: float
     per_time: float
+    """`per_impact`, `per_time`: the means of equations (9), V, the second per unit of dimensionless
+    time. Where impacts accumulate there are infinitely many of them, and the mean per impact is
+    zero."""
 
 
 def of_impacts(
@@ -90,7 +85,6 @@ def of_impacts(
 
     Parameters
     ----------
-    membrane : Membrane
     parameters : mapping of str to float
         Of a system with membranes.
     velocities : array_like of shape (N,)
@@ -148,9 +142,10 @@ def series_of(
 ) -> list[Series]:
     """Return the series of a quantity along a branch.
 
+    Raises InputError for a name that is none of these, or values that do not fit the branch.
+
     Parameters
     ----------
-    branch : Branch
     quantity : str or callable
         One of `QUANTITIES`: ``velocity`` before each impact, zero on branches without any; real
         parts of the ``multipliers`` or their ``moduli``; ``energy`` for the output voltage of each
@@ -159,11 +154,6 @@ def series_of(
         for each point, or several of them by name.
     membrane : Membrane, optional
         Of the voltages.
-
-    Raises
-    ------
-    InputError
-        For a name that is none of these, or values that do not fit the branch.
     """
     if callable(quantity):
         return list(_of_function(branch, quantity))

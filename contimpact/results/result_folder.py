@@ -41,7 +41,7 @@ CATALOGUE = "contimpact.catalogue/1"
 MANIFEST = "contimpact.manifest/1"
 MARK = "contimpact.unfinished"
 ROWS = "rows.jsonl"
-"""What a simulation keeps as it finds it. It says itself of which scene it is, and stays."""
+"""File in which a simulation keeps its rows as it finds them. It names its scene, and is kept."""
 TABLES = ("branches", "curves")
 """Folders of tables in a folder of results."""
 SEALED = re.compile(rf"catalogue\.json|sweep\.csv|({'|'.join(TABLES)})/[^/]+\.csv")
@@ -75,16 +75,12 @@ def prepare_folder(
 ) -> Path:
     """Make a folder for output and make sure that it can be written.
 
+    Raises InputError if it cannot.
+
     Parameters
     ----------
-    folder : str or Path
     files, folders : sequence of str
         What is going to be written in it; nothing else may be in the way.
-
-    Raises
-    ------
-    InputError
-        If it cannot.
     """
     import tempfile
 
@@ -119,10 +115,7 @@ def held(
     What had to be made for it is removed where the work inside fails and leaves it empty. Takes
     the arguments of `prepare_folder`.
 
-    Raises
-    ------
-    InputError
-        If the folder cannot be written, or another process writes to it.
+    Raises InputError if the folder cannot be written, or another process writes to it.
     """
     above = (Path(target), *Path(target).parents)
     made = [folder for folder in above if not os.path.lexists(folder)]
@@ -142,10 +135,7 @@ def held(
 def kept_still(folder: Path) -> contextlib.AbstractContextManager[None]:
     """Let nobody write to a folder meanwhile, if it is one of results or becomes one.
 
-    Raises
-    ------
-    InputError
-        If another process writes to it.
+    Raises InputError if another process writes to it.
     """
     results = (LOCK, MARK, "manifest.json", "catalogue.json")
     ours = any((folder / name).exists() for name in results)
@@ -157,6 +147,8 @@ def renewed(
     folder: Path, commands: Sequence[str], scene: Mapping[str, Any] | None = None
 ) -> Iterator[list[str]]:
     """Replace what an earlier run left in a folder; it is marked as unfinished meanwhile.
+
+    Raises NotWrittenError if nothing can be written.
 
     Parameters
     ----------
@@ -172,11 +164,6 @@ def renewed(
     ------
     list of str
         Names of files of the other commands that stay.
-
-    Raises
-    ------
-    NotWrittenError
-        If nothing can be written.
     """
     same = scene is not None and _scene_in(folder) == json.loads(json.dumps(scene))
     gone = ours(folder, commands if same else WRITTEN)
@@ -242,10 +229,7 @@ class Files:
     def close(self, manifest: Callable[[], str]) -> None:
         """Write the manifest.
 
-        Raises
-        ------
-        NotWrittenError
-            If anything could not be written.
+        Raises NotWrittenError if anything could not be written.
         """
         self.add(lambda: write_all(self.folder, {"manifest.json": manifest}))
         if self.failed:
@@ -350,11 +334,8 @@ def _begins_as_ours(path: Path) -> bool:
 def reading(folder: Path) -> Iterator[None]:
     """Make sure that the results in a folder are of one run, and stay so while they are read.
 
-    Raises
-    ------
-    InputError
-        If a run was ended while it wrote the folder, its manifest belongs to another catalogue or
-        to another table, or it is rewritten meanwhile.
+    Raises InputError if a run was ended while it wrote the folder, its manifest belongs to another
+    catalogue or to another table, or it is rewritten meanwhile.
     """
     before = _state(folder)
     yield

@@ -92,10 +92,7 @@ def _escaped(text: str) -> str:
 def require_own_folders(names: Sequence[str]) -> None:
     """Refuse two names with one folder, capital and small letters being alike on some systems.
 
-    Raises
-    ------
-    InputError
-        If there are such names.
+    Raises InputError if there are such names.
     """
     known: dict[str, str] = {}
     for name in names:
@@ -117,7 +114,7 @@ STATEMENT = re.compile(r"\s*([\w.\"'-]+)\s*=\s*(.*)$")
 COMMA = re.compile(r"[-+]?\d+,\d+\s*(#.*)?$")
 WITHOUT_QUOTES = re.compile(r"[-+(]*\d*[.)*/]*[A-Za-z_][^\"'\[{]*$")
 LONGEST = 300
-"""Of what is looked at in a line."""
+"""Largest number of characters of a line that are looked at."""
 
 
 def explained(text: str, error: str) -> tuple[str, str]:
@@ -125,7 +122,6 @@ def explained(text: str, error: str) -> tuple[str, str]:
 
     Parameters
     ----------
-    text : str
     error : str
         What the reader of TOML says.
     """
@@ -262,67 +258,44 @@ __all__ = ["FORMATS", "CurveOptions", "PlotOptions", "Scene", "load_scene", "rea
 
 @dataclass(frozen=True)
 class Scene:
-    """A validated scene.
-
-    Attributes
-    ----------
-    name, source : str
-    model : Model
-        At the start's parameter values.
-    parameter : str
-        The followed parameter.
-    range : (low, high)
-    orbits : sequence of Word
-    switch : sequence of str
-        Kinds of events at which to switch to the branch born there.
-    depth : int
-        How many switches deep.
-    max_branches, max_points : int
-        Budget of the whole diagram.
-    survey : bool
-        Whether to look for more orbits of each word across the range.
-    events : sequence of str
-        Kinds to look for.
-    values : mapping of str to sequence of float
-        Values to hit exactly, by parameter.
-    settings : Settings
-    seed, starts, rounds : int
-        Of the search for orbits.
-    plot : PlotOptions
-    curves : CurveOptions or None
-    simulate : SimulateOptions or None
-        What ``contimpact simulate`` computes; ``contimpact run`` does not look at it.
-    energy : Membrane or None
-        What output voltages are computed from, if they are.
-    certify : CertifyOptions or None
-        What ``contimpact certify`` proves, where the scene says so.
-    given : mapping
-        The scene as it was written.
-    """
+    """A validated scene."""
 
     name: str
     source: str
     model: Model
+    """Model at the start's parameter values."""
     parameter: str
+    """The followed parameter."""
     range: tuple[float, float]
     orbits: tuple[Word, ...]
     switch: tuple[str, ...] = ()
+    """Kinds of events at which to switch to the branch born there."""
     depth: int = 1
+    """How many switches deep."""
     max_branches: int = 50
     max_points: int = 20000
+    """`max_branches`, `max_points`: budget of the whole diagram."""
     survey: bool = False
+    """Whether to look for more orbits of each word across the range."""
     events: tuple[str, ...] = EVENTS
+    """Kinds to look for."""
     values: Mapping[str, Sequence[float]] = field(default_factory=dict)
+    """Values to hit exactly, by parameter."""
     settings: Settings = SCENE_SETTINGS
     seed: int = 0
     starts: int = 256
     rounds: int = 8
+    """`seed`, `starts`, `rounds`: of the search for orbits."""
     plot: PlotOptions = field(kw_only=True)
     curves: CurveOptions | None = None
     simulate: SimulateOptions | None = None
+    """Options of ``contimpact simulate``; ``contimpact run`` does not look at them."""
     energy: Membrane | None = None
+    """Data from which output voltages are computed, if they are."""
     certify: CertifyOptions | None = None
+    """Options of ``contimpact certify``, where the scene has some."""
     given: Mapping[str, Any] = field(default_factory=dict)
+    """The scene as it was written."""
 
     @property
     def start(self) -> float:
@@ -448,10 +421,7 @@ def load_scene(path: str | Path, systems: Mapping[str, type[Model]] | None = Non
 def read_toml(path: str | Path) -> dict[str, Any]:
     """Return what a scene file holds, as nested mappings, not yet validated.
 
-    Raises
-    ------
-    InputError
-        If the file cannot be read or is not TOML.
+    Raises InputError if the file cannot be read or is not TOML.
     """
     path = Path(path)
     try:

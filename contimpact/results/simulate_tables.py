@@ -30,27 +30,18 @@ SETTLING_BOUNDS = {
 
 @dataclass(frozen=True)
 class Settling:
-    """How long to wait for an attractor, and when one is taken for granted.
-
-    Attributes
-    ----------
-    transient : int
-        Forcing periods dropped at first.
-    periods : int
-        Further periods within which a periodic motion has to show itself.
-    longest : int
-        Impacts that a period may have.
-    impacts : int
-        Impacts from which exponents of other motions are computed.
-    tolerance : float
-        Distance from a periodic orbit at which a motion has reached it.
-    """
+    """How long to wait for an attractor, and when one is taken for granted."""
 
     transient: int = 100
+    """Forcing periods dropped at first."""
     periods: int = 2000
+    """Further periods within which a periodic motion has to show itself."""
     longest: int = 128
+    """Impacts that a period may have."""
     impacts: int = 4000
+    """Impacts from which exponents of other motions are computed."""
     tolerance: float = 1e-9
+    """Distance from a periodic orbit at which a motion has reached it."""
 
 
 SETTLING = Settling()
@@ -58,53 +49,35 @@ SETTLING = Settling()
 
 @dataclass(frozen=True)
 class SimulateOptions:
-    """What to simulate.
-
-    Attributes
-    ----------
-    range : (low, high)
-        Of the followed parameter.
-    values : int
-        Values swept, both ends among them.
-    direction : str
-        ``down`` for falling values of the parameter, ``up`` for rising ones, or ``both``.
-    settling : Settling
-    starts : int
-        Random starts at each value, besides the sweep's own.
-    seed : int
-    transitions : bool
-        Whether to bisect in the parameter where the attractor changes.
-    width : float
-        To which width, in the parameter's unit.
-    branches : bool
-        Whether the scene's branches are followed too, to compare with.
-    portraits : sequence of float
-        Values at which phase portraits and time series are drawn.
-    basins : sequence of float
-        Values at which basins of attraction are drawn.
-    grid : int
-        Starts along each side of a basin's picture.
-    losses : bool
-        Whether the kinetic energy that impacts take is told, too.
-    spacing : str
-        ``even``, or ``reciprocal`` for values whose reciprocals are evenly spaced, as where the
-        drawn quantity is inversely proportional to the parameter.
-    """
+    """What to simulate."""
 
     range: tuple[float, float]
+    """Range of the followed parameter."""
     values: int = 101
+    """Values swept, both ends among them."""
     direction: str = "down"
+    """``down`` for falling values of the parameter, ``up`` for rising ones, or ``both``."""
     settling: Settling = SETTLING
     starts: int = 0
+    """Random starts at each value, besides the sweep's own."""
     seed: int = 0
     transitions: bool = True
+    """Whether to bisect in the parameter where the attractor changes."""
     width: float = 1e-6
+    """Width to which transitions are bisected, in the parameter's unit."""
     branches: bool = False
+    """Whether the scene's branches are followed too, to compare with."""
     portraits: tuple[float, ...] = ()
+    """Values at which phase portraits and time series are drawn."""
     basins: tuple[float, ...] = ()
+    """Values at which basins of attraction are drawn."""
     grid: int = 40
+    """Starts along each side of a basin's picture."""
     losses: bool = False
+    """Whether the kinetic energy that impacts take is told, too."""
     spacing: str = "even"
+    """``even``, or ``reciprocal`` for values whose reciprocals are evenly spaced, as where the
+    drawn quantity is inversely proportional to the parameter."""
 
     def rising(self) -> list[float]:
         """Return the values swept, lowest first."""
@@ -135,20 +108,16 @@ def read_simulate(
 ) -> SimulateOptions:
     """Validate the table [simulate].
 
+    Raises InputError if a key is unknown, of a wrong type or inadmissible.
+
     Parameters
     ----------
     table : Table
         Of the scene.
-    model : Model
     parameter : str
         The followed parameter.
     limits : (low, high)
         Of the branches; the default range.
-
-    Raises
-    ------
-    InputError
-        If a key is unknown, of a wrong type or inadmissible.
     """
     declared = model.require(parameter, "follow.parameter")
     low, high = limits
@@ -209,10 +178,8 @@ def _settling(table: Table) -> Settling:
 def read_energy(table: Table, model: Model) -> Membrane:
     """Validate the table [energy].
 
-    Raises
-    ------
-    InputError
-        If a key is unknown, of a wrong type or inadmissible, or the system has no membranes.
+    Raises InputError if a key is unknown, of a wrong type or inadmissible, or the system has no
+    membranes.
     """
     if not model.MEMBRANES:
         raise InputError(

@@ -28,18 +28,12 @@ from .integration import require
 
 
 class Kernel(Protocol):
-    """A kernel as a function of floats.
-
-    Attributes
-    ----------
-    text : str
-        As it was written, its constants by name.
-    source : str
-        What runs, with constants as numbers.
-    """
+    """A kernel as a function of floats."""
 
     text: str
+    """Text as it was written, its constants by name."""
     source: str
+    """Text that runs, with constants as numbers."""
     __name__: str
     __code__: types.CodeType
     __globals__: dict[str, Any]
@@ -49,19 +43,13 @@ class Kernel(Protocol):
 
 @dataclass(frozen=True)
 class Arithmetic:
-    """What the names in a kernel stand for.
-
-    Attributes
-    ----------
-    names : dict of str to object
-        Functions, ``nan``, and what lays results out. An exact arithmetic has ``pi`` and ``ratio``
-        besides.
-    exact : bool
-        Whether constants are looked up among the names, rather than taken as floats.
-    """
+    """What the names in a kernel stand for."""
 
     names: dict[str, Any]
+    """Functions, ``nan``, and what lays results out. An exact arithmetic has ``pi`` and ``ratio``
+    besides."""
     exact: bool = False
+    """Whether constants are looked up among the names, rather than taken as floats."""
 
 
 def evaluate_in(kernel: Kernel, arithmetic: Arithmetic) -> Callable[..., Any]:
@@ -84,7 +72,7 @@ def kernel_of(name: str, text: str, file: str) -> Kernel:
 
 _CONSTANT = re.compile(r"\bpi\b|\bratio\((-?\d+), (\d+)\)")
 MANY_DIGITS = 2**31
-"""From where on a quotient is written as the double nearest to it."""
+"""Number of digits from which on a quotient is written as the double nearest to it."""
 
 
 def _as_number(constant: re.Match[str]) -> str:

@@ -212,7 +212,8 @@ SHORT = 1.0
 """Largest g|t| of flights summed from the time zero."""
 MOST_TERMS = 4000
 TABLES = ((True, 0), (False, 1), (True, 1), (False, 2))
-"""What `linear_flow.flow` returns: Q or P, and how often it is differentiated by the time."""
+"""Matrices that `linear_flow.flow` returns: Q or P, and how often it is differentiated by the
+time."""
 
 
 def flow(d: int, h: int, directions: int, dt: Number, *numbers: Number) -> Entries:

@@ -169,7 +169,7 @@ class Bounded:
 
 
 ROUGHER = {"transients1": 3.0, "transients2": 5.0, "transients4": 80.0}
-"""By how much functions may be less exact than others; measured are 1.9, 3.4 and 51."""
+"""Factor by which functions may be less exact than others; measured are 1.9, 3.4 and 51."""
 
 
 def _bounded(
@@ -258,7 +258,6 @@ def bounds_of(segment: Segment, start: Numbers, end: Numbers, values: Numbers) -
 
     Parameters
     ----------
-    segment : Segment
     start, end, values : sequence of float or Bounded
         As of `Segment.blocks`; floats are exact.
     """
@@ -271,7 +270,6 @@ def bounds_of_kernel(kernel: Kernel, arguments: Numbers) -> Any:
 
     Parameters
     ----------
-    kernel : Kernel
     arguments : sequence of float or Bounded
         Floats are exact.
     """

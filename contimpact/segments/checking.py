@@ -23,10 +23,11 @@ from .codegen import KernelWriter
 # Whether a model's flight, acceleration and harmonics state one motion, at random states.
 
 TOLERANCE = 1e-6
-"""Of the largest velocity or acceleration: far above rounding, far below a wrong term."""
+"""Tolerance as a part of the largest velocity or acceleration: far above rounding, far below a
+wrong term."""
 STEP = 1e-6
-"""Of a flight's duration, for differences; their rounding is 1e-10, and as much is left out of
-flights of a few periods of the forcing's highest harmonic."""
+"""Step of differences as a part of a flight's duration; their rounding is 1e-10, and as much is
+left out of flights of a few periods of the forcing's highest harmonic."""
 
 
 def check_motion(model: Model, wall: str, agreement: Callable[..., Sequence[float]]) -> None:
@@ -34,8 +35,6 @@ def check_motion(model: Model, wall: str, agreement: Callable[..., Sequence[floa
 
     Parameters
     ----------
-    model : Model
-    wall : str
     agreement : callable
         The kernel ``agreement`` of one coordinate; see `contimpact.segments.codegen`.
 
@@ -306,7 +305,7 @@ def _check_symmetry(model: Model, name: str, symmetry: Symmetry, kernels: Agreem
 
 
 COMPARED = ("velocity", "mean velocity", "end velocity", "acceleration")
-"""What the kernels ``agreement`` return from the second place on."""
+"""Results of the kernels ``agreement`` from the second place on."""
 
 
 def _elsewhere(model: Model, name: str, random: Random) -> list[float]:

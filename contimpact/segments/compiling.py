@@ -37,10 +37,7 @@ taken about as long as compiling does."""
 def mode() -> str:
     """Return the value of ``CONTIMPACT_COMPILED``.
 
-    Raises
-    ------
-    InputError
-        If it is not one of `MODES`.
+    Raises InputError if it is not one of `MODES`.
     """
     found = os.environ.get("CONTIMPACT_COMPILED") or "auto"
     if found not in MODES:
@@ -115,10 +112,7 @@ def load(
 def pays() -> bool:
     """Whether to compile programs that are not in the cache.
 
-    Raises
-    ------
-    InputError
-        If the mode is ``always`` and Numba is not installed.
+    Raises InputError if the mode is ``always`` and Numba is not installed.
     """
     if mode() == "always" and not available():
         found = "always, but Numba is not installed"

@@ -461,7 +461,7 @@ RECORDED = Arithmetic(
 
 
 Derivatives: TypeAlias = Callable[..., Any]
-"""Of a kernel, as a function of floats."""
+"""Derivatives of a kernel, as a function of floats."""
 
 SERIES = series(RECORDED)
 SERIES_OF_FLOATS = series(FLOATS)

@@ -35,7 +35,8 @@ Rounding: TypeAlias = Callable[[float], float]
 _DEGREES = (16, 32, 64)
 
 CUTS, FASTEST = 12, 30
-"""In halves, of a piece that is not resolved: at first, and where something in it oscillates."""
+"""Depth to which a piece that is not resolved is halved: at first, and where something in it
+oscillates."""
 
 _NOISE = 1e-5
 """Last coefficients below this part of the largest that no longer fall are the rounding of the
@@ -67,7 +68,6 @@ def time_zeros(harmonics: Sequence[float], period: float) -> list[float] | None:
     ----------
     harmonics : sequence of float
         What the kernel ``harmonics`` returns: mean, then k, a_k, b_k for each harmonic.
-    period : float
     """
     mean, terms = harmonics[0], harmonics[1:]
     if math.isnan(mean):
@@ -321,7 +321,6 @@ def flight_gaps(
 
     Parameters
     ----------
-    kernels : Kernels
     walls : str
         The word.
     values : sequence of float
@@ -425,10 +424,8 @@ def touch_of(flight: int, start: float, wall: Guard, distance: float, found: Any
 
     Parameters
     ----------
-    flight : int
     start : float
         The time from which `found` counts.
-    wall : Guard
     distance : float
         Of the wall, from where displacements are measured.
     found : tuple

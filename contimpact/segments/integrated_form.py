@@ -39,21 +39,21 @@ from .segment import ELSEWHERE, ClosedForm, KernelSource, Numbers
 # (Ascher, Mattheij and Russell, Numerical Solution of Boundary Value Problems, 1995, ch. 4 and 6).
 
 PIECE_GROWS, PIECE_MAY = 30.0, 3e3
-"""By how much a piece is let grow where pieces are chosen, and at most in the end."""
+"""Largest growth over a piece where pieces are chosen, and in the end."""
 
 TRUSTED = 1e7
 """Growth up to which states flown to from one end are a guess of those of the flight."""
 
 SIZE = 1e3
-"""Of the rows in which flights are long: what residual is accepted must not be a large part of what
-they decay to, on which multipliers and the parameter of a homoclinic orbit depend."""
+"""Scale of the combined rows, chosen so that an accepted residual stays small beside the decayed
+terms, which determine the multipliers and the parameter of a homoclinic orbit."""
 
 MOST_PIECES, SHORTEST = 400, 2.0**-12
-"""Of a flight, and the shortest as a part of it."""
+"""Largest number of pieces of a flight, and the shortest piece as a part of it."""
 
 ITERATIONS, SETTLED = 25, 1e-13
-"""Of Gauss and Newton's method, and its step, as part of the states, below which they are known to
-rounding where steps become no smaller."""
+"""Iterations of the Gauss-Newton method, and the step, as a part of the states, below which they
+are known to rounding where steps become no smaller."""
 
 
 class NotSplit(ArithmeticError):
@@ -62,25 +62,18 @@ class NotSplit(ArithmeticError):
 
 @dataclass(frozen=True, eq=False)
 class IntegratedFlight:
-    """What a flight is integrated from.
-
-    Attributes
-    ----------
-    field : str
-        As of `taylor.text_of`.
-    directions : tuple of str
-        What pieces are differentiated by: duration, time, state and parameters, in that order.
-    begin, length : float
-        When it leaves, and its duration.
-    given : ndarray
-        Values of the field's parameters.
-    """
+    """What a flight is integrated from."""
 
     field: str
+    """Vector field as given by `taylor.text_of`."""
     directions: tuple[str, ...]
+    """Directions by which pieces are differentiated: duration, time, state and parameters, in that
+    order."""
     begin: float
     length: float
+    """`begin`, `length`: when it leaves, and its duration."""
     given: Array
+    """Values of the field's parameters."""
 
     @property
     def freedom(self) -> int:
@@ -125,32 +118,22 @@ class IntegratedFlight:
 
 @dataclass(frozen=True, eq=False)
 class Pieces:
-    """A flight in pieces.
-
-    Attributes
-    ----------
-    flight : IntegratedFlight
-    parts : ndarray of shape (J + 1,)
-        Where pieces begin and end, as parts of the flight.
-    states : ndarray of shape (J, 2 * freedom)
-        With which they begin.
-    ends : ndarray of shape (J, 2 * freedom)
-        To which they lead.
-    tables : list of ndarray
-        Derivatives of these, as of `IntegratedFlight.fly`.
-    arrival : ndarray of shape (2 * freedom, 2 * freedom)
-        Derivatives of the last equations by the state to which the last piece leads: E.
-    residuals : list of ndarray
-        Of the equations of each piece.
-    """
+    """A flight in pieces."""
 
     flight: IntegratedFlight
     parts: Array
+    """Beginnings and ends of pieces as parts of the flight, shape (J + 1,)."""
     states: Array
+    """States with which pieces begin, shape (J, 2 * freedom)."""
     ends: Array
+    """States to which pieces lead, shape (J, 2 * freedom)."""
     tables: list[Array]
+    """Derivatives of these, as of `IntegratedFlight.fly`."""
     arrival: Array
+    """Derivatives of the last equations by the state to which the last piece leads: E, shape (2 *
+    freedom, 2 * freedom)."""
     residuals: list[Array]
+    """Residuals of the equations of each piece."""
 
     @property
     def factors(self) -> list[Array]:
@@ -270,10 +253,7 @@ class Shooting:
         Where what is flown to from both ends does not meet, those of a flight nearby, if one is
         known, are a better guess than a straight line between.
 
-        Raises
-        ------
-        ArithmeticError
-            If no states have been found.
+        Raises ArithmeticError if no states have been found.
         """
         parts, states, meet = self._guess()
         if known is not None and not meet:

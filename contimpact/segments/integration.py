@@ -36,21 +36,16 @@ from .track import coefficients_of, sign_changes
 # at rounding. Compiled integrators are kept for the life of the process.
 
 SCALE = 2.0**100
-"""Of the state: heyoka bounds errors beside the largest of it, or beside 1 where that is larger."""
+"""Scale of the state: heyoka bounds errors relative to its largest component, or to 1 where that is
+larger."""
 MOST_STEPS = 200_000
-"""Of a flight; c = 1e4 asks for some 1e4 over one period."""
+"""Largest number of steps of a flight; c = 1e4 asks for some 1e4 over one period."""
 SOME_STEPS = 10_000
-"""Of a flight among many, whatever the others ask for."""
+"""Largest number of steps of a flight among many, whatever the others ask for."""
 
 
 class Statement(NamedTuple):
-    """A field, as its text states it.
-
-    Attributes
-    ----------
-    parameters : tuple of str
-    accelerations : tuple of str
-    """
+    """A field, as its text states it."""
 
     parameters: tuple[str, ...]
     accelerations: tuple[str, ...]
@@ -202,6 +197,9 @@ class Integrator:
     ) -> list[Any]:
         """Return mean and end velocities, and then the same of their derivatives by each direction.
 
+        Raises ArithmeticError if the flow ceases to be finite on the way, or asks for too many
+        steps.
+
         Parameters
         ----------
         numbers : sequence
@@ -210,11 +208,6 @@ class Integrator:
             Part of the flight that a step may take.
         most : int
             How many steps it may ask for.
-
-        Raises
-        ------
-        ArithmeticError
-            If the flow ceases to be finite on the way, or asks for too many steps.
         """
         self._given[:] = numbers[: self._used]
         d = self.stated.freedom
@@ -387,10 +380,6 @@ class BatchIntegrator(Integrator):
         ----------
         rows : ndarray of shape (flights, names)
             A number for each of `Statement.names`.
-
-        Returns
-        -------
-        ndarray of shape (flights, values)
         """
         found = np.full((len(rows), len(self._rows)), np.nan)
         usable = np.flatnonzero(np.all(np.isfinite(rows), axis=1))

@@ -43,7 +43,7 @@ GENERATOR = tuple(
     segments/layout segments/linear_flow segments/track segments/transients""".split()
 )
 HARMLESS = set("__future__ collections dataclasses functools math numpy sympy typing".split())
-"""What a system may import besides the package without its formulas depending on more."""
+"""Modules that a system may import besides the package without its formulas depending on more."""
 
 
 def of_the_package(kind: type) -> bool:
@@ -333,10 +333,7 @@ class Kernels:
     def segment(self, start: str, end: str) -> ClosedForm:
         """The segment from one wall to another, by their letters.
 
-        Raises
-        ------
-        InputError
-            If the second cannot follow the first.
+        Raises InputError if the second cannot follow the first.
         """
         if (start, end) not in self._segments and start != SECTION:
             after = following(self.model.WALLS, start)

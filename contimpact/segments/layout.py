@@ -26,8 +26,8 @@ from typing import Any, NamedTuple, TypeAlias
 from ..arrays import Number
 
 SECTION = "0"
-"""Where flights of orbits without impacts start, in the names of kernels: at t = 0. They end there
-again after a number of periods, which stands in the place of a letter, or at a guard."""
+"""Place at which flights of orbits without impacts start, in the names of kernels: t = 0. They end
+there again after a number of periods, which takes the place of a letter, or at a guard."""
 
 Row: TypeAlias = tuple[Number, ...]
 """Numbers of the arithmetic a kernel is evaluated in; of a matrix, row by row."""
@@ -48,34 +48,24 @@ class Together(NamedTuple):
 
 
 class Setup(NamedTuple):
-    """What depends on the parameters alone.
-
-    Attributes
-    ----------
-    period : float
-        The forcing period.
-    slopes : tuple of shape (free,)
-        Its derivatives with respect to the free parameters.
-    curvatures : tuple of shape (free * free,)
-        Its second derivatives, row by row.
-    walls : tuple of shape (w,)
-        Positions of the walls, in the model's order.
-    derived : tuple of shape (d,)
-        Derived parameters, in the model's order.
-    derived_slopes : tuple of shape (d * free,)
-        Their derivatives with respect to the free parameters, row by row.
-    """
+    """What depends on the parameters alone."""
 
     period: Number
+    """The forcing period."""
     slopes: Row
+    """Its derivatives with respect to the free parameters, shape (free,)."""
     curvatures: Row
+    """Its second derivatives, row by row, shape (free * free,)."""
     walls: Row
+    """Positions of the walls, in the model's order, shape (w,)."""
     derived: Row
+    """Derived parameters, in the model's order, shape (d,)."""
     derived_slopes: Row
+    """Their derivatives with respect to the free parameters, row by row, shape (d * free,)."""
 
 
 NAMES: dict[str, Any] = {"Setup": Setup}
-"""What a kernel calls in order to return its results."""
+"""Functions that a kernel calls in order to return its results."""
 
 
 def result_text(result: tuple[Any, ...]) -> str:

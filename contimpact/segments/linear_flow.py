@@ -48,7 +48,7 @@ from ..arrays import Array, Vector
 # with i = 1, ..., d, and g_i = 1 in the units of the coordinates. All of these commute.
 
 NORM = 0.5
-"""Of z, below which the series are summed."""
+"""Largest norm of z for which the series is summed directly."""
 TERMS = 16
 """0.5^16/17! is 4e-20."""
 
@@ -235,7 +235,7 @@ def power_of_two(size: float) -> float:
 _MEANS = np.array(MEANS).reshape(4, 4).T[1:, :, None, None]
 _ONES = np.array(MEANS[::4])[:, None]
 _SLOPES = np.array(SLOPES).reshape(4, 4).T[:, :, None, None]
-"""By the power, then by the part; each part has four powers."""
+"""Slopes by the power, then by the part; each part has four powers."""
 
 
 def _product(one: Array, other: Array) -> Array:
@@ -299,21 +299,14 @@ def halved(dt: float, norm: float) -> tuple[float, int]:
 
 
 class Shape(NamedTuple):
-    """The whole numbers that a call begins with.
-
-    Attributes
-    ----------
-    freedom : int
-        Degrees of freedom d.
-    waves : int
-        Harmonics h of the forcing.
-    directions : int
-        Parameters with respect to which derivatives are wanted.
-    """
+    """The whole numbers that a call begins with."""
 
     freedom: int
+    """Degrees of freedom d."""
     waves: int
+    """Harmonics h of the forcing."""
     directions: int
+    """Parameters with respect to which derivatives are wanted."""
 
     @property
     def size(self) -> int:
@@ -533,7 +526,7 @@ def _times(dt: Any, matrix: Array) -> Array:
 
 
 LONGEST = 2.0**60
-"""Of many flights, in radians or as an exponent."""
+"""Longest piece of many flights, in radians or as an exponent."""
 
 
 def mean_rates(generator: Array, dt: Any, summed: Summed) -> tuple[Array, Array]:

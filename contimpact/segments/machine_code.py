@@ -148,7 +148,6 @@ def object_code(program: Program, arguments: str) -> bytes:
 
     Parameters
     ----------
-    program : Program
     arguments : str
         Kinds of the entry's arguments.
     """
@@ -216,7 +215,7 @@ REPORTING = frozenset(
     PyErr_SetString PyErr_WriteUnraisable PyUnicode_FromString Py_DecRef numba_do_raise
     numba_gil_ensure numba_gil_release numba_runtime_build_excinfo_struct numba_unpickle""".split()
 )
-"""What Numba calls only to report an exception and to clean up after it."""
+"""Functions that Numba calls only to report an exception and to clean up after it."""
 
 
 def _optimise(module: Any, machine: Any) -> None:
@@ -242,10 +241,8 @@ def _self_contained(text: str, entry: str) -> str:
     What is called there only reports exceptions, which compiled programs do not raise: their
     functions are written so that a failure is a value. Those calls are made to do nothing.
 
-    Raises
-    ------
-    NotImplementedError
-        If anything else is called: a call that did nothing could be one that computes.
+    Raises NotImplementedError if anything else is called: a call that did nothing could be one that
+    computes.
     """
     text = re.sub(rf'@"?{re.escape(entry)}"?', f"@{ENTRY}", text)
     lines = []
@@ -284,10 +281,7 @@ def _stub(kind: str, name: str, arguments: str) -> str:
 def linked(path: Path) -> bytes | None:
     """Return an object file linked into a shared library; None if there is no linker.
 
-    Raises
-    ------
-    OSError
-        If the linker fails.
+    Raises OSError if the linker fails.
     """
     import shutil
     import subprocess

@@ -29,7 +29,7 @@ Motion: TypeAlias = Callable[[Vector, float, Vector], Moved]
 """``motion(head, dt, values)``: where a flight is a time dt after it left."""
 
 Excursion: TypeAlias = tuple[float, float, float, float, float]
-"""What `excursions` returns."""
+"""Result of `excursions`."""
 
 NEWTON_DONE = 1e-6
 """A Newton step below this part of the bracket is the last: the next would be its square, and the
@@ -182,7 +182,7 @@ def turn_guess(speed_left: float, speed_right: float, flat_left: bool, flat_righ
 
 
 DEGREE = 20
-"""Of the polynomials of positions; 1/19! is 8e-18."""
+"""Degree of the polynomials of positions; 1/19! is 8e-18."""
 
 START, WIDTH, COEFFICIENTS = range(3)
 """Places in the row of a step: the time at which it starts, its duration, and where coefficients

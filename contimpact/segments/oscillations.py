@@ -31,31 +31,24 @@ LAST = ROW - 1
 
 
 class Followed(NamedTuple):
-    """What is known of a flight that is followed.
-
-    Attributes
-    ----------
-    own : table
-        A row of a step for each coordinate.
-    steps : table
-        A row for each gap coordinate, step after step.
-    breaks : vector
-        When accelerations change sign: places for 2 `MOST` times of each gap coordinate.
-    found, signs, zeros : vector
-        Of each gap coordinate, how many times those are, its last acceleration, and how many zeros
-        this may have in the step under way.
-    moving, forces : vector
-        Position and velocity of each coordinate, and the size of the forces on it.
-    """
+    """What is known of a flight that is followed."""
 
     own: Table
+    """A row of a step for each coordinate."""
     steps: Table
+    """A row for each gap coordinate, step after step."""
     breaks: Vector
+    """Times at which accelerations change sign: places for 2 `MOST` times of each gap
+    coordinate."""
     found: Vector
     signs: Vector
     zeros: Vector
+    """`found`, `signs`, `zeros`: of each gap coordinate, how many times those are, its last
+    acceleration, and how many zeros this may have in the step under way."""
     moving: Vector
     forces: Vector
+    """`moving`, `forces`: position and velocity of each coordinate, and the size of the forces on
+    it."""
 
 
 def follow_all(
@@ -76,8 +69,6 @@ def follow_all(
         Of the law, as the kernel ``law`` returns it.
     weights : vector
         Of the coordinates in each of `count` gap coordinates.
-    length : float
-    flown : Followed
 
     Returns
     -------

@@ -28,8 +28,8 @@ from .track import velocities
 # What meets a flight: the guards that can end it, and how it leaves and reaches their surfaces.
 
 ELSEWHERE, BACK, MEETING = range(3)
-"""Where a flight ends: on another surface than it left; on the same; on the same, where both guards
-let the motion pass, so that the flight can vanish with the velocities at its ends."""
+"""End of a flight: on another surface than it left; on the same; on the same, where both guards let
+the motion pass, so that the flight can vanish with the velocities at its ends."""
 
 
 class Passages(NamedTuple):

@@ -122,8 +122,8 @@ def not_past(
 
 
 ROUNDING = 1e-12
-"""Of the position at which a flight begins, as part of its terms; of its rate and its acceleration
-there, as parts of the largest at the ends of flights."""
+"""Rounding of the position at which a flight begins, as a part of its terms; of its rate and its
+acceleration there, as parts of the largest at the ends of flights."""
 
 BRIEF = 1e-9
 """A flight shorter than this part of the orbit's period may begin either way: it vanishes."""

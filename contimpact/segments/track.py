@@ -197,10 +197,6 @@ def velocities(law: Any, step: float, count: int) -> Array:
         Between the instants.
     count : int
         Of the instants after the start.
-
-    Returns
-    -------
-    ndarray of shape (count, d)
     """
     d, h, numbers, state = law
     shape = Shape(int(d), int(h), 0)

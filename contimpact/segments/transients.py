@@ -44,7 +44,7 @@ from ..arrays import Array, Number, Vector
 HIGHEST = 11
 _SERIES_BELOW = 4.0
 _LONGER_SERIES_BELOW = 20.0
-"""For orders above 9, which the recurrence reaches in more steps."""
+"""Bound for orders above 9, which the recurrence reaches in more steps."""
 _TERMS = 12
 _SERIES = tuple(
     tuple(1.0 / math.factorial(2 * j + k) for j in reversed(range(_TERMS)))

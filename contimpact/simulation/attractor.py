@@ -143,17 +143,14 @@ class Attractor:
     def orbit(self, model: Model, parameter: str | None = None) -> Orbit:
         """Return a periodic motion as an orbit, which can be followed.
 
+        Raises InputError if the motion is no orbit of impacts, or the system another one.
+
         Parameters
         ----------
         model : Model
             Its system; parameter values are taken from the attractor.
         parameter : str, optional
             That may be followed; the model's first one by default.
-
-        Raises
-        ------
-        InputError
-            If the motion is no orbit of impacts, or the system another one.
         """
         from ..results.branch import orbit_with
 
@@ -277,24 +274,17 @@ class Cycle:
 
 
 class Map(NamedTuple):
-    """The simulated map around a cycle, for one section coordinate or several.
-
-    Attributes
-    ----------
-    size : callable ``size(simulator, state, miss)``
-        How large it is by what the end of a run misses its start: time and section coordinates.
-    step : callable ``step(simulator, state, run, miss)``
-        Newton's step, None if there is none.
-    moved : callable ``moved(simulator, state, step)``
-        The start after a step.
-    cycle : callable ``cycle(simulator, state, run, period, closing)``
-        A run that closes, as a cycle.
-    """
+    """The simulated map around a cycle, for one section coordinate or several."""
 
     size: Callable[[Simulator, State, Sequence[float]], float]
+    """``size(simulator, state, miss)``: how large it is by what the end of a run misses its start:
+    time and section coordinates."""
     step: Callable[[Simulator, State, Run, Sequence[float]], Sequence[float] | None]
+    """``step(simulator, state, run, miss)``: newton's step, None if there is none."""
     moved: Callable[[Simulator, State, Sequence[float]], State]
+    """``moved(simulator, state, step)``: the start after a step."""
     cycle: Callable[[Simulator, State, Run, int, float], Cycle]
+    """``cycle(simulator, state, run, period, closing)``: a run that closes, as a cycle."""
 
 
 def closed(
@@ -304,8 +294,6 @@ def closed(
 
     Parameters
     ----------
-    simulator : Simulator
-    around : Map
     state : State
         An impact near the cycle.
     impacts, period : int

@@ -50,11 +50,8 @@ from .run import Outcome, Passing, State, columns_of
 def check_start(automaton: Automaton, position: Sequence[float], mode: str) -> int:
     """Return a guard that leads into the mode of a start.
 
-    Raises
-    ------
-    InputError
-        If there is no such mode, if its flights are not known from anywhere, or if the start lies
-        beyond one of its guards.
+    Raises InputError if there is no such mode, if its flights are not known from anywhere, or if
+    the start lies beyond one of its guards.
     """
     modes = [guard.next_mode for guard in automaton.guards]
     if mode not in modes:
@@ -86,7 +83,7 @@ def _outside(automaton: Automaton, position: list[float], guard: str, mode: str)
 
 TRIES = 10_000
 GROWTH = 1.01
-"""By which the range of positions grows with each trial that lies beyond a guard."""
+"""Factor by which the range of positions grows with each trial that lies beyond a guard."""
 
 
 def random_impact(automaton: Automaton, generator: np.random.Generator) -> State:
@@ -135,17 +132,10 @@ def path_of(automaton: Automaton, states: Sequence[State], times: Array, points:
 
     Parameters
     ----------
-    automaton : Automaton
-    states : sequence of State
     times : ndarray of shape (N,)
         Their times.
     points : int
         Times on each flight.
-
-    Returns
-    -------
-    t : ndarray of shape ((N - 1) points,)
-    x, v : ndarray of shape ((N - 1) points, guards)
     """
 
     def piece(k: int) -> Piece:

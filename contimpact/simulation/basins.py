@@ -31,34 +31,22 @@ REACHED = 1e-5
 
 @dataclass(frozen=True, eq=False)
 class Basins:
-    """Basins of attraction among impacts on one wall.
-
-    Attributes
-    ----------
-    wall : str
-    wall_number : int
-    parameters : dict
-        All parameters and derived parameters.
-    phases : ndarray of shape (n,)
-        Times of the first impact.
-    velocities : ndarray of shape (m,)
-        Velocities before it.
-    labels : ndarray of int, shape (m, n)
-        Number of the attractor reached.
-    attractors : list of Attractor
-    others : tuple of float
-        The other section coordinates, the same for all starts: with several degrees of freedom the
-        picture is a section through the basins.
-    """
+    """Basins of attraction among impacts on one wall."""
 
     wall: str
     wall_number: int
     parameters: dict[str, float]
+    """All parameters and derived parameters."""
     phases: Array
+    """Times of the first impact, shape (n,)."""
     velocities: Array
+    """Velocities before it, shape (m,)."""
     labels: Array
+    """Number of the attractor reached, shape (m, n)."""
     attractors: list[Attractor]
     others: tuple[float, ...] = ()
+    """The other section coordinates, the same for all starts: with several degrees of freedom the
+    picture is a section through the basins."""
 
     @property
     def shares(self) -> list[float]:
@@ -81,7 +69,6 @@ def basins(
 
     Parameters
     ----------
-    simulator : Simulator
     wall : str, optional
         Wall of the first impact; the model's first one by default.
     shape : (m, n)
@@ -89,7 +76,6 @@ def basins(
     fastest : float, optional
         Largest velocity; by default twice the largest of the attractors known, or what a period of
         the largest acceleration gives.
-    settling : Settling
     known : sequence of Attractor
         Attractors at these parameter values found before.
     callback : callable, optional
@@ -230,29 +216,20 @@ class Match:
 
 @dataclass(frozen=True)
 class Uncovered:
-    """Attractors of one word, side by side in a sweep, that no branch explains.
-
-    Attributes
-    ----------
-    kind, notation, word, period
-        What they are.
-    low, high : float
-        Values of the parameter between which they were met.
-    count : int
-    why : str
-    scene : str or None
-        Tables of a scene that would follow them, in TOML; None for what is no periodic orbit.
-    """
+    """Attractors of one word, side by side in a sweep, that no branch explains."""
 
     kind: str
     notation: str
     word: str | None
     period: int | None
+    """`kind`, `notation`, `word`, `period`: what they are."""
     low: float
     high: float
+    """`low`, `high`: values of the parameter between which they were met."""
     count: int
     why: str
     scene: str | None
+    """Tables of a scene that would follow them, in TOML; None for what is no periodic orbit."""
 
 
 @dataclass(frozen=True)

@@ -88,19 +88,14 @@ def of_attractor(membrane: Membrane, attractor: Attractor) -> Energy:
 
 @dataclass(frozen=True, eq=False)
 class Losses:
-    """The energy that the impacts of a motion take.
-
-    Attributes
-    ----------
-    impacts : ndarray of shape (N,)
-        Of each; zero for a release.
-    per_impact, per_time : float
-        Means. Where impacts accumulate there are infinitely many, and the mean per impact is zero.
-    """
+    """The energy that the impacts of a motion take."""
 
     impacts: Array
+    """Energy lost at each impact; zero for a release, shape (N,)."""
     per_impact: float
     per_time: float
+    """`per_impact`, `per_time`: means. Where impacts accumulate there are infinitely many, and the
+    mean per impact is zero."""
 
 
 def losses(of: Orbit | Entry | Attractor, model: Model | None = None) -> Losses:

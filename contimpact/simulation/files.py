@@ -80,6 +80,8 @@ def fingerprint(resolved: Mapping[str, Any]) -> str:
 class Checkpoint:
     """What was found so far, in a file that grows line by line.
 
+    Raises InputError if the file is of another scene, or damaged.
+
     Parameters
     ----------
     path : Path
@@ -99,11 +101,6 @@ class Checkpoint:
         Transitions between two rows of a sweep, by direction and value of the second one.
     tried : set of float
         Values at which the random starts have been made.
-
-    Raises
-    ------
-    InputError
-        If the file is of another scene, or damaged.
     """
 
     def __init__(self, path: Path, digest: str, resume: bool, model: Model | None = None) -> None:
@@ -152,17 +149,14 @@ class Checkpoint:
     def check(self, sweeps: Iterable[tuple[str, Sequence[float]]], at_random: Set[float]) -> None:
         """Make sure that the rows are the beginning of each sweep, and each there once.
 
+        Raises InputError if they are not: two runs have written to the file, or it was edited.
+
         Parameters
         ----------
         sweeps : iterable
             Directions and the values that each visits.
         at_random : set of float
             Values at which random starts are made.
-
-        Raises
-        ------
-        InputError
-            If they are not: two runs have written to the file, or it was edited.
         """
         expected = {direction: list(values) for direction, values in sweeps}
         for direction, values in expected.items():

@@ -55,25 +55,16 @@ AT_ONCE = 1e-12
 
 @dataclass(frozen=True, eq=False)
 class Contact:
-    """A guard against which a machine can rest.
-
-    Attributes
-    ----------
-    number : int
-        Of the guard.
-    side : int
-    position : float
-    row : ndarray of shape (d,)
-        Of the gap coordinate, n.
-    direction : ndarray of shape (d,)
-        In which an impact changes the velocities, w.
-    """
+    """A guard against which a machine can rest."""
 
     number: int
+    """Number of the guard."""
     side: int
     position: float
     row: Array
+    """Row n of the gap coordinate, shape (d,)."""
     direction: Array
+    """Direction w in which an impact changes the velocities, shape (d,)."""
 
 
 class LinearMotion:
@@ -256,9 +247,9 @@ NUDGE = 1e-9
 """Zeros of a state-dependent acceleration this near a release belong to the release itself."""
 
 NODES = 67
-"""At which a displacement is looked at that is not resolved: not those of the acceleration."""
+"""Nodes at which a displacement is examined that is not resolved: not those of the acceleration."""
 SPREAD = 4.0
-"""What a displacement may do between the nodes, in terms of its higher coefficients."""
+"""Variation of a displacement between the nodes, in terms of its higher coefficients."""
 
 
 def motion_at(motions: Sequence[Kernel], values: Sequence[float]) -> Callable[..., Any]:
@@ -292,18 +283,12 @@ def fly_in_time(
 
 @dataclass(frozen=True)
 class FlightInState:
-    """As `fly_in_time`, for an acceleration that depends on the state; not compiled.
-
-    Attributes
-    ----------
-    motions : sequence of Kernel
-        After each wall.
-    motion : callable
-        From `motion_at`.
-    """
+    """As `fly_in_time`, for an acceleration that depends on the state; not compiled."""
 
     motions: Sequence[Kernel]
+    """Motions after each wall."""
     motion: Callable[..., Any]
+    """Motion from `motion_at`."""
 
     def __call__(
         self, body: Body, wall: int, phase: float, velocity: float
@@ -426,20 +411,12 @@ def windows(period: float, longest: int, short: bool) -> Iterator[tuple[float, f
 
 @dataclass(frozen=True, eq=False)
 class LinearWindow:
-    """A part of a linear flight.
-
-    Attributes
-    ----------
-    motion : LinearMotion
-    track : Track
-    state : ndarray
-        X at the window's beginning.
-    begin, length : float
-    """
+    """A part of a linear flight."""
 
     motion: LinearMotion
     track: Track
     state: Array
+    """X at the window's beginning."""
     begin: float
     length: float
 
@@ -495,26 +472,16 @@ def until_repeated(found: Iterable[LinearWindow]) -> Iterator[LinearWindow]:
 
 @dataclass(frozen=True, eq=False)
 class KernelWindow:
-    """A part of a flight that the model's kernels know.
-
-    Attributes
-    ----------
-    kernels : Kernels
-    values : sequence of float
-    guard : Guard
-        That is left.
-    position : float
-        Of its surface.
-    start : State
-        Before that.
-    begin, length : float
-    """
+    """A part of a flight that the model's kernels know."""
 
     kernels: Kernels
     values: Sequence[float]
     guard: Guard
+    """Guard that is left."""
     position: float
+    """Position of its surface."""
     start: State
+    """Before that."""
     begin: float
     length: float
 

@@ -21,49 +21,38 @@ from ..arrays import Vector
 
 
 class Body(NamedTuple):
-    """A model at fixed parameter values, as vectors.
-
-    Attributes
-    ----------
-    values : vector of shape (p,)
-        Parameter values.
-    clock : vector of shape (1,)
-        The forcing period.
-    zeros : vector
-        Zeros of the acceleration in [0, T), in order, if it depends on time alone.
-    sides, leaving : vector of int, shape (w,)
-        Of the walls, and of the same on the flights that leave them; see `segments.segment`.
-    below, above : vector of int, shape (w,)
-        The walls that flights from each wall can meet below and above; -1 for none.
-    low, high : vector of shape (w,)
-        Their displacements from it.
-    restitution, slow : vector of shape (w,)
-        Coefficients at low velocity; velocities below which chatter may be near its end.
-    edges : vector
-        Phases at which the acceleration at a wall changes sign, wall after wall.
-    presses : vector of int
-        Whether it presses in the interval after each.
-    first : vector of int, shape (w + 1,)
-        Where the edges of each wall begin, and where the last ones end.
-    longest : vector of int, shape (1,)
-        Periods after which a flight is given up.
-    """
+    """A model at fixed parameter values, as vectors."""
 
     values: Vector
+    """Parameter values, shape (p,)."""
     clock: Vector
+    """The forcing period, shape (1,)."""
     zeros: Vector
+    """Zeros of the acceleration in [0, T), in order, if it depends on time alone."""
     sides: Vector
     leaving: Vector
+    """`sides`, `leaving`: of the walls, and of the same on the flights that leave them; see
+    `segments.segment`, shape (w,)."""
     below: Vector
     above: Vector
+    """`below`, `above`: the walls that flights from each wall can meet below and above; -1 for
+    none, shape (w,)."""
     low: Vector
     high: Vector
+    """`low`, `high`: their displacements from it, shape (w,)."""
     restitution: Vector
     slow: Vector
+    """`restitution`, `slow`: coefficients at low velocity; velocities below which chatter may be
+    near its end, shape (w,)."""
     edges: Vector
+    """Phases at which the acceleration at a wall changes sign, wall after wall."""
     presses: Vector
+    """Whether it presses in the interval after each."""
     first: Vector
+    """Index at which the edges of each wall begin, and at which the last ones end, shape (w +
+    1,)."""
     longest: Vector
+    """Periods after which a flight is given up, shape (1,)."""
 
 
 def wrapped(time: float, period: float) -> tuple[float, int]:
@@ -90,21 +79,14 @@ def wall_on(body: Body, wall: int, side: int) -> int:
 
 
 class Hold(NamedTuple):
-    """The sign of the acceleration of a body at rest on a wall, over a period.
-
-    Attributes
-    ----------
-    edges : sequence of float
-        Phases at which it changes; (0,) if it never does.
-    presses : sequence of bool
-        Whether the body is pressed against the wall in the interval after each.
-    largest : float
-        A bound of its size.
-    """
+    """The sign of the acceleration of a body at rest on a wall, over a period."""
 
     edges: tuple[float, ...]
+    """Phases at which it changes; (0,) if it never does."""
     presses: tuple[bool, ...]
+    """Whether the body is pressed against the wall in the interval after each."""
     largest: float
+    """A bound of its size."""
 
 
 def hold_of(
@@ -120,7 +102,6 @@ def hold_of(
         Its zeros in a period.
     side : int
         Of the wall.
-    period : float
     """
     edges = sorted(zeros) or [0.0]
     middles = [0.5 * (a + b) for a, b in zip(edges, [*edges[1:], edges[0] + period], strict=True)]
@@ -232,8 +213,6 @@ def make_impacts(
     ----------
     fly : callable ``fly(body, wall, phase, velocity) -> (side, dt, velocity)``
         As `fly_in_time`.
-    motion : callable ``motion((wall, phase, velocity), dt, values) -> (x, v, a)``
-    body : Body
     state : vector of int, shape (3,)
         Wall and turns, kept up to date, and the number of the outcome, filled in.
     when : vector of shape (2,)

@@ -51,18 +51,12 @@ DIGITS = 1e-6
 
 
 class Contraction(NamedTuple):
-    """A determinant, or a product of them.
-
-    Attributes
-    ----------
-    sign : float
-        Zero where the determinant is.
-    logarithm : float
-        Of its size; NaN where rounding leaves too little of it.
-    """
+    """A determinant, or a product of them."""
 
     sign: float
+    """Zero where the determinant is."""
     logarithm: float
+    """Logarithm of its size; NaN where rounding leaves too little of it."""
 
 
 class Rounded(NamedTuple):
@@ -192,32 +186,22 @@ rounding: strong damping leaves it to Liouville's formula; see `contraction`."""
 
 @dataclass(frozen=True)
 class Exponents:
-    """Lyapunov exponents of a run.
-
-    Attributes
-    ----------
-    per_impact : tuple of float
-        The largest one first; minus infinity where the body stuck to a wall, which forgets the
-        past: with one degree of freedom all of it, with several a part. NaN, and last, where
-        damping takes several below rounding.
-    error : float
-        Standard error of the largest one, from the scatter of means over batches of impacts.
-    restitution : float
-        Mean of ln r^2 over the impacts, which the sum of all equals where flights do not
-        dissipate.
-    impacts : int
-    periods : float
-        Length of the run, in forcing periods.
-    end : State or None
-        Where the run ended.
-    """
+    """Lyapunov exponents of a run."""
 
     per_impact: tuple[float, ...]
+    """The largest one first; minus infinity where the body stuck to a wall, which forgets the past:
+    with one degree of freedom all of it, with several a part. NaN, and last, where damping takes
+    several below rounding."""
     error: float
+    """Standard error of the largest one, from the scatter of means over batches of impacts."""
     restitution: float
+    """Mean of ln r^2 over the impacts, which the sum of all equals where flights do not
+    dissipate."""
     impacts: int
     periods: float
+    """Length of the run, in forcing periods."""
     end: State | None
+    """State at which the run ended."""
 
     @property
     def per_period(self) -> float:
@@ -232,7 +216,6 @@ def exponents(
 
     Parameters
     ----------
-    simulator : Simulator
     state : State
         On the attractor.
     impacts : int

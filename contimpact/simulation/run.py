@@ -30,35 +30,24 @@ class Outcome(enum.Enum):
 
 @dataclass(frozen=True)
 class State:
-    """The body at a wall just before an impact, or at rest there if the velocity is zero.
-
-    Attributes
-    ----------
-    wall : int
-        Number of the wall, in the model's order.
-    phase : float
-        Time in [0, T).
-    velocity : float
-        Before the impact, towards the wall.
-    turns : int
-        Whole periods passed.
-    others : tuple of float
-        The other section coordinates, in systems of several degrees of freedom: position and
-        velocity of each coordinate but the one that the wall gives.
-    held : int
-        The walls against which the system rests until then, a bit 2^k for wall number k; of
-        several degrees of freedom only.
-    released : bool
-        Whether it is released here and does not hit; likewise.
-    """
+    """The body at a wall just before an impact, or at rest there if the velocity is zero."""
 
     wall: int
+    """Number of the wall, in the model's order."""
     phase: float
+    """Time in [0, T)."""
     velocity: float
+    """Before the impact, towards the wall."""
     turns: int = 0
+    """Whole periods passed."""
     others: tuple[float, ...] = ()
+    """The other section coordinates, in systems of several degrees of freedom: position and
+    velocity of each coordinate but the one that the wall gives."""
     held: int = 0
+    """The walls against which the system rests until then, a bit 2^k for wall number k; of several
+    degrees of freedom only."""
     released: bool = False
+    """Whether it is released here and does not hit; likewise."""
 
     @property
     def section(self) -> tuple[float, ...]:
@@ -73,47 +62,34 @@ class State:
 
 @dataclass(frozen=True, eq=False)
 class Run:
-    """The result of a simulation, a row per impact or release.
-
-    Attributes
-    ----------
-    letters : tuple of str
-        Names of the walls.
-    period : float
-        Forcing period T.
-    walls : ndarray of int, shape (N,)
-        Number of the wall hit.
-    turns : ndarray of int, shape (N,)
-    phases : ndarray of float, shape (N,)
-        Time of each row is turns*T + phase.
-    velocities : ndarray of float, shape (N,)
-        Before impact; zero for a release.
-    released : ndarray of bool, shape (N,)
-        Whether the row is a release: the body, at rest on the wall since shortly after the row
-        before, is left by it.
-    outcome : Outcome
-    end : State or None
-        Where a further run can start; None if there is no such state.
-    left : State or None
-        The impact, or release, that the last flight leaves, where that meets no guard.
-    others : ndarray of float, shape (N, n)
-        The other section coordinates of each row; n is zero for one degree of freedom.
-    held : ndarray of int, shape (N,)
-        The walls held before each row, as `State.held` says; of several degrees of freedom only.
-    """
+    """The result of a simulation, a row per impact or release."""
 
     letters: tuple[str, ...]
+    """Names of the walls."""
     period: float
+    """Forcing period T."""
     walls: Array
+    """Number of the wall hit, shape (N,)."""
     turns: Array
+    """Shape (N,)."""
     phases: Array
+    """Time of each row is turns*T + phase, shape (N,)."""
     velocities: Array
+    """Before impact; zero for a release, shape (N,)."""
     released: Array
+    """Whether the row is a release: the body, at rest on the wall since shortly after the row
+    before, is left by it, shape (N,)."""
     outcome: Outcome
     end: State | None
+    """State from which a further run can start; None if there is none."""
     others: Array = field(default_factory=lambda: np.zeros((0, 0)))
+    """The other section coordinates of each row; n is zero for one degree of freedom, shape (N,
+    n)."""
     held: Array = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
+    """The walls held before each row, as `State.held` says; of several degrees of freedom only,
+    shape (N,)."""
     left: State | None = None
+    """The impact, or release, that the last flight leaves, where that meets no guard."""
 
     def __len__(self) -> int:
         return len(self.walls)

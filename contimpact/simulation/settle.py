@@ -57,24 +57,16 @@ TRIALS = 9
 
 @dataclass(frozen=True)
 class Contracting:
-    """What the linearised map around a cycle tells.
-
-    Attributes
-    ----------
-    multipliers : tuple of complex
-        The largest first; zero where rounding leaves nothing of them.
-    exponents : tuple of float
-        Per impact; NaN where rounding leaves nothing of the multiplier.
-    error : float
-        Of the largest exponent, by rounding; NaN where that is unknown.
-    total : float
-        The sum of all exponents, from determinants; NaN where it is unknown.
-    """
+    """What the linearised map around a cycle tells."""
 
     multipliers: tuple[complex, ...]
+    """The largest first; zero where rounding leaves nothing of them."""
     exponents: tuple[float, ...]
+    """Per impact; NaN where rounding leaves nothing of the multiplier."""
     error: float
+    """Error of the largest exponent by rounding; NaN where it is unknown."""
     total: float
+    """The sum of all exponents, from determinants; NaN where it is unknown."""
 
 
 def contracting(simulator: Simulator, cycle: Cycle) -> Contracting:
@@ -277,7 +269,8 @@ def _smallest_gap(simulator: Simulator, word: str, cycle: Cycle) -> float:
 KEPT = 1000
 """Impacts kept of a motion that is not periodic."""
 TIMES = (0.0, 0.5, 0.25, 0.75)
-"""When a motion without impacts is started anew, in periods: the first one within the guards."""
+"""Times, in periods, at which a motion without impacts is started again: the first one within the
+guards is taken."""
 FIRST = 64
 """Impacts after which a motion is examined for the first time."""
 _ENDS = {

@@ -349,7 +349,6 @@ def free_motion(
 
     Parameters
     ----------
-    simulator : Simulator
     mode : str
         In which the motion goes on.
     left : State, optional

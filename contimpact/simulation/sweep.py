@@ -57,20 +57,13 @@ class Row:
 
 @dataclass(frozen=True, eq=False)
 class Sweep(Shown):
-    """Attractors along a parameter.
-
-    Attributes
-    ----------
-    model : Model
-        Gives the values of all other parameters.
-    parameter : str
-    rows : list of Row
-        Of all directions, each in the order it was computed.
-    """
+    """Attractors along a parameter."""
 
     model: Model
+    """Gives the values of all other parameters."""
     parameter: str
     rows: list[Row]
+    """Rows of all directions, each in the order it was computed."""
 
     def of(self, direction: str) -> list[Row]:
         """Return the rows of one direction."""
@@ -251,10 +244,6 @@ def find_attractors(
 
     Parameters
     ----------
-    simulator : Simulator
-    starts : int
-    rng : None, int or numpy.random.Generator, default 0
-    settling : Settling
     known : sequence of Attractor
         Attractors that are not returned again.
 

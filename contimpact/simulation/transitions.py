@@ -169,40 +169,27 @@ class Explanation:
 
 @dataclass(frozen=True)
 class Transition:
-    """A change of the observed attractor.
-
-    Attributes
-    ----------
-    direction : str
-        Of the sweep.
-    kind : str or None
-        PD, G, PD_G, TG, FB; None if none of these describes it.
-    label : str
-        As in Table 1, ``G[1:1->2:1]``, or the two notations.
-    order : int or None
-        Impacts per forcing period gained, where both sides are periodic and it is a whole number;
-        above 1 the grazing is one of higher order.
-    before, after : Side
-        The attractors on both sides of the bracket, in the order of the sweep.
-    width : float
-        Of the bracket.
-    explanations : sequence of Explanation
-    evidence : str
-        What the attractors beside the change show.
-    wide : str or None
-        Why the bracket is wider than requested, and what may help; None if it is not.
-    """
+    """A change of the observed attractor."""
 
     direction: str
+    """Direction of the sweep."""
     kind: str | None
+    """PD, G, PD_G, TG, FB; None if none of these describes it."""
     label: str
+    """Label as in Table 1, ``G[1:1->2:1]``, or the two notations."""
     order: int | None
+    """Impacts per forcing period gained, where both sides are periodic and it is a whole number;
+    above 1 the grazing is one of higher order."""
     before: Side
     after: Side
+    """`before`, `after`: the attractors on both sides of the bracket, in the order of the sweep."""
     width: float
+    """Width of the bracket."""
     explanations: Sequence[Explanation] = ()
     evidence: str = ""
+    """What the attractors beside the change show."""
     wide: str | None = None
+    """Why the bracket is wider than requested, and what may help; None if it is not."""
 
     @property
     def value(self) -> float:
@@ -239,7 +226,6 @@ def name(before: Row, after: Row, earlier: Row | None = None) -> Transition:
 
     Parameters
     ----------
-    before, after : Row
     earlier : Row, optional
         The attractor before, further away from the change: shows which quantity goes to its
         critical value there.

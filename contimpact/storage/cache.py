@@ -100,10 +100,7 @@ def _tidy(folder: Path) -> None:
 def keep(path: Path, content: bytes) -> None:
     """Put a file into the cache, for this user alone.
 
-    Raises
-    ------
-    OSError
-        If it cannot be written.
+    Raises OSError if it cannot be written.
     """
     put(path, content, 0o600)
 
@@ -111,10 +108,7 @@ def keep(path: Path, content: bytes) -> None:
 def kept(path: Path) -> bytes:
     """Return the content of a file in the cache.
 
-    Raises
-    ------
-    OSError
-        If it cannot be read, or somebody else could have written it.
+    Raises OSError if it cannot be read, or somebody else could have written it.
     """
     content, status = read_plain(path)
     if fault := distrusted(status):

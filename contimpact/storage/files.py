@@ -27,7 +27,8 @@ from ..errors import InputError, NotWrittenError
 # Which process wrote something, and whether it is still running.
 
 ENDED = "ended"
-"""In place of the start of a process that has ended and waits for its parent to take notice."""
+"""Mark in place of the start of a process that has ended and waits for its parent to take
+notice."""
 
 
 @dataclass(frozen=True)
@@ -125,20 +126,15 @@ DAY = 86400.0
 def put(path: Path, content: bytes, mode: int = 0o600, *, durable: bool = False) -> None:
     """Put a whole file in place at once: another process may be writing or reading it.
 
+    Raises OSError if it cannot be written.
+
     Parameters
     ----------
-    path : Path
-    content : bytes
     mode : int
         Its permissions, before the umask.
     durable : bool
         Whether it is to be on the disk before it takes its name, so that it survives a machine
         that stops.
-
-    Raises
-    ------
-    OSError
-        If it cannot be written.
     """
     temporary = temporary_beside(path)
     try:
@@ -167,10 +163,7 @@ def temporary_beside(path: Path) -> Path:
 def write(path: Path, content: str | bytes) -> None:
     """Write a file whole or not at all.
 
-    Raises
-    ------
-    InputError
-        If it cannot be written.
+    Raises InputError if it cannot be written.
     """
     try:
         _write(path, content)
@@ -183,10 +176,7 @@ def write(path: Path, content: str | bytes) -> None:
 def append(path: Path, content: bytes) -> None:
     """Add to a file that is there.
 
-    Raises
-    ------
-    OSError
-        If it cannot be written, or is a link.
+    Raises OSError if it cannot be written, or is a link.
     """
     with open(os.open(path, os.O_WRONLY | os.O_APPEND | _SAFE), "wb", buffering=0) as file:
         if file.write(content) != len(content):
@@ -196,10 +186,7 @@ def append(path: Path, content: bytes) -> None:
 def write_text(path: Path, text: str) -> None:
     """Write a file whole or not at all, in a folder that is made if need be.
 
-    Raises
-    ------
-    InputError
-        If it cannot be written.
+    Raises InputError if it cannot be written.
     """
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
@@ -215,7 +202,6 @@ def write_all(folder: Path, contents: Mapping[str, Content]) -> list[str]:
 
     Parameters
     ----------
-    folder : Path
     contents : mapping
         What makes each file's content, by the file's name relative to the folder. Folders in it
         are made; one that is a link is refused.
@@ -254,10 +240,7 @@ def _write(path: Path, content: str | bytes) -> None:
 def make_inside(folder: Path, inner: Path) -> None:
     """Make a folder inside another one.
 
-    Raises
-    ------
-    OSError
-        If it cannot be made, or is a link: what is written there would land elsewhere.
+    Raises OSError if it cannot be made, or is a link: what is written there would land elsewhere.
     """
     for part in inner.parts:
         folder = folder / part
@@ -272,16 +255,12 @@ def make_inside(folder: Path, inner: Path) -> None:
 def read_plain(path: Path, most: int = -1) -> tuple[bytes, os.stat_result]:
     """Return the content and the status of a plain file: no folder, pipe or device.
 
+    Raises OSError if it cannot be read.
+
     Parameters
     ----------
-    path : Path
     most : int
         Bytes to read at most; all if negative.
-
-    Raises
-    ------
-    OSError
-        If it cannot be read.
     """
     with open_plain(path) as file:
         return file.read(most), os.fstat(file.fileno())
@@ -314,10 +293,7 @@ def open_plain(path: Path) -> Iterator[BinaryIO]:
 def read_bounded(path: Path, most: int = LARGEST_RECORD) -> bytes:
     """Return the content of a plain file of at most `most` bytes.
 
-    Raises
-    ------
-    OSError, ValueError
-        If it is no such file or cannot be read; if it is too long.
+    Raises OSError, ValueError if it is no such file or cannot be read; if it is too long.
     """
     return bounded(read_plain(path, most + 1)[0], most)
 
@@ -391,10 +367,7 @@ LONGEST = 4096
 def locked(folder: Path, name: str = LOCK) -> Iterator[None]:
     """Keep other processes from writing to a folder, or to what a lock of another name is for.
 
-    Raises
-    ------
-    InputError
-        If another one does, or the folder cannot be written.
+    Raises InputError if another one does, or the folder cannot be written.
     """
     path = folder / name
     try:

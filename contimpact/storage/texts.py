@@ -27,7 +27,7 @@ _INVISIBLE = re.compile(
 )
 """Characters that change how a text is shown, and halves of characters."""
 _NUMBERS = re.compile(r"(?<=\[)\n *-?\d[^][{}\"tfn]*(?=\])")
-"""What stands in a list of numbers alone that is printed over several lines."""
+"""List of numbers alone that is printed over several lines."""
 _FORMULA = tuple("=+-@\t\r'")
 """How cells begin that a spreadsheet takes for formulas; and ``'``, the mark that they are none."""
 
@@ -82,8 +82,6 @@ def csv_text(columns: Sequence[str], rows: Iterable[Iterable[Any]], *, exact: bo
 
     Parameters
     ----------
-    columns : sequence of str
-    rows : iterable of iterable
     exact : bool
         Whether `original` has to give texts back as they are; control characters stand as escapes
         otherwise.
@@ -143,7 +141,7 @@ T = TypeVar("T")
 NOT_FINITE = ("inf", "-inf", "nan")
 LARGEST = 2**63 - 1
 DAMAGE = (ValueError, LookupError, TypeError, AttributeError, ArithmeticError, RecursionError)
-"""What reading a damaged record may raise."""
+"""Exceptions that reading a damaged record may raise."""
 
 
 def made(kind: type[T], record: Any, needed: Collection[str] | None = None) -> T:
@@ -151,20 +149,16 @@ def made(kind: type[T], record: Any, needed: Collection[str] | None = None) -> T
 
     Keys that it does not have are passed over.
 
+    Raises ValueError if a key is missing or its value does not fit.
+
     Parameters
     ----------
     kind : type
         Its annotations may be texts, numbers, booleans, enumerations (by name), sequences, tuples,
         mappings, other dataclasses, None besides any of these, and Any.
-    record : mapping
     needed : collection of str, optional
         The required keys; others are None if they are missing. By default all keys without a
         default value are required.
-
-    Raises
-    ------
-    ValueError
-        If a key is missing or its value does not fit.
     """
     if not isinstance(record, Mapping):
         raise ValueError(f"found {shown(record)} in place of a record")

@@ -29,34 +29,26 @@ THREADS = (
     "NUMEXPR_NUM_THREADS",
     "NUMBA_NUM_THREADS",
 )
-"""What tells linear algebra how many threads to take; several processes need one each."""
+"""Environment variables that set the number of threads of linear algebra; several processes need
+one each."""
 UNKNOWN = 16
 """Scenes given at once to an executor that does not say how many workers it has."""
 
 
 @dataclass(frozen=True)
 class Workshop:
-    """A way to executors.
-
-    Attributes
-    ----------
-    name : str
-    opening : callable
-        ``opening(workers)`` returns a context manager that gives an executor, with so many workers
-        if it can choose; None for all.
-    workers : callable
-        How many workers an executor has; None where it does not say.
-    reopens : bool
-        Whether a broken executor can be replaced by a new one.
-    own : bool
-        Whether the workers are processes started by this one.
-    """
+    """A way to executors."""
 
     name: str
     opening: Opening
+    """``opening(workers)`` returns a context manager that gives an executor, with so many workers
+    if it can choose; None for all."""
     workers: Callable[[Executor], int | None]
+    """How many workers an executor has; None where it does not say."""
     reopens: bool = True
+    """Whether a broken executor can be replaced by a new one."""
     own: bool = False
+    """Whether the workers are processes started by this one."""
 
 
 def processes(workers: int | None = None) -> Workshop:
@@ -140,10 +132,7 @@ def given(executor: Executor) -> Workshop:
 def dask(address: str) -> Workshop:
     """Return the workers of a Dask scheduler.
 
-    Raises
-    ------
-    InputError
-        If Dask is not installed.
+    Raises InputError if Dask is not installed.
     """
     _module("distributed", "dask", "--scheduler")
     return Workshop("dask", functools.partial(_client, address), _dask_workers)
@@ -174,10 +163,7 @@ def _dask_workers(executor: Any) -> int | None:
 def mpi() -> Workshop:
     """Return the processes of an MPI run.
 
-    Raises
-    ------
-    InputError
-        If mpi4py is not installed.
+    Raises InputError if mpi4py is not installed.
     """
     futures = _module("mpi4py.futures", "mpi", "--mpi")
 

@@ -39,9 +39,10 @@ def export(
 ) -> dict[str, int]:
     """Write the tables of a store as files ``<study>-<table>.<kind>``.
 
+    Raises InputError if something that is asked for is not there, or a file cannot be written.
+
     Parameters
     ----------
-    store, folder : str or Path
     kind : str
         ``csv``, ``csv.gz``, ``json`` (an array of objects) or ``parquet`` (which needs pyarrow).
     names : sequence of str, optional
@@ -57,11 +58,6 @@ def export(
     -------
     dict of str to int
         The files, and how many rows each has.
-
-    Raises
-    ------
-    InputError
-        If something that is asked for is not there, or a file cannot be written.
     """
     write = _writer(kind)
     written: dict[str, int] = {}

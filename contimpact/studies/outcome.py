@@ -20,24 +20,15 @@ Rows = dict[str, list[dict[str, Any]]]
 
 @dataclass(frozen=True)
 class Outcome:
-    """What has become of a scene.
-
-    Attributes
-    ----------
-    status : str
-        ``done``, ``incomplete`` where a failure ended it early, or ``failed``.
-    seconds : float
-    versions : str
-        Of the package and its libraries, as JSON.
-    rows : mapping of str to sequence of mappings
-        By table.
-    points, evaluations : int or None
-    """
+    """What has become of a scene."""
 
     status: str
+    """``done``, ``incomplete`` where a failure ended it early, or ``failed``."""
     seconds: float | None
     versions: str
+    """Versions of the package and its libraries, as JSON."""
     rows: Mapping[str, Sequence[Mapping[str, Any]]] = field(default_factory=dict)
+    """Rows, by table."""
     points: int | None = None
     evaluations: int | None = None
 

@@ -53,30 +53,21 @@ class WorkersLostError(InputError):
 
 @dataclass
 class Tally:
-    """How far a study has come.
-
-    Attributes
-    ----------
-    total : int
-        Scenes of the study.
-    before : int
-        Those that earlier runs have finished.
-    done, failed, limited : int
-        Scenes of this run; those that have failed, or that a limit has cut short, are among those
-        done.
-    seconds : float
-        Since this run has begun.
-    estimate : float or None
-        Seconds this run was said to take.
-    """
+    """How far a study has come."""
 
     total: int
+    """Scenes of the study."""
     before: int
+    """Those that earlier runs have finished."""
     done: int = 0
     failed: int = 0
     limited: int = 0
+    """`done`, `failed`, `limited`: scenes of this run; those that have failed, or that a limit has
+    cut short, are among those done."""
     seconds: float = 0.0
+    """Seconds since this run began."""
     estimate: float | None = None
+    """Seconds this run was said to take."""
 
     @property
     def left(self) -> int:

@@ -250,7 +250,7 @@ TABLES = ("versions", "studies", "runs", "scenes", *OF_SCENES)
 PATIENCE = 60.0
 """Seconds to wait for another process that writes."""
 CLOSED = ("SQLITE_READONLY_DIRECTORY", "SQLITE_READONLY_CANTINIT", "SQLITE_CANTOPEN")
-"""What SQLite says of a store in WAL mode in a folder that cannot be written."""
+"""SQLite's message about a store in WAL mode in a folder that cannot be written."""
 _HEAD = b"SQLite format 3\0"
 
 
@@ -389,10 +389,7 @@ class Store:
 def opened(path: Path, *, readonly: bool = False) -> sqlite3.Connection:
     """Return a connection to a store.
 
-    Raises
-    ------
-    InputError
-        If there is none, or the file is something else.
+    Raises InputError if there is none, or the file is something else.
     """
     _check_file(path, readonly)
     try:

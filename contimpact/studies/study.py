@@ -193,10 +193,7 @@ COUNT = "count:"
 def quantity(name: str) -> Quantity:
     """Return a quantity by its name; ``count:LABEL`` counts events.
 
-    Raises
-    ------
-    InputError
-        If there is none of this name.
+    Raises InputError if there is none of this name.
     """
     if name.startswith(COUNT):
         label = name.removeprefix(COUNT)
@@ -247,6 +244,8 @@ def _number(value: Any) -> float | None:
 def sweeps_of(study: Study) -> list[Sweep]:
     """Return the sweeps of a study's scenes, in their order.
 
+    Raises InputError if the study does not keep attractors.
+
     Parameters
     ----------
     study : Study
@@ -257,11 +256,6 @@ def sweeps_of(study: Study) -> list[Sweep]:
     list of Sweep
         Their attractors say what they are and where, by kind, word, period and notation; the
         impacts are not kept in a store. Scenes without attractors have none.
-
-    Raises
-    ------
-    InputError
-        If the study does not keep attractors.
     """
     file = read_study(study.given)
     if "attractors" not in file.keep:
@@ -578,10 +572,7 @@ class Selection:
 def studies(store: str | Path) -> list[str]:
     """Return the names of the studies in a store.
 
-    Raises
-    ------
-    InputError
-        If there is no such store.
+    Raises InputError if there is no such store.
     """
     with contextlib.closing(_opened(Path(store))) as connection:
         return [name for (name,) in connection.execute("SELECT name FROM studies ORDER BY study")]
@@ -624,31 +615,23 @@ SPARSE = 5
 
 @dataclass(frozen=True, eq=False)
 class Map:
-    """A quantity over two axes.
-
-    Attributes
-    ----------
-    study, quantity, text : str
-        Of what, which, and what is said of it.
-    axes : (str, str)
-    x, y : ndarray of shape (points,)
-    values : ndarray of shape (points,)
-        Numbers, NaN where there is none; or names, None where there is none.
-    named : bool
-        Whether the values are names.
-    curves : mapping of str to ndarray of shape (n, 2)
-        Points of codimension two that studies of the same store have found, by kind.
-    """
+    """A quantity over two axes."""
 
     study: str
     quantity: str
     text: str
+    """`study`, `quantity`, `text`: of what, which, and what is said of it."""
     axes: tuple[str, str]
     x: Array
     y: Array
+    """`x`, `y`: shape (points,)."""
     values: Array
+    """Numbers, NaN where there is none; or names, None where there is none, shape (points,)."""
     named: bool
+    """Whether the values are names."""
     curves: Mapping[str, Array] = field(default_factory=dict)
+    """Points of codimension two that studies of the same store have found, by kind, shape (n,
+    2)."""
 
     def grid(self) -> tuple[Array, Array, Array] | None:
         """Return the values on x and y as a table with a row for each y; None if the points are no
@@ -663,10 +646,7 @@ class Map:
     def zeros(self) -> Array:
         """Return where the values change sign along y, interpolated linearly, shape (n, 2).
 
-        Raises
-        ------
-        InputError
-            If the points are no grid, or the values names.
+        Raises InputError if the points are no grid, or the values names.
         """
         grid = None if self.named else self.grid()
         if grid is None:
@@ -702,9 +682,10 @@ def map_of(
 ) -> Map:
     """Return a quantity of a study over two axes.
 
+    Raises InputError if there is no such quantity or axis, or another axis is left open.
+
     Parameters
     ----------
-    study : Study
     name : str
         A quantity: ``ends``, ``mechanism``, ``distance``, ``bistability``, ``energy``, ``margin``
         or ``count:LABEL``; see `contimpact.studies.study`.
@@ -714,11 +695,6 @@ def map_of(
         The notation of the orbit it is asked of.
     at : mapping of str to float, optional
         Values of the study's other axes, if it has any.
-
-    Raises
-    ------
-    InputError
-        If there is no such quantity or axis, or another axis is left open.
     """
     which, chosen = quantity(name), _axes(study, axes)
     places = _scenes_at(study, chosen, at or {})

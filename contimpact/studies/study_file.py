@@ -47,18 +47,10 @@ class Axis:
 
 @dataclass(frozen=True)
 class Sample:
-    """Points drawn at random, or from a Sobol' sequence, within ranges of parameters.
-
-    Attributes
-    ----------
-    method : str
-        ``random`` or ``sobol`` (scrambled).
-    count : int
-    seed : int
-    ranges : mapping of str to (low, high)
-    """
+    """Points drawn at random, or from a Sobol' sequence, within ranges of parameters."""
 
     method: str
+    """``random`` or ``sobol`` (scrambled)."""
     count: int
     seed: int
     ranges: Mapping[str, tuple[float, float]]
@@ -79,23 +71,15 @@ class Sample:
 
 @dataclass(frozen=True)
 class Design:
-    """The points of a study.
-
-    Attributes
-    ----------
-    axes : sequence of Axis
-        Of the grid; the last one varies fastest.
-    sample : Sample or None
-    constraints : sequence of str
-        Such as ``r_T <= r_B``, in the names of `fixed` and of the study's own parameters.
-    fixed : mapping of str to float
-        Parameters that are the same in all scenes.
-    """
+    """The points of a study."""
 
     axes: tuple[Axis, ...]
+    """Axes of the grid; the last one varies fastest."""
     sample: Sample | None
     constraints: tuple[str, ...] = ()
+    """Such as ``r_T <= r_B``, in the names of `fixed` and of the study's own parameters."""
     fixed: Mapping[str, float] | None = None
+    """Parameters that are the same in all scenes."""
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -114,10 +98,7 @@ class Design:
     def points(self) -> tuple[Array, Array]:
         """Return the numbers of the points that the constraints admit, and their values.
 
-        Raises
-        ------
-        InputError
-            If a constraint cannot be read, or none is left.
+        Raises InputError if a constraint cannot be read, or none is left.
         """
         shape = [len(axis.values) for axis in self.axes]
         drawn = self.sample.points() if self.sample else np.zeros((1, 0))
@@ -219,7 +200,7 @@ def _sample(table: Table) -> Sample:
 
 
 KEPT = ("catalogue", "readings", "attractors", "energies", "curves", "tables")
-"""What a study may keep of its scenes besides their events."""
+"""Parts of its scenes that a study may keep besides their events."""
 ASKED_FOR = {"attractors": "simulate", "energies": "energy", "curves": "curves"}
 """The table of the scene without which there would be nothing to keep."""
 LONGEST_BUDGET = 1e7
@@ -227,27 +208,18 @@ LONGEST_BUDGET = 1e7
 
 @dataclass(frozen=True)
 class StudyFile:
-    """A validated study.
-
-    Attributes
-    ----------
-    name, source : str
-    given : mapping
-        The file as it was written.
-    design : Design
-        The points of its scenes.
-    keep : sequence of str
-        Of `KEPT`.
-    budget : float or None
-        Seconds that one scene may take.
-    """
+    """A validated study."""
 
     name: str
     source: str
     given: Mapping[str, Any]
+    """The file as it was written."""
     design: Design
+    """The points of its scenes."""
     keep: tuple[str, ...]
+    """Those of `KEPT` that are kept."""
     budget: float | None
+    """Seconds that one scene may take."""
 
     @functools.cached_property
     def points(self) -> tuple[Array, Array]:

@@ -110,29 +110,19 @@ def _watched(seconds: float | None) -> Iterator[None]:
 
 @dataclass(frozen=True)
 class Task:
-    """A scene to compute.
-
-    Attributes
-    ----------
-    scene : mapping
-        As a scene file has it.
-    keep : sequence of str
-    derived : str or None
-        The derived parameter whose values are kept.
-    budget : float or None
-        Seconds.
-    fatal : bool
-        Whether the process may be ended if the scene hangs outside Python.
-    expected : int
-        Flights that the study will evaluate, by which it is decided whether compiling pays.
-    """
+    """A scene to compute."""
 
     scene: Mapping[str, Any]
+    """Scene as a scene file has it."""
     keep: tuple[str, ...]
     derived: str | None
+    """The derived parameter whose values are kept."""
     budget: float | None = None
+    """Seconds."""
     fatal: bool = False
+    """Whether the process may be ended if the scene hangs outside Python."""
     expected: int = 0
+    """Flights that the study will evaluate, by which it is decided whether compiling pays."""
 
 
 def compute(task: Task) -> Outcome:
