@@ -290,8 +290,9 @@ class _Explorer:
         self.keep(run, name, None, 0, began)
 
     def survey(self) -> None:
-        """Look for more orbits of every word met so far, at values across the range."""
-        words = dict.fromkeys([*(run.problem.word for run in self.runs), *self.lacking])
+        """Look across the range for more orbits of every word met so far, or named alone."""
+        met = dict.fromkeys([*(run.problem.word for run in self.runs), *self.lacking])
+        words = self.scene.orbits if self.scene.survey == "orbits" else met
         self.surveyed = "cut short"
         for value in surveyed(self.scene):
             for word in words:
@@ -302,7 +303,7 @@ class _Explorer:
                 for orbit in self.search(word, value):
                     self.follow_orbit(orbit)
         if self.in_budget():
-            self.surveyed = "done"
+            self.surveyed = "done" if self.scene.survey is True else "orbits"
 
     # Branches born at events.
 
@@ -498,7 +499,7 @@ class _Explorer:
             "notes": [
                 *self.notes,
                 *limits,
-                *(each.told(self.scene.survey) for each in lacking),
+                *(each.told(bool(self.scene.survey)) for each in lacking),
             ],
             "failure": self.failure,
         }

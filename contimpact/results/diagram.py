@@ -82,7 +82,7 @@ class Diagram(Shown):
         One-parameter runs against which the order of the curves was checked.
     statistics : mapping
         Seconds per stage, counts, kernels loaded and generated.
-    survey : {"none", "cut short", "done", "unknown"}
+    survey : {"none", "cut short", "orbits", "done", "unknown"}
         Whether orbits were looked for across the range, as a scene's ``follow.survey`` asks.
     limits : sequence of Limit
         Limits of the scene that were reached, and what was left out for them.

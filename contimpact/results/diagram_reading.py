@@ -83,6 +83,8 @@ SURVEYS = {
     "done": "",
     "none": "not surveyed: orbits on no followed branch may exist; follow.survey = true in a scene "
     "looks for them",
+    "orbits": "surveyed for the words of follow.orbits alone: orbits of others may exist on no "
+    "followed branch",
     "cut short": "surveyed in part: orbits on no followed branch may exist; the limit that ended "
     "the survey is reported",
     "unknown": "orbits on no followed branch may exist: it is not recorded whether a survey looked "
@@ -100,7 +102,7 @@ class Reading:
     transitions: Sequence[GrazingTransition]
     survey: str = "none"
     """Whether orbits were looked for across the range; if not, `stable` may be incomplete; one of
-    "none", "cut short", "done", "unknown"."""
+    "none", "cut short", "orbits", "done", "unknown"."""
     unknown: Sequence[Interval] = ()
     """Stretches between two events of which no recorded orbit gives the status, as in files of
     earlier versions."""

@@ -275,8 +275,9 @@ class Scene:
     max_branches: int = 50
     max_points: int = 20000
     """`max_branches`, `max_points`: budget of the whole diagram."""
-    survey: bool = False
-    """Whether to look for more orbits of each word across the range."""
+    survey: bool | str = False
+    """Whether to look for more orbits across the range: of each word met, or, with "orbits", of
+    those named alone."""
     events: tuple[str, ...] = EVENTS
     """Kinds to look for."""
     values: Mapping[str, Sequence[float]] = field(default_factory=dict)

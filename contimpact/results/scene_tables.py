@@ -146,8 +146,16 @@ def read_reach(follow: Table, events: Sequence[str]) -> dict[str, Any]:
         "depth": follow.whole("depth", 1, least=0, most=MOST_TRIES),
         "max_branches": follow.whole("max_branches", 50, most=MOST_BRANCHES),
         "max_points": follow.whole("max_points", 20000, least=2, most=MOST_POINTS),
-        "survey": follow.truth("survey", False),
+        "survey": _survey(follow),
     }
+
+
+def _survey(follow: Table) -> bool | str:
+    """Return which words to look for across the range: all met, those named, or none."""
+    value = follow.take("survey", False, accepted := 'true, false or "orbits"')
+    if not isinstance(value, bool) and value != "orbits":
+        raise follow.refuse("survey", value, accepted)
+    return value
 
 
 def read_detect(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import math
 
 import numpy as np
 import pytest
@@ -112,6 +113,7 @@ def test_a_survey_is_told_from_none_and_from_one_cut_short(tmp_path):
     for keys, survey, text in (
         ({}, "none", "not surveyed: orbits on no followed branch may exist"),
         ({"survey": True}, "done", ""),
+        ({"survey": "orbits"}, "orbits", "surveyed for the words of follow.orbits alone"),
         ({"survey": True, "max_branches": 1}, "cut short", "surveyed in part"),
     ):
         found = follow(small(**keys))
@@ -191,6 +193,20 @@ def test_interrupted_before_words_were_looked_for_elsewhere():
     assert diagram.statistics["failure"] == "interrupted"
     assert [each["tried"] for each in diagram.statistics["not_found"]] == [0, 0]
     assert not any("nor at" in note for note in diagram.statistics["notes"])
+
+
+def test_a_survey_for_named_words_finds_the_second_stable_range_of_1_1():
+    """At beta = pi/3, r = 0.7 it is on a branch that does not pass the start; at d = 0.185 the maps
+    (11) and (12) have a stable orbit of 1:1 and one of 2:1."""
+    scene = small(range=[0.2, 0.4], switch=["G"], survey="orbits")
+    scene = dataclasses.replace(scene, model=scene.model.replace(beta=math.pi / 3, r=0.7, s=0.35))
+    found = follow(scene)
+    at = 0.185 / 0.6225
+    stable = {i.notation for i in found.reading.stable if i.low < at < i.high}
+    assert stable == {"1:1", "2:1"}
+    assert not any("/2T" in branch.notation for branch in found.branches)
+    with pytest.raises(InputError, match='true, false or "orbits"'):
+        small(survey="all")
 
 
 @pytest.mark.parametrize("survey", [False, True])
