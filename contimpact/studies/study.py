@@ -6,7 +6,9 @@ Nothing is read before it is asked for, and what is asked for row by row is neve
 from __future__ import annotations
 
 import contextlib
+import itertools
 import json
+import math
 import sqlite3
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -20,6 +22,7 @@ from ..bifurcations.declarations import SWITCHES
 from ..display import Shown, Summary, frame
 from ..errors import InputError, shown
 from ..models import expressions
+from ..models.word import is_rotation
 from ..results.scene import read_scene
 from ..simulation.attractor import Attractor, Kind
 from ..simulation.sweep import Row, Simulators, Sweep
@@ -138,7 +141,8 @@ def distance(study: Study, orbit: str) -> Values:
 
 
 def bistability(study: Study, orbit: str) -> Values:
-    """The widest range of the parameter in which two orbits are stable."""
+    """The widest range of the parameter in which two orbits are stable: a lower bound, since there
+    may be others on no branch that was followed."""
     columns = ("low_derived", "high_derived") if study.derived else ("low", "high")
     low, high = (
         f"min({{0}}.{columns[0]}, {{0}}.{columns[1]})",
@@ -160,16 +164,46 @@ def energy(study: Study, orbit: str) -> Values:
     return dict(study.rows(query, [study.number]))
 
 
-def margin(study: Study, orbit: str) -> Values:
-    """The distance in the followed parameter from the scene's start to the nearest real event."""
-    given = study.given["model"].get("parameters", {})
+def bound(study: Study, orbit: str) -> Values:
+    """How much sooner simulated motion meets the orbit to which a ghost grazing leads than that.
+
+    The ghost is the grazing of the main stable orbit that is nearest to its end along the branch.
+    Of a sweep with falling values it is the first that has the orbit or a multiple of its period.
+    """
+    mains, ghosts = main_orbits(study, orbit), dict[int, list[Any]]()
+    for scene, events in _events(study, orbit):
+        main = mains.get(scene)
+        own = [e for e in events if main is not None and e[0] == main.branch]
+        end = next((e[4] for e in own if main and e[1] == main.end), math.nan)
+        grazings = [e for e in own if e[2] == PAIR[1] and math.isfinite(end)]
+        nearest = min(grazings, key=lambda e: abs(e[4] - end), default=None)
+        if nearest is not None and nearest[5] and nearest[6]:
+            ghosts[scene] = nearest
+    met = _first_met(study, {scene: event[6:] for scene, event in ghosts.items()})
+    return {scene: value - ghosts[scene][3] for scene, value in met.items()}
+
+
+def _first_met(study: Study, orbits: Mapping[int, Sequence[Any]]) -> dict[int, float]:
+    """Where a sweep with falling values first meets the orbit of a word and a period in a scene."""
+    along, met = drawn(study), dict[int, float]()
     query = (
-        "SELECT e.scene, min(abs(e.value - coalesce(x.value, ?))) FROM events e"
-        " LEFT JOIN coordinates x ON x.study = e.study AND x.scene = e.scene AND x.name = ?"
-        " WHERE e.study = ? AND NOT e.ghost AND e.notation = ? GROUP BY e.scene"
+        "SELECT scene, direction, value, word, period FROM attractors WHERE study = ?"
+        " AND direction <> 'random' ORDER BY scene, number"
     )
-    start = _number(given.get(study.parameter))
-    return dict(study.rows(query, [start, study.parameter, study.number, orbit]))
+    rows = study.rows(query, [study.number])
+    for (scene, _), sweep in itertools.groupby(rows, key=lambda row: (row[0], row[1])):
+        own = list(sweep) if scene in orbits else []
+        first = next((k for k, p in enumerate(own) if _repeats(*p[3:], *orbits[scene])), 0)
+        values = [along(scene, own[k][2]) for k in (first - 1, first)] if first else [0.0, 0.0]
+        if values[1] < values[0]:
+            met[scene] = values[1]
+    return met
+
+
+def _repeats(word: str | None, period: int | None, becomes: str, of: int) -> bool:
+    """Whether a word, if there is one, is another one, run once or several times."""
+    times, rest = divmod(period or 0, of)
+    return bool(word) and not rest and is_rotation(word or "", becomes.partition("/")[0] * times)
 
 
 def counted(study: Study, label: str) -> Values:
@@ -183,9 +217,11 @@ QUANTITIES: Mapping[str, Quantity] = {
     "ends": Quantity(ends, "what ends stable {orbit} as {along} falls", True),
     "mechanism": Quantity(mechanism, "mechanism of the transition from {orbit}", True),
     "distance": Quantity(distance, "{along} of PD less {along} of grazing, {orbit}"),
-    "bistability": Quantity(bistability, "width in {along} of bistability"),
+    "bistability": Quantity(bistability, "width in {along} of bistability, at least"),
     "energy": Quantity(energy, "largest mean voltage per time (V)"),
-    "margin": Quantity(margin, "distance in {parameter} to the nearest event of {orbit}"),
+    "bound": Quantity(
+        bound, "{along} of the transition less {along} of the ghost grazing, {orbit}"
+    ),
 }
 COUNT = "count:"
 
@@ -214,12 +250,11 @@ def _labels(study: Study, orbit: str) -> dict[tuple[int, Any], str]:
 
 
 def _events(study: Study, orbit: str) -> Iterator[tuple[int, list[Any]]]:
-    """The events of an orbit, scene by scene: branch, name, kind, value, arclength."""
-    import itertools
-
+    """The events of an orbit, scene by scene: branch, name, kind, value, arclength, whether it is a
+    ghost, and the word and the period of the orbit at the other side."""
     rows = study.rows(
-        f"SELECT scene, branch, event, kind, {_value(study)}, arclength FROM events e"
-        " WHERE study = ? AND notation = ? ORDER BY scene",
+        f"SELECT scene, branch, event, kind, {_value(study)}, arclength, ghost, becomes, period"
+        " FROM events e WHERE study = ? AND notation = ? ORDER BY scene",
         [study.number, orbit],
     )
     for scene, own in itertools.groupby(rows, key=lambda row: row[0]):
@@ -230,12 +265,6 @@ def _done(study: Study) -> Iterator[Any]:
     return study.rows(
         "SELECT scene FROM scenes WHERE study = ? AND status = 'done'", [study.number]
     )
-
-
-def _number(value: Any) -> float | None:
-    from ..models.expressions import number
-
-    return number(value, "model.parameters") if isinstance(value, str) else value
 
 
 # The sweeps of simulated motion that a study has made, one for each of its scenes.
@@ -286,6 +315,25 @@ def _attractor(simulators: Simulators, row: Mapping[str, Any]) -> Attractor:
         row["word"],
         row["period"],
     )
+
+
+def drawn(study: Study) -> Callable[[int, float], float]:
+    """Return what gives a followed value in a scene as one of the derived parameter, if there is
+    one."""
+    if not study.derived:
+        return lambda scene, value: value
+    file = read_study(study.given)
+    model, names = file.first.model, file.design.names
+    kernels = Simulators(model, study.parameter).kernels
+    which = model.DERIVED.index(study.derived)
+    places = dict(zip(*file.points, strict=True))
+
+    def along(scene: int, value: float) -> float:
+        own = dict(zip(names, places[scene].tolist(), strict=True))
+        values = {**model.values, **own, study.parameter: value}
+        return float(kernels.setup(*values.values()).derived[which])
+
+    return along
 
 
 ROWS = ("scenes", *(name for name in OF_SCENES if name not in ("coordinates", "catalogues")))
@@ -687,7 +735,7 @@ def map_of(
     Parameters
     ----------
     name : str
-        A quantity: ``ends``, ``mechanism``, ``distance``, ``bistability``, ``energy``, ``margin``
+        A quantity: ``ends``, ``mechanism``, ``distance``, ``bistability``, ``energy``, ``bound``
         or ``count:LABEL``; see `contimpact.studies.study`.
     axes : (str, str), optional
         The first two of the study by default.
