@@ -10,6 +10,8 @@ import re
 import pytest
 from zoo import ROOT
 
+import contimpact as ci
+
 PAGE = (ROOT / "docs" / "results.md").read_text(encoding="utf-8")
 NUMBER = re.compile(r"\d+\.\d+(?:e-\d+)?")
 FIGURES = ("fig3a", "fig3b", "fig3c", "fig3d", "fig5b", "fig5b_r025", "fig7", "fig8")
@@ -118,3 +120,60 @@ def test_voltages_on_both_sides(row):
             sides = (rows[k - 1], rows[k - 2]), (rows[k], rows[k + 1])
             found = [voltages(side, column, middle) for side in sides]
         assert [float(text) for text in told.split(" to ")] == pytest.approx(found, abs=0.51)
+
+
+CLAIMS = tables("Claim by claim")[0]
+EVENT = r"(~?)\b(FB|PD|G)(\[[^\]]+\])?(?: of (\S+))? (s|A|d|omega) = (\d+\.\d{4,})"
+POINT = r"\b(PD-G|FB-G) r = (\d+\.\d{4,})"
+CHANGE = r"\bchange (s|A) = (\d+\.\d{4,})"
+
+
+def is_event(found, names):
+    ghost, kind, label, word, name, text = found
+    return any(
+        says(text, entry["parameters"][name])
+        for scene in names
+        for entry in entries(scene)
+        if (entry["kind"], entry["ghost"]) == (kind, bool(ghost)) and name in entry["parameters"]
+        if word in ("", entry["notation"]) and label in ("", entry["label"].lstrip("~")[1:])
+    )
+
+
+def is_point(found, names):
+    kind, text = found
+    curves = [curve for scene in names for curve in export(scene, "catalogue.json")["curves"]]
+    points = [point for curve in curves for point in curve["codimension2"]]
+    return any(p["kind"] == kind and says(text, p["parameters"]["r"]) for p in points)
+
+
+def is_change(found, names):
+    rows = [r for n in names for r in export(n, "simulation/transitions.json")["transitions"]]
+    return any(says(found[1], row["value"]) for row in rows)
+
+
+@pytest.mark.parametrize("row", CLAIMS, ids=lambda row: row[0])
+def test_claims(row):
+    """Each value of a claim is that of an event, a point or a transition of a scene it names."""
+    assert row[1] in ("reproduced", "differs", "contradicted")
+    names = [n for n in re.findall(r"`(\w+)`", row[3]) if (ROOT / "branches" / n).is_dir()]
+    checks = ((EVENT, is_event), (POINT, is_point), (CHANGE, is_change))
+    found = [(hit, check) for sign, check in checks for hit in re.findall(sign, row[2])]
+    assert [hit for hit, check in found if not check(hit, names)] == []
+    assert len(found) == len(re.findall(r"\d\.\d{4,}", row[2]))
+    assert found or not names or "](#" in row[2]
+
+
+def test_every_figure_has_a_claim():
+    told = " ".join(row[0] for row in CLAIMS)
+    assert {int(n) for n in re.findall(r"Fig\. (\d+)", told)} == {1, 3, *range(5, 13)}
+
+
+def test_phases_of_impacts():
+    """Of 2:1 from the capsule's minimum: past it for large r."""
+    found = re.search(r"the phases are ([-+.\d, ]+): impacts", " ".join(PAGE.split()))[1]
+    phases = []
+    for r in (0.3, 0.4, 0.5, 0.6, 0.7):
+        pair = ci.ImpactPair(beta=math.pi / 6, r=r, A=5.0, s=0.2 / 0.6225)
+        orbit = next(o for o in ci.find_orbits(pair, "2:1", parameter="s") if o.stable)
+        phases.append(math.remainder(math.pi * orbit.times[0], 2 * math.pi))
+    assert all(says(text, phase) for text, phase in zip(found.split(", "), phases, strict=True))
