@@ -1,10 +1,13 @@
-"""Sphinx configuration; the build command stands in README.md.
+"""Sphinx configuration; README.md has the build command.
 
 Pages need no network: MathJax is copied along, and the theme brings its own styles. While the site
 is built, notebooks and examples are run, and the live page of Fig. 7 on the start page is computed.
+Pages are plain Markdown, which can be read without a build: the code of the examples and what they
+print are put below their links here.
 """
 
 import os
+import re
 import shutil
 import tempfile
 from pathlib import Path
@@ -56,11 +59,64 @@ def write_live_page(site):
             raise RuntimeError("the live page of Fig. 7 could not be made")
 
 
+NOTEBOOK = """---
+file_format: mystnb
+kernelspec:
+  name: python3
+---
+
+```{code-cell}
+:tags: [remove-cell]
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+from IPython.display import Image, display
+
+
+def run(name, *files):
+    script = Path(os.environ["CONTIMPACT_EXAMPLES"]) / f"{name}.py"
+    command = [sys.executable, script, *files]
+    print(subprocess.run(command, check=True, stdout=subprocess.PIPE, text=True).stdout)
+    for file in files:
+        if file.endswith(".png"):
+            display(Image(file, width=640))
+```
+
+"""
+"""The head of the page of examples: a notebook that runs scripts and shows their pictures."""
+EXAMPLE = re.compile(
+    r"^\[(\w+)\.py\]\(\.\./examples/\1\.py\): `python examples/\1\.py ?(.*)`$", re.MULTILINE
+)
+"""The link to an example, with the command that runs it."""
+
+
+def run_examples(text):
+    """The page of examples with their code, and cells that run them."""
+
+    def shown(found):
+        name, arguments = found.groups()
+        given = ", ".join(f'"{text}"' for text in (name, *arguments.split()))
+        code = f"```{{literalinclude}} ../examples/{name}.py\n:language: python\n```"
+        return (
+            f"{found[0]}\n\n{code}\n\n```{{code-cell}}\n:tags: [remove-input]\n\nrun({given})\n```"
+        )
+
+    return NOTEBOOK + EXAMPLE.sub(shown, text)
+
+
 def setup(app):
-    """Write the live page once a site of HTML is built."""
+    """Run the examples; write the live page once a site of HTML is built."""
+
+    def read(app, name, source):
+        if name == "examples":
+            source[0] = run_examples(source[0])
 
     def finished(app, exception):
         if exception is None and app.builder.format == "html":
             write_live_page(app.outdir)
 
+    app.connect("source-read", read)
     app.connect("build-finished", finished)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ast
+import importlib.util
 import re
 
 import pytest
@@ -29,8 +30,13 @@ def test_the_ci_runs_them_all():
 
 
 def test_the_site_shows_and_runs_them_all():
-    text = (ROOT / "docs/examples.md").read_text("utf-8")
+    """The page links each example, and the site puts its code and a cell that runs it below."""
+    spec = importlib.util.spec_from_file_location("conf", ROOT / "docs" / "conf.py")
+    conf = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(conf)
+    text = conf.run_examples((ROOT / "docs/examples.md").read_text("utf-8"))
     names = sorted(path.stem for path in EXAMPLES)
+    assert sorted(re.findall(r"^\[(\w+)\.py\]", text, re.M)) == names
     assert (
         sorted(re.findall(r"^```\{literalinclude\} \.\./examples/(\w+)\.py", text, re.M)) == names
     )
