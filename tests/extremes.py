@@ -1,6 +1,6 @@
 """Extreme cases, each with its measured outcome: what `test_extremes.py` checks and the docs show.
 
-``python tests/extremes.py docs/extremes.md`` computes the table of the documentation anew.
+``python tests/extremes.py docs/figures/extremes.md`` computes the table of the documentation anew.
 """
 
 from __future__ import annotations
@@ -571,7 +571,7 @@ def table():
     return "\n".join(lines)
 
 
-MARK = "<!-- table: python tests/extremes.py docs/extremes.md -->"
+MARK = "<!-- table: python tests/extremes.py docs/figures/extremes.md -->"
 
 if __name__ == "__main__":
     page = Path(sys.argv[1])

@@ -6,7 +6,7 @@ import pytest
 from extremes import CASES, MARK, measure
 from zoo import ROOT
 
-DOCS = ROOT / "docs" / "extremes.md"
+DOCS = ROOT / "docs" / "figures" / "extremes.md"
 
 
 BEYOND = ("oscillator, overdamped, c = 1e8: the fold",)
