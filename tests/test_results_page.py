@@ -8,6 +8,7 @@ import math
 import re
 
 import pytest
+from differences import text_of
 from zoo import ROOT
 
 import contimpact as ci
@@ -19,7 +20,7 @@ FIGURES = ("fig3a", "fig3b", "fig3c", "fig3d", "fig5b", "fig5b_r025", "fig7", "f
 
 def export(name, file):
     path = ROOT / "branches" / name / file
-    return json.loads(path.read_text(encoding="utf-8"))
+    return json.loads(text_of(path))
 
 
 def entries(name):
@@ -31,9 +32,8 @@ def value(entry):
 
 
 def simulated(name, file):
-    with open(ROOT / "branches" / name / "simulation" / file, encoding="utf-8") as stream:
-        next(stream)  # the schema
-        return list(csv.DictReader(stream))
+    lines = text_of(ROOT / "branches" / name / "simulation" / file).splitlines()
+    return list(csv.DictReader(line for line in lines if not line.startswith("#")))
 
 
 def tables(heading):

@@ -16,9 +16,16 @@ from pathlib import Path
 from PIL import Image
 
 ROOT = Path(__file__).parent.parent
-TABLES = ("branches/*.csv", "curves/*.csv", "events.csv", "simulation/*.csv")
-LARGE = 300_000
-"""Bytes of a catalogue from which on it is compressed."""
+TABLES = (
+    "*.csv",
+    "branches/*.csv",
+    "curves/*.csv",
+    "simulation/*.csv",
+    "maps/*.csv",
+    "tables/*.csv",
+)
+LARGE = {"catalogue.json": 300_000, "simulation/*.json": 10_000}
+"""Bytes of JSON files from which on they are compressed."""
 MOST = 12_000_000
 """Bytes that all of ``branches/`` may have."""
 PAGES = "".join(
@@ -46,9 +53,10 @@ def pack(folder: Path) -> None:
     for pattern in TABLES:
         for path in folder.glob(pattern):
             compress(path)
-    for path in folder.glob("catalogue.json"):
-        if path.stat().st_size > LARGE:
-            compress(path)
+    for pattern, large in LARGE.items():
+        for path in folder.glob(pattern):
+            if path.stat().st_size > large:
+                compress(path)
     for path in folder.rglob("*.svg"):
         path.unlink()
     for path in folder.rglob("*.png"):

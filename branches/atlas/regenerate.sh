@@ -17,14 +17,13 @@ $contimpact atlas "$store" -o maps --study A5-transitions --quantity bound
 $contimpact atlas "$store" -o maps --study A5-survey --study s05-survey --quantity bistability
 $contimpact atlas "$store" -o maps --study A5 --study s05 --quantity ends --quantity distance \
     --quantity mechanism
-for map in maps/*.csv; do
-    case $map in *-distance.csv) ;; *) gzip -9nf "$map" ;; esac
-done
-$contimpact export "$store" -o tables --format csv.gz --digits 12 \
+$contimpact export "$store" -o tables --digits 12 --table scenes --table events \
+    --table branches --table transitions --table curves --table codimension_two \
     --study A5 --study s05 --study A5-curves --study s05-curves --columns \
     scene,beta,r,status,event,branch,label,ghost,notation,word,becomes,value,stable,physical,criticality,origin,low,high,low_end,high_end,source,target,mechanism,grazing,doubling,fold,curve,kind,first,second,first_value,second_value,missed
-$contimpact export "$store" -o tables --format csv.gz --digits 12 --table intervals \
+$contimpact export "$store" -o tables --digits 12 --table intervals \
     --study A5-survey --study s05-survey --columns \
     scene,beta,r,branch,notation,low_derived,high_derived,low_end,high_end
-$contimpact export "$store" -o tables --format csv.gz --digits 9 --table attractors \
+$contimpact export "$store" -o tables --digits 9 --table attractors \
     --study A5-transitions --columns scene,beta,r,value,notation,word,period
+python3 ../../tools/pack.py .

@@ -7,7 +7,7 @@ Fig. 12 one, Fig. 10 a quarter of an hour; its sweeps are kept in fig10.sqlite, 
 this is started.
 """
 
-import gzip
+import lzma
 import math
 import sys
 from pathlib import Path
@@ -127,7 +127,7 @@ def fig10():
             ci.run_study(study, store, processes())
         with ci.Study(STORE, study.name) as asked:
             sweeps = asked.sweeps()
-        save_sweeps(sweeps, SCENES / "fig10" / f"{panel}.csv.gz")
+        save_sweeps(sweeps, SCENES / "fig10" / f"{panel}.csv.xz")
         figure = Figure(figsize=(8.4, 5.8), layout="constrained")
         diagram = ci.follow(with_curves(study))
         ax = figure.add_subplot()
@@ -155,7 +155,7 @@ def save_sweeps(sweeps, path):
 
 def packed(path, rows):
     """Write lines to a compressed file, the same bytes every time."""
-    path.write_bytes(gzip.compress("\n".join([*rows, ""]).encode(), 9, mtime=0))
+    path.write_bytes(lzma.compress("\n".join([*rows, ""]).encode()))
 
 
 def with_curves(study):
@@ -187,7 +187,7 @@ def fig12():
     lengths, forces = np.linspace(0.45, 0.16, 59), np.linspace(5.56, 15.56, 61)
     rows = draw_means(axes[0], ci.ImpactPair(beta=math.pi / 6, r=0.3, A=5.0, s=0.45), "s", lengths)
     rows += draw_means(axes[1], ci.ImpactPair(beta=math.pi / 6, r=0.3, A=5.56, s=0.5), "A", forces)
-    packed(HERE / "fig12.csv.gz", ["swept,r,d,notation,U_T (V),U_I (V)", *rows])
+    packed(HERE / "fig12.csv.xz", ["swept,r,d,notation,U_T (V),U_I (V)", *rows])
     axes[0].set_title("(a) A = 5 N, s decreasing", loc="left", fontsize=10)
     axes[1].set_title("(b) s = 0.5 m, A increasing", loc="left", fontsize=10)
     axes[0].legend(fontsize=8)

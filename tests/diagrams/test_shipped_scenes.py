@@ -361,12 +361,12 @@ def test_exported_simulations_are_of_the_exported_branches(name):
     is large."""
     events = {entry.id: entry for entry in diagram(name).entries}
     folder, options = FOLDER / name / "simulation", scene(name).simulate
-    matches = json.loads((folder / "coverage.json").read_text(encoding="utf-8"))["matches"]
+    matches = json.loads(text_of(folder / "coverage.json"))["matches"]
     assert matches
     assert {match["branch"] for match in matches} <= {b.id for b in diagram(name).branches}
     told = []
     if options.transitions:
-        text = (folder / "transitions.json").read_text(encoding="utf-8")
+        text = text_of(folder / "transitions.json")
         told = [e for t in json.loads(text)["transitions"] for e in t["explanations"]]
         assert told
     for explanation in told:

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import csv
-import gzip
 import itertools
 import math
 
 import numpy as np
 import pytest
+from differences import text_of
 from zoo import ROOT
 
 from contimpact import follow, load_study, read_scene
@@ -30,8 +30,7 @@ CROSSINGS = {
 
 
 def rows(study, table):
-    with gzip.open(ATLAS / "tables" / f"{study}-{table}.csv.gz", "rt", newline="") as file:
-        return list(csv.DictReader(file))
+    return list(csv.DictReader(text_of(ATLAS / "tables" / f"{study}-{table}.csv").splitlines()))
 
 
 @pytest.mark.parametrize("name", NAMES)
@@ -66,8 +65,8 @@ def test_scenes_drawn_at_random_give_their_rows_again(name):
 @pytest.mark.parametrize("name", NAMES)
 def test_the_border_between_doubling_and_grazing_is_that_of_codimension_two(name):
     """Straight lines between scenes and between angles: their error is of second order."""
-    with open(ATLAS / "maps" / f"{name}-distance.csv", newline="") as file:
-        points = [tuple(map(float, row.values())) for row in csv.DictReader(file)]
+    table = csv.DictReader(text_of(ATLAS / "maps" / f"{name}-distance.csv").splitlines())
+    points = [tuple(map(float, row.values())) for row in table]
     border = []
     for beta, column in itertools.groupby(points, key=lambda point: point[0]):
         for (_, one, low), (_, other, high) in itertools.pairwise(list(column)):
