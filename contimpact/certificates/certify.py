@@ -23,7 +23,7 @@ from ..results.diagram import Diagram
 from ..results.options import CertifyOptions
 from ..results.result_folder import CATALOGUE, MANIFEST, WANTED, digests_of, read_json, reading
 from ..segments.balls import INTEGRATED, without_enclosures
-from ..segments.kernels import Kernels, identity_of
+from ..segments.kernels import Kernels
 from ..storage.files import append, write_text
 from ..storage.texts import DAMAGE, Json, json_line, json_text, made
 from .branch import BranchCertificate, certified_branch, verified_branch, without_certificate
@@ -245,7 +245,7 @@ class Problems:
         return self._shared(model_at(branch, 0, self.model), branch.parameter)
 
     def _shared(self, model: Model, parameter: str) -> Kernels:
-        key = (identity_of(model), parameter)
+        key = (model.identity, parameter)
         if key not in self._kernels:
             self._kernels[key] = with_enclosures(Kernels(model, parameter))
         return self._kernels[key]

@@ -22,6 +22,7 @@ from .guards import Guard as Guard
 from .guards import Mode as Mode
 from .guards import Wall as Wall
 from .guards import guard_of, orders_of, slides_at
+from .sources import identity
 
 # Whether the modes and guards of a system's class fit together, checked when it is defined.
 
@@ -643,6 +644,16 @@ class Model(ABC):
             found = f"{self.SYSTEM} has no parameter {name!r}{did_you_mean(name, self._declared)}"
             raise InputError(where, found, f"it has {', '.join(self._declared)}")
         return self._declared[name]
+
+    @property
+    def identity(self) -> str:
+        """What the kernels depend on: formulas, names and options, not values.
+
+        The formulas of a class outside the package are derived for it, once for a model and all
+        that `replace` makes of it; of the package's own classes the files' texts are taken.
+        """
+        names = tuple(self.values), self.WALLS, self.DERIVED
+        return repr((self.SYSTEM, *names, tuple(self.options.items()), identity(self)))
 
     def __getitem__(self, name: str) -> float:
         """Return the value of a parameter, or of a derived parameter."""
