@@ -9,7 +9,7 @@ import math
 import mpmath as mp
 import numpy as np
 import pytest
-from conftest import exact_flight
+from exact_flights import exact_flight
 
 import contimpact as ci
 from contimpact.plots.attractors import plot_exponents
