@@ -1,7 +1,8 @@
 """How large the package is, and how its modules hang together: python tools/measure.py [--items].
 
 Prints lines, statements, modules, packages, functions, import edges and circles of imports (imports
-inside functions and for types counted), the places that ask whether a system has one coordinate or
+inside functions and for types counted, those of the package itself left out: it finds its names
+when they are first used), the places that ask whether a system has one coordinate or
 several, the places that look for names in the code of kernels, and the functions that test; with
 ``--items`` also the items that pytest collects.
 """
@@ -86,7 +87,9 @@ def asks_for_coordinates(node: ast.AST) -> bool:
 def main() -> None:
     """Print the figures."""
     graph = {module: imported(module) & set(FILES) for module in FILES}
-    found = circles(graph)
+    found = circles(
+        {m: others - {PACKAGE.name} for m, others in graph.items() if m != PACKAGE.name}
+    )
     every = list(nodes())
     tests = [ast.parse(path.read_text("utf-8")) for path in sorted(ROOT.glob("tests/**/*.py"))]
     functions = [node for tree in tests for node in ast.walk(tree) if is_test(node)]
