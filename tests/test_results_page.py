@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import functools
 import json
 import math
 import re
@@ -18,9 +19,9 @@ NUMBER = re.compile(r"\d+\.\d+(?:e-\d+)?")
 FIGURES = ("fig3a", "fig3b", "fig3c", "fig3d", "fig5b", "fig5b_r025", "fig7", "fig8")
 
 
+@functools.cache
 def export(name, file):
-    path = ROOT / "branches" / name / file
-    return json.loads(text_of(path))
+    return json.loads(text_of(ROOT / "branches" / name / file))
 
 
 def entries(name):
@@ -33,7 +34,7 @@ def value(entry):
 
 def simulated(name, file):
     lines = text_of(ROOT / "branches" / name / "simulation" / file).splitlines()
-    return list(csv.DictReader(line for line in lines if not line.startswith("#")))
+    return list(csv.DictReader(lines[1:]))  # the first one has the schema
 
 
 def tables(heading):
