@@ -373,8 +373,15 @@ class Linearisation:
 
     @functools.cached_property
     def gaps(self) -> list[FlightGaps]:
-        """The interior touches of every flight."""
-        return self.problem.gaps(self.unknowns)
+        """The interior touches of every flight.
+
+        Where an impact is at rest, its acceleration tells on which side of its guard the flight
+        begins; the sign of a velocity that is rounding does not.
+        """
+        unknowns = self.unknowns.copy()
+        velocities = unknowns[1 : self.problem.n : self.problem.m]
+        velocities[np.abs(velocities) < AT_REST * np.max(np.abs(velocities))] = 0.0
+        return self.problem.gaps(unknowns)
 
     @functools.cached_property
     def verdict(self) -> Verdict:

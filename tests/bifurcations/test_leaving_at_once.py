@@ -5,9 +5,14 @@ from __future__ import annotations
 import mpmath as mp
 import numpy as np
 import pytest
+from scipy.optimize import brentq
+from zoo import unknowns_of
 
 from contimpact import continue_orbit, find_orbits
+from contimpact.models.word import Word
+from contimpact.orbits.problem import Linearisation, OrbitProblem
 from contimpact.results.scene import read_scene
+from contimpact.segments.kernels import Kernels
 
 LAW = "a*cos(w*t) - x - 2*z*v"
 FRICTION = {
@@ -121,3 +126,41 @@ def test_a_jump_that_takes_all_of_the_velocity_ends_what_is_physical():
     turned = (branch["v1"] < branch["H"]) & told
     assert turned.any()
     assert not branch.physical[turned].any()
+
+
+AT_REST = {
+    "name": "at rest",
+    "model": {
+        "system": "hybrid",
+        "period": "4*pi",
+        "parameters": {"c": 0.02},
+        "modes": {mode: {"x": "v", "v": "cos(t) + c"} for mode in ("left", "right")},
+        "guards": {
+            "A": {"mode": "left", "within": "x <= 0", "to": "right"},
+            "B": {"mode": "right", "within": "x >= 0", "to": "left"},
+        },
+    },
+    "follow": {"parameter": "c", "range": [0.01, 0.03], "orbits": ["AB"]},
+}
+
+
+@pytest.mark.parametrize("speed", [-1e-17, 0.0, 1e-17])
+def test_the_sign_of_rounding_does_not_tell_what_a_flight_from_rest_passes(speed):
+    """From rest at t = pi: x = -1 - cos t + c (t - pi)^2 / 2 falls, rises beyond 0, and reaches
+    it falling."""
+    c, start = 0.02, np.pi
+
+    def x(t):
+        return -1.0 - np.cos(t) + c * (t - start) ** 2 / 2
+
+    def v(t):
+        return np.sin(t) + c * (t - start)
+
+    arrival = brentq(x, 3 * np.pi, 4 * np.pi, xtol=1e-15)
+    depth = -x(brentq(v, 1.5 * np.pi, 2.5 * np.pi, xtol=1e-15))
+    model = read_scene(AT_REST).model
+    problem = OrbitProblem(model, Word("AB"), Kernels(model, "c"))
+    orbit = Linearisation(problem, unknowns_of(problem, [start, arrival], [speed, v(arrival)]))
+    (touch,) = [t for t in orbit.gaps[0].touches if t is not None and t.wall == "B"]
+    assert abs(touch.gap + depth) < 1e-12
+    assert not orbit.verdict.physical
