@@ -11,7 +11,7 @@ without Arb:
 
 Shared with the package, so that only other tests can see a mistake in one of these: the matrices of
 a linear flight (`generators`), which free motions there are and in which order (`TABLES`,
-`MOTIONS`), and the series of `many_digits`, which gives Stumpff functions of small arguments.
+`MOTIONS`), and the series of `bounded`, which gives Stumpff functions of small arguments.
 """
 
 from __future__ import annotations
@@ -162,7 +162,7 @@ def _power(x, n):
 
 
 def stumpff(ctx, k, plain):
-    """c_k; `plain` is that of `many_digits`."""
+    """c_k; `plain` is that of `bounded`."""
 
     def function(q):
         q = ctx.mpf(q)

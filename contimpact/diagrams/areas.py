@@ -2,7 +2,7 @@
 
 The curves that are no ghosts cut the rectangle into cells (`arrangement`). Everywhere in a cell the
 same orbits are stable, and meet the same curve first: one run along a vertical line through a slab
-says what, further ones check it. Cells that say the same are one area (`outlines`).
+says what, further ones check it. Cells that say the same are one area.
 """
 
 from __future__ import annotations

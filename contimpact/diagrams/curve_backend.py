@@ -386,7 +386,7 @@ class CurveBackend:
     ----------
     problem : CurveProblem
     variant : str
-        Its equations; see `curve_program`.
+        Its equations.
     """
 
     def __init__(self, problem: CurveProblem, variant: str) -> None:

@@ -482,7 +482,7 @@ vanishes there: it is rounding."""
 class OrbitProblem:
     """The equations of one word in one free parameter, or two.
 
-    See `quiet` for those of `0`, and `free_period` for those of a system without forcing.
+    See `quiet` for those of `0` and for those of a system without forcing.
 
     Parameters
     ----------

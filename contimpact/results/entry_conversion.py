@@ -84,7 +84,7 @@ def entry_of(event: Event, identity: str, branch: str, before: Point, after: Poi
 
 
 def event_of(entry: Entry, model: Model | None = None, kernels: Kernels | None = None) -> Event:
-    """Return the event a catalogue entry records, to switch at it; see `recovery.orbit_of`.
+    """Return the event a catalogue entry records, to switch at it; see `branch.orbit_of`.
 
     Raises InputError if the entry is damaged, or of another model.
     """

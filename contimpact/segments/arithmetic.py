@@ -3,7 +3,7 @@
 A kernel is one straight-line text: sums, products, quotients, powers and functions, all by name;
 where a forcing has many harmonics it holds a loop over these.
 What the names stand for makes the arithmetic: floats, arrays, numbers with bounds of their rounding
-errors (`bounded`), many digits (`many_digits`), truncated Taylor series (`series`). Two constants
+errors (`bounded`), many digits (`bounded`), truncated Taylor series (`derivatives`). Two constants
 are not whole numbers: ``pi``, and ``ratio(p, q)`` for the quotient of two of these. Floats and
 arrays see them as numbers; an exact arithmetic makes them itself.
 """

@@ -14,7 +14,7 @@ On a ball of times all are summed from the coefficients at its midpoint, where t
 Arb's, and from these bounds for what is left out (Lagrange's remainder). Short flights are summed
 from the time zero, where nothing is divided by the time.
 
-Derivatives by parameters and power series are blocks beside G, see `ball_blocks`; g is the norm of
+Derivatives by parameters and power series are blocks beside G; g is the norm of
 all of them together.
 """
 

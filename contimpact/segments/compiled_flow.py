@@ -1,4 +1,4 @@
-"""Linear flights as scalar code: what `float_flow` does on arrays, to the last bit.
+"""Linear flights as scalar code: what `linear_flow` does on arrays, to the last bit.
 
 The functions are in the plain subset of Python that `contimpact.compiling` compiles. Matrices stand
 at places of one vector, row by row.

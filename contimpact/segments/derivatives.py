@@ -27,7 +27,7 @@ from .transients import HIGHEST, MOTIONS, TABLES, TOGETHER
 # exactly but for rounding (Griewank and Walther, Evaluating Derivatives, 2008, ch. 13). The
 # coefficients are numbers of another arithmetic: floats, many digits, or numbers that write down
 # what
-# is done with them (`recording`). The whole number 0 stands for a coefficient that vanishes
+# is done with them (recorded programs). The whole number 0 stands for a coefficient that vanishes
 # whatever
 # the arguments, and costs nothing.
 #

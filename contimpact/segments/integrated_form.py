@@ -1,7 +1,7 @@
 """Integrated segments, long ones computed by multiple shooting.
 
 Rounding errors grow along a flight as all differences do. Where that comes to more than `LONG`, the
-flight is computed by `multiple_shooting`, and its residual is the same up to a regular matrix: rows
+flight is computed by multiple shooting, and its residual is the same up to a regular matrix: rows
 are combined such that none of them is large.
 """
 
@@ -65,7 +65,7 @@ class IntegratedFlight:
     """What a flight is integrated from."""
 
     field: str
-    """Vector field as given by `taylor.text_of`."""
+    """Vector field as given by `integration.text_of`."""
     directions: tuple[str, ...]
     """Directions by which pieces are differentiated: duration, time, state and parameters, in that
     order."""

@@ -348,7 +348,7 @@ def integrator(
     return Integrator(field, directions, degree, bits)
 
 
-# Many flights integrated side by side, as searches ask for them; see `taylor`.
+# Many flights integrated side by side, as searches ask for them.
 
 
 class BatchIntegrator(Integrator):
@@ -442,7 +442,7 @@ class IntegratedTrack:
     Parameters
     ----------
     field : str
-        As of `taylor.text_of`.
+        As of `text_of`.
     numbers : sequence of float
         As of `integration.flown`, without the duration.
     length : float

@@ -2,7 +2,7 @@
 
 A segment is one smooth piece of an orbit, from the impact it leaves to the one it reaches. An orbit
 problem closes segments into an orbit and asks them for everything; it knows nothing of how they are
-computed. `closed_form.ClosedForm` answers with generated kernels.
+computed. `ClosedForm` answers with generated kernels.
 
 The unknowns of an impact are its time and its section coordinates before impact: m of them where
 the segment starts, m where it ends, and m equations. Parameter values are all of the model's, in

@@ -1,7 +1,8 @@
 """The track of a linear flight, and sign changes of polynomials in Bernstein form.
 
 The flight is cut into pieces in which no motion turns by more than about a radian. From one to the
-next leads a matrix, and on each the state is its Taylor polynomial, whose zeros `bernstein` finds.
+next leads a matrix, and on each the state is its Taylor polynomial, whose zeros are
+isolated in Bernstein form.
 """
 
 from __future__ import annotations

@@ -483,9 +483,9 @@ AROUND_ONE = Map(_size, _step, _moved, _cycle)
 
 # Cycles of motions with several coordinates: Newton's iteration on the simulated map.
 #
-# As `cycles_of_one`, with all section coordinates. Motion that rests on a wall for a part of its
-# period keeps its other coordinates, so that it need not repeat itself at once: it has a cycle when
-# its sojourns agree.
+# As those of one coordinate, with all section coordinates. Motion that rests on a wall for a part
+# of its period keeps its other coordinates, so that it need not repeat itself at once: it has a
+# cycle when its sojourns agree.
 
 NOTHING = 1e-14
 """Multipliers below this are zero where a wall is held: what it held is forgotten."""

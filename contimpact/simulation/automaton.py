@@ -3,7 +3,7 @@
 Each flight starts with the state that an impact, or a release, leaves. Of all guards that its mode
 has, the one that is reached first ends it. At rigid walls impacts accumulate by the law of
 `contimpact.simulation.impacts`; then the wall is held, and the motion goes on in the constrained
-mode (`linear_motion`), in which other walls may be hit and held. It ends where a contact ceases to
+mode (`flights`), in which other walls may be hit and held. It ends where a contact ceases to
 push, or where another impact moves the system off the wall.
 
 Nothing here is compiled.
@@ -467,11 +467,11 @@ class Automaton:
     # Runs.
 
     def random(self, generator: np.random.Generator) -> State:
-        """Return an impact at random; see `random_states`."""
+        """Return an impact at random; see `random_impact`."""
         return random_impact(self, generator)
 
     def path(self, states: Sequence[State], times: Array, points: int) -> Any:
-        """Return every gap coordinate and its velocity from row to row; see `paths`."""
+        """Return every gap coordinate and its velocity from row to row; see `path_of`."""
         return path_of(self, states, times, points)
 
     def make(

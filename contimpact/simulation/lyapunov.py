@@ -10,7 +10,7 @@ velocities is weaker. The columns are kept orthogonal after each impact,
 and the exponents per impact are the means of :math:`\ln\rho_1` and :math:`\ln\rho_2`.
 
 With several degrees of freedom there are as many more section coordinates, exponents and factors
-of the diagonal; D is then that of `linearised`, which goes through sojourns on walls, too.
+of the diagonal; D is then that of `automaton`, which goes through sojourns on walls, too.
 """
 
 from __future__ import annotations
@@ -181,7 +181,7 @@ def _of_blocks(simulator: Simulator, before: State, after: State) -> Contraction
 
 CANCELS = 1e-9
 """A factor of the diagonal, or a determinant, below this part of the others, or of its terms, is
-rounding: strong damping leaves it to Liouville's formula; see `contraction`."""
+rounding: strong damping leaves it to Liouville's formula."""
 
 
 @dataclass(frozen=True)

@@ -1,7 +1,7 @@
 """The simulator of a model, impact by impact, and its motion while nothing is hit.
 
 Each flight is the model's closed form, and its first arrival at a wall is found with certainty
-(`arrival.first_arrival`). Time is a phase in [0, T) and a whole number of periods, so that it does
+(`flight.first_arrival`). Time is a phase in [0, T) and a whole number of periods, so that it does
 not lose digits however long a run is. Chatter is completed analytically near its end; then the body
 sticks, until the acceleration at the wall turns away. The loop itself is in
 `contimpact.simulation.impacts`; it runs in plain Python, and compiled where that pays.
@@ -305,7 +305,7 @@ class Simulator:
         return self._derivative(start, end)
 
     def derivative_of_several(self, start: State, end: State) -> Array:
-        """Return the same for any number of them, a matrix; see `linearised`."""
+        """Return the same for any number of them, a matrix; see `automaton`."""
         if isinstance(self.machine, Automaton):
             return derivative_between(self.machine, start, end)
         return np.array(self.derivative(start, end)).reshape(2, 2)

@@ -1,7 +1,7 @@
 """Transitions between attractors along a sweep: their edges, and their names.
 
 A change between two values of a sweep is bisected: each value is started from the attractor before
-the change, as the sweep itself would. What it is called stands in `naming`.
+the change, as the sweep itself would. Its name follows from what is on both sides.
 """
 
 from __future__ import annotations
