@@ -632,13 +632,11 @@ def test_a_run_may_go_on_compiled(pair, simulator_of, plain_and_compiled, monkey
     monkeypatch.setattr(simulate, "CHUNK", 700)
     engine = simulator.machine._engine
     monkeypatch.setattr(
-        engine,
-        "program",
-        lambda asked, found=one_coordinate.found: found if one_coordinate.plain >= 1400 else None,
+        engine, "program", lambda asked, found=engine.found: found if engine.plain >= 1400 else None
     )
-    one_coordinate.plain = 0
+    engine.plain = 0
     same_runs(simulator.run(start, impacts=5000), plain)
-    assert one_coordinate.plain == 1400
+    assert engine.plain == 1400
 
 
 def test_what_cannot_be_compiled_runs_plainly(oscillator, simulator_of, monkeypatch):
