@@ -6,9 +6,11 @@ Nothing of the package is used: a flight is integrated by DOP853, from the state
 
 from __future__ import annotations
 
+import copy
 import math
 import re
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 import sympy
@@ -16,16 +18,19 @@ from scipy.integrate import solve_ivp
 from scipy.optimize import brentq, minimize_scalar
 
 TIGHT = {"method": "DOP853", "rtol": 1e-12, "atol": 1e-13, "dense_output": True}
+FAST = {**TIGHT, "dense_output": False}
 NEAR = 1e-8
 """Gaps and rates nearer to zero than this decide nothing."""
+STEP = 3e-4
+"""Of times and states, in differences of the fourth order."""
 LOOKS = 300
 """At how many instants of a flight a gap is looked at before its minima are closed in."""
 
 
 def random_scene(seed):
-    """Two or three modes, guards on velocities or positions; a table as of TOML."""
+    """Two or three modes, guards on velocities or positions, sticking; a table as of TOML."""
     draw = np.random.default_rng(seed)
-    kind = ("slip", "stick", "position", "wall")[seed % 4]
+    kind = ("slip", "stick", "position", "wall", "three", "stick")[seed % 6]
     between = {
         "a": (0.8, 1.5),
         "w": (0.5, 1.6),
@@ -39,69 +44,44 @@ def random_scene(seed):
         "n": (0.0, 0.4),
     }
     p = {name: round(float(draw.uniform(*limits)), 3) for name, limits in between.items()}
-    cubic = " - n*x**3" if seed % 8 >= 4 else ""
+    cubic = " - n*x**3" if seed % 12 >= 6 else ""
     force = f"a*cos(w*t) - x{cubic} - 2*z*v"
-    word, parameter = "AB", str(draw.choice(["w", "a", "F", "z"]))
+    word, parameter = ["AB"], str(draw.choice(["w", "a", "F", "z"]))
+    modes = {"up": {"x": "v", "v": f"{force} - F"}, "down": {"x": "v", "v": f"{force} + H"}}
+    turns = {
+        "A": {"mode": "up", "within": "v >= V", "to": "down"},
+        "B": {"mode": "down", "within": "v <= V", "to": "up"},
+    }
+    jump = str(draw.choice(["v - H", "v", "v - H*v*v"]))
+    right = {
+        "A": {"mode": "left", "within": "x <= e", "to": "right", "set": {"v": jump}},
+        "B": {"mode": "right", "within": "x >= e", "to": "left"},
+    }
+    beyond = {"x": "v", "v": f"{force} - k*(x - e) - F"}
     if kind == "slip":
-        modes = {"up": {"x": "v", "v": f"{force} - F"}, "down": {"x": "v", "v": f"{force} + H"}}
-        guards = {
-            "A": {"mode": "up", "within": "v >= V", "to": "down"},
-            "B": {"mode": "down", "within": "v <= V", "to": "up"},
-        }
+        guards = turns
     elif kind == "stick":
-        rate = "-a*w*sin(w*t)"
-        law = {"v": "u", "u": f"{rate} - v - 2*z*u"}
-        modes = {"forward": law, "stick": {"f": rate}, "backward": law}
-        # f is what holds the body: at most F, at least -F; the speed vanishes where it sticks
-        guards = {
-            "S": {"mode": "forward", "within": "v >= 0", "to": "stick", "set": {"f": "u + F"}},
-            "P": {
-                "mode": "stick",
-                "within": "f <= F",
-                "to": "forward",
-                "set": {"v": 0, "u": 0},
-            },
-            "A": {
-                "mode": "stick",
-                "within": "f >= -F",
-                "to": "backward",
-                "set": {"v": 0, "u": 0},
-            },
-            "B": {"mode": "backward", "within": "v <= 0", "to": "stick", "set": {"f": "u - F"}},
-            "C": {
-                "mode": "forward",
-                "within": "v >= 0",
-                "to": "backward",
-                "set": {"u": "u + 2*F"},
-                "past": "A",
-            },
-            "D": {
-                "mode": "backward",
-                "within": "v <= 0",
-                "to": "forward",
-                "set": {"u": "u - 2*F"},
-                "past": "P",
-            },
-        }
-        word, parameter = str(draw.choice(["DSA", "DC", "PSAB"])), str(draw.choice(["w", "a", "F"]))
+        modes, guards, word = sticking(draw, p)
+        parameter = str(draw.choice(["w", "a", "F"]))
     elif kind == "position":
+        modes, guards = {"left": {"x": "v", "v": force}, "right": beyond}, right
+    elif kind == "three":
         modes = {
             "left": {"x": "v", "v": force},
-            "right": {"x": "v", "v": f"{force} - k*(x - e) - F"},
+            "right": beyond,
+            "far": {"x": "v", "v": f"{force} - k*(x + H) + F"},
         }
-        jump = str(draw.choice(["v - H", "v", "v - H*v*v"]))
-        guards = {
-            "A": {"mode": "left", "within": "x <= e", "to": "right", "set": {"v": jump}},
-            "B": {"mode": "right", "within": "x >= e", "to": "left"},
+        p["e"] = abs(p["e"])
+        guards = right | {
+            "L": {"mode": "left", "within": "x >= -H", "to": "far"},
+            "R": {"mode": "far", "within": "x <= -H", "to": "left", "set": {"v": "v*r"}},
         }
+        word = [str(draw.choice(["ABLR", "AB", "LR"])), "ABLR"]
     else:
-        modes = {"up": {"x": "v", "v": f"{force} - F"}, "down": {"x": "v", "v": f"{force} + H"}}
-        guards = {
-            "A": {"mode": "up", "within": "v >= V", "to": "down"},
-            "B": {"mode": "down", "within": "v <= V", "to": "up"},
+        guards = turns | {
             "W": {"mode": "up", "within": "x <= e", "to": "down", "set": {"v": "-r*v"}},
         }
-        word = str(draw.choice(["WB", "AB"]))
+        word = [str(draw.choice(["WB", "AB"]))]
     texts = [text for laws in modes.values() for text in laws.values()]
     texts += [guard["within"] for guard in guards.values()]
     texts += [str(text) for guard in guards.values() for text in guard.get("set", {}).values()]
@@ -121,12 +101,55 @@ def random_scene(seed):
         "follow": {
             "parameter": parameter,
             "range": [0.6 * middle, 1.5 * middle],
-            "orbits": [word],
+            "orbits": list(dict.fromkeys(word)),
             "max_branches": 3,
         },
         "detect": {"events": ["FB", "BP", "PD", "NS", "G", "V", "T"]},
         "numerics": {"max_step": 0.02, "max_points": 150, "starts": 64, "rounds": 2},
     }
+
+
+def sticking(draw, p):
+    """A body on a belt of speed V, by the rates of its velocity: it sticks while what holds it, f,
+    is at most E, the friction F in slip or more."""
+    p["F"] = round(p["a"] * float(draw.uniform(0.1, 0.6)), 3)
+    p["E"] = round(p["F"] * float(draw.choice([1.0, draw.uniform(1.0, 1.4)])), 3)
+    p["V"] = float(draw.choice([0.0, p["V"]]))
+    rate = "-a*w*sin(w*t)"
+    law = {"v": "u", "u": f"{rate} - v - 2*z*u"}
+    modes = {"forward": law, "stick": {"f": f"{rate} - V"}, "backward": law}
+    guards = {
+        "S": {"mode": "forward", "within": "v >= V", "to": "stick", "set": {"f": "u + F"}},
+        "P": {
+            "mode": "stick",
+            "within": "f <= E",
+            "to": "forward",
+            "set": {"v": "V", "u": "E - F"},
+        },
+        "A": {
+            "mode": "stick",
+            "within": "f >= -E",
+            "to": "backward",
+            "set": {"v": "V", "u": "F - E"},
+        },
+        "B": {"mode": "backward", "within": "v <= V", "to": "stick", "set": {"f": "u - F"}},
+        "C": {
+            "mode": "forward",
+            "within": "v >= V",
+            "to": "backward",
+            "set": {"u": "u + 2*F"},
+            "past": "A",
+        },
+        "D": {
+            "mode": "backward",
+            "within": "v <= V",
+            "to": "forward",
+            "set": {"u": "u - 2*F"},
+            "past": "P",
+        },
+    }
+    some = ["SABP", *draw.choice(["CD", "SP", "AB", "DSA", "CBP"], 2, replace=False).tolist()]
+    return modes, guards, some
 
 
 @dataclass
@@ -142,28 +165,23 @@ class Surface:
 
 
 class Walker:
-    """A scene's motion at parameter values."""
+    """A scene's motion; `at` gives it parameter values."""
 
-    def __init__(self, table, values):
-        self.values = values
+    def __init__(self, table):
         self.modes = {mode: tuple(laws) for mode, laws in table["modes"].items()}
-        named = {n: sympy.Symbol(n) for laws in self.modes.values() for n in laws}
-        names = {**{n: sympy.Symbol(n) for n in values}, **named, "t": sympy.Symbol("t")}
+        self.parameters = list(table["parameters"])
+        names = {n: sympy.Symbol(n) for n in {*self.parameters, "t"}.union(*self.modes.values())}
 
-        def read(text):
-            return sympy.sympify(str(text), locals=names).subs(
-                {names[n]: v for n, v in values.items()}
-            )
+        def function(text, mode=None):
+            state = ["t", *self.modes[mode]] if mode else []
+            given = [names[n] for n in [*self.parameters, *state]]
+            return sympy.lambdify(given, sympy.sympify(str(text), locals=names), "math")
 
-        def function(text, mode):
-            state = [names[n] for n in self.modes[mode]]
-            return sympy.lambdify([names["t"], *state], read(text), "math")
-
-        self.laws = {
+        self.formulas = {
             mode: [function(text, mode) for text in laws.values()]
             for mode, laws in table["modes"].items()
         }
-        self.guards = {}
+        self.surfaces, self.forcing = {}, function(table["period"])
         for name, guard in table["guards"].items():
             mode = guard["mode"]
             for sign in ("<=", ">="):
@@ -171,9 +189,25 @@ class Walker:
                     left, right = guard["within"].split(sign)
                     text = f"({left}) - ({right})" if sign == "<=" else f"({right}) - ({left})"
             change = {n: function(e, mode) for n, e in guard.get("set", {}).items()}
-            found = Surface(name, mode, guard["to"], guard.get("past", ""), None, change)
-            found.gap = function(text, mode)
-            self.guards[name] = found
+            past = guard.get("past", "")
+            self.surfaces[name] = Surface(
+                name, mode, guard["to"], past, function(text, mode), change
+            )
+
+    def at(self, values):
+        """The motion at parameter values."""
+        found, p = copy.copy(self), [values[name] for name in self.parameters]
+        found.laws = {m: [partial(law, *p) for law in laws] for m, laws in self.formulas.items()}
+        found.guards = {
+            name: replace(
+                one,
+                gap=partial(one.gap, *p),
+                change={n: partial(e, *p) for n, e in one.change.items()},
+            )
+            for name, one in self.surfaces.items()
+        }
+        found.period = self.forcing(*p)
+        return found
 
     def field(self, mode):
         laws = self.laws[mode]
@@ -185,6 +219,15 @@ class Walker:
         before = dict(zip(self.modes[guard.mode], y, strict=True))
         changed = {n: e(t, *y) for n, e in guard.change.items()}
         return [float(changed.get(n, before.get(n, math.nan))) for n in self.modes[guard.to]]
+
+    def flown(self, mode, t, y, end):
+        """The state at a time, earlier or later."""
+        if end == t:
+            return np.array(y)
+        found = solve_ivp(self.field(mode), (t, end), y, **FAST)
+        if not found.success:
+            raise ArithmeticError(found.message)
+        return found.y[:, -1]
 
     def flight(self, left, right, t, y, arrival):
         """A flight after a guard, to where the next one's surface is reached near a time."""
@@ -205,16 +248,31 @@ class Walker:
             width *= 4.0
         return flown.sol, None, None
 
-    def walk(self, word, t, y, arrivals):
-        """From before the first impact of a word until before it returns, at about these times."""
-        flights = []
-        for k, (left, right) in enumerate(zip(word, word[1:] + word[:1], strict=True)):
-            start, begun = t, self.after(left, t, y)
-            sol, t, y = self.flight(left, right, start, begun, arrivals[k])
-            flights.append((left, right, start, begun, sol, t))
-            if t is None:
-                return flights, None, None
-        return flights, t, y
+    def residual(self, word, z, turns):
+        """By how much impacts (t, *y) in a row, states before them, miss their surfaces and each
+        other; times are given, so that it is smooth where a velocity or a flight vanishes."""
+        impacts, parts = self.unpacked(word, z), []
+        following = [*impacts[1:], (impacts[0][0] + turns * self.period, impacts[0][1])]
+        for name, (t, y), (end, arrived) in zip(word, impacts, following, strict=True):
+            begun = self.after(name, t, y)
+            reached = self.flown(self.guards[name].to, t, begun, end)
+            parts += [*(reached - arrived), self.guards[name].gap(t, *y)]
+        return np.array(parts)
+
+    def unpacked(self, word, z):
+        """Impacts of numbers in a row."""
+        impacts, i = [], 0
+        for name in word:
+            n = len(self.modes[self.guards[name].mode])
+            impacts.append((z[i], np.array(z[i + 1 : i + 1 + n])))
+            i += n + 1
+        return impacts
+
+    def slope(self, guard, t, y):
+        """The rate of a gap, which is linear, along the flow of the mode that it ends."""
+        one = self.guards[guard]
+        rates = self.field(one.mode)(t, y)
+        return one.gap(t, *np.add(y, rates)) - one.gap(t, *y)
 
     def rate(self, guard, t, y, mode):
         """The first and second derivative of a gap along the mode's flow."""
@@ -230,6 +288,13 @@ class Walker:
             12 * d * d
         )
         return first, second
+
+    def sliding(self, through):
+        """The guard on the same surface that leads to sliding, of one that leads through it."""
+        mode, slid = self.guards[through].mode, self.guards[self.guards[through].past].mode
+        return next(
+            g.name for g in self.guards.values() if (g.mode, g.to, g.past) == (mode, slid, "")
+        )
 
     def faults(self, flights):
         """What the scene forbids on flights, and what is too near to be decided."""
@@ -248,17 +313,10 @@ class Walker:
                 continue
             past = self.guards[left].past
             if past:  # sliding has to begin beyond its limit
-                slides = next(
-                    g
-                    for g in self.guards.values()
-                    if g.mode == self.guards[left].mode
-                    and not g.past
-                    and g.to == self.guards[past].mode
-                )
-                before = self.before[left, start]
+                slides, before = self.sliding(left), self.before[left, start]
                 judge(
-                    f"{left} where {slides.name} slides",
-                    -self.guards[past].gap(start, *self.after(slides.name, start, before)),
+                    f"{left} where {slides} slides",
+                    -self.guards[past].gap(start, *self.after(slides, start, before)),
                 )
             for guard in self.guards.values():
                 if guard.mode != mode or guard.past:
@@ -310,25 +368,86 @@ class Walker:
             )
         return flights, worst / scale
 
-    def multipliers(self, word, impacts, period, pivots):
-        """By central differences of the map from before the first impact to before its return."""
-        (t, y), surface = impacts[0], pivots
-        arrivals = [s for s, _ in impacts[1:]] + [t + period]
-        free = [i for i in range(len(y)) if i != surface]
+    def multipliers(self, word, impacts, turns):
+        """Those of the map from the first impact to its return, beside zeros, by differences of
+        flights of given times: a change of arrival keeps the state on its surface."""
+        following = [*impacts[1:], (impacts[0][0] + turns * self.period, impacts[0][1])]
+        product = np.eye(1 + len(impacts[0][1]))
+        for k, ((t, y), (end, arrived)) in enumerate(zip(impacts, following, strict=True)):
+            mode, here = self.guards[word[k]].to, np.array([t, *y])
 
-        def image(z):
-            state = np.array(y, dtype=float)
-            state[free] = z[1:]
-            _, end, found = self.walk(word, z[0], list(state), arrivals)
-            return None if end is None else np.array([end - period, *np.asarray(found)[free]])
+            def image(z, k=k, end=end, mode=mode):
+                return self.flown(mode, z[0], self.after(word[k], z[0], z[1:]), end)
 
-        here = np.array([t, *np.asarray(y)[free]])
-        columns = []
-        for i in range(len(here)):
-            d = np.zeros(len(here))
-            d[i] = 1e-5
-            ends = [image(here + s * d) for s in (1, -1, 2, -2)]
-            if any(end is None for end in ends):
+            steps = STEP * np.eye(len(here))
+            columns = [
+                8 * (image(here + d) - image(here - d)) - image(here + 2 * d) + image(here - 2 * d)
+                for d in steps
+            ]
+            moved = np.transpose(columns) / (12 * STEP)
+            gap = partial(self.guards[word[(k + 1) % len(word)]].gap, end)
+            normal = np.array([gap(*(arrived + e)) - gap(*arrived) for e in np.eye(len(arrived))])
+            rates = np.array(self.field(mode)(end, arrived))
+            later = -(normal @ moved) / (normal @ rates)
+            product = np.vstack([later, moved + np.outer(rates, later)]) @ product
+        return np.linalg.eigvals(product)
+
+
+def row_of(impacts):
+    """Impacts as numbers in a row."""
+    return np.array([x for t, y in impacts for x in (t, *y)])
+
+
+class Between:
+    """The orbits of a walked word between two of them, at parts of the way."""
+
+    def __init__(self, walker, values, parameter, word, ends, turns):
+        self.walker, self.values, self.parameter = walker, values, parameter
+        self.word, self.turns = word, turns
+        self.ends = [np.append(row_of(impacts), p) for impacts, p in ends]
+        self.chord = np.subtract(*self.ends[::-1])
+        self.matrix = None
+
+    def at(self, z):
+        """The walker at a row's parameter, and the impacts."""
+        here = self.walker.at({**self.values, self.parameter: z[-1]})
+        return here, here.unpacked(self.word, z)
+
+    def missed(self, z):
+        return self.at(z)[0].residual(self.word, z, self.turns)
+
+    def derivative(self, z):
+        steps = 1e-6 * np.eye(len(z))
+        columns = [(self.missed(z + d) - self.missed(z - d)) / 2e-6 for d in steps]
+        return np.vstack([np.transpose(columns), self.chord])
+
+    def orbit(self, part):
+        """The orbit in the plane across the way, by Newton's iteration; None where it fails."""
+        guess = self.ends[0] + part * self.chord
+        z = guess.copy()
+        for attempt in range(16):
+            if self.matrix is None or attempt == 6:
+                self.matrix = self.derivative(z)
+            off = np.append(self.missed(z), self.chord @ (z - guess))
+            step = np.linalg.solve(self.matrix, off)
+            z -= step
+            if np.max(np.abs(step)) < 1e-11 * (1.0 + np.max(np.abs(z))):
+                return z
+        return None
+
+    def zero(self, function):
+        """Where a function of walker and impacts vanishes on the way: the parameter; None where its
+        sign is the same at both ends, NaN where no orbit is found."""
+
+        def value(part):
+            z = self.orbit(part)
+            if z is None:
+                raise ArithmeticError
+            return function(*self.at(z))
+
+        try:
+            if not value(0.0) * value(1.0) < 0.0:
                 return None
-            columns.append((8 * (ends[0] - ends[1]) - (ends[2] - ends[3])) / 12e-5)
-        return np.linalg.eigvals(np.transpose(columns))
+            return self.orbit(brentq(value, 0.0, 1.0, xtol=1e-13))[-1]
+        except (ArithmeticError, ValueError, TypeError, np.linalg.LinAlgError):
+            return math.nan

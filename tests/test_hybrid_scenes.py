@@ -6,25 +6,31 @@ from collections import Counter
 
 import numpy as np
 import pytest
-from event_driven import Walker, random_scene
+from event_driven import TIGHT, Between, Walker, random_scene, row_of
+from scipy.integrate import solve_ivp
+from scipy.optimize import minimize_scalar
 
 from contimpact.diagrams.explore import follow
 from contimpact.errors import InputError
-from contimpact.models.guards import pivot, state_before
+from contimpact.models.guards import state_before
 from contimpact.results.scene import read_scene
 
 QUICK = (0, 1, 2, 3)
 MANY = range(200)
 EVERY = 20
 CLOSES = 1e-8
-CRITICAL = {"FB": 1.0, "BP": 1.0, "PD": -1.0}
+MULTIPLIERS = {"FB": 1.0, "BP": 1.0, "PD": -1.0, "NS": None}
+FAR = (1e-8, 1e-6)
+"""Of an event from where the walker finds it: of a time or a gap, and of a multiplier."""
+APART = 1e-5
+"""Points of a branch that are nearer to an event, in arclength, are not beside it."""
 
 
 def impacts_of(model, word, orbit, walker):
-    """The impacts of an orbit as times and states before them, and the pivot of the first."""
+    """The impacts of an orbit as times and states before them."""
     machine, size = type(model).machine, model.DEGREES_OF_FREEDOM
     places = orbit.problem.kernels.setup(*orbit.model.values.values()).walls
-    found, first = [], None
+    found = []
     for letter, row in zip(word, orbit.problem.impacts(orbit.unknowns).tolist(), strict=True):
         guard = model.guard(letter)
         x, v = state_before(guard.row(size), places[model.letters.index(letter)], row[1:])
@@ -32,18 +38,68 @@ def impacts_of(model, word, orbit, walker):
         names, speeds = mode.coordinates(machine.sections), mode.velocities(machine.sections)
         state = dict(zip(names, x, strict=False))
         state |= {speeds[n]: s for n, s in zip(names, v, strict=False) if n in speeds}
-        variables = walker.modes[guard.modes[0]]
-        found.append((row[0], [state[n] for n in variables]))
-        if first is None:
-            first = variables.index(names[pivot(guard.row(size))])
-    return found, first
+        found.append((row[0], np.array([state[n] for n in walker.modes[guard.modes[0]]])))
+    return found
+
+
+def deciding(event, word, turns):
+    """What vanishes at an event, as a function of walker and impacts: the defining one."""
+    count = len(word)
+    k = event.impact if event.impact is not None else event.flight
+
+    def ends(walker, impacts):
+        (t, y), again = impacts[k], k + 1 == count
+        end = impacts[(k + 1) % count][0] + again * turns * walker.period
+        return t, walker.after(word[k], t, y), end
+
+    def multiplier(walker, impacts):
+        mine = walker.multipliers(word, impacts, turns)
+        target = MULTIPLIERS[event.kind]
+        if target is not None:
+            return float(np.real(np.prod(mine - target)))
+        return float(np.max(np.abs(mine[np.abs(np.imag(mine)) > 1e-9])) - 1.0)
+
+    def velocity(walker, impacts):
+        return walker.slope(word[k], *impacts[k])
+
+    def duration(walker, impacts):
+        start, _, end = ends(walker, impacts)
+        return end - start
+
+    def touch(walker, impacts):
+        start, begun, end = ends(walker, impacts)
+        gap, mode = walker.guards[event.wall].gap, walker.guards[word[k]].to
+        sol = solve_ivp(walker.field(mode), (start, end), begun, **TIGHT).sol
+        width = 0.05 * (end - start)
+        bounds = max(start, event.touch_time - width), min(end, event.touch_time + width)
+        options = {"xatol": 1e-10 * (end - start)}
+        top = minimize_scalar(
+            lambda s: -gap(s, *sol(s)), bounds=bounds, method="bounded", options=options
+        )
+        return -float(top.fun)
+
+    def beginning(walker, impacts):
+        guard, wall = walker.guards[word[k]], walker.guards[event.wall]
+        t, y = impacts[k]
+        if guard.past:  # by what sliding would begin within the limit
+            return wall.gap(t, *walker.after(walker.sliding(guard.name), t, y))
+        if wall.mode != guard.to:
+            return wall.gap(t, *y)
+        begun = walker.after(guard.name, t, y)
+        gap = wall.gap(t, *begun)
+        return walker.slope(wall.name, t, begun) if abs(gap) < 1e-10 else gap
+
+    if event.kind == "G":
+        return touch if event.impact is None else beginning
+    return {"V": velocity, "T": duration}.get(event.kind, multiplier)
 
 
 class Compared:
     """What was compared, and what differs."""
 
     def __init__(self):
-        self.counts, self.wrong = Counter(), []
+        self.counts, self.wrong, self.undecided = Counter(), [], []
+        self.farthest = Counter()
 
     def scene(self, seed):
         table = random_scene(seed)
@@ -66,86 +122,86 @@ class Compared:
             for event in branch.events:
                 self.event(table, branch, event)
 
-    def orbit(self, table, branch, orbit, physical, here, stability=True):
-        walker = Walker(table["model"], orbit.model.values)
+    def orbit(self, table, branch, orbit, physical, here):
+        walker = Walker(table["model"]).at(orbit.model.values)
         word, span = branch.word, float(orbit.problem.span(orbit.unknowns))
-        impacts, surface = impacts_of(orbit.model, word, orbit, walker)
+        impacts = impacts_of(orbit.model, word, orbit, walker)
         flights, open_by = walker.orbit(word, impacts, span)
         brief = any(end is not None and end - start < 1e-6 for *_, start, _, _, end in flights)
-        if not open_by < CLOSES and not brief:
-            backwards = np.min(np.diff([*(t for t, _ in impacts), impacts[0][0] + span])) < 0
-            if backwards and not physical:
-                self.counts["out of order"] += 1
-                return
+        turns = round(span / walker.period)
+        backwards = np.min(np.diff([*(t for t, _ in impacts), impacts[0][0] + span])) < 0
+        if backwards:
+            self.counts["out of order"] += 1
+            open_by = np.max(np.abs(walker.residual(word, row_of(impacts), turns)))
+        if not open_by < CLOSES and (backwards or not brief):
             self.wrong.append(f"{here}: open by {open_by:.3g}, physical {physical}")
             return
         self.counts["orbits"] += 1
         self.counts["physical"] += int(physical)
-        wrong, close = walker.faults(flights)
+        wrong, close = ([("backwards", 1.0)], []) if backwards else walker.faults(flights)
         if not close:
             self.counts["physicality"] += 1
             if bool(wrong) == physical:
                 self.wrong.append(f"{here}: physical {physical}, {orbit.reason}; walked: {wrong}")
-        if stability and not brief:
-            self.multipliers(walker, word, impacts, span, surface, orbit, here)
+        self.multipliers(walker, word, impacts, turns, orbit, here)
 
-    def multipliers(self, walker, word, impacts, span, surface, orbit, here):
-        mine = walker.multipliers(word, impacts, span, surface)
-        if mine is None:
-            return
+    def multipliers(self, walker, word, impacts, turns, orbit, here):
         theirs = np.asarray(orbit.multipliers)
         largest = np.max(np.abs(theirs))
         if not largest < 1e3:
             return
-        left = list(theirs)
+        mine = walker.multipliers(word, impacts, turns)
+        left = [*mine, *[0.0] * max(0, len(theirs) - len(mine))]
         worst = 0.0
-        for mu in sorted(mine, key=abs, reverse=True):
+        for mu in sorted(theirs, key=abs, reverse=True):
             near = int(np.argmin(np.abs(np.array(left) - mu)))
             worst = max(worst, abs(left.pop(near) - mu))
         self.counts["multipliers"] += 1
-        if worst > 1e-4 * (1.0 + largest) or np.max(np.abs(left), initial=0.0) > 1e-9:
+        if max([worst, *np.abs(left)]) > 1e-5 * (1.0 + largest):
             self.wrong.append(f"{here}: multipliers {theirs}, walked {mine}")
 
     def event(self, table, branch, event):
-        """What makes an event one is so on the walked orbit; a real change of physicality is
-        on both sides of it."""
+        """Between two orbits of the branch the walker's own function of the event vanishes where
+        the event is; a real change of physicality is on both sides of it."""
         here = f"{table['name']}, {event.id} {event.label}"
-        flights, walker, impacts, orbit = self.walked(table, branch, event.id)
+        off = np.abs(branch["arclength"] - event.arclength) > APART
+        before = np.nonzero(off & (branch["arclength"] < event.arclength))[0]
+        after = np.nonzero(off & (branch["arclength"] > event.arclength))[0]
+        if not (before.size and after.size):
+            self.counts["events at ends"] += 1
+            return
+        rows = int(before[-1]), int(after[0])
+        sides = [self.walked(table, branch, row) for row in rows]
+        word, walker = branch.word, sides[0][1]
+        orbit, parameter = branch.orbit(event.id), event.parameter
         span = float(orbit.problem.span(orbit.unknowns))
-        if event.kind in CRITICAL or event.kind == "NS":
-            surface = impacts_of(orbit.model, branch.word, orbit, walker)[1]
-            mine = walker.multipliers(branch.word, impacts, span, surface)
-            if mine is None or np.max(np.abs(mine)) > 1e3:
-                return
-            self.counts["multipliers of events"] += 1
-            target = CRITICAL.get(event.kind)
-            off = np.abs(np.abs(mine) - 1.0) if target is None else np.abs(mine - target)
-            if np.min(off) > 1e-3:
-                self.wrong.append(f"{here}: walked multipliers {mine}")
-        if event.kind not in ("G", "V"):
+        ends = [(found, one.model.values[parameter]) for _, _, found, one in sides]
+        turns = round(span / walker.at(orbit.model.values).period)
+        between = Between(walker, orbit.model.values, parameter, word, ends, turns)
+        value = between.zero(deciding(event, word, turns))
+        if value is None or not np.isfinite(value):
+            what = "same sign" if value is None else "no orbit"
+            self.counts[f"{event.kind} not relocated: {what}"] += 1
+            self.undecided.append(f"{here}: {what}, rows {rows}")
+        else:
+            self.counts[f"{event.kind} relocated"] += 1
+            far = abs(value - event.value) / (1.0 + abs(event.value))
+            self.farthest[event.kind] = max(self.farthest[event.kind], far)
+            if far > FAR[event.kind in MULTIPLIERS]:
+                self.wrong.append(f"{here}: at {event.value!r}, walked {value!r}")
+        if not (event.physical and event.kind in ("G", "V", "T")):
             return
-        self.counts["touches of events"] += 1
-        begins = event.impact is not None and event.kind == "G"
-        if begins:  # on the surface that it would begin beyond
-            _, _, start, begun, _, _ = flights[event.impact]
-            begins = abs(walker.guards[event.wall].gap(start, *begun)) < CLOSES
-        if not (begins or walker.faults(flights)[1]):
-            self.wrong.append(f"{here}: nothing is at its limit")
-        at = int(np.argmin(np.abs(branch["arclength"] - event.arclength)))
-        if not (event.physical and 0 < at < len(branch) - 1):
-            return
-        found = [self.walked(table, branch, row) for row in (at - 1, at + 1)]
-        sides = [one.faults(flown) for flown, one, *_ in found]
-        if not any(close for _, close in sides):
+        judged = [one.faults(flown) for flown, one, *_ in sides]
+        if not any(close for _, close in judged):
             self.counts["real changes of physicality"] += 1
-            if bool(sides[0][0]) == bool(sides[1][0]):
-                self.wrong.append(f"{here}: on both sides {sides}")
+            if bool(judged[0][0]) == bool(judged[1][0]):
+                self.wrong.append(f"{here}: on both sides {judged}")
 
     def walked(self, table, branch, place):
         """The flights of an orbit, walked."""
         orbit = branch.orbit(place)
-        walker = Walker(table["model"], orbit.model.values)
-        impacts, _ = impacts_of(orbit.model, branch.word, orbit, walker)
+        walker = Walker(table["model"]).at(orbit.model.values)
+        impacts = impacts_of(orbit.model, branch.word, orbit, walker)
         flights, _ = walker.orbit(branch.word, impacts, float(orbit.problem.span(orbit.unknowns)))
         return flights, walker, impacts, orbit
 
