@@ -437,7 +437,8 @@ class Between:
 
     def zero(self, function):
         """Where a function of walker and impacts vanishes on the way: the parameter; None where its
-        sign is the same at both ends, NaN where no orbit is found."""
+        sign is the same at both ends, NaN where an orbit between them is not found, as where
+        velocity and duration vanish together: the equations are singular there."""
 
         def value(part):
             z = self.orbit(part)
@@ -445,9 +446,9 @@ class Between:
                 raise ArithmeticError
             return function(*self.at(z))
 
+        if not function(*self.at(self.ends[0])) * function(*self.at(self.ends[1])) < 0.0:
+            return None
         try:
-            if not value(0.0) * value(1.0) < 0.0:
-                return None
             return self.orbit(brentq(value, 0.0, 1.0, xtol=1e-13))[-1]
         except (ArithmeticError, ValueError, TypeError, np.linalg.LinAlgError):
             return math.nan
