@@ -221,6 +221,7 @@ def failures(numbers, folder):
 
 
 @pytest.mark.parametrize("first", range(0, ORDINARY, PER_TEST))
+@pytest.mark.quick(1)
 def test_mistakes_in_stated_systems_are_placed(first, tmp_path):
     assert failures(range(first, first + PER_TEST), tmp_path) == []
 

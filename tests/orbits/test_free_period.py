@@ -291,6 +291,7 @@ def test_records_are_orbits_again(branch, tmp_path):
 
 
 @integrated
+@pytest.mark.full
 def test_van_der_pol():
     """Without the stop, period and amplitude are known to many digits; it is met at its amplitude,
     and the orbit with an impact continues it."""
