@@ -68,16 +68,20 @@ class Covering:
         """Lay lines for a word of the scene, and say what they met."""
         own = self.map
         about = own.scene, self.model, word, own.kernels
-        lines = Lines(*about, self.covered, self.start, self.further, own.progress)
+        asked = self.curves, self.covered, self.start, self.further
+        lines = Lines(*about, *asked, own.progress)
         found = lines.cover(self.fixed)
         own.evaluations += lines.evaluations
         return found
 
+    def curves(self) -> list[Curve]:
+        """The curves of the member."""
+        return self.map.of_member(self.fixed)
+
     def covered(self, entry: Entry) -> bool:
         """Whether a curve passes through an entry."""
-        own = self.map
-        curves = own.of_member(self.fixed)
-        return any(passes(curve, entry, self.model, own.kernels) for curve in curves)
+        kernels = self.map.kernels
+        return any(passes(curve, entry, self.model, kernels) for curve in self.curves())
 
     def start(self, entry: Entry) -> str:
         """Follow the curves of the branch through an entry; returns why its own is not there."""
@@ -128,8 +132,7 @@ class Covering:
 
     def points(self) -> list[tuple[Curve, Codim2]]:
         """The points of codimension two that were not started from yet."""
-        curves = self.map.of_member(self.fixed)
-        new = [(c, p) for c in curves for p in c.points if p.id not in self.seen]
+        new = [(c, p) for c in self.curves() for p in c.points if p.id not in self.seen]
         self.seen |= {point.id for _, point in new}
         return new
 
@@ -343,7 +346,8 @@ class _CurveExplorer:
             self.notes.append(f"no curve of {entry.id} {entry.label}: {error.found}")
             return None
         curve = with_fixed(curve, fixed)
-        same = next((other.id for other in own if same_curve(curve, other)), None)
+        problem = problem_of(model, Word(curve.word, curve.period), self.pairs)
+        same = next((other.id for other in own if same_curve(curve, other, problem)), None)
         if same is not None:
             return same
         self.curves.append(curve)

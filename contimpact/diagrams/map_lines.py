@@ -13,7 +13,7 @@ from __future__ import annotations
 import dataclasses
 import itertools
 from collections import Counter
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -23,8 +23,9 @@ from ..bifurcations.extended_system import solve
 from ..bifurcations.kind import once
 from ..bifurcations.registry import kind_of, switch, test_functions
 from ..continuation.branch import Event, Points, TestFunction
-from ..continuation.corrector import first_tangent
+from ..continuation.corrector import correct, first_tangent
 from ..continuation.ends import End, EndKind
+from ..continuation.settings import Settings
 from ..models.model import Model
 from ..models.word import Word, is_rotation
 from ..orbits.orbit import Orbit
@@ -54,6 +55,11 @@ SEARCHED = 6
 
 SAME_CURVE = 1e-8
 NEAR_CURVE = 1e-3
+SAME_END = 1e-6
+BENT = 0.25
+"""How far a curve is from the straight way between two of its points at most, as part of that."""
+
+Range = tuple[float, float]
 
 
 def run_at(scene: Scene, model: Model, word: Word, kernels: Kernels) -> list[Run]:
@@ -118,7 +124,8 @@ def run_through(scene: Scene, model: Model, entry: Entry, kernels: Kernels) -> R
     From a step beside it: on the entry itself the walk could not tell which way it crosses.
     """
     orbit = orbit_of(entry, model, kernels)
-    return _run_from(scene, orbit.problem, _beside(orbit.problem, orbit.unknowns, scene))
+    beside = _beside(orbit.problem, orbit.unknowns, scene, scene.range)
+    return _run_from(scene, orbit.problem, beside)
 
 
 def run_with(scene: Scene, model: Model, entry: Entry, kernels: Kernels) -> Run:
@@ -139,11 +146,11 @@ def _run_from(scene: Scene, problem: OrbitProblem, start: Array) -> Run:
     return both_ways(problem, start, scene.range, tests, scene.settings, stop=stop)
 
 
-def _beside(problem: OrbitProblem, unknowns: Array, scene: Scene) -> Array:
+def _beside(problem: OrbitProblem, unknowns: Array, scene: Scene, limits: Range) -> Array:
     """An orbit one step further on the branch through another one, if that step can be made."""
     jacobian = problem.evaluate(unknowns).jacobian
     settings = dataclasses.replace(scene.settings, max_points=2)
-    scale = problem.scale(unknowns, scene.range[1] - scene.range[0])
+    scale = problem.scale(unknowns, limits[1] - limits[0])
     tangent = first_tangent(jacobian, scale)
     if tangent is None:
         return unknowns
@@ -152,12 +159,12 @@ def _beside(problem: OrbitProblem, unknowns: Array, scene: Scene) -> Array:
             problem,
             unknowns,
             direction,
-            limits=scene.range,
+            limits=limits,
             settings=settings,
             tangent=tangent,
             gaps=False,
         )
-        if len(walk.points) > 1 and scene.range[0] < walk.points[-1].parameter < scene.range[1]:
+        if len(walk.points) > 1 and limits[0] < walk.points[-1].parameter < limits[1]:
             return walk.points[-1].unknowns
     return unknowns
 
@@ -244,17 +251,19 @@ def _passes_across(
 
 
 def _crossings(
-    curve: Curve, name: str, value: float, problem: OrbitProblem
+    curve: Curve, name: str, value: float, problem: OrbitProblem, physical: bool = False
 ) -> list[tuple[Array, float]]:
-    """Orbits where a curve passes a parameter's value, nearly, and the distance of its points
-    around it."""
-    first, word = curve.parameters[0], Word(curve.word, curve.period)
+    """Orbits where a curve passes a parameter's value, nearly, the problem's free parameter last,
+    and the distance of its points around it; if asked for, where one of these is physical."""
+    word = Word(curve.word, curve.period)
     own = problem_of(problem.model, word, problem.kernels)
     away = curve[name] - value
     names = columns_of(curve.word, problem.m)
-    rows = np.column_stack([curve[name] for name in [*names, first]])
+    rows = np.column_stack([curve[name] for name in [*names, problem.parameter]])
+    wanted = (curve["physical"] > 0) | (not physical)
     found = []
-    for i in np.nonzero((away[:-1] * away[1:] <= 0.0) & (away[:-1] != away[1:]))[0]:
+    crossed = (away[:-1] * away[1:] <= 0.0) & (away[:-1] != away[1:])
+    for i in np.nonzero(crossed & (wanted[:-1] | wanted[1:]))[0]:
         part = away[i] / (away[i] - away[i + 1])
         guess = rotated_to(own, rows[i] + part * (rows[i + 1] - rows[i]), problem.word)
         assert guess is not None, "the words are rotations of each other"
@@ -278,23 +287,42 @@ def _apart(problem: OrbitProblem, one: Array, other: Array) -> float:
     return float(np.max(np.abs(problem.difference(one, other))))
 
 
-def same_curve(one: Curve, other: Curve) -> bool:
-    """Whether two curves have the same ends, in either direction."""
+def same_curve(one: Curve, other: Curve, problem: OrbitProblem) -> bool:
+    """Whether two curves have the same ends, in either direction, and meet between them.
+
+    Parameters
+    ----------
+    problem : OrbitProblem
+        Of the first one's word, with both parameters free.
+    """
     about = [(c.kind, c.period, dict(c.fixed)) for c in (one, other)]
     if about[0] != about[1] or not is_rotation(one.word, other.word):
         return False
-    a, b = (_ends(curve) for curve in (one, other))
-    return bool(np.allclose(a, b, atol=1e-6) or np.allclose(a, b[::-1], atol=1e-6))
+    rows, others = _orbits(one, problem), _orbits(other, problem)
+    ends, (first, last) = rows[[0, -1]], others[[0, -1]]
+    if not any(
+        all(_apart(problem, *pair) < SAME_END for pair in zip(ends, turned, strict=True))
+        for turned in ((first, last), (last, first))
+    ):
+        return False
+    middle = rows[len(rows) // 2]
+    return any(_on_way(problem, middle, *pair) for pair in itertools.pairwise(others))
 
 
-def _ends(curve: Curve) -> Array:
-    speeds = [f"v{k + 1}" for k in range(len(curve.word))]
-    return np.array(
-        [
-            [*(curve[n][row] for n in curve.parameters), *sorted(curve[n][row] for n in speeds)]
-            for row in (0, -1)
-        ]
-    )
+def _on_way(problem: OrbitProblem, unknowns: Array, left: Array, right: Array) -> bool:
+    """Whether an orbit is as near the straight way between two as a curve through them is."""
+    way, away = problem.difference(right, left), problem.difference(unknowns, left)
+    part = np.clip(way @ away / (way @ way or 1.0), 0.0, 1.0)
+    size = float(np.max(np.abs(way)))
+    return bool(np.max(np.abs(away - part * way)) < SAME_END + BENT * size)
+
+
+def _orbits(curve: Curve, problem: OrbitProblem) -> Array:
+    """The orbits of a curve as unknowns of a problem with its parameters free."""
+    own = problem_of(problem.model, Word(curve.word, curve.period), problem.kernels)
+    names = [*columns_of(curve.word, problem.m), *curve.parameters]
+    rows = np.column_stack([curve[name] for name in names])
+    return np.array([rotated_to(own, row, problem.word) for row in rows])
 
 
 # Near misses: where on a line what vanishes at an event comes nearest to zero, and turns back.
@@ -478,35 +506,26 @@ FEWEST_VALUES = 5
 
 SAME_ORBIT_ON_LINES = 1e-7
 
-Range = tuple[float, float]
-
 
 def crossing_runs(
+    runs: list[Run],
     scene: Scene,
     problem: OrbitProblem,
     limits: Range,
-    known: Iterable[Array],
     generator: np.random.Generator,
-) -> list[Run]:
-    """Follow every orbit of a word that is found on a line.
-
-    First those that other lines have met where they cross this one, then those that a search finds
-    at values scattered along it, until it finds nothing new.
+) -> None:
+    """Follow every orbit of a word that a search finds at values scattered along a line, until it
+    finds nothing new.
 
     Parameters
     ----------
+    runs : list of Run
+        Those followed there; the new ones are added.
     problem : OrbitProblem
         At the value that is held.
     limits : (low, high)
         Of the other parameter.
-    known : iterable of ndarray
-        Orbits nearly, that parameter's value last.
     """
-    runs: list[Run] = []
-    for unknowns in known:
-        here = solve_near(problem, unknowns)
-        if here is not None:
-            _follow(runs, scene, problem, here.unknowns, limits)
     count = max(FEWEST_VALUES, scene.starts // AT_ONE_VALUE)
     for _ in range(scene.rounds):
         before = len(runs)
@@ -518,7 +537,6 @@ def crossing_runs(
             problem.kernel_evaluations += there.kernel_evaluations
         if len(runs) == before:
             break
-    return runs
 
 
 def _follow(
@@ -536,6 +554,19 @@ def run_on_line(scene: Scene, problem: OrbitProblem, unknowns: Array, limits: Ra
     run = both_ways(problem, unknowns, limits, tests, scene.settings, stop=stop)
     _uninterrupted(run)
     return run
+
+
+def _on_branch(problem: OrbitProblem, guess: Array, limits: Range) -> Array | None:
+    """The orbit of the branch next to a guess, at a fold too; None if there is none."""
+    try:
+        scale = problem.scale(guess, limits[1] - limits[0])
+        tangent = first_tangent(problem.evaluate(guess).jacobian, scale)
+        if tangent is None:
+            return None
+        here = correct(problem, guess, tangent / scale**2, scale, Settings()).evaluation
+        return None if here is None else here.unknowns
+    except (ArithmeticError, ValueError, np.linalg.LinAlgError):
+        return None
 
 
 def lies_on(runs: Sequence[Run], problem: OrbitProblem, unknowns: Array) -> bool:
@@ -647,17 +678,22 @@ class Met:
     off: list[tuple[Entry, str]] = field(default_factory=list)
 
 
-@dataclass(frozen=True)
+@dataclass
 class Line:
-    """A line: the parameter that is held, how far across its range, its value, and the runs of the
-    scene's word, with how many of them have physical orbits; then those switched to."""
+    """A line: the parameter that is held, how far across its range, its value, the runs of the
+    scene's word, then those of other words, and what of elsewhere was looked for on it."""
 
     held: str
     part: float
     value: float
-    runs: Sequence[Run]
-    real: int
-    born: Sequence[Run] = ()
+    runs: list[Run] = field(default_factory=list)
+    born: list[Run] = field(default_factory=list)
+    seen: set[int | str] = field(default_factory=set)
+
+    @property
+    def real(self) -> int:
+        """How many runs of the scene's word have physical orbits."""
+        return sum(bool(np.any(physical(run.points))) for run in self.runs)
 
 
 class Lines:
@@ -671,6 +707,8 @@ class Lines:
     word : Word
     kernels : Kernels
         With the first parameter free.
+    curves : callable ``curves() -> sequence of Curve``
+        Those of the member.
     covered : callable ``covered(entry) -> bool``
         Whether a curve passes through an entry.
     start : callable ``start(entry) -> str``
@@ -687,6 +725,7 @@ class Lines:
         model: Model,
         word: Word,
         kernels: Kernels,
+        curves: Callable[[], Sequence[Curve]],
         covered: Callable[[Entry], bool],
         start: Callable[[Entry], str],
         further: Callable[[], Sequence[Entry]],
@@ -694,7 +733,8 @@ class Lines:
     ) -> None:
         assert scene.curves is not None
         self.scene, self.options, self.model, self.word = scene, scene.curves, model, word
-        self.covered, self.start, self.further, self.progress = covered, start, further, progress
+        self.curves, self.covered, self.start = curves, covered, start
+        self.further, self.progress = further, progress
         first, second = scene.parameter, scene.curves.parameter
         self.ways = {
             second: (kernels, scene.range, self.options.range),
@@ -707,6 +747,7 @@ class Lines:
         self.met = [Met(word)]
         self.followed: Counter[tuple[str, int]] = Counter()
         self.left_out: list[str] = []
+        self.lost: list[tuple[Word, str]] = []
         self.evaluations = 0
         self.generator = np.random.default_rng(scene.seed)
 
@@ -720,7 +761,7 @@ class Lines:
             if held is None:
                 break
             quiet = 0 if self.run(held, part) else quiet + 1
-            if quiet >= wanted and (self.look_between() or self.descend()):
+            if quiet >= wanted and (self.look_between() or self.descend() or self.catch_up()):
                 quiet = 0
         return [self.said(met, dict(fixed), quiet >= wanted) for met in self.met]
 
@@ -756,18 +797,82 @@ class Lines:
         value = across(other, part)
         self.progress(f"{self.word}: line at {held} = {value:.6g}")
         problem = problem_of(self.model.replace(**{held: value}), self.word, kernels)
-        known = self.known(held, value)
-        runs = crossing_runs(self.scene, problem, limits, known, self.generator)
-        born, unswitched = switched_runs(self.scene, runs, limits)
+        line = Line(held, part, value)
+        self.carry(line, own=True)
+        crossing_runs(line.runs, self.scene, problem, limits, self.generator)
+        line.born, unswitched = switched_runs(self.scene, line.runs, limits)
         if unswitched:
             limit = f"follow.max_branches = {self.scene.max_branches}"
             at = f"events at {held} = {value:.6g}"
             self.left_out.append(f"the branches of {unswitched} {at} ({limit})")
-        real = sum(bool(np.any(physical(run.points))) for run in runs)
-        self.laid.append(Line(held, part, value, runs, real, born))
         self.evaluations += problem.kernel_evaluations
-        self.evaluations += sum(run.problem.kernel_evaluations for run in born)
-        return self.meet_on([*runs, *born])
+        self.evaluations += sum(run.problem.kernel_evaluations for run in line.born)
+        self.carry(line, own=False)
+        self.laid.append(line)
+        return self.meet_on([*line.runs, *line.born])
+
+    def catch_up(self) -> bool:
+        """Follow on every line what later lines and curves have shown to cross it; whether an entry
+        was on no curve."""
+        met = []
+        for line in self.laid:
+            new = [run for own in (True, False) for run in self.carry(line, own)]
+            met.append(self.meet_on(new))
+        return any(met)
+
+    def carry(self, line: Line, own: bool) -> list[Run]:
+        """Follow on a line the orbits known elsewhere, of the scene's word or of others, unless
+        they are followed there."""
+        kernels, limits, _ = self.ways[line.held]
+        model, new = self.model.replace(**{line.held: line.value}), []
+        for source, word in list(self.sources(line)):
+            key = source.id if isinstance(source, Curve) else id(source[0])
+            if _same_word(word, self.word) != own or key in line.seen:
+                continue
+            line.seen.add(key)
+            problem = problem_of(model, self.word if own else word, kernels)
+            if isinstance(source, Curve):
+                starts = self.on_curve(source, line, problem)
+            else:
+                starts = self.on_run(*source, line, problem, own)
+            runs = line.runs if own else line.born
+            for unknowns in starts:
+                if not lies_on([*line.runs, *line.born], problem, unknowns):
+                    runs.append(run_on_line(self.scene, problem, unknowns, limits))
+                    new.append(runs[-1])
+            self.evaluations += problem.kernel_evaluations
+        return new
+
+    def sources(self, line: Line) -> Iterator[tuple[Curve | tuple[Run, float], Word]]:
+        """What may cross a line: runs on lines across it, with the values held there, and curves;
+        with their words."""
+        for other in self.laid:
+            if other.held != line.held:
+                for run in (*other.runs, *other.born):
+                    yield (run, other.value), run.problem.word
+        for curve in self.curves():
+            yield curve, Word(curve.word, curve.period)
+
+    def on_run(
+        self, run: Run, held: float, line: Line, problem: OrbitProblem, own: bool
+    ) -> Iterator[Array]:
+        """Orbits on a line where a run crosses it; of words not the scene's those that are physical
+        alone."""
+        for unknowns in at_value(run, line.value):
+            here = solve_near(problem, np.append(unknowns[:-1], held))
+            if here is not None and (own or here.verdict.physical):
+                yield here.unknowns
+
+    def on_curve(self, curve: Curve, line: Line, problem: OrbitProblem) -> Iterator[Array]:
+        """Orbits beside those on a line where the physical part of a curve crosses it."""
+        limits = self.ways[line.held][1]
+        for guess, _ in _crossings(curve, line.held, line.value, problem, physical=True):
+            here = _on_branch(problem, guess, limits)
+            if here is None:
+                at = f"{line.held} = {line.value:.6g}, {problem.parameter} = {guess[-1]:.6g}"
+                self.lost.append((problem.word, f"the branch through {curve.id} at {at}"))
+            elif limits[0] <= here[-1] <= limits[1]:
+                yield _beside(problem, here, self.scene, limits)
 
     def meet_on(self, runs: Sequence[Run]) -> bool:
         """Whether an entry of some runs is on no curve."""
@@ -802,14 +907,6 @@ class Lines:
         run = None if here is None else run_on_line(self.scene, problem, here.unknowns, limits)
         self.evaluations += problem.kernel_evaluations
         return run
-
-    def known(self, held: str, value: float) -> Iterator[Array]:
-        """Orbits that lines across this one have met at its value, with their own value last."""
-        for line in self.laid:
-            if line.held != held:
-                for run in line.runs:
-                    for unknowns in at_value(run, value):
-                        yield np.append(unknowns[:-1], line.value)
 
     @staticmethod
     def wanted(entry: Entry) -> bool:
@@ -859,9 +956,10 @@ class Lines:
         own = (Word(*key) for key in self.followed.elements())
         branches = sum(_same_word(word, other) for other in own)
         switched = not _same_word(word, self.word)
-        complete = complete and (branches > 0 or not switched)
+        lost = [f"{what} (not solved)" for other, what in self.lost if _same_word(word, other)]
+        complete = complete and not lost and (branches > 0 or not switched)
         counts = met.entries, met.started, off, complete
-        left_out = [] if switched else self.left_out
+        left_out = lost if switched else [*self.left_out, *lost]
         return Coverage(*about, *counts, met.born, switched, branches, left_out)
 
 

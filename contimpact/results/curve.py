@@ -292,8 +292,8 @@ class Coverage:
     uncovered: Sequence[Mapping[str, Any]]
     """Entries that lie on no curve: `kind`, the two parameters, and `reason`."""
     complete: bool
-    """Whether the last lines met nothing that was not on a curve, and lines followed these
-    orbits."""
+    """Whether the last lines met nothing that was not on a curve, and every line followed the
+    physical orbits of this word that others, or curves, had shown to cross it."""
     born: int = 0
     """Curves that were started at points of codimension two on others."""
     switched: bool = False
@@ -301,7 +301,7 @@ class Coverage:
     branches: int | None = None
     """How many branches of these orbits the lines followed; absent in earlier files."""
     left_out: Sequence[str] = field(default_factory=list)
-    """What a limit of the scene left out on lines, with the limit and the line."""
+    """What lines left out, with the limit of the scene or the reason, and the line."""
 
     @property
     def place(self) -> str:
@@ -312,7 +312,8 @@ class Coverage:
         lines = " and ".join(f"{len(v)} lines at values of {n}" for n, v in self.lines.items())
         told = f"{self.notation}: {self.entries} entries on {lines}, {self.started} curves started"
         told += f", {self.born} more at points of codimension two" if self.born else ""
-        told += "; reached by switching alone" if self.switched else ""
+        if self.switched:
+            told += "; reached by switching alone, not searched for"
         if self.switched and self.branches == 0:
             told += (
                 "; no line followed these orbits, so further curves of theirs may be missing: "

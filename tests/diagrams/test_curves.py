@@ -15,10 +15,13 @@ from contimpact.diagrams.explore import follow
 from contimpact.diagrams.map_lines import same_curve
 from contimpact.diagrams.orbit_branch import continue_orbit
 from contimpact.errors import InputError
+from contimpact.models.word import Word
+from contimpact.orbits.quiet import problem_of
 from contimpact.orbits.search import find_orbits
 from contimpact.results.catalogue import load_diagram, load_entries, write_diagram
 from contimpact.results.curve import CheckedOrbit, real_heights, regions
 from contimpact.results.scene import read_scene
+from contimpact.segments.kernels import Kernels
 from contimpact.systems.impact_pair import ImpactPair
 from contimpact.systems.oscillator import Oscillator
 
@@ -393,7 +396,30 @@ def test_curves_that_do_not_pass_the_scenes_own_value_are_found(fig6d):
     ]
     assert max(heights) == pytest.approx(0.2243, abs=2e-4)
     for curve in fig6d.curves:
-        assert not any(same_curve(curve, other) for other in fig6d.curves if other is not curve)
+        model = ImpactPair(beta=math.pi / 6)
+        problem = problem_of(model, Word(curve.word, curve.period), Kernels(model, "A", "r"))
+        others = (other for other in fig6d.curves if other is not curve)
+        assert not any(same_curve(curve, other, problem) for other in others)
+
+
+def test_curves_that_share_their_ends_alone_are_two():
+    """One curve from two places is one, in either direction; with other orbits between, two."""
+    ends, curves = (0.1, 0.9), []
+    for r in (0.3, 0.7):
+        model = ImpactPair(beta=math.pi / 6, r=r, A=5.0, s=0.4)
+        entry = entry_of(model, "1:1", "s", (0.03, 1.2), "PD")
+        curves.append(follow_curve(entry, model, "r", (0.03, 1.2), ends))
+    one, other = curves
+    problem = problem_of(model, Word(one.word, one.period), Kernels(model, *one.parameters))
+    turned = {name: column[::-1] for name, column in other.columns.items()}
+    assert same_curve(one, other, problem)
+    assert same_curve(one, dataclasses.replace(other, columns=turned), problem)
+    bump = np.sin(np.pi * np.linspace(0.0, 1.0, len(other)))
+    for name in ("t2", "v1", "s"):
+        moved = {**other.columns, name: other[name] * (1.0 + 0.1 * bump)}
+        assert not same_curve(one, dataclasses.replace(other, columns=moved), problem)
+    nearly = {**other.columns, "v1": other["v1"] * (1.0 + 8e-6)}  # ends as near as 1e-5 of them
+    assert not same_curve(one, dataclasses.replace(other, columns=nearly), problem)
 
 
 def test_heights_between_points():
