@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from .diagrams.orbit_branch import continue_born as continue_born
     from .diagrams.orbit_branch import continue_orbit as continue_orbit
     from .diagrams.starting_orbits import find_orbits as find_orbits
+    from .display import plot as plot
     from .errors import InputError as InputError
     from .models.model import Formulas as Formulas
     from .models.model import Model as Model
@@ -91,6 +92,7 @@ _PLACES = {
     "read": "results.diagram_reading",
     "stable_intervals": "results.diagram_reading",
     "load_entries": "results.catalogue",
+    "plot": "display",
     "plot_codim2": "plots.curves",
     "plot_curves": "plots.curves",
     "save": "simulation.files",

@@ -18,8 +18,8 @@ LINES = 10
 """Largest number of lines in a text that shows a result."""
 ROWS = 20
 """Largest number of rows in a table of a notebook."""
-PAINTERS: list[Callable[[Any], bytes]] = []
-"""Functions that draw a result as PNG; the last one is asked."""
+PAINTERS: list[Callable[..., Any]] = []
+"""Functions that draw a result, with options, and return its axes; the last one is asked."""
 
 
 @dataclass(frozen=True)
@@ -33,11 +33,15 @@ class Summary:
 
 
 class Shown:
-    """What shows itself in a notebook as a table and a picture."""
+    """What shows itself in a notebook as a table and a picture, and can be plotted."""
 
     def summary(self) -> Summary:
         """Return what the result is in short: a title, a table, and remarks."""
         raise NotImplementedError
+
+    def plot(self, **options: Any) -> Any:
+        """Draw the result; see `contimpact.plot`."""
+        return plot(self, **options)
 
     def _repr_html_(self) -> str:
         return table_of(self.summary())
@@ -79,18 +83,43 @@ def _cell(value: Any) -> str:
     return html.escape(printable(text))
 
 
+def plot(result: Any, **options: Any) -> Any:
+    """Draw a result.
+
+    Parameters
+    ----------
+    result : Branch, Orbit, Diagram, Curve, Entry, Sweep or Study
+    **options
+        Of the function that draws it: `plot_diagram` for branches and diagrams, `plot_orbit` for
+        orbits and events, `plot_curves`, `plot_sweep`; for a study, `quantity` and the options of
+        `Study.map`.
+
+    Returns
+    -------
+    matplotlib.axes.Axes
+        Of the picture; several where that function returns several.
+
+    Raises
+    ------
+    InputError
+        If it cannot be drawn.
+    """
+    from . import load_painters
+
+    load_painters()
+    return PAINTERS[-1](result, **options)
+
+
 def picture_of(result: Any) -> str:
     """Return a result's picture as an HTML image, or why there is none."""
     import base64
 
-    from . import load_painters
-
-    load_painters()
     try:
-        picture = PAINTERS[-1](result)
+        axes = plot(result)
     except InputError as error:
         return f"<p>no picture: {_cell(error)}</p>"
-    data = base64.b64encode(picture).decode()
+    figure = (axes[0] if isinstance(axes, Sequence) else axes).figure
+    data = base64.b64encode(figure._repr_png_()).decode()
     title = _cell(result.summary().title)
     return f'<img alt="{title}" style="max-width: 100%" src="data:image/png;base64,{data}">'
 

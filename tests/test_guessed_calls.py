@@ -94,3 +94,16 @@ def test_what_is_missing_is_called_missing(model):
         ci.continue_orbit(ci.find_orbits(model, "1:1", "s")[0])
     with pytest.raises(InputError, match="no such file or folder"):
         ci.load("nope")
+
+
+def test_results_are_plotted_by_their_method(branch):
+    diagram = ci.Diagram("one", [branch])
+    for result in (branch, diagram):
+        axes = result.plot(xlim=(0.3, 0.6), unphysical="all")
+        assert axes.get_xlim() == (0.3, 0.6)
+    for result in (branch.orbit(0), diagram["PD"]):
+        plane, series = result.plot(periods=3)
+        assert plane.figure is series.figure
+    assert np.ptp(ci.plot(branch.orbit(0), periods=5)[1].get_xlim()) > 4.0
+    with pytest.raises(InputError, match="found a list"):
+        ci.plot([])

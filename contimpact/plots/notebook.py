@@ -1,4 +1,4 @@
-"""Pictures of results as notebooks show them."""
+"""The picture of each kind of result, as notebooks and its method `plot` show it."""
 
 from __future__ import annotations
 
@@ -15,56 +15,51 @@ from ..simulation.sweep import Sweep
 from ..studies.study import Study
 from .attractors import plot_sweep
 from .curves import plot_curves
-from .diagram import plot_diagram, png_of
+from .diagram import plot_diagram
 from .maps import plot_map
 from .orbit import plot_orbit
 
 
-def picture(result: Any) -> bytes:
-    """Return the picture of a result as PNG.
+@functools.singledispatch
+def drawn(result: Any, **options: Any) -> Any:
+    """Draw a result and return the axes.
 
     Raises InputError if it cannot be drawn.
     """
-    return png_of(drawn(result))
-
-
-PAINTERS.append(picture)
-
-
-@functools.singledispatch
-def drawn(result: Any) -> Any:
-    """Return a figure of a result."""
     raise InputError("picture", f"found a {type(result).__name__}", "there is none")
 
 
-@drawn.register
-def _(result: Branch) -> Any:
-    return plot_diagram(Diagram(result.id, [result]), unphysical="all").figure
+PAINTERS.append(drawn)
 
 
 @drawn.register
-def _(result: Diagram) -> Any:
+def _(result: Branch, **options: Any) -> Any:
+    return plot_diagram(result, **{"unphysical": "all", **options})
+
+
+@drawn.register
+def _(result: Diagram, **options: Any) -> Any:
     if not result.branches and result.curves:
-        return plot_curves(result.curves)[0].figure
-    return plot_diagram(result).figure
+        return plot_curves(result.curves, **options)
+    return plot_diagram(result, **options)
 
 
 @drawn.register
-def _(result: Curve) -> Any:
-    return plot_curves([result])[0].figure
+def _(result: Curve, **options: Any) -> Any:
+    return plot_curves([result], **options)
 
 
 @drawn.register(Orbit)
 @drawn.register(Entry)
-def _(result: Any) -> Any:
-    return plot_orbit(result)[0].figure
+def _(result: Any, **options: Any) -> Any:
+    return plot_orbit(result, **options)
 
 
 @drawn.register
-def _(result: Sweep) -> Any:
-    return plot_sweep(result).figure
+def _(result: Sweep, **options: Any) -> Any:
+    return plot_sweep(result, **options)
 
 
 @drawn.register
-def _(result: Study) -> Any:
-    return plot_map(result.map("ends")).figure
+def _(result: Study, quantity: str = "ends", **options: Any) -> Any:
+    return plot_map(result.map(quantity, **options))
