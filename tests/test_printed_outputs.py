@@ -15,7 +15,9 @@ import re
 import pytest
 from zoo import ROOT
 
+from contimpact import load_diagram
 from contimpact.cli import main
+from contimpact.cli.run import say_branch
 
 NUMBER = re.compile(r"[-+]?\d+(?:\.\d+)?(?:e[-+]?\d+)?")
 ROUNDING = 1e-10
@@ -63,7 +65,7 @@ def not_printed(shown, made):
 
 @pytest.mark.parametrize("page", ["README.md", "docs/index.md"])
 def test_the_first_run_prints_what_is_shown(page, fig7):
-    shown = next(block for block in blocks(page, "text") if block.startswith("b1 "))
+    shown = next(block for block in blocks(page, "text") if "\nb1 " in block)
     *lines, last = shown.splitlines()
     assert not_printed(lines, fig7[0].splitlines()) == []
     assert re.fullmatch(r"written to out/fig7 in \d\.\d\d s", last)
@@ -107,3 +109,27 @@ def test_every_key_of_a_catalogue_and_a_manifest_is_told(fig7):
     records += [row for rows in catalogue["reading"].values() for row in rows[:1]]
     records.append(catalogue["reading"])
     assert [key for record in records for key in record if f"`{key}`" not in told] == []
+
+
+def test_what_is_observable_is_printed_first_and_ghosts_on_request(fig7):
+    """In the order of the catalogue, and every event in one list or the other."""
+    made = json.loads((fig7[1] / "catalogue.json").read_text(encoding="utf-8"))
+    lines = fig7[0].splitlines()
+    stable = [line for line in lines if line.startswith("stable ")]
+    assert lines[: len(stable)] == stable
+    assert [line.split()[1] for line in stable] == [
+        row["branch"] for row in made["reading"]["stable"]
+    ]
+    listed = {line.split()[0] for line in lines if re.match(r"  e\d", line)}
+    assert listed == {entry["id"] for entry in made["entries"] if not entry["ghost"]}
+    counts = [line for line in lines if line.startswith("      ghosts: ")]
+    assert sum(int(n) for line in counts for n in re.findall(r"(\d+) ", line)) == sum(
+        entry["ghost"] for entry in made["entries"]
+    )
+    diagram, printed = load_diagram(fig7[1]), io.StringIO()
+    with contextlib.redirect_stdout(printed):
+        for branch in diagram.branches:
+            say_branch(branch, [], ghosts=True)
+    assert set(re.findall(r"^  (e\d+) ", printed.getvalue(), re.M)) == {
+        entry["id"] for entry in made["entries"]
+    }

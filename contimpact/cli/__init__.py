@@ -79,6 +79,9 @@ def parser() -> argparse.ArgumentParser:
         help="folder to write to; with several scenes, each has a folder of its name in it",
     )
     run.add_argument("-q", "--quiet", action="store_true", help="print nothing but errors")
+    run.add_argument(
+        "--ghosts", action="store_true", help="list the events that are ghosts, not only count them"
+    )
     run.add_argument("--no-plot", action="store_true", help="leave the diagram out")
     run.add_argument("--html", action="store_true", help="write the page diagram.html, too")
     run.set_defaults(module="run")

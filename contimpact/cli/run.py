@@ -5,15 +5,18 @@ from __future__ import annotations
 import argparse
 import dataclasses
 import time
-from collections.abc import Callable
+from collections import Counter
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from ..bifurcations.declarations import EVENTS
 from ..diagrams import explore
 from ..diagrams.explore import INTERRUPTED
 from ..errors import InputError, NotWrittenError
 from ..progress import Progress
+from ..results.branch import Branch
 from ..results.catalogue import diagram_files
 from ..results.diagram import Diagram
 from ..results.diagram_reading import read
@@ -126,7 +129,8 @@ def _run_one(job: _Job, options: argparse.Namespace, interruption: Interruption)
             _write_run(scene, diagram, folder, options, began, tell, interruption)
     failure = INTERRUPTED if interruption.happened else failure
     if not options.quiet:
-        _summary(scene, diagram, folder, time.perf_counter() - began)
+        _summary(scene, diagram, options.ghosts)
+        say(f"written to {folder} in {time.perf_counter() - began:.2f} s")
     if failure:
         job.complain(f"{failure}; what was computed is in {folder}")
     return failure
@@ -222,29 +226,17 @@ def _own_member(scene: Scene, diagram: Diagram) -> Diagram:
     return dataclasses.replace(diagram, branches=own)
 
 
-def _summary(scene: Scene, diagram: Diagram, folder: Path, total: float) -> None:
+def _summary(scene: Scene, diagram: Diagram, ghosts: bool) -> None:
+    """Print what can be observed where, then the branches, then what two parameters say."""
+    reading = read(diagram)
+    say(str(reading))
+    unasked = [kind for kind in EVENTS if kind not in scene.events]
+    if unasked and any(None in interval.bounds for interval in reading.stable):
+        say(f"where a status changes at no event: detect.events without {', '.join(unasked)}")
     for branch in diagram.branches:
-        values = branch[branch.parameter]
-        say(
-            f"{branch.id}  {branch.notation:8} {len(branch)} points, {branch.parameter} from "
-            f"{values.min():.6g} to {values.max():.6g}"
-        )
-        for end in dict.fromkeys(end.message for end in branch.ends):
-            say(f"      {end}")
-        for entry in branch.events:
-            derived = "".join(
-                f", {n} = {entry.parameters[n]:.12g}" for n in scene.model.DERIVED[:1]
-            )
-            say(
-                f"  {entry.id:4} {entry.label:16} {entry.parameter} = {entry.value:.12g}{derived}"
-                f"  (error {entry.error:.0e})"
-            )
-        for text in branch.missed:
-            say(f"  not located: {text}")
-        for text in branch.notes:
-            say(f"  note: {text}")
-    if text := str(read(diagram)):
-        say(text)
+        say_branch(branch, scene.model.DERIVED[:1], ghosts)
+    if not ghosts and any(entry.ghost for entry in diagram.entries):
+        say("ghosts are events of orbits that are not observable there; --ghosts lists them, too")
     for curve in (*diagram.curves, *diagram.codim2_curves):
         say("".join(f"{n} = {v:.6g}  " for n, v in curve.fixed.items()) + repr(curve))
     if diagram.curves and not diagram.areas:
@@ -265,4 +257,30 @@ def _summary(scene: Scene, diagram: Diagram, folder: Path, total: float) -> None
         say(f"area: {area}")
     for note in diagram.statistics["notes"]:
         say(note)
-    say(f"written to {folder} in {total:.2f} s")
+
+
+def say_branch(branch: Branch, derived: Sequence[str], ghosts: bool) -> None:
+    """Print a branch with its ends and events, of which ghosts may be only counted."""
+    values = branch[branch.parameter]
+    say(
+        f"{branch.id}  {branch.notation:8} {len(branch)} points, {branch.parameter} from "
+        f"{values.min():.6g} to {values.max():.6g}"
+    )
+    for end in dict.fromkeys(end.message for end in branch.ends):
+        say(f"      {end}")
+    hidden = Counter[str]()
+    for entry in branch.events:
+        if entry.ghost and not ghosts:
+            hidden[entry.kind] += 1
+            continue
+        others = "".join(f", {name} = {entry.parameters[name]:.12g}" for name in derived)
+        say(
+            f"  {entry.id:4} {entry.label:16} {entry.parameter} = {entry.value:.12g}{others}"
+            f"  (error {entry.error:.0e})"
+        )
+    if hidden:
+        say(f"      ghosts: {', '.join(f'{count} {kind}' for kind, count in hidden.items())}")
+    for text in branch.missed:
+        say(f"  not located: {text}")
+    for text in branch.notes:
+        say(f"  note: {text}")

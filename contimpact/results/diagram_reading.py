@@ -16,7 +16,7 @@ per period:
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, field
 from typing import Any, Protocol
 
 import numpy as np
@@ -106,6 +106,8 @@ class Reading:
     unknown: Sequence[Interval] = ()
     """Stretches between two events of which no recorded orbit gives the status, as in files of
     earlier versions."""
+    labels: Mapping[str, str] = field(default_factory=dict, repr=False)
+    """The label of each event by its name, for words; the catalogue has them with its entries."""
 
     @property
     def incomplete(self) -> str:
@@ -115,16 +117,17 @@ class Reading:
     def as_record(self) -> dict[str, Any]:
         """Return plain data."""
         lists = asdict(self)
-        del lists["survey"]  # the catalogue's own key
+        del lists["survey"], lists["labels"]  # the catalogue's own keys
         return lists
 
     def __str__(self) -> str:
         lines = [sentence_of(i) for i in self.unknown]
         lines += [
             f"stable   {i.branch:4} {i.notation:10} {i.low:.9g} to {i.high:.9g}"
-            + f"  ({' to '.join(str(b or 'status changes') for b in i.bounds)})"
+            + f"  ({' to '.join(map(self._bound, i.bounds))})"
             for i in self.stable
         ]
+        lines += [] if self.stable else ["stable   none of the orbits that were followed"]
         lines += [
             f"bistable {' and '.join(b.branches):9} {' and '.join(b.notations)}: "
             f"{b.low:.9g} to {b.high:.9g}"
@@ -133,6 +136,11 @@ class Reading:
         lines += [self.incomplete] if self.incomplete else []
         lines += [sentence(t) for t in self.transitions]
         return "\n".join(lines)
+
+    def _bound(self, name: str | None) -> str:
+        """What ends a stable range, in words."""
+        label = self.labels.get(name or "")
+        return f"{label} {name}" if label else name or "status changes"
 
 
 class Surveyed(Protocol):
@@ -172,7 +180,8 @@ def read(diagram: Surveyed) -> Reading:
         if entry.period <= 1 and entry.opens and entry.opens[0] in known
     ]
     unknown = [interval for branch in diagram.branches for interval in unknown_intervals(branch)]
-    return Reading(stable, _bistable(stable, member), transitions, diagram.survey, unknown)
+    labels = {entry.id: entry.label for entry in diagram.entries}
+    return Reading(stable, _bistable(stable, member), transitions, diagram.survey, unknown, labels)
 
 
 def stable_intervals(branch: Branch) -> list[Interval]:

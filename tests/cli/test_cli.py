@@ -149,7 +149,7 @@ def test_check_writes_nothing(run, scene, tmp_path, monkeypatch):
 
 
 def test_run_writes_the_folder_and_a_summary(run, scene, tmp_path):
-    status, out, err = run("run", scene(), "-o", tmp_path / "a" / "out")
+    status, out, err = run("run", scene(), "--ghosts", "-o", tmp_path / "a" / "out")
     assert status == 0
     assert err == ""
     folder = tmp_path / "a" / "out"
