@@ -25,16 +25,9 @@ from contimpact.systems.oscillator import Oscillator
 
 @pytest.hookimpl(tryfirst=True)
 def pytest_collection_modifyitems(items):
-    """Mark as full what a test has beyond its quick cases, and group what shares a fixture.
-
-    Tests that use fixtures of their module run in one worker, so that none is computed twice.
-    """
+    """Mark as full what a test has beyond its quick cases."""
     cases = Counter()
     for item in items:
-        fixtures = item._fixtureinfo.name2fixturedefs.values()
-        shared = any(fixture.scope == "module" for known in fixtures for fixture in known)
-        if shared and not item.get_closest_marker("xdist_group"):
-            item.add_marker(pytest.mark.xdist_group(item.parent.nodeid))
         if marker := item.get_closest_marker("quick"):
             cases[item.parent.nodeid, item.originalname] += 1
             if cases[item.parent.nodeid, item.originalname] > marker.args[0]:

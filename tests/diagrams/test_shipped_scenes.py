@@ -43,8 +43,8 @@ TO_A_POLE = {"belt_free": "b1"}
 
 
 def case(name, *others):
-    """A scene as a case of a test: its tier, and one worker for all its tests, which follows it."""
-    marks = [pytest.mark.xdist_group(name)]
+    """A scene as a case of a test, and its tier."""
+    marks = []
     if name not in QUICK:
         marks.append(pytest.mark.slow if name in LONG else pytest.mark.full)
     if name in INTEGRATED:
@@ -275,7 +275,6 @@ def test_critical_values_do_not_depend_on_the_step(name, values, max_step):
 
 
 @pytest.mark.full
-@pytest.mark.xdist_group("fig8")
 def test_the_survey_of_fig8_finds_the_second_family():
     """And adds to what follows from the 1:1 orbit, of which it changes nothing."""
     found = diagram("fig8")
@@ -319,7 +318,6 @@ def test_grazing_of_the_oscillator():
 
 
 @pytest.mark.full
-@pytest.mark.xdist_group("stiff")
 def test_grazings_of_the_stiff_oscillator():
     """The steady response first touches the stop at its amplitude; each next one adds an impact.
 
