@@ -129,6 +129,7 @@ def test_compiled_walks_with_other_forcings(plain_and_compiled, forcing):
 
 
 @needs_numba
+@pytest.mark.full
 def test_a_branch_and_its_events_are_the_same(plain_and_compiled):
     """The paper's 1:1 branch: a thousand points at a fixed step, with what is tabulated."""
     orbit = find_orbits(ImpactPair(beta=math.pi / 6, r=0.3, A=5.0, s=0.7), "1:1")[0]
