@@ -224,7 +224,7 @@ def test_what_is_no_orbit_is_refused_with_what_would_do(orbit, live):
         assert error.value.accepted
     with pytest.raises(InputError, match="model: found"):
         ci.continue_orbit(live["e1"], "s", LIMITS, model="impact-pair")
-    with pytest.raises(InputError, match="range: found None"):
+    with pytest.raises(InputError, match="range: missing; give"):
         ci.continue_orbit(live["e1"])
 
 
@@ -263,7 +263,7 @@ def test_what_a_curve_needs_is_said(live):
         with pytest.raises(InputError) as error:
             ci.follow_curve(*given)
         assert error.value.where == where
-    with pytest.raises(InputError, match="range: found None"):
+    with pytest.raises(InputError, match="range: missing; give"):
         ci.continue_born(entry)
 
 

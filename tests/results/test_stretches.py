@@ -106,7 +106,7 @@ def test_pictures_and_the_page_draw_one_status(three):
 
     diagram = Diagram("three", [three])
     series = series_by_branch(diagram, "velocity")
-    drawn = {style for _, style, *_ in pieces_of(diagram, series, "s", None, 1)}
+    drawn = {style for _, style, *_ in pieces_of(diagram, series, "s", None, {three.id})}
     assert drawn == {STATUS[k] for k in three.status} <= set(STYLES)
     (record,) = page_data(diagram, pair(0.3), Shown("s"))["branches"]
     import base64
