@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections import Counter
 
 import numpy as np
@@ -22,6 +23,8 @@ CLOSES = 1e-8
 MULTIPLIERS = {"FB": 1.0, "BP": 1.0, "PD": -1.0, "NS": None}
 FAR = (1e-8, 1e-6)
 """Of an event from where the walker finds it: of a time or a gap, and of a multiplier."""
+FLAT = 1e-15
+"""A walked function below this is rounding: it does not tell a zero of the third order better."""
 APART = 1e-5
 """Points of a branch that are nearer to an event, in arclength, are not beside it."""
 
@@ -175,20 +178,27 @@ class Compared:
         word, walker = branch.word, sides[0][1]
         orbit, parameter = branch.orbit(event.id), event.parameter
         span = float(orbit.problem.span(orbit.unknowns))
-        ends = [(found, one.model.values[parameter]) for _, _, found, one in sides]
+        ends = [(side, one.model.values[parameter]) for _, _, side, one in sides]
         turns = round(span / walker.at(orbit.model.values).period)
         between = Between(walker, orbit.model.values, parameter, word, ends, turns)
-        value = between.zero(deciding(event, word, turns))
-        if value is None or not np.isfinite(value):
-            what = "same sign" if value is None else "bracketed only"
-            self.counts[f"{event.kind} not relocated: {what}"] += 1
-            self.undecided.append(f"{here}: {what}, rows {rows}")
-        else:
-            self.counts[f"{event.kind} relocated"] += 1
-            far = abs(value - event.value) / (1.0 + abs(event.value))
+        vanishes = deciding(event, word, turns)
+        value, found = between.zero(vanishes), impacts_of(orbit.model, word, orbit, walker)
+        far = math.inf if value is None else abs(value - event.value) / (1.0 + abs(event.value))
+        if far < FAR[event.kind in MULTIPLIERS]:
+            what = "relocated"
             self.farthest[event.kind] = max(self.farthest[event.kind], far)
-            if far > FAR[event.kind in MULTIPLIERS]:
-                self.wrong.append(f"{here}: at {event.value!r}, walked {value!r}")
+        elif value is None:
+            what = "not decided: same sign"
+        elif math.isnan(value):
+            what = "not decided: bracketed only"
+        elif abs(vanishes(walker.at(orbit.model.values), found)) < FLAT:
+            what = "not decided: flat"
+        else:
+            what = "wrong"
+            self.wrong.append(f"{here}: at {event.value!r}, walked {value!r}")
+        self.counts[f"{event.kind} {what}"] += 1
+        if "not decided" in what:
+            self.undecided.append(f"{here}: {what}, rows {rows}")
         if not (event.physical and event.kind in ("G", "V", "T")):
             return
         if any(
