@@ -48,7 +48,11 @@ def impacts_of(model, word, orbit, walker):
 def deciding(event, word, turns):
     """What vanishes at an event, as a function of walker and impacts: the defining one."""
     count = len(word)
-    k = event.impact if event.impact is not None else event.flight
+    k, kind = event.impact if event.impact is not None else event.flight, event.kind
+    if kind == "V":  # of a flight that vanishes, whichever velocities do with it
+        for flight in {k, event.flight if event.flight is not None else k}:
+            if abs(event.times[(flight + 1) % count] - event.times[flight]) < CLOSES:
+                k, kind = flight, "T"
 
     def ends(walker, impacts):
         (t, y), again = impacts[k], k + 1 == count
@@ -94,7 +98,7 @@ def deciding(event, word, turns):
 
     if event.kind == "G":
         return touch if event.impact is None else beginning
-    return {"V": velocity, "T": duration}.get(event.kind, multiplier)
+    return {"V": velocity, "T": duration}.get(kind, multiplier)
 
 
 class Compared:
