@@ -47,17 +47,17 @@ def test_compressed_csv_is_the_same_bytes_every_time(store, tmp_path):  # noqa: 
 
 
 def test_json_holds_the_same(asked, store, tmp_path):  # noqa: F811
-    export(store, tmp_path, "json", names=[NAME], tables=["events", "attractors"])
+    export(store, tmp_path, "json", names=[NAME], tables=["events", "curves"])
     assert json.loads((tmp_path / f"{STEM}-events.json").read_text()) == list(asked.events())
-    assert json.loads((tmp_path / f"{STEM}-attractors.json").read_text()) == []
+    assert json.loads((tmp_path / f"{STEM}-curves.json").read_text()) == []
 
 
 def test_parquet_holds_the_same(asked, store, tmp_path):  # noqa: F811
     parquet = pytest.importorskip("pyarrow.parquet")
-    export(store, tmp_path, "parquet", names=[NAME], tables=["events", "attractors"])
+    export(store, tmp_path, "parquet", names=[NAME], tables=["events", "curves"])
     table = parquet.read_table(tmp_path / f"{STEM}-events.parquet")
     assert table.to_pylist() == list(asked.events())
-    assert parquet.read_table(tmp_path / f"{STEM}-attractors.parquet").num_rows == 0
+    assert parquet.read_table(tmp_path / f"{STEM}-curves.parquet").num_rows == 0
 
 
 def test_columns_and_digits(store, tmp_path):  # noqa: F811
