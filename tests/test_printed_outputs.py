@@ -84,7 +84,7 @@ def test_python_prints_what_is_shown():
 
 def test_a_catalogue_is_written_as_it_is_shown(fig7):
     made = json.loads((fig7[1] / "catalogue.json").read_text(encoding="utf-8"))
-    shown = json.loads(blocks("docs/catalogue.md", "json")[0])
+    shown = json.loads(blocks("docs/figures/catalogue.md", "json")[0])
     firsts = {key: made[key][:1] for key in ("branches", "entries")}
     firsts["reading"] = {key: rows[:1] for key, rows in made["reading"].items()}
     lines = json.dumps({**made, **firsts}, indent=1).splitlines()
