@@ -15,7 +15,9 @@ from zoo import ROOT
 
 PAGES = [
     *sorted(ROOT.glob("docs/*.md")),
+    *sorted(ROOT.glob("docs/figures/*.md")),
     *sorted(ROOT.glob("branches/*.md")),
+    *sorted(ROOT.glob("paper/*.md")),
     *sorted(ROOT.glob("*.md")),
 ]
 TEXTS = [

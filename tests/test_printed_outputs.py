@@ -93,7 +93,7 @@ def test_a_catalogue_is_written_as_it_is_shown(fig7):
 
 
 def test_tables_are_written_as_they_are_shown(fig7):
-    events, branch = blocks("docs/catalogue.md", "text")[1:3]
+    events, branch = blocks("docs/figures/catalogue.md", "text")
     made = (fig7[1] / "events.csv").read_text(encoding="utf-8").splitlines()
     assert not_printed(events.splitlines(), made[:3]) == []
     (table,) = (fig7[1] / "branches").glob("b1-*.csv")

@@ -10,6 +10,7 @@ import pytest
 from zoo import ROOT
 
 DOCS = ROOT / "docs"
+PAPER = ROOT / "paper"
 NOTEBOOKS = sorted((DOCS / "notebooks").glob("*.ipynb"))
 
 
@@ -100,14 +101,14 @@ def test_broken_links_are_found(checker, tmp_path):
 
 def test_the_paper_has_its_parts_figures_and_references():
     """In the form of the Journal of Open Source Software."""
-    text = (DOCS / "paper.md").read_text(encoding="utf-8")
+    text = (PAPER / "paper.md").read_text(encoding="utf-8")
     heads = re.findall(r"^# (.*)$", text, re.M)
     wanted = ["Summary", "Statement of need", "State of the field"]
     wanted += ["Acknowledgements", "References"]
     assert [head for head in heads if head in wanted] == wanted
     assert 250 < len(text.split()) < 1000
     keys = set(re.findall(r"@(\w+)", text.split("---", 2)[2]))
-    known = (DOCS / "paper.bib").read_text(encoding="utf-8")
+    known = (PAPER / "paper.bib").read_text(encoding="utf-8")
     assert keys == set(re.findall(r"^@\w+\{(\w+),", known, re.M))
     for target in re.findall(r"\]\(([^)]+\.png)\)", text):
-        assert (DOCS / target).is_file(), target
+        assert (PAPER / target).is_file(), target
