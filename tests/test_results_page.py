@@ -14,9 +14,8 @@ from zoo import ROOT
 
 import contimpact as ci
 
-PAGE = "\n".join(
-    (ROOT / "docs" / name).read_text(encoding="utf-8") for name in ("results.md", "figures/results.md")
-)
+PAGES = ("results.md", "figures/results.md")
+PAGE = "\n".join((ROOT / "docs" / name).read_text(encoding="utf-8") for name in PAGES)
 NUMBER = re.compile(r"\d+\.\d+(?:e-\d+)?")
 FIGURES = ("fig3a", "fig3b", "fig3c", "fig3d", "fig5b", "fig5b_r025", "fig7", "fig8")
 
