@@ -41,8 +41,8 @@ CROSSINGS = {
         4.5: (0.240265313, 0.151180589),
     },
 }
-"""d and r where PD and grazing of 1:1 cross, by beta in units of pi/18: branches/fig6a and fig6b, from curves
-in two parameters and one-parameter runs."""
+"""d and r where PD and grazing of 1:1 cross, by beta in units of pi/18: branches/fig6a and fig6b,
+from curves in two parameters and one-parameter runs."""
 ALL = ((0.01, 0.99), (0.001, math.pi / 2))
 
 
