@@ -6,7 +6,6 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-import matplotlib.figure
 import numpy as np
 from matplotlib.colors import ListedColormap
 from matplotlib.lines import Line2D
@@ -15,7 +14,7 @@ from matplotlib.patches import Patch
 from ..bifurcations.declarations import KINDS
 from ..bifurcations.registry import kind_of
 from ..studies.study import Map
-from .diagram import save_figure, write_heading
+from .diagram import Figure, save_figure, write_heading
 from .texts import axis_label, plain, set_label
 
 NAMED = ("#d5e5f2", "#56a0ce", "#f0c05a", "#1f4e79", "#cccccc", "#77913f", "#5b3a6b", "#c9733f")
@@ -36,7 +35,7 @@ def plot_map(shown: Map, ax: Any = None, units: Mapping[str, str] | None = None)
     units : mapping of str to str, optional
         Of the parameters.
     """
-    ax = ax or matplotlib.figure.Figure(figsize=(6.4, 4.8), layout="constrained").add_subplot()
+    ax = ax or Figure(figsize=(6.4, 4.8), layout="constrained").add_subplot()
     handles = _draw_names(ax, shown) if shown.named else _draw_numbers(ax, shown)
     handles += _draw_curves(ax, shown)
     x, y = shown.axes
