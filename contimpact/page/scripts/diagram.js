@@ -51,6 +51,13 @@ function shownEntries() {
   });
 }
 
+const UNKNOWN = STATUS.indexOf("unknown");
+
+/** The status of the orbit of a row itself, also where that of the way to the next one is unknown. @param {Family} family @param {number} row */
+function ownStatus(family, row) {
+  return family.physical?.[row] ? (family.unstable?.[row] ? 1 : 0) : 2;
+}
+
 /** All points that count: for the limits at first, for hover and for tables. @param {(family: Family, row: number, k: number, x: number, y: number, wall: number) => void} visit */
 function visitPoints(visit) {
   for (const family of shownFamilies("branch")) {
@@ -58,7 +65,7 @@ function visitPoints(visit) {
     linesOf(family, state.y).forEach((line, k) => {
       if (!across || !line.values || !wallShown(line.wall)) return;
       for (let row = 0; row < family.rows; row++) {
-        if (statusShown(family, family.status[row]))
+        if (statusShown(family, family.status[row] === UNKNOWN ? ownStatus(family, row) : family.status[row]))
           visit(family, row, k, across[row], line.values[row], line.wall);
       }
     });

@@ -57,9 +57,7 @@ function pointsInSight() {
   visitPoints((family, row, k, x, y, wall) => {
     if (!(x >= limits.x[0] && x <= limits.x[1] && y >= limits.y[0] && y <= limits.y[1])) return;
     const line = state.y === "velocity" ? `v${k + 1}` : linesOf(family, state.y)[k].name;
-    const status = family.swept
-      ? family.swept.kind
-      : STATUS[family.physical?.[row] ? (family.unstable?.[row] ? 1 : 0) : 2];
+    const status = family.swept ? family.swept.kind : STATUS[ownStatus(family, row)];
     rows.push([
       family.swept ? wayOf(family.swept) : family.id,
       family.notation,
