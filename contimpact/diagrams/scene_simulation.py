@@ -20,7 +20,6 @@ from ..results.scene import Scene
 from ..results.simulate_tables import SimulateOptions
 from ..segments.kernels import Kernels
 from ..simulation.attractor import Attractor, Kind
-from ..simulation.energy import require_masses
 from ..simulation.files import (
     Checkpoint,
     coverage_text,
@@ -113,6 +112,8 @@ class _Director:
         self.options: SimulateOptions = scene.simulate
         kernels = Kernels(scene.model, scene.parameter)
         if self.options.losses:
+            from ..simulation.energy import require_masses
+
             require_masses(scene.model, kernels, "simulate.losses")
         digest = fingerprint(scene.resolved())
         self.kept = Checkpoint(folder / ROWS, digest, resume, scene.model)

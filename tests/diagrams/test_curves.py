@@ -396,7 +396,7 @@ def test_curves_that_do_not_pass_the_scenes_own_value_are_found(fig6d):
     ]
     assert max(heights) == pytest.approx(0.2243, abs=2e-4)
     for curve in fig6d.curves:
-        model = ImpactPair(beta=math.pi / 6)
+        model = ImpactPair(beta=math.pi / 6, r=0.3, A=5.0, s=0.5)
         problem = problem_of(model, Word(curve.word, curve.period), Kernels(model, "A", "r"))
         others = (other for other in fig6d.curves if other is not curve)
         assert not any(same_curve(curve, other, problem) for other in others)

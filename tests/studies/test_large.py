@@ -113,7 +113,7 @@ def test_memory_stays_flat_with_the_number_of_scenes(tmp_path):
     """What is left is the list of points: some 50 bytes for each."""
 
     def peak(scenes):
-        command = [sys.executable, "-c", GROWING, str(ROOT / "tests" / "parameter_studies")]
+        command = [sys.executable, "-c", GROWING, str(ROOT / "tests" / "studies")]
         done = subprocess.run(
             [*command, str(tmp_path / f"{scenes}.sqlite"), str(scenes)],
             capture_output=True,
