@@ -29,7 +29,8 @@ LARGE = {"catalogue.json": 300_000, "simulation/*.json": 10_000}
 MOST = 12_000_000
 """Bytes that all of ``branches/`` may have."""
 PAGES = "".join(
-    p.read_text(encoding="utf-8") for p in (ROOT / "README.md", *ROOT.glob("docs/*.md"))
+    path.read_text(encoding="utf-8")
+    for path in (*ROOT.glob("*.md"), *ROOT.glob("docs/**/*.md"), *ROOT.glob("paper/*.md"))
 )
 
 
