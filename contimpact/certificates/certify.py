@@ -258,8 +258,8 @@ def with_enclosures(kernels: Kernels) -> Kernels:
     """
     model = kernels.model
     try:
-        sources = [kernels.motion(wall.name).source for wall in model.WALLS]
-        found = next(filter(None, map(without_enclosures, sources)), None)
+        motions = [kernels.motion(wall.name) for wall in model.WALLS]
+        found = next(filter(None, map(without_enclosures, motions)), None)
     except NotInstalledError:
         found = INTEGRATED
     if found is None:

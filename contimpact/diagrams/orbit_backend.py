@@ -27,7 +27,7 @@ from ..orbits.block_cyclic import BLOCK, KEPT, POSITIONS
 from ..orbits.problem import OrbitProblem
 from ..segments.compiling import CompiledProgram, load, mode, plainly, spend
 from ..segments.flight import excursion_of, time_zeros
-from ..segments.layout import Setup
+from ..segments.layout import Family, Setup
 from ..segments.oscillation import MOST, ROW
 from .orbit_functions import (
     DESCRIBED,
@@ -185,7 +185,7 @@ class OrbitBackend(ABC, Generic[V]):
     def cost(self) -> int:
         """What a flight counts for, plainly."""
         flight = self.problem.kernels.flight(*self.problem.kinds[0])
-        return LINEAR if "flow" in flight.__code__.co_names else 1
+        return LINEAR if flight.family is Family.LINEAR else 1
 
     @functools.cached_property
     def space(self) -> int:

@@ -25,10 +25,16 @@ from . import integration, layout, linear_flow, transients
 from . import transients as array_transients
 from . import transients as stumpff
 from .integration import require
+from .layout import Family, declared
 
 
 class Kernel(Protocol):
     """A kernel as a function of floats."""
+
+    family: Family
+    """How its flights are computed, as its writer says."""
+    parameters: frozenset[str]
+    """Parameters that its results depend on."""
 
     text: str
     """Text as it was written, its constants by name."""
@@ -64,7 +70,8 @@ def kernel_of(name: str, text: str, file: str) -> Kernel:
     source = _CONSTANT.sub(_as_number, text)
     exec(compile(source, file, "exec"), namespace)
     kernel: Kernel = namespace[name]
-    if "flown" in kernel.__code__.co_names:
+    kernel.family, kernel.parameters = declared(text)
+    if kernel.family is Family.INTEGRATED:
         require()
     kernel.text, kernel.source = text, source
     return kernel
@@ -123,9 +130,6 @@ def total(x: Any) -> Any:
     """Return the sum of the terms of a row of `waves`."""
     return x
 
-
-FLOWS = frozenset(("flow", "flown"))
-"""Functions whose steps depend on their arguments: linear flights, and those integrated."""
 
 PLAIN: dict[str, Any] = {
     "square": square,

@@ -22,15 +22,15 @@ from __future__ import annotations
 
 import functools
 import math
-import re
 from collections.abc import Callable, Sequence
 from typing import Any
 
 from flint import arb, arb_poly, arb_series, ctx, fmpq
 
 from ..arrays import Vector
-from .arithmetic import PLAIN, Arithmetic
+from .arithmetic import PLAIN, Arithmetic, Kernel
 from .ball_flow import Number, around_zero, composed, constant, flow, number, power
+from .layout import Family
 from .transients import HIGHEST, MOTIONS, TABLES, TOGETHER
 
 # Free motions of an oscillator in ball arithmetic: power series in time, with their remainders.
@@ -205,10 +205,9 @@ INTEGRATED = "its flights are integrated"
 MANY_WAVES = "its flights are sums over more than eight harmonics"
 
 
-def without_enclosures(source: str) -> str | None:
-    """Return what a kernel calls that no enclosures are known of, given its source."""
-    called = re.search(r"\b(flown|waves)\(", source)
-    return None if called is None else {"flown": INTEGRATED, "waves": MANY_WAVES}[called[1]]
+def without_enclosures(kernel: Kernel) -> str | None:
+    """Return why no enclosures of a kernel's values are known, None where they are."""
+    return {Family.INTEGRATED: INTEGRATED, Family.HARMONICS: MANY_WAVES}.get(kernel.family)
 
 
 def _method(name: str) -> Callable[[Number], Number]:

@@ -41,7 +41,7 @@ from ..models.symbols import (
 from . import transients
 from . import transients as stumpff
 from .integration import Statement, text_of
-from .layout import SECTION, Setup, flat, refilled, result_text
+from .layout import SECTION, Family, Setup, declaration, flat, refilled, result_text
 from .linear_flow import Shape
 
 # Formulas as straight-line code, differentiated step by step.
@@ -386,6 +386,17 @@ def _flown(expressions: Sequence[Any]) -> Iterator[_Together]:
         needs = frozenset().union(*(e.free_symbols for e in given))
         line = f"h{k} = flown({printer.doprint(field)}, {directions!r}, {', '.join(printed)})"
         yield _Together(line, needs, named)
+
+
+def _family(formulas: Sequence[Any], loops: Sequence[str]) -> Family:
+    """How a kernel with some formulas and loops is computed."""
+    if any(e.has(Flown) for e in formulas):
+        return Family.INTEGRATED
+    if any(e.has(MeanFlow, EndFlow) for e in formulas):
+        return Family.LINEAR
+    if loops:
+        return Family.HARMONICS
+    return Family.UNKNOWN if sympy.nan in formulas else Family.CLOSED
 
 
 LARGE = 300
@@ -749,16 +760,20 @@ class KernelWriter:
     ) -> str:
         values = flat(outputs)
         signature = self._names([*arguments, *self.equations.parameters.values()])
-        used = set().union(*(e.free_symbols for e in (*values, *(e for _, e in steps))))
+        formulas = [*values, *(e for _, e in steps)]
+        used = set().union(*(e.free_symbols for e in formulas))
         lines = self._reduction(T1 in arguments, TURN in used) if reduce else []
         found, printed = printed_steps(steps, values)
         lines += [*loops, *found]
         printed = [as_float(text) for text in printed]
         doc = textwrap.indent(textwrap.dedent("        " + about), "    ").strip()
         body = "\n".join(f"    {line}" for line in lines)
+        result = result_text(refilled(outputs, printed))
+        words = {*re.findall(r"\w+", f"{body} {result}")}
+        own = (p for p in self.model.values if self._names([self.equations.parameters[p]]) in words)
         return (
-            f'def {name}({signature}):\n    """{doc}\n    """\n{body}\n'
-            f"    return {result_text(refilled(outputs, printed))}\n"
+            f"{declaration(_family(formulas, loops), own)}def {name}({signature}):\n"
+            f'    """{doc}\n    """\n{body}\n    return {result}\n'
         )
 
     def _reduction(self, to_an_end: bool, turning: bool) -> list[str]:

@@ -13,7 +13,7 @@ from typing import Any, NoReturn, TypeAlias
 
 from ..arrays import Number, Vector
 from ..errors import InputError
-from .arithmetic import FLOATS, FLOWS, PLAIN, Arithmetic, Kernel, evaluate_in, kernel_of
+from .arithmetic import FLOATS, PLAIN, Arithmetic, Kernel, evaluate_in, kernel_of
 from .layout import Blocks, flat, refilled, result_text
 from .transients import HIGHEST, MOTIONS, TABLES, TOGETHER
 
@@ -514,7 +514,7 @@ def third_derivatives(kernel: Kernel, ends: int) -> Derivatives:
 
 def _loops(kernel: Kernel) -> bool:
     """Whether a kernel calls what cannot be written down: its steps depend on its arguments."""
-    return not FLOWS.isdisjoint(kernel.__code__.co_names)
+    return kernel.family.stepped
 
 
 def _directly(

@@ -23,7 +23,7 @@ from ..models.sources import digests
 from ..storage.cache import cache_folder, keep, kept, logger
 from ..storage.files import reason
 from .arithmetic import Kernel, kernel_of
-from .layout import SECTION
+from .layout import SECTION, Family
 from .segment import ELSEWHERE, ClosedForm, Passages, passages_of
 
 # What of a system was compared: kept in the cache, so that a warm check does without SymPy.
@@ -222,7 +222,7 @@ class Kernels:
 
     def flown(self, a: str, b: str) -> bool:
         """Whether the flight from wall a to wall b is integrated."""
-        return "flown" in self.flight(a, b).__code__.co_names
+        return self.flight(a, b).family is Family.INTEGRATED
 
     def flight(self, a: str, b: str) -> Kernel:
         """``flight(t0, *y0, t1, *y1, *p)``: the `Blocks` of a flight from wall a to wall b."""
@@ -293,12 +293,12 @@ class Kernels:
         after = model.guard(a).next_mode
         size = model.DEGREES_OF_FREEDOM
         whole = orders_of(model.MODES, after, size) == (2,) * size
-        return whole and "flow" in self.motion(a).__code__.co_names
+        return whole and self.motion(a).family is Family.LINEAR
 
     def integrated(self, a: str) -> bool:
         """Whether the flight after a wall, or from the section, is integrated, from its `field`."""
         if a not in self._integrated:
-            self._integrated[a] = "flown" in self._moving(a).__code__.co_names
+            self._integrated[a] = self._moving(a).family is Family.INTEGRATED
         return self._integrated[a]
 
     def _moving(self, a: str) -> Kernel:
@@ -337,8 +337,7 @@ class Kernels:
 
     def depends(self, name: str) -> bool:
         """Whether what a kernel returns depends on the free parameter."""
-        body = self.kernel(name).source.rpartition('"""')[2]
-        return re.search(rf"\bp_{re.escape(self.parameter)}\b", body) is not None
+        return self.parameter in self.kernel(name).parameters
 
     @functools.cached_property
     def flights(self) -> Callable[..., Any]:
@@ -354,7 +353,7 @@ class Kernels:
     def _noticed(self, a: str, b: str) -> Callable[..., Any]:
         """A flight; of one that is integrated it is noticed if it is `long`."""
         flight = self.flight(a, b)
-        if "flown" not in flight.__code__.co_names:
+        if flight.family is not Family.INTEGRATED:
             return flight
         from .integrated_form import grows
 
@@ -383,7 +382,7 @@ class Kernels:
         """Whether flights are computed in loops, rather than written out."""
         first, *_ = self.model.letters
         after = following(self.model.WALLS, first)[0]
-        return bool({"flow", "waves"} & {*self.flight(first, after).__code__.co_names})
+        return self.flight(first, after).family in (Family.LINEAR, Family.HARMONICS)
 
     @functools.cached_property
     def motions(self) -> Callable[..., Any]:

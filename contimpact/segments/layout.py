@@ -20,7 +20,9 @@ kernel             returns
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterable, Iterator
+from enum import StrEnum
 from typing import Any, NamedTuple, TypeAlias
 
 from ..arrays import Number
@@ -35,6 +37,42 @@ Row: TypeAlias = tuple[Number, ...]
 Blocks: TypeAlias = tuple[Row, Row, Row, Row]
 """A segment's residual (m), and its derivatives: with respect to the unknowns of the impact it
 leaves (m x m), to those of the impact it reaches (m x m), and to the free parameters (m x free)."""
+
+
+class Family(StrEnum):
+    """How a kernel's flights are computed."""
+
+    CLOSED = "closed form"
+    """A fixed number of elementary functions."""
+    HARMONICS = "harmonics"
+    """A closed form with a loop over the forcing's harmonics."""
+    LINEAR = "linear"
+    """The exponential of a matrix, in steps that depend on the arguments."""
+    INTEGRATED = "integrated"
+    """Taylor steps of a differential equation."""
+    UNKNOWN = "unknown"
+    """The formulas do not say, and the result is NaN."""
+
+    @property
+    def stepped(self) -> bool:
+        """Whether the number of steps depends on the arguments."""
+        return self in (Family.LINEAR, Family.INTEGRATED)
+
+
+def declaration(family: Family, parameters: Iterable[str]) -> str:
+    """Return the comment in which a kernel's text says what it is."""
+    return f"# family: {family}; parameters: {', '.join(parameters)}\n"
+
+
+_DECLARED = re.compile(r"^# family: (.*); parameters: (.*)$", re.MULTILINE)
+
+
+def declared(text: str) -> tuple[Family, frozenset[str]]:
+    """Return the family of a kernel and the parameters its results depend on, as its text says."""
+    found = _DECLARED.search(text)
+    if found is None:
+        return Family.CLOSED, frozenset()
+    return Family(found[1]), frozenset(found[2].split(", ")) - {""}
 
 
 class Together(NamedTuple):

@@ -14,6 +14,7 @@ from ..orbits.orbit import Orbit
 from ..results.branch import Branch, Entry
 from ..results.quantities import Energy, along, of_impacts
 from ..segments.kernels import Kernels
+from ..segments.layout import Family
 from ..systems.membrane import Membrane
 from .attractor import Attractor, Kind
 
@@ -165,7 +166,7 @@ def require_masses(model: Model, kernels: Kernels, where: str) -> None:
     InputError
         With the place of what asks for them.
     """
-    if any("nan" in kernels.loss(letter).__code__.co_names for letter in model.letters):
+    if any(kernels.loss(letter).family is Family.UNKNOWN for letter in model.letters):
         raise _unknown(where, model)
 
 

@@ -24,6 +24,7 @@ from ..segments.flight import (
 )
 from ..segments.integration import IntegratedCurve, IntegratedTrack
 from ..segments.kernels import Kernels
+from ..segments.layout import Family
 from ..segments.linear_flow import Shape, flow
 from ..segments.oscillation import Motion
 from ..segments.track import Pieces, Track
@@ -293,7 +294,7 @@ class FlightInState:
     def __call__(
         self, body: Body, wall: int, phase: float, velocity: float
     ) -> tuple[int, float, float]:
-        if "flown" in self.motions[wall].__code__.co_names:
+        if self.motions[wall].family is Family.INTEGRATED:
             least = self._release(body, wall, velocity)
             return fly_integrated(self.motions[wall], body, wall, phase, velocity, least)
         head, rising = (wall, phase, velocity), body.leaving[wall] < 0
