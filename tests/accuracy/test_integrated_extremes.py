@@ -33,7 +33,7 @@ def flown(values, start, begin, end, method="DOP853", rtol=1e-12):
 
 
 @pytest.mark.parametrize("omega", [1e-3, 1e-2, 0.1, 1.5, 10.0, 1e2, 1e3])
-@pytest.mark.quick(2)
+@pytest.mark.full
 def test_orbits_over_six_decades_of_frequency(omega):
     """From the linear response, or from rest where the forcing is slow."""
     values = VALUES | {"omega": omega}

@@ -58,6 +58,7 @@ def test_files(folder):
     assert names == {"report.json", "report.md", "work-precision.svg", "work-precision.png"}
 
 
+@pytest.mark.full
 def test_schema_and_machine(data):
     assert data["schema"] == "contimpact.report/1"
     assert data["digits"] >= 30
@@ -95,6 +96,7 @@ def test_events_are_confirmed_and_honest(data):
         assert len(event["digits"]) >= 30
 
 
+@pytest.mark.full
 def test_events_of_a_family_are_compared_at_their_own_values():
     text = SMALL.replace('"small"', '"family"').replace(
         "range = [0.30, 0.40]", "range = [0.1, 1.0]"
@@ -193,6 +195,7 @@ def test_shooting_that_misses_its_wall_is_none(pair):
     assert Shooting(orbit.problem, 1e-6).orbit(guess) is None
 
 
+@pytest.mark.full
 def test_shooting_reads_many_harmonics(pair):
     """Whose sum is one term."""
     many = "+".join(f"cos({k}*pi*t)*{0.5**k}" for k in range(1, 12))
@@ -265,6 +268,7 @@ def test_shooting_of_stiff_motion_ends_within_its_budget_and_says_what_it_reache
     assert "smaller tolerances are not tried" in text
 
 
+@pytest.mark.full
 def test_the_first_orbit_with_impacts_is_compared_where_a_scene_names_none():
     scene = load_scene(ROOT / "branches" / "soft_stop" / "scene.toml")
     given = {**scene.given, "follow": {**scene.given["follow"], "range": [1.6, 2.0]}}

@@ -72,7 +72,7 @@ def where_it_sticks(z, a=1, friction=0.3):
 
 
 @pytest.mark.parametrize(("w", "physical"), [(0.45, False), (0.49, False), (0.495, True)])
-@pytest.mark.quick(1)
+@pytest.mark.full
 def test_an_orbit_that_leaves_its_mode_at_once_is_unphysical(w, physical):
     orbit = slipping(friction(w=w))
     assert orbit.physical is physical

@@ -396,6 +396,7 @@ def test_a_simulation_interrupted_in_its_branches_ends_there(run, scene, tmp_pat
     assert manifest["counts"]["attractors"] == 0
 
 
+@pytest.mark.full
 def test_a_simulation_interrupted_while_drawing(run, scene, tmp_path, monkeypatch):
     from contimpact.plots import attractors
 

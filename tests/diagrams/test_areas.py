@@ -64,6 +64,7 @@ def test_the_rectangle_is_divided_by_what_ends_the_orbit(diagram):
     assert [n for n in diagram.statistics["notes"] if "curves.cover" not in n] == []
 
 
+@pytest.mark.full
 def test_borders_are_the_curves(diagram):
     """PD on the right of the crossing and G on its left; above it a line parts what is below."""
     kinds, lines = {curve.id: curve.kind for curve in diagram.curves}, 0

@@ -51,7 +51,7 @@ def test_both_doublings_of_fig_6b_are_found(covered):
 
 
 @pytest.mark.parametrize("held", ["A", "r"])
-@pytest.mark.quick(1)
+@pytest.mark.full
 def test_nothing_off_the_curves_on_other_lines(covered, held):
     given, diagram = covered
     varying = "A" if held == "r" else "r"
@@ -134,6 +134,7 @@ def test_words_that_no_line_follows_are_not_said_to_be_complete(covered):
     assert diagram.coverage[0].complete
 
 
+@pytest.mark.full
 def test_branches_that_lines_leave_out_are_reported():
     given = dataclasses.replace(map_of(math.pi / 3, cover=1), switch=("PD",), depth=1)
     told = follow(dataclasses.replace(given, max_branches=1)).coverage[0]

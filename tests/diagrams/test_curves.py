@@ -214,6 +214,7 @@ def test_competition_map(panel):
     assert [r.first for r in found[6]] == ["PD"]
 
 
+@pytest.mark.full
 def test_no_region_is_a_crossing_found_on_both_curves(panel):
     assert all(region.high - region.low > 1e-6 for region in regions(panel.curves, "d"))
 
@@ -440,6 +441,7 @@ def test_heights_between_points():
     assert off[0] < 2.5e-7 < 2e-5 < off[1]
 
 
+@pytest.mark.full
 def test_what_comes_first_is_what_runs_say(fig6d):
     found = regions(fig6d.curves, "d", fig6d.checks)
     assert found

@@ -108,6 +108,7 @@ def test_a_search_that_rounds_end_says_so():
     assert (limit.key, limit.value) == ("numerics.rounds", 1)
 
 
+@pytest.mark.full
 def test_a_survey_is_told_from_none_and_from_one_cut_short(tmp_path):
     """In the reading, as text, and read back from a folder."""
     for keys, survey, text in (

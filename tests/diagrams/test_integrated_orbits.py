@@ -92,7 +92,7 @@ def test_searches_for_events_stay_near(monkeypatch):
 
 
 @pytest.mark.parametrize("sigma", [0.3, math.pi], ids=["near", "upright"])
-@pytest.mark.quick(1)
+@pytest.mark.full
 def test_orbits_of_a_pendulum_in_many_digits(sigma):
     model = Pendulum(a=1.0, omega=0.8, c=0.1, sigma=sigma, r=0.8)
     orbits = ci.find_orbits(model, "S", parameter="a", starts=20, rounds=2)

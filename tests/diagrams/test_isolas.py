@@ -62,6 +62,7 @@ def test_isolas_are_found_from_lines_that_cross_none(diagram):
         assert max(np.abs(curve["p"]).max(), np.abs(curve["q"]).max()) < 0.26 * HALF
 
 
+@pytest.mark.full
 def test_the_fold_is_that_of_the_closed_form(diagram):
     (fold,) = (curve for curve in diagram.curves if curve.kind == "FB")
     phi = math.pi * fold["t1"]

@@ -40,6 +40,7 @@ def missed(model, parameter, motions, kernels=None):
     return lost, len(periodic)
 
 
+@pytest.mark.full
 def test_the_attractor_of_a_soft_stop_is_found_by_a_single_start():
     model = SoftStop(**SOFT)
     kernels = Kernels(model, "omega")

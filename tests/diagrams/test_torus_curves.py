@@ -180,7 +180,7 @@ def test_a_map_has_the_curve_that_begins_at_a_resonance(resonant):
     assert told.complete
 
 
-@pytest.mark.quick(1)
+@pytest.mark.full
 def test_nothing_is_said_to_be_missed_at_a_resonance(resonant):
     """Along the curve of PD its criticality is told on both sides."""
     assert not any(curve.missed for curve in resonant[-1].curves)

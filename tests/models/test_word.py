@@ -211,6 +211,7 @@ def test_rotations_map_the_word_to_itself(word):
         assert (rotated == word.walls) == (shift in shifts)
 
 
+@pytest.mark.full
 @SETTINGS
 @given(st.text(max_size=12))
 def test_any_text_is_a_word_or_refused(text):

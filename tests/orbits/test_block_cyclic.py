@@ -99,7 +99,7 @@ def test_multipliers_are_those_of_the_periodic_pencil(count):
 
 
 @pytest.mark.parametrize("growth", [1e-3, 30.0, 1e3])
-@pytest.mark.quick(1)
+@pytest.mark.full
 def test_digits_are_kept_where_flights_expand(growth):
     """Forty flights that stretch by up to a thousand each, normwise."""
     rng = np.random.default_rng(7)

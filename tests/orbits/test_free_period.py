@@ -230,6 +230,7 @@ class Runaway(ci.Oscillator):
         )
 
 
+@pytest.mark.full
 @integrated
 def test_a_forcing_of_short_flights_is_seen():
     """Flights of the time 1 have no value, nor, with a spring of 1e8, has any that is looked at."""
@@ -363,6 +364,7 @@ def slip(V, x):
     return law, turns, as_fast
 
 
+@pytest.mark.full
 @integrated
 def test_stick_slip_of_the_belt_against_an_integration(stick_slip):
     """Times of slip and stick, and the acceleration with which the body sticks."""
@@ -380,6 +382,7 @@ def test_stick_slip_of_the_belt_against_an_integration(stick_slip):
         assert (x - there) / V == pytest.approx(stuck, abs=1e-10)
 
 
+@pytest.mark.full
 @integrated
 def test_where_sticking_vanishes(stick_slip):
     """The belt at which a body that has just slipped turns as it comes up to the belt's velocity,

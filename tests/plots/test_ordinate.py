@@ -13,6 +13,7 @@ from contimpact.plots.lines import _broken
 __all__ = ["fig7"]
 
 
+@pytest.mark.full
 def test_multipliers_are_one_at_folds_and_minus_one_at_doublings(fig7):
     ax = ci.plot_diagram(fig7, x="d", y="multipliers", unphysical="all")
     at = {e.parameters["d"]: e.kind for e in fig7.entries}

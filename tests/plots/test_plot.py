@@ -128,6 +128,7 @@ def test_no_new_figure_where_axes_are_given(fig7, monkeypatch):
     assert plot_diagram(fig7, ax) is ax
 
 
+@pytest.mark.full
 def test_global_settings_are_not_changed(fig7, tmp_path):
     before = copy.deepcopy(dict(matplotlib.rcParams))
     plot_diagram(fig7)
@@ -201,6 +202,7 @@ def test_all_three_styles_are_in_fig7(fig7):
     assert {style_of(line) for line in curves(plot_diagram(fig7))} == set(STYLES) - {"unknown"}
 
 
+@pytest.mark.full
 def test_status_changes_at_the_event(fig7):
     """Lines of two styles meet at the marker of the event between them, not a point beside it."""
     branch = next(b for b in fig7.branches if b.word == "BT")
@@ -366,6 +368,7 @@ def test_limits(fig7):
     assert ax.get_ylim() == (-1.0, 1.0)
 
 
+@pytest.mark.full
 def test_velocities_in_sight_set_the_limits(fig7):
     """Not those of the parts of branches outside the x limits."""
     wide = plot_diagram(fig7, x="d").get_ylim()
@@ -520,6 +523,7 @@ def test_a_branch_without_impacts_is_drawn(stop):
     assert all(not np.any(line.get_ydata()) for line in drawn)
 
 
+@pytest.mark.full
 def test_branches_that_are_unphysical_throughout_are_left_out(fig7):
     """As long as others have physical orbits; all shows them."""
     first = fig7.branches[0]
@@ -545,6 +549,7 @@ def test_signs_at_many_walls_are_told_in_lines_that_fit(stop, monkeypatch):
     assert label.splitlines()[1:] == ["at A, at B, at C, at D", "at E, at F"]
 
 
+@pytest.mark.full
 def test_axes_have_one_size(fig7, stop):
     axes = [plot_diagram(d) for d in (fig7, stop, Diagram("x", []))]
     sizes = [ax.get_position().size * ax.figure.get_size_inches() for ax in axes]
@@ -554,6 +559,7 @@ def test_axes_have_one_size(fig7, stop):
     assert heights[0] > heights[2]  # there is no room for labels where there are none
 
 
+@pytest.mark.full
 def test_the_legend_lists_what_is_drawn(fig7):
     def texts(**options):
         return {t.get_text() for t in plot_diagram(fig7, **options).get_legend().get_texts()}
@@ -619,6 +625,7 @@ def test_what_cannot_be_drawn_is_refused(fig7, options):
     assert caught.value.where == next(iter(options))
 
 
+@pytest.mark.full
 def test_pdf_is_the_same_every_time(fig7, tmp_path):
     for name in ("one", "two"):
         (tmp_path / name).mkdir()

@@ -44,6 +44,7 @@ def marked(ax, marker):
     return [line for line in ax.lines if line.get_marker() == marker]
 
 
+@pytest.mark.full
 def test_the_second_direction_shows_other_attractors_alone(simulation):
     """At 0.3562 the sweep up still has 2:1 where that down is complex; elsewhere they agree."""
     ax = pictures.plot_sweep(simulation.sweep, diagram=simulation.diagram)

@@ -93,6 +93,7 @@ def test_bistability_of_fig8_lies_between_fold_and_grazing(fig8):
     assert both.high == next(e.value for e in fig8.entries if e.label == "G[1:1->2:1]")
 
 
+@pytest.mark.full
 def test_mechanisms(fig7, fig8):
     """Fig. 7: a fold quenches what doublings left; Fig. 8: a grazing onto an orbit that folds."""
     seven = {(t.source, t.target): t for t in read(fig7).transitions}

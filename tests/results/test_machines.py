@@ -55,6 +55,7 @@ def scene_of(model, **follow_):
     )
 
 
+@pytest.mark.full
 def test_two_masses_stated_in_a_scene_have_the_catalogue_of_the_system():
     """The same events at the same places, to their errors."""
     own = follow(scene_of(MASSES))
@@ -66,6 +67,7 @@ def test_two_masses_stated_in_a_scene_have_the_catalogue_of_the_system():
         assert difference <= 4.0 * (one.error + other.error)
 
 
+@pytest.mark.full
 def test_impulses_between_bodies_are_those_of_the_impact_damper():
     """With the ball driven against the container the masses are coupled."""
     stated = scene_of(DAMPER, parameter="d", range=[10.0, 30.0], orbits=["RL"]).model
@@ -104,6 +106,7 @@ THREE = {
 }
 
 
+@pytest.mark.full
 def test_three_masses_with_three_stops():
     model = scene_of(THREE, orbits=["ABC"]).model
     assert model.unknowns_per_impact == 6

@@ -79,6 +79,7 @@ def manifest_of(folder):
 # Links
 
 
+@pytest.mark.full
 @links
 def test_files_that_are_links_are_replaced_and_not_followed(scene, out, tmp_path):
     victim = tmp_path / "thesis.tex"
@@ -294,6 +295,7 @@ def test_a_folder_written_anew_while_it_is_read(out, monkeypatch):
 # Two commands, one folder
 
 
+@pytest.mark.full
 def test_run_and_simulate_of_one_scene_share_a_folder(scene, tmp_path):
     path, folder = scene(SCENE + SIMULATE), tmp_path / "out"
     for order in (("run", "simulate"), ("simulate", "run")):
@@ -363,6 +365,7 @@ def test_a_folder_that_another_process_writes_is_refused(scene, out, capsys, com
     assert names(out) == before
 
 
+@pytest.mark.full
 def test_a_picture_is_not_put_into_a_folder_that_another_process_writes(out, tmp_path, capsys):
     """Nor into the folder of a run that has written nothing yet; elsewhere it is drawn."""
     before, begun = names(out), tmp_path / "begun"
@@ -472,6 +475,7 @@ sys.exit(main(sys.argv[2:]))
 """
 
 
+@pytest.mark.full
 @pytest.mark.skipif(sys.platform == "win32", reason="limits of POSIX")
 @pytest.mark.parametrize("limit", [12_000, 20_000])
 def test_what_can_be_written_is_written(scene, tmp_path, results, limit):
