@@ -53,7 +53,7 @@ class NotWrittenError(InputError):
         reasons = ", ".join(dict.fromkeys(self.failed.values()))
         found = f"not written ({reasons}): {_listed(list(self.failed))}"
         found += f"; written: {_listed(self.written)}"
-        super().__init__(folder, found, "make room or mend what is in the way, and run it again")
+        super().__init__(folder, found, "free disk space or remove the cause, and run it again")
 
 
 def _listed(names: Sequence[str], most: int = 6) -> str:

@@ -30,7 +30,7 @@ PAGE = (ROOT / "docs" / "architecture.md").read_text(encoding="utf-8")
 ROW = re.compile(r"^\| `(\w+)` \| (.*) \|$", re.MULTILINE)
 PACKAGES = {
     name: set(re.findall(r"`(\w+)`", others))
-    for name, others in ROW.findall(PAGE.split("<!-- table of rooms -->")[1].split("\n\n", 2)[1])
+    for name, others in ROW.findall(PAGE.split("<!-- table of imports -->")[1].split("\n\n", 2)[1])
 }
 """The packages, and which others the modules of each may import, as docs/architecture.md says."""
 

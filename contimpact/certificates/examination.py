@@ -113,7 +113,7 @@ class Examination:
     ----------
     problem : OrbitProblem
     kinds : sequence of str
-        Of those with a test function of this room; others are passed over.
+        Those that a tube can be searched for; others are passed over.
     known : sequence of Known
     budget : Budget, optional
         Tubes are not cut any more when it is spent.

@@ -1,8 +1,8 @@
-"""Draws rooms.svg: the rooms of the package, each above all that it may import.
+"""Draws packages.svg: the packages of contimpact, each above all that it may import.
 
-    python docs/figures/rooms.py
+    python docs/figures/packages.py
 
-Rooms and arrows are those of the table in docs/architecture.md.
+Packages and arrows are those of the table in docs/architecture.md.
 """
 
 import math
@@ -23,42 +23,42 @@ ROW = re.compile(r"^\| `(\w+)` \| (.*) \|$", re.MULTILINE)
 
 
 def allowed(page: str) -> dict[str, set[str]]:
-    """Return which rooms each room may import, as the page says."""
-    table = page.split("<!-- table of rooms -->")[1].split("\n\n", 2)[1]
+    """Return which packages each package may import, as the page says."""
+    table = page.split("<!-- table of imports -->")[1].split("\n\n", 2)[1]
     return {name: set(re.findall(r"`(\w+)`", others)) for name, others in ROW.findall(table)}
 
 
-def floors(rooms: Mapping[str, set[str]]) -> dict[str, int]:
-    """Return how many rooms stand below each, one on the other."""
+def levels(packages: Mapping[str, set[str]]) -> dict[str, int]:
+    """Return how many packages are below each, one on the other."""
     found: dict[str, int] = {}
-    for name in TopologicalSorter(rooms).static_order():
-        found[name] = max((found[other] + 1 for other in rooms[name]), default=0)
+    for name in TopologicalSorter(packages).static_order():
+        found[name] = max((found[other] + 1 for other in packages[name]), default=0)
     return found
 
 
-def reduced(rooms: Mapping[str, set[str]]) -> dict[str, set[str]]:
-    """Return the arrows that no way round says already."""
+def reduced(packages: Mapping[str, set[str]]) -> dict[str, set[str]]:
+    """Return the arrows that do not follow from others."""
     below: dict[str, set[str]] = {}
-    for name in TopologicalSorter(rooms).static_order():
-        below[name] = rooms[name].union(*(below[other] for other in rooms[name]))
+    for name in TopologicalSorter(packages).static_order():
+        below[name] = packages[name].union(*(below[other] for other in packages[name]))
     return {
         name: {o for o in others if not any(o in below[p] for p in others)}
-        for name, others in rooms.items()
+        for name, others in packages.items()
     }
 
 
 def spread(
-    floor: Mapping[str, int], arrows: Mapping[str, set[str]]
+    level: Mapping[str, int], arrows: Mapping[str, set[str]]
 ) -> dict[str, tuple[float, float]]:
-    """Return places on the floors such that few arrows pass behind boxes that are not theirs."""
+    """Return places on the levels such that few arrows pass behind boxes that are not theirs."""
     chance, best, found = random.Random(3), math.inf, {}
     for _ in range(TRIES):
         moved = list(found) and chance.sample(list(found), 2)
         places = {
-            name: (chance.uniform(-4.0, 4.0), 1.1 * level)
+            name: (chance.uniform(-4.0, 4.0), 1.1 * height)
             if name in moved or not found
             else found[name]
-            for name, level in sorted(floor.items())
+            for name, height in sorted(level.items())
         }
         if (cost := disorder(places, arrows)) < best:
             best, found = cost, places
@@ -66,7 +66,7 @@ def spread(
 
 
 def disorder(places: Mapping[str, tuple[float, float]], arrows: Mapping[str, set[str]]) -> float:
-    """Return how many boxes overlap or stand in the way of arrows, and how far these lean."""
+    """Return how many boxes overlap or are in the way of arrows, and how far these lean."""
     cost = 0.0
     for name, (x, y) in places.items():
         for third, (a, b) in places.items():
@@ -81,12 +81,12 @@ def disorder(places: Mapping[str, tuple[float, float]], arrows: Mapping[str, set
     return cost
 
 
-def draw(rooms: Mapping[str, set[str]], path: Path) -> None:
-    """Draw boxes on their floors, and an arrow from each to what it stands on."""
-    places = spread(floors(rooms), reduced(rooms))
+def draw(packages: Mapping[str, set[str]], path: Path) -> None:
+    """Draw boxes on their levels, and an arrow from each to what it imports."""
+    places = spread(levels(packages), reduced(packages))
     figure = Figure(figsize=(9.0, 6.4))
     ax = figure.add_axes((0.0, 0.0, 1.0, 1.0))
-    for name, others in sorted(reduced(rooms).items()):
+    for name, others in sorted(reduced(packages).items()):
         for other in sorted(others):
             (x, y), (u, v) = places[name], places[other]
             arrow = {"arrowstyle": "-|>", "color": "0.55", "shrinkA": 0, "shrinkB": 0}
@@ -102,6 +102,6 @@ def draw(rooms: Mapping[str, set[str]], path: Path) -> None:
 
 if __name__ == "__main__":
     page = (HERE.parent / "architecture.md").read_text(encoding="utf-8")
-    rooms = allowed(page)
-    rooms.pop("mechanics")
-    draw(rooms, HERE / "rooms.svg")
+    packages = allowed(page)
+    packages.pop("mechanics")
+    draw(packages, HERE / "packages.svg")
