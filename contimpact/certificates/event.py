@@ -418,7 +418,9 @@ def _says(entry: Entry, orbit: Orbit) -> None:
     _said("ghost", entry.ghost, ghost)
     letters = [wall.name for wall in orbit.space.problem.model.WALLS]
     word = orbit.space.problem.word
-    _said("notation", entry.notation, word.notation(letters))
+    notation = word.notation(letters)
+    if entry.notation != word.counts(letters):  # as older catalogues have it, whatever the letters
+        _said("notation", entry.notation, notation)
     tilde = ghost and orbit.kind.tilde
     _said("label", entry.label.startswith("~"), tilde)
 

@@ -23,6 +23,7 @@ from .guards import Mode as Mode
 from .guards import Wall as Wall
 from .guards import guard_of, orders_of, slides_at
 from .sources import identity
+from .word import MOST_COUNTED
 
 # Whether the modes and guards of a system's class fit together, checked when it is defined.
 
@@ -576,6 +577,12 @@ class Model(ABC):
     def letters(self) -> list[str]:
         """The letters of the guards, in which words are written."""
         return [guard.name for guard in self.WALLS]
+
+    @property
+    def few_guards(self) -> bool:
+        """Whether it has at most two guards: orbits are then known by their counts, and unphysical
+        ones followed and drawn, unless it is asked otherwise."""
+        return len(self.WALLS) <= MOST_COUNTED
 
     @property
     def coordinates(self) -> tuple[str, ...]:

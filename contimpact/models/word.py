@@ -17,8 +17,8 @@ from dataclasses import dataclass
 from ..errors import InputError, shown
 
 LONGEST_WORD = 1000
-MOST_COUNTED = 4
-"""Letters of which counts are written."""
+MOST_COUNTED = 2
+"""Letters of which counts are written; of more the counts hardly tell a word."""
 _COUNTS = re.compile(r"([0-9]+(?::[0-9]+)*)(?:/([0-9]+)T)?")
 _LETTERS = re.compile(r"([^\W\d]+)(?:/([0-9]+)T)?")
 _NONE = re.compile(r"0(?:/([0-9]+)T)?")
@@ -45,12 +45,12 @@ class Word:
         return len(self.walls)
 
     def notation(self, letters: Sequence[str]) -> str:
-        """Return the count n:m/pT; in parentheses where it is a total over all p periods.
+        """Return the count n:m/pT; of more than two letters the word itself."""
+        few = self.walls and len(letters) <= MOST_COUNTED
+        return self.counts(letters) if few else str(self)
 
-        Of more than four letters the word itself: counts would hardly tell it.
-        """
-        if not self.walls or len(letters) > MOST_COUNTED:
-            return str(self)
+    def counts(self, letters: Sequence[str]) -> str:
+        """Return the count of each letter; in parentheses where it is a total over all periods."""
         totals = [self.walls.count(letter) for letter in letters]
         p = self.period
         if p <= 1:

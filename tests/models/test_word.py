@@ -145,6 +145,17 @@ def test_notation(walls, period, notation):
     assert Word(walls, period).notation("BT") == notation
 
 
+@pytest.mark.parametrize(
+    ("text", "notation"),
+    [("1:1:0:1", "CRK"), ("CRS", "CRS"), ("CRSS/2T", "CRSS/2T"), ("0/2T", "0/2T")],
+)
+def test_orbits_of_more_than_two_walls_are_called_by_their_words(text, notation):
+    """Counts of three walls and more are read, but not written."""
+    word = parse_word(text, "CRSK")
+    assert word.notation("CRSK") == notation
+    assert parse_word(word.notation("CRSK"), "CRSK") == word
+
+
 def test_insert_and_drop():
     word = Word("BT", 2)
     assert word.insert(0, "B") == Word("BBT", 2)
