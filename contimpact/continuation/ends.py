@@ -53,6 +53,10 @@ class EndKind(enum.Enum):
         "orbits come near to one that takes for ever, by an equilibrium (a homoclinic one)"
     )
     KNOWN = "met branch {known} at {parameter} = {value:.12g}"
+    UNPHYSICAL = (
+        "the orbits are unphysical at {parameter} = {value:.12g} ({why}), and with unphysical = "
+        "false are followed no further"
+    )
     BORN = "born at {entry} of branch {parent} at {parameter} = {value:.12g}"
     UNFOLDED = (
         "the crossing of branches is unfolded at {parameter} = {value:.12g}: beyond, the branches "

@@ -173,6 +173,7 @@ class _Explorer:
     surveyed: str = "none"
     settled: list[Orbit] = field(default_factory=list)
     lacking: dict[Word, NotFound] = field(default_factory=dict)
+    left_out: collections.Counter[Word] = field(default_factory=collections.Counter)
     probes: int = 0
     tested: list[TestFunction] = field(default_factory=list)
     failure: str | None = None
@@ -201,6 +202,7 @@ class _Explorer:
                 self.follow_births()
             elif not elsewhere:
                 self.look_elsewhere()
+                self.follow_births()
             self.note_left()
             self.note_settled()
         except KeyboardInterrupt:
@@ -241,7 +243,8 @@ class _Explorer:
         orbits, self.settled = with_settled(self.scene, self.kernels, searched, self.progress)
         self.seconds["search"] += time.perf_counter() - began
         for word in (word for word, each in orbits.items() if not each):
-            self.lacking[word] = NotFound.of(self.scene, self.kernels, word)
+            lacking = NotFound.of(self.scene, self.kernels, word)
+            self.lacking[word] = replace(lacking, unphysical=self.left_out[word])
         found = [orbit for each in orbits.values() for orbit in each]
         if len(found) > self.scene.max_branches:  # what attracts comes first
             found.sort(key=lambda orbit: not (orbit.stable and orbit.physical))
@@ -254,22 +257,29 @@ class _Explorer:
         self.progress(f"looking for {self.place(word, value)}")
         found = find(self.scene, self.kernels, word, value)
         self.seconds["search"] += time.perf_counter() - began
+        orbits = [o for o in found.orbits if o.physical or self.scene.unphysical]
+        for _ in range(len(found.orbits) - len(orbits)):
+            self.left_out[word] += 1
+            self.leave_out("orbits not followed", self.place(word, value))
         if word in self.lacking:
-            self.lacking[word] = self.lacking[word].also_at(value, len(found.orbits))
+            self.lacking[word] = self.lacking[word].also_at(value, len(orbits))
         if found.orbits and not found.settled:
             what = "searches it ended before two rounds in a row found nothing new"
             self.limits.reached("numerics.rounds", self.scene.rounds, what, self.place(word, value))
-        return found.orbits
+        return orbits
 
     def place(self, word: Word, value: float) -> str:
         """A word and where orbits of it are looked for."""
         return f"{word} at {self.scene.parameter} = {value:.9g}"
 
     def look_elsewhere(self) -> None:
-        """Look at other values for words without an orbit at the start, to report them."""
+        """Look at other values for words without an orbit at the start: to report them, and to
+        follow them if the unphysical ones are not, along which the others would be found."""
         for word in self.lacking:
             for value in surveyed(self.scene):
-                self.search(word, value, search_elsewhere)
+                for orbit in self.search(word, value, search_elsewhere):
+                    if self.lacking[word].unphysical:
+                        self.follow_orbit(orbit)
 
     def follow_orbit(self, orbit: Orbit) -> None:
         """Follow an orbit both ways, unless it lies on a branch already known."""
@@ -286,7 +296,8 @@ class _Explorer:
         scene = self.scene
         began = time.perf_counter()
         stop = at_image(orbit.problem, self.known)
-        run = both_ways(orbit.problem, orbit.unknowns, scene.range, tests, settings, report, stop)
+        about = orbit.problem, orbit.unknowns, scene.range, tests, settings
+        run = both_ways(*about, report, stop, scene.unphysical)
         self.keep(run, name, None, 0, began)
 
     def survey(self) -> None:
@@ -359,7 +370,9 @@ class _Explorer:
         born = End.of(EndKind.BORN, self.scene.parameter, entry.value, **place)
         tests, settings = self.tests(problem), self.settings()
         stop, report = at_image(problem, self.known), self.reporter(problem, name)
-        return run_born(start, born, self.scene.range, tests, settings, name, stop, report)
+        scene = self.scene
+        about = start, born, scene.range, tests, settings, name
+        return run_born(*about, stop, report, scene.unphysical)
 
     def run_known(self, run: Run) -> str | None:
         """The known branch a walk went along, where its first step was too short to tell."""
@@ -461,6 +474,10 @@ class _Explorer:
         """Queue what starts at an event: a branch born there, one switch deeper; where the motion
         itself continues on another word, that is no switch, and only physical motions are."""
         asked = event.kind in self.scene.switch
+        if not (self.scene.unphysical or entry.physical):
+            if asked and kind_of(event.kind).deeper(event) is not None:
+                self.leave_out(NOT_SWITCHED, _named(entry))
+            return
         deeper = kind_of(event.kind).deeper(event) if asked or entry.physical else None
         if deeper == 0 and entry.physical:
             (self.waiting if asked else self.left).append(Birth(event, entry, depth))
@@ -468,6 +485,10 @@ class _Explorer:
             self.waiting.append(Birth(event, entry, depth + deeper))
         elif deeper and asked:
             self.limits.reached("follow.depth", self.scene.depth, NOT_SWITCHED, _named(entry))
+
+    def leave_out(self, what: str, name: str) -> None:
+        """Record what is not followed since it is unphysical."""
+        self.limits.reached("follow.unphysical", False, what, name)
 
     def note_left(self) -> None:
         """Note where motions continue on branches that were not followed."""

@@ -276,6 +276,7 @@ def continue_orbit(
     callback: Callback | None = None,
     name: str = "b1",
     model: Model | None = None,
+    unphysical: bool | None = None,
     progress: Asked = False,
 ) -> Branch:
     """Follow a periodic orbit in one parameter, in both directions.
@@ -302,6 +303,9 @@ def continue_orbit(
         The branch's name.
     model : Model, optional
         The system of an entry or a branch, where its name does not tell; see `Entry.orbit`.
+    unphysical : bool, optional
+        Whether to go on where the orbits turn unphysical, or to end a step behind. By default it
+        is so in systems of at most two guards, and from an orbit that is unphysical itself.
     progress : bool or callable
         Whether to tell on standard error how far the walk is, or a function to call with lines of
         text.
@@ -330,8 +334,11 @@ def continue_orbit(
     settings = settings or Settings()
     if isinstance(given, Entry) and given.tangent is not None and problem is orbit.problem:
         unknowns = _beside(problem, unknowns, np.array(given.tangent), limits, settings)
+    if unphysical is None:
+        unphysical = problem.model.few_guards or not orbit.physical
     with told_of(progress, f"following {name}, {problem.word}", problem, callback) as told:
-        run = both_ways(problem, unknowns, limits, watched(tests, stop), settings, told, stop)
+        tests = watched(tests, stop)
+        run = both_ways(problem, unknowns, limits, tests, settings, told, stop, unphysical)
     return undisturbed(lambda: run.branch(name, kinds=[test.kind for test in tests]))
 
 
@@ -558,6 +565,7 @@ def both_ways(
     settings: Settings,
     callback: Callback | None = None,
     stop: Stop | None = None,
+    unphysical: bool = True,
 ) -> Run:
     """Walk from an orbit in both directions; a closed branch is walked once.
 
@@ -574,6 +582,7 @@ def both_ways(
             settings=settings,
             callback=callback,
             stop=stop,
+            unphysical=unphysical,
         )
 
     forward = kept(lambda: go(+1))
@@ -596,6 +605,7 @@ def continue_born(
     settings: Settings | None = None,
     callback: Callback | None = None,
     name: str = "b1",
+    unphysical: bool | None = None,
     progress: Asked = False,
 ) -> Branch | None:
     """Follow the branch born at an event of another one, from a catalogue just made or loaded.
@@ -609,7 +619,7 @@ def continue_born(
         also stand before the entry.
     range : (low, high)
         Of the entry's parameter.
-    events, values, settings, callback, name, progress
+    events, values, settings, callback, name, unphysical, progress
         As of `continue_orbit`.
 
     Returns
@@ -637,9 +647,10 @@ def continue_born(
     place = {"entry": entry.id, "parent": entry.branch}
     born = End.of(EndKind.BORN, entry.parameter, entry.value, **place)
     with told_of(progress, f"following {name}, {problem.word}", problem, callback) as told:
-        run = run_born(
-            start, born, limits, tests, settings or Settings(), name, at_image(problem), told
-        )
+        stop, settings = at_image(problem), settings or Settings()
+        if unphysical is None:
+            unphysical = problem.model.few_guards or not entry.physical
+        run = run_born(start, born, limits, tests, settings, name, stop, told, unphysical)
     if isinstance(run, End):
         return None
     asked = [test.kind for test in tests]
@@ -656,6 +667,7 @@ def run_born(
     name: str = "b1",
     stop: Stop | None = None,
     callback: Callable[[Point], bool | None] | None = None,
+    unphysical: bool = True,
 ) -> Run | End:
     """Walk along a branch from its start, one way or both as `Start` says.
 
@@ -667,6 +679,8 @@ def run_born(
         The branch's, for the end of one that mirrors itself.
     stop, callback : callable, optional
         As of `contimpact.continuation.walk.walk`.
+    unphysical : bool
+        As of `walk_orbits`.
 
     Returns
     -------
@@ -687,6 +701,7 @@ def run_born(
             branching=start.branching,
             callback=callback,
             stop=stop,
+            unphysical=unphysical,
         )
 
     forward = kept(lambda: go(+1))

@@ -10,12 +10,12 @@ from typing import TYPE_CHECKING, Unpack
 from ..arrays import Array
 from ..bifurcations.extended_system import OrbitTest, meeting
 from ..bifurcations.status import explained
-from ..continuation.branch import TestFunction, Walk
+from ..continuation.branch import Event, Point, TestFunction, Walk
 from ..continuation.ends import End, EndKind
 from ..continuation.problem import Problem
 from ..continuation.settings import Settings
 from ..continuation.step import Backend, Batch, DenseBackend, Position
-from ..continuation.walk import Options, walk
+from ..continuation.walk import Options, Stop, walk
 from ..orbits.problem import Linearisation, OrbitProblem
 from ..segments.compiling import plainly
 from ..segments.kernels import Kernels
@@ -81,6 +81,31 @@ def told(
     return replace(walk, end=longer)
 
 
+# Walks along physical orbits alone.
+
+
+class Physical:
+    """What ends a walk a step behind the event that makes its orbits unphysical, as `stop`.
+
+    Parameters
+    ----------
+    stop : callable or None
+        What else ends the walk.
+    """
+
+    def __init__(self, stop: Stop | None) -> None:
+        self.stop = stop
+
+    def __call__(self, point: Point, events: Sequence[Event]) -> tuple[End, Point] | None:
+        if self.stop is not None and (ended := self.stop(point, events)):
+            return ended
+        here = point.evaluation
+        if here.verdict.physical:
+            return None
+        about = here.problem.parameter, point.parameter
+        return End.of(EndKind.UNPHYSICAL, *about, why=here.verdict.reason), point
+
+
 # Walks on which flights that are integrated may become too long to be computed as a whole.
 
 
@@ -119,13 +144,17 @@ def walk_orbits(
     *,
     tests: Sequence[TestFunction[Linearisation]] = (),
     gaps: bool = True,
+    unphysical: bool = True,
     **options: Unpack[Options],
 ) -> Walk[Linearisation]:
     """As `contimpact.continuation.walk.walk`, for orbits: on a backend of their own.
 
     With `gaps` it is decided at every point if the orbit is physical, and changes of that or of the
     number of unstable multipliers are explained by events; see `contimpact.bifurcations.status`.
+    Without `unphysical` the walk ends where its orbits are unphysical.
     """
+    if not unphysical:
+        options["stop"] = Physical(options.get("stop"))
     if problem.autonomous:
         from .free_period_ends import FreePeriodEnds
 

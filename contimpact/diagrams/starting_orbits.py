@@ -58,6 +58,9 @@ class NotFound:
     """Those at which some were found, and how many."""
     starts_elsewhere: int = GLANCE
     """Random starts at each of them in the first round."""
+    unphysical: int = 0
+    """Unphysical orbits at the start, where such orbits are not followed; physical ones that were
+    found elsewhere are followed then."""
 
     @classmethod
     def of(cls, scene: Scene, kernels: Kernels, word: Word) -> NotFound:
@@ -88,7 +91,8 @@ class NotFound:
     def told(self, surveyed: bool) -> str:
         """Return what a diagram's note says; a survey has followed what was found elsewhere."""
         if self.elsewhere:
-            done = "followed from there" if surveyed else "follow.survey = true follows them"
+            followed = surveyed or self.unphysical
+            done = "followed from there" if followed else "follow.survey = true follows them"
             return f"{self}; {self.nearby} ({done})"
         return f"{self}" + (f", {self.nowhere}" if self.tried else "")
 
@@ -112,12 +116,14 @@ class NotFound:
             "tried": self.tried,
             "elsewhere": [[value, count] for value, count in self.elsewhere],
             "starts_elsewhere": self.starts_elsewhere,
+            "unphysical": self.unphysical,
         }
 
     def __str__(self) -> str:
         rounds = "1 round" if self.rounds == 1 else f"{self.rounds} rounds"
+        what = f"physical {self.word}" if self.unphysical else str(self.word)
         return (
-            f"no {self.word} orbit{self.but} was found at {self.parameter} = {self.value:.9g} "
+            f"no {what} orbit{self.but} was found at {self.parameter} = {self.value:.9g} "
             f"({rounds} of {self.starts} random starts)"
         )
 
@@ -217,6 +223,8 @@ def _remedy(lacking: NotFound, settled: Sequence[Orbit]) -> str:
         words = " or ".join(str(named(orbit)) for orbit in settled)
         return f"ask for {words}, on which simulation settles there; {_remedy(lacking, ())}"
     shorter = f"ask for {' or '.join(lacking.repeated)}, or " if lacking.repeated else ""
+    if lacking.unphysical:
+        shorter += f"follow unphysical ones ({lacking.unphysical}) by follow.unphysical = true, or "
     if lacking.elsewhere:
         start = f"start where one exists, by model.parameters.{lacking.parameter}"
         return f"{shorter}{start}: {lacking.nearby}"

@@ -11,6 +11,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, TypeAlias
 
+FEW = 2
+"""Guards of which impacts are counted; of more the counts hardly tell a word."""
+
 # Section coordinates: the state before an impact, without what the guard's surface gives.
 #
 # They are the velocity of the gap coordinate, and position and velocity of every coordinate but

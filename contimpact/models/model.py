@@ -18,12 +18,11 @@ from typing import Any, ClassVar, Self, TypeAlias
 
 from ..errors import InputError, did_you_mean, shown
 from .expressions import CONSTANTS, FUNCTIONS, check_expression, names_in, number, values_of
+from .guards import FEW, guard_of, orders_of, slides_at
 from .guards import Guard as Guard
 from .guards import Mode as Mode
 from .guards import Wall as Wall
-from .guards import guard_of, orders_of, slides_at
 from .sources import identity
-from .word import MOST_COUNTED
 
 # Whether the modes and guards of a system's class fit together, checked when it is defined.
 
@@ -580,9 +579,8 @@ class Model(ABC):
 
     @property
     def few_guards(self) -> bool:
-        """Whether it has at most two guards: orbits are then known by their counts, and unphysical
-        ones followed and drawn, unless it is asked otherwise."""
-        return len(self.WALLS) <= MOST_COUNTED
+        """Whether it has at most two guards: words are counts, and unphysical orbits followed."""
+        return len(self.WALLS) <= FEW
 
     @property
     def coordinates(self) -> tuple[str, ...]:

@@ -15,10 +15,9 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 from ..errors import InputError, shown
+from .guards import FEW
 
 LONGEST_WORD = 1000
-MOST_COUNTED = 2
-"""Letters of which counts are written; of more the counts hardly tell a word."""
 _COUNTS = re.compile(r"([0-9]+(?::[0-9]+)*)(?:/([0-9]+)T)?")
 _LETTERS = re.compile(r"([^\W\d]+)(?:/([0-9]+)T)?")
 _NONE = re.compile(r"0(?:/([0-9]+)T)?")
@@ -46,7 +45,7 @@ class Word:
 
     def notation(self, letters: Sequence[str]) -> str:
         """Return the count n:m/pT; of more than two letters the word itself."""
-        few = self.walls and len(letters) <= MOST_COUNTED
+        few = self.walls and len(letters) <= FEW
         return self.counts(letters) if few else str(self)
 
     def counts(self, letters: Sequence[str]) -> str:
@@ -122,7 +121,7 @@ def parse_word(
     """
     counts = ":".join("nmkl"[: len(letters)])
     example = "".join(letters)
-    counted = len(letters) <= MOST_COUNTED
+    counted = len(letters) <= FEW
     given = f"a word such as {example!r} or {example + '/2T'!r}"
     forms = f"{counts}, {counts}/pT, "
     if free:

@@ -32,7 +32,7 @@ class Limit:
     """A limit that cut something off."""
 
     key: str
-    """Key of the scene, such as ``follow.max_branches``; a larger value goes further."""
+    """Key of the scene, such as ``follow.max_branches``; a larger value goes further, or true."""
     value: int
     what: str
     """What was left out, in words: orbits not followed, events not switched at, ..."""
@@ -43,6 +43,9 @@ class Limit:
         names = [f"{n} ({count})" if count > 1 else n for n, count in self.left_out[:LISTED]]
         more = sum(count for _, count in self.left_out[LISTED:])
         listed = ", ".join(names) + (f", and {more} more" if more else "")
+        if isinstance(self.value, bool):
+            value, other = (str(one).lower() for one in (self.value, not self.value))
+            return f"{self.key} = {value}; {self.what}: {listed}; {other} includes them"
         return f"{self.key} = {self.value} was reached; {self.what}: {listed}; raise it to go on"
 
 

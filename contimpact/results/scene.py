@@ -278,6 +278,8 @@ class Scene:
     survey: bool | str = False
     """Whether to look for more orbits across the range: of each word met, or, with "orbits", of
     those named alone."""
+    unphysical: bool = True
+    """Whether branches go on, and begin, where their orbits are unphysical."""
     events: tuple[str, ...] = EVENTS
     """Kinds to look for."""
     values: Mapping[str, Sequence[float]] = field(default_factory=dict)
@@ -322,6 +324,7 @@ class Scene:
                 "max_branches": self.max_branches,
                 "max_points": self.max_points,
                 "survey": self.survey,
+                "unphysical": self.unphysical,
             },
             "detect": {
                 "events": list(self.events),
@@ -512,7 +515,7 @@ def read_scene(given: Mapping[str, Any], systems: Mapping[str, type[Model]] | No
         raise InputError("follow.orbits", "empty", "name at least one orbit, such as '1:1'")
     detect = top.table("detect", optional=True)
     events, values = read_detect(detect, model, parameter, (low, high))
-    reach = read_reach(follow, events)
+    reach = read_reach(follow, model, events)
     follow.finish()
     settings, search = read_numerics(top.table("numerics", optional=True))
     plot = read_plot(top.table("plot", optional=True), model, parameter)

@@ -126,7 +126,7 @@ def read_model(table: Table, systems: Mapping[str, type[Model]] | None = None) -
         raise error.within(inside) from None
 
 
-def read_reach(follow: Table, events: Sequence[str]) -> dict[str, Any]:
+def read_reach(follow: Table, model: Model, events: Sequence[str]) -> dict[str, Any]:
     """Return how far to follow what is born on the branches, from [follow].
 
     Unless it says otherwise, the motion is followed where it continues on another word at one of
@@ -147,6 +147,7 @@ def read_reach(follow: Table, events: Sequence[str]) -> dict[str, Any]:
         "max_branches": follow.whole("max_branches", 50, most=MOST_BRANCHES),
         "max_points": follow.whole("max_points", 20000, least=2, most=MOST_POINTS),
         "survey": _survey(follow),
+        "unphysical": follow.truth("unphysical", model.few_guards),
     }
 
 
@@ -361,7 +362,7 @@ def read_plot(table: Table, model: Model, parameter: str) -> PlotOptions:
     limits = {key: table.optional_pair(key) for key in ("xlim", "ylim")}
     chosen = {}
     for key, known, default in (
-        ("unphysical", SHOWN, "period-1"),
+        ("unphysical", SHOWN, "period-1" if model.few_guards else "none"),
         ("labels", LABELS, "all"),
         ("y", QUANTITIES, "velocity"),
     ):

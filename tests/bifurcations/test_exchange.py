@@ -92,6 +92,18 @@ def test_the_motion_continues_with_its_impacts_exchanged(diagram):
     assert diagram.statistics["notes"] == []
 
 
+def test_machines_of_more_than_two_guards_are_followed_where_they_are_physical():
+    """And drawn so; from three guards on words have letters."""
+    walls = [("A", 1, "<=", E1), ("B", 2, "<=", E2)]
+    two, three = pair(walls), pair([*walls, ("C", 2, ">=", -9)])
+    assert [(s.unphysical, s.plot.unphysical) for s in (two, three)] == [
+        (True, "period-1"),
+        (False, "none"),
+    ]
+    assert three.resolved()["follow"]["unphysical"] is False
+    assert pair([*walls, ("C", 2, ">=", -9)], unphysical=True).unphysical
+
+
 def test_no_hole_is_left_in_what_is_stable(diagram):
     stable = sorted(
         (i.low, i.high) for branch in diagram.branches for i in ci.stable_intervals(branch)

@@ -11,7 +11,9 @@ from zoo import ROOT
 
 from contimpact import (
     InputError,
+    Oscillator,
     continue_born,
+    continue_orbit,
     find_orbits,
     follow,
     load_diagram,
@@ -78,6 +80,61 @@ def test_orbits_that_max_branches_leaves_out_are_reported():
     assert any("BTBT/2T" in name for name, _ in limit.left_out)
     assert str(limit) in found.statistics["notes"]
     assert "follow.max_branches = 1 was reached; orbits not followed: " in found._repr_html_()
+
+
+def test_without_unphysical_orbits_every_stable_range_is_found():
+    """Branches end a step behind the events at which orbits turn unphysical, which are located."""
+    asked = {"orbits": ["1:1", "2:1"], "switch": ["PD", "G"], "range": [0.27, 0.4]}
+    whole, physical = (follow(small(**asked, unphysical=each)) for each in (True, False))
+    for branch in physical.branches:
+        inside = np.nonzero(~branch.physical & (branch["event"] == ""))[0]
+        assert set(inside.tolist()) <= {0, 1, len(branch) - 2, len(branch) - 1}
+    ranges = [
+        sorted((i.low, i.high) for i in read(found).stable if i.high - i.low > 1e-9)
+        for found in (whole, physical)
+    ]
+    assert len(ranges[0]) > 2
+    assert np.array(ranges[0]) == pytest.approx(np.array(ranges[1]), rel=1e-12)
+    assert sum(len(b) for b in physical) < 0.6 * sum(len(b) for b in whole)
+    (limit,) = {i.key: i for i in physical.limits if i.key == "follow.unphysical"}.values()
+    assert str(limit).startswith("follow.unphysical = false; ")
+    assert str(limit).endswith("; true includes them")
+    ends = [end for branch in physical for end in branch.ends if end.kind.name == "UNPHYSICAL"]
+    assert "passes wall" in ends[0].message
+
+
+def quiet(**follow_keys):
+    """The oscillator's motion without impacts, which grazes where its amplitude is the gap."""
+    keys = {"parameter": "a", "range": [0.1, 0.6], "orbits": ["0"], "unphysical": False}
+    values = {"a": 0.5, "omega": 1.5, "c": 0.1, "k": 1.0, "sigma": 0.25, "r": 0.7}
+    model = {"system": "oscillator", "parameters": values}
+    return follow(read_scene({"name": "quiet", "model": model, "follow": keys | follow_keys}))
+
+
+def test_a_word_with_unphysical_orbits_at_the_start_is_looked_for_elsewhere():
+    found = quiet()
+    grazing = 0.25 * math.hypot(1.0 - 1.5**2, 0.1 * 1.5)
+    (branch,) = found.branches
+    assert float(branch["a"].min()) == 0.1
+    (stable,) = read(found).stable
+    assert (stable.low, stable.high) == (0.1, pytest.approx(grazing, rel=1e-12))
+    (note,) = (note for note in found.statistics["notes"] if note.startswith("no physical 0 orbit"))
+    assert note.endswith("(followed from there)")
+    with pytest.raises(InputError, match=r"follow unphysical ones \(1\) by follow.unphysical"):
+        quiet(range=[0.4, 0.6])
+
+
+def test_an_unphysical_orbit_that_is_given_is_followed():
+    """From Python an orbit is followed as it is, unless it is asked otherwise."""
+    model = Oscillator(a=0.5, omega=1.5, c=0.1, k=1.0, sigma=0.25, r=0.7)
+    (orbit,) = find_orbits(model, "0", "a")
+    assert not orbit.physical
+    whole = continue_orbit(orbit, range=(0.1, 0.6))
+    assert [e.kind for e in whole.events] == ["G"]
+    assert len(continue_orbit(orbit, range=(0.1, 0.6), unphysical=False)) == 3
+    beyond = continue_orbit(whole.events[0], range=(0.1, 0.6), unphysical=False)
+    assert beyond["a"].min() == 0.1
+    assert beyond.ends[1].kind.name == "UNPHYSICAL"
 
 
 def test_events_that_limits_leave_unswitched_are_named():
