@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import textwrap
 from collections.abc import Sequence
 
 from ..diagrams.starting_orbits import SURVEYED, not_found, placed, refusal, search_at, with_settled
@@ -14,6 +15,9 @@ from ..segments.kernels import Kernels, checked
 from ..telling import telling
 from .terminal import say
 
+WIDTH = 100
+"""Of the lines that state the system."""
+
 
 def command(options: argparse.Namespace) -> int:
     """Validate a scene; returns the exit status."""
@@ -22,7 +26,9 @@ def command(options: argparse.Namespace) -> int:
         compared = _compared(scene)
         derived, orbits = _computed(scene, tell)
     say(f"scene {scene.name}" + (f": {printable(scene.source)}" if scene.source else ""))
-    say(f"  model    {scene.model!r}")
+    for heading, text in scene.model.statement():
+        shown = f"  {heading:<8} {printable(text)}"
+        say(textwrap.fill(shown, WIDTH, subsequent_indent=" " * 11, break_long_words=False))
     for name, value in zip(scene.model.DERIVED, derived, strict=False):
         say(f"           {name} = {value:.12g}")
     say(f"  checked  {', '.join(compared)}")

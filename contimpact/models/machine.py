@@ -172,6 +172,22 @@ class Machine:
         return json.dumps(asdict(self), separators=(",", ":"))
 
     @property
+    def lines(self) -> list[tuple[str, str]]:
+        """The machine for readers: headings with a text each."""
+        matrices = ((name, _written(getattr(self, name))) for name in MATRICES)
+        guards = (
+            f"{guard.name}: {within(self.coordinates, guard)}, restitution {guard.restitution}"
+            for guard in self.guards
+        )
+        return [
+            ("position", ", ".join(self.coordinates)),
+            *matrices,
+            ("force", ", ".join(self.force)),
+            ("period", self.period),
+            *(("guard", text) for text in guards),
+        ]
+
+    @property
     def expressions(self) -> list[str]:
         """All that parameters may stand in."""
         rows = (*self.mass, *self.damping, *self.stiffness, self.force, (self.period,))
@@ -186,6 +202,41 @@ class Machine:
     def angles(self, values: Mapping[str, float]) -> list[Timed]:
         """Return what the sines and cosines of the time are of."""
         return angles_of(self.force, values)
+
+
+def _written(matrix: Sequence[Sequence[str]]) -> str:
+    """A matrix as a scene has it: its rows, or the entries of its diagonal."""
+    size = range(len(matrix))
+    if all(matrix[i][j] == "0" for i in size for j in size if i != j):
+        return f"diagonal {', '.join(matrix[i][i] for i in size)}"
+    return "; ".join(", ".join(row) for row in matrix)
+
+
+class Surface(Protocol):
+    """Where a stated guard lies."""
+
+    @property
+    def row(self) -> tuple[float, ...]:
+        """A factor for each coordinate."""
+
+    @property
+    def side(self) -> int:
+        """+1 where the gap coordinate stays below the position, -1 where it stays above."""
+
+    @property
+    def position(self) -> str:
+        """An expression of the parameters."""
+
+
+def within(coordinates: Sequence[str], guard: Surface) -> str:
+    """Return where a system stays before a guard, as scenes have it."""
+    gap = ""
+    for factor, name in zip(guard.row, coordinates, strict=False):
+        if factor:
+            size = "" if abs(factor) == 1 else f"{abs(factor):.12g}*"
+            sign = "-" if factor < 0 else "+"
+            gap += f" {sign} {size}{name}" if gap else f"{sign.strip('+')}{size}{name}"
+    return f"{gap} {'<=' if guard.side > 0 else '>='} {guard.position}"
 
 
 def angles_of(texts: Sequence[str], values: Mapping[str, float]) -> list[Timed]:
@@ -441,6 +492,15 @@ class StatedSystem(Model):
     def __init__(self, /, **given: Any) -> None:
         super().__init__(**given)
         check_period(type(self).machine, self.values)  # type: ignore[attr-defined]
+
+    def statement(self) -> list[tuple[str, str]]:
+        """Return what a scene states, for readers, as headings with a text each."""
+        lines = type(self).machine.lines  # type: ignore[attr-defined]
+        return [("model", self.SYSTEM), *lines, ("values", self._listed())]
+
+    def __repr__(self) -> str:
+        coordinates, guards = ", ".join(self.coordinates), ", ".join(self.letters)
+        return f"<{self.SYSTEM} system of {coordinates} with guards {guards}: {self._listed()}>"
 
     def __copy__(self) -> Self:
         other = object.__new__(type(self))

@@ -696,6 +696,24 @@ class Model(ABC):
     def __getstate__(self) -> dict[str, Any]:
         return self.__dict__ | {"shared": {}}
 
+    def statement(self) -> list[tuple[str, str]]:
+        """Return what the system is and its parameter values, as headings with a text each."""
+        guards = (
+            guard.name if guard.rigid else f"{guard.name} ({', '.join(guard.modes)} to {guard.to})"
+            for guard in self.WALLS
+        )
+        options = ((name, value) for name, value in self.options.items() if value)
+        return [
+            ("model", self.SYSTEM),
+            *options,
+            ("guards", ", ".join(guards)),
+            ("values", self._listed()),
+        ]
+
+    def _listed(self) -> str:
+        units = {name: f" {p.unit}" if p.unit else "" for name, p in self._declared.items()}
+        return ", ".join(f"{n}={v:.12g}{units.get(n, '')}" for n, v in self.values.items())
+
     def __repr__(self) -> str:
         shown = self.options | {name: f"{value:.12g}" for name, value in self.values.items()}
         inside = ", ".join(

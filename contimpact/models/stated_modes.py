@@ -14,7 +14,7 @@ from typing import Any, TypeAlias
 
 from ..errors import InputError, did_you_mean, shown
 from .expressions import CONSTANTS, FUNCTIONS, check_expression, names_in, number
-from .machine import MOST_COORDINATES, TIME, Timed, angles_of, row_of, sides_of, text_of
+from .machine import MOST_COORDINATES, TIME, Timed, angles_of, row_of, sides_of, text_of, within
 
 Texts: TypeAlias = tuple[tuple[str, str], ...]
 """Names, and an expression for each."""
@@ -95,6 +95,23 @@ class StatedModes:
         if not self.mass:
             del given["mass"]
         return json.dumps(given, separators=(",", ":"))
+
+    @property
+    def lines(self) -> list[tuple[str, str]]:
+        """The system for readers: headings with a text each."""
+        lines = [("define", f"{name} = {text}") for name, text in self.definitions]
+        for mode in self.modes:
+            laws = ", ".join(f"{name}' = {law}" for name, law in mode.laws)
+            lines.append(("mode", f"{mode.name}: {laws}"))
+        for guard in self.guards:
+            there = within(self.mode(guard.modes[0]).coordinates(self.sections), guard)
+            text = f"{guard.name}: {', '.join(guard.modes)}, {there}"
+            text += f", to {guard.to}" if (guard.to,) != guard.modes else ""
+            text += f", past {guard.past}" if guard.past else ""
+            changes = ", ".join(f"{name} = {change}" for name, change in guard.after)
+            lines.append(("guard", text + (f"; {changes}" if changes else "")))
+        masses = ", ".join(f"{name}: {text}" for name, text in self.mass)
+        return [*lines, *([("mass", masses)] if masses else []), ("period", self.period)]
 
     @property
     def laws(self) -> list[str]:

@@ -57,6 +57,24 @@ def shipped(name, **values):
     return model_of(given["model"]).replace(**values)
 
 
+def test_a_system_tells_what_its_scene_states():
+    """In lines, as `contimpact check` prints them, and in a repr without its text."""
+    model = shipped("coco_stick_slip")
+    assert model.statement() == [
+        ("model", "hybrid"),
+        ("define", "F = V**2*sin(w*t)**2/(1 - x)**2 - c*v - x"),
+        ("mode", "stick: x' = v, v' = F"),
+        ("mode", "slip: x' = v, v' = n + 6*F/5, u' = -n - F/5"),
+        ("guard", "I: stick, x <= d, to slip; v = -e*v, u = (1 + e)*v/6"),
+        ("guard", "R: slip, u >= 0, to stick"),
+        ("period", "pi/w"),
+        ("values", "V=0.6, c=0.04, n=3.17, w=0.92, e=0.8, d=0.5"),
+    ]
+    assert repr(model).startswith("<hybrid system of x, u with guards I, R: V=0.6,")
+    damped = shipped("dry_friction").statement()
+    assert ("guard", "C: forward, v >= 0, to backward, past A; a = a + 2") in damped
+
+
 def test_the_oscillator_stated_is_the_one_that_comes_with_the_package():
     stated = model_of(OSCILLATOR)
     own = ci.Oscillator(k=1, **OSCILLATOR["parameters"])
