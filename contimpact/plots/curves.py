@@ -11,12 +11,11 @@ from __future__ import annotations
 
 import itertools
 import math
-import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import matplotlib.figure
 import numpy as np
@@ -34,9 +33,13 @@ from ..results.curve import (
     Area,
     Check,
     Curve,
+    Key,
     Region,
     StableOrbit,
+    colour_of,
     falling,
+    key_of,
+    keys_of,
     lanes,
     panels,
     parameters_of,
@@ -183,17 +186,7 @@ def _path(area: Area, sizes: Array) -> OutlinePath:
 
 
 POINT: dict[str, Any] = {"color": "k", "linestyle": "none", "markersize": 4.5}
-FURTHER = ("k", "#7B3294", "#8C510A", "#1B4F9C", "#C51B7D", "#5F6B00", "0.5")
-"""Colours of further bifurcations of a kind."""
 BAND: dict[str, Any] = {"alpha": 0.6, "edgecolor": "white", "linewidth": 0}
-
-
-class Key(NamedTuple):
-    """What a colour stands for: a bifurcation of an orbit."""
-
-    kind: str
-    label: str
-    notation: str
 
 
 @dataclass(frozen=True)
@@ -252,7 +245,7 @@ def plot_curves(
     axes = list(np.ravel(_axes(panels) if axes is None else axes))
     if len(axes) < len(panels):
         raise InputError("axes", f"found {len(axes)}", f"give {len(panels)}, one for each panel")
-    keys = _ordered(curves)
+    keys = keys_of(curves)
     bands, tinted = [], []
     for ax, panel in zip(axes, panels, strict=False):
         _draw_panel(ax, panel, keys, units or {})
@@ -353,7 +346,7 @@ def _alike(panels: Sequence[Panel]) -> bool:
 
 def _draw_panel(ax: Any, panel: Panel, keys: Sequence[Key], units: Mapping[str, str]) -> None:
     for curve in panel.curves:
-        _draw_curve(ax, curve, panel, _colour(_key(curve), keys))
+        _draw_curve(ax, curve, panel, colour_of(key_of(curve), keys))
         for point in curve.points:
             place = (point.parameters[panel.across], point.parameters[panel.along])
             ax.plot(*place, marker=MARKERS.get(point.kind, "P"), zorder=5, **POINT)
@@ -383,7 +376,7 @@ def _draw_region(ax: Any, region: Region, keys: Sequence[Key], lane: int) -> Non
     high if unconfirmed."""
     key = next(k for k in keys if k.label == region.first and k.notation == region.notation)
     low, height = 0.04 * lane, 0.015 if region.said else 0.03
-    look = {"facecolor": _colour(key, keys), "hatch": kind_of(key.kind).look.hatch, **BAND}
+    look = {"facecolor": colour_of(key, keys), "hatch": kind_of(key.kind).look.hatch, **BAND}
     ax.axvspan(region.low, region.high, ymin=low, ymax=low + height, **look)
 
 
@@ -396,37 +389,10 @@ def _draw_regions(
     return found
 
 
-def _key(curve: Curve) -> Key:
-    return Key(curve.kind, curve.label, curve.notation)
-
-
 def _end_colour(keys: Sequence[Key], orbit: StableOrbit) -> str:
     """The colour of the curve at which an orbit ends."""
     own = Key(orbit.kind or "", orbit.ends or "", orbit.notation)
-    return _colour(own, keys) if own in keys else kind_of(own.kind).look.colour
-
-
-def _colour(key: Key, keys: Sequence[Key]) -> str:
-    """The kind's colour for the first bifurcation of a kind; a colour of its own for each other."""
-    firsts = {other.kind: other for other in reversed(keys)}
-    if firsts[key.kind] == key:
-        return kind_of(key.kind).look.colour
-    others = [other for other in keys if firsts[other.kind] != other]
-    return FURTHER[others.index(key) % len(FURTHER)]
-
-
-def _ordered(curves: Sequence[Curve]) -> list[Key]:
-    """The bifurcations: of grazings of an orbit those first after which it hits the first wall more
-    often, so that G is green to 3:1 and black to 2:2, as in the paper's Fig. 6."""
-    kinds = list(dict.fromkeys(curve.kind for curve in curves))
-    words = list(dict.fromkeys(curve.notation for curve in curves))
-
-    def rank(key: Key) -> tuple[int, int, list[int]]:
-        onto = key.label.partition("->")[2]
-        counts = [-int(number) for number in re.findall(r"\d+", onto)]
-        return words.index(key.notation), kinds.index(key.kind), counts
-
-    return sorted(dict.fromkeys(map(_key, curves)), key=rank)
+    return colour_of(own, keys) if own in keys else kind_of(own.kind).look.colour
 
 
 def _name_ends(ax: Any, panel: Panel, keys: Sequence[Key]) -> None:
@@ -440,14 +406,14 @@ def _name_ends(ax: Any, panel: Panel, keys: Sequence[Key]) -> None:
         ends = [float(y[k]) for k in over] or [float(y[np.argmax(x)])] * bool(
             x.max() > high - 0.06 * np.ptp(ax.get_xlim())
         )
-        spots += [(value, _key(curve)) for value in ends if bottom <= value <= top]
+        spots += [(value, key_of(curve)) for value in ends if bottom <= value <= top]
     before = -np.inf
     for value, key in sorted(set(spots)):
         place = max(value, before + apart)
         before = place
         look: dict[str, Any] = {"fontsize": 7.5, "va": "center", "annotation_clip": False}
         where: dict[str, Any] = {"xycoords": ax.get_yaxis_transform(), "gid": "end"}
-        where |= {"textcoords": "offset points", "color": _colour(key, keys)}
+        where |= {"textcoords": "offset points", "color": colour_of(key, keys)}
         ax.annotate(_text(key, keys), (1.0, place), (4, 0), **where, **look)
 
 
@@ -455,7 +421,9 @@ def _draw_legend(
     ax: Any, panels: Sequence[Panel], keys: Sequence[Key], further: Sequence[Any]
 ) -> None:
     handles = [
-        Line2D([], [], color=_colour(k, keys), lw=kind_of(k.kind).look.width, label=_text(k, keys))
+        Line2D(
+            [], [], color=colour_of(k, keys), lw=kind_of(k.kind).look.width, label=_text(k, keys)
+        )
         for k in keys
     ]
     curves = [c for panel in panels for c in panel.curves]

@@ -3,14 +3,12 @@
 from __future__ import annotations
 
 import math
-import re
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING
 
-from ..bifurcations.registry import kind_of
 from ..errors import printable, shortened
 from ..results.branch import Branch, Entry
-from ..results.quantities import GREEK, PI_BELOW, parts_of
+from ..results.quantities import GREEK, PI_BELOW, LabelParts, label_parts, parts_of
 
 if TYPE_CHECKING:
     from ..models.model import Model
@@ -22,8 +20,6 @@ COMMANDS = {
     if name.islower() or name in CAPITALS
 } | {GREEK["phi"]: r"\varphi", GREEK["omicron"]: "o"}
 """Of Greek letters in mathematical text; without one the letter itself is set."""
-ORBIT = r"(?:[^\W_]|[:/()])*"
-"""How orbits are called in labels; nothing in it has a meaning in mathematical text."""
 
 
 def plain(text: str, longest: int = 40) -> str:
@@ -38,25 +34,25 @@ def label_text(entry: Entry, orbit: bool = False) -> str:
     A grazing of orbits with the period 2T, 4T, ... is PD_G. With `orbit`, labels without words
     name the orbit.
     """
-    kind = kind_of(entry.kind)
-    if not kind.tilde:
-        return plain(entry.kind)
-    upright, _, index = kind.symbol(entry.period).partition("_")
-    name = rf"\mathrm{{{upright}}}"
-    if entry.ghost:
-        name = rf"\widetilde{{{name}}}"
-    if index:
-        name += rf"_{{\mathrm{{{index}}}}}"
-    elif match := re.fullmatch(rf"~?\w+\[({ORBIT})->({ORBIT})\]", entry.label):
-        return f"${name}_{{{match[1]}}}^{{\\,{match[2]}}}$"
-    return f"${name}$" + (f"({plain(entry.notation)})" if orbit else "")
+    parts = label_parts(entry.kind, entry.label, entry.ghost, entry.period)
+    return _set(parts, entry.notation if orbit else "")
 
 
 def set_label(kind: str, label: str, orbit: str = "") -> str:
     """Return a label as ``G[1:1->2:1]`` with its words raised and lowered; others name `orbit`."""
-    if match := re.fullmatch(rf"~?\w+\[({ORBIT})->({ORBIT})\]", label):
-        return rf"$\mathrm{{{kind}}}_{{{match[1]}}}^{{\,{match[2]}}}$"
-    name = rf"$\mathrm{{{kind}}}$" if kind_of(kind).tilde else plain(kind)
+    return _set(label_parts(kind, label), orbit)
+
+
+def _set(parts: LabelParts, orbit: str) -> str:
+    if not parts.standard:
+        name = plain(parts.symbol)
+    else:
+        name = rf"\mathrm{{{parts.symbol}}}"
+        name = rf"\widetilde{{{name}}}" if parts.tilde else name
+        if parts.above:
+            return f"${name}_{{{parts.below}}}^{{\\,{parts.above}}}$"
+        name += rf"_{{\mathrm{{{parts.below}}}}}" if parts.below else ""
+        name = f"${name}$"
     return name + (f"({plain(orbit)})" if orbit else "")
 
 

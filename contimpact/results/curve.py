@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 import itertools
+import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from ..arrays import Array
 from ..bifurcations.declarations import CROSSINGS, REQUESTED
+from ..bifurcations.registry import kind_of
 from ..continuation.ends import End
 from ..display import Shown, Summary, frame, in_lines
 from ..errors import shown
@@ -388,6 +390,52 @@ class Region:
             places = ", ".join(f"{value:.6g}" for value in self.doubtful)
             return f"a run says otherwise at {self.second} = {places}"
         return "" if self.checked else "not checked by a run"
+
+
+# How curves are told from each other.
+
+FURTHER = ("#000000", "#7B3294", "#8C510A", "#1B4F9C", "#C51B7D", "#5F6B00", "#808080")
+"""Colours of further bifurcations of a kind."""
+
+
+class Key(NamedTuple):
+    """What a colour stands for: a bifurcation of an orbit."""
+
+    kind: str
+    label: str
+    notation: str
+
+
+def key_of(curve: Curve) -> Key:
+    """Return the bifurcation that a curve is of."""
+    return Key(curve.kind, curve.label, curve.notation)
+
+
+def keys_of(curves: Sequence[Curve]) -> list[Key]:
+    """Return the bifurcations: of grazings of an orbit those first after which it hits the first
+    wall more often, so that G is green to 3:1 and black to 2:2, as in the paper's Fig. 6."""
+    kinds = list(dict.fromkeys(curve.kind for curve in curves))
+    words = list(dict.fromkeys(curve.notation for curve in curves))
+
+    def rank(key: Key) -> tuple[int, int, list[int]]:
+        onto = key.label.partition("->")[2]
+        counts = [-int(number) for number in re.findall(r"\d+", onto)]
+        return words.index(key.notation), kinds.index(key.kind), counts
+
+    return sorted(dict.fromkeys(map(key_of, curves)), key=rank)
+
+
+def colour_of(key: Key, keys: Sequence[Key]) -> str:
+    """Return the kind's colour for the first bifurcation of a kind; a colour of its own for each
+    other."""
+    firsts = {other.kind: other for other in reversed(keys)}
+    if firsts[key.kind] == key:
+        return kind_of(key.kind).look.colour
+    others = [other for other in keys if firsts[other.kind] != other]
+    return FURTHER[others.index(key) % len(FURTHER)]
+
+
+# Curves by their panels.
 
 
 def panels(curves: Sequence[Curve]) -> list[list[Curve]]:

@@ -14,6 +14,7 @@ from typing import Any, TypeAlias
 import numpy as np
 
 from ..arrays import Array
+from ..bifurcations.registry import kind_of
 from ..errors import InputError, shown
 from ..segments.kernels import Kernels
 from ..systems.membrane import Membrane, velocity_scale
@@ -51,6 +52,39 @@ def parts_of(name: str) -> tuple[str, bool, str] | None:
     if match is None or (len(match[1]) > 1 and match[1] not in GREEK):
         return None
     return GREEK.get(match[1], match[1]), bool(match[2]), match[3] or match[4] or ""
+
+
+ORBIT = r"(?:[^\W_]|[:/()])*"
+"""How orbits are called in labels; nothing in it has a meaning in mathematical text."""
+
+
+@dataclass(frozen=True)
+class LabelParts:
+    """An event's label as pictures set it."""
+
+    symbol: str
+    tilde: bool = False
+    """Whether a tilde stands over it: it is a ghost's."""
+    below: str = ""
+    above: str = ""
+    """`below`, `above`: what is lowered and raised, orbits as a rule."""
+    standard: bool = True
+    """Whether the symbol is set as mathematics."""
+
+
+def label_parts(kind: str, label: str, ghost: bool = False, period: int = 1) -> LabelParts:
+    """Return the parts of a label such as ``~G[1:1->2:1]``, as in Table 1 of the paper.
+
+    A grazing of orbits with the period 2T, 4T, ... is PD_G, and has no words.
+    """
+    known = kind_of(kind)
+    if not known.tilde:
+        return LabelParts(kind, standard=False)
+    symbol, _, index = known.symbol(period).partition("_")
+    words = re.fullmatch(rf"~?\w+\[({ORBIT})->({ORBIT})\]", label)
+    if index or not words:
+        return LabelParts(symbol, ghost, index)
+    return LabelParts(symbol, ghost, words[1], words[2])
 
 
 def way(parameter: str, rising: bool) -> str:
