@@ -83,7 +83,7 @@ def parser() -> argparse.ArgumentParser:
         "--ghosts", action="store_true", help="list the events that are ghosts, not only count them"
     )
     run.add_argument("--no-plot", action="store_true", help="leave the diagram out")
-    run.add_argument("--html", action="store_true", help="write the page diagram.html, too")
+    run.add_argument("--html", action="store_true", help="also write the page diagram.html")
     run.set_defaults(module="run")
 
     simulate = commands.add_parser("simulate", help="simulate a scene's attractors")
@@ -91,9 +91,9 @@ def parser() -> argparse.ArgumentParser:
     simulate.add_argument("-o", "--output", metavar="DIR", required=True, help="folder to write to")
     simulate.add_argument("-q", "--quiet", action="store_true", help="print nothing but errors")
     simulate.add_argument("--no-plot", action="store_true", help="leave pictures out")
-    simulate.add_argument("--html", action="store_true", help="write the page diagram.html, too")
+    simulate.add_argument("--html", action="store_true", help="also write the page diagram.html")
     simulate.add_argument(
-        "--resume", action="store_true", help="go on from what an interrupted run has left in DIR"
+        "--resume", action="store_true", help="continue what an interrupted run has left in DIR"
     )
     simulate.set_defaults(module="simulate")
 
@@ -127,7 +127,7 @@ def parser() -> argparse.ArgumentParser:
     study = commands.add_parser("study", help="compute the scenes of a study into a store")
     study.add_argument("study", metavar="STUDY", help="a study file (TOML)")
     study.add_argument(
-        "-o", "--output", metavar="STORE", required=True, help="store to write to, or to go on with"
+        "-o", "--output", metavar="STORE", required=True, help="store to write to, or to continue"
     )
     study.add_argument(
         "-w", "--workers", metavar="N", type=int, help="processes (default all cores)"

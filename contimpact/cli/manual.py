@@ -6,6 +6,7 @@ python -m contimpact.cli.manual > docs/cli.md
 from __future__ import annotations
 
 import argparse
+from collections import Counter
 
 from . import parser
 from .examples import EXAMPLES, commands_of
@@ -15,14 +16,20 @@ HEAD = """\
 
 <!-- made by python -m contimpact.cli.manual; a test compares -->
 
-`contimpact COMMAND ...`, or `python -m contimpact COMMAND ...`, which is the same. `contimpact
---help` lists the commands, `contimpact COMMAND --help` the options of one, `contimpact --version`
-says which version this is.
+`contimpact COMMAND ...` and `python -m contimpact COMMAND ...` are the same. `contimpact --help`
+lists the commands, `contimpact COMMAND --help` the options of one, and `contimpact --version`
+prints the version.
 
-Exit status: 0 on success; 2 where the input cannot be used, with one message on standard error; 1
-where a computation was interrupted or failed, or a file could not be written. What was computed
-until then is written.
+The exit status is 0 on success; 2 where the input cannot be used, with one message on standard
+error; 1 where a computation was interrupted or failed, or a file could not be written. What was
+computed until then is written. Of several scenes, the highest status counts.
+
+Several commands have these options:
+
 """
+
+SHARED_BY = 3
+"""Commands from which on an option is described once for all."""
 
 
 def manual() -> str:
@@ -30,15 +37,23 @@ def manual() -> str:
     whole = parser()
     (action,) = (a for a in whole._actions if isinstance(a, argparse._SubParsersAction))
     helps = {choice.dest: choice.help for choice in action._choices_actions}
-    pages = [_page(name, helps[name] or "", one) for name, one in commands_of(whole).items()]
-    return "\n".join([HEAD, *pages])
+    commands = commands_of(whole)
+    rows = {
+        name: [_row(a) for a in one._actions if a.dest != "help"] for name, one in commands.items()
+    }
+    count = Counter(row for described in rows.values() for row in described)
+    shared = [row for row, times in count.items() if times >= SHARED_BY]
+    pages = [HEAD + "\n".join(shared) + "\n"]
+    for name, one in commands.items():
+        own = [row for row in rows[name] if row not in shared]
+        pages.append(_page(name, helps[name] or "", one, own))
+    return "\n".join(pages)
 
 
-def _page(name: str, help: str, command: argparse.ArgumentParser) -> str:
-    rows = [_row(action) for action in command._actions if action.dest != "help"]
+def _page(name: str, help: str, command: argparse.ArgumentParser, rows: list[str]) -> str:
     usage = " ".join(["contimpact", name, *map(_usage, command._actions)])
     lines = [f"## {name}", "", f"{help[:1].upper()}{help[1:]}.", "", f"```text\n{usage}\n```", ""]
-    lines += ["| | |", "|---|---|", *rows, "", f"```sh\n{EXAMPLES.get(name, '')}\n```", ""]
+    lines += [*rows, "", f"```sh\n{EXAMPLES.get(name, '')}\n```", ""]
     return "\n".join(lines)
 
 
@@ -65,7 +80,7 @@ def _values(action: argparse.Action) -> list[str]:
 def _row(action: argparse.Action) -> str:
     names = [f"`{name}`" for name in action.option_strings] or [f"`{_values(action)[0]}`"]
     values = " ".join(_values(action)) if action.option_strings else ""
-    return f"| {', '.join(names)} {values}".rstrip() + f" | {action.help or ''} |"
+    return f"- {', '.join(names)} {values}".rstrip() + f": {action.help or ''}"
 
 
 if __name__ == "__main__":

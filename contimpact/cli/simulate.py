@@ -38,8 +38,8 @@ def command(options: argparse.Namespace) -> int:
         _simulated(result, folder)
     if result.interrupted:
         complain(
-            f"interrupted ({result.interrupted}); what was done is written to {folder}, go on "
-            "with --resume"
+            f"interrupted ({result.interrupted}); what was done is written to {folder}; "
+            "--resume continues"
         )
         return 1
     return 0

@@ -32,7 +32,7 @@ def command(options: argparse.Namespace) -> int:
         complain(error)
         return 1
     except KeyboardInterrupt:
-        complain(f"interrupted; the same command goes on with what is in {options.output}")
+        complain(f"interrupted; the same command continues with what is in {options.output}")
         return 1
     announce(_summary(tally, options.output))
     return 0
