@@ -258,7 +258,8 @@ def _surroundings(here: Linearisation) -> Callable[[Array], bool]:
     sizes, span = problem.scale(begin, np.full(problem.free, np.inf)), problem.span(begin)
 
     def near(unknowns: Array) -> bool:
-        away = float(np.linalg.norm((unknowns - begin) / sizes))
+        with np.errstate(invalid="ignore", over="ignore"):  # where they have diverged
+            away = float(np.linalg.norm((unknowns - begin) / sizes))
         return away < FAR and abs(problem.span(unknowns)) < FAR * span
 
     return near

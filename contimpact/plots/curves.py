@@ -210,6 +210,8 @@ def plot_curves(
     units: Mapping[str, str] | None = None,
     checks: Sequence[Check] = (),
     areas: Sequence[Area] = (),
+    xlim: tuple[float, float] | None = None,
+    ylim: tuple[float, float] | None = None,
 ) -> Any:
     """Draw curves, one panel for each member of their family and each pair of parameters.
 
@@ -228,6 +230,8 @@ def plot_curves(
         One-parameter runs; bands that none of them confirms are drawn half as high.
     areas : sequence of Area, optional
         Tinted below the curves; a panel that has areas has no band.
+    xlim, ylim : (low, high), optional
+        Limits of the axes. Curves that do not enter them have no entry in the legend.
 
     Returns
     -------
@@ -254,6 +258,8 @@ def plot_curves(
             tinted += own
         else:
             bands += _draw_regions(ax, panel, keys, checks)
+        ax.set_xlim(xlim)
+        ax.set_ylim(ylim)
     if len(panels) == 1:
         _name_ends(axes[0], panels[0], keys)
     _draw_legend(
@@ -396,7 +402,7 @@ def _end_colour(keys: Sequence[Key], orbit: StableOrbit) -> str:
 
 
 def _name_ends(ax: Any, panel: Panel, keys: Sequence[Key]) -> None:
-    """Name curves where they leave the picture to the right."""
+    """Name curves where they leave the picture to the right, as far as names fit beside it."""
     apart, high = 0.045 * float(np.ptp(ax.get_ylim())), ax.get_xlim()[1]
     bottom, top = ax.get_ylim()
     spots = []
@@ -410,6 +416,8 @@ def _name_ends(ax: Any, panel: Panel, keys: Sequence[Key]) -> None:
     before = -np.inf
     for value, key in sorted(set(spots)):
         place = max(value, before + apart)
+        if place > top:
+            break
         before = place
         look: dict[str, Any] = {"fontsize": 7.5, "va": "center", "annotation_clip": False}
         where: dict[str, Any] = {"xycoords": ax.get_yaxis_transform(), "gid": "end"}
@@ -420,11 +428,13 @@ def _name_ends(ax: Any, panel: Panel, keys: Sequence[Key]) -> None:
 def _draw_legend(
     ax: Any, panels: Sequence[Panel], keys: Sequence[Key], further: Sequence[Any]
 ) -> None:
+    seen = _visible(ax, panels)
     handles = [
         Line2D(
             [], [], color=colour_of(k, keys), lw=kind_of(k.kind).look.width, label=_text(k, keys)
         )
         for k in keys
+        if k in seen
     ]
     curves = [c for panel in panels for c in panel.curves]
     if any(c.ghost.any() for c in curves):
@@ -440,6 +450,18 @@ def _draw_legend(
         frameon=False,
         handlelength=1.8,
     )
+
+
+def _visible(ax: Any, panels: Sequence[Panel]) -> set[Key]:
+    """The keys of curves that enter the limits of the axes."""
+    (left, right), (bottom, top) = map(sorted, (ax.get_xlim(), ax.get_ylim()))
+    found = set()
+    for panel in panels:
+        for curve in panel.curves:
+            x, y = curve[panel.across], curve[panel.along]
+            if np.any((x >= left) & (x <= right) & (y >= bottom) & (y <= top)):
+                found.add(key_of(curve))
+    return found
 
 
 def _band_key(panels: Sequence[Panel], bands: Sequence[Region]) -> list[Line2D]:
@@ -604,6 +626,8 @@ def plot_transitions(
     units: Mapping[str, str] | None = None,
     areas: Sequence[Area] = (),
     checks: Sequence[Check] = (),
+    xlim: tuple[float, float] | None = None,
+    ylim: tuple[float, float] | None = None,
 ) -> Any:
     """Draw where simulated motion changes, over curves of bifurcations in two parameters.
 
@@ -621,8 +645,8 @@ def plot_transitions(
     ax : matplotlib.axes.Axes, optional
     along : str, optional
         The parameter on the y axis, as of `plot_curves`.
-    units, areas, checks : optional
-        As of `plot_curves`.
+    units, areas, checks, xlim, ylim : optional
+        As of `plot_curves`; limits that are not given hold all changes.
 
     Returns
     -------
@@ -642,14 +666,24 @@ def plot_transitions(
     along = along or falling(curves)
     given = None if ax is None else [ax]
     bare = [replace(curve, points=()) for curve in curves]  # their marks are like those drawn here
-    (ax,) = plot_curves(bare, given, along=along, units=units, areas=areas, checks=checks)[:1]
+    (ax,) = plot_curves(
+        bare,
+        given,
+        along=along,
+        units=units,
+        checks=checks,
+        areas=areas,
+        xlim=xlim,
+        ylim=ylim,
+    )[:1]
     limits = ax.get_xlim(), ax.get_ylim()
     found = [(s.model.values[second], met) for s in sweeps for met in _met(s, to, along)]
     for place, met in found:
         _draw_transition(ax, place, met, MARKS[list(to).index(met.notation) % len(MARKS)])
     ax.set_xlim(*limits[0])
     values = [value for _, met in found for value in (met.before, met.after)]
-    ax.set_ylim(min([limits[1][0], *values]), max([limits[1][1], *values]))
+    if ylim is None:
+        ax.set_ylim(min([limits[1][0], *values]), max([limits[1][1], *values]))
     _legend_of_transitions(ax, [met for _, met in found], to, along)
     return ax
 

@@ -132,10 +132,10 @@ def fig10():
         diagram = ci.follow(with_curves(study))
         ax = figure.add_subplot()
         units = {"d": "dimensionless", "r": "dimensionless"}
-        curves = [c for c in diagram.curves if c.kind != "V"]  # they are those of grazings
-        ci.plot_transitions(curves, sweeps, to=to, ax=ax, units=units, areas=diagram.areas)
-        ax.set_xlim(0.05, 0.9)
-        ax.set_ylim(*LIMITS[panel])
+        # those of the paper; V are those of grazings
+        shown = [c for c in diagram.curves if c.kind != "V" and c.notation in ("1:1", "2:1")]
+        look = {"units": units, "xlim": (0.05, 0.9), "ylim": LIMITS[panel]}
+        ci.plot_transitions(shown, sweeps, to=to, ax=ax, areas=diagram.areas, **look)
         ax.set_title(TITLES[panel], fontsize=10)
         written(figure, f"fig10{panel}")
 
