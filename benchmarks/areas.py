@@ -19,7 +19,7 @@ from pathlib import Path
 import numpy as np
 
 import contimpact as ci
-from contimpact.diagrams.arrangement import Frame, bounding, slabs
+from contimpact.diagrams.arrangement import Frame, bounding_curves, slabs
 from contimpact.results.catalogue import load_diagram
 from contimpact.results.scene import read_scene
 from contimpact.segments.kernels import Kernels
@@ -30,7 +30,7 @@ class Map:
 
     def __init__(self, scene, fixed, diagram):
         own = [curve for curve in diagram.curves if dict(curve.fixed) == fixed]
-        curves = bounding(scene, own)
+        curves = bounding_curves(scene, own)
         self.areas = [area for area in diagram.areas if dict(area.fixed) == fixed]
         self.model, self.frame = scene.model.replace(**fixed), Frame.of(scene, curves)
         self.slabs = slabs([self.frame.path(curve) for curve in curves])

@@ -19,7 +19,7 @@ import sys
 import numpy as np
 
 from contimpact.diagrams.explore import follow
-from contimpact.diagrams.map_lines import passes, run_along
+from contimpact.diagrams.map_lines import passes_entry, run_along
 from contimpact.orbits.problem import OrbitProblem
 from contimpact.results.scene import read_scene
 from contimpact.segments.kernels import Kernels
@@ -111,7 +111,7 @@ def off_the_curves(scene, diagram, seed, lines):
                     there = dataclasses.replace(entry, parameter=scene.parameter)
                     if entry.physical:
                         met += 1
-                        on = any(passes(c, there, scene.model, own) for c in diagram.curves)
+                        on = any(passes_entry(c, there, scene.model, own) for c in diagram.curves)
                         off += [] if on else [entry]
     return met, off
 

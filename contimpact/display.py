@@ -32,7 +32,7 @@ class Summary:
     notes: Sequence[str] = ()
 
 
-class Shown:
+class NotebookResult:
     """What shows itself in a notebook as a table and a picture, and can be plotted."""
 
     def summary(self) -> Summary:
@@ -52,7 +52,7 @@ class Shown:
         return {"text/plain": repr(self), "text/html": text}
 
 
-def in_lines(
+def limit_lines(
     head: str, rows: Sequence[str], tail: Sequence[str] = (), ahead: Sequence[str] = ()
 ) -> str:
     """Return a text of at most `LINES` lines; of the rows the last ones are left out and counted.

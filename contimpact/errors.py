@@ -51,26 +51,26 @@ class NotWrittenError(InputError):
     def __init__(self, folder: str, written: Sequence[str], failed: Mapping[str, str]) -> None:
         self.written, self.failed = list(written), dict(failed)
         reasons = ", ".join(dict.fromkeys(self.failed.values()))
-        found = f"not written ({reasons}): {_listed(list(self.failed))}"
-        found += f"; written: {_listed(self.written)}"
+        found = f"not written ({reasons}): {_name_list(list(self.failed))}"
+        found += f"; written: {_name_list(self.written)}"
         super().__init__(folder, found, "free disk space or remove the cause, and run it again")
 
 
-def _listed(names: Sequence[str], most: int = 6) -> str:
+def _name_list(names: Sequence[str], most: int = 6) -> str:
     """Names in a row, the later ones counted."""
     text = ", ".join(names[:most]) or "nothing"
     return text + (f" and {len(names) - most} more" if len(names) > most else "")
 
 
-def shown(value: Any, longest: int = 60) -> str:
+def short_repr(value: Any, longest: int = 60) -> str:
     """Return a value as Python writes it, shortened, whatever it is."""
     try:
-        return shortened(repr(value), longest)
+        return shorten(repr(value), longest)
     except (ValueError, RecursionError):  # whole numbers of thousands of digits, deep nesting
         return f"a {type(value).__name__} too long to show"
 
 
-def shortened(text: str, longest: int = 60) -> str:
+def shorten(text: str, longest: int = 60) -> str:
     """Return a text with its middle left out where it is too long."""
     if len(text) <= longest:
         return text
@@ -96,5 +96,5 @@ def printable(text: str) -> str:
 def _message(*parts: str) -> str:
     where, found, accepted = parts
     if sum(map(len, parts)) > LONGEST_MESSAGE:
-        where, found, accepted = (shortened(part, LONGEST_MESSAGE // 3) for part in parts)
+        where, found, accepted = (shorten(part, LONGEST_MESSAGE // 3) for part in parts)
     return f"{where}: {found}; {accepted}"

@@ -17,12 +17,12 @@ EVERY = 20
 """Points of a walk between two lines."""
 
 
-def silent(text: str) -> None:
+def ignore_progress(text: str) -> None:
     """Tell nobody."""
 
 
 @contextlib.contextmanager
-def asked(progress: Asked, name: str) -> Iterator[Progress]:
+def progress_lines(progress: Asked, name: str) -> Iterator[Progress]:
     """Yield the function to call with lines of text about a piece of work."""
     if progress is True:
         from .telling import telling
@@ -30,10 +30,12 @@ def asked(progress: Asked, name: str) -> Iterator[Progress]:
         with telling(name, patient=True) as tell:
             yield tell
     else:
-        yield progress or silent
+        yield progress or ignore_progress
 
 
-def both(one: Callable[[Any], Any] | None, tell: Callable[[Any], None]) -> Callable[[Any], Any]:
+def chain_callbacks(
+    one: Callable[[Any], Any] | None, tell: Callable[[Any], None]
+) -> Callable[[Any], Any]:
     """Return a callback that tells, and then does what the caller's does."""
 
     def callback(point: Any) -> Any:
@@ -43,7 +45,7 @@ def both(one: Callable[[Any], Any] | None, tell: Callable[[Any], None]) -> Calla
     return callback
 
 
-def counted(what: str, parameter: str, progress: Progress) -> Callable[[Any], None]:
+def counting_callback(what: str, parameter: str, progress: Progress) -> Callable[[Any], None]:
     """Return a callback of a walk that tells how many points there are, and where it is."""
     count = 0
 

@@ -22,12 +22,12 @@ from contimpact.accuracy.simulated import ExactFlights, flights_of, plain_voltag
 from contimpact.bifurcations.grazing import touches_at
 from contimpact.bifurcations.registry import switch, test_functions
 from contimpact.continuation.corrector import correct
-from contimpact.diagrams.orbit_branch import both_ways
+from contimpact.diagrams.orbit_branch import walk_both_ways
 from contimpact.models.word import Word
 from contimpact.orbits.problem import OrbitProblem
 from contimpact.orbits.search import solve_near
 from contimpact.segments.kernels import Kernels
-from contimpact.simulation.energy import of_attractor
+from contimpact.simulation.energy import attractor_voltages
 from contimpact.simulation.settle import settle
 from contimpact.simulation.simulator import Simulator
 from contimpact.systems.membrane import Membrane
@@ -76,7 +76,9 @@ def measured(model, word, parameter, limits, events=EVENTS, most=2, max_points=1
     for orbit in orbits[:most]:
         problem, exact = orbit.problem, Reference(orbit.problem)
         tests = test_functions(problem, events, {})
-        run = both_ways(problem, orbit.unknowns, limits, tests, Settings(max_points=max_points))
+        run = walk_both_ways(
+            problem, orbit.unknowns, limits, tests, Settings(max_points=max_points)
+        )
         points += len(run.points)
         missed += sum(len(walk.missed) for walk in run.walks)
         for event in run.events:
@@ -135,7 +137,7 @@ def scaling():
         model = pair(s=0.34 * k, A=5.0 * k, g=9.8 * k)
         orbit = find_orbits(model, "1:1", parameter="s", starts=64, rounds=4)[0]
         tests = test_functions(orbit.problem, ("FB", "PD", "G"), {})
-        run = both_ways(orbit.problem, orbit.unknowns, (0.3 * k, 0.6 * k), tests, Settings())
+        run = walk_both_ways(orbit.problem, orbit.unknowns, (0.3 * k, 0.6 * k), tests, Settings())
         seen.append([event.parameter / k for event in run.events])
     spread = float(np.max(np.ptp(np.array(seen), axis=0) / np.mean(seen, axis=0)))
     return Row("solved", error=spread, note="13 decades; error is the relative spread of events")
@@ -147,7 +149,7 @@ def small_gap():
     orbit = find_orbits(model, "1:1", parameter="s", starts=64, rounds=4)[0]
     tests = test_functions(orbit.problem, ("FB", "PD", "T"), {})
     settings = Settings(max_points=300)
-    run = both_ways(orbit.problem, orbit.unknowns, (1e-9, 0.4), tests, settings)
+    run = walk_both_ways(orbit.problem, orbit.unknowns, (1e-9, 0.4), tests, settings)
     last = run.points[0].evaluation
     at = last.unknowns[-1]
     row = solved(orbit.problem, last.unknowns)
@@ -207,7 +209,7 @@ def repeated(model, times):
     off = abs(float(here.multipliers[0].real / float(large)) - 1.0)
     tests = test_functions(problem, ("FB",), {})
     value = float(here.unknowns[-1])
-    run = both_ways(problem, here.unknowns, (value - 1e-3, value + 1e-3), tests, Settings())
+    run = walk_both_ways(problem, here.unknowns, (value - 1e-3, value + 1e-3), tests, Settings())
     ends = " and ".join(walk.end.kind.name for walk in run.walks)
     return Row(
         row.outcome,
@@ -223,7 +225,7 @@ def grazing_event():
     """The ghost grazing of the 1:1 orbit of Fig. 7."""
     orbit = find_orbits(pair(s=0.34), "1:1", parameter="s", starts=64, rounds=4)[0]
     tests = test_functions(orbit.problem, ("G",), {})
-    run = both_ways(orbit.problem, orbit.unknowns, (0.3, 0.36), tests, Settings())
+    run = walk_both_ways(orbit.problem, orbit.unknowns, (0.3, 0.36), tests, Settings())
     return run.events[0]
 
 
@@ -271,7 +273,7 @@ def symmetric_grazings(beta):
     errors, apart, residual, orders = [], [], 0.0, []
     for orbit in find_orbits(pair(beta=beta, s=0.33), "1:1", kernels=kernels):
         tests = test_functions(orbit.problem, ("G",), {})
-        run = both_ways(orbit.problem, orbit.unknowns, (0.05, 0.6), tests, Settings())
+        run = walk_both_ways(orbit.problem, orbit.unknowns, (0.05, 0.6), tests, Settings())
         exact = Reference(orbit.problem)
         for event in run.events:
             found = exact.event("G", event.point.unknowns, event.details)
@@ -302,7 +304,7 @@ def fold_at_grazing():
     event = last_grazing(r)
     start = switch(event)
     tests = test_functions(start.problem, ("FB", "V"), {})
-    run = both_ways(start.problem, start.unknowns, (0.3, 0.4), tests, Settings())
+    run = walk_both_ways(start.problem, start.unknowns, (0.3, 0.4), tests, Settings())
     near = [e for e in run.events if abs(e.parameter - event.parameter) < 1e-6]
     errors = [math.inf]
     for e in near:
@@ -325,7 +327,7 @@ def last_grazing(r):
     events = []
     for orbit in orbits:
         tests = test_functions(orbit.problem, ("G",), {})
-        run = both_ways(orbit.problem, orbit.unknowns, (0.3, 0.4), tests, Settings())
+        run = walk_both_ways(orbit.problem, orbit.unknowns, (0.3, 0.4), tests, Settings())
         events += [e for e in run.events if e.details["wall"] == "B"]
     return max(events, key=lambda e: e.parameter)
 
@@ -533,7 +535,7 @@ def energy_of(model, allowed=1e-12):
     ctx, values = exact.exact.ctx, model.values
     scale = ctx.mpf(values["A"]) * ctx.pi / (ctx.mpf(values["M"]) * ctx.mpf(values["omega"]))
     total = sum(plain_voltage(membrane, scale * abs(v), ctx) for v in speeds if v)
-    mean = of_attractor(membrane, attractor).per_time
+    mean = attractor_voltages(membrane, attractor).per_time
     off = abs(float(mean * exact.period * attractor.period / total - 1))
     note = f"{attractor.notation}, {len(speeds)} impacts in {attractor.period} periods, relative"
     return Row("solved", error=off, allowed=allowed, note=note)

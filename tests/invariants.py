@@ -12,7 +12,7 @@ import numpy as np
 
 from contimpact.bifurcations.kind import Change
 from contimpact.bifurcations.registry import kind_of
-from contimpact.bifurcations.status import with_status
+from contimpact.bifurcations.status import places_with_status
 from contimpact.continuation.branch import Points
 from contimpact.continuation.ends import EndKind
 from contimpact.diagrams import orbit_branch, orbit_walks
@@ -42,7 +42,7 @@ class Watch:
 
 def watch(patch):
     """Have every walk and every table checked from now on, as long as a monkeypatch lasts."""
-    explained, branch = orbit_walks.explained, orbit_branch.Run.branch
+    explained, branch = orbit_walks.explain_changes, orbit_branch.Run.branch
 
     def checked_walk(problem, walk, tests, settings, switched):
         found = explained(problem, walk, tests, settings, switched)
@@ -58,7 +58,7 @@ def watch(patch):
             check_branch(found)
         return found
 
-    patch.setattr(orbit_walks, "explained", checked_walk)
+    patch.setattr(orbit_walks, "explain_changes", checked_walk)
     patch.setattr(orbit_branch.Run, "branch", checked_branch)
 
 
@@ -121,7 +121,7 @@ def check_events(points, walk):
 def check_changes(points, walk, asked, settings, switched):
     """Between points of another status lies an event that changes it, or it is said what is
     missing."""
-    told = with_status(walk, settings)
+    told = places_with_status(walk, settings)
     summary = Summary.of(points.numbers)
     unstable = count_unstable(summary.multipliers)[told]
     findings = summary.findings[told, 0]

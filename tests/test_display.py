@@ -13,7 +13,7 @@ import pytest
 from scipy.integrate import solve_ivp
 
 import contimpact as ci
-from contimpact.display import LINES, Summary, in_lines, picture_of, table_of
+from contimpact.display import LINES, Summary, limit_lines, picture_of, table_of
 from contimpact.results.simulate_tables import Settling
 from contimpact.simulation.sweep import Row, Sweep
 
@@ -126,7 +126,7 @@ def test_every_text_has_ten_lines(results):
     text = repr(Sweep(pair, "s", odd))
     assert max(map(len, text.splitlines())) < 200
     assert "and 48 more" in text
-    assert in_lines("head", ["row"] * 30).count("\n") == LINES - 1
+    assert limit_lines("head", ["row"] * 30).count("\n") == LINES - 1
 
 
 def test_frames_hold_the_same_numbers(results):

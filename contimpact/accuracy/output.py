@@ -83,7 +83,7 @@ def _method_table(method: Mapping[str, Any]) -> list[str]:
     head = [f"## {method['name']}", "", f"Largest error of {method['error_of']}.", ""]
     columns = "error | seconds | spread | evaluations | orbits | failed"
     table = _table(f"{method['varied']} | {columns}", rows)
-    return [*head, *table, *_fewer_places(method), *_unfinished(method["rows"]), ""]
+    return [*head, *table, *_fewer_places(method), *_budget_note(method["rows"]), ""]
 
 
 def _fewer_places(method: Mapping[str, Any]) -> list[str]:
@@ -96,7 +96,7 @@ def _fewer_places(method: Mapping[str, Any]) -> list[str]:
     return ["", f"{said}errors are those at {least} at least."]
 
 
-def _unfinished(rows: Sequence[Mapping[str, Any]]) -> list[str]:
+def _budget_note(rows: Sequence[Mapping[str, Any]]) -> list[str]:
     """What is said of rows that have spent their budget, and what would do instead."""
     late = [r for r in rows if r.get("unfinished")]
     if not late:
@@ -156,7 +156,7 @@ def _simulation_table(found: Mapping[str, Any]) -> list[str]:
         "those of a flight."
     )
     table = _table("method | rtol | error | seconds | evaluations | failed", rows)
-    late = [*_unfinished(found["solve_ivp"]), *_unfinished(found["radau"])]
+    late = [*_budget_note(found["solve_ivp"]), *_budget_note(found["radau"])]
     return ["## Simulation", "", head, "", *table, *late, "", *said, ""]
 
 

@@ -27,7 +27,7 @@ from ..arrays import Array
 from ..bifurcations.declarations import KINDS
 from ..continuation import problem as linear
 from ..continuation.branch import Point, Walk
-from ..continuation.corrector import bordered
+from ..continuation.corrector import border_jacobian
 from ..continuation.settings import PREDICTORS, Settings
 from ..diagrams.explore import follow
 from ..diagrams.orbit_walks import walk_orbits
@@ -43,13 +43,21 @@ from ..results.entry_conversion import details_of
 from ..results.scene import Scene
 from ..segments.kernels import Kernels
 from .reference import Exact, Reference
-from .shooting import EXPLICIT, SECONDS, shot, some, spread, timed, within_budget
-from .simulated import simulated
+from .shooting import (
+    EXPLICIT,
+    SECONDS,
+    measure_shooting,
+    spread,
+    spread_sample,
+    take_within_budget,
+    time_task,
+)
+from .simulated import measure_simulation
 
 # What proofs cost: seconds for each entry, and for each tube of a branch.
 
 
-def certified(scene: Scene, progress: Callable[[str], None]) -> dict[str, Any] | None:
+def measure_certificates(scene: Scene, progress: Callable[[str], None]) -> dict[str, Any] | None:
     """Return what it costs to certify a scene; None where it has no [certify].
 
     Raises InputError if what proofs are made with is not installed.
@@ -90,7 +98,7 @@ SECONDS_OF_EVENTS = 120.0
 """After which no further event is compared."""
 
 
-def measured_events(
+def measure_events(
     scene: Scene, kernels: Kernels, diagram: Diagram | None = None
 ) -> list[dict[str, Any]]:
     """Return every event of the scene's diagram with its true error and its estimate.
@@ -101,7 +109,7 @@ def measured_events(
     references: dict[Any, Reference] = {}
     entries = [e for e in (diagram or follow(scene)).entries if e.kind in KINDS]
     rows = []
-    for entry in within_budget(entries, SECONDS_OF_EVENTS):
+    for entry in take_within_budget(entries, SECONDS_OF_EVENTS):
         here = orbit_of(entry, scene.model, kernels)
         problem = here.problem
         fixed = [v for n, v in problem.model.values.items() if n != scene.parameter]
@@ -136,7 +144,7 @@ def _ratio(true: float, estimated: float) -> float:
     return true / estimated
 
 
-def honesty(events: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
+def compare_estimates(events: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
     """Return how true errors compare with their estimates."""
     ratios = [e["ratio"] for e in events if e["ratio"] is not None]
     return {
@@ -166,9 +174,9 @@ def long_words(orbit: Orbit, repetitions: int) -> dict[str, Any]:
     own = len(orbit.word)
     for length in WORD_LENGTHS:
         times = max(1, round(length / own))
-        problem, unknowns = _repeated(orbit, times)
+        problem, unknowns = _repeat_orbit(orbit, times)
         here = problem.evaluate(unknowns)
-        matrix = bordered(here.jacobian, np.ones(problem.n + 1))
+        matrix = border_jacobian(here.jacobian, np.ones(problem.n + 1))
         right = np.ones(problem.n + 1)
         loops = max(1, 200 // (own * times))
         parts: dict[str, Callable[[], Any]] = {
@@ -179,7 +187,7 @@ def long_words(orbit: Orbit, repetitions: int) -> dict[str, Any]:
         }
         row: dict[str, Any] = {"impacts": own * times}
         for name, part in parts.items():
-            _, row[name] = timed(partial(_often, part, loops), repetitions, loops)
+            _, row[name] = time_task(partial(_repeat, part, loops), repetitions, loops)
         rows.append(row)
     exponents = {name: _exponent(rows, name) for name in parts}
     return {"rows": rows, "exponents": exponents, "dense_up_to": linear.DENSE_UP_TO}
@@ -189,12 +197,12 @@ def _jacobian(problem: OrbitProblem, unknowns: Array) -> Array:
     return problem.evaluate(unknowns).jacobian
 
 
-def _often(part: Callable[[], Any], times: int) -> None:
+def _repeat(part: Callable[[], Any], times: int) -> None:
     for _ in range(times):
         part()
 
 
-def _repeated(orbit: Orbit, times: int) -> tuple[OrbitProblem, Array]:
+def _repeat_orbit(orbit: Orbit, times: int) -> tuple[OrbitProblem, Array]:
     problem, word = orbit.problem, orbit.word
     span = problem.span(orbit.unknowns)
     rows = np.vstack([problem.impacts(orbit.unknowns)] * times)
@@ -253,10 +261,10 @@ def report(
     methods = task.walked()
     methods += task.shooting()
     progress("events")
-    events = measured_events(scene, kernels, diagram)
+    events = measure_events(scene, kernels, diagram)
     progress("simulation")
-    simulation = simulated(scene, TOLERANCES, repetitions, DIGITS)
-    proofs = certified(scene, progress)
+    simulation = measure_simulation(scene, TOLERANCES, repetitions, DIGITS)
+    proofs = measure_certificates(scene, progress)
     progress("long words")
     return {
         "schema": SCHEMA,
@@ -267,7 +275,7 @@ def report(
         "machine": machine(),
         "methods": methods,
         "events": events,
-        "honesty": honesty(events),
+        "honesty": compare_estimates(events),
         "simulation": simulation,
         "certificates": proofs,
         "long_words": long_words(orbit, repetitions),
@@ -358,7 +366,11 @@ class _Task:
     def tolerances(self, predictor: str) -> dict[str, Any]:
         """Errors of the points, at every tolerance."""
         rows = [
-            self.row(tolerance, self.settings(tolerance=tolerance, predictor=predictor), _at_points)
+            self.row(
+                tolerance,
+                self.settings(tolerance=tolerance, predictor=predictor),
+                _places_at_points,
+            )
             for tolerance in TOLERANCES
         ]
         return _method(f"tolerance, {predictor} predictor", "tolerance", "points", rows)
@@ -372,7 +384,7 @@ class _Task:
             settings = self.settings(
                 **steps, predictor=predictor, tolerance=1e-13, max_points=20 * POINTS
             )
-            rows.append(self.row(step, settings, _between_points))
+            rows.append(self.row(step, settings, _places_between_points))
         return _method(f"step, {predictor} predictor", "max_step", "curve between points", rows)
 
     def row(
@@ -384,8 +396,10 @@ class _Task:
         walks = self.walks(settings)
         evaluations = self.problem.kernel_evaluations - before
         first = time.process_time() - began
-        guesses = _mixed(some([guess for w in walks for guess in places(w)], SAMPLES))
-        errors = [self.error(*place) for place in within_budget(guesses)]
+        guesses = _spread_order(
+            spread_sample([guess for w in walks for guess in places(w)], SAMPLES)
+        )
+        errors = [self.error(*place) for place in take_within_budget(guesses)]
         return {
             "setting": value,
             "error": max(errors, default=None),
@@ -405,7 +419,7 @@ class _Task:
     def shooting(self) -> list[dict[str, Any]]:
         """What a user would write: nothing for systems it has no simple form for."""
         walks = self.walks(self.settings())
-        found = shot(self.problem, walks, TOLERANCES, self.repetitions, self.progress)
+        found = measure_shooting(self.problem, walks, TOLERANCES, self.repetitions, self.progress)
         methods = []
         for integrator, rows in found.items():
             for row in rows:
@@ -419,17 +433,17 @@ def _method(name: str, varied: str, measure: str, rows: list[dict[str, Any]]) ->
     return {"name": name, "varied": varied, "error_of": measure, "rows": rows}
 
 
-def _mixed(items: list[Any]) -> list[Any]:
+def _spread_order(items: list[Any]) -> list[Any]:
     """The same items in an order in which the first few are spread over all."""
     order = sorted(range(len(items)), key=lambda i: f"{i:010b}"[::-1])
     return [items[i] for i in order]
 
 
-def _at_points(walked: Walk) -> list[_Place]:
+def _places_at_points(walked: Walk) -> list[_Place]:
     return [(point.unknowns, _fastest(point)) for point in walked.points]
 
 
-def _between_points(walked: Walk) -> list[_Place]:
+def _places_between_points(walked: Walk) -> list[_Place]:
     """The cubic through neighbouring points with their tangents, half way."""
     places = []
     for a, b in zip(walked.points, walked.points[1:], strict=False):

@@ -28,7 +28,7 @@ SECONDS = 20.0
 T = TypeVar("T")
 
 
-def timed(
+def time_task(
     task: Callable[[], Any], repetitions: int, per: float = 1.0
 ) -> tuple[Any, dict[str, float]]:
     """Run a task several times; returns its result and median, least and most seconds per unit.
@@ -37,14 +37,14 @@ def timed(
     """
     seconds: list[float] = []
     result = None
-    for _ in within_budget(range(repetitions)):
+    for _ in take_within_budget(range(repetitions)):
         began = time.process_time()
         result = task()
         seconds.append((time.process_time() - began) / per)
     return result, spread(seconds)
 
 
-def within_budget(items: Iterable[T], seconds: float | None = None) -> Iterator[T]:
+def take_within_budget(items: Iterable[T], seconds: float | None = None) -> Iterator[T]:
     """Yield items until what is done with them has taken `SECONDS`; one at least."""
     end = time.process_time() + (SECONDS if seconds is None else seconds)
     for item in items:
@@ -68,7 +68,7 @@ EXPLICIT, IMPLICIT = "DOP853", "Radau"
 """Integrators of `solve_ivp`, the second for stiff motion."""
 
 
-class _TooLong(Exception):
+class _BudgetSpent(Exception):
     """A flight has taken too many evaluations."""
 
 
@@ -103,7 +103,7 @@ class Shooting:
         import sympy
         from scipy.integrate import solve_ivp
 
-        from ..models.equations import of_mode, state_after
+        from ..models.equations import mode_value, state_after
 
         self.problem, self._integrate = problem, solve_ivp
         self.tolerance = max(tolerance, 2.3e-14)  # the least that solve_ivp takes
@@ -115,7 +115,7 @@ class Shooting:
         given = list(names.values())
         self._force, self._slopes, self._after = {}, {}, {}
         for guard in problem.model.WALLS:
-            force = of_mode(formulas.acceleration, guard.next_mode)(t, [x], [v])[0]
+            force = mode_value(formulas.acceleration, guard.next_mode)(t, [x], [v])[0]
             force = sympy.sympify(force).doit()
             self._force[guard.name] = sympy.lambdify([t, x, v, *given], force, "math")
             slopes = [force.diff(x), force.diff(v)]
@@ -186,7 +186,7 @@ class Shooting:
         def motion(t: float, y: Array) -> list[float]:
             self.evaluations += 1
             if self.evaluations > last:
-                raise _TooLong
+                raise _BudgetSpent
             return [y[1], force(t, place[a] + y[0], y[1], *p)]
 
         def jacobian(t: float, y: Array) -> list[list[float]]:
@@ -201,7 +201,7 @@ class Shooting:
             options["jac"] = jacobian
         try:
             result = self._integrate(motion, window, start, events=event, **options)
-        except _TooLong:
+        except _BudgetSpent:
             self.given_up = True
             return None
         if result.status != 1:
@@ -223,7 +223,7 @@ EVALUATIONS = 200_000
 Row = dict[str, Any]
 
 
-def shot(
+def measure_shooting(
     problem: OrbitProblem,
     walks: Sequence[Walk],
     tolerances: Sequence[float],
@@ -235,10 +235,10 @@ def shot(
     They end with the first tolerance at which nothing has ended. There are none without
     coordinates to shoot in, or orbits that a simulation can follow.
     """
-    points = [p for w in walks for p in w.points if shootable(p)]
+    points = [p for w in walks for p in w.points if can_be_simulated(p)]
     if problem.m != 2 or problem.lost or not points:
         return {}
-    chosen = [point.unknowns for point in some(points, SHOT)]
+    chosen = [point.unknowns for point in spread_sample(points, SHOT)]
     share = sum(len(w.points) for w in walks) / len(chosen)
     found: dict[str, list[Row]] = {}
     for method in (EXPLICIT, IMPLICIT):
@@ -266,12 +266,12 @@ def _row(
         shooting.evaluations = 0
         for unknowns in chosen:
             shooting.given_up = False
-            orbit = shooting.orbit(_nearby(unknowns))
+            orbit = shooting.orbit(_perturbed_guess(unknowns))
             if not shooting.given_up:
                 solved.append(orbit)
         return solved
 
-    solved, seconds = timed(shoot, repetitions, 1.0 / share)
+    solved, seconds = time_task(shoot, repetitions, 1.0 / share)
     reached = [unknowns for unknowns in solved if unknowns is not None]
     return {
         "setting": tolerance,
@@ -284,14 +284,14 @@ def _row(
     }
 
 
-def some(items: Sequence[Any], most: int) -> list[Any]:
+def spread_sample(items: Sequence[Any], most: int) -> list[Any]:
     """Return at most `most` items of a sequence, evenly spread."""
     if len(items) <= most:
         return list(items)
     return [items[int(i)] for i in np.linspace(0, len(items) - 1, most)]
 
 
-def shootable(point: Point[Linearisation]) -> bool:
+def can_be_simulated(point: Point[Linearisation]) -> bool:
     """Whether a simulation can follow the orbit: physical, not nearly grazing, not at a fold."""
     here = point.evaluation
     speeds = here.problem.impacts(here.unknowns)[:, 1]
@@ -299,7 +299,7 @@ def shootable(point: Point[Linearisation]) -> bool:
     return bool(here.verdict.physical and np.min(np.abs(speeds)) > 1e-3 and not turning)
 
 
-def _nearby(unknowns: Array) -> Array:
+def _perturbed_guess(unknowns: Array) -> Array:
     """A guess as good as a predictor's: three digits."""
     guess = unknowns.copy()
     guess[:-1] *= 1.0 + 1e-3 * np.cos(np.arange(len(guess) - 1))

@@ -19,7 +19,7 @@ from ..segments.kernels import Kernels
 from ..simulation.run import Run
 from ..simulation.simulator import Simulator
 from .reference import Reference
-from .shooting import EVALUATIONS, EXPLICIT, IMPLICIT, Shooting, timed, within_budget
+from .shooting import EVALUATIONS, EXPLICIT, IMPLICIT, Shooting, take_within_budget, time_task
 
 if TYPE_CHECKING:
     from ..results.scene import Scene
@@ -74,7 +74,7 @@ class ExactFlights:
     def errors(self, run: Run, flights: int = FLIGHTS) -> list[float]:
         """Return the error of each of some flights, from the simulated impact before it."""
         found = []
-        for k in within_budget(flights_of(run)[:flights]):
+        for k in take_within_budget(flights_of(run)[:flights]):
             arrived = self.arrival(*self.about(run, k, impact(run, k)))
             found.append(self.off(run, k, arrived))
         return found
@@ -88,7 +88,7 @@ class ExactFlights:
         velocities: list[Any] = []
         start: list[Any] = impact(run, 0)
         flown = set(flights_of(run))
-        for k in within_budget(range(min(flights, len(run) - 1))):
+        for k in take_within_budget(range(min(flights, len(run) - 1))):
             if k not in flown:
                 break
             found = self.arrival(*self.about(run, k, start))
@@ -134,7 +134,7 @@ def impact(run: Run, k: int) -> list[float]:
     return [float(run.phases[k]), float(run.velocities[k]), *others]
 
 
-def simulated(
+def measure_simulation(
     scene: Scene, tolerances: Sequence[float], repetitions: int, digits: int
 ) -> dict[str, Any] | None:
     """Measure a scene's simulation, and its voltages.
@@ -147,7 +147,7 @@ def simulated(
     simulator = Simulator(scene.model, Kernels(scene.model, scene.parameter))
     state = simulator.random_state(np.random.default_rng(scene.seed))
     state = simulator.run(state, periods=TRANSIENT, record=False).end or state
-    run, seconds = timed(lambda: simulator.run(state, impacts=IMPACTS), repetitions, IMPACTS)
+    run, seconds = time_task(lambda: simulator.run(state, impacts=IMPACTS), repetitions, IMPACTS)
     if not len(run):
         return None
     exact = ExactFlights(simulator, digits)
@@ -161,7 +161,7 @@ def simulated(
             method == IMPLICIT and not any(row["unfinished"] for row in by_integrator[EXPLICIT])
         ):
             continue
-        rows += [integrated(exact, run, tolerance, method) for tolerance in tolerances]
+        rows += [compare_with_ivp(exact, run, tolerance, method) for tolerance in tolerances]
     energy = None
     if scene.energy is not None:
         energy = voltages(scene.energy, scene.model.values, run, velocities, exact.exact.ctx)
@@ -176,7 +176,9 @@ def simulated(
     }
 
 
-def integrated(exact: ExactFlights, run: Run, tolerance: float, method: str) -> dict[str, Any]:
+def compare_with_ivp(
+    exact: ExactFlights, run: Run, tolerance: float, method: str
+) -> dict[str, Any]:
     """Some of the flights by `solve_ivp`: the largest error, and cost per flight."""
     shooting = Shooting(exact.problem, tolerance, method, EVALUATIONS)
     values = list(exact.problem.model.values.values())
@@ -191,7 +193,7 @@ def integrated(exact: ExactFlights, run: Run, tolerance: float, method: str) -> 
         arrival = shooting.flight(a, b, start, (1 + exact.turns(run, k)) * span, values)
         return arrival, shooting.given_up
 
-    arrivals, seconds = timed(lambda: [fly(k) for k in rows], 1, max(len(rows), 1))
+    arrivals, seconds = time_task(lambda: [fly(k) for k in rows], 1, max(len(rows), 1))
     errors = []
     unfinished = sum(given_up for _, given_up in arrivals)
     for k, (found, _) in zip(rows, arrivals, strict=True):

@@ -13,13 +13,13 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..continuation.branch import Located, TestFunction
-from ..continuation.corrector import oriented
+from ..continuation.branch import Location, TestFunction
+from ..continuation.corrector import orient_vector
 from ..continuation.ends import EndKind
 from ..continuation.problem import Problem
 from ..models.word import Word
 from ..orbits.problem import Array, Linearisation, OrbitProblem
-from .codimension_two import AlsoGrazes, AlsoStops, CurvePoint
+from .codimension_two import CurvePoint, GrazingCoincides, StopCoincides
 from .extended_system import (
     ROUNDING,
     Crossing,
@@ -28,11 +28,11 @@ from .extended_system import (
     OrbitPoint,
     Orbits,
     OrbitTest,
-    crossed,
+    branches_cross,
+    crossing_near,
     has_multiplier,
     located,
-    meeting,
-    unfolding,
+    unfolding_of,
 )
 from .kind import Change, Details, Kind, Look, ManyDigits, Start, System, Values
 
@@ -51,16 +51,16 @@ class BranchPoint(OrbitTest):
 
     def locate(
         self, problem: Problem[Linearisation], guess: OrbitPoint, index: int
-    ) -> Located | None:
+    ) -> Location | None:
         system = Crossing(guess.evaluation.problem)
-        found = located(system, guess, lambda solution: unfolding(system, solution))
-        return found if found is not None and crossed(found.details) else None
+        found = located(system, guess, lambda solution: unfolding_of(system, solution))
+        return found if found is not None and branches_cross(found.details) else None
 
     def accept(self, event: OrbitEvent) -> bool:
         """Bracketing does not tell a crossing of branches from a near miss."""
         if event.method == "bracket":
             scale = np.ones(len(event.point.unknowns))
-            near = meeting(event.point.evaluation.problem, event.point, scale)
+            near = crossing_near(event.point.evaluation.problem, event.point, scale)
             if near is not None and not near.crosses:
                 return False
         return has_multiplier(event, 1.0)
@@ -92,14 +92,14 @@ class BP(Kind):
         if directions is None:
             return None
         along = event.point.tangent
-        other = oriented(min(directions, key=lambda one: abs(one @ along)))
+        other = orient_vector(min(directions, key=lambda one: abs(one @ along)))
         return Start(problem, here.unknowns, other, branching=True, both_ways=True)
 
     def curve_end(self, own: Array) -> EndKind | None:
         return EndKind.UNFOLDED if abs(own[0]) > UNFOLDED else None
 
     def codimension_two(self, word: Word) -> list[TestFunction[CurvePoint]]:
-        return [AlsoGrazes(self.name), AlsoStops(self.name)]
+        return [GrazingCoincides(self.name), StopCoincides(self.name)]
 
 
 def directions_at(here: Linearisation) -> list[Array] | None:

@@ -65,7 +65,7 @@ class CurveStart:
     given the equations and the latter. Without it the solutions are one curve."""
 
 
-def twice(here: Linearisation) -> Linearisation:
+def double_orbit(here: Linearisation) -> Linearisation:
     """Return an orbit run twice, as one of the doubled word."""
     problem = here.problem
     rows, span = problem.impacts(here.unknowns), here.span
@@ -100,7 +100,7 @@ class CurvePoint(Evaluation, Protocol):
     def details(self) -> Details: ...
 
 
-class OnCurve(TestFunction[CurvePoint]):
+class CurveTest(TestFunction[CurvePoint]):
     """A test function of the points of a curve, with a sentence on what changes at its zeros."""
 
     changes: str = ""
@@ -134,7 +134,7 @@ class OnCurve(TestFunction[CurvePoint]):
 # On curves of smooth bifurcations.
 
 
-class AlsoGrazes(OnCurve):
+class GrazingCoincides(CurveTest):
     """The bifurcating orbit touches a wall."""
 
     def __init__(self, kind: str) -> None:
@@ -158,7 +158,7 @@ class AlsoGrazes(OnCurve):
         return "G", {"flight": touch.flight, "wall": touch.wall, "touch_time": touch.time}
 
 
-class AlsoStops(OnCurve):
+class StopCoincides(CurveTest):
     """An impact of the bifurcating orbit loses its velocity."""
 
     def __init__(self, kind: str) -> None:
@@ -180,7 +180,7 @@ ONE_EIGENVECTOR = 1e-6
 has one eigenvector."""
 
 
-class Resonance(OnCurve):
+class Resonance(CurveTest):
     """A second multiplier joins the critical one, 1 or -1, and has no eigenvector of its own: only
     then do the two leave the real axis as a pair, and a curve of NS begins."""
 
@@ -242,7 +242,7 @@ class SecondEigenvector(Resonance):
 # On curves of orbits that touch a wall, seen from the shorter or from the longer word.
 
 
-class DegenerateTouch(OnCurve):
+class DegenerateTouch(CurveTest):
     """The touch has no acceleration."""
 
     kind = "DG"
@@ -258,7 +258,7 @@ class DegenerateTouch(OnCurve):
         return problem.segments[left].track(row, since, problem.values(orbit.unknowns))[2]
 
 
-class TouchSingular(OnCurve):
+class TouchSingular(CurveTest):
     """A multiplier of the orbit, counted as one of a word, is mu."""
 
     def __init__(

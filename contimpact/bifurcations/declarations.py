@@ -8,11 +8,11 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
-from ..errors import InputError, shown
+from ..errors import InputError, short_repr
 from ..models.model import Model
 
 
-class Declared(NamedTuple):
+class KindDeclaration(NamedTuple):
     """What can be said of a kind before anything is computed.
 
     `file` is the module that defines it, in a class of its name. It is looked for unless a scene
@@ -32,14 +32,14 @@ class Declared(NamedTuple):
 
 
 DECLARED = (
-    Declared("FB", "fold", curves=True, second=True),
-    Declared("BP", "branch_point", born=True, curves=True, second=True),
-    Declared("PD", "doubling", born=True, curves=True, second=True),
-    Declared("NS", "torus", curves=True, second=True, tori=True),
-    Declared("G", "grazing", born=True, curves=True),
-    Declared("V", "zero_velocity", born=True, curves=True),
-    Declared("T", "zero_duration", born=True, continues=True),
-    Declared("UZ", "requested", usual=False, curves=True),
+    KindDeclaration("FB", "fold", curves=True, second=True),
+    KindDeclaration("BP", "branch_point", born=True, curves=True, second=True),
+    KindDeclaration("PD", "doubling", born=True, curves=True, second=True),
+    KindDeclaration("NS", "torus", curves=True, second=True, tori=True),
+    KindDeclaration("G", "grazing", born=True, curves=True),
+    KindDeclaration("V", "zero_velocity", born=True, curves=True),
+    KindDeclaration("T", "zero_duration", born=True, continues=True),
+    KindDeclaration("UZ", "requested", usual=False, curves=True),
 )
 
 FILES = {kind.name: kind.file for kind in DECLARED}
@@ -60,7 +60,7 @@ def unknown_kind(name: object, where: str) -> InputError:
     """Return the refusal of a name that no kind of event has."""
     hint = f"; {SYNONYMS[name]}" if isinstance(name, str) and name in SYNONYMS else ""
     return InputError(
-        where, f"no event kind {shown(name)}", f"accepted are {', '.join(KINDS)}{hint}"
+        where, f"no event kind {short_repr(name)}", f"accepted are {', '.join(KINDS)}{hint}"
     )
 
 
@@ -91,7 +91,7 @@ def usual_events(model: Model) -> tuple[str, ...]:
     return tuple(k.name for k in DECLARED if k.usual and (model.tori or not k.tori))
 
 
-def with_values(
+def wanted_kinds(
     kinds: Sequence[str], values: Mapping[str, Sequence[float]] | None, where: str, accepted: str
 ) -> list[str]:
     """Return the kinds to look for, each once: those named, and UZ where there are values to hit.

@@ -19,21 +19,21 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..continuation.branch import Located, TestFunction
-from ..continuation.corrector import oriented
+from ..continuation.branch import Location, TestFunction
+from ..continuation.corrector import orient_vector
 from ..continuation.problem import Problem
 from ..models.word import Word
 from ..orbits.problem import Array, Linearisation, OrbitProblem
 from ..orbits.quiet import QuietProblem, problem_of
 from .codimension_two import (
-    AlsoGrazes,
-    AlsoStops,
     CurvePoint,
     CurveStart,
-    OnCurve,
+    CurveTest,
+    GrazingCoincides,
     Resonance,
     SecondEigenvector,
-    twice,
+    StopCoincides,
+    double_orbit,
 )
 from .extended_system import (
     ROUNDING,
@@ -62,14 +62,14 @@ class PeriodDoubling(OrbitTest):
 
     def locate(
         self, problem: Problem[Linearisation], guess: OrbitPoint, index: int
-    ) -> Located | None:
+    ) -> Location | None:
         return located(SingularCycle(guess.evaluation.problem, -1.0), guess)
 
     def accept(self, event: OrbitEvent) -> bool:
         return has_multiplier(event, -1.0)
 
 
-class DoublingTurns(OnCurve):
+class DoublingTurns(CurveTest):
     """GPD: the numerator of c, which has no pole where the curve turns in lambda."""
 
     kind = "GPD"
@@ -83,22 +83,22 @@ class DoublingTurns(OnCurve):
         orbit, n = here.orbit, here.orbit.problem.n
 
         def leaves(_: ExtendedSystem, own: Array) -> tuple[Array, Array]:
-            bent = _bent(orbit, own[:n])
+            bent = _second_order_term(orbit, own[:n])
             back = 2.0 * orbit.problem.laps(bent, bent)
             return np.append(own, np.zeros(orbit.problem.free)), back
 
-        return [CurveStart("FB", twice(orbit), {}, leaves)]
+        return [CurveStart("FB", double_orbit(orbit), {}, leaves)]
 
 
-class DoublingGrazes(AlsoGrazes):
+class DoublingGrazes(GrazingCoincides):
     """PD-G: the orbit that doubles its period also grazes, and so do doubled ones beside it."""
 
     def born(self, here: CurvePoint, index: int) -> list[CurveStart]:
         touch = self.touches(here)[index]
         assert touch is not None, "only a gap that exists has a zero"
-        doubled, n = twice(here.orbit), here.orbit.problem.n
+        doubled, n = double_orbit(here.orbit), here.orbit.problem.n
         details = {"flight": touch.flight, "wall": touch.wall, "touch_time": touch.time}
-        along = _along_doublings(here.orbit, here.own)
+        along = _curve_direction(here.orbit, here.own)
         laps = here.orbit.problem.laps
         apart = np.append(laps(here.own, -here.own), 0.0 * along[n:])
         together = np.append(laps(along[:n], along[:n]), along[n:])
@@ -113,7 +113,7 @@ class DoublingGrazes(AlsoGrazes):
         return [*super().born(here, index), CurveStart("G", doubled, details, leaves)]
 
 
-def _along_doublings(here: Linearisation, q: Array) -> Array:
+def _curve_direction(here: Linearisation, q: Array) -> Array:
     """How the orbit and both parameters move along the curve of PD."""
     jacobian = SingularCycle(here.problem, -1.0).assemble(here, q).jacobian
     return np.linalg.svd(jacobian)[2][-1, : len(here.unknowns)]
@@ -140,13 +140,15 @@ class PD(Kind):
     def born(self, event: OrbitEvent) -> Start | None:
         here: Linearisation = event.point.evaluation
         problem, word = here.problem, here.problem.word
-        null = oriented(np.linalg.svd(here.cyclic(-1.0)[:, :-1])[2][-1])  # of two equal branches
+        null = orient_vector(
+            np.linalg.svd(here.cyclic(-1.0)[:, :-1])[2][-1]
+        )  # of two equal branches
         if not word.walls:
             doubled = problem_of(problem.model, Word("", word.period * 2), problem.kernels)
             assert isinstance(doubled, QuietProblem)
             unknowns, tangent = doubled.second_lap(here.unknowns, np.append(null, 0.0))
             return Start(doubled, unknowns, tangent, branching=True, both_ways=False)
-        tangent, both = np.append(problem.laps(null, -null), 0.0), twice(here)
+        tangent, both = np.append(problem.laps(null, -null), 0.0), double_orbit(here)
         return Start(both.problem, both.unknowns, tangent, branching=True, both_ways=False)
 
     def criticality(
@@ -166,10 +168,10 @@ class PD(Kind):
 
     def codimension_two(self, word: Word) -> list[TestFunction[CurvePoint]]:
         double = Resonance("R2", -1.0), SecondEigenvector("PD-PD", -1.0)
-        return [DoublingGrazes(self.name), AlsoStops(self.name), DoublingTurns(), *double]
+        return [DoublingGrazes(self.name), StopCoincides(self.name), DoublingTurns(), *double]
 
 
-def _bent(here: Linearisation, q: Array) -> Array:
+def _second_order_term(here: Linearisation, q: Array) -> Array:
     """The w of z = z_0 + a (q, -q) + a^2 (w, w), on which the doubled orbits lie."""
     problem, n = here.problem, here.problem.n
     along = np.concatenate([q, np.zeros(problem.free)])

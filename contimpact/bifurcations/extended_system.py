@@ -30,7 +30,7 @@ from typing import Protocol, TypeAlias
 import numpy as np
 
 from ..arrays import Array
-from ..continuation.branch import Block, Details, Event, Located, Point, TestFunction
+from ..continuation.branch import Block, Details, Event, Location, Point, TestFunction
 from ..continuation.crossing_branches import Meeting
 from ..continuation.problem import Problem
 from ..orbits.problem import Linearisation, OrbitProblem, rounding
@@ -170,7 +170,7 @@ FIRST_ORDER = 2.0
 
 
 @dataclass(frozen=True)
-class Assembled:
+class SystemEvaluation:
     """An extended system at one point."""
 
     residual: Array
@@ -190,7 +190,7 @@ class ExtendedSystem(ABC):
         """Return a guess of the system's own unknowns at an orbit near the event."""
 
     @abstractmethod
-    def assemble(self, here: Linearisation, own: Array) -> Assembled:
+    def assemble(self, here: Linearisation, own: Array) -> SystemEvaluation:
         """Return the system at an orbit and its own unknowns."""
 
     @abstractmethod
@@ -269,13 +269,13 @@ def located(
     system: ExtendedSystem,
     guess: OrbitPoint,
     details: Callable[[Solution], Details] | None = None,
-) -> Located | None:
+) -> Location | None:
     """Solve a system from a point as a test function does; None if that fails."""
     solution = solve(system, guess.evaluation)
     if solution is None:
         return None
     told = details(solution) if details else {}
-    return Located(solution.unknowns, solution.residual, solution.error, told, solution.here)
+    return Location(solution.unknowns, solution.residual, solution.error, told, solution.here)
 
 
 def rounding_of_product(matrix: Array, bounds: Array, vector: Array) -> Array:
@@ -329,7 +329,7 @@ class SingularCycle(ExtendedSystem):
         n = self.problem.n
         return np.linalg.svd(here.cyclic(self.mu)[:, :n])[2][-1]
 
-    def assemble(self, here: Linearisation, own: Array) -> Assembled:
+    def assemble(self, here: Linearisation, own: Array) -> SystemEvaluation:
         problem, n = self.problem, self.problem.n
         orbit = len(here.unknowns)
         cycle = here.cyclic(self.mu)[:, :n]
@@ -339,7 +339,7 @@ class SingularCycle(ExtendedSystem):
         jacobian[n : 2 * n, :orbit] = problem.second_along(here.unknowns, along, self.mu)
         jacobian[n : 2 * n, orbit:] = cycle
         jacobian[2 * n, orbit:] = own
-        return Assembled(
+        return SystemEvaluation(
             np.concatenate([here.residual, cycle @ own, [0.5 * (own @ own - 1.0)]]), jacobian
         )
 
@@ -368,7 +368,7 @@ class Crossing(ExtendedSystem):
         n = self.problem.n
         return np.concatenate([[0.0], np.linalg.svd(here.jacobian[:, : n + 1])[0][:, -1]])
 
-    def assemble(self, here: Linearisation, own: Array) -> Assembled:
+    def assemble(self, here: Linearisation, own: Array) -> SystemEvaluation:
         problem, n = self.problem, self.problem.n
         orbit = len(here.unknowns)
         nu, psi = own[0], own[1:]
@@ -383,7 +383,7 @@ class Crossing(ExtendedSystem):
         jacobian[n : 2 * n + 1, :orbit] = hessian
         jacobian[n : 2 * n + 1, orbit + 1 :] = square.T
         jacobian[2 * n + 1, orbit + 1 :] = 2.0 * psi
-        return Assembled(
+        return SystemEvaluation(
             np.concatenate([here.residual + nu * psi, square.T @ psi, [psi @ psi - 1.0]]), jacobian
         )
 
@@ -408,17 +408,19 @@ class Crossing(ExtendedSystem):
         return float(np.abs(row) @ off)
 
 
-def unfolding(system: Crossing, solution: Solution) -> dict[str, float]:
+def unfolding_of(system: Crossing, solution: Solution) -> dict[str, float]:
     """Return what unfolds a crossing of branches, with its error."""
     return {"nu": float(solution.own[0]), "nu_error": system.nu_error(solution)}
 
 
-def crossed(details: Details) -> bool:
+def branches_cross(details: Details) -> bool:
     """Whether branches cross, as far as can be told."""
     return abs(details["nu"]) <= details["nu_error"]
 
 
-def meeting(problem: Problem[Linearisation], guess: OrbitPoint, scale: Array) -> Meeting | None:
+def crossing_near(
+    problem: Problem[Linearisation], guess: OrbitPoint, scale: Array
+) -> Meeting | None:
     """Return where two branches cross, or pass each other, next to a point; None if nowhere.
 
     Parameters
@@ -433,7 +435,7 @@ def meeting(problem: Problem[Linearisation], guess: OrbitPoint, scale: Array) ->
     solution = solve(system, guess.evaluation)
     if solution is None:
         return None
-    told = unfolding(system, solution)
+    told = unfolding_of(system, solution)
     sizes, _ = np.linalg.eigh(form_at(orbits, solution, scale)[0])
     if not sizes[0] < 0.0 < sizes[1]:
         return None
@@ -455,7 +457,7 @@ def stands_upright(point: OrbitPoint) -> bool:
     problem = point.evaluation.problem
     system = Crossing(problem)
     solution = solve(system, point.evaluation)
-    if solution is None or not crossed(unfolding(system, solution)):
+    if solution is None or not branches_cross(unfolding_of(system, solution)):
         return False
     if np.max(np.abs(solution.unknowns - point.unknowns)) > BESIDE:
         return False
@@ -480,8 +482,8 @@ class ScalarTest(OrbitTest):
 
     def locate(
         self, problem: Problem[Linearisation], guess: OrbitPoint, index: int
-    ) -> Located | None:
-        system = Reached(guess.evaluation.problem, self, index)
+    ) -> Location | None:
+        system = ReachedTest(guess.evaluation.problem, self, index)
         return located(system, guess, lambda solution: self.described(system.problem, index))
 
     def details(self, point: OrbitPoint, index: int) -> Details:
@@ -497,7 +499,7 @@ class ScalarTest(OrbitTest):
         return 0.0
 
 
-class Reached(ExtendedSystem):
+class ReachedTest(ExtendedSystem):
     """One of a test's functions vanishes."""
 
     def __init__(self, problem: OrbitProblem, test: ScalarTest, index: int) -> None:
@@ -507,10 +509,12 @@ class Reached(ExtendedSystem):
     def start(self, here: Linearisation) -> Array:
         return np.zeros(0)
 
-    def assemble(self, here: Linearisation, own: Array) -> Assembled:
+    def assemble(self, here: Linearisation, own: Array) -> SystemEvaluation:
         value = self.test.of(OneOrbit(here))[0, self.index]
         gradient = self.test.gradient(self.problem, here.unknowns, self.index)
-        return Assembled(np.append(here.residual, value), np.vstack([here.jacobian, gradient]))
+        return SystemEvaluation(
+            np.append(here.residual, value), np.vstack([here.jacobian, gradient])
+        )
 
     def rounding(self, here: Linearisation, own: Array) -> Array:
         noise = self.test.noise_of(self.problem, here.unknowns, self.index)

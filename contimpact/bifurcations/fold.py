@@ -4,17 +4,17 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..continuation.branch import Located, TestFunction
+from ..continuation.branch import Location, TestFunction
 from ..continuation.problem import Problem
 from ..models.word import Word
 from ..orbits.problem import Array, Linearisation, OrbitProblem
 from .codimension_two import (
-    AlsoGrazes,
-    AlsoStops,
     CurvePoint,
-    OnCurve,
+    CurveTest,
+    GrazingCoincides,
     Resonance,
     SecondEigenvector,
+    StopCoincides,
 )
 from .extended_system import (
     ExtendedSystem,
@@ -41,7 +41,7 @@ class Fold(OrbitTest):
 
     def locate(
         self, problem: Problem[Linearisation], guess: OrbitPoint, index: int
-    ) -> Located | None:
+    ) -> Location | None:
         return located(SingularCycle(guess.evaluation.problem, 1.0), guess)
 
     def accept(self, event: OrbitEvent) -> bool:
@@ -49,7 +49,7 @@ class Fold(OrbitTest):
         return has_multiplier(event, 1.0) and not stands_upright(event.point)
 
 
-class Cusp(OnCurve):
+class Cusp(CurveTest):
     """CP: psi . F_zz[q, q]; psi is oriented with q, which the curve carries along."""
 
     kind = "CP"
@@ -84,4 +84,4 @@ class FB(Kind):
 
     def codimension_two(self, word: Word) -> list[TestFunction[CurvePoint]]:
         double = Resonance("R1", 1.0), SecondEigenvector("FB-BP", 1.0)
-        return [AlsoGrazes(self.name), AlsoStops(self.name), Cusp(), *double]
+        return [GrazingCoincides(self.name), StopCoincides(self.name), Cusp(), *double]

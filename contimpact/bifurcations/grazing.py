@@ -30,7 +30,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from ..continuation.branch import Located, Point, TestFunction
+from ..continuation.branch import Location, Point, TestFunction
 from ..continuation.ends import EndKind
 from ..continuation.problem import Problem
 from ..models.guards import way_back
@@ -53,19 +53,19 @@ from .kind import (
     Start,
     System,
     Values,
+    null_vector_start,
     rate_error,
-    regular,
 )
 from .sliding import (
     ADDING,
-    Touching,
-    added,
-    at_touch,
-    beginning_of,
-    beginnings,
-    forgiven,
+    SlidingTouch,
+    interrupted_sliding_start,
     is_brief,
-    touching,
+    near_touches,
+    onset_of,
+    onsets_of_word,
+    sliding_kind_of_touch,
+    tolerated_touches,
 )
 
 PASSING = 1e-9
@@ -94,7 +94,7 @@ class Grazing(OrbitTest):
     def __init__(self, problem: OrbitProblem) -> None:
         walls = problem.model.letters
         self.places = [(k, wall) for k in range(len(problem.segments)) for wall in walls]
-        self.beginnings = beginnings(problem)
+        self.beginnings = onsets_of_word(problem)
         positions = problem.kernels.setup(*problem.model.values.values()).walls
         self.rounding = ROUNDING * max(abs(position) for position in positions)
         self.guides = len(problem.segments)
@@ -119,14 +119,14 @@ class Grazing(OrbitTest):
 
     def locate(
         self, problem: Problem[Linearisation], guess: OrbitPoint, index: int
-    ) -> Located | None:
+    ) -> Location | None:
         if index >= len(self.places):
             return self.beginnings[index - len(self.places)].locate(guess)
         flight, wall = self.places[index]
         problem, touch = guess.evaluation.problem, self.touch(guess.evaluation, index)
         if touch is None:
             return None
-        system = Touching(problem, flight, wall, touch.time)
+        system = SlidingTouch(problem, flight, wall, touch.time)
         found = located(
             system, guess, lambda s: self._described(flight, wall, system.touch(s.own)[0])
         )
@@ -136,7 +136,7 @@ class Grazing(OrbitTest):
         within = start < found.details["touch_time"] < arrival
         return found if within and self.nearest(problem, found, index) else None
 
-    def nearest(self, problem: OrbitProblem, found: Located, index: int) -> bool:
+    def nearest(self, problem: OrbitProblem, found: Location, index: int) -> bool:
         """Whether a flight does not pass the wall where it touches it at one of several extrema."""
         here = found.evaluation
         if not isinstance(here, Linearisation):
@@ -159,12 +159,12 @@ class Grazing(OrbitTest):
         details, here = event.details, event.point.evaluation
         problem, flight = here.problem, event.details["flight"]
         if "impact" in details:
-            begun = beginning_of(problem, details)
+            begun = onset_of(problem, details)
             at_rest = begun is not None and begun.on_surface and details["impact"] in here.resting
             return not (at_rest or is_brief(problem, here.unknowns, flight))
         ends = problem.times_around(here.unknowns, flight)
         apart = min(abs(details["touch_time"] - end) for end in ends)
-        return at_touch(problem, details) != ADDING or apart > AT_END * here.span
+        return sliding_kind_of_touch(problem, details) != ADDING or apart > AT_END * here.span
 
     def details(self, point: OrbitPoint, index: int) -> Details:
         if index >= len(self.places):
@@ -210,44 +210,46 @@ class G(Kind):
         return Grazing(problem)
 
     def equations(self, problem: OrbitProblem, details: Details) -> ExtendedSystem:
-        begun = beginning_of(problem, details)
+        begun = onset_of(problem, details)
         if begun is not None:
             return begun.equations()
-        return Touching(problem, details["flight"], details["wall"], details["touch_time"])
+        return SlidingTouch(problem, details["flight"], details["wall"], details["touch_time"])
 
     def in_many_digits(self, orbit: ManyDigits, unknowns: Array, details: Details) -> System | None:
-        inside = beginning_of(orbit.problem, details) is None
+        inside = onset_of(orbit.problem, details) is None
         return orbit.grazing(unknowns, details) if inside else None
 
     def born(self, event: OrbitEvent) -> Start | None:
         here: Linearisation = event.point.evaluation
         problem, rows = here.problem, here.problem.impacts(here.unknowns)
-        begun = beginning_of(problem, event.details)
+        begun = onset_of(problem, event.details)
         if begun is not None:
             return begun.born(here.unknowns)
-        word = grown_word(event)
+        word = word_with_touches(event)
         if word is None:
             return None
         for flight, wall, time in _last_first(touches_at(event)):
-            system = Touching(problem, flight, wall, time)
+            system = SlidingTouch(problem, flight, wall, time)
             touch = system.touch(system.start(here))
             letters = _excursion(problem, flight, wall) or ""
-            rows = _inserted(rows, flight, _at_touch(problem, here.unknowns, letters, touch))
+            rows = _insert_impacts(
+                rows, flight, _excursion_impacts(problem, here.unknowns, letters, touch)
+            )
         longer = problem_of(problem.model, word, problem.kernels)
         unknowns = longer.with_impacts(rows, here.span, here.unknowns)
         if self.sliding(event) == ADDING:
-            return added(longer, unknowns, event.details["flight"] + 1)
-        start = regular(longer, unknowns)
+            return interrupted_sliding_start(longer, unknowns, event.details["flight"] + 1)
+        start = null_vector_start(longer, unknowns)
         return start if start is None or _new_speed(event, start) >= 0.0 else start.reversed()
 
     def next_word(self, event: OrbitEvent) -> Word | None:
-        begun = beginning_of(event.point.evaluation.problem, event.details)
+        begun = onset_of(event.point.evaluation.problem, event.details)
         if begun is not None:
             return begun.next_word()
-        return grown_word(event)
+        return word_with_touches(event)
 
     def sliding(self, event: OrbitEvent) -> str | None:
-        return at_touch(event.point.evaluation.problem, event.details)
+        return sliding_kind_of_touch(event.point.evaluation.problem, event.details)
 
     def criticality(
         self, event: OrbitEvent, before: OrbitPoint, after: OrbitPoint
@@ -255,15 +257,15 @@ class G(Kind):
         start = self.born(event)
         if start is None:
             return None, None
-        begun = beginning_of(event.point.evaluation.problem, event.details)
+        begun = onset_of(event.point.evaluation.problem, event.details)
         if begun is not None:
             return begun.criticality(event, start), None
         speed, rate = _new_speed(event, start), float(start.tangent[-1])
-        if added_impacts(event) > 1 and abs(rate) < FLAT * np.max(np.abs(start.tangent)):
-            return _of_sliding(event, start) or SUPER, None
+        if count_added_impacts(event) > 1 and abs(rate) < FLAT * np.max(np.abs(start.tangent)):
+            return _sliding_criticality(event, start) or SUPER, None
         small = abs(rate) < SMALL * np.max(np.abs(start.tangent))
         if small and abs(rate) <= rate_error(start):
-            return _by_bend(event, start), None
+            return _bend_criticality(event, start), None
         slope = speed / rate
         old, new = _gap_slope(event), speed * rate
         if old == 0.0 or new == 0.0:
@@ -271,7 +273,7 @@ class G(Kind):
         return (SUB if (old > 0.0) == (new > 0.0) else SUPER), slope
 
     def verdict(self, here: Linearisation, details: Details) -> Verdict:
-        touches = forgiven(here) | {(details["flight"], details["wall"])}
+        touches = tolerated_touches(here) | {(details["flight"], details["wall"])}
         return here.judge(forgive_touches=touches, forgive_impacts=here.resting)
 
     def symbol(self, period: int) -> str:
@@ -282,7 +284,7 @@ class G(Kind):
         return {EndKind.TOUCH: TouchLimit()}
 
     def codimension_two(self, word: Word) -> list[TestFunction[CurvePoint]]:
-        return touch_points(_since_impact, _with_touch, lambda here: here.orbit)
+        return touch_points(_since_impact, _orbit_with_touch, lambda here: here.orbit)
 
 
 # Touches.
@@ -291,7 +293,7 @@ class G(Kind):
 def touches_at(event: OrbitEvent) -> list[tuple[int, str, float]]:
     """Return (flight, wall, time) of every touch at a grazing, the event's own first."""
     own = (event.details["flight"], event.details["wall"], event.details["touch_time"])
-    found = touching(event.point.evaluation)
+    found = near_touches(event.point.evaluation)
     return [own, *((t.flight, t.wall, t.time) for t in found if (t.flight, t.wall) != own[:2])]
 
 
@@ -300,7 +302,7 @@ def _last_first(touches: list[tuple[int, str, float]]) -> list[tuple[int, str, f
     return sorted(touches, key=lambda touch: (touch[0], touch[2]), reverse=True)
 
 
-def grown_word(event: OrbitEvent) -> Word | None:
+def word_with_touches(event: OrbitEvent) -> Word | None:
     """Return the word of a grazing orbit with its touches counted as impacts.
 
     None where a touch leads to another mode, and no short way back.
@@ -315,7 +317,7 @@ def grown_word(event: OrbitEvent) -> Word | None:
     return word
 
 
-def added_impacts(event: OrbitEvent) -> int:
+def count_added_impacts(event: OrbitEvent) -> int:
     """Return how many impacts the event's own touch becomes."""
     details, problem = event.details, event.point.evaluation.problem
     return len(_excursion(problem, details["flight"], details["wall"]) or "")
@@ -332,7 +334,9 @@ def _excursion(problem: OrbitProblem, flight: int, wall: str) -> str | None:
     return way_back(guards, wall, mode, "".join(there))
 
 
-def _at_touch(problem: OrbitProblem, unknowns: Array, letters: str, touch: Array) -> list[Array]:
+def _excursion_impacts(
+    problem: OrbitProblem, unknowns: Array, letters: str, touch: Array
+) -> list[Array]:
     """The impacts of an excursion that takes no time, from the touch with which it begins.
 
     Behind a touch the next mode may run towards its guard, as friction does towards its limit.
@@ -346,7 +350,7 @@ def _at_touch(problem: OrbitProblem, unknowns: Array, letters: str, touch: Array
     return rows
 
 
-def _inserted(rows: Array, flight: int, added: Sequence[Array]) -> Array:
+def _insert_impacts(rows: Array, flight: int, added: Sequence[Array]) -> Array:
     """Impacts with others put behind the one that a flight leaves."""
     place = min(flight + 1, len(rows))
     return np.vstack([rows[:place], *added, rows[place:]])
@@ -363,14 +367,18 @@ def _new_speed(event: OrbitEvent, start: Start) -> float:
     return _side(problem, event) * float(start.tangent[problem.m * impact + 1])
 
 
-def _of_sliding(event: OrbitEvent, start: Start) -> str | None:
+def _sliding_criticality(event: OrbitEvent, start: Start) -> str | None:
     """The criticality where the excursion ends on another surface; None where it does not."""
     problem, details = start.problem, event.details
     letters = _excursion(event.point.evaluation.problem, details["flight"], details["wall"]) or ""
-    return None if problem.kernels.arrival(*letters[:2]) != ELSEWHERE else _by_bend(event, start)
+    return (
+        None
+        if problem.kernels.arrival(*letters[:2]) != ELSEWHERE
+        else _bend_criticality(event, start)
+    )
 
 
-def _by_bend(event: OrbitEvent, start: Start) -> str:
+def _bend_criticality(event: OrbitEvent, start: Start) -> str:
     """The criticality where the parameter rests along the new branch."""
     problem = start.problem
     jacobian = problem.evaluate(start.unknowns).jacobian
@@ -385,7 +393,7 @@ def _gap_slope(event: OrbitEvent) -> float:
     here: Linearisation = event.point.evaluation
     along = event.point.tangent
     places = (event.details[name] for name in ("flight", "wall", "touch_time"))
-    system = Touching(here.problem, *places)
+    system = SlidingTouch(here.problem, *places)
     _, start, _, by_parameter = system.arrival(here, system.start(here))
     rate = float(start[0] @ along[system.left] + by_parameter[0, 0] * along[-1])
     return float(-_side(here.problem, event) * rate * along[-1])
@@ -406,15 +414,15 @@ def _since_impact(here: CurvePoint) -> tuple[int, float]:
     return flight, here.details["touch_time"] - start
 
 
-def _with_touch(here: CurvePoint) -> Linearisation:
+def _orbit_with_touch(here: CurvePoint) -> Linearisation:
     """The grazing orbit as one of the longer word."""
     if "impact" in here.details:
         raise ArithmeticError("nothing is touched inside a flight")
     orbit, problem = here.orbit, here.orbit.problem
     flight, wall = here.details["flight"], here.details["wall"]
     touch, letters = np.insert(here.own, 1, 0.0), _excursion(problem, flight, wall) or wall
-    added = _at_touch(problem, orbit.unknowns, letters, touch)
+    added = _excursion_impacts(problem, orbit.unknowns, letters, touch)
     longer = problem_of(problem.model, problem.word.insert(flight, letters), problem.kernels)
-    rows = _inserted(problem.impacts(orbit.unknowns), flight, added)
+    rows = _insert_impacts(problem.impacts(orbit.unknowns), flight, added)
     problem.kernel_evaluations += len(longer.word)
     return longer.evaluate(longer.with_impacts(rows, orbit.span, orbit.unknowns))

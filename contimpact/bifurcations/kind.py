@@ -18,13 +18,13 @@ import numpy as np
 
 from ..arrays import Array, Number
 from ..continuation.branch import Details, TestFunction
-from ..continuation.corrector import bordered, first_tangent
+from ..continuation.corrector import border_jacobian, first_tangent
 from ..continuation.ends import EndKind
 from ..models.word import Word, repetitions
 from ..orbits.multipliers import count_unstable
 from ..orbits.physicality import Verdict
 from ..orbits.problem import Linearisation, OrbitProblem, rounding
-from ..orbits.search import first_lap, shortest
+from ..orbits.search import first_lap, reduce_period
 from .codimension_two import CurvePoint
 from .extended_system import (
     FIRST_ORDER,
@@ -70,7 +70,7 @@ class Start:
         return replace(self, tangent=-self.tangent)
 
 
-def regular(problem: OrbitProblem, unknowns: Array) -> Start | None:
+def null_vector_start(problem: OrbitProblem, unknowns: Array) -> Start | None:
     """Return the start along the null vector of the Jacobian; None where it is not regular."""
     jacobian = problem.evaluate(unknowns).jacobian
     tangent = first_tangent(jacobian, np.ones(len(unknowns)))
@@ -89,7 +89,7 @@ def rate_error(start: Start) -> float:
     bounds = rounding(here)
     off = np.abs(here.residual) + bounds.residual
     try:
-        inverse = np.abs(np.linalg.inv(bordered(here.jacobian, along)))[:, :-1]
+        inverse = np.abs(np.linalg.inv(border_jacobian(here.jacobian, along)))[:, :-1]
     except np.linalg.LinAlgError:
         return float("inf")
     bent = np.abs(problem.second_along(start.unknowns, along)) @ (inverse @ off)
@@ -97,7 +97,7 @@ def rate_error(start: Start) -> float:
     return FIRST_ORDER * float(inverse[-1] @ (product + bent))
 
 
-def once(start: Start) -> Start:
+def primitive_start(start: Start) -> Start:
     """Return a start whose branch is one of shorter orbits run several times as one of these.
 
     So it is where an orbit of several periods touches in each of them, and where one becomes an
@@ -105,7 +105,7 @@ def once(start: Start) -> Start:
     """
     problem, unknowns, tangent = start.problem, start.unknowns, start.tangent
     ahead = unknowns + ALONG * tangent / np.max(np.abs(tangent))
-    shorter, _ = shortest(problem, ahead, REPEATS)
+    shorter, _ = reduce_period(problem, ahead, REPEATS)
     if shorter is problem:
         return start
     longer, repeated = (p.word.notation(p.model.letters) for p in (problem, shorter))

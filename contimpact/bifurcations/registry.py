@@ -13,7 +13,7 @@ from .extended_system import OrbitEvent
 from .kind import Kind, Start, Values
 
 
-class Unknown(Kind):
+class UnknownKind(Kind):
     """An event of which only the name is known: that of a user's function."""
 
     tilde = False
@@ -32,23 +32,23 @@ def kind_of(name: str) -> Kind:
     in a notebook, takes the place of the earlier one.
     """
     if name in FILES:
-        return _declared(name)
-    own = [kind for kind in _below(Kind) if getattr(kind, "name", None) == name]
-    return own[-1]() if own else Unknown(name)
+        return _load_kind(name)
+    own = [kind for kind in _subclasses(Kind) if getattr(kind, "name", None) == name]
+    return own[-1]() if own else UnknownKind(name)
 
 
 @functools.cache
-def _declared(name: str) -> Kind:
+def _load_kind(name: str) -> Kind:
     kind: Kind = getattr(importlib.import_module(f".{FILES[name]}", __package__), name)()
     return kind
 
 
-def _below(kind: type) -> Iterator[type[Kind]]:
+def _subclasses(kind: type) -> Iterator[type[Kind]]:
     """All subclasses, in the order of their definition."""
     subclasses: Sequence[type[Kind]] = kind.__subclasses__()
     for one in subclasses:
         yield one
-        yield from _below(one)
+        yield from _subclasses(one)
 
 
 def test_functions(

@@ -8,16 +8,16 @@ from ..continuation.branch import TestFunction
 from ..errors import InputError
 from ..models.word import Word
 from ..orbits.problem import Array, Linearisation, OrbitProblem, rounding_of_setup
-from .codimension_two import AlsoGrazes, AlsoStops
+from .codimension_two import GrazingCoincides, StopCoincides
 from .declarations import REQUESTED
-from .extended_system import EPSILON, ExtendedSystem, Orbits, Reached, ScalarTest
+from .extended_system import EPSILON, ExtendedSystem, Orbits, ReachedTest, ScalarTest
 from .kind import Details, Kind, Look, ManyDigits, System, Values
 
 PERIOD = "period"
 """Name of the orbit's period where it is free."""
 
 
-class Requested(ScalarTest):
+class RequestedValues(ScalarTest):
     """A parameter or derived parameter, or a free period, minus each value.
 
     Parameters
@@ -73,19 +73,19 @@ class Requested(ScalarTest):
 class UZ(Kind):
     """Requested value; AUTO's name for it."""
 
-    name = Requested.kind
+    name = RequestedValues.kind
     tilde = False
     look = Look("|", "0.55")
 
     def test(self, problem: OrbitProblem, values: Values) -> TestFunction[Linearisation]:
-        return Requested(problem, values)
+        return RequestedValues(problem, values)
 
     def equations(self, problem: OrbitProblem, details: Details) -> ExtendedSystem:
         ((name, value),) = details["requested"].items()
-        return Reached(problem, Requested(problem, {name: [value]}), 0)
+        return ReachedTest(problem, RequestedValues(problem, {name: [value]}), 0)
 
     def codimension_two(self, word: Word) -> list[TestFunction]:
-        return [AlsoGrazes(self.name), AlsoStops(self.name)]
+        return [GrazingCoincides(self.name), StopCoincides(self.name)]
 
     def in_many_digits(self, orbit: ManyDigits, unknowns: Array, details: Details) -> System:
         return orbit.vanishing(lambda x: orbit.requested(x, details["requested"]))

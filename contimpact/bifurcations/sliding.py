@@ -25,7 +25,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..arrays import Array
-from ..continuation.branch import Details, Located
+from ..continuation.branch import Details, Location
 from ..models.guards import Guard, crosses_at, is_path, slides_at, state_size
 from ..models.model import Model
 from ..models.word import Word
@@ -36,10 +36,17 @@ from ..segments.bounded import bounds_of
 from ..segments.flight import Touch
 from ..segments.layout import SECTION
 from ..segments.segment import ELSEWHERE, Segment
-from ..segments.touches import limits_of, margin, on_surface
+from ..segments.touches import begins_on_surface, limits_of, margin
 from .branch_point import directions_at
-from .extended_system import Assembled, ExtendedSystem, OrbitEvent, OrbitPoint, located, solve
-from .kind import SUB, SUPER, Start, regular
+from .extended_system import (
+    ExtendedSystem,
+    OrbitEvent,
+    OrbitPoint,
+    SystemEvaluation,
+    located,
+    solve,
+)
+from .kind import SUB, SUPER, Start, null_vector_start
 
 # The equations of an orbit that touches a guard inside a flight, or where a flight begins.
 
@@ -62,7 +69,7 @@ class Arrival(ExtendedSystem):
     def ends(self, here: Linearisation, own: Array) -> tuple[list[float], list[float]]:
         """Return the unknowns at both ends of the flight."""
 
-    def assemble(self, here: Linearisation, own: Array) -> Assembled:
+    def assemble(self, here: Linearisation, own: Array) -> SystemEvaluation:
         n, m = self.problem.n, self.problem.m
         orbit = len(here.unknowns)
         arrival, start, end, by_parameter = self.arrival(here, own)
@@ -72,7 +79,7 @@ class Arrival(ExtendedSystem):
         jacobian[n:, self.left] = start
         jacobian[n:, n:orbit] = by_parameter
         jacobian[n:, orbit:] = end[:, self.free]
-        return Assembled(np.concatenate([here.residual, arrival]), jacobian)
+        return SystemEvaluation(np.concatenate([here.residual, arrival]), jacobian)
 
     def rounding(self, here: Linearisation, own: Array) -> Array:
         values = self.problem.values(here.unknowns)
@@ -87,7 +94,7 @@ class Arrival(ExtendedSystem):
         return np.array(rows), start.reshape(m, m), end.reshape(m, m), free.reshape(m, -1)
 
 
-class Touching(Arrival):
+class SlidingTouch(Arrival):
     """A flight reaches a wall with zero velocity."""
 
     def __init__(self, problem: OrbitProblem, flight: int, wall: str, time: float) -> None:
@@ -142,7 +149,9 @@ class Beginning(Arrival):
 
     def start(self, here: Linearisation) -> Array:
         left = here.unknowns[self.left].tolist()
-        return np.array(arrived(self.segment, left, self.problem.values(here.unknowns))[1:])
+        return np.array(
+            arrival_unknowns(self.segment, left, self.problem.values(here.unknowns))[1:]
+        )
 
     def arrival(self, here: Linearisation, own: Array) -> tuple[Array, Array, Array, Array]:
         rows, start, end, free = super().arrival(here, own)
@@ -157,7 +166,7 @@ class Beginning(Arrival):
         return left, [left[0], *own.tolist()]
 
 
-class Tangent(ExtendedSystem):
+class SurfaceTangency(ExtendedSystem):
     """A flight begins on the surface of a guard of its mode, without a rate."""
 
     def __init__(self, problem: OrbitProblem, impact: int, wall: str) -> None:
@@ -168,7 +177,7 @@ class Tangent(ExtendedSystem):
     def start(self, here: Linearisation) -> Array:
         return np.zeros(0)
 
-    def assemble(self, here: Linearisation, own: Array) -> Assembled:
+    def assemble(self, here: Linearisation, own: Array) -> SystemEvaluation:
         m, n = self.problem.m, self.problem.n
         values = self.problem.values(here.unknowns)
         rows, leaving, arriving, free = self.segment.blocks(*self._ends(here), values)
@@ -177,7 +186,9 @@ class Tangent(ExtendedSystem):
         gradient[self.left] = np.reshape(leaving, (m, m))[1]
         gradient[self.left.start] += np.reshape(arriving, (m, m))[1, 0]  # both times are one
         gradient[n:] = np.reshape(free, (m, -1))[1]
-        return Assembled(np.append(here.residual, rows[1]), np.vstack([here.jacobian, gradient]))
+        return SystemEvaluation(
+            np.append(here.residual, rows[1]), np.vstack([here.jacobian, gradient])
+        )
 
     def rounding(self, here: Linearisation, own: Array) -> Array:
         values = self.problem.values(here.unknowns)
@@ -190,7 +201,7 @@ class Tangent(ExtendedSystem):
         return left, [left[0], *[0.0] * (self.problem.m - 1)]
 
 
-def arrived(
+def arrival_unknowns(
     segment: Segment, left: Sequence[float], values: Sequence[float], time: float | None = None
 ) -> list[float]:
     """Return the unknowns of an impact at some time after another, at once unless it is given,
@@ -200,17 +211,17 @@ def arrived(
     return [time, *(float(row) for row in rows[1:])]
 
 
-def touching(here: Linearisation) -> list[Touch]:
+def near_touches(here: Linearisation) -> list[Touch]:
     """Return the touches at which an orbit is not told from one that grazes."""
     touches = (t for flight in here.gaps for t in flight.touches)
     return [t for t in touches if t is not None and abs(t.gap) < TOUCHING]
 
 
-def forgiven(here: Linearisation) -> set[tuple[int, str]]:
+def tolerated_touches(here: Linearisation) -> set[tuple[int, str]]:
     """Return the touches that are not held against the orbit of an event: rounding decides on
     which side of the guard they are."""
     begun = (t for flight in here.gaps for t in flight.beyond if abs(t.gap) < TOUCHING)
-    return {(t.flight, t.wall) for t in (*touching(here), *begun)}
+    return {(t.flight, t.wall) for t in (*near_touches(here), *begun)}
 
 
 GRAZING, ADDING = "grazing-sliding", "adding-sliding"
@@ -220,14 +231,14 @@ INSTANT = 1e-9
 """A flight shorter than this part of the period takes no time."""
 
 
-def slides(model: Model, mode: str) -> bool:
+def is_sliding(model: Model, mode: str) -> bool:
     """Whether the motion in a mode is sliding."""
     degrees = model.DEGREES_OF_FREEDOM
     here, first = (state_size(model.MODES, m, degrees) for m in (mode, model.first_mode))
     return here < first
 
 
-def at_touch(problem: OrbitProblem, details: Details) -> str | None:
+def sliding_kind_of_touch(problem: OrbitProblem, details: Details) -> str | None:
     """Return which sliding bifurcation a G is; None if it is none."""
     model = problem.model
     if "impact" in details:
@@ -235,36 +246,42 @@ def at_touch(problem: OrbitProblem, details: Details) -> str | None:
         if guard.past:
             return CROSSING
         begun = guard.name, details["wall"]
-        slid = slides(model, guard.next_mode) and not on_surface(problem.kernels, *begun)
+        slid = is_sliding(model, guard.next_mode) and not begins_on_surface(problem.kernels, *begun)
         return SWITCHING if slid else None
     touched = model.guard(details["wall"])
-    if slides(model, touched.modes[0]):
+    if is_sliding(model, touched.modes[0]):
         return ADDING
-    return GRAZING if slides(model, touched.next_mode) else None
+    return GRAZING if is_sliding(model, touched.next_mode) else None
 
 
-def at_zero_velocity(problem: OrbitProblem, unknowns: Array, impact: int) -> str | None:
+def sliding_kind_of_zero_velocity(
+    problem: OrbitProblem, unknowns: Array, impact: int
+) -> str | None:
     """Return which sliding bifurcation a V is."""
     guard = guard_at(problem, impact)
-    if slides(problem.model, guard.modes[0]):
+    if is_sliding(problem.model, guard.modes[0]):
         return ADDING
-    if not slides(problem.model, guard.next_mode):
+    if not is_sliding(problem.model, guard.next_mode):
         return None
     before = (impact - 1) % len(problem.word)
-    return (at_once(problem, before) if is_brief(problem, unknowns, before) else None) or GRAZING
+    return (
+        sliding_kind_of_zero_duration(problem, before)
+        if is_brief(problem, unknowns, before)
+        else None
+    ) or GRAZING
 
 
-def at_once(problem: OrbitProblem, flight: int) -> str | None:
+def sliding_kind_of_zero_duration(problem: OrbitProblem, flight: int) -> str | None:
     """Return which sliding bifurcation a T is."""
     model = problem.model
     one, other = guard_at(problem, flight), guard_at(problem, flight + 1)
-    if slides(model, one.next_mode):
+    if is_sliding(model, one.next_mode):
         return GRAZING if one.modes[0] == other.next_mode else CROSSING
-    if not slides(model, other.next_mode):
+    if not is_sliding(model, other.next_mode):
         return None
     if one.past:
         return SWITCHING
-    return ADDING if slides(model, one.modes[0]) else None
+    return ADDING if is_sliding(model, one.modes[0]) else None
 
 
 def is_brief(problem: OrbitProblem, unknowns: Array, flight: int) -> bool:
@@ -281,7 +298,7 @@ def guard_at(problem: OrbitProblem, impact: int) -> Guard:
 # What an impact at which sliding begins on a limit becomes.
 
 
-def longer(problem: OrbitProblem, impact: int, limit: str) -> str | None:
+def letters_of_split(problem: OrbitProblem, impact: int, limit: str) -> str | None:
     """Return the two letters in the place of an impact's: SA for C, CB for S; None if not known."""
     guards, guard = problem.model.WALLS, guard_at(problem, impact)
     arrival = problem.kernels.arrival
@@ -297,7 +314,7 @@ def longer(problem: OrbitProblem, impact: int, limit: str) -> str | None:
     return None if letter is None else crossing.name + letter
 
 
-def shorter(problem: OrbitProblem, flight: int) -> str | None:
+def letter_of_merger(problem: OrbitProblem, flight: int) -> str | None:
     """Return the letter in the place of those at both ends of a flight that takes no time."""
     guards = problem.model.WALLS
     one, other = guard_at(problem, flight), guard_at(problem, flight + 1)
@@ -305,30 +322,30 @@ def shorter(problem: OrbitProblem, flight: int) -> str | None:
     return through.name if through is not None and through.next_mode == other.next_mode else None
 
 
-def respelled(word: Word, impact: int, letters: str, taken: int = 1) -> Word:
+def replace_letters(word: Word, impact: int, letters: str, taken: int = 1) -> Word:
     """Return a word with other letters in the place of so many from an impact on."""
     kept = word.drop(*((impact + k) % len(word) for k in range(taken)))
     place = impact - sum((impact + k) % len(word) < impact for k in range(taken))
     return Word(kept.walls[:place] + letters + kept.walls[place:], word.period)
 
 
-def lengthened(problem: OrbitProblem, unknowns: Array, impact: int, letters: str) -> Array:
+def split_impact(problem: OrbitProblem, unknowns: Array, impact: int, letters: str) -> Array:
     """Return the impacts of an orbit with two that take no time in the place of one."""
     rows = problem.impacts(unknowns)
     segment = problem.kernels.segment(*letters)
-    added = arrived(segment, rows[impact].tolist(), problem.values(unknowns))
+    added = arrival_unknowns(segment, rows[impact].tolist(), problem.values(unknowns))
     return np.insert(rows, impact + 1, added, axis=0)
 
 
-def merged(
+def merge_impacts(
     problem: OrbitProblem, unknowns: Array, flight: int
 ) -> tuple[OrbitProblem, Array] | None:
     """Return the problem with one impact in the place of the two at the ends of a flight that takes
     no time, and the same orbit in it; None if no letter says so."""
-    letter, other = shorter(problem, flight), (flight + 1) % len(problem.word)
+    letter, other = letter_of_merger(problem, flight), (flight + 1) % len(problem.word)
     if letter is None:
         return None
-    word = respelled(problem.word, flight, letter, 2)
+    word = replace_letters(problem.word, flight, letter, 2)
     there = problem_of(problem.model, word, problem.kernels)
     rows = np.delete(problem.impacts(unknowns), other, axis=0)
     return there, there.with_impacts(rows, problem.span(unknowns), unknowns)
@@ -343,7 +360,7 @@ BESIDE = 0.1
 """How near to its guess it is, in the sizes of the unknowns."""
 
 
-def where_added(guess: OrbitPoint, flight: int, details: Details) -> Located | None:
+def where_added(guess: OrbitPoint, flight: int, details: Details) -> Location | None:
     """Return where a flight between two pieces of sliding vanishes; None if nowhere near.
 
     Parameters
@@ -356,35 +373,37 @@ def where_added(guess: OrbitPoint, flight: int, details: Details) -> Located | N
     problem, unknowns = guess.evaluation.problem, guess.unknowns
     ends = flight, (flight + 1) % len(problem.word)
     word = problem.word.drop(*ends)
-    possible = at_once(problem, flight) == ADDING and word.walls
+    possible = sliding_kind_of_zero_duration(problem, flight) == ADDING and word.walls
     if not possible or not is_path(problem.model.WALLS, word.walls):
         return None
     without = problem_of(problem.model, word, problem.kernels)
-    system = _touching(problem, without, unknowns, ends)
+    system = _merged_touch_system(problem, without, unknowns, ends)
     rest = np.delete(problem.impacts(unknowns), ends, axis=0)
     begin = without.with_impacts(rest, guess.evaluation.span, unknowns)
     solution = solve(system, without.evaluate(begin))
     if solution is None:
         return None
-    found = _with(problem, without, solution.unknowns, system.touch(solution.own), ends)
+    found = _unknowns_with_touch(
+        problem, without, solution.unknowns, system.touch(solution.own), ends
+    )
     sizes = problem.scale(unknowns, np.full(problem.free, np.inf))
     if not np.linalg.norm((found - unknowns) / sizes) < BESIDE:
         return None
-    return Located(found, solution.residual, solution.error, details)
+    return Location(found, solution.residual, solution.error, details)
 
 
-def _touching(
+def _merged_touch_system(
     problem: OrbitProblem, without: OrbitProblem, unknowns: Array, ends: tuple[int, int]
-) -> Touching:
+) -> SlidingTouch:
     """The equations of the orbit without the impacts at both ends, which touches there."""
     before = (ends[0] - 1) % len(problem.word)
     left = before - sum(end < before for end in ends)
     turn = problem.span(unknowns) if ends[0] == 0 else 0.0
     time = float(problem.impacts(unknowns)[ends[0], 0]) + turn
-    return Touching(without, left, problem.word.walls[ends[0]], time)
+    return SlidingTouch(without, left, problem.word.walls[ends[0]], time)
 
 
-def _with(
+def _unknowns_with_touch(
     problem: OrbitProblem,
     without: OrbitProblem,
     unknowns: Array,
@@ -394,7 +413,7 @@ def _with(
     """The unknowns of that orbit with both impacts at the touch."""
     count, span = len(problem.word), without.span(unknowns)
     back = problem.kernels.segment(*(problem.word.walls[end] for end in ends))
-    again = arrived(back, touch.tolist(), without.values(unknowns))
+    again = arrival_unknowns(back, touch.tolist(), without.values(unknowns))
     rows = np.empty((count, problem.m))
     rows[list(ends)] = touch, again
     rows[[k for k in range(count) if k not in ends]] = without.impacts(unknowns)
@@ -410,7 +429,7 @@ def _with(
 
 
 @dataclass(frozen=True)
-class Begun:
+class SlidingOnset:
     """An impact after which the motion begins within a limit, or beyond."""
 
     problem: OrbitProblem
@@ -430,15 +449,15 @@ class Begun:
     @property
     def on_surface(self) -> bool:
         """Whether the flight begins on the surface of the limit, and its rate vanishes."""
-        return on_surface(self.problem.kernels, self.begun, self.limit)
+        return begins_on_surface(self.problem.kernels, self.begun, self.limit)
 
     def equations(self) -> ExtendedSystem:
         """Return the equations of an orbit on the limit."""
         if self.on_surface:
-            return Tangent(self.problem, self.impact, self.limit)
+            return SurfaceTangency(self.problem, self.impact, self.limit)
         return Beginning(self.problem, self.impact, self.begun, self.limit)
 
-    def locate(self, guess: OrbitPoint) -> Located | None:
+    def locate(self, guess: OrbitPoint) -> Location | None:
         """Solve these from a point near it."""
         return located(self.equations(), guess, lambda solution: self.details(solution.unknowns))
 
@@ -450,17 +469,19 @@ class Begun:
 
     def next_word(self) -> Word | None:
         """Return the word beyond."""
-        letters = longer(self.problem, self.impact, self.limit)
-        return None if letters is None else respelled(self.problem.word, self.impact, letters)
+        letters = letters_of_split(self.problem, self.impact, self.limit)
+        return None if letters is None else replace_letters(self.problem.word, self.impact, letters)
 
     def born(self, unknowns: Array) -> Start | None:
         """Return the start of the branch beyond, on which a flight more takes some time."""
-        letters, word = longer(self.problem, self.impact, self.limit), self.next_word()
+        letters, word = letters_of_split(self.problem, self.impact, self.limit), self.next_word()
         if letters is None or word is None:
             return None
         there = problem_of(self.problem.model, word, self.problem.kernels)
-        rows = lengthened(self.problem, unknowns, self.impact, letters)
-        start = regular(there, there.with_impacts(rows, self.problem.span(unknowns), unknowns))
+        rows = split_impact(self.problem, unknowns, self.impact, letters)
+        start = null_vector_start(
+            there, there.with_impacts(rows, self.problem.span(unknowns), unknowns)
+        )
         return start if start is None or self._longer(start) >= 0.0 else start.reversed()
 
     def criticality(self, event: OrbitEvent, start: Start) -> str | None:
@@ -484,7 +505,7 @@ class Begun:
         return self.problem.model.guard(self.limit).side
 
 
-def added(problem: OrbitProblem, unknowns: Array, flight: int) -> Start | None:
+def interrupted_sliding_start(problem: OrbitProblem, unknowns: Array, flight: int) -> Start | None:
     """Return the start of the branch on which sliding is interrupted, from where it takes no time.
 
     What leaves sliding does so at rest: two branches cross there, of which one is of interruptions
@@ -503,21 +524,21 @@ def added(problem: OrbitProblem, unknowns: Array, flight: int) -> Start | None:
     return start if lasts(along) > 0.0 else start.reversed()
 
 
-def beginnings(problem: OrbitProblem) -> Sequence[Begun]:
+def onsets_of_word(problem: OrbitProblem) -> Sequence[SlidingOnset]:
     """Return all of a word."""
     return [
-        Begun(problem, k, *limit)
+        SlidingOnset(problem, k, *limit)
         for k, letter in enumerate(problem.word.walls)
         for limit in limits_of(problem.kernels, letter)
     ]
 
 
-def beginning_of(problem: OrbitProblem, details: Details) -> Begun | None:
+def onset_of(problem: OrbitProblem, details: Details) -> SlidingOnset | None:
     """Return the one at which an event is; None where a flight touches inside."""
     if "impact" not in details:
         return None
     place = details["impact"], details["wall"]
-    return next((one for one in beginnings(problem) if (one.impact, one.limit) == place), None)
+    return next((one for one in onsets_of_word(problem) if (one.impact, one.limit) == place), None)
 
 
 # The orbit without what vanishes on it: an impact of zero velocity, or a flight of no duration.
@@ -526,25 +547,25 @@ TOUCHING_WHILE_VANISHING = 1e-6
 """A gap below this is a touch, where the orbit without impacts is that of a V."""
 
 
-def vanishing(problem: OrbitProblem, impact: int) -> tuple[int, ...]:
+def vanishing_impacts(problem: OrbitProblem, impact: int) -> tuple[int, ...]:
     """Return the impacts that vanish with one: itself, and the next at the end of an excursion."""
     if impact in problem.excursions:
         return impact, (impact + 1) % len(problem.word)
     return (impact,)
 
 
-def without(here: Linearisation, impact: int) -> tuple[OrbitProblem, Array] | None:
+def remove_impacts(here: Linearisation, impact: int) -> tuple[OrbitProblem, Array] | None:
     """The problem of the word without an impact of zero velocity, and the same orbit in it.
 
     None if no impact is left, and the motion without any has no orbit that touches there, or if the
     modes on both sides of the impact are not the same.
     """
-    problem, dropped = here.problem, vanished(here, impact)
+    problem, dropped = here.problem, other_end_of(here, impact)
     before = (impact - 1) % len(problem.word)
-    if at_zero_velocity(problem, here.unknowns, impact) == SWITCHING:
-        return merged(problem, here.unknowns, before)
+    if sliding_kind_of_zero_velocity(problem, here.unknowns, impact) == SWITCHING:
+        return merge_impacts(problem, here.unknowns, before)
     if len(problem.word) == len(dropped):
-        return _quiet(here, impact)
+        return _quiet_orbit(here, impact)
     word = problem.word.drop(*dropped)
     if not is_path(problem.model.WALLS, word.walls):
         return None
@@ -553,19 +574,21 @@ def without(here: Linearisation, impact: int) -> tuple[OrbitProblem, Array] | No
     return shorter, shorter.with_impacts(kept, here.span, here.unknowns)
 
 
-def vanished(here: Linearisation, impact: int) -> tuple[int, ...]:
+def other_end_of(here: Linearisation, impact: int) -> tuple[int, ...]:
     """Return the same, with the impact at the other end of a flight that takes no time."""
-    dropped = vanishing(here.problem, impact)
+    dropped = vanishing_impacts(here.problem, impact)
     problem, unknowns, count = here.problem, here.unknowns, len(here.problem.word)
     if len(dropped) == 1 < count and is_brief(problem, unknowns, impact):
         return impact, (impact + 1) % count
     before = (impact - 1) % count
-    if at_once(problem, before) is not None and is_brief(problem, unknowns, before):
+    if sliding_kind_of_zero_duration(problem, before) is not None and is_brief(
+        problem, unknowns, before
+    ):
         return before, impact
     return dropped
 
 
-def _quiet(here: Linearisation, impact: int) -> tuple[OrbitProblem, Array] | None:
+def _quiet_orbit(here: Linearisation, impact: int) -> tuple[OrbitProblem, Array] | None:
     """The word `0` and its orbit, if that touches where the only impact vanishes."""
     problem, wall = here.problem, here.problem.word.walls[impact]
     quiet = problem_of(problem.model, Word("", problem.word.period), problem.kernels)
@@ -582,10 +605,10 @@ def _quiet(here: Linearisation, impact: int) -> tuple[OrbitProblem, Array] | Non
 
 def without_flight(here: Linearisation, flight: int) -> tuple[OrbitProblem, Array] | None:
     """The same for a flight that takes no time, where sliding vanishes or begins with it."""
-    found = at_once(here.problem, flight)
+    found = sliding_kind_of_zero_duration(here.problem, flight)
     if found in (CROSSING, SWITCHING):
-        return merged(here.problem, here.unknowns, flight)
-    return None if found is None else without(here, flight)
+        return merge_impacts(here.problem, here.unknowns, flight)
+    return None if found is None else remove_impacts(here, flight)
 
 
 # Where impacts on different coordinates exchange their order: the same orbit on the word beyond.
@@ -614,7 +637,7 @@ def exchanged_word(here: Linearisation, flight: int, rates: Array) -> Word | Non
         How fast each flight's duration changes along the branch, up to a common factor.
     """
     problem, letters = here.problem, list(here.problem.word.walls)
-    runs = list(_at_once(problem, here.unknowns))
+    runs = list(_simultaneous_impacts(problem, here.unknowns))
     if not rates[flight] or not any(flight in impacts[:-1] for impacts in runs):
         return None
     for impacts in runs:
@@ -622,7 +645,7 @@ def exchanged_word(here: Linearisation, flight: int, rates: Array) -> Word | Non
         later = np.round(times / rates[flight], SAME_RATE)  # beyond, the last comes first
         order = [impacts[i] for i in np.argsort(-later, kind="stable")]
         if order != impacts:
-            spelled = _spelled(problem, here.unknowns, impacts, order)
+            spelled = _respell(problem, here.unknowns, impacts, order)
             if spelled is None:
                 return None
             for k, letter in zip(impacts, spelled, strict=True):
@@ -631,20 +654,20 @@ def exchanged_word(here: Linearisation, flight: int, rates: Array) -> Word | Non
     return None if word == problem.word else word
 
 
-def exchanged(here: Linearisation, word: Word) -> tuple[OrbitProblem, Array] | None:
+def exchange_impacts(here: Linearisation, word: Word) -> tuple[OrbitProblem, Array] | None:
     """Return the problem of the word beyond, and the same orbit in it; None if it is none of it."""
     problem, span = here.problem, here.span
     there = problem_of(problem.model, word, problem.kernels)
     values, rows = problem.values(here.unknowns), problem.impacts(here.unknowns)
     moved = rows.copy()
-    for impacts in _at_once(problem, here.unknowns):
+    for impacts in _simultaneous_impacts(problem, here.unknowns):
         before = (impacts[0] - 1) % len(word)
         letter, left = problem.word.walls[before], rows[before].tolist()
         left[0] -= span * (impacts[0] == 0)
         time = float(rows[impacts[0], 0])
         for k in impacts:
             segment = problem.kernels.segment(letter, word.walls[k])
-            left = arrived(segment, left, values, time)
+            left = arrival_unknowns(segment, left, values, time)
             moved[k, 1:] = left[1:]
             letter = word.walls[k]
     unknowns = there.with_impacts(moved, span, here.unknowns)
@@ -653,7 +676,7 @@ def exchanged(here: Linearisation, word: Word) -> tuple[OrbitProblem, Array] | N
     return (there, unknowns) if missed < SAME_STATE * size else None
 
 
-def _at_once(problem: OrbitProblem, unknowns: Array) -> Iterator[list[int]]:
+def _simultaneous_impacts(problem: OrbitProblem, unknowns: Array) -> Iterator[list[int]]:
     """The impacts that happen at once, in order, those of each instant."""
     count = len(problem.word)
     brief = [is_brief(problem, unknowns, k) for k in range(count)]
@@ -664,7 +687,7 @@ def _at_once(problem: OrbitProblem, unknowns: Array) -> Iterator[list[int]]:
         yield impacts
 
 
-def _spelled(
+def _respell(
     problem: OrbitProblem, unknowns: Array, impacts: Sequence[int], order: Sequence[int]
 ) -> str | None:
     """The letters of impacts in another order: a way through the modes along the same surfaces."""

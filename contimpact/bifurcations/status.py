@@ -14,7 +14,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from ..continuation.branch import Missed, Points, TestFunction, Walk
+from ..continuation.branch import MissedEvent, Points, TestFunction, Walk
 from ..continuation.corrector import Arc
 from ..continuation.ends import EndKind
 from ..continuation.events import find_events
@@ -40,7 +40,7 @@ BLURRED = 10.0
 """How near to a branch point the status of points tells nothing, in roots of the tolerance."""
 
 
-def explained(
+def explain_changes(
     problem: OrbitProblem,
     walk: Walk[Linearisation],
     tests: Sequence[TestFunction[Linearisation]],
@@ -64,20 +64,20 @@ def explained(
         return walk
     events, missed = list(walk.events), list(walk.missed)
     turn = walk.points[-1].arclength if walk.end.kind is EndKind.CLOSED else np.inf
-    for i, j, change in _changes(walk, sought, with_status(walk, settings)):
+    for i, j, change in _changes(walk, sought, places_with_status(walk, settings)):
         left, right = walk.points[i], walk.points[j]
         if (switched and i == 0) or _explains(events, left, right, change, turn):
             continue
         if asked.isdisjoint(_causes(left, right, change)):
             continue
-        found, lost = _searched(problem, left, right, tests, settings, change)
-        events += [event for event in found if not _known(event, events)]
+        found, lost = _bisect_change(problem, left, right, tests, settings, change)
+        events += [event for event in found if not _is_recorded(event, events)]
         missed += lost
     events.sort(key=lambda event: event.point.arclength)
     return replace(walk, events=events, missed=missed)
 
 
-def with_status(walk: Walk[Linearisation], settings: Settings) -> Array:
+def places_with_status(walk: Walk[Linearisation], settings: Settings) -> Array:
     """Return the places of the points whose status tells of the branch.
 
     Next to a branch point, where the equations vanish with the square of the distance from two
@@ -132,7 +132,7 @@ def _explains(
     )
 
 
-def _known(event: OrbitEvent, events: Sequence[OrbitEvent]) -> bool:
+def _is_recorded(event: OrbitEvent, events: Sequence[OrbitEvent]) -> bool:
     return any(
         event.kind == other.kind
         and event.details.get("index") == other.details.get("index")
@@ -141,14 +141,14 @@ def _known(event: OrbitEvent, events: Sequence[OrbitEvent]) -> bool:
     )
 
 
-def _searched(
+def _bisect_change(
     problem: OrbitProblem,
     left: OrbitPoint,
     right: OrbitPoint,
     tests: Sequence[TestFunction[Linearisation]],
     settings: Settings,
     change: Change,
-) -> tuple[list[OrbitEvent], list[Missed]]:
+) -> tuple[list[OrbitEvent], list[MissedEvent]]:
     """Bisect the change of status, and look for the event on ever shorter arcs."""
     span = abs(right.parameter - left.parameter) or abs(left.parameter) or 1.0
     scale = problem.scale(left.unknowns, span)
@@ -168,7 +168,7 @@ def _searched(
         arc = after if state(middle) == here else before
     asked = {test.kind for test in tests}
     lacking = [kind for kind in _causes(arc.left, arc.right, change) if kind in asked]
-    return [], [_unexplained(kind, arc, change) for kind in lacking[:1]]
+    return [], [_missed_change(kind, arc, change) for kind in lacking[:1]]
 
 
 def _state_of(change: Change) -> Callable[[OrbitPoint], int]:
@@ -189,15 +189,15 @@ def _causes(left: OrbitPoint, right: OrbitPoint, change: Change) -> list[str]:
     """The kinds of events of which one at least lies where a status changes between two points."""
     kinds = [kind_of(name) for name in KINDS]
     if change is Change.PHYSICALITY:
-        finding = int(_worse(left, right).evaluation.numbers[-6])
+        finding = int(_unphysical_point(left, right).evaluation.numbers[-6])
         return [kind.name for kind in kinds if kind.finding == finding]
-    above, below, pairs = np.subtract(_outside(left), _outside(right))
+    above, below, pairs = np.subtract(_count_outside(left), _count_outside(right))
     several = pairs or abs(above + below) > 1
     passed = [value for value, moved in ((1.0, above), (-1.0, below), (None, several)) if moved]
     return [kind.name for kind in kinds if any(kind.passed(value) for value in passed)]
 
 
-def _outside(point: OrbitPoint) -> tuple[int, int, int]:
+def _count_outside(point: OrbitPoint) -> tuple[int, int, int]:
     """How many multipliers lie beyond 1, beyond -1, and off the real axis outside the circle."""
     values = point.evaluation.multipliers
     real, outside = values.imag == 0.0, np.abs(values) > 1.0 + UNIT_CIRCLE_ROUNDING
@@ -206,15 +206,15 @@ def _outside(point: OrbitPoint) -> tuple[int, int, int]:
     return above, below, pairs
 
 
-def _worse(left: OrbitPoint, right: OrbitPoint) -> OrbitPoint:
+def _unphysical_point(left: OrbitPoint, right: OrbitPoint) -> OrbitPoint:
     """The one of two points at which the orbit is unphysical."""
     return left if not left.evaluation.verdict.physical else right
 
 
-def _unexplained(kind: str, arc: Arc, change: Change) -> Missed:
+def _missed_change(kind: str, arc: Arc, change: Change) -> MissedEvent:
     left, right = arc.left, arc.right
     if change is Change.PHYSICALITY:
-        verdict = _worse(left, right).evaluation.verdict
+        verdict = _unphysical_point(left, right).evaluation.verdict
         what = f"the orbit turns unphysical there ({verdict.reason})"
     else:
         counts = left.evaluation.n_unstable, right.evaluation.n_unstable
@@ -225,4 +225,4 @@ def _unexplained(kind: str, arc: Arc, change: Change) -> Missed:
         remedy = "its place is closed in to rounding: smaller steps tell no more"
     else:
         remedy = "a smaller max_step may tell"
-    return Missed(kind, (left.parameter, right.parameter), f"{reason}; {remedy}")
+    return MissedEvent(kind, (left.parameter, right.parameter), f"{reason}; {remedy}")

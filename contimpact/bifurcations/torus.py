@@ -15,13 +15,13 @@ from ..continuation.ends import EndKind
 from ..models.word import Word
 from ..orbits.multipliers import neimark_sacker
 from ..orbits.problem import Array, Linearisation, OrbitProblem, rounding
-from .codimension_two import AlsoGrazes, AlsoStops, CurvePoint, OnCurve
+from .codimension_two import CurvePoint, CurveTest, GrazingCoincides, StopCoincides
 from .extended_system import (
-    Assembled,
     ExtendedSystem,
     OrbitEvent,
     Orbits,
     OrbitTest,
+    SystemEvaluation,
     rounding_of_length,
     rounding_of_product,
 )
@@ -58,7 +58,7 @@ class SingularPair(ExtendedSystem):
         self.phase, mu = null_pair(here)
         return np.concatenate([self.phase.real, self.phase.imag, [np.angle(mu)]])
 
-    def assemble(self, here: Linearisation, own: Array) -> Assembled:
+    def assemble(self, here: Linearisation, own: Array) -> SystemEvaluation:
         n, orbit = self.problem.n, len(here.unknowns)
         re, im, theta = own[:n], own[n : 2 * n], own[-1]
         cos, sin = np.cos(theta), np.sin(theta)
@@ -80,7 +80,7 @@ class SingularPair(ExtendedSystem):
             real @ im + imaginary @ re,
             [0.5 * (own[:-1] @ own[:-1] - 1.0), self.phase.real @ im - self.phase.imag @ re],
         ]
-        return Assembled(np.concatenate(residual), jacobian)
+        return SystemEvaluation(np.concatenate(residual), jacobian)
 
     def _bent(self, here: Linearisation, q: Array) -> tuple[Array, Array]:
         """The derivatives of C0 q and of C1 q."""
@@ -133,7 +133,7 @@ class RealPair(TestFunction):
         return np.array([np.sin(here.own[-1])])
 
 
-class StrongResonance(OnCurve):
+class StrongResonance(CurveTest):
     """R3, R4: the pair is a third or a fourth root of one."""
 
     def __init__(self, order: int) -> None:
@@ -173,5 +173,5 @@ class NS(Kind):
         return {EndKind.RESONANCE: RealPair()}
 
     def codimension_two(self, word: Word) -> list[TestFunction]:
-        grazes, stops = AlsoGrazes(self.name), AlsoStops(self.name)
+        grazes, stops = GrazingCoincides(self.name), StopCoincides(self.name)
         return [grazes, stops, StrongResonance(3), StrongResonance(4)]

@@ -9,7 +9,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from ..continuation.branch import Located, TestFunction
+from ..continuation.branch import Location, TestFunction
 from ..continuation.corrector import first_tangent
 from ..continuation.problem import Problem
 from ..models.word import Word
@@ -22,11 +22,18 @@ from .extended_system import (
     OrbitEvent,
     OrbitPoint,
     Orbits,
-    Reached,
+    ReachedTest,
     ScalarTest,
 )
-from .kind import Change, Details, Kind, Look, ManyDigits, Start, System, Values, regular
-from .sliding import at_once, exchanged, exchanged_word, forgiven, where_added, without_flight
+from .kind import Change, Details, Kind, Look, ManyDigits, Start, System, Values, null_vector_start
+from .sliding import (
+    exchange_impacts,
+    exchanged_word,
+    sliding_kind_of_zero_duration,
+    tolerated_touches,
+    where_added,
+    without_flight,
+)
 
 
 class ZeroDuration(ScalarTest):
@@ -69,7 +76,7 @@ class ZeroDuration(ScalarTest):
 
     def locate(
         self, problem: Problem[Linearisation], guess: OrbitPoint, index: int
-    ) -> Located | None:
+    ) -> Location | None:
         told = self.described(guess.evaluation.problem, index)
         return where_added(guess, index, told) or super().locate(problem, guess, index)
 
@@ -94,7 +101,7 @@ class T(Kind):
         return ZeroDuration(problem)
 
     def equations(self, problem: OrbitProblem, details: Details) -> ExtendedSystem:
-        return Reached(problem, ZeroDuration(problem), details["flight"])
+        return ReachedTest(problem, ZeroDuration(problem), details["flight"])
 
     def in_many_digits(self, orbit: ManyDigits, unknowns: Array, details: Details) -> System:
         return orbit.vanishing(lambda x: orbit.duration(x, details["flight"]))
@@ -104,21 +111,21 @@ class T(Kind):
         they are on different coordinates: others only merge there."""
         here = event.point.evaluation
         there = without_flight(here, event.details["flight"])
-        if there is None and (word := _exchanged(event)) is not None:
-            there = exchanged(here, word)
-        return None if there is None else regular(*there)
+        if there is None and (word := _exchange_word(event)) is not None:
+            there = exchange_impacts(here, word)
+        return None if there is None else null_vector_start(*there)
 
     def next_word(self, event: OrbitEvent) -> Word | None:
         there = without_flight(event.point.evaluation, event.details["flight"])
-        return _exchanged(event) if there is None else there[0].word
+        return _exchange_word(event) if there is None else there[0].word
 
     def deeper(self, event: OrbitEvent) -> int | None:
         if without_flight(event.point.evaluation, event.details["flight"]) is not None:
             return 1
-        return None if _exchanged(event) is None else 0
+        return None if _exchange_word(event) is None else 0
 
     def nothing(self, event: OrbitEvent) -> str:
-        word = _exchanged(event)
+        word = _exchange_word(event)
         if word is None:
             return super().nothing(event)
         return (
@@ -141,17 +148,19 @@ class T(Kind):
         return found, int(count_unstable(found))
 
     def verdict(self, here: Linearisation, details: Details) -> Verdict:
-        return here.judge(forgive_touches=forgiven(here), forgive_impacts=here.resting)
+        return here.judge(forgive_touches=tolerated_touches(here), forgive_impacts=here.resting)
 
     def sliding(self, event: OrbitEvent) -> str | None:
-        return at_once(event.point.evaluation.problem, event.details["flight"])
+        return sliding_kind_of_zero_duration(
+            event.point.evaluation.problem, event.details["flight"]
+        )
 
     def explains(self, change: Change) -> bool:
         """Where impacts merge, multipliers change too."""
         return True
 
 
-def _exchanged(event: OrbitEvent) -> Word | None:
+def _exchange_word(event: OrbitEvent) -> Word | None:
     """The word beyond, if impacts exchange their order."""
     here, flight = event.point.evaluation, event.details["flight"]
     problem, unknowns = here.problem, here.unknowns

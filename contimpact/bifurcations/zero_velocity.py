@@ -13,24 +13,24 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..continuation.branch import Located, TestFunction
+from ..continuation.branch import Location, TestFunction
 from ..continuation.problem import Problem
 from ..models.word import Word
 from ..orbits.multipliers import count_unstable
 from ..orbits.physicality import WRONG_WAY, Verdict
 from ..orbits.problem import Array, Linearisation, OrbitProblem
 from .codimension_two import CurvePoint, touch_points
-from .extended_system import ExtendedSystem, OrbitEvent, OrbitPoint, Orbits, Reached, ScalarTest
-from .kind import Change, Details, Kind, Look, ManyDigits, Start, System, Values, regular
+from .extended_system import ExtendedSystem, OrbitEvent, OrbitPoint, Orbits, ReachedTest, ScalarTest
+from .kind import Change, Details, Kind, Look, ManyDigits, Start, System, Values, null_vector_start
 from .sliding import (
     INSTANT,
-    at_zero_velocity,
-    forgiven,
     guard_at,
-    vanished,
-    vanishing,
+    other_end_of,
+    remove_impacts,
+    sliding_kind_of_zero_velocity,
+    tolerated_touches,
+    vanishing_impacts,
     where_added,
-    without,
 )
 from .zero_duration import ZeroDuration
 
@@ -45,13 +45,13 @@ class ZeroVelocity(ScalarTest):
     kind = "V"
 
     def __init__(self, problem: OrbitProblem) -> None:
-        met = {k for flight in problem.excursions for k in vanishing(problem, flight)}
+        met = {k for flight in problem.excursions for k in vanishing_impacts(problem, flight)}
         self.impacts = [k for k in range(len(problem.word)) if k not in met]
         self.sides = np.array([float(guard_at(problem, k).side) for k in self.impacts])
         self.velocities = 1 + problem.m * np.array(self.impacts, dtype=int)
         self.excursions = list(problem.excursions)
         self.durations = ZeroDuration(problem)
-        self.alone = [Alone(problem, k) for k in sorted(met)]
+        self.alone = [VelocityBetweenExcursions(problem, k) for k in sorted(met)]
 
     def of(self, orbits: Orbits) -> Array:
         speeds = self.sides * orbits.unknowns[:, self.velocities]
@@ -82,7 +82,7 @@ class ZeroVelocity(ScalarTest):
 
     def locate(
         self, problem: Problem[Linearisation], guess: OrbitPoint, index: int
-    ) -> Located | None:
+    ) -> Location | None:
         own, impact = guess.evaluation.problem, self.place(index)
         told = self.described(own, index)
         flights = impact, (impact - 1) % len(own.word)
@@ -108,7 +108,7 @@ class ZeroVelocity(ScalarTest):
         return told | {"flight": (impact - 1) % len(problem.word)}
 
 
-class Alone:
+class VelocityBetweenExcursions:
     """The velocity of an impact between excursions, towards its wall, over their durations."""
 
     def __init__(self, problem: OrbitProblem, impact: int) -> None:
@@ -137,10 +137,10 @@ class Alone:
         return self.side * gradient / np.prod(lengths)
 
 
-def stopped(problem: OrbitProblem, details: Details) -> tuple[int, ...]:
+def impacts_at_rest(problem: OrbitProblem, details: Details) -> tuple[int, ...]:
     """Return the impacts that have no velocity at an event."""
     impact = details["impact"]
-    return (impact,) if "flight" in details else vanishing(problem, impact)
+    return (impact,) if "flight" in details else vanishing_impacts(problem, impact)
 
 
 class V(Kind):
@@ -157,7 +157,7 @@ class V(Kind):
 
     def equations(self, problem: OrbitProblem, details: Details) -> ExtendedSystem:
         test = ZeroVelocity(problem)
-        return Reached(problem, test, test.index(details))
+        return ReachedTest(problem, test, test.index(details))
 
     def in_many_digits(self, orbit: ManyDigits, unknowns: Array, details: Details) -> System:
         impact = details["impact"]
@@ -167,11 +167,11 @@ class V(Kind):
 
     def born(self, event: OrbitEvent) -> Start | None:
         here: Linearisation = event.point.evaluation
-        shorter = _shorter(here, event.details)
-        return None if shorter is None else regular(*shorter)
+        shorter = _remove_impact(here, event.details)
+        return None if shorter is None else null_vector_start(*shorter)
 
     def next_word(self, event: OrbitEvent) -> Word | None:
-        shorter = _shorter(event.point.evaluation, event.details)
+        shorter = _remove_impact(event.point.evaluation, event.details)
         return None if shorter is None else shorter[0].word
 
     def critical(self, multipliers: Array) -> list[int]:
@@ -179,7 +179,7 @@ class V(Kind):
         return [int(np.argmax(np.abs(multipliers)))]
 
     def multipliers(self, here: Linearisation, details: Details) -> tuple[Array, int]:
-        shorter = _shorter(here, details)
+        shorter = _remove_impact(here, details)
         if shorter is None:
             return super().multipliers(here, details)
         there = shorter[0].evaluate(shorter[1])
@@ -188,15 +188,18 @@ class V(Kind):
 
     def verdict(self, here: Linearisation, details: Details) -> Verdict:
         if "flight" in details:
-            here, impacts = _at_zero(here, details["impact"]), stopped(here.problem, details)
+            here, impacts = (
+                _set_zero_velocity(here, details["impact"]),
+                impacts_at_rest(here.problem, details),
+            )
         else:
-            impacts = vanished(here, details["impact"])
+            impacts = other_end_of(here, details["impact"])
         resting = {*impacts, *here.resting}
-        return here.judge(forgive_touches=forgiven(here), forgive_impacts=resting)
+        return here.judge(forgive_touches=tolerated_touches(here), forgive_impacts=resting)
 
     def sliding(self, event: OrbitEvent) -> str | None:
         here = event.point.evaluation
-        return at_zero_velocity(here.problem, here.unknowns, event.details["impact"])
+        return sliding_kind_of_zero_velocity(here.problem, here.unknowns, event.details["impact"])
 
     def codimension_two(self, word: Word) -> list[TestFunction[CurvePoint]]:
         shorter = _without_touch if len(word) > 1 else None
@@ -205,12 +208,12 @@ class V(Kind):
         )
 
 
-def _shorter(here: Linearisation, details: Details) -> tuple[OrbitProblem, Array] | None:
-    """As `without`; None where a contact that lasts begins or ends at rest."""
-    return None if "flight" in details else without(here, details["impact"])
+def _remove_impact(here: Linearisation, details: Details) -> tuple[OrbitProblem, Array] | None:
+    """As `remove_impacts`; None where a contact that lasts begins or ends at rest."""
+    return None if "flight" in details else remove_impacts(here, details["impact"])
 
 
-def _at_zero(here: Linearisation, impact: int) -> Linearisation:
+def _set_zero_velocity(here: Linearisation, impact: int) -> Linearisation:
     """The orbit with a velocity of zero exactly: the sign of rounding does not tell on which side
     of their guards the flights before and after are; their accelerations do."""
     unknowns = here.unknowns.copy()
@@ -219,7 +222,7 @@ def _at_zero(here: Linearisation, impact: int) -> Linearisation:
 
 
 def _without_touch(here: CurvePoint) -> Linearisation:
-    shorter = _shorter(here.orbit, here.details)
+    shorter = _remove_impact(here.orbit, here.details)
     if shorter is None:
         raise ArithmeticError("no impact is left")
     here.orbit.problem.kernel_evaluations += len(shorter[0].word)

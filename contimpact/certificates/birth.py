@@ -32,7 +32,7 @@ from ..arrays import Array
 from ..models.word import Word
 from ..orbits.problem import OrbitProblem
 from .equations import BallProblem, Balls, Flight, column, krawczyk, preconditioner
-from .tube import Node, Segment, Tube, balls_around_zero, coefficient, range_of, up
+from .tube import Node, Segment, Tube, balls_around_zero, coefficient, range_of, round_up
 
 ROOM = 2.0
 FLOOR = 1e-9
@@ -122,7 +122,7 @@ def halves(once: BallProblem, z: Sequence[Any], row: Array) -> tuple[Balls, Ball
     return s, d, sum((r * x for r, x in zip(row.tolist(), d, strict=True)), arb(0))
 
 
-def proven_birth(segment: Segment) -> Birth | None:
+def prove_birth(segment: Segment) -> Birth | None:
     """Return the curve along a segment that begins at a period doubling; None if not proven."""
     try:
         return _birth(segment)
@@ -155,16 +155,16 @@ def _birth(segment: Segment) -> Birth | None:
         size = len(half)
         identity = arb_mat([[int(i == j) for j in range(size)] for i in range(size)])
         defect = range_of([identity - matrix * wide.jacobian]).reshape(size, size)
-        image = up(offset + up(defect @ half))
+        image = round_up(offset + round_up(defect @ half))
         if (image < half).all():
-            return _accepted(segment, once, center, null, end, half, image, defect, matrix, wide)
+            return _birth_curve(segment, once, center, null, end, half, image, defect, matrix, wide)
         half = 2.0 * image
         if (half > 1.0).any():
             return None
     return None
 
 
-def _accepted(
+def _birth_curve(
     segment: Segment,
     once: BallProblem,
     center: Array,
@@ -178,10 +178,10 @@ def _accepted(
 ) -> Birth:
     """The curve, with bounds of its derivative by A: J y = -dH/dA."""
     step = matrix * wide.slopes
-    factor = float(np.max(up(up(defect @ half) / half)))
-    bound = float(np.max(up(range_of([step]) / half))) / np.nextafter(1.0 - factor, 0.0)
-    rate = np.asarray(up(up(bound) * half))
-    slack = up(defect @ rate)
+    factor = float(np.max(round_up(round_up(defect @ half) / half)))
+    bound = float(np.max(round_up(range_of([step]) / half))) / np.nextafter(1.0 - factor, 0.0)
+    rate = np.asarray(round_up(round_up(bound) * half))
+    slack = round_up(defect @ rate)
     n = once.problem.n
     slope = step.entries()[n] + arb(0, 1) * float(slack[n])
     turns = not (slope > 0 or slope < 0)

@@ -21,24 +21,24 @@ from ..continuation.ends import EndKind
 from ..models.model import Model
 from ..models.word import Word
 from ..orbits.problem import Array, OrbitProblem
-from ..progress import Progress, silent
+from ..progress import Progress, ignore_progress
 from ..results.branch import Branch, Entry, model_at
 from ..segments.kernels import Kernels
-from .birth import proven_birth
+from .birth import prove_birth
 from .equations import BallProblem
 from .event import EventCertificate
-from .examination import BITS, DEEPEST, Examination, Findings, Piece, known
+from .examination import BITS, DEEPEST, Examination, Findings, Piece, certified_entry
 from .tube import (
     Budget,
     Node,
     Segment,
-    halved,
-    laid,
+    halve_segment,
     nodes_of,
     points_of,
-    proven_tube,
+    prove_tube,
     scale_of,
     split,
+    tubes_along,
 )
 
 BIRTH = 5
@@ -99,7 +99,7 @@ class BranchCertificate:
             f"{head}: {_percent(self.share)} proven for {kinds}, {where}, in {self.tubes} tubes"
         ]
         for name, pieces in (("missing", self.missing), ("unproven", self.unproven)):
-            found += [f"  {name}: {_between(self.parameter, p)}: {p.what}" for p in pieces]
+            found += [f"  {name}: {_piece_text(self.parameter, p)}: {p.what}" for p in pieces]
         return found + [f"  {name} is not proven to lie on the branch" for name in self.strange]
 
     def record(self) -> dict[str, Any]:
@@ -112,7 +112,7 @@ def _percent(share: float) -> str:
     return f"{math.floor(1e4 * share) / 1e2:.2f} %"
 
 
-def _between(parameter: str, piece: Piece) -> str:
+def _piece_text(parameter: str, piece: Piece) -> str:
     return f"{parameter} from {piece.start:.9g} to {piece.end:.9g}"
 
 
@@ -123,14 +123,14 @@ def problem_of(branch: Branch, model: Model | None, kernels: Kernels | None) -> 
     return OrbitProblem(at, Word(branch.word, branch.period), kernels)
 
 
-def certified_branch(
+def certify_branch(
     branch: Branch,
     entries: Sequence[Entry],
     certificates: Mapping[str, EventCertificate],
     kinds: Sequence[str],
     model: Model | None = None,
     kernels: Kernels | None = None,
-    progress: Progress = silent,
+    progress: Progress = ignore_progress,
     seconds: float = math.inf,
 ) -> BranchCertificate:
     """Prove that a branch is one smooth curve on which every event is recorded.
@@ -149,25 +149,25 @@ def certified_branch(
         Processor time that it may take; what is left then is unproven.
     """
     began, budget = time.perf_counter(), Budget(seconds)
-    with _precise():
+    with _branch_precision():
         problem = problem_of(branch, model, kernels)
         points = points_of(branch, problem)
         scale = scale_of(problem, points)
-        alike = [e for e in entries if certificates[e.id].located and _of(problem, e)]
+        alike = [e for e in entries if certificates[e.id].located and _belongs_to(problem, e)]
         own = [entry for entry in alike if entry.branch == branch.id]
         crossings = {e.id: e.value for e in alike if kind_of(e.kind).crossing}
-        places = [known(entry, certificates[entry.id], problem) for entry in own]
+        places = [certified_entry(entry, certificates[entry.id], problem) for entry in own]
         work = Examination(problem, kinds, places, budget)
         nodes = nodes_of(problem, points, scale)
         if branch.ends[0].kind is EndKind.BORN and len(nodes) > 1:
             _born(work, Segment(work.space, nodes[0], nodes[1], scale), BIRTH)
             nodes = nodes[1:]
-        for segment, tube in laid(work.space, nodes, scale, progress, budget):
+        for segment, tube in tubes_along(work.space, nodes, scale, progress, budget):
             work.account(segment, tube)
         return _certificate(branch, work, own, crossings, time.perf_counter() - began)
 
 
-def _of(problem: OrbitProblem, entry: Entry) -> bool:
+def _belongs_to(problem: OrbitProblem, entry: Entry) -> bool:
     """Whether an entry has the word and the parameters of a branch, all but the followed one."""
     values = problem.model.values.items()
     same = all(entry.parameters[n] == v for n, v in values if n != problem.parameter)
@@ -186,10 +186,10 @@ def without_certificate(branch: Branch, why: str) -> BranchCertificate:
 
 def _born(work: Examination, first: Segment, left: int) -> None:
     """Account for the first step of a branch that is born at a period doubling."""
-    birth = proven_birth(first)
+    birth = prove_birth(first)
     if birth is not None and not work.begin(birth):
         return
-    parts = halved(first) if left > 0 else None
+    parts = halve_segment(first) if left > 0 else None
     if parts is None:
         work.account(first, None)
         return
@@ -199,7 +199,7 @@ def _born(work: Examination, first: Segment, left: int) -> None:
         work.account(segment, tube)
 
 
-def verified_branch(
+def verify_branch(
     branch: Branch,
     record: BranchCertificate,
     entries: Sequence[Entry],
@@ -209,31 +209,31 @@ def verified_branch(
 ) -> BranchCertificate:
     """Prove anew what a certificate says of a branch, from its tubes; none is searched for.
 
-    Parameters are those of `certified_branch`, and the certificate.
+    Parameters are those of `certify_branch`, and the certificate.
 
     Raises ValueError if the record is damaged.
     """
     began = time.perf_counter()
-    with _precise():
+    with _branch_precision():
         problem = problem_of(branch, model, kernels)
         points = points_of(branch, problem)
         scale = scale_of(problem, points)
-        alike = [e for e in entries if certificates[e.id].located and _of(problem, e)]
+        alike = [e for e in entries if certificates[e.id].located and _belongs_to(problem, e)]
         own = [entry for entry in alike if entry.branch == branch.id]
         crossings = {e.id: e.value for e in alike if kind_of(e.kind).crossing}
-        places = [known(entry, certificates[entry.id], problem) for entry in own]
+        places = [certified_entry(entry, certificates[entry.id], problem) for entry in own]
         work = Examination(problem, record.kinds, places)
-        stored = list(_stored(record, work.space, scale))
+        stored = list(_stored_tubes(record, work.space, scale))
         if branch.ends[0].kind is EndKind.BORN and stored:
             _born(work, stored.pop(0)[0], 0)
         for segment, box in stored:
-            tube = proven_tube(segment, box) if box is not None else None
+            tube = prove_tube(segment, box) if box is not None else None
             work.account(segment, tube, DEEPEST)
         _reaches(work.found, points, scale)
         return _certificate(branch, work, own, crossings, time.perf_counter() - began)
 
 
-def _stored(
+def _stored_tubes(
     record: BranchCertificate, space: BallProblem, scale: Array
 ) -> Iterator[tuple[Segment, Array | None]]:
     """The tubes of a record."""
@@ -256,7 +256,7 @@ def _reaches(found: Findings, points: Array, scale: Array) -> None:
             found.leave_open(found.tubes[-1][0], "the tubes do not reach the ends of the branch")
 
 
-class _precise:
+class _branch_precision:
     """Arb's context while tubes are laid."""
 
     def __enter__(self) -> None:

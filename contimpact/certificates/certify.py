@@ -16,7 +16,7 @@ from .. import __version__
 from ..errors import InputError, NotInstalledError, printable
 from ..models.model import Model
 from ..orbits.problem import OrbitProblem
-from ..progress import Progress, silent
+from ..progress import Progress, ignore_progress
 from ..results.branch import Branch, Entry, model_at, model_of, orbit_of
 from ..results.catalogue import load_diagram, load_entries
 from ..results.diagram import Diagram
@@ -25,9 +25,9 @@ from ..results.result_folder import CATALOGUE, MANIFEST, WANTED, digests_of, rea
 from ..segments.balls import INTEGRATED, without_enclosures
 from ..segments.kernels import Kernels
 from ..storage.files import append, write_text
-from ..storage.texts import DAMAGE, Json, json_line, json_text, made
-from .branch import BranchCertificate, certified_branch, verified_branch, without_certificate
-from .event import EventCertificate, NoEnclosuresError, certified, verified
+from ..storage.texts import DAMAGE, Json, build_record, json_line, json_text
+from .branch import BranchCertificate, certify_branch, verify_branch, without_certificate
+from .event import EventCertificate, NoEnclosuresError, certify_entry, verify_entry
 
 # ``certificates.json``: what is proven of a folder of results, written and read back.
 
@@ -120,9 +120,9 @@ def read_certificates(folder: Path) -> Certificates:
     path = folder / FILE
     content = read_json(path, SCHEMA, "a folder that contimpact certify has written to")
     try:
-        entries = [made(EventCertificate, record) for record in content["entries"]]
-        branches = [made(BranchCertificate, record) for record in content["branches"]]
-        return made(Certificates, {**content, "entries": entries, "branches": branches})
+        entries = [build_record(EventCertificate, record) for record in content["entries"]]
+        branches = [build_record(BranchCertificate, record) for record in content["branches"]]
+        return build_record(Certificates, {**content, "entries": entries, "branches": branches})
     except DAMAGE as error:
         raise InputError(str(path), f"damaged ({error})", f"give a file of {SCHEMA!r}") from None
 
@@ -132,14 +132,14 @@ def write_certificates(folder: Path, certificates: Certificates) -> list[str]:
     path = folder / "catalogue.json"
     catalogue = read_json(path, CATALOGUE, WANTED)
     radii = {c.id: c.certified_radius for c in certificates.entries if c.certified}
-    catalogue["entries"] = [_with_radius(e, radii.get(e["id"])) for e in catalogue["entries"]]
+    catalogue["entries"] = [_add_radius(e, radii.get(e["id"])) for e in catalogue["entries"]]
     write_text(folder / FILE, json_text(certificates.record()))
     write_text(path, json_text(catalogue))
     _renew_manifest(folder)
     return [FILE, "catalogue.json"]
 
 
-def _with_radius(entry: Mapping[str, Any], radius: float | None) -> dict[str, Any]:
+def _add_radius(entry: Mapping[str, Any], radius: float | None) -> dict[str, Any]:
     """An entry with its certified radius behind its error."""
     found: dict[str, Any] = {}
     for key, value in entry.items():
@@ -161,7 +161,7 @@ def _renew_manifest(folder: Path) -> None:
     write_text(path, json_text(manifest))
 
 
-class Kept:
+class CertificateLog:
     """Certificates kept as they are found, to go on from after an interruption.
 
     Parameters
@@ -200,7 +200,7 @@ class Kept:
         """Return what is kept of an entry or a branch."""
         row = self.rows.get((kind.__name__, name))
         try:
-            return None if row is None else made(kind, row)
+            return None if row is None else build_record(kind, row)
         except DAMAGE:  # proven again
             return None
 
@@ -247,11 +247,11 @@ class Problems:
     def _shared(self, model: Model, parameter: str) -> Kernels:
         key = (model.identity, parameter)
         if key not in self._kernels:
-            self._kernels[key] = with_enclosures(Kernels(model, parameter))
+            self._kernels[key] = enclosing_kernels(Kernels(model, parameter))
         return self._kernels[key]
 
 
-def with_enclosures(kernels: Kernels) -> Kernels:
+def enclosing_kernels(kernels: Kernels) -> Kernels:
     """Return kernels of whose flights enclosures are known.
 
     Raises NoEnclosuresError where they are not.
@@ -273,7 +273,7 @@ def certify(
     model: Model | None = None,
     *,
     options: CertifyOptions | None = None,
-    progress: Progress = silent,
+    progress: Progress = ignore_progress,
 ) -> Certificates:
     """Prove what is recorded: by interval arithmetic, rounding included.
 
@@ -309,7 +309,9 @@ def certify(
         name, entries, branches = what.name, what.entries, list(what.branches)
     else:
         name, entries, branches = "entries", list(what), []
-    return _Work(options, model, progress, Kept(None, "")).certificates(name, "", entries, branches)
+    return _Work(options, model, progress, CertificateLog(None, "")).certificates(
+        name, "", entries, branches
+    )
 
 
 def certify_folder(
@@ -317,7 +319,7 @@ def certify_folder(
     options: CertifyOptions,
     model: Model | None = None,
     *,
-    progress: Progress = silent,
+    progress: Progress = ignore_progress,
     keep: bool = False,
 ) -> Certificates:
     """Prove the catalogue in a folder that ``contimpact run`` wrote.
@@ -331,7 +333,7 @@ def certify_folder(
     """
     catalogue, entries, branches = _read(folder)
     said = digest(catalogue)
-    kept = Kept(folder / ROWS if keep else None, f"{said} {options} {versions()}")
+    kept = CertificateLog(folder / ROWS if keep else None, f"{said} {options} {versions()}")
     found = _Work(options, model, progress, kept).certificates(
         catalogue["scene"], said, entries, branches
     )
@@ -350,7 +352,7 @@ class _Work:
     """What is done for one catalogue."""
 
     def __init__(
-        self, options: CertifyOptions, model: Model | None, progress: Progress, kept: Kept
+        self, options: CertifyOptions, model: Model | None, progress: Progress, kept: CertificateLog
     ) -> None:
         self.options, self.model, self.progress, self.kept = options, model, progress, kept
         self.problems = Problems(model)
@@ -364,7 +366,7 @@ class _Work:
             raise InputError(name, "its orbits have a free period", accepted)
         for branch in branches:
             self.problems.kernels(branch)
-        found = proven_once(entries, self._each(entries))
+        found = reject_repeated(entries, self._each(entries))
         known = {c.id: c for c in found}
         tubes = self._branches(branches, entries, known) if self.options.branches else []
         seconds = time.perf_counter() - began
@@ -383,7 +385,7 @@ class _Work:
 
     def _entry(self, entry: Entry) -> EventCertificate:
         options = self.options
-        return certified(entry, lambda: self.problems.of(entry), options.bits, options.max_bits)
+        return certify_entry(entry, lambda: self.problems.of(entry), options.bits, options.max_bits)
 
     def _branches(
         self,
@@ -416,21 +418,25 @@ class _Work:
 
         kernels = self.problems.kernels(branch)
         kinds, seconds = self.options.events, self.options.seconds
-        return certified_branch(branch, entries, known, kinds, self.model, kernels, tell, seconds)
+        return certify_branch(branch, entries, known, kinds, self.model, kernels, tell, seconds)
 
 
-def proven_once(
+def reject_repeated(
     entries: Sequence[Entry], found: Sequence[EventCertificate]
 ) -> list[EventCertificate]:
     """Return certificates, those of an event that is recorded twice rejected."""
     kept: list[EventCertificate] = []
     for entry, one in zip(entries, found, strict=True):
-        twin = next((c for c in kept if one.certified and _same(c, one, entries)), None)
-        kept.append(one if twin is None else rejected(entry, "twice", f"it is the event {twin.id}"))
+        twin = next((c for c in kept if one.certified and _same_event(c, one, entries)), None)
+        kept.append(
+            one
+            if twin is None
+            else rejected_certificate(entry, "twice", f"it is the event {twin.id}")
+        )
     return kept
 
 
-def _same(one: EventCertificate, other: EventCertificate, entries: Sequence[Entry]) -> bool:
+def _same_event(one: EventCertificate, other: EventCertificate, entries: Sequence[Entry]) -> bool:
     """Whether two certificates are of one event of one branch."""
     a, b = (next(e for e in entries if e.id == c.id) for c in (one, other))
     if not one.certified or (one.kind, one.branch) != (other.kind, other.branch):
@@ -442,7 +448,7 @@ def _same(one: EventCertificate, other: EventCertificate, entries: Sequence[Entr
 
 
 def verify_folder(
-    folder: Path, model: Model | None = None, *, progress: Progress = silent
+    folder: Path, model: Model | None = None, *, progress: Progress = ignore_progress
 ) -> Certificates:
     """Prove anew what ``certificates.json`` says of the catalogue beside it.
 
@@ -460,10 +466,10 @@ def verify_folder(
         progress(f"verifying {entry.id}")
         record = records.get(entry.id)
         if record is None or not record.certified:
-            return rejected(entry, "certificate", NONE)
-        return verified(entry, record, lambda: problems.of(entry))
+            return rejected_certificate(entry, "certificate", NONE)
+        return verify_entry(entry, record, lambda: problems.of(entry))
 
-    found = proven_once(entries, [prove(entry) for entry in entries])
+    found = reject_repeated(entries, [prove(entry) for entry in entries])
     known = {c.id: c for c in found}
     tubes, kept = [], {record.id: record for record in stored.branches}
     for branch in branches if kept else ():
@@ -473,7 +479,7 @@ def verify_folder(
             continue
         kernels = problems.kernels(branch)
         try:
-            one = verified_branch(branch, kept[branch.id], entries, known, model, kernels)
+            one = verify_branch(branch, kept[branch.id], entries, known, model, kernels)
         except (ValueError, LookupError) as error:
             one = without_certificate(branch, f"its certificate is damaged ({error})")
         tubes.append(one)
@@ -501,7 +507,7 @@ def _says_more(record: BranchCertificate, found: BranchCertificate | None) -> bo
     )
 
 
-def rejected(entry: Entry, clause: str, found: str) -> EventCertificate:
+def rejected_certificate(entry: Entry, clause: str, found: str) -> EventCertificate:
     """Return the certificate of an entry that is rejected."""
     return EventCertificate(entry.id, entry.kind, entry.branch, clause=clause, found=found)
 

@@ -35,7 +35,7 @@ from .equations import BallProblem, Balls
 
 
 @dataclass(frozen=True)
-class Met:
+class ReachableGuard:
     """A guard that a flight can meet."""
 
     guard: Guard
@@ -51,13 +51,13 @@ class Met:
 class Coordinate:
     """A gap coordinate on a flight."""
 
-    met: Sequence[Met]
+    met: Sequence[ReachableGuard]
     since: int | None
     """The guard from which displacements are counted; None for positions."""
     motion: Any
     """``motion(start, dt, values)``: displacement or position, velocity and acceleration."""
 
-    def distance(self, one: Met, places: Sequence[Any]) -> Any:
+    def distance(self, one: ReachableGuard, places: Sequence[Any]) -> Any:
         """Return how far a guard is from where displacements are counted."""
         if one.left:
             return 0
@@ -73,7 +73,9 @@ def coordinates_of(space: BallProblem, flight: int) -> list[Coordinate]:
     ends = letters.index(word[flight]), letters.index(word[(flight + 1) % len(word)])
     found = []
     for numbers in coordinates(problem.model).values():
-        met = [_met(problem, i, *ends) for i in numbers if _meets(problem, ends[0], i)]
+        met = [
+            _reachable_guard(problem, i, *ends) for i in numbers if _can_meet(problem, ends[0], i)
+        ]
         if not met:
             continue
         own = ends[0] in numbers
@@ -87,21 +89,23 @@ def walls_met(space: BallProblem, flight: int) -> list[Guard]:
     return [one.guard for coordinate in coordinates_of(space, flight) for one in coordinate.met]
 
 
-def met_by(space: BallProblem, flight: int, wall: str) -> tuple[Coordinate, Met]:
+def reachable_guard(
+    space: BallProblem, flight: int, wall: str
+) -> tuple[Coordinate, ReachableGuard]:
     """Return a guard that a flight can meet, and its gap coordinate."""
     found = ((c, one) for c in coordinates_of(space, flight) for one in c.met)
     return next((c, one) for c, one in found if one.guard.name == wall)
 
 
-def _meets(problem: OrbitProblem, left: int, guard: int) -> bool:
+def _can_meet(problem: OrbitProblem, left: int, guard: int) -> bool:
     through = problem.model.WALLS[guard].past
     return problem.kernels.passages.watched[left][guard] and not through
 
 
-def _met(problem: OrbitProblem, guard: int, left: int, reached: int) -> Met:
+def _reachable_guard(problem: OrbitProblem, guard: int, left: int, reached: int) -> ReachableGuard:
     walls = problem.model.WALLS
     own = problem.kernels.passages.arrivals[left][guard] != ELSEWHERE
-    return Met(walls[guard], guard, own, same_surface(walls[guard], walls[reached]))
+    return ReachableGuard(walls[guard], guard, own, same_surface(walls[guard], walls[reached]))
 
 
 DEEPEST = 40
@@ -110,7 +114,7 @@ CUT = 0.4921875
 """Fraction at which a cell is cut: no place at which a touch is likely to lie."""
 
 
-class Clear(enum.Enum):
+class ClearanceProof(enum.Enum):
     """What is proven of a flight and a wall."""
 
     YES = "clear"
@@ -123,7 +127,7 @@ class Clearance:
     """What is proven of a flight and a wall, and where it is not: a time after leaving, and the
     enclosure of the gap."""
 
-    what: Clear
+    what: ClearanceProof
     time: float = 0.0
     gap: str = ""
 
@@ -161,7 +165,7 @@ class Gap:
         self.arrival = rows[flight + 1]
         self.duration = self.arrival[0] - self.start[0]
         self.touch = None if touch is None else touch - self.start[0]
-        self.coordinate, self.met = met_by(space, flight, wall)
+        self.coordinate, self.met = reachable_guard(space, flight, wall)
         self.side = self.met.guard.side
         self.distance = self.coordinate.distance(self.met, space.setup(self.values).walls)
 
@@ -173,20 +177,20 @@ class Gap:
     def proven(self) -> Clearance:
         """Return whether the flight keeps clear of the wall."""
         if not self.duration > 0:
-            return Clearance(Clear.UNDECIDED, 0.0, f"duration {self.duration.str(6)}")
+            return Clearance(ClearanceProof.UNDECIDED, 0.0, f"duration {self.duration.str(6)}")
         cells = [(arb(0), self.duration.upper(), 0)]
         while cells:
             left, right, depth = cells.pop()
             found, gap = self._cell(left, right)
-            if found is Clear.YES:
+            if found is ClearanceProof.YES:
                 continue
             middle = (left + CUT * (right - left)).mid()
-            if found is Clear.PASSES or depth == DEEPEST:
+            if found is ClearanceProof.PASSES or depth == DEEPEST:
                 return Clearance(found, float(middle), gap.str(6))
             cells += [(middle, right, depth + 1), (left, middle, depth + 1)]
-        return Clearance(Clear.YES)
+        return Clearance(ClearanceProof.YES)
 
-    def _cell(self, left: Any, right: Any) -> tuple[Clear, Any]:
+    def _cell(self, left: Any, right: Any) -> tuple[ClearanceProof, Any]:
         cell = left.union(right)
         middle = cell.mid()
         _, rate, curvature = self.at(cell)
@@ -197,16 +201,16 @@ class Gap:
         first, last = self.met.left and begins, self.met.reached and ends
         touched = self.touch is not None and cell.overlaps(self.touch)
         if whole > 0 or (first and not touched and self._leaves(rate, curvature)):
-            return Clear.YES, whole
+            return ClearanceProof.YES, whole
         if last and not touched and self._arrives(rate, curvature):
-            return Clear.YES, whole
+            return ClearanceProof.YES, whole
         before, behind = self.beside
         if not touched and ((before and begins and rate > 0) or (behind and ends and rate < 0)):
-            return Clear.YES, whole
+            return ClearanceProof.YES, whole
         if touched and cell.contains(self.touch) and curvature > 0:
-            return Clear.YES, whole
+            return ClearanceProof.YES, whole
         passes = gap < 0 and middle > 0 and middle < self.duration
-        return (Clear.PASSES if passes else Clear.UNDECIDED), whole
+        return (ClearanceProof.PASSES if passes else ClearanceProof.UNDECIDED), whole
 
     def _leaves(self, rate: Any, curvature: Any) -> bool:
         """Whether the gap, zero at the start of a cell, is positive behind it."""

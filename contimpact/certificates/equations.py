@@ -304,7 +304,7 @@ WIDTHS = (1e-7, 1e-8, 1e-9, 1e-10, 1e-11, 1e-12)
 """Radii of boxes tried, relative, the widest first: the wider, the more the uniqueness says."""
 
 
-def refined(space: BallProblem, system: Function, guess: Sequence[float]) -> Balls | None:
+def refine_zero(space: BallProblem, system: Function, guess: Sequence[float]) -> Balls | None:
     """Return a zero to the digits of the context, by Newton's iteration; nothing is proven by it.
 
     None where the iteration does not converge.
@@ -325,7 +325,7 @@ def refined(space: BallProblem, system: Function, guess: Sequence[float]) -> Bal
 
 def preconditioner(space: BallProblem, system: Function, x: Balls) -> Any:
     """Return the inverse of the Jacobian in doubles, as an exact matrix; None without one."""
-    matrix = as_doubles(space.linearised(system, [value.mid() for value in x]))
+    matrix = to_doubles(space.linearised(system, [value.mid() for value in x]))
     try:
         inverse = np.linalg.inv(matrix)
     except np.linalg.LinAlgError:
@@ -333,7 +333,7 @@ def preconditioner(space: BallProblem, system: Function, x: Balls) -> Any:
     return arb_mat(inverse.tolist()) if np.isfinite(inverse).all() else None
 
 
-def as_doubles(matrix: Any) -> Any:
+def to_doubles(matrix: Any) -> Any:
     """Return the midpoints of an ``arb_mat``."""
     return np.array([[float(x.mid()) for x in row] for row in matrix.tolist()])
 
@@ -366,26 +366,26 @@ def _identity(size: int) -> Any:
     return arb_mat([[int(i == j) for j in range(size)] for i in range(size)])
 
 
-def proven(
+def prove_zero(
     space: BallProblem, system: Function, guess: Sequence[float]
 ) -> tuple[Balls, Balls] | None:
     """Return a box with exactly one zero around a guess, and a small one that holds the zero.
 
     The box holds the guess. None where the test fails.
     """
-    found = refined(space, system, guess)
+    found = refine_zero(space, system, guess)
     if found is None:
         return None
     inverse = preconditioner(space, system, found)
     for width in WIDTHS:
-        box = [_around(x, g, width) for x, g in zip(found, guess, strict=True)]
+        box = [_ball_around(x, g, width) for x, g in zip(found, guess, strict=True)]
         if krawczyk(space, system, box, inverse) is not None:
             small = _smallest(space, system, found, inverse)
             return None if small is None else (box, small)
     return None
 
 
-def _around(x: Any, guess: float, width: float) -> Any:
+def _ball_around(x: Any, guess: float, width: float) -> Any:
     """A ball around a zero that holds the guess."""
     least = 2 * abs(x - guess).upper()
     return x + arb(0, 1) * max(float(least), width * max(1.0, abs(guess)))

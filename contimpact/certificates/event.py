@@ -11,7 +11,7 @@ import numpy as np
 from flint import arb, ctx
 
 from ..bifurcations.registry import kind_of
-from ..bifurcations.zero_velocity import stopped as stopped_at
+from ..bifurcations.zero_velocity import impacts_at_rest as stopped_at
 from ..errors import InputError
 from ..models.word import Word
 from ..orbits.problem import OrbitProblem
@@ -20,8 +20,8 @@ from ..orbits.search import solve_near
 from ..results.branch import Entry, orbit_of
 from ..results.entry_conversion import details_of
 from ..results.tables import coordinates
-from .equations import BallProblem, Balls, crosses, krawczyk, proven
-from .orbit import Orbit, QuietBalls, ball_problem, stops
+from .equations import BallProblem, Balls, crosses, krawczyk, prove_zero
+from .orbit import Orbit, QuietBalls, ball_problem, stops_at_once
 
 # An impact at rest without which the orbit has none: proven by the grazing of the word `0`.
 #
@@ -29,7 +29,7 @@ from .orbit import Orbit, QuietBalls, ball_problem, stops
 # of a word with one impact of zero velocity, at one of its touches, which grazes at another one.
 
 
-def rests(space: BallProblem, box: Balls, inner: Balls) -> bool:
+def only_impact_rests(space: BallProblem, box: Balls, inner: Balls) -> bool:
     """Return whether the only impact of a grazing orbit is proven to be at rest.
 
     Parameters
@@ -54,11 +54,11 @@ def rests(space: BallProblem, box: Balls, inner: Balls) -> bool:
     where = {"wall": guard.name, "touch_time": touch[0] % period}
     quiet = QuietBalls(base, space.bits)
     system, own = quiet.grazing(state, where)
-    found = proven(quiet, system, [*state.tolist(), own[0], *touch[2:]])
-    return found is not None and _same(quiet, found[1], word.period, box)
+    found = prove_zero(quiet, system, [*state.tolist(), own[0], *touch[2:]])
+    return found is not None and _is_same_grazing(quiet, found[1], word.period, box)
 
 
-def _same(base: BallProblem, z: Balls, times: int, box: Sequence[Any]) -> bool:
+def _is_same_grazing(base: BallProblem, z: Balls, times: int, box: Sequence[Any]) -> bool:
     """Whether the grazing, with one touch as an impact and another one as the event, lies in a
     box."""
     n = base.problem.n
@@ -85,7 +85,7 @@ def _same(base: BallProblem, z: Balls, times: int, box: Sequence[Any]) -> bool:
 # which these have one solution, it is that solution: the velocity is zero.
 
 
-def resting(space: BallProblem, box: Balls, inner: Balls) -> list[int]:
+def resting_impacts(space: BallProblem, box: Balls, inner: Balls) -> list[int]:
     """Return the impacts of a grazing orbit that are proven to be at rest.
 
     Parameters
@@ -97,15 +97,15 @@ def resting(space: BallProblem, box: Balls, inner: Balls) -> list[int]:
     if not count or len(inner) == space.problem.n + 1:
         return []
     slow = [k for k in range(count) if inner[m * k + 1].contains(0)]
-    return [k for k in slow if _rests(space, box, inner, k)]
+    return [k for k in slow if _is_repeated_grazing(space, box, inner, k)]
 
 
-def _rests(space: BallProblem, box: Balls, inner: Balls, impact: int) -> bool:
+def _is_repeated_grazing(space: BallProblem, box: Balls, inner: Balls, impact: int) -> bool:
     """Whether the orbit without an impact is another one run several times, which grazes there."""
     problem, m = space.problem, space.problem.m
     if len(problem.word) == 1:
-        return rests(space, box, inner)
-    once, times = _root(problem.word.drop(impact))
+        return only_impact_rests(space, box, inner)
+    once, times = _primitive_word(problem.word.drop(impact))
     if times == 1 or m != 2:
         return False
     base = BallProblem(OrbitProblem(problem.model, once, problem.kernels), space.bits)
@@ -121,11 +121,11 @@ def _rests(space: BallProblem, box: Balls, inner: Balls, impact: int) -> bool:
         "touch_time": time,
     }
     system, own = base.grazing(z, where)
-    found = proven(base, system, [*z.tolist(), *own])
+    found = prove_zero(base, system, [*z.tolist(), *own])
     return found is not None and _same_at_rest(base, found[1], times, box, impact)
 
 
-def _root(word: Word) -> tuple[Word, int]:
+def _primitive_word(word: Word) -> tuple[Word, int]:
     """A word as another one that is repeated, and how often."""
     for times in range(len(word), 1, -1):
         part, left = divmod(len(word), times)
@@ -225,7 +225,7 @@ class RejectedError(Exception):
         self.clause, self.found = clause, found
 
 
-def certified(
+def certify_entry(
     entry: Entry, problem: Problem | None = None, bits: int = 128, most: int = 512
 ) -> EventCertificate:
     """Prove an entry of a catalogue.
@@ -239,10 +239,10 @@ def certified(
     most : int
         Largest precision.
     """
-    return _attempted(entry, problem, bits, most, _searched)
+    return _attempt(entry, problem, bits, most, _isolate_zero)
 
 
-def verified(
+def verify_entry(
     entry: Entry, record: EventCertificate, problem: Problem | None = None
 ) -> EventCertificate:
     """Prove an entry anew from the boxes of its certificate; nothing is searched for."""
@@ -261,20 +261,20 @@ def verified(
     if not LEAST_BITS <= record.bits <= MOST_BITS:
         found = f"{record.bits} bits, of {LEAST_BITS} to {MOST_BITS}"
         return EventCertificate(entry.id, entry.kind, entry.branch, clause="bits", found=found)
-    return _attempted(entry, problem, record.bits, record.bits, stored)
+    return _attempt(entry, problem, record.bits, record.bits, stored)
 
 
 Boxes = Callable[[BallProblem, Any, Sequence[float]], tuple[Balls, Balls]]
 
 
-def _searched(space: BallProblem, system: Any, guess: Sequence[float]) -> tuple[Balls, Balls]:
-    found = proven(space, system, guess)
+def _isolate_zero(space: BallProblem, system: Any, guess: Sequence[float]) -> tuple[Balls, Balls]:
+    found = prove_zero(space, system, guess)
     if found is None:
         raise RejectedError("existence", "Krawczyk's test fails: no zero is isolated there")
     return found
 
 
-def _attempted(
+def _attempt(
     entry: Entry, problem: Problem | None, bits: int, most: int, boxes: Boxes
 ) -> EventCertificate:
     began = time.perf_counter()
@@ -282,8 +282,8 @@ def _attempted(
     try:
         own = problem() if problem is not None else orbit_of(entry).problem
         while True:
-            found = _at(entry, own, bits, boxes)
-            if found.certified or not _open(found) or 2 * bits > most:
+            found = _certify_at_precision(entry, own, bits, boxes)
+            if found.certified or not _is_undecided(found) or 2 * bits > most:
                 break
             bits *= 2
     except NoEnclosuresError:
@@ -298,17 +298,19 @@ def _attempted(
 UNDECIDED = "not decided"
 
 
-def _open(found: EventCertificate) -> bool:
+def _is_undecided(found: EventCertificate) -> bool:
     """Whether more digits may decide a clause."""
     return found.clause == "existence" or str(found.found).startswith(UNDECIDED)
 
 
-def _at(entry: Entry, problem: OrbitProblem, bits: int, boxes: Boxes) -> EventCertificate:
+def _certify_at_precision(
+    entry: Entry, problem: OrbitProblem, bits: int, boxes: Boxes
+) -> EventCertificate:
     """The certificate in a precision."""
     found = EventCertificate(entry.id, entry.kind, entry.branch, bits=bits)
     with ctx.workprec(bits):
         try:
-            orbit, box, inner = _existing(entry, problem, bits, boxes)
+            orbit, box, inner = _prove_existence(entry, problem, bits, boxes)
             value = inner[problem.n]
             found = replace(
                 found,
@@ -318,7 +320,7 @@ def _at(entry: Entry, problem: OrbitProblem, bits: int, boxes: Boxes) -> EventCe
                 inner=tuple(map(decimal, inner)),
             )
             _agrees(entry, orbit, inner)
-            _says(entry, orbit)
+            _check_statements(entry, orbit)
         except RejectedError as error:
             return replace(found, clause=error.clause, found=error.found)
         except FAILURES as error:
@@ -332,7 +334,7 @@ def decimal(ball: Any) -> str:
     return text if "+/-" in text else f"[{text} +/- 0]"
 
 
-def _existing(
+def _prove_existence(
     entry: Entry, problem: OrbitProblem, bits: int, boxes: Boxes
 ) -> tuple[Orbit, Balls, Balls]:
     """Existence and uniqueness in a box that holds what is recorded."""
@@ -354,10 +356,10 @@ def _existing(
         exact["touch_time"] = inner[problem.n + 1]
     stopped: tuple[int, ...] = ()
     if "touch_time" in details:
-        stopped = tuple(resting(space, box, inner))
+        stopped = tuple(resting_impacts(space, box, inner))
     elif "impact" in details:
         stopped = stopped_at(problem, details)
-    elif "flight" in details and stops(space, z, details["flight"]):
+    elif "flight" in details and stops_at_once(space, z, details["flight"]):
         stopped = (details["flight"],)
     for impact in stopped:
         z[problem.m * impact + 1] = arb(0)
@@ -386,27 +388,27 @@ def _agrees(entry: Entry, orbit: Orbit, inner: Balls) -> None:
             "value", f"{entry.parameter} is off by {off}, the recorded error is {entry.error:.3g}"
         )
     given = np.array([]) if not entry.word else recorded_unknowns(entry, problem)
-    _near("impacts", zip(map(str, range(problem.n)), given.tolist(), inner, strict=False))
+    _require_near("impacts", zip(map(str, range(problem.n)), given.tolist(), inner, strict=False))
     if entry.touch_time is not None:
         touch = orbit.details["touch_time"]
-        _near("touch_time", [("touch_time", entry.touch_time, touch)])
+        _require_near("touch_time", [("touch_time", entry.touch_time, touch)])
     named = dict(zip(problem.model.values, space.values(orbit.z), strict=True))
     derived = space.setup(space.values(orbit.z)).derived
     named |= dict(zip(problem.model.DERIVED, map(arb, derived), strict=True))
     others = ((n, entry.parameters[n], b) for n, b in named.items() if n != entry.parameter)
-    _near("parameters", others)
+    _require_near("parameters", others)
     walls = "".join(impact["wall"] for impact in entry.impacts)
     if walls != entry.word:
         raise RejectedError("impacts", f"on the walls {walls}, the word is {entry.word}")
 
 
-def _near(clause: str, numbers: Any) -> None:
+def _require_near(clause: str, numbers: Any) -> None:
     for name, recorded, proven_ in numbers:
         if not abs(proven_ - recorded) <= AGREEMENT * max(1.0, abs(recorded)):
             raise RejectedError(clause, f"{name}: recorded {recorded!r}, proven {proven_.str(18)}")
 
 
-def _says(entry: Entry, orbit: Orbit) -> None:
+def _check_statements(entry: Entry, orbit: Orbit) -> None:
     """What the entry says of its orbit."""
     _clause("touch", orbit.touches(), True)
     outside, why = orbit.unstable()
@@ -414,15 +416,15 @@ def _says(entry: Entry, orbit: Orbit) -> None:
     physical, reason = orbit.physical()
     _clause("physicality", (physical, reason), entry.physical)
     ghost = outside > 0 or not physical
-    _said("stable", entry.stable, outside == 0)
-    _said("ghost", entry.ghost, ghost)
+    _require_recorded("stable", entry.stable, outside == 0)
+    _require_recorded("ghost", entry.ghost, ghost)
     letters = [wall.name for wall in orbit.space.problem.model.WALLS]
     word = orbit.space.problem.word
     notation = word.notation(letters)
     if entry.notation != word.counts(letters):  # as older catalogues have it, whatever the letters
-        _said("notation", entry.notation, notation)
+        _require_recorded("notation", entry.notation, notation)
     tilde = ghost and orbit.kind.tilde
-    _said("label", entry.label.startswith("~"), tilde)
+    _require_recorded("label", entry.label.startswith("~"), tilde)
 
 
 def _clause(clause: str, claim: tuple[Any, str], said: Any) -> None:
@@ -433,6 +435,6 @@ def _clause(clause: str, claim: tuple[Any, str], said: Any) -> None:
         raise RejectedError(clause, f"recorded {said}, proven {found}{why and ': ' + why}")
 
 
-def _said(clause: str, recorded: Any, proven_: Any) -> None:
+def _require_recorded(clause: str, recorded: Any, proven_: Any) -> None:
     if recorded != proven_:
         raise RejectedError(clause, f"recorded {recorded}, proven {proven_}")

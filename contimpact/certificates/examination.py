@@ -14,11 +14,22 @@ from ..bifurcations.registry import kind_of
 from ..orbits.problem import OrbitProblem
 from ..results.branch import Entry
 from .birth import Birth, meet
-from .equations import BallProblem, Balls, proven
+from .equations import BallProblem, Balls, prove_zero
 from .event import EventCertificate
 from .orbit import Limit, limits
-from .tube import Budget, Segment, Tube, halved, proven_tube
-from .zeros import OF_TWO, Cell, Flying, Patch, Test, flying, narrowed, regular, test_at, zeros
+from .tube import Budget, Segment, Tube, halve_segment, prove_tube
+from .zeros import (
+    OF_TWO,
+    Cell,
+    FlightCoordinate,
+    Patch,
+    Test,
+    flights_along,
+    is_regular,
+    narrow_cell,
+    test_at,
+    zeros,
+)
 
 BITS = 80
 """Precision of tubes, whose widths are far above rounding."""
@@ -40,7 +51,7 @@ class Piece:
 
 
 @dataclass(frozen=True)
-class Known:
+class CertifiedEntry:
     """An entry that is certified, and what is needed to find it on a tube."""
 
     id: str
@@ -51,13 +62,15 @@ class Known:
     touch: Any = None
 
 
-def known(entry: Entry, certificate: EventCertificate, problem: OrbitProblem) -> Known:
+def certified_entry(
+    entry: Entry, certificate: EventCertificate, problem: OrbitProblem
+) -> CertifiedEntry:
     """Return a certified entry as it is looked for on tubes."""
     inner = [arb(text) for text in certificate.inner]
     z = inner[: problem.n + 1]
     if entry.touch_time is None:
-        return Known(entry.id, entry.kind, z)
-    return Known(entry.id, entry.kind, z, entry.flight, entry.wall, inner[problem.n + 1])
+        return CertifiedEntry(entry.id, entry.kind, z)
+    return CertifiedEntry(entry.id, entry.kind, z, entry.flight, entry.wall, inner[problem.n + 1])
 
 
 @dataclass
@@ -123,11 +136,11 @@ class Examination:
         self,
         problem: OrbitProblem,
         kinds: Sequence[str],
-        known: Sequence[Known],
+        known: Sequence[CertifiedEntry],
         budget: Budget | None = None,
     ) -> None:
         self.space = BallProblem(problem, BITS)
-        self.kinds, self.known = covered(kinds), known
+        self.kinds, self.known = covered_kinds(kinds), known
         self.budget = budget or Budget()
         self.found = Findings()
         self.limits = limits(problem)
@@ -144,7 +157,7 @@ class Examination:
         it is accounted for."""
         left = [
             f"zeros of the test function of {'/'.join(kinds)} are not excluded"
-            for mu, kinds in _by_multiplier(self.kinds).items()
+            for mu, kinds in _kinds_by_multiplier(self.kinds).items()
             if (
                 birth.turns if mu == 1.0 else not _clear_of_zeros(birth, test_at(birth.segment, mu))
             )
@@ -153,13 +166,13 @@ class Examination:
             for flight in range(len(self.space.problem.word)):
                 found = (
                     patch
-                    for one in flying(birth, flight)
+                    for one in flights_along(birth, flight)
                     for patch in one.patches(())
                     if not one.passes(patch.wall, patch.along)
                 )
                 if next(found, None) is not None:
                     left.append(f"touches of flight {flight} are not excluded")
-            left += [_at_limit(one) for one in self.limits]
+            left += [_limit_text(one) for one in self.limits]
         if not left:
             self.found.tubes.append((birth.segment, birth))
         return left
@@ -171,7 +184,7 @@ class Examination:
         except FAILURES as error:
             events, missing, left = [], [], [f"a test function has no enclosure ({error})"]
         deeper = left and depth < DEEPEST and not self.budget.spent
-        if deeper and (parts := _cut(segment)) is not None:
+        if deeper and (parts := _cut_tube(segment)) is not None:
             for part, own in parts:
                 self.examine(part, own, depth + 1)
             return
@@ -185,11 +198,11 @@ class Examination:
 
     def _events(self, tube: Tube) -> tuple[list[str], list[str], list[str]]:
         """Entries in a tube, what is proven to be there besides, and what is open."""
-        placed = [(one, u) for one in self.known if (u := place(tube, one)) is not None]
+        placed = [(one, u) for one in self.known if (u := entry_place(tube, one)) is not None]
         events: list[str] = []
         missing: list[str] = []
         left: list[str] = []
-        for mu, kinds in _by_multiplier(self.kinds).items():
+        for mu, kinds in _kinds_by_multiplier(self.kinds).items():
             name = "/".join(kinds)
             own = [(one.id, u) for one, u in placed if kind_of(one.kind).multiplier == mu]
             for cell in zeros(tube, name, test_at(tube.segment, mu)):
@@ -197,10 +210,14 @@ class Examination:
                 events += inside
                 if cell.what == "open" or len(inside) > 1:
                     left.append(f"zeros of the test function of {name} are not told apart")
-                elif not inside and not _real(tube, name, test_at(tube.segment, mu), cell):
+                elif not inside and not _is_multiplier_zero(
+                    tube, name, test_at(tube.segment, mu), cell
+                ):
                     left.append("flights vanish there, and their multipliers with them")
                 elif not inside:
-                    missing.append(f"a zero of the test function of {name}{_near(tube, cell)}")
+                    missing.append(
+                        f"a zero of the test function of {name}{_place_text(tube, cell)}"
+                    )
         if any("touch_time" in kind_of(kind).needed for kind in self.kinds):
             self._touches(tube, placed, events, missing, left)
         return events, missing, left
@@ -208,23 +225,25 @@ class Examination:
     def _touches(
         self,
         tube: Tube,
-        placed: Sequence[tuple[Known, tuple[float, float]]],
+        placed: Sequence[tuple[CertifiedEntry, tuple[float, float]]],
         events: list[str],
         missing: list[str],
         left: list[str],
     ) -> None:
         whole = tube.state(arb(0, 1))
-        left += [_at_limit(one) for one in self.limits if one.margin(self.space, whole).contains(0)]
+        left += [
+            _limit_text(one) for one in self.limits if one.margin(self.space, whole).contains(0)
+        ]
         for flight in range(len(self.space.problem.word)):
             own = [(one, u) for one, u in placed if one.touch is not None and one.flight == flight]
             spots = [(one, u, _fraction(one, self.space)) for one, u in own]
-            for along in flying(tube, flight):
+            for along in flights_along(tube, flight):
                 self._touches_along(along, spots, events, missing, left)
 
     def _touches_along(
         self,
-        along: Flying,
-        spots: Sequence[tuple[Known, tuple[float, float], Any]],
+        along: FlightCoordinate,
+        spots: Sequence[tuple[CertifiedEntry, tuple[float, float], Any]],
         events: list[str],
         missing: list[str],
         left: list[str],
@@ -233,7 +252,7 @@ class Examination:
         own = [spot for spot in spots if spot[0].wall in along.met]
         near = [(str(one.wall), 0.5 * (u[0] + u[1]), float(s.mid())) for one, u, s in own]
         for patch in along.patches(near):
-            inside = [one.id for one, u, s in own if _inside(patch, one, u, s)]
+            inside = [one.id for one, u, s in own if _is_inside(patch, one, u, s)]
             if patch.single and len(inside) == 1:
                 events += inside
             elif not along.passes(patch.wall, patch.along):
@@ -244,7 +263,7 @@ class Examination:
                     left.append(f"touches {where} are not excluded")
                 return
 
-    def _exists(self, along: Flying, patch: Patch) -> bool:
+    def _exists(self, along: FlightCoordinate, patch: Patch) -> bool:
         """Whether a touch in a patch is proven to exist."""
         tube, problem = along.tube, self.space.problem
         assert isinstance(tube, Tube)
@@ -255,17 +274,19 @@ class Examination:
         time_ = start + 0.5 * sum(patch.at) * (later - start)
         where = {"flight": patch.flight, "wall": patch.wall, "touch_time": time_}
         system, own = self.space.grazing(z, where)
-        found = proven(self.space, system, [*z.tolist(), *own])
+        found = prove_zero(self.space, system, [*z.tolist(), *own])
         if found is None:
             return False
         inner = found[1]
-        one = Known("", "", inner[: problem.n + 1], patch.flight, patch.wall, inner[problem.n + 1])
-        at = place(tube, one)
-        wide = Patch(patch.flight, patch.wall, _wider(patch.along), _wider(patch.at), True)
-        return at is not None and _inside(wide, one, at, _fraction(one, self.space))
+        one = CertifiedEntry(
+            "", "", inner[: problem.n + 1], patch.flight, patch.wall, inner[problem.n + 1]
+        )
+        at = entry_place(tube, one)
+        wide = Patch(patch.flight, patch.wall, _widen(patch.along), _widen(patch.at), True)
+        return at is not None and _is_inside(wide, one, at, _fraction(one, self.space))
 
 
-def _at_limit(limit: Limit) -> str:
+def _limit_text(limit: Limit) -> str:
     return f"it is not excluded that impact {limit.impact} comes to the limit {limit.wall}"
 
 
@@ -284,12 +305,12 @@ def _clear_of_zeros(birth: Birth, function: Test) -> bool:
     return True
 
 
-def _wider(ends: tuple[float, float]) -> tuple[float, float]:
+def _widen(ends: tuple[float, float]) -> tuple[float, float]:
     size = 20.0 * (ends[1] - ends[0])
     return ends[0] - size, ends[1] + size
 
 
-def covered(kinds: Sequence[str]) -> list[str]:
+def covered_kinds(kinds: Sequence[str]) -> list[str]:
     """Return the kinds whose events can be proven complete along a branch."""
     own = [(kind, kind_of(kind)) for kind in kinds]
     return [
@@ -299,7 +320,7 @@ def covered(kinds: Sequence[str]) -> list[str]:
     ]
 
 
-def _by_multiplier(kinds: Sequence[str]) -> dict[float, list[str]]:
+def _kinds_by_multiplier(kinds: Sequence[str]) -> dict[float, list[str]]:
     found: dict[float, list[str]] = {}
     for name in kinds:
         mu = kind_of(name).multiplier
@@ -308,19 +329,19 @@ def _by_multiplier(kinds: Sequence[str]) -> dict[float, list[str]]:
     return found
 
 
-def _real(tube: Tube, name: str, test: Test, cell: Cell) -> bool:
+def _is_multiplier_zero(tube: Tube, name: str, test: Test, cell: Cell) -> bool:
     """Whether a zero of a test function is one of a multiplier's, for all that can be."""
-    left, right = narrowed(tube, name, test, cell)
+    left, right = narrow_cell(tube, name, test, cell)
     state = tube.state(arb(left).union(arb(right)))
-    return regular(tube.segment, tube.segment.space.flights(state))
+    return is_regular(tube.segment, tube.segment.space.flights(state))
 
 
-def _near(tube: Tube, cell: Cell) -> str:
+def _place_text(tube: Tube, cell: Cell) -> str:
     value = tube.state(arb(0.5 * (cell.left + cell.right)))[-1]
     return f" near {float(value.mid()):.9g}"
 
 
-def _fraction(one: Known, space: BallProblem) -> Any:
+def _fraction(one: CertifiedEntry, space: BallProblem) -> Any:
     """Where in its flight an entry touches, from 0 to 1."""
     rows = space.impacts(one.z)
     assert one.flight is not None
@@ -328,7 +349,7 @@ def _fraction(one: Known, space: BallProblem) -> Any:
     return (one.touch - start) / (later - start)
 
 
-def _inside(patch: Patch, one: Known, u: tuple[float, float], s: Any) -> bool:
+def _is_inside(patch: Patch, one: CertifiedEntry, u: tuple[float, float], s: Any) -> bool:
     return bool(
         one.wall == patch.wall
         and patch.along[0] < u[0]
@@ -338,21 +359,21 @@ def _inside(patch: Patch, one: Known, u: tuple[float, float], s: Any) -> bool:
     )
 
 
-def _cut(segment: Segment) -> list[tuple[Segment, Tube]] | None:
+def _cut_tube(segment: Segment) -> list[tuple[Segment, Tube]] | None:
     """Two tubes in place of one; None if they are not proven."""
-    parts = halved(segment)
+    parts = halve_segment(segment)
     if parts is None:
         return None
-    tubes = [proven_tube(part) for part in parts]
+    tubes = [prove_tube(part) for part in parts]
     if any(tube is None for tube in tubes):
         return None
     return [(part, tube) for part, tube in zip(parts, tubes, strict=True) if tube is not None]
 
 
-def place(tube: Tube, one: Known) -> tuple[float, float] | None:
+def entry_place(tube: Tube, one: CertifiedEntry) -> tuple[float, float] | None:
     """Return between which u an entry is proven to lie on the branch; None if it is not."""
     segment = tube.segment
-    z = _in_step(segment, one.z)
+    z = _shift_to_branch_clock(segment, one.z)
     reach = np.array([float(x.mid()) for x in z])
     ends = segment.first.unknowns, segment.last.unknowns
     far = np.max(np.abs(reach - 0.5 * (ends[0] + ends[1])) / segment.scale)
@@ -381,7 +402,7 @@ def place(tube: Tube, one: Known) -> tuple[float, float] | None:
     return (left, right) if all(beside) else None
 
 
-def _in_step(segment: Segment, z: Balls) -> Balls:
+def _shift_to_branch_clock(segment: Segment, z: Balls) -> Balls:
     """An orbit whole periods later or earlier, as the branch counts times."""
     space, m = segment.space, segment.space.problem.m
     period = space.setup(space.values(z)).period

@@ -19,11 +19,11 @@ from ..bifurcations.kind import Kind, System
 from ..bifurcations.sliding import (
     CROSSING,
     SWITCHING,
-    at_once,
-    at_zero_velocity,
-    respelled,
-    shorter,
-    vanished,
+    letter_of_merger,
+    other_end_of,
+    replace_letters,
+    sliding_kind_of_zero_duration,
+    sliding_kind_of_zero_velocity,
 )
 from ..continuation.branch import Details
 from ..models.guards import Guard
@@ -34,9 +34,9 @@ from ..segments.ball_flow import number
 from ..segments.balls import turns
 from ..segments.layout import SECTION
 from ..segments.segment import ELSEWHERE
-from ..segments.touches import limits_of, on_surface
-from .clearance import Clear, Gap, Met, walls_met
-from .equations import BallProblem, Balls, Flight, proven
+from ..segments.touches import begins_on_surface, limits_of
+from .clearance import ClearanceProof, Gap, ReachableGuard, walls_met
+from .equations import BallProblem, Balls, Flight, prove_zero
 
 # Where the motion begins after an impact, in balls; see `contimpact.segments.touches`.
 
@@ -59,7 +59,7 @@ class Limit:
         place = next(i for i, guard in enumerate(guards) if guard.name == self.wall)
         motion = space.motion(self.sliding, self.wall)
         begin, rate, _ = motion(space.impacts(z)[self.impact], arb(0), values)
-        on_it = on_surface(space.problem.kernels, self.sliding, self.wall)
+        on_it = begins_on_surface(space.problem.kernels, self.sliding, self.wall)
         gap = -rate if on_it else space.setup(values).walls[place] - begin
         return self.sign * guards[place].side * gap
 
@@ -87,7 +87,7 @@ DEEPEST = 12
 """Into how many arcs the circle is cut first, and how often each of these."""
 
 
-def outside(flights: Sequence[Flight]) -> int | None:
+def count_outside(flights: Sequence[Flight]) -> int | None:
     """Return how many multipliers lie outside; None if one may lie on the circle."""
     p = characteristic_polynomial(flights)
     slope = p.derivative()
@@ -95,19 +95,19 @@ def outside(flights: Sequence[Flight]) -> int | None:
     cells = [(start, end, 0) for start, end in arcs]
     while cells:
         start, end, depth = cells.pop()
-        arc, middle = _at(start.union(end)), _at((start + end) / 2)
+        arc, middle = _circle_point(start.union(end)), _circle_point((start + end) / 2)
         if (p(middle) + slope(arc) * (arc - middle)).contains(0):
             if depth == DEEPEST:
                 return None
             half = (start + end) / 2
             cells += [(start, half, depth + 1), (half, end, depth + 1)]
             continue
-        total += (p(_at(end)) / p(_at(start))).arg()
+        total += (p(_circle_point(end)) / p(_circle_point(start))).arg()
     inside = (total / (2 * arb.pi())).unique_fmpz()
     return None if inside is None else len(flights[0][0]) - int(inside)
 
 
-def _at(half_turns: Any) -> Any:
+def _circle_point(half_turns: Any) -> Any:
     """A number of the circle, by its angle over pi."""
     angle = half_turns * arb.pi()
     return acb(angle.cos(), angle.sin())
@@ -116,7 +116,7 @@ def _at(half_turns: Any) -> Any:
 def characteristic_polynomial(flights: Sequence[Flight]) -> Any:
     """Return p from its values at roots of unity."""
     count = len(flights[0][0]) + 1
-    roots = [_at(arb(2 * k) / count) for k in range(count)]
+    roots = [_circle_point(arb(2 * k) / count) for k in range(count)]
     values = [acb_mat(_cyclic(flights, mu)).det() for mu in roots]
     return acb_poly(
         [
@@ -172,28 +172,28 @@ def remains_of(problem: OrbitProblem, z: Balls, details: Mapping[str, Any]) -> R
     unknowns = np.array([float(x.mid()) for x in z])
     if impact is None:
         return _without_flight(problem, unknowns, details["flight"])
-    if at_zero_velocity(problem, unknowns, impact) == SWITCHING:
-        return _merged(problem, (impact - 1) % len(problem.word))
-    return _without(problem, unknowns, impact)
+    if sliding_kind_of_zero_velocity(problem, unknowns, impact) == SWITCHING:
+        return _merged_remains(problem, (impact - 1) % len(problem.word))
+    return _remains_without(problem, unknowns, impact)
 
 
 def _without_flight(problem: OrbitProblem, unknowns: Any, flight: int) -> Remains | None:
-    found = at_once(problem, flight)
+    found = sliding_kind_of_zero_duration(problem, flight)
     if found in (CROSSING, SWITCHING):
-        return _merged(problem, flight)
-    return None if found is None else _without(problem, unknowns, flight)
+        return _merged_remains(problem, flight)
+    return None if found is None else _remains_without(problem, unknowns, flight)
 
 
-def _without(problem: OrbitProblem, unknowns: Any, impact: int) -> Remains:
-    dropped = vanished(problem.evaluate(unknowns), impact)
+def _remains_without(problem: OrbitProblem, unknowns: Any, impact: int) -> Remains:
+    dropped = other_end_of(problem.evaluate(unknowns), impact)
     return Remains(problem.word.drop(*dropped), dropped, dropped[:-1])
 
 
-def _merged(problem: OrbitProblem, flight: int) -> Remains | None:
-    letter, other = shorter(problem, flight), (flight + 1) % len(problem.word)
+def _merged_remains(problem: OrbitProblem, flight: int) -> Remains | None:
+    letter, other = letter_of_merger(problem, flight), (flight + 1) % len(problem.word)
     if letter is None:
         return None
-    return Remains(respelled(problem.word, flight, letter, 2), (other,), (flight,))
+    return Remains(replace_letters(problem.word, flight, letter, 2), (other,), (flight,))
 
 
 def takes_no_time(space: BallProblem, z: Balls, flight: int) -> bool:
@@ -215,7 +215,7 @@ def takes_no_time(space: BallProblem, z: Balls, flight: int) -> bool:
     return leaves_at_rest and passages.meets_at_rest(left, reached) and not speed.contains(0)
 
 
-def stops(space: BallProblem, z: Balls, flight: int) -> bool:
+def stops_at_once(space: BallProblem, z: Balls, flight: int) -> bool:
     """Return whether a flight that takes no time is proven to begin with an impact at rest.
 
     The jump of an impact at rest leads onto the surface reached; that of no other velocity does if
@@ -279,7 +279,7 @@ class QuietGap(Gap):
     def __init__(self, space: BallProblem, z: Balls, wall: str, touch: Any = None) -> None:
         problem = space.problem
         place = problem.model.letters.index(wall)
-        self.met = Met(problem.model.WALLS[place], place, False, False)
+        self.met = ReachableGuard(problem.model.WALLS[place], place, False, False)
         self.side, self.beside = self.met.guard.side, (False, False)
         self.values, self.state = space.values(z), list(z[: problem.m])
         self.distance = space.setup(self.values).walls[place]
@@ -356,14 +356,16 @@ class Orbit:
         except (ValueError, ZeroDivisionError) as error:
             return None, str(error)
         if self._lasts:
-            counted = outside(flights)
+            counted = count_outside(flights)
             return (None, ON_CIRCLE) if counted is None else (counted - 1, "")
         try:
-            found = (_outside_of_two if self.space.problem.m == 2 else _outside)(self, flights)
+            found = (_outside_of_two if self.space.problem.m == 2 else _count_outside)(
+                self, flights
+            )
         except (ValueError, ZeroDivisionError) as error:
             found = None, f"the multipliers are not isolated ({error})"
         if found[0] is None and not self.critical(ANYWHERE):
-            counted = outside(flights)
+            counted = count_outside(flights)
             found = found if counted is None else (counted, "")
         return found
 
@@ -413,7 +415,7 @@ class Orbit:
         period = space.setup(values).period
         touch = [time - turns(time, period) * period, arb(0), *others]
         reach = problem.kernels.segment(SECTION, guard.name).over(space.arithmetic)
-        found = proven(
+        found = prove_zero(
             space, lambda x: [number(r) for r in reach(x, touch, values)[0]], [0.0] * problem.m
         )
         if found is None:
@@ -512,9 +514,9 @@ class Orbit:
                 touch = self.details["touch_time"] if self._own(k, wall.name) else None
                 beside = self._beside(k, wall.name)
                 found = gap_of(self.space, self.z, k, wall.name, touch, beside).proven()
-                if found.what is not Clear.YES:
+                if found.what is not ClearanceProof.YES:
                     where = f"flight {k}, wall {wall.name}, {found.time:.6g} after it leaves"
-                    passes = found.what is Clear.PASSES
+                    passes = found.what is ClearanceProof.PASSES
                     return False if passes else None, f"{where}: the gap is {found.gap}"
         return True, ""
 
@@ -588,7 +590,7 @@ def _outside_of_two(orbit: Orbit, flights: Sequence[Flight]) -> Claim:
     return (2 - own if outside else 0), ""
 
 
-def _outside(orbit: Orbit, flights: Sequence[Flight]) -> Claim:
+def _count_outside(orbit: Orbit, flights: Sequence[Flight]) -> Claim:
     """The same of more multipliers, from enclosures of all of them."""
     found = multipliers(flights)
     own = orbit.critical([complex(float(mu.real.mid()), float(mu.imag.mid())) for mu in found])

@@ -248,7 +248,7 @@ def coefficient(number: Any, j: int) -> Any:
     return arb(number) if j == 0 else arb(0)
 
 
-def proven_tube(segment: Segment, box: Array | None = None) -> Tube | None:
+def prove_tube(segment: Segment, box: Array | None = None) -> Tube | None:
     """Return the tube around a segment; None where the test fails.
 
     Parameters
@@ -295,10 +295,10 @@ class _Test:
             near = flights_of(self.segment, arb(0), around, ORDER)
             over = flights_of(self.segment, WHOLE, around, ORDER_OF_BLOCKS + 1)
             defect = self._defect(near, over)
-            image = up(self.offset + up(defect @ half))
+            image = round_up(self.offset + round_up(defect @ half))
             if (image < half).all():
                 for _ in range(3):
-                    image = np.minimum(image, up(self.offset + up(defect @ image)))
+                    image = np.minimum(image, round_up(self.offset + round_up(defect @ image)))
                 return self._accepted(half, image, defect, near, over)
             tries[1:] = [2.0 * image] * (len(tries) - 1)
         return None
@@ -321,7 +321,7 @@ class _Test:
         self, half: Array, inner: Array, defect: Array, near: list[Flight], over: list[Flight]
     ) -> Tube:
         """The tube, with bounds of w at its nodes and of w'."""
-        factor = float(np.max(up(up(defect @ half) / half)))
+        factor = float(np.max(round_up(round_up(defect @ half) / half)))
         ends = tuple(self._shrunk(self._at_node(u), half, factor) for u in (-1, 1))
         rate = self._shrunk(self._rate(half, near, over), half, factor)
         return Tube(self.segment, half, inner, (ends[0], ends[1]), rate)
@@ -329,8 +329,8 @@ class _Test:
     @staticmethod
     def _shrunk(offset: Array, half: Array, factor: float) -> Array:
         """|w| <= |offset| + D |w| in the norm in which W is the unit ball."""
-        bound = float(np.max(up(offset / half))) / np.nextafter(1.0 - factor, 0.0)
-        return np.asarray(up(up(bound) * half))
+        bound = float(np.max(round_up(offset / half))) / np.nextafter(1.0 - factor, 0.0)
+        return np.asarray(round_up(round_up(bound) * half))
 
     def _at_node(self, u: int) -> Array:
         """|Y G(0; u)| at a node."""
@@ -370,11 +370,11 @@ def range_of(polynomial: Sequence[Any]) -> Array:
         sizes = np.array([float(abs(x).upper()) for x in matrix.entries()])
         if not np.isfinite(sizes).all():
             raise ArithmeticError("an enclosure is not finite")
-        total = up(total + up(sizes))
+        total = round_up(total + round_up(sizes))
     return np.asarray(total)
 
 
-def up(x: Any) -> Any:
+def round_up(x: Any) -> Any:
     """Return doubles, or sums and products of a few, rounded upwards."""
     return np.nextafter(x * (1.0 + 1e-14), np.inf)
 
@@ -384,7 +384,7 @@ def balls_around_zero(half: Array) -> Balls:
     return [arb(0, 1) * arb(float(h)) for h in half]
 
 
-def shifted(model: Model, u: Any) -> list[Any]:
+def shift_polynomial(model: Model, u: Any) -> list[Any]:
     """Return the coefficients of a polynomial around another u."""
     return arb_poly(model)(arb_poly([u, 1])).coeffs() or [arb(0)]
 
@@ -405,7 +405,7 @@ def node_at(problem: OrbitProblem, unknowns: Array, scale: Array, along: Array) 
     return Node(unknowns, tangent * scale)
 
 
-def halved(segment: Segment) -> tuple[Segment, Segment] | None:
+def halve_segment(segment: Segment) -> tuple[Segment, Segment] | None:
     """Return two segments in place of one, through an orbit near its middle; None without one."""
     if segment.length < SHORTEST:
         return None
@@ -473,7 +473,7 @@ def nodes_of(problem: OrbitProblem, points: Array, scale: Array) -> list[Node]:
     ]
 
 
-def laid(
+def tubes_along(
     space: BallProblem, nodes: Sequence[Node], scale: Array, progress: Progress, budget: Budget
 ) -> Iterator[tuple[Segment, Tube | None]]:
     """Yield tubes from node to node, each over as many steps as it can, or None; None for every
@@ -486,7 +486,7 @@ def laid(
             continue
         j = min(i + steps, len(nodes) - 1)
         segment = Segment(space, nodes[i], nodes[j], scale)
-        tube = proven_tube(segment)
+        tube = prove_tube(segment)
         wide = tube is not None and bool(np.max(tube.inner / scale) > FINEST)
         if j - i > 1 and (tube is None or wide):
             steps = (j - i) // 2
@@ -501,12 +501,12 @@ def laid(
 
 def split(segment: Segment, depth: int, budget: Budget) -> Iterator[tuple[Segment, Tube | None]]:
     """Yield tubes along a step in which a single one is not proven."""
-    parts = halved(segment) if depth > 0 and not budget.spent else None
+    parts = halve_segment(segment) if depth > 0 and not budget.spent else None
     if parts is None:
         yield segment, None
         return
     for part in parts:
-        tube = proven_tube(part)
+        tube = prove_tube(part)
         if tube is not None:
             yield part, tube
         else:

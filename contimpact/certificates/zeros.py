@@ -18,7 +18,7 @@ from .birth import Birth
 from .clearance import Coordinate, coordinates_of
 from .equations import Flight
 from .orbit import characteristic
-from .tube import Model, Segment, Tube, coefficient, shifted
+from .tube import Model, Segment, Tube, coefficient, shift_polynomial
 
 # Test functions along a tube: functions of the flights that vanish at folds and period doublings.
 #
@@ -38,13 +38,13 @@ def doubling(flights: list[Flight]) -> Any:
     return b + c + a
 
 
-def turning(flights: list[Flight]) -> Any:
+def turning_test(flights: list[Flight]) -> Any:
     """The same at 1: zero where the parameter turns along a branch."""
     b, c, a = characteristic(flights)
     return b - c + a
 
 
-OF_TWO: dict[float, Test] = {1.0: turning, -1.0: doubling}
+OF_TWO: dict[float, Test] = {1.0: turning_test, -1.0: doubling}
 """Test function of two impacts, by the multiplier that passes the unit circle."""
 
 
@@ -61,7 +61,7 @@ ELSEWHERE = (0.5, -0.5)
 flights vanish, and that is no event."""
 
 
-def regular(segment: Segment, flights: list[Flight]) -> bool:
+def is_regular(segment: Segment, flights: list[Flight]) -> bool:
     """Return whether the multipliers' polynomial is proven not to be zero everywhere."""
     if segment.space.problem.m == 2:
         b, c, a = characteristic(flights)
@@ -83,10 +83,10 @@ class _Determinant:
 
     def __call__(self, flights: list[Flight]) -> Any:
         rows = self._turned(self._cyclic(flights))
-        found = _eliminated([list(row) for row in rows])
+        found = _determinant_by_pivots([list(row) for row in rows])
         if found is None and self.n > LARGEST:
             raise ArithmeticError("a pivot of the cyclic matrix may be zero")
-        return _by_minors(rows) if found is None else found
+        return _determinant_by_minors(rows) if found is None else found
 
     def _cyclic(self, flights: list[Flight]) -> list[list[Any]]:
         """C(mu)."""
@@ -117,7 +117,7 @@ class _Determinant:
         ]
 
 
-def _eliminated(rows: list[list[Any]]) -> Any:
+def _determinant_by_pivots(rows: list[list[Any]]) -> Any:
     """A determinant as the product of its pivots; None if one but the last may be zero."""
     total: Any = arb(1)
     for i, row in enumerate(rows[:-1]):
@@ -131,7 +131,7 @@ def _eliminated(rows: list[list[Any]]) -> Any:
     return total * rows[-1][-1]
 
 
-def _by_minors(rows: list[list[Any]]) -> Any:
+def _determinant_by_minors(rows: list[list[Any]]) -> Any:
     """A determinant from the minors of its first rows, by the columns that these take."""
     size, minors = len(rows), {0: arb(1)}
     for row in rows:
@@ -193,7 +193,7 @@ class Patch:
 
 
 @dataclass(frozen=True)
-class _Local:
+class _CellEnclosure:
     """What is enclosed on a cell: for each wall the gap, and whether a touch is free; the rates."""
 
     gap: dict[str, Any]
@@ -204,13 +204,13 @@ class _Local:
     duration: Any
 
 
-def flying(tube: Tube | Birth, flight: int) -> list[Flying]:
+def flights_along(tube: Tube | Birth, flight: int) -> list[FlightCoordinate]:
     """Return a flight along a tube, once for each of its gap coordinates."""
     found = coordinates_of(tube.segment.space, flight)
-    return [Flying(tube, flight, coordinate) for coordinate in found]
+    return [FlightCoordinate(tube, flight, coordinate) for coordinate in found]
 
 
-class Flying:
+class FlightCoordinate:
     """One gap coordinate of a flight along a tube."""
 
     def __init__(self, tube: Tube | Birth, flight: int, coordinate: Coordinate) -> None:
@@ -219,7 +219,7 @@ class Flying:
         self.met = {one.guard.name: one for one in coordinate.met}
         self.sides = {name: one.guard.side for name, one in self.met.items()}
 
-    def local(self, s: Any, u: Any) -> _Local:
+    def local(self, s: Any, u: Any) -> _CellEnclosure:
         """Return what is enclosed for balls of s and u."""
         z = self.tube.moving(u)
         rows, values = self.space.impacts(z), self.space.values(z)
@@ -231,7 +231,7 @@ class Flying:
             name: one.guard.side * (self.coordinate.distance(one, places) - x)
             for name, one in self.met.items()
         }
-        return _Local(
+        return _CellEnclosure(
             {name: coefficient(g, 0) for name, g in gaps.items()},
             {name: coefficient(g, 1) for name, g in gaps.items()},
             coefficient(speed, 0),
@@ -289,7 +289,9 @@ class Flying:
                 return Patch(self.flight, wall, along, at, True)
         return None
 
-    def _touches(self, wall: str, wide: _Local, mid: _Local, at: Any, ds: Any, du: Any) -> bool:
+    def _touches(
+        self, wall: str, wide: _CellEnclosure, mid: _CellEnclosure, at: Any, ds: Any, du: Any
+    ) -> bool:
         """Whether a cell may hold a grazing of a wall."""
         side = self.sides[wall]
         bend = -side * wide.bend
@@ -303,7 +305,7 @@ class Flying:
         gap = mid.gap[wall] + slope * ds + wide.gap_along[wall] * du
         return bool(gap.contains(0) and wide.gap[wall].contains(0))
 
-    def _single(self, wall: str, wide: _Local) -> bool:
+    def _single(self, wall: str, wide: _CellEnclosure) -> bool:
         """Whether no matrix of the derivatives of gap and velocity is singular."""
         side = self.sides[wall]
         first = -side * wide.speed * wide.duration * wide.speed_along
@@ -395,12 +397,12 @@ def zeros(tube: Tube, name: str, function: Test) -> list[Cell]:
     cells = [(-1.0, 1.0, 0)]
     while cells:
         left, right, depth = cells.pop()
-        if not over(model, left, right).contains(0):
+        if not range_on_cell(model, left, right).contains(0):
             continue
         if sideways is None:
-            sideways = across(tube, function)
-        slope = over(rates, left, right) + sideways
-        ends = [over(model, u, u) for u in (left, right)]
+            sideways = derivative_across(tube, function)
+        slope = range_on_cell(rates, left, right) + sideways
+        ends = [range_on_cell(model, u, u) for u in (left, right)]
         if not slope.contains(0) and not any(end.contains(0) for end in ends):
             if (ends[0] > 0) != (ends[1] > 0):
                 found.append(Cell(left, right, "zero"))
@@ -410,16 +412,16 @@ def zeros(tube: Tube, name: str, function: Test) -> list[Cell]:
             continue
         middle = left + CUT * (right - left)
         cells += [(middle, right, depth + 1), (left, middle, depth + 1)]
-    return _merged(found)
+    return _merge_cells(found)
 
 
-def narrowed(tube: Tube, name: str, function: Test, cell: Cell) -> tuple[float, float]:
+def narrow_cell(tube: Tube, name: str, function: Test, cell: Cell) -> tuple[float, float]:
     """Return a part of a cell that holds its only zero, as small as enclosures tell."""
     model, left, right = tube.model(name, function), cell.left, cell.right
-    rising = bool(over(model, right, right) > 0)
+    rising = bool(range_on_cell(model, right, right) > 0)
     while right - left > NARROW:
         middle = left + CUT * (right - left)
-        value = over(model, middle, middle)
+        value = range_on_cell(model, middle, middle)
         if value.contains(0):
             return left, right
         if (value > 0) == rising:
@@ -429,10 +431,10 @@ def narrowed(tube: Tube, name: str, function: Test, cell: Cell) -> tuple[float, 
     return left, right
 
 
-def over(model: Model, left: float, right: float) -> Any:
+def range_on_cell(model: Model, left: float, right: float) -> Any:
     """Return the range of a polynomial on a cell, an outer enclosure."""
     half = (arb(right) - arb(left)) / 2
-    first, *others = shifted(model, arb(left) + half)
+    first, *others = shift_polynomial(model, arb(left) + half)
     spread, power = arb(0), arb(1)
     for c in others:
         power *= half
@@ -440,14 +442,14 @@ def over(model: Model, left: float, right: float) -> Any:
     return first + arb(0, 1) * spread
 
 
-def across(tube: Tube, function: Test) -> Any:
+def derivative_across(tube: Tube, function: Test) -> Any:
     """Return the function's derivative along w'(u), anywhere in the tube."""
     pairs = zip(tube.state(arb(0, 1)), tube.rates, strict=True)
     moving = [arb_series([x, r], prec=2) for x, r in pairs]
     return coefficient(function(tube.segment.space.flights(moving)), 1)
 
 
-def _merged(cells: list[Cell]) -> list[Cell]:
+def _merge_cells(cells: list[Cell]) -> list[Cell]:
     """Open cells that touch each other as one."""
     found: list[Cell] = []
     for cell in sorted(cells, key=lambda c: c.left):

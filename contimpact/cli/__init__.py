@@ -17,8 +17,8 @@ from typing import Any
 
 from .. import __version__
 from ..errors import InputError, NotWrittenError
-from .examples import with_examples
-from .terminal import as_interruption, complain, say
+from .examples import add_examples
+from .terminal import complain, raise_on_termination, say
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -40,7 +40,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 def _status(arguments: Sequence[str] | None) -> int:
     options = parser().parse_args(arguments)
     try:
-        with as_interruption():
+        with raise_on_termination():
             return int(importlib.import_module(f"{__name__}.{options.module}").command(options))
     except InputError as error:
         complain(error)
@@ -205,4 +205,4 @@ def parser() -> argparse.ArgumentParser:
             default=[],
             help="Python file that defines a system of your own; may be given several times",
         )
-    return with_examples(parser)
+    return add_examples(parser)

@@ -34,7 +34,7 @@ def command(options: argparse.Namespace) -> int:
                 for quantity in options.quantity or QUANTITIES:
                     tell(f"{name}: {quantity}")
                     shown = study.map(quantity, axes=options.axes, orbit=options.orbit, at=at)
-                    if options.quantity or _known(shown).any():
+                    if options.quantity or _is_known(shown).any():
                         _write(shown, study, folder, options)
     return 0
 
@@ -46,7 +46,7 @@ def _value(text: str) -> tuple[str, float]:
     return name.strip(), number(value, "--at")
 
 
-def _known(shown: Map) -> np.ndarray:
+def _is_known(shown: Map) -> np.ndarray:
     """Where there is a value."""
     if shown.named:
         return np.array([value is not None for value in shown.values])
@@ -65,12 +65,12 @@ def _write(shown: Map, study: Study, folder: Path, options: argparse.Namespace) 
         save_map(shown, folder, formats, units_of(study.given["model"]["system"]))
     if not options.quiet:
         say(f"{shown.study}: {shown.text}: {_summary(shown)}")
-        for line in _compared(shown):
+        for line in _compare_zeros(shown):
             say(f"  {line}")
 
 
 def _summary(shown: Map) -> str:
-    known = _known(shown)
+    known = _is_known(shown)
     if not known.any():
         return "no values"
     if shown.named:
@@ -80,7 +80,7 @@ def _summary(shown: Map) -> str:
     return f"{low:.6g} to {high:.6g} in {known.sum()} of {len(known)} scenes"
 
 
-def _compared(shown: Map) -> list[str]:
+def _compare_zeros(shown: Map) -> list[str]:
     """How far the map's zeros are from curves of codimension two."""
     if shown.named or shown.grid() is None or not len(shown.zeros()):
         return []

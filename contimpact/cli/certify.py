@@ -8,7 +8,7 @@ from pathlib import Path
 
 from ..errors import InputError
 from ..results.options import CertifyOptions
-from ..results.result_folder import MANIFEST, WANTED, held, read_json
+from ..results.result_folder import MANIFEST, WANTED, hold_folder, read_json
 from ..results.scene import load_scene, read_scene
 from ..segments.kernels import Kernels
 from ..telling import telling
@@ -24,21 +24,21 @@ def command(options: argparse.Namespace) -> int:
     if target.is_dir():
         if options.output is not None:
             raise InputError("-o", "given with a folder", "its certificates are written into it")
-        return _certified(target, options)
+        return _certify_or_verify(target, options)
     if options.verify:
         raise InputError(str(target), "no folder", "give the folder whose certificates to verify")
-    return _run(options) or _certified(Path(options.output), options)
+    return _run(options) or _certify_or_verify(Path(options.output), options)
 
 
 def _run(options: argparse.Namespace) -> int:
     """Run the scene, as ``contimpact run`` does."""
     if options.output is None:
         raise InputError("-o", "missing", "give the folder to write to")
-    from ..certificates.certify import with_enclosures
+    from ..certificates.certify import enclosing_kernels
     from . import run
 
     scene = load_scene(options.target)
-    with_enclosures(Kernels(scene.model, scene.parameter))  # refused before anything is run
+    enclosing_kernels(Kernels(scene.model, scene.parameter))  # refused before anything is run
     given = argparse.Namespace(
         scenes=[options.target],
         output=options.output,
@@ -50,15 +50,15 @@ def _run(options: argparse.Namespace) -> int:
     return run.command(given)
 
 
-def _certified(folder: Path, options: argparse.Namespace) -> int:
+def _certify_or_verify(folder: Path, options: argparse.Namespace) -> int:
     from ..certificates.certify import FILE, ROWS, certify_folder, verify_folder, write_certificates
 
-    asked = asked_of(folder)
+    asked = settings_of(folder)
     with telling(folder.name, options.quiet) as tell:
         if options.verify:
             found = verify_folder(folder, progress=tell)
         else:
-            with held(folder, (FILE, ROWS)):
+            with hold_folder(folder, (FILE, ROWS)):
                 found = certify_folder(folder, asked, progress=tell, keep=True)
                 write_certificates(folder, found)
     if not options.quiet:
@@ -71,7 +71,7 @@ def _certified(folder: Path, options: argparse.Namespace) -> int:
     return 0 if found.certified else 1
 
 
-def asked_of(folder: Path) -> CertifyOptions:
+def settings_of(folder: Path) -> CertifyOptions:
     """Return what the scene in a folder's manifest asks for; the defaults where there is none."""
     path = folder / "manifest.json"
     if not path.exists():

@@ -6,12 +6,19 @@ import argparse
 import textwrap
 from collections.abc import Sequence
 
-from ..diagrams.starting_orbits import SURVEYED, not_found, placed, refusal, search_at, with_settled
+from ..diagrams.starting_orbits import (
+    SURVEYED,
+    add_settled,
+    error_at_key,
+    not_found,
+    refusal,
+    search_at,
+)
 from ..errors import InputError, printable
 from ..progress import Progress
 from ..results.options import CurveOptions
 from ..results.scene import Scene, load_scene, systems_of
-from ..segments.kernels import Kernels, checked
+from ..segments.kernels import Kernels, check_once
 from ..telling import telling
 from .terminal import say
 
@@ -23,8 +30,8 @@ def command(options: argparse.Namespace) -> int:
     """Validate a scene; returns the exit status."""
     scene = load_scene(options.scene, systems_of(options.system))
     with telling(scene.name, patient=True) as tell:
-        compared = _compared(scene)
-        derived, orbits = _computed(scene, tell)
+        compared = _comparison_lines(scene)
+        derived, orbits = _start_lines(scene, tell)
     say(f"scene {scene.name}" + (f": {printable(scene.source)}" if scene.source else ""))
     for heading, text in scene.model.statement():
         shown = f"  {heading:<8} {printable(text)}"
@@ -46,15 +53,15 @@ def command(options: argparse.Namespace) -> int:
     return 0
 
 
-def _compared(scene: Scene) -> list[str]:
+def _comparison_lines(scene: Scene) -> list[str]:
     """What the model states that was compared."""
     try:
-        return checked(scene.model)
+        return check_once(scene.model)
     except InputError as error:
-        raise placed(error, scene) from None
+        raise error_at_key(error, scene) from None
 
 
-def _computed(scene: Scene, tell: Progress) -> tuple[Sequence[float], list[str]]:
+def _start_lines(scene: Scene, tell: Progress) -> tuple[Sequence[float], list[str]]:
     """The derived parameters at the start, and what is said of the orbits there."""
     kernels = Kernels(scene.model, scene.parameter)
     try:
@@ -65,7 +72,7 @@ def _computed(scene: Scene, tell: Progress) -> tuple[Sequence[float], list[str]]
             require_masses(scene.model, kernels, "simulate.losses")
         return derived, _orbits(scene, kernels, tell)
     except InputError as error:
-        raise placed(error, scene) from None
+        raise error_at_key(error, scene) from None
 
 
 def _orbits(scene: Scene, kernels: Kernels, tell: Progress) -> list[str]:
@@ -77,7 +84,7 @@ def _orbits(scene: Scene, kernels: Kernels, tell: Progress) -> list[str]:
         tell(f"looking for {word} at {scene.parameter} = {scene.start:.6g}")
         searched[word] = search_at(scene, kernels, word, scene.start)
     orbits = {word: done.orbits for word, done in searched.items()}
-    orbits, settled = with_settled(scene, kernels, orbits, tell)
+    orbits, settled = add_settled(scene, kernels, orbits, tell)
     for word, found in orbits.items():
         done = searched[word]
         unphysical = sum(not orbit.physical for orbit in found)

@@ -32,7 +32,7 @@ class Interruption:
 
 
 @contextlib.contextmanager
-def deferred(interruption: Interruption) -> Iterator[None]:
+def defer_interruptions(interruption: Interruption) -> Iterator[None]:
     """Defer interruptions until what was computed is on disk; remember that there was one."""
     if threading.current_thread() is not threading.main_thread():
         yield
@@ -52,13 +52,13 @@ def deferred(interruption: Interruption) -> Iterator[None]:
             signal.signal(number, handler if handler is not None else signal.SIG_DFL)
 
 
-def drawn(
+def draw_pictures(
     interruption: Interruption, files: Files, tell: Progress, draw: Callable[[], None]
 ) -> bool:
     """Draw pictures; returns whether nothing has interrupted.
 
-    Within a `deferred` block, an interruption ends the drawing at once, and after an earlier one
-    nothing is drawn. Pictures that are complete by then are recorded among the files.
+    Within a `defer_interruptions` block, an interruption ends the drawing at once, and after an
+    earlier one nothing is drawn. Pictures that are complete by then are recorded among the files.
     """
     before = _states(files.folder)
     try:
@@ -109,10 +109,10 @@ def page_wanted(scene: Scene, options: argparse.Namespace) -> bool:
 
 def add_page(scene: Scene, diagram: Diagram, files: Files) -> None:
     """Write the page of a run; the attractors of a simulation in the folder are a layer of it."""
-    from ..page.data import Shown, remarks_in
+    from ..page.data import PageView, remarks_in
     from ..page.document import save_page
 
     plot = scene.plot
     remarks = remarks_in(diagram.statistics, diagram.coverage)
-    shown = Shown(plot.x, plot.xlim, plot.ylim, plot.unphysical, scene.source, remarks)
+    shown = PageView(plot.x, plot.xlim, plot.ylim, plot.unphysical, scene.source, remarks)
     files.add(lambda: save_page(diagram, scene.model, files.folder, shown))

@@ -28,7 +28,7 @@ def commands_of(parser: argparse.ArgumentParser) -> Mapping[str, argparse.Argume
     return found.choices
 
 
-def with_examples(parser: argparse.ArgumentParser) -> argparse.ArgumentParser:
+def add_examples(parser: argparse.ArgumentParser) -> argparse.ArgumentParser:
     """Return a parser whose commands end their help with an example each."""
     for name, command in commands_of(parser).items():
         if name in EXAMPLES:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 
 from ..results.formats import FILES, merge, write_merged
-from ..results.result_folder import held
+from ..results.result_folder import hold_folder
 from .console import require_output
 from .terminal import say
 
@@ -14,7 +14,7 @@ def command(options: argparse.Namespace) -> int:
     """Merge catalogues; returns the exit status."""
     require_output(options)
     merged = merge(options.folders)
-    with held(options.output, FILES) as folder:
+    with hold_folder(options.output, FILES) as folder:
         files = write_merged(merged, folder)
     count, scenes = len(merged["entries"]), len(merged["sources"])
     say(f"{count} entries of {scenes} scenes written to {folder}: {', '.join(files)}")

@@ -8,7 +8,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from ..errors import InputError, shown
+from ..errors import InputError, short_repr
 from ..models.model import Model
 from ..results.branch import model_at
 from ..results.catalogue import load_diagram
@@ -46,8 +46,8 @@ def command(options: argparse.Namespace) -> int:
 def _draw(folder: Path, target: Path, kind: str, options: argparse.Namespace) -> None:
     """Draw the diagram in a folder to a file."""
     diagram = load_diagram(folder)
-    plot, model, membrane = _shown_as(folder, diagram, systems_of(options.system))
-    chosen = _chosen(plot, diagram, options)
+    plot, model, membrane = _drawing_options(folder, diagram, systems_of(options.system))
+    chosen = _plot_choices(plot, diagram, options)
     if kind not in FORMATS:
         accepted = f"accepted are {', '.join(FORMATS)}, html"
         raise InputError(str(target), f"format {kind!r}", accepted)
@@ -66,7 +66,7 @@ def draw_page(folder: Path, target: Path, options: argparse.Namespace | None = N
 
     Raises InputError if the folder holds no results, or the file cannot be written.
     """
-    from ..page.data import Shown, remarks_in
+    from ..page.data import PageView, remarks_in
     from ..page.document import write_page
 
     systems = systems_of(options.system) if options else {}
@@ -75,9 +75,9 @@ def draw_page(folder: Path, target: Path, options: argparse.Namespace | None = N
         diagram = Diagram(_scene_of(folder, systems).name, [])
     else:
         diagram = load_diagram(folder)
-    plot, model, _ = _shown_as(folder, diagram, systems)
-    chosen = _chosen(plot, diagram, options) if options else {}
-    shown = Shown(plot.x, plot.xlim, plot.ylim, plot.unphysical)
+    plot, model, _ = _drawing_options(folder, diagram, systems)
+    chosen = _plot_choices(plot, diagram, options) if options else {}
+    shown = PageView(plot.x, plot.xlim, plot.ylim, plot.unphysical)
     if given:
         source, remarks = _scene_of(folder, systems).source, []
         if (folder / "manifest.json").exists():
@@ -88,7 +88,9 @@ def draw_page(folder: Path, target: Path, options: argparse.Namespace | None = N
     write_page(diagram, model, folder, shown, target)
 
 
-def _chosen(plot: PlotOptions, diagram: Diagram, options: argparse.Namespace) -> dict[str, Any]:
+def _plot_choices(
+    plot: PlotOptions, diagram: Diagram, options: argparse.Namespace
+) -> dict[str, Any]:
     """Axis, limits and orbits to draw, as the command line has it or else the scene."""
     x = options.x or plot.x
     numbers = ["arclength", *diagram.branches[0].parameters] if diagram.branches else [plot.x]
@@ -102,7 +104,7 @@ def _chosen(plot: PlotOptions, diagram: Diagram, options: argparse.Namespace) ->
     }
 
 
-def _shown_as(
+def _drawing_options(
     folder: Path, diagram: Diagram, systems: Mapping[str, type[Model]]
 ) -> tuple[PlotOptions, Model | None, Membrane | None]:
     """How a diagram is drawn, the system, and the membranes that were named.
@@ -127,7 +129,7 @@ def _require_walls(diagram: Diagram, scene: Scene) -> None:
     for branch in diagram.branches:
         if not set(branch.word) <= walls:
             accepted = f"{scene.model.SYSTEM} has the walls {', '.join(sorted(walls))}"
-            raise InputError(f"branch {branch.id}", f"the word {shown(branch.word)}", accepted)
+            raise InputError(f"branch {branch.id}", f"the word {short_repr(branch.word)}", accepted)
 
 
 def _names_its_scene(folder: Path) -> bool:

@@ -6,7 +6,7 @@ import argparse
 
 from ..accuracy.output import write_report
 from ..accuracy.report import report
-from ..results.result_folder import held
+from ..results.result_folder import hold_folder
 from ..results.scene import load_scene, systems_of
 from ..telling import telling
 from .terminal import say
@@ -15,7 +15,7 @@ from .terminal import say
 def command(options: argparse.Namespace) -> int:
     """Measure a scene; returns the exit status."""
     scene = load_scene(options.scene, systems_of(options.system))
-    with held(options.output) as folder:
+    with hold_folder(options.output) as folder:
         with telling(scene.name, options.quiet) as tell:
             data = report(scene, options.repetitions, tell)
         formats = () if options.no_plot else scene.plot.formats

@@ -20,7 +20,7 @@ from ..results.branch import Branch
 from ..results.catalogue import diagram_files
 from ..results.diagram import Diagram
 from ..results.diagram_reading import read
-from ..results.result_folder import Files, held, renewed
+from ..results.result_folder import Files, hold_folder, renew_folder
 from ..results.scene import Scene, folder_of, load_scene, require_own_folders, systems_of
 from ..segments.compiling import mode
 from ..storage.files import write_all
@@ -28,8 +28,8 @@ from ..telling import telling
 from .console import (
     Interruption,
     add_page,
-    deferred,
-    drawn,
+    defer_interruptions,
+    draw_pictures,
     page_wanted,
     require_output,
     write_manifest,
@@ -41,9 +41,9 @@ def command(options: argparse.Namespace) -> int:
     """Follow the branches of scenes; returns the exit status, the highest of theirs."""
     mode()  # refused before anything is computed
     require_output(options)
-    jobs, status = _validated(options)
+    jobs, status = _validate_scenes(options)
     for number, job in enumerate(jobs, start=1):
-        own, interrupted = _attempted(job, options)
+        own, interrupted = _attempt(job, options)
         status = max(status, own)
         if interrupted:
             if left := [each.scene.name for each in jobs[number:]]:
@@ -65,7 +65,7 @@ class _Job:
         complain(f"{self.prefix}{message}")
 
 
-def _validated(options: argparse.Namespace) -> tuple[list[_Job], int]:
+def _validate_scenes(options: argparse.Namespace) -> tuple[list[_Job], int]:
     """The scenes that can be run, and the exit status of the others; one alone is raised."""
     paths, status = options.scenes, 0
     systems = systems_of(options.system)
@@ -88,7 +88,7 @@ def _validated(options: argparse.Namespace) -> tuple[list[_Job], int]:
     return jobs, status
 
 
-def _attempted(job: _Job, options: argparse.Namespace) -> tuple[int, bool]:
+def _attempt(job: _Job, options: argparse.Namespace) -> tuple[int, bool]:
     """Run one scene; returns its exit status, and whether the keyboard has interrupted."""
     interruption = Interruption()
     try:
@@ -118,14 +118,14 @@ def _run_one(job: _Job, options: argparse.Namespace, interruption: Interruption)
     scene = job.scene
     with (
         telling(job.title, options.quiet) as tell,
-        held(job.target, *_written(scene, options)) as folder,
+        hold_folder(job.target, *_written_files(scene, options)) as folder,
     ):
         diagram = explore.follow(scene, tell)
         failure: str | None = diagram.statistics["failure"]
         interruption.happened = failure == INTERRUPTED
         if failure and not diagram.branches:
             raise _NothingComputedError(failure)
-        with deferred(interruption):
+        with defer_interruptions(interruption):
             _write_run(scene, diagram, folder, options, began, tell, interruption)
     failure = INTERRUPTED if interruption.happened else failure
     if not options.quiet:
@@ -150,7 +150,7 @@ def _write_run(
     An interruption leaves pictures out.
     """
     left_out, seconds = scene.left_out(), dict(diagram.statistics["seconds"])
-    with renewed(folder, ["run"], scene.resolved()) as kept:
+    with renew_folder(folder, ["run"], scene.resolved()) as kept:
         files = Files(folder, kept)
         export = time.perf_counter()
         tell("writing tables")
@@ -165,7 +165,7 @@ def _write_run(
             pictures["plot"] = lambda: _save_plots(scene, diagram, files)
         for name, draw in pictures.items():
             drawing = time.perf_counter()
-            if not drawn(interruption, files, tell, draw):
+            if not draw_pictures(interruption, files, tell, draw):
                 what, how = ("page", "plot --html") if name == "page" else ("diagram", "plot")
                 left_out.append(f"{what}: {INTERRUPTED}; contimpact {how} draws it")
             seconds[name] = time.perf_counter() - drawing
@@ -175,7 +175,7 @@ def _write_run(
         write_manifest(scene, files, left_out, statistics)
 
 
-def _written(scene: Scene, options: argparse.Namespace) -> tuple[list[str], list[str]]:
+def _written_files(scene: Scene, options: argparse.Namespace) -> tuple[list[str], list[str]]:
     """The files and folders a run writes, branches and curves left out."""
     files = ["manifest.json", "catalogue.json", "events.csv"]
     folders = ["branches"]
@@ -208,7 +208,7 @@ def _save_plots(scene: Scene, diagram: Diagram, files: Files) -> None:
                 diagram.curves, files.folder, plot.formats, diagram.checks, units, diagram.areas
             )
         )
-    own = _own_member(scene, diagram)
+    own = _scene_member(scene, diagram)
     look: dict[str, Any] = dataclasses.asdict(plot)
     formats, unit = look.pop("formats"), scene.model.unit(plot.x)
     del look["html"]
@@ -216,7 +216,7 @@ def _save_plots(scene: Scene, diagram: Diagram, files: Files) -> None:
     files.add(lambda: save_diagram(own, files.folder, formats, **look))
 
 
-def _own_member(scene: Scene, diagram: Diagram) -> Diagram:
+def _scene_member(scene: Scene, diagram: Diagram) -> Diagram:
     """The diagram without the branches at other values of a family's or the second parameter."""
     curves = scene.curves
     if curves is None:

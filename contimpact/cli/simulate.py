@@ -10,11 +10,18 @@ from ..diagrams.scene_simulation import Simulation, simulate, write_simulation
 from ..errors import InputError
 from ..progress import Progress
 from ..results.diagram import Diagram
-from ..results.result_folder import ROWS, TABLES, Files, held, renewed
+from ..results.result_folder import ROWS, TABLES, Files, hold_folder, renew_folder
 from ..results.scene import load_scene, systems_of
 from ..segments.compiling import mode
 from ..telling import telling
-from .console import Interruption, add_page, deferred, drawn, page_wanted, write_manifest
+from .console import (
+    Interruption,
+    add_page,
+    defer_interruptions,
+    draw_pictures,
+    page_wanted,
+    write_manifest,
+)
 from .terminal import complain, say
 
 
@@ -28,14 +35,14 @@ def command(options: argparse.Namespace) -> int:
     interruption = Interruption()
     with (
         telling(scene.name, options.quiet) as tell,
-        held(options.output, folders=TABLES) as folder,
+        hold_folder(options.output, folders=TABLES) as folder,
     ):
         result = simulate(scene, folder, resume=options.resume, progress=tell)
         interruption.happened = result.interrupted is not None
-        with deferred(interruption):
+        with defer_interruptions(interruption):
             _write(result, folder, options, began, tell, interruption)
     if not options.quiet:
-        _simulated(result, folder)
+        _report_simulation(result, folder)
     if result.interrupted:
         complain(
             f"interrupted ({result.interrupted}); what was done is written to {folder}; "
@@ -61,7 +68,7 @@ def _write(
     if scene.simulate is not None and not scene.simulate.branches:
         left_out.append("branches: simulate.branches is false")
     commands = ["simulate"] if result.diagram is None else ["simulate", "run"]
-    with renewed(folder, commands, scene.resolved()) as kept:
+    with renew_folder(folder, commands, scene.resolved()) as kept:
         files = Files(folder, kept)
         tell("writing tables")
         files.add(lambda: write_simulation(result, folder))
@@ -70,14 +77,16 @@ def _write(
             result.interrupted = result.interrupted or "writing"
         if page_wanted(scene, options):
             diagram = result.diagram or Diagram(scene.name, [])
-            if not drawn(interruption, files, tell, lambda: add_page(scene, diagram, files)):
+            if not draw_pictures(
+                interruption, files, tell, lambda: add_page(scene, diagram, files)
+            ):
                 result.interrupted = result.interrupted or "pictures"
                 left_out.append("page: the run was interrupted; contimpact plot --html draws it")
         if options.no_plot or not scene.plot.formats:
             left_out.append("pictures: not asked for, matplotlib is not imported")
         else:
             drawing = time.perf_counter()
-            if not drawn(interruption, files, tell, lambda: _save_pictures(result, files)):
+            if not draw_pictures(interruption, files, tell, lambda: _save_pictures(result, files)):
                 result.interrupted = result.interrupted or "pictures"
                 left_out.append("pictures: the run was interrupted")
             result.seconds["plot"] = time.perf_counter() - drawing
@@ -93,7 +102,7 @@ def _save_pictures(result: Simulation, files: Files) -> None:
     files.add(lambda: save_simulation(result, files.folder, result.scene.plot))
 
 
-def _simulated(result: Simulation, folder: Path) -> None:
+def _report_simulation(result: Simulation, folder: Path) -> None:
     """Say what was found."""
     say(repr(result.sweep))
     for transition in result.transitions:

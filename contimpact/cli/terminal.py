@@ -20,7 +20,7 @@ ENDING = (signal.SIGINT, signal.SIGTERM)
 
 
 @contextlib.contextmanager
-def as_interruption() -> Iterator[None]:
+def raise_on_termination() -> Iterator[None]:
     """Raise `KeyboardInterrupt` where the process is asked to end, if nobody else has a handler."""
     main = threading.current_thread() is threading.main_thread()
     if not main or signal.getsignal(signal.SIGTERM) is not signal.SIG_DFL:

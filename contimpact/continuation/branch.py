@@ -20,7 +20,7 @@ TOGETHER = 1e-10
 """Events further apart along a branch are two places, whatever their errors."""
 
 
-def in_order(events: Iterable[Event]) -> list[Event]:
+def order_events(events: Iterable[Event]) -> list[Event]:
     """Return events in order along a branch.
 
     Those that their errors do not tell apart, as both touches of a symmetric orbit, are at one
@@ -29,14 +29,14 @@ def in_order(events: Iterable[Event]) -> list[Event]:
     """
     places: list[list[Event]] = []
     for event in sorted(events, key=lambda e: e.point.arclength):
-        if places and _together(places[-1][-1], event):
+        if places and _coincide(places[-1][-1], event):
             places[-1].append(event)
         else:
             places.append([event])
-    return [e for place in places for e in (_ranked(place) if len(place) > 1 else place)]
+    return [e for place in places for e in (_rank_events(place) if len(place) > 1 else place)]
 
 
-def at_one_place(apart: float, difference: float, error: float) -> bool:
+def same_place(apart: float, difference: float, error: float) -> bool:
     """Whether two points of a branch are one place.
 
     Parameters
@@ -49,12 +49,12 @@ def at_one_place(apart: float, difference: float, error: float) -> bool:
     return abs(apart) <= TOGETHER and abs(difference) <= error
 
 
-def _together(a: Event, b: Event) -> bool:
+def _coincide(a: Event, b: Event) -> bool:
     apart = a.point.arclength - b.point.arclength
-    return at_one_place(apart, a.parameter - b.parameter, a.error + b.error)
+    return same_place(apart, a.parameter - b.parameter, a.error + b.error)
 
 
-def _ranked(place: Sequence[Event]) -> list[Event]:
+def _rank_events(place: Sequence[Event]) -> list[Event]:
     """The events of one place in order; their arclengths rise as they did before."""
     ranked = sorted(place, key=lambda e: (e.kind, int(e.details.get("index", 0))))
     lengths = [event.point.arclength for event in place]
@@ -120,7 +120,7 @@ class Event(Generic[E]):
 
 
 @dataclass(frozen=True)
-class Missed:
+class MissedEvent:
     """A sign change that could not be located, with the reason."""
 
     kind: str
@@ -138,7 +138,7 @@ class Walk(Generic[E]):
     points: Sequence[Point[E]]
     events: Sequence[Event[E]]
     end: End
-    missed: Sequence[Missed] = ()
+    missed: Sequence[MissedEvent] = ()
     corrector_iterations: int = 0
     rejected_steps: int = 0
     seconds_in_events: float = 0.0
@@ -313,7 +313,9 @@ class Points(Sequence[Point]):
     def moved(self, sign: float, origin: float) -> Points:
         """Return the points with arclength origin + sign s, their tangents turned accordingly."""
         return Points(
-            _moved(piece, sign, origin) if isinstance(piece, Point) else piece.moved(sign, origin)
+            _move_point(piece, sign, origin)
+            if isinstance(piece, Point)
+            else piece.moved(sign, origin)
             for piece in self.pieces
         )
 
@@ -348,13 +350,13 @@ def _count(piece: Point | Block) -> int:
     return 1 if isinstance(piece, Point) else len(piece)
 
 
-def _moved(point: Point, sign: float, origin: float) -> Point:
+def _move_point(point: Point, sign: float, origin: float) -> Point:
     tangent, orientation = sign * point.tangent, sign * point.orientation
     place = origin + sign * point.arclength
     return replace(point, tangent=tangent, orientation=orientation, arclength=place)
 
 
-def joined(backward: Walk, forward: Walk) -> tuple[Points, list[Event]]:
+def join_walks(backward: Walk, forward: Walk) -> tuple[Points, list[Event]]:
     """Join two walks that left one point in opposite directions into one run along the branch.
 
     Arclength starts from zero where the backward walk ended; tangents all point forward.
@@ -364,11 +366,11 @@ def joined(backward: Walk, forward: Walk) -> tuple[Points, list[Event]]:
     rest = Points(forward.points[1:]).moved(1.0, origin)
     points = Points([*first.pieces, *rest.pieces])
     events = [
-        replace(e, point=_moved(e.point, sign, origin))
+        replace(e, point=_move_point(e.point, sign, origin))
         for sign, found in ((-1.0, backward.events[::-1]), (1.0, forward.events))
         for e in found
     ]
-    return points, in_order(events)
+    return points, order_events(events)
 
 
 # Test functions: functions of the points of a branch whose zeros are events.
@@ -378,7 +380,7 @@ At = TypeVar("At", bound=Evaluation, contravariant=True)
 
 
 @dataclass(frozen=True, eq=False)
-class Located:
+class Location:
     """A solution of a test function's equations: where, how well, and what was evaluated there."""
 
     unknowns: Array
@@ -438,7 +440,7 @@ class TestFunction(ABC, Generic[At]):
         Not-a-number says that a value does not exist here; it never takes part in a crossing.
         """
 
-    def locate(self, problem: Problem[At], guess: Point[At], index: int) -> Located | None:
+    def locate(self, problem: Problem[At], guess: Point[At], index: int) -> Location | None:
         """Solve the exact extended system from a nearby point; None if that fails."""
         return None
 

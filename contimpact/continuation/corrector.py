@@ -21,8 +21,8 @@ import numpy as np
 from ..arrays import Array, Vector
 from . import problem as linear
 from .branch import Event, Point
-from .ends import Refusal, Refused
-from .problem import EPSILON, Evaluation, Problem, angle, inner, length, norm
+from .ends import Refusal, RefusalDetails
+from .problem import EPSILON, Evaluation, Problem, angle, inner_product, length, norm
 from .settings import Settings
 
 # Dense linear algebra of the Jacobian bordered by a row: tangents, determinants, Newton steps.
@@ -31,7 +31,7 @@ LARGEST = 0.999
 """Part of the largest component from which on others are as large."""
 
 
-def bordered(jacobian: Array, row: Array) -> Array:
+def border_jacobian(jacobian: Array, row: Array) -> Array:
     """Return the Jacobian with one more row."""
     matrix = np.empty((len(row), len(row)))
     matrix[:-1] = jacobian
@@ -39,7 +39,7 @@ def bordered(jacobian: Array, row: Array) -> Array:
     return matrix
 
 
-def oriented(vector: Array) -> Array:
+def orient_vector(vector: Array) -> Array:
     """Return a vector or its negative, always the same one of both.
 
     That in which the first of its largest components is positive: of a null vector, rounding
@@ -51,11 +51,11 @@ def oriented(vector: Array) -> Array:
 
 
 def first_tangent(jacobian: Array, scale: Array) -> Array | None:
-    """Return a unit null vector of the Jacobian, `oriented`, or None where there are two."""
+    """Return the Jacobian's unit null vector as `orient_vector` has it, None if there are two."""
     _, sizes, vectors = np.linalg.svd(jacobian * scale)
     if sizes[-1] <= 1e-10 * sizes[0]:
         return None
-    return scale * oriented(vectors[-1])
+    return scale * orient_vector(vectors[-1])
 
 
 def next_tangent(jacobian: Array, row: Array, scale: Array) -> Array | None:
@@ -63,7 +63,7 @@ def next_tangent(jacobian: Array, row: Array, scale: Array) -> Array | None:
     right = np.zeros(len(row))
     right[-1] = 1.0
     try:
-        tangent = linear.solve(bordered(jacobian, row), right)
+        tangent = linear.solve(border_jacobian(jacobian, row), right)
     except np.linalg.LinAlgError:
         return None
     size = length(tangent, scale)
@@ -81,7 +81,7 @@ def scaled_determinant(matrix: Array) -> float:
 
 def orientation(jacobian: Array, tangent: Array, scale: Array) -> float:
     """Return the scaled determinant of the Jacobian bordered by the tangent."""
-    return scaled_determinant(bordered(jacobian * scale, tangent / scale))
+    return scaled_determinant(border_jacobian(jacobian * scale, tangent / scale))
 
 
 def point_after(
@@ -120,7 +120,7 @@ class DenseSystem:
     def solve(self, row: list[float], g: float, out: list[float]) -> bool:
         """Fill `out` with the solution of the bordered system; whether there is one."""
         assert self.here is not None
-        matrix = bordered(self.here.jacobian, np.array(row))
+        matrix = border_jacobian(self.here.jacobian, np.array(row))
         try:
             out[:] = linear.solve(matrix, np.append(-self.here.residual, g)).tolist()
         except np.linalg.LinAlgError:
@@ -284,7 +284,7 @@ class Correction:
 
     evaluation: Evaluation | None
     iterations: int
-    refused: Refused | None = None
+    refused: RefusalDetails | None = None
     first_step: float = 0.0
 
     @property
@@ -309,12 +309,12 @@ def correct(
     return Correction(None, iterations, failure(status, problem, z, most))
 
 
-def failure(status: int, problem: Problem, z: list[float], most: int) -> Refused:
+def failure(status: int, problem: Problem, z: list[float], most: int) -> RefusalDetails:
     """Return why `newton` failed at a point."""
     if status == NO_VALUE:
-        return Refused(Refusal.NO_VALUE, why_no_value(problem, np.array(z)))
+        return RefusalDetails(Refusal.NO_VALUE, why_no_value(problem, np.array(z)))
     reasons = {NO_SOLUTION: Refusal.NO_SOLUTION, DIVERGES: Refusal.DIVERGES, SLOW: Refusal.SLOW}
-    return Refused(reasons[status], most)
+    return RefusalDetails(reasons[status], most)
 
 
 def why_no_value(problem: Problem, z: Array) -> str:
@@ -380,7 +380,7 @@ def first_point(
     return Start(first, iterations, "" if first else "the tangent is not defined")
 
 
-def settled(values: list[Array], branching: bool, switched: bool) -> list[Array]:
+def test_values_at_start(values: list[Array], branching: bool, switched: bool) -> list[Array]:
     """Return the test functions at a start, those that vanish there as zero."""
     small = NO_CROSSING if branching else ON_ZERO
     if not (branching or switched):
@@ -388,7 +388,7 @@ def settled(values: list[Array], branching: bool, switched: bool) -> list[Array]
     return [np.where(np.abs(v) < small, 0.0, v) for v in values]
 
 
-def leaving(start: Array, other: Array) -> Array:
+def signs_on_leaving(start: Array, other: Array) -> Array:
     """Give what vanishes or has no value at a branch point the sign it leaves with."""
     tiny = np.finfo(float).tiny
     return np.where((start == 0.0) | np.isnan(start), np.sign(other) * tiny, start)
@@ -462,7 +462,7 @@ class Arc:
     def fraction(self, unknowns: Array) -> float:
         """Return how far along the chord a point lies: 0 at the left end, 1 at the right end."""
         chord = self.right.unknowns - self.left.unknowns
-        return inner(unknowns - self.left.unknowns, chord, self.scale) / inner(
+        return inner_product(unknowns - self.left.unknowns, chord, self.scale) / inner_product(
             chord, chord, self.scale
         )
 

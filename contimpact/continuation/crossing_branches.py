@@ -20,7 +20,7 @@ import numpy as np
 
 from .branch import Point
 from .corrector import Arc
-from .ends import Refusal, Refused
+from .ends import Refusal, RefusalDetails
 from .problem import Array, Problem, length
 from .settings import Settings
 from .step import Notice
@@ -104,7 +104,7 @@ Find = Callable[[Problem, Point, Array], Meeting | None]
 """``find(problem, guess, scale)`` solves for the meeting of branches next to a point."""
 
 
-def on(arc: Arc, find: Find, most: int = NARROWING) -> Meeting | None:
+def meeting_on(arc: Arc, find: Find, most: int = NARROWING) -> Meeting | None:
     """Return the meeting on an arc, or that hides its right end; None if none is found.
 
     From ever closer points, by bisection on the orientation, where it flips.
@@ -132,7 +132,7 @@ def reaches(arc: Arc, meeting: Meeting) -> bool:
 
 
 @dataclass(eq=False)
-class Passes:
+class MeetingRecord:
     """The meetings of branches a walk has come to, and had to be careful at.
 
     Next to them it goes on step by step, to points as exact as rounding or nu asks for, and beside
@@ -142,7 +142,7 @@ class Passes:
     find: Find | None = None
     known: list[tuple[Meeting, float]] = field(default_factory=list)
 
-    def refuse(self, arc: Arc, notices: Notice) -> Refused | None:
+    def refuse(self, arc: Arc, notices: Notice) -> RefusalDetails | None:
         """Why a step is refused that may have led to another branch; None if it has not.
 
         The orientation flips where the step passes two branches that cross, and where it lands on
@@ -157,31 +157,31 @@ class Passes:
         """The known meeting on an arc, or that hides its right end, if there is one."""
         return next((m for m, _ in self.known if reaches(arc, m)), None)
 
-    def flipped(self, arc: Arc) -> Refused | None:
+    def flipped(self, arc: Arc) -> RefusalDetails | None:
         """The same where the orientation flips; bisection decides where no meeting is found."""
-        found = self.met(arc) or (on(arc, self.find) if self.find else None)
+        found = self.met(arc) or (meeting_on(arc, self.find) if self.find else None)
         if found is None:
-            return None if arc.connected() else Refused(Refusal.JUMPS)
+            return None if arc.connected() else RefusalDetails(Refusal.JUMPS)
         if found.crosses and not found.hides(arc.right, arc.scale):
             return None
         self.keep(arc, found)
-        return Refused(Refusal.JUMPS if found.crosses else Refusal.PASSES)
+        return RefusalDetails(Refusal.JUMPS if found.crosses else Refusal.PASSES)
 
-    def dipped(self, arc: Arc) -> Refused | None:
+    def dipped(self, arc: Arc) -> RefusalDetails | None:
         """The same where it does not: the step is short, or no meeting lies on it."""
         found = self.met(arc)
         if found is None and self.find is not None:
-            found = on(arc, self.find, GLANCES)
+            found = meeting_on(arc, self.find, GLANCES)
         if found is None:
             return None
         if found.crosses:
             self.keep(arc, found)
-            return Refused(Refusal.JUMPS)
+            return RefusalDetails(Refusal.JUMPS)
         chord = arc.right.arclength - arc.left.arclength
         if chord <= TURN * found.distance:
             return None
         self.keep(arc, found)
-        return Refused(Refusal.PASSES)
+        return RefusalDetails(Refusal.PASSES)
 
     def keep(self, arc: Arc, meeting: Meeting) -> None:
         """Keep a meeting in mind."""

@@ -111,7 +111,7 @@ class Refusal(enum.Enum):
 
 
 @dataclass(frozen=True)
-class Refused:
+class RefusalDetails:
     """A refusal with what it has to tell."""
 
     cause: Refusal

@@ -10,7 +10,7 @@ from itertools import pairwise
 import numpy as np
 
 from ..arrays import Array
-from .branch import Event, Missed, Point, Points, TestFunction, at_one_place, in_order
+from .branch import Event, MissedEvent, Point, Points, TestFunction, order_events, same_place
 from .corrector import Arc, orientation
 from .problem import EPSILON, Evaluation, Problem
 from .settings import Settings
@@ -104,7 +104,7 @@ FRACTIONS = (0.5, 0.3, 0.7)
 """Fractions of the way between two events at which a point is tried."""
 
 
-def on_points(points: Points, events: Iterable[Event]) -> list[Event]:
+def snap_to_points(points: Points, events: Iterable[Event]) -> list[Event]:
     """Return events, each on the point of the branch from which its error does not tell it apart,
     if there is one."""
     lengths, values = points.arclengths, points.unknowns[:, -1]
@@ -113,13 +113,13 @@ def on_points(points: Points, events: Iterable[Event]) -> list[Event]:
         place = event.point.arclength
         after = int(np.searchsorted(lengths, place))
         for i in range(max(after - 1, 0), min(after + 1, len(lengths))):
-            if at_one_place(lengths[i] - place, values[i] - event.parameter, event.error):
+            if same_place(lengths[i] - place, values[i] - event.parameter, event.error):
                 event = event.moved_to(float(lengths[i]))
         found.append(event)
     return found
 
 
-def with_points_between(
+def separate_events(
     problem: Problem, points: Points, events: Iterable[Event], others: Iterable[Point] = ()
 ) -> Points:
     """Return the points of a branch, and one more between any two events that had none between.
@@ -129,7 +129,7 @@ def with_points_between(
     problem : Problem
     points : Points
     events : iterable of Event
-        From `on_points`.
+        From `snap_to_points`.
     others : iterable of Point
         Further points without a status of their own: a birth, an end at an event.
     """
@@ -141,14 +141,14 @@ def with_points_between(
     for (left, error), (right, other) in pairwise(marks):
         first, beyond = np.searchsorted(free, (left.arclength, right.arclength))
         apart = right.arclength - left.arclength, right.parameter - left.parameter
-        if first == beyond and not at_one_place(*apart, error + other):
+        if first == beyond and not same_place(*apart, error + other):
             scale = problem.scale(left.unknowns, span)
-            point = _between(Arc(problem, left, right, scale, Settings()))
+            point = _point_between(Arc(problem, left, right, scale, Settings()))
             found += [] if point is None else [point]
     return points.with_more(found)
 
 
-def _between(arc: Arc) -> Point | None:
+def _point_between(arc: Arc) -> Point | None:
     """A point of the branch between the ends of an arc; None where none is reached."""
     for fraction in FRACTIONS:
         point = arc.at(fraction)
@@ -179,7 +179,7 @@ NO_VALUE = "the test function has no value inside the bracket"
 
 def locate(
     test: TestFunction, arc: Arc, index: int, left: float, right: float
-) -> Event | Missed | None:
+) -> Event | MissedEvent | None:
     """Locate one crossing: Newton on the extended system, from ever closer points.
 
     The first guess is linear interpolation along the cubic between both points. If Newton fails or
@@ -188,16 +188,18 @@ def locate(
     """
     a, b, fa, fb = 0.0, 1.0, left, right
     guess = arc.near(_next_fraction(a, b, fa, fb, 0))
-    event = _by_newton(test, arc, guess, index) if guess is not None else None
+    event = _locate_by_newton(test, arc, guess, index) if guess is not None else None
     if event is not None:
         return event
     for attempt in range(60):
         fraction = _next_fraction(a, b, fa, fb, attempt)
         guess = arc.at(fraction) or arc.at(a + BESIDE * (fraction - a))
         if guess is None:  # beside a branch point as well as on it
-            return missed(test.kind, arc, "no point of the branch was reached inside the bracket")
+            return missed_event(
+                test.kind, arc, "no point of the branch was reached inside the bracket"
+            )
         if attempt % 8 == 0:
-            event = _by_newton(test, arc, guess, index)
+            event = _locate_by_newton(test, arc, guess, index)
             if event is not None:
                 return event
         value = float(test.at(guess)[index])
@@ -212,9 +214,9 @@ def locate(
             if not test.vanishing:
                 if b - a < CLOSED_IN:
                     break
-                return missed(test.kind, arc, NO_VALUE)
+                return missed_event(test.kind, arc, NO_VALUE)
             width = min(1.0, test.vanishing / abs(fb - fa)) * (b - a)
-            return _by_bracket(test, arc, guess, index, width)
+            return _locate_by_bracket(test, arc, guess, index, width)
         if (value >= 0.0) == (fa >= 0.0):
             a, fa = fraction, value
         else:
@@ -227,8 +229,8 @@ def locate(
         sides = arc.left if a == 0.0 else arc.at(a), arc.right if b == 1.0 else arc.at(b)
         if any(side is not None and test.enters(side, index) for side in sides):
             return None
-        return missed(test.kind, arc, "the test function jumps without passing through zero")
-    return _by_bracket(test, arc, guess, index, 0.0 if value == 0.0 else b - a)
+        return missed_event(test.kind, arc, "the test function jumps without passing through zero")
+    return _locate_by_bracket(test, arc, guess, index, 0.0 if value == 0.0 else b - a)
 
 
 def _next_fraction(a: float, b: float, fa: float, fb: float, attempt: int) -> float:
@@ -239,7 +241,7 @@ def _next_fraction(a: float, b: float, fa: float, fb: float, attempt: int) -> fl
     return min(max(a + (b - a) * fa / (fa - fb), a + margin), b - margin)
 
 
-def _by_newton(test: TestFunction, arc: Arc, guess: Point, index: int) -> Event | None:
+def _locate_by_newton(test: TestFunction, arc: Arc, guess: Point, index: int) -> Event | None:
     located = test.locate(arc.problem, guess, index)
     if located is None or not arc.holds(located.unknowns):
         return None
@@ -251,7 +253,9 @@ def _by_newton(test: TestFunction, arc: Arc, guess: Point, index: int) -> Event 
     return Event(test.kind, point, located.residual, located.error, "newton", details)
 
 
-def _by_bracket(test: TestFunction, arc: Arc, point: Point, index: int, width: float) -> Event:
+def _locate_by_bracket(
+    test: TestFunction, arc: Arc, point: Point, index: int, width: float
+) -> Event:
     """The event at a point a bracket of relative width `width` has closed on.
 
     At a branch point, where the error has no bound, it is no better than the bracket's own points.
@@ -271,9 +275,9 @@ def _by_bracket(test: TestFunction, arc: Arc, point: Point, index: int, width: f
     return Event(test.kind, point, residual, error, "bracket", test.details(point, index))
 
 
-def missed(kind: str, arc: Arc, reason: str) -> Missed:
+def missed_event(kind: str, arc: Arc, reason: str) -> MissedEvent:
     """Return what could not be located on an arc."""
-    return Missed(kind, (arc.left.parameter, arc.right.parameter), reason)
+    return MissedEvent(kind, (arc.left.parameter, arc.right.parameter), reason)
 
 
 GUIDED = 4
@@ -294,7 +298,7 @@ UNRESOLVED = "two zeros close to each other are not excluded; a smaller max_step
 
 def find_events(
     tests: Sequence[TestFunction], arc: Arc, stretch: Stretch
-) -> tuple[list[Event], list[Missed]]:
+) -> tuple[list[Event], list[MissedEvent]]:
     """Locate every crossing on an arc, in order along it.
 
     Where more crossings are not excluded (see `suspects`), the arc is cut and both parts are
@@ -313,10 +317,10 @@ def find_events(
     least = UNSURE * float(np.fmax(abs(arc.left.orientation), abs(arc.right.orientation)))
     search = _Search(list(tests), [len(values) for values in stretch.left.values], least)
     search.on(arc, stretch, 0)
-    return in_order(_placed(event, arc) for event in search.events), search.missed
+    return order_events(_place_event(event, arc) for event in search.events), search.missed
 
 
-def _placed(event: Event, arc: Arc) -> Event:
+def _place_event(event: Event, arc: Arc) -> Event:
     """An event where it is along an arc, wherever the arc was cut to find it."""
     place = arc.left.arclength + arc.fraction(event.point.unknowns) * arc.span
     return replace(event, point=replace(event.point, arclength=place))
@@ -339,7 +343,7 @@ class _Search:
     sizes: list[int]
     least: float
     events: list[Event] = field(default_factory=list)
-    missed: list[Missed] = field(default_factory=list)
+    missed: list[MissedEvent] = field(default_factory=list)
     cuts: int = 0
 
     def on(self, arc: Arc, stretch: Stretch, depth: int) -> None:
@@ -409,7 +413,7 @@ class _Search:
     ) -> None:
         """Locate one value that changes sign."""
         event = locate(test, arc, index, left, right)
-        if isinstance(event, Missed):
+        if isinstance(event, MissedEvent):
             self.missed.append(event)
         elif event is not None and test.accept(event):
             self.events.append(event)
@@ -420,4 +424,4 @@ class _Search:
         # beside a jump of the function, what lies beyond it says nothing
         found = np.minimum(*(self.suspected(side)[0] for side in stretch.one_sided()))
         unsure = kinds[found == DIPS]
-        self.missed += [missed(str(kind), arc, UNRESOLVED) for kind in unsure]
+        self.missed += [missed_event(str(kind), arc, UNRESOLVED) for kind in unsure]

@@ -48,13 +48,13 @@ class Problem(Protocol[E]):
 
 # Lengths and angles, measured by natural sizes w of the unknowns: |a|^2 = sum (a_i/w_i)^2.
 #
-# `inner` and `length` take arrays; the others are in the plain subset of Python that
+# `inner_product` and `length` take arrays; the others are in the plain subset of Python that
 # `contimpact.compiling` compiles, and take lists as well.
 
 EPSILON = float(np.finfo(float).eps)
 
 
-def inner(a: Array, b: Array, scale: Array) -> float:
+def inner_product(a: Array, b: Array, scale: Array) -> float:
     """Return the metric's inner product."""
     return float(np.dot(a / scale, b / scale))
 

@@ -35,8 +35,8 @@ OFF_THE_ENDS = 0.1
 
 
 THRICE, DIPS, ENDS = 1, 2, 3
-"""Findings of `suspects`: a value that changes sign and may do so thrice, one that may do so twice,
-and one that may do so where it begins or ends."""
+"""Findings of `suspect_values`: a value that changes sign and may do so thrice, one that may do so
+twice, and one that may do so where it begins or ends."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -69,14 +69,14 @@ class Stretch:
         )
 
     def suspects(self) -> tuple[Array, Array]:
-        """Return which values may change sign unseen, and where to look; see `suspects`."""
+        """Return which values may change sign unseen, and where to look; see `suspect_values`."""
         left, right, before, after = self.left, self.right, self.before, self.after
         none = np.full(len(left.flat), np.nan)
         a, d = (none if end is None else end.flat for end in (before, after))
         behind = np.nan if before is None else left.arclength - before.arclength
         beyond = np.nan if after is None else after.arclength - right.arclength
         ahead = right.arclength - left.arclength
-        return suspects(a, left.flat, right.flat, d, behind, ahead, beyond)
+        return suspect_values(a, left.flat, right.flat, d, behind, ahead, beyond)
 
     def one_sided(self) -> tuple[Stretch, Stretch]:
         """Return the stretch without the point after it, and without the one before."""
@@ -97,7 +97,7 @@ def crossings(left: Array, right: Array) -> list[int]:
     return np.nonzero(crosses(left, right))[0].tolist()
 
 
-def suspects(
+def suspect_values(
     a: Array, b: Array, c: Array, d: Array, behind: Number, ahead: Number, beyond: Number
 ) -> tuple[Array, Array]:
     """Return which values may change sign unseen between b and c, and where to look.
@@ -213,10 +213,10 @@ class Samples:
 
     def noteworthy(self) -> list[int]:
         """Return before which of the P points events lie or may lie unseen."""
-        return noteworthy(self.values, self.arclengths)
+        return noteworthy_points(self.values, self.arclengths)
 
 
-def noteworthy(values: Array, arclengths: Array) -> list[int]:
+def noteworthy_points(values: Array, arclengths: Array) -> list[int]:
     """Return before which points, from the third one on, events lie or may lie unseen.
 
     Parameters
@@ -245,5 +245,5 @@ def noteworthy(values: Array, arclengths: Array) -> list[int]:
     after = np.vstack([values, np.full((1, values.shape[1]), np.nan)])
     beyond = np.append(lengths, 1.0)
     given = a, b, c, after[rows + 3, columns], lengths[rows], lengths[rows + 1], beyond[rows + 2]
-    found, _ = suspects(*given)
+    found, _ = suspect_values(*given)
     return sorted(set(rows[crosses(b, c) | (found > 0)].tolist()))

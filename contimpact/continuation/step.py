@@ -19,7 +19,7 @@ import numpy as np
 from ..arrays import LISTS, Array, Containers, Table, Vector
 from .branch import Block, Point
 from .corrector import CONVERGED, D, DenseSystem, Evaluate, Solve, cubic, failure, newton, predict
-from .ends import Refusal, Refused
+from .ends import Refusal, RefusalDetails
 from .problem import Problem, angle, distance
 from .settings import Settings
 
@@ -31,7 +31,7 @@ LARGEST_DEFECT = 0.1
 """Largest defect of a step (see `defect`), as part of the largest angle."""
 
 DIGITS = 2.0**47 + 1.0
-"""Digits to which a length is rounded, six binary ones; see `rounded`."""
+"""Digits to which a length is rounded, six binary ones; see `round_length`."""
 
 
 def defect(
@@ -76,7 +76,7 @@ def step_after(
     return min(step * max(factor, 0.5), max_step)
 
 
-def rounded(step: float, max_step: float) -> float:
+def round_length(step: float, max_step: float) -> float:
     """Return the length with a few leading digits (Veltkamp's splitting).
 
     How a walk rounds its points, which differs between processors, then has no part in where the
@@ -86,7 +86,7 @@ def rounded(step: float, max_step: float) -> float:
     return min(large - (large - step), max_step)
 
 
-def shorter(step: float, min_step: float) -> float:
+def shorten_step(step: float, min_step: float) -> float:
     """Return the length to try after a step was refused."""
     return max(0.5 * step, min_step)
 
@@ -212,7 +212,7 @@ def take_steps(
             if state[STEP] <= options[MIN_STEP]:
                 state[STATUS] = status
                 return made
-            state[STEP] = shorter(state[STEP], options[MIN_STEP])
+            state[STEP] = shorten_step(state[STEP], options[MIN_STEP])
             continue
         orientation, arclength = row[2 * n], row[2 * n + 1]
         for i in range(n):
@@ -269,7 +269,7 @@ def attempt(
         return TURNS
     if not off <= options[MAX_DEFECT]:
         return BENDS
-    if leaves(z, new, tangent, along, travelled, options[LOW], options[HIGH]):
+    if leaves_range(z, new, tangent, along, travelled, options[LOW], options[HIGH]):
         return LEAVES
     mark = 2 * len(z)
     reached[mark] = orientation
@@ -278,7 +278,7 @@ def attempt(
     follows = step_after(
         state[STEP], turned, first, off, options[MAX_ANGLE], options[MAX_DEFECT], options[MAX_STEP]
     )
-    state[NEXT_STEP] = rounded(follows, options[MAX_STEP])
+    state[NEXT_STEP] = round_length(follows, options[MAX_STEP])
     return CONVERGED
 
 
@@ -299,7 +299,7 @@ def accept(vectors: tuple[Vector, ...], orientation: float, arclength: float) ->
     state[STEP] = state[NEXT_STEP]
 
 
-def leaves(
+def leaves_range(
     z: Vector,
     new: Vector,
     tangent: Vector,
@@ -341,7 +341,7 @@ def notices(
     if (orientation >= 0.0) != (known >= 0.0):
         if known == known:
             found += FLIPS
-    elif options[MEETINGS] != 0.0 and dips(state, arclength - state[ARCLENGTH]):
+    elif options[MEETINGS] != 0.0 and orientation_dips(state, arclength - state[ARCLENGTH]):
         found += DIPS
     reach = 1.5 * abs(now - before) + options[SAME] * size
     if turning < 0.0:  # a start beside the turn may lie beyond both values
@@ -351,7 +351,7 @@ def notices(
     return found
 
 
-def dips(state: Vector, ahead: float) -> bool:
+def orientation_dips(state: Vector, ahead: float) -> bool:
     """Whether the orientation was to vanish within the step or just beyond."""
     earlier, known, behind = state[EARLIER], state[ORIENTATION], state[ARCLENGTH] - state[BEHIND]
     if not behind > 0.0 or known == 0.0:
@@ -469,7 +469,7 @@ class Batch:
     rejected: int
     proposal: Proposal | None = None
     """The step after them, if it is for the walker to judge."""
-    refused: Refused | None = None
+    refused: RefusalDetails | None = None
     """Why the step after them was refused, however short."""
 
     @property
@@ -519,7 +519,7 @@ def columns(rows: Array, n: int) -> tuple[Array, Array, Array, Array, Array, Arr
 
 def refusal(
     position: Position, state: Sequence[float], problem: Problem, z: Sequence[float]
-) -> Refused | None:
+) -> RefusalDetails | None:
     """Return why `take_steps` accepted no further point, having last tried z.
 
     None where it did, or proposes one.
@@ -535,7 +535,7 @@ def refusal(
         BENDS: (Refusal.BENDS, state[DEFECT]),
         LEAVES: (Refusal.LEAVES, None),
     }[status]
-    return Refused(cause, detail)
+    return RefusalDetails(cause, detail)
 
 
 # The backend for any problem: dense linear algebra, one step at a time.

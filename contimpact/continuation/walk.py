@@ -11,27 +11,35 @@ import numpy as np
 
 from ..arrays import Array
 from ..errors import InputError
-from .branch import Block, Event, Missed, Point, Points, TestFunction, Walk
-from .corrector import Arc, correct, first_point, hermite, leaving, point_after, settled
-from .crossing_branches import Find, Meeting, Passes
-from .ends import End, EndKind, Refusal, Refused
+from .branch import Block, Event, MissedEvent, Point, Points, TestFunction, Walk
+from .corrector import (
+    Arc,
+    correct,
+    first_point,
+    hermite,
+    point_after,
+    signs_on_leaving,
+    test_values_at_start,
+)
+from .crossing_branches import Find, Meeting, MeetingRecord
+from .ends import End, EndKind, Refusal, RefusalDetails
 from .events import find_events
-from .problem import EPSILON, Problem, angle, inner, length
+from .problem import EPSILON, Problem, angle, inner_product, length
 from .settings import Settings
 from .sign_changes import Samples, Stretch
-from .step import Backend, Batch, DenseBackend, Notice, Position, Proposal, shorter
+from .step import Backend, Batch, DenseBackend, Notice, Position, Proposal, shorten_step
 
 # Interruptions from the keyboard: what was walked until then is kept.
 #
-# A walk that is interrupted raises `Interrupted`, a `KeyboardInterrupt` with what was walked.
+# A walk that is interrupted raises `WalkInterrupt`, a `KeyboardInterrupt` with what was walked.
 # Whoever
 # does not know it leaves as at any interruption; whoever makes a branch of walks catches it with
-# `kept`.
+# `keep_interrupted`.
 
 T = TypeVar("T")
 
 
-class Interrupted(KeyboardInterrupt):
+class WalkInterrupt(KeyboardInterrupt):
     """An interruption from the keyboard during a walk.
 
     Attributes
@@ -45,11 +53,11 @@ class Interrupted(KeyboardInterrupt):
         self.walk = walk
 
 
-def kept(walk: Callable[[], Walk]) -> Walk:
+def keep_interrupted(walk: Callable[[], Walk]) -> Walk:
     """Return a walk; one that is interrupted, as far as it has come."""
     try:
         return walk()
-    except Interrupted as interruption:
+    except WalkInterrupt as interruption:
         return interruption.walk
 
 
@@ -60,15 +68,15 @@ def other_way(first: Walk, parameter: str, walk: Callable[[], Walk]) -> Walk:
         return Walk(start, (), first.end)
     if first.end.kind is EndKind.INTERRUPTED:
         return Walk(start, (), End.of(EndKind.INTERRUPTED, parameter, start[0].parameter))
-    return kept(walk)
+    return keep_interrupted(walk)
 
 
-def interrupted(ends: Iterable[End]) -> bool:
+def is_interrupted(ends: Iterable[End]) -> bool:
     """Whether one of the ends of a branch is an interruption."""
     return any(end.kind is EndKind.INTERRUPTED for end in ends)
 
 
-def undisturbed(make: Callable[[], T]) -> T:
+def retry_interrupted(make: Callable[[], T]) -> T:
     """Return what is made, begun again if it is interrupted.
 
     For what takes a moment and without which long work would be lost; a second interruption leaves.
@@ -103,7 +111,7 @@ def check(start: Array, direction: int, limits: tuple[float, float]) -> None:
         raise InputError("limits", found, "start within the limits")
 
 
-def on_limit(step: Arc, limits: tuple[float, float]) -> tuple[Point | None, int]:
+def point_on_limit(step: Arc, limits: tuple[float, float]) -> tuple[Point | None, int]:
     """Return the point of the branch on the limit that a step passed, and the iterations it took.
 
     None where the corrector finds none on the way.
@@ -126,7 +134,7 @@ def on_limit(step: Arc, limits: tuple[float, float]) -> tuple[Point | None, int]
     return (new if turned <= step.settings.max_angle else None), found.iterations
 
 
-def apart(zeros: Array, others: Array) -> Array:
+def separate_signs(zeros: Array, others: Array) -> Array:
     """Give what may vanish on a limit the sign the other values do not have."""
     tiny = np.finfo(float).tiny
     near = (np.abs(zeros) <= NEAR_LIMIT * np.abs(others)) & (others != 0.0)
@@ -147,7 +155,7 @@ PART = 1e-6
 """The part of a tangent that is followed to an image."""
 
 
-def closing(arc: Arc, first: Point, same: float) -> Point | None:
+def closing_start(arc: Arc, first: Point, same: float) -> Point | None:
     """Return the start of a walk, solved for anew from a step that passes it; None otherwise.
 
     Parameters
@@ -163,7 +171,7 @@ def closing(arc: Arc, first: Point, same: float) -> Point | None:
     for near in (here, new):
         start = near.unknowns - problem.difference(near.unknowns, first.unknowns)
         leaving = image_of_tangent(problem, start, first)
-        if not passes(arc, start, leaving):
+        if not passes_point(arc, start, leaving):
             continue
         guess = where_passing(arc, start, leaving)
         found = correct(problem, guess, leaving / scale**2, scale, arc.settings)
@@ -174,7 +182,7 @@ def closing(arc: Arc, first: Point, same: float) -> Point | None:
     return None
 
 
-def before(problem: Problem, points: Points, again: Array, scale: Array) -> Points:
+def points_before_start(problem: Problem, points: Points, again: Array, scale: Array) -> Points:
     """Return the points of a walk before it passed its start, and the start at their end.
 
     Parameters
@@ -188,7 +196,7 @@ def before(problem: Problem, points: Points, again: Array, scale: Array) -> Poin
     start = again - problem.difference(again, first.unknowns)
     leaving = image_of_tangent(problem, start, first)
     last = len(points) - 1
-    while last > 1 and inner(points[last].unknowns - start, leaving, scale) >= 0.0:
+    while last > 1 and inner_product(points[last].unknowns - start, leaving, scale) >= 0.0:
         last -= 1
     here, tangent = points[last], leaving / length(leaving, scale)
     place = here.arclength + length(start - here.unknowns, scale)
@@ -196,7 +204,7 @@ def before(problem: Problem, points: Points, again: Array, scale: Array) -> Poin
     return Points([*points[: last + 1].pieces, point])
 
 
-def as_at_start(values: Sequence[Array], start: Sequence[Array]) -> Array:
+def closed_test_values(values: Sequence[Array], start: Sequence[Array]) -> Array:
     """Return the test functions where a walk has come round, as they were at its start.
 
     Rounding must not decide whether an event at the start is found as the walk leaves or as it
@@ -225,22 +233,22 @@ def where_passing(arc: Arc, start: Array, leaving: Array) -> Array:
     From there Newton leads back to the walk's own branch, and to the point only if it is on it.
     """
     here, new, scale = arc.left, arc.right, arc.scale
-    behind, beyond = (inner(end.unknowns - start, leaving, scale) for end in (here, new))
+    behind, beyond = (inner_product(end.unknowns - start, leaving, scale) for end in (here, new))
     span = new.arclength - here.arclength
     beside = hermite(here, new, span, behind / (behind - beyond))
-    along = inner(beside - start, leaving, scale) / inner(leaving, leaving, scale)
+    along = inner_product(beside - start, leaving, scale) / inner_product(leaving, leaving, scale)
     return beside - along * leaving
 
 
-def passes(arc: Arc, start: Array, leaving: Array) -> bool:
+def passes_point(arc: Arc, start: Array, leaving: Array) -> bool:
     """Whether a step passes a point in a direction."""
     here, new, scale = arc.left, arc.right, arc.scale
     after = new.unknowns - start
     stepped = length(new.unknowns - here.unknowns, scale)
     return (
-        inner(here.unknowns - start, leaving, scale) < 0.0
-        and inner(after, leaving, scale) >= 0.0
-        and inner(new.tangent, leaving, scale) > 0.0
+        inner_product(here.unknowns - start, leaving, scale) < 0.0
+        and inner_product(after, leaving, scale) >= 0.0
+        and inner_product(new.tangent, leaving, scale) > 0.0
         and length(after, scale) <= 1.5 * stepped
     )
 
@@ -343,7 +351,7 @@ def walk(
     except KeyboardInterrupt:
         if not walker.points:
             raise
-        raise Interrupted(walker.interrupted()) from None
+        raise WalkInterrupt(walker.interrupted()) from None
 
 
 @dataclass(eq=False)
@@ -361,13 +369,13 @@ class _Walker:
     branching: bool
     points: Points = field(default_factory=Points)
     events: list[Event] = field(default_factory=list)
-    missed: list[Missed] = field(default_factory=list)
+    missed: list[MissedEvent] = field(default_factory=list)
     iterations: int = 0
     rejected: int = 0
     seconds_in_events: float = 0.0
     scale: Array = field(default_factory=lambda: np.ones(1))
     seen: Samples = field(default_factory=lambda: Samples.of(0.0, []))
-    passes: Passes = field(default_factory=Passes)
+    passes: MeetingRecord = field(default_factory=MeetingRecord)
     left_with: list[Array] = field(default_factory=list)
     leapt: int = 0
 
@@ -407,7 +415,9 @@ class _Walker:
         self.points.append(first.point)
         if not first.reason:
             values = [test.at(first.point) for test in self.tests]
-            self.seen = Samples.of(0.0, settled(values, self.branching, tangent is not None))
+            self.seen = Samples.of(
+                0.0, test_values_at_start(values, self.branching, tangent is not None)
+            )
         return first.reason
 
     @property
@@ -494,13 +504,13 @@ class _Walker:
         arc = self.arc(here, proposal.point)
         refused = self.passes.refuse(arc, proposal.notices)
         if refused is None and Notice.BEYOND in proposal.notices:
-            last, iterations = on_limit(arc, self.limits)
+            last, iterations = point_on_limit(arc, self.limits)
             self.iterations += iterations
             if last is not None and last.arclength > here.arclength:
                 return step, self.record(last, EndKind.RANGE)
             if last is not None:
                 return step, self.end(EndKind.RANGE)
-            refused = Refused(Refusal.NO_LIMIT)
+            refused = RefusalDetails(Refusal.NO_LIMIT)
         if refused is None:
             start = self.closing(arc) if Notice.NEAR_START in proposal.notices else None
             if start is not None:
@@ -510,7 +520,7 @@ class _Walker:
         if other := self.instead(step, proposal.point):
             return other, None
         floor = self.numerics(here).min_step
-        return (shorter(step, floor), None) if step > floor else self.look_about(step, refused)
+        return (shorten_step(step, floor), None) if step > floor else self.look_about(step, refused)
 
     def instead(self, step: float, reached: Point) -> float:
         """The step to try instead of one that has reached a point hidden by a crossing: first one
@@ -520,9 +530,9 @@ class _Walker:
         if leap and self.leapt != len(self.points):
             self.leapt = len(self.points)
             return max(leap, floor)
-        return shorter(step, floor) if leap and step > floor else 0.0
+        return shorten_step(step, floor) if leap and step > floor else 0.0
 
-    def look_about(self, step: float, refused: Refused | None) -> tuple[float, End | None]:
+    def look_about(self, step: float, refused: RefusalDetails | None) -> tuple[float, End | None]:
         """Go on towards a meeting of branches next to a point from which no step leads, or end."""
         here = self.points[-1]
         other = self.passes.look(self.problem, here, self.scale, self.settings)
@@ -541,10 +551,10 @@ class _Walker:
 
         Points beyond it are discarded.
         """
-        again = closing(step, self.mark, SAME_SOLUTION)
+        again = closing_start(step, self.mark, SAME_SOLUTION)
         if again is None or not self.branching:
             return again
-        points = before(self.problem, self.points, again.unknowns, self.scale)
+        points = points_before_start(self.problem, self.points, again.unknowns, self.scale)
         start = points[-1]
         if len(points) <= len(self.points):
             self.points = points[:-1]
@@ -596,15 +606,15 @@ class _Walker:
                 if test.vanishing:  # no value, since it is below what has one: a zero at the start
                     one[np.isnan(one) & ~np.isnan(other)] = 0.0
         if len(self.points) == 1 and self.branching:
-            first[:] = leaving(first, second)
+            first[:] = signs_on_leaving(first, second)
         elif len(self.points) == 1 and self.points[0].parameter in self.limits:
-            first[:] = apart(first, second)
+            first[:] = separate_signs(first, second)
         if len(self.points) == 1:
             self.left_with = seen.split(first.copy())
         if ending is EndKind.RANGE:
-            second[:] = apart(second, first)
+            second[:] = separate_signs(second, first)
         elif ending is EndKind.CLOSED:
-            second[:] = as_at_start(seen.split(second), self.left_with)
+            second[:] = closed_test_values(seen.split(second), self.left_with)
         return seen
 
     def events_before(self, point: Point, stretch: Stretch, ending: EndKind | None) -> list[Event]:
@@ -641,7 +651,7 @@ class _Walker:
         self.events = [e for e in self.events if e.point.arclength <= last.arclength]
         return end
 
-    def refusal(self, here: Point, refused: Refused | None) -> End:
+    def refusal(self, here: Point, refused: RefusalDetails | None) -> End:
         """The end of a branch on which no further step was accepted."""
         assert refused is not None
         near, floor = self.near(here), self.numerics(here).min_step

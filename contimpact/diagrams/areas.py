@@ -32,7 +32,7 @@ from ..results.diagram import Diagram
 from ..results.diagram_reading import read, stable_intervals
 from ..results.scene import Scene
 from ..segments.kernels import Kernels
-from .arrangement import SAME, Frame, Slab, bounding, slabs
+from .arrangement import SAME, Frame, Slab, bounding_curves, slabs
 from .map_lines import run_along
 from .orbit_branch import continue_born
 
@@ -70,7 +70,7 @@ def mechanisms(branch: Branch, end: Entry, scene: Scene, model: Model) -> list[i
     opened = {e.id: new.id for e, new in zip(grazings, born, strict=True) if new is not None}
     doubled = family.doubled(end, "d", DEPTH) if end.kind == PD.name else []
     opened |= {end.id: doubled[0].id} if doubled else {}
-    events = [dataclasses.replace(e, opens=_opens(opened, e.id)) for e in branch.events]
+    events = [dataclasses.replace(e, opens=_opened_branches(opened, e.id)) for e in branch.events]
     own = family.named(dataclasses.replace(branch, events=events), "b")
     found = read(Diagram("", [own, *(new for new in born if new is not None), *doubled]))
     ends = f"b-{end.id}"
@@ -78,7 +78,7 @@ def mechanisms(branch: Branch, end: Entry, scene: Scene, model: Model) -> list[i
     return sorted(m for m in shown if m is not None)
 
 
-def _opens(opened: dict[str, str], name: str) -> tuple[str, ...]:
+def _opened_branches(opened: dict[str, str], name: str) -> tuple[str, ...]:
     return (opened[name],) if name in opened else ()
 
 
@@ -250,7 +250,7 @@ class _Tracer:
 
     def _outline(self, cells: list[Cell], number: int, owner: dict[Cell, int]) -> Outline:
         edges = [edge for cell in cells for edge in self._edges(cell, number, owner)]
-        rings = sorted((_joined(ring) for ring in _rings(edges)), key=lambda r: -_area(r[0]))
+        rings = sorted((_join_edges(ring) for ring in _rings(edges)), key=lambda r: -_area(r[0]))
         return Outline(cells, [points for points, _ in rings], [names for _, names in rings])
 
     def _edges(self, cell: Cell, number: int, owner: dict[Cell, int]) -> list[Edge]:
@@ -261,8 +261,8 @@ class _Tracer:
             found.append(self._across(k, j))
         found += self._upright(k, j, 1, number, owner)
         if owner.get((k, j + 1)) != number:
-            found.append(_turned(self._across(k, j + 1)))
-        found += [_turned(edge) for edge in self._upright(k, j, 0, number, owner)]
+            found.append(_reverse_edge(self._across(k, j + 1)))
+        found += [_reverse_edge(edge) for edge in self._upright(k, j, 0, number, owner)]
         return [edge for edge in found if edge.first != edge.last]
 
     def _across(self, slab: int, bound: int) -> Edge:
@@ -299,7 +299,7 @@ class _Tracer:
         return self.xs[line], float(self.nodes[line][number])
 
 
-def _turned(edge: Edge) -> Edge:
+def _reverse_edge(edge: Edge) -> Edge:
     return Edge(edge.last, edge.first, edge.name, edge.points[::-1])
 
 
@@ -330,7 +330,7 @@ def _turn(one: Edge, other: Edge) -> float:
     return angle if angle < math.pi - 1e-9 else -angle
 
 
-def _joined(ring: Sequence[Edge]) -> tuple[Array, list[tuple[int, str]]]:
+def _join_edges(ring: Sequence[Edge]) -> tuple[Array, list[tuple[int, str]]]:
     """The points of a ring, closed, and where its borders begin; pieces of one line are joined."""
     points: list[Array] = []
     names: list[tuple[int, str]] = []
@@ -338,13 +338,13 @@ def _joined(ring: Sequence[Edge]) -> tuple[Array, list[tuple[int, str]]]:
     for edge in (*ring[turned:], *ring[:turned]):
         if not names or names[-1][1] != edge.name:
             names.append((len(points), edge.name))
-        elif _straight(points[-1], edge):
+        elif _is_straight(points[-1], edge):
             continue
         points += list(edge.points[:-1])
     return np.vstack([*points, points[0]]), names
 
 
-def _straight(before: Array, edge: Edge) -> bool:
+def _is_straight(before: Array, edge: Edge) -> bool:
     """Whether an edge goes straight on along a side or an upright line."""
     if edge.name not in (LINE, SIDE):
         return False
@@ -424,16 +424,16 @@ def stretches(branch: Branch, frame: Frame) -> list[Stretch]:
     return found
 
 
-def once(found: Sequence[Stretch]) -> list[Stretch]:
+def unique_stretches(found: Sequence[Stretch]) -> list[Stretch]:
     """Return stretches each once, of branches that were followed twice: they end in one orbit."""
     kept: list[Stretch] = []
     for one in found:
-        if not any(_same(one, other) for other in kept):
+        if not any(_same_stretch(one, other) for other in kept):
             kept.append(one)
     return kept
 
 
-def _same(one: Stretch, other: Stretch) -> bool:
+def _same_stretch(one: Stretch, other: Stretch) -> bool:
     if max(abs(one.low - other.low), abs(one.high - other.high)) > SAME_ORBIT:
         return False
     pairs = zip(one.events, other.events, strict=True)
@@ -466,7 +466,7 @@ FINEST = 1e-9
 
 
 @dataclass(frozen=True)
-class Seen:
+class SlabObservation:
     """What a run sees: where in its slab it is, and the stable orbits along it."""
 
     part: float
@@ -520,7 +520,7 @@ class _Divider:
     ) -> None:
         self.scene, self.model, self.fixed = scene, model, fixed
         self.kernels, self.progress = kernels, progress
-        curves = bounding(scene, curves)
+        curves = bounding_curves(scene, curves)
         self.frame = Frame.of(scene, curves)
         self.slabs = slabs([self.frame.path(curve) for curve in curves])
         self.curves = {curve.id: curve for curve in curves}
@@ -530,10 +530,10 @@ class _Divider:
     def divided(self, names: itertools.count[int]) -> tuple[list[Area], list[str]]:
         self.seen = [self.run(k, FIRST) for k in range(len(self.slabs))]
         self.checks = [
-            [self.run(k, part) for part in _checked(slab)] for k, slab in enumerate(self.slabs)
+            [self.run(k, part) for part in _check_values(slab)] for k, slab in enumerate(self.slabs)
         ]
         contents = [
-            [told(self.within(k, j, self.seen[k])) for j in slab.cells]
+            [stability_text(self.within(k, j, self.seen[k])) for j in slab.cells]
             for k, slab in enumerate(self.slabs)
         ]
         found = outlines(self.slabs, contents)
@@ -541,7 +541,7 @@ class _Divider:
 
     # Runs.
 
-    def run(self, number: int, part: float) -> Seen:
+    def run(self, number: int, part: float) -> SlabObservation:
         """What a run along a vertical line through a slab sees."""
         slab, frame, scene = self.slabs[number], self.frame, self.scene
         x = slab.x(part)
@@ -556,10 +556,10 @@ class _Divider:
         for word in scene.orbits:
             for branch in stable_branches(scene, model, word, self.kernels, searched):
                 found += stretches(branch, frame)
-        found = once(found)
+        found = unique_stretches(found)
         for stretch in found:
             self.compare(number, x, heights, stretch)
-        return Seen(part, found)
+        return SlabObservation(part, found)
 
     def compare(self, number: int, x: float, heights: np.ndarray, stretch: Stretch) -> None:
         """Keep how far the ends of a stretch are from the curves, or note that they are on none."""
@@ -599,7 +599,7 @@ class _Divider:
             for doubt in doubts
         ]
 
-    def within(self, number: int, cell: int, seen: Seen) -> list[Stretch]:
+    def within(self, number: int, cell: int, seen: SlabObservation) -> list[Stretch]:
         """What a run sees in the middle of a cell."""
         _, middle = self.slabs[number].middle(cell, seen.part)
         return [one for one in seen.stretches if one.low < middle < one.high]
@@ -610,9 +610,12 @@ class _Divider:
         doubts: list[Doubt] = []
         checked = 0
         for number, cell in outline.cells:
-            one = told(self.within(number, cell, self.seen[number]))
-            others = [(seen, told(self.within(number, cell, seen))) for seen in self.checks[number]]
-            doubted = [self.doubt(number, cell, *p) for p in others if not agree(one, p[1])]
+            one = stability_text(self.within(number, cell, self.seen[number]))
+            others = [
+                (seen, stability_text(self.within(number, cell, seen)))
+                for seen in self.checks[number]
+            ]
+            doubted = [self.doubt(number, cell, *p) for p in others if not runs_agree(one, p[1])]
             doubted += self.off[number, cell]
             checked += not doubted
             doubts += doubted
@@ -644,7 +647,9 @@ class _Divider:
         places = (frame.at(*point) for point in points)
         return [(round(float(x), wide), round(float(y), high)) for x, y in places]
 
-    def doubt(self, number: int, cell: int, seen: Seen, says: Sequence[StableOrbit]) -> Doubt:
+    def doubt(
+        self, number: int, cell: int, seen: SlabObservation, says: Sequence[StableOrbit]
+    ) -> Doubt:
         place = self.frame.at(*self.slabs[number].middle(cell, seen.part))
         return Doubt(*place, " and ".join(map(str, says)) or "nothing stable")
 
@@ -656,7 +661,7 @@ class _Divider:
             places.append((*wide[0], self.checks[wide[0][0]][0]))
         seen = [self.within(*place) for place in places]
         found = []
-        for orbit in told(seen[-1] if len(wide) > 1 else seen[0]):
+        for orbit in stability_text(seen[-1] if len(wide) > 1 else seen[0]):
             alike = [s for some in seen for s in some if s.orbit == orbit]
             shown = {m for stretch in alike for m in self.mechanisms(stretch)}
             found.append(replace(orbit, mechanisms=sorted(shown)))
@@ -670,12 +675,12 @@ class _Divider:
         return mechanisms(stretch.branch, end, self.scene, self.model)
 
 
-def told(seen: Sequence[Stretch]) -> tuple[StableOrbit, ...]:
+def stability_text(seen: Sequence[Stretch]) -> tuple[StableOrbit, ...]:
     """What is stable, in an order that does not depend on how it was found."""
     return tuple(sorted((one.orbit for one in seen), key=str))
 
 
-def agree(one: Sequence[StableOrbit], other: Sequence[StableOrbit]) -> bool:
+def runs_agree(one: Sequence[StableOrbit], other: Sequence[StableOrbit]) -> bool:
     """Whether two runs say the same; next to where it changes a criticality may not be told."""
     if len(one) != len(other):
         return False
@@ -685,7 +690,7 @@ def agree(one: Sequence[StableOrbit], other: Sequence[StableOrbit]) -> bool:
     )
 
 
-def _checked(slab: Slab) -> list[float]:
+def _check_values(slab: Slab) -> list[float]:
     """Where in a slab runs check the first one: more of them where it is wide."""
     number = int(np.ceil(_width(slab) / WIDEST))
     return [(k + CHECK) / number for k in range(number)]

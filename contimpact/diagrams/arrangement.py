@@ -32,7 +32,7 @@ from scipy.optimize import brentq
 from ..arrays import Array
 from ..bifurcations.declarations import REQUESTED
 from ..models.word import is_rotation
-from ..results.curve import Curve, falling, ghostly
+from ..results.curve import Curve, falling_column, ghost_mask
 from ..results.scene import Scene
 
 SAME = 1e-6
@@ -304,21 +304,21 @@ def slabs(paths: Sequence[Path]) -> list[Slab]:
     edges = [x for path in paths for x in path.edges()]
     edges += [x for arc in arcs for x in arc.leaves()]
     edges += [x for pair in itertools.combinations(arcs, 2) for x in crossings(*pair)]
-    found = _cut(arcs, edges)
+    found = _cut_slabs(arcs, edges)
     for _ in range(MOST_ROUNDS):
-        more = [x for slab in found for x in _hidden(slab)]
+        more = [x for slab in found for x in _hidden_crossings(slab)]
         if not more:
             break
         edges += more
-        found = _cut(arcs, edges)
+        found = _cut_slabs(arcs, edges)
     return found
 
 
-def _cut(arcs: Sequence[Arc], edges: Sequence[float]) -> list[Slab]:
-    return [_slab(arcs, *pair) for pair in itertools.pairwise(_apart(edges))]
+def _cut_slabs(arcs: Sequence[Arc], edges: Sequence[float]) -> list[Slab]:
+    return [_slab(arcs, *pair) for pair in itertools.pairwise(_separate_edges(edges))]
 
 
-def _apart(edges: Sequence[float]) -> list[float]:
+def _separate_edges(edges: Sequence[float]) -> list[float]:
     """The edges in order, with both sides, each once."""
     kept = [0.0]
     for x in sorted(edges):
@@ -346,7 +346,7 @@ def _bound(arcs: Sequence[Arc]) -> Bound:
     return Bound(tuple(dict.fromkeys(arc.name for arc in arcs)), tuple(arcs))
 
 
-def _hidden(slab: Slab) -> Iterator[float]:
+def _hidden_crossings(slab: Slab) -> Iterator[float]:
     """Where neighbouring bounds of a slab cross after all: their order at an edge shows it."""
     middle = slab.x(0.5)
     for lower, upper in itertools.pairwise(slab.bounds[1:-1]):
@@ -359,7 +359,7 @@ def _hidden(slab: Slab) -> Iterator[float]:
 # The rectangle of a map of two parameters, and the unit square that stands for it.
 
 
-def bounding(scene: Scene, curves: Sequence[Curve]) -> list[Curve]:
+def bounding_curves(scene: Scene, curves: Sequence[Curve]) -> list[Curve]:
     """Return the curves of a scene's own words: its orbits end on no others."""
 
     def own(curve: Curve) -> bool:
@@ -389,7 +389,7 @@ class Frame:
         """Return the frame of a scene's curves."""
         assert scene.curves is not None
         first, power, factor = scene.parameter, 1.0, 1.0
-        along = falling(curves) if curves else first
+        along = falling_column(curves) if curves else first
         if along != first:
             ones, others = (np.concatenate([c[n] for c in curves]) for n in (first, along))
             power = 1.0 if np.ptp(others / ones) <= np.ptp(others * ones) else -1.0
@@ -418,4 +418,4 @@ class Frame:
         event = curve["event"].astype(str)
         plain, points = event == "", np.column_stack([x, y])
         marked = ~plain & (event != REQUESTED)
-        return Path(curve.id, points, curve["arclength"], plain, marked, ~ghostly(curve))
+        return Path(curve.id, points, curve["arclength"], plain, marked, ~ghost_mask(curve))

@@ -14,7 +14,7 @@ from ..continuation.branch import Block
 from ..continuation.step import columns
 from ..models.guards import Row
 from ..orbits.cyclic_chain import block_size, kept_size
-from ..orbits.multipliers import of_pencil, products_of
+from ..orbits.multipliers import pencil_multipliers, products_of
 from ..orbits.problem import Linearisation, OrbitProblem
 from ..segments.arithmetic import Kernel
 from ..segments.layout import Blocks, Setup
@@ -187,4 +187,4 @@ class ChainBackend(OrbitBackend[ChainVectors]):
 def _multipliers(p: Array, q: Array) -> Array:
     if not (np.isfinite(p).all() and np.isfinite(q).all()):
         return np.full(len(p), np.nan + 0.0j)
-    return of_pencil(p, q)
+    return pencil_multipliers(p, q)

@@ -12,11 +12,11 @@ from typing import NamedTuple
 from ..arrays import Table, Vector
 from ..orbits.block_cyclic import POSITIONS
 from ..orbits.cyclic_chain import assemble, doubling, eliminate, row_norms, solve
-from ..orbits.multipliers import scaled
+from ..orbits.multipliers import scale_determinant
 from ..orbits.physicality import verdict
 from ..segments.layout import Blocks, Setup
 from ..segments.oscillation import MOST, excursions
-from ..segments.oscillations import Followed, along_one, follow_all
+from ..segments.oscillations import FollowedFlight, follow_all, motion_of_gap
 from .orbit_functions import UNRESOLVED
 
 WALLS, PERIODS, FREE, DERIVED, GAPS, DOUBLING, UNKNOWNS, COORDINATES = range(8)
@@ -65,7 +65,7 @@ class ChainVectors(NamedTuple):
     moving: Vector
     forces: Vector
     """`own`, `steps`, `breaks`, `found`, `signs`, `zeros`, `moving`, `forces`: those of
-    `segments.oscillations.Followed`."""
+    `segments.oscillations.FollowedFlight`."""
 
 
 def evaluate_chain(
@@ -122,7 +122,7 @@ def tangent_of_chain(
     norms = row_norms(orbit.blocks, count, m, orbit.clock[1], 1.0, scale, scale[n])
     at = 2 * m * m + 2 * m
     sign, logarithm = orbit.reduced[at], orbit.reduced[at + 1]
-    return scaled(sign, logarithm + sizes, det * size, norms)
+    return scale_determinant(sign, logarithm + sizes, det * size, norms)
 
 
 def observe_chain(
@@ -157,7 +157,7 @@ def observe_chain(
             orbit.ends[i] = 1.0
         norms = row_norms(orbit.blocks, count, m, clock[1], -1.0, orbit.ends, 0.0)
         sign, logarithm = orbit.reduced[place], orbit.reduced[place + 1]
-        row[at + 1] = scaled(sign, logarithm, det, norms)
+        row[at + 1] = scale_determinant(sign, logarithm, det, norms)
     at += 2
     measure_chain(follow, orbit, z, row, at)
     for i in range(counts[DERIVED]):
@@ -221,10 +221,10 @@ def touches_of(
     if orbit.measured[reached] == g:
         side = orbit.sides[reached]
     else:
-        speed = along_one(head, length, orbit.steps)[1]
+        speed = motion_of_gap(head, length, orbit.steps)[1]
     breaks = orbit.breaks[place : place + int(orbit.found[g])]
     high, when_high, low, when_low, slow = excursions(
-        along_one, head, orbit.steps, length, speed, leaving, side, breaks, 0.0, math.inf
+        motion_of_gap, head, orbit.steps, length, speed, leaving, side, breaks, 0.0, math.inf
     )
     begin = orbit.forces[len(orbit.forces) - coordinates + g]
     for j in range(walls):
@@ -266,7 +266,7 @@ def follow_law(
             place += orbit.weights[freedom * g + i] * orbit.ends[i]
         orbit.forces[begins + g] = place
     orbit.forces[begins + orbit.measured[wall]] = orbit.fixed[0][POSITIONS + wall]
-    flown = Followed(
+    flown = FollowedFlight(
         orbit.own,
         orbit.steps,
         orbit.breaks,

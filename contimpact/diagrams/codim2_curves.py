@@ -27,7 +27,7 @@ from ..results.options import CURVE_SETTINGS
 from ..results.tables import coordinates
 from ..segments.kernels import Kernels
 from .curve_problem import CurvePoint, CurveProblem, double_of, require_curve, starts_at
-from .curves import Range, admitted, checked_range, followed, tabulated
+from .curves import Range, check_range, clip_rounding, curve_from_walks, walk_both_ways
 
 ELSEWHERE = 1e-4
 """A curve's first point differs less from where it was to start, as part of its unknowns."""
@@ -91,17 +91,17 @@ def follow_codim2(
     """
     require_curve(entry)
     first = entry.parameter
-    at = there(entry, point, model)
+    at = model_at_point(entry, point, model)
     names = (first, second, third)
     if len(ranges) != len(names):
         raise InputError("ranges", f"found {len(ranges)}", "give one for each of three parameters")
     limits = [
-        checked_range(at, n, at.values.get(n, 0.0), r) for n, r in zip(names, ranges, strict=True)
+        check_range(at, n, at.values.get(n, 0.0), r) for n, r in zip(names, ranges, strict=True)
     ]
     kernels = kernels or Kernels(at, *names)
     problem, tests, start = _problem(entry, point, at, kernels, limits)
     special = tests if detect else []
-    found = followed(problem, start, limits, special, values, settings, callback)
+    found = walk_both_ways(problem, start, limits, special, values, settings, callback)
     if isinstance(found, End):
         return found
     away = problem.difference(found[1].points[0].unknowns, start)[: problem.orbit.n]
@@ -109,7 +109,7 @@ def follow_codim2(
         why = "the equations lead to another orbit"
         return End.of(EndKind.START, third, start[-1], why=why)
     about = problem.kind.name, entry.notation, point.id
-    return tabulated(name, problem, found, special, *about)
+    return curve_from_walks(name, problem, found, special, *about)
 
 
 def _problem(
@@ -141,15 +141,15 @@ def orbit_at(entry: Entry, point: Codim2, model: Model, kernels: Kernels) -> Lin
     return problem.evaluate(np.append(np.ravel(rows), free))
 
 
-def there(entry: Entry, point: Codim2, model: Model | None) -> Model:
+def model_at_point(entry: Entry, point: Codim2, model: Model | None) -> Model:
     """Return the model at a point's parameter values."""
     at = model_of(entry, model)
     given = point.parameters.items()
-    own = {n: float(admitted(at, n, v)) for n, v in given if n in at.values}
+    own = {n: float(clip_rounding(at, n, v)) for n, v in given if n in at.values}
     return at.replace(**own)
 
 
-def on_curve(entry: Entry, point: Codim2, curve: Curve) -> bool:
+def passes_through(entry: Entry, point: Codim2, curve: Curve) -> bool:
     """Whether a curve that hits a point's value of the third parameter passes through the point."""
     *others, third = curve.parameters
     if (entry.word, entry.period) != (curve.word, curve.period):
@@ -208,12 +208,12 @@ def entries_born(
     Entry
         One for each direction in which a curve leaves.
     """
-    at = there(entry, point, model)
+    at = model_at_point(entry, point, model)
     here = orbit_at(entry, point, at, kernels)
     starts = starts_at(here, point.kind, kind_of(entry.kind), details_of(entry), point.changes)
     for start in starts:
         if start.kind in kinds and not _repeats(start):
-            for found in _beside(start, ranges):
+            for found in _points_beside(start, ranges):
                 yield _entry_at(found, point.id)
 
 
@@ -224,7 +224,7 @@ def _repeats(start: CurveStart) -> bool:
     return start.leaves is None and repeats(here.problem, here.unknowns, NEARLY)
 
 
-def _beside(start: CurveStart, ranges: Sequence[Bounds]) -> Iterator[CurvePoint]:
+def _points_beside(start: CurveStart, ranges: Sequence[Bounds]) -> Iterator[CurvePoint]:
     """Points of a curve in both directions from its start, where they lie within the ranges."""
     here = start.here
     system = kind_of(start.kind).equations(here.problem, start.details)
@@ -242,12 +242,12 @@ def _beside(start: CurveStart, ranges: Sequence[Bounds]) -> Iterator[CurvePoint]
         return
     tangent = tangent / length(tangent, scale)
     for direction in (1.0, -1.0):
-        found = _entered(curve, middle, direction * tangent, scale, ranges)
+        found = _first_curve_point(curve, middle, direction * tangent, scale, ranges)
         if found is not None:
             yield found
 
 
-def _entered(
+def _first_curve_point(
     curve: CurveProblem, middle: Array, tangent: Array, scale: Array, ranges: Sequence[Bounds]
 ) -> CurvePoint | None:
     """The point of a curve at a small distance, by which its equations are regular."""

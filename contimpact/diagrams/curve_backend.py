@@ -10,17 +10,17 @@ from typing import NamedTuple
 
 from ..arrays import ARRAYS, LISTS, Array, Containers, Table, Vector
 from ..bifurcations.extended_system import SingularCycle
-from ..bifurcations.sliding import Touching
+from ..bifurcations.sliding import SlidingTouch
 from ..continuation.branch import Block
 from ..continuation.step import EVALUATIONS, Batch, Position, batch_of, columns, take_steps
 from ..orbits.problem import CyclicBlocks, Linearisation
-from ..segments.compiling import PAYS_AFTER, CompiledProgram, load, mode, spend
+from ..segments.compiling import PAYS_AFTER, CompiledProgram, count_plain_flights, load, mode
 from ..segments.kernels import Kernels
 from ..segments.layout import Blocks, Setup
 from ..segments.machine_code import Program
 from .curve_problem import CurvePoint, CurveProblem
 from .orbit_program import choice
-from .orbit_walks import UntilLong
+from .orbit_walks import SwitchingBackend
 
 # What a step asks of a curve of FB, PD or G of orbits with one degree of freedom.
 #
@@ -225,7 +225,7 @@ def factor(matrix: Table, right: Vector) -> tuple[float, float]:
     return sign, logarithm
 
 
-def bordered_solution(
+def solve_bordered(
     curve: CurveVectors, row: Vector, factor_of_residual: float, g: float, out: Vector
 ) -> tuple[float, float]:
     """Fill `out` with the solution of the Jacobian bordered by a row, its right side a multiple of
@@ -253,7 +253,7 @@ def bordered_solution(
 
 def newton_step(curve: CurveVectors, row: Vector, g: float, out: Vector) -> bool:
     """Fill `out` with Newton's step at the point last evaluated; whether there is one."""
-    return bordered_solution(curve, row, -1.0, g, out)[0] != 0.0
+    return solve_bordered(curve, row, -1.0, g, out)[0] != 0.0
 
 
 def tangent_of_curve(
@@ -265,7 +265,7 @@ def tangent_of_curve(
     rows by their lengths; NaN where no tangent is defined.
     """
     n = len(z)
-    sign, logarithm = bordered_solution(curve, row, 0.0, 1.0, out)
+    sign, logarithm = solve_bordered(curve, row, 0.0, 1.0, out)
     size = 0.0
     for i in range(n):
         part = out[i] / scale[i]
@@ -368,7 +368,7 @@ AT_ONCE = 8
 """Steps made at a time by compiled code; those beyond the end of a curve are made in vain."""
 
 SINGULAR, TOUCHING = "singular", "touching"
-VARIANTS = {SingularCycle: SINGULAR, Touching: TOUCHING}
+VARIANTS = {SingularCycle: SINGULAR, SlidingTouch: TOUCHING}
 """Equations that are compiled."""
 
 PLAIN: Counter[tuple[str, str]] = Counter()
@@ -403,7 +403,7 @@ class CurveBackend:
         kinds = [len(walls) * a + b for a, b in zip(places, [*places[1:], places[0]], strict=True)]
         first, second = (names.index(name) for name in orbit.kernels.parameters)
         flight, touch, mu = 0, 0, 0.0
-        if isinstance(system, Touching):
+        if isinstance(system, SlidingTouch):
             flight = system.flight
             touch = len(walls) * places[flight] + walls.index(system.wall)
         elif isinstance(system, SingularCycle):
@@ -434,7 +434,7 @@ class CurveBackend:
             made = take_steps(*functions, curve, tuple(vectors))
         flights = int(vectors.state[EVALUATIONS]) * self.flights
         self.problem.orbit.kernel_evaluations += flights
-        spend(0 if fast else flights)
+        count_plain_flights(0 if fast else flights)
         PLAIN[self.program] += 0 if fast else flights
         return batch_of(position, self.problem, vectors, made, lambda rows: self.block(rows, n))
 
@@ -500,7 +500,7 @@ class CurveBackend:
         return self.problem.orbit.kernels.identity, self.variant
 
 
-def backend_of(problem: CurveProblem) -> CurveBackend | UntilLong | None:
+def backend_of(problem: CurveProblem) -> CurveBackend | SwitchingBackend | None:
     """Return a curve's problem for several steps at a time.
 
     None where there is none: for other equations, more than one degree of freedom or two free
@@ -515,4 +515,4 @@ def backend_of(problem: CurveProblem) -> CurveBackend | UntilLong | None:
     backend = CurveBackend(problem, variant)
     if not any(orbit.kernels.flown(*kind) for kind in orbit.kinds):
         return backend
-    return UntilLong(backend, problem, orbit.kernels)
+    return SwitchingBackend(backend, problem, orbit.kernels)

@@ -17,14 +17,14 @@ import numpy as np
 
 from ..arrays import Array
 from ..bifurcations.codimension_two import CurvePoint as AnyCurvePoint
-from ..bifurcations.codimension_two import CurveStart, OnCurve
+from ..bifurcations.codimension_two import CurveStart, CurveTest
 from ..bifurcations.declarations import CURVES
-from ..bifurcations.extended_system import EPSILON, Assembled, ExtendedSystem
+from ..bifurcations.extended_system import EPSILON, ExtendedSystem, SystemEvaluation
 from ..bifurcations.kind import Kind, Values
 from ..bifurcations.registry import kind_of
 from ..continuation.branch import Details, Point, TestFunction
 from ..continuation.ends import EndKind
-from ..errors import InputError, shown
+from ..errors import InputError, short_repr
 from ..models.model import Model
 from ..orbits.physicality import Verdict
 from ..orbits.problem import Linearisation, OrbitProblem
@@ -130,7 +130,7 @@ class CurvePoint:
 def require_curve(entry: Entry) -> None:
     """Raise `InputError` if this is no entry, or events of its kind have no curves."""
     if getattr(entry, "kind", None) not in CURVES:
-        found = f"{shown(entry)} has no curve"
+        found = f"{short_repr(entry)} has no curve"
         raise InputError("entry", found, f"accepted are entries of {', '.join(CURVES)}")
 
 
@@ -162,7 +162,7 @@ STEP = float(np.cbrt(EPSILON))
 """Step of central differences, as a part of an unknown's natural size."""
 
 
-def differenced(value: Callable[[Array], float], x: Array, sizes: Array) -> Array:
+def difference_gradient(value: Callable[[Array], float], x: Array, sizes: Array) -> Array:
     """Return a function's gradient by central differences, given natural sizes of its arguments."""
     row = np.zeros(len(x))
     for place, step in enumerate(STEP * sizes):
@@ -181,7 +181,7 @@ def sizes_of(here: Linearisation) -> Array:
     return sizes
 
 
-class Together(ExtendedSystem):
+class SimultaneousEvents(ExtendedSystem):
     """Two events of one orbit at once; the first one's own unknowns, `size` of them, go first."""
 
     def __init__(self, one: ExtendedSystem, other: ExtendedSystem, size: int) -> None:
@@ -191,7 +191,7 @@ class Together(ExtendedSystem):
     def start(self, here: Linearisation) -> Array:
         return np.concatenate([self.one.start(here), self.other.start(here)])
 
-    def assemble(self, here: Linearisation, own: Array) -> Assembled:
+    def assemble(self, here: Linearisation, own: Array) -> SystemEvaluation:
         n, orbit = self.problem.n, len(here.unknowns)
         first = self.one.assemble(here, own[: self.size])
         second = self.other.assemble(here, own[self.size :])
@@ -200,7 +200,7 @@ class Together(ExtendedSystem):
         jacobian[:rows, : orbit + self.size] = first.jacobian
         jacobian[rows:, :orbit] = second.jacobian[n:, :orbit]
         jacobian[rows:, orbit + self.size :] = second.jacobian[n:, orbit:]
-        return Assembled(np.concatenate([first.residual, second.residual[n:]]), jacobian)
+        return SystemEvaluation(np.concatenate([first.residual, second.residual[n:]]), jacobian)
 
     def rounding(self, here: Linearisation, own: Array) -> Array:
         first = self.one.rounding(here, own[: self.size])
@@ -216,7 +216,7 @@ class Together(ExtendedSystem):
 
 
 @dataclass(frozen=True)
-class _Here:
+class _CurvePoint:
     """What test functions of curves ask of a point."""
 
     orbit: Linearisation
@@ -236,21 +236,21 @@ class _Here:
         return self.orbit.jacobian
 
 
-class Vanishing(ExtendedSystem):
+class VanishingTest(ExtendedSystem):
     """An event at which a test function of its curve vanishes besides."""
 
-    def __init__(self, one: ExtendedSystem, test: OnCurve, index: int, details: Details) -> None:
+    def __init__(self, one: ExtendedSystem, test: CurveTest, index: int, details: Details) -> None:
         super().__init__(one.problem)
         self.one, self.test, self.index, self.told = one, test, index, dict(details)
 
     def start(self, here: Linearisation) -> Array:
         return self.one.start(here)
 
-    def assemble(self, here: Linearisation, own: Array) -> Assembled:
+    def assemble(self, here: Linearisation, own: Array) -> SystemEvaluation:
         first = self.one.assemble(here, own)
         x = np.concatenate([here.unknowns, own])
-        row = differenced(self._value, x, self._sizes(here, own))
-        return Assembled(
+        row = difference_gradient(self._value, x, self._sizes(here, own))
+        return SystemEvaluation(
             np.append(first.residual, self._value(x)), np.vstack([first.jacobian, row])
         )
 
@@ -272,11 +272,11 @@ class Vanishing(ExtendedSystem):
     def _value(self, x: Array) -> float:
         n, problem = self.problem.n + self.problem.free, self.problem
         own = x[n:]
-        here = _Here(problem.evaluate(x[:n]), own, {**self.told, **self.one.details(own)})
+        here = _CurvePoint(problem.evaluate(x[:n]), own, {**self.told, **self.one.details(own)})
         return float(np.atleast_1d(self.test.of(here))[self.index])
 
 
-class Both(Kind):
+class DoubleEvent(Kind):
     """A kind of event at points of its curves where another one happens, or nearly."""
 
     def __init__(self, name: str, one: Kind, other: Kind | None) -> None:
@@ -301,7 +301,7 @@ class Both(Kind):
         return self.kinds[0].curve_end(own)
 
 
-class Turn(TestFunction):
+class ParameterTurn(TestFunction):
     """The last parameter turns back."""
 
     kind = "turn"
@@ -313,7 +313,7 @@ class Turn(TestFunction):
         return {"index": index, "changes": "two points of codimension two meet and vanish"}
 
 
-class Seen(TestFunction):
+class OtherKindTest(TestFunction):
     """A test function of one of two kinds' curves, on the curve where both happen.
 
     Parameters
@@ -327,12 +327,12 @@ class Seen(TestFunction):
         The value that vanishes all along.
     """
 
-    def __init__(self, name: str, test: OnCurve, own: slice, without: int | None = None) -> None:
+    def __init__(self, name: str, test: CurveTest, own: slice, without: int | None = None) -> None:
         self.kind, self.test, self.own, self.without = f"{name}, {test.kind}", test, own, without
 
     def values(self, point: Point) -> Array:
         here: AnyCurvePoint = point.evaluation
-        values = _values(self.test, _Here(here.orbit, here.own[self.own], here.details))
+        values = _values(self.test, _CurvePoint(here.orbit, here.own[self.own], here.details))
         if self.without is not None:
             values[self.without] = np.nan
         return values
@@ -341,7 +341,7 @@ class Seen(TestFunction):
         return self.test.details(point, index)
 
 
-def _values(test: OnCurve, here: _Here) -> Array:
+def _values(test: CurveTest, here: _CurvePoint) -> Array:
     try:
         return np.atleast_1d(np.array(test.of(here), dtype=float))
     except (ArithmeticError, np.linalg.LinAlgError):
@@ -349,10 +349,10 @@ def _values(test: OnCurve, here: _Here) -> Array:
 
 
 @dataclass(frozen=True)
-class Double:
+class DoubleSystem:
     """The equations of a point of codimension two, and what to look for on its curve."""
 
-    kind: Both
+    kind: DoubleEvent
     system: ExtendedSystem
     details: Details
     tests: Sequence[TestFunction]
@@ -360,7 +360,7 @@ class Double:
 
 def double_of(
     here: Linearisation, name: str, kind: Kind, details: Details, changes: str = ""
-) -> Double:
+) -> DoubleSystem:
     """Return the equations of a point of codimension two on a curve.
 
     Raises InputError if curves of this kind have no such points.
@@ -378,7 +378,7 @@ def double_of(
     changes : str
         What changes there, which tells points of one name apart.
     """
-    one, at, test, index = _seen(here, name, kind, details, changes)
+    one, at, test, index = _vanishing_test(here, name, kind, details, changes)
     told = at.details
     second = test.other(at, index)
     if second is not None:
@@ -387,9 +387,11 @@ def double_of(
         pair = (other, kind) if smooth_last else (kind, other)
         return _pair(here, *pair, {**told, **second[1]})
     own = slice(0, len(at.own))
-    tests = [Seen(name, t, own) for t in _on_curve(kind, here.problem) if t.kind != name]
-    system = Vanishing(one, test, index, told)
-    return Double(Both(name, kind, None), system, told, [*tests, Turn()])
+    tests = [
+        OtherKindTest(name, t, own) for t in _curve_tests(kind, here.problem) if t.kind != name
+    ]
+    system = VanishingTest(one, test, index, told)
+    return DoubleSystem(DoubleEvent(name, kind, None), system, told, [*tests, ParameterTurn()])
 
 
 def starts_at(
@@ -399,32 +401,37 @@ def starts_at(
 
     Parameters as of `double_of`.
     """
-    _, at, test, index = _seen(here, name, kind, details, changes)
+    _, at, test, index = _vanishing_test(here, name, kind, details, changes)
     return test.born(at, index)
 
 
-def _seen(
+def _vanishing_test(
     here: Linearisation, name: str, kind: Kind, details: Details, changes: str
-) -> tuple[ExtendedSystem, _Here, OnCurve, int]:
+) -> tuple[ExtendedSystem, _CurvePoint, CurveTest, int]:
     """The curve's equations at a point, and which value of which test function vanishes there."""
-    told = _now(here, details)
+    told = _event_place(here, details)
     one = _equations(kind, here.problem, told)
-    at = _Here(here, one.start(here), told)
-    return one, at, *_nearest(at, kind, name, changes)
+    at = _CurvePoint(here, one.start(here), told)
+    return one, at, *_smallest_test(at, kind, name, changes)
 
 
-def _pair(here: Linearisation, kind: Kind, other: Kind, details: Details) -> Double:
+def _pair(here: Linearisation, kind: Kind, other: Kind, details: Details) -> DoubleSystem:
     """Two events of one orbit at once."""
     problem, name = here.problem, f"{kind.name}-{other.name}"
     one, two = (_equations(k, problem, details) for k in (kind, other))
     size = len(one.start(here))
     tests: list[TestFunction] = []
-    for test in _on_curve(kind, problem):
+    for test in _curve_tests(kind, problem):
         vanishing = _place(problem, details) if test.kind == name else None
-        tests.append(Seen(name, test, slice(0, size), vanishing))
-    theirs = (t for t in _on_curve(other, problem) if t.kind not in MUTUAL)
-    tests += [Seen(name, test, slice(size, None)) for test in theirs]
-    return Double(Both(name, kind, other), Together(one, two, size), details, [*tests, Turn()])
+        tests.append(OtherKindTest(name, test, slice(0, size), vanishing))
+    theirs = (t for t in _curve_tests(other, problem) if t.kind not in MUTUAL)
+    tests += [OtherKindTest(name, test, slice(size, None)) for test in theirs]
+    return DoubleSystem(
+        DoubleEvent(name, kind, other),
+        SimultaneousEvents(one, two, size),
+        details,
+        [*tests, ParameterTurn()],
+    )
 
 
 def _place(problem: OrbitProblem, details: Details) -> int:
@@ -435,7 +442,7 @@ def _place(problem: OrbitProblem, details: Details) -> int:
     return int(details["flight"]) * len(walls) + walls.index(details["wall"])
 
 
-def _now(here: Linearisation, details: Details) -> Details:
+def _event_place(here: Linearisation, details: Details) -> Details:
     """Where on the orbit the curve's event is, the time of its touch as it is here."""
     told = dict(details)
     if "touch_time" in told:
@@ -468,13 +475,13 @@ def _equations(kind: Kind, problem: OrbitProblem, details: Details) -> ExtendedS
     return system
 
 
-def _on_curve(kind: Kind, problem: OrbitProblem) -> list[OnCurve]:
-    return [test for test in kind.codimension_two(problem.word) if isinstance(test, OnCurve)]
+def _curve_tests(kind: Kind, problem: OrbitProblem) -> list[CurveTest]:
+    return [test for test in kind.codimension_two(problem.word) if isinstance(test, CurveTest)]
 
 
-def _nearest(at: _Here, kind: Kind, name: str, changes: str) -> tuple[OnCurve, int]:
+def _smallest_test(at: _CurvePoint, kind: Kind, name: str, changes: str) -> tuple[CurveTest, int]:
     """The test function that vanishes at a point, and which of its values."""
-    tests = _on_curve(kind, at.orbit.problem)
+    tests = _curve_tests(kind, at.orbit.problem)
     found = [
         (abs(value), place, test, index)
         for place, test in enumerate(tests)
@@ -484,5 +491,7 @@ def _nearest(at: _Here, kind: Kind, name: str, changes: str) -> tuple[OnCurve, i
     ]
     if not found:
         known = ", ".join(dict.fromkeys(test.kind for test in tests))
-        raise InputError("point", f"{shown(name)} on a curve of {kind.name}", f"accepted: {known}")
+        raise InputError(
+            "point", f"{short_repr(name)} on a curve of {kind.name}", f"accepted: {known}"
+        )
     return min(found)[2:]

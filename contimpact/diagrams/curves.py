@@ -16,24 +16,24 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..arrays import Array
-from ..bifurcations.codimension_two import twice
+from ..bifurcations.codimension_two import double_orbit
 from ..bifurcations.declarations import REQUESTED
 from ..bifurcations.extended_system import solve
 from ..bifurcations.kind import Kind
 from ..bifurcations.registry import kind_of
-from ..continuation.branch import Event, Located, Point, Points, TestFunction, Walk, joined
+from ..continuation.branch import Event, Location, Point, Points, TestFunction, Walk, join_walks
 from ..continuation.corrector import Arc, correct
 from ..continuation.crossing_branches import Meeting
 from ..continuation.ends import End, EndKind
 from ..continuation.problem import Problem, length
 from ..continuation.settings import Settings
-from ..continuation.walk import kept, other_way, walk
+from ..continuation.walk import keep_interrupted, other_way, walk
 from ..errors import InputError
 from ..models.model import Model
 from ..orbits.problem import Linearisation, OrbitProblem
 from ..orbits.quiet import problem_of
-from ..orbits.search import repeats, shortest
-from ..progress import Asked, asked, both, counted
+from ..orbits.search import reduce_period, repeats
+from ..progress import Asked, chain_callbacks, counting_callback, progress_lines
 from ..results.branch import Entry, model_of
 from ..results.curve import Codim2, Curve
 from ..results.entry_conversion import entry_first, impacts_of
@@ -56,7 +56,7 @@ MARGIN = 0.1
 a spline, which is not told the tangents, departs more, at the ends and where steps change most."""
 
 
-def filled(
+def refine_walk(
     walk: Walk[CurvePoint],
     problem: CurveProblem,
     spans: Sequence[float],
@@ -72,11 +72,11 @@ def filled(
     within : float
         How far, as part of these, the spline through the points may be from the curve.
     """
-    filling = _Filling(problem, spans, settings, within)
+    filling = _WalkRefinement(problem, spans, settings, within)
     return replace(walk, points=Points(list(filling.along(walk.points))))
 
 
-class _Filling:
+class _WalkRefinement:
     def __init__(
         self, problem: CurveProblem, spans: Sequence[float], settings: Settings, within: float
     ) -> None:
@@ -92,7 +92,7 @@ class _Filling:
             if abs(length(left.tangent, scale) - 1.0) > UNIT:  # the walk's sizes have grown
                 scale = np.maximum(scale, self.problem.scale(left.unknowns, self.last))
             between = self.between(Arc(self.problem, left, right, scale, self.settings))
-            yield from _spaced([left, *between, right], scale)
+            yield from _chord_spacing([left, *between, right], scale)
             yield right
 
     def between(self, arc: Arc, depth: int = 0) -> Iterator[Point[CurvePoint]]:
@@ -121,7 +121,9 @@ def _chord(one: Point[CurvePoint], other: Point[CurvePoint], scale: Array) -> fl
     return length(other.unknowns - one.unknowns, scale)
 
 
-def _spaced(points: Sequence[Point[CurvePoint]], scale: Array) -> Iterator[Point[CurvePoint]]:
+def _chord_spacing(
+    points: Sequence[Point[CurvePoint]], scale: Array
+) -> Iterator[Point[CurvePoint]]:
     """The inner ones of some points, arclength growing from the first to the last by chords."""
     chords = [_chord(*pair, scale) for pair in itertools.pairwise(points)]
     first, last = points[0].arclength, points[-1].arclength
@@ -144,7 +146,7 @@ NEAR = 0.1
 ROUNDING = 1e-14
 
 
-class Repeats(TestFunction[CurvePoint]):
+class RepetitionTest(TestFunction[CurvePoint]):
     """The orbit becomes a shorter one: impacts that are to be the same have the same velocity."""
 
     kind = "shorter"
@@ -160,7 +162,7 @@ class Repeats(TestFunction[CurvePoint]):
 
     def locate(
         self, problem: Problem[CurvePoint], guess: Point[CurvePoint], index: int
-    ) -> Located | None:
+    ) -> Location | None:
         return doubling_turns(guess.evaluation)
 
     def accept(self, event: Event[CurvePoint]) -> bool:
@@ -168,10 +170,10 @@ class Repeats(TestFunction[CurvePoint]):
         return repeats(orbit.problem, orbit.unknowns, SAME_ORBIT)
 
 
-def ended(point: Point[CurvePoint]) -> End:
+def repetition_end(point: Point[CurvePoint]) -> End:
     """Return the end of a curve at an orbit that repeats a shorter one."""
     orbit = point.evaluation.orbit
-    once, _ = shortest(orbit.problem, orbit.unknowns, SAME_ORBIT)
+    once, _ = reduce_period(orbit.problem, orbit.unknowns, SAME_ORBIT)
     letters = orbit.problem.model.letters
     first, times = orbit.problem.kernels.parameter, len(orbit.problem.word) // len(once.word)
     told = {"word": once.word.notation(letters), "times": times}
@@ -189,7 +191,7 @@ def crossing(problem: Problem[CurvePoint], guess: Point, scale: Array) -> Meetin
     return Meeting(found.unknowns, 0.0, ROUNDING, (1.0, 1.0))
 
 
-def doubling_turns(here: CurvePoint) -> Located | None:
+def doubling_turns(here: CurvePoint) -> Location | None:
     """Solve for the GPD next to a point on the fold of a doubled orbit; None if there is none."""
     curve, problem = here.problem, here.orbit.problem
     halves, crossed = problem.word.repeated(), curve.kind.shorter_at
@@ -202,10 +204,10 @@ def doubling_turns(here: CurvePoint) -> Located | None:
     problem.kernel_evaluations += short.kernel_evaluations
     if solution is None:
         return None
-    orbit = twice(short.evaluate(solution.unknowns))
+    orbit = double_orbit(short.evaluate(solution.unknowns))
     own = curve.system.start(orbit)
     own *= np.sign(own @ here.own) or 1.0
-    return Located(curve.packed(orbit.unknowns, own), solution.residual, solution.error)
+    return Location(curve.packed(orbit.unknowns, own), solution.residual, solution.error)
 
 
 def _mean_half(here: Linearisation) -> Array:
@@ -289,29 +291,31 @@ def follow_curve(
     first = entry.parameter
     kernels = kernels or Kernels(model, first, second)
     parameters = entry.parameters
-    first_range = checked_range(model, first, parameters[first], first_range)
-    second_range = checked_range(model, second, parameters[second], second_range)
+    first_range = check_range(model, first, parameters[first], first_range)
+    second_range = check_range(model, second, parameters[second], second_range)
     outside = [v for v in values if not second_range[0] <= v <= second_range[1]]
     if outside:
         raise InputError("values", f"{outside[0]!r} is outside {second_range}", "widen the range")
     problem, start = curve_problem(model, entry, second, kernels, first_range[1] - first_range[0])
     special = problem.kind.codimension_two(problem.orbit.word) if detect else []
     ranges, label = [first_range, second_range], entry.label.removeprefix("~")
-    with asked(progress, f"following {name}, {entry.label}") as tell:
-        told = both(callback, counted("", second, tell)) if progress else callback
-        found = followed(problem, start, ranges, special, values, settings, told)
+    with progress_lines(progress, f"following {name}, {entry.label}") as tell:
+        told = (
+            chain_callbacks(callback, counting_callback("", second, tell)) if progress else callback
+        )
+        found = walk_both_ways(problem, start, ranges, special, values, settings, told)
     if isinstance(found, End):
         accepted = "give another entry of the curve"
         raise InputError("entry", f"no curve starts there: {found.message}", accepted)
     if within is not None:
         spans = [high - low for low, high in ranges]
-        backward, forward = (filled(w, problem, spans, settings, within) for w in found)
+        backward, forward = (refine_walk(w, problem, spans, settings, within) for w in found)
         found = backward, forward
-    curve = tabulated(name, problem, found, special, label, entry.notation, entry.id)
+    curve = curve_from_walks(name, problem, found, special, label, entry.notation, entry.id)
     return dataclasses.replace(curve, branch=entry.branch)
 
 
-def followed(
+def walk_both_ways(
     problem: CurveProblem,
     start: Array,
     ranges: Sequence[Range],
@@ -333,9 +337,9 @@ def followed(
     """
     *others, last = problem.orbit.kernels.parameters
     inside = [Limit(name, limits) for name, limits in zip(others, ranges, strict=False)]
-    again = [Repeats(problem.orbit)] if problem.orbit.word.repeated() else []
+    again = [RepetitionTest(problem.orbit)] if problem.orbit.word.repeated() else []
     watched = [*inside, *problem.kind.curve_limits().values(), *again]
-    stop = leaving(problem.kind, watched)
+    stop = end_on_leaving(problem.kind, watched)
 
     def go(direction: int) -> Walk:
         return walk(
@@ -352,13 +356,13 @@ def followed(
             backend=backend_of(problem),
         )
 
-    forward = kept(lambda: go(+1))
+    forward = keep_interrupted(lambda: go(+1))
     if not forward.points:
         return forward.end
     return other_way(forward, last, lambda: go(-1)), forward
 
 
-def checked_range(model: Model, parameter: str, value: float, limits: object) -> Range:
+def check_range(model: Model, parameter: str, value: float, limits: object) -> Range:
     """The range as floats; it must hold a value."""
     where = f"range of {parameter}"
     declared = model.require(parameter, "parameter")
@@ -373,7 +377,7 @@ def checked_range(model: Model, parameter: str, value: float, limits: object) ->
     return low, high
 
 
-def leaving(
+def end_on_leaving(
     kind: Kind, watched: Sequence[TestFunction]
 ) -> Callable[[Point, Sequence[Event]], tuple[End, Point] | None]:
     """End a walk where a parameter leaves its range, or where the kind says so.
@@ -394,7 +398,10 @@ def leaving(
             found.append((reached, first, point))
         for end, parameter, at in found:
             return End.of(end, parameter, at.evaluation.parameter(parameter)), at
-        return next(((ended(e.point), e.point) for e in events if e.kind == Repeats.kind), None)
+        return next(
+            ((repetition_end(e.point), e.point) for e in events if e.kind == RepetitionTest.kind),
+            None,
+        )
 
     return stop
 
@@ -422,7 +429,7 @@ class SecondValue(TestFunction):
     def values(self, point: Point) -> Array:
         return point.parameter - self.wanted
 
-    def locate(self, problem: Problem, guess: Point, index: int) -> Located | None:
+    def locate(self, problem: Problem, guess: Point, index: int) -> Location | None:
         """The point of the curve where the parameter has this value, to the last digit."""
         wanted, fixed = guess.unknowns.copy(), np.zeros(len(guess.unknowns))
         wanted[-1], fixed[-1] = self.wanted[index], 1.0
@@ -430,13 +437,13 @@ class SecondValue(TestFunction):
         if here is None:
             return None
         unknowns = np.append(here.unknowns[:-1], wanted[-1])
-        return Located(unknowns, float(np.max(np.abs(here.residual))), 0.0)
+        return Location(unknowns, float(np.max(np.abs(here.residual))), 0.0)
 
 
 # Tabulating.
 
 
-def tabulated(
+def curve_from_walks(
     name: str,
     problem: CurveProblem,
     walks: tuple[Walk, Walk],
@@ -456,7 +463,7 @@ def tabulated(
     """
     parameters, word = problem.orbit.kernels.parameters, problem.orbit.word
     last = parameters[-1]
-    points, events = joined(*walks)
+    points, events = join_walks(*walks)
     kinds = {test.kind for test in special}
     marked = [e for e in events if e.kind in kinds]
     codim2 = [_codim2(e, f"{name}.{i}", name) for i, e in enumerate(marked, start=1)]
@@ -469,13 +476,13 @@ def tabulated(
     ]
     ends, columns = (walks[0].end, walks[1].end), _columns(points, marks)
     model = problem.orbit.model
-    columns |= {name: admitted(model, name, columns[name]) for name in parameters}
+    columns |= {name: clip_rounding(model, name, columns[name]) for name in parameters}
     about = name, problem.kind.name, label, word.walls, word.period, notation, parameters
     evaluations = problem.orbit.kernel_evaluations
     return Curve(*about, columns, ends, codim2, origin, missed, evaluations=evaluations)
 
 
-def admitted(model: Model, name: str, values: ArrayLike) -> Array:
+def clip_rounding(model: Model, name: str, values: ArrayLike) -> Array:
     """Return values of a parameter, those that are beyond a limit by rounding put on it."""
     declared = model.declared[name]
     near = np.clip(values, declared.lower, declared.upper)
@@ -487,7 +494,7 @@ def _codim2(event: Event, identity: str, curve: str) -> Codim2:
     changes, impacts = event.details.get("changes", ""), impacts_of(orbit.problem, orbit.unknowns)
     values = all_parameters(orbit)
     for name in orbit.problem.kernels.parameters:
-        values[name] = float(admitted(orbit.problem.model, name, values[name]))
+        values[name] = float(clip_rounding(orbit.problem.model, name, values[name]))
     place = str(changes), values, impacts
     return Codim2(identity, curve, event.kind, *place, event.residual, event.error)
 
@@ -522,6 +529,6 @@ def _row(point: Point[CurvePoint]) -> dict[str, float | str]:
     }
 
 
-def with_fixed(curve: Curve, fixed: Mapping[str, float]) -> Curve:
+def set_fixed_parameters(curve: Curve, fixed: Mapping[str, float]) -> Curve:
     """Return a curve that knows the values of its family's parameters."""
     return dataclasses.replace(curve, fixed=dict(fixed))

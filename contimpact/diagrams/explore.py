@@ -19,7 +19,7 @@ from typing import Any
 import numpy as np
 
 from ..arrays import Array
-from ..bifurcations.kind import Start, once
+from ..bifurcations.kind import Start, primitive_start
 from ..bifurcations.registry import kind_of, switch, test_functions
 from ..continuation.branch import Event, Point, TestFunction
 from ..continuation.ends import End, EndKind
@@ -29,21 +29,21 @@ from ..models.word import Word
 from ..orbits.orbit import Orbit
 from ..orbits.problem import Linearisation, OrbitProblem
 from ..orbits.quiet import problem_of
-from ..orbits.search import SAME_ORBIT, Search, mirrored, rotated_to, shortest
-from ..progress import Asked, Progress, asked, counted
+from ..orbits.search import SAME_ORBIT, Search, mirror_orbit, reduce_period, rotate_to_word
+from ..progress import Asked, Progress, counting_callback, progress_lines
 from ..results.branch import Branch, Entry
 from ..results.diagram import Diagram, Limits
 from ..results.scene import Scene, load_scene, read_scene
 from ..segments.kernels import Kernels
-from .orbit_branch import Run, at_image, both_ways, first_step, run_born, watched
+from .orbit_branch import Run, add_stop_test, first_step, run_born, symmetric_end, walk_both_ways
 from .starting_orbits import (
     NotFound,
-    placed,
+    add_settled,
+    error_at_key,
     refusal,
     search_at,
     search_elsewhere,
-    surveyed,
-    with_settled,
+    survey_values,
 )
 
 # What a diagram has cost: points, iterations, evaluations.
@@ -83,7 +83,7 @@ class Birth:
     depth: int
 
 
-def with_openings(
+def add_openings(
     branches: Sequence[Branch],
     opens: Mapping[str, Sequence[str]],
     meetings: Mapping[str, Sequence[str]],
@@ -143,13 +143,13 @@ def follow(scene: Scene | str | Path | Mapping[str, Any], progress: Asked = None
         scene = load_scene(scene)
     elif isinstance(scene, Mapping):
         scene = read_scene(scene)
-    with asked(progress, scene.name) as tell:
+    with progress_lines(progress, scene.name) as tell:
         explorer = _Explorer(scene, tell)
         diagram = explorer.run()
         if scene.curves is not None and not diagram.statistics["failure"]:
-            from .map_explorer import with_map
+            from .map_explorer import add_map
 
-            diagram = with_map(scene, diagram, tell)
+            diagram = add_map(scene, diagram, tell)
         if not diagram.branches and not diagram.statistics["failure"]:
             explorer.look_elsewhere()
             raise refusal(list(explorer.lacking.values()), explorer.settled)
@@ -186,7 +186,7 @@ class _Explorer:
         try:
             self.problems = {word: self.problem(word) for word in scene.orbits}
         except InputError as error:
-            raise placed(error, scene) from None
+            raise error_at_key(error, scene) from None
         self.symmetry = scene.model.symmetry(
             scene.parameter, self.kernels.harmonics(*scene.model.values.values())
         )
@@ -213,7 +213,7 @@ class _Explorer:
             raise refusal(list(self.lacking.values()), self.settled)
         return Diagram(
             scene.name,
-            with_openings(self.branches, self.opens, self.meetings),
+            add_openings(self.branches, self.opens, self.meetings),
             statistics=self.statistics(),
             survey=self.surveyed,
             limits=self.limits.listed() or (),
@@ -227,12 +227,12 @@ class _Explorer:
     def note_settled(self) -> None:
         """Note on which orbits simulations settle that lie on no branch."""
         if self.settled:
-            from .settled import named
+            from .settled import word_of
         for orbit in self.settled:
             if self.known(orbit.problem, orbit.unknowns) is None:
                 place = f"{self.scene.parameter} = {self.scene.start:.9g}"
                 self.notes.append(
-                    f"simulation settles on {named(orbit)} at {place}, which is on no followed "
+                    f"simulation settles on {word_of(orbit)} at {place}, which is on no followed "
                     "branch: add it to follow.orbits"
                 )
 
@@ -240,7 +240,7 @@ class _Explorer:
         """The orbits of all words at the start; words without any are kept in mind."""
         searched = {word: self.search(word, self.scene.start) for word in self.scene.orbits}
         began = time.perf_counter()
-        orbits, self.settled = with_settled(self.scene, self.kernels, searched, self.progress)
+        orbits, self.settled = add_settled(self.scene, self.kernels, searched, self.progress)
         self.seconds["search"] += time.perf_counter() - began
         for word in (word for word, each in orbits.items() if not each):
             lacking = NotFound.of(self.scene, self.kernels, word)
@@ -276,7 +276,7 @@ class _Explorer:
         """Look at other values for words without an orbit at the start: to report them, and to
         follow them if the unphysical ones are not, along which the others would be found."""
         for word in self.lacking:
-            for value in surveyed(self.scene):
+            for value in survey_values(self.scene):
                 for orbit in self.search(word, value, search_elsewhere):
                     if self.lacking[word].unphysical:
                         self.follow_orbit(orbit)
@@ -295,9 +295,9 @@ class _Explorer:
         report = self.reporter(orbit.problem, name)
         scene = self.scene
         began = time.perf_counter()
-        stop = at_image(orbit.problem, self.known)
+        stop = symmetric_end(orbit.problem, self.known)
         about = orbit.problem, orbit.unknowns, scene.range, tests, settings
-        run = both_ways(*about, report, stop, scene.unphysical)
+        run = walk_both_ways(*about, report, stop, scene.unphysical)
         self.keep(run, name, None, 0, began)
 
     def survey(self) -> None:
@@ -305,7 +305,7 @@ class _Explorer:
         met = dict.fromkeys([*(run.problem.word for run in self.runs), *self.lacking])
         words = self.scene.orbits if self.scene.survey == "orbits" else met
         self.surveyed = "cut short"
-        for value in surveyed(self.scene):
+        for value in survey_values(self.scene):
             for word in words:
                 if not self.in_budget():
                     what = "the survey ended before"
@@ -326,7 +326,7 @@ class _Explorer:
             self.waiting.remove(birth)
             self.follow_birth(birth)
         for birth in self.waiting:
-            self.limits.reached(*self.budget(), NOT_SWITCHED, _named(birth.entry))
+            self.limits.reached(*self.budget(), NOT_SWITCHED, _entry_text(birth.entry))
         self.waiting = []
 
     def follow_birth(self, birth: Birth) -> None:
@@ -336,7 +336,7 @@ class _Explorer:
         if start is None:
             self.note(entry, kind_of(entry.kind).nothing(birth.event))
             return
-        start = once(start)
+        start = primitive_start(start)
         if start.note:
             self.note(entry, start.note)
         known = self.first_step_known(start)
@@ -356,7 +356,7 @@ class _Explorer:
             self.keep(run, name, entry, birth.depth, began)
 
     def note(self, entry: Entry, text: str) -> None:
-        self.notes.append(f"{_named(entry)}: {text}")
+        self.notes.append(f"{_entry_text(entry)}: {text}")
 
     def first_step_known(self, start: Start) -> str | None:
         """The known branch the first step from a start leads to, if any."""
@@ -369,7 +369,7 @@ class _Explorer:
         problem, place = start.problem, {"entry": entry.id, "parent": entry.branch}
         born = End.of(EndKind.BORN, self.scene.parameter, entry.value, **place)
         tests, settings = self.tests(problem), self.settings()
-        stop, report = at_image(problem, self.known), self.reporter(problem, name)
+        stop, report = symmetric_end(problem, self.known), self.reporter(problem, name)
         scene = self.scene
         about = start, born, scene.range, tests, settings, name
         return run_born(*about, stop, report, scene.unphysical)
@@ -385,12 +385,12 @@ class _Explorer:
 
     def known(self, problem: OrbitProblem, unknowns: Array) -> str | None:
         """The branch an orbit lies on, itself or its mirror image."""
-        images = [shortest(problem, unknowns, SAME_ORBIT)]
+        images = [reduce_period(problem, unknowns, SAME_ORBIT)]
         if self.symmetry is not None and problem.word.walls:
-            images.append(mirrored(*images[0], self.symmetry))
+            images.append(mirror_orbit(*images[0], self.symmetry))
         for branch, run in zip(self.branches, self.runs, strict=True):
             for image, moved in images:
-                aligned = rotated_to(image, moved, run.problem.word)
+                aligned = rotate_to_word(image, moved, run.problem.word)
                 if aligned is not None and run.holds(aligned):
                     return branch.id
         return None
@@ -425,13 +425,13 @@ class _Explorer:
     def tests(self, problem: OrbitProblem) -> list[TestFunction]:
         """The scene's test functions, and what tells where a branch runs into its own image."""
         tests = test_functions(problem, self.scene.events, self.scene.values)
-        tests = watched(tests, at_image(problem))
+        tests = add_stop_test(tests, symmetric_end(problem))
         self.tested += tests
         return tests
 
     def reporter(self, problem: OrbitProblem, name: str) -> Callable[[Point], None]:
         shown = problem.word.notation(self.scene.model.letters)
-        count = counted(f"following {name}, {shown}", self.scene.parameter, self.progress)
+        count = counting_callback(f"following {name}, {shown}", self.scene.parameter, self.progress)
 
         def report(point: Point[Linearisation]) -> None:
             point.evaluation.verdict  # noqa: B018  physicality is decided at every point: part of the walk
@@ -476,7 +476,7 @@ class _Explorer:
         asked = event.kind in self.scene.switch
         if not (self.scene.unphysical or entry.physical):
             if asked and kind_of(event.kind).deeper(event) is not None:
-                self.leave_out(NOT_SWITCHED, _named(entry))
+                self.leave_out(NOT_SWITCHED, _entry_text(entry))
             return
         deeper = kind_of(event.kind).deeper(event) if asked or entry.physical else None
         if deeper == 0 and entry.physical:
@@ -484,7 +484,7 @@ class _Explorer:
         elif deeper and asked and depth < self.scene.depth:
             self.waiting.append(Birth(event, entry, depth + deeper))
         elif deeper and asked:
-            self.limits.reached("follow.depth", self.scene.depth, NOT_SWITCHED, _named(entry))
+            self.limits.reached("follow.depth", self.scene.depth, NOT_SWITCHED, _entry_text(entry))
 
     def leave_out(self, what: str, name: str) -> None:
         """Record what is not followed since it is unphysical."""
@@ -526,5 +526,5 @@ class _Explorer:
         }
 
 
-def _named(entry: Entry) -> str:
+def _entry_text(entry: Entry) -> str:
     return f"{entry.id} ({entry.label})"

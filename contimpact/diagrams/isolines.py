@@ -7,13 +7,13 @@ from collections.abc import Callable, Sequence
 import numpy as np
 
 from ..arrays import Array
-from ..bifurcations.codimension_two import AlsoGrazes, AlsoStops
-from ..bifurcations.extended_system import EPSILON, Assembled, ExtendedSystem
+from ..bifurcations.codimension_two import GrazingCoincides, StopCoincides
+from ..bifurcations.extended_system import EPSILON, ExtendedSystem, SystemEvaluation
 from ..bifurcations.kind import Kind, Values
 from ..continuation.branch import Point, TestFunction, UserFunction
 from ..continuation.ends import End
 from ..continuation.settings import Settings
-from ..errors import InputError, shown
+from ..errors import InputError, short_repr
 from ..models.model import Model
 from ..models.word import Word
 from ..orbits.orbit import Orbit
@@ -21,11 +21,11 @@ from ..orbits.problem import Linearisation, OrbitProblem, rounding
 from ..orbits.quiet import problem_of
 from ..results.branch import Entry, model_of
 from ..results.curve import Curve
-from ..results.entry_conversion import as_orbit
+from ..results.entry_conversion import to_orbit
 from ..results.options import CURVE_SETTINGS
 from ..segments.kernels import Kernels
-from .curve_problem import CurveProblem, curve_problem, differenced, require_curve, sizes_of
-from .curves import Range, checked_range, followed, tabulated
+from .curve_problem import CurveProblem, curve_problem, difference_gradient, require_curve, sizes_of
+from .curves import Range, check_range, curve_from_walks, walk_both_ways
 
 Function = Callable[[Orbit], float]
 
@@ -81,24 +81,24 @@ def follow_isoline(
         For a parameter the model does not have, ranges that do not hold the orbit, or a function
         that does not return a number there.
     """
-    given = as_orbit(orbit, model)
+    given = to_orbit(orbit, model)
     at, first = given.model, given.problem.parameter
     if len(ranges) != 2:
         raise InputError("ranges", f"found {len(ranges)}", "give one for each of two parameters")
     names = (first, second)
     kernels = Kernels(at, *names)
-    limits = [checked_range(at, n, at.values[n], r) for n, r in zip(names, ranges, strict=True)]
+    limits = [check_range(at, n, at.values[n], r) for n, r in zip(names, ranges, strict=True)]
     problem = problem_of(at, given.word, kernels)
     start = np.concatenate([given.unknowns[: problem.n], [at.values[n] for n in names]])
     kept = _number(function(given)) if value is None else float(value)
     system = Level(problem, function, kept)
     curve = CurveProblem(Isoline(system), system, {}, [limits[0][1] - limits[0][0]])
     special = curve.kind.codimension_two(given.word)
-    found = followed(curve, start, limits, special, values, settings, callback)
+    found = walk_both_ways(curve, start, limits, special, values, settings, callback)
     if isinstance(found, End):
         return found
     notation = given.word.notation(at.letters)
-    return tabulated(name, curve, found, special, label, notation, "")
+    return curve_from_walks(name, curve, found, special, label, notation, "")
 
 
 class Level(ExtendedSystem):
@@ -111,11 +111,11 @@ class Level(ExtendedSystem):
     def start(self, here: Linearisation) -> Array:
         return np.zeros(0)
 
-    def assemble(self, here: Linearisation, own: Array) -> Assembled:
+    def assemble(self, here: Linearisation, own: Array) -> SystemEvaluation:
         x = here.unknowns
-        row = differenced(lambda z: self.away(self.problem.evaluate(z)), x, sizes_of(here))
+        row = difference_gradient(lambda z: self.away(self.problem.evaluate(z)), x, sizes_of(here))
         residual = np.append(here.residual, self.away(here))
-        return Assembled(residual, np.vstack([here.jacobian, row]))
+        return SystemEvaluation(residual, np.vstack([here.jacobian, row]))
 
     def rounding(self, here: Linearisation, own: Array) -> Array:
         size = max(abs(self.value), abs(self._of(here)))
@@ -141,7 +141,7 @@ class Isoline(Kind):
         return UserFunction(self.name, lambda point: self.level.away(point.evaluation))
 
     def codimension_two(self, word: Word) -> list[TestFunction]:
-        return [AlsoGrazes(self.name), AlsoStops(self.name)]
+        return [GrazingCoincides(self.name), StopCoincides(self.name)]
 
 
 def _number(found: object) -> float:
@@ -150,7 +150,7 @@ def _number(found: object) -> float:
     except (TypeError, ValueError):
         value = np.array([np.nan])
     if value.size != 1 or not np.isfinite(value).all():
-        raise InputError("function", f"it returned {shown(found)}", "return one finite number")
+        raise InputError("function", f"it returned {short_repr(found)}", "return one finite number")
     return float(value.reshape(()))
 
 

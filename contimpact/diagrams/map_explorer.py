@@ -11,16 +11,16 @@ import numpy as np
 
 from ..arrays import Array
 from ..bifurcations.registry import test_functions
-from ..bifurcations.requested import Requested
+from ..bifurcations.requested import RequestedValues
 from ..continuation.ends import End, EndKind
-from ..continuation.walk import Options, interrupted
+from ..continuation.walk import Options, is_interrupted
 from ..errors import InputError
 from ..models.model import Model
 from ..models.word import Word
 from ..orbits.problem import OrbitProblem
 from ..orbits.quiet import problem_of
 from ..orbits.search import solve_near
-from ..progress import Progress, counted, silent
+from ..progress import Progress, counting_callback, ignore_progress
 from ..results.branch import Branch, Entry
 from ..results.curve import (
     Area,
@@ -30,7 +30,7 @@ from ..results.curve import (
     Coverage,
     Curve,
     Region,
-    falling,
+    falling_column,
     regions,
 )
 from ..results.diagram import Diagram, Limits
@@ -38,19 +38,19 @@ from ..results.options import CurveOptions
 from ..results.scene import Scene
 from ..segments.kernels import Kernels
 from .areas import divide
-from .codim2_curves import entries_born, follow_codim2, on_curve
-from .curves import follow_curve, with_fixed
+from .codim2_curves import entries_born, follow_codim2, passes_through
+from .curves import follow_curve, set_fixed_parameters
 from .map_lines import (
     Lines,
-    first_of,
+    first_bifurcation,
     orbit_at_start,
-    passes,
+    passes_entry,
     run_at,
     run_through,
     run_with,
     same_curve,
 )
-from .orbit_branch import Run, both_ways
+from .orbit_branch import Run, walk_both_ways
 from .orbit_walks import walk_orbits
 
 # What lines across a map ask of its curves: whether they pass an entry, and to start more.
@@ -81,7 +81,7 @@ class Covering:
     def covered(self, entry: Entry) -> bool:
         """Whether a curve passes through an entry."""
         kernels = self.map.kernels
-        return any(passes(curve, entry, self.model, kernels) for curve in self.curves())
+        return any(passes_entry(curve, entry, self.model, kernels) for curve in self.curves())
 
     def start(self, entry: Entry) -> str:
         """Follow the curves of the branch through an entry; returns why its own is not there."""
@@ -143,7 +143,7 @@ MOST_ROUNDS = 6
 """How often what the curves say is checked against runs, and curves are started where it fails."""
 
 
-def with_curves(scene: Scene, diagram: Diagram, progress: Progress | None = None) -> Diagram:
+def add_curves(scene: Scene, diagram: Diagram, progress: Progress | None = None) -> Diagram:
     """Return a scene's diagram with its curves.
 
     Parameters
@@ -155,7 +155,7 @@ def with_curves(scene: Scene, diagram: Diagram, progress: Progress | None = None
         the branches of its members are added.
     """
     assert scene.curves is not None
-    return _CurveExplorer(scene, scene.curves, diagram, progress or silent).run()
+    return _CurveExplorer(scene, scene.curves, diagram, progress or ignore_progress).run()
 
 
 ON_EDGE = 1e-9
@@ -284,7 +284,7 @@ class _CurveExplorer:
             if not wanted:
                 continue
             limits = (min(own, *wanted), max(own, *wanted))
-            test = Requested(problem, {name: wanted})
+            test = RequestedValues(problem, {name: wanted})
             at, settings = np.append(start, own), dataclasses.replace(scene.settings, max_step=0.1)
             options: Options = {"limits": limits, "settings": settings}
             done = walk_orbits(problem, at, direction, tests=[test], gaps=False, **options)
@@ -307,7 +307,7 @@ class _CurveExplorer:
         settled = solve_near(here, start)
         tests = test_functions(here, scene.events, scene.values)
         at = start if settled is None else settled.unknowns
-        run = both_ways(here, at, scene.range, tests, scene.settings)
+        run = walk_both_ways(here, at, scene.range, tests, scene.settings)
         first = 1 + sum(len(branch.events) for branch in self.branches)
         branch = run.branch(f"b{len(self.branches) + 1}", None, first, scene.events)
         self.evaluations += here.kernel_evaluations
@@ -321,14 +321,14 @@ class _CurveExplorer:
         options, scene = self.options, self.scene
         value = entry.parameters[options.parameter]
         own = self.of_member(fixed)
-        known = next((c.id for c in own if passes(c, entry, model, self.kernels)), None)
+        known = next((c.id for c in own if passes_entry(c, entry, model, self.kernels)), None)
         if known is not None:
             return known
         name = f"c{len(self.curves) + 1}"
         shown = f"curve {name}: {entry.label} in ({scene.parameter}, {options.parameter})"
         self.progress(shown)
         wanted = {*options.values, *options.start, scene.model.values[options.parameter], value}
-        callback = counted(shown, options.parameter, self.progress)
+        callback = counting_callback(shown, options.parameter, self.progress)
         plane = options.parameter, scene.range, options.range
         try:
             curve = follow_curve(
@@ -345,7 +345,7 @@ class _CurveExplorer:
         except InputError as error:
             self.notes.append(f"no curve of {entry.id} {entry.label}: {error.found}")
             return None
-        curve = with_fixed(curve, fixed)
+        curve = set_fixed_parameters(curve, fixed)
         problem = problem_of(model, Word(curve.word, curve.period), self.pairs)
         same = next((other.id for other in own if same_curve(curve, other, problem)), None)
         if same is not None:
@@ -391,9 +391,9 @@ class _CurveExplorer:
         values = sorted({p.parameters[third] for _, p in found})
         for entry, point in found:
             edges = zip(names, (scene.range, options.range), strict=False)
-            if any(on_edge(point.parameters[n], limits) for n, limits in edges):
+            if any(is_on_edge(point.parameters[n], limits) for n, limits in edges):
                 continue
-            if any(on_curve(entry, point, curve) for curve in self.points):
+            if any(passes_through(entry, point, curve) for curve in self.points):
                 continue
             name = f"d{len(self.points) + 1}"
             shown = f"curve {name}: {point.kind} in ({', '.join(names)})"
@@ -409,7 +409,7 @@ class _CurveExplorer:
                 values=values,
                 settings=options.settings,
                 kernels=kernels,
-                callback=counted(shown, third, self.progress),
+                callback=counting_callback(shown, third, self.progress),
             )
             if isinstance(curve, End):
                 self.notes.append(f"{point.id} {point.kind} is not followed: {curve.message}")
@@ -433,21 +433,23 @@ class _CurveExplorer:
                     break
             else:
                 self.notes.append(
-                    f"{_said(fixed)}{word}: after {MOST_ROUNDS} rounds of one-parameter runs some "
-                    "ranges are not checked: give more values in curves.start"
+                    f"{_fixed_text(fixed)}{word}: after {MOST_ROUNDS} rounds of one-parameter runs "
+                    "some ranges are not checked: give more values in curves.start"
                 )
             self.note_uncovered(word, fixed)
 
     def check_at(self, value: float, word: Word, model: Model, fixed: Mapping[str, float]) -> None:
         """One run: start curves where none passes, and keep what it says comes first."""
         scene, second = self.scene, self.options.parameter
-        self.progress(f"{_said(fixed)}{word}: run at {second} = {value:.6g}")
+        self.progress(f"{_fixed_text(fixed)}{word}: run at {second} = {value:.6g}")
         there = model.replace(**{second: value})
         runs = run_at(scene, there, word, self.kernels)
         met = [self.start_from(run, there, fixed) for run in runs]
         self.evaluations += runs[0].problem.kernel_evaluations if runs else 0
         along = self.along(fixed)
-        first = first_of([entry for one in met for entry, _ in one], self.options.kinds, along)
+        first = first_bifurcation(
+            [entry for one in met for entry, _ in one], self.options.kinds, along
+        )
         orbits = [self.checked(one, along) for one in met]
         notation = word.notation(scene.model.letters)
         about = dict(fixed), word.walls, word.period, notation, second, value
@@ -461,7 +463,7 @@ class _CurveExplorer:
         for entry, curve in met:
             if curve is not None and not entry.ghost:
                 curves.setdefault(curve, []).append(entry.parameters[along])
-        first = first_of([entry for entry, _ in met], self.options.kinds, along)
+        first = first_bifurcation([entry for entry, _ in met], self.options.kinds, along)
         on = next((curve for entry, curve in met if entry is first and curve), "")
         return CheckedOrbit(first.label if first else "", on, curves)
 
@@ -484,7 +486,7 @@ class _CurveExplorer:
         own = self.regions_of(word, fixed)
         low, high = self.options.range
         edges = sorted([low, high, *(e for region in own for e in (region.low, region.high))])
-        checks = [check.value for check in self.checks if _about(check, word, fixed)]
+        checks = [check.value for check in self.checks if _concerns(check, word, fixed)]
         return {
             0.5 * (left + right)
             for left, right in itertools.pairwise(edges)
@@ -497,9 +499,9 @@ class _CurveExplorer:
         own = self.regions_of(word, fixed)
         for check in self.checks:
             covered = any(region.low <= check.value <= region.high for region in own)
-            if check.first is not None and not covered and _about(check, word, fixed):
+            if check.first is not None and not covered and _concerns(check, word, fixed):
                 self.notes.append(
-                    f"{_said(fixed)}{check.notation}: {check.first} comes first at "
+                    f"{_fixed_text(fixed)}{check.notation}: {check.first} comes first at "
                     f"{check.second} = {check.value:.6g}, on no curve that was followed"
                 )
 
@@ -515,30 +517,30 @@ class _CurveExplorer:
     def along(self, fixed: Mapping[str, float]) -> str:
         """The column that falls."""
         own = self.of_member(fixed)
-        return falling(own) if own else self.scene.parameter
+        return falling_column(own) if own else self.scene.parameter
 
 
-def on_edge(value: float, limits: tuple[float, float]) -> bool:
+def is_on_edge(value: float, limits: tuple[float, float]) -> bool:
     """Whether a value lies on a limit of its range."""
     return min(value - limits[0], limits[1] - value) <= ON_EDGE * (limits[1] - limits[0])
 
 
 def _go_on(ends: Iterable[End]) -> None:
     """Let an interruption go on that has ended a branch or a curve, now that this is kept."""
-    if interrupted(ends):
+    if is_interrupted(ends):
         raise KeyboardInterrupt
 
 
-def _about(check: Check, word: Word, fixed: Mapping[str, float]) -> bool:
+def _concerns(check: Check, word: Word, fixed: Mapping[str, float]) -> bool:
     """Whether a run is one of a word, for a member of the family."""
     return (check.word, check.period, dict(check.fixed)) == (word.walls, word.period, dict(fixed))
 
 
-def _said(fixed: Mapping[str, float]) -> str:
+def _fixed_text(fixed: Mapping[str, float]) -> str:
     return "".join(f"{name} = {value:.6g}, " for name, value in fixed.items())
 
 
-def with_map(scene: Scene, diagram: Diagram, progress: Progress | None = None) -> Diagram:
+def add_map(scene: Scene, diagram: Diagram, progress: Progress | None = None) -> Diagram:
     """Return a scene's diagram with its curves, and with areas if the scene asks for them.
 
     Parameters
@@ -549,13 +551,13 @@ def with_map(scene: Scene, diagram: Diagram, progress: Progress | None = None) -
         Of that scene.
     """
     assert scene.curves is not None
-    diagram = with_curves(scene, diagram, progress)
+    diagram = add_curves(scene, diagram, progress)
     if not scene.curves.areas or diagram.statistics["failure"]:
         return diagram
-    return with_areas(scene, diagram, progress)
+    return add_areas(scene, diagram, progress)
 
 
-def with_areas(scene: Scene, diagram: Diagram, progress: Progress | None = None) -> Diagram:
+def add_areas(scene: Scene, diagram: Diagram, progress: Progress | None = None) -> Diagram:
     """Return a diagram of curves with the areas between them, for every member of the family."""
     assert scene.curves is not None
     began = time.perf_counter()
@@ -567,7 +569,9 @@ def with_areas(scene: Scene, diagram: Diagram, progress: Progress | None = None)
         for fixed in [{name: value} for value in values] or [{}]:
             own = [curve for curve in diagram.curves if dict(curve.fixed) == fixed]
             model = scene.model.replace(**fixed)
-            found, told = divide(scene, model, own, fixed, kernels, progress or silent, names)
+            found, told = divide(
+                scene, model, own, fixed, kernels, progress or ignore_progress, names
+            )
             areas += found
             notes += told
     except KeyboardInterrupt:

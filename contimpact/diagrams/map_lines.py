@@ -20,7 +20,7 @@ import numpy as np
 
 from ..arrays import Array
 from ..bifurcations.extended_system import solve
-from ..bifurcations.kind import once
+from ..bifurcations.kind import primitive_start
 from ..bifurcations.registry import kind_of, switch, test_functions
 from ..continuation.branch import Event, Points, TestFunction
 from ..continuation.corrector import correct, first_tangent
@@ -32,7 +32,7 @@ from ..orbits.orbit import Orbit
 from ..orbits.physicality import PHYSICAL
 from ..orbits.problem import OrbitProblem, Summary
 from ..orbits.quiet import problem_of
-from ..orbits.search import find_orbits, rotated_to, search_for, shortest, solve_near
+from ..orbits.search import find_orbits, reduce_period, rotate_to_word, search_for, solve_near
 from ..progress import Progress
 from ..results.branch import Branch, Entry, orbit_of
 from ..results.curve import BIRTHS, Coverage, Curve
@@ -41,7 +41,7 @@ from ..results.scene import Scene
 from ..results.tables import columns_of
 from ..segments.kernels import Kernels
 from .curve_problem import system_of
-from .orbit_branch import Run, at_image, both_ways, first_step, run_born, watched
+from .orbit_branch import Run, add_stop_test, first_step, run_born, symmetric_end, walk_both_ways
 from .orbit_walks import walk_orbits
 
 # One-parameter runs across a map of curves: what the curves are started from and checked against.
@@ -72,7 +72,7 @@ def run_at(scene: Scene, model: Model, word: Word, kernels: Kernels) -> list[Run
     kernels : Kernels
         With the first parameter free.
     """
-    return run_along(scene, model, word, kernels, scene.range, _searched(scene))
+    return run_along(scene, model, word, kernels, scene.range, _search_values(scene))
 
 
 def run_along(
@@ -112,7 +112,7 @@ def run_along(
         )
         for orbit in found:
             if wanted(orbit) and not any(run.holds(orbit.unknowns) for run in runs):
-                runs.append(both_ways(problem, orbit.unknowns, limits, tests, scene.settings))
+                runs.append(walk_both_ways(problem, orbit.unknowns, limits, tests, scene.settings))
                 if runs[-1].interrupted:
                     raise KeyboardInterrupt
     return runs
@@ -124,7 +124,7 @@ def run_through(scene: Scene, model: Model, entry: Entry, kernels: Kernels) -> R
     From a step beside it: on the entry itself the walk could not tell which way it crosses.
     """
     orbit = orbit_of(entry, model, kernels)
-    beside = _beside(orbit.problem, orbit.unknowns, scene, scene.range)
+    beside = _orbit_beside(orbit.problem, orbit.unknowns, scene, scene.range)
     return _run_from(scene, orbit.problem, beside)
 
 
@@ -141,12 +141,12 @@ def run_with(scene: Scene, model: Model, entry: Entry, kernels: Kernels) -> Run:
 
 
 def _run_from(scene: Scene, problem: OrbitProblem, start: Array) -> Run:
-    stop = at_image(problem)
-    tests = watched(tests_of(scene, problem), stop)
-    return both_ways(problem, start, scene.range, tests, scene.settings, stop=stop)
+    stop = symmetric_end(problem)
+    tests = add_stop_test(tests_of(scene, problem), stop)
+    return walk_both_ways(problem, start, scene.range, tests, scene.settings, stop=stop)
 
 
-def _beside(problem: OrbitProblem, unknowns: Array, scene: Scene, limits: Range) -> Array:
+def _orbit_beside(problem: OrbitProblem, unknowns: Array, scene: Scene, limits: Range) -> Array:
     """An orbit one step further on the branch through another one, if that step can be made."""
     jacobian = problem.evaluate(unknowns).jacobian
     settings = dataclasses.replace(scene.settings, max_points=2)
@@ -172,16 +172,16 @@ def _beside(problem: OrbitProblem, unknowns: Array, scene: Scene, limits: Range)
 def tests_of(scene: Scene, problem: OrbitProblem) -> list[TestFunction]:
     """Return the test functions of a run: of the kinds with curves, then the scene's others."""
     assert scene.curves is not None
-    return test_functions(problem, [*scene.curves.kinds, *_before(scene)], {})
+    return test_functions(problem, [*scene.curves.kinds, *_explaining_kinds(scene)], {})
 
 
-def _before(scene: Scene) -> list[str]:
+def _explaining_kinds(scene: Scene) -> list[str]:
     """Kinds that explain a change of stability and are wanted on branches that are kept."""
     assert scene.curves is not None
     return [kind for kind in scene.events if kind not in scene.curves.kinds]
 
 
-def _searched(scene: Scene) -> list[float]:
+def _search_values(scene: Scene) -> list[float]:
     """The start, and values across the range: even in their logarithms where all are positive."""
     low, high = scene.range
     spaced = np.geomspace if low > 0.0 else np.linspace
@@ -201,14 +201,14 @@ def orbit_at_start(branch: Branch, scene: Scene) -> Array | None:
     return np.asarray(impacts[row] + part * (impacts[row + 1] - impacts[row]))
 
 
-def first_of(entries: Sequence[Entry], kinds: Sequence[str], along: str) -> Entry | None:
+def first_bifurcation(entries: Sequence[Entry], kinds: Sequence[str], along: str) -> Entry | None:
     """Return the real bifurcation with the largest value of a column."""
     others = [kind for kind in kinds if kind not in BIRTHS] or kinds
     real = [e for e in entries if e.kind in others and not e.ghost]
     return max(real, key=lambda e: e.parameters[along], default=None)
 
 
-def passes(curve: Curve, entry: Entry, model: Model, kernels: Kernels) -> bool:
+def passes_entry(curve: Curve, entry: Entry, model: Model, kernels: Kernels) -> bool:
     """Whether a curve of the same member passes through an entry.
 
     Wherever the curve passes the entry's value of the second parameter, its orbit there is solved
@@ -227,7 +227,7 @@ def passes(curve: Curve, entry: Entry, model: Model, kernels: Kernels) -> bool:
     problem = here.problem
     first, second = curve.parameters
     if any(
-        _same(problem, entry, guess, here.unknowns, size)
+        _same_bifurcation(problem, entry, guess, here.unknowns, size)
         for name in (second, first)
         for guess, size in _crossings(curve, name, entry.parameters[name], problem)
     ):
@@ -235,7 +235,7 @@ def passes(curve: Curve, entry: Entry, model: Model, kernels: Kernels) -> bool:
     near = [
         (np.append(guess[:-1], entry.parameters[second]), size)
         for guess, size in _crossings(curve, first, entry.parameters[first], problem)
-        if _apart(problem, guess, here.unknowns) < NEAR_CURVE
+        if _orbit_distance(problem, guess, here.unknowns) < NEAR_CURVE
     ]
     return bool(near) and _passes_across(entry, model, second, near)
 
@@ -247,7 +247,9 @@ def _passes_across(
     not told by the equations."""
     turned = dataclasses.replace(entry, parameter=second)
     here = orbit_of(turned, model, Kernels(model, second))
-    return any(_same(here.problem, turned, guess, here.unknowns, size) for guess, size in near)
+    return any(
+        _same_bifurcation(here.problem, turned, guess, here.unknowns, size) for guess, size in near
+    )
 
 
 def _crossings(
@@ -265,16 +267,18 @@ def _crossings(
     crossed = (away[:-1] * away[1:] <= 0.0) & (away[:-1] != away[1:])
     for i in np.nonzero(crossed & (wanted[:-1] | wanted[1:]))[0]:
         part = away[i] / (away[i] - away[i + 1])
-        guess = rotated_to(own, rows[i] + part * (rows[i + 1] - rows[i]), problem.word)
+        guess = rotate_to_word(own, rows[i] + part * (rows[i + 1] - rows[i]), problem.word)
         assert guess is not None, "the words are rotations of each other"
         found.append((guess, float(np.max(np.abs(rows[i + 1] - rows[i])))))
     return found
 
 
-def _same(problem: OrbitProblem, entry: Entry, guess: Array, unknowns: Array, size: float) -> bool:
+def _same_bifurcation(
+    problem: OrbitProblem, entry: Entry, guess: Array, unknowns: Array, size: float
+) -> bool:
     """Whether the bifurcation next to a guess is that of an entry."""
     away = problem.difference(guess, unknowns)
-    off = _apart(problem, guess, unknowns)
+    off = _orbit_distance(problem, guess, unknowns)
     if off > size + NEAR_CURVE:
         return False
     solution = solve(system_of(problem, entry), problem.evaluate(unknowns + away))
@@ -283,7 +287,7 @@ def _same(problem: OrbitProblem, entry: Entry, guess: Array, unknowns: Array, si
     return bool(np.max(np.abs(problem.difference(solution.unknowns, unknowns))) < SAME_CURVE)
 
 
-def _apart(problem: OrbitProblem, one: Array, other: Array) -> float:
+def _orbit_distance(problem: OrbitProblem, one: Array, other: Array) -> float:
     return float(np.max(np.abs(problem.difference(one, other))))
 
 
@@ -301,15 +305,15 @@ def same_curve(one: Curve, other: Curve, problem: OrbitProblem) -> bool:
     rows, others = _orbits(one, problem), _orbits(other, problem)
     ends, (first, last) = rows[[0, -1]], others[[0, -1]]
     if not any(
-        all(_apart(problem, *pair) < SAME_END for pair in zip(ends, turned, strict=True))
+        all(_orbit_distance(problem, *pair) < SAME_END for pair in zip(ends, turned, strict=True))
         for turned in ((first, last), (last, first))
     ):
         return False
     middle = rows[len(rows) // 2]
-    return any(_on_way(problem, middle, *pair) for pair in itertools.pairwise(others))
+    return any(_is_on_way(problem, middle, *pair) for pair in itertools.pairwise(others))
 
 
-def _on_way(problem: OrbitProblem, unknowns: Array, left: Array, right: Array) -> bool:
+def _is_on_way(problem: OrbitProblem, unknowns: Array, left: Array, right: Array) -> bool:
     """Whether an orbit is as near the straight way between two as a curve through them is."""
     way, away = problem.difference(right, left), problem.difference(unknowns, left)
     part = np.clip(way @ away / (way @ way or 1.0), 0.0, 1.0)
@@ -322,7 +326,7 @@ def _orbits(curve: Curve, problem: OrbitProblem) -> Array:
     own = problem_of(problem.model, Word(curve.word, curve.period), problem.kernels)
     names = [*columns_of(curve.word, problem.m), *curve.parameters]
     rows = np.column_stack([curve[name] for name in names])
-    return np.array([rotated_to(own, row, problem.word) for row in rows])
+    return np.array([rotate_to_word(own, row, problem.word) for row in rows])
 
 
 # Near misses: where on a line what vanishes at an event comes nearest to zero, and turns back.
@@ -389,11 +393,11 @@ def near_misses(run: Run, kinds: Sequence[str]) -> list[NearMiss]:
         for kind in kinds
         if kind in VANISHING
         for index, values in enumerate(VANISHING[kind](points).T)
-        for row in _turning(values)
+        for row in _turning_places(values)
     ]
 
 
-def _turning(values: Array) -> list[int]:
+def _turning_places(values: Array) -> list[int]:
     """Where a value is nearest to zero between two others of its sign."""
     left, middle, right = values[:-2], values[1:-1], values[2:]
     one_sign = (np.sign(left) == np.sign(middle)) & (np.sign(middle) == np.sign(right))
@@ -406,7 +410,7 @@ def _multipliers(points: Points) -> Array:
     return np.where(np.isfinite(values), values, np.nan)
 
 
-def _fold(points: Points) -> Array:
+def _fold_values(points: Points) -> Array:
     values = _multipliers(points)
     return np.prod((1.0 - values) / (1.0 + np.abs(values)), axis=1).real[:, None]
 
@@ -439,7 +443,7 @@ def _velocities(points: Points) -> Array:
 
 
 VANISHING: dict[str, Callable[[Points], Array]] = {
-    "FB": _fold,
+    "FB": _fold_values,
     "PD": _doubling,
     "NS": _torus,
     "G": _gaps,
@@ -530,7 +534,7 @@ def crossing_runs(
     for _ in range(scene.rounds):
         before = len(runs)
         for part in (np.arange(count) + generator.uniform(size=count)) / count:
-            model = problem.model.replace(**{problem.parameter: across(limits, part)})
+            model = problem.model.replace(**{problem.parameter: place_across(limits, part)})
             there = problem_of(model, problem.word, problem.kernels)
             for orbit in search_for(there, generator, AT_ONE_VALUE, 1).orbits:
                 _follow(runs, scene, problem, orbit.unknowns, limits)
@@ -549,14 +553,14 @@ def _follow(
 
 def run_on_line(scene: Scene, problem: OrbitProblem, unknowns: Array, limits: Range) -> Run:
     """Follow an orbit along a line, both ways."""
-    stop = at_image(problem)
-    tests = watched(tests_of(scene, problem), stop)
-    run = both_ways(problem, unknowns, limits, tests, scene.settings, stop=stop)
-    _uninterrupted(run)
+    stop = symmetric_end(problem)
+    tests = add_stop_test(tests_of(scene, problem), stop)
+    run = walk_both_ways(problem, unknowns, limits, tests, scene.settings, stop=stop)
+    _raise_interruption(run)
     return run
 
 
-def _on_branch(problem: OrbitProblem, guess: Array, limits: Range) -> Array | None:
+def _nearby_orbit(problem: OrbitProblem, guess: Array, limits: Range) -> Array | None:
     """The orbit of the branch next to a guess, at a fold too; None if there is none."""
     try:
         scale = problem.scale(guess, limits[1] - limits[0])
@@ -572,18 +576,18 @@ def _on_branch(problem: OrbitProblem, guess: Array, limits: Range) -> Array | No
 def lies_on(runs: Sequence[Run], problem: OrbitProblem, unknowns: Array) -> bool:
     """Whether an orbit lies on one of several runs, its word rotated perhaps."""
     for run in runs:
-        turned = rotated_to(problem, unknowns, run.problem.word)
+        turned = rotate_to_word(problem, unknowns, run.problem.word)
         if turned is not None and run.holds(turned):
             return True
     return False
 
 
-def _uninterrupted(run: Run) -> None:
+def _raise_interruption(run: Run) -> None:
     if run.interrupted:
         raise KeyboardInterrupt
 
 
-def switched_runs(scene: Scene, runs: Sequence[Run], limits: Range) -> tuple[list[Run], int]:
+def follow_switches(scene: Scene, runs: Sequence[Run], limits: Range) -> tuple[list[Run], int]:
     """Follow the branches born at events of runs, as often in turn as the scene switches.
 
     Those of unphysical orbits are left out. Returns also at how many events the limit on branches
@@ -597,7 +601,7 @@ def switched_runs(scene: Scene, runs: Sequence[Run], limits: Range) -> tuple[lis
             if len(runs) + len(found) + len(new) >= scene.max_branches:
                 unswitched += 1
                 continue
-            run = _switched(scene, event, [*runs, *found, *new], limits)
+            run = _switch_run(scene, event, [*runs, *found, *new], limits)
             new += [] if run is None else [run]
         found += new
         last = new
@@ -612,29 +616,29 @@ def _births(scene: Scene, runs: Sequence[Run]) -> Iterator[Event]:
             yield event
 
 
-def _switched(scene: Scene, event: Event, known: Sequence[Run], limits: Range) -> Run | None:
+def _switch_run(scene: Scene, event: Event, known: Sequence[Run], limits: Range) -> Run | None:
     """The run along the branch born at an event, unless it is known."""
     start = switch(event)
     if start is None:
         return None
-    start = once(start)
+    start = primitive_start(start)
     probe = first_step(start, limits, scene.settings)
     if not probe.points:
         return None
-    problem, unknowns = shortest(start.problem, probe.points[-1].unknowns, SAME_ORBIT_ON_LINES)
+    problem, unknowns = reduce_period(start.problem, probe.points[-1].unknowns, SAME_ORBIT_ON_LINES)
     if lies_on(known, problem, unknowns):
         return None
-    stop = at_image(start.problem)
+    stop = symmetric_end(start.problem)
     tests = tests_of(scene, start.problem)
     born = End.of(EndKind.BORN, start.problem.parameter, event.parameter, entry="", parent="")
     run = run_born(start, born, limits, tests, scene.settings, stop=stop)
     if isinstance(run, End):
         return None
-    _uninterrupted(run)
+    _raise_interruption(run)
     return run
 
 
-def across(limits: Range, part: float) -> float:
+def place_across(limits: Range, part: float) -> float:
     """Part of the way across a range, in logarithms where it is wide and all is positive."""
     low, high = limits
     if low > 0.0 and high > 4.0 * low:
@@ -642,7 +646,7 @@ def across(limits: Range, part: float) -> float:
     return float(low + (high - low) * part)
 
 
-def at_value(run: Run, value: float) -> Iterator[Array]:
+def orbits_at_value(run: Run, value: float) -> Iterator[Array]:
     """Orbits on a run at a value of its parameter, nearly."""
     rows = run.rows
     behind, ahead = rows[:-1, -1], rows[1:, -1]
@@ -651,7 +655,7 @@ def at_value(run: Run, value: float) -> Iterator[Array]:
         yield rows[i] + part * (rows[i + 1] - rows[i])
 
 
-def physical(points: Points) -> Array:
+def physical_mask(points: Points) -> Array:
     """Whether each of the points is physical."""
     return np.asarray(Summary.of(points.numbers).findings[:, 0] == PHYSICAL)
 
@@ -668,7 +672,7 @@ NARROWEST = 0.1
 
 
 @dataclass
-class Met:
+class LineSurvey:
     """What lines have met of the orbits of one word."""
 
     word: Word
@@ -693,7 +697,7 @@ class Line:
     @property
     def real(self) -> int:
         """How many runs of the scene's word have physical orbits."""
-        return sum(bool(np.any(physical(run.points))) for run in self.runs)
+        return sum(bool(np.any(physical_mask(run.points))) for run in self.runs)
 
 
 class Lines:
@@ -744,7 +748,7 @@ class Lines:
         self.looked = 0
         ranges = {held: way[2] for held, way in self.ways.items()}
         self.descents = Descents(ranges, self.cross)
-        self.met = [Met(word)]
+        self.met = [LineSurvey(word)]
         self.followed: Counter[tuple[str, int]] = Counter()
         self.left_out: list[str] = []
         self.lost: list[tuple[Word, str]] = []
@@ -794,13 +798,13 @@ class Lines:
     def run(self, held: str, part: float) -> bool:
         """Lay one line; whether it met an entry on no curve."""
         kernels, limits, other = self.ways[held]
-        value = across(other, part)
+        value = place_across(other, part)
         self.progress(f"{self.word}: line at {held} = {value:.6g}")
         problem = problem_of(self.model.replace(**{held: value}), self.word, kernels)
         line = Line(held, part, value)
         self.carry(line, own=True)
         crossing_runs(line.runs, self.scene, problem, limits, self.generator)
-        line.born, unswitched = switched_runs(self.scene, line.runs, limits)
+        line.born, unswitched = follow_switches(self.scene, line.runs, limits)
         if unswitched:
             limit = f"follow.max_branches = {self.scene.max_branches}"
             at = f"events at {held} = {value:.6g}"
@@ -858,7 +862,7 @@ class Lines:
     ) -> Iterator[Array]:
         """Orbits on a line where a run crosses it; of words not the scene's those that are physical
         alone."""
-        for unknowns in at_value(run, line.value):
+        for unknowns in orbits_at_value(run, line.value):
             here = solve_near(problem, np.append(unknowns[:-1], held))
             if here is not None and (own or here.verdict.physical):
                 yield here.unknowns
@@ -867,12 +871,12 @@ class Lines:
         """Orbits beside those on a line where the physical part of a curve crosses it."""
         limits = self.ways[line.held][1]
         for guess, _ in _crossings(curve, line.held, line.value, problem, physical=True):
-            here = _on_branch(problem, guess, limits)
+            here = _nearby_orbit(problem, guess, limits)
             if here is None:
                 at = f"{line.held} = {line.value:.6g}, {problem.parameter} = {guess[-1]:.6g}"
                 self.lost.append((problem.word, f"the branch through {curve.id} at {at}"))
             elif limits[0] <= here[-1] <= limits[1]:
-                yield _beside(problem, here, self.scene, limits)
+                yield _orbit_beside(problem, here, self.scene, limits)
 
     def meet_on(self, runs: Sequence[Run]) -> bool:
         """Whether an entry of some runs is on no curve."""
@@ -934,15 +938,15 @@ class Lines:
             for entry in found:
                 self.of(entry).born += 1
 
-    def of(self, entry: Entry) -> Met:
+    def of(self, entry: Entry) -> LineSurvey:
         """What was met of an entry's word."""
         word = Word(entry.word, entry.period)
         known = next((met for met in self.met if _same_word(met.word, word)), None)
         if known is None:
-            self.met.append(known := Met(word))
+            self.met.append(known := LineSurvey(word))
         return known
 
-    def said(self, met: Met, fixed: dict[str, float], complete: bool) -> Coverage:
+    def said(self, met: LineSurvey, fixed: dict[str, float], complete: bool) -> Coverage:
         """The statement on one word; entries that later curves pass are off none."""
         walls = self.scene.model.letters
         word, names = met.word, (self.scene.parameter, self.options.parameter)

@@ -25,7 +25,7 @@ from ..continuation.step import (
 )
 from ..orbits.block_cyclic import BLOCK, KEPT, POSITIONS
 from ..orbits.problem import OrbitProblem
-from ..segments.compiling import CompiledProgram, load, mode, plainly, spend
+from ..segments.compiling import CompiledProgram, count_plain_flights, load, mode, note_uncompiled
 from ..segments.flight import excursion_of, time_zeros
 from ..segments.layout import Family, Setup
 from ..segments.oscillation import MOST, ROW
@@ -173,7 +173,7 @@ class OrbitBackend(ABC, Generic[V]):
             made = take_steps(*self.functions, self.lists, tuple(vectors))
         flights = int(vectors.state[EVALUATIONS]) * self.count
         self.problem.kernel_evaluations += flights
-        spend(0 if fast else flights * self.cost)
+        count_plain_flights(0 if fast else flights * self.cost)
         return batch_of(position, self.problem, vectors, made, self.block)
 
     @property
@@ -208,7 +208,7 @@ class OrbitBackend(ABC, Generic[V]):
         if said == "never" or (said == "auto" and most < WORTH):
             return None
         if self.variant is None:
-            plainly(self.obstacle)
+            note_uncompiled(self.obstacle)
             return None
         return load((self.problem.kernels.identity, self.variant), self.ARGUMENTS, self.written)
 

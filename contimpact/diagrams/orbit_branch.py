@@ -12,18 +12,25 @@ import numpy as np
 
 from ..arrays import Array
 from ..bifurcations.branch_point import BranchPoint
-from ..bifurcations.declarations import KINDS, SWITCHES, usual_events, with_values
-from ..bifurcations.kind import Start, once
+from ..bifurcations.declarations import KINDS, SWITCHES, usual_events, wanted_kinds
+from ..bifurcations.kind import Start, primitive_start
 from ..bifurcations.registry import switch, test_functions
 from ..bifurcations.requested import PERIOD
-from ..continuation.branch import Event, Point, Points, TestFunction, UserFunction, Walk, joined
+from ..continuation.branch import Event, Point, Points, TestFunction, UserFunction, Walk, join_walks
 from ..continuation.corrector import correct
 from ..continuation.ends import AT_BRANCH_POINTS, End, EndKind
-from ..continuation.events import on_points, with_points_between
+from ..continuation.events import separate_events, snap_to_points
 from ..continuation.problem import Evaluation
 from ..continuation.settings import Settings
-from ..continuation.walk import SAME_SOLUTION, Stop, interrupted, kept, other_way, undisturbed
-from ..errors import InputError, shown
+from ..continuation.walk import (
+    SAME_SOLUTION,
+    Stop,
+    is_interrupted,
+    keep_interrupted,
+    other_way,
+    retry_interrupted,
+)
+from ..errors import InputError, short_repr
 from ..models.model import Model, Symmetry
 from ..models.word import Word
 from ..orbits.multipliers import count_unstable
@@ -31,11 +38,11 @@ from ..orbits.orbit import Orbit
 from ..orbits.physicality import PHYSICAL, reason_of
 from ..orbits.problem import OrbitProblem, Summary
 from ..orbits.quiet import problem_of
-from ..orbits.search import mirrored, repeats, rotated_to, shortest, solve_near
-from ..progress import Asked, asked, both, counted
+from ..orbits.search import mirror_orbit, reduce_period, repeats, rotate_to_word, solve_near
+from ..progress import Asked, chain_callbacks, counting_callback, progress_lines
 from ..results.branch import Branch, Entry
 from ..results.diagram import Diagram
-from ..results.entry_conversion import as_orbit, entry_first, entry_of, event_of, named
+from ..results.entry_conversion import entry_by_name, entry_first, entry_of, event_of, to_orbit
 from ..results.tables import columns_of
 from ..segments.kernels import Kernels
 from .orbit_walks import walk_orbits
@@ -101,7 +108,7 @@ def _columns(points: Points) -> dict[str, Array]:
     for name, column in zip(columns_of(problem.word.walls, problem.m), unknowns.T, strict=False):
         columns[name] = column.copy()
     if problem.autonomous:
-        columns |= _in_their_clock(problem, columns, unknowns)
+        columns |= _clock_columns(problem, columns, unknowns)
     summary = Summary.of(points.numbers)
     factors, findings = summary.multipliers, summary.findings
     for k, factor in enumerate(factors.T, start=1):
@@ -119,7 +126,7 @@ def _columns(points: Points) -> dict[str, Array]:
     return columns
 
 
-def _in_their_clock(
+def _clock_columns(
     problem: OrbitProblem, columns: Mapping[str, Array], unknowns: Array
 ) -> dict[str, Array]:
     """The columns of free periods, and of times since the first passage."""
@@ -165,7 +172,7 @@ def symmetric(
     """Whether an orbit is its own mirror image."""
     if symmetry is None or not problem.word.walls:
         return False
-    image = rotated_to(*mirrored(problem, unknowns, symmetry), problem.word)
+    image = rotate_to_word(*mirror_orbit(problem, unknowns, symmetry), problem.word)
     if image is None:
         return False
     return bool(np.max(np.abs(problem.difference(image, unknowns))) < tolerance)
@@ -178,20 +185,20 @@ def mirrors_back(
     if symmetry is None or not problem.word.walls:
         return False
     along = 1e-4 * tangent / np.max(np.abs(tangent))
-    image = rotated_to(*mirrored(problem, unknowns + along, symmetry), problem.word)
+    image = rotate_to_word(*mirror_orbit(problem, unknowns + along, symmetry), problem.word)
     if image is None:
         return False
     return bool(np.max(np.abs(problem.difference(image, unknowns - along))) < 1e-8)
 
 
-def again(name: str, point: Point) -> End:
+def mirror_end(name: str, point: Point) -> End:
     """Return the end of a branch at a start beyond which its mirror image follows."""
     parameter = point.evaluation.problem.parameter
     known = f"{name} again, as its own mirror image"
     return End.of(EndKind.KNOWN, parameter, point.parameter, known=known)
 
 
-def at_image(problem: OrbitProblem, known: Known | None = None) -> Stop | None:
+def symmetric_end(problem: OrbitProblem, known: Known | None = None) -> Stop | None:
     """Return what ends a walk at the branch point where its orbits become images of themselves.
 
     Parameters
@@ -207,17 +214,17 @@ def at_image(problem: OrbitProblem, known: Known | None = None) -> Stop | None:
     """
     if len(problem.word.rotations()) == 1 and symmetry_of(problem) is None:
         return None
-    return _AtImage(problem, known)
+    return _SymmetricEnd(problem, known)
 
 
-def watched(tests: Sequence[TestFunction], stop: Stop | None) -> list[TestFunction]:
+def add_stop_test(tests: Sequence[TestFunction], stop: Stop | None) -> list[TestFunction]:
     """Return the test functions of a walk: those asked for, and that of what `stop` goes by."""
     asked = stop is None or any(isinstance(test, BranchPoint) for test in tests)
     return [*tests, *([] if asked else [BranchPoint()])]
 
 
-class _AtImage:
-    """See `at_image`; nothing ends where orbits are their own images from the first point on."""
+class _SymmetricEnd:
+    """Ends no walk whose orbits are their own images from the first point on."""
 
     def __init__(self, problem: OrbitProblem, known: Known | None) -> None:
         self.problem, self.known = problem, known
@@ -249,7 +256,7 @@ class _AtImage:
         name, value = self.problem.parameter, point.parameter
         if kind is EndKind.SYMMETRIC:
             return End.of(kind, name, value)
-        shorter, moved = shortest(self.problem, point.unknowns, AT_IMAGE)
+        shorter, moved = reduce_period(self.problem, point.unknowns, AT_IMAGE)
         if self.known is not None and (branch := self.known(shorter, moved)):
             return End.of(EndKind.KNOWN, name, value, known=branch)
         letters = self.problem.model.letters
@@ -320,8 +327,8 @@ def continue_orbit(
     InputError
         For what is no orbit, a parameter the model does not have, or a range it does not admit.
     """
-    given = named(orbit)
-    orbit = as_orbit(given, model)
+    given = entry_by_name(orbit)
+    orbit = to_orbit(given, model)
     problem = orbit.problem
     parameter = parameter or problem.parameter
     unknowns = orbit.unknowns
@@ -329,29 +336,35 @@ def continue_orbit(
         model = orbit.model
         problem = problem_of(model, orbit.word, Kernels(model, parameter))
         unknowns = np.append(unknowns[:-1], model.values[parameter])
-    limits = checked_range(problem, range, float(unknowns[-1]))
-    stop, tests = at_image(problem), tests_of_events(problem, events, values)
+    limits = check_range(problem, range, float(unknowns[-1]))
+    stop, tests = symmetric_end(problem), tests_of_events(problem, events, values)
     settings = settings or Settings()
     if isinstance(given, Entry) and given.tangent is not None and problem is orbit.problem:
-        unknowns = _beside(problem, unknowns, np.array(given.tangent), limits, settings)
+        unknowns = _orbit_beside(problem, unknowns, np.array(given.tangent), limits, settings)
     if unphysical is None:
         unphysical = problem.model.few_guards or not orbit.physical
-    with told_of(progress, f"following {name}, {problem.word}", problem, callback) as told:
-        tests = watched(tests, stop)
-        run = both_ways(problem, unknowns, limits, tests, settings, told, stop, unphysical)
-    return undisturbed(lambda: run.branch(name, kinds=[test.kind for test in tests]))
+    with progress_callback(
+        progress, f"following {name}, {problem.word}", problem, callback
+    ) as told:
+        tests = add_stop_test(tests, stop)
+        run = walk_both_ways(problem, unknowns, limits, tests, settings, told, stop, unphysical)
+    return retry_interrupted(lambda: run.branch(name, kinds=[test.kind for test in tests]))
 
 
 @contextlib.contextmanager
-def told_of(
+def progress_callback(
     progress: Asked, what: str, problem: OrbitProblem, callback: Callback | None
 ) -> Iterator[Callback | None]:
     """Yield the callback of a walk, which tells how far it is if that was asked for."""
-    with asked(progress, what) as tell:
-        yield both(callback, counted("", problem.parameter, tell)) if progress else callback
+    with progress_lines(progress, what) as tell:
+        yield (
+            chain_callbacks(callback, counting_callback("", problem.parameter, tell))
+            if progress
+            else callback
+        )
 
 
-def _beside(
+def _orbit_beside(
     problem: OrbitProblem,
     unknowns: Array,
     tangent: Array,
@@ -375,18 +388,18 @@ def tests_of_events(
     if isinstance(events, str) or not isinstance(events, Sequence):
         raise InputError("events", f"found {events!r}", "give a list, such as ['PD', 'G']")
     texts = [kind for kind in events if isinstance(kind, str)]
-    kinds = with_values(texts, values, "events", "give values={name: [...]}")
+    kinds = wanted_kinds(texts, values, "events", "give values={name: [...]}")
     tests = test_functions(problem, kinds, values or {})
-    return tests + [_user(kind) for kind in events if not isinstance(kind, str)]
+    return tests + [_user_test(kind) for kind in events if not isinstance(kind, str)]
 
 
-def checked_range(
+def check_range(
     problem: OrbitProblem, limits: tuple[float, float] | None, start: float
 ) -> tuple[float, float]:
     """Return the range as floats, or raise `InputError` if it does not fit."""
     declared = problem.model.require(problem.parameter, "parameter")
     if not isinstance(limits, Sequence | np.ndarray) or len(limits) != 2:
-        found = "missing" if limits is None else f"found {shown(limits)}"
+        found = "missing" if limits is None else f"found {short_repr(limits)}"
         raise InputError("range", found, f"give (low, high), values of {problem.parameter}")
     low, high = (declared.check(limit, "range") for limit in limits)
     if not low < high or not low <= start <= high:
@@ -397,7 +410,7 @@ def checked_range(
     return low, high
 
 
-def _user(given: UserEvent) -> TestFunction:
+def _user_test(given: UserEvent) -> TestFunction:
     named = isinstance(given, tuple) and len(given) == 2 and isinstance(given[0], str)
     if not named or not callable(given[1]) or given[0] in KINDS:
         accepted = f"give a pair of a name (none of {', '.join(KINDS)}) and a function"
@@ -432,8 +445,8 @@ class Run:
     @classmethod
     def of(cls, problem: OrbitProblem, backward: Walk, forward: Walk, born: bool = False) -> Run:
         """Join two walks that left one point; `born` says whether that is an event's."""
-        points, events = joined(backward, forward)
-        events = on_points(points, events)
+        points, events = join_walks(backward, forward)
+        events = snap_to_points(points, events)
         places = {event.point.arclength for event in events}
         ends = {0: backward.end, len(points) - 1: forward.end}
         rows = {row for row, end in ends.items() if end.kind in AT_BRANCH_POINTS}
@@ -442,13 +455,13 @@ class Run:
             at_event = born or any(points[row].arclength in places for row in ends)
             rows |= set(ends) if at_event else set()
         others = [point for row in sorted(rows) if (point := points[row]).arclength not in places]
-        points = with_points_between(problem, points, events, others)
+        points = separate_events(problem, points, events, others)
         return cls(problem, (backward, forward), points, events, [p.arclength for p in others])
 
     @property
     def interrupted(self) -> bool:
         """Whether the keyboard has interrupted one of the walks."""
-        return interrupted(walk.end for walk in self.walks)
+        return is_interrupted(walk.end for walk in self.walks)
 
     def branch(
         self,
@@ -557,7 +570,7 @@ class Run:
         return bool(np.max(np.abs(apart)) < SAME_SOLUTION)
 
 
-def both_ways(
+def walk_both_ways(
     problem: OrbitProblem,
     unknowns: Array,
     limits: tuple[float, float],
@@ -585,7 +598,7 @@ def both_ways(
             unphysical=unphysical,
         )
 
-    forward = kept(lambda: go(+1))
+    forward = keep_interrupted(lambda: go(+1))
     if not forward.points:
         raise InputError("orbit", forward.end.message, "give an orbit that solves its equations")
     backward = other_way(forward, problem.parameter, lambda: go(-1))
@@ -636,25 +649,27 @@ def continue_born(
     entry, model = entry_first(entry, model)
     if getattr(entry, "kind", None) not in SWITCHES:
         accepted = f"accepted are entries of {', '.join(SWITCHES)}"
-        raise InputError("entry", f"nothing is born at {shown(entry)}", accepted)
+        raise InputError("entry", f"nothing is born at {short_repr(entry)}", accepted)
     start = switch(event_of(entry, model))
     if start is None:
         return None
-    start = once(start)
+    start = primitive_start(start)
     problem = start.problem
-    limits = checked_range(problem, range, entry.value)
+    limits = check_range(problem, range, entry.value)
     tests = tests_of_events(problem, events, values)
     place = {"entry": entry.id, "parent": entry.branch}
     born = End.of(EndKind.BORN, entry.parameter, entry.value, **place)
-    with told_of(progress, f"following {name}, {problem.word}", problem, callback) as told:
-        stop, settings = at_image(problem), settings or Settings()
+    with progress_callback(
+        progress, f"following {name}, {problem.word}", problem, callback
+    ) as told:
+        stop, settings = symmetric_end(problem), settings or Settings()
         if unphysical is None:
             unphysical = problem.model.few_guards or not entry.physical
         run = run_born(start, born, limits, tests, settings, name, stop, told, unphysical)
     if isinstance(run, End):
         return None
     asked = [test.kind for test in tests]
-    branch = undisturbed(lambda: run.branch(name, entry.id, kinds=asked))
+    branch = retry_interrupted(lambda: run.branch(name, entry.id, kinds=asked))
     return dataclasses.replace(branch, notes=[start.note, *branch.notes]) if start.note else branch
 
 
@@ -695,7 +710,7 @@ def run_born(
             start.unknowns,
             direction,
             limits=limits,
-            tests=watched(tests, stop),
+            tests=add_stop_test(tests, stop),
             settings=settings,
             tangent=start.tangent,
             branching=start.branching,
@@ -704,12 +719,12 @@ def run_born(
             unphysical=unphysical,
         )
 
-    forward = kept(lambda: go(+1))
+    forward = keep_interrupted(lambda: go(+1))
     if not forward.points:
         return forward.end
     first, closed = forward.points[:1], forward.end.kind is EndKind.CLOSED
     if not closed and mirrors_back(problem, start.unknowns, start.tangent, symmetry_of(problem)):
-        backward = Walk(first, (), again(name, first[0]))
+        backward = Walk(first, (), mirror_end(name, first[0]))
     elif start.both_ways or closed:
         backward = other_way(forward, problem.parameter, lambda: go(-1))
         if not backward.points:

@@ -17,7 +17,7 @@ from ..orbits.multipliers import (
     multipliers_by_elimination,
     product_of_multipliers,
     row_norms,
-    scaled,
+    scale_determinant,
 )
 from ..orbits.physicality import verdict
 from ..segments.layout import Blocks, Setup
@@ -117,7 +117,7 @@ def tangent_of_cycle(
     sizes = count * math.log(time * velocity) + math.log(free)
     norms = row_norms(orbit.blocks, count, 1.0, time, velocity, free)
     # the border is row / scale^2; with the tangent itself in its place it is longer by `size`
-    return scaled(reduced[12], reduced[13] + sizes, det * size, norms)
+    return scale_determinant(reduced[12], reduced[13] + sizes, det * size, norms)
 
 
 def measure(

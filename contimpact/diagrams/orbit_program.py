@@ -14,7 +14,7 @@ from ..segments.kernels import Kernels
 from ..segments.linear_flow import flow
 from ..segments.machine_code import Program
 from ..segments.oscillation import excursion_by_law, excursions, row_of, row_of_compiled
-from ..segments.oscillations import Followed
+from ..segments.oscillations import FollowedFlight
 from .chain_functions import (
     ChainVectors,
     chain_step,
@@ -43,7 +43,7 @@ def space_for(kernels: Kernels) -> int:
     return max((space_of(int(d), int(h), len(kernels.parameters)) for d, h in shapes), default=0)
 
 
-def with_space(kernel: Kernel) -> Kernel:
+def add_scratch_space(kernel: Kernel) -> Kernel:
     """Return a kernel with scratch space as its last argument, which it hands on to `flow`.
 
     The numbers of the flow are put at the beginning of the space, instead of being arguments.
@@ -131,7 +131,7 @@ def program_of(kernels: Kernels, variant: str) -> Program:
     flights = {f"flight_{a}_{b}": kernels.flight(a, b) for a in walls for b in walls}
     ends = f"t0, v0, t1, v1, {p}"
     if any(kernels.linear(wall) for wall in walls):
-        flights = {name: with_space(kernel) for name, kernel in flights.items()}
+        flights = {name: add_scratch_space(kernel) for name, kernel in flights.items()}
         ends += f", p[{count}:]"
     flight = choice("any_flight", "kind, t0, v0, t1, v1, p", "kind", list(flights), ends)
     program.glue(flight, **flights)
@@ -202,7 +202,9 @@ def chain_program_of(kernels: Kernels) -> Program:
     count, m = len(kernels.model.values), kernels.model.unknowns_per_impact
     p = ", ".join(f"p[{i}]" for i in range(count))
     walls = kernels.model.letters
-    flights = {f"flight_{a}_{b}": with_space(kernels.flight(a, b)) for a in walls for b in walls}
+    flights = {
+        f"flight_{a}_{b}": add_scratch_space(kernels.flight(a, b)) for a in walls for b in walls
+    }
     ends = ", ".join(f"s[{i}]" for i in range(2 * m))
     given = f"{ends}, {p}, p[{count}:]"
     program.glue(choice("any_flight", "kind, s, p", "kind", list(flights), given), **flights)
@@ -210,7 +212,7 @@ def chain_program_of(kernels: Kernels) -> Program:
     start = ", ".join(f"s[{i}]" for i in range(m))
     program.glue(choice("any_law", "wall, s, p", "wall", list(laws), f"{start}, {p}"), **laws)
     program.constant("ChainVectors", ChainVectors)
-    program.constant("Followed", Followed)
+    program.constant("FollowedFlight", FollowedFlight)
     called = (
         take_steps,
         chain_step,

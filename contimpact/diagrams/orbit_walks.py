@@ -8,8 +8,8 @@ from dataclasses import replace
 from typing import TYPE_CHECKING, Unpack
 
 from ..arrays import Array
-from ..bifurcations.extended_system import OrbitTest, meeting
-from ..bifurcations.status import explained
+from ..bifurcations.extended_system import OrbitTest, crossing_near
+from ..bifurcations.status import explain_changes
 from ..continuation.branch import Event, Point, TestFunction, Walk
 from ..continuation.ends import End, EndKind
 from ..continuation.problem import Problem
@@ -17,7 +17,7 @@ from ..continuation.settings import Settings
 from ..continuation.step import Backend, Batch, DenseBackend, Position
 from ..continuation.walk import Options, Stop, walk
 from ..orbits.problem import Linearisation, OrbitProblem
-from ..segments.compiling import plainly
+from ..segments.compiling import note_uncompiled
 from ..segments.kernels import Kernels
 from .orbit_backend import CycleBackend
 
@@ -36,15 +36,15 @@ LONGEST = 1e3
 HALVINGS = 200
 
 
-def bounded(
+def bound_range(
     problem: OrbitProblem, start: Array, limits: tuple[float, float]
 ) -> tuple[float, float]:
     """Return the part of a range around a start in which the period is bounded."""
-    low, high = (_nearest(problem, start, limit) for limit in limits)
+    low, high = (_nearest_limit(problem, start, limit) for limit in limits)
     return low, high
 
 
-def _nearest(problem: OrbitProblem, start: Array, limit: float) -> float:
+def _nearest_limit(problem: OrbitProblem, start: Array, limit: float) -> float:
     """The limit, or where the period is `LONGEST` times that at the start if it has none there."""
     inside, outside = float(start[-1]), limit
     has_none = problem.free != 1 or problem.autonomous
@@ -70,7 +70,7 @@ def _times(problem: OrbitProblem, start: Array, value: float) -> float:
     return ratio if ratio > 0.0 else math.inf
 
 
-def told(
+def explain_period_end(
     walk: Walk[Linearisation], problem: OrbitProblem, limits: tuple[float, float]
 ) -> Walk[Linearisation]:
     """Return a walk that says so where it ended for the period's sake."""
@@ -84,7 +84,7 @@ def told(
 # Walks along physical orbits alone.
 
 
-class Physical:
+class PhysicalityEnd:
     """What ends a walk a step behind the event that makes its orbits unphysical, as `stop`.
 
     Parameters
@@ -109,7 +109,7 @@ class Physical:
 # Walks on which flights that are integrated may become too long to be computed as a whole.
 
 
-class UntilLong:
+class SwitchingBackend:
     """A backend of whole flights until one of them is long, and dense linear algebra from there.
 
     Parameters
@@ -154,7 +154,7 @@ def walk_orbits(
     Without `unphysical` the walk ends where its orbits are unphysical.
     """
     if not unphysical:
-        options["stop"] = Physical(options.get("stop"))
+        options["stop"] = PhysicalityEnd(options.get("stop"))
     if problem.autonomous:
         from .free_period_ends import FreePeriodEnds
 
@@ -162,18 +162,20 @@ def walk_orbits(
     backend = backend_of(problem, tests, gaps)
     at, name = (problem, start, direction), problem.parameter
     asked = options["limits"]
-    options["limits"] = bounded(problem, start, asked)
-    found = walk(*at, parameter=name, tests=tests, backend=backend, meeting=meeting, **options)
-    found = told(found, problem, asked)
+    options["limits"] = bound_range(problem, start, asked)
+    found = walk(
+        *at, parameter=name, tests=tests, backend=backend, meeting=crossing_near, **options
+    )
+    found = explain_period_end(found, problem, asked)
     if not gaps:
         return found
     settings, switched = options.get("settings") or Settings(), options.get("tangent") is not None
-    return explained(problem, found, tests, settings, switched)
+    return explain_changes(problem, found, tests, settings, switched)
 
 
 def backend_of(
     problem: OrbitProblem, tests: Sequence[TestFunction[Linearisation]], gaps: bool = True
-) -> CycleBackend | ChainBackend | UntilLong | None:
+) -> CycleBackend | ChainBackend | SwitchingBackend | None:
     """Return a problem on block-cyclic elimination.
 
     None where there is none: for several coordinates that do not move linearly or are more than
@@ -183,13 +185,13 @@ def backend_of(
     if problem.free != 1 or not problem.word.walls:
         return None
     if problem.autonomous:
-        plainly("free periods")
+        note_uncompiled("free periods")
         return None
     if problem.lost or not problem.kernels.passages.anchored:
-        plainly("modes of different dimension, and jumps that move the gap coordinate")
+        note_uncompiled("modes of different dimension, and jumps that move the gap coordinate")
         return None
     if problem.kernels.may_leave_at_once(problem.word.walls):
-        plainly("flights that may leave their mode where they begin")
+        note_uncompiled("flights that may leave their mode where they begin")
         return None
     needs = {need for test in tests if isinstance(test, OrbitTest) for need in test.needs}
     wanted = gaps or "gaps" in needs, "doubling" in needs
@@ -198,10 +200,10 @@ def backend_of(
         if not any(problem.kernels.flown(*kind) for kind in problem.kinds):
             return backend
 
-        return UntilLong(backend, problem, problem.kernels)
+        return SwitchingBackend(backend, problem, problem.kernels)
     from .chain_backend import ChainBackend
 
     if not ChainBackend.follows(problem):
-        plainly("several coordinates that do not move linearly, or more than four of them")
+        note_uncompiled("several coordinates that do not move linearly, or more than four of them")
         return None
     return ChainBackend(problem, *wanted)

@@ -13,7 +13,7 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from ..progress import Progress, silent
+from ..progress import Progress, ignore_progress
 from ..results.catalogue import diagram_files
 from ..results.result_folder import ROWS
 from ..results.scene import Scene
@@ -29,8 +29,13 @@ from ..simulation.files import (
     sweep_text,
     transitions_text,
 )
-from ..simulation.sweep import Row, Simulators, Sweep, find_attractors, same, sweep_rows
-from ..simulation.transitions import Transition, all_changes, between, explained
+from ..simulation.sweep import Row, Simulators, Sweep, find_attractors, same_attractor, sweep_rows
+from ..simulation.transitions import (
+    Transition,
+    all_changes,
+    explain_transition,
+    transitions_between,
+)
 from ..storage.files import Content, write_all
 
 if TYPE_CHECKING:
@@ -102,7 +107,7 @@ def simulate(
     Simulation
         After an interruption from the keyboard, what was done until then.
     """
-    return _Director(scene, folder, resume, progress or silent).run()
+    return _Director(scene, folder, resume, progress or ignore_progress).run()
 
 
 class _Director:
@@ -200,11 +205,11 @@ class _Director:
         sweep, diagram = self.result.sweep, self.result.diagram
         pairs = all_changes(sweep)
         clock = _Clock("transitions", len(pairs), self.progress)
-        simulators = _Watched(self.simulators, clock)
+        simulators = _ReportedSimulators(self.simulators, clock)
         for before, after in pairs:
             key = (after.direction, after.value)
             if key not in self.kept.changes:
-                found = between(
+                found = transitions_between(
                     simulators, before, after, self.options.width, self.options.settling
                 )
                 self.kept.keep_changes(*key, list(found))
@@ -212,7 +217,8 @@ class _Director:
             else:
                 clock.skip(1)
             self.result.transitions += [
-                explained(t, diagram, sweep) if diagram else t for t in self.kept.changes[key]
+                explain_transition(t, diagram, sweep) if diagram else t
+                for t in self.kept.changes[key]
             ]
 
     def coverage(self) -> None:
@@ -248,7 +254,9 @@ class _Director:
             known: list[Attractor] = []
             for direction, _ in self.options.sweeps():
                 attractor = self.at(value, direction).attractor
-                if attractor.settled and not any(same(attractor, other) for other in known):
+                if attractor.settled and not any(
+                    same_attractor(attractor, other) for other in known
+                ):
                     known.append(attractor)
             simulator = self.simulators.at(value)
 
@@ -287,7 +295,7 @@ class _Clock:
         self.progress(f"{place}, about {left:.0f} s left; {text}")
 
 
-class _Watched(Simulators):
+class _ReportedSimulators(Simulators):
     """Simulators that tell which value is tried."""
 
     def __init__(self, own: Simulators, clock: _Clock) -> None:

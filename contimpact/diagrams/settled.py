@@ -16,7 +16,7 @@ from ..models.model import Model
 from ..models.word import Word
 from ..orbits.orbit import Orbit
 from ..orbits.quiet import problem_of
-from ..orbits.search import SAME_ORBIT, rotated_to, shortest, solve_near
+from ..orbits.search import SAME_ORBIT, reduce_period, rotate_to_word, solve_near
 from ..segments.kernels import Kernels
 from ..simulation.run import Outcome, Run, State
 from ..simulation.simulator import Simulator
@@ -63,8 +63,8 @@ def settled_orbits(
     found: list[Orbit] = []
     quiet = 0
     for _ in range(motions):
-        orbit = _settled(simulator, simulator.random_state(generator), looks)
-        new = orbit is not None and not any(_same(orbit, other) for other in found)
+        orbit = _settle_orbit(simulator, simulator.random_state(generator), looks)
+        new = orbit is not None and not any(_same_orbit(orbit, other) for other in found)
         quiet = 0 if new else quiet + 1
         if orbit is not None and new:
             found.append(orbit)
@@ -73,20 +73,20 @@ def settled_orbits(
     return found
 
 
-def of_word(orbits: Iterable[Orbit], word: Word) -> list[Array]:
+def unknowns_of_word(orbits: Iterable[Orbit], word: Word) -> list[Array]:
     """Return the unknowns of those orbits that have a word, from its first letter on."""
-    turned = (turned_to(orbit, word) for orbit in orbits)
+    turned = (turn_to_word(orbit, word) for orbit in orbits)
     return [unknowns for unknowns in turned if unknowns is not None]
 
 
-def named(orbit: Orbit) -> Word:
+def word_of(orbit: Orbit) -> Word:
     """Return an orbit's word, from the letter on from which it comes first in the model's order."""
     word, order = orbit.word, orbit.problem.model.letters.index
     turns = (word.walls[k:] + word.walls[:k] for k in range(len(word)))
     return Word(min(turns, key=lambda walls: [order(wall) for wall in walls]), word.period)
 
 
-def _settled(simulator: Simulator, state: State, looks: Sequence[int]) -> Orbit | None:
+def _settle_orbit(simulator: Simulator, state: State, looks: Sequence[int]) -> Orbit | None:
     """The orbit on which one motion settles; None if it does not in time, or rests, or flies on."""
     try:
         return _after(simulator, state, looks)
@@ -102,14 +102,14 @@ def _after(simulator: Simulator, state: State, looks: Sequence[int]) -> Orbit | 
             return None
         if run.released.any() or run.held.any():
             return None
-        for orbit in _near(simulator, run):
+        for orbit in _orbits_near(simulator, run):
             if orbit.physical and np.max(np.abs(orbit.multipliers)) < 1.0:
                 return orbit
         state = run.end
     return None
 
 
-def _near(simulator: Simulator, run: Run) -> Iterator[Orbit]:
+def _orbits_near(simulator: Simulator, run: Run) -> Iterator[Orbit]:
     """The orbits through the end of a run, of as few impacts as possible first."""
     model, period, last = simulator.model, simulator.period, len(run) - 1
     rows = np.column_stack([run.turns * period + run.phases, run.velocities, *run.others.T])
@@ -134,22 +134,22 @@ def _near(simulator: Simulator, run: Run) -> Iterator[Orbit]:
             continue
         apart = problem.difference(here.unknowns, guess)[: problem.n].reshape(-1, problem.m)
         if np.max(np.abs(apart / sizes)) < REACHED:
-            single, unknowns = shortest(problem, here.unknowns, SAME_ORBIT)
+            single, unknowns = reduce_period(problem, here.unknowns, SAME_ORBIT)
             yield Orbit(single, here if single is problem else single.evaluate(unknowns))
 
 
-def _same(one: Orbit, other: Orbit) -> bool:
+def _same_orbit(one: Orbit, other: Orbit) -> bool:
     """Whether two orbits are one, their words rotated perhaps."""
-    turned = turned_to(one, other.word)
+    turned = turn_to_word(one, other.word)
     if turned is None:
         return False
     return bool(np.max(np.abs(other.problem.difference(turned, other.unknowns))) < SAME_ORBIT)
 
 
-def turned_to(orbit: Orbit, word: Word) -> Array | None:
+def turn_to_word(orbit: Orbit, word: Word) -> Array | None:
     """Return an orbit's unknowns as an orbit of a word, its first impact in [0, T); None if it is
     none of it."""
-    turned = rotated_to(orbit.problem, orbit.unknowns, word)
+    turned = rotate_to_word(orbit.problem, orbit.unknowns, word)
     if turned is None or orbit.problem.autonomous:
         return turned
     turned = turned.copy()

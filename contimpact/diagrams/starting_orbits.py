@@ -19,8 +19,8 @@ from ..models.word import Word, parse_word, repetitions
 from ..orbits import search as orbits_search
 from ..orbits.orbit import Orbit
 from ..orbits.quiet import problem_of
-from ..orbits.search import Search, search, with_more
-from ..progress import Asked, Progress, asked, silent
+from ..orbits.search import Search, add_orbits, search
+from ..progress import Asked, Progress, ignore_progress, progress_lines
 from ..results.scene import Scene
 from ..segments.kernels import Kernels
 
@@ -70,7 +70,11 @@ class NotFound:
         tried = scene.parameter, scene.start, scene.starts, min(scene.rounds, 2)
         repeated = tuple(w.notation(letters) for w in shorter)
         return cls(
-            word, word.notation(letters), *tried, repeated, starts_elsewhere=_first(scene).starts
+            word,
+            word.notation(letters),
+            *tried,
+            repeated,
+            starts_elsewhere=_quick_search(scene).starts,
         )
 
     def also_at(self, value: float, count: int) -> NotFound:
@@ -128,7 +132,7 @@ class NotFound:
         )
 
 
-def placed(error: InputError, scene: Scene) -> InputError:
+def error_at_key(error: InputError, scene: Scene) -> InputError:
     """Return an error of a scene's kernels at a key of the scene."""
     if error.where == "parameter":
         return error.within("follow")
@@ -148,11 +152,11 @@ def orbits_at(scene: Scene, kernels: Kernels, word: Word, value: float) -> list[
     return search_at(scene, kernels, word, value).orbits
 
 
-def with_settled(
+def add_settled(
     scene: Scene,
     kernels: Kernels,
     found: Mapping[Word, Sequence[Orbit]],
-    progress: Progress = silent,
+    progress: Progress = ignore_progress,
 ) -> tuple[dict[Word, list[Orbit]], list[Orbit]]:
     """Return the orbits of each word at a scene's start, and those on which simulations settle.
 
@@ -161,13 +165,15 @@ def with_settled(
     """
     if all(attracts(orbits) for word, orbits in found.items() if word.walls):
         return {word: list(orbits) for word, orbits in found.items()}, []
-    from .settled import of_word, settled_orbits
+    from .settled import settled_orbits, unknowns_of_word
 
     progress(f"simulating at {scene.parameter} = {scene.start:.9g}")
     settled = settled_orbits(scene.model, kernels, scene.seed)
     problems = {word: problem_of(scene.model, word, kernels) for word in found}
     return {
-        word: with_more(orbits, problems[word], of_word(settled, word)) if word.walls else [*orbits]
+        word: add_orbits(orbits, problems[word], unknowns_of_word(settled, word))
+        if word.walls
+        else [*orbits]
         for word, orbits in found.items()
     }, settled
 
@@ -180,27 +186,29 @@ def attracts(orbits: Iterable[Orbit]) -> bool:
 def search_elsewhere(scene: Scene, kernels: Kernels, word: Word, value: float) -> Search:
     """Search at a value besides the start: with few starts, if only to say where orbits are."""
     if not scene.survey:
-        glance = search_at(_first(scene), kernels, word, value)
+        glance = search_at(_quick_search(scene), kernels, word, value)
         if not glance.orbits:
             return glance
     return search_at(scene, kernels, word, value)
 
 
-def _first(scene: Scene) -> Scene:
+def _quick_search(scene: Scene) -> Scene:
     """The scene with the search by which other values are looked at first."""
     return scene if scene.survey else replace(scene, starts=min(GLANCE, scene.starts), rounds=1)
 
 
-def surveyed(scene: Scene) -> list[float]:
+def survey_values(scene: Scene) -> list[float]:
     """Return the values across a scene's range at which words are looked for."""
     values: list[float] = np.linspace(*scene.range, SURVEYED + 2)[1:-1].tolist()
     return values
 
 
-def not_found(scene: Scene, kernels: Kernels, word: Word, progress: Progress = silent) -> NotFound:
+def not_found(
+    scene: Scene, kernels: Kernels, word: Word, progress: Progress = ignore_progress
+) -> NotFound:
     """Return what is known of a word without an orbit at the start, looked for elsewhere."""
     found = NotFound.of(scene, kernels, word)
-    for value in surveyed(scene):
+    for value in survey_values(scene):
         progress(f"looking for {word} at {scene.parameter} = {value:.6g}")
         found = found.also_at(value, len(search_elsewhere(scene, kernels, word, value).orbits))
     return found
@@ -218,9 +226,9 @@ def refusal(missing: Sequence[NotFound], settled: Sequence[Orbit] = ()) -> Input
 def _remedy(lacking: NotFound, settled: Sequence[Orbit]) -> str:
     """What to do about a word without an orbit at the start."""
     if settled:
-        from .settled import named
+        from .settled import word_of
 
-        words = " or ".join(str(named(orbit)) for orbit in settled)
+        words = " or ".join(str(word_of(orbit)) for orbit in settled)
         return f"ask for {words}, on which simulation settles there; {_remedy(lacking, ())}"
     shorter = f"ask for {' or '.join(lacking.repeated)}, or " if lacking.repeated else ""
     if lacking.unphysical:
@@ -306,9 +314,9 @@ def find_orbits(
         word = parse_word(word, model.letters, graph=graph(model.WALLS), free=model.autonomous)
     if not word.walls or attracts(found):
         return found
-    from .settled import of_word, settled_orbits
+    from .settled import settled_orbits, unknowns_of_word
 
-    with asked(progress, f"find_orbits {word}") as tell:
+    with progress_lines(progress, f"find_orbits {word}") as tell:
         tell("simulating from random states")
-        settled = of_word(settled_orbits(model, kernels, rng), word)
-    return orbits_search.with_more(found, problem_of(model, word, kernels), settled)
+        settled = unknowns_of_word(settled_orbits(model, kernels, rng), word)
+    return orbits_search.add_orbits(found, problem_of(model, word, kernels), settled)

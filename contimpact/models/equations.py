@@ -16,12 +16,12 @@ from typing import Any, TypeVar
 import sympy
 from sympy import Expr
 
-from ..errors import InputError, shown
+from ..errors import InputError, short_repr
 from .expressions import FUNCTIONS
 from .guards import Guard, Mode, Row, orders_of, pivot, state_before
 from .linear import Law
 from .nonlinear import Field
-from .symbols import DT, INDICES, PHASE, T0, Double, HarmonicSum, exact, own
+from .symbols import DT, INDICES, PHASE, T0, Double, HarmonicSum, exact, primed_symbol
 
 # Restitution: the state after an impact, and the flight that leaves with it.
 #
@@ -52,7 +52,7 @@ class Departure:
         return [x + DT * u for x, u in zip(self.position, self.mean, strict=True)]
 
 
-def along(row: Row, state: Sequence[Expr]) -> Expr:
+def combine_rows(row: Row, state: Sequence[Expr]) -> Expr:
     """Return a linear combination of positions or velocities."""
     return sum((c * part for c, part in zip(row, state, strict=True) if c), sympy.S.Zero)
 
@@ -82,7 +82,7 @@ def after_impact(
     return departure(formulas, guard.next_mode, after, *left, where)
 
 
-def on_symbols(where: str, stated: Callable[..., T], *given: Any) -> T:
+def evaluate_on_symbols(where: str, stated: Callable[..., T], *given: Any) -> T:
     """Evaluate a formula that the author of a system wrote, on SymPy's symbols.
 
     Raises InputError where it calls what knows numbers alone.
@@ -90,7 +90,7 @@ def on_symbols(where: str, stated: Callable[..., T], *given: Any) -> T:
     try:
         return stated(*given)
     except TypeError as error:
-        found = f"it cannot be evaluated on symbols ({shown(str(error).splitlines()[0])})"
+        found = f"it cannot be evaluated on symbols ({short_repr(str(error).splitlines()[0])})"
         accepted = (
             "use SymPy's functions, such as sympy.cos, not those of math or numpy, and no "
             "conditions: what differs from place to place is a mode of its own"
@@ -119,17 +119,22 @@ def departure(
     """
     present = [order for order in orders if order]
     size, second = len(present), [i for i, order in enumerate(present) if order == 2]
-    flight, acceleration = of_mode(formulas.flight, mode), of_mode(formulas.acceleration, mode)
-    flown = on_symbols(f"{where}: flight", flight, PHASE, position, list(velocity), DT)
+    flight, acceleration = (
+        mode_value(formulas.flight, mode),
+        mode_value(formulas.acceleration, mode),
+    )
+    flown = evaluate_on_symbols(f"{where}: flight", flight, PHASE, position, list(velocity), DT)
     if not isinstance(flown, Sequence) or len(flown) != 2:
         accepted = "give mean velocities and end velocities, a list each"
-        raise InputError(f"{where}: flight", f"found {shown(flown)}", accepted)
-    mean, end = (_listed(part, size, f"{where}: flight") for part in flown)
+        raise InputError(f"{where}: flight", f"found {short_repr(flown)}", accepted)
+    mean, end = (_expression_list(part, size, f"{where}: flight") for part in flown)
     now = [x + DT * u for x, u in zip(position, mean, strict=True)]
 
     def law(t: Expr, x: Sequence[Expr], v: Sequence[Expr]) -> tuple[Expr, ...]:
         here = f"{where}: acceleration"
-        return _listed(on_symbols(here, acceleration, t, x, [v[i] for i in second]), size, here)
+        return _expression_list(
+            evaluate_on_symbols(here, acceleration, t, x, [v[i] for i in second]), size, here
+        )
 
     x, v = state_symbols(size)
     laws = law(T0, x, v)
@@ -145,7 +150,7 @@ def departure(
         rates = [s if order == 2 else e for e, s, order in zip(laws, v, present, strict=True)]
         begun = tuple(sympy.sympify(e).xreplace(flying) for e in rates)
     parts = (tuple(position), begun, mean, end, pushed, by_state)
-    return Departure(*(_in_all(part, orders) for part in parts))
+    return Departure(*(_pad_coordinates(part, orders) for part in parts))
 
 
 def _accelerations(
@@ -160,7 +165,7 @@ def _accelerations(
     )
 
 
-def _in_all(part: Sequence[Expr], orders: Sequence[int]) -> tuple[Expr, ...]:
+def _pad_coordinates(part: Sequence[Expr], orders: Sequence[int]) -> tuple[Expr, ...]:
     """One entry for each coordinate of the system, zero for those that a mode does not have."""
     own = iter(part)
     return tuple(next(own) if order else sympy.S.Zero for order in orders)
@@ -168,10 +173,12 @@ def _in_all(part: Sequence[Expr], orders: Sequence[int]) -> tuple[Expr, ...]:
 
 def state_symbols(size: int) -> tuple[list[Expr], list[Expr]]:
     """Return symbols of so many positions and velocities."""
-    return [own(f"position{i}") for i in range(size)], [own(f"velocity{i}") for i in range(size)]
+    return [primed_symbol(f"position{i}") for i in range(size)], [
+        primed_symbol(f"velocity{i}") for i in range(size)
+    ]
 
 
-def of_mode(given: Any, mode: str) -> Any:
+def mode_value(given: Any, mode: str) -> Any:
     """Return what a system of one mode or of several states of one."""
     return given[mode] if isinstance(given, Mapping) else given
 
@@ -195,26 +202,28 @@ def state_after(
     present = [order for order in after if order]
     sizes = len(present), present.count(2)
     if formulas.jump is not None:
-        jumped = on_symbols(f"{where}: jump", formulas.jump, name, position, velocity)
+        jumped = evaluate_on_symbols(f"{where}: jump", formulas.jump, name, position, velocity)
         if not isinstance(jumped, Sequence) or len(jumped) != 2:
             accepted = "give positions and velocities, a list each"
-            raise InputError(f"{where}: jump", f"found {shown(jumped)}", accepted)
+            raise InputError(f"{where}: jump", f"found {short_repr(jumped)}", accepted)
         here = f"{where}: jump at {name!r}"
-        return _listed(jumped[0], sizes[0], here), _listed(jumped[1], sizes[1], here)
+        return _expression_list(jumped[0], sizes[0], here), _expression_list(
+            jumped[1], sizes[1], here
+        )
     if tuple(before) != tuple(after):
         found = f"{name!r} leads to a mode of other coordinates"
         raise InputError(f"{where}: jump", found, "give positions and velocities after it")
     left: Sequence[Expr] = [v for v, order in zip(velocity, present, strict=True) if order == 2]
     if formulas.reset is not None:
-        left = on_symbols(f"{where}: reset", formulas.reset, name, position, velocity)
-    return position, _listed(left, sizes[1], f"{where}: reset")
+        left = evaluate_on_symbols(f"{where}: reset", formulas.reset, name, position, velocity)
+    return position, _expression_list(left, sizes[1], f"{where}: reset")
 
 
-def _listed(given: Any, size: int, where: str) -> tuple[Any, ...]:
+def _expression_list(given: Any, size: int, where: str) -> tuple[Any, ...]:
     """One expression for each degree of freedom."""
     if not isinstance(given, Sequence) or len(given) != size:
         accepted = f"give a list with one entry for each degree of freedom: {size}"
-        raise InputError(where, f"found {shown(given)}", accepted)
+        raise InputError(where, f"found {short_repr(given)}", accepted)
     return tuple(sympy.sympify(e) for e in given)
 
 
@@ -262,13 +271,13 @@ class Equations:
     def returns(self, a: str, b: str) -> bool:
         """Whether a flight ends on the surface it leaves."""
         _, row = self.pivot(a)
-        left = along(row, self.departures[a].position)
+        left = combine_rows(row, self.departures[a].position)
         return self.pivot(b)[1] == row and sympy.expand(left - self.walls[b]) == 0
 
     def lands(self, a: str, b: str) -> bool:
         """Whether a touch of one guard, by its jump, leads onto the surface of another."""
         _, row = self.pivot(b)
-        left = sympy.sympify(along(row, self.departures[a].position)).subs(self.start[0], 0)
+        left = sympy.sympify(combine_rows(row, self.departures[a].position)).subs(self.start[0], 0)
         followed = self.guards[a].next_mode in self.guards[b].modes
         return followed and sympy.expand(left - self.walls[b]) == 0
 
@@ -283,9 +292,9 @@ class Equations:
         _, row = self.pivot(b)
         left = self.departures[a]
         followed = self.guards[a].next_mode in self.guards[b].modes and not self.guards[a].past
-        if not followed or sympy.expand(along(row, left.position) - self.walls[b]) != 0:
+        if not followed or sympy.expand(combine_rows(row, left.position) - self.walls[b]) != 0:
             return 0
-        rate, speed = sympy.expand(along(row, left.velocity)), self.start[0]
+        rate, speed = sympy.expand(combine_rows(row, left.velocity)), self.start[0]
         if rate == 0 or rate.equals(0):
             return 2
         factor = sympy.expand(rate.coeff(speed))
@@ -321,7 +330,7 @@ def equations_of(model: Any) -> Equations:
     evaluate.
     """
     if "equations" not in model.shared:
-        found = _evaluated(model)
+        found = _evaluate_formulas(model)
         for what, name, e in found:
             _check(e, _Reading(model, found, what, name))
         model.shared["equations"] = found
@@ -362,37 +371,37 @@ class _Symbols(dict[str, Any]):
 
     def __missing__(self, name: str) -> Any:
         accepted = f"its parameters are {', '.join(self)}"
-        raise InputError(self.where, f"no parameter {shown(name)}", accepted)
+        raise InputError(self.where, f"no parameter {short_repr(name)}", accepted)
 
 
-def _evaluated(model: Any) -> Equations:
+def _evaluate_formulas(model: Any) -> Equations:
     where = _where(model)
     view = copy.copy(model)
     view.values = _Unread(list(model.values), where)
     parameters = _Symbols(list(model.values), where)
-    formulas = on_symbols(where, view.formulas, parameters)
+    formulas = evaluate_on_symbols(where, view.formulas, parameters)
     if not hasattr(formulas, "flight"):
-        raise InputError(where, f"it returns {shown(formulas)}", "return Formulas(...)")
+        raise InputError(where, f"it returns {short_repr(formulas)}", "return Formulas(...)")
     if formulas.jump is not None and formulas.reset is not None:
         accepted = "give jump alone: it states positions and velocities after an impact"
         raise InputError(f"{where}: reset", "found beside jump", accepted)
     _check_modes(formulas, [mode.name for mode in model.MODES], where)
-    walls = _named(formulas.walls, model.letters, "WALLS", f"{where}: walls")
+    walls = _name_expressions(formulas.walls, model.letters, "WALLS", f"{where}: walls")
     size = model.DEGREES_OF_FREEDOM
-    state = tuple(own(f"{n}{i}_0") for i in range(size) for n in "xv")
+    state = tuple(primed_symbol(f"{n}{i}_0") for i in range(size) for n in "xv")
     section = ["v"] if size == 1 else [n for i in range(size) for n in (f"x{i}_", f"v{i}_")][1:]
     found = Equations(
         parameters,
-        tuple(own(f"{n}0") for n in section),
-        tuple(own(f"{n}1") for n in section),
+        tuple(primed_symbol(f"{n}0") for n in section),
+        tuple(primed_symbol(f"{n}1") for n in section),
         sympy.sympify(formulas.period),
         walls,
-        _named(formulas.derived, model.DERIVED, "DERIVED", f"{where}: derived"),
+        _name_expressions(formulas.derived, model.DERIVED, "DERIVED", f"{where}: derived"),
         {guard.name: guard for guard in model.WALLS},
         {},
         state,
-        tuple(own(f"{n}{i}_1") for i in range(size) for n in "xv"),
-        _quiet(formulas, model, state, where),
+        tuple(primed_symbol(f"{n}{i}_1") for i in range(size) for n in "xv"),
+        _quiet_flight(formulas, model, state, where),
         _harmonics(formulas, f"{where}: harmonics"),
         _masses(formulas, model, f"{where}: mass"),
     )
@@ -408,7 +417,7 @@ def _evaluated(model: Any) -> Equations:
     return found
 
 
-def _quiet(formulas: Any, model: Any, state: Sequence[Any], where: str) -> Departure:
+def _quiet_flight(formulas: Any, model: Any, state: Sequence[Any], where: str) -> Departure:
     """The flight from the section t = 0, in the first mode; velocities of first order follow."""
     mode = model.first_mode
     orders = orders_of(model.MODES, mode, model.DEGREES_OF_FREEDOM)
@@ -425,14 +434,16 @@ def _check_modes(formulas: Any, modes: Sequence[str], where: str) -> None:
         if given is None:
             raise InputError(f"{where}: {name}", "missing", "give flight and acceleration")
         if modes and not (isinstance(given, Mapping) and set(given) == set(modes)):
-            found = ", ".join(map(repr, given)) if isinstance(given, Mapping) else shown(given)
+            found = ", ".join(map(repr, given)) if isinstance(given, Mapping) else short_repr(given)
             raise InputError(f"{where}: {name}", f"found {found or 'none'}", accepted)
     if modes and formulas.harmonics is not None:
         accepted = "leave them out: they are used in systems of one mode"
         raise InputError(f"{where}: harmonics", f"{len(modes)} modes", accepted)
 
 
-def _named(given: Mapping[str, Any], names: Sequence[str], said: str, where: str) -> dict[str, Any]:
+def _name_expressions(
+    given: Mapping[str, Any], names: Sequence[str], said: str, where: str
+) -> dict[str, Any]:
     """Expressions in the order of the names that the class declares."""
     if set(given) != set(names):
         accepted = f"give those in {said}: {', '.join(map(repr, names)) or 'none'}"
@@ -446,7 +457,7 @@ def _harmonics(formulas: Any, where: str) -> tuple[Any, ...]:
     constant, series = formulas.harmonics
     orders = [term[0] for term in series]
     if not all(k == int(k) >= 1 for k in orders) or len(set(orders)) < len(orders):
-        raise InputError(where, f"orders {shown(orders)}", "give different whole numbers >= 1")
+        raise InputError(where, f"orders {short_repr(orders)}", "give different whole numbers >= 1")
     return (sympy.sympify(constant), *(sympy.sympify(n) for term in series for n in term))
 
 
@@ -459,7 +470,7 @@ def _masses(formulas: Any, model: Any, where: str) -> dict[str, Any] | None:
     if isinstance(given, Mapping) and not set(modes) <= set(given):
         accepted = f"give one for each mode: {', '.join(map(repr, modes))}"
         raise InputError(where, f"found {', '.join(map(repr, given)) or 'none'}", accepted)
-    found = [((sympy.S.One,),) if given is None else of_mode(given, mode) for mode in modes]
+    found = [((sympy.S.One,),) if given is None else mode_value(given, mode) for mode in modes]
     return {mode: _mass(rows, size, where) for mode, rows in zip(modes, found, strict=True)}
 
 
@@ -468,11 +479,12 @@ def _mass(given: Any, size: int, where: str) -> tuple[tuple[Any, ...], ...]:
     rows = tuple(tuple(sympy.sympify(e) for e in row) for row in given)
     if [len(row) for row in rows] != [size] * size:
         accepted = f"give {size} rows of {size} entries"
-        raise InputError(where, f"found rows of {shown([len(row) for row in rows])}", accepted)
+        raise InputError(where, f"found rows of {short_repr([len(row) for row in rows])}", accepted)
     for i in range(size):
         for j in range(i):
             if sympy.simplify(rows[i][j] - rows[j][i]) != 0:
-                found = f"{shown(str(rows[i][j]))} and {shown(str(rows[j][i]))} beyond the diagonal"
+                pair = f"{short_repr(str(rows[i][j]))} and {short_repr(str(rows[j][i]))}"
+                found = f"{pair} beyond the diagonal"
                 raise InputError(where, found, "give a symmetric matrix")
     return rows
 
@@ -489,7 +501,7 @@ class _Reading:
     def refuse(self, part: Any) -> InputError:
         """The error for a part that kernels cannot evaluate."""
         where = self.model.place(self.what, self.name)
-        said = shown(str(part.xreplace(self._names())))
+        said = short_repr(str(part.xreplace(self._names())))
         if self.model.STATED:
             found = f"{said} arises in what is stated" + (f" at {self.name}" if self.name else "")
             accepted = (

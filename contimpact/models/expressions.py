@@ -16,7 +16,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from ..errors import InputError, did_you_mean, shortened, shown
+from ..errors import InputError, did_you_mean, short_repr, shorten
 
 # Bounds of an expression's values and of the work of expanding it, before any of it is done.
 #
@@ -32,7 +32,7 @@ LARGEST_ARGUMENT = 700.0
 MOST_WORK = 1e12
 
 
-class Beyond(Exception):
+class UnboundedError(Exception):
     """An expression is beyond what is evaluated; the message says why."""
 
 
@@ -75,29 +75,29 @@ class Extent:
         return Extent(low, high, min(terms, MOST_WORK), min(work, MOST_WORK), exponent, depth)
 
     def __add__(self, other: Extent | float) -> Extent:
-        other = _extent(other)
+        other = _as_extent(other)
         return self._with(
             other, self.terms + other.terms, [self.low + other.low, self.high + other.high]
         )
 
     def __mul__(self, other: Extent | float) -> Extent:
-        other = _extent(other)
+        other = _as_extent(other)
         ends = [a * b for a in (self.low, self.high) for b in (other.low, other.high)]
         terms = self.terms * other.terms
         return self._with(other, terms, ends, expanded=terms)
 
     def __truediv__(self, other: Extent | float) -> Extent:
-        other = _extent(other)
+        other = _as_extent(other)
         most = 1 / other.smallest if other.smallest > 0 else math.inf
         return self * Extent(-most, most, other.terms, other.work, other.exponent, other.depth)
 
     def __pow__(self, other: Extent | float) -> Extent:
-        other = _extent(other)
+        other = _as_extent(other)
         together = self.exponent * max(1.0, other.size)
         if other.size > LARGEST_EXPONENT:
-            raise Beyond(f"an exponent that can be beyond {LARGEST_EXPONENT}")
+            raise UnboundedError(f"an exponent that can be beyond {LARGEST_EXPONENT}")
         if together > LARGEST_EXPONENT:
-            raise Beyond(f"powers of powers with exponents of {together:.6g} together")
+            raise UnboundedError(f"powers of powers with exponents of {together:.6g} together")
         most = max(_power(self.size, other.size), _power(self.smallest, -other.size))
         n = math.ceil(other.size)
         terms = float(math.comb(int(self.terms) + n - 1, n)) if self.terms < 1e4 else MOST_WORK
@@ -110,16 +110,16 @@ class Extent:
         return self * -1.0
 
     def __sub__(self, other: Extent | float) -> Extent:
-        return self + _extent(other) * -1.0
+        return self + _as_extent(other) * -1.0
 
     def __rsub__(self, other: float) -> Extent:
-        return _extent(other) - self
+        return _as_extent(other) - self
 
     def __rtruediv__(self, other: float) -> Extent:
-        return _extent(other) / self
+        return _as_extent(other) / self
 
     def __rpow__(self, other: float) -> Extent:
-        return _extent(other) ** self
+        return _as_extent(other) ** self
 
     def __pos__(self) -> Extent:
         return self
@@ -135,10 +135,10 @@ class Extent:
             Whether it may grow beyond all doubles.
         """
         if self.depth >= DEEPEST:
-            raise Beyond(f"functions of functions more than {DEEPEST} deep")
+            raise UnboundedError(f"functions of functions more than {DEEPEST} deep")
         most = self.high if function == "exp" else self.size
         if function in ("exp", "sinh", "cosh") and most > LARGEST_ARGUMENT and not growing:
-            raise Beyond(f"{function}() of what can be beyond {LARGEST_ARGUMENT:g}")
+            raise UnboundedError(f"{function}() of what can be beyond {LARGEST_ARGUMENT:g}")
         low, high = _RANGES.get(function, lambda extent: (-math.inf, math.inf))(self)
         wave = function in ("sin", "cos") and self.depth == 0
         work = self.work + 2 if wave else MOST_WORK
@@ -153,19 +153,19 @@ _RANGES = {
     "asin": lambda x: (-math.pi / 2, math.pi / 2),
     "acos": lambda x: (0.0, math.pi),
     "sqrt": lambda x: (0.0, math.sqrt(max(x.high, 0.0))),
-    "exp": lambda x: (0.0, _grown(math.exp, x.high)),
-    "sinh": lambda x: (_grown(math.sinh, x.low), _grown(math.sinh, x.high)),
-    "cosh": lambda x: (1.0, _grown(math.cosh, x.size)),
+    "exp": lambda x: (0.0, _exponential(math.exp, x.high)),
+    "sinh": lambda x: (_exponential(math.sinh, x.low), _exponential(math.sinh, x.high)),
+    "cosh": lambda x: (1.0, _exponential(math.cosh, x.size)),
     "log": lambda x: tuple(math.log(end) if end > 0 else -math.inf for end in (x.low, x.high)),
 }
 """Values of the functions that are bounded, or are where their argument is."""
 
 
-def _extent(value: Extent | float) -> Extent:
+def _as_extent(value: Extent | float) -> Extent:
     return value if isinstance(value, Extent) else Extent(float(value), float(value), work=0.0)
 
 
-def _grown(function: Callable[[float], float], argument: float) -> float:
+def _exponential(function: Callable[[float], float], argument: float) -> float:
     """The value of exp, sinh or cosh, infinite where it is no double."""
     try:
         return function(argument)
@@ -218,10 +218,10 @@ def number(text: str, where: str, values: Mapping[str, float] | None = None) -> 
         if isinstance(error, InputError):
             raise
         raise InputError(
-            where, f"{shortened(text)!r} has no real value ({error})", "give a finite number"
+            where, f"{shorten(text)!r} has no real value ({error})", "give a finite number"
         ) from None
     if not math.isfinite(value):
-        raise InputError(where, f"{shortened(text)!r} is {value}", "give a finite number")
+        raise InputError(where, f"{shorten(text)!r} is {value}", "give a finite number")
     return value
 
 
@@ -248,18 +248,18 @@ def check_expression(
     float
         About how many terms arise when it is expanded; see `contimpact.models.expressions`.
     """
-    functions = {name: _of_any(name, growing) for name in FUNCTIONS}
+    functions = {name: _extent_function(name, growing) for name in FUNCTIONS}
     constants = {name: getattr(math, name) for name in CONSTANTS}
     names = functions | constants | dict.fromkeys(variables, Extent())
     try:
         value = _Checker(text, where, names, float).value()
     except InputError:
         raise
-    except Beyond as error:
+    except UnboundedError as error:
         accepted = "use a simpler expression: sin() and cos() lie between -1 and 1"
-        raise InputError(where, f"{error} in {shortened(text)!r}", accepted) from None
+        raise InputError(where, f"{error} in {shorten(text)!r}", accepted) from None
     except (ArithmeticError, ValueError, TypeError) as error:
-        found = f"{shortened(text)!r} has no finite real value ({error})"
+        found = f"{shorten(text)!r} has no finite real value ({error})"
         accepted = "use numbers and functions where they are finite and real"
         raise InputError(where, found, accepted) from None
     return value.work if isinstance(value, Extent) else 1.0
@@ -275,7 +275,7 @@ def values_of(text: str, where: str, variables: Mapping[str, Any]) -> Any:
     check_expression(text, where, tuple(variables))
     numpys = {"asin": "arcsin", "acos": "arccos", "atan": "arctan"}
     names = {name: getattr(np, numpys.get(name, name)) for name in (*FUNCTIONS, *CONSTANTS)}
-    return _OnArrays(text, where, names | dict(variables), float).value()
+    return _ArrayEvaluator(text, where, names | dict(variables), float).value()
 
 
 def sympy_expression(text: str, where: str, symbols: Mapping[str, Any]) -> Any:
@@ -398,14 +398,14 @@ class _Walker:
 
     def unknown(self, name: str) -> InputError:
         hint = did_you_mean(name, self.known)
-        found = f"unknown name {shown(name)} in {shortened(self.text)!r}{hint}"
+        found = f"unknown name {short_repr(name)} in {shorten(self.text)!r}{hint}"
         accepted = f"names here are {', '.join(self.known)}, and functions such as sin()"
         return InputError(self.where, found, accepted)
 
     def value(self) -> Any:
         if len(self.text) > LONGEST_TEXT:
             raise self.refuse(f"an expression of {len(self.text)} characters")
-        unreadable = f"{shortened(self.text)!r} cannot be read as an expression"
+        unreadable = f"{shorten(self.text)!r} cannot be read as an expression"
         try:
             tree = _tree(self.text)
         except (SyntaxError, RecursionError, MemoryError, ValueError) as error:
@@ -436,7 +436,7 @@ class _Walker:
             ):
                 return self.names[name](self.walk(argument))
         part = ast.unparse(node).replace(_MARK, "")
-        raise self.refuse(f"{shortened(part)!r} in {shortened(self.text)!r}")
+        raise self.refuse(f"{shorten(part)!r} in {shorten(self.text)!r}")
 
     def power(self, base: Any, exponent: Any) -> Any:
         known = not isinstance(exponent, Extent) and not getattr(exponent, "free_symbols", None)
@@ -457,13 +457,13 @@ class _Checker(_Walker):
         return value
 
 
-class _OnArrays(_Walker):
+class _ArrayEvaluator(_Walker):
     """Walks over arrays; what it is given has been checked."""
 
     def power(self, base: Any, exponent: Any) -> Any:
         return base**exponent
 
 
-def _of_any(name: str, growing: bool) -> Callable[[Any], Any]:
+def _extent_function(name: str, growing: bool) -> Callable[[Any], Any]:
     function = getattr(math, name)
     return lambda value: value.of(name, growing) if isinstance(value, Extent) else function(value)

@@ -147,19 +147,20 @@ def guard_of(guards: Sequence[Guard], letter: str) -> Guard:
     return next(guard for guard in guards if guard.name == letter)
 
 
-def following(guards: Sequence[Guard], letter: str) -> str:
+def following_letters(guards: Sequence[Guard], letter: str) -> str:
     """Return the letters of the guards that can come after one."""
-    return watched(guards, guard_of(guards, letter).next_mode)
+    return reachable_letters(guards, guard_of(guards, letter).next_mode)
 
 
 def is_path(guards: Sequence[Guard], letters: str) -> bool:
     """Return whether each letter of a word can follow the one before it, the first the last."""
     return all(
-        b in following(guards, a) for a, b in zip(letters, letters[1:] + letters[:1], strict=True)
+        b in following_letters(guards, a)
+        for a, b in zip(letters, letters[1:] + letters[:1], strict=True)
     )
 
 
-def watched(guards: Sequence[Guard], mode: str) -> str:
+def reachable_letters(guards: Sequence[Guard], mode: str) -> str:
     """Return the letters of the guards that can be reached in a mode."""
     return "".join(guard.name for guard in guards if mode in guard.modes)
 
@@ -186,7 +187,7 @@ def way_back(guards: Sequence[Guard], letter: str, mode: str, there: str) -> str
     for way in ways:  # grows while it is gone through
         if after[way[-1]] == mode:
             return way
-        further = watched(guards, after[way[-1]])
+        further = reachable_letters(guards, after[way[-1]])
         ways += [way + one for one in further if one in there and one not in way]
     return None
 
@@ -209,4 +210,4 @@ def same_surface(one: Guard, other: Guard) -> bool:
 
 def graph(guards: Sequence[Guard]) -> dict[str, str]:
     """Return the letters that can follow each letter."""
-    return {guard.name: following(guards, guard.name) for guard in guards}
+    return {guard.name: following_letters(guards, guard.name) for guard in guards}

@@ -13,8 +13,8 @@ import sympy
 from sympy import Expr, Integer, pi
 from sympy.simplify.fu import TR8
 
-from ..errors import InputError, shown
-from .symbols import whole
+from ..errors import InputError, short_repr
+from .symbols import whole_quotient
 
 Matrix = Sequence[Sequence[Expr]]
 
@@ -126,7 +126,7 @@ class Linear:
         given = force(t)
         if not isinstance(given, Sequence) or len(given) != size:
             accepted = f"give a list with one force for each degree of freedom: {size}"
-            raise InputError("force", f"found {shown(given)}", accepted)
+            raise InputError("force", f"found {short_repr(given)}", accepted)
         waves = [harmonics_of(e, t, self.period, f"force[{i}]") for i, e in enumerate(given)]
         self.orders = sorted({n for wave in waves for n in wave if n > 0})
         self.inverse = inverse = _inverse(m)
@@ -173,7 +173,7 @@ def _rows(given: Matrix | Sequence[Expr], name: str) -> list[list[Expr]]:
     if isinstance(given, sympy.MatrixBase):
         return given.tolist()
     if not isinstance(given, Sequence) or isinstance(given, str):
-        raise InputError(name, f"found {shown(given)}", "give a list of rows, a list each")
+        raise InputError(name, f"found {short_repr(given)}", "give a list of rows, a list each")
     if any(isinstance(row, Sequence) and not isinstance(row, str) for row in given):
         return [list(row) if isinstance(row, Sequence) else [row] for row in given]
     return [[e if i == j else 0 for j in range(len(given))] for i, e in enumerate(given)]
@@ -182,7 +182,7 @@ def _rows(given: Matrix | Sequence[Expr], name: str) -> list[list[Expr]]:
 def _square(rows: list[list[Expr]], size: int, name: str) -> sympy.Matrix:
     if len(rows) != size or any(len(row) != size for row in rows):
         accepted = f"give {size} rows of {size} entries"
-        raise InputError(name, f"found rows of {shown([len(row) for row in rows])}", accepted)
+        raise InputError(name, f"found rows of {short_repr([len(row) for row in rows])}", accepted)
     return sympy.Matrix(size, size, lambda i, j: sympy.sympify(rows[i][j]))
 
 
@@ -259,10 +259,12 @@ def _wave(wave: Expr, t: Expr, period: Expr, where: str) -> tuple[int, tuple[Exp
     accepted = f"give a sum of products of sines and cosines of the period {period}"
     angle = sympy.expand(wave.args[0]) if isinstance(wave, sympy.sin | sympy.cos) else None
     if angle is None or not angle.is_polynomial(t) or sympy.degree(angle, t) != 1:
-        raise InputError(where, f"found {_said(wave, t)}", accepted)
-    order = whole(angle.coeff(t, 1) * period / (2 * pi))
+        raise InputError(where, f"found {_time_text(wave, t)}", accepted)
+    order = whole_quotient(angle.coeff(t, 1) * period / (2 * pi))
     if not order:
-        raise InputError(where, f"{_said(wave, t)} does not have the period {period}", accepted)
+        raise InputError(
+            where, f"{_time_text(wave, t)} does not have the period {period}", accepted
+        )
     phase, sign = angle.coeff(t, 0), 1 if order > 0 else -1
     cosine, sine = sympy.cos(phase), sympy.sin(phase)
     if isinstance(wave, sympy.cos):
@@ -270,6 +272,6 @@ def _wave(wave: Expr, t: Expr, period: Expr, where: str) -> tuple[int, tuple[Exp
     return abs(order), (sine, sign * cosine)
 
 
-def _said(wave: Expr, t: Expr) -> str:
+def _time_text(wave: Expr, t: Expr) -> str:
     """A function of t as its author wrote it."""
-    return shown(str(wave.xreplace({t: sympy.Symbol("t")})))
+    return short_repr(str(wave.xreplace({t: sympy.Symbol("t")})))

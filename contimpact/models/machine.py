@@ -15,7 +15,7 @@ from fractions import Fraction
 from random import Random
 from typing import Any, ClassVar, Protocol, Self, TypeAlias
 
-from ..errors import InputError, shortened, shown
+from ..errors import InputError, short_repr, shorten
 from .expressions import (
     CONSTANTS,
     FUNCTIONS,
@@ -43,7 +43,7 @@ ROUNDING = 1e-12
 """Rounding as a part of a law's size."""
 
 
-class Stated(Protocol):
+class MachineTable(Protocol):
     """What a scene states."""
 
     @property
@@ -57,7 +57,7 @@ class Stated(Protocol):
         """Return what the sines and cosines of the time are of."""
 
 
-def check_period(stated: Stated, values: Mapping[str, float]) -> None:
+def check_period(stated: MachineTable, values: Mapping[str, float]) -> None:
     """Refuse a period of the forcing that is none, where a system is stated.
 
     Branches may lead to where there is none, and end on the way.
@@ -70,11 +70,11 @@ def check_period(stated: Stated, values: Mapping[str, float]) -> None:
     period = number(stated.period, "period", values)
     if not period > 0.0:
         raise InputError("period", f"it is {period:.6g}", "give the period of the forcing, above 0")
-    said = f"it is {period:.6g} ({shortened(stated.period)}), after which"
+    said = f"it is {period:.6g} ({shorten(stated.period)}), after which"
     laws = stated.in_time(values)
     if wrong := _not_repeating(laws, period):
         accepted = "give one after which all laws repeat"
-        for factor, other in _others(period, stated.angles(values)):
+        for factor, other in _candidate_periods(period, stated.angles(values)):
             if not _not_repeating(laws, other):
                 accepted = f"they repeat after {other:.6g}"
                 accepted += f", {factor} times as long" if factor else ""
@@ -91,7 +91,7 @@ def check_period(stated: Stated, values: Mapping[str, float]) -> None:
         raise InputError("period", found, "give the period as an expression of the parameters")
 
 
-def _others(period: float, angles: Sequence[Timed]) -> list[tuple[str, float]]:
+def _candidate_periods(period: float, angles: Sequence[Timed]) -> list[tuple[str, float]]:
     """Periods that are tried in the place of one, from the shortest on: small multiples of it, and
     of those of sines and cosines."""
     numbers = range(1, MOST + 1)
@@ -125,7 +125,7 @@ def _repeats(law: Timed, period: float) -> bool:
     return max(elsewhere) - min(elsewhere) <= ROUNDING * size
 
 
-def at_times(text: str, values: Mapping[str, float], time: str) -> Timed:
+def time_function(text: str, values: Mapping[str, float], time: str) -> Timed:
     """Return an expression as a function of the time."""
     return lambda t: number(text, "period", {**values, time: t})
 
@@ -174,9 +174,9 @@ class Machine:
     @property
     def lines(self) -> list[tuple[str, str]]:
         """The machine for readers: headings with a text each."""
-        matrices = ((name, _written(getattr(self, name))) for name in MATRICES)
+        matrices = ((name, _matrix_entry(getattr(self, name))) for name in MATRICES)
         guards = (
-            f"{guard.name}: {within(self.coordinates, guard)}, restitution {guard.restitution}"
+            f"{guard.name}: {stay_text(self.coordinates, guard)}, restitution {guard.restitution}"
             for guard in self.guards
         )
         return [
@@ -197,14 +197,16 @@ class Machine:
     def in_time(self, values: Mapping[str, float]) -> dict[str, Timed]:
         """Return the forces in which the time stands, by their keys."""
         forces = ((f"force[{i}]", text) for i, text in enumerate(self.force))
-        return {key: at_times(text, values, TIME) for key, text in forces if TIME in names_in(text)}
+        return {
+            key: time_function(text, values, TIME) for key, text in forces if TIME in names_in(text)
+        }
 
     def angles(self, values: Mapping[str, float]) -> list[Timed]:
         """Return what the sines and cosines of the time are of."""
         return angles_of(self.force, values)
 
 
-def _written(matrix: Sequence[Sequence[str]]) -> str:
+def _matrix_entry(matrix: Sequence[Sequence[str]]) -> str:
     """A matrix as a scene has it: its rows, or the entries of its diagonal."""
     size = range(len(matrix))
     if all(matrix[i][j] == "0" for i in size for j in size if i != j):
@@ -228,7 +230,7 @@ class Surface(Protocol):
         """An expression of the parameters."""
 
 
-def within(coordinates: Sequence[str], guard: Surface) -> str:
+def stay_text(coordinates: Sequence[str], guard: Surface) -> str:
     """Return where a system stays before a guard, as scenes have it."""
     gap = ""
     for factor, name in zip(guard.row, coordinates, strict=False):
@@ -244,7 +246,7 @@ def angles_of(texts: Sequence[str], values: Mapping[str, float]) -> list[Timed]:
     known = {TIME, *values, *CONSTANTS}
     angles = (angle for text in texts for angle in arguments_in(text, ("sin", "cos")))
     named = ((angle, set(names_in(angle))) for angle in angles)
-    return [at_times(angle, values, TIME) for angle, names in named if TIME in names <= known]
+    return [time_function(angle, values, TIME) for angle, names in named if TIME in names <= known]
 
 
 def machine_of(text: str) -> Machine:
@@ -260,12 +262,12 @@ def machine_of(text: str) -> Machine:
         machine = Machine(**lists, period=given["period"], guards=guards)
     except (ValueError, TypeError, KeyError) as error:
         accepted = "state the machine in a scene, with mass, stiffness, force and guards"
-        raise InputError("machine", f"found {shown(text)}", accepted) from error
+        raise InputError("machine", f"found {short_repr(text)}", accepted) from error
     _check(machine)
     return machine
 
 
-def stated(given: Mapping[str, Any], parameters: Sequence[str]) -> Machine:
+def machine_of_table(given: Mapping[str, Any], parameters: Sequence[str]) -> Machine:
     """Return the machine of a scene's table.
 
     Parameters
@@ -311,11 +313,11 @@ def check_use(parameters: Sequence[str], expressions: Sequence[str]) -> None:
 def _coordinates(names: Any, parameters: Sequence[str]) -> tuple[str, ...]:
     accepted = f"give a list of 1 to {MOST_COORDINATES} names, each once"
     if not isinstance(names, list) or not 1 <= len(names) <= MOST_COORDINATES:
-        raise InputError("coordinates", f"found {shown(names)}", accepted)
+        raise InputError("coordinates", f"found {short_repr(names)}", accepted)
     taken = {*parameters, *FUNCTIONS, *CONSTANTS, TIME}
     for i, name in enumerate(names):
         if not isinstance(name, str) or not name.isidentifier() or name in names[:i]:
-            raise InputError(f"coordinates[{i}]", f"found {shown(name)}", accepted)
+            raise InputError(f"coordinates[{i}]", f"found {short_repr(name)}", accepted)
         if name in taken:
             found = f"{name!r} is the name of something else"
             raise InputError(f"coordinates[{i}]", found, "give a name of its own")
@@ -326,7 +328,7 @@ def _matrix(given: Any, size: int, where: str) -> tuple[tuple[str, ...], ...]:
     """A square matrix: a list of rows, or of the entries of its diagonal."""
     if not isinstance(given, list) or len(given) != size:
         accepted = f"give {size} rows of {size} entries, or the {size} entries of the diagonal"
-        raise InputError(where, f"found {shown(given)}", accepted)
+        raise InputError(where, f"found {short_repr(given)}", accepted)
     if not any(isinstance(row, list) for row in given):
         diagonal = _expressions(given, size, where)
         places = range(size)
@@ -336,7 +338,7 @@ def _matrix(given: Any, size: int, where: str) -> tuple[tuple[str, ...], ...]:
 
 def _expressions(given: Any, size: int, where: str) -> tuple[str, ...]:
     if not isinstance(given, list) or len(given) != size:
-        raise InputError(where, f"found {shown(given)}", f"give a list of {size} entries")
+        raise InputError(where, f"found {short_repr(given)}", f"give a list of {size} entries")
     return tuple(text_of(e, f"{where}[{i}]") for i, e in enumerate(given))
 
 
@@ -346,7 +348,7 @@ def text_of(given: Any, where: str) -> str:
         return given
     if isinstance(given, bool) or not isinstance(given, int | float):
         accepted = "give a number, or an expression in quotes"
-        raise InputError(where, f"found {shown(given)}", accepted)
+        raise InputError(where, f"found {short_repr(given)}", accepted)
     if not abs(given) <= LARGEST:
         raise InputError(where, f"found {given}", f"give a number of at most {LARGEST:g}")
     return repr(given)
@@ -356,7 +358,7 @@ def _guard(name: str, given: Any, coordinates: Sequence[str]) -> StatedGuard:
     where = f"guards.{name}"
     if not isinstance(given, Mapping):
         accepted = 'give { within = "...", restitution = "..." }'
-        raise InputError(where, f"found {shown(given)}", accepted)
+        raise InputError(where, f"found {short_repr(given)}", accepted)
     for key in given:
         if key not in ("within", "restitution"):
             raise InputError(f"{where}.{key}", "unknown key", "accepted are within, restitution")
@@ -372,7 +374,7 @@ def _guard(name: str, given: Any, coordinates: Sequence[str]) -> StatedGuard:
 def sides_of(text: Any, where: str, coordinates: Sequence[str]) -> tuple[str, int, str]:
     """The gap coordinate, +1 where it stays below its position, and the position."""
     accepted = f'give where the machine stays, such as "{coordinates[0]} <= sigma"'
-    found = f"found {shown(text)}"
+    found = f"found {short_repr(text)}"
     signs = [s for s in ("<=", ">=") if isinstance(text, str) and s in text]
     if len(signs) != 1 or text.count(signs[0]) != 1:
         raise InputError(where, found, f"{accepted}: one <= or >=, for each side a guard")
@@ -399,7 +401,7 @@ def row_of(text: str, where: str, coordinates: Sequence[str]) -> tuple[float, ..
         accepted = (
             f"give a linear combination of {', '.join(coordinates)}, such as {coordinates[0]}"
         )
-        raise InputError(where, f"found {shown(text.strip())}", accepted)
+        raise InputError(where, f"found {short_repr(text.strip())}", accepted)
     return tuple(c + 0.0 for c in found.factors)
 
 
@@ -460,7 +462,7 @@ def _check_mass(mass: list[list[float]]) -> None:
     rest = [row[:] for row in mass]
     for k in range(size):
         if not rest[k][k] > 1e-14 * mass[k][k]:
-            found = f"the matrix {shown(mass)} is not positive definite (row {k})"
+            found = f"the matrix {short_repr(mass)} is not positive definite (row {k})"
             raise InputError("mass", found, "give masses above 0")
         for i in range(k + 1, size):
             factor = rest[i][k] / rest[k][k]
@@ -508,7 +510,7 @@ class StatedSystem(Model):
         return other
 
     def __reduce__(self) -> tuple[Any, ...]:
-        return _made, (type(self).__base__, self.options["machine"], dict(self.values))
+        return _make_system, (type(self).__base__, self.options["machine"], dict(self.values))
 
     def place(self, what: str, name: str = "") -> str:
         """Return the key of a scene."""
@@ -525,5 +527,5 @@ class StatedSystem(Model):
         """Return the class of a statement, which holds it as `machine`."""
 
 
-def _made(kind: type[StatedSystem], text: str, values: Mapping[str, float]) -> StatedSystem:
+def _make_system(kind: type[StatedSystem], text: str, values: Mapping[str, float]) -> StatedSystem:
     return kind(machine=text, **values)

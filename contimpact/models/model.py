@@ -16,7 +16,7 @@ from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, ClassVar, Self, TypeAlias
 
-from ..errors import InputError, did_you_mean, shown
+from ..errors import InputError, did_you_mean, short_repr
 from .expressions import CONSTANTS, FUNCTIONS, check_expression, names_in, number, values_of
 from .guards import FEW, guard_of, orders_of, slides_at
 from .guards import Guard as Guard
@@ -37,7 +37,7 @@ def check_modes(kind: Any, where: str) -> None:
     """
     size = kind.DEGREES_OF_FREEDOM
     if not _is_count(size):
-        found = f"found {shown(size)}"
+        found = f"found {short_repr(size)}"
         raise InputError(f"{where}.DEGREES_OF_FREEDOM", found, "give a whole number >= 1")
     modes = _modes(kind.MODES, size, f"{where}.MODES")
     if not hasattr(kind, "WALLS"):
@@ -53,7 +53,7 @@ def check_modes(kind: Any, where: str) -> None:
     names = [guard.name for guard in kind.WALLS]
     if not names or len(set(names)) < len(names):
         accepted = "give at least one wall, each name once"
-        raise InputError(place, f"found {shown(names)}", accepted)
+        raise InputError(place, f"found {short_repr(names)}", accepted)
     for mode in modes:
         _check_passage(mode, mode == modes[0], kind.WALLS, place)
 
@@ -63,19 +63,19 @@ def _modes(modes: Any, size: int, where: str) -> list[str]:
     require_all(modes, ("name", "degrees_of_freedom"), where, "Mode")
     names = [mode.name for mode in modes]
     if not all(isinstance(name, str) and name for name in names) or len({*names}) < len(names):
-        raise InputError(where, f"found {shown(names)}", "give each mode a name of its own")
+        raise InputError(where, f"found {short_repr(names)}", "give each mode a name of its own")
     for mode in modes:
         own = size if mode.degrees_of_freedom is None else mode.degrees_of_freedom
         if not _is_count(own):
             raise InputError(
-                where, f"mode {mode.name!r} has {shown(own)}", "give a whole number >= 1"
+                where, f"mode {mode.name!r} has {short_repr(own)}", "give a whole number >= 1"
             )
         if own > size:
             found = f"mode {mode.name!r} has {own} degrees of freedom, the system {size}"
             raise InputError(where, found, "declare DEGREES_OF_FREEDOM those of the largest mode")
         first = getattr(mode, "first_order", ())
         if not isinstance(first, tuple) or not set(first) <= set(range(own)):
-            found = f"mode {mode.name!r} has the coordinates of first order {shown(first)}"
+            found = f"mode {mode.name!r} has the coordinates of first order {short_repr(first)}"
             raise InputError(where, found, f"give a tuple of numbers from 0 to {own - 1}")
     return names or [""]
 
@@ -83,10 +83,10 @@ def _modes(modes: Any, size: int, where: str) -> list[str]:
 def _check_letter(guard: Guard, where: str) -> None:
     if not (isinstance(guard.name, str) and len(guard.name) == 1 and guard.name.isalpha()):
         accepted = "give a single letter: words are written in them"
-        raise InputError(where, f"a wall is called {shown(guard.name)}", accepted)
+        raise InputError(where, f"a wall is called {short_repr(guard.name)}", accepted)
     if guard.side not in (1, -1):
         accepted = "give +1 where the body stays below the wall, -1 where it stays above"
-        raise InputError(where, f"wall {guard.name!r} has side {shown(guard.side)}", accepted)
+        raise InputError(where, f"wall {guard.name!r} has side {short_repr(guard.side)}", accepted)
 
 
 def _check_graph(guard: Guard, modes: list[str], where: str) -> None:
@@ -94,9 +94,9 @@ def _check_graph(guard: Guard, modes: list[str], where: str) -> None:
     known = "declare modes in MODES" if modes == [""] else f"the modes are {', '.join(modes)}"
     for name in (*guard.modes, guard.next_mode):
         if name not in modes:
-            raise InputError(where, f"{guard.name!r} has the mode {shown(name)}", known)
+            raise InputError(where, f"{guard.name!r} has the mode {short_repr(name)}", known)
     if isinstance(guard, Wall) and not guard.rigid:
-        found = f"wall {guard.name!r} leads from {shown(guard.mode)} to {guard.next_mode!r}"
+        found = f"wall {guard.name!r} leads from {short_repr(guard.mode)} to {guard.next_mode!r}"
         accepted = "give a Guard, or a wall for each mode: a Wall leads back to the mode it ends"
         raise InputError(where, found, accepted)
     if guard.to is None and len(guard.modes) != 1:
@@ -106,7 +106,7 @@ def _check_graph(guard: Guard, modes: list[str], where: str) -> None:
 
 def _check_coordinate(guard: Guard, size: int, where: str) -> None:
     given: Any = guard.coordinate
-    found = f"{guard.name!r} has the coordinate {shown(given)}"
+    found = f"{guard.name!r} has the coordinate {short_repr(given)}"
     if isinstance(given, int) and not isinstance(given, bool):
         if not 0 <= given < size:
             raise InputError(where, found, f"give a number from 0 to {size - 1}")
@@ -138,7 +138,7 @@ def _check_crossing(guard: Guard, guards: Iterable[Guard], where: str) -> None:
     """Where it leads through a surface, another guard leads to sliding."""
     past = getattr(guard, "past", "")
     if past and slides_at(tuple(guards), guard) is None:
-        found = f"{guard.name!r} leads on past {shown(past)}"
+        found = f"{guard.name!r} leads on past {short_repr(past)}"
         accepted = "give a guard on the same surface, and name one that ends the mode it leads to"
         raise InputError(where, found, accepted)
 
@@ -161,7 +161,7 @@ def require_all(given: Any, attributes: Iterable[str], where: str, kind: str) ->
     except TypeError:
         fits = False
     if not fits:
-        raise InputError(where, f"found {shown(given)}", f"give a tuple of {kind}")
+        raise InputError(where, f"found {short_repr(given)}", f"give a tuple of {kind}")
 
 
 # The contract of a system's class, checked when the class is defined.
@@ -223,7 +223,7 @@ def check_names(names: Any, where: str, taken: Iterable[str]) -> None:
     for name in names:
         if not _is_name(name):
             accepted = "give a name of letters, digits and underscores that starts with a letter"
-            raise InputError(where, f"the name {shown(name)}", accepted)
+            raise InputError(where, f"the name {short_repr(name)}", accepted)
         if name in COLUMNS or NUMBERED.fullmatch(name):
             accepted = "give another name: tables have a column of that name"
             raise InputError(where, f"the name {name!r}", accepted)
@@ -359,7 +359,7 @@ class Parameter:
         if isinstance(value, str):
             value = number(value, where)
         if isinstance(value, bool) or not isinstance(value, numbers.Real):
-            raise InputError(where, f"found {shown(value)}", f"give {self.accepted}")
+            raise InputError(where, f"found {short_repr(value)}", f"give {self.accepted}")
         try:
             value = float(value)
         except OverflowError:
@@ -503,7 +503,7 @@ class Model(ABC):
             self.options["period"] = self._period(given.pop("period"))
         self.own = self._own_parameters(given)
         added = tuple(Parameter(n, "", "a parameter of an expression") for n in self.own)
-        self._declared = {p.name: p for p in _resolved((*self.PARAMETERS, *added), given)}
+        self._declared = {p.name: p for p in _resolve_parameters((*self.PARAMETERS, *added), given)}
         self.values = {
             name: p.check(given.pop(name, p.default), name) for name, p in self._declared.items()
         }
@@ -513,7 +513,7 @@ class Model(ABC):
         """What is said of the period: that it is free."""
         if text != FREE:
             accepted = f"give {FREE!r}, or leave it out: the formulas state the forcing's"
-            raise InputError("period", f"found {shown(text)}", accepted)
+            raise InputError("period", f"found {short_repr(text)}", accepted)
         return FREE
 
     @property
@@ -723,7 +723,9 @@ class Model(ABC):
         return f"{type(self).__name__}({inside})"
 
 
-def _resolved(parameters: Sequence[Parameter], given: Mapping[str, Any]) -> list[Parameter]:
+def _resolve_parameters(
+    parameters: Sequence[Parameter], given: Mapping[str, Any]
+) -> list[Parameter]:
     """The parameters in force once the split ones are decided; refuses what does not fit."""
     known = {name for p in parameters for name in (p.name, *p.split)}
     for name in given:

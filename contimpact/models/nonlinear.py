@@ -14,7 +14,7 @@ from sympy import Expr, Integer
 
 from ..errors import InputError
 from .linear import Linear
-from .symbols import own
+from .symbols import primed_symbol
 
 MEAN, END = 0, 1
 
@@ -62,7 +62,11 @@ class Field(sympy.Atom):
 def state_symbols(freedom: int) -> tuple[Expr, ...]:
     """Return the symbols in which accelerations are stated: time, positions and velocities."""
     places = range(freedom)
-    return own("t"), *(own(f"x{i}") for i in places), *(own(f"v{i}") for i in places)
+    return (
+        primed_symbol("t"),
+        *(primed_symbol(f"x{i}") for i in places),
+        *(primed_symbol(f"v{i}") for i in places),
+    )
 
 
 class Flown(sympy.Function):

@@ -27,7 +27,7 @@ HARMLESS = set("__future__ collections dataclasses functools math numpy sympy ty
 """Modules that a system may import besides the package without its formulas depending on more."""
 
 
-def of_the_package(kind: type) -> bool:
+def is_packaged(kind: type) -> bool:
     """Whether a system's formulas depend on the package's own files alone."""
     modules = {c.__module__ for c in kind.__mro__} - {"abc", "builtins"}
     modules.add(kind.formulas.__module__)  # type: ignore[attr-defined]
@@ -76,23 +76,23 @@ def _digest(file: Path) -> str:
 
 def identity(model: Any) -> tuple[str, ...]:
     """Return what a model's formulas are known by: files, or the formulas themselves."""
-    if of_the_package(type(model)):
+    if is_packaged(type(model)):
         return (type(model).__qualname__, *systems())
     from .equations import equations_of
 
-    return (equations_of(model).digest, _declared(type(model)))
+    return (equations_of(model).digest, _declaration_digest(type(model)))
 
 
 PLAIN = (bool, int, float, complex, str, bytes, tuple, type(None))
 
 
-def _declared(kind: Any) -> str:
+def _declaration_digest(kind: Any) -> str:
     """A digest of what a class says besides its formulas, against which these are checked."""
-    said = (sorted(kind.DERIVED_FROM.items()), *_made_of(kind.symmetry))
+    said = (sorted(kind.DERIVED_FROM.items()), *_function_parts(kind.symmetry))
     return hashlib.sha256(repr(said).encode()).hexdigest()
 
 
-def _made_of(function: Any) -> tuple[Any, ...]:
+def _function_parts(function: Any) -> tuple[Any, ...]:
     """Code, constants and defaults of a function, and what it has from its module and closure."""
     code = function.__code__
     held = [cell.cell_contents for cell in function.__closure__ or () if _is_filled(cell)]

@@ -12,9 +12,9 @@ from dataclasses import asdict, dataclass
 from random import Random
 from typing import Any, TypeAlias
 
-from ..errors import InputError, did_you_mean, shown
+from ..errors import InputError, did_you_mean, short_repr
 from .expressions import CONSTANTS, FUNCTIONS, check_expression, names_in, number
-from .machine import MOST_COORDINATES, TIME, Timed, angles_of, row_of, sides_of, text_of, within
+from .machine import MOST_COORDINATES, TIME, Timed, angles_of, row_of, sides_of, stay_text, text_of
 
 Texts: TypeAlias = tuple[tuple[str, str], ...]
 """Names, and an expression for each."""
@@ -104,7 +104,7 @@ class StatedModes:
             laws = ", ".join(f"{name}' = {law}" for name, law in mode.laws)
             lines.append(("mode", f"{mode.name}: {laws}"))
         for guard in self.guards:
-            there = within(self.mode(guard.modes[0]).coordinates(self.sections), guard)
+            there = stay_text(self.mode(guard.modes[0]).coordinates(self.sections), guard)
             text = f"{guard.name}: {', '.join(guard.modes)}, {there}"
             text += f", to {guard.to}" if (guard.to,) != guard.modes else ""
             text += f", past {guard.past}" if guard.past else ""
@@ -135,7 +135,9 @@ class StatedModes:
         """Return the laws in which the time stands, by their keys, at a random state."""
         random = Random(4)
         found = {}
-        timed = [name for name, _ in self.definitions if _timed(dict(self.definitions), name)]
+        timed = [
+            name for name, _ in self.definitions if _depends_on_time(dict(self.definitions), name)
+        ]
         for mode in self.modes:
             state = {name: random.uniform(0.1, 0.9) for name in mode.variables}
             usable = usable_definitions(self, mode)
@@ -143,7 +145,7 @@ class StatedModes:
             for name, law in mode.laws:
                 if {TIME, *timed}.intersection(names_in(law)):
                     at = {**values, **state}
-                    found[f"modes.{mode.name}.{name}"] = _with_definitions(law, defined, at)
+                    found[f"modes.{mode.name}.{name}"] = _add_definitions(law, defined, at)
         return found
 
     def angles(self, values: Mapping[str, float]) -> list[Timed]:
@@ -165,7 +167,7 @@ class StatedModes:
         return next(mode for mode in self.modes if mode.name == name)
 
 
-def _with_definitions(
+def _add_definitions(
     law: str, defined: Sequence[tuple[str, str]], at: Mapping[str, float]
 ) -> Timed:
     def value(t: float) -> float:
@@ -203,7 +205,7 @@ def modes_of(text: str) -> StatedModes:
         found = StatedModes(parameters, definitions, sections, modes, guards, period, mass)
     except (ValueError, TypeError, KeyError) as error:
         accepted = "state the system in a scene, with modes and guards"
-        raise InputError("machine", f"found {shown(text)}", accepted) from error
+        raise InputError("machine", f"found {short_repr(text)}", accepted) from error
     _check(found)
     return found
 
@@ -212,7 +214,7 @@ def _pairs(given: Any) -> Texts:
     return tuple((str(name), str(text)) for name, text in given)
 
 
-def stated(given: Mapping[str, Any], parameters: Sequence[str]) -> StatedModes:
+def modes_of_table(given: Mapping[str, Any], parameters: Sequence[str]) -> StatedModes:
     """Return the system of a scene's table.
 
     Parameters
@@ -264,14 +266,14 @@ def stated(given: Mapping[str, Any], parameters: Sequence[str]) -> StatedModes:
 def _texts(given: Any, where: str) -> Texts:
     """Names and expressions of a table."""
     if not isinstance(given, Mapping):
-        raise InputError(where, f"found {shown(given)}", 'give a table such as { x = "v" }')
+        raise InputError(where, f"found {short_repr(given)}", 'give a table such as { x = "v" }')
     return tuple((name, text_of(e, f"{where}.{name}")) for name, e in given.items())
 
 
 def _check_names(names: Sequence[str], where: str, taken: Sequence[str]) -> None:
     for name in names:
         if not name.isidentifier() or name in taken:
-            found = f"the name {shown(name)}"
+            found = f"the name {short_repr(name)}"
             accepted = "give a name of its own, of letters, digits and underscores"
             raise InputError(f"{where}.{name}", found, accepted)
 
@@ -292,7 +294,7 @@ def _guard_table(
     """The modes that a guard ends, the first of them, and its table."""
     where = f"guards.{name}"
     if not isinstance(given, Mapping):
-        raise InputError(where, f"found {shown(given)}", 'give { within = "x <= sigma" }')
+        raise InputError(where, f"found {short_repr(given)}", 'give { within = "x <= sigma" }')
     for key in given:
         if key not in GUARD_KEYS:
             accepted = f"accepted are {', '.join(GUARD_KEYS)}"
@@ -308,10 +310,12 @@ def _guard_table(
         raise InputError(f"{where}.mode", "empty", accepted)
     for key, mode in (*(("mode", name) for name in names), ("to", given.get("to", names[0]))):
         if not isinstance(mode, str) or mode not in known:
-            found = "missing" if mode is None else f"found {shown(mode)}"
+            found = "missing" if mode is None else f"found {short_repr(mode)}"
             raise InputError(f"{where}.{key}", found, accepted)
     if not isinstance(given.get("past", ""), str):
-        raise InputError(f"{where}.past", f"found {shown(given['past'])}", "give a guard's letter")
+        raise InputError(
+            f"{where}.past", f"found {short_repr(given['past'])}", "give a guard's letter"
+        )
     return names, known[names[0]], given
 
 
@@ -379,7 +383,7 @@ def _check_known(text: str, where: str, usable: Sequence[str]) -> None:
     """Refuse a name in a definition that is none of a mode's variables, nor anything else."""
     for name in names_in(text):
         if name not in (*usable, *FUNCTIONS, *CONSTANTS):
-            found = f"unknown name {shown(name)}{did_you_mean(name, usable)}"
+            found = f"unknown name {short_repr(name)}{did_you_mean(name, usable)}"
             accepted = "give it a law in a mode, or a value among the parameters"
             raise InputError(where, found, accepted)
 
@@ -406,7 +410,7 @@ def _check_guard(guard: StatedGuard, given: StatedModes) -> None:
     check_expression(guard.position, f"{where}.within", given.parameters, growing=True)
     if guard.past and guard.past not in (other.name for other in given.guards):
         accepted = f"the guards are {', '.join(other.name for other in given.guards)}"
-        raise InputError(f"{where}.past", f"found {shown(guard.past)}", accepted)
+        raise InputError(f"{where}.past", f"found {short_repr(guard.past)}", accepted)
     before, after = given.mode(guard.modes[0]), given.mode(guard.to)
     for name in guard.modes[1:]:
         if given.mode(name).variables != before.variables:
@@ -417,7 +421,9 @@ def _check_guard(guard: StatedGuard, given: StatedModes) -> None:
             accepted = f"the mode {after.name!r} has {', '.join(after.variables)}"
             raise InputError(f"{where}.set.{name}", f"no variable {name!r}", accepted)
         usable = [
-            d for d in usable_definitions(given, before) if not _timed(dict(given.definitions), d)
+            d
+            for d in usable_definitions(given, before)
+            if not _depends_on_time(dict(given.definitions), d)
         ]
         check_expression(
             text,
@@ -442,7 +448,7 @@ def usable_definitions(given: StatedModes, mode: StatedMode) -> list[str]:
     return found
 
 
-def _timed(definitions: Mapping[str, str], name: str) -> bool:
+def _depends_on_time(definitions: Mapping[str, str], name: str) -> bool:
     """Whether the time stands in a definition."""
     names = names_in(definitions[name])
-    return TIME in names or any(_timed(definitions, n) for n in names if n in definitions)
+    return TIME in names or any(_depends_on_time(definitions, n) for n in names if n in definitions)

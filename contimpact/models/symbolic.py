@@ -14,10 +14,10 @@ import numpy as np
 import sympy
 from sympy import Expr, I, Integer, pi
 
-from ..errors import InputError, shown
+from ..errors import InputError, short_repr
 from .expressions import check_expression, sympy_expression, values_of
 from .symbols import over_harmonics as over_harmonics
-from .symbols import whole
+from .symbols import whole_quotient
 
 MOST_HARMONICS = 64
 MOST_TERMS = 300
@@ -171,12 +171,14 @@ def fourier_series(
         if expression.has(sympy.oo, -sympy.oo, sympy.zoo, sympy.nan):
             raise InputError(where, f"{text!r} is not finite", "use a function that is finite")
         held: dict[Expr, Expr] = {}
-        coefficients = _exact_coefficients(_held(expression, t, held), t, text, where, period)
+        coefficients = _exact_coefficients(
+            _hold_parameters(expression, t, held), t, text, where, period
+        )
         let_go = {dummy: e for e, dummy in held.items()}
         if coefficients is not None:
             coefficients = [(k, a.xreplace(let_go), b.xreplace(let_go)) for k, a, b in coefficients]
     if coefficients is None and symbols:
-        found = f"{shown(text)} is no sum of harmonics for all values of {', '.join(symbols)}"
+        found = f"{short_repr(text)} is no sum of harmonics for all values of {', '.join(symbols)}"
         raise InputError(where, found, "use sums and products of sines and cosines, with numbers")
     if coefficients is None:
         coefficients = _sampled_coefficients(text, where, period)
@@ -188,10 +190,10 @@ def fourier_series(
     return mean, [(k, a, b) for k, a, b in coefficients if k > 0]
 
 
-def _held(e: Expr, t: Expr, held: dict[Expr, Expr]) -> Expr:
+def _hold_parameters(e: Expr, t: Expr, held: dict[Expr, Expr]) -> Expr:
     """An expression whose parts in parameters alone are symbols, which expanding leaves alone."""
     if e.has(t):
-        return e.func(*(_held(a, t, held) for a in e.args)) if e.args else e
+        return e.func(*(_hold_parameters(a, t, held) for a in e.args)) if e.args else e
     if e.is_Symbol or not e.free_symbols:
         return e
     return held.setdefault(e, sympy.Dummy(real=True))
@@ -210,7 +212,7 @@ def _exact_coefficients(
         if not exponent.is_polynomial(t) or sympy.degree(exponent, t) > 1:
             return None
         rate, still = exponent.coeff(t, 1), exponent.coeff(t, 0)
-        k = whole(rate * period / (2 * pi * I))
+        k = whole_quotient(rate * period / (2 * pi * I))
         if k is None:
             accepted = (
                 f"use harmonics such as cos({sympy.sstr(2 * pi / period)}*t), "
@@ -225,7 +227,7 @@ def _exact_coefficients(
         positive, negative = amplitudes.get(k, 0), amplitudes.get(-k, 0)
         cosine = positive + negative if k else positive
         sine = I * (positive - negative) if k else Integer(0)
-        result.append((k, _real(cosine), _real(sine)))
+        result.append((k, _exact_number(cosine), _exact_number(sine)))
     return [(k, a, b) for k, a, b in result if (a, b) != (0, 0)]
 
 
@@ -243,7 +245,7 @@ def _require_real(amplitudes: Mapping[int, Expr], text: str, where: str) -> None
         raise InputError(where, f"{text!r} is not real", "use a function that is real for real t")
 
 
-def _real(value: Expr) -> Expr:
+def _exact_number(value: Expr) -> Expr:
     """A number as a rational if it is one, else as a 53-bit float; with parameters as it is."""
     if value.free_symbols:
         return sympy.simplify(sympy.expand_complex(value).as_real_imag()[0])

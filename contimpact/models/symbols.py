@@ -10,12 +10,12 @@ import sympy
 from sympy import Expr
 
 
-def own(name: str) -> sympy.Symbol:
+def primed_symbol(name: str) -> sympy.Symbol:
     """Return a symbol of ours: the prime keeps it apart from any parameter of that name."""
     return sympy.Symbol(f"{name}'", real=True)
 
 
-T0, T1, TURN, DT, PHASE = map(own, ("t0", "t1", "turn", "dt", "phase"))
+T0, T1, TURN, DT, PHASE = map(primed_symbol, ("t0", "t1", "turn", "dt", "phase"))
 """phase = t0 - turn*T and dt = t1 - t0, with `turn` a whole number."""
 
 
@@ -90,7 +90,7 @@ def exact(value: float) -> Any:
     return Double(number) if number > 0 else -Double(-number)
 
 
-def whole(quotient: Any) -> int | None:
+def whole_quotient(quotient: Any) -> int | None:
     """Return the whole number that a quotient is, or is to the rounding of its doubles; else None.
 
     Frequencies 0.1 and 0.3 are one and three times a frequency, though the double 0.3 is not three
@@ -116,7 +116,7 @@ def whole(quotient: Any) -> int | None:
 WRITTEN_OUT = 8
 """Harmonics up to which a sum is written out: its parts then share more among each other."""
 
-ORDER, COSINE, SINE = INDICES = tuple(own(name) for name in ("k", "a", "b"))
+ORDER, COSINE, SINE = INDICES = tuple(primed_symbol(name) for name in ("k", "a", "b"))
 """Symbols for the k, a_k and b_k of each harmonic in the term of a sum."""
 
 

@@ -14,7 +14,7 @@ import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
-from ..errors import InputError, shown
+from ..errors import InputError, short_repr
 from .guards import FEW
 
 LONGEST_WORD = 1000
@@ -129,11 +129,13 @@ def parse_word(
         forms = f"{counts} or "
     accepted = f"give {forms}{given}" if counted else f"give {given}"
     if not isinstance(text, str) or not text:
-        raise InputError(where, f"found {shown(text)}", accepted)
+        raise InputError(where, f"found {short_repr(text)}", accepted)
     if len(text) > 2 * LONGEST_WORD:
-        raise InputError(where, f"{shown(text)} is too long", f"at most {LONGEST_WORD} impacts")
+        raise InputError(
+            where, f"{short_repr(text)} is too long", f"at most {LONGEST_WORD} impacts"
+        )
     if free and "/" in text:
-        raise InputError(where, f"found {shown(text)}", accepted)
+        raise InputError(where, f"found {short_repr(text)}", accepted)
     if (match := _NONE.fullmatch(text)) and int(match[1] or 1) > 0:
         return Word("", 0 if free else int(match[1] or 1))
     if match := _COUNTS.fullmatch(text):
@@ -158,14 +160,14 @@ def parse_word(
         if _SEVERAL.fullmatch(text):
             word = f"{2 * example}/2T"
             accepted = f"it tells no order of its impacts; give the word, such as {word!r}"
-        raise InputError(where, f"{shown(text)} is not the name of an orbit", accepted)
+        raise InputError(where, f"{short_repr(text)} is not the name of an orbit", accepted)
     if not walls or period < 1 or len(walls) > LONGEST_WORD:
         raise InputError(
             where,
-            f"{text!r} has {_counted(len(walls), 'impact')} in {_counted(period, 'period')}",
+            f"{text!r} has {_count_text(len(walls), 'impact')} in {_count_text(period, 'period')}",
             f"at least one impact and one period, at most {LONGEST_WORD} impacts",
         )
-    if graph is not None and (pair := _forbidden(walls, graph)) is not None:
+    if graph is not None and (pair := _forbidden_pair(walls, graph)) is not None:
         found = text if match[0].startswith(walls) else f"{text}, the word {walls},"
         accepted = f"after {pair[0]} can come {' or '.join(graph[pair[0]])}, run around and around"
         raise InputError(where, f"{found} has {pair[1]} after {pair[0]}", accepted)
@@ -178,17 +180,17 @@ def _counting(
     """The word that visits each wall so often: one wall after the other, or in turn if it must."""
     counted = list(zip(letters, numbers, strict=True))
     walls = "".join(w * n for w, n in counted)
-    if graph is None or _forbidden(walls, graph) is None:
+    if graph is None or _forbidden_pair(walls, graph) is None:
         return walls
     in_turn = "".join(w for i in range(max(numbers)) for w, n in counted if i < n)
-    return walls if _forbidden(in_turn, graph) else in_turn
+    return walls if _forbidden_pair(in_turn, graph) else in_turn
 
 
-def _forbidden(walls: str, graph: Mapping[str, str]) -> tuple[str, str] | None:
+def _forbidden_pair(walls: str, graph: Mapping[str, str]) -> tuple[str, str] | None:
     """The first two letters of a word, run around, that cannot follow each other."""
     pairs = zip(walls, walls[1:] + walls[:1], strict=True)
     return next((pair for pair in pairs if pair[1] not in graph[pair[0]]), None)
 
 
-def _counted(count: int, thing: str) -> str:
+def _count_text(count: int, thing: str) -> str:
     return f"{count} {thing}" if count == 1 else f"{count} {thing}s"

@@ -158,7 +158,7 @@ def eliminate(
     p00, p01, p10, p11 = b[2], b[3], b[4], b[5]
     q00, q01, q10, q11 = b[6], b[7], b[8], b[9]
     if exact:
-        q00 = arriving(z, 0, arrivals, span, q00)
+        q00 = arrival_rate(z, 0, arrivals, span, q00)
     l0, l1 = b[10], b[11]
     f0, f1 = -right * b[0], -right * b[1]
     sign, logarithm = 1.0, 0.0
@@ -167,7 +167,7 @@ def eliminate(
         g0, g1, u2, x21, u3, x31, b00, b01, b10, b11, m0, m1 = blocks[k]
         x01, x11 = q01, q11
         if exact:
-            b00 = arriving(z, k, arrivals, span, b00)
+            b00 = arrival_rate(z, k, arrivals, span, b00)
         g0, g1 = -right * g0, -right * g1
         u0, u1 = q00, q10
         norm = math.sqrt(u0 * u0 + u1 * u1 + u2 * u2 + u3 * u3)
@@ -224,7 +224,7 @@ def eliminate(
     return (p00, p01, p10, p11, q00, q01, q10, q11, l0, l1, f0, f1, sign, logarithm, ratio)
 
 
-def arriving(z: Vector, k: int, arrivals: Vector, span: float, slope: float) -> float:
+def arrival_rate(z: Vector, k: int, arrivals: Vector, span: float, slope: float) -> float:
     """Return the derivative of the arrival of flight k by its time, from the unknowns.
 
     It is the velocity, and on flights back to the surface left the velocity over the duration.
@@ -265,7 +265,7 @@ def border(kept: Table, count: int, row: Vector, g: float) -> tuple[float, float
     return c0 + from0, c1 + from1, c, g
 
 
-def three(
+def solve_three(
     a0: float,
     a1: float,
     a2: float,
@@ -326,7 +326,7 @@ def solve(reduced: Reduced, kept: Table, count: int, row: Vector, g: float, out:
     """
     p00, p01, p10, p11, q00, q01, q10, q11, l0, l1, f0, f1, sign, _, _ = reduced
     c0, c1, c, g = border(kept, count, row, g)
-    t, v, free, det = three(
+    t, v, free, det = solve_three(
         p00 + q00, p01 + q01, l0, f0, p10 + q10, p11 + q11, l1, f1, c0, c1, c, g
     )
     if sign == 0.0 or not abs(det) > 0.0:

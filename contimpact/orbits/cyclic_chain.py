@@ -80,10 +80,10 @@ def assemble(
     return size if total - total == 0.0 else math.nan
 
 
-def arriving(z: Vector, k: int, m: int, arrivals: Vector, span: float, slope: float) -> float:
+def arrival_rate(z: Vector, k: int, m: int, arrivals: Vector, span: float, slope: float) -> float:
     """Return the derivative of the arrival of flight k by its time, from the unknowns.
 
-    As `block_cyclic.arriving`.
+    As `block_cyclic.arrival_rate`.
     """
     last = k + 1 == len(arrivals)
     velocity = z[1] if last else z[m * (k + 1) + 1]
@@ -95,7 +95,7 @@ def arriving(z: Vector, k: int, m: int, arrivals: Vector, span: float, slope: fl
     return velocity / duration if duration != 0.0 else slope
 
 
-def by_parameter(row: Vector, i: int, m: int, drift: float, last: bool) -> float:
+def parameter_derivative(row: Vector, i: int, m: int, drift: float, last: bool) -> float:
     """Return the derivative of equation i by lambda; the last arrival moves with the period."""
     own = row[m + 2 * m * m + i]
     return own + drift * row[m + m * m + m * i] if last else own
@@ -132,9 +132,9 @@ def eliminate(
     for i in range(size):
         reduced[i], reduced[size + i] = b[m + i], b[m + size + i]
     if exact:
-        reduced[size] = arriving(z, 0, m, arrivals, span, b[m + size])
+        reduced[size] = arrival_rate(z, 0, m, arrivals, span, b[m + size])
     for i in range(m):
-        reduced[2 * size + i] = by_parameter(b, i, m, drift, count == 1)
+        reduced[2 * size + i] = parameter_derivative(b, i, m, drift, count == 1)
         reduced[2 * size + m + i] = -right * b[i]
     sign, logarithm = 1.0, 0.0
     for k in range(1, count):
@@ -146,10 +146,10 @@ def eliminate(
                 upper[m + j], lower[m + j] = reduced[m * i + j], 0.0
                 upper[2 * m + j], lower[2 * m + j] = 0.0, b[m + size + m * i + j]
             upper[3 * m] = reduced[2 * size + i]
-            lower[3 * m] = by_parameter(b, i, m, drift, k + 1 == count)
+            lower[3 * m] = parameter_derivative(b, i, m, drift, k + 1 == count)
             upper[3 * m + 1], lower[3 * m + 1] = reduced[2 * size + m + i], -right * b[i]
         if exact:
-            work[m][2 * m] = arriving(z, k, m, arrivals, span, b[m + size])
+            work[m][2 * m] = arrival_rate(z, k, m, arrivals, span, b[m + size])
         if not reflect(work, m):
             sign = 0.0
             break
@@ -307,7 +307,7 @@ def row_norms(
     for k in range(count):
         b = blocks[k]
         for i in range(m):
-            total = free * by_parameter(b, i, m, drift, k + 1 == count)
+            total = free * parameter_derivative(b, i, m, drift, k + 1 == count)
             total *= total
             for j in range(m):
                 one, other = b[m + m * i + j], b[m + size + m * i + j]

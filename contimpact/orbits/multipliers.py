@@ -22,7 +22,7 @@ import numpy as np
 
 from ..arrays import Array, Table, Vector
 from . import block_cyclic
-from .block_cyclic import Reduced, arriving
+from .block_cyclic import Reduced, arrival_rate
 
 # What the elimination of a cycle tells of it: its multipliers, and determinants by their signs.
 #
@@ -58,7 +58,7 @@ def row_norms(
     return 0.5 * (logarithm + math.log(product))
 
 
-def scaled(sign: float, logarithm: float, det: float, norms: float) -> float:
+def scale_determinant(sign: float, logarithm: float, det: float, norms: float) -> float:
     """Return a determinant, det R_k (by sign and logarithm) times `det`, over the rows' norms."""
     size = abs(det)
     if not size > 0.0 or sign == 0.0 or norms == -math.inf:
@@ -71,7 +71,7 @@ def doubling_by_elimination(reduced: Reduced, blocks: Table, count: int) -> floa
     """Return the scaled determinant of the cyclic matrix with its last coupling negative."""
     p00, p01, p10, p11, q00, q01, q10, q11, _, _, _, _, sign, logarithm, _ = reduced
     det = (p00 - q00) * (p11 - q11) - (p01 - q01) * (p10 - q10)
-    return scaled(sign, logarithm, det, row_norms(blocks, count, -1.0, 1.0, 1.0, 0.0))
+    return scale_determinant(sign, logarithm, det, row_norms(blocks, count, -1.0, 1.0, 1.0, 0.0))
 
 
 def product_of_multipliers(blocks: Table, arrivals: Vector, z: Vector, span: float) -> float:
@@ -79,7 +79,7 @@ def product_of_multipliers(blocks: Table, arrivals: Vector, z: Vector, span: flo
     ratio = 1.0
     for k in range(len(arrivals)):
         _, _, a00, a01, a10, a11, b00, b01, b10, b11, _, _ = blocks[k]
-        end = arriving(z, k, arrivals, span, b00) * b11 - b01 * b10
+        end = arrival_rate(z, k, arrivals, span, b00) * b11 - b01 * b10
         if end == 0.0:
             return math.nan
         ratio *= (a00 * a11 - a01 * a10) / end
@@ -185,10 +185,10 @@ def stability_of(start: Array, end: Array) -> Stability:
     which keeps its relative accuracy.
     """
     if start.shape[1:] != (2, 2):
-        return _of_any_size(start, end)
+        return _stability_of_any_size(start, end)
     count, blocks = len(start), _flights(start, end)
     reduced = block_cyclic.eliminate(blocks, [0] * count, [()] * count, 0.0, False, [], 0.0)
-    return _of_two(reduced, blocks, determinant(start, end))
+    return _stability_of_two(reduced, blocks, determinant(start, end))
 
 
 def stability_of_orbit(
@@ -207,7 +207,7 @@ def stability_of_orbit(
     count, blocks = len(start), _flights(start, end)
     reduced = block_cyclic.eliminate(blocks, arrivals, [()] * count, 0.0, True, unknowns, span)
     product = product_of_multipliers(blocks, arrivals, unknowns, span)
-    return _of_two(reduced, blocks, product)
+    return _stability_of_two(reduced, blocks, product)
 
 
 def _flights(start: Array, end: Array) -> list[tuple[float, ...]]:
@@ -216,7 +216,9 @@ def _flights(start: Array, end: Array) -> list[tuple[float, ...]]:
     return [(0.0, 0.0, *one, *other, 0.0, 0.0) for one, other in ends]
 
 
-def _of_two(reduced: Reduced, blocks: list[tuple[float, ...]], product: float) -> Stability:
+def _stability_of_two(
+    reduced: Reduced, blocks: list[tuple[float, ...]], product: float
+) -> Stability:
     a, b, c, d = multipliers_by_elimination(reduced, product)
     doubling = doubling_by_elimination(reduced, blocks, len(blocks))
     return Stability(np.array([complex(a, b), complex(c, d)]), np.array([product]), doubling)
@@ -303,17 +305,17 @@ def collapse(start: Array, end: Array) -> tuple[Array, Array, float, float]:
     return start[0], end[0], sign, logarithm
 
 
-def _of_any_size(start: Array, end: Array) -> Stability:
+def _stability_of_any_size(start: Array, end: Array) -> Stability:
     p, q, sign, logarithm = collapse(start, end)
     if not np.all(np.isfinite([p, q])):
         raise ValueError("the blocks of an orbit are not finite")
-    values = of_pencil(p, q)
+    values = pencil_multipliers(p, q)
     norms = _row_norms(start, end)
-    value = scaled(sign, logarithm, float(np.linalg.det(p - q)), norms)
+    value = scale_determinant(sign, logarithm, float(np.linalg.det(p - q)), norms)
     return Stability(values, products_of(values), value)
 
 
-def of_pencil(p: Array, q: Array) -> Array:
+def pencil_multipliers(p: Array, q: Array) -> Array:
     """Return the values of mu at which P + mu Q is singular, in their order."""
     from scipy.linalg.lapack import dggev
 
@@ -326,10 +328,10 @@ def of_pencil(p: Array, q: Array) -> Array:
         values = np.where(infinite, np.inf + 0.0j, above / below)
     upper = np.flatnonzero(imaginary > 0.0)
     values[upper + 1] = values[upper].conj()  # but for rounding, they are
-    return in_order(values)
+    return order_multipliers(values)
 
 
-def in_order(values: Array) -> Array:
+def order_multipliers(values: Array) -> Array:
     """Return multipliers by their absolute values, the largest first.
 
     Those of one absolute value, as far as rounding tells, follow each other as they do along the

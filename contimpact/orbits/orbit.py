@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from ..arrays import Array
-from ..display import Shown, Summary, frame, in_lines
+from ..display import NotebookResult, Summary, frame, limit_lines
 from ..errors import InputError
 from ..models.model import Model
 from ..models.word import Word
@@ -54,7 +54,7 @@ def sensitivity_of(orbit: Orbit, parameter: str) -> Sensitivity:
 
 
 @dataclass(frozen=True, eq=False)
-class Orbit(Shown):
+class Orbit(NotebookResult):
     """A periodic orbit, physical or not.
 
     Attributes
@@ -201,7 +201,7 @@ class Orbit(Shown):
 
     def _head(self) -> str:
         state = f"{'' if self.stable else 'un'}stable{'' if self.physical else ', unphysical'}"
-        factors = ", ".join(f"{_plain(mu):.6g}" for mu in self.multipliers)
+        factors = ", ".join(f"{_plain_number(mu):.6g}" for mu in self.multipliers)
         place = f"{self.notation} ({self.word}) at {self.parameter} = {self.value:.12g}"
         return f"Orbit {place}: {state}; multipliers {factors}"
 
@@ -210,8 +210,8 @@ class Orbit(Shown):
             f"  {wall}  t = {t:.12g}  v = {v:.12g}"
             for wall, t, v in zip(self.word.walls, self.times, self.velocities, strict=True)
         ]
-        return in_lines(self._head(), rows, [f"  {self.reason}"] if self.reason else [])
+        return limit_lines(self._head(), rows, [f"  {self.reason}"] if self.reason else [])
 
 
-def _plain(mu: complex) -> complex | float:
+def _plain_number(mu: complex) -> complex | float:
     return mu.real if mu.imag == 0.0 else mu

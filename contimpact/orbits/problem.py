@@ -38,10 +38,10 @@ from ..models.guards import Guard, pivot, state_before, state_size
 from ..models.model import Model
 from ..models.word import Word
 from ..segments.arithmetic import ARRAYS, evaluate_in
-from ..segments.bounded import UNIT, Bounded, bounds_of, bounds_of_kernel
+from ..segments.bounded import UNIT, BoundedNumber, bounds_of, bounds_of_kernel
 from ..segments.flight import FlightGaps
 from ..segments.kernels import Kernels
-from ..segments.layout import SECTION, Setup, Together
+from ..segments.layout import SECTION, CombinedBlocks, Setup
 from ..segments.segment import ELSEWHERE, MEETING
 from ..segments.touches import interior_touches
 from ..segments.track import track_of
@@ -76,7 +76,7 @@ def path_of(here: Linearisation, points: int = 200) -> Path:
     parts: list[tuple[Any, ...]] = []
     for wall, row, end in zip(problem.word.walls, rows, ends, strict=True):
         dt = np.linspace(0.0, end - row[0], points)
-        if (states := _long(here, len(parts), dt)) is not None:
+        if (states := _motion_in_pieces(here, len(parts), dt)) is not None:
             guard = next(g for g in problem.model.WALLS if g.name == wall)
             factors = np.array(guard.row(problem.model.DEGREES_OF_FREEDOM), dtype=float)
             x, v = (part @ factors for part in states)
@@ -104,24 +104,24 @@ def motion_of(here: Linearisation, points: int = 200) -> Path:
     if not rows:
         dt = np.linspace(0.0, here.span, points)
         state, wall = here.unknowns[: problem.m].tolist(), problem.model.WALLS[0].name
-        if (states := _long(here, 0, dt)) is not None:
+        if (states := _motion_in_pieces(here, 0, dt)) is not None:
             return Path(dt, *states)
-        return Path(dt, *_by_segment(here, SECTION, wall, state, 0.0, dt))
+        return Path(dt, *_motion_by_segment(here, SECTION, wall, state, 0.0, dt))
     walls = problem.word.walls
     parts = []
     for k, (wall, row) in enumerate(zip(walls, rows, strict=True)):
         dt = np.linspace(0.0, np.subtract(*problem.times_around(here.unknowns, k)[::-1]), points)
-        if (states := _long(here, k, dt)) is not None:
+        if (states := _motion_in_pieces(here, k, dt)) is not None:
             x, v = states
         elif problem.kernels.linear(wall):
-            x, v = _on_track(here, wall, row, dt)
+            x, v = _motion_on_track(here, wall, row, dt)
         else:
-            x, v = _by_segment(here, wall, walls[(k + 1) % len(walls)], row, row[0], dt)
+            x, v = _motion_by_segment(here, wall, walls[(k + 1) % len(walls)], row, row[0], dt)
         parts.append((row[0] + dt, x, v))
     return Path(*(np.concatenate(column) for column in zip(*parts, strict=True)))
 
 
-def _long(here: Linearisation, flight: int, dt: Array) -> tuple[Array, Array] | None:
+def _motion_in_pieces(here: Linearisation, flight: int, dt: Array) -> tuple[Array, Array] | None:
     """Positions and velocities of all coordinates along a flight that is computed in pieces."""
     problem, z = here.problem, here.unknowns
     left, leave = problem.leaving(z, flight)
@@ -141,7 +141,9 @@ def _long(here: Linearisation, flight: int, dt: Array) -> tuple[Array, Array] | 
     return found[:, :, 0], found[:, :, 1]
 
 
-def _on_track(here: Linearisation, wall: str, row: list[float], dt: Array) -> tuple[Array, Array]:
+def _motion_on_track(
+    here: Linearisation, wall: str, row: list[float], dt: Array
+) -> tuple[Array, Array]:
     """Positions and velocities of all coordinates along a linear flight."""
     problem, size = here.problem, here.problem.model.DEGREES_OF_FREEDOM
     law = problem.kernels.law(wall)(*row, *problem.values(here.unknowns))
@@ -153,7 +155,7 @@ def _on_track(here: Linearisation, wall: str, row: list[float], dt: Array) -> tu
     return states[:, :size], states[:, size : 2 * size]
 
 
-def _by_segment(
+def _motion_by_segment(
     here: Linearisation, left: str, wall: str, row: list[float], begin: float, dt: Array
 ) -> tuple[Array, Array]:
     """The same by the kernels of a flight to a wall: its gap coordinate, and what arrives there."""
@@ -185,7 +187,7 @@ class CyclicBlocks(NamedTuple):
         The blocks A_k and B_k.
     by_parameter : ndarray of shape (n, free)
     together : bool
-        Whether rows of a flight are combinations of its equations; see `layout.Together`.
+        Whether rows of a flight are combinations of its equations; see `layout.CombinedBlocks`.
     """
 
     residual: Array
@@ -441,7 +443,7 @@ def rounding(here: Linearisation) -> Linearisation:
     quiet = not problem.word.walls  # its flight leads to the state itself, not a time of its own
     z, p = here.unknowns.tolist(), problem.values(here.unknowns)
     setup, off = bounds_of_kernel(problem.kernels.setup, p)
-    closing = problem.closing(Bounded(z[0]), Bounded(setup.period, off.period))
+    closing = problem.closing(BoundedNumber(z[0]), BoundedNumber(setup.period, off.period))
     parts: list[list[float]] = [[], [], [], []]
     for k, segment in enumerate(problem.segments):
         j = m * k + m
@@ -637,7 +639,7 @@ class OrbitProblem:
             j = i + m
             arrival = z[j : j + m] if j < n else [closing, *z[1:m]]
             rows, leaving, arriving, free = found = segment.blocks(z[i:j], arrival, p)
-            together = together or isinstance(found, Together)
+            together = together or isinstance(found, CombinedBlocks)
             residual += rows
             start += leaving
             end += arriving

@@ -26,12 +26,12 @@ from numpy.typing import ArrayLike
 
 from ..arrays import Array, Number, Vector
 from ..errors import InputError
-from ..models.guards import Row, following, state_before, state_size
+from ..models.guards import Row, following_letters, state_before, state_size
 from ..models.model import Model
 from ..models.word import Word
 from ..segments.arithmetic import ARRAYS, evaluate_in
 from ..segments.flight import FlightGaps, Touch, chebyshev_zeros, rounding_along, touch_of
-from ..segments.integration import IntegratedTrack, integrated_track, joined
+from ..segments.integration import IntegratedTrack, integrated_track, join_flights
 from ..segments.kernels import Kernels
 from ..segments.layout import SECTION
 from ..segments.oscillation import Excursion, Moved, excursions
@@ -55,7 +55,7 @@ ASIDE = 0.1
 
 def require_no_forcing(model: Model, kernels: Kernels) -> None:
     """Raise `InputError` if motions depend on the time, or do so beside a followed parameter."""
-    forced, unseen = _forced(kernels, model.values)
+    forced, unseen = _forced_flight(kernels, model.values)
     if forced:
         found = f"it is free, and the flight {forced} depends on the time"
         accepted = "take the forcing away, as by a = 0, or leave the period to the forcing"
@@ -67,9 +67,9 @@ def require_no_forcing(model: Model, kernels: Kernels) -> None:
     for name in kernels.parameters:
         value = model.values[name]
         aside = ASIDE * (abs(value) or 1.0)
-        forced, unseen = _forced(kernels, {**model.values, name: value + aside})
+        forced, unseen = _forced_flight(kernels, {**model.values, name: value + aside})
         if unseen:
-            forced, unseen = _forced(kernels, {**model.values, name: value - aside})
+            forced, unseen = _forced_flight(kernels, {**model.values, name: value - aside})
         if forced:
             found = f"motions depend on the time where {name} is not {value!r}"
             accepted = "follow another one: without forcing alone the period is free"
@@ -80,11 +80,11 @@ def require_no_forcing(model: Model, kernels: Kernels) -> None:
             raise InputError("parameter", found, "follow another one, or from another value")
 
 
-def _forced(kernels: Kernels, values: Mapping[str, float]) -> tuple[str, str]:
+def _forced_flight(kernels: Kernels, values: Mapping[str, float]) -> tuple[str, str]:
     """A flight that changes where it is moved in time, or else one of which that cannot be seen."""
     guards, unseen = kernels.model.WALLS, ""
     for guard in guards:
-        segment = kernels.segment(guard.name, following(guards, guard.name)[0])
+        segment = kernels.segment(guard.name, following_letters(guards, guard.name)[0])
         changes = list(islice(_changes(segment, kernels.model, list(values.values())), PROBES))
         if any(change > NO_TIME for change in changes):
             return segment.name, ""
@@ -320,7 +320,7 @@ class QuietProblem(OrbitProblem):
             return integrated_track(self.kernels, SECTION, state, values, length)
         span, places = self.span(unknowns), np.array(state[::2])
         more = integrated_track(self.kernels, SECTION, state, values, length - span)
-        return joined([whole, more], [0.0, span], np.array([places, places]))
+        return join_flights([whole, more], [0.0, span], np.array([places, places]))
 
     def _by_kernels(self, watched: Mapping[Row, str], unknowns: Array) -> dict[Row, Excursion]:
         return {row: self._excursion(name, unknowns) for row, name in watched.items()}

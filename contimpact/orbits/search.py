@@ -16,7 +16,7 @@ from ..errors import InputError
 from ..models.guards import graph
 from ..models.model import Model, Symmetry
 from ..models.word import Word, parse_word
-from ..progress import Asked, Progress, asked, silent
+from ..progress import Asked, Progress, ignore_progress, progress_lines
 from ..segments.arithmetic import ARRAYS
 from ..segments.kernels import Kernels
 from ..segments.layout import SECTION
@@ -27,7 +27,7 @@ from .quiet import FreeQuietProblem, QuietProblem, problem_of
 # When two sets of impacts are the same orbit: rotations of the word, and the model's symmetry.
 
 
-def rotated_to(problem: OrbitProblem, unknowns: Array, word: Word) -> Array | None:
+def rotate_to_word(problem: OrbitProblem, unknowns: Array, word: Word) -> Array | None:
     """Return an orbit's unknowns with its first impact chosen so that it reads as `word`.
 
     None if the orbit's word is no rotation of it.
@@ -43,10 +43,10 @@ def rotated_to(problem: OrbitProblem, unknowns: Array, word: Word) -> Array | No
     rows = problem.impacts(unknowns).copy()
     span = problem.span(unknowns)
     rows[:shift, 0] += span
-    return problem.with_impacts(_rolled(rows, shift), span, unknowns)
+    return problem.with_impacts(_roll_rows(rows, shift), span, unknowns)
 
 
-def mirrored(
+def mirror_orbit(
     problem: OrbitProblem, unknowns: Array, symmetry: Symmetry
 ) -> tuple[OrbitProblem, Array]:
     """Return the image of an orbit under the model's symmetry, and its problem."""
@@ -63,7 +63,7 @@ def repeats(problem: OrbitProblem, unknowns: Array, tolerance: float) -> bool:
     return _shortest_shift(problem, unknowns, tolerance) is not None
 
 
-def shortest(
+def reduce_period(
     problem: OrbitProblem, unknowns: Array, tolerance: float
 ) -> tuple[OrbitProblem, Array]:
     """Return an orbit as one of its shortest period, itself if it repeats none."""
@@ -96,14 +96,14 @@ def _shortest_shift(problem: OrbitProblem, unknowns: Array, tolerance: float) ->
             continue
         later = rows.copy()
         later[:shift, 0] += span
-        later = _rolled(later, shift)
+        later = _roll_rows(later, shift)
         later[:, 0] -= span * shift / n
         if abs(later - rows).max() < tolerance:
             return shift
     return None
 
 
-def _rolled(rows: Array, shift: int) -> Array:
+def _roll_rows(rows: Array, shift: int) -> Array:
     return np.roll(rows, -shift, axis=0)
 
 
@@ -149,7 +149,7 @@ def rounds_of_starts(
         times = [_random_times(problem, generator, starts) for _ in range(count)]
         with np.errstate(all="ignore"):
             at = np.concatenate(times)
-            begun = _with_sections(problem, at) if fitted else _drawn(problem, at, generator)
+            begun = _fit_sections(problem, at) if fitted else _draw_sections(problem, at, generator)
             solutions, origin = _newton(problem, begun)
         for k in range(count):
             yield solutions[origin // starts == k]
@@ -170,7 +170,7 @@ def _random_times(problem: OrbitProblem, generator: np.random.Generator, count: 
     return np.hstack([first, first + np.cumsum(durations, axis=1)[:, :-1]])
 
 
-def _with_sections(problem: OrbitProblem, times: Array) -> Array:
+def _fit_sections(problem: OrbitProblem, times: Array) -> Array:
     """The starts with these impact times: section coordinates by least squares."""
     count, n = times.shape
     m = problem.m
@@ -186,7 +186,7 @@ def _with_sections(problem: OrbitProblem, times: Array) -> Array:
     return z
 
 
-def _drawn(problem: OrbitProblem, times: Array, generator: np.random.Generator) -> Array:
+def _draw_sections(problem: OrbitProblem, times: Array, generator: np.random.Generator) -> Array:
     """The starts with these impact times: section coordinates at random."""
     z = generator.normal(size=(*times.shape, problem.m))
     z *= generator.choice(SIZES, (len(times), 1, 1))
@@ -210,7 +210,7 @@ def _newton(problem: OrbitProblem, z: Array) -> tuple[Array, Array]:
     origin = np.arange(count)
     reached: list[Array] = []
     origins: list[Array] = []
-    far = _far(problem, z)
+    far = _far_size(problem, z)
     for _ in range(ITERATIONS):
         residual, jacobian = _evaluate_all(problem, z)
         healthy = np.isfinite(jacobian).all(axis=(1, 2)) & np.isfinite(residual).all(axis=1)
@@ -231,7 +231,7 @@ def _newton(problem: OrbitProblem, z: Array) -> tuple[Array, Array]:
     return np.insert(solutions, n * m, value, axis=1), np.concatenate(origins)
 
 
-def _far(problem: OrbitProblem, z: Array) -> float:
+def _far_size(problem: OrbitProblem, z: Array) -> float:
     """The size of section coordinates at which starts are given up."""
     sizes = _sizes(z)
     known = sizes[np.isfinite(sizes) & (sizes > 0.0)]
@@ -323,7 +323,7 @@ def find_orbits(
     progress: Asked = False,
 ) -> list[Orbit]:
     """Find the orbits of a word from random starts; `diagrams.starting_orbits` documents it."""
-    with asked(progress, f"find_orbits {word}") as tell:
+    with progress_lines(progress, f"find_orbits {word}") as tell:
         return search(model, word, parameter, kernels, rng, starts, rounds, tell).orbits
 
 
@@ -346,7 +346,7 @@ def search(
     rng: np.random.Generator | int = 0,
     starts: int = 256,
     rounds: int = 8,
-    tell: Progress = silent,
+    tell: Progress = ignore_progress,
 ) -> Search:
     """Search for the orbits of a word, as `find_orbits` does."""
     for name, count in (("starts", starts), ("rounds", rounds)):
@@ -367,37 +367,37 @@ def search_for(
     generator: np.random.Generator,
     starts: int,
     rounds: int,
-    tell: Progress = silent,
+    tell: Progress = ignore_progress,
 ) -> Search:
     """Search for the orbits of a problem at its model's parameters; see `find_orbits`."""
     if not problem.word.walls:
         if isinstance(problem, FreeQuietProblem):
-            return Search(_turning(problem, generator), TURNING_STARTS)
+            return Search(_search_turning(problem, generator), TURNING_STARTS)
         return Search(_without_impacts(problem, generator), QUIET_STARTS)
     starts = min(starts, max(FEWEST_STARTS, MOST_WORK // len(problem.word) ** 2))
-    found = _from_rounds(problem, generator, starts, rounds, tell)
+    found = _search_rounds(problem, generator, starts, rounds, tell)
     if not found.orbits and any(problem.kernels.flown(*kind) for kind in problem.kinds):
         tell("states at random, too")
-        found = _from_rounds(problem, generator, starts, rounds, tell, fitted=False)
-    return replace(found, orbits=_sorted(found.orbits))
+        found = _search_rounds(problem, generator, starts, rounds, tell, fitted=False)
+    return replace(found, orbits=_sort_orbits(found.orbits))
 
 
-def with_more(
+def add_orbits(
     found: Sequence[Orbit], problem: OrbitProblem, guesses: Sequence[Array]
 ) -> list[Orbit]:
     """Return the orbits found, and those near guesses of the unknowns, each once, in order."""
     orbits = list(found)
     if len(guesses):
-        _keep(orbits, [], problem, np.array(guesses))
-    return _sorted(orbits)
+        _add_new(orbits, [], problem, np.array(guesses))
+    return _sort_orbits(orbits)
 
 
-def _sorted(orbits: Sequence[Orbit]) -> list[Orbit]:
+def _sort_orbits(orbits: Sequence[Orbit]) -> list[Orbit]:
     """The first impact's velocity decides, the largest first."""
     return sorted(orbits, key=lambda orbit: -float(orbit.velocities[0]))
 
 
-def _from_rounds(
+def _search_rounds(
     problem: OrbitProblem,
     generator: np.random.Generator,
     starts: int,
@@ -413,7 +413,7 @@ def _from_rounds(
     solved = rounds_of_starts(problem, generator, starts, rounds, fitted)
     for number, solutions in enumerate(solved, 1):
         before = len(found)
-        _keep(found, known, problem, solutions)
+        _add_new(found, known, problem, solutions)
         tell(f"{len(found)} orbits after {number} rounds of {starts} starts")
         quiet = quiet + 1 if len(found) == before else 0
         if quiet == 2:
@@ -434,17 +434,17 @@ def _without_impacts(problem: OrbitProblem, generator: np.random.Generator) -> l
         _add_quiet(found, solve_near(problem, state(trial)))
     if not found and problem.kernels.integrated(SECTION):
         for trial in range(QUIET_STARTS):
-            _add_quiet(found, solve_near(problem, _nearer(problem, state(trial))))
+            _add_quiet(found, solve_near(problem, _approach(problem, state(trial))))
     return found
 
 
 def _add_quiet(found: list[Orbit], here: Linearisation | None) -> None:
     """Add an orbit without impacts to the list unless it is there, or one of a shorter period."""
-    if here is not None and _regular(here) and not _repeats_quietly(here):
+    if here is not None and _is_regular(here) and not _repeats_quietly(here):
         _add(found, here, SAME_ORBIT * max(1.0, float(np.max(np.abs(here.unknowns)))))
 
 
-def _nearer(problem: OrbitProblem, unknowns: Array) -> Array:
+def _approach(problem: OrbitProblem, unknowns: Array) -> Array:
     """Follow Newton's steps from afar, each as far as the residual falls."""
     z, best = unknowns, math.inf
     step = np.zeros(problem.n)
@@ -465,7 +465,7 @@ def _nearer(problem: OrbitProblem, unknowns: Array) -> Array:
     return z
 
 
-def _turning(problem: FreeQuietProblem, generator: np.random.Generator) -> list[Orbit]:
+def _search_turning(problem: FreeQuietProblem, generator: np.random.Generator) -> list[Orbit]:
     """The orbits without impacts in a system without forcing, from where the first coordinate is
     largest; those are left out on which nothing moves."""
     free = [problem.model.values[name] for name in problem.kernels.parameters]
@@ -475,7 +475,7 @@ def _turning(problem: FreeQuietProblem, generator: np.random.Generator) -> list[
         state = generator.normal(scale=10.0 ** (trial % 3 - 1), size=problem.m)
         state[1] = problem.next_turn(state, SPANS[1] * natural)
         here = solve_near(problem, np.append(state, free), TURNING_ITERATIONS)
-        if here is not None and problem.moves(here.unknowns) and _regular(here):
+        if here is not None and problem.moves(here.unknowns) and _is_regular(here):
             known = [(o.period, *abs(o.multipliers)) for o in found]
             own = (here.span, *abs(here.multipliers))
             if not any(
@@ -514,20 +514,22 @@ def solve_near(
     return best if best is not None and np.max(np.abs(best.residual)) < 1e-11 * size else None
 
 
-def _keep(found: list[Orbit], known: list[Array], problem: OrbitProblem, solutions: Array) -> None:
+def _add_new(
+    found: list[Orbit], known: list[Array], problem: OrbitProblem, solutions: Array
+) -> None:
     """Add the orbits among solutions to those found, each once; a start often leads to a known one.
 
     `known` are the regular solutions met so far, repetitions of shorter orbits among them.
     """
-    left = _reduced(problem, solutions)
+    left = _reduce_times(problem, solutions)
     for other in known:
         left = left[~_same_solution(problem, left, other)]
     while len(left):
         here = solve_near(problem, left[0])
         left = left[1:]
-        if here is None or not _in_order(here):
+        if here is None or not _impacts_follow(here):
             continue
-        regular = _regular(here)
+        regular = _is_regular(here)
         if regular:
             known.append(here.unknowns)
             left = left[~_same_solution(problem, left, here.unknowns)]
@@ -539,10 +541,10 @@ def _add(found: list[Orbit], here: Linearisation, same: float) -> None:
     """Add an orbit to the list unless it is there."""
     apart = (here.problem.difference(here.unknowns, orbit.unknowns) for orbit in found)
     if all(np.max(np.abs(difference)) >= same for difference in apart):
-        found.append(Orbit(here.problem, _turned(here)))
+        found.append(Orbit(here.problem, _rotate_to_fastest(here)))
 
 
-def _turned(here: Linearisation) -> Linearisation:
+def _rotate_to_fastest(here: Linearisation) -> Linearisation:
     """The orbit from the rotation of its word on that begins with the fastest impact.
 
     Of equally fast ones that with the earlier phase, then by the next impact in turn. Without this
@@ -565,7 +567,7 @@ def _turned(here: Linearisation) -> Linearisation:
     return problem.evaluate(problem.with_impacts(rows, span, here.unknowns))
 
 
-def _in_order(here: Linearisation) -> bool:
+def _impacts_follow(here: Linearisation) -> bool:
     """Whether the impacts follow each other, none at the time of the next."""
     problem = here.problem
     times = problem.impacts(here.unknowns)[:, 0]
@@ -588,13 +590,13 @@ def _same_solution(problem: OrbitProblem, solutions: Array, other: Array) -> Arr
     return same
 
 
-def _regular(here: Linearisation) -> bool:
+def _is_regular(here: Linearisation) -> bool:
     """Whether an orbit is known to rounding, and not only to its root as at a bifurcation."""
     sizes = np.linalg.svd(here.cyclic(1.0)[:, : here.problem.n], compute_uv=False)
     return bool(sizes[-1] > 1e-4 * sizes[0])
 
 
-def _reduced(problem: OrbitProblem, solutions: Array) -> Array:
+def _reduce_times(problem: OrbitProblem, solutions: Array) -> Array:
     """The same solutions with their first impacts in [0, T), where there is a forcing."""
     if problem.autonomous:
         return solutions

@@ -18,7 +18,7 @@ from ..results.curve import (
     Coverage,
     Curve,
     Region,
-    falling,
+    falling_column,
     lanes,
     panels,
     parameters_of,
@@ -29,7 +29,7 @@ from ..results.diagram_reading import Reading, read, sentence, sentence_of
 from ..results.quantities import GREEK, PI_BELOW
 from ..results.tables import coordinates
 from .orbits import Orbits, Tracks, stride
-from .sweeps import Swept, packed
+from .sweeps import SweepSeries, pack_column
 
 # The branches of a diagram by the values of the parameters that no branch varies.
 
@@ -45,7 +45,7 @@ def constants(branches: Sequence[Branch], derived: Sequence[str]) -> list[str]:
     ]
 
 
-def fixed(branches: Sequence[Branch], derived: Sequence[str]) -> dict[str, float]:
+def shared_parameters(branches: Sequence[Branch], derived: Sequence[str]) -> dict[str, float]:
     """Return the constant parameters that all branches share."""
     shared = {}
     for name in constants(branches, derived):
@@ -60,7 +60,7 @@ def members(branches: Sequence[Branch], derived: Sequence[str]) -> list[dict[str
 
     Each has as ``fixed`` the values that set it apart, and as ``branches`` their places.
     """
-    shared = fixed(branches, derived)
+    shared = shared_parameters(branches, derived)
     apart = [name for name in constants(branches, derived) if name not in shared]
     groups: dict[tuple[float, ...], list[int]] = {}
     for place, branch in enumerate(branches):
@@ -77,7 +77,7 @@ UNSAID = ("system", "options", "tangent", "multipliers_before", "multipliers_aft
 
 
 @dataclasses.dataclass(frozen=True)
-class Shown:
+class PageView:
     """How a page begins: the axis, limits, and which unphysical orbits are drawn."""
 
     x: str
@@ -101,7 +101,7 @@ def remarks_in(statistics: Mapping[str, Any], coverage: Sequence[Coverage] = ())
 
 @np.errstate(all="ignore")  # numbers of damaged folders
 def page_data(
-    diagram: Diagram, model: Model | None, shown: Shown, swept: Sequence[Swept] = ()
+    diagram: Diagram, model: Model | None, shown: PageView, swept: Sequence[SweepSeries] = ()
 ) -> dict[str, Any]:
     """Return what a page shows.
 
@@ -115,7 +115,11 @@ def page_data(
     derived = model.DERIVED if model else ()
     branches = diagram.branches
     lines = [
-        *((len(branch), len(branch.word)) for branch in branches if _known(branch, model)),
+        *(
+            (len(branch), len(branch.word))
+            for branch in branches
+            if _has_known_formulas(branch, model)
+        ),
         *((len(found), len(found.word)) for found in swept if found.periodic),
     ]
     tracks = Tracks(model) if model and lines else None
@@ -128,21 +132,22 @@ def page_data(
         "name": diagram.name,
         "shown": dataclasses.asdict(shown) | {"remarks": remarks},
         "parameter": branches[0].parameter if branches else shown.x,
-        "varying": _varying(branches, shown.x),
-        "fixed": fixed(branches, derived),
+        "varying": _varying_parameters(branches, shown.x),
+        "fixed": shared_parameters(branches, derived),
         "units": _units(branches, model),
         "walls": _walls(branches, model),
         "greek": GREEK,
         "pi_below": PI_BELOW,
         "every": every,
         "members": (groups := members(branches, derived)),
-        "own": _own(groups, model),
-        "unknown": _unknown(branches, model),
+        "own": _scene_group(groups, model),
+        "unknown": _undrawable_reason(branches, model),
         "branches": [
-            _branch(branch, tracks if _known(branch, model) else None, every) for branch in branches
+            _branch(branch, tracks if _has_known_formulas(branch, model) else None, every)
+            for branch in branches
         ],
         "entries": [_entry(entry, branch) for branch in branches for entry in branch.events],
-        "looks": {kind: _look(kind) for kind in _kinds(diagram)},
+        "looks": {kind: _look_record(kind) for kind in _kinds(diagram)},
         "reading": _reading(diagram, found),
         "curves": [_curve(curve) for curve in diagram.curves],
         "panels": _panels(diagram),
@@ -150,7 +155,7 @@ def page_data(
     }
 
 
-def _known(branch: Branch, model: Model | None) -> bool:
+def _has_known_formulas(branch: Branch, model: Model | None) -> bool:
     """Whether a branch is of the model's formulas."""
     return (
         model is not None
@@ -161,7 +166,7 @@ def _known(branch: Branch, model: Model | None) -> bool:
     )
 
 
-def _own(groups: Sequence[Mapping[str, Any]], model: Model | None) -> int:
+def _scene_group(groups: Sequence[Mapping[str, Any]], model: Model | None) -> int:
     """The place of the group at the scene's own values; the first one if there is none."""
     values = model.values if model else {}
     wanted = (
@@ -170,9 +175,9 @@ def _own(groups: Sequence[Mapping[str, Any]], model: Model | None) -> int:
     return next(wanted, 0)
 
 
-def _unknown(branches: Sequence[Branch], model: Model | None) -> str | None:
+def _undrawable_reason(branches: Sequence[Branch], model: Model | None) -> str | None:
     """Why the orbits of some branches cannot be drawn, if so."""
-    lacking = [branch.id for branch in branches if not _known(branch, model)]
+    lacking = [branch.id for branch in branches if not _has_known_formulas(branch, model)]
     if not lacking:
         return None
     system = next(branch.system for branch in branches if branch.id in lacking)
@@ -193,7 +198,7 @@ def _walls(branches: Sequence[Branch], model: Model | None) -> list[str]:
     return sorted({wall for branch in branches for wall in branch.word})
 
 
-def _varying(branches: Sequence[Branch], x: str) -> list[str]:
+def _varying_parameters(branches: Sequence[Branch], x: str) -> list[str]:
     """The parameters that vary along a branch, the followed ones first."""
     followed = [branch.parameter for branch in branches]
     others = [
@@ -216,21 +221,21 @@ def _branch(branch: Branch, tracks: Tracks | None, every: int) -> dict[str, Any]
         "ends": [end.message for end in branch.ends],
         "missed": list(branch.missed),
         "notes": list(branch.notes),
-        "columns": {name: packed(branch[name]) for name in names if name in branch.columns},
-        "times": packed(branch.times),
-        "velocities": packed(branch.velocities),
-        "multipliers": packed(
+        "columns": {name: pack_column(branch[name]) for name in names if name in branch.columns},
+        "times": pack_column(branch.times),
+        "velocities": pack_column(branch.velocities),
+        "multipliers": pack_column(
             np.stack([branch.multipliers.real, branch.multipliers.imag], axis=-1)
         ),
-        "unstable": packed(np.clip(branch["n_unstable"], 0, 255), "u1"),
-        "physical": packed(branch.physical, "u1"),
-        "status": packed(_pieces(branch), "u1"),
+        "unstable": pack_column(np.clip(branch["n_unstable"], 0, 255), "u1"),
+        "physical": pack_column(branch.physical, "u1"),
+        "status": pack_column(_pieces(branch), "u1"),
         "reasons": known.tolist(),
-        "reason": packed(reasons.ravel(), "u4"),
+        "reason": pack_column(reasons.ravel(), "u4"),
         "tracks": None,
     }
     if tracks is not None:
-        record["tracks"] = tracks.record(_orbits(branch), _kept(len(branch), every, marked))
+        record["tracks"] = tracks.record(_orbits(branch), _kept_rows(len(branch), every, marked))
     return record
 
 
@@ -254,7 +259,7 @@ def _orbits(branch: Branch) -> Orbits:
     return Orbits(branch.word, branch.period or 1, parameters, stacked, free)
 
 
-def _kept(rows: int, every: int, marked: Array) -> Array:
+def _kept_rows(rows: int, every: int, marked: Array) -> Array:
     """The rows whose orbits are drawn: one of so many, the events and both ends."""
     return np.unique(np.concatenate([np.arange(0, rows, every), marked, [rows - 1]]))
 
@@ -275,7 +280,7 @@ def _kinds(diagram: Diagram) -> list[str]:
     return list(dict.fromkeys([*(e.kind for e in entries), *(c.kind for c in curves)]))
 
 
-def _look(kind: str) -> dict[str, Any]:
+def _look_record(kind: str) -> dict[str, Any]:
     look = kind_of(kind).look
     touching = "touch_time" in kind_of(kind).needed
     return {"marker": look.marker, "colour": look.colour, "touching": touching}
@@ -309,8 +314,8 @@ def _curve(curve: Curve) -> dict[str, Any]:
         "fixed": dict(curve.fixed),
         "from": curve.origin,
         "rows": len(curve),
-        "columns": {name: packed(curve[name]) for name in (*names, "arclength")},
-        "ghost": packed(_status(curve), "u1"),
+        "columns": {name: pack_column(curve[name]) for name in (*names, "arclength")},
+        "ghost": pack_column(_status(curve), "u1"),
         "ends": [end.message for end in curve.ends],
         "missed": list(curve.missed),
         "points": [
@@ -335,13 +340,13 @@ def _panels(diagram: Diagram) -> list[dict[str, Any]]:
     return [
         {
             "fixed": dict(group[0].fixed),
-            "along": (along := falling(group)),
+            "along": (along := falling_column(group)),
             "across": group[0].parameters[1],
             "curves": [places[curve.id] for curve in group],
             "areas": [
-                _area(area)
+                _area_record(area)
                 for area in diagram.areas
-                if area.orbits and _in(area, group[0].fixed, group[0].parameters[1], along)
+                if area.orbits and _is_area_of(area, group[0].fixed, group[0].parameters[1], along)
             ],
             "regions": _regions(regions(group, along, diagram.checks)),
         }
@@ -357,11 +362,11 @@ def _regions(found: Sequence[Region]) -> list[dict[str, Any]]:
     ]
 
 
-def _in(area: Area, fixed: Mapping[str, float], across: str, along: str) -> bool:
+def _is_area_of(area: Area, fixed: Mapping[str, float], across: str, along: str) -> bool:
     return (dict(area.fixed), area.across, area.along) == (dict(fixed), across, along)
 
 
-def _area(area: Area) -> dict[str, Any]:
+def _area_record(area: Area) -> dict[str, Any]:
     doubts = [f"{d.across:.6g}, {d.along:.6g}: {d.says}" for d in area.doubtful]
     return {
         "id": area.id,
@@ -376,27 +381,29 @@ def _area(area: Area) -> dict[str, Any]:
 # Attractors.
 
 
-def _swept(found: Swept, tracks: Tracks | None, every: int) -> dict[str, Any]:
+def _swept(found: SweepSeries, tracks: Tracks | None, every: int) -> dict[str, Any]:
     """Attractors of one word found in one direction; or motions that have none."""
     record: dict[str, Any] = {
         name: getattr(found, name) for name in ("direction", "kind", "notation", "word", "period")
     }
     record |= {
         "rows": len(found),
-        "columns": {name: packed(values) for name, values in found.parameters.items()},
-        "starts": packed(found.starts, "u4"),
-        "times": packed(found.times),
-        "velocities": packed(found.velocities),
-        "walls": packed(found.walls, "u1"),
-        "multipliers": packed(found.multipliers),
+        "columns": {name: pack_column(values) for name, values in found.parameters.items()},
+        "starts": pack_column(found.starts, "u4"),
+        "times": pack_column(found.times),
+        "velocities": pack_column(found.velocities),
+        "walls": pack_column(found.walls, "u1"),
+        "multipliers": pack_column(found.multipliers),
         "tracks": None,
     }
     if tracks is not None and found.periodic:
-        record["tracks"] = tracks.record(_cycles(found), _kept(len(found), every, np.zeros(0, int)))
+        record["tracks"] = tracks.record(
+            _cycles(found), _kept_rows(len(found), every, np.zeros(0, int))
+        )
     return record
 
 
-def _cycles(found: Swept) -> Orbits:
+def _cycles(found: SweepSeries) -> Orbits:
     impacts = found.sections.reshape(len(found), len(found.word), -1)
     parameters: Mapping[str, Array] = found.parameters
     return Orbits(found.word, found.period or 1, parameters, impacts)

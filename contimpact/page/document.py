@@ -19,8 +19,8 @@ from ..results.diagram import Diagram
 from ..results.quantities import NO_WALL, WALLS, WALLS_ON_DARK
 from ..results.result_folder import reading
 from ..storage.files import is_there, write, write_all
-from .data import Shown, page_data
-from .sweeps import Swept, read_sweep, script_json
+from .data import PageView, page_data
+from .sweeps import SweepSeries, read_sweep, script_json
 
 NAME = "diagram.html"
 FOLDER = Path(__file__).parent
@@ -41,10 +41,10 @@ PALETTE = {
 
 
 def page_text(
-    diagram: Diagram, model: Model | None, shown: Shown, swept: Sequence[Swept] = ()
+    diagram: Diagram, model: Model | None, shown: PageView, swept: Sequence[SweepSeries] = ()
 ) -> str:
     """Return the page; takes the arguments of `data.page_data`."""
-    style = _filled(_asset("page.css"), PALETTE)
+    style = _fill_template(_asset("page.css"), PALETTE)
     library = _asset(LIBRARY)
     script = "\n".join(
         ["(() => {", '"use strict";', *(_asset(f"scripts/{name}.js") for name in SCRIPTS), "})();"]
@@ -57,21 +57,21 @@ def page_text(
         "data": script_json(page_data(diagram, model, shown, swept)),
         "script": script,
     }
-    return _filled(_asset("page.html"), parts)
+    return _fill_template(_asset("page.html"), parts)
 
 
-def _filled(template: str, parts: Mapping[str, str]) -> str:
+def _fill_template(template: str, parts: Mapping[str, str]) -> str:
     return re.sub(r"\{\{(\w+)\}\}", lambda found: parts[found[1]], template)
 
 
-def save_page(diagram: Diagram, model: Model | None, folder: Path, shown: Shown) -> list[str]:
+def save_page(diagram: Diagram, model: Model | None, folder: Path, shown: PageView) -> list[str]:
     """Write the page of a folder, with its attractors if there are any; returns its name."""
     swept = attractors_in(folder, model)
     return write_all(folder, {NAME: lambda: page_text(diagram, model, shown, swept)})
 
 
 def write_page(
-    diagram: Diagram, model: Model | None, folder: Path, shown: Shown, target: Path
+    diagram: Diagram, model: Model | None, folder: Path, shown: PageView, target: Path
 ) -> None:
     """Write the page of a folder to a file.
 
@@ -83,7 +83,7 @@ def write_page(
     write(target, page_text(diagram, model, shown, swept))
 
 
-def attractors_in(folder: Path, model: Model | None) -> list[Swept]:
+def attractors_in(folder: Path, model: Model | None) -> list[SweepSeries]:
     """Return the attractors that a simulation has left in a folder, if one has."""
     path = folder / "sweep.csv"
     return read_sweep(path, model) if model is not None and is_there(path) else []

@@ -18,7 +18,7 @@ from ..models.guards import orders_of
 from ..models.model import Model
 from ..segments.arithmetic import ARRAYS, evaluate_in
 from ..segments.kernels import Kernels
-from .sweeps import packed
+from .sweeps import pack_column
 
 FLAT = 5e-4
 """Error of a drawn flight, by the size of the picture."""
@@ -106,13 +106,13 @@ class Tracks:
             np.concatenate(flights, axis=1) if flights else np.zeros((len(rows), 0, 2 * self.size))
         )
         return {
-            "period": packed(periods),
-            "walls": {name: packed(places) for name, places in walls.items()},
+            "period": pack_column(periods),
+            "walls": {name: pack_column(places) for name, places in walls.items()},
             "hits": self.hits,
             "coordinates": list(self.model.coordinates),
-            "rows": packed(rows, "u4") if len(rows) < len(orbits.impacts) else None,
+            "rows": pack_column(rows, "u4") if len(rows) < len(orbits.impacts) else None,
             "nodes": [flight.shape[1] for flight in flights],
-            "states": packed(states, "f4"),
+            "states": pack_column(states, "f4"),
         }
 
     def _values(self, orbits: Orbits) -> list[Array]:

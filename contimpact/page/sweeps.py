@@ -17,10 +17,10 @@ import numpy as np
 from ..arrays import Array
 from ..errors import InputError, printable
 from ..models.model import Model
-from ..results.catalogue import checking
+from ..results.catalogue import check_reading
 from ..results.tables import coordinates
 from ..storage.files import read_bounded
-from ..storage.texts import original
+from ..storage.texts import unescape_text
 
 # Numbers and texts as a page embeds them: compact, exact, and nothing but data.
 
@@ -28,7 +28,7 @@ TYPES = {"f8": "<f8", "f4": "<f4", "u4": "<u4", "u1": "u1"}
 """Types of packed numbers, as the script knows them and as NumPy does."""
 
 
-def packed(values: Array, kind: str = "f8") -> str | float:
+def pack_column(values: Array, kind: str = "f8") -> str | float:
     """Return a column as one number where it is constant and finite, else as base64.
 
     The text is the kind of `TYPES` and the bytes, as ``f8:AAAAAAAA8D8=``, all rows in order.
@@ -40,22 +40,22 @@ def packed(values: Array, kind: str = "f8") -> str | float:
     return f"{kind}:{base64.b64encode(array.tobytes()).decode()}"
 
 
-def plain(value: Any) -> Any:
+def plain_data(value: Any) -> Any:
     """Return plain data whose texts are printable, with None for numbers that are not finite."""
     if isinstance(value, str):
         return printable(value)
     if isinstance(value, float):
         return value if math.isfinite(value) else None
     if isinstance(value, Mapping):
-        return {printable(str(name)): plain(part) for name, part in value.items()}
+        return {printable(str(name)): plain_data(part) for name, part in value.items()}
     if isinstance(value, list | tuple):
-        return [plain(part) for part in value]
+        return [plain_data(part) for part in value]
     return value
 
 
 def script_json(value: Any) -> str:
     """Return JSON that can stand in a script element: no character of it begins markup."""
-    text = json.dumps(plain(value), allow_nan=False, separators=(",", ":"))
+    text = json.dumps(plain_data(value), allow_nan=False, separators=(",", ":"))
     return text.replace("<", "\\u003c").replace(">", "\\u003e").replace("&", "\\u0026")
 
 
@@ -65,7 +65,7 @@ LAST = 40
 
 
 @dataclass(frozen=True, eq=False)
-class Swept:
+class SweepSeries:
     """Attractors of one kind that a sweep found in one direction."""
 
     direction: str
@@ -109,12 +109,12 @@ class _Row:
         return (*(self.cells[name] for name in ("direction", "kind", "notation")), self.word)
 
 
-def read_sweep(path: Path, model: Model) -> list[Swept]:
+def read_sweep(path: Path, model: Model) -> list[SweepSeries]:
     """Read the attractors of a simulation, those of one word and direction together.
 
     Raises InputError if the file is not of this schema, damaged, or of another system.
     """
-    with checking(path, SWEEP):
+    with check_reading(path, SWEEP):
         head, _, table = read_bounded(path).decode().partition("\n")
         found = json.loads(head.removeprefix("# ")).get("schema")
         if found != SWEEP:
@@ -124,9 +124,9 @@ def read_sweep(path: Path, model: Model) -> list[Swept]:
         groups: dict[tuple[str, ...], list[_Row]] = {}
         names, *lines = csv.reader(io.StringIO(table))
         for line in lines:
-            row = _row(dict(zip(names, map(original, line), strict=True)), model)
+            row = _row(dict(zip(names, map(unescape_text, line), strict=True)), model)
             groups.setdefault(row.key(), []).append(row)
-        return [_together(rows, model) for rows in groups.values()]
+        return [_join_rows(rows, model) for rows in groups.values()]
 
 
 def _row(cells: Mapping[str, str], model: Model) -> _Row:
@@ -145,13 +145,13 @@ def _row(cells: Mapping[str, str], model: Model) -> _Row:
     return _Row(cells, impacts if whole else impacts[-LAST:], word if whole else "")
 
 
-def _together(rows: Sequence[_Row], model: Model) -> Swept:
+def _join_rows(rows: Sequence[_Row], model: Model) -> SweepSeries:
     cells = rows[0].cells
     direction, kind, notation, word = rows[0].key()
     width = 1 + model.unknowns_per_impact
     table = np.array([impact for row in rows for impact in row.impacts]).reshape(-1, width)
     names = (*model.values, *model.DERIVED)
-    return Swept(
+    return SweepSeries(
         direction,
         kind,
         notation,

@@ -21,17 +21,17 @@ import numpy as np
 from ..orbits.orbit import Orbit
 from ..results.branch import Branch
 from ..results.diagram import Diagram
-from ..results.quantities import along, way
+from ..results.quantities import branch_voltages, direction_text
 from ..simulation.attractor import Attractor, Kind
 from ..simulation.basins import Basins
-from ..simulation.energy import of_attractor
+from ..simulation.energy import attractor_voltages
 from ..simulation.simulator import Simulator
-from ..simulation.sweep import Row, Simulators, Sweep, same
+from ..simulation.sweep import Row, Simulators, Sweep, same_attractor
 from ..storage.files import Content, write_all
 from ..systems.membrane import Membrane
 from . import diagram as style
 from .lines import STYLES, WIDTHS, runs
-from .texts import axis_label, plain, symbol, units_of, values_text, walls_of
+from .texts import axis_label, plain_text, symbol, units_of, values_text, walls_of
 
 if TYPE_CHECKING:
     from ..diagrams.scene_simulation import Simulation
@@ -134,15 +134,15 @@ def plot_portrait(
     closed = attractor.period is not None
     for column, ink in _inks(simulator, INK_OF_PORTRAITS if closed else "0.45"):
         ax.plot(z[:, column], v[:, column], color=ink, linewidth=1.5 if closed else 0.3)
-    handles.append(style.legend_mark(color=INK_OF_PORTRAITS, label=plain(attractor.notation)))
+    handles.append(style.legend_mark(color=INK_OF_PORTRAITS, label=plain_text(attractor.notation)))
     for (label, other), look in zip(
-        (others or {}).items(), _looks(list(others or {})), strict=True
+        (others or {}).items(), _orbit_styles(list(others or {})), strict=True
     ):
         _, z, v, _ = motion(simulator, other)
         ax.plot(z, v, **look)
         handles.append(style.legend_mark(label=label, **look))
     _walls(ax.axvline, simulator)
-    for name, place, colour in named_places(simulator.letters, simulator.positions):
+    for name, place, colour in wall_names(simulator.letters, simulator.positions):
         where: dict[str, Any] = {"ha": "center", "xycoords": ax.get_xaxis_transform()}
         where |= {"textcoords": "offset points", "color": colour, "fontsize": 8}
         ax.annotate(name, (place, 1.0), (0, 3), **where)
@@ -157,7 +157,7 @@ def plot_portrait(
     return ax
 
 
-def _looks(labels: Sequence[str]) -> list[dict[str, Any]]:
+def _orbit_styles(labels: Sequence[str]) -> list[dict[str, Any]]:
     """Colour, width and style of orbits beside an attractor: the style tells the state, each is
     narrower than those beneath it."""
     found = []
@@ -178,7 +178,7 @@ def plot_series(simulator: Simulator, attractor: Attractor, ax: Any = None) -> A
     for column, ink in _inks(simulator, INK_OF_PORTRAITS):
         ax.plot(t / simulator.period - begin, z[:, column], color=ink, linewidth=1.1)
     _walls(ax.axhline, simulator)
-    for name, place, colour in named_places(simulator.letters, simulator.positions):
+    for name, place, colour in wall_names(simulator.letters, simulator.positions):
         where: dict[str, Any] = {"va": "center", "xycoords": ax.get_yaxis_transform()}
         where |= {"textcoords": "offset points", "color": colour, "fontsize": 8}
         ax.annotate(name, (1.0, place), (4, 0), **where)
@@ -199,7 +199,7 @@ def _name_in_portrait(simulator: Simulator, moving: bool = False) -> str:
     return r"$\dot{Z}$" if moving else "$Z$"
 
 
-def named_places(letters: Sequence[str], places: Sequence[float]) -> list[tuple[str, float, str]]:
+def wall_names(letters: Sequence[str], places: Sequence[float]) -> list[tuple[str, float, str]]:
     """Return the names of walls, one text for those that share a place, with place and colour."""
     found: dict[float, list[int]] = {}
     for number, place in enumerate(places):
@@ -222,7 +222,7 @@ def portrait_figure(
     figure = style.new_figure(9.0, 4.0)
     left, right = figure.subplots(1, 2, width_ratios=(1.0, 1.5))
     if attractor.kind in (Kind.RESTING, Kind.NO_IMPACT):
-        left.set_title(plain(attractor.notation))
+        left.set_title(plain_text(attractor.notation))
         return figure
     plot_portrait(simulator, attractor, left, others=others)
     plot_series(simulator, attractor, right)
@@ -245,8 +245,8 @@ def others_at(result: Simulation, row: Row, simulator: Simulator) -> dict[str, A
         for orbit in orbits_on(branch, result.sweep, row.value, simulator.kernels):
             if not (orbit.stable and orbit.physical):
                 state = "unstable" if orbit.physical else "unphysical"
-                label = f"{plain(branch.notation)}, {state}"
-                other = _as_attractor(branch, orbit, simulator)
+                label = f"{plain_text(branch.notation)}, {state}"
+                other = _attractor_of(branch, orbit, simulator)
                 known = found.get(label)
                 if known is None or _fastest(other) > _fastest(known):
                     found[label] = other
@@ -257,7 +257,7 @@ def _fastest(attractor: Attractor) -> float:
     return float(np.max(np.abs(attractor.velocities)))
 
 
-def _as_attractor(branch: Branch, orbit: Orbit, simulator: Simulator) -> Attractor:
+def _attractor_of(branch: Branch, orbit: Orbit, simulator: Simulator) -> Attractor:
     walls = np.array([simulator.letters.index(letter) for letter in branch.word])
     table = (walls, orbit.times, orbit.velocities, np.zeros(len(walls), dtype=bool))
     if simulator.several:
@@ -326,9 +326,9 @@ def plot_sweep(
     if diagram is None:
         entries = [style.legend_mark(color=c, label=f"wall {w}") for w, c in colours.items()]
     speeds = [0.0]
-    ways = _ways(sweep, x)
+    ways = _directions(sweep, x)
     for number, (direction, mark) in enumerate(_marks(ways).items()):
-        rows = sweep.of(direction) if number == 0 else _news(sweep, direction, ways[0])
+        rows = sweep.of(direction) if number == 0 else _new_rows(sweep, direction, ways[0])
         for wall, colour in enumerate(colours.values()):
             places, values = _points(rows, x, wall)
             ax.plot(places, values, color=colour, **mark, **HOLLOW)
@@ -337,7 +337,7 @@ def plot_sweep(
         ax.plot(places, [0.0] * len(places), color=style.NO_WALL, **mark, **HOLLOW)
         if number and not rows:
             continue
-        text = f"simulated, {_way(sweep, direction, x)}" + (": others" if number else "")
+        text = f"simulated, {_direction_text(sweep, direction, x)}" + (": others" if number else "")
         entries.append(style.legend_mark(label=text, color=INK, **mark, **HOLLOW))
     ax.set_xlim(*xlim)
     ax.ticklabel_format(axis="x", useOffset=False)  # its place is taken by the direction
@@ -355,12 +355,12 @@ def plot_sweep(
     return ax
 
 
-def _ways(sweep: Sweep, x: str) -> list[str]:
+def _directions(sweep: Sweep, x: str) -> list[str]:
     """The directions of a sweep: that first along which the drawn axis falls, as in the paper."""
-    return sorted(sweep.directions, key=lambda way: (way == "random", _rises(sweep, way, x)))
+    return sorted(sweep.directions, key=lambda way: (way == "random", _axis_rises(sweep, way, x)))
 
 
-def _rises(sweep: Sweep, direction: str, x: str) -> bool:
+def _axis_rises(sweep: Sweep, direction: str, x: str) -> bool:
     """Whether the drawn axis rises along a sweep."""
     ends = [row.attractor.parameters[x] for row in sweep.of(direction)][
         :: max(1, len(sweep.of(direction)) - 1)
@@ -368,12 +368,12 @@ def _rises(sweep: Sweep, direction: str, x: str) -> bool:
     return ends[-1] > ends[0]
 
 
-def _way(sweep: Sweep, direction: str, x: str) -> str:
+def _direction_text(sweep: Sweep, direction: str, x: str) -> str:
     """What a sweep changes, with an arrow along the drawn axis."""
     if direction == "random":
         return "random starts"
-    arrow = r"\rightarrow" if _rises(sweep, direction, x) else r"\leftarrow"
-    return f"{way(symbol(sweep.parameter), direction == 'up')} (${arrow}$)"
+    arrow = r"\rightarrow" if _axis_rises(sweep, direction, x) else r"\leftarrow"
+    return f"{direction_text(symbol(sweep.parameter), direction == 'up')} (${arrow}$)"
 
 
 def _name_attractors(ax: Any, sweep: Sweep, direction: str, x: str, widen: bool) -> None:
@@ -392,7 +392,7 @@ def _name_attractors(ax: Any, sweep: Sweep, direction: str, x: str, widen: bool)
         here = [row.attractor.parameters[x] for row in rows[max(first - 1, 0) : beyond + 1]]
         ends = [0.5 * sum(here[:2]) if first else here[0], here[-1]]
         ends[1] = 0.5 * sum(here[-2:]) if beyond < len(rows) else here[-1]
-        text = plain(_name(rows[first]))
+        text = plain_text(_name(rows[first]))
         if abs(ends[1] - ends[0]) * scale < 0.9 * style.text_width(text) + 3.0:
             continue
         ax.plot(
@@ -408,7 +408,7 @@ def _name_attractors(ax: Any, sweep: Sweep, direction: str, x: str, widen: bool)
         ax.text(0.5 * sum(ends), 0.022, text, transform=transform, color=INK, **where)
     if direction != "random":
         look: dict[str, Any] = {"xycoords": "axes fraction", "textcoords": "offset points"}
-        text = _way(sweep, direction, x)
+        text = _direction_text(sweep, direction, x)
         where = {"ha": "right", "va": "top", "fontsize": 8, "color": INK}
         ax.annotate(text, (1.0, 0.0), (0, -21), **look, **where)
 
@@ -418,11 +418,11 @@ def _name(row: Row) -> str:
     return "sticking" if row.attractor.kind is Kind.STICKING else row.attractor.notation
 
 
-def _news(sweep: Sweep, direction: str, first: str) -> list[Row]:
+def _new_rows(sweep: Sweep, direction: str, first: str) -> list[Row]:
     """The rows of a direction, without what the first one met at the same values."""
     met = {row.value: row.attractor for row in sweep.of(first)}
     rows = sweep.of(direction)
-    return [r for r in rows if r.value not in met or not same(met[r.value], r.attractor)]
+    return [r for r in rows if r.value not in met or not same_attractor(met[r.value], r.attractor)]
 
 
 def _marks(ways: Sequence[str]) -> dict[str, dict[str, Any]]:
@@ -545,13 +545,13 @@ def plot_energy(
     membrane = membrane or Membrane()
     ax = ax or style.new_figure().add_subplot()
     x = x or sweep.parameter
-    first = sweep.of(_ways(sweep, x)[0]) if sweep.rows else []
+    first = sweep.of(_directions(sweep, x)[0]) if sweep.rows else []
     handles = []
     if diagram is not None:
         handles += _branch_voltages(ax, membrane, diagram, x)
     voltages, means, places = [], [], []
     for row in first:
-        energy = of_attractor(membrane, row.attractor)
+        energy = attractor_voltages(membrane, row.attractor)
         place = row.attractor.parameters[x]
         shown = energy.impacts if row.attractor.period else energy.impacts[-SHOWN:]
         voltages += [(place, u) for u in shown.tolist()]
@@ -588,7 +588,7 @@ def plot_energy(
             "va": "top",
             "fontsize": 8,
         }
-        ax.text(0.985, 0.975, _way(sweep, first[0].direction, x), **corner)
+        ax.text(0.985, 0.975, _direction_text(sweep, first[0].direction, x), **corner)
     _legend(ax, handles)
     return ax
 
@@ -601,7 +601,7 @@ def _branch_voltages(ax: Any, membrane: Membrane, diagram: Diagram, x: str) -> l
     for branch in diagram.branches:
         if branch.period > 1:
             continue
-        columns = along(membrane, branch)
+        columns = branch_voltages(membrane, branch)
         for first, last, state in runs(branch):
             if state == "unphysical":
                 continue
@@ -640,7 +640,7 @@ def plot_basins(found: Basins, ax: Any = None) -> Any:
         here &= (a.velocities >= low) & (a.velocities <= high)
         size = 5 if a.period is not None else 2
         ax.plot((a.times[here] / period) % 1.0, a.velocities[here], **look | {"markersize": size})
-        handles.append(style.legend_mark(label=f"{plain(a.notation)}, {share:.0%}", **look))
+        handles.append(style.legend_mark(label=f"{plain_text(a.notation)}, {share:.0%}", **look))
     ax.set_xlim(0.0, 1.0)
     ax.set_title(f"{len(found.phases)} by {len(found.velocities)} starts", fontsize=8, loc="right")
     ax.set_xlabel("time of the first impact, $t/T$")
@@ -695,4 +695,4 @@ def _head(figure: Any, result: Simulation, values: Mapping[str, float] | None = 
     model, parameter = result.scene.model, result.scene.parameter
     fixed = {name: value for name, value in model.values.items() if name != parameter}
     text = values_text(values or fixed, units_of(model.SYSTEM))
-    style.write_heading(figure, f"{plain(result.scene.name, 60)}: {text}")
+    style.write_heading(figure, f"{plain_text(result.scene.name, 60)}: {text}")

@@ -28,7 +28,7 @@ from ..arrays import Array
 from ..bifurcations.codimension_two import MARKERS
 from ..bifurcations.declarations import CROSSINGS
 from ..bifurcations.registry import kind_of
-from ..errors import InputError, shown
+from ..errors import InputError, short_repr
 from ..results.curve import (
     Area,
     Check,
@@ -37,7 +37,7 @@ from ..results.curve import (
     Region,
     StableOrbit,
     colour_of,
-    falling,
+    falling_column,
     key_of,
     keys_of,
     lanes,
@@ -48,7 +48,7 @@ from ..results.curve import (
 from ..simulation.attractor import Attractor, Kind
 from ..simulation.sweep import Row, Sweep
 from .diagram import Figure, legend_mark, save_figure, write_heading
-from .texts import axis_label, plain, set_label, symbol, values_text
+from .texts import axis_label, plain_text, set_label, symbol, values_text
 
 # Outlines with as few points as are seen.
 
@@ -56,7 +56,7 @@ SEEN = 3e-4
 """Part of a picture below which a departure from a line is not seen."""
 
 
-def thinned(points: Array, corners: Sequence[int]) -> Array:
+def thin_ring(points: Array, corners: Sequence[int]) -> Array:
     """Return which points of a closed ring are seen (Ramer, Douglas and Peucker).
 
     Parameters
@@ -111,7 +111,7 @@ HATCHED = "0.55"
 Colours = Callable[[StableOrbit], str]
 
 
-def of_panel(
+def panel_areas(
     areas: Sequence[Area], fixed: Mapping[str, float], across: str, along: str
 ) -> list[Area]:
     """Return the areas of one member of a family in one plane, without those of nothing stable."""
@@ -133,7 +133,7 @@ def draw_areas(ax: Any, areas: Sequence[Area], colours: Colours) -> None:
     """
     sizes = np.ptp(np.vstack([area.polygon[0] for area in areas]), axis=0)
     for area in areas:
-        look, path = _look(area.orbits[0], colours), _path(area, sizes)
+        look, path = _region_style(area.orbits[0], colours), _path(area, sizes)
         sharp = {"linewidth": 0.0, "antialiased": False}  # no seams between areas
         ax.add_patch(PathPatch(path, zorder=0.5, **sharp, **look))
         if area.bistable:
@@ -145,14 +145,14 @@ def area_legend(areas: Sequence[Area], colours: Colours) -> list[Patch]:
     """Return the keys to the tints of some areas, each once."""
     several = len({o.notation for area in areas for o in area.orbits}) > 1
     keys = {_text_of_area(area.orbits[0], several): area.orbits[0] for area in areas}
-    found = [Patch(label=text, **_look(orbit, colours)) for text, orbit in keys.items()]
+    found = [Patch(label=text, **_region_style(orbit, colours)) for text, orbit in keys.items()]
     if any(area.bistable for area in areas):
         look: dict[str, Any] = {"facecolor": "none", "edgecolor": HATCHED, "hatch": CROSSED}
         found.append(Patch(label="several stable orbits", linewidth=0.0, **look))
     return found
 
 
-def _look(orbit: StableOrbit, colours: Colours) -> dict[str, Any]:
+def _region_style(orbit: StableOrbit, colours: Colours) -> dict[str, Any]:
     if orbit.kind is None:
         return {"facecolor": THROUGHOUT, "edgecolor": HATCHED}
     colour = 1.0 - TINT * (1.0 - np.array(to_rgb(colours(orbit))))
@@ -168,15 +168,15 @@ def _text_of_area(orbit: StableOrbit, several: bool) -> str:
     name = orbit.notation if several else ""
     if orbit.kind is not None and orbit.ends is not None:
         return f"stable until {set_label(orbit.kind, orbit.ends, name)}"
-    until = f"stable until {plain(orbit.ends)}" if orbit.ends else "stable throughout"
-    return until + (f" ({plain(name)})" if name else "")
+    until = f"stable until {plain_text(orbit.ends)}" if orbit.ends else "stable throughout"
+    return until + (f" ({plain_text(name)})" if name else "")
 
 
 def _path(area: Area, sizes: Array) -> OutlinePath:
     """An area's outline as it is seen in a picture of some size; holes run the other way round."""
     rings, codes = [], []
     for points, borders in zip(map(np.asarray, area.polygon), area.borders, strict=True):
-        rings.append(points[thinned(points / sizes, [place for place, _ in borders])])
+        rings.append(points[thin_ring(points / sizes, [place for place, _ in borders])])
         codes += [
             OutlinePath.MOVETO,
             *[OutlinePath.LINETO] * (len(rings[-1]) - 2),
@@ -253,7 +253,7 @@ def plot_curves(
     bands, tinted = [], []
     for ax, panel in zip(axes, panels, strict=False):
         _draw_panel(ax, panel, keys, units or {})
-        if own := of_panel(areas, panel.fixed, panel.across, panel.along):
+        if own := panel_areas(areas, panel.fixed, panel.across, panel.along):
             draw_areas(ax, own, partial(_end_colour, keys))
             tinted += own
         else:
@@ -308,10 +308,10 @@ def _panels(curves: Sequence[Curve], along: str | None) -> list[Panel]:
 def _column(curves: Sequence[Curve], along: str | None) -> str:
     """The column on the y axis: the one asked for, or the one that falls."""
     if along is None:
-        return falling(curves)
+        return falling_column(curves)
     names = parameters_of(curves[0])
     if along not in names:
-        found = f"curve {curves[0].id} has no parameter {shown(along)}"
+        found = f"curve {curves[0].id} has no parameter {short_repr(along)}"
         raise InputError("along", found, f"accepted are {', '.join(names)}")
     return along
 
@@ -332,7 +332,7 @@ def _axes(panels: Sequence[Panel]) -> Any:
     rows = -(-len(panels) // columns)
     size = (3.0 * columns + 1.2, 2.7 * rows + 0.7) if len(panels) > 1 else (6.2, 4.4)
     figure = Figure(figsize=size, dpi=150, layout="constrained")
-    one, alike = len({p.across for p in panels}) == 1, _alike(panels)
+    one, alike = len({p.across for p in panels}) == 1, _share_axis(panels)
     axes = np.ravel(figure.subplots(rows, columns, sharex=one, sharey=alike, squeeze=False))
     for ax in axes[len(panels) :]:
         ax.set_visible(False)
@@ -341,7 +341,7 @@ def _axes(panels: Sequence[Panel]) -> Any:
     return axes[: len(panels)]
 
 
-def _alike(panels: Sequence[Panel]) -> bool:
+def _share_axis(panels: Sequence[Panel]) -> bool:
     """Whether panels have one quantity on the y axis and none needs much less than another."""
     spans = [np.ptp(np.concatenate([c[p.along] for c in p.curves])) for p in panels]
     return len({p.along for p in panels}) == 1 and max(spans) < 3.0 * min(spans)
@@ -521,7 +521,7 @@ def plot_codim2(
         axes = figure.subplots(1, 3)
     axes = list(np.ravel(axes))
     kinds = list(dict.fromkeys((c.kind, c.notation) for c in curves))
-    first = falling(curves)
+    first = falling_column(curves)
     planes = ((third, second), (third, first), (second, first))
     for ax, (across, along) in zip(axes, planes, strict=False):
         for curve in curves:
@@ -554,7 +554,7 @@ def _legend(ax: Any, curves: Sequence[Curve], kinds: Sequence[tuple[str, str]]) 
         Line2D(
             [],
             [],
-            label=kind + (f" ({plain(notation)})" if several else ""),
+            label=kind + (f" ({plain_text(notation)})" if several else ""),
             **_look_of_point(place),
         )
         for place, (kind, notation) in enumerate(kinds)
@@ -603,7 +603,7 @@ FROM = {
 
 
 @dataclass(frozen=True)
-class Met:
+class SweepLimits:
     """Where a sweep first meets an orbit, or leaves it: values of the parameter that is drawn.
 
     `source` is one of `FROM`, what was there before; None where a sweep with rising values leaves
@@ -663,7 +663,7 @@ def plot_transitions(
     ((first, second),) = pairs
     if odd := next((sweep for sweep in sweeps if sweep.parameter != first), None):
         raise InputError("sweeps", f"one is in {odd.parameter}", f"give sweeps in {first}")
-    along = along or falling(curves)
+    along = along or falling_column(curves)
     given = None if ax is None else [ax]
     bare = [replace(curve, points=()) for curve in curves]  # their marks are like those drawn here
     (ax,) = plot_curves(
@@ -677,7 +677,7 @@ def plot_transitions(
         ylim=ylim,
     )[:1]
     limits = ax.get_xlim(), ax.get_ylim()
-    found = [(s.model.values[second], met) for s in sweeps for met in _met(s, to, along)]
+    found = [(s.model.values[second], met) for s in sweeps for met in _sweep_limits(s, to, along)]
     for place, met in found:
         _draw_transition(ax, place, met, MARKS[list(to).index(met.notation) % len(MARKS)])
     ax.set_xlim(*limits[0])
@@ -688,22 +688,24 @@ def plot_transitions(
     return ax
 
 
-def _met(sweep: Sweep, to: Sequence[str], along: str) -> list[Met]:
+def _sweep_limits(sweep: Sweep, to: Sequence[str], along: str) -> list[SweepLimits]:
     """Where the sweep's orbits are met or left, in all its directions."""
     ways = (sweep.of(way) for way in sweep.directions if way != "random")
     return [met for rows in ways for name in to for met in _changes(rows, name, along)]
 
 
-def _changes(rows: Sequence[Row], name: str, along: str) -> list[Met]:
+def _changes(rows: Sequence[Row], name: str, along: str) -> list[SweepLimits]:
     """The first appearance of an orbit as values fall; its last one as they rise."""
     values = [row.attractor.parameters[along] for row in rows]
     here = [row.attractor.notation == name for row in rows]
     steps = range(1, len(rows))
     if values and values[-1] > values[0]:
         left = [k for k in steps if here[k - 1] and not here[k]][-1:]
-        return [Met(name, values[k - 1], values[k], None) for k in left]
+        return [SweepLimits(name, values[k - 1], values[k], None) for k in left]
     met = [k for k in steps if here[k] and not here[k - 1]][:1]
-    return [Met(name, values[k - 1], values[k], _source(rows[k - 1].attractor)) for k in met]
+    return [
+        SweepLimits(name, values[k - 1], values[k], _source(rows[k - 1].attractor)) for k in met
+    ]
 
 
 def _source(before: Attractor) -> str:
@@ -712,7 +714,7 @@ def _source(before: Attractor) -> str:
     return "multiplied" if (before.period or 1) > 1 else "single"
 
 
-def _draw_transition(ax: Any, place: float, met: Met, marker: str) -> None:
+def _draw_transition(ax: Any, place: float, met: SweepLimits, marker: str) -> None:
     colour = "k" if met.source else RISING
     ax.plot([place] * 2, [met.before, met.after], color=colour, linewidth=0.8, zorder=6)
     ax.plot(
@@ -731,12 +733,14 @@ def _look_of_transition(source: str | None) -> dict[str, Any]:
     return {"color": "k", "markerfacecolor": FROM[source][0], "linestyle": "none", "markersize": 5}
 
 
-def _legend_of_transitions(ax: Any, found: Sequence[Met], to: Sequence[str], along: str) -> None:
+def _legend_of_transitions(
+    ax: Any, found: Sequence[SweepLimits], to: Sequence[str], along: str
+) -> None:
     """What the markers say, in the panel."""
     handles = [
         legend_mark(
             marker=MARKS[k % len(MARKS)],
-            label=f"to {plain(name)} as {symbol(along)} falls",
+            label=f"to {plain_text(name)} as {symbol(along)} falls",
             **_look_of_transition("single"),
         )
         for k, name in enumerate(to)

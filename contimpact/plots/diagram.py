@@ -24,28 +24,28 @@ from matplotlib.text import Text
 from matplotlib.transforms import ScaledTranslation
 
 from ..bifurcations.registry import kind_of
-from ..errors import InputError, shown
+from ..errors import InputError, short_repr
 from ..results.branch import Branch, Entry
 from ..results.diagram import Diagram
-from ..results.entry_conversion import as_diagram
+from ..results.entry_conversion import to_diagram
 from ..results.quantities import NO_IMPACT, NO_WALL, Quantity, numbers_of
 from ..results.quantities import WALLS as COLOURS
 from ..storage.files import Content, write, write_all
 from ..systems.membrane import Membrane
-from .labels import CHOICES, chosen, draw_labels, name_orbits, name_walls, text_width
+from .labels import CHOICES, choose_events, draw_labels, name_orbits, name_walls, text_width
 from .lines import (
     STYLES,
     UNPHYSICAL,
     WIDTHS,
+    branches_drawn_whole,
     draw_guides,
-    drawn_whole,
     limits_of,
     marks_of,
     ordinate_label,
     pieces_of,
     series_by_branch,
 )
-from .texts import axis_label, fixed_values, plain, units_of, values_text, walls_of
+from .texts import axis_label, fixed_values, plain_text, units_of, values_text, walls_of
 
 # Figures that notebooks show by themselves, without a backend.
 
@@ -123,11 +123,11 @@ def plot_diagram(
         For a quantity or a column that the branches do not have or that holds texts, limits that
         are not finite and increasing, or another value of `unphysical` or `labels`.
     """
-    diagram = as_diagram(diagram)
+    diagram = to_diagram(diagram)
     if isinstance(ax, str):
         ax, x = None, ax
     labelled = labels if isinstance(labels, str) else "all" if labels else "none"
-    column = _checked(diagram, x, {"xlim": xlim, "ylim": ylim}, unphysical, labelled)
+    column = _check_request(diagram, x, {"xlim": xlim, "ylim": ylim}, unphysical, labelled)
     own = ax is None
     if ax is None:
         ax = fixed_axes()
@@ -137,7 +137,7 @@ def plot_diagram(
     system = diagram.branches[0].system if diagram.branches else ""
     known = colours_of(walls_of(system, names))
     colours = {name: colour for name, colour in known.items() if name in names}
-    whole = drawn_whole(diagram, unphysical)
+    whole = branches_drawn_whole(diagram, unphysical)
     pieces = pieces_of(diagram, series, column, xlim, whole)
     for wall, style, places, speeds, _ in pieces:
         ax.plot(
@@ -155,7 +155,7 @@ def plot_diagram(
     for entry in sorted(drawn, key=lambda e: not e.ghost):  # real ones on top
         _draw_event(ax, entry, column, known, marks_of(diagram, series, entry, y))
     name_walls(ax, pieces, colours)
-    left_out = draw_labels(ax, chosen(drawn, labelled), column)
+    left_out = draw_labels(ax, choose_events(drawn, labelled), column)
     if labelled != "none":
         left_out += name_orbits(ax, pieces)
     ax.set_xlabel(axis_label(column, unit))
@@ -170,13 +170,13 @@ def plot_diagram(
     return ax
 
 
-def _checked(
+def _check_request(
     diagram: Diagram, x: str | None, limits: dict[str, Any], unphysical: str, labels: str
 ) -> str:
     """The column on the x axis; raises `InputError` if a request cannot be drawn."""
     for name, value, known in (("unphysical", unphysical, UNPHYSICAL), ("labels", labels, CHOICES)):
         if value not in known:
-            raise InputError(name, f"found {shown(value)}", f"accepted are {', '.join(known)}")
+            raise InputError(name, f"found {short_repr(value)}", f"accepted are {', '.join(known)}")
     for name, pair in limits.items():
         if pair and not (all(map(math.isfinite, pair)) and pair[0] < pair[1]):
             raise InputError(
@@ -189,7 +189,9 @@ def _checked(
         numbers = numbers_of(branch)
         if column not in numbers:
             accepted = f"accepted are {', '.join(numbers)}"
-            raise InputError("x", f"branch {branch.id} has no numbers {shown(column)}", accepted)
+            raise InputError(
+                "x", f"branch {branch.id} has no numbers {short_repr(column)}", accepted
+            )
     return column
 
 
@@ -238,9 +240,9 @@ def fit(ax: Any) -> None:
 def heading(diagram: Diagram) -> str:
     """Return what a diagram is of: its name and the parameters that are fixed."""
     if not diagram.branches:
-        return plain(diagram.name, 60)
-    fixed = fixed_values(diagram.branches)
-    return f"{plain(diagram.name, 60)}: {values_text(fixed, units_of(diagram.branches[0].system))}"
+        return plain_text(diagram.name, 60)
+    fixed = values_text(fixed_values(diagram.branches), units_of(diagram.branches[0].system))
+    return f"{plain_text(diagram.name, 60)}: {fixed}"
 
 
 def write_heading(figure: Any, text: str) -> None:
@@ -324,14 +326,14 @@ def legend_handles(
         Labels that found no room.
     """
     handles = [
-        legend_mark(color=colour, label=f"wall {name}" if len(name) == 1 else plain(name))
+        legend_mark(color=colour, label=f"wall {name}" if len(name) == 1 else plain_text(name))
         for name, colour in colours.items()
     ]
     handles += style_marks(styles)
     mark: dict[str, Any] = {"color": "0.3", "linestyle": "none", "markersize": 5}
     for kind in dict.fromkeys(e.kind for e in entries):
         marker = kind_of(kind).look.marker
-        handles.append(legend_mark(marker=marker, label=plain(kind), **mark))
+        handles.append(legend_mark(marker=marker, label=plain_text(kind), **mark))
     if left_out:
         text = f"no room for {left_out} label{'s' if left_out > 1 else ''}"
         handles.append(legend_mark(linestyle="none", label=text))

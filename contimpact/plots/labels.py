@@ -22,7 +22,7 @@ from matplotlib.transforms import ScaledTranslation
 from ..arrays import Array
 from ..results.branch import Entry
 from .lines import Piece
-from .texts import label_text, plain
+from .texts import label_text, plain_text
 
 CHOICES = ("all", "period-1", "real", "none")
 """Choices of the events that are labelled: all, those of period T, those that are no ghosts,
@@ -70,7 +70,7 @@ class Spot:
         return FAN + ROW * self.row
 
 
-def chosen(entries: Iterable[Entry], which: str) -> list[Entry]:
+def choose_events(entries: Iterable[Entry], which: str) -> list[Entry]:
     """Return the events to be labelled, by one of `CHOICES`; requested values have no label."""
     wanted = {
         "all": lambda e: True,
@@ -101,10 +101,10 @@ def draw_labels(ax: Any, entries: Sequence[Entry], x: str) -> int:
     low, high = ax.get_xlim()
     width = ax.get_window_extent().width / ax.figure.dpi * 72.0
     scale = width / (high - low)
-    labels = _merged(_labels(entries, x), 3 * GAP / scale)
+    labels = _merge_labels(_labels(entries, x), 3 * GAP / scale)
     places = [(label.value - low) * scale for label in labels]
     limits = _limits(ax, width)
-    spots = arranged(places, [text_width(label.text) for label in labels], limits)
+    spots = arrange_labels(places, [text_width(label.text) for label in labels], limits)
     for label, spot in zip(labels, spots, strict=True):
         if spot is not None:
             _draw(ax, label, spot)
@@ -123,7 +123,7 @@ def _labels(entries: Sequence[Entry], x: str) -> list[Label]:
     return sorted(found.values(), key=lambda label: label.rank)
 
 
-def _merged(labels: Sequence[Label], near: float) -> list[Label]:
+def _merge_labels(labels: Sequence[Label], near: float) -> list[Label]:
     """Labels, a text not repeated where it stands nearby already."""
     kept: list[Label] = []
     for label in labels:
@@ -170,7 +170,7 @@ def _draw(ax: Any, label: Label, spot: Spot) -> None:
 # Places.
 
 
-def arranged(
+def arrange_labels(
     places: Sequence[float], widths: Sequence[float], limits: tuple[float, float]
 ) -> list[Spot | None]:
     """Return the places of labels, None for those that no longer find room.
@@ -186,7 +186,7 @@ def arranged(
     spots: list[Spot] = []
     for number in range(len(places)):
         tried = sorted([*kept, number], key=places.__getitem__)
-        found = _placed([places[k] for k in tried], [widths[k] for k in tried], limits)
+        found = _place_labels([places[k] for k in tried], [widths[k] for k in tried], limits)
         if all(_excess(spot, limits) <= 0.0 for spot in found):
             kept, spots = tried, found
     standing = dict(zip(kept, spots, strict=True))
@@ -200,7 +200,7 @@ def _excess(spot: Spot, limits: tuple[float, float]) -> float:
     )
 
 
-def _placed(
+def _place_labels(
     places: Sequence[float], widths: Sequence[float], limits: tuple[float, float]
 ) -> list[Spot]:
     """Labels in order of their places, spread to both sides where they are crowded.
@@ -209,9 +209,9 @@ def _placed(
     so does what lies between the two.
     """
     rows = _rows(places, widths)
-    right = _pushed(places, widths, rows)
+    right = _push_labels(places, widths, rows)
     mirrored = ([-p for p in places[::-1]], widths[::-1], rows[::-1])
-    pushed = zip(_pushed(*mirrored), widths[::-1], strict=True)
+    pushed = zip(_push_labels(*mirrored), widths[::-1], strict=True)
     left = [(-port, -start - wide) for (port, start), wide in pushed][::-1]
     found: list[Spot] = []
     for part in (0.5, 0.25, 0.75, 0.0, 1.0):
@@ -227,7 +227,7 @@ def _placed(
     return found
 
 
-def _pushed(
+def _push_labels(
     places: Sequence[float], widths: Sequence[float], rows: Sequence[int]
 ) -> list[tuple[float, float]]:
     """Ports and left ends of labels, none to the left of its place.
@@ -261,7 +261,7 @@ def _rows(places: Sequence[float], widths: Sequence[float]) -> list[int]:
         for size in range(1, min(ROWS, last) + 1):
             cost, rows = best[last - size]
             tried = rows + list(range(size))[::-1]
-            moved = _pushed(places[:last], widths[:last], tried)[last - size :]
+            moved = _push_labels(places[:last], widths[:last], tried)[last - size :]
             far = sum(port - p for (port, _), p in zip(moved, places[last - size :], strict=False))
             options.append((cost + far + 3.0 * size * (size - 1), tried))
         best[last] = min(options, key=lambda option: option[0])
@@ -294,7 +294,7 @@ def name_orbits(ax: Any, pieces: Sequence[Piece]) -> int:
         return np.asarray((there - frame.p0) / dots)
 
     lines = [(_dense(in_points(p.places, p.values)), p) for p in pieces]
-    seen = [(_inside(points, size), piece) for points, piece in lines]
+    seen = [(_points_inside(points, size), piece) for points, piece in lines]
     marks = [line for line in ax.lines if line.get_linestyle() == "None"]
     spots = [in_points(*m.get_data()) for m in marks]
     filled = np.vstack([np.zeros((0, 2)), *(points for points, _ in seen), *spots])
@@ -303,7 +303,7 @@ def name_orbits(ax: Any, pieces: Sequence[Piece]) -> int:
     for name, curves in _stretches(seen):
         wide = text_width(name) * NAMES_SIZE / 8.0 + 2.0
         tried = [
-            (_covered(box, filled, taken) + cost, box)
+            (_count_covered(box, filled, taken) + cost, box)
             for box, cost in _places(curves, wide)
             if box[0] > 0 and box[1] > 0 and box[2] < size[0] and box[3] < size[1]
         ]
@@ -328,7 +328,7 @@ def _dense(corners: Array) -> Array:
     return np.column_stack([np.interp(along, length, column) for column in corners.T])
 
 
-def _inside(points: Array, size: Array) -> Array:
+def _points_inside(points: Array, size: Array) -> Array:
     return points[np.all((points >= 0.0) & (points <= size), axis=1)]
 
 
@@ -339,7 +339,7 @@ def _stretches(seen: Sequence[tuple[Array, Piece]]) -> list[tuple[str, list[Arra
         if piece.style == "stable" and piece.orbit and len(points):
             low, high = np.min(points[:, 0]), np.max(points[:, 0])
             if high - low >= SHORTEST:
-                key = (plain(piece.orbit), round(low / 3.0), round(high / 3.0))
+                key = (plain_text(piece.orbit), round(low / 3.0), round(high / 3.0))
                 found.setdefault(key, []).append(points)
     order = sorted(found.items(), key=lambda item: item[0][1] - item[0][2])
     return [(key[0], sorted(c, key=lambda p: -np.max(p[:, 1]))) for key, c in order]
@@ -359,7 +359,7 @@ def _places(
                     yield box, against + (0.2 if low < y else 0.0)
 
 
-def _covered(
+def _count_covered(
     box: tuple[float, float, float, float],
     filled: Array,
     taken: Sequence[tuple[float, float, float, float]],

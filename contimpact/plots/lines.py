@@ -14,7 +14,7 @@ from ..results.diagram import Diagram
 from ..results.quantities import Quantity, Series, series_of
 from ..results.tables import first_unknown
 from ..systems.membrane import Membrane
-from .texts import axis_label, plain
+from .texts import axis_label, plain_text
 
 STYLES: dict[str, Any] = {
     "stable": "-",
@@ -68,16 +68,16 @@ def pieces_of(
         span = float(high - low) or 1.0
         parts = [r for r in runs(branch) if r[2] != "unphysical" or branch.id in whole]
         for one in own:
-            places, values, rows = _smooth(branch, x, one, span)
+            places, values, rows = _smooth_points(branch, x, one, span)
             for first, last, style in parts:
                 piece = slice(rows[first], rows[last] + 1)
                 drawn = places[piece], values[piece]
-                drawn = _broken(*drawn) if one.poles else drawn
+                drawn = _break_line(*drawn) if one.poles else drawn
                 pieces.append(Piece(one.name, style, *drawn, branch.notation))
     return pieces
 
 
-def drawn_whole(diagram: Diagram, unphysical: str) -> set[str]:
+def branches_drawn_whole(diagram: Diagram, unphysical: str) -> set[str]:
     """Return the branches whose unphysical orbits are drawn, by one of `UNPHYSICAL`."""
     physical = {b.id for b in diagram.branches if b.physical.any()}
     known = {b.id for b in diagram.branches}
@@ -96,14 +96,16 @@ def runs(branch: Branch) -> list[tuple[int, int, str]]:
     return [(first, last, STATUS[status[first]]) for first, last in ends if first < last]
 
 
-def _broken(places: Array, values: Array) -> tuple[Array, Array]:
+def _break_line(places: Array, values: Array) -> tuple[Array, Array]:
     """A line, broken where it passes infinity from one sign to the other."""
     far = np.minimum(abs(values[:-1]), abs(values[1:])) > FAR
     poles = np.nonzero(far & (np.sign(values[:-1]) != np.sign(values[1:])))[0] + 1
     return np.insert(places, poles, np.nan), np.insert(values, poles, np.nan)
 
 
-def _smooth(branch: Branch, x: str, series: Series, span: float) -> tuple[Array, Array, Array]:
+def _smooth_points(
+    branch: Branch, x: str, series: Series, span: float
+) -> tuple[Array, Array, Array]:
     """A branch's points, and points of a cubic in arclength where chords would be seen.
 
     Returns values on the x axis, those on the y axis, and where the branch's own rows stand among
@@ -198,7 +200,7 @@ def ordinate_label(diagram: Diagram, y: Quantity, names: Sequence[str]) -> str:
         return "\n".join(["impact velocity (before impact)", *lines])
     if isinstance(y, str):
         return LABELS.get(y) or axis_label(y)
-    return plain(names[0]) if len(names) == 1 else ""
+    return plain_text(names[0]) if len(names) == 1 else ""
 
 
 def _signs(diagram: Diagram, walls: Sequence[str]) -> list[str]:

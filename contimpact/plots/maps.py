@@ -15,7 +15,7 @@ from ..bifurcations.declarations import KINDS
 from ..bifurcations.registry import kind_of
 from ..studies.study import Map
 from .diagram import Figure, save_figure, write_heading
-from .texts import axis_label, plain, set_label
+from .texts import axis_label, plain_text, set_label
 
 NAMED = ("#d5e5f2", "#56a0ce", "#f0c05a", "#1f4e79", "#cccccc", "#77913f", "#5b3a6b", "#c9733f")
 """Colours of names that are no kinds of events: of numbers from the first on, of others from the
@@ -58,7 +58,7 @@ def save_map(
 ) -> list[str]:
     """Save a map as ``<study>-<quantity>.<format>``; returns the names."""
     ax = plot_map(shown, units=units)
-    write_heading(ax.figure, f"{plain(shown.study)}: {plain(shown.text, 80)}")
+    write_heading(ax.figure, f"{plain_text(shown.study)}: {plain_text(shown.text, 80)}")
     stem = file_stem(shown)
     return save_figure(ax.figure, Path(folder), stem, formats, stem)
 
@@ -84,7 +84,7 @@ def _draw_names(ax: Any, shown: Map) -> list[Any]:
     _draw(ax, shown, numbers, options)
     counts = [sum(str(v) == name for v in shown.values) for name in names]
     return [
-        Patch(facecolor=colour, label=f"{_said(name)}  ({count})")
+        Patch(facecolor=colour, label=f"{_label_text(name)}  ({count})")
         for name, colour, count in zip(names, colours, counts, strict=True)
     ]
 
@@ -138,6 +138,6 @@ def _colour(name: str, place: int) -> Any:
     return tuple(PALE + (1.0 - PALE) * part for part in to_rgb(kind_of(kind).look.colour))
 
 
-def _said(name: str) -> str:
+def _label_text(name: str) -> str:
     kind = name.lstrip("~").partition("[")[0]
-    return set_label(kind, name) if kind in KINDS else plain(name)
+    return set_label(kind, name) if kind in KINDS else plain_text(name)

@@ -21,7 +21,7 @@ from .orbit import plot_orbit
 
 
 @functools.singledispatch
-def drawn(result: Any, **options: Any) -> Any:
+def draw_result(result: Any, **options: Any) -> Any:
     """Draw a result and return the axes.
 
     Raises InputError if it cannot be drawn.
@@ -29,37 +29,37 @@ def drawn(result: Any, **options: Any) -> Any:
     raise InputError("picture", f"found a {type(result).__name__}", "there is none")
 
 
-PAINTERS.append(drawn)
+PAINTERS.append(draw_result)
 
 
-@drawn.register
+@draw_result.register
 def _(result: Branch, **options: Any) -> Any:
     return plot_diagram(result, **{"unphysical": "all", **options})
 
 
-@drawn.register
+@draw_result.register
 def _(result: Diagram, **options: Any) -> Any:
     if not result.branches and result.curves:
         return plot_curves(result.curves, **options)
     return plot_diagram(result, **options)
 
 
-@drawn.register
+@draw_result.register
 def _(result: Curve, **options: Any) -> Any:
     return plot_curves([result], **options)
 
 
-@drawn.register(Orbit)
-@drawn.register(Entry)
+@draw_result.register(Orbit)
+@draw_result.register(Entry)
 def _(result: Any, **options: Any) -> Any:
     return plot_orbit(result, **options)
 
 
-@drawn.register
+@draw_result.register
 def _(result: Sweep, **options: Any) -> Any:
     return plot_sweep(result, **options)
 
 
-@drawn.register
+@draw_result.register
 def _(result: Study, quantity: str = "ends", **options: Any) -> Any:
     return plot_map(result.map(quantity, **options))

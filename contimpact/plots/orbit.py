@@ -17,12 +17,12 @@ from ..models.model import Model
 from ..orbits.orbit import Orbit
 from ..orbits.problem import positions
 from ..results.branch import Entry
-from ..results.entry_conversion import as_orbit, named
+from ..results.entry_conversion import entry_by_name, to_orbit
 from ..simulation.attractor import Attractor
-from .attractors import INK_OF_PORTRAITS, OTHERS, named_places
+from .attractors import INK_OF_PORTRAITS, OTHERS, wall_names
 from .diagram import COLOURS, legend_mark, new_figure
 from .lines import STYLES
-from .texts import plain
+from .texts import plain_text
 
 PERIODS = 2
 """Forcing periods of a time series at least."""
@@ -64,7 +64,7 @@ def plot_orbit(
     InputError
         For what is no orbit, or another number of labels.
     """
-    given = [named(one) for one in orbits]
+    given = [entry_by_name(one) for one in orbits]
     found = [_orbit(one, model) for one in given]
     if not found:
         raise InputError("orbits", "none", "give an orbit, an entry, or (branch, row)")
@@ -75,12 +75,14 @@ def plot_orbit(
     plane, series = axes
     states = list(map(_state, given, found))
     told = list(labels) if labels is not None else list(map(_label, found, states))
-    looks = _looks(states)
+    looks = _orbit_styles(states)
     if plane is not None:
         for orbit, look in zip(found, looks, strict=True):
             _draw_plane(plane, orbit, look)
         _finish(plane, found, plane.axvline, "$Z$", r"$\dot{Z}$")
-        handles = [legend_mark(label=plain(t, 60), **k) for t, k in zip(told, looks, strict=True)]
+        handles = [
+            legend_mark(label=plain_text(t, 60), **k) for t, k in zip(told, looks, strict=True)
+        ]
         below: dict[str, Any] = {"loc": "upper center", "bbox_to_anchor": (0.5, -0.16)}
         plane.legend(handles=handles, fontsize=7.5, frameon=False, handlelength=3.2, **below)
     if series is not None:
@@ -95,14 +97,14 @@ def plot_orbit(
 
 def _orbit(given: Any, model: Model | None) -> Orbit:
     if not isinstance(given, Attractor):
-        return as_orbit(given, model)
+        return to_orbit(given, model)
     if model is None:
         accepted = "give the model it was simulated with as model="
         raise InputError("orbits", "an attractor, which does not name its system", accepted)
     return given.orbit(model)
 
 
-def _looks(states: Sequence[str]) -> list[dict[str, Any]]:
+def _orbit_styles(states: Sequence[str]) -> list[dict[str, Any]]:
     """Colour, width and style of each: each is narrower than those beneath it."""
     colours = [INK_OF_PORTRAITS, *OTHERS]
     return [
@@ -166,7 +168,7 @@ def _finish(ax: Any, orbits: Sequence[Orbit], line: Any, x: str, y: str) -> None
         for k, (wall, place) in enumerate(positions(orbit.linearisation).items()):
             line(place, color=COLOURS[k % len(COLOURS)], linewidth=1.4, zorder=1)
             walls.setdefault(wall, place)
-    for name, place, colour in named_places(list(walls), list(walls.values())):
+    for name, place, colour in wall_names(list(walls), list(walls.values())):
         at, offset = ((1.0, place), (4, 0)) if across else ((place, 1.0), (0, 3))
         frame = ax.get_yaxis_transform() if across else ax.get_xaxis_transform()
         look: dict[str, Any] = {"xycoords": frame, "textcoords": "offset points"}

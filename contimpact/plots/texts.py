@@ -6,7 +6,7 @@ import math
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING
 
-from ..errors import printable, shortened
+from ..errors import printable, shorten
 from ..results.branch import Branch, Entry
 from ..results.quantities import GREEK, PI_BELOW, LabelParts, label_parts, parts_of
 
@@ -22,9 +22,9 @@ COMMANDS = {
 """Of Greek letters in mathematical text; without one the letter itself is set."""
 
 
-def plain(text: str, longest: int = 40) -> str:
+def plain_text(text: str, longest: int = 40) -> str:
     """Return a text from elsewhere as it is drawn: short, in one line, none of it mathematics."""
-    drawn = printable(shortened(text, longest)).replace("$", r"\$")
+    drawn = printable(shorten(text, longest)).replace("$", r"\$")
     return f"{drawn} " if drawn.endswith("\\") else drawn  # which would change what is put behind
 
 
@@ -45,7 +45,7 @@ def set_label(kind: str, label: str, orbit: str = "") -> str:
 
 def _set(parts: LabelParts, orbit: str) -> str:
     if not parts.standard:
-        name = plain(parts.symbol)
+        name = plain_text(parts.symbol)
     else:
         name = rf"\mathrm{{{parts.symbol}}}"
         name = rf"\widetilde{{{name}}}" if parts.tilde else name
@@ -53,7 +53,7 @@ def _set(parts: LabelParts, orbit: str) -> str:
             return f"${name}_{{{parts.below}}}^{{\\,{parts.above}}}$"
         name += rf"_{{\mathrm{{{parts.below}}}}}" if parts.below else ""
         name = f"${name}$"
-    return name + (f"({plain(orbit)})" if orbit else "")
+    return name + (f"({plain_text(orbit)})" if orbit else "")
 
 
 def symbol(name: str) -> str:
@@ -61,7 +61,7 @@ def symbol(name: str) -> str:
     index, ``gbar`` with a bar, words as they are."""
     found = parts_of(name)
     if found is None:
-        return plain(name)
+        return plain_text(name)
     letter, bar, index = found
     letter = COMMANDS.get(letter, letter)
     letter = rf"\bar{{{letter}}}" if bar else letter
@@ -126,6 +126,6 @@ def fixed_values(branches: Sequence[Branch]) -> dict[str, float]:
 
 def _class(name: str) -> type[Model] | None:
     """The class of a system that is installed or imported."""
-    from ..results.branch import imported_system
+    from ..results.branch import find_imported_system
 
-    return imported_system(name) if name else None
+    return find_imported_system(name) if name else None

@@ -11,10 +11,10 @@ import numpy as np
 
 from ..arrays import Array
 from ..bifurcations.requested import PERIOD
-from ..continuation.branch import at_one_place
+from ..continuation.branch import same_place
 from ..continuation.ends import End, EndKind
-from ..display import Shown, Summary, frame, in_lines
-from ..errors import InputError, printable, shown
+from ..display import NotebookResult, Summary, frame, limit_lines
+from ..errors import InputError, printable, short_repr
 from ..models.model import Model
 from ..models.word import Word
 from ..orbits.orbit import Orbit
@@ -22,14 +22,14 @@ from ..orbits.problem import OrbitProblem
 from ..orbits.quiet import problem_of
 from ..orbits.search import find_orbits
 from ..segments.kernels import Kernels
-from ..systems import installed
+from ..systems import find_system
 from .tables import (
     columns_of,
     coordinates,
+    event_by_id,
+    event_by_kind,
     first_unknown,
     kinds_of,
-    named_by_id,
-    named_by_kind,
     same_data,
 )
 
@@ -66,7 +66,9 @@ def orbit_of(entry: Entry, model: Model | None = None, kernels: Kernels | None =
         found = f"{len(whole)} impacts of the word {entry.word!r}"
         raise InputError("entry", found, "give an entry as a catalogue records it")
     rows = np.array([[impact[name] for name in names] for impact in whole])
-    return _solved(problem, _closing(problem, rows, entry.orbit_period, "entry"), "entry")
+    return _solve_orbit(
+        problem, _closing_impacts(problem, rows, entry.orbit_period, "entry"), "entry"
+    )
 
 
 def orbit_at(branch: Branch, place: int | str, model: Model | None = None) -> Orbit:
@@ -80,10 +82,10 @@ def orbit_at(branch: Branch, place: int | str, model: Model | None = None) -> Or
     unknowns = [branch[name][row] for name in columns_of(branch.word, problem.m)]
     rows = np.reshape(unknowns, (-1, problem.m))
     period = branch[PERIOD][row] if PERIOD in branch.columns else None
-    return _solved(problem, _closing(problem, rows, period, where), where)
+    return _solve_orbit(problem, _closing_impacts(problem, rows, period, where), where)
 
 
-def _closing(problem: OrbitProblem, rows: Array, period: float | None, where: str) -> Array:
+def _closing_impacts(problem: OrbitProblem, rows: Array, period: float | None, where: str) -> Array:
     """The impacts of a record in the clock of the unknowns."""
     if not problem.autonomous:
         return rows
@@ -107,7 +109,7 @@ def _without_impacts(entry: Entry, at: Model, kernels: Kernels) -> Orbit:
 
 def event_of_branch(branch: Branch, name: str) -> Entry:
     """The event of a name on a branch."""
-    found = named_by_id(branch.events, name) or named_by_kind(branch.events, name)
+    found = event_by_id(branch.events, name) or event_by_kind(branch.events, name)
     if found is None:
         known = ", ".join(entry.id for entry in branch.events) or "none"
         known += kinds_of(branch.events, name)
@@ -121,13 +123,13 @@ def _row(branch: Branch, place: int, where: str) -> int:
     try:
         row = operator.index(place)
     except TypeError:
-        raise InputError(where, f"found {shown(place)}", accepted) from None
+        raise InputError(where, f"found {short_repr(place)}", accepted) from None
     if not -len(branch) <= row < len(branch):
         raise InputError(where, f"no row {row}", accepted)
     return row
 
 
-def _solved(problem: OrbitProblem, rows: Array, where: str) -> Orbit:
+def _solve_orbit(problem: OrbitProblem, rows: Array, where: str) -> Orbit:
     """The orbit of these impacts at the model's parameters, if it solves the equations."""
     free = [problem.model.values[name] for name in problem.kernels.parameters]
     here = problem.evaluate(np.append(rows.ravel(), free))
@@ -143,13 +145,13 @@ def orbit_with(model: Model, word: tuple[str, int], parameter: str, unknowns: Ar
     if len(unknowns) != problem.n + 1:
         found = f"{len(unknowns)} unknowns of the word {problem.word}"
         raise InputError("orbit", found, f"give {problem.n + 1}")
-    return _solved(problem, unknowns[:-1].reshape(-1, problem.m), "orbit")
+    return _solve_orbit(problem, unknowns[:-1].reshape(-1, problem.m), "orbit")
 
 
 # The system of a record.
 
 
-def named_model(record: Mapping[str, Any], given: Model | None = None) -> Model:
+def model_by_name(record: Mapping[str, Any], given: Model | None = None) -> Model:
     """Return the given model, or the one a record names, at the record's parameter values."""
     options, parameters = dict(record["options"]), dict(record["parameters"])
     return _model(str(record["system"]), options, parameters, given, "the file")
@@ -184,7 +186,9 @@ def _model(
         kind = _system(name, where)
         return kind(**options, **{k: v for k, v in parameters.items() if k not in kind.DERIVED})
     if not isinstance(given, Model):
-        raise InputError("model", f"found {shown(given)}", "give a model, such as ImpactPair(...)")
+        raise InputError(
+            "model", f"found {short_repr(given)}", "give a model, such as ImpactPair(...)"
+        )
     if missing := [own for own in given.values if own not in parameters]:
         accepted = f"give a model with {', '.join(parameters)}"
         raise InputError(where, f"it has no parameter {missing[0]!r}", accepted)
@@ -203,29 +207,29 @@ def _system(name: str | None, where: str) -> type[Model]:
     return known[0]
 
 
-def imported_system(name: str) -> type[Model] | None:
+def find_imported_system(name: str) -> type[Model] | None:
     """Return the class of a system by its name; None if it is not imported, or ambiguous."""
     known = _classes(name)
     return known[0] if len(known) == 1 else None
 
 
 def _classes(name: str) -> list[type[Model]]:
-    if (kind := installed(name)) is not None:
+    if (kind := find_system(name)) is not None:
         return [kind]
     # a class that is defined again, as in a notebook, replaces the earlier one
     own = {
         (k.__module__, k.__qualname__): k
-        for k in _below(Model)
+        for k in _subclasses(Model)
         if getattr(k, "SYSTEM", None) == name
     }
     return list(own.values())
 
 
-def _below(kind: Any) -> Iterator[type[Model]]:
+def _subclasses(kind: Any) -> Iterator[type[Model]]:
     """All subclasses, in the order of their definition."""
     for one in kind.__subclasses__():
         yield one
-        yield from _below(one)
+        yield from _subclasses(one)
 
 
 # An event on a branch, as the catalogue records it.
@@ -243,7 +247,7 @@ STATES = {"positions": "position", "velocities": "velocity"}
 
 
 @dataclass(frozen=True)
-class Entry(Shown):
+class Entry(NotebookResult):
     """An event on a branch, as the catalogue records it; the attributes are its keys.
 
     Attributes
@@ -428,7 +432,7 @@ UNKNOWN = STATUS.index("unknown")
 
 
 @dataclass(frozen=True, eq=False)
-class Branch(Shown):
+class Branch(NotebookResult):
     """A branch of periodic orbits, as a table.
 
     Attributes
@@ -487,8 +491,8 @@ class Branch(Shown):
             return {name: values[column] for name, values in self.columns.items()}
         if column in self.columns:
             return self.columns[column]
-        found = f"branch {self.id} has no column {shown(column)}; "
-        if named_by_id(self.events, column) is not None:
+        found = f"branch {self.id} has no column {short_repr(column)}; "
+        if event_by_id(self.events, column) is not None:
             found += f"the orbit of an event is branch.orbit({column!r}); "
         row = f"the orbit of a row is branch.orbit({column}); " if isinstance(column, int) else ""
         raise KeyError(found + row + f"it has {', '.join(self.columns)}")
@@ -575,7 +579,7 @@ class Branch(Shown):
         errors, rows = {entry.id: entry.error for entry in self.events}, slice(row, row + 2)
         apart, difference = (np.ptp(self[name][rows]) for name in ("arclength", self.parameter))
         error = sum(errors.get(name, 0.0) for name in self["event"][rows])
-        return at_one_place(float(apart), float(difference), error)
+        return same_place(float(apart), float(difference), error)
 
     @property
     def parameters(self) -> list[str]:
@@ -648,4 +652,4 @@ class Branch(Shown):
         if len(said) > 3:
             said[2:] = [f"  ... and {len(said) - 2} more remarks"]
         start, end = f"  start: {self.ends[0].message}", f"  end:   {self.ends[1].message}"
-        return in_lines(self._head(), events, [end, *said], ahead=[start])
+        return limit_lines(self._head(), events, [end, *said], ahead=[start])

@@ -26,8 +26,17 @@ from ..arrays import Array
 from ..continuation.ends import End, EndKind
 from ..errors import InputError
 from ..models.word import LONGEST_WORD
-from ..storage.files import LARGEST_RECORD, Content, bounded, open_plain, reason, write_all
-from ..storage.texts import DAMAGE, Json, csv_text, fitted, json_line, json_text, made, original
+from ..storage.files import LARGEST_RECORD, Content, check_length, open_plain, reason, write_all
+from ..storage.texts import (
+    DAMAGE,
+    Json,
+    build_record,
+    csv_text,
+    fit_value,
+    json_line,
+    json_text,
+    unescape_text,
+)
 from .branch import FLAT, Branch, Entry
 from .diagram import Diagram, Limit
 from .diagram_reading import SURVEYS, read
@@ -37,10 +46,10 @@ from .result_folder import (
     WANTED,
     branch_file,
     curve_file,
-    held,
+    hold_folder,
     read_json,
     reading,
-    renewed,
+    renew_folder,
 )
 
 if TYPE_CHECKING:
@@ -69,7 +78,7 @@ BLOCK = 1024
 
 
 @contextlib.contextmanager
-def checking(path: Path, schema: str) -> Iterator[None]:
+def check_reading(path: Path, schema: str) -> Iterator[None]:
     """Turn what goes wrong with a file of a schema into `InputError`."""
     try:
         yield
@@ -93,11 +102,11 @@ def entry_of(record: Any) -> Entry:
 
     Raises ValueError if it lacks what no entry goes without, or a value is of another type.
     """
-    entry = made(Entry, record, NEEDED)
+    entry = build_record(Entry, record, NEEDED)
     entry.value  # noqa: B018  the parameter is among the parameters
     for impact in entry.impacts:
-        fitted(impact.get("wall"), str, "impacts.wall")
-        fitted(impact.get("velocity"), float, "impacts.velocity")
+        fit_value(impact.get("wall"), str, "impacts.wall")
+        fit_value(impact.get("velocity"), float, "impacts.velocity")
     names = ("multipliers", "multipliers_before", "multipliers_after")
     lists: dict[str, Any] = {name: getattr(entry, name) or [] for name in names}
     opens, options = tuple(entry.opens or ()), entry.options or {}
@@ -112,7 +121,7 @@ def read_branch(path: str | Path) -> Branch:
 
     Raises InputError if the file is missing, not of this schema, or damaged.
     """
-    with checking(Path(path), BRANCH):
+    with check_reading(Path(path), BRANCH):
         head, columns = _table(Path(path), BRANCH)
         parameter = head["parameter"]
         _require(columns, head["word"], [parameter], TEXTS)
@@ -120,7 +129,7 @@ def read_branch(path: str | Path) -> Branch:
         record = {"meetings": [], **head, "columns": columns, "origin": head["from"]}
         record["ends"] = _ends(head["ends"], parameter)
         record["events"] = [entry_of(earlier | record) for record in head["events"]]
-        return made(Branch, record)
+        return build_record(Branch, record)
 
 
 def read_curve(path: str | Path) -> Curve:
@@ -130,19 +139,19 @@ def read_curve(path: str | Path) -> Curve:
     """
     from .curve import Codim2, Curve
 
-    with checking(Path(path), CURVE):
+    with check_reading(Path(path), CURVE):
         head, columns = _table(Path(path), CURVE)
         _require(columns, head["word"], head["parameters"], ())
         record = head | {"columns": columns, "origin": head["from"]}
         record["ends"] = _ends(head["ends"], head["parameters"][-1])
-        record["points"] = [made(Codim2, record) for record in head["codimension2"]]
-        return made(Curve, record)
+        record["points"] = [build_record(Codim2, record) for record in head["codimension2"]]
+        return build_record(Curve, record)
 
 
 def _table(path: Path, schema: str) -> tuple[dict[str, Any], dict[str, Array]]:
     """The record in a table's first line, and its columns; they must have its number of rows."""
     with open_plain(path) as file:
-        first = bounded(file.readline(LARGEST_RECORD + 1), LARGEST_RECORD)
+        first = check_length(file.readline(LARGEST_RECORD + 1), LARGEST_RECORD)
         head = json.loads(first.decode().removeprefix("# "))
         if head["schema"] != schema:
             raise InputError(str(path), f"its schema is {head['schema']!r}", f"give {schema!r}")
@@ -159,7 +168,7 @@ def _table(path: Path, schema: str) -> tuple[dict[str, Any], dict[str, Array]]:
 def _columns(lines: Iterator[str]) -> dict[str, Array]:
     """The columns of a table, read in one pass, a block of rows at a time."""
     reader = csv.reader(lines)
-    names = [original(name) for name in next(reader, [])]
+    names = [unescape_text(name) for name in next(reader, [])]
     blocks = []
     while rows := list(itertools.islice(reader, BLOCK)):
         cells = zip(*rows, strict=True)
@@ -174,7 +183,7 @@ def _columns(lines: Iterator[str]) -> dict[str, Array]:
 
 def _column(name: str, cells: Sequence[str]) -> Array:
     if name in TEXTS:
-        return np.array([original(cell) for cell in cells], dtype=object)
+        return np.array([unescape_text(cell) for cell in cells], dtype=object)
     if name in WHOLE:
         return np.array(list(map(int, cells)), dtype=np.int64)
     return np.array(list(map(float, cells)))
@@ -184,7 +193,7 @@ def _require(
     columns: Mapping[str, Array], word: Any, parameters: Any, texts: Sequence[str]
 ) -> None:
     """Raise `ValueError` if a table lacks columns, or numbers, that its record speaks of."""
-    impacts = range(1, min(len(fitted(word, str, "word")), LONGEST_WORD) + 1)
+    impacts = range(1, min(len(fit_value(word, str, "word")), LONGEST_WORD) + 1)
     finite = ["arclength", *parameters, *(f"{name}{k}" for k in impacts for name in "tv")]
     for name in [*finite, "n_unstable", "physical", *texts]:
         if name not in columns:
@@ -199,8 +208,8 @@ def _ends(records: Any, parameter: str) -> tuple[End, End]:
     first, last = (
         End(
             EndKind[e["kind"].upper()],
-            fitted(e["parameter" if "parameter" in e else parameter], float, "parameter"),
-            fitted(e["message"], str, "message"),
+            fit_value(e["parameter" if "parameter" in e else parameter], float, "parameter"),
+            fit_value(e["message"], str, "message"),
         )
         for e in records
     )
@@ -241,7 +250,7 @@ def write_diagram(diagram: Diagram, folder: str | Path) -> list[str]:
             f"two branches are called {twice!r}",
             "give each its own name when following",
         )
-    with held(folder, FILES, TABLES) as place, renewed(place, ["run"]):
+    with hold_folder(folder, FILES, TABLES) as place, renew_folder(place, ["run"]):
         return sorted(write_all(place, diagram_files(diagram)))
 
 
@@ -399,7 +408,7 @@ def load_entries(folder: str | Path) -> list[Entry]:
         If there is no catalogue of this schema, or its run was ended while it wrote the folder.
     """
     path = Path(folder) / "catalogue.json"
-    with reading(path.parent), checking(path, CATALOGUE):
+    with reading(path.parent), check_reading(path, CATALOGUE):
         content = read_json(path, CATALOGUE, WANTED)
         return [entry_of(record) for record in content["entries"]]
 
@@ -423,7 +432,7 @@ def load_diagram(folder: str | Path) -> Diagram:
     """
     folder = Path(folder)
     path = folder / "catalogue.json"
-    with reading(folder), checking(path, CATALOGUE):
+    with reading(folder), check_reading(path, CATALOGUE):
         catalogue = read_json(path, CATALOGUE, WANTED)
         branches = [_branch_of(folder, record) for record in catalogue["branches"]]
         curves, points = (
@@ -435,7 +444,7 @@ def load_diagram(folder: str | Path) -> Diagram:
             for key in ("curves", "codimension2_curves")
         )
         checks, coverage = _checks(catalogue)
-        name = fitted(catalogue["scene"], str, "scene")
+        name = fit_value(catalogue["scene"], str, "scene")
         return Diagram(
             name,
             branches,
@@ -445,7 +454,7 @@ def load_diagram(folder: str | Path) -> Diagram:
             coverage=coverage,
             areas=_areas(catalogue),
             survey=_survey(catalogue),
-            limits=[made(Limit, record) for record in catalogue.get("limits", [])] or (),
+            limits=[build_record(Limit, record) for record in catalogue.get("limits", [])] or (),
         )
 
 
@@ -462,7 +471,9 @@ def _checks(catalogue: Mapping[str, Any]) -> tuple[Sequence[Check], Sequence[Cov
         return (), ()
     from .curve import Check, Coverage
 
-    return [made(Check, r) for r in checks] or (), [made(Coverage, r) for r in coverage] or ()
+    return [build_record(Check, r) for r in checks] or (), [
+        build_record(Coverage, r) for r in coverage
+    ] or ()
 
 
 def _areas(catalogue: Mapping[str, Any]) -> Sequence[Area]:
@@ -471,7 +482,7 @@ def _areas(catalogue: Mapping[str, Any]) -> Sequence[Area]:
         return ()
     from .curve import Area
 
-    return [made(Area, record) for record in records]
+    return [build_record(Area, record) for record in records]
 
 
 def _branch_of(folder: Path, record: Mapping[str, Any]) -> Branch:

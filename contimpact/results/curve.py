@@ -14,8 +14,8 @@ from ..arrays import Array
 from ..bifurcations.declarations import CROSSINGS, REQUESTED
 from ..bifurcations.registry import kind_of
 from ..continuation.ends import End
-from ..display import Shown, Summary, frame, in_lines
-from ..errors import shown
+from ..display import NotebookResult, Summary, frame, limit_lines
+from ..errors import short_repr
 from .tables import first_unknown, same_data
 
 # Areas of two parameters in which the same stable orbits end in the same way.
@@ -97,7 +97,7 @@ class Area:
 
     def holds(self, across: float, along: float) -> bool:
         """Return whether a point lies in its polygon."""
-        crossed = sum(_crossed(np.asarray(ring), across, along) for ring in self.polygon)
+        crossed = sum(_count_crossings(np.asarray(ring), across, along) for ring in self.polygon)
         return crossed % 2 == 1
 
     def __str__(self) -> str:
@@ -111,7 +111,7 @@ class Area:
         return told
 
 
-def _crossed(ring: np.ndarray, x: float, y: float) -> int:
+def _count_crossings(ring: np.ndarray, x: float, y: float) -> int:
     """How often a ring crosses the line upwards from a point."""
     (a, b), (c, d) = ring[:-1].T, ring[1:].T
     passes = (a <= x) != (c <= x)
@@ -121,7 +121,7 @@ def _crossed(ring: np.ndarray, x: float, y: float) -> int:
 
 
 @dataclass(frozen=True, eq=False)
-class Curve(Shown):
+class Curve(NotebookResult):
     """A curve of bifurcations, as a table.
 
     Attributes
@@ -168,7 +168,7 @@ class Curve(Shown):
     def __getitem__(self, column: str) -> Array:
         if column in self.columns:
             return self.columns[column]
-        found = f"curve {self.id} has no column {shown(column)}; "
+        found = f"curve {self.id} has no column {short_repr(column)}; "
         raise KeyError(f"{found}it has {', '.join(self.columns)}")
 
     def _ipython_key_completions_(self) -> list[str]:
@@ -219,7 +219,7 @@ class Curve(Shown):
         points = [f"  {p.kind:6} {self._place(p)}: {p.changes}" for p in self.points]
         tail = [f"  end: {end.message}" for end in self.ends]
         tail += [f"  not located: {len(self.missed)}"] if self.missed else []
-        return in_lines(self._head(), points, tail)
+        return limit_lines(self._head(), points, tail)
 
     def _place(self, point: Codim2) -> str:
         return ", ".join(f"{name} = {point.parameters[name]:.12g}" for name in self.parameters)
@@ -446,7 +446,7 @@ def panels(curves: Sequence[Curve]) -> list[list[Curve]]:
     return list(groups.values())
 
 
-def falling(panel: Sequence[Curve]) -> str:
+def falling_column(panel: Sequence[Curve]) -> str:
     """Return the column that falls: the first parameter as it is best known.
 
     It is a derived parameter that is the first one, or its reciprocal, times a constant, such as
@@ -479,21 +479,21 @@ def regions(
     Parameters
     ----------
     along : str, optional
-        The column that falls; that of `falling` by default.
+        The column that falls; that of `falling_column` by default.
     checks : sequence of Check
         What one-parameter runs say.
     """
     found: list[Region] = []
-    for panel in panels(competing(curves)):
-        column = along or falling(panel)
+    for panel in panels(competing_curves(curves)):
+        column = along or falling_column(panel)
         words = dict.fromkeys((curve.word, curve.period) for curve in panel)
         for word in words:
             own = [c for c in panel if (c.word, c.period) == word]
-            found += _regions(own, column, [c for c in checks if _of(c, own[0], word)])
-    return [_compared(region, checks) for region in found]
+            found += _regions(own, column, [c for c in checks if _is_run_of(c, own[0], word)])
+    return [_compare_region(region, checks) for region in found]
 
 
-def _of(check: Check, curve: Curve, word: tuple[str, int]) -> bool:
+def _is_run_of(check: Check, curve: Curve, word: tuple[str, int]) -> bool:
     """Whether a run is one of a word, for the member and the second parameter of a curve."""
     about = dict(check.fixed), check.second, (check.word, check.period)
     return about == (dict(curve.fixed), curve.parameters[1], word)
@@ -519,7 +519,7 @@ def lanes(found: Sequence[Region]) -> list[int]:
     return numbers
 
 
-def competing(curves: Sequence[Curve]) -> Sequence[Curve]:
+def competing_curves(curves: Sequence[Curve]) -> Sequence[Curve]:
     """Return the curves that say what comes first.
 
     Folds and zero velocities, at which an orbit may just as well be born, are left out of the
@@ -529,7 +529,7 @@ def competing(curves: Sequence[Curve]) -> Sequence[Curve]:
     return [c for c in curves if c.kind not in BIRTHS or (c.word, c.period) not in having]
 
 
-def _compared(region: Region, checks: Sequence[Check]) -> Region:
+def _compare_region(region: Region, checks: Sequence[Check]) -> Region:
     """A region with what the runs inside it say."""
     inside = [
         check
@@ -554,7 +554,7 @@ def _regions(group: Sequence[Curve], along: str, checks: Sequence[Check]) -> lis
     crossings = [p.parameters[second] for c in group for p in c.points if p.kind in CROSSINGS]
     low = min(float(c[second].min()) for c in group)
     high = max(float(c[second].max()) for c in group)
-    edges = _apart([low, high, *crossings, *_ends(group, second)], SAME_EDGE * (high - low))
+    edges = _unique_values([low, high, *crossings, *_ends(group, second)], SAME_EDGE * (high - low))
     labels = [curve.label for curve in group]
     rows: list[_Row] = []
     for left, right in itertools.pairwise(edges):
@@ -562,7 +562,7 @@ def _regions(group: Sequence[Curve], along: str, checks: Sequence[Check]) -> lis
             lambda value: _firsts_at(group, second, along, value, checks), left, right
         ):
             before = [row for row in rows if row.high == start]
-            for curve, row in zip(firsts, _continued(firsts, before, labels), strict=True):
+            for curve, row in zip(firsts, _continued_rows(firsts, before, labels), strict=True):
                 if row is None:
                     rows.append(_Row([curve], start, end))
                 else:
@@ -585,7 +585,9 @@ class _Row:
         return Region(*about, period=curve.period, along=along, branch=branch, curves=curves)
 
 
-def _continued(firsts: Firsts, before: Sequence[_Row], labels: Sequence[str]) -> list[_Row | None]:
+def _continued_rows(
+    firsts: Firsts, before: Sequence[_Row], labels: Sequence[str]
+) -> list[_Row | None]:
     """The rows that curves continue: those of the same curve, else the only one of its label."""
     own = {row.curves[-1]: row for row in before}
     ended = [labels[curve] for curve in own if curve not in firsts]
@@ -624,7 +626,7 @@ def _exchange(
     return high
 
 
-def _apart(values: Sequence[float], distance: float) -> list[float]:
+def _unique_values(values: Sequence[float], distance: float) -> list[float]:
     """Values in order, without those that are another one found twice: on both curves of two."""
     kept: list[float] = []
     for value in sorted(values):
@@ -637,14 +639,14 @@ def _ends(group: Sequence[Curve], second: str) -> list[float]:
     """Where curves end or turn, or become ghosts."""
     found = []
     for curve in group:
-        x, ghost = curve[second], ghostly(curve)
+        x, ghost = curve[second], ghost_mask(curve)
         turns = np.nonzero(np.diff(x)[:-1] * np.diff(x)[1:] < 0.0)[0] + 1
         changes = np.nonzero(ghost[1:] != ghost[:-1])[0] + 1
         found += [float(x[row]) for row in (0, -1, *turns, *changes)]
     return found
 
 
-def ghostly(curve: Curve) -> Array:
+def ghost_mask(curve: Curve) -> Array:
     """Return whether a curve is a ghost between each point and the next.
 
     At a point of codimension two a multiplier or a gap is at its limit: rounding decides its own
@@ -688,7 +690,7 @@ def _orbit_of(curve: str, height: float, orbits: Sequence[CheckedOrbit]) -> int 
 
 def real_heights(curve: Curve, second: str, along: str, value: float) -> list[float]:
     """Return a column's values wherever a curve that is no ghost passes a parameter's value."""
-    x, ghost = curve[second] - value, ghostly(curve)
+    x, ghost = curve[second] - value, ghost_mask(curve)
     rows = np.nonzero((x[:-1] >= 0.0) != (x[1:] >= 0.0))[0].tolist()
     return [_height(curve, x, curve[along], row) for row in rows if not ghost[row]]
 

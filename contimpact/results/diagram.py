@@ -9,10 +9,10 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ..display import Shown, Summary, frame, in_lines
-from ..errors import InputError, shown
+from ..display import NotebookResult, Summary, frame, limit_lines
+from ..errors import InputError, short_repr
 from .branch import Branch, Entry
-from .tables import kinds_of, named_by_kind
+from .tables import event_by_kind, kinds_of
 
 if TYPE_CHECKING:
     from ..models.model import Model
@@ -65,7 +65,7 @@ class Limits:
 
 
 @dataclass(frozen=True)
-class Diagram(Shown):
+class Diagram(NotebookResult):
     """All branches of a scene, with what it cost to compute them.
 
     Attributes
@@ -120,7 +120,7 @@ class Diagram(Shown):
         """
         found = [one for one in self._named if one.id == name]
         if not found:
-            of_kind = named_by_kind(self.entries, name)
+            of_kind = event_by_kind(self.entries, name)
             found = [of_kind] if of_kind is not None else []
         if len(found) == 1:
             return found[0]
@@ -128,11 +128,11 @@ class Diagram(Shown):
             own = [f"{one.id} of {one.branch}" for one in found if isinstance(one, Entry)]
             accepted = f"take it from its branch: diagram['b1'].events; there are {', '.join(own)}"
             where = f"diagram {self.name}"
-            raise InputError(where, f"{len(found)} are called {shown(name)}", accepted)
+            raise InputError(where, f"{len(found)} are called {short_repr(name)}", accepted)
         groups = (self.branches, self.curves, self.codim2_curves, self.entries)
         known = [_span([one.id for one in group]) for group in groups if group]
         accepted = f"there are {', '.join(known) or 'no branches'}{kinds_of(self.entries, name)}"
-        raise InputError(f"diagram {self.name}", f"nothing is called {shown(name)}", accepted)
+        raise InputError(f"diagram {self.name}", f"nothing is called {short_repr(name)}", accepted)
 
     def _ipython_key_completions_(self) -> list[str]:
         return [one.id for one in self._named]
@@ -181,7 +181,7 @@ class Diagram(Shown):
         if what == "events":
             return frame([entry.as_row() for entry in self.entries])
         if what != "points":
-            raise InputError("what", f"found {shown(what)}", "accepted are 'points', 'events'")
+            raise InputError("what", f"found {short_repr(what)}", "accepted are 'points', 'events'")
         names = dict.fromkeys(name for branch in self.branches for name in branch.columns)
         columns: dict[str, Any] = {
             name: [getattr(b, name_of) for b in self.branches for _ in range(len(b))]
@@ -197,7 +197,7 @@ class Diagram(Shown):
         rows = []
         for b in self.branches:
             low, high = float(b[b.parameter].min()), float(b[b.parameter].max())
-            rows.append((b.id, b.notation, len(b), low, high, b.origin, _listed(b)))
+            rows.append((b.id, b.notation, len(b), low, high, b.origin, _list_events(b)))
         columns = ("", "orbits", "points", "from", "to", "born at", "events")
         curves = [_curve_line(c).strip() for c in self._all_curves]
         return Summary(self._head(), columns, rows, [*curves, *map(str, self.limits)])
@@ -218,18 +218,18 @@ class Diagram(Shown):
     def __repr__(self) -> str:
         curves = [_curve_line(c) for c in self._all_curves]
         rows = [_branch_line(b) for b in self.branches] + curves
-        return in_lines(self._head(), rows)
+        return limit_lines(self._head(), rows)
 
 
 def _branch_line(branch: Branch) -> str:
     values = branch[branch.parameter]
     return (
         f"  {branch.id:4} {branch.notation:9} {branch.parameter} from {values.min():.6g} to "
-        f"{values.max():.6g}: {_listed(branch)}"
+        f"{values.max():.6g}: {_list_events(branch)}"
     )
 
 
-def _listed(branch: Branch) -> str:
+def _list_events(branch: Branch) -> str:
     """A branch's events in a line."""
     events = ", ".join(f"{e.id} {e.label}" for e in branch.events) or "no events"
     if len(events) > 60:

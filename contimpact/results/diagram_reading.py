@@ -143,7 +143,7 @@ class Reading:
         return f"{label} {name}" if label else name or "status changes"
 
 
-class Surveyed(Protocol):
+class DiagramSurvey(Protocol):
     """What is read of a diagram: its branches, its entries, and how far it was surveyed."""
 
     @property
@@ -159,7 +159,7 @@ class Surveyed(Protocol):
         """Whether orbits were looked for across the range."""
 
 
-def read(diagram: Surveyed) -> Reading:
+def read(diagram: DiagramSurvey) -> Reading:
     """Read a diagram.
 
     Parameters
@@ -206,7 +206,7 @@ def stable_intervals(branch: Branch) -> list[Interval]:
         places = [(float(values[row]), name) for row, name in ends]
         (low, low_name), (high, high_name) = sorted(places, key=lambda place: place[0])
         found.append(Interval(branch.id, branch.notation, low, high, (low_name, high_name)))
-    return _merged(found)
+    return _join_intervals(found)
 
 
 def unknown_intervals(branch: Branch) -> list[Interval]:
@@ -241,7 +241,7 @@ def _bound(branch: Branch, row: int, direction: int) -> tuple[int, str | None]:
     return row, None
 
 
-def _merged(intervals: list[Interval]) -> list[Interval]:
+def _join_intervals(intervals: list[Interval]) -> list[Interval]:
     """Join runs that an event interrupts without ending them (a requested value, a neutral one)."""
     joined: list[Interval] = []
     for interval in intervals:
@@ -274,12 +274,14 @@ def _bistable(
     return found
 
 
-def _transition(diagram: Surveyed, stable: Sequence[Interval], grazing: Entry) -> GrazingTransition:
+def _transition(
+    diagram: DiagramSurvey, stable: Sequence[Interval], grazing: Entry
+) -> GrazingTransition:
     branches = {branch.id: branch for branch in diagram.branches}
     source, target = branches[grazing.branch], branches[grazing.opens[0]]
-    at_once, fold = _beyond(target, grazing)
+    at_once, fold = _begins_stable(target, grazing)
     doubling = _doubling_before(source, grazing) if not grazing.stable else None
-    doubled = _doubled_from(diagram, doubling)
+    doubled = _doubled_branches(diagram, doubling)
     family = {source.id, *(b.id for b in doubled)}
     mechanism = None
     if grazing.stable:
@@ -303,7 +305,7 @@ def _transition(diagram: Surveyed, stable: Sequence[Interval], grazing: Entry) -
     )
 
 
-def _beyond(target: Branch, grazing: Entry) -> tuple[bool, Entry | None]:
+def _begins_stable(target: Branch, grazing: Entry) -> tuple[bool, Entry | None]:
     """Whether the new branch begins stable where it is physical; else its fold to stability."""
     entries = {e.id: e for e in target.events}
     start = _row_of(target, grazing)
@@ -333,7 +335,7 @@ def _row_of(target: Branch, grazing: Entry) -> int:
     return int(np.argmin(apart + np.abs(values - grazing.value) / span))
 
 
-def _doubled_from(diagram: Surveyed, doubling: Entry | None) -> list[Branch]:
+def _doubled_branches(diagram: DiagramSurvey, doubling: Entry | None) -> list[Branch]:
     """The branches born at a period doubling, and at theirs in turn."""
     names = list(doubling.opens) if doubling else []
     entries = {e.id: e for e in diagram.entries}

@@ -13,7 +13,7 @@ import numpy as np
 from ..arrays import Array
 from ..bifurcations.registry import kind_of
 from ..continuation.branch import Event, Point
-from ..errors import InputError, shown
+from ..errors import InputError, short_repr
 from ..models.guards import state_before
 from ..models.model import Model
 from ..orbits.orbit import Orbit
@@ -45,7 +45,7 @@ def entry_of(event: Event, identity: str, branch: str, before: Point, after: Poi
         kind=event.kind,
         ghost=ghost,
         label=kind.label(ghost, word, becomes, letters),
-        why=_why(n_unstable, verdict),
+        why=_ghost_reason(n_unstable, verdict),
         branch=branch,
         word=word.walls,
         period=word.period,
@@ -57,7 +57,7 @@ def entry_of(event: Event, identity: str, branch: str, before: Point, after: Poi
         wall=details.get("wall"),
         flight=details.get("flight"),
         impact=details.get("impact"),
-        touch_time=_shifted(problem, here.unknowns, details.get("touch_time")),
+        touch_time=_shift_time(problem, here.unknowns, details.get("touch_time")),
         requested=details.get("requested"),
         parameter=problem.parameter,
         parameters=all_parameters(here),
@@ -115,7 +115,7 @@ def _pairs(multipliers: Array) -> list[tuple[float, float] | None]:
     return [(m.real, m.imag) if np.isfinite(m) else None for m in multipliers.tolist()]
 
 
-def _why(n_unstable: int, verdict: Verdict) -> str | None:
+def _ghost_reason(n_unstable: int, verdict: Verdict) -> str | None:
     """Why an event is a ghost, or None."""
     reasons = []
     if n_unstable:
@@ -130,7 +130,7 @@ def impacts_of(problem: OrbitProblem, unknowns: Array) -> list[dict[str, Any]]:
     names = ["time", "velocity", *coordinates(problem.m)[2:]]
     rows = problem.impacts(unknowns).tolist()
     for row in rows:
-        row[0] = _shifted(problem, unknowns, row[0])
+        row[0] = _shift_time(problem, unknowns, row[0])
     return [
         {"wall": wall} | dict(zip(names, row, strict=True)) | states
         for wall, row, states in zip(
@@ -155,7 +155,7 @@ def _states(problem: OrbitProblem, unknowns: Array) -> list[dict[str, list[float
     ]
 
 
-def _shifted(problem: OrbitProblem, unknowns: Array, time: Any) -> Any:
+def _shift_time(problem: OrbitProblem, unknowns: Array, time: Any) -> Any:
     """A time in the clock in which the first impact comes in [0, T)."""
     if time is None:
         return None
@@ -171,7 +171,7 @@ FOLLOWED = (
 )
 
 
-def as_diagram(given: object) -> Diagram:
+def to_diagram(given: object) -> Diagram:
     """Return the diagram meant by a diagram, a branch, or several branches.
 
     Raises InputError for anything else.
@@ -181,10 +181,12 @@ def as_diagram(given: object) -> Diagram:
     branches = [given] if isinstance(given, Branch) else given
     if isinstance(branches, list | tuple) and all(isinstance(one, Branch) for one in branches):
         return Diagram(", ".join(dict.fromkeys(one.notation for one in branches)), branches)
-    raise InputError("diagram", _found(given), "give a diagram, a branch, or a list of branches")
+    raise InputError(
+        "diagram", _found_text(given), "give a diagram, a branch, or a list of branches"
+    )
 
 
-def named(given: object) -> object:
+def entry_by_name(given: object) -> object:
     """Return the entry that a pair (branch or diagram, name) means, and anything else as it is."""
     if not (isinstance(given, tuple) and len(given) == 2 and isinstance(given[1], str)):
         return given
@@ -194,7 +196,7 @@ def named(given: object) -> object:
     return holder.entry(name) if isinstance(holder, Diagram) else given
 
 
-def as_orbit(given: object, model: Model | None = None) -> Orbit:
+def to_orbit(given: object, model: Model | None = None) -> Orbit:
     """Return the orbit meant by an orbit, an entry, an event, a point, or a pair (branch, row).
 
     Raises InputError for anything else, or where the record and the model do not fit.
@@ -209,10 +211,10 @@ def as_orbit(given: object, model: Model | None = None) -> Orbit:
     here = point.evaluation if isinstance(point, Point) else None
     if isinstance(here, Linearisation):
         return Orbit(here.problem, here)
-    raise InputError("orbit", _found(given), FOLLOWED)
+    raise InputError("orbit", _found_text(given), FOLLOWED)
 
 
-def _found(given: object) -> str:
+def _found_text(given: object) -> str:
     """What was given in the place of an orbit, in words."""
     if isinstance(given, Branch):
         return f"found the branch {given.id}, which has {len(given)} orbits"
@@ -220,7 +222,7 @@ def _found(given: object) -> str:
         return f"found the diagram {given.name}"
     if isinstance(given, list | tuple) and any(isinstance(item, Orbit) for item in given):
         return f"found a list of {len(given)}, not one of its orbits"
-    return f"found {shown(given)}"
+    return f"found {short_repr(given)}"
 
 
 def entry_first(entry: Any, model: Any) -> tuple[Any, Any]:

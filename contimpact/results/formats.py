@@ -12,9 +12,9 @@ import numpy as np
 from ..bifurcations.registry import kind_of
 from ..errors import InputError
 from ..storage.files import Content, write, write_all, write_text
-from ..storage.texts import csv_text, fitted, json_text, markdown_cell
+from ..storage.texts import csv_text, fit_value, json_text, markdown_cell
 from .branch import Branch
-from .catalogue import checking, entry_of
+from .catalogue import check_reading, entry_of
 from .result_folder import CATALOGUE, MANIFEST, WANTED, read_json, reading, sha256
 
 END_POINT = 9
@@ -99,9 +99,9 @@ def merge(folders: Sequence[str | Path]) -> dict[str, Any]:
         path = folder / "catalogue.json"
         with reading(folder):
             content = read_json(path, CATALOGUE, WANTED)
-            digest, origin = sha256(path), _origin(folder)
-        with checking(path, CATALOGUE):
-            scene = fitted(content["scene"], str, "scene")
+            digest, origin = sha256(path), _manifest_summary(folder)
+        with check_reading(path, CATALOGUE):
+            scene = fit_value(content["scene"], str, "scene")
             for record in content["entries"]:
                 entry_of(record)
         same = next((s for s in sources if s["scene"] == scene), None)
@@ -115,7 +115,7 @@ def merge(folders: Sequence[str | Path]) -> dict[str, Any]:
     return {"schema": CATALOGUES, "sources": sources, "entries": entries}
 
 
-def _origin(folder: Path) -> dict[str, Any]:
+def _manifest_summary(folder: Path) -> dict[str, Any]:
     """What the manifest says of a catalogue; nothing if the folder has none."""
     path = folder / "manifest.json"
     if not path.exists():

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from ..continuation.settings import Settings
-from ..errors import InputError, did_you_mean, shown
+from ..errors import InputError, did_you_mean, short_repr
 from ..models.expressions import number
 
 # One table of a scene: keys are read by type, every mistake is named with the path of its key.
@@ -56,7 +56,7 @@ class Table:
         if key in self.data:
             return self.data[key]
         if default is REQUIRED:
-            if near := _nearest(key, [k for k in self.data if k not in self.asked]):
+            if near := _nearest_key(key, [k for k in self.data if k not in self.asked]):
                 accepted = f"{self.place(key)} is missing: give {wanted}"
                 raise InputError(self.place(near), f"unknown key (did you mean {key!r}?)", accepted)
             raise InputError(self.place(key), "missing", f"give {wanted}")
@@ -64,7 +64,7 @@ class Table:
 
     def refuse(self, key: str, found: Any, wanted: str) -> InputError:
         """Return the error for a value that cannot be used."""
-        return InputError(self.place(key), f"found {shown(found)}", f"give {wanted}")
+        return InputError(self.place(key), f"found {short_repr(found)}", f"give {wanted}")
 
     def text(self, key: str, default: Any = REQUIRED) -> str:
         """Return a text."""
@@ -169,7 +169,7 @@ class Table:
                 )
 
 
-def _nearest(key: str, known: Sequence[str]) -> str | None:
+def _nearest_key(key: str, known: Sequence[str]) -> str | None:
     """The known key that is spelled most like another, if one is."""
     import difflib
 

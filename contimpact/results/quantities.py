@@ -15,7 +15,7 @@ import numpy as np
 
 from ..arrays import Array
 from ..bifurcations.registry import kind_of
-from ..errors import InputError, shown
+from ..errors import InputError, short_repr
 from ..segments.kernels import Kernels
 from ..systems.membrane import Membrane, velocity_scale
 from .branch import Branch, model_at
@@ -87,7 +87,7 @@ def label_parts(kind: str, label: str, ghost: bool = False, period: int = 1) -> 
     return LabelParts(symbol, ghost, words[1], words[2])
 
 
-def way(parameter: str, rising: bool) -> str:
+def direction_text(parameter: str, rising: bool) -> str:
     """Return how the direction of a sweep is called: by what changes."""
     return f"{parameter} {'rising' if rising else 'falling'}"
 
@@ -112,7 +112,7 @@ class Energy:
     zero."""
 
 
-def of_impacts(
+def impact_voltages(
     membrane: Membrane, parameters: Mapping[str, float], velocities: Any, span: float
 ) -> Energy:
     """Return the voltages of the impacts made in a time `span`.
@@ -132,7 +132,9 @@ def of_impacts(
     return Energy(voltages, mean, total / span)
 
 
-def along(membrane: Membrane, branch: Branch, forcing_period: float = 2.0) -> dict[str, Array]:
+def branch_voltages(
+    membrane: Membrane, branch: Branch, forcing_period: float = 2.0
+) -> dict[str, Array]:
     """Return the voltages along a branch, unphysical orbits included.
 
     Returns
@@ -190,7 +192,7 @@ def series_of(
         Of the voltages.
     """
     if callable(quantity):
-        return list(_of_function(branch, quantity))
+        return list(_function_series(branch, quantity))
     if quantity == "velocity":
         speeds = [Series(w, branch[f"v{k}"], True) for k, w in enumerate(branch.word, start=1)]
         return speeds or [Series(NO_IMPACT, np.zeros(len(branch)))]
@@ -204,7 +206,7 @@ def series_of(
     name = {"gap": "smallest_gap"}.get(quantity, quantity)
     if name not in numbers_of(branch):
         accepted = f"accepted are {', '.join([*QUANTITIES, *numbers_of(branch)])}"
-        raise InputError("y", f"branch {branch.id} has no {shown(quantity)}", accepted)
+        raise InputError("y", f"branch {branch.id} has no {short_repr(quantity)}", accepted)
     return [Series(quantity, branch[name], smooth=name[:1] in "tv" and name[1:].isdigit())]
 
 
@@ -214,7 +216,7 @@ def numbers_of(branch: Branch) -> list[str]:
 
 
 def _voltages(branch: Branch, quantity: str, membrane: Membrane) -> list[Series]:
-    columns = along(membrane, branch)
+    columns = branch_voltages(membrane, branch)
     if quantity != "energy":
         return [Series(quantity, columns[quantity], True)]
     return [Series(w, columns[f"U{k}"], True) for k, w in enumerate(branch.word, start=1)]
@@ -230,24 +232,24 @@ def _periods(branch: Branch) -> Array:
     return branch.period * np.array([kernels.setup(*row).period for row in rows])
 
 
-def _of_function(branch: Branch, function: Callable[[Branch], Any]) -> Iterator[Series]:
+def _function_series(branch: Branch, function: Callable[[Branch], Any]) -> Iterator[Series]:
     found = function(branch)
     if isinstance(found, Mapping):
         for name, values in found.items():
-            yield Series(str(name), _checked(branch, values)[:, 0])
+            yield Series(str(name), _check_columns(branch, values)[:, 0])
         return
     name = getattr(function, "__name__", "y")
-    for column in _checked(branch, found).T:
+    for column in _check_columns(branch, found).T:
         yield Series("y" if name == "<lambda>" else name, column)
 
 
-def _checked(branch: Branch, values: Any) -> Array:
+def _check_columns(branch: Branch, values: Any) -> Array:
     """Values as columns with a row for each point of the branch."""
     try:
         rows = np.asarray(values, dtype=float)
     except (TypeError, ValueError):
         rows = np.zeros(0)
     if rows.ndim not in (1, 2) or len(rows) != len(branch):
-        found = f"its function returned {shown(values)} on branch {branch.id}"
+        found = f"its function returned {short_repr(values)} on branch {branch.id}"
         raise InputError("y", found, f"return {len(branch)} numbers, one for each point")
     return rows.reshape(len(branch), -1)

@@ -20,14 +20,14 @@ from pathlib import Path
 from typing import Any
 
 from .. import __version__
-from ..errors import InputError, NotWrittenError, shown
-from ..segments.compiling import mode, ran_plainly, used
+from ..errors import InputError, NotWrittenError, short_repr
+from ..segments.compiling import count_loaded, mode, ran_plainly
 from ..storage.files import (
     FOR_ALL,
     LOCK,
     PACKED,
+    hold_lock,
     is_there,
-    locked,
     put,
     read_bounded,
     read_plain,
@@ -107,7 +107,7 @@ def prepare_folder(
 
 
 @contextlib.contextmanager
-def held(
+def hold_folder(
     target: str | Path, files: Sequence[str] = (), folders: Sequence[str] = ()
 ) -> Iterator[Path]:
     """A folder for output that no other process writes to meanwhile.
@@ -121,7 +121,7 @@ def held(
     made = [folder for folder in above if not os.path.lexists(folder)]
     try:
         folder = prepare_folder(target, files, folders)
-        with locked(folder):
+        with hold_lock(folder):
             for place in (folder, *(folder / name for name in folders)):
                 remove_leftovers(place)
             yield folder
@@ -139,11 +139,11 @@ def kept_still(folder: Path) -> contextlib.AbstractContextManager[None]:
     """
     results = (LOCK, MARK, "manifest.json", "catalogue.json")
     ours = any((folder / name).exists() for name in results)
-    return locked(folder) if ours else contextlib.nullcontext()
+    return hold_lock(folder) if ours else contextlib.nullcontext()
 
 
 @contextlib.contextmanager
-def renewed(
+def renew_folder(
     folder: Path, commands: Sequence[str], scene: Mapping[str, Any] | None = None
 ) -> Iterator[list[str]]:
     """Replace what an earlier run left in a folder; it is marked as unfinished meanwhile.
@@ -153,7 +153,7 @@ def renewed(
     Parameters
     ----------
     folder : Path
-        One that is `held`.
+        One that is `hold_folder`.
     commands : sequence of str
         Of those in `WRITTEN`, the ones whose files are to be written.
     scene : mapping, optional
@@ -166,8 +166,8 @@ def renewed(
         Names of files of the other commands that stay.
     """
     same = scene is not None and _scene_in(folder) == json.loads(json.dumps(scene))
-    gone = ours(folder, commands if same else WRITTEN)
-    kept = ours(folder, WRITTEN.keys() - set(commands)) if same else []
+    gone = own_files(folder, commands if same else WRITTEN)
+    kept = own_files(folder, WRITTEN.keys() - set(commands)) if same else []
     if same and "simulate" not in commands and _begins_as_ours(folder / ROWS):
         kept.append(ROWS)
     try:
@@ -245,27 +245,27 @@ class Files:
 
 def branch_file(identity: str, word: str) -> str:
     """Return the name of a branch's table."""
-    return f"branches/{_plain(identity)}-{_of_word(word)}.csv"
+    return f"branches/{_plain_part(identity)}-{_word_part(word)}.csv"
 
 
 def curve_file(identity: str, kind: str, word: str) -> str:
     """Return the name of a curve's table."""
-    return f"curves/{_plain(identity)}-{_plain(kind)}-{_of_word(word)}.csv"
+    return f"curves/{_plain_part(identity)}-{_plain_part(kind)}-{_word_part(word)}.csv"
 
 
-def _of_word(word: str) -> str:
+def _word_part(word: str) -> str:
     """The part that names a word."""
-    return _plain(word or "0")[:40]
+    return _plain_part(word or "0")[:40]
 
 
-def _plain(name: str) -> str:
+def _plain_part(name: str) -> str:
     """A part of a file's name, if it leads to no other folder."""
     if not re.fullmatch(r"[\w-]+", name):
-        raise ValueError(f"{shown(name)} in the name of a file")
+        raise ValueError(f"{short_repr(name)} in the name of a file")
     return name
 
 
-def ours(folder: Path, commands: Iterable[str]) -> list[str]:
+def own_files(folder: Path, commands: Iterable[str]) -> list[str]:
     """Return the names of files in a folder that these commands have written.
 
     What a manifest or a catalogue says is not relied on: anybody may have written it. A file is
@@ -301,11 +301,11 @@ def _tables(folder: Path, place: str) -> list[str]:
     """The tables in a folder inside that carry the name their first line asks for."""
     names = [f"{place}/{name}" for name in sorted(_names(folder / place))]
     return [
-        n for n in names if _asked_name(folder / n.removesuffix(PACKED)) == n.removesuffix(PACKED)
+        n for n in names if _table_name(folder / n.removesuffix(PACKED)) == n.removesuffix(PACKED)
     ]
 
 
-def _asked_name(path: Path) -> str | None:
+def _table_name(path: Path) -> str | None:
     """The name that a table's first line asks for; None of what is no table of ours."""
     try:
         first = read_plain(path, LONGEST)[0].partition(b"\n")[0]
@@ -426,7 +426,7 @@ def manifest_text(
             "versions": versions,
             "scene": {"given": given, "resolved": scene},
             **statistics,
-            "compiled": {"mode": mode(), "programs": used(), "plainly": ran_plainly()},
+            "compiled": {"mode": mode(), "programs": count_loaded(), "plainly": ran_plainly()},
             "modules": _modules(),
             "left_out": list(left_out),
             "files": sorted(set(files)),

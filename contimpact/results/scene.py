@@ -20,11 +20,11 @@ from typing import TYPE_CHECKING, Any
 
 from ..bifurcations.declarations import EVENTS, KINDS, SECOND
 from ..continuation.settings import Settings
-from ..errors import InputError, shown
+from ..errors import InputError, short_repr
 from ..models.guards import graph
 from ..models.model import Model
 from ..models.word import Word, parse_word
-from ..storage.files import bounded, read_bounded, reason
+from ..storage.files import check_length, read_bounded, reason
 from ..systems import SYSTEMS
 from .options import FORMATS, SCENE_SETTINGS, CertifyOptions, CurveOptions, PlotOptions, Table
 from .scene_tables import (
@@ -59,23 +59,25 @@ _RESERVED = re.compile(r"(?:con|prn|aux|nul|com\d|lpt\d)(?:\.|$)", re.IGNORECASE
 """Names of devices, with or without an ending."""
 
 
-def checked_name(name: str) -> str:
+def check_name(name: str) -> str:
     """Return a scene's name, or raise `InputError` if it cannot be one."""
     if not name.strip() or not name.isprintable():
         accepted = "give a text of one line without control characters"
-        raise InputError("name", f"found {shown(name)}", accepted)
+        raise InputError("name", f"found {short_repr(name)}", accepted)
     if len(name.encode()) > LONGEST_NAME:
         raise InputError(
-            "name", f"found {shown(name)}", f"give a name of at most {LONGEST_NAME} bytes in UTF-8"
+            "name",
+            f"found {short_repr(name)}",
+            f"give a name of at most {LONGEST_NAME} bytes in UTF-8",
         )
     return name
 
 
 def folder_of(name: str) -> str:
     """Return what the folder of a scene's results is called."""
-    safe = _UNSAFE.sub(lambda found: _escaped(found[0]), name)
+    safe = _UNSAFE.sub(lambda found: _escape(found[0]), name)
     if _RESERVED.match(safe):
-        safe = _escaped(safe[0]) + safe[1:]
+        safe = _escape(safe[0]) + safe[1:]
     if len(safe.encode()) <= LONGEST_NAME:
         return safe
     from hashlib import sha256
@@ -85,7 +87,7 @@ def folder_of(name: str) -> str:
     return f"{kept}-{digest}"
 
 
-def _escaped(text: str) -> str:
+def _escape(text: str) -> str:
     return "".join(f"%{byte:02X}" for byte in text.encode())
 
 
@@ -98,9 +100,9 @@ def require_own_folders(names: Sequence[str]) -> None:
     for name in names:
         folder = unicodedata.normalize("NFC", folder_of(name)).casefold()
         if (other := known.get(folder)) is not None:
-            found = f"two scenes are called {shown(name)}"
+            found = f"two scenes are called {short_repr(name)}"
             if other != name:
-                found = f"{shown(other)} and {shown(name)} are one folder on some systems"
+                found = f"{short_repr(other)} and {short_repr(name)} are one folder on some systems"
             raise InputError("SCENE", found, "give each its own name")
         known[folder] = name
 
@@ -117,7 +119,7 @@ LONGEST = 300
 """Largest number of characters of a line that are looked at."""
 
 
-def explained(text: str, error: str) -> tuple[str, str]:
+def explain_syntax(text: str, error: str) -> tuple[str, str]:
     """Return what was found in a text that is not TOML, and what would be accepted.
 
     Parameters
@@ -133,9 +135,9 @@ def explained(text: str, error: str) -> tuple[str, str]:
     key, value = _key(lines, number), ""
     if statement := STATEMENT.match(line):
         value = statement[2].strip()
-    said = f"line {number + 1}: {shown(line.strip())}"
+    said = f"line {number + 1}: {short_repr(line.strip())}"
     if TWICE.search(error) and key:
-        return f"not TOML: {shown(key)} is there twice; {said}", "give each key and table once"
+        return f"not TOML: {short_repr(key)} is there twice; {said}", "give each key and table once"
     if COMMA.match(value):
         return f"not TOML: {said}", "write decimals with a point, lists in [ ]"
     if WITHOUT_QUOTES.match(value):
@@ -179,7 +181,7 @@ def systems_of(files: Iterable[str]) -> dict[str, type[Model]]:
     """
     found: dict[str, type[Model]] = {}
     for file in dict.fromkeys(files):
-        for kind in _defined(_run(Path(file)), file):
+        for kind in _defined_systems(_run(Path(file)), file):
             name = kind.SYSTEM
             if name in SYSTEMS or name in found:
                 of = "the package" if name in SYSTEMS else "another file or class"
@@ -214,12 +216,14 @@ def _run(path: Path) -> ModuleType:
     except KeyboardInterrupt:
         raise
     except BaseException as error:  # a file may end the program, too
-        found = f"it cannot be run ({type(error).__name__}: {error}{_line(error, str(place))})"
+        found = (
+            f"it cannot be run ({type(error).__name__}: {error}{_error_line(error, str(place))})"
+        )
         raise InputError(file, found, "mend it; only what it defines is needed") from error
     return module
 
 
-def _line(error: BaseException, file: str) -> str:
+def _error_line(error: BaseException, file: str) -> str:
     """The last line of a file that an error has passed, in words."""
     lines, trace = [], error.__traceback__
     while trace is not None:
@@ -229,7 +233,7 @@ def _line(error: BaseException, file: str) -> str:
     return f", line {lines[-1]}" if lines else ""
 
 
-def _defined(module: ModuleType, file: str) -> list[type[Model]]:
+def _defined_systems(module: ModuleType, file: str) -> list[type[Model]]:
     """The systems that a module defines itself."""
     found = [
         value
@@ -445,7 +449,7 @@ def read_toml(path: str | Path) -> dict[str, Any]:
     try:
         return tomllib.loads(text)
     except ValueError as error:  # TOMLDecodeError, and numbers of thousands of digits
-        raise InputError(str(path), *explained(text, str(error))) from None
+        raise InputError(str(path), *explain_syntax(text, str(error))) from None
     except RecursionError:
         raise InputError(str(path), "nested too deeply", "give tables such as [follow]") from None
 
@@ -454,7 +458,7 @@ def _text(path: Path) -> str:
     """The text of a scene file, or of what stands for one, such as ``/dev/stdin``."""
     if path.parts[:2] == ("/", "dev"):
         with open(path, "rb") as stream:
-            content = bounded(stream.read(LARGEST_FILE + 1), LARGEST_FILE)
+            content = check_length(stream.read(LARGEST_FILE + 1), LARGEST_FILE)
     else:
         content = read_bounded(path, LARGEST_FILE)
     text = content.decode("utf-8-sig")
@@ -487,9 +491,9 @@ def read_scene(given: Mapping[str, Any], systems: Mapping[str, type[Model]] | No
         If it is not valid.
     """
     if not isinstance(given, Mapping):
-        raise InputError("scene", f"found {shown(given)}", "give a table of tables")
+        raise InputError("scene", f"found {short_repr(given)}", "give a table of tables")
     top = Table(given, "")
-    name = checked_name(top.text("name"))
+    name = check_name(top.text("name"))
     source = top.text("source", "")
     model = read_model(top.table("model"), systems)
     follow = top.table("follow")

@@ -16,10 +16,10 @@ from ..bifurcations.declarations import (
     SWITCHES,
     unknown_kind,
     usual_events,
-    with_values,
+    wanted_kinds,
 )
 from ..continuation.settings import Settings
-from ..errors import InputError, shown
+from ..errors import InputError, short_repr
 from ..models.model import Model
 from ..systems import system
 from .options import (
@@ -54,7 +54,7 @@ if TYPE_CHECKING:
 
 def read_machine(table: Table, kind: type[Model]) -> Model:
     """Return the machine that [model] states."""
-    from ..models.machine import stated
+    from ..models.machine import machine_of_table
 
     lists = {name: table.take(name, REQUIRED, "a list") for name in ("coordinates", "mass")}
     size = len(lists["coordinates"]) if isinstance(lists["coordinates"], list) else 1
@@ -66,24 +66,24 @@ def read_machine(table: Table, kind: type[Model]) -> Model:
         "period": table.take("period", REQUIRED, "the forcing period"),
         "guards": table.table("guards").data,
     }
-    return _stated(table, kind, lambda names: stated(given, names))
+    return _complete_system(table, kind, lambda names: machine_of_table(given, names))
 
 
 def read_modes(table: Table, kind: type[Model]) -> Model:
     """Return the hybrid system that [model] states."""
-    from ..models.stated_modes import stated
+    from ..models.stated_modes import modes_of_table
 
     given = {name: table.table(name).data for name in ("modes", "guards")}
     given |= {name: table.table(name, optional=True).data for name in ("define", "mass")}
     given["period"] = table.take("period", REQUIRED, "the forcing period")
-    return _stated(table, kind, lambda names: stated(given, names))
+    return _complete_system(table, kind, lambda names: modes_of_table(given, names))
 
 
 STATEMENTS = {"linear": read_machine, "hybrid": read_modes}
 """Readers of the systems that scenes state themselves."""
 
 
-def _stated(
+def _complete_system(
     table: Table, kind: type[Model], state: Callable[[list[str]], Machine | StatedModes]
 ) -> Model:
     """The system that the names of its parameters complete; each has to stand in it."""
@@ -136,7 +136,9 @@ def read_reach(follow: Table, model: Model, events: Sequence[str]) -> dict[str, 
     for i, kind in enumerate(switch):
         if kind not in SWITCHES:
             accepted = f"accepted are {', '.join(SWITCHES)}"
-            raise InputError(f"follow.switch[{i}]", f"cannot switch at {shown(kind)}", accepted)
+            raise InputError(
+                f"follow.switch[{i}]", f"cannot switch at {short_repr(kind)}", accepted
+            )
         if kind not in events:
             found = f"{kind} is not among the events looked for"
             accepted = f"add it to detect.events, which has {', '.join(events) or 'none'}"
@@ -185,7 +187,7 @@ def read_detect(
             accepted = f"give a value from {low:.12g} to {high:.12g}"
             raise InputError(f"detect.values.{parameter}[{i}]", found, accepted)
     accepted = f"give detect.values.{parameter} = [...]"
-    events = with_values(events, values, "detect.events", accepted)
+    events = wanted_kinds(events, values, "detect.events", accepted)
     table.finish()
     return tuple(events), values
 
@@ -211,7 +213,7 @@ def read_curves(
                 f"{', '.join(looked_for) or 'none'}"
             )
             raise InputError(f"curves.kinds[{i}]", f"found {kind!r}", accepted)
-    unphysical = _unphysical(table, kinds)
+    unphysical = _unphysical_kinds(table, kinds)
     values, start = (tuple(table.optional_numbers(key)) for key in ("values", "start"))
     for i, value in enumerate(start):
         if not low <= value <= high:
@@ -222,7 +224,7 @@ def read_curves(
     areas = table.truth("areas", False)
     reach = table.whole("reach", farthest, least=0, most=MOST_TRIES)
     family = _family(table.table("family", optional=True), model, (first, name))
-    third = _third(table.table("third", optional=True), model, (first, name))
+    third = _third_parameter(table.table("third", optional=True), model, (first, name))
     steps: dict[str, Any] = {
         k: table.number(k, getattr(CURVE_SETTINGS, k)) for k in ("step", "max_step")
     }
@@ -248,7 +250,7 @@ def read_curves(
     )
 
 
-def _unphysical(table: Table, kinds: Sequence[str]) -> Sequence[str]:
+def _unphysical_kinds(table: Table, kinds: Sequence[str]) -> Sequence[str]:
     """The kinds whose curves start at unphysical orbits, too: all, none, or those named."""
     if isinstance(table.data.get("unphysical"), list):
         named = table.texts("unphysical")
@@ -296,7 +298,7 @@ def _family(
     return name, values
 
 
-def _third(
+def _third_parameter(
     table: Table, model: Model, taken: tuple[str, str]
 ) -> tuple[str, tuple[float, float]] | None:
     """A further parameter and its range."""

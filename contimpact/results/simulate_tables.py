@@ -147,7 +147,7 @@ def read_simulate(
         table.whole("starts", 0, least=0, most=MOST_STARTS),
         table.whole("seed", 0, least=0, most=LARGEST_SEED),
         table.truth("transitions", True),
-        _positive(table, "width", 1e-6 * (high - low)),
+        _positive_number(table, "width", 1e-6 * (high - low)),
         table.truth("branches", False),
         points["portraits"],
         points["basins"],
@@ -159,7 +159,7 @@ def read_simulate(
     return options
 
 
-def _positive(table: Table, key: str, default: float) -> float:
+def _positive_number(table: Table, key: str, default: float) -> float:
     value = table.number(key, default)
     if not value > 0.0:
         raise InputError(table.place(key), f"found {value!r}", "give a number > 0")
@@ -172,7 +172,7 @@ def _settling(table: Table) -> Settling:
         key: table.whole(key, defaults[key], least=least, most=most)
         for key, (least, most) in SETTLING_BOUNDS.items()
     }
-    return Settling(**chosen, tolerance=_positive(table, "tolerance", defaults["tolerance"]))
+    return Settling(**chosen, tolerance=_positive_number(table, "tolerance", defaults["tolerance"]))
 
 
 def read_energy(table: Table, model: Model) -> Membrane:

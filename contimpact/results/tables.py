@@ -53,7 +53,7 @@ def coordinates(m: int) -> list[str]:
     return ["t", "v", *(f"{n}{i}_" for i in range(1, m // 2) for n in ("x", "v"))]
 
 
-class Recorded(Protocol):
+class NamedEvent(Protocol):
     """An event with its name and its kind."""
 
     @property
@@ -62,15 +62,15 @@ class Recorded(Protocol):
     def kind(self) -> str: ...
 
 
-Event = TypeVar("Event", bound=Recorded)
+Event = TypeVar("Event", bound=NamedEvent)
 
 
-def named_by_id(events: Sequence[Event], name: object) -> Event | None:
+def event_by_id(events: Sequence[Event], name: object) -> Event | None:
     """Return the event of a name, such as ``e1``; None if there is none."""
     return next((event for event in events if event.id == name), None)
 
 
-def named_by_kind(events: Sequence[Event], name: object) -> Event | None:
+def event_by_kind(events: Sequence[Event], name: object) -> Event | None:
     """Return the event that a kind's name leads to: ``PD`` where there is one, else ``PD1``, ..."""
     parts = re.fullmatch(r"([A-Z]+)(\d*)", name) if isinstance(name, str) else None
     if parts is None:
@@ -81,7 +81,7 @@ def named_by_kind(events: Sequence[Event], name: object) -> Event | None:
     return found[int(parts[2]) - 1] if 0 < int(parts[2]) <= len(found) else None
 
 
-def kinds_of(events: Sequence[Recorded], name: object) -> str:
+def kinds_of(events: Sequence[NamedEvent], name: object) -> str:
     """Return the names that the events of a kind have, in words; empty if there are none."""
     kind = name.rstrip("0123456789") if isinstance(name, str) else ""
     count = sum(event.kind == kind for event in events)

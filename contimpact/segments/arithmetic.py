@@ -25,7 +25,7 @@ from . import integration, layout, linear_flow, transients
 from . import transients as array_transients
 from . import transients as stumpff
 from .integration import require
-from .layout import Family, declared
+from .layout import Family, declaration_of
 
 
 class Kernel(Protocol):
@@ -67,10 +67,10 @@ def evaluate_in(kernel: Kernel, arithmetic: Arithmetic) -> Callable[..., Any]:
 def kernel_of(name: str, text: str, file: str) -> Kernel:
     """Return a kernel, as a function of floats, from its text."""
     namespace = dict(FLOATS.names)
-    source = _CONSTANT.sub(_as_number, text)
+    source = _CONSTANT.sub(_fold_name, text)
     exec(compile(source, file, "exec"), namespace)
     kernel: Kernel = namespace[name]
-    kernel.family, kernel.parameters = declared(text)
+    kernel.family, kernel.parameters = declaration_of(text)
     if kernel.family is Family.INTEGRATED:
         require()
     kernel.text, kernel.source = text, source
@@ -82,7 +82,7 @@ MANY_DIGITS = 2**31
 """Number of digits from which on a quotient is written as the double nearest to it."""
 
 
-def _as_number(constant: re.Match[str]) -> str:
+def _fold_name(constant: re.Match[str]) -> str:
     """A number instead of a name, so that compilers can fold constants."""
     above, below = constant.groups()
     if above is None:

@@ -47,7 +47,7 @@ def constant(x: Number) -> Number:
     return x[0] if isinstance(x, arb_series) else number(x)
 
 
-def around_zero(radius: Number) -> Number:
+def ball_around_zero(radius: Number) -> Number:
     """Return the ball around zero that holds a radius, itself a ball."""
     return arb(0, 1) * radius
 
@@ -60,7 +60,7 @@ def power(x: Number, exponent: int) -> Number:
     return found
 
 
-def composed(series: Number, x: Number) -> Number:
+def compose(series: Number, x: Number) -> Number:
     """Return a function of a series, from its Taylor series at the constant term of this."""
     change = arb_series([0, *x.coeffs()[1:]], prec=x.prec)
     if change.length() == 0:  # python-flint takes the empty series for one with a constant term
@@ -88,7 +88,7 @@ SMALL = 6
 """The exponential's series is summed for a norm of 2 to minus this."""
 
 
-def one(size: int, like: Blocks) -> Blocks:
+def identity(size: int, like: Blocks) -> Blocks:
     """Return the identity, with as many blocks."""
     found: Blocks = [[None for _ in row] for row in like]
     found[0][0] = arb_mat([[int(i == j) for j in range(size)] for i in range(size)])
@@ -115,7 +115,7 @@ def _add(into: list[Matrix], i: int, left: Matrix, right: Matrix) -> None:
     into[i] = more if into[i] is None else into[i] + more
 
 
-def mapped(function: Callable[..., Matrix], *all_blocks: Blocks) -> Blocks:
+def map_blocks(function: Callable[..., Matrix], *all_blocks: Blocks) -> Blocks:
     """Return what a function makes of each block; those that are zero everywhere stay so."""
     return [
         [
@@ -126,19 +126,19 @@ def mapped(function: Callable[..., Matrix], *all_blocks: Blocks) -> Blocks:
     ]
 
 
-def scaled(a: Blocks, factor: Number) -> Blocks:
+def scale(a: Blocks, factor: Number) -> Blocks:
     """Return a multiple."""
-    return mapped(lambda block: block * factor, a)
+    return map_blocks(lambda block: block * factor, a)
 
 
-def added(a: Blocks, b: Blocks) -> Blocks:
+def add(a: Blocks, b: Blocks) -> Blocks:
     """Return a sum."""
-    return mapped(lambda x, y: x if y is None else y if x is None else x + y, a, b)
+    return map_blocks(lambda x, y: x if y is None else y if x is None else x + y, a, b)
 
 
-def subtracted(a: Blocks, b: Blocks) -> Blocks:
+def subtract(a: Blocks, b: Blocks) -> Blocks:
     """Return a difference."""
-    return mapped(lambda x, y: -y if x is None else x if y is None else x - y, a, b)
+    return map_blocks(lambda x, y: -y if x is None else x if y is None else x - y, a, b)
 
 
 def norm(a: Blocks) -> Number:
@@ -157,7 +157,7 @@ def exponential(a: Blocks) -> Blocks:
         return [[a[0][0].exp()]]
     size = norm(a)
     doublings = max(0, math.ceil(math.log2(max(float(size), 1e-300))) + SMALL)
-    part, size = scaled(a, arb(2) ** -doublings), size / 2**doublings
+    part, size = scale(a, arb(2) ** -doublings), size / 2**doublings
     terms = _terms(float(size))
     found = _left_out_added(_series(part, terms), 2 * size**terms / math.factorial(terms))
     for _ in range(doublings):
@@ -176,23 +176,23 @@ def _terms(size: float) -> int:
 def _series(a: Blocks, terms: int) -> Blocks:
     """The first terms of exp(A), by powers of a power of A (Paterson and Stockmeyer)."""
     step = math.isqrt(terms - 1) + 1
-    powers = [one(a[0][0].nrows(), a), a]
+    powers = [identity(a[0][0].nrows(), a), a]
     while len(powers) <= step:
         powers.append(product(powers[-1], a))
     total: Blocks | None = None
     for first in reversed(range(0, terms, step)):
-        part = _combined(
+        part = _combine(
             powers, [_inverse_factorial(j) for j in range(first, min(first + step, terms))]
         )
-        total = part if total is None else added(part, product(total, powers[step]))
+        total = part if total is None else add(part, product(total, powers[step]))
     assert total is not None
     return total
 
 
-def _combined(powers: Sequence[Blocks], factors: Sequence[Number]) -> Blocks:
-    total = scaled(powers[0], factors[0])
+def _combine(powers: Sequence[Blocks], factors: Sequence[Number]) -> Blocks:
+    total = scale(powers[0], factors[0])
     for power, factor in zip(powers[1:], factors[1:], strict=False):
-        total = added(total, scaled(power, factor))
+        total = add(total, scale(power, factor))
     return total
 
 
@@ -203,7 +203,7 @@ def _inverse_factorial(j: int) -> Number:
 def _left_out_added(a: Blocks, bound: Number) -> Blocks:
     """The sum with balls in every entry of every block."""
     rows, columns = a[0][0].nrows(), a[0][0].ncols()
-    ball = around_zero(bound.upper())
+    ball = ball_around_zero(bound.upper())
     rest = arb_mat([[ball] * columns for _ in range(rows)])
     return [[rest if block is None else block + rest for block in row] for row in a]
 
@@ -362,20 +362,20 @@ class _Motion:
     def _around_middle(self, whole: Blocks) -> tuple[list[Blocks], list[Blocks]]:
         """P_j and Q_j at the middle."""
         size = self.shape.size
-        first = one(size, whole)
+        first = identity(size, whole)
         first[0][0] = arb_mat(first[0][0].tolist()[: self.shape.freedom])
         row = first
         if self.middle != 0:
-            row = product(first, exponential(scaled(whole, self.middle)))
+            row = product(first, exponential(scale(whole, self.middle)))
         rows = [row]
         for j in range(1, self.last + 2):
-            row = scaled(product(row, whole), 1 / arb(j))
+            row = scale(product(row, whole), 1 / arb(j))
             rows.append(row)
         if self.middle == 0:
             return rows, rows[1:]
         by, means = 1 / self.middle, [first]
         for row in rows:
-            means.append(scaled(subtracted(row, means[-1]), by))
+            means.append(scale(subtract(row, means[-1]), by))
         return rows, means[1:]
 
     @functools.cached_property
@@ -387,7 +387,7 @@ class _Motion:
         for order in (beyond, beyond + 1):
             size = grown * self.growth**order / math.factorial(order)
             ways = ((math.comb(beyond, j), step ** (beyond - j)) for j in range(self.count))
-            found.append([around_zero((size * n * power).upper()) for n, power in ways])
+            found.append([ball_around_zero((size * n * power).upper()) for n, power in ways])
         return found[0], found[1]
 
     def taylor(self, means: bool) -> list[Matrix]:

@@ -29,7 +29,7 @@ from flint import arb, arb_poly, arb_series, ctx, fmpq
 
 from ..arrays import Vector
 from .arithmetic import PLAIN, Arithmetic, Kernel
-from .ball_flow import Number, around_zero, composed, constant, flow, number, power
+from .ball_flow import Number, ball_around_zero, compose, constant, flow, number, power
 from .layout import Family
 from .transients import HIGHEST, MOTIONS, TABLES, TOGETHER
 
@@ -48,7 +48,7 @@ def transients(order: int) -> Callable[[Number, Number, Number], Vector]:
     """Return what `transients` of that order returns, as enclosures."""
 
     def function(c: Number, k: Number, t: Number) -> Vector:
-        c, k = _held(c), _held(k)
+        c, k = _constant_coefficient(c), _constant_coefficient(k)
         means = {(n, b): transient(n, b, c, k, t) for n, b in TABLES[order]}
         timed = (means[n, b] * power(t, 2 * b - 1 - n) for n, b in MOTIONS[order])
         return (*means.values(), *timed)
@@ -56,7 +56,7 @@ def transients(order: int) -> Callable[[Number, Number, Number], Vector]:
     return function
 
 
-def _held(number: Number) -> Number:
+def _constant_coefficient(number: Number) -> Number:
     """A coefficient that does not vary."""
     if isinstance(number, arb_series):
         if any(c != 0 for c in number.coeffs()[1:]):
@@ -72,21 +72,22 @@ def transient(n: int, b: int, c: Number, k: Number, t: Number) -> Number:
     size = (abs(c) + abs(k).sqrt()).upper()
     reach = abs(here).upper()
     bits = ctx.prec
-    with ctx.workprec(_rounded_up(bits + 20 + math.ceil(3 * float(size * reach)), 32)):
-        terms = _rounded_up(_terms(n, b, float(size * reach), bits, length), 16)
+    with ctx.workprec(_round_up(bits + 20 + math.ceil(3 * float(size * reach)), 32)):
+        terms = _round_up(_terms(n, b, float(size * reach), bits, length), 16)
         near = _polynomial(n, b, c, k, terms)(arb_poly([here.mid(), 1]))
         if here.rad() != 0:
             near = near(arb_poly([here - here.mid(), 1]))
         found = [
-            near[i] + around_zero(_left_out(n, b, size, reach, terms, i)) for i in range(length)
+            near[i] + ball_around_zero(_left_out(n, b, size, reach, terms, i))
+            for i in range(length)
         ]
     found = [+x for x in found]
     if not isinstance(t, arb_series):
         return found[0]
-    return composed(arb_series(found, prec=length), t)
+    return compose(arb_series(found, prec=length), t)
 
 
-def _first(n: int, b: int) -> int:
+def _first_power(n: int, b: int) -> int:
     """The first power of z that is not an impulse."""
     return max(0, n + 1 - 2 * b)
 
@@ -103,26 +104,26 @@ def _terms(n: int, b: int, reach: float, bits: int, length: int) -> int:
     return m
 
 
-def _rounded_up(number: int, step: int) -> int:
+def _round_up(number: int, step: int) -> int:
     return -(-number // step) * step
 
 
 def _polynomial(n: int, b: int, c: Number, k: Number, terms: int) -> Number:
     """The sum of the first powers of the time."""
     if c.is_exact() and k.is_exact():
-        return _known(n, b, c.man_exp(), k.man_exp(), terms, ctx.prec)
+        return _exact_coefficients(n, b, c.man_exp(), k.man_exp(), terms, ctx.prec)
     return arb_poly(_coefficients(n, b, c, k, terms))
 
 
 @functools.lru_cache(maxsize=256)
-def _known(n: int, b: int, c: Number, k: Number, terms: int, bits: int) -> Number:
+def _exact_coefficients(n: int, b: int, c: Number, k: Number, terms: int, bits: int) -> Number:
     """The same for exact numbers, which are the same all along a branch."""
     return arb_poly(_coefficients(n, b, arb(c), arb(k), terms))
 
 
 def _coefficients(n: int, b: int, c: Number, k: Number, terms: int) -> list[Number]:
     """Those of the powers of the time."""
-    degree, first = 2 * b - 1 - n, _first(n, b)
+    degree, first = 2 * b - 1 - n, _first_power(n, b)
     here, before = arb(1), arb(0)
     found = []
     for m in range(terms):
@@ -137,7 +138,7 @@ def _left_out(n: int, b: int, size: Number, reach: Number, terms: int, i: int) -
 
     Terms fall by half at least, see `_terms`.
     """
-    degree, first = 2 * b - 1 - n, _first(n, b)
+    degree, first = 2 * b - 1 - n, _first_power(n, b)
     power = terms - first
     ways = math.comb(terms + 2 * b - 1, 2 * b - 1) * math.comb(power, i)
     term = ways * size**terms * reach ** (power - i) / math.factorial(terms + degree)
@@ -259,11 +260,11 @@ def stumpff(orders: Sequence[int], q: Number) -> list[Number]:
     """Return enclosures of some c_k, of a ball or of a power series."""
     spread = _spread(constant(q))
     if not isinstance(q, arb_series):
-        return [c + spread * _slopes(k, 1)[0] for k, c in _at(q.mid(), orders)]
+        return [c + spread * _slopes(k, 1)[0] for k, c in _coefficients_at(q.mid(), orders)]
     length = q.prec
-    exact = _at(arb_series([q[0].mid(), 1], prec=length), orders)
+    exact = _coefficients_at(arb_series([q[0].mid(), 1], prec=length), orders)
     return [
-        composed(series + arb_series([spread * c for c in _slopes(k, length)], prec=length), q)
+        compose(series + arb_series([spread * c for c in _slopes(k, length)], prec=length), q)
         for k, series in exact
     ]
 
@@ -277,10 +278,10 @@ def _spread(ball: Number) -> Number:
 @functools.cache
 def _slopes(k: int, length: int) -> list[Number]:
     """Balls that hold the slopes of the Taylor coefficients of c_k."""
-    return [around_zero(fmpq(n + 1, math.factorial(2 * n + k + 2))) for n in range(length)]
+    return [ball_around_zero(fmpq(n + 1, math.factorial(2 * n + k + 2))) for n in range(length)]
 
 
-def _at(q: Number, orders: Sequence[int]) -> list[tuple[int, Number]]:
+def _coefficients_at(q: Number, orders: Sequence[int]) -> list[tuple[int, Number]]:
     """The c_k, each with its k, at an exact number, or around it."""
     middle = constant(q)
     highest = max(*orders, 1)
@@ -308,5 +309,5 @@ def _series(q: Number, k: int) -> Number:
         2 * math.comb(terms, n) * size ** (terms - n) / math.factorial(2 * terms + k)
         for n in range(length)
     ]
-    found = [near[n] + around_zero(left) for n, left in enumerate(rest)]
+    found = [near[n] + ball_around_zero(left) for n, left in enumerate(rest)]
     return arb_series(found, prec=length) if isinstance(q, arb_series) else found[0]

@@ -35,7 +35,7 @@ def many_digits(ctx: Any) -> Arithmetic:
     names |= {f"stumpff{k}": _stumpff(ctx, k) for k in range(HIGHEST + 1)}
     names |= {f"stumpffs{n}": _stumpffs(ctx, n) for n in TOGETHER}
     names |= {f"transients{order}": transients(ctx, order) for order in TABLES}
-    names |= linear_flow.in_many_digits(ctx) | integration.in_many_digits(ctx)
+    names |= linear_flow.multiprecision_functions(ctx) | integration.multiprecision_functions(ctx)
     constants = {"pi": +ctx.pi, "ratio": lambda above, below: ctx.mpf(above) / below}
     return Arithmetic(names | constants, exact=True)
 
@@ -81,7 +81,7 @@ NEARBY = 1e-7
 """Relative distance at which the slope of a function is read from a difference."""
 
 
-class Bounded:
+class BoundedNumber:
     """A double and a bound of its error; the operations of kernels, each with its own rounding."""
 
     __slots__ = ("error", "value")
@@ -90,64 +90,64 @@ class Bounded:
         self.value, self.error = value, error
 
     @classmethod
-    def of(cls, number: Number) -> Bounded:
+    def of(cls, number: Number) -> BoundedNumber:
         """Return a number of a formula: whole ones are exact, others have been rounded."""
         if isinstance(number, cls):
             return number
         value = float(number)
         return cls(value, 0.0 if value.is_integer() else 2.0 * UNIT * abs(value))
 
-    def __add__(self, other: Number) -> Bounded:
-        other = other if type(other) is Bounded else self.of(other)
+    def __add__(self, other: Number) -> BoundedNumber:
+        other = other if type(other) is BoundedNumber else self.of(other)
         value = self.value + other.value
-        return Bounded(value, self.error + other.error + UNIT * abs(value))
+        return BoundedNumber(value, self.error + other.error + UNIT * abs(value))
 
-    def __mul__(self, other: Number) -> Bounded:
+    def __mul__(self, other: Number) -> BoundedNumber:
         if type(other) is int:  # without an error of its own
             value = self.value * other
-            return Bounded(value, abs(other) * self.error + UNIT * abs(value))
-        other = other if type(other) is Bounded else self.of(other)
+            return BoundedNumber(value, abs(other) * self.error + UNIT * abs(value))
+        other = other if type(other) is BoundedNumber else self.of(other)
         value = self.value * other.value
         spread = abs(self.value) * other.error + abs(other.value) * self.error
-        return Bounded(value, spread + self.error * other.error + UNIT * abs(value))
+        return BoundedNumber(value, spread + self.error * other.error + UNIT * abs(value))
 
-    def __truediv__(self, other: Number) -> Bounded:
-        other = other if type(other) is Bounded else self.of(other)
+    def __truediv__(self, other: Number) -> BoundedNumber:
+        other = other if type(other) is BoundedNumber else self.of(other)
         value = self.value / other.value
         least = abs(other.value) - other.error
         spread = (self.error + abs(value) * other.error) / least if least > 0.0 else math.inf
-        return Bounded(value, spread + UNIT * abs(value))
+        return BoundedNumber(value, spread + UNIT * abs(value))
 
-    def __mod__(self, other: Number) -> Bounded:
-        other = other if type(other) is Bounded else self.of(other)
+    def __mod__(self, other: Number) -> BoundedNumber:
+        other = other if type(other) is BoundedNumber else self.of(other)
         value = self.value % other.value
         turns = abs(round((self.value - value) / other.value))
-        return Bounded(value, self.error + turns * other.error + UNIT * abs(value))
+        return BoundedNumber(value, self.error + turns * other.error + UNIT * abs(value))
 
-    def __pow__(self, exponent: Number) -> Bounded:
+    def __pow__(self, exponent: Number) -> BoundedNumber:
         return _power(self, self.of(exponent))
 
-    def __neg__(self) -> Bounded:
-        return Bounded(-self.value, self.error)
+    def __neg__(self) -> BoundedNumber:
+        return BoundedNumber(-self.value, self.error)
 
-    def __abs__(self) -> Bounded:
-        return Bounded(abs(self.value), self.error)
+    def __abs__(self) -> BoundedNumber:
+        return BoundedNumber(abs(self.value), self.error)
 
-    def __sub__(self, other: Number) -> Bounded:
-        other = other if type(other) is Bounded else self.of(other)
+    def __sub__(self, other: Number) -> BoundedNumber:
+        other = other if type(other) is BoundedNumber else self.of(other)
         value = self.value - other.value
-        return Bounded(value, self.error + other.error + UNIT * abs(value))
+        return BoundedNumber(value, self.error + other.error + UNIT * abs(value))
 
-    def __rsub__(self, other: Number) -> Bounded:
+    def __rsub__(self, other: Number) -> BoundedNumber:
         return self.of(other) - self
 
-    def __rtruediv__(self, other: Number) -> Bounded:
+    def __rtruediv__(self, other: Number) -> BoundedNumber:
         return self.of(other) / self
 
-    def __rmod__(self, other: Number) -> Bounded:
+    def __rmod__(self, other: Number) -> BoundedNumber:
         return self.of(other) % self
 
-    def __rpow__(self, base: Number) -> Bounded:
+    def __rpow__(self, base: Number) -> BoundedNumber:
         return _power(self.of(base), self)
 
     __radd__, __rmul__, __pos__ = __add__, __mul__, lambda self: self
@@ -172,7 +172,7 @@ ROUGHER = {"transients1": 3.0, "transients2": 5.0, "transients4": 80.0}
 """Factor by which functions may be less exact than others; measured are 1.9, 3.4 and 51."""
 
 
-def _bounded(
+def _bounded_function(
     function: Callable[..., Any],
     rougher: float = 1.0,
     sizes: Callable[[Array], Array] | None = None,
@@ -186,7 +186,7 @@ def _bounded(
     """
 
     def on_bounded(*arguments: Number) -> Number | Vector:
-        given = [Bounded.of(a) for a in arguments]
+        given = [BoundedNumber.of(a) for a in arguments]
         values = [a.value for a in given]
         found = function(*values)
         several = isinstance(found, tuple | list)
@@ -198,7 +198,7 @@ def _bounded(
             if off > 0.0:
                 slopes = _slopes(function, values, i, results)
                 errors = [e + slope * off for e, slope in zip(errors, slopes, strict=True)]
-        bounds = tuple(map(Bounded, results, errors))
+        bounds = tuple(map(BoundedNumber, results, errors))
         return bounds if several else bounds[0]
 
     return on_bounded
@@ -225,30 +225,40 @@ def _slopes(
     return largest
 
 
-def _floor(x: Number) -> Bounded:
+def _floor(x: Number) -> BoundedNumber:
     """A whole number of turns; which one does not matter."""
-    return Bounded(float(math.floor(Bounded.of(x).value)))
+    return BoundedNumber(float(math.floor(BoundedNumber.of(x).value)))
 
 
 def _flow(d: int, h: int, directions: int, *arguments: Number) -> Vector:
     """A linear flight."""
-    numbers = [Bounded.of(a).value for a in arguments[1:]]
-    sizes = partial(linear_flow.rounded_beside, d, h, directions, numbers)
+    numbers = [BoundedNumber.of(a).value for a in arguments[1:]]
+    sizes = partial(linear_flow.rounding_scale, d, h, directions, numbers)
     function = partial(linear_flow.flow, d, h, directions)
-    return _bounded(function, sizes=sizes)(*arguments)
+    return _bounded_function(function, sizes=sizes)(*arguments)
 
 
-def _flown(field: str, directions: str, *arguments: Number) -> Vector:
+def _integrated_flight(field: str, directions: str, *arguments: Number) -> Vector:
     """A flight that is integrated."""
-    numbers = [Bounded.of(a).value for a in arguments]
-    sizes = partial(integration.rounded_beside, field, directions, numbers)
-    return _bounded(partial(integration.flown, field, directions), sizes=sizes)(*arguments)
+    numbers = [BoundedNumber.of(a).value for a in arguments]
+    sizes = partial(integration.rounding_scale, field, directions, numbers)
+    return _bounded_function(partial(integration.flown, field, directions), sizes=sizes)(*arguments)
 
 
-_power = _bounded(pow)
-_OWN = {"floor": _floor, "flow": _flow, "flown": _flown, "nan": Bounded(math.nan), **PLAIN}
+_power = _bounded_function(pow)
+_OWN = {
+    "floor": _floor,
+    "flow": _flow,
+    "flown": _integrated_flight,
+    "nan": BoundedNumber(math.nan),
+    **PLAIN,
+}
 BOUNDED = Arithmetic(
-    {name: _bounded(f, ROUGHER.get(name, 1.0)) for name, f in FLOATS.names.items() if callable(f)}
+    {
+        name: _bounded_function(f, ROUGHER.get(name, 1.0))
+        for name, f in FLOATS.names.items()
+        if callable(f)
+    }
     | _OWN
 )
 
@@ -261,8 +271,8 @@ def bounds_of(segment: Segment, start: Numbers, end: Numbers, values: Numbers) -
     start, end, values : sequence of float or Bounded
         As of `Segment.blocks`; floats are exact.
     """
-    given = ([_exact(number) for number in part] for part in (start, end, values))
-    return _apart(segment.over(BOUNDED)(*given))
+    given = ([_exact_bounded(number) for number in part] for part in (start, end, values))
+    return _split_errors(segment.over(BOUNDED)(*given))
 
 
 def bounds_of_kernel(kernel: Kernel, arguments: Numbers) -> Any:
@@ -273,19 +283,19 @@ def bounds_of_kernel(kernel: Kernel, arguments: Numbers) -> Any:
     arguments : sequence of float or Bounded
         Floats are exact.
     """
-    return _apart(evaluate_in(kernel, BOUNDED)(*map(_exact, arguments)))
+    return _split_errors(evaluate_in(kernel, BOUNDED)(*map(_exact_bounded, arguments)))
 
 
-def _exact(number: Number) -> Bounded:
-    return number if isinstance(number, Bounded) else Bounded(float(number))
+def _exact_bounded(number: Number) -> BoundedNumber:
+    return number if isinstance(number, BoundedNumber) else BoundedNumber(float(number))
 
 
-def _apart(result: Any) -> tuple[Any, Any]:
+def _split_errors(result: Any) -> tuple[Any, Any]:
     """Values and errors of a result, each laid out as it is."""
-    if type(result) is Bounded:
+    if type(result) is BoundedNumber:
         return result.value, result.error
     if not isinstance(result, tuple):
-        bound = Bounded.of(result)
+        bound = BoundedNumber.of(result)
         return bound.value, bound.error
-    values, errors = zip(*map(_apart, result), strict=True) if result else ((), ())
+    values, errors = zip(*map(_split_errors, result), strict=True) if result else ((), ())
     return (Setup(*values), Setup(*errors)) if isinstance(result, Setup) else (values, errors)

@@ -53,7 +53,7 @@ def check_motion(model: Model, wall: str, agreement: Callable[..., Sequence[floa
 
 def _trial(model: Model, agreement: Callable[..., Any], random: Random, where: str) -> bool:
     """One comparison; False where the formulas have no value."""
-    values = _near(model, random)
+    values = _values_near(model, random)
     start = [random.uniform(-1, 1) for _ in range(model.unknowns_per_impact - 1)]
     try:
         period = agreement(0.0, *start, 0.0, *values)[0]
@@ -99,7 +99,7 @@ def _numbers(
     )
 
 
-def _near(model: Model, random: Random) -> list[float]:
+def _values_near(model: Model, random: Random) -> list[float]:
     """Parameter values about the model's own, none of them a special one."""
     moved = {
         name: value * random.uniform(0.9, 1.1) if value else random.uniform(0.01, 0.1)
@@ -146,7 +146,7 @@ def check_model(model: Model) -> list[str]:
     kernels: Agreements = {
         place: kernel_of(name, writer.write(name), f"<{name}>") for place, name in names.items()
     }
-    done = [*_derived(model), *_period(model, kernels)]
+    done = [*_check_derived(model), *_period(model, kernels)]
     for (wall, _), kernel in kernels.items():
         check_motion(model, wall, kernel)
     done += [f"flight from {wall.name}" for wall in model.WALLS]
@@ -154,7 +154,7 @@ def check_model(model: Model) -> list[str]:
     return [*done, *_symmetries(model, writer, kernels)]
 
 
-def _derived(model: Model) -> list[str]:
+def _check_derived(model: Model) -> list[str]:
     """Derived parameters depend on no more than the class says."""
     for name, e in equations_of(model).derived.items():
         declared = model.DERIVED_FROM.get(name, tuple(model.values))
@@ -279,7 +279,7 @@ def _check_symmetry(model: Model, name: str, symmetry: Symmetry, kernels: Agreem
     """Flights from a wall against those from its image, at other values of a parameter."""
     random, where = Random(2), f"{type(model).__name__}.symmetry in {name}"
     for _ in range(TRIALS):
-        values = _elsewhere(model, name, random)
+        values = _change_value(model, name, random)
         start = [random.uniform(-1, 1) for _ in range(model.unknowns_per_impact - 1)]
         image = [symmetry.sign * x for x in start]
         for (wall, i), kernel in kernels.items():
@@ -308,7 +308,7 @@ COMPARED = ("velocity", "mean velocity", "end velocity", "acceleration")
 """Results of the kernels ``agreement`` from the second place on."""
 
 
-def _elsewhere(model: Model, name: str, random: Random) -> list[float]:
+def _change_value(model: Model, name: str, random: Random) -> list[float]:
     """The model's values, with another one of a parameter."""
     value = model.values[name]
     moved = value * random.uniform(0.8, 1.2) if value else random.uniform(0.05, 0.2)

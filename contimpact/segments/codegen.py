@@ -22,7 +22,7 @@ from sympy import Add, Mul, Pow, S
 from sympy.printing.pycode import PythonCodePrinter
 
 from ..errors import InputError
-from ..models.equations import Departure, along, equations_of, state_symbols
+from ..models.equations import Departure, combine_rows, equations_of, state_symbols
 from ..models.linear import EndFlow, MeanFlow, law_of, rows_of
 from ..models.model import Model
 from ..models.nonlinear import Flown
@@ -36,12 +36,12 @@ from ..models.symbols import (
     TURN,
     HarmonicSum,
     over_harmonics,
-    own,
+    primed_symbol,
 )
 from . import transients
 from . import transients as stumpff
 from .integration import Statement, text_of
-from .layout import SECTION, Family, Setup, declaration, flat, refilled, result_text
+from .layout import SECTION, Family, Setup, declaration, flat, refill, result_text
 from .linear_flow import Shape
 
 # Formulas as straight-line code, differentiated step by step.
@@ -73,7 +73,7 @@ class Tape:
         if isinstance(e, HarmonicSum):
             return self._step(e)
         if e not in self._values:
-            factor, rest = _factored(e)
+            factor, rest = _factor_number(e)
             self._values[e] = factor * self.put(rest) if factor != 1 else self._put(e)
         return self._values[e]
 
@@ -147,7 +147,7 @@ class Tape:
         return done[e]
 
 
-def _factored(e: Any) -> tuple[Any, Any]:
+def _factor_number(e: Any) -> tuple[Any, Any]:
     """A number and the rest; a sum and its negative have the same rest."""
     if e.is_Mul:
         return e.as_coeff_Mul()
@@ -232,13 +232,13 @@ class Printer(PythonCodePrinter):
         return f"ratio({above}, {below})"
 
 
-def as_float(printed: str) -> str:
+def to_float(printed: str) -> str:
     """A whole number as a float: what a kernel returns is of one type."""
     return f"{printed}.0" if re.fullmatch(r"-?\d+", printed) else printed
 
 
 @dataclass(frozen=True)
-class _Together:
+class _JointFunctions:
     """Functions that one line computes: what it needs, and what the functions are called there."""
 
     line: str
@@ -246,7 +246,7 @@ class _Together:
     names: dict[Any, Any]
 
 
-def _stumpffs(expressions: Sequence[Any]) -> Iterator[_Together]:
+def _stumpffs(expressions: Sequence[Any]) -> Iterator[_JointFunctions]:
     """Stumpff functions of one argument, where there are several."""
     used: dict[Any, set[int]] = {}
     for call in set().union(*(e.atoms(Stumpff) for e in expressions)):
@@ -261,10 +261,10 @@ def _stumpffs(expressions: Sequence[Any]) -> Iterator[_Together]:
         found = [f"c{k}_{name}" for k in range(1, upto + 1)]
         names = {Stumpff(k, argument): sympy.Symbol(f"{found[k - 1]}'") for k in orders}
         line = f"{', '.join(found)} = stumpffs{upto}({name})"
-        yield _Together(line, frozenset([argument]), names)
+        yield _JointFunctions(line, frozenset([argument]), names)
 
 
-def _transients(expressions: Sequence[Any]) -> Iterator[_Together]:
+def _transients(expressions: Sequence[Any]) -> Iterator[_JointFunctions]:
     """Free motions of one oscillator at one time."""
     used: dict[Any, set[Any]] = {}
     for call in set().union(*(e.atoms(Transient, MeanTransient) for e in expressions)):
@@ -282,16 +282,21 @@ def _transients(expressions: Sequence[Any]) -> Iterator[_Together]:
         names = {c: sympy.Symbol(f"{by_kind[c.func][c.args[:2]]}'") for c in calls}
         given = ", ".join(map(Printer().doprint, arguments))
         line = f"{', '.join((*means.values(), *motions.values()))} = transients{order}({given})"
-        yield _Together(line, frozenset().union(*(a.free_symbols for a in arguments)), names)
+        yield _JointFunctions(line, frozenset().union(*(a.free_symbols for a in arguments)), names)
 
 
-def printed_steps(
+def print_steps(
     steps: Sequence[tuple[Any, Any]], values: Sequence[Any]
 ) -> tuple[list[str], list[str]]:
     """The lines that make some steps, and the texts of values that follow from these."""
     printer, lines = Printer(), []
     formulas = [*(e for _, e in steps), *values]
-    waiting = [*_stumpffs(formulas), *_transients(formulas), *_flows(formulas), *_flown(formulas)]
+    waiting = [
+        *_stumpffs(formulas),
+        *_transients(formulas),
+        *_flows(formulas),
+        *_integrated_flights(formulas),
+    ]
     names = {call: symbol for group in waiting for call, symbol in group.names.items()}
     missing = {symbol for symbol, _ in steps}
     for symbol, e in (*steps, (None, None)):
@@ -303,36 +308,36 @@ def printed_steps(
     return lines, [printer.doprint(e.xreplace(names)) for e in values]
 
 
-def common(expressions: Sequence[Any], letter: str) -> tuple[list[tuple[Any, Any]], list[Any]]:
+def share_steps(expressions: Sequence[Any], letter: str) -> tuple[list[tuple[Any, Any]], list[Any]]:
     """Expressions by the steps that they have in common, named by a letter.
 
     Factors are taken out first, but not of linear flights: there that takes longer than all the
     rest, and saves nothing beside the exponential of a matrix.
     """
-    symbols = (own(f"{letter}{i}") for i in itertools.count())
+    symbols = (primed_symbol(f"{letter}{i}") for i in itertools.count())
     linear = any(e.has(MeanFlow, EndFlow) for e in expressions)
     factored = None if linear else "basic"
     found: Any = sympy.cse(expressions, symbols=symbols, optimizations=factored, order="none")
     return found
 
 
-def looped(outputs: Any) -> tuple[Any, list[str]]:
+def extract_loops(outputs: Any) -> tuple[Any, list[str]]:
     """The same with a symbol for each sum over harmonics, and the loops that make these."""
     values = [sympy.sympify(e) for e in flat(outputs)]
     sums = dict.fromkeys(s for e in values for s in sorted(e.atoms(HarmonicSum), key=str))
-    names = {s: own(f"s{i}") for i, s in enumerate(sums)}
+    names = {s: primed_symbol(f"s{i}") for i, s in enumerate(sums)}
     lines: list[str] = []
     for rows in dict.fromkeys(s.args[1] for s in sums):
         terms = {names[s].name[:-1]: s.args[0] for s in sums if s.args[1] == rows}
         lines += _loop(rows, terms)
-    return refilled(outputs, [e.xreplace(names) for e in values]), lines
+    return refill(outputs, [e.xreplace(names) for e in values]), lines
 
 
 def _loop(rows: Any, terms: Mapping[str, Any]) -> list[str]:
     """The lines that sum up terms over the rows of harmonics, all in one loop."""
-    steps, values = common(list(terms.values()), "u")
-    inside, texts = printed_steps(steps, values)
-    printed = (", ".join(as_float(Printer().doprint(e)) for e in row) for row in rows)
+    steps, values = share_steps(list(terms.values()), "u")
+    inside, texts = print_steps(steps, values)
+    printed = (", ".join(to_float(Printer().doprint(e)) for e in row) for row in rows)
     table = "".join(f"        ({row}),\n" for row in printed)
     return [
         f"{' = '.join(terms)} = 0.0",
@@ -342,7 +347,7 @@ def _loop(rows: Any, terms: Mapping[str, Any]) -> list[str]:
     ]
 
 
-def _flows(expressions: Sequence[Any]) -> Iterator[_Together]:
+def _flows(expressions: Sequence[Any]) -> Iterator[_JointFunctions]:
     """Linear flights: the tables that entries of one law are taken from."""
     used: dict[Any, set[Any]] = {}
     for call in set().union(*(e.atoms(MeanFlow, EndFlow) for e in expressions)):
@@ -353,7 +358,7 @@ def _flows(expressions: Sequence[Any]) -> Iterator[_Together]:
         wanted = sorted({int(call.args[3]) for call in calls if call.args[3] > 1})
         directions = [parameters[by - 2] for by in wanted]
         numbers = [*law.numbers, *(e.diff(p) for p in directions for e in law.numbers)]
-        printed = [as_float(Printer().doprint(e)) for e in (dt, *numbers)]
+        printed = [to_float(Printer().doprint(e)) for e in (dt, *numbers)]
         shape = Shape(law.freedom, law.waves, len(directions))
         given = f"{', '.join(map(str, shape))}, {', '.join(printed)}"
         tables = {0: 0, 1: 2, **{by: 4 + 2 * i for i, by in enumerate(wanted)}}
@@ -361,12 +366,12 @@ def _flows(expressions: Sequence[Any]) -> Iterator[_Together]:
         for call in calls:
             i, j, by = map(int, call.args[1:4])
             place = shape.place(tables[by] + isinstance(call, EndFlow), i, j)
-            names[call] = own(f"f{k}[{place}]")
+            names[call] = primed_symbol(f"f{k}[{place}]")
         needs = frozenset().union(*(e.free_symbols for e in (dt, *numbers)))
-        yield _Together(f"f{k} = flow({given})", needs, names)
+        yield _JointFunctions(f"f{k} = flow({given})", needs, names)
 
 
-def _flown(expressions: Sequence[Any]) -> Iterator[_Together]:
+def _integrated_flights(expressions: Sequence[Any]) -> Iterator[_JointFunctions]:
     """Flights that are integrated, each once with all derivatives that are asked for."""
     used: dict[Any, set[Any]] = {}
     for call in set().union(*(e.atoms(Flown) for e in expressions)):
@@ -377,15 +382,15 @@ def _flown(expressions: Sequence[Any]) -> Iterator[_Together]:
         names = Statement(tuple(map(printer.doprint, field.parameters)), field.accelerations).names
         wanted = sorted({int(call.args[3]) for call in calls if call.args[3] > 0})
         directions = " ".join(names[by - 1] for by in wanted)
-        printed = [as_float(printer.doprint(e)) for e in given]
+        printed = [to_float(printer.doprint(e)) for e in given]
         tables = {0: 0, **{by: 1 + i for i, by in enumerate(wanted)}}
         named = {}
         for call in calls:
             kind, i, by = map(int, call.args[1:4])
-            named[call] = own(f"h{k}[{freedom * (2 * tables[by] + kind) + i}]")
+            named[call] = primed_symbol(f"h{k}[{freedom * (2 * tables[by] + kind) + i}]")
         needs = frozenset().union(*(e.free_symbols for e in given))
         line = f"h{k} = flown({printer.doprint(field)}, {directions!r}, {', '.join(printed)})"
-        yield _Together(line, needs, named)
+        yield _JointFunctions(line, needs, named)
 
 
 def _family(formulas: Sequence[Any], loops: Sequence[str]) -> Family:
@@ -450,14 +455,14 @@ class KernelWriter:
         """
         rows = self.arrivals(self.leave(a), b)
         if self.equations.returns(a, b):
-            rows[0] = along(self.equations.pivot(b)[1], self.leave(a).mean)
+            rows[0] = combine_rows(self.equations.pivot(b)[1], self.leave(a).mean)
         return rows
 
     def arrivals(self, leave: Departure, b: str) -> list[Any]:
         """The same without a division."""
         place, row = self.equations.pivot(b)
-        gap = along(row, leave.now) - self.equations.walls[b]
-        rows = [gap, along(row, leave.end) - self.end[0]]
+        gap = combine_rows(row, leave.now) - self.equations.walls[b]
+        rows = [gap, combine_rows(row, leave.end) - self.end[0]]
         others = [i for i in range(len(row)) if i != place]
         for i, x, v in zip(others, self.end[1::2], self.end[2::2], strict=True):
             rows += [leave.now[i] - x, leave.end[i] - v]
@@ -552,11 +557,11 @@ class KernelWriter:
 
     def motion(self, name: str, a: str) -> str:
         leave, (_, row) = self.leave(a), self.equations.pivot(a)
-        speed, force = along(row, leave.end), along(row, leave.acceleration)
+        speed, force = combine_rows(row, leave.end), combine_rows(row, leave.acceleration)
         away = sympy.S.Zero
         if not self.equations.returns(a, a):
-            away = along(row, leave.position) - self.equations.walls[a]
-        outputs = (away + DT * along(row, leave.mean), speed, force)
+            away = combine_rows(row, leave.position) - self.equations.walls[a]
+        outputs = (away + DT * combine_rows(row, leave.mean), speed, force)
         about = f"""Flight after wall {a}: the gap coordinate at the time dt after leaving.
 
         Returns its displacement from the wall, its velocity and its acceleration."""
@@ -573,7 +578,8 @@ class KernelWriter:
         leave, (_, row) = self.equations.quiet, self.equations.pivot(b)
         states = leave.now, leave.end, leave.acceleration
         outputs = tuple(
-            sympy.sympify(along(row, state)).xreplace({PHASE: sympy.S.Zero}) for state in states
+            sympy.sympify(combine_rows(row, state)).xreplace({PHASE: sympy.S.Zero})
+            for state in states
         )
         about = f"""The gap coordinate of wall {b} at the time dt since the section t = 0.
 
@@ -582,7 +588,7 @@ class KernelWriter:
 
     def gap(self, name: str, a: str, b: str) -> str:
         leave, (_, row) = self.leave(a), self.equations.pivot(b)
-        outputs = tuple(along(row, e) for e in (leave.now, leave.end, leave.acceleration))
+        outputs = tuple(combine_rows(row, e) for e in (leave.now, leave.end, leave.acceleration))
         about = f"""After wall {a}: the gap coordinate of wall {b} at the time dt after leaving.
 
         Returns its position, its velocity and its acceleration."""
@@ -640,10 +646,14 @@ class KernelWriter:
             if one == other:  # v.Mv - u.Mu = (v - u).M(v + u), which does not cancel
                 ends = list(zip(before, after, strict=True))
                 change, total = [v - u for v, u in ends], [v + u for v, u in ends]
-                lost = sum(d * along(row, total) for d, row in zip(change, one, strict=True)) / 2
+                lost = (
+                    sum(d * combine_rows(row, total) for d, row in zip(change, one, strict=True))
+                    / 2
+                )
             else:
                 energies = (
-                    sum(v * along(row, ends) for v, row in zip(ends, matrix, strict=True)) / 2
+                    sum(v * combine_rows(row, ends) for v, row in zip(ends, matrix, strict=True))
+                    / 2
                     for ends, matrix in ((before, one), (after, other))
                 )
                 lost = sympy.Add(next(energies), -next(energies))
@@ -695,7 +705,7 @@ class KernelWriter:
         acceleration = leave.acceleration[k]
         summed = self._sum_of_harmonics() if k == 0 else acceleration
         velocities = leave.velocity[k], leave.mean[k], leave.end[k]
-        outputs, loops = looped((self.equations.period, *velocities, acceleration, summed))
+        outputs, loops = extract_loops((self.equations.period, *velocities, acceleration, summed))
         about = f"""Flight after wall {a}, coordinate {i}: what has to agree.
 
         Returns the period, the velocity after impact, mean velocity, end velocity, acceleration,
@@ -728,9 +738,9 @@ class KernelWriter:
         reduce: bool = False,
     ) -> str:
         """A kernel that computes what its outputs have in common once."""
-        outputs, loops = looped(outputs)
-        shared, reduced = common([sympy.sympify(e) for e in flat(outputs)], "w")
-        return self._text(name, arguments, about, shared, refilled(outputs, reduced), reduce, loops)
+        outputs, loops = extract_loops(outputs)
+        shared, reduced = share_steps([sympy.sympify(e) for e in flat(outputs)], "w")
+        return self._text(name, arguments, about, shared, refill(outputs, reduced), reduce, loops)
 
     def _listed(
         self,
@@ -743,9 +753,9 @@ class KernelWriter:
     ) -> str:
         """A kernel that makes the steps of a tape."""
         steps, values = tape.listing(flat(outputs))
-        found, loops = looped((*(e for _, e in steps), *values))
+        found, loops = extract_loops((*(e for _, e in steps), *values))
         steps = [(symbol, e) for (symbol, _), e in zip(steps, found, strict=False)]
-        outputs = refilled(outputs, found[len(steps) :])
+        outputs = refill(outputs, found[len(steps) :])
         return self._text(name, arguments, about, steps, outputs, reduce, loops)
 
     def _text(
@@ -763,12 +773,12 @@ class KernelWriter:
         formulas = [*values, *(e for _, e in steps)]
         used = set().union(*(e.free_symbols for e in formulas))
         lines = self._reduction(T1 in arguments, TURN in used) if reduce else []
-        found, printed = printed_steps(steps, values)
+        found, printed = print_steps(steps, values)
         lines += [*loops, *found]
-        printed = [as_float(text) for text in printed]
+        printed = [to_float(text) for text in printed]
         doc = textwrap.indent(textwrap.dedent("        " + about), "    ").strip()
         body = "\n".join(f"    {line}" for line in lines)
-        result = result_text(refilled(outputs, printed))
+        result = result_text(refill(outputs, printed))
         words = {*re.findall(r"\w+", f"{body} {result}")}
         own = (p for p in self.model.values if self._names([self.equations.parameters[p]]) in words)
         return (
@@ -779,7 +789,7 @@ class KernelWriter:
     def _reduction(self, to_an_end: bool, turning: bool) -> list[str]:
         """The lines that take whole periods off the time."""
         period = Printer().doprint(self.equations.period)
-        lines = [f"phase = t0 % ({as_float(period)})"]
+        lines = [f"phase = t0 % ({to_float(period)})"]
         if turning:
             lines = [f"turn = floor(t0/({period}))", f"phase = t0 - turn*({period})"]
         return [*lines, "dt = t1 - t0"] if to_an_end else lines

@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 
 from ..arrays import Vector
-from .linear_flow import MEANS, SLOPES, balance, halved
+from .linear_flow import MEANS, SLOPES, balance, halve_time
 
 
 def space_of(d: int, h: int, directions: int) -> int:
@@ -75,7 +75,7 @@ def mean_rates_compiled(d: int, n: int, columns: int, dt: float, norm: float, wo
         7 * matrix,
     )
     rate = 8 * matrix
-    t, doublings = halved(dt, norm)
+    t, doublings = halve_time(dt, norm)
     for i in range(matrix):
         work[z + i] = t * work[i]
     multiply(work, z, n, columns, z, n, columns, columns // n - 1, square, columns)

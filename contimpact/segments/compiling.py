@@ -22,7 +22,7 @@ from typing import TYPE_CHECKING, Any
 
 from ..arrays import ENTRY, TABLE
 from ..errors import InputError
-from ..storage.cache import cache_folder, keep, kept, logger
+from ..storage.cache import cache_folder, load_file, logger, store_file
 from ..storage.files import reason
 
 if TYPE_CHECKING:
@@ -99,9 +99,9 @@ def load(
     folder, name = cache_folder(), f"compiled-{key[:24]}"
     found = None
     if folder is not None and key not in _MISSING:
-        found = _from_cache(folder, name, arguments)
-    if found is None and pays() and (worth or mode() == "always"):
-        found = _make(build, arguments, folder, name)
+        found = _load_cached(folder, name, arguments)
+    if found is None and compiling_pays() and (worth or mode() == "always"):
+        found = _compile_program(build, arguments, folder, name)
     if found is None:
         _MISSING.add(key)
     else:
@@ -109,7 +109,7 @@ def load(
     return found
 
 
-def pays() -> bool:
+def compiling_pays() -> bool:
     """Whether to compile programs that are not in the cache.
 
     Raises InputError if the mode is ``always`` and Numba is not installed.
@@ -121,12 +121,12 @@ def pays() -> bool:
     return mode() == "always" or (_SPENT[0] >= PAYS_AFTER and available())
 
 
-def used() -> int:
+def count_loaded() -> int:
     """Return how many compiled programs this process has loaded."""
     return len(_LOADED)
 
 
-def plainly(why: str) -> None:
+def note_uncompiled(why: str) -> None:
     """Note what cannot be compiled, for the manifest and, once, the log."""
     if mode() != "never" and why not in _PLAINLY:
         _PLAINLY[why] = None
@@ -138,7 +138,7 @@ def ran_plainly() -> list[str]:
     return list(_PLAINLY)
 
 
-def spend(flights: int) -> None:
+def count_plain_flights(flights: int) -> None:
     """Count flights that were evaluated by plain Python."""
     _SPENT[0] += flights
 
@@ -147,7 +147,7 @@ _SPENT = [0.0]
 _PLAINLY: dict[str, None] = {}
 
 
-def _make(
+def _compile_program(
     build: Callable[[], Program], arguments: str, folder: Path | None, name: str
 ) -> CompiledProgram | None:
     """Compile a program, and store its machine code in the cache if that can be written."""
@@ -174,10 +174,10 @@ def _make(
         except OSError as error:
             logger(__name__).warning("compiled code is not cached: %s", error)
         else:
-            return _from_cache(folder, name, arguments)
+            return _load_cached(folder, name, arguments)
     with tempfile.TemporaryDirectory(prefix="contimpact-", ignore_cleanup_errors=True) as place:
         put_with_digest(Path(place) / f"{name}.o", machine_code)
-        return _from_cache(Path(place), name, arguments)
+        return _load_cached(Path(place), name, arguments)
 
 
 _LOADED: dict[str, CompiledProgram] = {}
@@ -208,7 +208,7 @@ def _processor() -> str:
     return "\n".join(lines[:2])
 
 
-def _from_cache(folder: Path, name: str, arguments: Sequence[str]) -> CompiledProgram | None:
+def _load_cached(folder: Path, name: str, arguments: Sequence[str]) -> CompiledProgram | None:
     """Load machine code from the cache: a shared library, or an object file through LLVM."""
     import ctypes
 
@@ -218,9 +218,9 @@ def _from_cache(folder: Path, name: str, arguments: Sequence[str]) -> CompiledPr
         for kind in (ctypes.c_void_p, *[ctypes.c_int64] * (2 if argument == TABLE else 1))
     ]
     library, machine_code = folder / f"{name}.so", folder / f"{name}.o"
-    if _whole(machine_code) and not _whole(library):
+    if _is_intact(machine_code) and not _is_intact(library):
         _link(machine_code, library)
-    if _whole(library):
+    if _is_intact(library):
         try:
             loaded = ctypes.CDLL(str(library))
             function = getattr(loaded, ENTRY)
@@ -229,17 +229,17 @@ def _from_cache(folder: Path, name: str, arguments: Sequence[str]) -> CompiledPr
         else:
             function.argtypes, function.restype = kinds, ctypes.c_int64
             return CompiledProgram(function, loaded)
-    if importlib.util.find_spec("llvmlite") is None or not _whole(machine_code):
+    if importlib.util.find_spec("llvmlite") is None or not _is_intact(machine_code):
         return None
-    return _by_llvm(machine_code, kinds)
+    return _load_by_llvm(machine_code, kinds)
 
 
 def _link(machine_code: Path, library: Path) -> None:
     """Make a shared library if the machine has a linker."""
-    from .machine_code import linked
+    from .machine_code import link
 
     try:
-        content = linked(machine_code)
+        content = link(machine_code)
         if content is not None:
             put_with_digest(library, content)
     except OSError as error:
@@ -248,8 +248,8 @@ def _link(machine_code: Path, library: Path) -> None:
 
 def put_with_digest(path: Path, content: bytes) -> None:
     """Store a file and its digest."""
-    keep(path, content)
-    keep(_digest_beside(path), _digest(path, content))
+    store_file(path, content)
+    store_file(_digest_beside(path), _digest(path, content))
 
 
 def _digest_beside(path: Path) -> Path:
@@ -262,10 +262,10 @@ def _digest(path: Path, content: bytes) -> bytes:
     return hashlib.sha256(path.name.encode() + b"\0" + content).hexdigest().encode()
 
 
-def _whole(path: Path) -> bool:
+def _is_intact(path: Path) -> bool:
     """Whether a file is as this user wrote it; loading a damaged one could crash."""
     try:
-        expected, found = kept(_digest_beside(path)), _digest(path, kept(path))
+        expected, found = load_file(_digest_beside(path)), _digest(path, load_file(path))
     except FileNotFoundError:
         return False
     except OSError as error:
@@ -276,7 +276,7 @@ def _whole(path: Path) -> bool:
     return found == expected
 
 
-def _by_llvm(path: Path, kinds: Sequence[Any]) -> CompiledProgram:
+def _load_by_llvm(path: Path, kinds: Sequence[Any]) -> CompiledProgram:
     """Load an object file without a linker."""
     import ctypes
 

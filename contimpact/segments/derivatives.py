@@ -14,7 +14,7 @@ from typing import Any, NoReturn, TypeAlias
 from ..arrays import Number, Vector
 from ..errors import InputError
 from .arithmetic import FLOATS, PLAIN, Arithmetic, Kernel, evaluate_in, kernel_of
-from .layout import Blocks, flat, refilled, result_text
+from .layout import Blocks, flat, refill, result_text
 from .transients import HIGHEST, MOTIONS, TABLES, TOGETHER
 
 # Kernels on truncated Taylor series: derivatives along a direction, of any order.
@@ -81,7 +81,9 @@ class Series:
         return self._of(other) / self
 
     def __pow__(self, exponent: Number) -> Series:
-        return composed(lambda x: x**exponent, [lambda x: exponent * x ** (exponent - 1)], self)
+        return compose_series(
+            lambda x: x**exponent, [lambda x: exponent * x ** (exponent - 1)], self
+        )
 
     def __mod__(self, other: Number) -> Series:
         (a, *rest), (b, *by) = self.coefficients, self._of(other).coefficients
@@ -110,14 +112,14 @@ def _product(a: Sequence[Number], b: Sequence[Number]) -> Number:
     return total
 
 
-def composed(
+def compose_series(
     function: Callable[..., Any], slopes: Sequence[Callable[..., Any]], *arguments: Number
 ) -> Series:
     """Return a function of series, from its values and its derivatives as functions of series.
 
     From f' = sum of df/dx_i x_i', coefficient by coefficient: n f_n = sum of k x_k (df/dx)_{n-k}.
     """
-    size, given = _alike(arguments)
+    size, given = _to_one_length(arguments)
     found = [function(*(x.coefficients[0] for x in given))] + [0] * (size - 1)
     if size == 1:
         return Series(found)
@@ -132,7 +134,7 @@ def composed(
     return Series([c / n if n > 1 and not _vanishes(c) else c for n, c in enumerate(found)])
 
 
-def _alike(arguments: Sequence[Number]) -> tuple[int, list[Series]]:
+def _to_one_length(arguments: Sequence[Number]) -> tuple[int, list[Series]]:
     """Arguments as series of one length, and that length."""
     size = min(len(x.coefficients) for x in arguments if isinstance(x, Series))
     given = (x.coefficients if isinstance(x, Series) else [x, *[0] * size] for x in arguments)
@@ -143,7 +145,7 @@ def series(inner: Arithmetic) -> Arithmetic:
     """Return the arithmetic of series whose coefficients are numbers of another one."""
     names: dict[str, Any] = {}
     for name, slopes in _slopes(names).items():
-        names[name] = _of_series(inner.names[name], slopes)
+        names[name] = _series_function(inner.names[name], slopes)
     for highest in TOGETHER:
         names[f"stumpffs{highest}"] = _together(inner, names, highest)
     for order in TABLES:
@@ -151,17 +153,17 @@ def series(inner: Arithmetic) -> Arithmetic:
     if "flow_of_series" in inner.names:
         names["flow"] = _flow(inner)
     if "flown_of_series" in inner.names:
-        names["flown"] = _flown(inner)
+        names["flown"] = _integrated_flights(inner)
     constants = {name: inner.names[name] for name in ("nan", "pi", "ratio") if name in inner.names}
     return Arithmetic(names | constants | PLAIN, inner.exact)
 
 
-def _of_series(
+def _series_function(
     function: Callable[..., Any], slopes: Sequence[Callable[..., Any]]
 ) -> Callable[..., Any]:
     def on_series(*arguments: Number) -> Number:
         if any(isinstance(x, Series) for x in arguments):
-            return composed(function, slopes, *arguments)
+            return compose_series(function, slopes, *arguments)
         return function(*arguments)
 
     return on_series
@@ -188,7 +190,7 @@ def _slopes(names: dict[str, Any]) -> dict[str, list[Callable[..., Any]]]:
     for k in range(HIGHEST - 1):
         found[f"stumpff{k}"] = [lambda q, k=k: _stumpff_slope(f, k, q)]
     for k in (HIGHEST - 1, HIGHEST):  # their derivatives are further than there are functions
-        found[f"stumpff{k}"] = [_beyond]
+        found[f"stumpff{k}"] = [_refuse_order]
     return found
 
 
@@ -201,7 +203,7 @@ def _stumpff_slope(f: dict[str, Any], k: int, q: Number) -> Number:
     return ((further if k == 1 else k * further) - above) / 2
 
 
-def _beyond(*arguments: Number) -> NoReturn:
+def _refuse_order(*arguments: Number) -> NoReturn:
     found = f"derivatives of Stumpff functions beyond c_{HIGHEST} are asked for"
     raise InputError("flight", found, "write it with Stumpff functions of lower order")
 
@@ -215,7 +217,7 @@ def _together(inner: Arithmetic, names: dict[str, Any], highest: int) -> Callabl
             return inner.names[f"stumpffs{highest}"](q)
         values = inner.names[f"stumpffs{highest}"](q.coefficients[0])
         return tuple(
-            composed(lambda _, c=c: c, slopes[f"stumpff{k}"], q)
+            compose_series(lambda _, c=c: c, slopes[f"stumpff{k}"], q)
             for k, c in enumerate(values, start=1)
         )
 
@@ -229,11 +231,11 @@ def _transients(inner: Arithmetic, order: int) -> Callable[..., Any]:
     def on_series(*arguments: Number) -> Vector:
         if not any(isinstance(x, Series) for x in arguments):
             return inner.names[f"transients{order}"](*arguments)
-        size, given = _alike(arguments)
+        size, given = _to_one_length(arguments)
         values = inner.names[f"transients{highest}"](*(x.coefficients[0] for x in given))
         found = dict(zip(_forms(highest), (Series([v]) for v in values), strict=True))
         for n in range(2, size + 1):
-            found = _longer(found, [Series(x.coefficients[:n]) for x in given])
+            found = _longer_transients(found, [Series(x.coefficients[:n]) for x in given])
         return tuple(found[form] for form in _forms(order))
 
     return on_series
@@ -245,7 +247,7 @@ def _flow(inner: Arithmetic) -> Callable[..., Any]:
     def on_series(d: int, h: int, directions: int, *arguments: Number) -> Vector:
         if not any(isinstance(x, Series) for x in arguments):
             return inner.names["flow"](d, h, directions, *arguments)
-        _, (dt, *numbers) = _alike(arguments)
+        _, (dt, *numbers) = _to_one_length(arguments)
         rows = [x.coefficients for x in numbers]
         found = inner.names["flow_of_series"](d, h, directions, dt.coefficients, rows)
         return [Series(row) for row in found.tolist()]
@@ -253,13 +255,13 @@ def _flow(inner: Arithmetic) -> Callable[..., Any]:
     return on_series
 
 
-def _flown(inner: Arithmetic) -> Callable[..., Any]:
+def _integrated_flights(inner: Arithmetic) -> Callable[..., Any]:
     """Flights that are integrated."""
 
     def on_series(field: str, directions: str, *arguments: Number) -> Vector:
         if not any(isinstance(x, Series) for x in arguments):
             return inner.names["flown"](field, directions, *arguments)
-        _, given = _alike(arguments)
+        _, given = _to_one_length(arguments)
         rows = [x.coefficients for x in given]
         return [Series(row) for row in inner.names["flown_of_series"](field, directions, rows)]
 
@@ -276,7 +278,9 @@ def _forms(order: int) -> list[Form]:
     return [*means, *((False, n, b) for n, b in MOTIONS[order])]
 
 
-def _longer(known: dict[Form, Series], arguments: Sequence[Series]) -> dict[Form, Series]:
+def _longer_transients(
+    known: dict[Form, Series], arguments: Sequence[Series]
+) -> dict[Form, Series]:
     """Free motions with one coefficient more, as far as their derivatives are known."""
     moving = [not all(map(_vanishes, x.coefficients[1:])) for x in arguments]
     shorter = len(arguments[0].coefficients) - 1
@@ -285,7 +289,7 @@ def _longer(known: dict[Form, Series], arguments: Sequence[Series]) -> dict[Form
     for form, x in full.items():
         slopes = _slopes_of_motion(form, full)
         if all(slope for slope, moves in zip(slopes, moving, strict=True) if moves):
-            found[form] = composed(lambda *_, x=x: x.coefficients[0], slopes, *arguments)
+            found[form] = compose_series(lambda *_, x=x: x.coefficients[0], slopes, *arguments)
     return found
 
 
@@ -323,22 +327,22 @@ class Tape:
         self.steps: list[tuple[Any, ...]] = []
         self._places: dict[tuple[Any, ...], int] = {}
 
-    def step(self, operation: str, *operands: Number) -> Recorded:
+    def step(self, operation: str, *operands: Number) -> TapeNumber:
         """Return the result of an operation on recorded numbers and floats."""
-        key = (operation, *(x.place if isinstance(x, Recorded) else repr(x) for x in operands))
+        key = (operation, *(x.place if isinstance(x, TapeNumber) else repr(x) for x in operands))
         if key not in self._places:
             self._places[key] = len(self.steps)
             self.steps.append(key)
-        return Recorded(self, self._places[key])
+        return TapeNumber(self, self._places[key])
 
-    def note(self, operation: str, operand: Number, result: Recorded) -> None:
+    def note(self, operation: str, operand: Number, result: TapeNumber) -> None:
         """Remember the result of an operation that need not be made."""
         self._places.setdefault((operation, operand.place), result.place)
 
     def kernel(self, name: str, arguments: Sequence[str], about: str, result: Any) -> str:
         """Return the text of the kernel that makes the steps a result needs."""
         values = flat(result)
-        uses = self._uses([x.place for x in values if isinstance(x, Recorded)])
+        uses = self._uses([x.place for x in values if isinstance(x, TapeNumber)])
         texts: dict[int, str] = {}
         depths: dict[int, int] = {}
         lines: list[str] = []
@@ -351,9 +355,9 @@ class Tape:
                 lines.append(f"    w{len(lines)} = {text}\n")
                 text, depth = f"w{len(lines) - 1}", 0
             texts[place], depths[place] = text, depth
-        found = [texts[x.place] if isinstance(x, Recorded) else repr(float(x)) for x in values]
+        found = [texts[x.place] if isinstance(x, TapeNumber) else repr(float(x)) for x in values]
         head = f'def {name}({", ".join(arguments)}):\n    """{about}"""\n'
-        return f"{head}{''.join(lines)}    return {result_text(refilled(result, found))}\n"
+        return f"{head}{''.join(lines)}    return {result_text(refill(result, found))}\n"
 
     def _uses(self, wanted: list[int]) -> Counter[int]:
         """How often each step is used, those alone that are needed."""
@@ -364,7 +368,7 @@ class Tape:
         return +uses
 
 
-class Recorded:
+class TapeNumber:
     """A number on a tape, by its place there."""
 
     __slots__ = ("place", "tape")
@@ -373,7 +377,7 @@ class Recorded:
         self.tape, self.place = tape, place
 
     def _with(self, operation: str, *operands: Number) -> Number:
-        if all(isinstance(x, Recorded | int | float) for x in operands):
+        if all(isinstance(x, TapeNumber | int | float) for x in operands):
             return self.tape.step(operation, *operands)
         return NotImplemented
 
@@ -411,11 +415,11 @@ class Recorded:
         return self._with("(-{})", self)
 
 
-def _recorded(name: str, function: Callable[..., Any]) -> Callable[..., Any]:
+def _record_function(name: str, function: Callable[..., Any]) -> Callable[..., Any]:
     """A function that writes itself down where one of its arguments is on a tape."""
 
     def on_recorded(*arguments: Number) -> Number | Vector:
-        tapes = [x.tape for x in arguments if isinstance(x, Recorded)]
+        tapes = [x.tape for x in arguments if isinstance(x, TapeNumber)]
         if not tapes:
             return function(*arguments)
         return tapes[0].step(f"{name}({', '.join(['{}'] * len(arguments))})", *arguments)
@@ -423,11 +427,11 @@ def _recorded(name: str, function: Callable[..., Any]) -> Callable[..., Any]:
     return on_recorded
 
 
-def _recorded_together(highest: int) -> Callable[[Number], Vector]:
+def _record_stumpff(highest: int) -> Callable[[Number], Vector]:
     """Stumpff functions of one argument; what asks for one of them later finds it there."""
 
     def on_recorded(q: Number) -> Vector:
-        if not isinstance(q, Recorded):
+        if not isinstance(q, TapeNumber):
             return FLOATS.names[f"stumpffs{highest}"](q)
         found = q.tape.step(f"stumpffs{highest}({{}})", q)
         parts = tuple(q.tape.step(f"{{}}[{k}]", found) for k in range(highest))
@@ -438,14 +442,14 @@ def _recorded_together(highest: int) -> Callable[[Number], Vector]:
     return on_recorded
 
 
-def _recorded_transients(order: int) -> Callable[..., Any]:
+def _record_transients(order: int) -> Callable[..., Any]:
     """Free motions, computed together."""
     name, count = f"transients{order}", len(TABLES[order]) + len(MOTIONS[order])
-    together = _recorded(name, FLOATS.names[name])
+    together = _record_function(name, FLOATS.names[name])
 
     def on_recorded(*arguments: Number) -> Vector:
         found = together(*arguments)
-        if not isinstance(found, Recorded):
+        if not isinstance(found, TapeNumber):
             return found
         return tuple(found.tape.step(f"{{}}[{i}]", found) for i in range(count))
 
@@ -453,9 +457,9 @@ def _recorded_transients(order: int) -> Callable[..., Any]:
 
 
 RECORDED = Arithmetic(
-    {name: _recorded(name, f) for name, f in FLOATS.names.items() if name not in PLAIN}
-    | {f"stumpffs{n}": _recorded_together(n) for n in TOGETHER}
-    | {f"transients{order}": _recorded_transients(order) for order in TABLES}
+    {name: _record_function(name, f) for name, f in FLOATS.names.items() if name not in PLAIN}
+    | {f"stumpffs{n}": _record_stumpff(n) for n in TOGETHER}
+    | {f"transients{order}": _record_transients(order) for order in TABLES}
     | {"nan": math.nan, **PLAIN}
 )
 
@@ -484,10 +488,10 @@ def second_derivatives(kernel: Kernel, ends: int, parameters: Sequence[str]) -> 
 
         def second(*given: float) -> Blocks:
             found = directly(*given)
-            return refilled(found, [_coefficient(x, 1) for x in flat(found)])
+            return refill(found, [_coefficient(x, 1) for x in flat(found)])
 
         return second
-    tape, arguments, blocks = _along(kernel, ends, parameters, 1)
+    tape, arguments, blocks = _evaluate_along(kernel, ends, parameters, 1)
     changes = tuple(tuple(_coefficient(number, 1) for number in block) for block in blocks)
     about = f"How {kernel.__name__} changes along a direction q."
     return kernel_of("second", tape.kernel("second", arguments, about, changes), "<second>")
@@ -506,7 +510,7 @@ def third_derivatives(kernel: Kernel, ends: int) -> Derivatives:
     if _loops(kernel):
         directly = _directly(kernel, ends, (), 3)
         return lambda *given: tuple(6 * _coefficient(x, 3) for x in directly(*given)[0])
-    tape, arguments, blocks = _along(kernel, ends, (), 3)
+    tape, arguments, blocks = _evaluate_along(kernel, ends, (), 3)
     found = tuple(6 * _coefficient(number, 3) for number in blocks[0])
     about = f"Third derivatives of the residual of {kernel.__name__} along a direction q."
     return kernel_of("third", tape.kernel("third", arguments, about, found), "<third>")
@@ -538,7 +542,7 @@ def _directly(
     return evaluated
 
 
-def _along(
+def _evaluate_along(
     kernel: Kernel, ends: int, parameters: Sequence[str], degree: int
 ) -> tuple[Tape, list[str], Blocks]:
     """Evaluate a flight where its ends and some parameters move along a direction."""

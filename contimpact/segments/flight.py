@@ -108,7 +108,7 @@ def _trigonometric_zeros(mean: float, series: Sequence[tuple[int, float, float]]
         coefficients[highest + k] += 0.5 * (a - 1j * b)
         coefficients[highest - k] += 0.5 * (a + 1j * b)
     roots = np.roots(coefficients[::-1])
-    return [_polished(angle, mean, series) for angle in _near_circle(roots)]
+    return [_polish_root(angle, mean, series) for angle in _near_circle(roots)]
 
 
 def _near_circle(roots: Array) -> list[float]:
@@ -116,7 +116,7 @@ def _near_circle(roots: Array) -> list[float]:
     return np.angle(roots[roots != 0.0][near]).tolist()
 
 
-def _polished(angle: float, mean: float, series: Sequence[tuple[int, float, float]]) -> float:
+def _polish_root(angle: float, mean: float, series: Sequence[tuple[int, float, float]]) -> float:
     """Newton's iteration for a root of the trigonometric sum, as long as its steps are small."""
     for _ in range(3):
         value, slope = mean, 0.0
@@ -173,7 +173,7 @@ def zeros_in_turn(
     rounding : callable ``rounding(time) -> float``, optional
         Of the function, see `chebyshev_zeros`.
     """
-    found = _interpolated_zeros(function, length)
+    found = _zeros_of_interpolant(function, length)
     if found is None and passed(begin, length):
         found = [0.0, length]
     if found is None and rounding and cuts % _EVERY == 0 and _vanishes(function, length, rounding):
@@ -222,12 +222,12 @@ def _is_rounding(function: Callable[[Array], Array], length: float, cuts: int) -
     """
     half = 0.5 * length
     parts = (0.5**k for k in (1, *range(2, cuts, 3)))
-    return _interpolated_zeros(lambda t: function(half + t), half) is None and all(
-        _interpolated_zeros(function, part * length) is None for part in parts
+    return _zeros_of_interpolant(lambda t: function(half + t), half) is None and all(
+        _zeros_of_interpolant(function, part * length) is None for part in parts
     )
 
 
-def _interpolated_zeros(function: Callable[[Array], Array], length: float) -> list[float] | None:
+def _zeros_of_interpolant(function: Callable[[Array], Array], length: float) -> list[float] | None:
     """The zeros of the interpolant of the lowest degree that resolves the function, if one does."""
     from numpy.polynomial import chebyshev
 
@@ -238,7 +238,7 @@ def _interpolated_zeros(function: Callable[[Array], Array], length: float) -> li
         *values, first, last = np.broadcast_to(function(nodes), nodes.shape)
         coefficients = chebyshev_coefficients(np.array(values))
         size = float(np.max(np.abs(coefficients)))
-        off = max(abs(_at_start(coefficients) - first), abs(np.sum(coefficients) - last))
+        off = max(abs(_value_at_start(coefficients) - first), abs(np.sum(coefficients) - last))
         if size == off == 0.0:
             return []
         tail = float(np.max(np.abs(coefficients[-3:]))) / size if size else math.inf
@@ -256,7 +256,7 @@ def _interpolated_zeros(function: Callable[[Array], Array], length: float) -> li
     return None
 
 
-def _at_start(coefficients: Array) -> float:
+def _value_at_start(coefficients: Array) -> float:
     """The interpolant where Chebyshev polynomials are 1 and -1 in turn."""
     return float(np.sum(coefficients[::2]) - np.sum(coefficients[1::2]))
 
@@ -302,7 +302,7 @@ class FlightGaps:
     """The nearest touches of one flight, by wall, and whether the flight runs forward in time.
 
     `slowest` is the velocity nearest to zero where the acceleration vanishes; see `excursions`.
-    `beyond` are the walls behind which the flight begins or ends, as touches there.
+    `has_reached` are the walls behind which the flight begins or ends, as touches there.
     """
 
     duration: float
@@ -587,7 +587,7 @@ def first_arrival(
             speed = reached[1]
             turned = speed != 0.0 and (speed > 0.0) != rising
             ahead = high if rising != turned else low
-            if turned or beyond(reached[0], ahead, rising):
+            if turned or has_reached(reached[0], ahead, rising):
                 side, dt, speed = hit_between(
                     motion, head, values, left, at, right, reached, turned, rising, low, high
                 )
@@ -621,20 +621,20 @@ def hit_between(
         if not turns_before(right - left, at, reached, wall, rising):
             guess = turn_guess(at[1], reached[1], left > 0.0, True)
             turn, x = velocity_zero(motion, head, values, left, at[1], right, reached[1], guess)
-            if beyond(x, wall, rising):
+            if has_reached(x, wall, rising):
                 there = motion(head, turn, values)
                 dt, speed = wall_arrival(motion, head, values, left, at, turn, there, wall, rising)
                 return (1 if rising else -1), dt, speed
             left = turn
         at, rising = (at[0], 0.0, at[2]), not rising  # sought from the other end, then
     wall = high if rising else low
-    if not beyond(reached[0], wall, rising):
+    if not has_reached(reached[0], wall, rising):
         return 0, right, reached[1]
     dt, speed = wall_arrival(motion, head, values, left, at, right, reached, wall, rising)
     return (1 if rising else -1), dt, speed
 
 
-def beyond(x: float, wall: float, rising: bool) -> bool:
+def has_reached(x: float, wall: float, rising: bool) -> bool:
     """Whether a displacement has come to a wall."""
     return x >= wall if rising else x <= wall
 
@@ -649,4 +649,4 @@ def turns_before(length: float, at: Moved, reached: Moved, wall: float, rising: 
         return False
     dt = (reached[0] - at[0] - reached[1] * length) / (at[1] - reached[1])
     margin = MARGIN * (abs(at[0]) + abs(reached[0]) + abs(at[1]) * length)
-    return not beyond(at[0] + at[1] * dt + (margin if rising else -margin), wall, rising)
+    return not has_reached(at[0] + at[1] * dt + (margin if rising else -margin), wall, rising)

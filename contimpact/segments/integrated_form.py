@@ -17,8 +17,8 @@ import numpy as np
 from ..arrays import Array, Number
 from .arithmetic import FLOATS, Arithmetic, evaluate_in
 from .derivatives import Series, series
-from .integration import IntegratedTrack, integrator, joined, rounded_beside, statement
-from .layout import SECTION, Blocks, Row, Together
+from .integration import IntegratedTrack, integrator, join_flights, rounding_scale, statement
+from .layout import SECTION, Blocks, CombinedBlocks, Row
 from .segment import ELSEWHERE, ClosedForm, KernelSource, Numbers
 
 # Long flights in pieces: multiple shooting between where a flight leaves and where it arrives.
@@ -56,7 +56,7 @@ ITERATIONS, SETTLED = 25, 1e-13
 are known to rounding where steps become no smaller."""
 
 
-class NotSplit(ArithmeticError):
+class SplitFailure(ArithmeticError):
     """No states between the ends of a flight have been found."""
 
 
@@ -103,7 +103,7 @@ class IntegratedFlight:
         d, numbers = self.freedom, self.numbers(first, last, state)
         names = " ".join(self.directions)
         found = np.array(integrator(self.field, self.directions)(numbers))
-        sizes = rounded_beside(self.field, names, numbers, found).reshape(-1, 2, d)
+        sizes = rounding_scale(self.field, names, numbers, found).reshape(-1, 2, d)
         unit = 2.0 * np.finfo(float).eps
         moved = abs(numbers[0]) * sizes[1:, 0]
         moved[0] += sizes[0, 0]
@@ -185,7 +185,7 @@ class Pieces:
             turned, triangle = turned * signs, triangle * signs[:, None]
             turns.append(turned)
             triangles.append(triangle)
-        rows = [_scaled(i, triangles) for i in range(len(turned))]
+        rows = [_scaled_row(i, triangles) for i in range(len(turned))]
         if np.linalg.det(turned) < 0.0:
             rows[-1] = -rows[-1]
         together = SIZE * np.stack(rows, axis=1)
@@ -200,7 +200,7 @@ class Pieces:
             IntegratedTrack(flight.field, numbers, float(length))
             for numbers, length in zip(begins, lengths, strict=True)
         ]
-        return joined(tracks, self.parts[:-1] * flight.length, self.states[:, :d])
+        return join_flights(tracks, self.parts[:-1] * flight.length, self.states[:, :d])
 
     def off(self) -> list[tuple[Array, Array]]:
         """Return bounds of the rounding errors of each piece's end and derivatives."""
@@ -212,7 +212,7 @@ class Pieces:
         )
 
 
-def _scaled(i: int, triangles: Sequence[Array]) -> Array:
+def _scaled_row(i: int, triangles: Sequence[Array]) -> Array:
     """A row of the products of all triangles behind each piece, the largest of them of size 1."""
     row = np.zeros(len(triangles[0]))
     row[i] = 1.0
@@ -261,7 +261,7 @@ class Shooting:
         try:
             return self._refined(parts, states)
         except np.linalg.LinAlgError as error:
-            raise NotSplit(f"a long flight: {error}") from None
+            raise SplitFailure(f"a long flight: {error}") from None
 
     def _refined(self, parts: Array, states: Array) -> Pieces:
         """The flight in pieces none of which grows by too much."""
@@ -282,7 +282,7 @@ class Shooting:
                 states.append(self.flight.fly(first, middle, state)[0])
             parts.append(last)
         if min(np.diff(parts)) < SHORTEST:
-            raise NotSplit(f"a long flight asks for pieces below {SHORTEST} of it")
+            raise SplitFailure(f"a long flight asks for pieces below {SHORTEST} of it")
         return np.array(parts), np.array(states)
 
     def _newton(self, parts: Array, states: Array) -> Pieces:
@@ -301,12 +301,12 @@ class Shooting:
                 break
             before = moved
             states[1:] += step
-        raise NotSplit("the pieces of a long flight do not meet")
+        raise SplitFailure("the pieces of a long flight do not meet")
 
     def _at(self, parts: Array, states: Array) -> Pieces:
         """The pieces that begin with these states."""
         if len(states) > MOST_PIECES:
-            raise NotSplit(f"a long flight asks for more than {MOST_PIECES} pieces")
+            raise SplitFailure(f"a long flight asks for more than {MOST_PIECES} pieces")
         each = zip(parts[:-1].tolist(), parts[1:].tolist(), states, strict=True)
         flown = [self.flight.fly(*one) for one in each]
         ends = np.array([end for end, _ in flown])
@@ -330,7 +330,7 @@ class Shooting:
                     [each for each in there[1] if each[0] > middle],
                 ]
             else:
-                there.insert(1, _between(there[0][-1], there[1][0]))
+                there.insert(1, _interpolate_states(there[0][-1], there[1][0]))
         nodes = [each for sweep in there for each in sweep]
         nodes = nodes[:-1] if nodes[-1][0] == 1.0 else nodes
         if len(nodes) < 2:
@@ -364,7 +364,9 @@ class Shooting:
         return found
 
 
-def _between(one: tuple[float, Array], other: tuple[float, Array]) -> list[tuple[float, Array]]:
+def _interpolate_states(
+    one: tuple[float, Array], other: tuple[float, Array]
+) -> list[tuple[float, Array]]:
     """States on the straight line from one to another."""
     count = min(MOST_PIECES // 2, max(4, int((other[0] - one[0]) / 0.01)))
     weights = np.linspace(0.0, 1.0, count + 1)[1:-1]
@@ -382,7 +384,7 @@ CANCELS = 32.0 * float(np.finfo(float).eps)
 """Part of its terms that a sum of them leaves which vanishes but for rounding."""
 
 
-class Seen(NamedTuple):
+class EvaluatedKernel(NamedTuple):
     """A kernel evaluated on series: what its flight is integrated from, and its residual."""
 
     field: str
@@ -415,7 +417,7 @@ class IntegratedForm(ClosedForm):
         pieces = self.pieces(start, end, values)
         if not isinstance(pieces, Split):
             return pieces
-        return Together(*pieces.blocks())
+        return CombinedBlocks(*pieces.blocks())
 
     def second(self, start: Numbers, end: Numbers, along: Numbers, values: Numbers) -> Blocks:
         """Return the derivatives of `blocks` along a direction."""
@@ -460,7 +462,7 @@ class IntegratedForm(ClosedForm):
         whole, failed = None, None
         try:
             whole = self._flight(*start, *end, *values)
-            if not grows(whole, self._m):
+            if not differences_grow(whole, self._m):
                 return whole
         except ArithmeticError as error:
             failed = error
@@ -477,7 +479,7 @@ class IntegratedForm(ClosedForm):
 
     def seen(
         self, ends: Sequence[Sequence[Number]], values: Sequence[Any], arrived: Sequence[Any] | None
-    ) -> Seen:
+    ) -> EvaluatedKernel:
         """Evaluate the kernel on series, its flight arriving with these numbers.
 
         Parameters
@@ -503,13 +505,15 @@ class IntegratedForm(ClosedForm):
         parameters = [Series(x) if isinstance(x, list) else x for x in values]
         rows = evaluate_in(self._flight, Arithmetic(names))(*moving, *parameters)[0]
         field, directions, numbers = asked
-        return Seen(field, directions, _coefficients(numbers, size), _coefficients(rows, size))
+        return EvaluatedKernel(
+            field, directions, _coefficients(numbers, size), _coefficients(rows, size)
+        )
 
 
 SERIES = series(FLOATS)
 
 
-def grows(blocks: Blocks, m: int) -> bool:
+def differences_grow(blocks: Blocks, m: int) -> bool:
     """Whether differences grow too much along a flight.
 
     The derivatives by an unknown of the start are compared with those by the same one of the end.
@@ -710,12 +714,12 @@ class Split:
 
     def bounded(self, off: Sequence[float]) -> Blocks:
         """Return the blocks with bounds of their errors, of those of the unknowns."""
-        from .bounded import Bounded
+        from .bounded import BoundedNumber
 
         blocks = self.blocks()
         errors = self._errors(np.array(off), blocks)
         residual, start, end, free = (
-            tuple(map(Bounded, part, error.ravel().tolist()))
+            tuple(map(BoundedNumber, part, error.ravel().tolist()))
             for part, error in zip(blocks, errors, strict=True)
         )
         return residual, start, end, free

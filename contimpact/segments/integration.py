@@ -148,7 +148,7 @@ class Integrator:
         for i in places:
             now[f"x{i}"] = given[f"x{i}"] + dt * (means[i] / SCALE)
             now[f"v{i}"] = speeds[i] / SCALE
-        forces = (_evaluated(e, hy, now, self.bits) for e in stated.accelerations)
+        forces = (_heyoka_expression(e, hy, now, self.bits) for e in stated.accelerations)
         pushes = [(w, SCALE * (dt * f)) for w, f in zip(speeds, forces, strict=True)]
         system = [*zip(means, speeds, strict=True), *pushes]
         keys = [(name, "", 0) for name in names]
@@ -161,7 +161,7 @@ class Integrator:
                 for name in names
             }
             keys += [known[str(e)] for e, _ in whole[len(names) :]]
-            system = _renamed(
+            system = _rename_variables(
                 hy, whole, {str(whole[i][0]): _name(keys[i]) for i in range(len(keys))}
             )
         return system, keys
@@ -186,7 +186,7 @@ class Integrator:
             for order in range(1, size)
         }
         keys = keys + [known[str(e)] for e, _ in whole[len(keys) :]]
-        return _renamed(
+        return _rename_variables(
             hy, whole, {str(e): _name(k) for (e, _), k in zip(whole, keys, strict=True)}
         ), keys
 
@@ -306,14 +306,14 @@ def _name(key: tuple[str, str, int]) -> str:
     return "_".join(map(str, key))
 
 
-def _renamed(hy: Any, system: Sequence[Any], names: dict[str, str]) -> list[Any]:
+def _rename_variables(hy: Any, system: Sequence[Any], names: dict[str, str]) -> list[Any]:
     """A system whose variables have other names: those of variational ones are reserved."""
     flat = [e for pair in system for e in pair]
     renamed = hy.rename_variables(flat, names)
     return list(zip(renamed[::2], renamed[1::2], strict=True))
 
 
-def _evaluated(text: str, hy: Any, names: dict[str, Any], bits: int) -> Any:
+def _heyoka_expression(text: str, hy: Any, names: dict[str, Any], bits: int) -> Any:
     """An acceleration as heyoka's expression."""
 
     def number(value: float) -> Any:
@@ -483,7 +483,7 @@ def integrated_track(
     return IntegratedTrack(field, numbers, length)
 
 
-def joined(
+def join_flights(
     tracks: Sequence[IntegratedTrack], begins: Sequence[float] | Array, positions: Array
 ) -> IntegratedTrack:
     """Return one flight of several, which begin at these times and positions."""
@@ -644,10 +644,12 @@ def flown_of_series(field: str, directions: str, rows: Sequence[Sequence[Any]]) 
 
     Derivatives by the directions are known to the first order; beyond it they are numbers.
     """
-    return _of_series(field, directions, rows, 0)
+    return _series_results(field, directions, rows, 0)
 
 
-def _of_series(field: str, directions: str, rows: Sequence[Sequence[Any]], bits: int) -> list[Any]:
+def _series_results(
+    field: str, directions: str, rows: Sequence[Sequence[Any]], bits: int
+) -> list[Any]:
     degree, by = len(rows[0]) - 1, tuple(directions.split())
     if degree == 0 or (degree > 1 and by):
         numbers = [row[0] for row in rows]
@@ -673,7 +675,7 @@ def flown_of_arrays(field: str, directions: str, *numbers: Any) -> Array:
     return found.T.reshape(-1, *shape)
 
 
-def rounded_beside(field: str, directions: str, numbers: Sequence[float], found: Array) -> Array:
+def rounding_scale(field: str, directions: str, numbers: Sequence[float], found: Array) -> Array:
     """Return what the results of `flown` are rounded beside.
 
     Beside the velocities there are, and beside what another integration, by other steps, is off.
@@ -692,7 +694,7 @@ SCALAR: dict[str, Callable[..., Any]] = {"flown": flown, "flown_of_series": flow
 ARRAY: dict[str, Callable[..., Any]] = {"flown": flown_of_arrays}
 
 
-def in_many_digits(ctx: Any) -> dict[str, Callable[..., Any]]:
+def multiprecision_functions(ctx: Any) -> dict[str, Callable[..., Any]]:
     """Return the same functions for the numbers of an mpmath context."""
 
     def real(x: Any) -> Any:
@@ -709,6 +711,8 @@ def in_many_digits(ctx: Any) -> dict[str, Callable[..., Any]]:
 
     def many_of_series(field: str, directions: str, rows: Sequence[Sequence[Any]]) -> list[Any]:
         given = [[real(c) for c in row] for row in rows]
-        return [[back(x) for x in row] for row in _of_series(field, directions, given, ctx.prec)]
+        return [
+            [back(x) for x in row] for row in _series_results(field, directions, given, ctx.prec)
+        ]
 
     return {"flown": many, "flown_of_series": many_of_series}

@@ -17,10 +17,10 @@ from typing import Any, TypeVar
 
 from ..arrays import Vector
 from ..errors import InputError
-from ..models.guards import following, orders_of
+from ..models.guards import following_letters, orders_of
 from ..models.model import Model
 from ..models.sources import digests
-from ..storage.cache import cache_folder, keep, kept, logger
+from ..storage.cache import cache_folder, load_file, logger, store_file
 from ..storage.files import reason
 from .arithmetic import Kernel, kernel_of
 from .layout import SECTION, Family
@@ -29,7 +29,7 @@ from .segment import ELSEWHERE, ClosedForm, Passages, passages_of
 # What of a system was compared: kept in the cache, so that a warm check does without SymPy.
 
 
-def checked(model: Model) -> list[str]:
+def check_once(model: Model) -> list[str]:
     """Return what `check_model` has compared, once for a model's formulas, values and version.
 
     Raises
@@ -41,7 +41,7 @@ def checked(model: Model) -> list[str]:
     system = re.sub(r"\W", "_", model.SYSTEM)
     path = folder / f"{system}-checked-{key[:16]}.json" if folder else None
     try:
-        record = json.loads(kept(path)) if path else None
+        record = json.loads(load_file(path)) if path else None
     except (OSError, ValueError):
         record = None
     if isinstance(record, dict) and record.get("key") == key:
@@ -51,7 +51,7 @@ def checked(model: Model) -> list[str]:
     compared = check_model(model)
     try:
         if path:
-            keep(path, json.dumps({"key": key, "compared": compared}).encode())
+            store_file(path, json.dumps({"key": key, "compared": compared}).encode())
     except OSError as error:
         logger(__name__).warning("%s is not cached: %s", path, reason(error))
     return compared
@@ -69,7 +69,7 @@ F = TypeVar("F")
 
 
 def _caller(
-    arguments: str, number: str, given: str, model: Model, loaded: _WhenAsked[Any]
+    arguments: str, number: str, given: str, model: Model, loaded: _LazyKernels[Any]
 ) -> Callable[..., Any]:
     """Return a function that calls a kernel by number, its parameters written out.
 
@@ -82,7 +82,7 @@ def _caller(
     return namespace["call"]
 
 
-class _WhenAsked(dict[int, F]):
+class _LazyKernels(dict[int, F]):
     """Kernels by number, loaded when they are first asked for."""
 
     def __init__(self, load: Callable[[int], F]) -> None:
@@ -207,7 +207,7 @@ class Kernels:
         Raises InputError if the second cannot follow the first.
         """
         if (start, end) not in self._segments and start != SECTION:
-            after = following(self.model.WALLS, start)
+            after = following_letters(self.model.WALLS, start)
             if end not in after:
                 accepted = f"after {start} can come {' or '.join(after)}"
                 raise InputError("word", f"it has {end} after {start}", accepted)
@@ -344,7 +344,7 @@ class Kernels:
         """``flights(kind, t0, v0, t1, v1, p)``: the flight between two walls by their numbers,
         kind = start * walls + end; for one degree of freedom."""
         named = self.model.letters
-        loaded = _WhenAsked[Callable[..., Any]](
+        loaded = _LazyKernels[Callable[..., Any]](
             lambda kind: self._noticed(*(named[i] for i in divmod(kind, len(named))))
         )
 
@@ -355,11 +355,11 @@ class Kernels:
         flight = self.flight(a, b)
         if flight.family is not Family.INTEGRATED:
             return flight
-        from .integrated_form import grows
+        from .integrated_form import differences_grow
 
         def noticed(*given: float) -> Any:
             blocks = flight(*given)
-            self.long = self.long or grows(blocks, self.model.unknowns_per_impact)
+            self.long = self.long or differences_grow(blocks, self.model.unknowns_per_impact)
             return blocks
 
         return noticed
@@ -370,7 +370,7 @@ class Kernels:
         between two walls by their numbers change along q, parameters held; for one degree of
         freedom."""
         named = self.model.letters
-        loaded: _WhenAsked[Callable[..., Any]] = _WhenAsked(
+        loaded: _LazyKernels[Callable[..., Any]] = _LazyKernels(
             lambda kind: self.second(*(named[i] for i in divmod(kind, len(named))))
         )
         ends = "t0, v0, t1, v1, q0, q1, q2, q3"
@@ -381,13 +381,13 @@ class Kernels:
     def loops(self) -> bool:
         """Whether flights are computed in loops, rather than written out."""
         first, *_ = self.model.letters
-        after = following(self.model.WALLS, first)[0]
+        after = following_letters(self.model.WALLS, first)[0]
         return self.flight(first, after).family in (Family.LINEAR, Family.HARMONICS)
 
     @functools.cached_property
     def motions(self) -> Callable[..., Any]:
         """``motions((wall, t0, *y0), dt, p)``: the motion after a wall by its number."""
-        loaded = _WhenAsked[Kernel](lambda wall: self.motion(self.model.WALLS[wall].name))
+        loaded = _LazyKernels[Kernel](lambda wall: self.motion(self.model.WALLS[wall].name))
 
         if self.model.DEGREES_OF_FREEDOM == 1:
             return _caller("head, dt, p", "head[0]", "head[1], head[2], dt", self.model, loaded)
@@ -451,7 +451,7 @@ def _digest(body: str) -> str:
 def _read(path: Path, key: str) -> str | None:
     """The source in the file if it is whole and the one asked for, else None."""
     try:
-        source = kept(path).decode()
+        source = load_file(path).decode()
     except FileNotFoundError:
         return None
     except (OSError, UnicodeDecodeError) as error:
@@ -468,6 +468,6 @@ def _read(path: Path, key: str) -> str | None:
 
 def _write(path: Path, source: str) -> None:
     try:
-        keep(path, source.encode())
+        store_file(path, source.encode())
     except OSError as error:
         logger(__name__).warning("kernel %s is not cached: %s", path.name, error)

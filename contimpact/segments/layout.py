@@ -67,7 +67,7 @@ def declaration(family: Family, parameters: Iterable[str]) -> str:
 _DECLARED = re.compile(r"^# family: (.*); parameters: (.*)$", re.MULTILINE)
 
 
-def declared(text: str) -> tuple[Family, frozenset[str]]:
+def declaration_of(text: str) -> tuple[Family, frozenset[str]]:
     """Return the family of a kernel and the parameters its results depend on, as its text says."""
     found = _DECLARED.search(text)
     if found is None:
@@ -75,7 +75,7 @@ def declared(text: str) -> tuple[Family, frozenset[str]]:
     return Family(found[1]), frozenset(found[2].split(", ")) - {""}
 
 
-class Together(NamedTuple):
+class CombinedBlocks(NamedTuple):
     """`Blocks` whose rows are combinations of a segment's equations, by a regular matrix that keeps
     their orientation: those of a flight that is too long to be computed as a whole."""
 
@@ -121,13 +121,13 @@ def flat(result: Any) -> list[Any]:
     return [e for part in result for e in flat(part)] if isinstance(result, tuple) else [result]
 
 
-def refilled(result: Any, values: Iterable[Any]) -> Any:
+def refill(result: Any, values: Iterable[Any]) -> Any:
     """Return a result laid out as another one, with other values in order."""
-    return _refilled(result, iter(values))
+    return _refill(result, iter(values))
 
 
-def _refilled(result: Any, values: Iterator[Any]) -> Any:
+def _refill(result: Any, values: Iterator[Any]) -> Any:
     if not isinstance(result, tuple):
         return next(values)
-    parts = (_refilled(part, values) for part in result)
+    parts = (_refill(part, values) for part in result)
     return Setup(*parts) if isinstance(result, Setup) else tuple(parts)

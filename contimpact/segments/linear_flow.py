@@ -244,7 +244,7 @@ def _product(one: Array, other: Array) -> Array:
     return found
 
 
-def _whole(top: Array) -> Array:
+def _block_triangle(top: Array) -> Array:
     """[[A, B, C], [0, A, 0], [0, 0, A]] from [A, B, C]."""
     n, columns = top.shape
     if n == columns:
@@ -259,11 +259,13 @@ def _whole(top: Array) -> Array:
 def _mean_rates(generator: Array, d: int, dt: float, norm: float) -> tuple[Array, Array]:
     """Q with its derivatives, and the rows of H that belong to positions."""
     n, columns = generator.shape
-    t, doublings = halved(dt, norm)
+    t, doublings = halve_time(dt, norm)
     z = t * generator
-    whole = _whole(z)
+    whole = _block_triangle(z)
     square = _product(z, whole)
-    cubic, fourth = _product(np.concatenate([z, square]), _whole(square)).reshape(2, n, columns)
+    cubic, fourth = _product(np.concatenate([z, square]), _block_triangle(square)).reshape(
+        2, n, columns
+    )
     parts = np.zeros((4, n + d, columns))
     np.add.reduce(_MEANS * np.array([z, square, cubic])[:, None], 0, out=parts[:, :n])
     parts.reshape(4, -1)[:, : n * columns : columns + 1] += _ONES
@@ -271,18 +273,18 @@ def _mean_rates(generator: Array, d: int, dt: float, norm: float) -> tuple[Array
     powers = np.concatenate([z[:, :n], square[:, :n], cubic[:, :n]], axis=1)
     rows = np.concatenate([row, _product(row, powers)], axis=1).reshape(d, 4, n).swapaxes(0, 1)
     np.add.reduce(_SLOPES * rows[:, None], 0, out=parts[:, n:, :n])
-    whole, both = _whole(fourth), parts[3]
+    whole, both = _block_triangle(fourth), parts[3]
     for i in (2, 1, 0):
         both = _product(both, whole)
         both += parts[i]
-    mean = _product(generator, _whole(both[:n]))
+    mean = _product(generator, _block_triangle(both[:n]))
     unit = generator[0, d]
     rate = unit * both[n:, :n]
     for _ in range(doublings):
         pushed = unit * mean[d : 2 * d, :n]
         both[:n] = mean
         both[n:, :n] = pushed + rate
-        gained = _product(both, _whole(mean))
+        gained = _product(both, _block_triangle(mean))
         gained *= t
         rate = 0.25 * ((pushed + 2.0 * rate) + gained[n:, :n])
         mean = mean + 0.5 * gained[:n]
@@ -290,7 +292,7 @@ def _mean_rates(generator: Array, d: int, dt: float, norm: float) -> tuple[Array
     return mean, rate
 
 
-def halved(dt: float, norm: float) -> tuple[float, int]:
+def halve_time(dt: float, norm: float) -> tuple[float, int]:
     """Return a time that is short enough for the series, and how often to double it."""
     t, size, doublings = dt, abs(dt) * norm, 0
     while size > NORM:
@@ -327,7 +329,7 @@ Summed: TypeAlias = Callable[[Array], tuple[Array, Array]]
 """phi and phi' of a matrix of norm `NORM` at most."""
 
 
-def rounded_beside(
+def rounding_scale(
     d: int, h: int, directions: int, numbers: Sequence[float], tables: Array
 ) -> Array:
     """Return what the results of `flow` are rounded beside: the largest of their tables.
@@ -365,7 +367,7 @@ def flow_of_arrays(d: int, h: int, directions: int, dt: Any, *numbers: Any) -> A
     return found.reshape(given[0].size, -1).T.reshape(-1, *given[0].shape)
 
 
-def flow_in(summed: Summed) -> Callable[..., list[Any]]:
+def make_flow(summed: Summed) -> Callable[..., list[Any]]:
     """Return `flow` for numbers of another kind, from what sums the series of these."""
 
     def function(d: int, h: int, directions: int, dt: Any, *numbers: Any) -> list[Any]:
@@ -583,7 +585,7 @@ def series_of_floats(z: Array) -> tuple[Array, Array]:
     return total[..., 0, :, :], total[..., 1, :, :]
 
 
-def series_in(ctx: Any) -> Summed:
+def make_series(ctx: Any) -> Summed:
     """Return what sums both series to the digits of an mpmath context."""
 
     def summed(z: Array) -> tuple[Array, Array]:
@@ -603,7 +605,7 @@ SCALAR = {"flow": flow, "flow_of_series": flow_of_series}
 ARRAY = {"flow": flow_of_arrays}
 
 
-def in_many_digits(ctx: Any) -> dict[str, Callable[..., Any]]:
+def multiprecision_functions(ctx: Any) -> dict[str, Callable[..., Any]]:
     """Return the same functions for the numbers of an mpmath context."""
-    summed = series_in(ctx)
-    return {"flow": flow_in(summed), "flow_of_series": partial(flow_of_series, summed=summed)}
+    summed = make_series(ctx)
+    return {"flow": make_flow(summed), "flow_of_series": partial(flow_of_series, summed=summed)}

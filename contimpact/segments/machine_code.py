@@ -54,7 +54,7 @@ class Program:
         for tree in ast.parse(textwrap.dedent(text)).body:
             assert isinstance(tree, ast.FunctionDef)
             assert tree.name not in self.parts, tree.name
-            self._put(tree.name, _Renamed(names).visit(tree))
+            self._put(tree.name, _NameReplacer(names).visit(tree))
 
     def constant(self, name: str, value: Any) -> str:
         """Add a number, a tuple of numbers or a named tuple's class; returns its name."""
@@ -114,7 +114,7 @@ def _locals_of(tree: ast.FunctionDef) -> set[str]:
     return stored | {argument.arg for argument in tree.args.args}
 
 
-class _Renamed(ast.NodeTransformer):
+class _NameReplacer(ast.NodeTransformer):
     """Replaces names by others."""
 
     def __init__(self, names: Mapping[str, str]) -> None:
@@ -168,7 +168,7 @@ def object_code(program: Program, arguments: str) -> bytes:
     head, body = f"def _c_entry({', '.join(names)}):", f"return entry({', '.join(views)})"
     text = f"{program.text}\n\n{head}\n    {body}\n"
     exec(compile(text, "<contimpact program>", "exec"), namespace)
-    with _unoptimised():
+    with _defer_optimisation():
         entry = cfunc(nb.int64(*signature), error_model="numpy")(namespace["_c_entry"])
     text = _self_contained(entry.inspect_llvm(), entry.native_name)
     llvm.initialize_native_target()
@@ -184,7 +184,7 @@ def object_code(program: Program, arguments: str) -> bytes:
 
 
 @contextlib.contextmanager
-def _unoptimised() -> Iterator[None]:
+def _defer_optimisation() -> Iterator[None]:
     """Let Numba leave functions as they are, one by one: the whole is optimised at the end.
 
     That takes a third off the time of compiling. Numba's own compilers, which other functions of
@@ -278,7 +278,7 @@ def _stub(kind: str, name: str, arguments: str) -> str:
     return f"define internal {returned} @{name}({', '.join(kinds)}) {{ ret {result} }}"
 
 
-def linked(path: Path) -> bytes | None:
+def link(path: Path) -> bytes | None:
     """Return an object file linked into a shared library; None if there is no linker.
 
     Raises OSError if the linker fails.

@@ -241,7 +241,7 @@ def excursion_by_law(
     if made < 0:
         return math.nan, math.nan, math.nan, math.nan, math.inf
     return excursions(
-        along_steps,
+        motion_along_steps,
         steps[:made],
         values,
         length,
@@ -254,7 +254,7 @@ def excursion_by_law(
     )
 
 
-def along_steps(steps: Table, dt: float, values: Vector) -> Moved:
+def motion_along_steps(steps: Table, dt: float, values: Vector) -> Moved:
     """Return displacement, velocity and acceleration at a time after the start."""
     low, high = 0, len(steps) - 1
     while low < high:
@@ -263,10 +263,10 @@ def along_steps(steps: Table, dt: float, values: Vector) -> Moved:
             low = middle
         else:
             high = middle - 1
-    return in_step(steps[low], dt)
+    return motion_in_step(steps[low], dt)
 
 
-def in_step(row: Vector, dt: float) -> Moved:
+def motion_in_step(row: Vector, dt: float) -> Moved:
     """Return the same on a step."""
     width = row[WIDTH]
     s = (dt - row[START]) / width
@@ -309,7 +309,7 @@ def follow(
             breaks[found] = t  # neither step may have it, by rounding
             found += 1
         after = t + width if t + width < length else length
-        x, v, last = in_step(row, after)
+        x, v, last = motion_in_step(row, after)
         if zeros > 0 and begins * last < 0.0:
             breaks[found] = zero_in(row, begins, last)
             found += 1
@@ -396,7 +396,7 @@ def zero_in(row: Vector, begins: float, ends: float) -> float:
         t = (low * above - high * below) / (above - below)
         if not low < t < high:
             t = 0.5 * (low + high)
-        _, _, value = in_step(row, t)
+        _, _, value = motion_in_step(row, t)
         if value == 0.0 or high - low < CLOSE * width:
             break
         if (value < 0.0) == (begins < 0.0):

@@ -21,7 +21,7 @@ from .oscillation import (
     START,
     WIDTH,
     Moved,
-    in_step,
+    motion_in_step,
     row_of,
     zero_in,
     zeros_at_most,
@@ -30,7 +30,7 @@ from .oscillation import (
 LAST = ROW - 1
 
 
-class Followed(NamedTuple):
+class FollowedFlight(NamedTuple):
     """What is known of a flight that is followed."""
 
     own: Table
@@ -59,7 +59,7 @@ def follow_all(
     weights: Vector,
     count: int,
     length: float,
-    flown: Followed,
+    flown: FollowedFlight,
 ) -> int:
     """Fill in the steps of a flight, and when the gap coordinates' accelerations change sign.
 
@@ -75,7 +75,7 @@ def follow_all(
     int
         How many steps there are; -1 if they would be more than `MOST`.
     """
-    rate = fastest(d, waves, numbers)
+    rate = frequency_bound(d, waves, numbers)
     if not rate * length < MOST:
         return -1
     widest = length if rate * length <= 1.0 else 1.0 / rate
@@ -95,9 +95,9 @@ def follow_all(
             continue
         after = t + width if t + width < length else length
         for g in range(count):
-            break_at(g, count, made, after, flown)
+            record_break(g, count, made, after, flown)
         for i in range(d):
-            x, v, _ = in_step(flown.own[i], after)
+            x, v, _ = motion_in_step(flown.own[i], after)
             flown.moving[i], flown.moving[d + i] = x, v
         t = after
         width = min(2.0 * width, widest)
@@ -105,7 +105,7 @@ def follow_all(
     return made
 
 
-def fastest(d: int, waves: int, numbers: Vector) -> float:
+def frequency_bound(d: int, waves: int, numbers: Vector) -> float:
     """Return a bound of the frequencies: as of one coordinate, by the largest sums of rows."""
     n = 2 * d + 2 * waves + 1
     kappa, gamma = 0.0, 0.0
@@ -122,7 +122,13 @@ def fastest(d: int, waves: int, numbers: Vector) -> float:
 
 
 def expand_all(
-    d: int, waves: int, numbers: Vector, state: Vector, t: float, width: float, flown: Followed
+    d: int,
+    waves: int,
+    numbers: Vector,
+    state: Vector,
+    t: float,
+    width: float,
+    flown: FollowedFlight,
 ) -> None:
     """Fill in the coordinates' rows of a step, and the sizes of the forces in its units."""
     n, square = 2 * d + 2 * waves + 1, width * width
@@ -169,7 +175,7 @@ def expand_all(
             row[LAST - 2 - k] = (square * pulled / (k + 1) + width * damped) / (k + 2)
 
 
-def zeros_of_all(d: int, weights: Vector, count: int, made: int, flown: Followed) -> float:
+def zeros_of_all(d: int, weights: Vector, count: int, made: int, flown: FollowedFlight) -> float:
     """Fill in the rows of the gap coordinates; returns the most zeros of an acceleration."""
     most = 0.0
     for g in range(count):
@@ -188,14 +194,14 @@ def zeros_of_all(d: int, weights: Vector, count: int, made: int, flown: Followed
     return most
 
 
-def break_at(g: int, count: int, made: int, after: float, flown: Followed) -> None:
+def record_break(g: int, count: int, made: int, after: float, flown: FollowedFlight) -> None:
     """Record where the acceleration of a gap coordinate changes sign at or in a step."""
     row, place, found = flown.steps[count * made + g], 2 * MOST * g, int(flown.found[g])
     begins = 2.0 * row[LAST - 2] / (row[WIDTH] * row[WIDTH])
     if flown.signs[g] * begins < 0.0:
         flown.breaks[place + found] = row[START]  # neither step may have it, by rounding
         found += 1
-    _, _, last = in_step(row, after)
+    _, _, last = motion_in_step(row, after)
     if flown.zeros[g] > 0.0 and begins * last < 0.0:
         flown.breaks[place + found] = zero_in(row, begins, last)
         found += 1
@@ -203,7 +209,7 @@ def break_at(g: int, count: int, made: int, after: float, flown: Followed) -> No
     flown.signs[g] = last if last != 0.0 else begins
 
 
-def along_one(head: tuple[int, int, int], dt: float, steps: Table) -> Moved:
+def motion_of_gap(head: tuple[int, int, int], dt: float, steps: Table) -> Moved:
     """Return how far a gap coordinate has come, its velocity and its acceleration.
 
     `head` is its number, how many gap coordinates there are, and how many steps.
@@ -216,4 +222,4 @@ def along_one(head: tuple[int, int, int], dt: float, steps: Table) -> Moved:
             low = middle
         else:
             high = middle - 1
-    return in_step(steps[count * low + g], dt)
+    return motion_in_step(steps[count * low + g], dt)

@@ -85,7 +85,7 @@ class Passages(NamedTuple):
         return self.arrivals[left][reached] == MEETING
 
 
-def beside(guards: Sequence[Guard], passages: Passages, wall: int) -> tuple[int, int]:
+def neighbouring_guards(guards: Sequence[Guard], passages: Passages, wall: int) -> tuple[int, int]:
     """Return the guards below and above that a flight from a guard can meet; -1 for none.
 
     Raises

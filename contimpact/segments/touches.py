@@ -71,7 +71,7 @@ def limits_of(kernels: Kernels, letter: str) -> list[tuple[str, str, float]]:
     return [*tangent, *((letter, limit, 1.0) for limit in limits)]
 
 
-def on_surface(kernels: Kernels, begun: str, limit: str) -> bool:
+def begins_on_surface(kernels: Kernels, begun: str, limit: str) -> bool:
     """Whether the motion after a guard begins on the surface of its limit, so that its rate tells
     on which side it goes on."""
     letters = kernels.model.letters
@@ -100,7 +100,7 @@ def margin(
     position = positions[kernels.model.letters.index(limit)]
     begin, rate, curvature = kernels.gap(begun, limit)(*leave, 0.0, *values)
     gap = position - begin
-    if on_surface(kernels, begun, limit):
+    if begins_on_surface(kernels, begun, limit):
         least = AT_REST * abs(curvature) * kernels.setup(*values).period
         gap = -rate if abs(rate) > least else math.nan
     return kernels.model.guard(limit).side * float(gap)
@@ -152,7 +152,7 @@ def interior_touches(
     rows.append([rows[0][0] + span, *rows[0][1:]])
     positions = kernels.setup(*values).walls
     places = {guard.name: i for i, guard in enumerate(kernels.model.WALLS)}
-    found, flown = [], list[Flown]()
+    found, flown = [], list[Flight]()
     for k, (wall, leave, arrive) in enumerate(zip(walls, rows[:-1], rows[1:], strict=True)):
         length = arrive[0] - leave[0]
         if length > 0.0:
@@ -168,13 +168,13 @@ def interior_touches(
             guard = kernels.model.WALLS[ends[0]]
             begun = (
                 *not_past(kernels, guard, leave, values, positions),
-                *beyond(kernels, ends, motions, positions),
+                *violated_guards(kernels, ends, motions, positions),
             )
             past = [Touch(k, name, leave[0], gap) for name, gap in begun]
             ended = ends_beyond(kernels, ends, motions, positions, length)
             past += [Touch(k, name, arrive[0], gap) for name, gap in ended]
             found.append(FlightGaps(length, tuple(moved), slowest, tuple(past)))
-            flown.append(Flown(k, ends, leave[0], length, arrive[1], motions))
+            flown.append(Flight(k, ends, leave[0], length, arrive[1], motions))
         else:
             found.append(FlightGaps(length, (None,) * len(positions)))
     for touch in _leaving_at_once(kernels, flown, positions, span):
@@ -196,7 +196,7 @@ Seen: TypeAlias = tuple[Motion, list[float]]
 the acceleration has one sign."""
 
 
-class Flown(NamedTuple):
+class Flight(NamedTuple):
     """A flight: its number, the numbers of the guards at its ends, when it leaves, how long it
     lasts, the velocity with which it arrives, and each of the `coordinates` on it."""
 
@@ -276,7 +276,7 @@ def _touches(
     return touches, slowest
 
 
-def beyond(
+def violated_guards(
     kernels: Kernels, ends: tuple[int, int], motions: Sequence[Seen], positions: Sequence[float]
 ) -> Iterator[tuple[str, float]]:
     """Yield guards that a flight begins beyond, and by what (negative) gap.
@@ -322,7 +322,7 @@ def ends_beyond(
 
 
 def _leaving_at_once(
-    kernels: Kernels, flights: Sequence[Flown], positions: Sequence[float], span: float
+    kernels: Kernels, flights: Sequence[Flight], positions: Sequence[float], span: float
 ) -> Iterator[Touch]:
     """Yield the guards through which flights leave their modes where they begin, and how far.
 
@@ -348,7 +348,7 @@ def _leaving_at_once(
 
 
 def _deepest(
-    kernels: Kernels, flight: Flown, seen: Seen, wall: int, position: float, least: float
+    kernels: Kernels, flight: Flight, seen: Seen, wall: int, position: float, least: float
 ) -> Touch:
     """The touch at the greatest depth beyond a guard through which a flight leaves, at `least` so
     deep."""

@@ -17,7 +17,7 @@ from ..models.model import Model
 from ..orbits.multipliers import multipliers, roots
 from ..orbits.orbit import Orbit
 from ..results.tables import same_data
-from ..storage.texts import made
+from ..storage.texts import build_record
 from .run import Run, State
 from .simulator import Simulator
 
@@ -188,7 +188,7 @@ class Attractor:
                 given[name] = np.array(given[name], dtype=kind)
         if given["multipliers"] is not None:
             given["multipliers"] = tuple(complex(*mu) for mu in given["multipliers"])
-        return made(Attractor, given)
+        return build_record(Attractor, given)
 
     def require(self, model: Model) -> None:
         """Raise `ValueError` if this cannot be an attractor of a model."""
@@ -287,7 +287,7 @@ class Map(NamedTuple):
     """``cycle(simulator, state, run, period, closing)``: a run that closes, as a cycle."""
 
 
-def closed(
+def solve_cycle(
     simulator: Simulator, around: Map, state: State, impacts: int, period: int
 ) -> Cycle | None:
     """Solve for the cycle near a state by Newton's iteration on the simulated map.
@@ -344,14 +344,14 @@ def shortest_closed(
     if simulator.several:
         base = replace(base, others=tuple(run.others[k].tolist()))
     turned = run.times[-1] - run.times[-1 - impacts]
-    cycle = closed(simulator, around, base, impacts, round(float(turned) / run.period))
+    cycle = solve_cycle(simulator, around, base, impacts, round(float(turned) / run.period))
     if cycle is None:
         return None
     parts = repetitions(cycle, simulator.period)
     if parts == 1:
         return cycle
     state = cycle.state(simulator.period)
-    return closed(simulator, around, state, impacts // parts, cycle.period // parts)
+    return solve_cycle(simulator, around, state, impacts // parts, cycle.period // parts)
 
 
 # Cycles of motions with one coordinate.
@@ -365,7 +365,7 @@ def cycle_of_one(simulator: Simulator, run: Run, longest: int) -> tuple[Cycle, f
     first = max(0, last - longest)
     scale = float(np.max(np.abs(run.velocities))) or 1.0
     early = np.arange(first, last)
-    apart = _apart(run.phases[early] - run.phases[last], run.period) / run.period
+    apart = _phase_distance(run.phases[early] - run.phases[last], run.period) / run.period
     apart = np.maximum(apart, np.abs(run.velocities[early] - run.velocities[last]) / scale)
     apart[run.walls[early] != run.walls[last]] = np.inf
     for back in early[apart < NEAR][::-1][:3]:
@@ -375,7 +375,7 @@ def cycle_of_one(simulator: Simulator, run: Run, longest: int) -> tuple[Cycle, f
     return None
 
 
-def _apart(difference: Any, period: float) -> Any:
+def _phase_distance(difference: Any, period: float) -> Any:
     """Distance between two phases on the circle."""
     return np.abs(difference - period * np.round(difference / period))
 
@@ -383,7 +383,7 @@ def _apart(difference: Any, period: float) -> Any:
 def _distance(run: Run, cycle: Cycle, scale: float) -> float:
     """Distance from the run's last impact to a cycle."""
     last = len(run) - 1
-    times = _apart(cycle.times - run.phases[last], run.period) / run.period
+    times = _phase_distance(cycle.times - run.phases[last], run.period) / run.period
     apart = np.maximum(times, np.abs(cycle.velocities - run.velocities[last]) / scale)
     return float(np.min(apart[cycle.walls == run.walls[last]], initial=math.inf))
 
@@ -409,7 +409,7 @@ def _repetitions(cycle: Cycle, period: float) -> int:
         if n % parts or cycle.period % parts:
             continue
         shift = n // parts
-        late = _apart(np.roll(cycle.times, -shift) - cycle.times - span / parts, span)
+        late = _phase_distance(np.roll(cycle.times, -shift) - cycle.times - span / parts, span)
         faster = np.abs(np.roll(cycle.velocities, -shift) - cycle.velocities)
         same_walls = np.array_equal(np.roll(cycle.walls, -shift), cycle.walls)
         if same_walls and max(np.max(late), np.max(faster)) < 1e-7:
@@ -435,7 +435,7 @@ def _step(
     return step if math.isfinite(step[0] + step[1]) else None
 
 
-def _moved(simulator: Simulator, state: State, step: Sequence[float]) -> State:
+def _move_state(simulator: Simulator, state: State, step: Sequence[float]) -> State:
     phase = (state.phase + step[0]) % simulator.period
     return State(state.wall, phase, state.velocity + step[1])
 
@@ -478,7 +478,7 @@ def _impacts(state: State, closed: Run) -> tuple[Array, Array, Array, Array]:
     )
 
 
-AROUND_ONE = Map(_size, _step, _moved, _cycle)
+AROUND_ONE = Map(_size, _step, _move_state, _cycle)
 
 
 # Cycles of motions with several coordinates: Newton's iteration on the simulated map.
@@ -599,13 +599,15 @@ def _step_of_states(
     return step.tolist() if np.all(np.isfinite(step)) else None
 
 
-def _moved_states(simulator: Simulator, state: State, step: Sequence[float]) -> State:
+def _move_section(simulator: Simulator, state: State, step: Sequence[float]) -> State:
     phase, section = state.phase + step[0], np.add(state.section, step[1:]).tolist()
     state = replace(state, phase=phase, velocity=section[0], others=tuple(section[1:]))
     return replace(state.within(simulator.period), turns=0)
 
 
-def _closed(simulator: Simulator, state: State, run: Run, period: int, closing: float) -> Cycle:
+def _cycle_of_run(
+    simulator: Simulator, state: State, run: Run, period: int, closing: float
+) -> Cycle:
     rows = [state, *run.states()]
     mus = _multipliers(simulator, rows)
     return _cycle_of_states(simulator, rows[:-1], period, mus, closing)
@@ -643,4 +645,4 @@ def _cycle_of_states(
     )
 
 
-AROUND_SEVERAL = Map(_size_of_states, _step_of_states, _moved_states, _closed)
+AROUND_SEVERAL = Map(_size_of_states, _step_of_states, _move_section, _cycle_of_run)

@@ -41,8 +41,8 @@ from .flights import (
     until_repeated,
     windows,
 )
-from .impacts import EARLY, LOW, SHORT, wrapped
-from .run import Outcome, Passing, State, columns_of
+from .impacts import EARLY, LOW, SHORT, wrap_time
+from .run import Outcome, PassageRule, State, columns_of
 
 # Starts anywhere within the guards of a mode; what lies elsewhere is refused.
 
@@ -65,11 +65,13 @@ def check_start(automaton: Automaton, position: Sequence[float], mode: str) -> i
         if automaton.passages.watched[wall][k]:
             gap = guard.side * (automaton.positions[k] - float(row @ np.array(position)))
             if not gap >= 0.0:
-                raise _outside(automaton, list(position), guard.name, mode)
+                raise _outside_error(automaton, list(position), guard.name, mode)
     return wall
 
 
-def _outside(automaton: Automaton, position: list[float], guard: str, mode: str) -> InputError:
+def _outside_error(
+    automaton: Automaton, position: list[float], guard: str, mode: str
+) -> InputError:
     """A start beyond a guard of its mode."""
     if not mode:
         return InputError("position", f"{position} is beyond {guard}", "start within the guards")
@@ -102,13 +104,13 @@ def random_impact(automaton: Automaton, generator: np.random.Generator) -> State
         others[1::2] *= speed
         velocity = side * float(generator.uniform(0.0, speed))
         section = (velocity, *others.tolist())
-        if _within(automaton, wall, section):
+        if _is_within_guards(automaton, wall, section):
             break
         reach *= GROWTH
     return State(wall, phase, section[0], others=section[1:])
 
 
-def _within(automaton: Automaton, wall: int, section: tuple[float, ...]) -> bool:
+def _is_within_guards(automaton: Automaton, wall: int, section: tuple[float, ...]) -> bool:
     """Whether a state before an impact is within the other guards of its mode."""
     x, _ = automaton.before(wall, section)
     own = set(automaton.guards[wall].modes)
@@ -143,7 +145,7 @@ def path_of(automaton: Automaton, states: Sequence[State], times: Array, points:
         length = float(times[k + 1] - times[k])
         dt = np.linspace(0.0, length, points)
         linear = automaton.linear[state.wall]
-        x, v = (_linear if linear else _by_kernels)(automaton, state, held, dt)
+        x, v = (_linear if linear else _gaps_by_kernels)(automaton, state, held, dt)
         return times[k] + dt, x, v
 
     parts = [piece(k) for k in range(len(states) - 1)]
@@ -163,7 +165,7 @@ def _linear(automaton: Automaton, state: State, held: int, dt: Array) -> tuple[A
     return found[:, :d] @ rows, found[:, d : 2 * d] @ rows
 
 
-def _by_kernels(automaton: Automaton, state: State, _: int, dt: Array) -> tuple[Array, Array]:
+def _gaps_by_kernels(automaton: Automaton, state: State, _: int, dt: Array) -> tuple[Array, Array]:
     left = automaton.guards[state.wall].name
     kernels = (automaton.kernels.gap(left, guard.name) for guard in automaton.guards)
     head = (state.phase + 0.0 * dt, *(y + 0.0 * dt for y in state.section))
@@ -214,7 +216,7 @@ class Automaton:
         self.rows = tuple(np.array(guard.row(self.size), dtype=float) for guard in self.guards)
         self.restitution = tuple(self._restitution(k) for k in range(len(self.guards)))
         self._motions: dict[tuple[str, int], LinearMotion] = {}
-        self._through = Passing(kernels, self.values, self.positions)
+        self._through = PassageRule(kernels, self.values, self.positions)
 
     # What is fixed with the parameters.
 
@@ -358,7 +360,7 @@ class Automaton:
             found = self._first(window, held, left if number == 0 else None, left)
             if found is not None:
                 at = found[0] + window.begin
-                phase, passed = wrapped(state.phase + at, self.period)
+                phase, passed = wrap_time(state.phase + at, self.period)
                 return self._through(replace(found[1], phase=phase, turns=state.turns + passed))
         return Outcome.RESTING if resting else Outcome.NO_IMPACT
 
@@ -507,7 +509,7 @@ class Automaton:
         for window in until_repeated(linear_windows(motion, begin, phase, lengths)):
             first = self._first(window, 0, None, wall)
             if first is not None:
-                at, passed = wrapped(phase + window.begin + first[0], self.period)
+                at, passed = wrap_time(phase + window.begin + first[0], self.period)
                 return self._through(replace(first[1], phase=at, turns=turns + passed))
         return None
 
@@ -536,7 +538,7 @@ def derivative_between(automaton: Automaton, before: State, after: State) -> Arr
     It is infinite where the velocity of the second vanishes.
     """
     simple = not (before.released or after.released or after.held)
-    found = (_of_segment if simple else _of_linear_law)(automaton, before, after)
+    found = (_segment_jacobian if simple else _linear_jacobian)(automaton, before, after)
     return found if np.all(np.isfinite(found)) else np.full(found.shape, np.inf)
 
 
@@ -581,7 +583,7 @@ def _duration(automaton: Automaton, before: State, after: State) -> float:
     return (after.turns - before.turns) * automaton.period + after.phase - before.phase
 
 
-def _of_segment(automaton: Automaton, before: State, after: State) -> Array:
+def _segment_jacobian(automaton: Automaton, before: State, after: State) -> Array:
     names = [automaton.guards[state.wall].name for state in (before, after)]
     start = (before.phase, *before.section)
     end = (before.phase + _duration(automaton, before, after), *after.section)
@@ -595,22 +597,22 @@ def _of_segment(automaton: Automaton, before: State, after: State) -> Array:
         return np.full((m, m), np.inf)
 
 
-def _of_linear_law(automaton: Automaton, before: State, after: State) -> Array:
+def _linear_jacobian(automaton: Automaton, before: State, after: State) -> Array:
     d = automaton.size
     motion = automaton.flying(before.wall, after.held)
     begin, _ = automaton.leave(before)
-    left = _left(automaton, motion, before)
+    left = _departure_derivative(automaton, motion, before)
     left = np.column_stack([-motion.rate(begin), left])
     disturbed = motion.flowed(_duration(automaton, before, after)) @ left
     row = automaton.rows[after.wall]
     end = motion.embedded(*automaton.before(after.wall, after.section), after.phase)
-    late = _late(motion, after, row, end) @ disturbed
+    late = _delays(motion, after, row, end) @ disturbed
     moved = disturbed + np.outer(motion.rate(end), late)
     others = _section_rows(row, d)
     return np.vstack([late, others @ moved])
 
 
-def _left(automaton: Automaton, motion: LinearMotion, before: State) -> Array:
+def _departure_derivative(automaton: Automaton, motion: LinearMotion, before: State) -> Array:
     """How the state after an impact or a release depends on the section coordinates before it."""
     d, row = automaton.size, automaton.rows[before.wall]
     m = 2 * d - 1
@@ -620,7 +622,9 @@ def _left(automaton: Automaton, motion: LinearMotion, before: State) -> Array:
     else:
         name = automaton.guards[before.wall].name
         law = evaluate_in(automaton.kernels.law(name), series(FLOATS))
-        found = np.array([_along(law, before, j, automaton.values)[: 2 * d] for j in range(m)]).T
+        found = np.array(
+            [_state_derivative(law, before, j, automaton.values)[: 2 * d] for j in range(m)]
+        ).T
     if motion.contacts:
         pushed = motion.directions @ np.linalg.pinv(motion.rows @ motion.directions) @ motion.rows
         found[:d] -= pushed @ found[:d]
@@ -628,14 +632,14 @@ def _left(automaton: Automaton, motion: LinearMotion, before: State) -> Array:
     return found
 
 
-def _along(law: Callable[..., Any], state: State, j: int, values: Any) -> list[float]:
+def _state_derivative(law: Callable[..., Any], state: State, j: int, values: Any) -> list[float]:
     """The derivative of the state after an impact by one of the section coordinates before it."""
     section = [Series([y, float(i == j)]) for i, y in enumerate(state.section)]
     after = law(Series([state.phase, 0.0]), *section, *values)[3]
     return [float(e.coefficients[1]) if isinstance(e, Series) else 0.0 for e in after]
 
 
-def _late(motion: LinearMotion, after: State, row: Array, end: Array) -> Array:
+def _delays(motion: LinearMotion, after: State, row: Array, end: Array) -> Array:
     """How much later the event comes, for each disturbance of the state."""
     d = len(row)
     rates = generator_of(motion.shape, motion.numbers) @ end

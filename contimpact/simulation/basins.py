@@ -23,7 +23,7 @@ from .attractor import Attractor, Kind
 from .run import Outcome, Run, State
 from .settle import settle
 from .simulator import Simulator
-from .sweep import Row, Sweep, same
+from .sweep import Row, Sweep, same_attractor
 
 REACHED = 1e-5
 """A motion this near to a known periodic attractor, round after round, has reached it."""
@@ -94,11 +94,11 @@ def basins(
     phases = simulator.period * (np.arange(n) + 0.5) / n
     found = list(known)
     labels = np.zeros(shape, dtype=int)
-    others = _others(simulator, letter, known)
+    others = _other_coordinates(simulator, letter, known)
     for i, velocity in enumerate(velocities.tolist()):
         for j, phase in enumerate(phases.tolist()):
             state = simulator.state(letter, phase, velocity, others)
-            labels[i, j] = _reached(simulator, state, found, settling)
+            labels[i, j] = _attractor_number(simulator, state, found, settling)
         if callback:
             callback((i + 1) * n, m * n)
     parameters = {**simulator.model.values, **simulator.derived}
@@ -106,7 +106,9 @@ def basins(
     return Basins(letter, number, parameters, phases, velocities, labels, found, others)
 
 
-def _others(simulator: Simulator, wall: str, known: Sequence[Attractor]) -> tuple[float, ...]:
+def _other_coordinates(
+    simulator: Simulator, wall: str, known: Sequence[Attractor]
+) -> tuple[float, ...]:
     """The other section coordinates of all starts: those of the fastest known impact there."""
     number = simulator.letters.index(wall)
     impacts = [
@@ -126,7 +128,9 @@ def _fastest(simulator: Simulator, known: Sequence[Attractor]) -> float:
     return 2.0 * max(speeds, default=0.0) or simulator.fastest
 
 
-def _reached(simulator: Simulator, state: State, found: list[Attractor], settling: Settling) -> int:
+def _attractor_number(
+    simulator: Simulator, state: State, found: list[Attractor], settling: Settling
+) -> int:
     """The number of the attractor a start leads to; a new one is added to the list.
 
     Where complex motion is among the attractors, a start that has not settled after a tenth of the
@@ -138,7 +142,7 @@ def _reached(simulator: Simulator, state: State, found: list[Attractor], settlin
             break
         state = run.end
         for number, attractor in enumerate(found):
-            if _on(attractor, run):
+            if _ends_on(attractor, run):
                 return number
     kinds = [attractor.kind for attractor in found]
     if Kind.COMPLEX in kinds:
@@ -149,16 +153,16 @@ def _reached(simulator: Simulator, state: State, found: list[Attractor], settlin
     else:
         attractor = settle(simulator, state, settling)
     for number, other in enumerate(found):
-        if same(attractor, other):
+        if same_attractor(attractor, other):
             return number
     found.append(attractor)
     return len(found) - 1
 
 
-def _on(attractor: Attractor, run: Run) -> bool:
+def _ends_on(attractor: Attractor, run: Run) -> bool:
     """Whether a run ends on a periodic attractor, closely, or is released as a sticking one is."""
     if attractor.held.size:
-        return _on_several(attractor, run)
+        return _ends_on_several(attractor, run)
     if attractor.kind is Kind.STICKING:
         rows = np.nonzero(run.released)[0][-1:]
         mine = attractor.times[attractor.released] % attractor.forcing_period
@@ -177,7 +181,7 @@ def _on(attractor: Attractor, run: Run) -> bool:
     return float(np.min(apart[attractor.walls == state.wall], initial=math.inf)) < REACHED
 
 
-def _on_several(attractor: Attractor, run: Run) -> bool:
+def _ends_on_several(attractor: Attractor, run: Run) -> bool:
     """The same where there are several coordinates, by all of them."""
     if attractor.period is None or run.end is None:
         return False
@@ -215,7 +219,7 @@ class Match:
 
 
 @dataclass(frozen=True)
-class Uncovered:
+class UncoveredGroup:
     """Attractors of one word, side by side in a sweep, that no branch explains."""
 
     kind: str
@@ -237,7 +241,7 @@ class Coverage:
     """Attractors on branches, and the others."""
 
     matches: Sequence[Match]
-    uncovered: Sequence[Uncovered]
+    uncovered: Sequence[UncoveredGroup]
 
     def as_record(self) -> dict[str, Any]:
         """Return plain data."""
@@ -267,7 +271,7 @@ def cover(sweep: Sweep, diagram: Diagram, kernels: Kernels | None = None) -> Cov
             matches.append(match)
         else:
             rest.append(row)
-    return Coverage(matches, _uncovered(rest, sweep))
+    return Coverage(matches, _uncovered_groups(rest, sweep))
 
 
 def _match(row: Row, sweep: Sweep, diagram: Diagram, kernels: Kernels) -> Match | None:
@@ -348,7 +352,7 @@ def _distance(attractor: Attractor, word: str, orbit: Array) -> float:
     return best
 
 
-def _uncovered(rows: Sequence[Row], sweep: Sweep) -> list[Uncovered]:
+def _uncovered_groups(rows: Sequence[Row], sweep: Sweep) -> list[UncoveredGroup]:
     """Group rows by what they are; the middle one of each group starts the scene."""
     groups: dict[str, list[Row]] = {}
     for row in rows:
@@ -359,14 +363,14 @@ def _uncovered(rows: Sequence[Row], sweep: Sweep) -> list[Uncovered]:
         middle = group[len(group) // 2]
         a = middle.attractor
         periodic = a.kind is Kind.PERIODIC or (a.motion is not None and _first_mode(a, sweep))
-        why = "no branch has this orbit" if periodic else _why(a)
+        why = "no branch has this orbit" if periodic else _uncovered_reason(a)
         scene = scene_fragment(middle, sweep) if periodic else None
         what = (a.kind.value, a.notation, a.word, a.period)
-        found.append(Uncovered(*what, group[0].value, group[-1].value, len(group), why, scene))
+        found.append(UncoveredGroup(*what, group[0].value, group[-1].value, len(group), why, scene))
     return found
 
 
-def _why(attractor: Attractor) -> str:
+def _uncovered_reason(attractor: Attractor) -> str:
     """Why what is not periodic, or not from the first mode on, lies on no branch."""
     if attractor.motion is not None:
         return f"{attractor.notation}: the word 0 is that of the first mode"

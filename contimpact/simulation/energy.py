@@ -8,17 +8,24 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..arrays import Array
-from ..errors import InputError, shown
+from ..errors import InputError, short_repr
 from ..models.model import Model
 from ..orbits.orbit import Orbit
 from ..results.branch import Branch, Entry
-from ..results.quantities import Energy, along, of_impacts
+from ..results.quantities import Energy, branch_voltages, impact_voltages
 from ..segments.kernels import Kernels
 from ..segments.layout import Family
 from ..systems.membrane import Membrane
 from .attractor import Attractor, Kind
 
-__all__ = ["Energy", "Membrane", "along", "energy", "of_attractor", "of_impacts"]
+__all__ = [
+    "Energy",
+    "Membrane",
+    "attractor_voltages",
+    "branch_voltages",
+    "energy",
+    "impact_voltages",
+]
 
 
 def energy(
@@ -46,17 +53,17 @@ def energy(
     """
     membrane = membrane or Membrane()
     if isinstance(of, Branch):
-        return along(membrane, of)
+        return branch_voltages(membrane, of)
     if isinstance(of, Attractor):
-        return of_attractor(membrane, of)
+        return attractor_voltages(membrane, of)
     orbit = of.orbit() if isinstance(of, Entry) else of
     if not isinstance(orbit, Orbit):
         accepted = "give an orbit, an entry, an attractor or a branch"
-        raise InputError("of", f"found {shown(of)}", accepted)
-    return of_impacts(membrane, orbit.parameters, orbit.velocities, orbit.linearisation.span)
+        raise InputError("of", f"found {short_repr(of)}", accepted)
+    return impact_voltages(membrane, orbit.parameters, orbit.velocities, orbit.linearisation.span)
 
 
-def of_attractor(membrane: Membrane, attractor: Attractor) -> Energy:
+def attractor_voltages(membrane: Membrane, attractor: Attractor) -> Energy:
     """Return the voltages of an attractor, over its period or over the end of its run."""
     if attractor.kind in (Kind.RESTING, Kind.NO_IMPACT):
         return Energy(np.zeros(0), 0.0, 0.0)
@@ -66,7 +73,7 @@ def of_attractor(membrane: Membrane, attractor: Attractor) -> Energy:
     else:  # from the first impact to the last, without the first
         span = float(attractor.times[-1] - attractor.times[0])
         hits = hits & (np.arange(len(hits)) > 0)
-    found = of_impacts(membrane, attractor.parameters, attractor.velocities[hits], span)
+    found = impact_voltages(membrane, attractor.parameters, attractor.velocities[hits], span)
     if attractor.kind is Kind.STICKING:
         return Energy(found.impacts, 0.0, found.per_time)
     return found
@@ -123,11 +130,11 @@ def losses(of: Orbit | Entry | Attractor, model: Model | None = None) -> Losses:
         rows = problem.impacts(orbit.unknowns)
         walls = orbit.model.letters
         numbers = np.array([walls.index(w) for w in problem.word.walls], dtype=int)
-        found = _lost(problem.kernels, orbit.model, numbers, rows[:, 1:])
+        found = _lost_energies(problem.kernels, orbit.model, numbers, rows[:, 1:])
         return _means(found, problem.span(orbit.unknowns))
     if not isinstance(of, Attractor) or model is None:
         accepted = "give an orbit, an entry, or an attractor and its model"
-        raise InputError("of", f"found {shown(of)}", accepted)
+        raise InputError("of", f"found {short_repr(of)}", accepted)
     return losses_of_attractor(of, model, Kernels(model, next(iter(model.values))))
 
 
@@ -139,7 +146,7 @@ def losses_of_attractor(attractor: Attractor, model: Model, kernels: Kernels) ->
     section = attractor.velocities[:, None]
     if attractor.others.size:
         section = np.column_stack([section, attractor.others])
-    found = _lost(kernels, here, attractor.walls, section)
+    found = _lost_energies(kernels, here, attractor.walls, section)
     found[attractor.released] = 0.0
     if attractor.period is not None:
         means = _means(found, attractor.period * attractor.forcing_period)
@@ -149,12 +156,12 @@ def losses_of_attractor(attractor: Attractor, model: Model, kernels: Kernels) ->
     return Losses(found, per_impact, means.per_time)
 
 
-def _lost(kernels: Kernels, model: Model, walls: Array, section: Array) -> Array:
+def _lost_energies(kernels: Kernels, model: Model, walls: Array, section: Array) -> Array:
     names, values = model.letters, tuple(model.values.values())
     rows = zip(walls.tolist(), section.tolist(), strict=True)
     found = [float(kernels.loss(names[wall])(*row, *values)[0]) for wall, row in rows]
     if any(math.isnan(lost) for lost in found):
-        raise _unknown("losses", model)
+        raise _unknown_energy_error("losses", model)
     return np.array(found)
 
 
@@ -167,10 +174,10 @@ def require_masses(model: Model, kernels: Kernels, where: str) -> None:
         With the place of what asks for them.
     """
     if any(kernels.loss(letter).family is Family.UNKNOWN for letter in model.letters):
-        raise _unknown(where, model)
+        raise _unknown_energy_error(where, model)
 
 
-def _unknown(where: str, model: Model) -> InputError:
+def _unknown_energy_error(where: str, model: Model) -> InputError:
     found = f"the kinetic energy of {model.SYSTEM} is not known"
     stated = model.place("mass") if model.STATED else "Formulas.mass"
     return InputError(where, found, f"state its masses, {stated}")

@@ -17,15 +17,15 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from .. import __version__
-from ..errors import InputError, shown
+from ..errors import InputError, short_repr
 from ..models.model import Model
 from ..orbits.orbit import Orbit
-from ..results.branch import Branch, Entry, named_model, orbit_with
+from ..results.branch import Branch, Entry, model_by_name, orbit_with
 from ..results.catalogue import (
     BRANCH,
     CURVE,
     branch_text,
-    checking,
+    check_reading,
     curve_text,
     entry_of,
     load_diagram,
@@ -36,7 +36,7 @@ from ..results.catalogue import (
 from ..results.curve import Curve
 from ..results.diagram import Diagram
 from ..storage.files import append, is_there, read_bounded, reason, write_text
-from ..storage.texts import DAMAGE, Json, csv_text, fitted, json_line, json_text, made
+from ..storage.texts import DAMAGE, Json, build_record, csv_text, fit_value, json_line, json_text
 from .attractor import Attractor
 from .run import Outcome, Run, State
 from .sweep import WRITTEN, Row, Sweep, table_of
@@ -136,10 +136,12 @@ class Checkpoint:
                 self.rows.append(self._fitting(Row.from_record(record["row"])))
             elif "changes" in record:
                 found = [Transition.from_record(item) for item in record["changes"]]
-                key = fitted([record["direction"], record["value"]], tuple[str, float], "changes")
+                key = fit_value(
+                    [record["direction"], record["value"]], tuple[str, float], "changes"
+                )
                 self.changes[key] = found
             else:
-                self.tried.add(fitted(record["tried"], float, "tried"))
+                self.tried.add(fit_value(record["tried"], float, "tried"))
         except DAMAGE as error:
             raise self._unfit(f"damaged ({type(error).__name__}: {error})") from None
 
@@ -258,12 +260,12 @@ def losses_text(sweep: Sweep, kernels: Kernels) -> str:
 
 
 def _attractor_rows(membrane: Membrane, sweep: Sweep) -> list[dict[str, Any]]:
-    from .energy import of_attractor
+    from .energy import attractor_voltages
 
     rows = []
     for row in sweep.rows:
         a = row.attractor
-        energy = of_attractor(membrane, a)
+        energy = attractor_voltages(membrane, a)
         derived = {name: a.parameters[name] for name in sweep.model.DERIVED}
         means = {"U_I": energy.per_impact, "U_T": energy.per_time}
         each = {f"U{k + 1}": u for k, u in enumerate(energy.impacts[:WRITTEN].tolist())}
@@ -275,12 +277,12 @@ def _attractor_rows(membrane: Membrane, sweep: Sweep) -> list[dict[str, Any]]:
 def _branch_rows(
     membrane: Membrane, branch: Branch, derived: Sequence[str]
 ) -> list[dict[str, Any]]:
-    from ..results.quantities import along
+    from ..results.quantities import branch_voltages
 
     names = [branch.parameter, *derived]
     columns = {name: branch[name].tolist() for name in names}
     columns["stable"], columns["physical"] = branch.stable.tolist(), branch.physical.tolist()
-    columns |= {name: values.tolist() for name, values in along(membrane, branch).items()}
+    columns |= {name: values.tolist() for name, values in branch_voltages(membrane, branch).items()}
     return [
         {"from": branch.id, "notation": branch.notation}
         | {name: values[k] for name, values in columns.items()}
@@ -346,7 +348,7 @@ def load(path: str | Path, model: Model | None = None) -> Any:
     if path.is_dir():
         return load_diagram(path)
     if path.suffix == ".csv":
-        with checking(path, f"{BRANCH}' or '{CURVE}"):
+        with check_reading(path, f"{BRANCH}' or '{CURVE}"):
             first = read_bounded(path, LARGEST_KEPT).split(b"\n", 1)[0].decode()
             schema = json.loads(first.removeprefix("# "))["schema"]
         return read_curve(path) if schema == CURVE else read_branch(path)
@@ -354,33 +356,35 @@ def load(path: str | Path, model: Model | None = None) -> Any:
         raise InputError(
             str(path), "no such file or folder", "give what `save` or a run has written"
         )
-    with checking(path, KEPT):
+    with check_reading(path, KEPT):
         record = json.loads(read_bounded(path, LARGEST_KEPT))
         if record["schema"] != KEPT:
             raise InputError(
-                str(path), f"its schema is {shown(record['schema'])}", f"give {KEPT!r}"
+                str(path), f"its schema is {short_repr(record['schema'])}", f"give {KEPT!r}"
             )
         return _result(record, model)
 
 
 def _require_ending(path: Path, ending: str) -> None:
     if path.suffix != ending:
-        raise InputError("path", f"found {shown(path.name)}", f"give a name that ends in {ending}")
+        raise InputError(
+            "path", f"found {short_repr(path.name)}", f"give a name that ends in {ending}"
+        )
 
 
 def _content(result: Any) -> dict[str, Any]:
     """A result as plain data."""
     if isinstance(result, Sweep):
         rows = [row.as_record() for row in result.rows]
-        about = _of_model(result.model) | {"parameter": result.parameter}
+        about = _model_record(result.model) | {"parameter": result.parameter}
         return {"kind": "sweep", **about, "rows": rows}
     several = isinstance(result, Sequence) and not isinstance(result, str)
     items = list(result) if several else [result]
     for kind, name, record in (
         (Entry, "entries", dataclasses.asdict),
-        (Orbit, "orbits", _of_orbit),
+        (Orbit, "orbits", _orbit_record),
         (Attractor, "attractors", Attractor.as_record),
-        (Run, "runs", _of_run),
+        (Run, "runs", _run_record),
     ):
         if items and all(isinstance(item, kind) for item in items):
             return {"kind": name, "several": several, "items": [record(item) for item in items]}
@@ -388,15 +392,15 @@ def _content(result: Any) -> dict[str, Any]:
         "give a diagram, branch, curve, entry, orbit, attractor, run, sweep, or a list of "
         "entries, orbits, attractors or runs; several branches as ci.Diagram(name, branches)"
     )
-    raise InputError("result", f"found {shown(result)}", accepted)
+    raise InputError("result", f"found {short_repr(result)}", accepted)
 
 
-def _of_model(model: Model) -> dict[str, Any]:
+def _model_record(model: Model) -> dict[str, Any]:
     return {"system": model.SYSTEM, "options": model.options, "parameters": model.values}
 
 
-def _of_orbit(orbit: Orbit) -> dict[str, Any]:
-    about = _of_model(orbit.model) | {"parameter": orbit.problem.parameter}
+def _orbit_record(orbit: Orbit) -> dict[str, Any]:
+    about = _model_record(orbit.model) | {"parameter": orbit.problem.parameter}
     word = {"word": orbit.word.walls, "period": orbit.word.period}
     return about | word | {"unknowns": orbit.unknowns.tolist()}
 
@@ -408,7 +412,7 @@ WIDER = ("others", "held")
 """Columns of several coordinates, empty for one."""
 
 
-def _of_run(run: Run) -> dict[str, Any]:
+def _run_record(run: Run) -> dict[str, Any]:
     columns = {name: getattr(run, name).tolist() for name in COLUMNS}
     states = {"end": run.end, "left": run.left}
     kept = {name: None if s is None else dataclasses.asdict(s) for name, s in states.items()}
@@ -426,11 +430,13 @@ def _run(record: Mapping[str, Any]) -> Run:
     own = [column for name, column in columns.items() if column.size or name not in WIDER]
     if len({len(column) for column in own}) != 1 or np.any(columns["walls"] < 0):
         raise ValueError("impacts that are no table")
-    letters = tuple(fitted(record["letters"], Sequence[str], "letters"))
+    letters = tuple(fit_value(record["letters"], Sequence[str], "letters"))
     if np.any(columns["walls"] >= len(letters)):
         raise ValueError("a wall without a name")
-    end, left = (None if record[n] is None else made(State, record[n]) for n in ("end", "left"))
-    period = fitted(record["period"], float, "period")
+    end, left = (
+        None if record[n] is None else build_record(State, record[n]) for n in ("end", "left")
+    )
+    period = fit_value(record["period"], float, "period")
     return Run(letters, period, outcome=Outcome[record["outcome"]], end=end, left=left, **columns)
 
 
@@ -439,7 +445,7 @@ def _result(record: Mapping[str, Any], model: Model | None) -> Any:
     if kind == "sweep":
         rows = [Row.from_record(row) for row in record["rows"]]
         return Sweep(
-            named_model(record, model), fitted(record["parameter"], str, "parameter"), rows
+            model_by_name(record, model), fit_value(record["parameter"], str, "parameter"), rows
         )
     make: Any = {
         "entries": entry_of,
@@ -452,7 +458,9 @@ def _result(record: Mapping[str, Any], model: Model | None) -> Any:
 
 
 def _orbit(record: Mapping[str, Any], model: Model | None) -> Orbit:
-    unknowns = fitted(record["unknowns"], Sequence[float], "unknowns")
-    word = fitted(record["word"], str, "word"), fitted(record["period"], int, "period")
-    at = named_model(record, model)
-    return orbit_with(at, word, fitted(record["parameter"], str, "parameter"), np.array(unknowns))
+    unknowns = fit_value(record["unknowns"], Sequence[float], "unknowns")
+    word = fit_value(record["word"], str, "word"), fit_value(record["period"], int, "period")
+    at = model_by_name(record, model)
+    return orbit_with(
+        at, word, fit_value(record["parameter"], str, "parameter"), np.array(unknowns)
+    )

@@ -145,12 +145,12 @@ class LinearMotion:
         found = [
             (when, contact)
             for contact, weights in zip(self.contacts, self.reactions, strict=True)
-            if (when := _ceases(track, contact.side * weights, state)) is not None
+            if (when := _first_negative(track, contact.side * weights, state)) is not None
         ]
         return min(found, key=lambda pair: pair[0], default=None)
 
 
-def _ceases(track: Track, weights: Array, state: Array) -> float | None:
+def _first_negative(track: Track, weights: Array, state: Array) -> float | None:
     """When a linear combination of X becomes negative; 0 if it is so from the start."""
     if weights @ state < -AT_ONCE * (np.abs(weights) @ np.abs(state)):
         return 0.0
@@ -172,7 +172,7 @@ FIRST, LEAST = 2.0**-5, 2.0**-30
 one before, a period at most; where the flow does not stay finite they are halved."""
 
 
-class Begun(NamedTuple):
+class Departure(NamedTuple):
     """What a flight leaves with."""
 
     field: str
@@ -182,13 +182,13 @@ class Begun(NamedTuple):
     parameters: list[float]
 
 
-def begun(motion: Kernel, arguments: Sequence[float]) -> Begun:
+def departure(motion: Kernel, arguments: Sequence[float]) -> Departure:
     """Return what a kernel ``motion`` integrates, for ``(t0, v0, dt, *p)``."""
-    found: list[Begun] = []
+    found: list[Departure] = []
 
     def flown(field: str, directions: str, dt: float, *numbers: float) -> list[float]:
         t, x, v, *parameters = numbers
-        found.append(Begun(field, t, x, v, parameters))
+        found.append(Departure(field, t, x, v, parameters))
         return [v, v]
 
     names = {**motion.__globals__, "flown": flown}
@@ -213,7 +213,7 @@ def fly_integrated(
         Time before which a zero of the acceleration belongs to the release itself.
     """
     period, rising, speed = body.clock[0], body.leaving[wall] < 0, velocity
-    left = begun(motion, (phase, velocity, 0.0, *body.values))
+    left = departure(motion, (phase, velocity, 0.0, *body.values))
     passed, moved, length = 0.0, 0.0, FIRST * period
     while passed < body.longest[0] * period and length > LEAST * period:
         numbers = [left.time + passed, left.position + moved, left.velocity, *left.parameters]

@@ -55,7 +55,7 @@ class Body(NamedTuple):
     """Periods after which a flight is given up, shape (1,)."""
 
 
-def wrapped(time: float, period: float) -> tuple[float, int]:
+def wrap_time(time: float, period: float) -> tuple[float, int]:
     """Return a time as a phase in [0, T) and whole periods."""
     passed = math.floor(time / period)
     phase = time - passed * period
@@ -111,7 +111,7 @@ def hold_of(
     return Hold(tuple(edges[i] for i in changes), tuple(pressed[i] for i in changes), 1.1 * size)
 
 
-def pressed_at(body: Body, wall: int, phase: float) -> tuple[bool, float]:
+def pressing_at(body: Body, wall: int, phase: float) -> tuple[bool, float]:
     """Return whether a body at rest on a wall is pressed against it, and for how long.
 
     The time is infinite if the acceleration never turns away.
@@ -166,7 +166,7 @@ def rest_after(
 ) -> float:
     """Return the time until accumulating impacts end; NaN if they do not (yet)."""
     e = body.restitution[wall]
-    presses, until = pressed_at(body, wall, phase)
+    presses, until = pressing_at(body, wall, phase)
     if not presses or e >= 1.0:
         return math.nan
     if e == 0.0 or velocity == 0.0:
@@ -230,7 +230,7 @@ def make_impacts(
         if abs(velocity) <= body.slow[wall]:
             rest = rest_after(motion, body, wall, phase, velocity)
         if rest == rest:  # chatter has come to its end
-            phase, passed = wrapped(phase + rest, period)
+            phase, passed = wrap_time(phase + rest, period)
             turn += passed
             phase, passed = release_after(body, wall, phase)
             if passed < 0:
@@ -244,7 +244,7 @@ def make_impacts(
                 break
             wall = wall_on(body, wall, side)
             velocity = speed
-            phase, passed = wrapped(phase + dt, period)
+            phase, passed = wrap_time(phase + dt, period)
         turn += passed
         if kept:
             walls[made], turns[made], released[made] = wall, turn, leaves

@@ -59,7 +59,7 @@ class Contraction(NamedTuple):
     """Logarithm of its size; NaN where rounding leaves too little of it."""
 
 
-class Rounded(NamedTuple):
+class RoundedDerivative(NamedTuple):
     """A derivative of the map and bounds of its entries' rounding errors, shape (m, m) each."""
 
     derivative: Array
@@ -68,7 +68,7 @@ class Rounded(NamedTuple):
 
 def contraction(simulator: Simulator, rows: Sequence[State]) -> Contraction:
     """Return the determinant of the derivative of the map along impacts, no wall of them held."""
-    each = [_of_flight(simulator, *pair) for pair in itertools.pairwise(rows)]
+    each = [_flight_contraction(simulator, *pair) for pair in itertools.pairwise(rows)]
     if any(found.sign == 0.0 for found in each):
         return Contraction(0.0, -math.inf)
     return Contraction(
@@ -76,22 +76,22 @@ def contraction(simulator: Simulator, rows: Sequence[State]) -> Contraction:
     )
 
 
-def rounded_product(simulator: Simulator, rows: Sequence[State]) -> Rounded:
+def derivative_product(simulator: Simulator, rows: Sequence[State]) -> RoundedDerivative:
     """Return the derivative of the map along impacts, and what rounding may have added to it."""
     m = simulator.model.unknowns_per_impact
     product, errors = np.eye(m), np.zeros((m, m))
     for pair in itertools.pairwise(rows):
-        step, off = _rounded(simulator, *pair)
+        step, off = _rounded_derivative(simulator, *pair)
         size = np.abs(step)
         errors = size @ errors + off @ (np.abs(product) + errors)
         errors += m * UNIT * (size @ np.abs(product))
         product = step @ product
-    return Rounded(product, errors)
+    return RoundedDerivative(product, errors)
 
 
-def _of_flight(simulator: Simulator, before: State, after: State) -> Contraction:
-    found = _of_law(simulator, before, after) if _has_law(simulator, before.wall) else None
-    return found or _of_blocks(simulator, before, after)
+def _flight_contraction(simulator: Simulator, before: State, after: State) -> Contraction:
+    found = _law_contraction(simulator, before, after) if _has_law(simulator, before.wall) else None
+    return found or _block_contraction(simulator, before, after)
 
 
 def _has_law(simulator: Simulator, wall: int) -> bool:
@@ -105,7 +105,7 @@ def _has_law(simulator: Simulator, wall: int) -> bool:
     return len(kernels.law(guard.name)(0.0, *[1.0] * (2 * size - 1), *simulator.values)) > 1
 
 
-def _of_law(simulator: Simulator, before: State, after: State) -> Contraction | None:
+def _law_contraction(simulator: Simulator, before: State, after: State) -> Contraction | None:
     """Of a linear flight; None where positions jump."""
     size, guard = simulator.model.DEGREES_OF_FREEDOM, simulator.model.WALLS[before.wall]
     row, law = guard.row(size), simulator.kernels.law(guard.name)
@@ -114,7 +114,11 @@ def _of_law(simulator: Simulator, before: State, after: State) -> Contraction | 
     if not np.allclose(left[:size], place, rtol=1e-12, atol=1e-300):
         return None
     speed = float(np.dot(row, left[size : 2 * size]))
-    factor = _of_impact(simulator, before) * speed / after.velocity if after.velocity else math.inf
+    factor = (
+        _impact_determinant(simulator, before) * speed / after.velocity
+        if after.velocity
+        else math.inf
+    )
     width = 2 * int(d) + 2 * int(h) + 1
     trace = math.fsum(numbers[i * width + size + i] for i in range(size))
     if factor == 0.0:
@@ -123,7 +127,7 @@ def _of_law(simulator: Simulator, before: State, after: State) -> Contraction | 
     return Contraction(math.copysign(1.0, factor), math.log(abs(factor)) + trace * duration)
 
 
-def _of_impact(simulator: Simulator, before: State) -> float:
+def _impact_determinant(simulator: Simulator, before: State) -> float:
     """The determinant of velocities after an impact by those before it."""
     size, guard = simulator.model.DEGREES_OF_FREEDOM, simulator.model.WALLS[before.wall]
     law = evaluate_in(simulator.kernels.law(guard.name), series(FLOATS))
@@ -153,16 +157,16 @@ def _blocks(simulator: Simulator, before: State, after: State) -> tuple[Array, A
     return found[0], found[1], found[2], found[3]
 
 
-def _rounded(simulator: Simulator, before: State, after: State) -> Rounded:
+def _rounded_derivative(simulator: Simulator, before: State, after: State) -> RoundedDerivative:
     a, b, off_a, off_b = _blocks(simulator, before, after)
     try:
         step = -np.linalg.solve(b, a)
-        return Rounded(step, np.abs(np.linalg.inv(b)) @ (off_a + off_b @ np.abs(step)))
+        return RoundedDerivative(step, np.abs(np.linalg.inv(b)) @ (off_a + off_b @ np.abs(step)))
     except np.linalg.LinAlgError:
-        return Rounded(np.full(a.shape, np.inf), np.full(a.shape, np.inf))
+        return RoundedDerivative(np.full(a.shape, np.inf), np.full(a.shape, np.inf))
 
 
-def _of_blocks(simulator: Simulator, before: State, after: State) -> Contraction:
+def _block_contraction(simulator: Simulator, before: State, after: State) -> Contraction:
     a, b, off_a, off_b = _blocks(simulator, before, after)
     sign, logarithm = 1.0, 0.0
     for block, off, way in ((a, off_a, 1.0), (b, off_b, -1.0)):
@@ -239,7 +243,7 @@ def exponents_of(
     periods = (_time(simulator, run.end) - _time(simulator, state)) / simulator.period
     count = len(run)
     if simulator.several and count:
-        return _of_several(simulator, state, run, batches, rng, periods)
+        return _exponents_by_qr(simulator, state, run, batches, rng, periods)
     if not count or run.released.any() or state.velocity == 0.0:
         lost = -math.inf if count else math.nan
         return Exponents((lost, lost), 0.0, math.nan, count, periods, run.end)
@@ -269,7 +273,7 @@ def exponents_of(
     )
 
 
-def _of_several(
+def _exponents_by_qr(
     simulator: Simulator, state: State, run: Run, batches: int, rng: Any, periods: float
 ) -> Exponents:
     """By the QR factors of the derivatives, in (time, v times velocity, the other coordinates)."""

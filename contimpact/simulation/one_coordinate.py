@@ -18,10 +18,10 @@ from ..arrays import INTEGERS, VECTOR, Array
 from ..errors import InputError
 from ..models.model import Model
 from ..segments.arithmetic import ARRAYS, Kernel, evaluate_in
-from ..segments.compiling import CompiledProgram, load, mode, spend
+from ..segments.compiling import CompiledProgram, count_plain_flights, load, mode
 from ..segments.flight import chebyshev_zeros, first_arrival, rounding_along, time_zeros
 from ..segments.kernels import Kernels
-from ..segments.segment import beside
+from ..segments.segment import neighbouring_guards
 from .flights import FlightInState, fly_in_time, motion_at
 from .impacts import (
     Body,
@@ -29,10 +29,10 @@ from .impacts import (
     coefficient,
     hold_of,
     make_impacts,
-    pressed_at,
+    pressing_at,
     slow_velocity,
     wall_on,
-    wrapped,
+    wrap_time,
 )
 from .run import Outcome, State
 
@@ -113,7 +113,7 @@ class Engine:
     def count_plain(self, impacts: int) -> None:
         """Count impacts that were made by plain Python."""
         self.plain += impacts
-        spend(PRICE * impacts)
+        count_plain_flights(PRICE * impacts)
 
 
 _ENGINES: dict[tuple[str, ...], Engine] = {}
@@ -184,7 +184,7 @@ class OneCoordinate:
         self.model, self.kernels, self.period, self.longest = model, kernels, period, longest
         self.positions, self.sides = tuple(positions), tuple(wall.side for wall in guards)
         self.values = tuple(model.values.values())
-        self._met = [beside(guards, kernels.passages, k) for k in range(len(guards))]
+        self._met = [neighbouring_guards(guards, kernels.passages, k) for k in range(len(guards))]
         self.motions = tuple(kernels.motion(wall.name) for wall in guards)
         self._motion = motion_at(self.motions, self.values)
         self._zeros = time_zeros(kernels.harmonics(*self.values), period)
@@ -260,7 +260,7 @@ class OneCoordinate:
 
     def pressed(self, wall: int, phase: float) -> tuple[bool, float]:
         """Return whether a body at rest on a wall is pressed against it, and for how long."""
-        return pressed_at(self.body, wall, phase)
+        return pressing_at(self.body, wall, phase)
 
     @property
     def _fly(self) -> Callable[..., Any]:
@@ -299,7 +299,7 @@ class OneCoordinate:
         )
         if side == 0:
             return None
-        phase, passed = wrapped(phase + dt, self.period)
+        phase, passed = wrap_time(phase + dt, self.period)
         return State(wall_on(self.body, 0, side), phase, speed, turns + passed)
 
     def path(self, states: Sequence[State], times: Array, points: int) -> Any:

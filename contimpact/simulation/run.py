@@ -13,7 +13,7 @@ from ..arrays import Array
 from ..models.guards import slides_at
 from ..segments.kernels import Kernels
 from ..segments.touches import margin
-from .impacts import wrapped
+from .impacts import wrap_time
 
 
 class Outcome(enum.Enum):
@@ -56,7 +56,7 @@ class State:
 
     def within(self, period: float) -> State:
         """Return the same with a phase in [0, T) and as many more turns as it had."""
-        phase, passed = wrapped(self.phase, period)
+        phase, passed = wrap_time(self.phase, period)
         return replace(self, phase=phase, turns=self.turns + passed)
 
 
@@ -135,7 +135,7 @@ def states_of(columns: Sequence[Array]) -> list[State]:
     ]
 
 
-def joined(parts: Sequence[Sequence[Any]]) -> tuple[Array, Array, Array, Array, Array]:
+def join_runs(parts: Sequence[Sequence[Any]]) -> tuple[Array, Array, Array, Array, Array]:
     """Return the columns of a run, walls to releases, from those of its parts."""
 
     def column(i: int, kind: Any) -> Array:
@@ -146,7 +146,7 @@ def joined(parts: Sequence[Sequence[Any]]) -> tuple[Array, Array, Array, Array, 
 
 
 def columns_of(rows: Sequence[State]) -> list[Any]:
-    """Return the columns of rows that are states, as `joined` takes them."""
+    """Return the columns of rows that are states, as `join_runs` takes them."""
     return [
         [state.wall for state in rows],
         [state.turns for state in rows],
@@ -171,7 +171,7 @@ def more_joined(parts: Sequence[Sequence[Any]], width: int) -> dict[str, Array]:
 # Arrivals at a switching surface: where the motion slides, and where it goes through.
 
 
-class Passing:
+class PassageRule:
     """Decides which guard is met of two on one surface; see `Guard.past`.
 
     Parameters

@@ -31,9 +31,9 @@ from .attractor import (
     sticking_cycle_of_one,
     sticking_cycle_of_several,
 )
-from .lyapunov import Contraction, contraction, exponents_of, rounded_product
+from .lyapunov import Contraction, contraction, derivative_product, exponents_of
 from .run import Outcome, Run, State
-from .simulator import Simulator, free_motion, later
+from .simulator import Simulator, free_motion, state_after
 
 # Multipliers and exponents of cycles, and what rounding leaves of them.
 #
@@ -56,7 +56,7 @@ TRIALS = 9
 
 
 @dataclass(frozen=True)
-class Contracting:
+class CycleContraction:
     """What the linearised map around a cycle tells."""
 
     multipliers: tuple[complex, ...]
@@ -69,7 +69,7 @@ class Contracting:
     """The sum of all exponents, from determinants; NaN where it is unknown."""
 
 
-def contracting(simulator: Simulator, cycle: Cycle) -> Contracting:
+def contraction_of(simulator: Simulator, cycle: Cycle) -> CycleContraction:
     """Return multipliers and exponents of a cycle, with what rounding leaves of them.
 
     Of motion that sticks they are as the cycle has them.
@@ -77,21 +77,21 @@ def contracting(simulator: Simulator, cycle: Cycle) -> Contracting:
     count, mus = len(cycle.walls), tuple(complex(mu) for mu in cycle.multipliers)
     if cycle.released.any() or cycle.held.any():
         each = tuple(_log(mu) / count for mu in mus)
-        return Contracting(mus, each, 0.0, sum(each))
+        return CycleContraction(mus, each, 0.0, sum(each))
     rows = _rows(cycle, simulator.period)
     whole = contraction(simulator, rows)
-    errors = _errors(*rounded_product(simulator, rows), mus)
-    mus, logs, error = _told(mus, errors, whole)
+    errors = _errors(*derivative_product(simulator, rows), mus)
+    mus, logs, error = _multiplier_sizes(mus, errors, whole)
     total = math.fsum(logs) if math.isnan(whole.logarithm) else whole.logarithm
     error = 0.0 if error <= NEGLIGIBLE else -math.log1p(-min(error, 1.0 - NEGLIGIBLE))
-    return Contracting(mus, tuple(e / count for e in logs), error / count, total / count)
+    return CycleContraction(mus, tuple(e / count for e in logs), error / count, total / count)
 
 
 def _log(mu: complex) -> float:
     return math.log(abs(mu)) if mu != 0 else -math.inf
 
 
-def _told(
+def _multiplier_sizes(
     mus: tuple[complex, ...], errors: list[float], whole: Contraction
 ) -> tuple[tuple[complex, ...], list[float], float]:
     """Multipliers and the logarithms of their sizes, zero and NaN where lost, and the error of the
@@ -149,11 +149,11 @@ def periodic(
     simulator: Simulator, cycle: Cycle, distance: float = 0.0, periods: int = 0
 ) -> Attractor:
     """Return the attractor of a stable cycle."""
-    cycle = _rotated(cycle, simulator.period)
+    cycle = _first_rotation(cycle, simulator.period)
     sticks = bool(cycle.released.any() or cycle.held.any())
     word = _sticking_word(simulator, cycle) if sticks else _letters(simulator, cycle.walls)
     count, smallest = len(cycle.walls), math.nan
-    found = contracting(simulator, cycle)
+    found = contraction_of(simulator, cycle)
     logs = [2.0 * math.log(e) if e else -math.inf for e in simulator.restitution]
     if sticks:
         notation = _sticking_notation(simulator, cycle)
@@ -184,7 +184,7 @@ def _letters(simulator: Simulator, walls: Array) -> str:
     return "".join(simulator.letters[k] for k in walls.tolist())
 
 
-def _rotated(cycle: Cycle, period: float) -> Cycle:
+def _first_rotation(cycle: Cycle, period: float) -> Cycle:
     """The cycle in its first rotation: walls in order, the faster impact first."""
     n = len(cycle.walls)
     span = cycle.period * period
@@ -305,7 +305,7 @@ def settle(
     begun, made = state.turns, 0
     run = simulator.run(state, impacts=FIRST)
     if run.outcome is not Outcome.DONE:
-        return _ended(simulator, run)
+        return _attractor_of_end(simulator, run)
     if (found := _sticking(simulator, run, settling)) is not None:
         return periodic(simulator, *found, periods=int(run.turns[-1]) - begun)
     run = simulator.run(state, periods=settling.transient, record=False)
@@ -314,21 +314,21 @@ def settle(
     while run.outcome is Outcome.DONE and run.end is not None:
         periods = run.end.turns - begun
         if periods - settling.transient > settling.periods:
-            return _unsettled(simulator, run.end, settling, periods)
+            return _unsettled_motion(simulator, run.end, settling, periods)
         run = simulator.run(run.end, impacts=window)
         made += len(run)
         window = min(2 * window, 2 * settling.longest)
-        found = _near(simulator, run, settling.longest)
+        found = _cycle_near(simulator, run, settling.longest)
         if found is not None:
             cycle, distance = found
-            if distance < settling.tolerance or _approached(earlier, cycle, distance, made):
+            if distance < settling.tolerance or _approaches_cycle(earlier, cycle, distance, made):
                 return periodic(simulator, cycle, distance, periods)
             if earlier is None or not np.array_equal(earlier[0].walls, cycle.walls):
                 earlier = (cycle, distance, made)
-    return _ended(simulator, run)
+    return _attractor_of_end(simulator, run)
 
 
-def _near(simulator: Simulator, run: Run, longest: int) -> tuple[Cycle, float] | None:
+def _cycle_near(simulator: Simulator, run: Run, longest: int) -> tuple[Cycle, float] | None:
     """The stable cycle near the end of a run, and the distance to it."""
     return (cycle_of_several if simulator.several else cycle_of_one)(simulator, run, longest)
 
@@ -341,7 +341,7 @@ def _sticking(simulator: Simulator, run: Run, settling: Settling) -> tuple[Cycle
     return found if found and found[1] < settling.tolerance else None
 
 
-def _approached(
+def _approaches_cycle(
     earlier: tuple[Cycle, float, int] | None, cycle: Cycle, distance: float, made: int
 ) -> bool:
     """Whether a motion approaches its cycle at the rate of the cycle's multiplier.
@@ -356,7 +356,7 @@ def _approached(
     return distance < earlier[1] * abs(cycle.multipliers[0]) ** (0.5 * rounds)
 
 
-def _ended(simulator: Simulator, run: Run) -> Attractor:
+def _attractor_of_end(simulator: Simulator, run: Run) -> Attractor:
     """The attractor of a run that ended by itself."""
     if run.left is not None:
         mode = simulator.model.WALLS[run.left.wall].next_mode
@@ -392,7 +392,7 @@ def settle_again(
     for part in TIMES:
         time = part * simulator.period
         try:
-            at = later(simulator, attractor.mode, attractor.motion, time)
+            at = state_after(simulator, attractor.mode, attractor.motion, time)
             state = at and simulator.start(time, *at, attractor.mode)
         except InputError:  # a guard has passed it, or its flights begin at guards alone
             continue
@@ -401,11 +401,13 @@ def settle_again(
     return None
 
 
-def _unsettled(simulator: Simulator, state: State, settling: Settling, periods: int) -> Attractor:
+def _unsettled_motion(
+    simulator: Simulator, state: State, settling: Settling, periods: int
+) -> Attractor:
     """Complex motion if the largest exponent is clearly positive, otherwise not settled."""
     run = simulator.run(state, impacts=settling.impacts)
     if run.outcome is not Outcome.DONE:
-        return _ended(simulator, run)
+        return _attractor_of_end(simulator, run)
     if (sticking := _sticking(simulator, run, settling)) is not None:
         return periodic(simulator, *sticking, periods=periods)
     found = exponents_of(simulator, state, run)

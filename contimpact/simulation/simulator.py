@@ -27,7 +27,7 @@ from ..segments.kernels import Kernels
 from .automaton import Automaton, derivative_between, derivative_of_pair
 from .flights import LinearMotion
 from .one_coordinate import OneCoordinate
-from .run import Outcome, Run, State, joined, more_joined, states_of
+from .run import Outcome, Run, State, join_runs, more_joined, states_of
 
 CHUNK, FEW = 65536, 256
 """Rows made at once, at most and at first: interrupts come through between chunks."""
@@ -64,7 +64,7 @@ class Simulator:
         self.period = float(setup.period)
         self.positions = tuple(float(x) for x in setup.walls)
         self.derived = dict(zip(model.DERIVED, setup.derived, strict=True))
-        kind = Automaton if needed(model, self.kernels) else OneCoordinate
+        kind = Automaton if has_several_coordinates(model, self.kernels) else OneCoordinate
         given = (model, self.kernels, self.period, self.positions, longest_flight)
         self.machine: Automaton | OneCoordinate = kind(*given)
         self.restitution = self.machine.restitution
@@ -289,7 +289,7 @@ class Simulator:
         end, left = (None, state) if lost else (state, None)
         width = self.model.unknowns_per_impact - 2
         more = more_joined(parts, width) if self.several else {}
-        return Run(self.letters, self.period, *joined(parts), outcome, end, **more, left=left)
+        return Run(self.letters, self.period, *join_runs(parts), outcome, end, **more, left=left)
 
     # The linearised map.
 
@@ -311,7 +311,7 @@ class Simulator:
         return np.array(self.derivative(start, end)).reshape(2, 2)
 
 
-def needed(model: Model, kernels: Kernels) -> bool:
+def has_several_coordinates(model: Model, kernels: Kernels) -> bool:
     """Whether a system has more than one coordinate between two walls in each mode.
 
     Linear flights are simulated faster as polynomials in pieces than by their kernels, too.
@@ -364,11 +364,11 @@ def free_motion(
     if isinstance(machine, Automaton) and all(machine.linear[k] for k in walls):
         return _fixed_point(machine.motion(mode, 0), simulator.period)
     if simulator.model.DEGREES_OF_FREEDOM == 1 and left is not None:
-        return _repeating(simulator, left)
+        return _repeating_motion(simulator, left)
     return None
 
 
-def later(
+def state_after(
     simulator: Simulator, mode: str, motion: tuple[float, ...], time: float
 ) -> tuple[list[float], list[float]] | None:
     """Return position and velocity some time after t = 0, guards passed through.
@@ -399,7 +399,7 @@ def _fixed_point(motion: LinearMotion, period: float) -> tuple[float, ...] | Non
     return tuple(found.reshape(2, d).T.ravel().tolist())
 
 
-def _repeating(simulator: Simulator, left: State) -> tuple[float, ...] | None:
+def _repeating_motion(simulator: Simulator, left: State) -> tuple[float, ...] | None:
     """The motion after its longest flight, if it is the same a period before."""
     guard, kernel = (
         simulator.model.WALLS[left.wall],

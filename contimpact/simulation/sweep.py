@@ -14,14 +14,14 @@ from typing import Any, Literal
 
 import numpy as np
 
-from ..display import Shown, Summary, frame, in_lines
+from ..display import NotebookResult, Summary, frame, limit_lines
 from ..errors import InputError
 from ..models.model import Model
-from ..progress import Asked, asked
+from ..progress import Asked, progress_lines
 from ..results.simulate_tables import SETTLING, Settling
 from ..results.tables import coordinates, same_data
 from ..segments.kernels import Kernels
-from ..storage.texts import made
+from ..storage.texts import build_record
 from .attractor import Attractor, Kind
 from .run import State
 from .settle import settle
@@ -52,11 +52,11 @@ class Row:
     def from_record(record: Mapping[str, Any]) -> Row:
         """Return the row a record was made of."""
         attractor = Attractor.from_record(record["attractor"])
-        return made(Row, {**record, "attractor": attractor})
+        return build_record(Row, {**record, "attractor": attractor})
 
 
 @dataclass(frozen=True, eq=False)
-class Sweep(Shown):
+class Sweep(NotebookResult):
     """Attractors along a parameter."""
 
     model: Model
@@ -106,11 +106,11 @@ class Sweep(Shown):
     __hash__ = None  # type: ignore[assignment]
 
     def __repr__(self) -> str:
-        lines = [f"{way}: {_shortened(self.sequence(way))}" for way in self.directions]
-        return in_lines(f"Sweep in {self.parameter}, {len(self.rows)} attractors", lines)
+        lines = [f"{way}: {_shorten_list(self.sequence(way))}" for way in self.directions]
+        return limit_lines(f"Sweep in {self.parameter}, {len(self.rows)} attractors", lines)
 
 
-def _shortened(met: Sequence[str], most: int = 12) -> str:
+def _shorten_list(met: Sequence[str], most: int = 12) -> str:
     left = f", ... and {len(met) - most} more" if len(met) > most else ""
     return ", ".join(met[:most]) + left
 
@@ -177,7 +177,7 @@ def sweep(
     simulators = Simulators(model, parameter, kernels)
     result = Sweep(model, parameter, [])
     values = list(values)
-    with asked(progress, f"sweep in {parameter}") as tell:
+    with progress_lines(progress, f"sweep in {parameter}") as tell:
         for number, row in enumerate(sweep_rows(simulators, values, first, settling, rng), 1):
             result.rows.append(row)
             place = f"{number} of {len(values)}, {parameter} = {row.value:.6g}"
@@ -209,7 +209,7 @@ def sweep_rows(
         yield Row(direction or ("down" if falling else "up"), value, attractor)
 
 
-def same(one: Attractor, other: Attractor, tolerance: float = SAME) -> bool:
+def same_attractor(one: Attractor, other: Attractor, tolerance: float = SAME) -> bool:
     """Whether two attractors at the same parameter values are one."""
     if one.label != other.label:
         return False
@@ -256,7 +256,7 @@ def find_attractors(
     found: list[Attractor] = []
     for _ in range(starts):
         attractor = settle(simulator, simulator.random_state(generator), settling)
-        if not any(same(attractor, other) for other in (*known, *found)):
+        if not any(same_attractor(attractor, other) for other in (*known, *found)):
             found.append(attractor)
     return found
 
@@ -281,7 +281,7 @@ def columns_of(m: int) -> list[str]:
 
 def table_of(sweep: Sweep) -> tuple[list[str], list[list[Any]]]:
     """Return the columns' names and the rows."""
-    most = max((_shown(row.attractor) for row in sweep.rows), default=0)
+    most = max((_count_written(row.attractor) for row in sweep.rows), default=0)
     letters = sweep.model.letters
     names = [*sweep.model.values, *sweep.model.DERIVED]
     m = sweep.model.unknowns_per_impact
@@ -293,7 +293,7 @@ def table_of(sweep: Sweep) -> tuple[list[str], list[list[Any]]]:
     return columns, [cells + [None] * (width - len(cells)) for cells in rows]
 
 
-def _shown(attractor: Attractor) -> int:
+def _count_written(attractor: Attractor) -> int:
     return min(len(attractor.walls), WRITTEN)
 
 
@@ -307,7 +307,7 @@ def _cells(row: Row, names: Sequence[str], letters: Sequence[str], m: int) -> li
     total = sum(exponents) if a.exponent_sum is None else a.exponent_sum
     cells += [a.error, total, a.restitution, a.per_period, *spread]
     cells += [a.smallest_gap, a.closing, a.distance, a.periods, len(a.walls)]
-    for k in range(_shown(a)):
+    for k in range(_count_written(a)):
         wall = letters[a.walls[k]] + ("*" if a.released[k] else "")
         cells += [wall, float(a.times[k]), float(a.velocities[k])]
         cells += a.others[k].tolist() if a.others.size else []

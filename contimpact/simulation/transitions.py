@@ -16,7 +16,7 @@ from ..models.word import is_rotation
 from ..results.branch import Entry
 from ..results.diagram import Diagram
 from ..results.simulate_tables import SETTLING, Settling
-from ..storage.texts import made
+from ..storage.texts import build_record
 from .attractor import Attractor, Kind
 from .settle import settle_again
 from .sweep import Row, Simulators, Sweep
@@ -59,7 +59,7 @@ def locate(
     furthest, longest = before.value + 20.0 * step, abs(step)
     follows = before.attractor.kind is Kind.PERIODIC or before.attractor.motion is not None
     for _ in range(EVALUATIONS):
-        patient = _patient(left.attractor, abs(step), width, settling)
+        patient = _waiting_time(left.attractor, abs(step), width, settling)
         row = _row(simulators, left, left.value + step, patient)
         if row is None:
             return earlier, left, None, after
@@ -74,16 +74,18 @@ def locate(
         else:
             lost, won = row, 0
             step *= 0.5
-        if _ahead(lost, left, step) and abs(lost.value - left.value) <= width:
+        if _is_ahead(lost, left, step) and abs(lost.value - left.value) <= width:
             break
         if left.value + step == left.value:
             break
-    if not _ahead(lost, left, step):
+    if not _is_ahead(lost, left, step):
         return earlier, left, lost, None
-    return earlier, left, lost, _settled(simulators, left, lost, furthest, width, settling)
+    return earlier, left, lost, _settled_row(simulators, left, lost, furthest, width, settling)
 
 
-def _patient(attractor: Attractor, distance: float, width: float, settling: Settling) -> Settling:
+def _waiting_time(
+    attractor: Attractor, distance: float, width: float, settling: Settling
+) -> Settling:
     """How long to wait, at a distance from an attractor, for it or for what follows it."""
     slow = attractor.multipliers is not None and abs(attractor.multipliers[0]) > SLOW
     if slow and distance <= NEARBY * width:
@@ -91,12 +93,12 @@ def _patient(attractor: Attractor, distance: float, width: float, settling: Sett
     return settling
 
 
-def _ahead(row: Row, left: Row, step: float) -> bool:
+def _is_ahead(row: Row, left: Row, step: float) -> bool:
     """Whether a row lies in front of another, and not just by rounding."""
     return (row.value - left.value) * math.copysign(1.0, step) > 0.25 * abs(step)
 
 
-def _settled(
+def _settled_row(
     simulators: Simulators, left: Row, lost: Row, furthest: float, width: float, settling: Settling
 ) -> Row:
     """The first row further on at which the motion settles; the lost one if there is none.
@@ -106,7 +108,7 @@ def _settled(
     step, ahead = math.copysign(width, furthest - lost.value), lost
     while not ahead.attractor.settled and abs(furthest - ahead.value) > abs(step) > 0.0:
         value = ahead.value + step
-        patient = _patient(left.attractor, abs(value - left.value), width, settling)
+        patient = _waiting_time(left.attractor, abs(value - left.value), width, settling)
         found = _row(simulators, ahead, value, patient)
         if found is None:
             return lost
@@ -203,7 +205,7 @@ class Transition:
     @staticmethod
     def from_record(record: Mapping[str, Any]) -> Transition:
         """Return the transition a record was made of."""
-        found = made(Transition, record)
+        found = build_record(Transition, record)
         return replace(found, explanations=tuple(found.explanations))
 
     def lines(self, parameter: str) -> list[str]:
@@ -252,7 +254,7 @@ def _kind(before: Row, after: Row, earlier: Row | None) -> tuple[str | None, str
         return None, f"{one.kind.value}: it has neither multipliers nor a gap that could vanish"
     critical = _critical(before, after, earlier)
     seen = critical.told if critical else "no multiplier near 1 or -1, no flight near to a wall"
-    if _doubled(one, other) or _doubled(other, one):
+    if _is_doubled(one, other) or _is_doubled(other, one):
         return "PD", f"the word is run twice over twice the period; {seen}"
     if critical is None:
         return None, seen
@@ -319,7 +321,7 @@ def _quantities(attractor: Attractor) -> dict[tuple[str, str], float]:
     }
 
 
-def _doubled(one: Attractor, other: Attractor) -> bool:
+def _is_doubled(one: Attractor, other: Attractor) -> bool:
     """Whether the second has the first's word twice, over twice the period."""
     if one.word is None or other.word is None or one.period is None:
         return False
@@ -390,9 +392,9 @@ def find_transitions(
     found = [
         transition
         for before, after in all_changes(sweep)
-        for transition in between(simulators, before, after, width, settling)
+        for transition in transitions_between(simulators, before, after, width, settling)
     ]
-    return [explained(t, diagram, sweep) if diagram else t for t in found]
+    return [explain_transition(t, diagram, sweep) if diagram else t for t in found]
 
 
 def all_changes(sweep: Sweep) -> list[tuple[Row, Row]]:
@@ -401,7 +403,7 @@ def all_changes(sweep: Sweep) -> list[tuple[Row, Row]]:
     return [pair for way in ways for pair in changes(sweep.of(way))]
 
 
-def between(
+def transitions_between(
     simulators: Simulators, before: Row, after: Row, width: float, settling: Settling = SETTLING
 ) -> Iterator[Transition]:
     """Yield the transitions between two rows of a sweep, one after another.
@@ -423,7 +425,7 @@ def between(
             yield _not_followed(left, after)
             return
         if right.attractor.label != left.attractor.label:
-            yield replace(name(left, right, earlier), wide=_wide(left, lost, right, width))
+            yield replace(name(left, right, earlier), wide=_width_reason(left, lost, right, width))
         if right.attractor.label == after.attractor.label:
             return
         before = right
@@ -432,7 +434,7 @@ def between(
         return
     evidence = f"{MOST} changes were located before it; this is left"
     wide = "more changes than are located between two values; more simulate.values separate them"
-    yield replace(_unnamed(before, after), evidence=evidence, wide=wide)
+    yield replace(_unnamed_transition(before, after), evidence=evidence, wide=wide)
 
 
 def _changed_basin(first: Row, after: Row, last: Row) -> Transition:
@@ -442,7 +444,7 @@ def _changed_basin(first: Row, after: Row, last: Row) -> Transition:
         f"small steps, {last.attractor.notation} is met up to {last.value:.9g} at least"
     )
     wide = "it is a step of the sweep; more simulate.values keep to the attractor"
-    return replace(_unnamed(first, after), evidence=evidence, wide=wide)
+    return replace(_unnamed_transition(first, after), evidence=evidence, wide=wide)
 
 
 def _not_followed(left: Row, after: Row) -> Transition:
@@ -452,15 +454,15 @@ def _not_followed(left: Row, after: Row) -> Transition:
         "the forcing's period, within the guards, is known of it; it is not followed to its end"
     )
     wide = "it is a step of the sweep; more simulate.values narrow it"
-    return replace(_unnamed(left, after), evidence=evidence, wide=wide)
+    return replace(_unnamed_transition(left, after), evidence=evidence, wide=wide)
 
 
-def _unnamed(before: Row, after: Row) -> Transition:
+def _unnamed_transition(before: Row, after: Row) -> Transition:
     arrow = f"{before.attractor.notation}->{after.attractor.notation}"
     return replace(name(before, after), kind=None, label=arrow)
 
 
-def _wide(left: Row, lost: Row, right: Row, width: float) -> str | None:
+def _width_reason(left: Row, lost: Row, right: Row, width: float) -> str | None:
     """Why a bracket is wider than asked, and what may help."""
     if abs(right.value - left.value) <= width * (1.0 + 1e-9):
         return None
@@ -476,7 +478,7 @@ def _wide(left: Row, lost: Row, right: Row, width: float) -> str | None:
 _KINDS = {"PD": ("PD",), "G": ("G",), "PD_G": ("G", "FB"), "TG": ("FB", "G"), "FB": ("FB",)}
 
 
-def explained(transition: Transition, diagram: Diagram, sweep: Sweep) -> Transition:
+def explain_transition(transition: Transition, diagram: Diagram, sweep: Sweep) -> Transition:
     """Return the transition with the entries that explain or bound it.
 
     An entry explains it that lies in the bracket or next to it and belongs to the orbit before, or
@@ -486,7 +488,7 @@ def explained(transition: Transition, diagram: Diagram, sweep: Sweep) -> Transit
     """
     values = [row.value for row in sweep.rows]
     span = (max(values) - min(values)) or 1.0
-    related = [e for e in diagram.entries if _related(e, transition)]
+    related = [e for e in diagram.entries if _is_related(e, transition)]
     low, high = sorted((transition.before.value, transition.after.value))
     near = []
     for entry in related:
@@ -509,7 +511,7 @@ def _bounds(
     return [pair for first in firsts for pair in first]
 
 
-def _related(entry: Entry, transition: Transition) -> bool:
+def _is_related(entry: Entry, transition: Transition) -> bool:
     """Whether an entry is of the orbits beside a transition, or of one they have multiplied."""
     kinds = _KINDS.get(transition.kind or "")
     if kinds is not None and entry.kind not in kinds:

@@ -28,27 +28,27 @@ def cache_folder() -> Path | None:
     ``CONTIMPACT_CACHE`` names it; otherwise it is the platform's folder for caches.
     """
     try:
-        folder = _named()
+        folder = _absolute_folder()
     except (OSError, RuntimeError) as error:  # no home; a working folder that is gone
         _warn(f"no folder for them is known ({error}); name one by CONTIMPACT_CACHE")
         return None
     if fault := _fault(folder):
         _warn(f"{folder} {fault}; name another folder by CONTIMPACT_CACHE")
         return None
-    _tidy(folder)
+    _remove_leftovers(folder)
     return folder
 
 
 def _fault(folder: Path) -> str | None:
     """Why a folder is not used; it is made if need be."""
     try:
-        _make(folder)
-        return distrusted(folder.stat())
+        _make_folder(folder)
+        return distrust_reason(folder.stat())
     except (OSError, ValueError) as error:
         return f"cannot be used ({reason(error)})"
 
 
-def _named() -> Path:
+def _absolute_folder() -> Path:
     """The folder's absolute path: a relative one could be taken for an option or a library."""
     if named := os.environ.get("CONTIMPACT_CACHE"):
         return Path(named).expanduser().absolute()
@@ -60,11 +60,11 @@ def _named() -> Path:
     return (given if given.is_absolute() else Path.home() / ".cache") / "contimpact"
 
 
-def _make(folder: Path) -> None:
+def _make_folder(folder: Path) -> None:
     """Make a folder, and those above it, for this user alone, whatever the umask."""
     if folder.is_dir():
         return
-    _make(folder.parent)
+    _make_folder(folder.parent)
     try:
         folder.mkdir(0o700)
     except FileExistsError:  # another process was quicker, or it is a file
@@ -74,7 +74,7 @@ def _make(folder: Path) -> None:
         folder.chmod(0o700)
 
 
-def distrusted(status: os.stat_result) -> str | None:
+def distrust_reason(status: os.stat_result) -> str | None:
     """Return why a file or folder is not relied on; None if only this user can have written it."""
     if not hasattr(os, "geteuid"):  # Windows: the user's folders are closed to others
         return None
@@ -92,12 +92,12 @@ def _warn(why: str) -> None:
 
 
 @functools.cache
-def _tidy(folder: Path) -> None:
+def _remove_leftovers(folder: Path) -> None:
     """Remove, once in a process, what killed ones have left behind."""
     remove_leftovers(folder)
 
 
-def keep(path: Path, content: bytes) -> None:
+def store_file(path: Path, content: bytes) -> None:
     """Put a file into the cache, for this user alone.
 
     Raises OSError if it cannot be written.
@@ -105,12 +105,12 @@ def keep(path: Path, content: bytes) -> None:
     put(path, content, 0o600)
 
 
-def kept(path: Path) -> bytes:
+def load_file(path: Path) -> bytes:
     """Return the content of a file in the cache.
 
     Raises OSError if it cannot be read, or somebody else could have written it.
     """
     content, status = read_plain(path)
-    if fault := distrusted(status):
+    if fault := distrust_reason(status):
         raise PermissionError(f"it {fault}")
     return content

@@ -50,7 +50,7 @@ class Process:
 
     def here(self) -> bool:
         """Whether it runs, or ran, on this machine."""
-        return self.host == host()
+        return self.host == host_name()
 
     def running(self) -> bool:
         """Whether it is running, if it is one of this machine; true where that cannot be told."""
@@ -64,11 +64,11 @@ def this_process() -> Process:
 
 @functools.cache
 def _process(pid: int) -> Process:
-    return Process(host(), pid, start_of(pid))
+    return Process(host_name(), pid, start_of(pid))
 
 
 @functools.cache
-def host() -> str:
+def host_name() -> str:
     """Return the machine's name."""
     import socket
 
@@ -295,10 +295,10 @@ def read_bounded(path: Path, most: int = LARGEST_RECORD) -> bytes:
 
     Raises OSError, ValueError if it is no such file or cannot be read; if it is too long.
     """
-    return bounded(read_plain(path, most + 1)[0], most)
+    return check_length(read_plain(path, most + 1)[0], most)
 
 
-def bounded(content: bytes, most: int) -> bytes:
+def check_length(content: bytes, most: int) -> bytes:
     """Return what was read, or raise `ValueError` if it is longer than admitted."""
     if len(content) > most:
         raise ValueError(f"longer than {most} bytes")
@@ -320,7 +320,7 @@ def remove_leftovers(folder: Path) -> None:
     except OSError:
         return
     for name in names:
-        if (match := LEFT.fullmatch(name)) and _left(folder / name, *match.groups()):
+        if (match := LEFT.fullmatch(name)) and _is_left_over(folder / name, *match.groups()):
             _remove(folder / name)
 
 
@@ -335,9 +335,9 @@ def _remove(path: Path) -> None:
         path.unlink()
 
 
-def _left(path: Path, machine: str, pid: str, start: str) -> bool:
+def _is_left_over(path: Path, machine: str, pid: str, start: str) -> bool:
     """Whether a temporary file's process has ended."""
-    if machine == digest_of(host()):
+    if machine == digest_of(host_name()):
         return not running(int(pid), "" if start == "0" else start)
     try:
         return time.time() - path.lstat().st_mtime > DAY
@@ -364,14 +364,14 @@ LONGEST = 4096
 
 
 @contextlib.contextmanager
-def locked(folder: Path, name: str = LOCK) -> Iterator[None]:
+def hold_lock(folder: Path, name: str = LOCK) -> Iterator[None]:
     """Keep other processes from writing to a folder, or to what a lock of another name is for.
 
     Raises InputError if another one does, or the folder cannot be written.
     """
     path = folder / name
     try:
-        descriptor = _taken(path)
+        descriptor = _take_lock(path)
     except OSError as error:
         raise InputError(
             str(path), f"cannot be written ({reason(error)})", "give another folder"
@@ -382,14 +382,14 @@ def locked(folder: Path, name: str = LOCK) -> Iterator[None]:
         _give_back(path, descriptor)
 
 
-def _taken(path: Path) -> int:
+def _take_lock(path: Path) -> int:
     """The lock's file, open and ours."""
     while True:
-        descriptor = _opened(path)
+        descriptor = _open_lock(path)
         try:
-            if not _ours(descriptor):
-                raise _busy(path, _record(descriptor))
-            if _in_place(descriptor, path):
+            if not _take_if_free(descriptor):
+                raise _busy_error(path, _record(descriptor))
+            if _is_same_file(descriptor, path):
                 _sign(descriptor, path)
                 return descriptor
         except BaseException:
@@ -398,7 +398,7 @@ def _taken(path: Path) -> int:
         os.close(descriptor)  # given back between opening and locking it
 
 
-def _opened(path: Path) -> int:
+def _open_lock(path: Path) -> int:
     """The lock's file; a link, or anything that is no plain file, is refused."""
     flags = os.O_RDWR | os.O_CREAT
     flags |= getattr(os, "O_NOFOLLOW", 0) | getattr(os, "O_NONBLOCK", 0)
@@ -409,7 +409,7 @@ def _opened(path: Path) -> int:
     return descriptor
 
 
-def _ours(descriptor: int) -> bool:
+def _take_if_free(descriptor: int) -> bool:
     """Take the lock; false if somebody else has it."""
     try:
         if fcntl is not None:
@@ -418,11 +418,11 @@ def _ours(descriptor: int) -> bool:
     except BlockingIOError:
         return False
     except OSError:  # a file system without locks
-        return not _held(_record(descriptor))
-    return not _held(_record(descriptor))
+        return not _is_held(_record(descriptor))
+    return not _is_held(_record(descriptor))
 
 
-def _held(record: dict[str, Any]) -> bool:
+def _is_held(record: dict[str, Any]) -> bool:
     """Whether the process that wrote a lock may be running."""
     try:
         holder = Process(str(record["host"]), int(record["pid"]), str(record["start"]))
@@ -431,7 +431,7 @@ def _held(record: dict[str, Any]) -> bool:
     return not holder.here() or holder.running()
 
 
-def _in_place(descriptor: int, path: Path) -> bool:
+def _is_same_file(descriptor: int, path: Path) -> bool:
     """Whether an open file is still the one of this name."""
     try:
         return os.path.samestat(os.fstat(descriptor), os.lstat(path))
@@ -463,7 +463,7 @@ def _record(descriptor: int) -> dict[str, Any]:
     return record if isinstance(record, dict) else {}
 
 
-def _busy(path: Path, record: dict[str, Any]) -> InputError:
+def _busy_error(path: Path, record: dict[str, Any]) -> InputError:
     who = ", ".join(f"{name} {record[name]}" for name in ("pid", "host", "since") if name in record)
     remedy = "wait until it has ended, or give another folder"
     if fcntl is None or record.get("host") != this_process().host:

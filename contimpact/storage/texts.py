@@ -20,7 +20,7 @@ from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from functools import cache
 from typing import Any, TypeAlias, TypeVar
 
-from ..errors import printable, shown
+from ..errors import printable, short_repr
 
 _INVISIBLE = re.compile(
     "[\x7f-\x9f\xad\u061c\u200b-\u200f\u2028-\u202e\u2060-\u206f\ufeff\ufff9-\ufffb\ud800-\udfff]"
@@ -83,10 +83,10 @@ def csv_text(columns: Sequence[str], rows: Iterable[Iterable[Any]], *, exact: bo
     Parameters
     ----------
     exact : bool
-        Whether `original` has to give texts back as they are; control characters stand as escapes
-        otherwise.
+        Whether `unescape_text` has to give texts back as they are; control characters stand as
+        escapes otherwise.
     """
-    shown = _whole if exact else printable
+    shown = _escape_text if exact else printable
     buffer = io.StringIO()
     writer = csv.writer(buffer, lineterminator="\n")
     writer.writerow(_cell(name, shown) for name in columns)
@@ -105,12 +105,12 @@ def _cell(value: Any, shown: Callable[[str], str]) -> Any:
     return value
 
 
-def _whole(text: str) -> str:
+def _escape_text(text: str) -> str:
     """A text as it is; halves of characters and \\r, which no table gives back, as escapes."""
     return text.encode(errors="backslashreplace").decode().replace("\r", "\\r")
 
 
-def original(cell: str) -> str:
+def unescape_text(cell: str) -> str:
     """Return the text that an exact `csv_text` has written as a cell."""
     return cell.removeprefix("'")
 
@@ -144,7 +144,7 @@ DAMAGE = (ValueError, LookupError, TypeError, AttributeError, ArithmeticError, R
 """Exceptions that reading a damaged record may raise."""
 
 
-def made(kind: type[T], record: Any, needed: Collection[str] | None = None) -> T:
+def build_record(kind: type[T], record: Any, needed: Collection[str] | None = None) -> T:
     """Return a dataclass made of a record.
 
     Keys that it does not have are passed over.
@@ -161,14 +161,14 @@ def made(kind: type[T], record: Any, needed: Collection[str] | None = None) -> T
         default value are required.
     """
     if not isinstance(record, Mapping):
-        raise ValueError(f"found {shown(record)} in place of a record")
+        raise ValueError(f"found {short_repr(record)} in place of a record")
     values = {}
     hints = _fields(typing.cast(Any, kind))
     for field, hint in hints:
         value = record.get(field.name)
         if value is not None:
-            values[field.name] = fitted(value, hint, field.name)
-        elif _lacking(field, hint, field.name in record, needed):
+            values[field.name] = fit_value(value, hint, field.name)
+        elif _needs_value(field, hint, field.name in record, needed):
             raise ValueError(f"a record without {field.name}")
         elif field.name in record or not _has_default(field):
             values[field.name] = None
@@ -186,41 +186,41 @@ def _has_default(field: dataclasses.Field[Any]) -> bool:
     return field.default is not missing or field.default_factory is not missing
 
 
-def _lacking(
+def _needs_value(
     field: dataclasses.Field[Any], hint: Any, given: bool, needed: Collection[str] | None
 ) -> bool:
     """Whether None, or nothing, cannot stand for a field."""
     if needed is not None:
         return field.name in needed
-    return not (_optional(hint) if given else _has_default(field))
+    return not (_is_optional(hint) if given else _has_default(field))
 
 
-def _optional(hint: Any) -> bool:
+def _is_optional(hint: Any) -> bool:
     return hint is Any or types.NoneType in typing.get_args(hint)
 
 
-def fitted(value: Any, hint: Any, name: str) -> Any:
+def fit_value(value: Any, hint: Any, name: str) -> Any:
     """Return a value as an annotation has it, or raise `ValueError` naming where it stands."""
     origin, inner = typing.get_origin(hint), typing.get_args(hint)
     if hint is Any or _made_already(value):
         return value
     if origin in (types.UnionType, typing.Union):
-        return _one_of(value, inner, name)
+        return _fit_union(value, inner, name)
     if hint in _PLAIN and (plain := _PLAIN[hint](value)) is not None:
         return plain
     if origin is tuple and isinstance(value, list | tuple) and inner[1:] == (Ellipsis,):
-        return tuple(fitted(v, inner[0], name) for v in value)
+        return tuple(fit_value(v, inner[0], name) for v in value)
     if origin is tuple and isinstance(value, list | tuple) and len(value) == len(inner):
-        return tuple(fitted(v, h, name) for v, h in zip(value, inner, strict=True))
+        return tuple(fit_value(v, h, name) for v, h in zip(value, inner, strict=True))
     if origin is Sequence and isinstance(value, list | tuple):
-        return [fitted(v, inner[0], name) for v in value]
+        return [fit_value(v, inner[0], name) for v in value]
     if origin is Mapping and isinstance(value, Mapping):
-        return {str(key): fitted(v, inner[1], f"{name}.{key}") for key, v in value.items()}
+        return {str(key): fit_value(v, inner[1], f"{name}.{key}") for key, v in value.items()}
     if dataclasses.is_dataclass(hint) and isinstance(hint, type):
-        return made(hint, value)
+        return build_record(hint, value)
     if isinstance(hint, enum.EnumMeta) and value in hint.__members__:
         return hint[value]
-    raise ValueError(f"{name} is {shown(value)}")
+    raise ValueError(f"{name} is {short_repr(value)}")
 
 
 def _made_already(value: Any) -> bool:
@@ -228,15 +228,15 @@ def _made_already(value: Any) -> bool:
     return dataclasses.is_dataclass(value) or hasattr(value, "dtype")
 
 
-def _one_of(value: Any, hints: Sequence[Any], name: str) -> Any:
+def _fit_union(value: Any, hints: Sequence[Any], name: str) -> Any:
     if value is None and types.NoneType in hints:
         return None
     for hint in hints:
         try:
-            return fitted(value, hint, name)
+            return fit_value(value, hint, name)
         except ValueError:
             continue
-    raise ValueError(f"{name} is {shown(value)}")
+    raise ValueError(f"{name} is {short_repr(value)}")
 
 
 def _number(value: Any) -> float | None:

@@ -75,17 +75,17 @@ def _pool(workers: int) -> Iterator[Executor]:
     from multiprocessing import get_context
 
     with _one_thread_each():
-        pool = ProcessPoolExecutor(workers, get_context("spawn"), _started)
+        pool = ProcessPoolExecutor(workers, get_context("spawn"), _start_worker)
         try:
             yield pool
         except BaseException:
-            _ended(pool)
+            _end_processes(pool)
             raise
         finally:
             pool.shutdown(cancel_futures=True)
 
 
-def _ended(pool: Any) -> None:
+def _end_processes(pool: Any) -> None:
     """End the processes of a pool at once; what they are at is not wanted any more."""
     for process in list((pool._processes or {}).values()):
         process.terminate()
@@ -103,7 +103,7 @@ def _one_thread_each() -> Iterator[None]:
             os.environ.pop(name, None)
 
 
-def _started() -> None:
+def _start_worker() -> None:
     """In a new process: leave the keyboard to its parent, and end when the parent does."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     signal.signal(signal.SIGTERM, signal.SIG_DFL)
@@ -135,11 +135,11 @@ def dask(address: str) -> Workshop:
     Raises InputError if Dask is not installed.
     """
     _module("distributed", "dask", "--scheduler")
-    return Workshop("dask", functools.partial(_client, address), _dask_workers)
+    return Workshop("dask", functools.partial(_dask_client, address), _dask_workers)
 
 
 @contextlib.contextmanager
-def _client(address: str, workers: int | None) -> Iterator[Executor]:
+def _dask_client(address: str, workers: int | None) -> Iterator[Executor]:
     distributed = _module("distributed", "dask", "--scheduler")
     try:
         client = distributed.Client(address, timeout=PATIENCE, set_as_default=False)

@@ -83,10 +83,10 @@ def _stem(name: str) -> str:
 
 def _rows(chosen: Selection, columns: Sequence[str], digits: int | None) -> Iterator[list[Any]]:
     for row in chosen:
-        yield [_rounded(row[name], digits) for name in columns]
+        yield [_round_value(row[name], digits) for name in columns]
 
 
-def _rounded(value: Any, digits: int | None) -> Any:
+def _round_value(value: Any, digits: int | None) -> Any:
     return float(f"{value:.{digits}g}") if digits and isinstance(value, float) else value
 
 

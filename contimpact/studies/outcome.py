@@ -53,17 +53,17 @@ def diagram_rows(diagram: Diagram, keep: Sequence[str], derived: str | None) -> 
     if "catalogue" in keep:
         from ..results.catalogue import catalogue_text
 
-        rows["catalogues"] = [{"content": packed(catalogue_text(diagram))}]
+        rows["catalogues"] = [{"content": compress_text(catalogue_text(diagram))}]
     return rows
 
 
-def packed(text: str) -> bytes:
+def compress_text(text: str) -> bytes:
     """Return a text compressed."""
     return zlib.compress(text.encode(), 9)
 
 
-def unpacked(content: bytes) -> str:
-    """Return the text that `packed` has compressed."""
+def decompress_text(content: bytes) -> str:
+    """Return the text that `compress_text` has compressed."""
     return zlib.decompress(content).decode()
 
 
@@ -84,7 +84,7 @@ def _branch(branch: Branch, whole: bool) -> dict[str, Any]:
         "first_end": first,
         "last_end": last,
         "missed": len(branch.missed),
-        "content": packed(branch_text(branch)) if whole else None,
+        "content": compress_text(branch_text(branch)) if whole else None,
     }
 
 
@@ -172,7 +172,7 @@ def _curves(diagram: Diagram) -> list[dict[str, Any]]:
             "first": curve.parameters[0],
             "second": curve.parameters[1],
             "points": len(curve),
-            "content": packed(curve_text(curve)),
+            "content": compress_text(curve_text(curve)),
         }
         for curve in diagram.curves
     ]
@@ -218,9 +218,9 @@ def simulation_rows(simulation: Simulation, keep: Sequence[str], membrane: Membr
             }
         )
         if "energies" in keep and membrane is not None:
-            from ..simulation.energy import of_attractor
+            from ..simulation.energy import attractor_voltages
 
-            energy = of_attractor(membrane, a)
+            energy = attractor_voltages(membrane, a)
             means = {"per_impact": energy.per_impact, "per_time": energy.per_time}
             found["energies"].append({"number": number, **means})
     return found

@@ -23,7 +23,7 @@ from typing import Any
 import numpy as np
 
 from ..errors import InputError
-from ..progress import Progress, silent
+from ..progress import Progress, ignore_progress
 from .executors import UNKNOWN, Workshop
 from .outcome import Outcome, failure
 from .store import Store
@@ -103,7 +103,7 @@ def run_study(
     *,
     again: bool = False,
     progress: Progress | None = None,
-    announce: Callable[[str], None] = silent,
+    announce: Callable[[str], None] = ignore_progress,
 ) -> Tally:
     """Compute the scenes of a study that are not in the store.
 
@@ -133,7 +133,9 @@ def run_study(
         If no worker is left.
     """
     with store.claimed(study.name):
-        return _Computation(study, store, workshop, again, progress or silent, announce).run()
+        return _Computation(
+            study, store, workshop, again, progress or ignore_progress, announce
+        ).run()
 
 
 class _Computation:
@@ -246,7 +248,7 @@ class _Computation:
         except ImportError as error:  # of what every scene needs
             raise self.broken(f"install contimpact where the workers are: {error}") from None
         except Exception as error:
-            outcome = lost(f"{type(error).__name__}: {error}")
+            outcome = lost_outcome(f"{type(error).__name__}: {error}")
         self.record(self.flying.pop(future), outcome)
 
     def alone(self, place: int) -> None:
@@ -262,7 +264,10 @@ class _Computation:
         budget = self.study.budget
         hung = f", or hung for more than its {budget:g} s" if budget else ""
         self.record(
-            place, lost(f"its worker ended each of {ATTEMPTS} times: killed, short of memory{hung}")
+            place,
+            lost_outcome(
+                f"its worker ended each of {ATTEMPTS} times: killed, short of memory{hung}"
+            ),
         )
 
     def record(self, place: int, outcome: Outcome) -> None:
@@ -304,7 +309,7 @@ class _Computation:
         return WorkersLostError(self.workshop.name, found, accepted)
 
 
-def lost(reason: str) -> Outcome:
+def lost_outcome(reason: str) -> Outcome:
     """Return the outcome of a scene that gave none."""
     return Outcome("failed", None, versions(), {"failures": [failure("worker", reason)]})
 

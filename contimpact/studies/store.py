@@ -16,8 +16,8 @@ from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from ..errors import InputError, NotWrittenError, shortened
-from ..storage.files import locked
+from ..errors import InputError, NotWrittenError, shorten
+from ..storage.files import hold_lock
 from .outcome import Outcome
 from .study_file import StudyFile
 
@@ -271,9 +271,9 @@ class Store:
     def __init__(self, path: str | Path) -> None:
         self.path = Path(path)
         with self.writing():
-            self.connection = opened(self.path)
+            self.connection = open_store(self.path)
             try:
-                _grown(self.connection)
+                _migrate(self.connection)
             except BaseException:
                 self.connection.close()
                 raise
@@ -314,7 +314,7 @@ class Store:
             If another one does.
         """
         own = hashlib.sha256(name.encode()).hexdigest()[:8]
-        return locked(self.path.parent, f".{self.path.name}-{own}.lock")
+        return hold_lock(self.path.parent, f".{self.path.name}-{own}.lock")
 
     def enter(self, study: StudyFile) -> int:
         """Return the number of a study in the store, new or known.
@@ -329,7 +329,7 @@ class Store:
                 "SELECT study, digest FROM studies WHERE name = ?", [study.name]
             ).fetchone()
             if known is None:
-                return _entered(connection, study)
+                return _enter_study(connection, study)
         number, digest = known
         if digest != study.digest:
             found = f"another study called {study.name!r} is in it"
@@ -386,22 +386,22 @@ class Store:
             )
 
 
-def opened(path: Path, *, readonly: bool = False) -> sqlite3.Connection:
+def open_store(path: Path, *, readonly: bool = False) -> sqlite3.Connection:
     """Return a connection to a store.
 
     Raises InputError if there is none, or the file is something else.
     """
     _check_file(path, readonly)
     try:
-        return _checked(path, "ro" if readonly else "rwc")
+        return _connect(path, "ro" if readonly else "rwc")
     except sqlite3.OperationalError as error:
         closed = error.sqlite_errorname in CLOSED
         if not (readonly and closed) or path.with_name(f"{path.name}-wal").exists():
             raise
-        return _checked(path, "ro&immutable=1")  # nobody writes it, and nobody can
+        return _connect(path, "ro&immutable=1")  # nobody writes it, and nobody can
 
 
-def _checked(path: Path, mode: str) -> sqlite3.Connection:
+def _connect(path: Path, mode: str) -> sqlite3.Connection:
     place = f"file:{urllib.parse.quote(str(path.absolute()))}?mode={mode}"
     connection = sqlite3.connect(place, uri=True, timeout=PATIENCE, isolation_level=None)
     try:
@@ -451,11 +451,11 @@ def _check_owner(connection: sqlite3.Connection, path: Path) -> None:
         raise InputError(str(path), found, "use a newer contimpact, or another store")
 
 
-def _grown(connection: sqlite3.Connection) -> None:
+def _migrate(connection: sqlite3.Connection) -> None:
     """Take the steps of the schema that a store lacks."""
     connection.execute("PRAGMA journal_mode = WAL")
     connection.execute("PRAGMA synchronous = NORMAL")
-    while (done := taken(connection)) < len(STEPS):
+    while (done := schema_version(connection)) < len(STEPS):
         script = f"BEGIN IMMEDIATE; {STEPS[done]} PRAGMA user_version = {done + 1};"
         script += f" PRAGMA application_id = {APPLICATION}; COMMIT;"
         try:
@@ -463,16 +463,16 @@ def _grown(connection: sqlite3.Connection) -> None:
         except sqlite3.OperationalError:
             if connection.in_transaction:
                 connection.execute("ROLLBACK")
-            if taken(connection) == done:  # nobody else has taken the step meanwhile
+            if schema_version(connection) == done:  # nobody else has taken the step meanwhile
                 raise
 
 
-def taken(connection: sqlite3.Connection) -> int:
+def schema_version(connection: sqlite3.Connection) -> int:
     """Return how many steps of the schema a store has taken."""
     return int(connection.execute("PRAGMA user_version").fetchone()[0])
 
 
-def _entered(connection: sqlite3.Connection, study: StudyFile) -> int:
+def _enter_study(connection: sqlite3.Connection, study: StudyFile) -> int:
     scene = study.first
     row = {
         "name": study.name,
@@ -513,7 +513,7 @@ def _insert(
 
 def refusal(path: Path, error: sqlite3.Error) -> InputError:
     """Return what is said of a store that could not be read or written."""
-    said = shortened(str(error), 100)
+    said = shorten(str(error), 100)
     name = getattr(error, "sqlite_errorname", "")
     if name.startswith(("SQLITE_FULL", "SQLITE_IOERR")):
         kept = ["all scenes that were finished before"]

@@ -19,15 +19,15 @@ import numpy as np
 
 from ..arrays import Array
 from ..bifurcations.declarations import SWITCHES
-from ..display import Shown, Summary, frame
-from ..errors import InputError, shown
+from ..display import NotebookResult, Summary, frame
+from ..errors import InputError, short_repr
 from ..models import expressions
 from ..models.word import is_rotation
 from ..results.scene import read_scene
 from ..simulation.attractor import Attractor, Kind
 from ..simulation.sweep import Row, Simulators, Sweep
-from .outcome import unpacked
-from .store import OF_SCENES, STEPS, Store, opened, refusal, taken
+from .outcome import decompress_text
+from .store import OF_SCENES, STEPS, Store, open_store, refusal, schema_version
 from .study_file import StudyFile, read_study
 
 if TYPE_CHECKING:
@@ -66,7 +66,7 @@ class Main(NamedTuple):
     end: str | None
 
 
-def along(study: Study) -> str:
+def falling_parameter(study: Study) -> str:
     """Return the parameter that falls: the derived one, if there is one."""
     return study.derived or study.parameter
 
@@ -185,7 +185,7 @@ def bound(study: Study, orbit: str) -> Values:
 
 def _first_met(study: Study, orbits: Mapping[int, Sequence[Any]]) -> dict[int, float]:
     """Where a sweep with falling values first meets the orbit of a word and a period in a scene."""
-    along, met = drawn(study), dict[int, float]()
+    along, met = derived_axis(study), dict[int, float]()
     query = (
         "SELECT scene, direction, value, word, period FROM attractors WHERE study = ?"
         " AND direction <> 'random' ORDER BY scene, number"
@@ -206,7 +206,7 @@ def _repeats(word: str | None, period: int | None, becomes: str, of: int) -> boo
     return bool(word) and not rest and is_rotation(word or "", becomes.partition("/")[0] * times)
 
 
-def counted(study: Study, label: str) -> Values:
+def count_events(study: Study, label: str) -> Values:
     """How many events with a label there are."""
     query = "SELECT scene, count(*) FROM events WHERE study = ? AND label = ? GROUP BY scene"
     found = {scene: 0 for (scene,) in _done(study)}
@@ -233,10 +233,10 @@ def quantity(name: str) -> Quantity:
     """
     if name.startswith(COUNT):
         label = name.removeprefix(COUNT)
-        return Quantity(lambda study, orbit: counted(study, label), f"number of {label}")
+        return Quantity(lambda study, orbit: count_events(study, label), f"number of {label}")
     if name not in QUANTITIES:
         accepted = f"accepted are {', '.join(QUANTITIES)} and {COUNT}LABEL"
-        raise InputError("quantity", f"found {shown(name)}", accepted)
+        raise InputError("quantity", f"found {short_repr(name)}", accepted)
     return QUANTITIES[name]
 
 
@@ -317,7 +317,7 @@ def _attractor(simulators: Simulators, row: Mapping[str, Any]) -> Attractor:
     )
 
 
-def drawn(study: Study) -> Callable[[int, float], float]:
+def derived_axis(study: Study) -> Callable[[int, float], float]:
     """Return what gives a followed value in a scene as one of the derived parameter, if there is
     one."""
     if not study.derived:
@@ -344,7 +344,7 @@ WHOLE = "content"
 """The column of what is kept whole, compressed; it is no column of a selection."""
 
 
-class Study(Shown):
+class Study(NotebookResult):
     """A study in a store, read lazily.
 
     Parameters
@@ -375,7 +375,7 @@ class Study(Shown):
 
     def __init__(self, store: str | Path, name: str | None = None) -> None:
         self.path = Path(store)
-        self.connection = _opened(self.path)
+        self.connection = _open_reader(self.path)
         row = self._row(name)
         self.number, self.name, self.source, record, axes, self.parameter, self.derived = row[:7]
         self.total: int = row[7]
@@ -460,7 +460,9 @@ class Study(Shown):
             If there is no such table or column.
         """
         if table not in ROWS:
-            raise InputError("table", f"found {shown(table)}", f"accepted are {', '.join(ROWS)}")
+            raise InputError(
+                "table", f"found {short_repr(table)}", f"accepted are {', '.join(ROWS)}"
+            )
         chosen = Selection(self, table, where)
         for name in where:
             if name not in chosen.columns:
@@ -526,7 +528,7 @@ class Study(Shown):
             what = f"nothing is kept whole of scene {scene}" + (f", {name}" if name else "")
             kept = {"branches": "tables", "catalogues": "catalogue"}.get(table, table)
             raise InputError(f"study {self.name}", what, f"add {kept!r} to study.keep")
-        return unpacked(found[0][0])
+        return decompress_text(found[0][0])
 
     def sweeps(self) -> list[Sweep]:
         """Return the sweeps of simulated motion, one for each scene, for `plot_transitions`.
@@ -581,7 +583,7 @@ class Selection:
         for k, name in enumerate(self.study.axes):
             joins += (
                 f" LEFT JOIN coordinates x{k} ON x{k}.study = t.study AND x{k}.scene = t.scene"
-                f" AND x{k}.name = {_quoted(name)}"
+                f" AND x{k}.name = {_quote(name)}"
             )
         for name, wanted in self.where.items():
             several = list(wanted) if isinstance(wanted, list | tuple | set) else [wanted]
@@ -622,24 +624,24 @@ def studies(store: str | Path) -> list[str]:
 
     Raises InputError if there is no such store.
     """
-    with contextlib.closing(_opened(Path(store))) as connection:
+    with contextlib.closing(_open_reader(Path(store))) as connection:
         return [name for (name,) in connection.execute("SELECT name FROM studies ORDER BY study")]
 
 
-def _opened(path: Path) -> sqlite3.Connection:
+def _open_reader(path: Path) -> sqlite3.Connection:
     """A connection for reading; a store of an older schema is brought up to date first."""
     try:
-        connection = opened(path, readonly=True)
+        connection = open_store(path, readonly=True)
     except sqlite3.Error as error:
         raise refusal(path, error) from None
-    if taken(connection) == len(STEPS):
+    if schema_version(connection) == len(STEPS):
         return connection
     connection.close()
     Store(path).connection.close()
-    return opened(path, readonly=True)
+    return open_store(path, readonly=True)
 
 
-def _quoted(name: str) -> str:
+def _quote(name: str) -> str:
     """A name as a text of SQL."""
     return "'" + name.replace("'", "''") + "'"
 
@@ -751,7 +753,7 @@ def map_of(
     values = [known.get(scene, empty) for scene in places]
     values = [empty if v is None else v for v in values]
     x, y = np.array(list(places.values())).reshape(-1, 2).T
-    said = which.text.format(orbit=orbit, along=along(study), parameter=study.parameter)
+    said = which.text.format(orbit=orbit, along=falling_parameter(study), parameter=study.parameter)
     kind: Any = object if which.named else float
     column = np.array(values, dtype=kind)
     curves = codimension_two(study, chosen, orbit, at or {})
@@ -794,7 +796,7 @@ def codimension_two(
     axes and the followed one.
     """
     found: dict[str, list[list[float]]] = {}
-    free, own = {*axes, study.parameter}, _fixed(study.given) | dict(at)
+    free, own = {*axes, study.parameter}, _study_parameters(study.given) | dict(at)
     for number, other in _other_studies(study):
         query = (
             "SELECT scene, kind, first, first_value, second, second_value"
@@ -814,14 +816,14 @@ def _other_studies(study: Study) -> Iterator[tuple[int, dict[str, float]]]:
     for number, record in study.rows("SELECT study, record FROM studies"):
         given = json.loads(record)
         if _system(given) == system:
-            yield number, _fixed(given)
+            yield number, _study_parameters(given)
 
 
 def _system(given: Mapping[str, Any]) -> dict[str, Any]:
     return {key: value for key, value in given["model"].items() if key != "parameters"}
 
 
-def _fixed(given: Mapping[str, Any]) -> dict[str, float]:
+def _study_parameters(given: Mapping[str, Any]) -> dict[str, float]:
     """The parameters that a study gives all its scenes."""
     parameters = given["model"].get("parameters", {})
     return {

@@ -19,7 +19,7 @@ from typing import Any
 import numpy as np
 
 from ..arrays import Array
-from ..errors import InputError, shown
+from ..errors import InputError, short_repr
 from ..models.expressions import values_of
 from ..results.options import LARGEST_SEED, Table
 from ..results.scene import Scene, read_scene, read_toml
@@ -116,11 +116,11 @@ class Design:
         known = fixed | dict(zip(self.names, values.T, strict=True))
         admitted = np.ones(len(values), dtype=bool)
         for i, text in enumerate(self.constraints):
-            admitted &= _holds(text, f"study.constraints[{i}]", known)
+            admitted &= _where_holds(text, f"study.constraints[{i}]", known)
         return admitted
 
 
-def _holds(text: str, where: str, known: Mapping[str, Array]) -> Array:
+def _where_holds(text: str, where: str, known: Mapping[str, Array]) -> Array:
     """Where a chain of inequalities such as ``0.1 < r_T <= r_B`` holds."""
     signs, sides = _ORDER.findall(text), _ORDER.split(text)
     if not signs:
@@ -157,7 +157,7 @@ def _axes(table: Table) -> tuple[Axis, ...]:
     axes = []
     for name in list(table.data):
         spaced = isinstance(table.data[name], Mapping)
-        values = _spaced(table.table(name)) if spaced else table.numbers(name)
+        values = _spaced_values(table.table(name)) if spaced else table.numbers(name)
         if not values or len(set(values)) < len(values):
             found = "a value twice" if values else "empty"
             raise InputError(table.place(name), found, "give different values, at least one")
@@ -166,7 +166,7 @@ def _axes(table: Table) -> tuple[Axis, ...]:
     return tuple(axes)
 
 
-def _spaced(table: Table) -> Sequence[float]:
+def _spaced_values(table: Table) -> Sequence[float]:
     """Values of equal distance, or of equal ratio."""
     first, last = table.number("from"), table.number("to")
     count = table.whole("count", least=2, most=MOST_SCENES)
@@ -293,7 +293,7 @@ def read_study(given: Mapping[str, Any]) -> StudyFile:
         If it is not valid.
     """
     if not isinstance(given, Mapping):
-        raise InputError("study", f"found {shown(given)}", "give a table of tables")
+        raise InputError("study", f"found {short_repr(given)}", "give a table of tables")
     given = copy.deepcopy(dict(given))
     top = Table(given, "")
     name, source, table = top.text("name"), top.text("source", ""), top.table("study")
@@ -301,7 +301,7 @@ def read_study(given: Mapping[str, Any]) -> StudyFile:
     budget = table.number("budget") if table.has("budget") else None
     if budget is not None and not 0.0 < budget <= LONGEST_BUDGET:
         raise table.refuse("budget", budget, f"seconds, above 0, at most {LONGEST_BUDGET:g}")
-    design = read_design(table, _fixed(top))
+    design = read_design(table, _scene_parameters(top))
     table.finish()
     study = StudyFile(name, source, given, design, tuple(dict.fromkeys(keep)), budget)
     _check_scenes(study)
@@ -309,7 +309,7 @@ def read_study(given: Mapping[str, Any]) -> StudyFile:
     return study
 
 
-def _fixed(top: Table) -> dict[str, float]:
+def _scene_parameters(top: Table) -> dict[str, float]:
     """The parameters that the scene itself gives; those of the study stand in [study]."""
     model = top.table("model")
     if not model.has("parameters"):
@@ -328,18 +328,18 @@ def _check_scenes(study: StudyFile) -> None:
         assert study.first
     except InputError as error:
         own = error.where.removeprefix("model.parameters.")
-        raise _moved(study, own, error) if own in names else error from None
+        raise _move_error(study, own, error) if own in names else error from None
     for column, name in enumerate(names):
         for row in (values[:, column].argmin(), values[:, column].argmax()):
             try:
                 read_scene(study.scene_at(values[row]))
             except InputError as error:
-                raise _moved(
+                raise _move_error(
                     study, name, error, f"at {name} = {values[row, column]:.6g}: "
                 ) from None
 
 
-def _moved(study: StudyFile, name: str, error: InputError, at: str = "") -> InputError:
+def _move_error(study: StudyFile, name: str, error: InputError, at: str = "") -> InputError:
     """An error of a scene, at the place where the study gives the parameter."""
     drawn = study.design.sample.ranges if study.design.sample else ()
     where = f"study.sample.range.{name}" if name in drawn else f"study.grid.{name}"

@@ -22,9 +22,9 @@ from typing import Any
 from .. import __version__
 from ..diagrams.explore import follow
 from ..errors import InputError
-from ..progress import Progress, silent
+from ..progress import Progress, ignore_progress
 from ..results.scene import Scene, read_scene
-from ..segments.compiling import spend
+from ..segments.compiling import count_plain_flights
 from .outcome import Outcome, Rows, diagram_rows, failure, simulation_rows
 
 # A scene's budget of time: what ends a scene that hangs.
@@ -41,7 +41,7 @@ class BudgetError(BaseException):
 
 
 @contextlib.contextmanager
-def limited(seconds: float | None, fatal: bool = False) -> Iterator[Progress]:
+def limit_time(seconds: float | None, fatal: bool = False) -> Iterator[Progress]:
     """End what is done within the block when it takes too long.
 
     In a process's main thread a timer interrupts Python wherever it is. Elsewhere the function that
@@ -60,7 +60,7 @@ def limited(seconds: float | None, fatal: bool = False) -> Iterator[Progress]:
         After that time.
     """
     if seconds is None:
-        yield silent
+        yield ignore_progress
         return
     deadline = time.monotonic() + seconds
 
@@ -68,7 +68,7 @@ def limited(seconds: float | None, fatal: bool = False) -> Iterator[Progress]:
         if time.monotonic() > deadline:
             raise BudgetError
 
-    with _watched(LATE * seconds + GRACE if fatal else None), _alarm(seconds):
+    with _watch_time(LATE * seconds + GRACE if fatal else None), _alarm(seconds):
         yield tell
 
 
@@ -92,7 +92,7 @@ def _alarm(seconds: float) -> Iterator[None]:
 
 
 @contextlib.contextmanager
-def _watched(seconds: float | None) -> Iterator[None]:
+def _watch_time(seconds: float | None) -> Iterator[None]:
     """End the process after a time, by a thread that needs no Python."""
     if seconds is None:
         yield
@@ -128,7 +128,7 @@ class Task:
 def compute(task: Task) -> Outcome:
     """Compute a scene; whatever fails is part of the outcome."""
     began = time.perf_counter()
-    spend(task.expected)
+    count_plain_flights(task.expected)
 
     def ended(status: str, rows: Rows, **counts: int) -> Outcome:
         return Outcome(status, time.perf_counter() - began, versions(), rows, **counts)
@@ -137,8 +137,8 @@ def compute(task: Task) -> Outcome:
         return ended("failed", {"failures": [failure(kind, reason)]})
 
     try:
-        with limited(task.budget, task.fatal) as tell:
-            return _computed(task, tell, ended)
+        with limit_time(task.budget, task.fatal) as tell:
+            return _compute_scene(task, tell, ended)
     except BudgetError:
         return failed("budget", f"not finished within its {task.budget:g} s")
     except InputError as error:
@@ -147,12 +147,12 @@ def compute(task: Task) -> Outcome:
         return failed("error", f"{type(error).__name__}: {error}")
 
 
-def _computed(task: Task, tell: Any, ended: Any) -> Outcome:
+def _compute_scene(task: Task, tell: Any, ended: Any) -> Outcome:
     scene = read_scene(task.scene)
     diagram = follow(scene, tell)
     rows = diagram_rows(diagram, task.keep, task.derived)
     if {"attractors", "energies"} & {*task.keep}:
-        rows |= _simulated(scene, task, tell)
+        rows |= _simulate_scene(scene, task, tell)
     if reason := diagram.statistics["failure"]:
         rows["failures"] = [failure("numerical", reason)]
     counts = diagram.statistics["counts"]
@@ -164,7 +164,7 @@ def _computed(task: Task, tell: Any, ended: Any) -> Outcome:
     )
 
 
-def _simulated(scene: Scene, task: Task, tell: Any) -> Rows:
+def _simulate_scene(scene: Scene, task: Task, tell: Any) -> Rows:
     from ..diagrams.scene_simulation import simulate
 
     with tempfile.TemporaryDirectory() as folder:

@@ -6,7 +6,7 @@ import importlib
 from collections.abc import Mapping
 from typing import Any
 
-from ..errors import InputError, did_you_mean, shown
+from ..errors import InputError, did_you_mean, short_repr
 from ..models.model import Model
 
 SYSTEMS = {
@@ -48,21 +48,23 @@ def system(
     InputError
         If there is no such system, or the plugin that offers it cannot be loaded.
     """
-    kind = (own or {}).get(name) or installed(name)
+    kind = (own or {}).get(name) or find_system(name)
     if kind is None:
         names = list(dict.fromkeys((*SYSTEMS, *_plugins(), *(own or {}))))
         accepted = f"accepted are {', '.join(names)}, and a system of your own by --system FILE.py"
-        raise InputError(where, f"no system {shown(name)}{did_you_mean(name, names)}", accepted)
+        raise InputError(
+            where, f"no system {short_repr(name)}{did_you_mean(name, names)}", accepted
+        )
     return kind
 
 
-def installed(name: str) -> type[Model] | None:
+def find_system(name: str) -> type[Model] | None:
     """Return the class of a system of the package or of a plugin; None if there is none."""
     if name in SYSTEMS:
         module, attribute = SYSTEMS[name].split(":")
         return getattr(importlib.import_module(f"{__name__}.{module}"), attribute)
     entry = _plugins().get(name)
-    return None if entry is None else _loaded(name, entry)
+    return None if entry is None else _load_entry_point(name, entry)
 
 
 def _plugins() -> dict[str, Any]:
@@ -72,7 +74,7 @@ def _plugins() -> dict[str, Any]:
     return {entry.name: entry for entry in reversed(list(entry_points(group=PLUGINS)))}
 
 
-def _loaded(name: str, entry: Any) -> type[Model]:
+def _load_entry_point(name: str, entry: Any) -> type[Model]:
     """The class that an entry point stands for."""
     where = f"plugin {entry.value}"
     try:

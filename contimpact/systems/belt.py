@@ -15,7 +15,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any, ClassVar
 
-from ..errors import InputError, shown
+from ..errors import InputError, short_repr
 from ..models.model import Formulas, Guard, Mode, Model, Parameter
 
 CONSTANT, WEAKENING = "constant", "weakening"
@@ -75,7 +75,7 @@ class Belt(Model):
         friction, delta = self.options["friction"], self.values["delta"]
         if friction not in (CONSTANT, WEAKENING):
             accepted = f"give {CONSTANT!r} or {WEAKENING!r}"
-            raise InputError("friction", f"found {shown(friction)}", accepted)
+            raise InputError("friction", f"found {short_repr(friction)}", accepted)
         if friction == CONSTANT and delta != 0.0:
             found = f"friction is stated to be constant, and delta is {delta!r}"
             accepted = f"give friction = {WEAKENING!r}, which needs contimpact[ode]"

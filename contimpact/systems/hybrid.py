@@ -134,7 +134,7 @@ class _Reader:
         texts, found = dict(self.given.definitions), dict[str, Any]()
         for name in usable_definitions(self.given, mode):
             known = {**names, **found}
-            if _known(texts[name], {*known, *self.symbols}):
+            if _names_known(texts[name], {*known, *self.symbols}):
                 found[name] = self.read(texts[name], f"define.{name}", known)
         return found
 
@@ -155,7 +155,7 @@ class _Reader:
         ]
 
 
-def _known(text: str, names: set[str]) -> bool:
+def _names_known(text: str, names: set[str]) -> bool:
     from ..models.expressions import CONSTANTS, FUNCTIONS, names_in
 
     return set(names_in(text)) <= {*names, *FUNCTIONS, *CONSTANTS}

@@ -12,7 +12,7 @@ from contimpact.accuracy.reference import Reference
 from contimpact.bifurcations.registry import test_functions as make_tests
 from contimpact.continuation import problem as linear
 from contimpact.continuation.settings import Settings
-from contimpact.diagrams.orbit_branch import both_ways
+from contimpact.diagrams.orbit_branch import walk_both_ways
 from contimpact.models.word import Word
 from contimpact.orbits import multipliers as stability
 from contimpact.orbits.problem import OrbitProblem
@@ -88,7 +88,7 @@ def fig7(pair):
         orbit = find_orbits(pair(s=0.34), word, parameter="s", starts=64, rounds=4)[0]
         kinds = ("FB", "BP", "PD", "G", "V", "T", "UZ")
         tests = make_tests(orbit.problem, kinds, {"d": [0.2], "s": [0.3]})
-        runs.append(both_ways(orbit.problem, orbit.unknowns, (0.08, 1.05), tests, Settings()))
+        runs.append(walk_both_ways(orbit.problem, orbit.unknowns, (0.08, 1.05), tests, Settings()))
     return runs
 
 

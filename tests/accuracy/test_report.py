@@ -15,11 +15,11 @@ from contimpact.accuracy import report as long_words
 from contimpact.accuracy import report as module
 from contimpact.accuracy import shooting as contestant
 from contimpact.accuracy import shooting as timing
-from contimpact.accuracy.output import _event_table, _simulation_table, _unfinished
+from contimpact.accuracy.output import _budget_note, _event_table, _simulation_table
 from contimpact.accuracy.reference import Reference
-from contimpact.accuracy.report import honesty, measured_events
+from contimpact.accuracy.report import compare_estimates, measure_events
 from contimpact.accuracy.shooting import EXPLICIT, IMPLICIT, MOST_EVALUATIONS, Shooting
-from contimpact.accuracy.simulated import simulated
+from contimpact.accuracy.simulated import measure_simulation
 from contimpact.cli import main
 from contimpact.continuation.settings import Settings
 from contimpact.diagrams.explore import follow
@@ -103,8 +103,8 @@ def test_events_of_a_family_are_compared_at_their_own_values():
     )
     text += '[curves]\nparameter = "r"\nrange = [0.29, 0.31]\n[curves.family]\nbeta = [0.4, "pi/6"]'
     scene = read_scene(tomllib.loads(text))
-    events = measured_events(scene, Kernels(scene.model, "s"))
-    fair = honesty(events)
+    events = measure_events(scene, Kernels(scene.model, "s"))
+    fair = compare_estimates(events)
     assert fair["events"] == fair["confirmed"] == fair["within_estimate"] >= 4
     assert fair["largest_true_error"] < 1e-13
 
@@ -112,7 +112,7 @@ def test_events_of_a_family_are_compared_at_their_own_values():
 @pytest.mark.parametrize("name", ["stop", pytest.param("fig6a", marks=pytest.mark.slow)])
 def test_reported_errors_of_shipped_scenes_are_bounds(name):
     scene = load_scene(ROOT / "branches" / name / "scene.toml")
-    fair = honesty(measured_events(scene, Kernels(scene.model, scene.parameter)))
+    fair = compare_estimates(measure_events(scene, Kernels(scene.model, scene.parameter)))
     assert fair["events"] == fair["confirmed"] == fair["within_estimate"]
     assert fair["largest_ratio"] < 0.5
 
@@ -120,7 +120,7 @@ def test_reported_errors_of_shipped_scenes_are_bounds(name):
 def test_a_simulation_and_its_voltages_are_measured():
     """Each flight to rounding; the integrator's error falls with its tolerance."""
     scene = load_scene(ROOT / "branches" / "fig7" / "scene.toml")
-    found = simulated(scene, (1e-4, 1e-8, 1e-12), 2, 30)
+    found = measure_simulation(scene, (1e-4, 1e-8, 1e-12), 2, 30)
     assert found["flights"] == 40
     assert found["simulator"]["error"] < 1e-14
     assert found["along"][0] <= found["simulator"]["error"]
@@ -256,14 +256,16 @@ def test_shooting_of_stiff_motion_ends_within_its_budget_and_says_what_it_reache
         settings=Settings(max_points=3),
     )
     told = []
-    found = contestant.shot(orbit.problem, [walk], (1e-4, 1e-8, 1e-11, 1e-12), 1, told.append)
+    found = contestant.measure_shooting(
+        orbit.problem, [walk], (1e-4, 1e-8, 1e-11, 1e-12), 1, told.append
+    )
     assert list(found) == [EXPLICIT, IMPLICIT]
     last = found[EXPLICIT][-1]
     assert last["unfinished"] == 1
     assert last["evaluations"] <= 30_001 * len(walk.points)
     assert len(found[EXPLICIT]) < 4
     assert all(r["evaluations"] <= 30_001 * len(walk.points) for r in found[IMPLICIT])
-    text = "\n".join(_unfinished([last]))
+    text = "\n".join(_budget_note([last]))
     assert "Not ended within 200000 evaluations a row and 50000 a flight: 1 at" in text
     assert "smaller tolerances are not tried" in text
 
@@ -282,8 +284,8 @@ def test_the_first_orbit_with_impacts_is_compared_where_a_scene_names_none():
 def test_events_that_there_is_no_time_for_are_counted(monkeypatch):
     monkeypatch.setattr(report, "SECONDS_OF_EVENTS", 0.0)
     scene = read_scene(tomllib.loads(SMALL))
-    rows = measured_events(scene, Kernels(scene.model, scene.parameter))
-    fair = honesty(rows)
+    rows = measure_events(scene, Kernels(scene.model, scene.parameter))
+    fair = compare_estimates(rows)
     assert (fair["events"], fair["compared"], fair["confirmed"]) == (2, 1, 1)
     assert "1 were not compared" in "\n".join(_event_table(rows, fair))
 
@@ -291,6 +293,6 @@ def test_events_that_there_is_no_time_for_are_counted(monkeypatch):
 def test_what_takes_long_is_not_repeated(monkeypatch):
     monkeypatch.setattr(timing, "SECONDS", 0.0)
     calls = []
-    _, seconds = timing.timed(lambda: calls.append(sum(range(10**5))), 5)
+    _, seconds = timing.time_task(lambda: calls.append(sum(range(10**5))), 5)
     assert len(calls) == 1
     assert seconds["low"] == seconds["median"] == seconds["high"] > 0.0

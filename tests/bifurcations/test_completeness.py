@@ -12,7 +12,7 @@ from contimpact.accuracy.reference import Reference
 from contimpact.bifurcations.declarations import EVENTS
 from contimpact.bifurcations.registry import test_functions as make_tests
 from contimpact.continuation.settings import Settings
-from contimpact.diagrams.orbit_branch import both_ways
+from contimpact.diagrams.orbit_branch import walk_both_ways
 from contimpact.orbits.search import find_orbits
 from contimpact.segments.kernels import Kernels
 from contimpact.systems.impact_pair import ImpactPair
@@ -72,7 +72,7 @@ def random_branch(seed):
 
 def followed(orbit, limits, settings):
     tests = make_tests(orbit.problem, EVENTS, {})
-    return both_ways(orbit.problem, orbit.unknowns, limits, tests, settings)
+    return walk_both_ways(orbit.problem, orbit.unknowns, limits, tests, settings)
 
 
 def check(seed):

@@ -17,7 +17,7 @@ from zoo import Preloaded
 
 from contimpact import continue_orbit, follow_curve
 from contimpact.bifurcations.kind import Change
-from contimpact.bifurcations.status import _unexplained
+from contimpact.bifurcations.status import _missed_change
 from contimpact.models.word import Word
 from contimpact.orbits.orbit import Orbit
 from contimpact.orbits.problem import OrbitProblem
@@ -128,5 +128,5 @@ def test_smaller_steps_are_advised_only_where_they_tell_more(width, helps):
         return SimpleNamespace(arclength=arclength, parameter=0.4, evaluation=evaluation)
 
     arc = SimpleNamespace(left=end(0.1), right=end(0.1 + width))
-    reason = _unexplained("V", arc, Change.PHYSICALITY).reason
+    reason = _missed_change("V", arc, Change.PHYSICALITY).reason
     assert ("a smaller max_step may tell" in reason) is helps

@@ -11,10 +11,10 @@ from scipy.optimize import brentq
 
 from contimpact.bifurcations.declarations import EVENTS
 from contimpact.bifurcations.registry import test_functions as make_tests
-from contimpact.bifurcations.status import with_status
+from contimpact.bifurcations.status import places_with_status
 from contimpact.continuation.branch import Points, TestFunction
 from contimpact.continuation.settings import Settings
-from contimpact.diagrams.orbit_branch import both_ways
+from contimpact.diagrams.orbit_branch import walk_both_ways
 from contimpact.orbits.multipliers import count_unstable
 from contimpact.orbits.search import find_orbits
 from contimpact.systems.impact_pair import ImpactPair
@@ -23,7 +23,7 @@ from contimpact.systems.impact_pair import ImpactPair
 def walked(model, limits, kinds=EVENTS, word="1:1", settings=None):
     orbits = find_orbits(model, word, parameter="s")
     return [
-        both_ways(
+        walk_both_ways(
             o.problem, o.unknowns, limits, make_tests(o.problem, kinds, {}), settings or Settings()
         )
         for o in orbits
@@ -84,7 +84,7 @@ def test_a_change_that_no_event_explains_is_said():
     model = ImpactPair(beta=math.pi / 6, r=0.3, A=5.0, s=0.3)
     orbit = next(o for o in find_orbits(model, "2:1", parameter="s") if o.physical)
     tests = [*make_tests(orbit.problem, ("FB", "PD", "V", "T"), {}), Blind()]
-    run = both_ways(orbit.problem, orbit.unknowns, (0.2, 0.35), tests, Settings())
+    run = walk_both_ways(orbit.problem, orbit.unknowns, (0.2, 0.35), tests, Settings())
     missed = [m for walk in run.walks for m in walk.missed]
     assert missed
     for miss in missed:
@@ -181,6 +181,6 @@ def test_next_to_a_branch_point_a_status_tells_nothing():
     for beside, told in ((1e-6, False), (1e-3, True)):
         points = list(walk.points)
         points[after] = dataclasses.replace(points[after], arclength=crossing + beside)
-        left = with_status(dataclasses.replace(walk, points=Points(points)), Settings())
+        left = places_with_status(dataclasses.replace(walk, points=Points(points)), Settings())
         assert (after in left) == told
         assert set(range(len(points))) - {after} <= set(left.tolist())

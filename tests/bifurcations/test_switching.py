@@ -13,7 +13,7 @@ from contimpact.bifurcations.registry import switch
 from contimpact.bifurcations.registry import test_functions as functions
 from contimpact.continuation.settings import Settings
 from contimpact.diagrams.explore import follow
-from contimpact.diagrams.orbit_branch import both_ways, continue_born, continue_orbit
+from contimpact.diagrams.orbit_branch import continue_born, continue_orbit, walk_both_ways
 from contimpact.errors import InputError
 from contimpact.orbits.search import find_orbits
 from contimpact.results.branch import Branch
@@ -205,7 +205,7 @@ def test_touches_on_two_flights_of_a_symmetric_orbit_are_inserted_together():
     model = ImpactPair(beta=0.0, r=0.3, A=5.0, s=0.4)
     orbit = next(o for o in find_orbits(model, "1:1", parameter="s") if o.physical)
     tests = functions(orbit.problem, ["G"], {})
-    run = both_ways(orbit.problem, orbit.unknowns, (0.1, 0.4), tests, Settings())
+    run = walk_both_ways(orbit.problem, orbit.unknowns, (0.1, 0.4), tests, Settings())
     events = [e for e in run.events if e.kind == "G"]
     assert len(events) == 2
     assert abs(events[0].parameter - events[1].parameter) < 1e-13

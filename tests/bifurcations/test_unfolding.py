@@ -17,7 +17,7 @@ from contimpact.bifurcations.registry import test_functions as functions
 from contimpact.continuation.branch import Event, Point
 from contimpact.continuation.ends import EndKind
 from contimpact.continuation.settings import Settings
-from contimpact.diagrams.orbit_branch import both_ways, continue_orbit
+from contimpact.diagrams.orbit_branch import continue_orbit, walk_both_ways
 from contimpact.orbits.search import find_orbits, solve_near
 from contimpact.systems.impact_pair import ImpactPair
 
@@ -146,7 +146,7 @@ def test_an_exact_pitchfork_has_no_fold(kernel_cache):
         model = level(s=1.0, r_B=(r := rng.uniform(0.1, 0.8)), r_T=r, A=rng.uniform(3.0, 8.0))
         for orbit in find_orbits(model.replace(s=0.35), "1:1", parameter="s"):
             tests = functions(orbit.problem, ["FB", "BP"], {})
-            run = both_ways(orbit.problem, orbit.unknowns, (0.1, 1.2), tests, Settings())
+            run = walk_both_ways(orbit.problem, orbit.unknowns, (0.1, 1.2), tests, Settings())
             points = [e.parameter for e in run.events if e.kind == "BP"]
             passed += len(points)
             for event in run.events:
@@ -160,7 +160,7 @@ def test_a_zero_found_badly_beside_a_pitchfork_is_no_fold(off, kernel_cache):
     """The fold's equations are singular there, and solved to 1e-9 or so of the parameter."""
     orbit = next(o for o in find_orbits(level(s=0.364), "1:1", parameter="s") if lopsided(o))
     problem, tests = orbit.problem, functions(orbit.problem, ["BP"], {})
-    run = both_ways(problem, orbit.unknowns, (0.363, 0.37), tests, Settings())
+    run = walk_both_ways(problem, orbit.unknowns, (0.363, 0.37), tests, Settings())
     centre = next(e.point.unknowns for e in run.events if e.kind == "BP")
     away = problem.difference(orbit.unknowns, centre)
     guess = centre + away * math.sqrt(off / -away[-1])  # the arm is a parabola

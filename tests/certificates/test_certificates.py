@@ -19,16 +19,16 @@ from contimpact.results.options import CertifyOptions
 flint = pytest.importorskip("flint", reason="needs contimpact[certify]")
 
 from contimpact.certificates import tube  # noqa: E402
-from contimpact.certificates.branch import problem_of, verified_branch  # noqa: E402
+from contimpact.certificates.branch import problem_of, verify_branch  # noqa: E402
 from contimpact.certificates.certify import (  # noqa: E402
     FILE,
-    Kept,
+    CertificateLog,
     certify_folder,
     verify_folder,
     write_certificates,
 )
 from contimpact.certificates.equations import BallProblem  # noqa: E402
-from contimpact.certificates.event import certified  # noqa: E402
+from contimpact.certificates.event import certify_entry  # noqa: E402
 from contimpact.certificates.tube import (  # noqa: E402
     nodes_of,
     points_of,
@@ -151,9 +151,9 @@ def test_a_flipped_flag_is_no_gap_of_the_branch(diagram, proven):
     """The event is there, and its entry says where: only what it says of its orbit is rejected."""
     flipped = changed(diagram, 0, ghost=False)
     (branch,) = flipped.branches
-    certificates = {e.id: certified(e) for e in flipped.entries}
+    certificates = {e.id: certify_entry(e) for e in flipped.entries}
     assert certificates["e1"].clause == "ghost"
-    found = verified_branch(branch, proven.branches[0], branch.events, certificates)
+    found = verify_branch(branch, proven.branches[0], branch.events, certificates)
     assert found.complete
 
 
@@ -161,7 +161,7 @@ def test_an_entry_of_other_parameters_does_not_count(diagram, proven):
     other = changed(diagram, 1, parameters={"g": 9.8 * (1.0 + 2.0**-52)})
     (branch,) = other.branches
     certificates = {c.id: c for c in proven.entries}
-    found = verified_branch(branch, proven.branches[0], branch.events, certificates)
+    found = verify_branch(branch, proven.branches[0], branch.events, certificates)
     assert [piece.what.split(" near")[0] for piece in found.missing] == [
         "a zero of the test function of PD"
     ]
@@ -172,7 +172,7 @@ def test_a_deleted_event_is_missing_there(diagram, proven):
         events = [entry for entry in diagram.entries if entry.id != gone.id]
         certificates = {c.id: c for c in proven.entries if c.id != gone.id}
         branch = diagram.branches[0]
-        found = verified_branch(branch, proven.branches[0], events, certificates)
+        found = verify_branch(branch, proven.branches[0], events, certificates)
         assert found.refuted
         (piece,) = found.missing
         low, high = sorted((piece.start, piece.end))
@@ -214,8 +214,8 @@ def test_no_tube_leads_from_one_branch_to_another(diagram):
         space = BallProblem(problem, 80)
         near = tube.Segment(space, nodes[first], nodes[first + 1], scale)
         across = tube.Segment(space, nodes[first], nodes[other], scale)
-        assert tube.proven_tube(near) is not None
-        assert tube.proven_tube(across) is None
+        assert tube.prove_tube(near) is not None
+        assert tube.prove_tube(across) is None
 
 
 # Files and doors.
@@ -289,7 +289,7 @@ def test_an_interrupted_proof_goes_on(folder, monkeypatch):
 
     whole = certify_folder(folder, ENTRIES_ALONE)
     path, calls = folder / "certificates.jsonl", []
-    real = certified
+    real = certify_entry
 
     def counted(entry, *given):
         calls.append(entry.id)
@@ -297,7 +297,7 @@ def test_an_interrupted_proof_goes_on(folder, monkeypatch):
             raise KeyboardInterrupt
         return real(entry, *given)
 
-    monkeypatch.setattr(doors, "certified", counted)
+    monkeypatch.setattr(doors, "certify_entry", counted)
     with pytest.raises(KeyboardInterrupt):
         certify_folder(folder, ENTRIES_ALONE, keep=True)
     assert path.exists()
@@ -305,7 +305,7 @@ def test_an_interrupted_proof_goes_on(folder, monkeypatch):
     assert calls == ["e1", "e2", "e3", "e3"]
     assert [tuple(c.inner) for c in found.entries] == [tuple(c.inner) for c in whole.entries]
     assert not path.exists()
-    assert Kept(path, "of another").rows == {}
+    assert CertificateLog(path, "of another").rows == {}
 
 
 def test_without_the_extra_the_command_says_what_to_install(folder, monkeypatch, capsys):
@@ -371,8 +371,8 @@ def test_a_branch_born_at_a_doubling_is_complete_from_there_on():
     assert certificate.complete, certificate.lines()
     assert certificate.start == pytest.approx(0.3831434883431645, abs=1e-12)
     gone = [entry for entry in doubled.events if entry.kind != "PD"]
-    certificates = {entry.id: certified(entry) for entry in doubled.events}
-    found = verified_branch(doubled, certificate, gone, certificates)
+    certificates = {entry.id: certify_entry(entry) for entry in doubled.events}
+    found = verify_branch(doubled, certificate, gone, certificates)
     assert len(found.missing) == 1
     assert "PD" in found.missing[0].what
 
@@ -395,7 +395,7 @@ def test_a_scene_says_what_is_proven():
 
 def test_the_report_says_what_proofs_cost():
     from contimpact.accuracy.output import _proof_table
-    from contimpact.accuracy.report import certified as measured
+    from contimpact.accuracy.report import measure_certificates as measured
 
     assert measured(scene(), lambda text: None) is None
     asked = scene(certify={}, follow={"switch": [], "range": [0.3, 0.5]})

@@ -20,7 +20,7 @@ from contimpact.segments.kernels import Kernels
 from contimpact.systems.belt import Belt
 
 pytest.importorskip("flint", reason="needs contimpact[certify]")
-from contimpact.certificates.event import certified, verified
+from contimpact.certificates.event import certify_entry, verify_entry
 
 VALUES = {"a": 0.6, "omega": 0.5, "c": 0.1, "V": 0.1, "mu_0": 0.5}
 EVENTS = ["FB", "PD", "G", "V", "T"]
@@ -41,13 +41,13 @@ def magnet_at_rest():
 def test_the_infinite_multiplier_of_a_contact_that_lasts_is_the_events_own():
     event, problem = magnet_at_rest()
     assert (event.impact, event.flight, event.n_unstable) == (1, 0, 0)
-    found = certified(event, problem)
+    found = certify_entry(event, problem)
     assert found.certified, found
-    assert verified(event, found, problem).certified
+    assert verify_entry(event, found, problem).certified
     wrong = dataclasses.replace(event, n_unstable=1)
-    assert certified(wrong, problem).clause == "stability"
+    assert certify_entry(wrong, problem).clause == "stability"
     wrong = dataclasses.replace(event, physical=False)
-    assert certified(wrong, problem).clause == "physicality"
+    assert certify_entry(wrong, problem).clause == "physicality"
 
 
 @pytest.mark.parametrize("kind", ["G", "V"])
@@ -55,14 +55,14 @@ def test_the_infinite_multiplier_of_a_contact_that_lasts_is_the_events_own():
 def test_where_sliding_vanishes_multipliers_are_those_without_it(kind):
     """Of the belt: a touch of S, beside which C lies on the same surface, and the V of SP."""
     (entry,) = (e for e in load_entries(ROOT / "branches" / "belt") if e.kind == kind)
-    found = certified(entry)
+    found = certify_entry(entry)
     assert found.certified, found
     assert found.certified_radius < 1e-30
     for clause, values in {
         "stability": {"n_unstable": 1},
         "physicality": {"physical": False},
     }.items():
-        assert certified(dataclasses.replace(entry, **values)).clause == clause
+        assert certify_entry(dataclasses.replace(entry, **values)).clause == clause
 
 
 def followed(word, at, limits):
@@ -91,8 +91,8 @@ def test_flights_that_take_no_time_are_proven_to(word, at, limits, sliding, kind
     events = [event for event in back.events if event.sliding == sliding]
     assert {event.kind for event in events} == kinds
     for event in events:
-        assert certified(event).certified, event
-        assert certified(dataclasses.replace(event, n_unstable=1)).clause == "stability"
+        assert certify_entry(event).certified, event
+        assert certify_entry(dataclasses.replace(event, n_unstable=1)).clause == "stability"
 
 
 @pytest.mark.slow

@@ -27,13 +27,13 @@ flint = pytest.importorskip("flint", reason="needs contimpact[certify]")
 
 from contimpact.certificates import zeros  # noqa: E402
 from contimpact.certificates import zeros as touches  # noqa: E402
-from contimpact.certificates.branch import problem_of, verified_branch  # noqa: E402
+from contimpact.certificates.branch import problem_of, verify_branch  # noqa: E402
 from contimpact.certificates.certify import (  # noqa: E402
     FILE,
-    Kept,
+    CertificateLog,
     verify_folder,
 )
-from contimpact.certificates.event import EventCertificate, certified, verified  # noqa: E402
+from contimpact.certificates.event import EventCertificate, certify_entry, verify_entry  # noqa: E402
 from contimpact.certificates.tube import (  # noqa: E402
     points_of,
     scale_of,
@@ -94,11 +94,11 @@ def test_every_entry_of_more_systems_is_certified(name):
 def test_an_impact_at_rest_is_that_of_the_orbit_without_impacts():
     """A grazing of the word 0, seen from a word of one impact; a multiplier is infinite there."""
     (entry,) = (e for e in entries_of("two_masses") if e.id == "e22")
-    found = certified(entry)
+    found = certify_entry(entry)
     assert found.certified, found
-    assert verified(entry, found).certified
-    assert certified(dataclasses.replace(entry, n_unstable=0)).clause == "stability"
-    assert certified(dataclasses.replace(entry, physical=False)).clause == "physicality"
+    assert verify_entry(entry, found).certified
+    assert certify_entry(dataclasses.replace(entry, n_unstable=0)).clause == "stability"
+    assert certify_entry(dataclasses.replace(entry, physical=False)).clause == "physicality"
 
 
 @pytest.mark.full
@@ -107,22 +107,22 @@ def test_a_velocity_that_vanishes_leaves_no_impact():
     model = load_scene(ROOT / "branches" / "two_masses" / "scene.toml").model
     orbit = find_orbits(model, "A", parameter="omega")[0]
     (entry,) = continue_orbit(orbit, range=(1.6, 1.9), events=["V"]).events
-    found = certified(entry)
+    found = certify_entry(entry)
     assert found.certified, found
-    assert certified(dataclasses.replace(entry, n_unstable=1)).clause == "stability"
+    assert certify_entry(dataclasses.replace(entry, n_unstable=1)).clause == "stability"
 
 
 def test_a_grazing_of_the_orbit_without_impacts_is_certified():
     """It records no impacts: its state is found by a search, and proven."""
     (entry,) = (e for e in entries_of("soft_stop") if not e.word)
-    found = certified(entry)
+    found = certify_entry(entry)
     assert found.certified, found
 
 
 @pytest.mark.slow
 def test_wrong_statements_of_the_orbit_without_impacts_are_rejected():
     (entry,) = (e for e in entries_of("soft_stop") if not e.word)
-    assert verified(entry, certified(entry)).certified
+    assert verify_entry(entry, certify_entry(entry)).certified
     wrong = {
         "value": {"parameters": {**entry.parameters, "omega": entry.value + 1e-9}},
         "ghost": {"ghost": True},
@@ -131,7 +131,7 @@ def test_wrong_statements_of_the_orbit_without_impacts_are_rejected():
         "existence": {"touch_time": entry.touch_time + 1e-3},
     }
     for clause, values in wrong.items():
-        assert certified(dataclasses.replace(entry, **values)).clause == clause
+        assert certify_entry(dataclasses.replace(entry, **values)).clause == clause
 
 
 @pytest.mark.slow
@@ -219,9 +219,9 @@ def test_sizes_of_unknowns_are_those_of_the_whole_branch():
 def test_long_flights_take_few_cells(monkeypatch):
     """A ball that flies over two periods: rates enclosed on a whole flight are far too large."""
     diagram, calls = diagram_of("bouncing_ball"), []
-    real = touches.Flying.local
+    real = touches.FlightCoordinate.local
     monkeypatch.setattr(
-        touches.Flying, "local", lambda self, s, u: calls.append(u) or real(self, s, u)
+        touches.FlightCoordinate, "local", lambda self, s, u: calls.append(u) or real(self, s, u)
     )
     (branch,) = contimpact.certify(diagram).branches
     assert len(calls) < 150 * branch.tubes  # 4700 of them when tubes were cut first
@@ -238,10 +238,10 @@ def test_wrong_statements_are_rejected_where_they_are(name):
     for entry in entries:
         shifted = {**entry.parameters, entry.parameter: entry.value + 1e-9}
         wrong = dataclasses.replace(entry, parameters=shifted)
-        assert certified(wrong).clause in ("value", "existence")
-        assert certified(dataclasses.replace(entry, ghost=not entry.ghost)).clause == "ghost"
+        assert certify_entry(wrong).clause in ("value", "existence")
+        assert certify_entry(dataclasses.replace(entry, ghost=not entry.ghost)).clause == "ghost"
         more = dataclasses.replace(entry, n_unstable=entry.n_unstable + 1)
-        assert certified(more).clause == "stability"
+        assert certify_entry(more).clause == "stability"
 
 
 def test_deleted_and_invented_events_are_found():
@@ -252,12 +252,12 @@ def test_deleted_and_invented_events_are_found():
         for gone in [e for e in branch.events if e.kind in record.kinds]:
             deleted += 1
             others = [e for e in branch.events if e.id != gone.id]
-            (piece,) = verified_branch(branch, record, others, certificates).missing
+            (piece,) = verify_branch(branch, record, others, certificates).missing
             low, high = sorted((piece.start, piece.end))
             assert low - 1e-3 <= gone.value <= high + 1e-3
             away = {**gone.parameters, gone.parameter: 0.999 * gone.value}
             invented = dataclasses.replace(gone, id="e99", parameters=away)
-            assert not certified(invented).certified
+            assert not certify_entry(invented).certified
     assert deleted == 2
 
 
@@ -265,15 +265,15 @@ def test_a_determinant_is_the_same_by_pivots_and_by_minors():
     rng = np.random.default_rng(1)
     numbers = rng.normal(size=(6, 6, 3))
     rows = [[flint.arb_series(c.tolist(), prec=3) for c in row] for row in numbers]
-    one = zeros._eliminated([list(row) for row in rows])
-    other = zeros._by_minors(rows)
+    one = zeros._determinant_by_pivots([list(row) for row in rows])
+    other = zeros._determinant_by_minors(rows)
     assert all(one[j].overlaps(other[j]) for j in range(3))
     assert float(other[0].mid()) == pytest.approx(np.linalg.det(numbers[:, :, 0]))
     rows[0][0] = rows[0][0] - rows[0][0][0]
-    assert zeros._eliminated([list(row) for row in rows]) is None
+    assert zeros._determinant_by_pivots([list(row) for row in rows]) is None
     numbers[0, 0, 0] = 0.0
     exact = np.linalg.det(numbers[:, :, 0])
-    assert float(zeros._by_minors(rows)[0].mid()) == pytest.approx(exact)
+    assert float(zeros._determinant_by_minors(rows)[0].mid()) == pytest.approx(exact)
 
 
 # Kinds.
@@ -288,7 +288,7 @@ def swinging(omega):
 def test_a_neimark_sacker_bifurcation_is_certified():
     """For one degree of freedom the product is r^2 exp(-cT) wherever the orbit is."""
     (entry,) = continue_orbit(swinging(2.2), range=(0.7, 1.0), events=["NS"]).events
-    found = certified(entry)
+    found = certify_entry(entry)
     assert found.certified, found
     period = 2 * flint.arb.pi() / flint.arb(2.2)
     exact = (flint.arb(-0.05) * period / 2).exp()
@@ -300,16 +300,16 @@ def test_a_neutral_saddle_is_no_neimark_sacker_bifurcation():
     branch = continue_orbit(swinging(3.1), range=(0.7, 1.0), events=["UZ"], values={"r": [near]})
     (entry,) = branch.events
     assert abs(complex(*entry.multipliers[0]).imag) == 0.0
-    found = certified(dataclasses.replace(entry, kind="NS", requested=None, error=1e-12))
+    found = certify_entry(dataclasses.replace(entry, kind="NS", requested=None, error=1e-12))
     assert (found.clause, "may be real" in str(found.found)) == ("stability", True)
 
 
 def test_branches_that_pass_each_other_are_no_branch_point():
     """The equations of a branch point have a solution there, too, in which something unfolds it."""
     (entry,) = (e for e in entries_of("two_stops") if e.kind == "BP")
-    assert certified(entry).certified
+    assert certify_entry(entry).certified
     apart = {**entry.parameters, "b": 1e-13}
-    found = certified(dataclasses.replace(entry, parameters=apart))
+    found = certify_entry(dataclasses.replace(entry, parameters=apart))
     assert found.clause == "crossing"
     assert "e-1" in str(found.found)
 
@@ -326,7 +326,7 @@ def test_a_flight_without_duration_is_certified():
     ]
     assert {entry.kind for entry in events} == {"T", "NS"}
     for entry in events:
-        assert certified(entry).certified, entry
+        assert certify_entry(entry).certified, entry
 
 
 # Damage.
@@ -344,15 +344,15 @@ def test_a_flight_without_duration_is_certified():
 )
 def test_a_damaged_entry_is_rejected(values, clause):
     (entry,) = (e for e in entries_of("bouncing_ball") if e.id == "e1")
-    assert certified(dataclasses.replace(entry, **values)).clause == clause
+    assert certify_entry(dataclasses.replace(entry, **values)).clause == clause
 
 
 @pytest.mark.parametrize("bits", [-5, 0, 2, 10**9])
 def test_a_certificate_of_no_precision_is_rejected(bits):
     (entry,) = (e for e in entries_of("bouncing_ball") if e.id == "e1")
-    record = certified(entry)
-    assert verified(entry, record).certified
-    assert verified(entry, dataclasses.replace(record, bits=bits)).clause == "bits"
+    record = certify_entry(entry)
+    assert verify_entry(entry, record).certified
+    assert verify_entry(entry, dataclasses.replace(record, bits=bits)).clause == "bits"
 
 
 @pytest.mark.parametrize(
@@ -383,11 +383,11 @@ def test_figures_are_proven(name):
 
 def test_a_damaged_row_of_an_interrupted_proof_is_proven_again(tmp_path):
     path = tmp_path / "certificates.jsonl"
-    Kept(path, "key").add(certified(entries_of("bouncing_ball")[1]))
+    CertificateLog(path, "key").add(certify_entry(entries_of("bouncing_ball")[1]))
     row = {"of": "EventCertificate", "certificate": {"id": "e9"}}
     with path.open("a") as file:
         file.write(json.dumps(row) + '\n{"of": "Event')
-    kept = Kept(path, "key")
+    kept = CertificateLog(path, "key")
     assert kept.get(EventCertificate, "e2").certified
     assert kept.get(EventCertificate, "e9") is None
 
@@ -412,8 +412,8 @@ def test_a_number_beside_another_is_another_system():
         {"name": "n", "model": given, "follow": asked, "detect": {"events": ["PD", "V"]}}
     )
     pd, v = (next(e for e in follow(scene).events if e.kind == kind) for kind in ("PD", "V"))
-    assert certified(pd).certified
-    assert certified(v).certified
+    assert certify_entry(pd).certified
+    assert certify_entry(v).certified
     for entry, old, new in [
         (pd, '"-r*v"', '"-r*v*1.00000000001"'),
         (pd, "0.66666667*x", "2*x/3"),
@@ -424,4 +424,4 @@ def test_a_number_beside_another_is_another_system():
         machine = entry.options["machine"]
         assert old in machine
         other = dataclasses.replace(entry, options={"machine": machine.replace(old, new)})
-        assert certified(other).clause in ("value", "existence"), (old, new)
+        assert certify_entry(other).clause in ("value", "existence"), (old, new)

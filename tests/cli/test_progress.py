@@ -254,14 +254,14 @@ def test_one_scene_left_of_two_is_in_its_own_folder(run, scene, tmp_path):
 def test_a_failed_computation_is_named_and_the_others_run(run, scene, tmp_path, monkeypatch):
     from contimpact.diagrams import explore
 
-    walked = explore.both_ways
+    walked = explore.walk_both_ways
 
     def failing(problem, *given):
         if problem.model.values["r"] == 0.31:
             raise ZeroDivisionError("of a test")
         return walked(problem, *given)
 
-    monkeypatch.setattr(explore, "both_ways", failing)
+    monkeypatch.setattr(explore, "walk_both_ways", failing)
     paths = [scene("one", r="0.31"), scene("two")]
     status, _, err = run("run", *paths, "-o", tmp_path / "out", "-q", "--no-plot")
     assert status == 1
@@ -380,13 +380,13 @@ def test_an_interruption_on_a_full_disk_stops_all_scenes(run, scene, tmp_path, m
 def test_a_simulation_interrupted_in_its_branches_ends_there(run, scene, tmp_path, monkeypatch):
     from contimpact.diagrams import explore
 
-    walked = explore.both_ways
+    walked = explore.walk_both_ways
 
     def interrupted(problem, unknowns, limits, tests, settings, callback, *more):
         callback(walked(problem, unknowns, limits, tests, settings, callback, *more).points[0])
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(explore, "both_ways", interrupted)
+    monkeypatch.setattr(explore, "walk_both_ways", interrupted)
     status, _, err = run("simulate", scene(more=SIMULATED), "-o", tmp_path / "out", "-q")
     assert status == 1
     assert "interrupted (branches)" in err

@@ -11,7 +11,7 @@ import time
 import pytest
 
 from contimpact.cli import main
-from contimpact.cli.console import Interruption, deferred
+from contimpact.cli.console import Interruption, defer_interruptions
 
 pytestmark = pytest.mark.skipif(os.name != "posix", reason="sends a POSIX signal")
 
@@ -69,6 +69,6 @@ def test_a_command_that_is_asked_to_end_says_that_it_was_interrupted(monkeypatch
 
 def test_writing_is_not_cut_short():
     interruption = Interruption()
-    with deferred(interruption):
+    with defer_interruptions(interruption):
         signal.raise_signal(signal.SIGTERM)
         assert interruption.happened

@@ -16,7 +16,14 @@ from contimpact.cli import main, say
 from contimpact.errors import InputError
 from contimpact.results.branch import Entry
 from contimpact.results.catalogue import entry_of, load_diagram, read_branch, write_diagram
-from contimpact.storage.texts import csv_text, json_line, json_text, made, markdown_cell, original
+from contimpact.storage.texts import (
+    build_record,
+    csv_text,
+    json_line,
+    json_text,
+    markdown_cell,
+    unescape_text,
+)
 
 ESCAPE = "\x1b]0;title\x07\x1b[31m\x9b\u202e\0"
 
@@ -201,7 +208,7 @@ def test_records_become_what_they_were(results):
         for name in ("certified_radius", "sliding", "orbit_period"):  # written where they are
             assert written.pop(name) is None
         assert written == record
-        assert made(Entry, vars(entry)).id == record["id"]
+        assert build_record(Entry, vars(entry)).id == record["id"]
 
 
 # Resuming
@@ -286,7 +293,7 @@ def test_texts_are_no_formulas(text):
         row = next(csv.reader([csv_text(["a"], [[text]], exact=exact).split("\n", 1)[1]]))
         assert row[0][0] in "'\\"
     header = next(csv.reader([csv_text([text], [], exact=True)]))[0]
-    assert original(header) == text.replace("\r", "\\r")
+    assert unescape_text(header) == text.replace("\r", "\\r")
     assert csv_text(["a"], [[-1.5, True, -2, None, "b=1"]]) == "a\n-1.5,1,-2,,b=1\n"
 
 

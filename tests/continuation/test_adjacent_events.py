@@ -10,15 +10,15 @@ from algebraic import follow
 from test_closed_branches import Hit
 from test_walk import circle
 
-from contimpact.continuation.events import on_points, with_points_between
+from contimpact.continuation.events import separate_events, snap_to_points
 
 
 def between(values):
     """The points and events of a circle with some values to hit."""
     problem = circle()
     found = follow(problem, [1.0, 0.0], tests=[Hit(value) for value in values])
-    events = on_points(found.points, found.events)
-    return found, events, with_points_between(problem, found.points, events)
+    events = snap_to_points(found.points, found.events)
+    return found, events, separate_events(problem, found.points, events)
 
 
 def test_a_point_lies_between_any_two_adjacent_events():

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 import pytest
 
-from contimpact.continuation.branch import Block, Point, Points, Walk, joined
+from contimpact.continuation.branch import Block, Point, Points, Walk, join_walks
 from contimpact.continuation.ends import End, EndKind
 from contimpact.diagrams.orbit_branch import continue_orbit
 
@@ -101,7 +101,7 @@ def test_moved_points_are_turned_twice_or_not_at_all():
 
 def test_two_walks_are_joined_in_order():
     end = End(EndKind.RANGE, 0.0, "")
-    points, events = joined(Walk(mixed(), (), end), Walk(mixed(), (), end))
+    points, events = join_walks(Walk(mixed(), (), end), Walk(mixed(), (), end))
     assert places(points) == list(range(25))
     assert points.unknowns[:, 0].tolist() == [*range(12, -1, -1), *range(1, 13)]
     assert events == []

@@ -11,7 +11,7 @@ from test_walk import Turning, circle, kinds, lemniscate
 
 from contimpact.continuation.branch import TestFunction, Walk
 from contimpact.continuation.ends import EndKind
-from contimpact.continuation.walk import as_at_start
+from contimpact.continuation.walk import closed_test_values
 
 
 class Hit(TestFunction):
@@ -91,7 +91,7 @@ def test_values_at_the_end_of_a_loop_are_those_of_its_start():
     """In another order where the end is an image of the start; NaN stays."""
     start = [np.array([1e-17, 2.0]), np.array([-1e-17, 0.5, np.nan])]
     here = [np.array([-1e-16, 2.0 + 1e-9]), np.array([np.nan, 1e-16, 0.5])]
-    found = as_at_start(here, start)
+    found = closed_test_values(here, start)
     assert found[:2].tolist() == [1e-17, 2.0]
     assert np.isnan(found[2])
     assert found[3:].tolist() == [-1e-17, 0.5]

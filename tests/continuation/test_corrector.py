@@ -96,12 +96,12 @@ def test_equal_steps_are_accepted():
 def test_lengths_are_measured_by_the_sizes_of_the_unknowns():
     scale = np.array([2.0, 10.0])
     a, b = np.array([6.0, 40.0]), np.array([2.0, -10.0])
-    assert metric.inner(a, b, scale) == 3.0 * 1.0 + 4.0 * -1.0
+    assert metric.inner_product(a, b, scale) == 3.0 * 1.0 + 4.0 * -1.0
     assert metric.length(a, scale) == 5.0
 
 
 def test_bordering_puts_the_row_last():
-    matrix = corrector.bordered(np.array([[1.0, 2.0, 3.0], [4.0, 5.0, 6.0]]), np.arange(3.0))
+    matrix = corrector.border_jacobian(np.array([[1.0, 2.0, 3.0], [4.0, 5.0, 6.0]]), np.arange(3.0))
     assert matrix.tolist() == [[1.0, 2.0, 3.0], [4.0, 5.0, 6.0], [0.0, 1.0, 2.0]]
 
 
@@ -378,14 +378,14 @@ def test_the_step_changes_by_two_at_most_and_respects_its_ceiling(step, turned, 
 def test_a_null_vector_has_one_sign_however_it_is_rounded(sign, last):
     """Of components that are equal by symmetry the first decides."""
     vector = np.array([0.3, -0.5, 0.5 + last, -0.5 - last, last])
-    assert corrector.oriented(sign * vector) == pytest.approx(-vector)
+    assert corrector.orient_vector(sign * vector) == pytest.approx(-vector)
 
 
 @settings(deadline=None, derandomize=True)
 @given(st.floats(1e-7, 0.1), st.floats(-1e-13, 1e-13))
 def test_the_length_of_a_step_forgets_how_it_was_rounded(step, noise):
-    kept = step_control.rounded(step, 1.0)
+    kept = step_control.round_length(step, 1.0)
     assert kept == pytest.approx(step, rel=2.0**-6)
     assert (64.0 * math.frexp(kept)[0]).is_integer()
-    assert step_control.rounded(kept * (1.0 + noise), 1.0) == kept
-    assert step_control.rounded(step, 0.5 * step) == 0.5 * step
+    assert step_control.round_length(kept * (1.0 + noise), 1.0) == kept
+    assert step_control.round_length(step, 0.5 * step) == 0.5 * step

@@ -12,11 +12,18 @@ from algebraic import EPSILON, Values
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from contimpact.continuation.branch import Event, Located, Missed, Point, TestFunction, UserFunction
+from contimpact.continuation.branch import (
+    Event,
+    Location,
+    MissedEvent,
+    Point,
+    TestFunction,
+    UserFunction,
+)
 from contimpact.continuation.corrector import Arc, point_after
 from contimpact.continuation.events import find_events
 from contimpact.continuation.settings import Settings
-from contimpact.continuation.sign_changes import DIPS, Sample, Stretch, crossings, suspects
+from contimpact.continuation.sign_changes import DIPS, Sample, Stretch, crossings, suspect_values
 from contimpact.continuation.walk import walk
 
 
@@ -189,7 +196,9 @@ def test_a_value_that_ceases_to_exist_inside_a_bracket_is_reported():
     test = user(lambda p: math.nan if 0.2 < p.parameter < 0.8 else p.parameter - 0.5)
     events, (missed,) = events_on(arc, test)
     assert events == []
-    assert missed == Missed("mine", (0.0, 1.0), "the test function has no value inside the bracket")
+    assert missed == MissedEvent(
+        "mine", (0.0, 1.0), "the test function has no value inside the bracket"
+    )
 
 
 # Location by bracketing
@@ -373,7 +382,7 @@ class Passage(TestFunction):
     def locate(self, problem, guess, index):
         self.guesses += 1
         p = self.target + self.offset
-        return Located(np.array([2.0 * p, p]), 0.0, self.error, {"asked": self.target})
+        return Location(np.array([2.0 * p, p]), 0.0, self.error, {"asked": self.target})
 
     def accept(self, event):
         return self.accepted
@@ -490,6 +499,6 @@ def test_an_arc_between_two_branches_is_not_connected(gap):
 def test_a_dip_between_two_parabolas_that_agree_is_suspected():
     """A determinant with the factor of a doubling, which passes zero twice in the second step."""
     before, left, right, after = (np.array([v]) for v in (0.0557, 0.0210, 0.0049, 0.0924))
-    found, places = suspects(before, left, right, after, 0.0080, 0.0157, 0.0220)
+    found, places = suspect_values(before, left, right, after, 0.0080, 0.0157, 0.0220)
     assert found.tolist() == [DIPS]
     assert 0.5 < places[0] < 0.9

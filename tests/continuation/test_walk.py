@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 from algebraic import Algebraic, follow
 
-from contimpact.continuation.branch import Event, TestFunction, UserFunction, joined
-from contimpact.continuation.ends import End, EndKind, Refusal, Refused
+from contimpact.continuation.branch import Event, TestFunction, UserFunction, join_walks
+from contimpact.continuation.ends import End, EndKind, Refusal, RefusalDetails
 from contimpact.continuation.settings import Settings
 from contimpact.continuation.walk import walk
 
@@ -193,7 +193,7 @@ def test_ends_of_the_range_are_hit_exactly(slope, limits, direction):
 
 def test_both_directions_join_into_one_run():
     walks = [follow(parabola(), [0.5, 0.25], d, (-1.0, 1.0), tests=[Turning()]) for d in (-1, 1)]
-    points, events = joined(*walks)
+    points, events = join_walks(*walks)
     x = [point.unknowns[0] for point in points]
     assert x == sorted(x)
     assert x[0] == pytest.approx(-1.0, abs=1e-12)
@@ -403,7 +403,7 @@ def test_a_limit_on_which_nothing_is_reached_is_an_edge_of_the_range():
 
 @pytest.mark.parametrize("cause", list(Refusal))
 def test_every_refusal_has_an_end_and_a_sentence(cause):
-    refused = Refused(cause, 0.3)
+    refused = RefusalDetails(cause, 0.3)
     told = {"floor": 1e-7, "near": "1e-9", "place": 0.2}
     end = End.of(refused.kind, "p", 0.1, why=str(refused), **told)
     assert str(refused) in end.message

@@ -12,7 +12,7 @@ import pytest
 from zoo import scene
 
 import contimpact as ci
-from contimpact.diagrams.areas import agree, once, stable_branches, stretches
+from contimpact.diagrams.areas import runs_agree, stable_branches, stretches, unique_stretches
 from contimpact.diagrams.arrangement import Frame, slabs
 from contimpact.diagrams.explore import follow
 from contimpact.results.catalogue import catalogue_text, load_diagram, write_diagram
@@ -211,17 +211,17 @@ def test_an_orbit_found_twice_is_one(diagram):
     branches = [stable_branches(given, given.model, word, kernels, [a])[0] for a in (6.6, 6.9)]
     found = [stretch for branch in branches for stretch in stretches(branch, frame)]
     assert len(found) == 2
-    assert len(once(found)) == 1
+    assert len(unique_stretches(found)) == 1
     other = dataclasses.replace(found[1], low=found[1].low + 1e-3)
-    assert len(once([found[0], other])) == 2
+    assert len(unique_stretches([found[0], other])) == 2
 
 
 def test_what_is_not_told_is_no_disagreement():
     """The criticality next to where it changes; what ends the orbit is told always."""
     told = StableOrbit("BT", 1, "1:1", "PD", "PD", "supercritical")
     unknown = dataclasses.replace(told, criticality=None)
-    assert agree([told], [unknown])
-    assert agree([unknown], [told])
-    assert not agree([told], [dataclasses.replace(told, criticality="subcritical")])
-    assert not agree([told], [dataclasses.replace(unknown, ends="G")])
-    assert not agree([told], [told, told])
+    assert runs_agree([told], [unknown])
+    assert runs_agree([unknown], [told])
+    assert not runs_agree([told], [dataclasses.replace(told, criticality="subcritical")])
+    assert not runs_agree([told], [dataclasses.replace(unknown, ends="G")])
+    assert not runs_agree([told], [told, told])

@@ -8,7 +8,7 @@ import math
 import numpy as np
 import pytest
 
-from contimpact.bifurcations.codimension_two import twice
+from contimpact.bifurcations.codimension_two import double_orbit
 from contimpact.diagrams.codim2_curves import entries_born
 from contimpact.diagrams.curves import follow_curve
 from contimpact.diagrams.orbit_branch import continue_orbit
@@ -117,8 +117,8 @@ def test_the_folds_at_a_grazing():
 def test_an_orbit_run_twice(turning):
     entry, _ = turning
     here = orbit_of(entry, MODEL).linearisation
-    assert twice(here).largest_residual == pytest.approx(here.largest_residual, abs=1e-14)
-    assert twice(here).multipliers[0] == pytest.approx(here.multipliers[0] ** 2, abs=1e-9)
+    assert double_orbit(here).largest_residual == pytest.approx(here.largest_residual, abs=1e-14)
+    assert double_orbit(here).multipliers[0] == pytest.approx(here.multipliers[0] ** 2, abs=1e-9)
 
 
 def test_kinds_that_are_not_wanted_are_left_out(grazing):

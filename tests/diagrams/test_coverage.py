@@ -10,7 +10,7 @@ import pytest
 from zoo import scene
 
 from contimpact.diagrams.explore import follow
-from contimpact.diagrams.map_lines import passes, run_along
+from contimpact.diagrams.map_lines import passes_entry, run_along
 from contimpact.errors import InputError
 from contimpact.page.data import remarks_in
 from contimpact.results.catalogue import load_diagram, write_diagram
@@ -65,7 +65,7 @@ def test_nothing_off_the_curves_on_other_lines(covered, held):
         for entry in (e for run in runs for e in run.branch("b", kinds=("PD", "G")).events):
             if entry.physical:
                 there = dataclasses.replace(entry, parameter="A")
-                assert any(passes(curve, there, given.model, own) for curve in diagram.curves)
+                assert any(passes_entry(curve, there, given.model, own) for curve in diagram.curves)
                 met += 1
     assert met >= 3
 
@@ -165,7 +165,7 @@ def test_each_curve_once(covered):
                 compared += 1
                 there = [c for c in diagram.curves if c.kind == entry.kind]
                 own = Kernels(covered[0].model, "A")
-                assert sum(passes(c, entry, covered[0].model, own) for c in there) == 1
+                assert sum(passes_entry(c, entry, covered[0].model, own) for c in there) == 1
     assert compared == len(diagram.curves) > 1
 
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from contimpact.continuation.settings import Settings
-from contimpact.diagrams.orbit_branch import both_ways
+from contimpact.diagrams.orbit_branch import walk_both_ways
 from contimpact.models.word import Word
 from contimpact.orbits.problem import OrbitProblem
 from contimpact.segments.kernels import Kernels
@@ -34,7 +34,7 @@ def run():
     problem = OrbitProblem(model, Word("P", 1), Kernels(model, "a"))
     start = impact(problem, 1.0 / 1.02, -math.sqrt(1.0 - 1.02**-2))
     limits = (0.5 * FOLD, 1.2 * FOLD)
-    return both_ways(problem, start, limits, [], Settings())
+    return walk_both_ways(problem, start, limits, [], Settings())
 
 
 @pytest.mark.parametrize("sine", [*np.linspace(-0.1, 0.1, 41), 1e-4, -1e-4, 1e-6, 0.3, -0.3])

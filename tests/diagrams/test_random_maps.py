@@ -10,7 +10,7 @@ import pytest
 from zoo import scene
 
 from contimpact.diagrams.explore import follow
-from contimpact.diagrams.map_lines import passes, run_along
+from contimpact.diagrams.map_lines import passes_entry, run_along
 from contimpact.orbits.search import find_orbits
 from contimpact.segments.kernels import Kernels
 
@@ -85,7 +85,7 @@ def test_no_entry_of_twenty_lines_each_way_is_off_the_curves(seed):
         for value in rng.uniform(*across, LINES):
             for entry in line(given, kernels, held, value, limits, 64):
                 there = dataclasses.replace(entry, parameter=first)
-                assert any(passes(curve, there, given.model, own) for curve in diagram.curves)
+                assert any(passes_entry(curve, there, given.model, own) for curve in diagram.curves)
     counts = diagram.statistics["counts"]
     spent = counts["curve_kernel_evaluations"] + counts["family_kernel_evaluations"]
     scan = 100 * 5 * effort_of_a_search(given)  # fifty lines each way, five searches on each

@@ -18,7 +18,7 @@ from contimpact.bifurcations.declarations import EVENTS
 from contimpact.bifurcations.registry import test_functions as make_tests
 from contimpact.continuation.settings import Settings
 from contimpact.diagrams.explore import follow
-from contimpact.diagrams.orbit_branch import both_ways
+from contimpact.diagrams.orbit_branch import walk_both_ways
 from contimpact.errors import InputError
 from contimpact.models.word import parse_word
 from contimpact.orbits.search import repeats, solve_near
@@ -177,7 +177,7 @@ def closes(branch):
     limits = (0.5 * values.min(), 2.0 * values.max())
     tests = make_tests(orbit.problem, (), {})
     fine = Settings(step=1e-3, max_step=1e-2, max_points=20000)
-    run = both_ways(orbit.problem, orbit.unknowns, limits, tests, fine)
+    run = walk_both_ways(orbit.problem, orbit.unknowns, limits, tests, fine)
     return run.walks[0].end.kind.name == "CLOSED"
 
 

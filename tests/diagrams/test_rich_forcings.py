@@ -8,11 +8,11 @@ from zoo import harmonic_pair
 
 from contimpact.bifurcations.declarations import EVENTS
 from contimpact.bifurcations.extended_system import located
-from contimpact.bifurcations.grazing import Grazing, Touching
+from contimpact.bifurcations.grazing import Grazing, SlidingTouch
 from contimpact.bifurcations.registry import test_functions as make_tests
 from contimpact.continuation.ends import EndKind
 from contimpact.continuation.settings import Settings
-from contimpact.diagrams.orbit_branch import at_image, both_ways
+from contimpact.diagrams.orbit_branch import symmetric_end, walk_both_ways
 from contimpact.orbits.search import find_orbits
 from contimpact.segments.kernels import Kernels
 
@@ -57,7 +57,9 @@ def random_orbit(seed):
 def followed(orbit, limits, settings):
     problem = orbit.problem
     tests = make_tests(problem, EVENTS, {})
-    return both_ways(problem, orbit.unknowns, limits, tests, settings, stop=at_image(problem))
+    return walk_both_ways(
+        problem, orbit.unknowns, limits, tests, settings, stop=symmetric_end(problem)
+    )
 
 
 def lost(orbit, limits=RANGE):
@@ -101,7 +103,7 @@ def test_pairs_of_folds_and_doublings_inside_a_step():
     tests = [make_tests(o.problem, ("FB", "PD", "G"), {}) for o in orbits]
     for settings in (Settings(), Settings(max_step=0.01)):
         runs = [
-            both_ways(o.problem, o.unknowns, RANGE, t, settings)
+            walk_both_ways(o.problem, o.unknowns, RANGE, t, settings)
             for o, t in zip(orbits, tests, strict=True)
         ]
         assert sum(len(run.events) for run in runs) == 23
@@ -113,9 +115,9 @@ def test_a_touch_where_the_flight_passes_elsewhere_is_no_grazing():
     orbit = random_orbit(1129)
     problem = orbit.problem
     test = Grazing(problem)
-    run = both_ways(problem, orbit.unknowns, RANGE, [test], PLAIN)
+    run = walk_both_ways(problem, orbit.unknowns, RANGE, [test], PLAIN)
     (event,) = [e for e in run.events if abs(e.parameter - 0.3718857) < 1e-6]
-    system = Touching(problem, 0, "B", event.details["touch_time"] - 0.018)
+    system = SlidingTouch(problem, 0, "B", event.details["touch_time"] - 0.018)
     beside = located(system, event.point)
     assert beside.unknowns[-1] == pytest.approx(0.3718825, abs=1e-6)
     assert not test.nearest(problem, beside, event.details["index"])

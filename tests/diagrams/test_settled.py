@@ -5,7 +5,7 @@ import pytest
 
 import contimpact as ci
 from contimpact.diagrams.explore import follow
-from contimpact.diagrams.settled import of_word, settled_orbits, turned_to
+from contimpact.diagrams.settled import settled_orbits, turn_to_word, unknowns_of_word
 from contimpact.models.word import Word
 from contimpact.orbits import search
 from contimpact.orbits.quiet import problem_of
@@ -32,8 +32,10 @@ def missed(model, parameter, motions, kernels=None):
     for attractor in periodic:
         word, orbit = Word(attractor.word, attractor.period), attractor.orbit(model, parameter)
         found = search.find_orbits(model, word, kernels=kernels, starts=64, rounds=4)
-        found = search.with_more(found, problem_of(model, word, kernels), of_word(settled, word))
-        turned = turned_to(orbit, word)
+        found = search.add_orbits(
+            found, problem_of(model, word, kernels), unknowns_of_word(settled, word)
+        )
+        turned = turn_to_word(orbit, word)
         apart = (o.problem.difference(o.unknowns, turned) for o in found)
         if all(np.max(np.abs(difference)) > 1e-6 for difference in apart):
             lost.append(attractor)

@@ -16,7 +16,7 @@ from contimpact.errors import InputError
 from contimpact.models.expressions import sympy_expression
 from contimpact.models.machine import row_of
 from contimpact.models.symbolic import fourier_series
-from contimpact.models.symbols import exact, whole
+from contimpact.models.symbols import exact, whole_quotient
 from contimpact.orbits.search import find_orbits
 from contimpact.results.scene import read_scene
 from contimpact.segments.arithmetic import kernel_of
@@ -159,14 +159,14 @@ def test_events_are_those_of_the_double():
 
 @pytest.mark.parametrize(("one", "other", "order"), [("0.1", "0.3", 3), ("0.7", "0.7", 1)])
 def test_frequencies_are_multiples_to_the_rounding_of_doubles(one, other, order):
-    assert whole(exact(float(other)) / exact(float(one))) == order
+    assert whole_quotient(exact(float(other)) / exact(float(one))) == order
     w = sympy.Symbol("w", real=True)
-    assert whole(exact(float(other)) * w / (exact(float(one)) * w)) == order
+    assert whole_quotient(exact(float(other)) * w / (exact(float(one)) * w)) == order
 
 
 def test_other_frequencies_are_refused():
-    assert whole(exact(0.30000001) / exact(0.1)) is None
-    assert whole(sympy.Symbol("w")) is None
+    assert whole_quotient(exact(0.30000001) / exact(0.1)) is None
+    assert whole_quotient(sympy.Symbol("w")) is None
     with pytest.raises(InputError, match="period"):
         fourier_series("cos(3.14159*t)", "forcing", sympy.Integer(2))
 

@@ -18,8 +18,8 @@ from contimpact.models.expressions import (
     FUNCTIONS,
     LARGEST_EXPONENT,
     LONGEST_TEXT,
-    Beyond,
     Extent,
+    UnboundedError,
     check_expression,
     number,
     sympy_expression,
@@ -330,7 +330,7 @@ def test_an_extent_holds_the_values(text, where):
     try:
         value = eval(text, {"sin": math.sin, "t": where})
         bound = eval(text, functions | {"t": extent})
-    except (ArithmeticError, Beyond):
+    except (ArithmeticError, UnboundedError):
         return
     if isinstance(bound, Extent):
         slack = 1e-9 * abs(value)

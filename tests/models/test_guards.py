@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from contimpact.errors import InputError
-from contimpact.models.guards import following, graph, watched
+from contimpact.models.guards import following_letters, graph, reachable_letters
 from contimpact.models.model import Guard, Mode, Model, Parameter, Wall
 
 MODES = (Mode("free"), Mode("contact"))
@@ -28,8 +28,8 @@ def stop(**attributes):
 
 def test_words_are_paths():
     guards = (CONTACT, RELEASE, Wall("S", +1, mode="contact"))
-    assert [following(guards, guard.name) for guard in guards] == ["RS", "C", "RS"]
-    assert watched(guards, "free") == "C"
+    assert [following_letters(guards, guard.name) for guard in guards] == ["RS", "C", "RS"]
+    assert reachable_letters(guards, "free") == "C"
     assert graph(guards) == {"C": "RS", "R": "C", "S": "RS"}
 
 

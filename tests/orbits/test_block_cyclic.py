@@ -8,7 +8,7 @@ import mpmath as mp
 import numpy as np
 import pytest
 
-from contimpact.continuation.corrector import bordered, scaled_determinant
+from contimpact.continuation.corrector import border_jacobian, scaled_determinant
 from contimpact.orbits import multipliers as stability
 from contimpact.orbits.block_cyclic import KEPT, eliminate, solve
 from contimpact.orbits.multipliers import (
@@ -16,7 +16,7 @@ from contimpact.orbits.multipliers import (
     product_of_multipliers,
     roots,
     row_norms,
-    scaled,
+    scale_determinant,
 )
 from contimpact.segments.segment import ELSEWHERE
 
@@ -59,7 +59,7 @@ def test_solutions_and_determinants_are_those_of_the_dense_matrix(count, right):
     row, g, out = rng.normal(size=2 * count + 1), 0.7, [0.0] * (2 * count + 1)
     found, kept, _ = reduce(blocks, z, right)
     det = solve(found, kept, count, row.tolist(), g, out)
-    matrix = bordered(dense(blocks), row)
+    matrix = border_jacobian(dense(blocks), row)
     expected = np.linalg.solve(matrix, np.append(-right * blocks[:, :2].ravel(), g))
     condition = np.linalg.cond(matrix)
     assert np.max(np.abs(np.array(out) - expected)) < 1e-15 * condition * np.max(np.abs(expected))
@@ -74,7 +74,9 @@ def test_scaled_determinants_are_those_of_the_dense_matrix(count):
     blocks, z = random_cycle(count, rng)
     (p00, p01, p10, p11, q00, q01, q10, q11, *_, sign, logarithm, _), _, tables = reduce(blocks, z)
     doubled = (p00 - q00) * (p11 - q11) - (p01 - q01) * (p10 - q10)
-    value = scaled(sign, logarithm, doubled, row_norms(tables, count, -1.0, 1.0, 1.0, 0.0))
+    value = scale_determinant(
+        sign, logarithm, doubled, row_norms(tables, count, -1.0, 1.0, 1.0, 0.0)
+    )
     assert value == pytest.approx(scaled_determinant(dense(blocks, -1.0)[:, :-1]), rel=1e-10)
     sizes = np.append(np.tile([1.7, 0.3], count), 0.9)
     norms = np.linalg.norm(dense(blocks) * sizes, axis=1)
@@ -108,7 +110,7 @@ def test_digits_are_kept_where_flights_expand(growth):
     row, out = rng.normal(size=2 * count + 1), [0.0] * (2 * count + 1)
     found, kept, _ = reduce(blocks, z)
     solve(found, kept, count, row.tolist(), 0.3, out)
-    matrix, right = bordered(dense(blocks), row), np.append(-blocks[:, :2].ravel(), 0.3)
+    matrix, right = border_jacobian(dense(blocks), row), np.append(-blocks[:, :2].ravel(), 0.3)
     with mp.workdps(60):
         exact = mp.lu_solve(mp.matrix(matrix.tolist()), mp.matrix(right.tolist()))
         expected = np.array([float(x) for x in exact])

@@ -282,7 +282,7 @@ def test_rounding_has_no_part_in_the_order(seed):
     rng = np.random.default_rng(seed)
     noise = 1.0 + 1e-14 * rng.normal(size=len(ORDERED))
     noise[[2, 5, 7]] = noise[[1, 4, 6]]
-    found = stability.in_order(rng.permutation(ORDERED * noise))
+    found = stability.order_multipliers(rng.permutation(ORDERED * noise))
     assert found == pytest.approx(ORDERED, rel=1e-13)
 
 
@@ -292,6 +292,6 @@ def test_a_denominator_that_is_rounding_gives_infinity(seed):
     rng = np.random.default_rng(seed)
     p, (left, right) = rng.normal(size=(4, 4)), np.linalg.qr(rng.normal(size=(2, 4, 4)))[0]
     for rounded in (0.0, 1e-17, 1e-16, -1e-15):
-        values = stability.of_pencil(p, left @ np.diag([1.0, 0.7, 0.2, rounded]) @ right)
+        values = stability.pencil_multipliers(p, left @ np.diag([1.0, 0.7, 0.2, rounded]) @ right)
         assert np.isinf(values[0])
         assert np.all(np.isfinite(values[1:]))

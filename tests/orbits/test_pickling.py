@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 import contimpact as ci
-from contimpact.diagrams.orbit_branch import both_ways
+from contimpact.diagrams.orbit_branch import walk_both_ways
 
 SCENE = {
     "name": "pair",
@@ -78,5 +78,5 @@ def test_what_a_walk_hands_out_is_pickled(orbit):
         again = pickle.loads(pickle.dumps(point))
         assert np.array_equal(again.unknowns, point.unknowns)
         assert np.array_equal(again.evaluation.multipliers, point.evaluation.multipliers)
-    run = both_ways(orbit.problem, orbit.unknowns, (0.33, 0.35), [], ci.Settings())
+    run = walk_both_ways(orbit.problem, orbit.unknowns, (0.33, 0.35), [], ci.Settings())
     assert pickle.loads(pickle.dumps(run)).branch("b1") == run.branch("b1")

@@ -11,7 +11,7 @@ from zoo import unknowns_of
 
 from contimpact.models.word import Word
 from contimpact.orbits.problem import OrbitProblem
-from contimpact.orbits.search import find_orbits, mirrored, repeats, rotated_to
+from contimpact.orbits.search import find_orbits, mirror_orbit, repeats, rotate_to_word
 
 PAIR_WORDS = ["B", "T/2T", "BT", "BBT", "BTBT/2T", "BBTBTT/3T"]
 OSCILLATOR_WORDS = ["S", "S/2T", "SS/3T"]
@@ -321,15 +321,15 @@ def test_mirror_images_solve_the_equations(pair, kernels_of, word):
     found = find_orbits(model, word, kernels=kernels, starts=64)
     assert found
     for orbit in found:
-        image, unknowns = mirrored(orbit.problem, orbit.unknowns, symmetry)
+        image, unknowns = mirror_orbit(orbit.problem, orbit.unknowns, symmetry)
         assert np.max(np.abs(image.evaluate(unknowns).residual)) < 1e-14
         walls = orbit.word.walls
         for shift in range(len(walls)):
             rotation = Word(walls[shift:] + walls[:shift], orbit.word.period)
-            moved = rotated_to(orbit.problem, orbit.unknowns, rotation)
+            moved = rotate_to_word(orbit.problem, orbit.unknowns, rotation)
             other = OrbitProblem(model, rotation, kernels)
             assert np.max(np.abs(other.evaluate(moved).residual)) < 1e-14
-        assert rotated_to(orbit.problem, orbit.unknowns, Word(walls, 7)) is None
+        assert rotate_to_word(orbit.problem, orbit.unknowns, Word(walls, 7)) is None
 
 
 def test_repetitions_are_recognised(pair, kernels_of):

@@ -14,11 +14,11 @@ from contimpact.accuracy.reference import Reference
 from contimpact.bifurcations.registry import test_functions as make_tests
 from contimpact.continuation.branch import UserFunction
 from contimpact.continuation.settings import Settings
-from contimpact.diagrams.orbit_branch import both_ways
+from contimpact.diagrams.orbit_branch import walk_both_ways
 from contimpact.models.word import Word
 from contimpact.orbits.problem import OrbitProblem
 from contimpact.orbits.search import find_orbits
-from contimpact.segments.bounded import Bounded, bounds_of_kernel
+from contimpact.segments.bounded import BoundedNumber, bounds_of_kernel
 from contimpact.segments.kernels import Kernels
 from contimpact.segments.layout import flat
 from contimpact.systems.impact_pair import ImpactPair
@@ -28,14 +28,14 @@ KINDS = ("FB", "BP", "PD", "NS", "G", "V", "T", "UZ")
 
 
 def test_a_difference_of_near_numbers_keeps_the_errors_of_its_terms():
-    third = Bounded(1.0) / 3
+    third = BoundedNumber(1.0) / 3
     left = third * 3 - 1
     assert abs(Fraction(third.value) - Fraction(1, 3)) <= Fraction(third.error)
     assert abs(left.value) <= left.error
 
 
 def test_whole_turns_are_exact_and_their_length_is_not():
-    turned = Bounded(1e6) % (2 * Bounded(math.pi, 1e-16))
+    turned = BoundedNumber(1e6) % (2 * BoundedNumber(math.pi, 1e-16))
     assert 1e5 * 1e-16 < turned.error < 1e-8
 
 
@@ -175,7 +175,7 @@ def ratios_of(seed):
             n: [v] for n, v in orbit.derived.items() if orbit.problem.kernels.depends("setup")
         }
         tests = make_tests(orbit.problem, KINDS, {parameter: [0.5 * (low + high)], **derived})
-        run = both_ways(
+        run = walk_both_ways(
             orbit.problem, orbit.unknowns, (low, high), tests + users, Settings(max_points=200)
         )
         exact = Reference(orbit.problem)

@@ -23,7 +23,7 @@ from PIL import Image
 from zoo import ROOT
 
 from contimpact.diagrams.explore import follow
-from contimpact.page.data import Shown
+from contimpact.page.data import PageView
 from contimpact.page.document import FOLDER, LIBRARY, page_text
 from contimpact.page.sweeps import read_sweep
 from contimpact.results.scene import read_scene
@@ -196,7 +196,7 @@ def reader(driver, tmp_path):
 
     def opened(diagram, scene, fragment="", swept=()):
         plot, path = scene.plot, tmp_path / "diagram.html"
-        shown = Shown(plot.x, plot.xlim, plot.ylim, plot.unphysical, scene.source)
+        shown = PageView(plot.x, plot.xlim, plot.ylim, plot.unphysical, scene.source)
         path.write_text(page_text(diagram, scene.model, shown, swept), encoding="utf-8")
         (tmp_path / "downloads").mkdir(exist_ok=True)
         readers.append(Reader(driver, path, tmp_path / "downloads"))

@@ -12,8 +12,8 @@ from scipy.integrate import solve_ivp
 
 from contimpact.errors import InputError
 from contimpact.page import orbits as tracks
-from contimpact.page.data import Shown, page_data
-from contimpact.page.sweeps import packed, read_sweep, script_json
+from contimpact.page.data import PageView, page_data
+from contimpact.page.sweeps import pack_column, read_sweep, script_json
 from contimpact.results.branch import Branch
 from contimpact.results.diagram import Diagram
 from contimpact.results.scene import read_scene
@@ -32,15 +32,15 @@ def unpacked(column, length):
 
 @pytest.fixture(scope="module")
 def data(small, small_scene):
-    return page_data(small, small_scene.model, Shown("d", source="a test"))
+    return page_data(small, small_scene.model, PageView("d", source="a test"))
 
 
 def test_numbers_come_back_to_the_bit():
     values = np.array([0.1, -np.inf, np.nan, 1e-300])
-    assert unpacked(packed(values), 4).tobytes() == values.tobytes()
-    assert packed(np.full(7, 0.3)) == 0.3
-    assert isinstance(packed(np.full(2, np.inf)), str)
-    assert unpacked(packed(np.arange(3), "u4"), 3).tolist() == [0, 1, 2]
+    assert unpacked(pack_column(values), 4).tobytes() == values.tobytes()
+    assert pack_column(np.full(7, 0.3)) == 0.3
+    assert isinstance(pack_column(np.full(2, np.inf)), str)
+    assert unpacked(pack_column(np.arange(3), "u4"), 3).tolist() == [0, 1, 2]
 
 
 def test_no_text_becomes_markup():
@@ -130,7 +130,7 @@ def test_every_coordinate_is_that_of_the_equations_of_motion(masses, masses_scen
         push = p["a1"] * np.cos(omega * t) - p["c1"] * v - p["k1"] * x
         return [v, u, push - middle, middle]
 
-    record = page_data(masses, masses_scene.model, Shown("omega"))["branches"][0]
+    record = page_data(masses, masses_scene.model, PageView("omega"))["branches"][0]
     branch, kept = masses.branches[0], record["tracks"]
     assert kept["coordinates"] == ["x1", "x2"]
     assert kept["hits"] == {"A": [0], "B": [1]}
@@ -176,7 +176,7 @@ def test_the_oscillators_orbits_close(kernel_cache):
 
     model = Oscillator(a=1.0, omega=1.0, c=0.1, k=1.0, sigma=1.0, r=0.8)
     branch = continue_orbit(find_orbits(model, "1", parameter="a")[0], "a", range=(0.5, 1.2))
-    record = page_data(Diagram("stop", [branch]), model, Shown("a"))["branches"][0]
+    record = page_data(Diagram("stop", [branch]), model, PageView("a"))["branches"][0]
     x, v = states(record, 0)[:, -1].T
     assert x == pytest.approx(np.ones(len(branch)), abs=1e-6)
     assert v == pytest.approx(branch["v1"], abs=1e-5)
@@ -184,7 +184,7 @@ def test_the_oscillators_orbits_close(kernel_cache):
 
 def test_of_very_many_orbits_some_are_kept(small, small_scene, monkeypatch):
     monkeypatch.setattr(tracks, "BUDGET", 1000)
-    data = page_data(small, small_scene.model, Shown("d"))
+    data = page_data(small, small_scene.model, PageView("d"))
     assert data["every"] > 1
     for branch, record in zip(small.branches, data["branches"], strict=True):
         rows = unpacked(record["tracks"]["rows"], 0).astype(int)
@@ -195,7 +195,7 @@ def test_of_very_many_orbits_some_are_kept(small, small_scene, monkeypatch):
 
 
 def test_without_its_system_a_diagram_has_no_orbits_and_says_so(small):
-    data = page_data(small, None, Shown("d"))
+    data = page_data(small, None, PageView("d"))
     assert all(record["tracks"] is None for record in data["branches"])
     assert "impact-pair" in data["unknown"]
 
@@ -209,7 +209,7 @@ def other_value(branch, place, value):
 def test_members_are_told_apart_by_what_no_branch_varies(small, small_scene):
     first: Branch = small.branches[0]
     branches = [first, other_value(first, 8, 0.2), other_value(first, 9, 0.3)]
-    data = page_data(Diagram("family", branches), small_scene.model, Shown("d"))
+    data = page_data(Diagram("family", branches), small_scene.model, PageView("d"))
     assert data["members"] == [
         {"fixed": {"r": 0.2}, "branches": [1]},
         {"fixed": {"r": 0.3}, "branches": [0, 2]},
@@ -232,7 +232,7 @@ def test_attractors_are_read_and_have_orbits(small, small_scene, swept):
     found = read_sweep(swept, small_scene.model)
     assert {"1:1", "1:1/2T"} <= {one.notation for one in found}
     assert sum(map(len, found)) == 6
-    data = page_data(small, small_scene.model, Shown("d"), found)
+    data = page_data(small, small_scene.model, PageView("d"), found)
     first = next(one for one in data["swept"] if one["notation"] == "1:1")
     places = states(first, 0)[:, 0, 0]
     assert places == pytest.approx(unpacked(first["columns"]["d"], first["rows"]) / 2, rel=1e-6)
@@ -256,7 +256,7 @@ def test_a_damaged_table_of_attractors_is_refused(swept, small_scene, tmp_path, 
 
 def test_areas_of_a_panel(small_map, small_scene):
     """With the rings of their polygons, what they say, and where a run doubts it."""
-    (panel,) = page_data(small_map, small_scene.model, Shown("d"))["panels"]
+    (panel,) = page_data(small_map, small_scene.model, PageView("d"))["panels"]
     (area,) = panel["areas"]
     assert area["id"] == "a1"
     assert area["says"] == "1:1 until PD (supercritical), mechanism 3"

@@ -8,7 +8,7 @@ from test_plot import curves, fig7, marks, scene_of
 
 import contimpact as ci
 from contimpact.cli import main
-from contimpact.plots.lines import _broken
+from contimpact.plots.lines import _break_line
 
 __all__ = ["fig7"]
 
@@ -30,7 +30,7 @@ def test_multipliers_are_one_at_folds_and_minus_one_at_doublings(fig7):
 
 
 def test_no_line_runs_through_infinity():
-    places, values = _broken(np.arange(4.0), np.array([2.0, 90.0, -70.0, -2.0]))
+    places, values = _break_line(np.arange(4.0), np.array([2.0, 90.0, -70.0, -2.0]))
     assert np.isnan(values).tolist() == [False, False, True, False, False]
     assert len(places) == 5
 

@@ -116,7 +116,7 @@ def test_what_finds_no_room_is_counted_in_the_legend(crowded):
 
 def test_real_events_of_short_orbits_come_first(fig7):
     """Of two labels at one place with room for one, the ghost is left out."""
-    spots = placing.arranged([50.0] * 9, [100.0] * 9, (0.0, 110.0))
+    spots = placing.arrange_labels([50.0] * 9, [100.0] * 9, (0.0, 110.0))
     kept = [k for k, spot in enumerate(spots) if spot]
     assert kept[0] == 0
     assert 1 <= len(kept) < 9
@@ -132,7 +132,9 @@ def test_places_at_random(seed):
     count = int(rng.integers(1, 40))
     places = rng.choice([*rng.uniform(0.0, 400.0, count), *rng.normal(200.0, 3.0, count)], count)
     widths = rng.uniform(10.0, 80.0, count)
-    spots = [s for s in placing.arranged(places.tolist(), widths.tolist(), (-20.0, 420.0)) if s]
+    spots = [
+        s for s in placing.arrange_labels(places.tolist(), widths.tolist(), (-20.0, 420.0)) if s
+    ]
     assert spots
     for spot in spots:
         assert -20.0 <= spot.left <= spot.port + 1e-9
@@ -148,7 +150,7 @@ def test_places_at_random(seed):
 
 
 def test_a_lonely_label_stands_in_the_middle_over_its_value():
-    (spot,) = placing.arranged([100.0], [30.0], (0.0, 400.0))
+    (spot,) = placing.arrange_labels([100.0], [30.0], (0.0, 400.0))
     assert (spot.port, spot.left, spot.row) == (100.0, 85.0, 0)
 
 

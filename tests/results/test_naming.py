@@ -6,7 +6,7 @@ import re
 import pytest
 
 from contimpact import InputError
-from contimpact.results.scene import LONGEST_NAME, checked_name, folder_of, require_own_folders
+from contimpact.results.scene import LONGEST_NAME, check_name, folder_of, require_own_folders
 
 PLAIN = [
     "fig7",
@@ -23,7 +23,7 @@ AWKWARD = '/\\<>:"|?*%2Ff .aconul-é語'
 
 @pytest.mark.parametrize("name", PLAIN)
 def test_plain_names_are_folders_as_they_are(name):
-    assert folder_of(checked_name(name)) == name
+    assert folder_of(check_name(name)) == name
 
 
 @pytest.mark.parametrize(
@@ -45,7 +45,7 @@ def test_plain_names_are_folders_as_they_are(name):
     ],
 )
 def test_what_a_file_name_cannot_hold_is_escaped(name, folder):
-    assert folder_of(checked_name(name)) == folder
+    assert folder_of(check_name(name)) == folder
 
 
 def test_no_two_names_have_one_folder_and_every_folder_is_a_file_name_everywhere():
@@ -55,7 +55,7 @@ def test_no_two_names_have_one_folder_and_every_folder_is_a_file_name_everywhere
         name = "".join(draw.choices(AWKWARD, k=draw.randint(1, 12)))
         if not name.strip():
             continue
-        folder = folder_of(checked_name(name))
+        folder = folder_of(check_name(name))
         assert known.setdefault(folder, name) == name
         decoded = re.sub(b"%([0-9A-F]{2})", lambda f: bytes.fromhex(f[1].decode()), folder.encode())
         assert decoded.decode() == name
@@ -66,7 +66,7 @@ def test_no_two_names_have_one_folder_and_every_folder_is_a_file_name_everywhere
 
 def test_long_names_are_cut_and_told_apart():
     names = ["/" * 150, "/" * 149 + "?", "語" * 60 + "/" * 20]
-    folders = [folder_of(checked_name(name)) for name in names]
+    folders = [folder_of(check_name(name)) for name in names]
     assert len(set(folders)) == len(names)
     assert all(len(folder.encode()) <= LONGEST_NAME for folder in folders)
     assert folders[2].startswith("語" * 60)

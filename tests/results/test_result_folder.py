@@ -20,8 +20,15 @@ from contimpact.errors import InputError, NotWrittenError
 from contimpact.results.catalogue import load_entries
 from contimpact.results.diagram import Diagram
 from contimpact.results.formats import write_auto, write_mat
-from contimpact.results.result_folder import MARK, ROWS, held, ours, renewed, sha256
-from contimpact.storage.files import LOCK, locked, temporary_beside, this_process
+from contimpact.results.result_folder import (
+    MARK,
+    ROWS,
+    hold_folder,
+    own_files,
+    renew_folder,
+    sha256,
+)
+from contimpact.storage.files import LOCK, hold_lock, temporary_beside, this_process
 
 BRANCHES = ROOT / "branches"
 SCENE = f"""{SMALL}[plot]
@@ -159,7 +166,7 @@ def test_only_tables_with_the_name_they_ask_for_are_removed(out):
     shutil.copy(table, out / "branches" / "b1-old.csv")
     (out / "branches" / "b9-BBT.csv").write_text("1,2,3\n")
     (out / "events.csv").write_text("my events\n")
-    found = ours(out, ["run"])
+    found = own_files(out, ["run"])
     assert {"branches/b1-BT.csv", "catalogue.json", "diagram.png"} <= set(found)
     assert not {"branches/b1-old.csv", "branches/b9-BBT.csv", "events.csv"} & set(found)
 
@@ -338,8 +345,9 @@ def test_simulated_twice_with_branches(scene, tmp_path):
 def holder(folder):
     """A process that holds the lock of a folder and is killed in the end."""
     code = (
-        "import sys, time\nfrom pathlib import Path\nfrom contimpact.storage.files import locked\n"
-        "with locked(Path(sys.argv[1])):\n    print('held', flush=True)\n    time.sleep(600)\n"
+        "import sys, time\nfrom pathlib import Path\n"
+        "from contimpact.storage.files import hold_lock\n"
+        "with hold_lock(Path(sys.argv[1])):\n    print('held', flush=True)\n    time.sleep(600)\n"
     )
     with subprocess.Popen([sys.executable, "-c", code, folder], stdout=subprocess.PIPE) as process:
         try:
@@ -382,10 +390,10 @@ def test_a_picture_is_not_put_into_a_folder_that_another_process_writes(out, tmp
 
 
 def test_a_lock_is_given_back(tmp_path):
-    with locked(tmp_path), pytest.raises(InputError, match="another"), locked(tmp_path):
+    with hold_lock(tmp_path), pytest.raises(InputError, match="another"), hold_lock(tmp_path):
         pass
     assert list(tmp_path.iterdir()) == []
-    with pytest.raises(ZeroDivisionError), locked(tmp_path):
+    with pytest.raises(ZeroDivisionError), hold_lock(tmp_path):
         raise ZeroDivisionError
     assert list(tmp_path.iterdir()) == []
 
@@ -416,7 +424,7 @@ def test_a_stale_lock_is_recognised_without_locks_of_the_system(without_locks, t
     changes = STALE[case](me)
     record = {"host": me.host, "pid": me.pid, "start": me.start} | (changes or {})
     (tmp_path / LOCK).write_text("" if changes is None else json.dumps(record))
-    with locked(tmp_path):
+    with hold_lock(tmp_path):
         assert json.loads((tmp_path / LOCK).read_text())["pid"] == me.pid
     assert not (tmp_path / LOCK).exists()
 
@@ -428,7 +436,7 @@ def test_a_lock_that_may_be_held_is_respected_without_locks_of_the_system(
     me = this_process()
     record = {"host": "another" if elsewhere else me.host, "pid": me.pid, "start": me.start}
     (tmp_path / LOCK).write_text(json.dumps(record))
-    with pytest.raises(InputError, match=f"remove {LOCK}"), locked(tmp_path):
+    with pytest.raises(InputError, match=f"remove {LOCK}"), hold_lock(tmp_path):
         pass
     assert json.loads((tmp_path / LOCK).read_text()) == record
 
@@ -437,12 +445,12 @@ def test_a_lock_that_may_be_held_is_respected_without_locks_of_the_system(
 def test_a_lock_that_is_no_plain_file(tmp_path):
     (tmp_path / "victim").write_text("kept")
     (tmp_path / LOCK).symlink_to(tmp_path / "victim")
-    with pytest.raises(InputError, match="cannot be written"), locked(tmp_path):
+    with pytest.raises(InputError, match="cannot be written"), hold_lock(tmp_path):
         pass
     assert (tmp_path / "victim").read_text() == "kept"
     (tmp_path / LOCK).unlink()
     os.mkfifo(tmp_path / LOCK)
-    with pytest.raises(InputError, match="not a plain file"), locked(tmp_path):
+    with pytest.raises(InputError, match="not a plain file"), hold_lock(tmp_path):
         pass
 
 
@@ -580,7 +588,11 @@ def test_a_mark_that_cannot_be_made_leaves_everything_as_it_is(out, monkeypatch)
         raise OSError(28, "No space left on device")
 
     monkeypatch.setattr("contimpact.results.result_folder.put", full)
-    with pytest.raises(NotWrittenError, match="No space left"), held(out), renewed(out, ["run"]):
+    with (
+        pytest.raises(NotWrittenError, match="No space left"),
+        hold_folder(out),
+        renew_folder(out, ["run"]),
+    ):
         pass
     assert names(out) == before
 

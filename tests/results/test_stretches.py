@@ -14,7 +14,7 @@ from contimpact.bifurcations.declarations import EVENTS
 from contimpact.continuation.corrector import correct
 from contimpact.continuation.settings import Settings
 from contimpact.diagrams.explore import follow
-from contimpact.page.data import Shown, page_data
+from contimpact.page.data import PageView, page_data
 from contimpact.plots.lines import STYLES, runs
 from contimpact.results.branch import STATUS, UNKNOWN
 from contimpact.results.diagram import Diagram
@@ -108,7 +108,7 @@ def test_pictures_and_the_page_draw_one_status(three):
     series = series_by_branch(diagram, "velocity")
     drawn = {style for _, style, *_ in pieces_of(diagram, series, "s", None, {three.id})}
     assert drawn == {STATUS[k] for k in three.status} <= set(STYLES)
-    (record,) = page_data(diagram, pair(0.3), Shown("s"))["branches"]
+    (record,) = page_data(diagram, pair(0.3), PageView("s"))["branches"]
     import base64
 
     packed = record["status"]
@@ -150,7 +150,7 @@ def test_files_without_the_orbit_between_say_that_its_status_is_unknown(three):
     assert stable_intervals(old) == []
     text = str(read(Diagram("old", [old])))
     assert "no orbit between these events is recorded; run the scene again" in text
-    (remark, *_) = page_data(Diagram("old", [old]), pair(0.3), Shown("s"))["shown"]["remarks"]
+    (remark, *_) = page_data(Diagram("old", [old]), pair(0.3), PageView("s"))["shown"]["remarks"]
     assert remark.startswith("unknown")
     assert unknown_intervals(three) == []
 

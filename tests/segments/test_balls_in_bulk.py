@@ -10,7 +10,7 @@ import pytest
 from zoo import ROOT, harmonic_pair
 
 import contimpact
-from contimpact.models.guards import following
+from contimpact.models.guards import following_letters
 from contimpact.segments.arithmetic import Arithmetic, evaluate_in
 from contimpact.segments.kernels import Kernels
 from contimpact.segments.layout import SECTION, flat
@@ -115,7 +115,7 @@ def names_of(system):
     quiet = first[0].name if first else ""
     return [
         "setup",
-        *(f"flight_{a}_{b}" for a in letters for b in following(guards, a)),
+        *(f"flight_{a}_{b}" for a in letters for b in following_letters(guards, a)),
         *(f"motion_{a}" for a in letters),
         *(f"gap_{a}_{b}" for a in letters for b in letters if a != b),
         *(f"flight_{SECTION}_{b.name}" for b in guards if quiet in b.modes),

@@ -14,7 +14,7 @@ from contimpact.models.nonlinear import Nonlinear
 from contimpact.orbits.search import find_orbits
 from contimpact.segments import integration
 from contimpact.segments.arithmetic import ARRAYS, evaluate_in
-from contimpact.segments.bounded import BOUNDED, Bounded, many_digits
+from contimpact.segments.bounded import BOUNDED, BoundedNumber, many_digits
 from contimpact.segments.checking import check_model
 from contimpact.segments.integration import (
     flown,
@@ -158,7 +158,7 @@ def test_bounds_of_errors_hold(scale):
     rng, names = np.random.default_rng(3), "dt t x0 v0"
     for dt in (1e-6, 0.3, 4.0, 25.0):
         x0, v0 = (scale * rng.normal(size=2)).tolist()
-        found = BOUNDED.names["flown"](field, names, Bounded(dt), 0.2, x0, v0, scale)
+        found = BOUNDED.names["flown"](field, names, BoundedNumber(dt), 0.2, x0, v0, scale)
         truth = many_digits(CTX).names["flown"](field, names, dt, CTX.mpf(0.2), x0, v0, scale)
         for x, y in zip(found, truth, strict=True):
             assert abs(float(x.value - y)) <= x.error + 1e-16 * abs(float(y))

@@ -588,7 +588,7 @@ def test_file_that_cannot_be_read(pair, folder, monkeypatch, caplog):
         raise PermissionError("not yours")
 
     with monkeypatch.context() as patch:
-        patch.setattr("contimpact.segments.kernels.kept", refuse)
+        patch.setattr("contimpact.segments.kernels.load_file", refuse)
         kernels, out = evaluated(pair())
     assert (kernels.generated, out) == ([QUICK], expected)
     assert any("cannot be read" in message for message in warnings_of(caplog))

@@ -258,11 +258,11 @@ def test_compiling_waits_until_it_pays(monkeypatch):
     monkeypatch.setenv("CONTIMPACT_COMPILED", "auto")
     monkeypatch.setattr(module, "_SPENT", [0.0])
     monkeypatch.setattr(module, "available", lambda: True)
-    assert not module.pays()
-    module.spend(module.PAYS_AFTER)
-    assert module.pays()
+    assert not module.compiling_pays()
+    module.count_plain_flights(module.PAYS_AFTER)
+    assert module.compiling_pays()
     monkeypatch.setattr(module, "available", lambda: False)
-    assert not module.pays()
+    assert not module.compiling_pays()
 
 
 def test_flights_evaluated_plainly_are_counted(monkeypatch):
@@ -308,9 +308,9 @@ def test_a_later_process_loads_compiled_code_without_numba(plain_and_compiled, c
 def test_without_a_linker_machine_code_is_loaded_through_llvm(plain_and_compiled, monkeypatch):
     problem = problem_of()
     plain_and_compiled(lambda: backend_of(problem, ()).compiled(1))
-    intact = module._whole
+    intact = module._is_intact
     monkeypatch.setattr(module, "_LOADED", {})
-    monkeypatch.setattr(module, "_whole", lambda path: path.suffix == ".o" and intact(path))
+    monkeypatch.setattr(module, "_is_intact", lambda path: path.suffix == ".o" and intact(path))
     model = ImpactPair(beta=math.pi / 6, r=0.3, A=5.0, s=0.34)
     plain, fast = plain_and_compiled(lambda: walks(model, "BT", "s", (0.3, 0.4)))
     for one, other in zip(plain, fast, strict=True):
@@ -355,7 +355,7 @@ def test_a_lost_or_damaged_library_is_linked_again(copied, plain_and_compiled, d
         else:
             module._digest_beside(library).write_bytes(b"\xff\xfe")
     run_again(plain_and_compiled)
-    assert any(module._whole(library) for library in libraries(copied))
+    assert any(module._is_intact(library) for library in libraries(copied))
 
 
 @needs_numba
@@ -380,14 +380,14 @@ def test_a_cache_that_cannot_be_written(copied, plain_and_compiled, monkeypatch,
     monkeypatch.setattr("contimpact.segments.machine_code.object_code", lambda *given: codes[0])
     for path in copied.glob("compiled-*"):
         path.unlink()
-    intact = module.keep
+    intact = module.store_file
 
     def refuse(path, content):
         if path.parent == copied:
             raise PermissionError("read-only")
         intact(path, content)
 
-    monkeypatch.setattr(module, "keep", refuse)
+    monkeypatch.setattr(module, "store_file", refuse)
     monkeypatch.setenv("CONTIMPACT_COMPILED", "always")
     with caplog.at_level(logging.WARNING):
         assert backend_of(problem_of(), ()).compiled(1) is not None
@@ -401,11 +401,11 @@ def test_what_cannot_be_compiled_runs_plainly_on(empty_cache, monkeypatch, caplo
 
     monkeypatch.setattr("contimpact.segments.machine_code.object_code", fail)
     monkeypatch.setenv("CONTIMPACT_COMPILED", "auto")
-    module.spend(module.PAYS_AFTER)
+    module.count_plain_flights(module.PAYS_AFTER)
     with caplog.at_level(logging.WARNING):
         assert backend_of(problem_of(), ()).compiled(1000) is None
     assert "RuntimeError: this Numba does not know how" in caplog.text
-    assert not module.pays()  # not tried again
+    assert not module.compiling_pays()  # not tried again
     monkeypatch.setenv("CONTIMPACT_COMPILED", "always")
     with pytest.raises(RuntimeError, match="does not know how"):
         backend_of(problem_of(), ()).compiled(1)
@@ -426,7 +426,7 @@ def test_damaged_code_is_not_loaded(tmp_path, caplog):
     damaged.write_bytes(b"no machine code")
     module._digest_beside(damaged).write_text("0" * 64)
     with caplog.at_level(logging.WARNING):
-        assert not module._whole(damaged)
+        assert not module._is_intact(damaged)
     assert "damaged and not used" in caplog.text
 
 

@@ -14,7 +14,7 @@ from contimpact.errors import InputError
 from contimpact.models.linear import Linear, harmonics_of
 from contimpact.models.model import Formulas
 from contimpact.segments.arithmetic import evaluate_in
-from contimpact.segments.bounded import BOUNDED, Bounded, many_digits
+from contimpact.segments.bounded import BOUNDED, BoundedNumber, many_digits
 from contimpact.segments.kernels import Kernels
 from contimpact.segments.layout import flat
 from contimpact.segments.linear_flow import Shape, flow, flow_of_arrays, flow_of_series
@@ -157,7 +157,7 @@ def test_series_are_taylor_coefficients():
 def test_bounds_of_errors_hold(name):
     numbers = CASES[name]
     for dt in (1e-6, 0.3, 4.0):
-        found = BOUNDED.names["flow"](2, 1, 0, Bounded(dt), *numbers)
+        found = BOUNDED.names["flow"](2, 1, 0, BoundedNumber(dt), *numbers)
         truth = exact(Shape(2, 1, 0), dt, numbers).ravel()
         assert all(
             abs(x.value - y) <= x.error + 1e-16 * abs(y) for x, y in zip(found, truth, strict=True)

@@ -18,11 +18,11 @@ from contimpact.segments.integrated_form import (
     MOST_PIECES,
     SIZE,
     IntegratedFlight,
-    NotSplit,
     Shooting,
+    SplitFailure,
 )
 from contimpact.segments.kernels import Kernels
-from contimpact.segments.layout import Together
+from contimpact.segments.layout import CombinedBlocks
 from contimpact.systems.duffing import Duffing
 from contimpact.systems.pendulum import Pendulum
 
@@ -54,7 +54,7 @@ def matrices(blocks):
 def test_rows_are_combinations_of_those_of_the_whole_flight(monkeypatch, kernels):
     """At ends that a flight joins, of which the second is flown to."""
     whole, pieces = both(monkeypatch, kernels, lambda s, p: s.blocks(*joined(kernels), p))
-    assert isinstance(pieces, Together)
+    assert isinstance(pieces, CombinedBlocks)
     (r, *one), (q, *other) = matrices(whole), matrices(pieces)
     assert np.max(np.abs(r)) < 1e-12
     assert np.max(np.abs(q)) < 1e-14 * SIZE
@@ -156,7 +156,7 @@ def test_no_more_pieces_are_solved_for_than_there_may_be(monkeypatch, kernels):
     shooting = Shooting(pieces.flight, states[0], pieces.arrival, np.zeros(2))
     monkeypatch.setattr(Shooting, "_guess", lambda self: (many, states, True))
     monkeypatch.setattr(IntegratedFlight, "fly", lambda *place: asked.append(place))
-    with pytest.raises(NotSplit, match=f"more than {MOST_PIECES} pieces"):
+    with pytest.raises(SplitFailure, match=f"more than {MOST_PIECES} pieces"):
         shooting.solve()
     assert not asked
 

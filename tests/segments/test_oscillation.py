@@ -14,9 +14,9 @@ from contimpact.segments.oscillation import (
     ROW,
     START,
     WIDTH,
-    along_steps,
     follow,
-    in_step,
+    motion_along_steps,
+    motion_in_step,
 )
 
 
@@ -64,7 +64,7 @@ def test_motion_and_every_zero_of_the_acceleration(seed):
     steps, breaks, made = flown(kappa, gamma, waves, rest, state, length)
     assert made == len(steps) > 0
     times = np.linspace(0.0, length, 1001)
-    found = np.array([along_steps(steps, t, ()) for t in times])
+    found = np.array([motion_along_steps(steps, t, ()) for t in times])
     truth = at(times)
     sizes = np.abs(truth).max(axis=0)
     assert np.all(np.abs(found - truth) < 1e-12 * len(steps) * sizes)
@@ -95,7 +95,7 @@ def test_rest_and_uniform_motion_are_one_step_each():
     for state in ((0.0, 0.0), (0.3, 2.0)):
         steps, breaks, _ = flown(0.0, 0.0, [], 0.0, state, 5.0)
         assert (len(steps), breaks) == (1, [])
-        assert along_steps(steps, 5.0, ()) == (5.0 * state[1], state[1], 0.0)
+        assert motion_along_steps(steps, 5.0, ()) == (5.0 * state[1], state[1], 0.0)
     steps, breaks, _ = flown(-1e6, 0.0, [], 0.3e6, (0.3, 0.0), 1e-2)  # at rest within rounding
     assert len(steps) < 100
     assert breaks == []
@@ -106,7 +106,7 @@ def test_steps_meet():
     for one, other in itertools.pairwise(steps):
         assert len(one) == ROW
         assert one[START] + one[WIDTH] == pytest.approx(other[START], rel=1e-15)
-        assert in_step(one, other[START])[:2] == pytest.approx(
+        assert motion_in_step(one, other[START])[:2] == pytest.approx(
             (other[-1], other[-2] / other[WIDTH]), abs=1e-15
         )
         assert other[COEFFICIENTS + 1] != 0.0

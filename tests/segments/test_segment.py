@@ -13,7 +13,7 @@ from contimpact.orbits.problem import OrbitProblem
 from contimpact.orbits.search import find_orbits
 from contimpact.segments.bounded import many_digits
 from contimpact.segments.kernels import Kernels
-from contimpact.segments.layout import flat, refilled
+from contimpact.segments.layout import flat, refill
 
 
 class InManyDigits:
@@ -27,7 +27,7 @@ class InManyDigits:
     def blocks(self, start, end, values):
         given = ([self.ctx.mpf(x) for x in part] for part in (start, end, values))
         found = self.segment.over(many_digits(self.ctx))(*given)
-        return refilled(found, map(float, flat(found)))
+        return refill(found, map(float, flat(found)))
 
     def track(self, start, dt, values):
         return self.segment.track(start, dt, values)

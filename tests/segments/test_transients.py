@@ -12,7 +12,7 @@ import sympy
 from contimpact.errors import InputError
 from contimpact.models.symbolic import MeanTransient, Transient
 from contimpact.segments import codegen
-from contimpact.segments.bounded import BOUNDED, Bounded, many_digits
+from contimpact.segments.bounded import BOUNDED, BoundedNumber, many_digits
 from contimpact.segments.kernels import Kernels
 from contimpact.segments.layout import flat
 from contimpact.segments.transients import ARRAY, MOTIONS, SCALAR, TABLES, _power_series, transient
@@ -107,7 +107,7 @@ def test_bounds_of_errors_hold(y, kappa):
     for order in TABLES:
         truth = names[f"transients{order}"](*given)
         for found, exact in zip(
-            BOUNDED.names[f"transients{order}"](*map(Bounded, given)), truth, strict=True
+            BOUNDED.names[f"transients{order}"](*map(BoundedNumber, given)), truth, strict=True
         ):
             assert abs(found.value - exact) <= found.error + 1e-290
 

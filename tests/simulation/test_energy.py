@@ -11,9 +11,9 @@ import pytest
 from contimpact.diagrams.orbit_branch import continue_orbit
 from contimpact.errors import InputError
 from contimpact.orbits.search import find_orbits
-from contimpact.results.quantities import along, of_impacts
+from contimpact.results.quantities import branch_voltages, impact_voltages
 from contimpact.simulation.attractor import Attractor, Kind
-from contimpact.simulation.energy import of_attractor
+from contimpact.simulation.energy import attractor_voltages
 from contimpact.systems.membrane import Membrane, velocity_scale
 
 
@@ -61,7 +61,7 @@ def test_dimensional_velocity(pair):
 
 def test_means_of_equations_9(pair):
     membrane, values = Membrane(), pair().values
-    found = of_impacts(membrane, values, [0.5, -0.4, 0.1], 4.0)
+    found = impact_voltages(membrane, values, [0.5, -0.4, 0.1], 4.0)
     each = [float(membrane.voltage(velocity_scale(values) * v)) for v in (0.5, 0.4, 0.1)]
     assert found.impacts == pytest.approx(each)
     assert found.per_impact == pytest.approx(sum(each) / 3)
@@ -73,10 +73,10 @@ def test_energy_along_a_branch(pair, kernels_of):
     model = pair(d=0.205)
     orbit = next(o for o in find_orbits(model, "2:1", kernels=kernels_of(model, "s")) if o.stable)
     branch = continue_orbit(orbit, "s", (0.32, 0.34), events=())
-    columns = along(Membrane(), branch)
+    columns = branch_voltages(Membrane(), branch)
     assert np.allclose(columns["U_T"], columns["U_I"] * 3 / 2)
     speeds = branch.velocities[3]
-    found = of_impacts(Membrane(), model.values, speeds, 2.0)
+    found = impact_voltages(Membrane(), model.values, speeds, 2.0)
     assert columns["U_I"][3] == pytest.approx(found.per_impact)
     assert columns["U2"][3] == pytest.approx(found.impacts[1])
 
@@ -99,7 +99,7 @@ def motion(kind, released, period=1):
 
 def test_energy_where_impacts_accumulate():
     """Infinitely many impacts per period: nothing per impact, the same per time."""
-    found = of_attractor(Membrane(), motion(Kind.STICKING, [False, False, True]))
+    found = attractor_voltages(Membrane(), motion(Kind.STICKING, [False, False, True]))
     assert found.per_impact == 0.0
     assert len(found.impacts) == 2
     assert found.per_time == pytest.approx(float(np.sum(found.impacts)) / 2)
@@ -107,13 +107,13 @@ def test_energy_where_impacts_accumulate():
 
 def test_energy_of_complex_motion_is_over_its_time():
     """N - 1 impacts in the time from the first to the last."""
-    found = of_attractor(Membrane(), motion(Kind.COMPLEX, [False] * 4, period=None))
+    found = attractor_voltages(Membrane(), motion(Kind.COMPLEX, [False] * 4, period=None))
     assert len(found.impacts) == 3
     assert found.per_time == pytest.approx(float(np.sum(found.impacts)) / 1.8)
 
 
 def test_energy_at_rest_is_none():
-    assert of_attractor(Membrane(), motion(Kind.RESTING, [])).per_time == 0.0
+    assert attractor_voltages(Membrane(), motion(Kind.RESTING, [])).per_time == 0.0
 
 
 @pytest.mark.parametrize(

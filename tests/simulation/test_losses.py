@@ -14,7 +14,7 @@ from contimpact import InputError, losses
 from contimpact.cli import main
 from contimpact.diagrams.scene_simulation import simulate
 from contimpact.orbits.search import find_orbits
-from contimpact.results.result_folder import held, renewed
+from contimpact.results.result_folder import hold_folder, renew_folder
 from contimpact.results.scene import read_scene
 from contimpact.segments.kernels import Kernels
 from contimpact.simulation.settle import settle
@@ -157,10 +157,10 @@ def test_losses_of_unknown_masses_are_refused_before_anything_is_computed(tmp_pa
 
 def test_losses_of_an_earlier_run_do_not_survive(tmp_path):
     scene = stated()
-    with held(tmp_path) as folder:
+    with hold_folder(tmp_path) as folder:
         (folder / "losses.csv").write_text('# {"schema": "contimpact.losses/1"}\nfrom\n')
         (folder / "manifest.json").write_text(
             json.dumps({"schema": "contimpact.manifest/1", "scene": scene.resolved()})
         )
-        with renewed(folder, ["simulate"], scene.resolved()):
+        with renew_folder(folder, ["simulate"], scene.resolved()):
             assert not (folder / "losses.csv").exists()

@@ -18,13 +18,13 @@ from contimpact.orbits.search import find_orbits
 from contimpact.results.scene import read_scene
 from contimpact.results.simulate_tables import Settling
 from contimpact.simulation.attractor import Attractor, Kind
-from contimpact.simulation.automaton import _of_linear_law, _of_segment
+from contimpact.simulation.automaton import _linear_jacobian, _segment_jacobian
 from contimpact.simulation.basins import basins
 from contimpact.simulation.lyapunov import exponents
 from contimpact.simulation.run import State
 from contimpact.simulation.settle import settle
 from contimpact.simulation.simulator import Simulator
-from contimpact.simulation.sweep import same, sweep
+from contimpact.simulation.sweep import same_attractor, sweep
 from contimpact.systems.coupled_by_impact import CoupledByImpact
 from contimpact.systems.impact_damper import ImpactDamper
 from contimpact.systems.two_masses import TwoMasses
@@ -152,7 +152,7 @@ def test_a_motion_with_sojourns_is_told(sticking):
     assert (found.kind, found.word, found.notation) == (Kind.STICKING, "AABA*", "inf:1")
     assert found.multipliers[2:] == (0.0, 0.0)
     assert found.distance < QUICK.tolerance
-    assert same(found, settle(simulator, found.state, QUICK))
+    assert same_attractor(found, settle(simulator, found.state, QUICK))
     back = Attractor.from_record(found.as_record())
     back.require(simulator.model)
     assert np.array_equal(back.others, found.others)
@@ -195,7 +195,9 @@ def test_both_ways_to_the_derivative_agree():
     states = simulator.run(simulator.state("A", 0.2, 1.0, [0.1, 0.2]), impacts=12).states()
     assert {state.wall for state in states} == {0, 1}
     for pair in itertools.pairwise(states):
-        one, other = (way(simulator.machine, *pair) for way in (_of_segment, _of_linear_law))
+        one, other = (
+            way(simulator.machine, *pair) for way in (_segment_jacobian, _linear_jacobian)
+        )
         assert one == pytest.approx(other, abs=1e-10 * np.max(np.abs(one)))
 
 

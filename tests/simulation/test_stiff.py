@@ -17,13 +17,13 @@ from contimpact.simulation.simulator import Simulator
 @pytest.fixture
 def pieces(monkeypatch):
     """How many pieces of flights have been looked at."""
-    counted, interpolated = [], flight._interpolated_zeros
+    counted, interpolated = [], flight._zeros_of_interpolant
 
     def spy(function, length):
         counted.append(length)
         return interpolated(function, length)
 
-    monkeypatch.setattr(flight, "_interpolated_zeros", spy)
+    monkeypatch.setattr(flight, "_zeros_of_interpolant", spy)
     return counted
 
 

@@ -10,12 +10,19 @@ import pytest
 
 from contimpact.orbits.search import find_orbits
 from contimpact.results.simulate_tables import SETTLING, Settling
-from contimpact.simulation.attractor import AROUND_ONE, Attractor, Kind, closed
+from contimpact.simulation.attractor import AROUND_ONE, Attractor, Kind, solve_cycle
 from contimpact.simulation.basins import basins
 from contimpact.simulation.run import State
 from contimpact.simulation.settle import settle
 from contimpact.simulation.simulator import Simulator
-from contimpact.simulation.sweep import Row, Simulators, find_attractors, same, sweep, sweep_rows
+from contimpact.simulation.sweep import (
+    Row,
+    Simulators,
+    find_attractors,
+    same_attractor,
+    sweep,
+    sweep_rows,
+)
 
 QUICK = Settling(transient=50, periods=600, impacts=1500)
 
@@ -138,7 +145,7 @@ def test_multipliers_of_the_simulated_map_are_those_of_the_orbit(pair, kernels_o
         if o.stable and o.physical
     )
     state = simulator.state("B", orbit.times[0], orbit.velocities[0])
-    cycle = closed(simulator, AROUND_ONE, state, len(orbit.word), orbit.word.period)
+    cycle = solve_cycle(simulator, AROUND_ONE, state, len(orbit.word), orbit.word.period)
     # measured: 2e-15; the smaller multiplier from the determinant
     assert np.allclose(cycle.multipliers, orbit.multipliers, rtol=1e-11, atol=0)
     gap = settle(simulator, state, QUICK).smallest_gap
@@ -299,7 +306,7 @@ def test_basins_at_the_same_place(pair, kernels_of):
     assert {"2:1", "3:1"} <= {a.notation for a in found.attractors}
     k, j = 2, 3
     direct = settle(simulator, simulator.state("B", found.phases[j], found.velocities[k]), QUICK)
-    assert same(direct, found.attractors[found.labels[k, j]])
+    assert same_attractor(direct, found.attractors[found.labels[k, j]])
 
 
 def test_attractors_are_the_same_up_to_whole_periods(settled):
@@ -307,8 +314,8 @@ def test_attractors_are_the_same_up_to_whole_periods(settled):
     shifted = Attractor(
         **{**vars(one), "times": np.roll(one.times, -2), "velocities": np.roll(one.velocities, -2)}
     )
-    assert same(one, shifted)
-    assert not same(one, settled(d=0.2335))
+    assert same_attractor(one, shifted)
+    assert not same_attractor(one, settled(d=0.2335))
 
 
 def test_an_attractor_of_several_periods_goes_on_from_its_state(settled, pair, kernels_of):

@@ -19,11 +19,11 @@ from contimpact.simulation.run import State
 from contimpact.simulation.sweep import Row, Simulators, Sweep, sweep
 from contimpact.simulation.transitions import (
     Transition,
-    between,
-    explained,
+    explain_transition,
     find_transitions,
     locate,
     name,
+    transitions_between,
 )
 from contimpact.systems.impact_pair import ImpactPair
 
@@ -67,8 +67,8 @@ def only(scene, kernels_of, diagram, values, width=1e-6, start=State(0, 0.25, 0.
     """The first transition between two values."""
     found = swept(scene, kernels_of, values, start)
     simulators = Simulators(scene.model, "s", kernels_of(scene.model, "s"))
-    first = next(between(simulators, *found.rows, width, QUICK))
-    return explained(first, diagram, found)
+    first = next(transitions_between(simulators, *found.rows, width, QUICK))
+    return explain_transition(first, diagram, found)
 
 
 @pytest.mark.full
@@ -129,7 +129,7 @@ def test_an_attractor_that_does_not_end(scene, kernels_of):
     simulators = Simulators(scene.model, "s", kernels_of(scene.model, "s"))
     _, left, _, right = locate(simulators, first, other, 1e-4, QUICK)
     assert (left.attractor.notation, right) == ("1:1", None)
-    (change,) = between(simulators, first, other, 1e-4, QUICK)
+    (change,) = transitions_between(simulators, first, other, 1e-4, QUICK)
     assert (change.kind, change.label) == (None, "1:1->2:1")
     assert "left the basin of 1:1" in change.evidence
     assert change.wide
@@ -247,7 +247,7 @@ def test_a_subcritical_doubling_has_no_name(scene, kernels_of):
     doubled orbit is stable beyond it, the motion goes to (7:2)/2T."""
     found = swept(scene, kernels_of, [0.2550, 0.2560], start=State(0, 0.1, 0.5))
     simulators = Simulators(scene.model, "s", kernels_of(scene.model, "s"))
-    first = next(between(simulators, *found.rows, 1e-6, QUICK))
+    first = next(transitions_between(simulators, *found.rows, 1e-6, QUICK))
     assert (first.before.notation, first.kind) == ("4:1", None)
     assert first.after.notation != "4:1/2T"
     assert first.before.value <= 0.2558358860 <= first.after.value
@@ -272,7 +272,7 @@ def test_a_narrow_window_of_the_doubled_orbit_is_resolved(kernels_of):
     before = sweep(model, "s", [0.3317], start=start, settling=long, kernels=kernels).rows[0]
     after = sweep(model, "s", [0.3309], start=State(0, 0.25, 0.6), kernels=kernels).rows[0]
     assert (before.attractor.notation, after.attractor.notation) == ("1:1", "2:1")
-    doubling, grazing = between(simulators, before, after, 1e-5, long)
+    doubling, grazing = transitions_between(simulators, before, after, 1e-5, long)
     assert (doubling.label, grazing.label) == ("PD[1:1->1:1/2T]", "PD_G[1:1/2T->2:1]")
     assert doubling.after.value <= 0.331622886 <= doubling.before.value + 1e-9
     assert doubling.width < 2.5e-5
@@ -285,12 +285,12 @@ def test_wide_brackets_say_why(scene, kernels_of):
     """Beside a doubling the motion does not settle; the bracket is wider than asked and says so."""
     found = swept(scene, kernels_of, [0.39, 0.376])
     simulators = Simulators(scene.model, "s", kernels_of(scene.model, "s"))
-    (wide,) = between(simulators, *found.rows, 1e-9, QUICK)
+    (wide,) = transitions_between(simulators, *found.rows, 1e-9, QUICK)
     assert wide.width > 1e-9
     assert "instead of 1e-09" in wide.wide
     assert "simulate.periods" in wide.wide
     assert any("wide: " in line for line in wide.lines("s"))
-    (narrow,) = between(simulators, *found.rows, 1e-3, QUICK)
+    (narrow,) = transitions_between(simulators, *found.rows, 1e-3, QUICK)
     assert narrow.width <= 1e-3
     assert narrow.wide is None
 

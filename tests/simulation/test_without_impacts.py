@@ -17,7 +17,7 @@ from contimpact.results.diagram import Diagram
 from contimpact.simulation.attractor import Attractor, Kind
 from contimpact.simulation.basins import cover
 from contimpact.simulation.settle import settle_again
-from contimpact.simulation.sweep import Row, Simulators, Sweep, same
+from contimpact.simulation.sweep import Row, Simulators, Sweep, same_attractor
 from contimpact.simulation.transitions import find_transitions, locate
 from contimpact.systems.soft_stop import SoftStop
 
@@ -82,8 +82,8 @@ def test_modes_tell_motions_without_impacts_apart(free, held):
     assert held.motion == pytest.approx(response(6.0, 0.3, 2.0, mean=6.5 / 6.0), rel=1e-12)
     assert free != held
     assert free.label != held.label
-    assert not same(free, held)
-    assert same(held, held)
+    assert not same_attractor(free, held)
+    assert same_attractor(held, held)
 
 
 def test_a_motion_that_stops_hitting_says_in_which_mode_it_goes_on(simulator, held):

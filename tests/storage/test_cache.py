@@ -107,9 +107,9 @@ def test_machine_code_that_others_can_write_is_not_loaded(folder, caplog, forged
     for kind in (".so", ".o"):
         compiling.put_with_digest(folder / f"compiled-x{kind}", b"code")
     path = folder / f"compiled-x{forged}"
-    assert compiling._whole(folder / "compiled-x.so")
+    assert compiling._is_intact(folder / "compiled-x.so")
     path.chmod(0o622)
-    assert not compiling._whole(folder / f"compiled-x{forged.removesuffix('.sha256')}")
+    assert not compiling._is_intact(folder / f"compiled-x{forged.removesuffix('.sha256')}")
     assert "may be written by others" in caplog.text
 
 
@@ -119,7 +119,7 @@ def test_a_digest_is_of_one_name(folder):
     compiling.put_with_digest(folder / "compiled-one.so", b"code")
     for end in (".so", ".so.sha256"):
         (folder / f"compiled-one{end}").rename(folder / f"compiled-two{end}")
-    assert not compiling._whole(folder / "compiled-two.so")
+    assert not compiling._is_intact(folder / "compiled-two.so")
 
 
 @pytest.mark.parametrize("named", [".", "cache", "-cache", "a/../b"])
@@ -197,6 +197,6 @@ def test_what_a_killed_process_left_in_the_cache_is_removed(folder, pair):
     )
     subprocess.run([sys.executable, "-c", code, folder / "kernel.py"], check=False)
     assert len(list(folder.glob(".*.tmp"))) == 2
-    cache._tidy.cache_clear()
+    cache._remove_leftovers.cache_clear()
     cache.cache_folder()
     assert list(folder.glob(".*.tmp")) == []

@@ -22,10 +22,10 @@ from contimpact.cli import main
 from contimpact.diagrams.scene_simulation import simulate
 from contimpact.errors import InputError
 from contimpact.results.catalogue import branch_text, catalogue_text, curve_text
-from contimpact.simulation.energy import of_attractor
+from contimpact.simulation.energy import attractor_voltages
 from contimpact.studies import executors, run, worker
 from contimpact.studies import worker as budget
-from contimpact.studies.outcome import unpacked
+from contimpact.studies.outcome import decompress_text
 from contimpact.studies.run import WorkersLostError
 from contimpact.studies.store import Store
 from contimpact.studies.study import Study
@@ -54,7 +54,7 @@ def test_the_store_holds_what_follow_gives(uninterrupted):
     for number, values in zip(*study.points, strict=True):
         diagram = follow(read_scene(study.scene_at(values, int(number))))
         (whole,) = (r["content"] for r in held["catalogues"] if r["scene"] == number)
-        assert unpacked(whole) == catalogue_text(diagram)
+        assert decompress_text(whole) == catalogue_text(diagram)
         events = [r for r in held["events"] if r["scene"] == number]
         assert [(e.id, e.label, e.value, e.parameters["d"], e.error) for e in diagram.entries] == [
             (r["event"], r["label"], r["value"], r["derived"], r["error"]) for r in events
@@ -149,7 +149,9 @@ def test_what_is_kept_besides_is_what_the_scene_gives(here, tmp_path):
             kept = ("kind", "parameters", "notation", "word", "period", "forcing_period")
             assert all(getattr(one.attractor, n) == getattr(row.attractor, n) for n in kept)
         energies = asked.select("energies").arrays()["per_time"].tolist()
-        assert energies == [of_attractor(scene.energy, row.attractor).per_time for row in rows]
+        assert energies == [
+            attractor_voltages(scene.energy, row.attractor).per_time for row in rows
+        ]
         assert min(energies) > 0.0
         assert asked.table(0, "b1") == branch_text(diagram.branches[0])
         assert asked.curve(0, "c1") == curve_text(diagram.curves[0])
@@ -239,7 +241,7 @@ def test_scenes_go_alone_and_with_time_to_compile_until_one_is_done(here, tmp_pa
 
     def refused_first(given):
         tasks.append(given)
-        return run.lost("nothing") if len(tasks) == 1 else compute(given)
+        return run.lost_outcome("nothing") if len(tasks) == 1 else compute(given)
 
     monkeypatch.setattr(run, "compute", refused_first)
     computed(tmp_path / "s.sqlite", study_given(), here)
@@ -353,7 +355,7 @@ def test_a_killed_study_goes_on_to_the_same_result(kills, tmp_path):
 
 def test_the_entries_of_a_kept_catalogue_are_those_of_a_run(uninterrupted, tmp_path):
     (row, *_) = contents(uninterrupted)["catalogues"]
-    (tmp_path / "catalogue.json").write_text(unpacked(row["content"]))
+    (tmp_path / "catalogue.json").write_text(decompress_text(row["content"]))
     assert load_entries(tmp_path)
 
 

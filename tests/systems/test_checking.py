@@ -10,7 +10,7 @@ from test_own_systems import ball, changed, made
 from contimpact import ImpactPair, InputError, Oscillator, check_model, find_orbits
 from contimpact.models.model import Symmetry
 from contimpact.segments import kernels
-from contimpact.segments.kernels import checked
+from contimpact.segments.kernels import check_once
 
 
 @pytest.mark.parametrize(
@@ -81,11 +81,11 @@ def test_what_does_not_fit_is_named(model, says):
 
 def test_what_was_found_right_is_compared_again_when_the_class_changes():
     """With the same formulas, and what was compared of them in the cache."""
-    assert "derived parameters" in checked(made(ball()))
+    assert "derived parameters" in check_once(made(ball()))
     with pytest.raises(InputError, match="Gamma depends on"):
-        checked(made(ball(DERIVED_FROM={"Gamma": ("a",)})))
+        check_once(made(ball(DERIVED_FROM={"Gamma": ("a",)})))
     with pytest.raises(InputError, match="symmetry in a"):
-        checked(made(ball(symmetry=lambda self, parameter, harmonics: MIRROR)))
+        check_once(made(ball(symmetry=lambda self, parameter, harmonics: MIRROR)))
 
 
 MIRROR = Symmetry({"P": "P"}, shift=0.5, sign=-1.0)

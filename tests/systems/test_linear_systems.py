@@ -9,7 +9,7 @@ import pytest
 
 from contimpact.bifurcations.registry import test_functions as functions
 from contimpact.continuation.settings import Settings
-from contimpact.diagrams.orbit_branch import both_ways, symmetric, symmetry_of
+from contimpact.diagrams.orbit_branch import symmetric, symmetry_of, walk_both_ways
 from contimpact.orbits.search import find_orbits
 from contimpact.simulation.simulator import Simulator
 from contimpact.systems.coupled_by_impact import CoupledByImpact
@@ -158,7 +158,7 @@ def periodic(m, c, k, a, omega, time, kick, period):
 def test_branches_of_impacting_bodies_have_events():
     orbit = next(o for o in find_orbits(coupled(), "K", parameter="omega", starts=64) if o.physical)
     tests = functions(orbit.problem, ["FB", "PD", "G"], {})
-    run = both_ways(orbit.problem, orbit.unknowns, (0.9, 1.9), tests, Settings())
+    run = walk_both_ways(orbit.problem, orbit.unknowns, (0.9, 1.9), tests, Settings())
     assert run.events
     assert all(event.error < 1e-10 for event in run.events)
 

@@ -14,7 +14,7 @@ from contimpact.bifurcations.registry import switch
 from contimpact.bifurcations.registry import test_functions as functions
 from contimpact.continuation.ends import EndKind
 from contimpact.continuation.settings import Settings
-from contimpact.diagrams.orbit_branch import both_ways, continue_orbit
+from contimpact.diagrams.orbit_branch import continue_orbit, walk_both_ways
 from contimpact.orbits.search import find_orbits
 from contimpact.results.entry_conversion import impacts_of
 from contimpact.segments.arithmetic import evaluate_in
@@ -97,7 +97,7 @@ def test_events_and_switching():
     """Period doubling and grazing of the first mass's orbit; the second mass's first impact."""
     orbit = find_orbits(masses(), "A", parameter="omega", starts=64)[0]
     tests = functions(orbit.problem, ["FB", "PD", "G"], {})
-    run = both_ways(orbit.problem, orbit.unknowns, (0.97, 1.45), tests, Settings())
+    run = walk_both_ways(orbit.problem, orbit.unknowns, (0.97, 1.45), tests, Settings())
     assert {event.kind for event in run.events} == {"PD", "G"}
     assert all(event.error < 1e-11 for event in run.events)
     grazing = next(event for event in run.events if event.kind == "G")
