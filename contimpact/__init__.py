@@ -46,6 +46,7 @@ if TYPE_CHECKING:
     from .results.diagram_reading import stable_intervals as stable_intervals
     from .results.formats import write_auto as write_auto
     from .results.formats import write_mat as write_mat
+    from .results.new_scene import new_scene as new_scene
     from .results.scene import load_scene as load_scene
     from .results.scene import read_scene as read_scene
     from .segments.checking import check_model as check_model
@@ -63,9 +64,22 @@ if TYPE_CHECKING:
     from .studies.study import Study as Study
     from .studies.study_file import load_study as load_study
     from .studies.study_file import read_study as read_study
+    from .systems import list_systems as list_systems
+    from .systems.belt import Belt as Belt
+    from .systems.bouncing_ball import BouncingBall as BouncingBall
+    from .systems.coupled_by_impact import CoupledByImpact as CoupledByImpact
+    from .systems.duffing import Duffing as Duffing
+    from .systems.hybrid import HybridSystem as HybridSystem
+    from .systems.impact_damper import ImpactDamper as ImpactDamper
     from .systems.impact_pair import ImpactPair as ImpactPair
+    from .systems.linear import LinearMachine as LinearMachine
     from .systems.membrane import Membrane as Membrane
     from .systems.oscillator import Oscillator as Oscillator
+    from .systems.pendulum import Pendulum as Pendulum
+    from .systems.soft_stop import SoftStop as SoftStop
+    from .systems.two_masses import TwoMasses as TwoMasses
+    from .systems.two_stops import TwoStops as TwoStops
+    from .systems.van_der_pol import VanDerPol as VanDerPol
 
 __version__ = "0.2.0"
 
@@ -73,6 +87,20 @@ _PLACES = {
     "InputError": "errors",
     "ImpactPair": "systems.impact_pair",
     "Oscillator": "systems.oscillator",
+    "BouncingBall": "systems.bouncing_ball",
+    "SoftStop": "systems.soft_stop",
+    "TwoStops": "systems.two_stops",
+    "TwoMasses": "systems.two_masses",
+    "CoupledByImpact": "systems.coupled_by_impact",
+    "ImpactDamper": "systems.impact_damper",
+    "Pendulum": "systems.pendulum",
+    "Duffing": "systems.duffing",
+    "Belt": "systems.belt",
+    "VanDerPol": "systems.van_der_pol",
+    "LinearMachine": "systems.linear",
+    "HybridSystem": "systems.hybrid",
+    "list_systems": "systems",
+    "new_scene": "results.new_scene",
     "Model": "models.model",
     "Parameter": "models.model",
     "Wall": "models.model",

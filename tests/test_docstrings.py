@@ -17,7 +17,7 @@ OF_MEMBERS = NOT_ASKED | {"PR01", "RT01", "RT02", "YD01"}
 """Methods whose one line says what they take, return or yield."""
 NAMED = {"PR01", "PR02", "PR08"}
 """Of systems: parameters are given by name, and the class lists them."""
-SYSTEMS = ("ImpactPair", "Oscillator")
+SYSTEMS = {kind.__name__ for kind in ci.list_systems().values()}
 
 PUBLIC = [name for name in ci.__all__ if not name.startswith("__")]
 

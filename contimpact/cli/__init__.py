@@ -1,4 +1,4 @@
-"""The command line: ``contimpact check``, ``run``, ``simulate``, ``plot``, ``study`` and the rest.
+"""The command line: ``contimpact new``, ``check``, ``run``, ``simulate``, ``plot`` and the rest.
 
 Exit status: 0 on success, 2 on input that cannot be used (one message on standard error), 1 on a
 computation that failed; what was computed is written all the same. Each command has a module of its
@@ -68,6 +68,13 @@ def parser() -> argparse.ArgumentParser:
     check = commands.add_parser("check", help="validate a scene and say what would run")
     check.add_argument("scene", metavar="SCENE", help="a scene file (TOML)")
     check.set_defaults(module="check")
+
+    new = commands.add_parser("new", help="print a commented scene of a system to start from")
+    new.add_argument("kind", metavar="SYSTEM", help="its name, as contimpact systems lists them")
+    new.set_defaults(module="new")
+
+    systems = commands.add_parser("systems", help="list the systems that scenes can name")
+    systems.set_defaults(module="new", kind=None)
 
     run = commands.add_parser("run", help="follow the branches of scenes and write the results")
     run.add_argument("scenes", metavar="SCENE", nargs="+", help="scene files (TOML)")

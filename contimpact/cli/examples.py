@@ -6,6 +6,8 @@ import argparse
 from collections.abc import Mapping
 
 EXAMPLES = {
+    "new": "contimpact new impact-pair",
+    "systems": "contimpact systems",
     "check": "contimpact check branches/fig7/scene.toml",
     "run": "contimpact run branches/fig7/scene.toml -o out/fig7",
     "simulate": "contimpact simulate branches/fig7/scene.toml -o out/fig7/simulation --resume",

@@ -58,6 +58,22 @@ def system(
     return kind
 
 
+def list_systems() -> dict[str, type[Model]]:
+    """Return the systems that scenes can name, with their classes.
+
+    Returns
+    -------
+    dict of str to type
+        Those of the package, and those that installed plugins offer.
+    """
+    return {name: system(name) for name in dict.fromkeys((*SYSTEMS, *_plugins()))}
+
+
+def summary(kind: type[Model]) -> str:
+    """Return in a line what a system is."""
+    return (kind.__doc__ or "").strip().partition("\n")[0].partition(";")[0].rstrip(".")
+
+
 def find_system(name: str) -> type[Model] | None:
     """Return the class of a system of the package or of a plugin; None if there is none."""
     if name in SYSTEMS:

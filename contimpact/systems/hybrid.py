@@ -24,7 +24,7 @@ from ..models.stated_modes import (
 
 
 class HybridSystem(StatedSystem):
-    """A hybrid system, by the text of its statement.
+    """Modes, guards and resets that a scene states: a hybrid system.
 
     The class of an instance has the parameters, modes and guards that its statement names.
 
@@ -61,6 +61,7 @@ class HybridSystem(StatedSystem):
 
     @property
     def tori(self) -> bool:
+        """Whether tori can be born on orbits."""
         return self.DEGREES_OF_FREEDOM > 1 or not self.autonomous
 
     def formulas(self, symbols: Mapping[str, Any]) -> Formulas:

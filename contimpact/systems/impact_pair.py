@@ -21,7 +21,7 @@ State = Sequence[Any]
 
 
 class ImpactPair(Model):
-    """The impact pair; times in half forcing periods, velocities dimensionless and before impact.
+    """A ball in an inclined, shaken capsule; times in half forcing periods, speeds dimensionless.
 
     Parameters
     ----------

@@ -20,7 +20,7 @@ from ..models.model import Formulas, Parameter, Wall
 
 
 class LinearMachine(StatedSystem):
-    """A linear machine, by the text of its statement.
+    """Matrices, forces and guards that a scene states: a linear machine.
 
     The class of an instance has the parameters and guards that its statement names.
 
